@@ -1,0 +1,89 @@
+//! Checks of values that come from outside: every refusal names key, value, allowed range, unit.
+
+use std::fmt::{Display, Write as _};
+use std::ops::RangeInclusive;
+
+/// Collects everything that is wrong, so that a user mends a file in one go.
+#[derive(Debug, Default, Clone, PartialEq, Eq)]
+pub struct Problems {
+    lines: Vec<String>,
+}
+
+impl Problems {
+    /// Nothing found yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// `value` must be finite and inside `allowed`.
+    pub fn range(
+        &mut self,
+        key: impl Display,
+        value: f64,
+        allowed: RangeInclusive<f64>,
+        unit: &str,
+    ) {
+        if !(value.is_finite() && allowed.contains(&value)) {
+            let space = if unit.is_empty() { "" } else { " " };
+            self.say(format!(
+                "{key} = {value}, allowed {} to {}{space}{unit}",
+                allowed.start(),
+                allowed.end()
+            ));
+        }
+    }
+
+    /// Any other rule, as a whole sentence that names the key and the way out.
+    pub fn say(&mut self, line: impl Into<String>) {
+        self.lines.push(line.into());
+    }
+
+    /// Whether nothing was found.
+    pub fn is_empty(&self) -> bool {
+        self.lines.is_empty()
+    }
+
+    /// What was found.
+    pub fn lines(&self) -> &[String] {
+        &self.lines
+    }
+
+    /// `Err` with everything that was found.
+    pub fn into_result(self) -> Result<(), Self> {
+        if self.is_empty() { Ok(()) } else { Err(self) }
+    }
+}
+
+impl Display for Problems {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        for (i, line) in self.lines.iter().enumerate() {
+            if i > 0 {
+                f.write_char('\n')?;
+            }
+            f.write_str(line)?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Problems {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_refusal_names_key_value_range_and_unit() {
+        let mut problems = Problems::new();
+        problems.range("control.tilt_limit_deg", 41.0, 5.0..=35.0, "deg");
+        problems.range("control.rate", f64::NAN, 0.0..=1.0, "");
+        problems.range("fine", 1.0, 0.0..=1.0, "m");
+        assert_eq!(
+            problems.lines(),
+            [
+                "control.tilt_limit_deg = 41, allowed 5 to 35 deg",
+                "control.rate = NaN, allowed 0 to 1"
+            ]
+        );
+    }
+}

@@ -1,0 +1,176 @@
+//! Losses: everything that is thrown away has a reason and is counted.
+
+/// Why bytes, a frame or a measurement were thrown away.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum DropReason {
+    /// Bytes on the tag link that belong to no frame.
+    TagGarbageByte,
+    /// Sniffer frame whose two lengths differ or exceed the limit.
+    TagBadLength,
+    /// Sniffer frame with an unknown payload type.
+    TagUnknownType,
+    /// Sniffer frame whose payload has the wrong size for its type.
+    TagBadPayload,
+    /// Sniffer frame that claims an impossible sender.
+    TagBadSource,
+    /// Anchor that is not in the survey.
+    UwbUnknownAnchor,
+    /// Packet that no other anchor's packet could be paired with.
+    UwbNoPair,
+    /// Clock of the anchor not known yet.
+    UwbClockUnsettled,
+    /// Packet whose times contradict the anchor's clock.
+    UwbClockJump,
+    /// Repeated packet.
+    UwbDuplicate,
+    /// TDOA larger than the distance between its anchors allows.
+    UwbImpossible,
+    /// Rejected by the filter's gate.
+    UwbGated,
+    /// Measurement older than the filter can use.
+    UwbTooOld,
+    /// Bytes on a MAVLink link that belong to no frame.
+    MavGarbageByte,
+    /// MAVLink frame with a wrong checksum.
+    MavBadChecksum,
+    /// MAVLink frame whose id is in no dialect of ours.
+    MavUnknownId,
+    /// MAVLink frame that does not decode (an enum value we do not know).
+    MavUndecodable,
+    /// MAVLink frame that flags a feature we cannot read.
+    MavIncompatible,
+    /// Gap in the sequence numbers of a peer: frames lost before us.
+    MavSequenceGap,
+    /// Message from a system or component that is not our peer on that link.
+    MavWrongPeer,
+    /// Message that is well formed but asks nothing of us.
+    MavIgnored,
+    /// Field with a value that cannot be: NaN, a zero quaternion, an absurd voltage.
+    BadValue,
+    /// IMU sample that came too late or twice.
+    ImuOutOfOrder,
+    /// Input queue of the pilot was full.
+    InputQueueFull,
+    /// Queue to a link was full.
+    OutputQueueFull,
+    /// Queue of the recorder was full.
+    RecorderQueueFull,
+    /// Write to a link failed.
+    LinkWriteFailed,
+}
+
+impl DropReason {
+    /// All reasons, in the order of their numbers.
+    pub const ALL: [DropReason; 27] = [
+        DropReason::TagGarbageByte,
+        DropReason::TagBadLength,
+        DropReason::TagUnknownType,
+        DropReason::TagBadPayload,
+        DropReason::TagBadSource,
+        DropReason::UwbUnknownAnchor,
+        DropReason::UwbNoPair,
+        DropReason::UwbClockUnsettled,
+        DropReason::UwbClockJump,
+        DropReason::UwbDuplicate,
+        DropReason::UwbImpossible,
+        DropReason::UwbGated,
+        DropReason::UwbTooOld,
+        DropReason::MavGarbageByte,
+        DropReason::MavBadChecksum,
+        DropReason::MavUnknownId,
+        DropReason::MavUndecodable,
+        DropReason::MavIncompatible,
+        DropReason::MavSequenceGap,
+        DropReason::MavWrongPeer,
+        DropReason::MavIgnored,
+        DropReason::BadValue,
+        DropReason::ImuOutOfOrder,
+        DropReason::InputQueueFull,
+        DropReason::OutputQueueFull,
+        DropReason::RecorderQueueFull,
+        DropReason::LinkWriteFailed,
+    ];
+
+    /// Name in logs, reports and messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            DropReason::TagGarbageByte => "tag_garbage_byte",
+            DropReason::TagBadLength => "tag_bad_length",
+            DropReason::TagUnknownType => "tag_unknown_type",
+            DropReason::TagBadPayload => "tag_bad_payload",
+            DropReason::TagBadSource => "tag_bad_source",
+            DropReason::UwbUnknownAnchor => "uwb_unknown_anchor",
+            DropReason::UwbNoPair => "uwb_no_pair",
+            DropReason::UwbClockUnsettled => "uwb_clock_unsettled",
+            DropReason::UwbClockJump => "uwb_clock_jump",
+            DropReason::UwbDuplicate => "uwb_duplicate",
+            DropReason::UwbImpossible => "uwb_impossible",
+            DropReason::UwbGated => "uwb_gated",
+            DropReason::UwbTooOld => "uwb_too_old",
+            DropReason::MavGarbageByte => "mav_garbage_byte",
+            DropReason::MavBadChecksum => "mav_bad_checksum",
+            DropReason::MavUnknownId => "mav_unknown_id",
+            DropReason::MavUndecodable => "mav_undecodable",
+            DropReason::MavIncompatible => "mav_incompatible",
+            DropReason::MavSequenceGap => "mav_sequence_gap",
+            DropReason::MavWrongPeer => "mav_wrong_peer",
+            DropReason::MavIgnored => "mav_ignored",
+            DropReason::BadValue => "bad_value",
+            DropReason::ImuOutOfOrder => "imu_out_of_order",
+            DropReason::InputQueueFull => "input_queue_full",
+            DropReason::OutputQueueFull => "output_queue_full",
+            DropReason::RecorderQueueFull => "recorder_queue_full",
+            DropReason::LinkWriteFailed => "link_write_failed",
+        }
+    }
+}
+
+/// One counter per reason.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Drops {
+    counts: [u64; DropReason::ALL.len()],
+}
+
+impl Default for Drops {
+    fn default() -> Self {
+        Self { counts: [0; DropReason::ALL.len()] }
+    }
+}
+
+impl Drops {
+    /// Counts `n` losses.
+    pub fn add(&mut self, reason: DropReason, n: u64) {
+        let slot = &mut self.counts[reason as usize];
+        *slot = slot.saturating_add(n);
+    }
+
+    /// Losses for this reason so far.
+    pub fn count(&self, reason: DropReason) -> u64 {
+        self.counts[reason as usize]
+    }
+
+    /// Reasons that occurred.
+    pub fn iter(&self) -> impl Iterator<Item = (DropReason, u64)> + '_ {
+        DropReason::ALL.into_iter().map(|r| (r, self.count(r))).filter(|(_, n)| *n > 0)
+    }
+
+    /// Takes the losses of another counter in.
+    pub fn merge(&mut self, other: &Drops) {
+        for (reason, n) in other.iter() {
+            self.add(reason, n);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_numbers_match_the_list() {
+        for (i, reason) in DropReason::ALL.into_iter().enumerate() {
+            assert_eq!(reason as usize, i);
+        }
+    }
+}
