@@ -1,0 +1,250 @@
+//! Start values: level and gyroscope bias from rest, position from TDOA by least squares.
+//!
+//! Level: at rest the accelerometer reads `−Rᵀ g`, so `roll = atan2(−f_y, −f_z)`,
+//! `pitch = atan2(f_x, |f_yz|)`. Heading cannot be seen at rest and is told from outside.
+//! Position: Gauss-Newton with Levenberg damping on `Σ ln(1 + r²/s²)` (Cauchy, s = 0.3 m), from
+//! several starts because differences of distance have false minima outside the anchors.
+
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use crate::time::HostTime;
+
+/// A rest ends when a sample differs from the mean by this much, m/s².
+const REST_ACC_MPS2: f64 = 1.0;
+/// The same for the rate, rad/s.
+const REST_RATE_RADPS: f64 = 0.1;
+/// Samples over which the mean runs at most: a bias that drifts while standing is followed.
+const LONGEST_MEAN: f64 = 5000.0;
+/// Bias a gyroscope may have, rad/s: more is a rotation.
+const LARGEST_BIAS_RADPS: f64 = 0.2;
+
+/// Mean of the IMU while nothing moves.
+#[derive(Debug, Clone, Default)]
+pub struct RestAverage {
+    since: Option<HostTime>,
+    last: HostTime,
+    n: f64,
+    acc_B: Vector3<f64>,
+    rate_B: Vector3<f64>,
+}
+
+impl RestAverage {
+    /// Takes a sample; a sample that does not rest starts anew.
+    pub fn add(&mut self, at: HostTime, acc_B: &Vector3<f64>, rate_B: &Vector3<f64>) {
+        let moves = (acc_B - self.acc_B).norm() > REST_ACC_MPS2
+            || (rate_B - self.rate_B).norm() > REST_RATE_RADPS
+            || rate_B.norm() > LARGEST_BIAS_RADPS;
+        if self.n > 0.0 && moves {
+            self.clear();
+        }
+        self.since.get_or_insert(at);
+        self.last = at;
+        self.n = (self.n + 1.0).min(LONGEST_MEAN);
+        self.acc_B += (acc_B - self.acc_B) / self.n;
+        self.rate_B += (rate_B - self.rate_B) / self.n;
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+
+    /// How long it has rested, s.
+    pub fn duration_s(&self) -> f64 {
+        self.since.map_or(0.0, |since| self.last.seconds_since(since))
+    }
+
+    /// Mean rate: the bias, rad/s.
+    pub fn rate_B(&self) -> Vector3<f64> {
+        self.rate_B
+    }
+
+    /// Roll and pitch from the mean specific force, with a heading.
+    pub fn attitude(&self, yaw_rad: f64) -> UnitQuaternion<f64> {
+        let f = self.acc_B;
+        let roll = f64::atan2(-f.y, -f.z);
+        let pitch = f64::atan2(f.x, f.y.hypot(f.z));
+        UnitQuaternion::from_euler_angles(roll, pitch, yaw_rad)
+    }
+}
+
+/// A TDOA kept for a later least-squares fix.
+#[derive(Debug, Clone, Copy)]
+pub struct Kept {
+    /// When it was true.
+    pub at: HostTime,
+    /// Anchor that is subtracted, Earth frame, m.
+    pub a_E: Vector3<f64>,
+    /// Anchor that is added, Earth frame, m.
+    pub b_E: Vector3<f64>,
+    /// Measurement, m.
+    pub distance_diff_m: f64,
+}
+
+/// How many are kept: 0.6 s of TDoA2.
+pub const KEPT: usize = 256;
+/// Fewer than this give no fix.
+const LEAST_KEPT: usize = 24;
+/// Steps of the least squares from each start.
+const STEPS: usize = 25;
+/// Scale of the Cauchy cost, m.
+const SCALE_M: f64 = 0.3;
+/// A fix with a larger median residual is no fix, m.
+const LARGEST_MEDIAN_M: f64 = 0.6;
+/// Smallest information along any direction, 1/m² per measurement: below, one axis is unseen.
+const LEAST_INFORMATION: f64 = 1e-3;
+/// One sigma of the height of a standing vehicle, m.
+const STD_REST_HEIGHT_M: f64 = 0.05;
+
+/// The last TDOA measurements, oldest overwritten.
+#[derive(Debug, Clone)]
+pub struct Recent {
+    kept: [Option<Kept>; KEPT],
+    next: usize,
+}
+
+impl Default for Recent {
+    fn default() -> Self {
+        Self { kept: [None; KEPT], next: 0 }
+    }
+}
+
+/// A position found by least squares.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fix {
+    /// Position, Earth frame, m.
+    pub x_E: Vector3<f64>,
+    /// Median of the absolute residuals, m.
+    pub median_m: f64,
+    /// Measurements used.
+    pub used: usize,
+}
+
+impl Recent {
+    /// Keeps a measurement.
+    #[inline]
+    pub fn push(&mut self, kept: Kept) {
+        self.kept[self.next] = Some(kept);
+        self.next = (self.next + 1) % KEPT;
+    }
+
+    fn since(&self, oldest: HostTime) -> impl Iterator<Item = &Kept> + Clone {
+        self.kept.iter().flatten().filter(move |k| k.at >= oldest)
+    }
+
+    /// Median absolute residual at a position, m; infinite with too few measurements.
+    pub fn median_residual_m(&self, oldest: HostTime, x_E: &Vector3<f64>) -> f64 {
+        let mut buffer = [0.0; KEPT];
+        let mut n = 0;
+        for (slot, kept) in buffer.iter_mut().zip(self.since(oldest)) {
+            *slot = residual(kept, x_E).0.abs();
+            n += 1;
+        }
+        let used = &mut buffer[..n];
+        if n < LEAST_KEPT {
+            return f64::INFINITY;
+        }
+        *used.select_nth_unstable_by(n / 2, f64::total_cmp).1
+    }
+
+    /// Position from the measurements since `oldest`, searched from every start; only inside
+    /// `volume` (lowest and highest corner). `height_m` is the height of a vehicle that is known to
+    /// stand.
+    pub fn locate(
+        &self,
+        oldest: HostTime,
+        starts: &[Vector3<f64>],
+        volume: &(Vector3<f64>, Vector3<f64>),
+        height_m: Option<f64>,
+    ) -> Option<Fix> {
+        let used = self.since(oldest).count();
+        if used < LEAST_KEPT {
+            return None;
+        }
+        let mut best: Option<(f64, Vector3<f64>)> = None;
+        for start in starts {
+            if let Some((cost, x_E)) = self.descend(oldest, *start, height_m)
+                && x_E >= volume.0
+                && x_E <= volume.1
+                && best.is_none_or(|(least, _)| cost < least)
+            {
+                best = Some((cost, x_E));
+            }
+        }
+        let (_, x_E) = best?;
+        let median_m = self.median_residual_m(oldest, &x_E);
+        // Multipath on the floor spoils the fit; the known height keeps the answer honest.
+        let largest_m = LARGEST_MEDIAN_M * if height_m.is_some() { 2.0 } else { 1.0 };
+        (median_m <= largest_m).then_some(Fix { x_E, median_m, used })
+    }
+
+    fn cost(&self, oldest: HostTime, x_E: &Vector3<f64>, height_m: Option<f64>) -> f64 {
+        let fits: f64 = self
+            .since(oldest)
+            .map(|kept| (1.0 + (residual(kept, x_E).0 / SCALE_M).powi(2)).ln())
+            .sum();
+        let n = self.since(oldest).count() as f64;
+        fits + height_m.map_or(0.0, |h| n * ((h + x_E.z) / STD_REST_HEIGHT_M).powi(2))
+    }
+
+    fn descend(
+        &self,
+        oldest: HostTime,
+        start: Vector3<f64>,
+        height_m: Option<f64>,
+    ) -> Option<(f64, Vector3<f64>)> {
+        let mut x_E = start;
+        let mut cost = self.cost(oldest, &x_E, height_m);
+        let mut damping = 1e-3;
+        let mut information = Matrix3::zeros();
+        let mut n = 0.0;
+        for _ in 0..STEPS {
+            let mut A = Matrix3::zeros();
+            let mut b = Vector3::zeros();
+            n = 0.0;
+            for kept in self.since(oldest) {
+                let (r, h) = residual(kept, &x_E);
+                let w = 1.0 / (1.0 + (r / SCALE_M).powi(2)) / (SCALE_M * SCALE_M);
+                A += h * h.transpose() * w;
+                b += h * (r * w);
+                n += 1.0;
+            }
+            information = A;
+            if let Some(h) = height_m {
+                let w = n / (STD_REST_HEIGHT_M * STD_REST_HEIGHT_M);
+                A[(2, 2)] += w;
+                b.z += w * (-h - x_E.z);
+                information = A;
+            }
+            let mut damped = A;
+            for i in 0..3 {
+                damped[(i, i)] += damping * (A[(i, i)] + 1e-6);
+            }
+            let step = damped.try_inverse()? * b;
+            let tried = x_E + step;
+            let tried_cost = self.cost(oldest, &tried, height_m);
+            if tried_cost.is_finite() && tried_cost < cost {
+                x_E = tried;
+                cost = tried_cost;
+                damping = (damping * 0.3).max(1e-9);
+                if step.norm() < 1e-4 {
+                    break;
+                }
+            } else {
+                damping *= 10.0;
+                if damping > 1e6 {
+                    break;
+                }
+            }
+        }
+        let seen = information.symmetric_eigenvalues().min() > LEAST_INFORMATION * n;
+        (seen && x_E.iter().all(|c| c.is_finite())).then_some((cost, x_E))
+    }
+}
+
+/// Residual (measured minus predicted) and its Jacobian's direction.
+fn residual(kept: &Kept, x_E: &Vector3<f64>) -> (f64, Vector3<f64>) {
+    let (from_a, from_b) = (x_E - kept.a_E, x_E - kept.b_E);
+    let (a, b) = (from_a.norm().max(1e-3), from_b.norm().max(1e-3));
+    (kept.distance_diff_m - (b - a), from_b / b - from_a / a)
+}

@@ -1,0 +1,242 @@
+//! Settings of the estimator: every number with unit and origin, checked on load.
+
+use serde::{Deserialize, Serialize};
+
+use crate::checks::Problems;
+
+/// Where the prediction takes the specific force from while airborne.
+///
+/// Drag is never counted twice: `Accelerometer` measures it on all axes and so uses no drag model;
+/// `ThrustAxis` measures it on z and models it on x and y only.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SpecificForce {
+    /// Only body z is measured; x and y come from the drag model, or are zero without it.
+    /// Accelerometer x and y of this vehicle are flapping vibration (std 0.56 and 1.76 g).
+    ThrustAxis,
+    /// All three axes are measured.
+    Accelerometer,
+}
+
+/// How the variance of a TDOA depends on height.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum UwbNoise {
+    /// The same everywhere.
+    Constant,
+    /// `λ(z)·σ²`, the source's variable noise.
+    HeightDependent,
+}
+
+/// What a large innovation does to the weight of a measurement inside the gate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Tail {
+    /// Nothing: errors are taken as normal.
+    Gaussian,
+    /// Influence grows up to `tail_sigma` and then stays constant.
+    Huber,
+    /// Influence grows, then falls again: errors are Student-t with `tail_sigma²` degrees of
+    /// freedom.
+    StudentT,
+}
+
+/// The gate of the TDOA aid and its way back from being wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GateConfig {
+    /// Innovations beyond this many sigma are rejected.
+    pub sigma: f64,
+    /// Weighting inside the gate.
+    pub tail: Tail,
+    /// Where the tail begins, sigma.
+    pub tail_sigma: f64,
+    /// Share of recent measurements beyond the gate at which the filter doubts itself.
+    pub doubt_frac: f64,
+    /// Whether it then opens up and, failing that, finds its position anew.
+    pub recover: bool,
+}
+
+impl Default for GateConfig {
+    fn default() -> Self {
+        Self { sigma: 5.0, tail: Tail::StudentT, tail_sigma: 2.0, doubt_frac: 0.5, recover: true }
+    }
+}
+
+/// Process noise, as densities: one sigma of the error that has grown after one second is the
+/// number itself (random walk).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ProcessNoise {
+    /// Specific force along body x and y in flight, m/s²/√Hz: error of the drag model, or of the
+    /// accelerometer where it is used.
+    pub std_acc_xy_mps2_rthz: f64,
+    /// Specific force along body z, m/s²/√Hz: flapping of 0.79 g rms sampled at 100 Hz aliases to
+    /// 0.77.
+    pub std_acc_z_mps2_rthz: f64,
+    /// Angular rate, rad/s/√Hz.
+    pub std_rate_radps_rthz: f64,
+    /// Position, m/√s: what the other terms do not cover.
+    pub std_pos_m_rts: f64,
+}
+
+impl Default for ProcessNoise {
+    fn default() -> Self {
+        Self {
+            std_acc_xy_mps2_rthz: 1.0,
+            std_acc_z_mps2_rthz: 0.8,
+            std_rate_radps_rthz: 0.02,
+            std_pos_m_rts: 0.01,
+        }
+    }
+}
+
+/// Height from air pressure.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BaroConfig {
+    /// Whether it is fused.
+    pub fuse: bool,
+    /// One sigma of a height, m. Wash of the wings and slow weather are in it.
+    pub std_m: f64,
+    /// Time over which that error stays the same, s.
+    pub correlation_s: f64,
+}
+
+impl Default for BaroConfig {
+    fn default() -> Self {
+        Self { fuse: true, std_m: 0.5, correlation_s: 5.0 }
+    }
+}
+
+/// Settings of the estimator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EstimatorConfig {
+    /// Where the specific force comes from in flight.
+    pub specific_force: SpecificForce,
+    /// Whether the drag model is used (with `thrust_axis` only).
+    pub drag: bool,
+    /// Drag along body x, y, z over mass, 1/s (crazyflie-firmware for this vehicle). The z entry
+    /// completes the vehicle's record and enters no equation here: the accelerometer measures it.
+    pub drag_per_s: [f64; 3],
+    /// Centre of pressure above the centre of mass, m (crazyflie-firmware).
+    pub cop_z_m: f64,
+    /// Window over which the accelerometer is low-passed (time constant), s; 0 is off. It takes
+    /// the edge off a beat of 13 Hz (factor 0.6 at the default) at the price of as much lag.
+    pub acc_average_s: f64,
+    /// How the UWB variance depends on height.
+    pub uwb_noise: UwbNoise,
+    /// One sigma of a TDOA near the floor (λ = 1), m.
+    pub std_uwb_m: f64,
+    /// Time over which the error of an anchor stays the same, s; 0 is white noise. A measurement
+    /// is then fused with the variance of the independent samples it is worth.
+    pub uwb_correlation_s: f64,
+    /// Tag antenna seen from the centre of mass, body frame, m.
+    pub p_BT_B_m: [f64; 3],
+    /// Gate of the TDOA aid.
+    pub gate: GateConfig,
+    /// Process noise.
+    pub process: ProcessNoise,
+    /// Barometer.
+    pub baro: BaroConfig,
+    /// Whether motion capture is fused; it is recorded as truth otherwise.
+    pub fuse_reference: bool,
+    /// One sigma of a motion-capture position, m.
+    pub std_reference_m: f64,
+    /// Rest that is needed before a start from rest, s.
+    pub align_s: f64,
+    /// Height of the centre of mass above the origin while standing, m, if the place of take-off
+    /// is known: near the floor TDOA alone tells height badly.
+    pub rest_height_m: Option<f64>,
+}
+
+impl Default for EstimatorConfig {
+    fn default() -> Self {
+        Self {
+            specific_force: SpecificForce::ThrustAxis,
+            drag: true,
+            drag_per_s: [4.2, 1.8, 0.3],
+            cop_z_m: 0.03,
+            acc_average_s: 0.015,
+            uwb_noise: UwbNoise::HeightDependent,
+            std_uwb_m: 0.15,
+            uwb_correlation_s: 0.1,
+            p_BT_B_m: [0.0; 3],
+            gate: GateConfig::default(),
+            process: ProcessNoise::default(),
+            baro: BaroConfig::default(),
+            fuse_reference: false,
+            std_reference_m: 0.01,
+            align_s: 1.0,
+            rest_height_m: None,
+        }
+    }
+}
+
+impl EstimatorConfig {
+    /// The source's filter as published: constant noise, no drag term, no tails.
+    pub fn source_raw() -> Self {
+        Self {
+            drag: false,
+            uwb_noise: UwbNoise::Constant,
+            uwb_correlation_s: 0.0,
+            gate: GateConfig { tail: Tail::Gaussian, ..GateConfig::default() },
+            ..Self::default()
+        }
+    }
+
+    /// Notes every value that cannot be flown with; `key` is the name of the section.
+    pub fn check(&self, key: &str, problems: &mut Problems) {
+        let mut range = |name: &str, value: f64, low: f64, high: f64, unit: &str| {
+            problems.range(format_args!("{key}.{name}"), value, low..=high, unit);
+        };
+        for (axis, drag) in ["x", "y", "z"].into_iter().zip(self.drag_per_s) {
+            range(&format!("drag_per_s.{axis}"), drag, 0.0, 20.0, "1/s");
+        }
+        for (axis, arm) in ["x", "y", "z"].into_iter().zip(self.p_BT_B_m) {
+            range(&format!("p_BT_B_m.{axis}"), arm, -1.0, 1.0, "m");
+        }
+        range("cop_z_m", self.cop_z_m, -0.5, 0.5, "m");
+        range("acc_average_s", self.acc_average_s, 0.0, 0.2, "s");
+        range("std_uwb_m", self.std_uwb_m, 0.01, 5.0, "m");
+        range("uwb_correlation_s", self.uwb_correlation_s, 0.0, 10.0, "s");
+        range("gate.sigma", self.gate.sigma, 2.0, 100.0, "sigma");
+        range("gate.tail_sigma", self.gate.tail_sigma, 0.5, 100.0, "sigma");
+        range("gate.doubt_frac", self.gate.doubt_frac, 0.1, 0.95, "");
+        let p = &self.process;
+        range("process.std_acc_xy_mps2_rthz", p.std_acc_xy_mps2_rthz, 1e-3, 20.0, "m/s²/√Hz");
+        range("process.std_acc_z_mps2_rthz", p.std_acc_z_mps2_rthz, 1e-3, 20.0, "m/s²/√Hz");
+        range("process.std_rate_radps_rthz", p.std_rate_radps_rthz, 1e-5, 2.0, "rad/s/√Hz");
+        range("process.std_pos_m_rts", p.std_pos_m_rts, 0.0, 2.0, "m/√s");
+        range("baro.std_m", self.baro.std_m, 0.01, 20.0, "m");
+        range("baro.correlation_s", self.baro.correlation_s, 0.0, 100.0, "s");
+        range("std_reference_m", self.std_reference_m, 1e-4, 1.0, "m");
+        range("align_s", self.align_s, 0.05, 30.0, "s");
+        if let Some(height_m) = self.rest_height_m {
+            range("rest_height_m", height_m, -50.0, 50.0, "m");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_presets_pass_their_own_check() {
+        for config in [EstimatorConfig::default(), EstimatorConfig::source_raw()] {
+            let mut problems = Problems::new();
+            config.check("estimator", &mut problems);
+            assert!(problems.is_empty(), "{problems}");
+        }
+    }
+
+    #[test]
+    fn prop_a_bad_value_is_named() {
+        let mut problems = Problems::new();
+        let config = EstimatorConfig { std_uwb_m: f64::NAN, ..EstimatorConfig::default() };
+        config.check("estimator", &mut problems);
+        assert_eq!(problems.lines(), ["estimator.std_uwb_m = NaN, allowed 0.01 to 5 m"]);
+    }
+}

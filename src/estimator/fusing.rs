@@ -1,0 +1,254 @@
+//! The estimator's aids: what becomes of a measurement, and of a filter that does not fit them.
+
+use nalgebra::Vector3;
+
+use super::align::Kept;
+use super::aligning::FIX_WINDOW_S;
+use super::config::{BaroConfig, Tail};
+use super::gate::{self, Remedy};
+use super::height::standard_height_m;
+use super::state::{POS, VEL};
+use super::update::Observation;
+use super::{Estimator, noise, reference, tdoa, update, zero_velocity};
+use crate::drops::DropReason;
+use crate::measure::{BaroSample, ReferencePose, Tdoa};
+use crate::time::HostTime;
+use crate::topics::UwbRecord;
+
+/// A TDOA this much older than the state is not used, s.
+const OLDEST_TDOA_S: f64 = 0.3;
+/// A TDOA is extrapolated at most this far past the IMU, s.
+const FARTHEST_AHEAD_S: f64 = 0.1;
+/// A TDOA may exceed the separation of its anchors by noise and bias, m; beyond it is impossible.
+const IMPOSSIBLE_MARGIN_M: f64 = 0.5;
+/// Longest interval that counts, s: after a pause an anchor's error is new.
+const LONGEST_INTERVAL_S: f64 = 0.5;
+/// Weight of the newest interval in the mean.
+const INTERVAL_WEIGHT: f64 = 0.05;
+/// On and near the floor errors of the UWB stay the same for as long as the vehicle is there, s.
+const REST_CORRELATION_S: f64 = 5.0;
+/// Near the floor is below this, m: the height of the low anchors, which it hides …
+const FLOOR_M: f64 = 0.3;
+/// … for at most this long in flight, s: an estimate that is too low must not hold itself there.
+const NEAR_FLOOR_S: f64 = 3.0;
+/// Standing vehicles have a constant height to this sigma, m.
+const STD_REST_HEIGHT_M: f64 = 0.05;
+/// A fix replaces the position when it explains the measurements this much better: the median
+/// residual is at most this share of the present one.
+const FIX_BETTER_FRAC: f64 = 0.6;
+/// What the first remedy adds to the uncertainty of position, m, and velocity, m/s.
+const STD_WIDEN: f64 = 0.5;
+/// What the later ones add.
+const STD_WIDEN_MORE: f64 = 1.5;
+/// Position uncertainty beyond which linear updates are not trusted and a fix is sought, m.
+const STD_SEEK_FIX_M: f64 = 3.0;
+
+impl Estimator {
+    pub(super) fn standing_aids(&mut self) {
+        let Some(state) = &mut self.state else { return };
+        let due = self
+            .zero_velocity_at
+            .is_none_or(|at| self.at.seconds_since(at) >= zero_velocity::INTERVAL_S);
+        if !due {
+            return;
+        }
+        self.zero_velocity_at = Some(self.at);
+        for axis in 0..3 {
+            update::fuse(state, &zero_velocity::observe(state, axis));
+        }
+        if let Some(height_m) = self.config.rest_height_m {
+            let var = STD_REST_HEIGHT_M * STD_REST_HEIGHT_M;
+            update::fuse(state, &reference::observe(state, 2, -height_m, var));
+        }
+    }
+
+    /// Takes a TDOA and says what became of it.
+    pub fn tdoa(&mut self, tdoa: &Tdoa) -> UwbRecord {
+        let mut record = UwbRecord {
+            tdoa: *tdoa,
+            innovation_m: 0.0,
+            var_innovation_m2: 0.0,
+            test_ratio: 0.0,
+            fused: false,
+        };
+        let anchors =
+            (self.survey.position_E_m(tdoa.anchor_a), self.survey.position_E_m(tdoa.anchor_b));
+        let (Some(a), Some(b)) = anchors else {
+            self.drops.add(DropReason::UwbUnknownAnchor, 1);
+            return record;
+        };
+        let (a_E, b_E) = (a.raw(), b.raw());
+        if !tdoa.distance_diff_m.is_finite() || tdoa.anchor_a == tdoa.anchor_b {
+            self.drops.add(DropReason::BadValue, 1);
+            return record;
+        }
+        let limit_m = (b_E - a_E).norm() + IMPOSSIBLE_MARGIN_M;
+        if tdoa.distance_diff_m.abs() > limit_m {
+            self.drops.add(DropReason::UwbImpossible, 1);
+            return record;
+        }
+        let ahead_s = tdoa.valid_at.seconds_since(self.at);
+        if ahead_s < -OLDEST_TDOA_S {
+            self.drops.add(DropReason::UwbTooOld, 1);
+            return record;
+        }
+        self.recent.push(Kept {
+            at: tdoa.valid_at,
+            a_E,
+            b_E,
+            distance_diff_m: tdoa.distance_diff_m,
+        });
+        if self.state.is_some() {
+            self.fuse_tdoa(tdoa, a_E, b_E, ahead_s.min(FARTHEST_AHEAD_S), &mut record);
+            self.heal();
+        }
+        record
+    }
+
+    pub(super) fn fuse_tdoa(
+        &mut self,
+        tdoa: &Tdoa,
+        a_E: Vector3<f64>,
+        b_E: Vector3<f64>,
+        ahead_s: f64,
+        record: &mut UwbRecord,
+    ) {
+        if self.height_m() > FLOOR_M {
+            self.above_floor_at = self.at;
+        }
+        let low_s = self.at.seconds_since(self.above_floor_at.max(self.rested_at));
+        let near_floor = !self.airborne || (self.height_m() < FLOOR_M && low_s < NEAR_FLOOR_S);
+        let correlation_s = if near_floor {
+            self.config.uwb_correlation_s.max(REST_CORRELATION_S)
+        } else {
+            self.config.uwb_correlation_s
+        };
+        let worth = 0.5
+            * (self.worth(tdoa.anchor_a.0, tdoa.valid_at, correlation_s)
+                + self.worth(tdoa.anchor_b.0, tdoa.valid_at, correlation_s));
+        let Some(state) = &mut self.state else { return };
+        let c = &self.config;
+        let std_m =
+            tdoa.std_m.filter(|s| s.is_finite()).map_or(c.std_uwb_m, |s| s.max(c.std_uwb_m));
+        let var = noise::height_factor(c.uwb_noise, -state.x_E.z) * std_m * std_m;
+        let geometry = tdoa::Geometry { a_E, b_E, p_BT_B: c.p_BT_B_m.into(), ahead_s };
+        let Some(mut o) = tdoa::observe(state, &geometry, tdoa.distance_diff_m, var) else {
+            self.drops.add(DropReason::UwbGated, 1);
+            return;
+        };
+        let projected = update::project(state, &o);
+        let var_innovation = projected.var_predicted + var;
+        let ratio2 = o.innovation * o.innovation / var_innovation;
+        let test_ratio = ratio2 / (c.gate.sigma * c.gate.sigma);
+        record.innovation_m = o.innovation;
+        record.var_innovation_m2 = var_innovation;
+        record.test_ratio = test_ratio;
+        let beyond = test_ratio > 1.0;
+        self.doubt.note(
+            beyond,
+            usize::from(self.ranks[usize::from(tdoa.anchor_a.0)]),
+            usize::from(self.ranks[usize::from(tdoa.anchor_b.0)]),
+        );
+        if beyond && !(c.gate.recover && self.doubt.open()) {
+            self.counts.tdoa_gated += 1;
+            self.drops.add(DropReason::UwbGated, 1);
+            return;
+        }
+        let tail = if beyond { Tail::Huber } else { c.gate.tail };
+        o.var = var * worth * gate::tail_factor(tail, c.gate.tail_sigma, ratio2);
+        record.fused = update::fuse_projected(state, &o, &projected);
+        if record.fused {
+            self.counts.tdoa_fused += 1;
+            self.fused_at = Some(self.at.max(tdoa.valid_at));
+        }
+    }
+
+    /// Variance factor of an anchor whose error stays the same for a while.
+    #[inline]
+    pub(super) fn worth(&mut self, anchor: u8, at: HostTime, correlation_s: f64) -> f64 {
+        if correlation_s <= 0.0 {
+            return 1.0;
+        }
+        let (last, interval_s) = &mut self.intervals[usize::from(anchor)];
+        let newest_s = at.seconds_since(*last).clamp(0.0, LONGEST_INTERVAL_S);
+        *last = at.max(*last);
+        *interval_s += (newest_s - *interval_s) * INTERVAL_WEIGHT;
+        noise::correlation_factor(correlation_s, *interval_s)
+    }
+
+    /// Does something about a filter that is wrong.
+    pub(super) fn heal(&mut self) {
+        let Some(state) = &mut self.state else { return };
+        let mut seek = (0..3).any(|i| state.P[(i, i)] > STD_SEEK_FIX_M * STD_SEEK_FIX_M);
+        if let Some(remedy) = self.doubt.remedy(&self.config.gate) {
+            self.counts.remedies += 1;
+            let std = if remedy == Remedy::Widen { STD_WIDEN } else { STD_WIDEN_MORE };
+            for i in (POS..POS + 3).chain(VEL..VEL + 3) {
+                state.P[(i, i)] += std * std;
+            }
+            seek |= remedy == Remedy::Relocate;
+        }
+        if !(seek && self.config.gate.recover && self.airborne && self.fix_is_due()) {
+            return;
+        }
+        let Some(state) = &self.state else { return };
+        let oldest = self.at.offset_us(-((FIX_WINDOW_S * 1e6) as i64));
+        let present_m = self.recent.median_residual_m(oldest, &state.x_E);
+        let better = self
+            .locate(FIX_WINDOW_S, None, Some(state.x_E))
+            .is_some_and(|fix| fix.median_m < FIX_BETTER_FRAC * present_m);
+        if better {
+            self.realign();
+        }
+    }
+
+    /// Takes an air pressure. At rest it sets the zero, in flight it is fused.
+    pub fn baro(&mut self, sample: &BaroSample) {
+        let Some(baro_m) = standard_height_m(sample.pressure_pa) else {
+            self.drops.add(DropReason::BadValue, 1);
+            return;
+        };
+        let Some(state) = &mut self.state else { return };
+        if !self.config.baro.fuse {
+            return;
+        }
+        if !self.airborne || !self.baro_zero.is_known() {
+            self.baro_zero.learn(baro_m, -state.x_E.z);
+            return;
+        }
+        let BaroConfig { std_m, correlation_s, .. } = self.config.baro;
+        // Without a sample before, it speaks for the whole correlation time.
+        let interval_s = self.baro_at.map_or(correlation_s, |at| sample.valid_at.seconds_since(at));
+        self.baro_at = Some(sample.valid_at);
+        let worth = noise::correlation_factor(correlation_s, interval_s);
+        let o = self.baro_zero.observe(state, baro_m, std_m * std_m);
+        self.fuse_soft(o, worth);
+    }
+
+    /// Takes a pose of motion capture; fused only if configured.
+    pub fn reference(&mut self, pose: &ReferencePose) {
+        if !self.config.fuse_reference {
+            return;
+        }
+        if !pose.pos_E_m.is_finite() {
+            self.drops.add(DropReason::BadValue, 1);
+            return;
+        }
+        let var = self.config.std_reference_m * self.config.std_reference_m;
+        for axis in 0..3 {
+            let Some(state) = &self.state else { return };
+            let o = reference::observe(state, axis, pose.pos_E_m[axis], var);
+            self.fuse_soft(o, 1.0);
+        }
+        self.fused_at = Some(self.at);
+    }
+
+    /// Fuses with a heavy tail and no gate; `worth` is the variance factor of correlated samples.
+    pub(super) fn fuse_soft(&mut self, mut o: Observation, worth: f64) {
+        let Some(state) = &mut self.state else { return };
+        let projected = update::project(state, &o);
+        let ratio2 = o.innovation * o.innovation / (projected.var_predicted + o.var);
+        o.var *= worth * gate::tail_factor(Tail::Huber, self.config.gate.tail_sigma, ratio2);
+        update::fuse_projected(state, &o, &projected);
+    }
+}

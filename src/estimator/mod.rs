@@ -1,0 +1,340 @@
+//! Estimator: the nine-state filter of the source, fed with decoded measurements.
+//!
+//! Position in `E`, velocity in `B`, attitude error in `B` (`state.rs`). The IMU drives the
+//! prediction (`predict.rs`); every other sensor is an aid, a file that returns an innovation, its
+//! Jacobian and its variance; `update.rs` alone touches P. No I/O, no clock, no random number, no
+//! allocation after construction.
+
+mod align;
+mod aligning;
+mod config;
+mod fusing;
+mod gate;
+mod height;
+mod noise;
+mod predict;
+mod reference;
+mod state;
+mod tdoa;
+mod update;
+mod zero_velocity;
+
+#[cfg(test)]
+mod filter_tests;
+#[cfg(test)]
+mod jacobian_tests;
+#[cfg(test)]
+mod truth;
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::drops::{DropReason, Drops};
+use crate::estimate::{Estimate, Health};
+use crate::frames::{B, Rot, Vec3};
+use crate::measure::ImuSample;
+use crate::survey::Survey;
+use crate::time::HostTime;
+
+use align::{Recent, RestAverage};
+pub use config::{
+    BaroConfig, EstimatorConfig, GateConfig, ProcessNoise, SpecificForce, Tail, UwbNoise,
+};
+use gate::Doubt;
+use height::BaroZero;
+pub use height::{standard_height_m, standard_pressure_pa};
+use predict::{Force, Growth};
+use state::{ATT, POS, State, VEL};
+
+/// Longest step that is predicted in one piece, s: the Jacobian is of first order in it.
+const LONGEST_STEP_S: f64 = 0.02;
+/// Longest gap in the IMU that is bridged with the last sample, s; beyond it the uncertainty of a
+/// gap of this length stands.
+const LONGEST_GAP_S: f64 = 1.0;
+/// A gap in the IMU beyond this adds unknown acceleration, s.
+const GAP_S: f64 = 0.1;
+/// Acceleration that may have happened in a gap, m/s²/√Hz.
+const STD_ACC_GAP_MPS2_RTHZ: f64 = 4.0;
+/// Largest specific force an IMU of this class reports, m/s² (16 g and some).
+const LARGEST_ACC_MPS2: f64 = 200.0;
+/// Largest rate it reports, rad/s (2000 deg/s and some).
+const LARGEST_RATE_RADPS: f64 = 40.0;
+/// Interval of an anchor before it has been heard twice, s (50 Hz).
+const FIRST_INTERVAL_S: f64 = 0.02;
+/// What taking off may change of the UWB errors, m: multipath near the floor shifts a pair by
+/// 0.2 to 0.5 m.
+const STD_TAKE_OFF_M: f64 = 0.2;
+/// Growth while resting: m/s²/√Hz and rad/s/√Hz.
+const STD_ACC_REST_MPS2_RTHZ: f64 = 0.2;
+const STD_RATE_REST_RADPS_RTHZ: f64 = 0.005;
+/// Health: age of the newest fused TDOA, s, position sigma, m, share beyond the gate.
+const DEGRADED_AGE_S: f64 = 0.3;
+const LOST_AGE_S: f64 = 2.0;
+const DEGRADED_STD_POS_M: f64 = 0.6;
+const LOST_STD_POS_M: f64 = 2.0;
+const DEGRADED_SHARE: f64 = 0.4;
+
+/// Counters of the estimator.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// IMU samples predicted with.
+    pub predicted: u64,
+    /// TDOA fused.
+    pub tdoa_fused: u64,
+    /// TDOA rejected by the gate.
+    pub tdoa_gated: u64,
+    /// Times the filter doubted itself and did something about it.
+    pub remedies: u64,
+    /// Positions found anew in the air.
+    pub fixes: u64,
+}
+
+/// The estimator.
+#[derive(Debug, Clone)]
+pub struct Estimator {
+    config: EstimatorConfig,
+    survey: Survey,
+    /// Place of each anchor in the survey.
+    ranks: [u8; 256],
+    state: Option<State>,
+    at: HostTime,
+    airborne: bool,
+    heading: Option<(f64, f64)>,
+    rest: RestAverage,
+    /// Attitude from rest, carried on by the gyroscope until there is a position to start with.
+    level: Option<UnitQuaternion<f64>>,
+    rested_at: HostTime,
+    above_floor_at: HostTime,
+    gyro_bias_B: Vector3<f64>,
+    acc_B: Vector3<f64>,
+    rate_B: Vector3<f64>,
+    imu_seen: bool,
+    recent: Recent,
+    doubt: Doubt,
+    intervals: [(HostTime, f64); 256],
+    baro_zero: BaroZero,
+    baro_at: Option<HostTime>,
+    zero_velocity_at: Option<HostTime>,
+    fused_at: Option<HostTime>,
+    sought_fix_at: Option<HostTime>,
+    counts: Counts,
+    drops: Drops,
+}
+
+impl Estimator {
+    /// Not aligned, standing.
+    pub fn new(config: EstimatorConfig, survey: Survey) -> Self {
+        let mut ranks = [0; 256];
+        for (rank, id) in survey.ids().iter().enumerate() {
+            ranks[usize::from(id.0)] = rank as u8;
+        }
+        Self {
+            config,
+            survey,
+            ranks,
+            state: None,
+            at: HostTime::default(),
+            airborne: false,
+            heading: None,
+            rest: RestAverage::default(),
+            level: None,
+            rested_at: HostTime::default(),
+            above_floor_at: HostTime::default(),
+            gyro_bias_B: Vector3::zeros(),
+            acc_B: Vector3::zeros(),
+            rate_B: Vector3::zeros(),
+            imu_seen: false,
+            recent: Recent::default(),
+            doubt: Doubt::default(),
+            intervals: [(HostTime::default(), FIRST_INTERVAL_S); 256],
+            baro_zero: BaroZero::default(),
+            baro_at: None,
+            zero_velocity_at: None,
+            fused_at: None,
+            sought_fix_at: None,
+            counts: Counts::default(),
+            drops: Drops::default(),
+        }
+    }
+
+    /// Whether the vehicle flies. Standing: full accelerometer, zero velocity, gyroscope bias.
+    pub fn set_airborne(&mut self, airborne: bool) {
+        if airborne && !self.airborne {
+            self.rest.clear();
+            if let Some(state) = &mut self.state {
+                for i in POS..POS + 3 {
+                    state.P[(i, i)] += STD_TAKE_OFF_M * STD_TAKE_OFF_M;
+                }
+            }
+        }
+        self.airborne = airborne;
+    }
+
+    /// Heading at the start, which rest cannot show: without it there is no start from rest.
+    pub fn set_initial_heading(&mut self, yaw_rad: f64, std_rad: f64) {
+        if yaw_rad.is_finite() && std_rad.is_finite() && std_rad > 0.0 {
+            self.heading = Some((yaw_rad, std_rad));
+        } else {
+            self.drops.add(DropReason::BadValue, 1);
+        }
+    }
+
+    /// Takes an IMU sample and predicts to it.
+    pub fn imu(&mut self, sample: &ImuSample) {
+        let acc_B = sample.acc_B_mps2.raw();
+        let rate_B = sample.rate_B_radps.raw();
+        let plausible = sample.acc_B_mps2.is_finite()
+            && sample.rate_B_radps.is_finite()
+            && acc_B.amax() < LARGEST_ACC_MPS2
+            && rate_B.amax() < LARGEST_RATE_RADPS;
+        if !plausible {
+            self.drops.add(DropReason::BadValue, 1);
+            return;
+        }
+        let dt_s = sample.valid_at.seconds_since(self.at);
+        if self.imu_seen && dt_s <= 0.0 {
+            self.drops.add(DropReason::ImuOutOfOrder, 1);
+            return;
+        }
+        let first = !self.imu_seen;
+        self.imu_seen = true;
+        self.at = sample.valid_at.max(self.at);
+        if !self.airborne {
+            self.rest.add(sample.valid_at, &acc_B, &rate_B);
+            self.rested_at = self.at;
+            if self.rest.duration_s() >= self.config.align_s {
+                self.gyro_bias_B = self.rest.rate_B();
+            }
+        }
+        let unbiased_B = rate_B - self.gyro_bias_B;
+        if first {
+            self.acc_B = acc_B;
+            self.rate_B = unbiased_B;
+            return;
+        }
+        let mean_rate_B = (self.rate_B + unbiased_B) * 0.5;
+        let weight = dt_s / (self.config.acc_average_s + dt_s);
+        self.acc_B += (acc_B - self.acc_B) * weight;
+        self.rate_B = unbiased_B;
+        match self.state {
+            Some(_) => self.predict(dt_s, mean_rate_B),
+            None => self.try_align(dt_s, &mean_rate_B),
+        }
+        if !self.airborne {
+            self.standing_aids();
+        }
+    }
+
+    fn predict(&mut self, dt_s: f64, rate_B: Vector3<f64>) {
+        let Some(state) = &mut self.state else { return };
+        let c = &self.config;
+        let force = match (self.airborne, c.specific_force) {
+            (false, _) | (_, SpecificForce::Accelerometer) => Force::Measured,
+            (true, SpecificForce::ThrustAxis) => Force::ThrustAxis {
+                k_per_s: if c.drag { [c.drag_per_s[0], c.drag_per_s[1]] } else { [0.0; 2] },
+                cop_z_m: c.cop_z_m,
+            },
+        };
+        let p = &c.process;
+        let (acc_xy, acc_z, rate) = match (self.airborne, dt_s > GAP_S) {
+            (_, true) => {
+                (STD_ACC_GAP_MPS2_RTHZ, STD_ACC_GAP_MPS2_RTHZ, 10.0 * p.std_rate_radps_rthz)
+            }
+            (false, _) => {
+                (STD_ACC_REST_MPS2_RTHZ, STD_ACC_REST_MPS2_RTHZ, STD_RATE_REST_RADPS_RTHZ)
+            }
+            (true, _) => (p.std_acc_xy_mps2_rthz, p.std_acc_z_mps2_rthz, p.std_rate_radps_rthz),
+        };
+        let growth = Growth {
+            pos: p.std_pos_m_rts * p.std_pos_m_rts,
+            vel: [acc_xy * acc_xy, acc_xy * acc_xy, acc_z * acc_z],
+            att: rate * rate,
+        };
+        let dt_s = dt_s.min(LONGEST_GAP_S);
+        let pieces = (dt_s / LONGEST_STEP_S).ceil().max(1.0);
+        for _ in 0..pieces as u32 {
+            predict::predict(state, dt_s / pieces, &self.acc_B, &rate_B, force, &growth);
+        }
+        self.counts.predicted += 1;
+        if !state.is_sane() {
+            // Cannot happen with the checks above; if it does, start again rather than fly on it.
+            self.state = None;
+            self.rest.clear();
+        }
+    }
+
+    /// The state as everyone else sees it.
+    pub fn estimate(&self) -> Estimate {
+        let Some(state) = &self.state else {
+            return Estimate {
+                at: self.at,
+                pos_E_m: Vec3::zero(),
+                vel_B_mps: Vec3::zero(),
+                R_EB: Rot::identity(),
+                rate_B_radps: Vec3::from_raw(self.rate_B),
+                std_pos_E_m: Vec3::zero(),
+                std_vel_B_mps: Vec3::zero(),
+                std_att_B_rad: Vec3::zero(),
+                uwb_noise_factor: 1.0,
+                health: Health::NotAligned,
+            };
+        };
+        Estimate {
+            at: self.at,
+            pos_E_m: Vec3::from_raw(state.x_E),
+            vel_B_mps: Vec3::from_raw(state.v_B),
+            R_EB: Rot::from_raw(state.q_EB),
+            rate_B_radps: Vec3::from_raw(self.rate_B),
+            std_pos_E_m: Vec3::from_array(state.std3(POS)),
+            std_vel_B_mps: Vec3::from_array(state.std3(VEL)),
+            std_att_B_rad: Vec3::from_array(state.std3(ATT)),
+            uwb_noise_factor: noise::height_factor(self.config.uwb_noise, -state.x_E.z),
+            health: self.health(state),
+        }
+    }
+
+    fn health(&self, state: &State) -> Health {
+        let age_s = self.fused_at.map_or(f64::INFINITY, |at| self.at.seconds_since(at));
+        let std_pos_m = state.std3(POS).into_iter().fold(0.0, f64::max);
+        if age_s > LOST_AGE_S || std_pos_m > LOST_STD_POS_M {
+            Health::Lost
+        } else if age_s > DEGRADED_AGE_S
+            || std_pos_m > DEGRADED_STD_POS_M
+            || self.doubt.share() > DEGRADED_SHARE
+            || self.doubt.is_active()
+        {
+            Health::Degraded
+        } else {
+            Health::Good
+        }
+    }
+
+    /// Height above the origin's level, m; 0 before alignment.
+    pub fn height_m(&self) -> f64 {
+        self.state.as_ref().map_or(0.0, |state| -state.x_E.z)
+    }
+
+    /// Whether it has start values.
+    pub fn is_aligned(&self) -> bool {
+        self.state.is_some()
+    }
+
+    /// Age of the newest fused TDOA at the time of the state, s.
+    pub fn uwb_age_s(&self) -> Option<f64> {
+        self.fused_at.map(|at| self.at.seconds_since(at))
+    }
+
+    /// Bias of the gyroscope, rad/s.
+    pub fn gyro_bias_B_radps(&self) -> Vec3<B> {
+        Vec3::from_raw(self.gyro_bias_B)
+    }
+
+    /// What was counted.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
+    /// What was thrown away.
+    pub fn drops(&self) -> &Drops {
+        &self.drops
+    }
+}

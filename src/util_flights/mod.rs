@@ -1,0 +1,328 @@
+//! Estimator on recorded flights in the UTIL layout, scored against motion capture.
+//!
+//! Recordings: Zhao, Goudar, Qiao, Schoellig, "UTIL: An ultra-wideband time-difference-of-arrival
+//! indoor localization dataset", IJRR 43(10), 2024. They come without a licence: they are read from
+//! where they lie and are no part of this repository.
+//!
+//! What the filter is told: the anchors, and the **heading** at the first instant from motion
+//! capture (rest cannot show it). Level, gyroscope bias and position it finds itself from what it
+//! rests before the motors start; whether it flies is taken from the accelerometer's unrest. The
+//! pose came over the radio some 10 ms late (authors' figure) and is compared as it is stamped.
+
+mod airborne;
+mod read;
+mod score;
+mod table;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use serde::Serialize;
+
+use crate::drops::DropReason;
+use crate::estimator::{
+    Counts, Estimator, EstimatorConfig, GateConfig, ProcessNoise, SpecificForce, Tail,
+};
+use crate::measure::ImuSample;
+use airborne::Activity;
+pub use read::{Event, Flight, Sample, load};
+use score::Score;
+pub use table::print_table;
+
+/// One sigma of the told heading, rad: motion capture of a hand-placed vehicle.
+const STD_HEADING_RAD: f64 = 0.05;
+
+/// What can go wrong with a folder of recordings.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A file could not be read.
+    #[error("{path}: {source}")]
+    Io {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file does not hold what its layout says.
+    #[error("{path}: line {line}: {what}")]
+    Format {
+        /// Which.
+        path: PathBuf,
+        /// Where.
+        line: usize,
+        /// What was found and what was allowed.
+        what: String,
+    },
+    /// The anchors cannot be flown on.
+    #[error("{path}: {constellation}: {problems}")]
+    Survey {
+        /// Which file.
+        path: PathBuf,
+        /// Which layout in it.
+        constellation: String,
+        /// Why not.
+        problems: crate::checks::Problems,
+    },
+    /// Nothing to run on.
+    #[error("{0}: no *.csv.gz with IMU, TDOA and pose here; expected the folder `full` of UTIL")]
+    Empty(PathBuf),
+}
+
+/// How one flight went.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FlightReport {
+    /// Name of the file.
+    pub flight: String,
+    /// Root mean square of the 3D error from alignment on, m.
+    pub rmse_3d_m: Option<f64>,
+    /// The same above 0.5 m and more than 5 s after lift-off, m.
+    pub rmse_3d_airborne_m: Option<f64>,
+    /// Median of the 3D error, m.
+    pub median_m: Option<f64>,
+    /// 95th percentile of the 3D error, m.
+    pub p95_m: Option<f64>,
+    /// Largest 3D error, m.
+    pub worst_m: Option<f64>,
+    /// Mean error per axis, estimated minus true, Earth frame, m.
+    pub bias_m: [f64; 3],
+    /// Whether the error was above 2 m for more than 1 s, or no start was found.
+    pub diverged: bool,
+    /// TDOA fused.
+    pub updates: u64,
+    /// TDOA rejected by the gate.
+    pub rejected: u64,
+    /// TDOA refused as impossible: larger than the separation of their anchors.
+    pub impossible: u64,
+    /// Times the filter doubted itself.
+    pub remedies: u64,
+    /// Mean squared error over its stated variance per axis, airborne: 1 is honest.
+    pub nees_per_axis: Option<f64>,
+    /// Time of one TDOA update, ns, clock reading included.
+    pub ns_per_update: f64,
+}
+
+/// Settings for the quadrotors of UTIL: one set for every flight.
+///
+/// They differ from the Flapper's where vehicle and place differ:
+/// * drag 0.6 1/s (a quadrotor; the result is flat from 0.4 to 1 1/s), thrust along body z, an
+///   accelerometer that is quiet along z;
+/// * errors of 0.3 m that stay for some 0.5 s (README of the recordings: 0.15 to 0.3 m, 0.1 to
+///   3 s), with heavy tails, so no tight gate is needed.
+pub fn util_profile() -> EstimatorConfig {
+    EstimatorConfig {
+        specific_force: SpecificForce::ThrustAxis,
+        drag: true,
+        drag_per_s: [0.6, 0.6, 0.0],
+        cop_z_m: 0.0,
+        acc_average_s: 0.0,
+        std_uwb_m: 0.3,
+        uwb_correlation_s: 0.5,
+        gate: GateConfig {
+            sigma: 10.0,
+            tail: Tail::StudentT,
+            tail_sigma: 1.5,
+            ..GateConfig::default()
+        },
+        process: ProcessNoise {
+            std_acc_xy_mps2_rthz: 1.0,
+            std_acc_z_mps2_rthz: 0.1,
+            std_rate_radps_rthz: 0.01,
+            std_pos_m_rts: 0.01,
+        },
+        // Motors start 0.07 to 0.1 s after the beginning of the April recordings.
+        align_s: 0.06,
+        // The survey's zero is the floor.
+        rest_height_m: Some(0.03),
+        ..EstimatorConfig::default()
+    }
+}
+
+/// The source's constant-noise filter on the same vehicles: white, normal errors, no drag.
+pub fn util_source_profile() -> EstimatorConfig {
+    let util = util_profile();
+    EstimatorConfig {
+        specific_force: util.specific_force,
+        acc_average_s: util.acc_average_s,
+        align_s: util.align_s,
+        rest_height_m: util.rest_height_m,
+        ..EstimatorConfig::source_raw()
+    }
+}
+
+/// Runs every flight of a folder, in the order of their names.
+pub fn run(dir: &Path, config: &EstimatorConfig) -> Result<Vec<FlightReport>, Error> {
+    Ok(load(dir)?.iter().map(|flight| run_flight(flight, config)).collect())
+}
+
+/// Runs one flight.
+pub fn run_flight(flight: &Flight, config: &EstimatorConfig) -> FlightReport {
+    let mut estimator = Estimator::new(config.clone(), flight.survey.clone());
+    if let Some(yaw_rad) = flight.first_yaw_rad() {
+        estimator.set_initial_heading(yaw_rad, STD_HEADING_RAD);
+    }
+    let mut activity = Activity::default();
+    let mut score = Score::default();
+    let mut acc_B_mps2 = None;
+    let mut spent_ns = 0u128;
+    let mut timed = 0u64;
+    for event in &flight.events {
+        match event.sample {
+            Sample::Acc(acc) => {
+                activity.add(event.at, &acc);
+                estimator.set_airborne(activity.is_airborne());
+                acc_B_mps2 = Some(acc);
+            }
+            Sample::Gyro(rate_B_radps) => {
+                if let Some(acc_B_mps2) = acc_B_mps2 {
+                    estimator.imu(&ImuSample {
+                        valid_at: event.at,
+                        received_at: event.at,
+                        acc_B_mps2,
+                        rate_B_radps,
+                    });
+                }
+            }
+            Sample::Tdoa(tdoa) => {
+                let begin = Instant::now();
+                estimator.tdoa(&tdoa);
+                if estimator.is_aligned() {
+                    spent_ns += begin.elapsed().as_nanos();
+                    timed += 1;
+                }
+            }
+            Sample::Baro(baro) => estimator.baro(&baro),
+            Sample::Pose(pose) => {
+                score.add(event.at, &pose, estimator.is_aligned().then(|| estimator.estimate()));
+            }
+        }
+    }
+    let Counts { tdoa_fused, tdoa_gated, remedies, .. } = estimator.counts();
+    let summary = score.summary();
+    FlightReport {
+        flight: flight.name.clone(),
+        rmse_3d_m: summary.rmse_m,
+        rmse_3d_airborne_m: summary.rmse_airborne_m,
+        median_m: summary.median_m,
+        p95_m: summary.p95_m,
+        worst_m: summary.worst_m,
+        bias_m: summary.bias_m,
+        diverged: summary.diverged || !estimator.is_aligned(),
+        updates: tdoa_fused,
+        rejected: tdoa_gated,
+        impossible: estimator.drops().count(DropReason::UwbImpossible),
+        remedies,
+        nees_per_axis: summary.nees_per_axis,
+        ns_per_update: if timed == 0 { 0.0 } else { spent_ns as f64 / timed as f64 },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The shared data lies beside the checkout, or beside the folder of checkouts.
+    fn data() -> Option<PathBuf> {
+        let crate_dir = Path::new(env!("CARGO_MANIFEST_DIR"));
+        ["../shared/data/util", "../../shared/data/util"]
+            .iter()
+            .map(|up| crate_dir.join(up))
+            .find(|dir| dir.join("anchors.csv").exists())
+    }
+
+    #[test]
+    fn val_recorded_flights_against_motion_capture() {
+        let Some(dir) = data() else {
+            println!("skipped: no data");
+            return;
+        };
+        let reports = run(&dir.join("full"), &util_profile()).unwrap();
+        let mut table = String::new();
+        print_table(&mut table, &reports).unwrap();
+        println!("{table}");
+        assert_eq!(reports.len(), 6);
+        // Bounds are the plain filter of the recordings' README at every sample, which is told its
+        // start; airborne figures are ours with a margin of a tenth.
+        let bounds = [
+            ("apr25-traj02-tdoa2", 0.46, 0.18),
+            ("apr25-traj17-tdoa3", 0.46, 0.37),
+            ("apr26-traj02-tdoa2", 0.33, 0.27),
+            ("apr26-traj04-tdoa2-wood", 0.32, 0.22),
+            ("apr26-traj11-tdoa2-metal", 0.46, 0.26),
+            ("jun05-bolt-test-tdoa2", 0.21, 0.22),
+        ];
+        for (report, (flight, all_m, airborne_m)) in reports.iter().zip(bounds) {
+            assert_eq!(report.flight, flight);
+            assert!(!report.diverged, "{flight}");
+            assert!(report.rmse_3d_m.unwrap() < all_m, "{flight}");
+            assert!(report.rmse_3d_airborne_m.unwrap() < airborne_m, "{flight}");
+        }
+        // TDOA3 brings values that no geometry allows: refused, not fused.
+        assert_eq!(reports[1].impossible, 51);
+    }
+
+    #[test]
+    fn val_first_reading_is_in_our_frames() {
+        let Some(dir) = data() else {
+            println!("skipped: no data");
+            return;
+        };
+        let flights = load(&dir.join("full")).unwrap();
+        let flight = &flights[0];
+        // The vehicle stands level: gravity is felt along -z, and it looks along the survey's x,
+        // which is room east.
+        let acc = flight.events.iter().find_map(|e| match e.sample {
+            Sample::Acc(acc) => Some(acc),
+            _ => None,
+        });
+        let acc = acc.unwrap();
+        assert!((acc.z() + crate::frames::G_MPS2).abs() < 0.1 && acc.x().abs() < 0.3);
+        assert!((flight.first_yaw_rad().unwrap() - std::f64::consts::FRAC_PI_2).abs() < 0.1);
+        assert!(flight.events.is_sorted_by_key(|e| e.at));
+    }
+
+    #[test]
+    fn prop_a_folder_without_flights_is_an_error_that_says_so() {
+        let dir = tempfile::tempdir().unwrap();
+        let error = run(dir.path(), &util_profile()).unwrap_err().to_string();
+        assert!(error.contains("no *.csv.gz with IMU"), "{error}");
+        let absent = dir.path().join("absent");
+        assert!(matches!(run(&absent, &util_profile()), Err(Error::Io { .. })));
+    }
+
+    #[test]
+    fn prop_broken_files_name_line_and_cell() {
+        use std::io::Write;
+        let dir = tempfile::tempdir().unwrap();
+        let anchors = (0..6)
+            .map(|i| format!("here,{i},{}.0,{}.0,{}.0\n", i % 2 * 5, i / 2 * 4, i * i % 3))
+            .collect::<String>();
+        std::fs::write(dir.path().join("anchors.csv"), format!("head\n{anchors}")).unwrap();
+        let header = "t_tdoa,idA,idB,tdoa_meas,t_acc,acc_x,acc_y,acc_z,t_gyro,gyro_x,gyro_y,gyro_z,\
+                      t_pose,pose_x,pose_y,pose_z,pose_qx,pose_qy,pose_qz,pose_qw\n";
+        let good = "0.01,0,1,0.5,0.0,0,0,1,0.0,0,0,0,0.0,1,1,0,0,0,0,1\n";
+        let check = |body: &str, says: &str| {
+            let file = std::fs::File::create(dir.path().join("here-a.csv.gz")).unwrap();
+            let mut out = flate2::write::GzEncoder::new(file, flate2::Compression::fast());
+            out.write_all(header.as_bytes()).unwrap();
+            out.write_all(good.as_bytes()).unwrap();
+            out.write_all(body.as_bytes()).unwrap();
+            out.finish().unwrap();
+            match run(dir.path(), &util_profile()) {
+                Ok(reports) => assert_eq!(says, "", "{reports:?}"),
+                Err(error) => {
+                    assert!(!says.is_empty() && error.to_string().contains(says), "{error}")
+                }
+            }
+        };
+        check("", "");
+        check(",,,,,,,,0.001,0,0,0,,,,,,,,\n", "");
+        check("0.02,0", "");
+        check("0.02,0,1,x,\n", "line 3: \"x\", a finite number expected");
+        check("0.02,0,1,NaN,\n", "line 3: \"NaN\"");
+        check("-5,0,1,0.2,\n", "line 3: t_tdoa = -5, allowed 0 to 100000 s");
+        check("0.02,0.5,1,0.2,\n", "line 3: t_tdoa: [0.5, 1.0, 0.2] is no reading");
+        check(",,,,,,,,,,,,0.1,1,1,0,0,0,0,0\n", "line 3: t_pose");
+        std::fs::write(dir.path().join("here-a.csv.gz"), b"no gzip").unwrap();
+        assert!(matches!(run(dir.path(), &util_profile()), Err(Error::Io { .. })));
+    }
+}

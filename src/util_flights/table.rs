@@ -1,0 +1,67 @@
+//! Table of the flights, for people.
+
+use std::fmt::{self, Write};
+
+use super::FlightReport;
+
+/// Writes one line per flight and the median of the whole-flight and airborne figures.
+pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Result {
+    writeln!(
+        out,
+        "{:<26} {:>6} {:>8} {:>6} {:>6} {:>6}  {:>20} {:>5} {:>8} {:>7} {:>6} {:>6} {:>5} {:>6}",
+        "flight",
+        "rmse_m",
+        "airborne",
+        "median",
+        "p95",
+        "worst",
+        "bias N E D",
+        "nees",
+        "updates",
+        "reject",
+        "absurd",
+        "doubts",
+        "ns",
+        "verdict"
+    )?;
+    for r in reports {
+        let [n, e, d] = r.bias_m;
+        writeln!(
+            out,
+            "{:<26} {:>6} {:>8} {:>6} {:>6} {:>6}  {n:>6.3} {e:>6.3} {d:>6.3} {:>5} {:>8} {:>7} \
+             {:>6} {:>6} {:>5.0} {:>6}",
+            r.flight,
+            metres(r.rmse_3d_m),
+            metres(r.rmse_3d_airborne_m),
+            metres(r.median_m),
+            metres(r.p95_m),
+            metres(r.worst_m),
+            r.nees_per_axis.map_or("-".into(), |v| format!("{v:.1}")),
+            r.updates,
+            r.rejected,
+            r.impossible,
+            r.remedies,
+            r.ns_per_update,
+            if r.diverged { "DIVERGED" } else { "ok" }
+        )?;
+    }
+    writeln!(
+        out,
+        "{:<26} {:>6} {:>8}",
+        "median of flights",
+        metres(median(reports.iter().map(|r| r.rmse_3d_m))),
+        metres(median(reports.iter().map(|r| r.rmse_3d_airborne_m)))
+    )
+}
+
+fn metres(value: Option<f64>) -> String {
+    value.map_or("-".into(), |v| format!("{v:.3}"))
+}
+
+/// Mean of the two middle values for an even number; `None` if any is missing.
+fn median(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let mut values: Vec<f64> = values.collect::<Option<_>>()?;
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    Some(0.5 * (values.get(n / 2)? + values.get(n.checked_sub(1)? / 2)?))
+}
