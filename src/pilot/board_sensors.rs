@@ -1,0 +1,235 @@
+//! What the board says besides its heartbeat: messages into checked samples with their times.
+
+use haltere_dialect::mav::haltere::{
+    HIGHRES_IMU_DATA, HighresImuUpdatedFlags as Fields, MavMessage,
+};
+
+use crate::drops::{DropReason, Drops};
+use crate::frames::{B, G_MPS2, Rot, Vec3};
+use crate::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample};
+use crate::time::{FcTime, HostTime};
+
+use super::board::{BoardLink, BoardNews};
+use super::output::Outbox;
+use super::reference;
+
+/// Mapped stamps farther than this from the time of arrival are not believed, s.
+const STAMP_TRUST_S: f64 = 0.3;
+/// Specific force beyond any sensor of this class, m/s² (32 g range).
+const ACC_LIMIT_MPS2: f64 = 320.0;
+/// Rate beyond any sensor of this class, rad/s (4000 °/s range).
+const RATE_LIMIT_RADPS: f64 = 70.0;
+/// Packs outside of this are not ours, V.
+const SUPPLY_RANGE_V: std::ops::RangeInclusive<f64> = 1.0..=60.0;
+/// Accelerometer and gyroscope of HIGHRES_IMU are new in a sample that has all these bits.
+const IMU_FIELDS: u16 = 0x3F;
+
+impl BoardLink {
+    pub(super) fn message(
+        &mut self,
+        at: HostTime,
+        message: &MavMessage,
+        out: &mut Outbox,
+        drops: &mut Drops,
+        news: &mut Vec<BoardNews>,
+    ) {
+        match message {
+            MavMessage::HIGHRES_IMU(m) => self.highres_imu(at, m, drops, news),
+            MavMessage::SCALED_IMU(m) => {
+                let acc = [m.xacc, m.yacc, m.zacc].map(f64::from);
+                let rate = [m.xgyro, m.ygyro, m.zgyro].map(f64::from);
+                let stamp_us = u64::from(m.time_boot_ms) * 1000;
+                self.integer_imu(at, stamp_us, acc, rate, drops, news);
+            }
+            MavMessage::RAW_IMU(m) => {
+                let acc = [m.xacc, m.yacc, m.zacc].map(f64::from);
+                let rate = [m.xgyro, m.ygyro, m.zgyro].map(f64::from);
+                self.integer_imu(at, m.time_usec, acc, rate, drops, news);
+            }
+            MavMessage::ATTITUDE_QUATERNION(m) => {
+                let valid_at = self.stamp(u64::from(m.time_boot_ms) * 1000, at);
+                match Rot::from_wxyz([m.q1, m.q2, m.q3, m.q4].map(f64::from)) {
+                    Some(attitude) => news.push(BoardNews::Attitude(BoardAttitude {
+                        valid_at,
+                        received_at: at,
+                        attitude,
+                    })),
+                    None => drops.add(DropReason::BadValue, 1),
+                }
+            }
+            MavMessage::ATTITUDE(m) => {
+                let euler = [m.roll, m.pitch, m.yaw].map(f64::from);
+                if euler.iter().all(|a| a.is_finite()) {
+                    news.push(BoardNews::Attitude(BoardAttitude {
+                        valid_at: self.stamp(u64::from(m.time_boot_ms) * 1000, at),
+                        received_at: at,
+                        attitude: Rot::from_euler_rad(euler[0], euler[1], euler[2]),
+                    }));
+                } else {
+                    drops.add(DropReason::BadValue, 1);
+                }
+            }
+            MavMessage::BATTERY_STATUS(m) => {
+                // Unused cells read 65535; a pack that reports only its sum puts it first.
+                let supply_mv: u32 =
+                    m.voltages.iter().filter(|v| **v != u16::MAX).map(|v| u32::from(*v)).sum();
+                self.battery(
+                    at,
+                    f64::from(supply_mv) * 1e-3,
+                    m.current_battery,
+                    m.battery_remaining,
+                    drops,
+                    news,
+                );
+            }
+            MavMessage::SYS_STATUS(m) if self.takes_battery_from_sys_status() => self.battery(
+                at,
+                f64::from(m.voltage_battery) * 1e-3,
+                m.current_battery,
+                m.battery_remaining,
+                drops,
+                news,
+            ),
+            MavMessage::TIMESYNC(m) => self.timesync(at, m, out, drops),
+            MavMessage::COMMAND_ACK(m) => self.ack(at, m, news),
+            MavMessage::STATUSTEXT(m) => {
+                if let Some(text) = self.text.join(&*m.text, m.id, m.chunk_seq) {
+                    news.push(BoardNews::Text { severity: m.severity as u8, text });
+                }
+            }
+            other => match reference::from_message(other) {
+                Some(Ok(pose)) => {
+                    let valid_at = self.stamp(pose.time_usec, at);
+                    news.push(BoardNews::Reference(pose.stamped(valid_at, at)));
+                }
+                Some(Err(())) => drops.add(DropReason::BadValue, 1),
+                None => drops.add(DropReason::MavIgnored, 1),
+            },
+        }
+    }
+
+    /// Host time of a board stamp; the time of arrival while the clock is not known or when the
+    /// stamp is absurd against it.
+    fn stamp(&self, board_us: u64, received_at: HostTime) -> HostTime {
+        if !self.clock().is_locked() {
+            return received_at;
+        }
+        match self.clock().to_host(FcTime::from_us(board_us)) {
+            Some(t) if received_at.seconds_since(t).abs() < STAMP_TRUST_S => t.min(received_at),
+            _ => received_at,
+        }
+    }
+
+    fn highres_imu(
+        &mut self,
+        at: HostTime,
+        m: &HIGHRES_IMU_DATA,
+        drops: &mut Drops,
+        news: &mut Vec<BoardNews>,
+    ) {
+        let valid_at = self.stamp(m.time_usec, at);
+        let fields = m.fields_updated.bits();
+        if fields & IMU_FIELDS == IMU_FIELDS {
+            let acc_B_mps2 = Vec3::<B>::from_array([m.xacc, m.yacc, m.zacc].map(f64::from));
+            let rate_B_radps = Vec3::<B>::from_array([m.xgyro, m.ygyro, m.zgyro].map(f64::from));
+            push_imu(valid_at, at, acc_B_mps2, rate_B_radps, drops, news);
+        }
+        if fields & Fields::HIGHRES_IMU_UPDATED_ABS_PRESSURE.bits() != 0 {
+            // The field is in hPa; 300 to 1200 hPa is what such sensors can read.
+            if (300.0..=1200.0).contains(&m.abs_pressure) {
+                news.push(BoardNews::Baro(BaroSample {
+                    valid_at,
+                    received_at: at,
+                    pressure_pa: f64::from(m.abs_pressure) * 100.0,
+                }));
+            } else {
+                drops.add(DropReason::BadValue, 1);
+            }
+        }
+    }
+
+    /// SCALED_IMU and RAW_IMU as both firmwares fill them: milli-g and milli-rad/s.
+    fn integer_imu(
+        &mut self,
+        at: HostTime,
+        stamp_us: u64,
+        acc_mg: [f64; 3],
+        rate_mradps: [f64; 3],
+        drops: &mut Drops,
+        news: &mut Vec<BoardNews>,
+    ) {
+        let valid_at = self.stamp(stamp_us, at);
+        let acc = Vec3::<B>::from_array(acc_mg) * (1e-3 * G_MPS2);
+        let rate = Vec3::<B>::from_array(rate_mradps) * 1e-3;
+        push_imu(valid_at, at, acc, rate, drops, news);
+    }
+
+    fn battery(
+        &self,
+        at: HostTime,
+        supply_v: f64,
+        current_10ma: i16,
+        remaining_percent: i8,
+        drops: &mut Drops,
+        news: &mut Vec<BoardNews>,
+    ) {
+        if !SUPPLY_RANGE_V.contains(&supply_v) {
+            drops.add(DropReason::BadValue, 1);
+            return;
+        }
+        news.push(BoardNews::Battery(BatterySample {
+            received_at: at,
+            supply_v,
+            current_a: (current_10ma >= 0).then(|| f64::from(current_10ma) * 0.01),
+            remaining_frac: (0..=100)
+                .contains(&remaining_percent)
+                .then(|| f64::from(remaining_percent) * 0.01),
+        }));
+    }
+}
+
+fn push_imu(
+    valid_at: HostTime,
+    received_at: HostTime,
+    acc_B_mps2: Vec3<B>,
+    rate_B_radps: Vec3<B>,
+    drops: &mut Drops,
+    news: &mut Vec<BoardNews>,
+) {
+    let sane = acc_B_mps2.is_finite()
+        && rate_B_radps.is_finite()
+        && acc_B_mps2.norm() < ACC_LIMIT_MPS2
+        && rate_B_radps.norm() < RATE_LIMIT_RADPS;
+    if sane {
+        news.push(BoardNews::Imu(ImuSample { valid_at, received_at, acc_B_mps2, rate_B_radps }));
+    } else {
+        drops.add(DropReason::BadValue, 1);
+    }
+}
+
+/// Joins STATUSTEXT chunks of one text.
+#[derive(Debug, Default)]
+pub(super) struct TextJoiner {
+    id: u16,
+    parts: String,
+}
+
+/// Longest text that is joined, bytes: bounds what a board can make us store.
+const TEXT_LIMIT: usize = 400;
+
+impl TextJoiner {
+    pub fn join(&mut self, chunk: &[u8], id: u16, chunk_seq: u8) -> Option<String> {
+        let end = chunk.iter().position(|c| *c == 0);
+        let part = String::from_utf8_lossy(&chunk[..end.unwrap_or(chunk.len())]);
+        if id == 0 {
+            return Some(part.into_owned());
+        }
+        if id != self.id || chunk_seq == 0 {
+            self.parts.clear();
+            self.id = id;
+        }
+        self.parts.push_str(&part);
+        // A chunk that is not full is the last one.
+        (end.is_some() || self.parts.len() >= TEXT_LIMIT).then(|| std::mem::take(&mut self.parts))
+    }
+}

@@ -1,0 +1,236 @@
+//! Configuration of the pilot core: flight behaviour and limits.
+
+use serde::{Deserialize, Serialize};
+
+use crate::checks::Problems;
+use crate::control::ControlConfig;
+use crate::estimator::{EstimatorConfig, UwbNoise};
+use crate::survey::Survey;
+use crate::uwb::UwbConfig;
+
+use super::mission::Volume;
+
+/// Everything the pilot core is told at start. The files layer builds it; a replay rebuilds it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PilotConfig {
+    /// What the tag speaks.
+    pub tag_protocol: TagProtocol,
+    /// What the board obeys.
+    pub board_profile: BoardProfile,
+    /// Angle from room north to the board's north at start, rad, positive clockwise from above.
+    pub board_north_offset_rad: f64,
+    /// Number of ground endpoints.
+    pub ground_endpoints: u8,
+    /// `[flight]`
+    pub flight: FlightConfig,
+    /// `[limits]`
+    pub limits: LimitsConfig,
+    /// `[uwb]`
+    pub uwb: UwbConfig,
+    /// `[estimator]`
+    pub estimator: EstimatorConfig,
+    /// `[control]`
+    pub control: ControlConfig,
+}
+
+impl Default for PilotConfig {
+    fn default() -> Self {
+        Self {
+            tag_protocol: TagProtocol::LpsSniffer,
+            board_profile: BoardProfile::Generic,
+            board_north_offset_rad: 0.0,
+            ground_endpoints: 1,
+            flight: FlightConfig::default(),
+            limits: LimitsConfig::default(),
+            uwb: UwbConfig::default(),
+            estimator: EstimatorConfig::default(),
+            control: ControlConfig::default(),
+        }
+    }
+}
+
+impl PilotConfig {
+    /// The filter with the enhancements that `[control]` switches on: version `raw` flies without
+    /// drag term and with constant UWB noise, whatever `[estimator]` says.
+    pub fn estimator_in_force(&self) -> EstimatorConfig {
+        let on = self.control.enhancements();
+        let mut estimator = self.estimator.clone();
+        estimator.drag &= on.filter_drag;
+        if !on.variable_uwb_noise {
+            estimator.uwb_noise = UwbNoise::Constant;
+        }
+        estimator
+    }
+}
+
+/// Wire format of the tag.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TagProtocol {
+    /// A Loco Positioning Node that passes on every UWB frame it hears.
+    #[default]
+    LpsSniffer,
+    /// A tag that computes TDOA itself and sends `UWB_TDOA`.
+    Mavlink,
+}
+
+/// Behaviour of the inner-loop board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum BoardProfile {
+    /// Arms on command, obeys attitude targets while armed.
+    #[default]
+    Generic,
+}
+
+/// `[flight]`: how the vehicle takes off, moves and lands.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FlightConfig {
+    /// Height of a take-off that names none, m.
+    pub takeoff_height_m: f64,
+    /// Speed of the height setpoint in a take-off, m/s.
+    pub takeoff_speed_mps: f64,
+    /// Time in which thrust rises from nothing to just below hover, s.
+    pub spool_s: f64,
+    /// Speed of the setpoint along mission legs, m/s. A mission may change it; at or above the
+    /// velocity limit of the controller the setpoint jumps instead of moving.
+    pub cruise_speed_mps: f64,
+    /// Change of that speed at the ends of a leg, m/s².
+    pub cruise_acceleration_mps2: f64,
+    /// Sinking speed in a landing above `land_slow_height_m`, m/s.
+    pub land_speed_mps: f64,
+    /// Sinking speed near the floor, m/s.
+    pub land_slow_speed_mps: f64,
+    /// Height below which a landing slows down, m.
+    pub land_slow_height_m: f64,
+    /// Distance at which a waypoint counts as reached when it names none, m.
+    pub acceptance_radius_m: f64,
+    /// Height of the landing gear's feet below the point that the estimator tracks, m.
+    pub gear_height_m: f64,
+    /// Time armed on the floor without take-off after which the vehicle disarms, s.
+    pub idle_disarm_s: f64,
+}
+
+impl Default for FlightConfig {
+    fn default() -> Self {
+        Self {
+            takeoff_height_m: 1.0,
+            takeoff_speed_mps: 0.5,
+            spool_s: 1.0,
+            cruise_speed_mps: 0.5,
+            cruise_acceleration_mps2: 0.7,
+            land_speed_mps: 0.4,
+            land_slow_speed_mps: 0.25,
+            land_slow_height_m: 0.6,
+            acceptance_radius_m: 0.30,
+            gear_height_m: 0.0,
+            idle_disarm_s: 15.0,
+        }
+    }
+}
+
+impl FlightConfig {
+    /// Adds what is out of range to `problems`; `key` is the name of the section.
+    pub fn check(&self, key: &str, problems: &mut Problems) {
+        let mut range = |name: &str, value, low, high, unit| {
+            problems.range(format_args!("{key}.{name}"), value, low..=high, unit);
+        };
+        range("takeoff_height_m", self.takeoff_height_m, 0.3, 20.0, "m");
+        range("takeoff_speed_mps", self.takeoff_speed_mps, 0.1, 2.0, "m/s");
+        range("spool_s", self.spool_s, 0.2, 5.0, "s");
+        range("cruise_speed_mps", self.cruise_speed_mps, 0.05, 10.0, "m/s");
+        range("cruise_acceleration_mps2", self.cruise_acceleration_mps2, 0.05, 5.0, "m/s²");
+        range("land_speed_mps", self.land_speed_mps, 0.1, 1.5, "m/s");
+        range("land_slow_speed_mps", self.land_slow_speed_mps, 0.05, 1.0, "m/s");
+        range("land_slow_height_m", self.land_slow_height_m, 0.0, 5.0, "m");
+        range("acceptance_radius_m", self.acceptance_radius_m, 0.05, 5.0, "m");
+        range("gear_height_m", self.gear_height_m, 0.0, 0.5, "m");
+        range("idle_disarm_s", self.idle_disarm_s, 2.0, 600.0, "s");
+    }
+}
+
+/// `[limits]`: the volume that setpoints may not leave, and the battery.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LimitsConfig {
+    /// Lowest and highest room-north coordinate of a setpoint, m. Absent: the anchors' extent.
+    pub north_m: Option<[f64; 2]>,
+    /// Lowest and highest room-east coordinate of a setpoint, m. Absent: the anchors' extent.
+    pub east_m: Option<[f64; 2]>,
+    /// Highest height of a setpoint above the floor, m. Absent: the highest anchor.
+    pub height_m: Option<f64>,
+    /// Voltage below which a warning is sent, V. 6.4 V for two cells (VEHICLE.md).
+    pub battery_low_v: f64,
+    /// Voltage below which the vehicle lands, V. 6.0 V for two cells (VEHICLE.md).
+    pub battery_critical_v: f64,
+    /// Age of the newest fused UWB measurement after which the vehicle lands, s.
+    pub uwb_loss_land_s: f64,
+    /// Silence of a board after which its link counts as lost, s.
+    pub board_loss_s: f64,
+    /// Silence of an offboard client after which a velocity setpoint ends in Hold, s.
+    pub offboard_loss_s: f64,
+}
+
+impl Default for LimitsConfig {
+    fn default() -> Self {
+        Self {
+            north_m: None,
+            east_m: None,
+            height_m: None,
+            battery_low_v: 6.4,
+            battery_critical_v: 6.0,
+            uwb_loss_land_s: 1.0,
+            board_loss_s: 1.0,
+            offboard_loss_s: 0.5,
+        }
+    }
+}
+
+/// Lowest ceiling of the flight volume, m: a survey with all anchors on the floor still flies.
+const LEAST_CEILING_M: f64 = 1.0;
+
+impl LimitsConfig {
+    /// The volume that setpoints may not leave: as configured, else the extent of the anchors.
+    pub(super) fn volume(&self, survey: &Survey) -> Volume {
+        let extent = |axis: usize| {
+            let of = |id| survey.position_E_m(id).map_or(0.0, |p| p[axis]);
+            let ids = || survey.ids().iter().copied();
+            [
+                ids().map(of).fold(f64::INFINITY, f64::min),
+                ids().map(of).fold(-f64::INFINITY, f64::max),
+            ]
+        };
+        Volume {
+            north_m: self.north_m.unwrap_or_else(|| extent(0)),
+            east_m: self.east_m.unwrap_or_else(|| extent(1)),
+            height_m: self.height_m.unwrap_or_else(|| (-extent(2)[0]).max(LEAST_CEILING_M)),
+        }
+    }
+
+    /// Adds what is out of range to `problems`; `key` is the name of the section.
+    pub fn check(&self, key: &str, problems: &mut Problems) {
+        for (name, pair) in [("north_m", self.north_m), ("east_m", self.east_m)] {
+            if let Some([low, high]) = pair {
+                problems.range(format_args!("{key}.{name}[0]"), low, -100.0..=100.0, "m");
+                problems.range(format_args!("{key}.{name}[1]"), high, -100.0..=100.0, "m");
+                if low >= high {
+                    problems.say(format!(
+                        "{key}.{name} = [{low}, {high}]: the first must be the smaller one"
+                    ));
+                }
+            }
+        }
+        if let Some(height_m) = self.height_m {
+            problems.range(format_args!("{key}.height_m"), height_m, 0.3..=50.0, "m");
+        }
+        let mut range = |name: &str, value, low, high, unit| {
+            problems.range(format_args!("{key}.{name}"), value, low..=high, unit);
+        };
+        range("battery_low_v", self.battery_low_v, 3.0, 30.0, "V");
+        range("battery_critical_v", self.battery_critical_v, 3.0, self.battery_low_v, "V");
+        range("uwb_loss_land_s", self.uwb_loss_land_s, 0.2, 10.0, "s");
+        range("board_loss_s", self.board_loss_s, 0.2, 10.0, "s");
+        range("offboard_loss_s", self.offboard_loss_s, 0.1, 5.0, "s");
+    }
+}

@@ -1,0 +1,221 @@
+//! What comes in from tag and board, and its way to the estimator.
+
+use crate::drops::DropReason;
+use crate::estimate::Health;
+use crate::measure::Tdoa;
+use crate::time::HostTime;
+use crate::topics::Topic;
+use crate::uwb::from_uwb_tdoa;
+
+use super::board::BoardNews;
+use super::config::TagProtocol;
+use super::modes::{Event, Mode};
+use super::{LinkId, Pilot, Severity};
+
+/// Switches the sniffer to binary output (INTERFACES.md section 1a); lost at every reboot.
+const SNIFFER_BINARY: &[u8] = b"b";
+/// Without a measurement for so long it is sent again, s.
+const TAG_SILENCE_S: f64 = 0.4;
+/// Heading of the board at alignment, one sigma, rad: a compass indoors.
+const STD_BOARD_HEADING_RAD: f64 = 0.1;
+
+impl Pilot {
+    pub(super) fn link_up(&mut self, at: HostTime, link: LinkId) {
+        match link {
+            LinkId::Tag => {
+                self.uwb.reconnected();
+                self.tag_splitter.flush();
+                self.tag_is_up = true;
+                self.tag_asked_at = at;
+                if self.config.tag_protocol == TagProtocol::LpsSniffer {
+                    self.out.raw(LinkId::Tag, SNIFFER_BINARY);
+                }
+                self.say(at, Severity::Info, "tag connected".to_owned());
+            }
+            LinkId::Board => {
+                // The rest of a frame that was cut off will not come.
+                self.board_splitter.flush();
+                self.board_frames(at);
+                self.board.restart(at);
+            }
+            LinkId::Ground(n) => {
+                let n = usize::from(n);
+                if n < self.grounds.len() {
+                    self.grounds[n].splitter.flush();
+                    self.ground_frames(at, n);
+                    self.grounds[n].restart();
+                }
+            }
+        }
+    }
+
+    pub(super) fn link_down(&mut self, at: HostTime, link: LinkId) {
+        match link {
+            LinkId::Tag => {
+                self.tag_is_up = false;
+                self.say(at, Severity::Error, "tag disconnected".to_owned());
+            }
+            LinkId::Board => self.say(at, Severity::Error, "board disconnected".to_owned()),
+            LinkId::Ground(_) => {}
+        }
+    }
+
+    pub(super) fn tag_bytes(&mut self, at: HostTime, bytes: &[u8]) {
+        let mut tdoas = std::mem::take(&mut self.tdoas);
+        let drops = &mut self.drops[usize::from(LinkId::Tag.number())];
+        match self.config.tag_protocol {
+            TagProtocol::LpsSniffer => self.uwb.tag_bytes(at, bytes, &mut tdoas, drops),
+            TagProtocol::Mavlink => {
+                self.tag_splitter.push(bytes);
+                while let Some(next) = self.tag_splitter.next() {
+                    super::clients::count_frame(drops, &next);
+                    let Ok(frame) = next else { continue };
+                    if let Ok(haltere_dialect::mav::haltere::MavMessage::UWB_TDOA(m)) =
+                        frame.decode()
+                    {
+                        let (tag, uwb) = (&mut self.mav_tag, &self.config.uwb);
+                        match from_uwb_tdoa(tag, uwb, &self.survey, at, &m, drops) {
+                            Ok(tdoa) => tdoas.push(tdoa),
+                            Err(reason) => drops.add(reason, 1),
+                        }
+                    }
+                }
+            }
+        }
+        if !tdoas.is_empty() {
+            self.tag_asked_at = at;
+        }
+        for tdoa in &tdoas {
+            self.fuse_tdoa(tdoa);
+        }
+        tdoas.clear();
+        self.tdoas = tdoas;
+    }
+
+    /// A tag that restarted without the port noticing speaks text again. The command is harmless to
+    /// one that already speaks binary.
+    pub(super) fn ask_for_binary(&mut self, at: HostTime) {
+        let silent = at.seconds_since(self.tag_asked_at) > TAG_SILENCE_S;
+        if self.tag_is_up && silent && self.config.tag_protocol == TagProtocol::LpsSniffer {
+            self.tag_asked_at = at;
+            self.out.raw(LinkId::Tag, SNIFFER_BINARY);
+        }
+    }
+
+    fn fuse_tdoa(&mut self, tdoa: &Tdoa) {
+        let record = self.estimator.tdoa(tdoa);
+        if record.fused {
+            self.last_fused = Some(tdoa.received_at);
+        }
+        super::telemetry::note_pair(&mut self.pairs, &record);
+        self.record(|| Topic::Uwb(record));
+    }
+
+    pub(super) fn board_bytes(&mut self, at: HostTime, bytes: &[u8]) {
+        self.board_bytes_at = at;
+        self.board_splitter.push(bytes);
+        self.board_frames(at);
+    }
+
+    pub(super) fn board_frames(&mut self, at: HostTime) {
+        let mut news = std::mem::take(&mut self.board_news);
+        let drops = &mut self.drops[usize::from(LinkId::Board.number())];
+        while let Some(next) = self.board_splitter.next() {
+            super::clients::count_frame(drops, &next);
+            if let Ok(frame) = next {
+                self.board.frame(at, &frame, &mut self.out, drops, &mut news);
+            }
+        }
+        self.take_board_news(at, news);
+    }
+
+    /// Also called from the schedule: time alone can bring news.
+    pub(super) fn take_board_news(&mut self, at: HostTime, mut news: Vec<BoardNews>) {
+        for item in news.drain(..) {
+            self.board_item(at, item);
+        }
+        self.board_news = news;
+    }
+
+    fn board_item(&mut self, at: HostTime, item: BoardNews) {
+        match item {
+            BoardNews::Imu(sample) => {
+                if self.last_imu.is_some_and(|t| sample.valid_at <= t) {
+                    self.drops_of(LinkId::Board).add(DropReason::ImuOutOfOrder, 1);
+                    return;
+                }
+                let dt_s = self.last_imu.map_or(0.0, |t| sample.valid_at.seconds_since(t));
+                self.touch.acc_z(sample.acc_B_mps2.z(), dt_s);
+                self.last_imu = Some(sample.valid_at);
+                self.estimator.imu(&sample);
+                self.record(|| Topic::Imu(sample));
+            }
+            BoardNews::Attitude(attitude) => {
+                self.board_attitude = Some(attitude);
+                if self.estimate.health == Health::NotAligned {
+                    let yaw_rad = self.north.room_yaw_rad(attitude.attitude);
+                    self.estimator.set_initial_heading(yaw_rad, STD_BOARD_HEADING_RAD);
+                }
+                self.record(|| Topic::BoardAttitude(attitude));
+            }
+            BoardNews::Battery(sample) => {
+                self.battery = Some(sample);
+                self.record(|| Topic::Battery(sample));
+            }
+            BoardNews::Baro(sample) => {
+                self.estimator.baro(&sample);
+                self.record(|| Topic::Baro(sample));
+            }
+            BoardNews::Reference(pose) => {
+                self.estimator.reference(&pose); // fuses only if it is configured to
+                self.record(|| Topic::Reference(pose));
+            }
+            BoardNews::Found { system_id } => {
+                self.say(at, Severity::Info, format!("board found, system id {system_id}"));
+            }
+            BoardNews::Armed(true) => {
+                if !self.fire(at, Event::BoardArmed) && self.mode == Mode::Disarmed {
+                    // Somebody else armed it, or we were restarted in flight. We send no setpoint
+                    // into a flight that we did not start: the board's own failsafe holds.
+                    let text = "board is armed, but not by us: no setpoints are sent";
+                    self.say(at, Severity::Critical, text.to_owned());
+                }
+            }
+            BoardNews::Armed(false) => {
+                self.fire(at, Event::BoardDisarmed);
+            }
+            BoardNews::ArmAnswer { arm, accepted, why } => {
+                self.answer_arm_asker(arm, accepted);
+                if accepted {
+                } else if arm {
+                    self.say(at, Severity::Error, format!("arming failed: {why}"));
+                    self.fire(at, Event::ArmFailed);
+                } else if self.mode == Mode::Disarming {
+                    // On the floor by our own signs, but the board disagrees.
+                    self.insist_on_disarming(at, &why);
+                } else {
+                    self.say(at, Severity::Error, format!("disarming failed: {why}"));
+                }
+            }
+            BoardNews::Text { severity, text } => {
+                self.say_as_board(at, severity, &text);
+            }
+            BoardNews::Back { silent_s } => {
+                if silent_s > self.config.limits.board_loss_s {
+                    self.say(at, Severity::Error, format!("board was silent for {silent_s:.1} s"));
+                    self.fire(at, Event::BoardLinkLost);
+                }
+            }
+        }
+    }
+
+    fn say_as_board(&mut self, at: HostTime, severity: u8, text: &str) {
+        let level = match severity {
+            0..=2 => Severity::Critical,
+            3 => Severity::Error,
+            4 => Severity::Warning,
+            _ => Severity::Info,
+        };
+        self.say(at, level, format!("board: {text}"));
+    }
+}

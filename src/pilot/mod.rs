@@ -1,0 +1,479 @@
+//! The pilot core: one deterministic state machine, bytes and time in, bytes and next deadline out.
+//!
+//! It runs the schedule, the estimator, the controller and the modes, and knows no socket, no
+//! clock and no thread. Glue calls [`Pilot::handle`] with whatever arrives and with a wake-up at
+//! [`Pilot::next_deadline`], then sends what [`Pilot::drain_output`] yields.
+//!
+//! One idea per file: `schedule` the control step and what is due beside it, `supervise` what
+//! ends a flight, `modes` the table of transitions, `guidance` what the controller is asked for,
+//! `board` and `ground` the links, `commands` and `telemetry` what clients say and see.
+
+// The definitions call some messages superseded; today's clients still send and expect them.
+#![allow(deprecated)]
+
+mod board;
+mod board_sensors;
+mod clients;
+mod clock;
+mod commands;
+mod config;
+mod ground;
+mod guidance;
+mod heading;
+mod ingest;
+mod mission;
+mod mission_transfer;
+mod modes;
+mod output;
+mod reference;
+mod schedule;
+mod setpoint;
+mod supervise;
+mod telemetry;
+
+pub use config::{BoardProfile, FlightConfig, LimitsConfig, PilotConfig, TagProtocol};
+pub use mission::{MOST_ITEMS, Mission, MissionItem, Volume};
+pub use modes::{Event, Mode, TABLE, Transition, transition};
+
+use haltere_dialect::mav_stream::MavSplitter;
+
+use crate::control::Controller;
+use crate::drops::{DropReason, Drops};
+use crate::estimate::{Estimate, Health};
+use crate::estimator::Estimator;
+use crate::measure::{BatterySample, BoardAttitude, Tdoa};
+use crate::survey::Survey;
+use crate::time::HostTime;
+use crate::topics::{ControlRecord, ModeRecord, TextRecord, Topic};
+use crate::uwb::{MavTag, TdoaEngine};
+
+use board::{BoardLink, BoardNews};
+use commands::Asker;
+use ground::GroundLink;
+use guidance::Guidance;
+use heading::BoardNorth;
+use output::{Address, Outbox};
+use supervise::Touch;
+use telemetry::PairStats;
+
+/// Name of a link to the outside.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum LinkId {
+    /// The UWB tag.
+    Tag,
+    /// The inner-loop board.
+    Board,
+    /// A ground endpoint, in the order of the configuration.
+    Ground(u8),
+}
+
+impl LinkId {
+    /// Number in logs and messages: 0 tag, 1 board, 2 and up ground endpoints.
+    pub fn number(self) -> u8 {
+        match self {
+            LinkId::Tag => 0,
+            LinkId::Board => 1,
+            LinkId::Ground(n) => n.saturating_add(2),
+        }
+    }
+
+    /// The link with this number.
+    pub fn from_number(number: u8) -> Self {
+        match number {
+            0 => LinkId::Tag,
+            1 => LinkId::Board,
+            n => LinkId::Ground(n - 2),
+        }
+    }
+}
+
+/// What can happen to the core.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Input<'a> {
+    /// Bytes came in. The time of the call is when they were read.
+    Bytes {
+        /// From where.
+        link: LinkId,
+        /// In any chunking.
+        bytes: &'a [u8],
+    },
+    /// A link was opened, or opened again.
+    LinkUp {
+        /// Which.
+        link: LinkId,
+    },
+    /// A link was lost.
+    LinkDown {
+        /// Which.
+        link: LinkId,
+    },
+    /// The glue had to throw something away.
+    Lost {
+        /// On which link.
+        link: LinkId,
+        /// Why.
+        reason: DropReason,
+        /// How many bytes, frames or records.
+        count: u64,
+    },
+    /// The deadline came, or something wants the core to look at the time.
+    Wake,
+}
+
+/// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
+const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
+
+/// Our own address on ground links (INTERFACES.md section 3).
+const OWN: Address = Address { system_id: 1, component_id: 1 };
+
+/// The state machine.
+#[derive(Debug)]
+pub struct Pilot {
+    config: PilotConfig,
+    survey: Survey,
+    now: HostTime,
+    next_tick: HostTime,
+    last_tick: Option<HostTime>,
+    control_steps: u64,
+    deadline_misses: u64,
+
+    out: Outbox,
+    topics: Vec<Topic>,
+    with_topics: bool,
+    /// Losses by link number; the last entry is the core itself.
+    drops: Vec<Drops>,
+
+    uwb: TdoaEngine,
+    mav_tag: MavTag,
+    tag_splitter: MavSplitter,
+    tdoas: Vec<Tdoa>,
+    tag_is_up: bool,
+    /// When a measurement last came, or the tag was last asked for its stream.
+    tag_asked_at: HostTime,
+    last_fused: Option<HostTime>,
+    last_imu: Option<HostTime>,
+    pairs: Vec<PairStats>,
+
+    board: BoardLink,
+    board_splitter: MavSplitter,
+    board_bytes_at: HostTime,
+    board_silence_told: bool,
+    board_news: Vec<BoardNews>,
+    board_attitude: Option<BoardAttitude>,
+    battery: Option<BatterySample>,
+    battery_low_told: bool,
+    north: BoardNorth,
+
+    estimator: Estimator,
+    estimate: Estimate,
+    /// What people were last told about it, and when.
+    health_told: Health,
+    health_told_at: HostTime,
+    /// Height above the floor while the estimate could be trusted, m.
+    last_height_m: f64,
+    /// Since when the estimate is good again in a blind descent.
+    good_since: Option<HostTime>,
+    controller: Controller,
+    control: ControlRecord,
+    guidance: Guidance,
+    mission: Mission,
+
+    mode: Mode,
+    mode_since: HostTime,
+    touch: Touch,
+    critical_since: Option<HostTime>,
+    lift_off_asked: bool,
+    arm_asker: Option<Asker>,
+    /// When people were last told that the board does not disarm.
+    insisted_at: Option<HostTime>,
+    text_id: u16,
+    refused_setpoint_told: bool,
+
+    grounds: Vec<GroundLink>,
+    next_health: HostTime,
+}
+
+impl Pilot {
+    /// A core that starts at `at`.
+    pub fn new(config: PilotConfig, survey: Survey, at: HostTime) -> Self {
+        let volume = config.limits.volume(&survey);
+        let estimator = Estimator::new(config.estimator_in_force(), survey.clone());
+        let estimate = estimator.estimate();
+        let velocity_limit_mps = config.control.limits.horizontal_mps;
+        let grounds: Vec<GroundLink> =
+            (0..config.ground_endpoints).map(|n| GroundLink::new(LinkId::Ground(n), at)).collect();
+        let mut pilot = Self {
+            now: at,
+            next_tick: at.offset_us(schedule::CONTROL_PERIOD_US),
+            last_tick: None,
+            control_steps: 0,
+            deadline_misses: 0,
+            out: Outbox::default(),
+            topics: Vec::new(),
+            with_topics: true,
+            drops: vec![Drops::default(); 3 + grounds.len()],
+            uwb: TdoaEngine::new(config.uwb.clone(), &survey),
+            mav_tag: MavTag::new(),
+            tag_splitter: MavSplitter::new(),
+            tdoas: Vec::new(),
+            tag_is_up: false,
+            tag_asked_at: at,
+            last_fused: None,
+            last_imu: None,
+            pairs: Vec::new(),
+            board: BoardLink::new(at),
+            board_splitter: MavSplitter::new(),
+            board_bytes_at: at,
+            board_silence_told: false,
+            board_news: Vec::new(),
+            board_attitude: None,
+            battery: None,
+            battery_low_told: false,
+            north: BoardNorth::new(config.board_north_offset_rad),
+            estimator,
+            estimate,
+            health_told: Health::NotAligned,
+            health_told_at: at,
+            last_height_m: 0.0,
+            good_since: None,
+            controller: Controller::new(config.control.clone()),
+            control: ControlRecord::default(),
+            guidance: Guidance::new(config.flight.clone(), volume, velocity_limit_mps, at),
+            mission: Mission::default(),
+            mode: Mode::Disarmed,
+            mode_since: at,
+            touch: Touch::default(),
+            critical_since: None,
+            lift_off_asked: false,
+            arm_asker: None,
+            insisted_at: None,
+            text_id: 0,
+            refused_setpoint_told: false,
+            grounds,
+            next_health: at,
+            config,
+            survey,
+        };
+        pilot.say(at, Severity::Info, "haltere started, waiting for tag and board".to_owned());
+        pilot
+    }
+
+    /// Switches decoded records off: lockstep runs that nobody reads.
+    pub fn without_topics(mut self) -> Self {
+        self.with_topics = false;
+        self.topics.clear();
+        self
+    }
+
+    /// Takes one event in. `at` never runs backwards; if it does, the later time holds.
+    pub fn handle(&mut self, at: HostTime, input: Input<'_>) {
+        let at = at.max(self.now).min(LATEST);
+        self.now = at;
+        match input {
+            Input::Bytes { link: LinkId::Tag, bytes } => self.tag_bytes(at, bytes),
+            Input::Bytes { link: LinkId::Board, bytes } => self.board_bytes(at, bytes),
+            Input::Bytes { link: LinkId::Ground(n), bytes } => self.ground_bytes(at, n, bytes),
+            Input::LinkUp { link } => self.link_up(at, link),
+            Input::LinkDown { link } => self.link_down(at, link),
+            Input::Lost { link, reason, count } => self.drops_of(link).add(reason, count),
+            Input::Wake => self.wake(at),
+        }
+    }
+
+    /// When the core wants to be woken next.
+    pub fn next_deadline(&self) -> HostTime {
+        self.next_tick
+    }
+
+    /// Yields the bytes to send, in order, and forgets them.
+    pub fn drain_output(&mut self, send: impl FnMut(LinkId, &[u8])) {
+        self.out.drain(send);
+    }
+
+    /// Yields the decoded records, in order, and forgets them.
+    pub fn drain_topics(&mut self, take: impl FnMut(Topic)) {
+        self.topics.drain(..).for_each(take);
+    }
+
+    /// The newest estimate.
+    pub fn estimate(&self) -> &Estimate {
+        &self.estimate
+    }
+
+    /// Inside of the newest control step.
+    pub fn control_record(&self) -> &ControlRecord {
+        &self.control
+    }
+
+    /// The mode in force.
+    pub fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Losses by link number; the last entry is the core itself. What the estimator threw away
+    /// counts where it came from: UWB on the tag's link, the rest in the core.
+    pub fn drops(&self) -> Vec<Drops> {
+        let mut all = self.drops.clone();
+        for (reason, n) in self.estimator.drops().iter() {
+            all[self.slot_of_estimator(reason)].add(reason, n);
+        }
+        all
+    }
+
+    /// The same as one number.
+    fn lost(&self, slot: usize, reason: DropReason) -> u64 {
+        let own = self.drops[slot].count(reason);
+        if slot != self.slot_of_estimator(reason) {
+            return own;
+        }
+        own.saturating_add(self.estimator.drops().count(reason))
+    }
+
+    fn slot_of_estimator(&self, reason: DropReason) -> usize {
+        match reason {
+            DropReason::UwbUnknownAnchor
+            | DropReason::UwbImpossible
+            | DropReason::UwbGated
+            | DropReason::UwbTooOld => usize::from(LinkId::Tag.number()),
+            _ => self.drops.len() - 1,
+        }
+    }
+
+    fn drops_of(&mut self, link: LinkId) -> &mut Drops {
+        let core = self.drops.len() - 1;
+        let slot = usize::from(link.number()).min(core);
+        &mut self.drops[slot]
+    }
+
+    /// `make` runs only when somebody reads the records.
+    fn record(&mut self, make: impl FnOnce() -> Topic) {
+        if self.with_topics {
+            self.topics.push(make());
+        }
+    }
+
+    /// Lets an event change the mode. `false`: there is no row for it.
+    fn fire(&mut self, at: HostTime, event: Event) -> bool {
+        let Some(row) = transition(self.mode, event) else { return false };
+        let from = self.mode;
+        self.mode = row.to;
+        self.mode_since = at;
+        self.touch = self.touch.restarted();
+        self.good_since = None;
+        self.guidance.enter(row.to, &self.estimate, at);
+        match row.to {
+            Mode::Spool => {
+                self.controller.reset(None);
+                self.estimator.set_airborne(true);
+                self.lift_off_asked = false;
+            }
+            Mode::Disarming => {
+                // With thrust on, a board may refuse the plain order even on the floor.
+                let force = from.has_thrust() && event != Event::TouchDown;
+                self.board.command_arm(false, force, at);
+                self.insisted_at = None;
+                self.call_off_lift_off();
+            }
+            Mode::Disarmed => {
+                self.estimator.set_airborne(false);
+                self.call_off_lift_off();
+                if event == Event::ArmFailed {
+                    // It may still arm on an order that is under way.
+                    self.board.command_arm(false, false, at);
+                }
+            }
+            _ => {}
+        }
+        let armed = self.board.is_armed();
+        self.record(|| {
+            Topic::Mode(ModeRecord {
+                at,
+                mode: row.to.name(),
+                armed,
+                cause: row.because.to_owned(),
+            })
+        });
+        let severity = match event {
+            Event::UwbLost | Event::BatteryCritical | Event::BoardLinkLost => Severity::Critical,
+            Event::EstimateLost => Severity::Emergency,
+            Event::NotLifted => Severity::Error,
+            _ => Severity::Info,
+        };
+        self.say(at, severity, format!("{}: {}", row.to.name(), row.because));
+        true
+    }
+
+    fn call_off_lift_off(&mut self) {
+        self.lift_off_asked = false;
+        self.guidance.mission_waits = false;
+    }
+
+    /// The mode that clients are shown. On the floor one that waits for arming is shown as if it
+    /// were in force: clients that asked for it give up when it does not appear (GROUND.md).
+    fn shown_mode(&self) -> Mode {
+        match self.mode {
+            Mode::Disarmed | Mode::Arming | Mode::Idle if self.guidance.mission_waits => {
+                Mode::Mission
+            }
+            Mode::Disarmed | Mode::Arming | Mode::Idle if self.lift_off_asked => Mode::Takeoff,
+            Mode::Spool | Mode::Takeoff if self.guidance.mission_waits => Mode::Mission,
+            mode => mode,
+        }
+    }
+
+    /// Tells people: to every ground endpoint and into the log.
+    fn say(&mut self, at: HostTime, severity: Severity, text: String) {
+        self.text_id = self.text_id.wrapping_add(1).max(1);
+        for n in 0..self.grounds.len() {
+            telemetry::send_text(
+                &mut self.out,
+                self.grounds[n].link,
+                severity as u8,
+                &text,
+                self.text_id,
+            );
+        }
+        self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
+    }
+}
+
+/// MAVLink severities in use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+enum Severity {
+    Emergency = 0,
+    Critical = 2,
+    Error = 3,
+    Warning = 4,
+    Info = 6,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frames::Vec3;
+    use crate::measure::AnchorId;
+
+    #[test]
+    fn regress_losses_of_the_estimator_are_reported() {
+        let corner = |i: u8| {
+            let far = |bit: u8, size_m: f64| if i & bit != 0 { size_m } else { 0.0 };
+            (AnchorId(i), Vec3::new(far(1, 10.0), far(2, 10.0), -far(4, 7.0)))
+        };
+        let survey = Survey::new(&(0..8).map(corner).collect::<Vec<_>>()).unwrap();
+        let at = HostTime::from_us(1_000_000);
+        let mut pilot = Pilot::new(PilotConfig::default(), survey, at);
+        pilot.estimator.set_initial_heading(f64::NAN, 0.1);
+        let core = pilot.drops().len() - 1;
+        assert_eq!(pilot.drops()[core].count(DropReason::BadValue), 1);
+        assert_eq!(pilot.lost(core, DropReason::BadValue), 1);
+        let mut told = None;
+        pilot.handle(at.offset_us(20_000), Input::Wake);
+        pilot.drain_topics(|topic| {
+            if let Topic::Health(record) = topic {
+                told = record.drops.iter().find(|(n, _)| *n == u8::MAX).map(|(_, d)| d.clone());
+            }
+        });
+        assert_eq!(told.map(|d| d.count(DropReason::BadValue)), Some(1));
+    }
+}

@@ -1,0 +1,305 @@
+//! Modes and the table of their transitions.
+//!
+//! Every change of mode is a row of [`TABLE`]. An event that has no row for the mode in force
+//! changes nothing.
+
+/// What the vehicle is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// Motors off, board disarmed.
+    Disarmed,
+    /// Arming was asked of the board.
+    Arming,
+    /// Armed on the floor, no thrust.
+    Idle,
+    /// Thrust rises to just below hover.
+    Spool,
+    /// Climbs over its place.
+    Takeoff,
+    /// Stays where it is.
+    Hold,
+    /// Flies to a point that was asked for.
+    Goto,
+    /// Flies the uploaded mission.
+    Mission,
+    /// Follows setpoints of a client.
+    Offboard,
+    /// Flies back over the place of take-off, then lands.
+    Return,
+    /// Sinks under position control until the floor.
+    Land,
+    /// Sinks level with reduced thrust because there is no usable estimate.
+    Descend,
+    /// On the floor, disarming was asked of the board.
+    Disarming,
+}
+
+impl Mode {
+    /// Name in logs and texts.
+    pub fn name(self) -> &'static str {
+        match self {
+            Mode::Disarmed => "disarmed",
+            Mode::Arming => "arming",
+            Mode::Idle => "idle",
+            Mode::Spool => "spool",
+            Mode::Takeoff => "takeoff",
+            Mode::Hold => "hold",
+            Mode::Goto => "goto",
+            Mode::Mission => "mission",
+            Mode::Offboard => "offboard",
+            Mode::Return => "return",
+            Mode::Land => "land",
+            Mode::Descend => "descend",
+            Mode::Disarming => "disarming",
+        }
+    }
+
+    /// PX4's numbers, which most clients decode (GROUND.md): main mode << 16 | sub mode << 24.
+    pub fn custom_mode(self) -> u32 {
+        let auto = |sub: u32| 4 << 16 | sub << 24;
+        match self {
+            Mode::Offboard => 6 << 16,
+            Mode::Spool | Mode::Takeoff => auto(2),
+            Mode::Mission => auto(4),
+            Mode::Return => auto(5),
+            Mode::Land | Mode::Descend => auto(6),
+            Mode::Disarmed
+            | Mode::Arming
+            | Mode::Idle
+            | Mode::Hold
+            | Mode::Goto
+            | Mode::Disarming => auto(3),
+        }
+    }
+
+    /// Whether the position loop is closed in this mode.
+    pub fn is_flying(self) -> bool {
+        matches!(
+            self,
+            Mode::Takeoff
+                | Mode::Hold
+                | Mode::Goto
+                | Mode::Mission
+                | Mode::Offboard
+                | Mode::Return
+                | Mode::Land
+        )
+    }
+
+    /// Whether motors may turn.
+    pub fn has_thrust(self) -> bool {
+        self.is_flying() || matches!(self, Mode::Spool | Mode::Descend)
+    }
+}
+
+/// What can change the mode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// A client asked to arm and the checks passed.
+    ArmAsked,
+    /// The board says that it is armed.
+    BoardArmed,
+    /// The board says that it is not armed.
+    BoardDisarmed,
+    /// The board refused or did not answer.
+    ArmFailed,
+    /// A client asked to disarm on the floor, or forces it.
+    DisarmAsked,
+    /// A take-off or a mission is wanted.
+    LiftOffAsked,
+    /// Thrust has risen.
+    SpoolDone,
+    /// The height of the take-off is reached and nothing else was asked.
+    HeightReached,
+    /// The take-off's time is over and the vehicle is not half as high as it should be.
+    NotLifted,
+    /// The height is reached and a mission waits.
+    HeightReachedWithMission,
+    /// A client asks to stay.
+    HoldAsked,
+    /// A client asks for a point.
+    GotoAsked,
+    /// A client asks for the mission.
+    MissionAsked,
+    /// The mission's last item is done, in the air.
+    MissionDone,
+    /// A client asks for its setpoints to be followed and they arrive.
+    OffboardAsked,
+    /// The client's setpoints stopped.
+    OffboardSilent,
+    /// A client or the mission asks to come back.
+    ReturnAsked,
+    /// Over the place of take-off.
+    HomeReached,
+    /// A client or the mission asks to land.
+    LandAsked,
+    /// The floor carries the vehicle.
+    TouchDown,
+    /// Armed on the floor for too long.
+    IdleTooLong,
+    /// UWB measurements stopped.
+    UwbLost,
+    /// The estimate is not usable any more.
+    EstimateLost,
+    /// The estimate has been good again for a while.
+    EstimateBack,
+    /// The battery is empty.
+    BatteryCritical,
+    /// The board went silent and came back, or lost power.
+    BoardLinkLost,
+}
+
+use Event as Ev;
+use Mode as M;
+
+/// Modes in which the vehicle is in the air under position control.
+const AIR: &[Mode] = &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Return];
+const CALM: &[Mode] = &[M::Hold, M::Goto, M::Mission, M::Offboard, M::Return, M::Land];
+const LANDABLE: &[Mode] = &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Return];
+const FLYING: &[Mode] =
+    &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Return, M::Land];
+const ANY_ARMED: &[Mode] = &[
+    M::Arming,
+    M::Idle,
+    M::Spool,
+    M::Takeoff,
+    M::Hold,
+    M::Goto,
+    M::Mission,
+    M::Offboard,
+    M::Return,
+    M::Land,
+    M::Descend,
+    M::Disarming,
+];
+
+/// One row: from any of these modes, on this event, to this mode, for this reason.
+pub struct Transition {
+    /// Modes in which the row holds.
+    pub from: &'static [Mode],
+    /// What happens.
+    pub on: Event,
+    /// Mode that follows.
+    pub to: Mode,
+    /// Told to people and logged.
+    pub because: &'static str,
+}
+
+const fn row(from: &'static [Mode], on: Event, to: Mode, because: &'static str) -> Transition {
+    Transition { from, on, to, because }
+}
+
+/// All transitions.
+pub static TABLE: &[Transition] = &[
+    row(&[M::Disarmed], Ev::ArmAsked, M::Arming, "arming asked"),
+    row(&[M::Arming], Ev::BoardArmed, M::Idle, "board armed"),
+    row(&[M::Arming], Ev::ArmFailed, M::Disarmed, "board did not arm"),
+    row(ANY_ARMED, Ev::BoardDisarmed, M::Disarmed, "board disarmed"),
+    row(ANY_ARMED, Ev::DisarmAsked, M::Disarming, "disarming asked"),
+    row(&[M::Idle], Ev::IdleTooLong, M::Disarming, "no take-off asked"),
+    row(&[M::Idle], Ev::LiftOffAsked, M::Spool, "take-off"),
+    row(&[M::Spool], Ev::SpoolDone, M::Takeoff, "thrust is up"),
+    row(&[M::Spool], Ev::LandAsked, M::Disarming, "landing asked on the floor"),
+    row(&[M::Spool], Ev::HoldAsked, M::Disarming, "hold asked on the floor"),
+    // The floor still carries the vehicle: nothing has to be landed.
+    row(&[M::Spool], Ev::UwbLost, M::Disarming, "no UWB measurements"),
+    row(&[M::Spool], Ev::EstimateLost, M::Disarming, "no usable estimate"),
+    row(&[M::Spool], Ev::BatteryCritical, M::Disarming, "battery empty"),
+    row(&[M::Spool], Ev::BoardLinkLost, M::Disarming, "board was silent"),
+    row(&[M::Takeoff], Ev::HeightReached, M::Hold, "take-off height reached"),
+    row(&[M::Takeoff], Ev::HeightReachedWithMission, M::Mission, "take-off height reached"),
+    row(&[M::Takeoff], Ev::NotLifted, M::Land, "take-off failed: not enough thrust"),
+    row(AIR, Ev::HoldAsked, M::Hold, "hold asked"),
+    row(&[M::Land], Ev::HoldAsked, M::Hold, "landing aborted"),
+    row(CALM, Ev::GotoAsked, M::Goto, "point asked"),
+    row(CALM, Ev::MissionAsked, M::Mission, "mission asked"),
+    row(&[M::Mission], Ev::MissionDone, M::Hold, "mission done"),
+    row(CALM, Ev::OffboardAsked, M::Offboard, "offboard asked"),
+    row(&[M::Offboard], Ev::OffboardSilent, M::Hold, "setpoints stopped"),
+    row(AIR, Ev::ReturnAsked, M::Return, "return asked"),
+    row(&[M::Return], Ev::HomeReached, M::Land, "over home"),
+    row(LANDABLE, Ev::LandAsked, M::Land, "landing asked"),
+    row(LANDABLE, Ev::UwbLost, M::Land, "no UWB measurements"),
+    row(LANDABLE, Ev::BatteryCritical, M::Land, "battery empty"),
+    row(LANDABLE, Ev::BoardLinkLost, M::Land, "board was silent"),
+    row(FLYING, Ev::EstimateLost, M::Descend, "no usable estimate"),
+    row(&[M::Descend], Ev::EstimateBack, M::Land, "estimate is back"),
+    row(&[M::Land, M::Descend], Ev::TouchDown, M::Disarming, "on the floor"),
+];
+
+/// The row that holds, if any.
+pub fn transition(mode: Mode, event: Event) -> Option<&'static Transition> {
+    TABLE.iter().find(|row| row.on == event && row.from.contains(&mode))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALL: [Mode; 13] = [
+        M::Disarmed,
+        M::Arming,
+        M::Idle,
+        M::Spool,
+        M::Takeoff,
+        M::Hold,
+        M::Goto,
+        M::Mission,
+        M::Offboard,
+        M::Return,
+        M::Land,
+        M::Descend,
+        M::Disarming,
+    ];
+
+    #[test]
+    fn prop_rows_do_not_contradict_each_other() {
+        for mode in ALL {
+            for row in TABLE.iter().filter(|r| r.from.contains(&mode)) {
+                let same =
+                    TABLE.iter().filter(|r| r.on == row.on && r.from.contains(&mode)).count();
+                assert_eq!(same, 1, "{mode:?} on {:?}", row.on);
+            }
+        }
+    }
+
+    #[test]
+    fn prop_a_lost_estimate_ends_every_mode_with_thrust() {
+        for mode in ALL.into_iter().filter(|m| m.has_thrust() && *m != M::Descend) {
+            // Before lift-off the floor is already there.
+            let end = if mode == M::Spool { M::Disarming } else { M::Descend };
+            assert_eq!(transition(mode, Ev::EstimateLost).map(|r| r.to), Some(end), "{mode:?}");
+        }
+    }
+
+    #[test]
+    fn prop_every_loss_ends_every_flight() {
+        for mode in ALL.into_iter().filter(|m| m.has_thrust()) {
+            for loss in [Ev::UwbLost, Ev::BatteryCritical, Ev::BoardLinkLost] {
+                let ends = matches!(mode, M::Land | M::Descend)
+                    || transition(mode, loss)
+                        .is_some_and(|r| matches!(r.to, M::Land | M::Disarming));
+                assert!(ends, "{mode:?} on {loss:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn prop_nothing_lifts_off_without_being_armed() {
+        assert!(transition(M::Disarmed, Ev::LiftOffAsked).is_none());
+        assert!(transition(M::Disarmed, Ev::OffboardAsked).is_none());
+        assert!(transition(M::Idle, Ev::OffboardAsked).is_none());
+    }
+
+    #[test]
+    fn val_custom_modes_are_those_of_px4() {
+        // px4_custom_mode.h: main AUTO 4, OFFBOARD 6; AUTO sub TAKEOFF 2, LOITER 3, MISSION 4,
+        // RTL 5, LAND 6. The sums are those of GROUND.md's custom_mode_map.json.
+        assert_eq!(M::Hold.custom_mode(), 50_593_792);
+        assert_eq!(M::Offboard.custom_mode(), 393_216);
+        assert_eq!(M::Mission.custom_mode(), 67_371_008);
+        assert_eq!(M::Return.custom_mode(), 84_148_224);
+        assert_eq!(M::Land.custom_mode(), 100_925_440);
+        assert_eq!(M::Takeoff.custom_mode(), 33_816_576);
+    }
+}

@@ -1,0 +1,265 @@
+//! The schedule: the control step at 100 Hz, and what is due beside it.
+
+use crate::control::{Command, ControlInput, Handover};
+use crate::estimate::Health;
+use crate::frames::{B, E, Rot};
+use crate::time::HostTime;
+use crate::topics::{HealthRecord, Topic};
+
+use super::ground::STREAM_COUNT;
+use super::modes::{Event, Mode};
+use super::{LinkId, Pilot, Severity};
+
+/// Period of the control step, µs: 100 Hz as in the source.
+pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
+/// A step that begins later than this is a deadline miss, s: half a period.
+const MISS_S: f64 = 0.5e-6 * CONTROL_PERIOD_US as f64;
+/// Share of the base thrust at the end of the spool: close to hover, but not off the floor.
+const SPOOL_SHARE: f64 = 0.85;
+/// Share of the base thrust in an open-loop descent. With a vertical drag of 0.65 to 1 1/s
+/// (VEHICLE.md) a deficit of 8 % sinks at 0.8 to 1.2 m/s.
+const DESCEND_SHARE: f64 = 0.92;
+/// Speed of that descent for working out when the floor must have come, m/s: slower than it is,
+/// because a cut too early is a fall and one too late costs seconds on the floor.
+const DESCEND_SPEED_MPS: f64 = 0.5;
+/// Time in which it gathers speed, s.
+const DESCEND_START_S: f64 = 1.5;
+/// Longest open-loop descent, s.
+const DESCEND_LIMIT_S: f64 = 12.0;
+/// Near the floor the ground effect can carry a small deficit. In the end thrust goes down to
+/// nothing within this time, s.
+const DESCEND_FADE_S: f64 = 2.0;
+/// A voltage older than this says nothing about the present one, s.
+const BATTERY_AGE_S: f64 = 5.0;
+/// A board attitude older than this is not compared with ours, s.
+const ATTITUDE_AGE_S: f64 = 0.2;
+/// A link that carries the beginning of a frame and then nothing for so long will not complete
+/// it, µs: several frames at the slowest radio. Until then a false marker holds back what follows.
+const QUIET_US: i64 = 200_000;
+
+impl Pilot {
+    pub(super) fn wake(&mut self, at: HostTime) {
+        if at < self.next_tick {
+            return;
+        }
+        let late_s = at.seconds_since(self.next_tick);
+        if late_s > MISS_S {
+            self.deadline_misses += 1;
+        }
+        // Steps that were slept through are not caught up: they would act on nothing new.
+        let late_us = at.as_us().saturating_sub(self.next_tick.as_us());
+        let ahead_us =
+            CONTROL_PERIOD_US.cast_unsigned() - late_us % CONTROL_PERIOD_US.cast_unsigned();
+        self.next_tick = at.offset_us(ahead_us.cast_signed());
+        let dt_s = self.last_tick.map_or(0.01, |t| at.seconds_since(t)).clamp(0.001, 0.05);
+        self.last_tick = Some(at);
+        self.control_steps += 1;
+
+        self.flush_quiet_links(at);
+        self.ask_for_binary(at);
+        self.estimate = self.estimator.estimate();
+        self.watch_health(at);
+        self.follow_north(at, dt_s);
+        self.supervise(at);
+        self.control_step(at, dt_s);
+        self.record_step(at);
+
+        let mut news = std::mem::take(&mut self.board_news);
+        self.board.tick(at, &mut self.out, &mut news);
+        self.take_board_news(at, news);
+        self.serve_grounds(at);
+        if at >= self.next_health {
+            self.next_health = at.offset_us(1_000_000);
+            self.record_health(at);
+        }
+    }
+
+    fn follow_north(&mut self, at: HostTime, dt_s: f64) {
+        let Some(board) = self.board_attitude else { return };
+        let usable = matches!(self.estimate.health, Health::Good | Health::Degraded)
+            && at.seconds_since(board.received_at) < ATTITUDE_AGE_S;
+        if usable && self.north.follow(self.estimate.R_EB, board.attitude, dt_s) {
+            let text = "board heading jumped against ours: setpoints follow slowly";
+            self.say(at, Severity::Warning, text.to_owned());
+        }
+    }
+
+    fn control_step(&mut self, at: HostTime, dt_s: f64) {
+        match self.mode {
+            // No setpoints into a board that we have not armed.
+            Mode::Disarmed => {}
+            Mode::Arming | Mode::Idle | Mode::Disarming => self.send_idle(at),
+            Mode::Spool => {
+                let command = self.stay_command();
+                let output = self.run_controller(at, &command, dt_s, true);
+                self.control = output.record;
+                let share = at.seconds_since(self.mode_since) / self.config.flight.spool_s;
+                let thrust_frac = output.record.thrust_base_frac * SPOOL_SHARE * share.min(1.0);
+                let yaw_rad = self.estimate.R_EB.yaw_rad();
+                // The loops take over from what the vehicle was last told.
+                self.controller.reset(Some(&Handover {
+                    roll_rad: 0.0,
+                    pitch_rad: 0.0,
+                    yaw_rad,
+                    thrust_frac,
+                }));
+                self.send(at, Rot::from_euler_rad(0.0, 0.0, yaw_rad), thrust_frac);
+                if share >= 1.0 {
+                    self.fire(at, Event::SpoolDone);
+                }
+            }
+            Mode::Descend => {
+                let command = self.stay_command();
+                let output = self.run_controller(at, &command, dt_s, true);
+                self.control = output.record;
+                let elapsed_s = at.seconds_since(self.mode_since);
+                // Height as it was while it could be trusted.
+                let sink_s = self.last_height_m.max(0.0) / DESCEND_SPEED_MPS + DESCEND_START_S;
+                let sink_s = sink_s.min(DESCEND_LIMIT_S);
+                let fade = 1.0 - ((elapsed_s - sink_s) / DESCEND_FADE_S).max(0.0);
+                if fade <= 0.0 || !fade.is_finite() {
+                    self.fire(at, Event::TouchDown);
+                    self.send_idle(at);
+                    return;
+                }
+                // Level in the board's own frame: our attitude is what cannot be trusted.
+                let yaw_rad = self.board_attitude.map_or(0.0, |a| a.attitude.yaw_rad());
+                let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
+                let thrust_frac = output.record.thrust_base_frac * DESCEND_SHARE * fade;
+                self.control.thrust_frac = thrust_frac;
+                self.board.send_setpoint(at, level, thrust_frac, &mut self.out);
+            }
+            _ => {
+                let (command, news) = self.guidance.step(
+                    self.mode,
+                    &self.mission,
+                    &self.estimate,
+                    at,
+                    dt_s,
+                    self.config.limits.offboard_loss_s,
+                );
+                let frozen = self.mode == Mode::Takeoff && self.is_on_floor();
+                let output = self.run_controller(at, &command, dt_s, frozen);
+                self.control = output.record;
+                self.send(at, output.R_EB, output.thrust_frac);
+                if let Some(seq) = news.reached {
+                    self.tell_reached(seq);
+                }
+                if let Some(event) = news.event {
+                    self.fire(at, event);
+                }
+            }
+        }
+    }
+
+    /// Integrators must not fill while the floor carries the vehicle.
+    fn is_on_floor(&self) -> bool {
+        self.height_above_floor_m() < 0.1
+    }
+
+    fn stay_command(&self) -> Command {
+        Command::hold(self.estimate.pos_E_m, self.estimate.R_EB.yaw_rad())
+    }
+
+    fn run_controller(
+        &mut self,
+        at: HostTime,
+        command: &Command,
+        dt_s: f64,
+        integrators_frozen: bool,
+    ) -> crate::control::ControlOutput {
+        let height_m = self.height_above_floor_m();
+        let supply_v = self
+            .battery
+            .filter(|b| at.seconds_since(b.received_at) < BATTERY_AGE_S)
+            .map(|b| b.supply_v);
+        self.controller.step(&ControlInput {
+            at,
+            estimate: &self.estimate,
+            command,
+            supply_v,
+            height_above_ground_m: height_m,
+            dt_s,
+            integrators_frozen,
+            thrust_ceiling_frac: self.touch.ceiling_frac.unwrap_or(1.0),
+        })
+    }
+
+    fn send_idle(&mut self, at: HostTime) {
+        let yaw_rad = self.board_attitude.map_or(0.0, |a| a.attitude.yaw_rad());
+        let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
+        self.control.at = at;
+        self.control.thrust_frac = 0.0;
+        self.board.send_setpoint(at, level, 0.0, &mut self.out);
+    }
+
+    /// The one place where a setpoint is turned into the board's frame.
+    fn send(&mut self, at: HostTime, attitude: Rot<E, B>, thrust_frac: f64) {
+        self.control.yaw_board_offset_rad = self.north.offset_rad();
+        self.control.thrust_frac = thrust_frac;
+        let for_board = self.north.setpoint_for_board(attitude);
+        self.board.send_setpoint(at, for_board, thrust_frac, &mut self.out);
+    }
+
+    fn record_step(&mut self, at: HostTime) {
+        let mut estimate = self.estimate;
+        estimate.at = at;
+        self.record(|| Topic::Estimate(estimate));
+        if self.mode.has_thrust() {
+            let control = self.control;
+            self.record(|| Topic::Control(control));
+        }
+    }
+
+    fn record_health(&mut self, at: HostTime) {
+        if !self.with_topics {
+            return;
+        }
+        let all = self.drops();
+        let core = all.len() - 1;
+        let drops = all
+            .into_iter()
+            .enumerate()
+            .filter(|(_, d)| d.iter().next().is_some())
+            .map(|(n, d)| (if n == core { u8::MAX } else { n as u8 }, d))
+            .collect();
+        self.topics.push(Topic::Health(HealthRecord {
+            at,
+            drops,
+            deadline_misses: self.deadline_misses,
+            control_steps: self.control_steps,
+            uwb_age_s: self.last_fused.map(|t| at.seconds_since(t)),
+            imu_age_s: self.last_imu.map(|t| at.seconds_since(t)),
+            std_board_clock_s: self.board.clock().std_s(),
+        }));
+    }
+
+    /// Frames that will not be completed must not hold back what stands behind their marker.
+    fn flush_quiet_links(&mut self, at: HostTime) {
+        let quiet_s = QUIET_US as f64 * 1e-6;
+        if self.board_splitter.pending() > 0 && at.seconds_since(self.board_bytes_at) > quiet_s {
+            self.board_splitter.flush();
+            self.board_frames(at);
+        }
+        for n in 0..self.grounds.len() {
+            let ground = &mut self.grounds[n];
+            if ground.splitter.pending() > 0 && at.seconds_since(ground.heard_at) > quiet_s {
+                ground.splitter.flush();
+                self.ground_frames(at, n);
+            }
+        }
+    }
+
+    /// Ground endpoints: repeated mission requests, then the streams that are due.
+    fn serve_grounds(&mut self, at: HostTime) {
+        for n in 0..self.grounds.len() {
+            let progress = self.grounds[n].transfer.tick(at);
+            self.mission_progress(at, LinkId::Ground(n as u8), progress);
+            for number in 0..STREAM_COUNT {
+                if let Some(msg_id) = self.grounds[n].due(number, at) {
+                    self.send_telemetry(at, LinkId::Ground(n as u8), msg_id);
+                }
+            }
+        }
+    }
+}

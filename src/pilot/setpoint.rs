@@ -1,0 +1,346 @@
+//! Setpoints of an offboard client, per axis position or velocity.
+
+use haltere_dialect::mav::haltere::{
+    MavFrame, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
+};
+
+use crate::control::{AxisCommand, Command};
+use crate::estimate::Estimate;
+use crate::frames::{B, E, Rot, Vec3, wrap_pi_rad};
+use crate::time::HostTime;
+
+use super::mission::Volume;
+
+/// A velocity towards the edge of the volume is cut so that the vehicle can stop there with this
+/// deceleration, m/s²: half of what a tilt of 15 degrees gives, since the loops lag.
+const EDGE_BRAKE_MPS2: f64 = 0.7;
+/// Fastest turn that is passed on, rad/s: what the yaw servo of this class can follow.
+const YAW_RATE_LIMIT_RADPS: f64 = 2.0;
+
+/// One axis of a setpoint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Axis {
+    Position(f64),
+    Velocity(f64),
+    /// Neither was given: stay at this coordinate.
+    Stay(f64),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Yaw {
+    Keep,
+    Angle(f64),
+    Rate(f64),
+}
+
+/// What a client wants, checked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Setpoint {
+    /// When its bytes came.
+    pub received_at: HostTime,
+    axes: [Axis; 3],
+    /// Velocities turn with the vehicle's heading.
+    body_velocity: bool,
+    yaw: Yaw,
+}
+
+impl Setpoint {
+    /// From the wire. Positions in a body frame are taken relative to `estimate`, once.
+    ///
+    /// `last` is the setpoint in force, if there is one: an axis of which nothing is said stays
+    /// where that one held it, else where the vehicle is. Taking the estimate anew with every
+    /// message would let it wander with the noise.
+    pub fn from_wire(
+        message: &SET_POSITION_TARGET_LOCAL_NED_DATA,
+        estimate: &Estimate,
+        last: Option<&Setpoint>,
+        received_at: HostTime,
+    ) -> Result<Self, String> {
+        let heading = Rot::<E, B>::from_euler_rad(0.0, 0.0, estimate.R_EB.yaw_rad());
+        let offset = match message.coordinate_frame {
+            MavFrame::MAV_FRAME_LOCAL_NED => None,
+            MavFrame::MAV_FRAME_LOCAL_OFFSET_NED => Some(Rot::<E, B>::identity()),
+            MavFrame::MAV_FRAME_BODY_NED
+            | MavFrame::MAV_FRAME_BODY_OFFSET_NED
+            | MavFrame::MAV_FRAME_BODY_FRD => Some(heading),
+            other => return Err(format!("setpoint frame {other:?} not supported")),
+        };
+        let body_velocity =
+            offset.is_some() && message.coordinate_frame != MavFrame::MAV_FRAME_LOCAL_OFFSET_NED;
+        let mask = message.type_mask;
+        if mask.contains(Mask::POSITION_TARGET_TYPEMASK_FORCE_SET) {
+            return Err("setpoint of force not supported".to_owned());
+        }
+        let wire_pos = [message.x, message.y, message.z].map(f64::from);
+        let wire_vel = [message.vx, message.vy, message.vz].map(f64::from);
+        let ignore_pos = [
+            Mask::POSITION_TARGET_TYPEMASK_X_IGNORE,
+            Mask::POSITION_TARGET_TYPEMASK_Y_IGNORE,
+            Mask::POSITION_TARGET_TYPEMASK_Z_IGNORE,
+        ];
+        let ignore_vel = [
+            Mask::POSITION_TARGET_TYPEMASK_VX_IGNORE,
+            Mask::POSITION_TARGET_TYPEMASK_VY_IGNORE,
+            Mask::POSITION_TARGET_TYPEMASK_VZ_IGNORE,
+        ];
+        let uses_pos = ignore_pos.map(|bit| !mask.contains(bit));
+        let uses_vel = ignore_vel.map(|bit| !mask.contains(bit));
+        if !uses_pos.iter().chain(&uses_vel).any(|used| *used) {
+            return Err("setpoint without position and velocity not supported".to_owned());
+        }
+        // The body's horizontal axes are not the room's: a direction cannot be split between two
+        // loops that work along room axes.
+        let turned = uses_pos[0] || uses_pos[1];
+        let pushed = (uses_vel[0] && !uses_pos[0]) || (uses_vel[1] && !uses_pos[1]);
+        if body_velocity && turned && pushed {
+            return Err("setpoint in the body frame: horizontal position and velocity cannot be \
+                        mixed"
+                .to_owned());
+        }
+        for axis in 0..3 {
+            if (uses_pos[axis] && !wire_pos[axis].is_finite())
+                || (uses_vel[axis] && !wire_vel[axis].is_finite())
+            {
+                return Err("setpoint holds a value that is not a number".to_owned());
+            }
+        }
+        let target_E_m = match offset {
+            None => Vec3::<E>::from_array(wire_pos),
+            Some(turn) => {
+                let zero_unused =
+                    std::array::from_fn(|i| if uses_pos[i] { wire_pos[i] } else { 0.0 });
+                estimate.pos_E_m + turn * Vec3::<B>::from_array(zero_unused)
+            }
+        };
+        let axes = std::array::from_fn(|i| {
+            if uses_pos[i] {
+                Axis::Position(target_E_m[i])
+            } else if uses_vel[i] {
+                Axis::Velocity(wire_vel[i])
+            } else if body_velocity && i < 2 && turned {
+                Axis::Position(target_E_m[i])
+            } else if body_velocity && i < 2 && pushed {
+                Axis::Velocity(0.0)
+            } else {
+                match last.map(|last| last.axes[i]) {
+                    Some(Axis::Stay(x) | Axis::Position(x)) => Axis::Stay(x),
+                    _ => Axis::Stay(estimate.pos_E_m[i]),
+                }
+            }
+        });
+        let yaw_angle = f64::from(message.yaw);
+        let yaw_rate = f64::from(message.yaw_rate);
+        let yaw =
+            if !mask.contains(Mask::POSITION_TARGET_TYPEMASK_YAW_IGNORE) && yaw_angle.is_finite() {
+                let from_rad = if body_velocity { estimate.R_EB.yaw_rad() } else { 0.0 };
+                Yaw::Angle(wrap_pi_rad(from_rad + yaw_angle))
+            } else if !mask.contains(Mask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE)
+                && yaw_rate.is_finite()
+            {
+                Yaw::Rate(yaw_rate.clamp(-YAW_RATE_LIMIT_RADPS, YAW_RATE_LIMIT_RADPS))
+            } else {
+                Yaw::Keep
+            };
+        Ok(Self { received_at, axes, body_velocity, yaw })
+    }
+
+    /// Whether silence must end it: a velocity that nobody renews would fly on for ever, and one
+    /// of zero would drift with the noise.
+    pub fn needs_stream(&self) -> bool {
+        self.axes.iter().any(|axis| matches!(axis, Axis::Velocity(_)))
+            || matches!(self.yaw, Yaw::Rate(r) if r != 0.0)
+    }
+
+    /// The command for the controller, kept inside the volume.
+    pub fn command(
+        &self,
+        estimate: &Estimate,
+        volume: &Volume,
+        yaw_rad: &mut f64,
+        dt_s: f64,
+    ) -> Command {
+        match self.yaw {
+            Yaw::Keep => {}
+            Yaw::Angle(angle_rad) => *yaw_rad = angle_rad,
+            Yaw::Rate(rate_radps) => *yaw_rad = wrap_pi_rad(*yaw_rad + rate_radps * dt_s),
+        }
+        let asked_vel = Vec3::<B>::from_array(self.axes.map(|axis| match axis {
+            Axis::Velocity(v) => v,
+            Axis::Position(_) | Axis::Stay(_) => 0.0,
+        }));
+        let vel_E_mps = if self.body_velocity {
+            Rot::<E, B>::from_euler_rad(0.0, 0.0, estimate.R_EB.yaw_rad()) * asked_vel
+        } else {
+            Vec3::from_raw(asked_vel.raw())
+        };
+        let inside = volume.clamp(estimate.pos_E_m);
+        let axes = std::array::from_fn(|i| match self.axes[i] {
+            Axis::Position(x) | Axis::Stay(x) => {
+                let mut at = estimate.pos_E_m.to_array();
+                at[i] = x;
+                AxisCommand::Position_m(volume.clamp(Vec3::from_array(at))[i])
+            }
+            Axis::Velocity(_) => {
+                let beyond = estimate.pos_E_m[i] - inside[i];
+                if beyond != 0.0 && beyond.signum() == vel_E_mps[i].signum() {
+                    AxisCommand::Position_m(inside[i])
+                } else {
+                    let way_m = volume.way_to_edge_m(i, estimate.pos_E_m[i], vel_E_mps[i]);
+                    let limit_mps = (2.0 * EDGE_BRAKE_MPS2 * way_m).sqrt();
+                    AxisCommand::Velocity_mps(vel_E_mps[i].clamp(-limit_mps, limit_mps))
+                }
+            }
+        });
+        Command { axes, vel_ff_E_mps: Vec3::zero(), yaw_rad: *yaw_rad }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimate::Health;
+    use std::f64::consts::FRAC_PI_2;
+
+    const VOLUME: Volume = Volume { north_m: [-5.0, 5.0], east_m: [-5.0, 5.0], height_m: 3.0 };
+
+    fn estimate(pos_E_m: [f64; 3], yaw_rad: f64) -> Estimate {
+        Estimate {
+            at: HostTime::default(),
+            pos_E_m: Vec3::from_array(pos_E_m),
+            vel_B_mps: Vec3::zero(),
+            R_EB: Rot::from_euler_rad(0.0, 0.0, yaw_rad),
+            rate_B_radps: Vec3::zero(),
+            std_pos_E_m: Vec3::zero(),
+            std_vel_B_mps: Vec3::zero(),
+            std_att_B_rad: Vec3::zero(),
+            uwb_noise_factor: 1.0,
+            health: Health::Good,
+        }
+    }
+
+    fn wire(
+        frame: MavFrame,
+        mask: u16,
+        pos: [f32; 3],
+        vel: [f32; 3],
+    ) -> SET_POSITION_TARGET_LOCAL_NED_DATA {
+        SET_POSITION_TARGET_LOCAL_NED_DATA {
+            coordinate_frame: frame,
+            type_mask: Mask::from_bits_retain(mask),
+            x: pos[0],
+            y: pos[1],
+            z: pos[2],
+            vx: vel[0],
+            vy: vel[1],
+            vz: vel[2],
+            ..Default::default()
+        }
+    }
+
+    fn command(setpoint: &Setpoint, estimate: &Estimate) -> [AxisCommand; 3] {
+        let mut yaw_rad = 0.0;
+        setpoint.command(estimate, &VOLUME, &mut yaw_rad, 0.01).axes
+    }
+
+    fn near(got: AxisCommand, want: AxisCommand) -> bool {
+        match (got, want) {
+            (AxisCommand::Position_m(a), AxisCommand::Position_m(b))
+            | (AxisCommand::Velocity_mps(a), AxisCommand::Velocity_mps(b)) => (a - b).abs() < 1e-6,
+            _ => false,
+        }
+    }
+
+    use AxisCommand::{Position_m as Pos, Velocity_mps as Vel};
+
+    /// type_mask bits: 1 2 4 position, 8 16 32 velocity, 64.. acceleration, 1024 yaw, 2048 rate.
+    #[test]
+    fn prop_masks_choose_per_axis() {
+        let here = estimate([1.0, 2.0, -1.5], 0.3);
+        let check = |mask: u16, want: [AxisCommand; 3]| {
+            let m = wire(
+                MavFrame::MAV_FRAME_LOCAL_NED,
+                mask | 0x1C0 | 0xC00,
+                [0.5, -0.5, -1.0],
+                [0.1, -0.2, 0.3],
+            );
+            let setpoint = Setpoint::from_wire(&m, &here, None, here.at).unwrap();
+            let got = command(&setpoint, &here);
+            assert!(got.iter().zip(want).all(|(g, w)| near(*g, w)), "{mask:#x}: {got:?} {want:?}");
+        };
+        check(0b111_000, [Pos(0.5), Pos(-0.5), Pos(-1.0)]);
+        check(0b000_111, [Vel(0.1), Vel(-0.2), Vel(0.3)]);
+        check(0b100_011, [Vel(0.1), Vel(-0.2), Pos(-1.0)]);
+        check(0b010_101, [Vel(0.1), Pos(-0.5), Vel(0.3)]);
+        check(0b011_100, [Pos(0.5), Pos(-0.5), Vel(0.3)]);
+        // Position wins where both are given; where neither is, it stays.
+        check(0b000_000, [Pos(0.5), Pos(-0.5), Pos(-1.0)]);
+        check(0b110_110, [Pos(0.5), Pos(2.0), Pos(-1.5)]);
+    }
+
+    #[test]
+    fn regress_an_axis_without_a_word_does_not_wander() {
+        let m = wire(MavFrame::MAV_FRAME_LOCAL_NED, 0x1C0 | 0xC00 | 0b100_111, [0.0; 3], [0.2; 3]);
+        let first =
+            Setpoint::from_wire(&m, &estimate([0.0, 0.0, -1.0], 0.0), None, HostTime::default());
+        let first = first.unwrap();
+        let sunk = estimate([0.1, 0.1, -0.9], 0.0);
+        let next = Setpoint::from_wire(&m, &sunk, Some(&first), HostTime::default()).unwrap();
+        assert!(near(command(&next, &sunk)[2], Pos(-1.0)));
+    }
+
+    #[test]
+    fn regress_forward_in_the_body_frame_is_not_cut_to_a_room_axis() {
+        // Heading east: forward is room east, although only the body's x is given.
+        let here = estimate([0.0, 0.0, -1.0], FRAC_PI_2);
+        let mask = 0x1C0 | 0xC00 | 0b110_111;
+        let m = wire(MavFrame::MAV_FRAME_BODY_NED, mask, [0.0; 3], [0.4, 0.0, 0.0]);
+        let setpoint = Setpoint::from_wire(&m, &here, None, here.at).unwrap();
+        let axes = command(&setpoint, &here);
+        assert!(near(axes[0], Vel(0.0)) && near(axes[1], Vel(0.4)), "{axes:?}");
+        assert!(near(axes[2], Pos(-1.0)), "{axes:?}");
+        // The same with a position.
+        let mask = 0x1C0 | 0xC00 | 0b111_110;
+        let m = wire(MavFrame::MAV_FRAME_BODY_NED, mask, [0.4, 0.0, 0.0], [0.0; 3]);
+        let axes = command(&Setpoint::from_wire(&m, &here, None, here.at).unwrap(), &here);
+        assert!(near(axes[0], Pos(0.0)) && near(axes[1], Pos(0.4)), "{axes:?}");
+        // A mixture cannot be said in room axes.
+        let m = wire(MavFrame::MAV_FRAME_BODY_NED, 0x1C0 | 0xC00 | 0b101_110, [0.4; 3], [0.1; 3]);
+        assert!(Setpoint::from_wire(&m, &here, None, here.at).is_err());
+    }
+
+    #[test]
+    fn prop_the_edge_of_the_volume_stops_velocities() {
+        let m = wire(
+            MavFrame::MAV_FRAME_LOCAL_NED,
+            0x1C0 | 0xC00 | 0b000_111,
+            [0.0; 3],
+            [1.5, 0.0, 1.0],
+        );
+        let setpoint = Setpoint::from_wire(&m, &estimate([0.0; 3], 0.0), None, HostTime::default());
+        let setpoint = setpoint.unwrap();
+        let north_mps = |x: f64| match command(&setpoint, &estimate([x, 0.0, -1.0], 0.0))[0] {
+            Vel(v) => v,
+            Pos(p) => panic!("{p}"),
+        };
+        assert_eq!(north_mps(0.0), 1.5);
+        assert!(north_mps(4.9) < 0.4 && north_mps(4.99) < 0.15);
+        let beyond = command(&setpoint, &estimate([5.1, 0.0, -0.1], 0.0));
+        assert!(
+            near(beyond[0], Pos(5.0)) && near(beyond[2], Pos(-super::super::mission::LOWEST_M))
+        );
+    }
+
+    #[test]
+    fn prop_nonsense_is_refused() {
+        let here = estimate([0.0; 3], 0.0);
+        let refused = |m: SET_POSITION_TARGET_LOCAL_NED_DATA| {
+            Setpoint::from_wire(&m, &here, None, here.at).is_err()
+        };
+        let local = MavFrame::MAV_FRAME_LOCAL_NED;
+        assert!(refused(wire(local, 0xC3F, [0.0; 3], [0.0; 3])), "acceleration only");
+        assert!(refused(wire(local, 0xFC0 | 0b111_000, [f32::NAN; 3], [0.0; 3])));
+        assert!(refused(wire(local, 0xFC0 | 0b000_111, [0.0; 3], [f32::INFINITY; 3])));
+        assert!(refused(wire(local, 0xFC0 | 0x200, [0.0; 3], [0.0; 3])), "force");
+        assert!(refused(wire(MavFrame::MAV_FRAME_GLOBAL_INT, 0xFF8, [0.0; 3], [0.0; 3])));
+    }
+}

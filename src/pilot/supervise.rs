@@ -1,0 +1,290 @@
+//! What ends a flight, and what must hold before one begins.
+
+use crate::estimate::Health;
+use crate::frames::G_MPS2;
+use crate::time::HostTime;
+
+use super::modes::{Event, Mode};
+use super::schedule::CONTROL_PERIOD_US;
+use super::{Pilot, Severity};
+
+/// Voltage must be below its limit for this long, s: sag under a throttle step is not empty.
+const CRITICAL_FOR_S: f64 = 2.0;
+/// No touch-down is looked for right after the landing began, s.
+const TOUCH_NOT_BEFORE_S: f64 = 1.0;
+/// Sinking slower than this share of what is asked is a reason to feel for the floor …
+const TOUCH_SPEED_SHARE: f64 = 0.6;
+/// … if thrust is below this share of the base: either the ground effect or the floor carries …
+const TOUCH_THRUST_SHARE: f64 = 0.82;
+/// … and both hold for this long, s.
+const TOUCH_FOR_S: f64 = 0.15;
+/// … or for this long where the estimate says that the floor is far, s: it may be wrong, and a
+/// table is a floor too.
+const TOUCH_ANYWHERE_FOR_S: f64 = 3.0;
+/// Feeling for the floor: thrust is lowered by this share of the base per second …
+const FEEL_PER_S: f64 = 0.45;
+/// … down to this share of the base. Ground effect carries with no less than 0.7 (the model's
+/// limit of 0.8 on the thrust, and its root, plus the error of the base).
+const FEEL_SHARE: f64 = 0.55;
+/// Specific force that is this much short of gravity says that the vehicle falls, m/s². Three
+/// times what low-passed flapping leaves.
+const FALLING_MPS2: f64 = 1.0;
+/// Time constant of that low-pass, s: two wing beats.
+const FEEL_FILTER_S: f64 = 0.15;
+/// After a fall has begun the loops have this long to catch it, s.
+const FEEL_AGAIN_S: f64 = 0.5;
+/// The floor is expected below this height by the estimate, m: near it multipath biases the height
+/// by up to half a metre (INTERFACES.md section 1; 0.5 m seen in lockstep).
+const TOUCH_BELOW_M: f64 = 0.8;
+/// IMU silence that ends position control, s: 50 samples.
+const IMU_SILENCE_S: f64 = 0.2;
+/// The estimate must be good for this long before a blind descent becomes a landing again, s.
+const BACK_FOR_S: f64 = 0.3;
+/// People are told again that a board does not disarm after this time, s.
+const INSIST_TELL_S: f64 = 5.0;
+/// A change between good and degraded is told at most this often, s.
+const HEALTH_TELL_S: f64 = 2.0;
+/// Tilt beyond which the vehicle does not stand on its gear, rad.
+const ARM_TILT_RAD: f64 = 0.35;
+/// Newest UWB, IMU and battery may be this old to arm, s.
+const ARM_AGE_S: f64 = 0.5;
+const ARM_BATTERY_AGE_S: f64 = 3.0;
+
+/// State of the search for the floor.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Touch {
+    /// Since when there is a reason to feel for the floor.
+    since: Option<HostTime>,
+    /// Thrust is held below this while it is felt for.
+    pub ceiling_frac: Option<f64>,
+    /// When it was found that the vehicle is in the air.
+    fell_at: Option<HostTime>,
+    /// Specific force along body z, low-passed, m/s².
+    pub acc_z_mps2: f64,
+}
+
+impl Touch {
+    /// Begun anew; the filter goes on.
+    pub fn restarted(self) -> Self {
+        Self { acc_z_mps2: self.acc_z_mps2, ..Self::default() }
+    }
+
+    /// Takes an IMU sample in.
+    pub fn acc_z(&mut self, acc_z_mps2: f64, dt_s: f64) {
+        let weight = (dt_s / (FEEL_FILTER_S + dt_s)).clamp(0.0, 1.0);
+        self.acc_z_mps2 += (acc_z_mps2 - self.acc_z_mps2) * weight;
+    }
+}
+
+impl Pilot {
+    pub(super) fn supervise(&mut self, at: HostTime) {
+        self.watch_battery(at);
+        self.watch_board(at);
+        if self.mode == Mode::Idle {
+            if self.lift_off_asked {
+                self.lift_off_asked = false;
+                self.fire(at, Event::LiftOffAsked);
+            } else if at.seconds_since(self.mode_since) > self.config.flight.idle_disarm_s {
+                self.fire(at, Event::IdleTooLong);
+            }
+        }
+        if !self.mode.has_thrust() {
+            return;
+        }
+        let older = |t: Option<HostTime>, limit_s| t.is_none_or(|t| at.seconds_since(t) > limit_s);
+        let imu_silent = older(self.last_imu, IMU_SILENCE_S);
+        let uwb_silent = older(self.last_fused, self.config.limits.uwb_loss_land_s);
+        let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
+        if imu_silent || !usable {
+            self.fire(at, Event::EstimateLost);
+        } else {
+            self.last_height_m = self.height_above_floor_m();
+        }
+        if uwb_silent {
+            self.fire(at, Event::UwbLost);
+        }
+        match self.mode {
+            Mode::Land => self.watch_touch_down(at),
+            Mode::Descend => {
+                if imu_silent || uwb_silent || self.estimate.health != Health::Good {
+                    self.good_since = None;
+                } else if at.seconds_since(*self.good_since.get_or_insert(at)) > BACK_FOR_S {
+                    self.fire(at, Event::EstimateBack);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Height of the landing gear above the floor by the estimate, m.
+    pub(super) fn height_above_floor_m(&self) -> f64 {
+        -self.estimate.pos_E_m.z() - self.config.flight.gear_height_m
+    }
+
+    fn watch_board(&mut self, at: HostTime) {
+        let silent_s = self.board.silence_s(at).unwrap_or(0.0);
+        if silent_s < self.config.limits.board_loss_s {
+            self.board_silence_told = false;
+        } else if !self.board_silence_told {
+            self.board_silence_told = true;
+            let text = format!("board silent for {silent_s:.1} s");
+            let severity =
+                if self.mode.has_thrust() { Severity::Critical } else { Severity::Warning };
+            self.say(at, severity, text);
+        }
+        // The board was never seen armed, or its heartbeat came before we asked: nothing is left
+        // to wait for.
+        if self.mode == Mode::Disarming && !self.board.is_armed() && !self.board.is_commanding() {
+            self.fire(at, Event::BoardDisarmed);
+        }
+    }
+
+    /// The board refuses to disarm, or does not answer. Motors have no thrust by our setpoints;
+    /// asking goes on, forced.
+    pub(super) fn insist_on_disarming(&mut self, at: HostTime, why: &str) {
+        self.board.command_arm(false, true, at);
+        if self.insisted_at.is_none_or(|t| at.seconds_since(t) > INSIST_TELL_S) {
+            self.insisted_at = Some(at);
+            self.say(at, Severity::Critical, format!("disarming failed, still trying: {why}"));
+        }
+    }
+
+    /// Tells people when the estimate gets worse or better, calmly.
+    pub(super) fn watch_health(&mut self, at: HostTime) {
+        let health = self.estimate.health;
+        let was = self.health_told;
+        if health == was {
+            return;
+        }
+        let small = |h| matches!(h, Health::Good | Health::Degraded);
+        if small(was) && small(health) && at.seconds_since(self.health_told_at) < HEALTH_TELL_S {
+            return;
+        }
+        self.health_told = health;
+        self.health_told_at = at;
+        let pos = self.estimate.pos_E_m;
+        let place = format!("N {:.2} E {:.2} height {:.2} m", pos.x(), pos.y(), -pos.z());
+        let (severity, text) = match (was, health) {
+            (Health::NotAligned, Health::Good | Health::Degraded) => {
+                (Severity::Info, format!("estimator aligned at {place}"))
+            }
+            (_, Health::Good) => (Severity::Info, "estimate good again".to_owned()),
+            (_, Health::Degraded) => (Severity::Warning, format!("estimate degraded near {place}")),
+            (_, Health::Lost) => (Severity::Critical, "estimate lost".to_owned()),
+            (_, Health::NotAligned) => (Severity::Critical, "estimator starts anew".to_owned()),
+        };
+        self.say(at, severity, text);
+    }
+
+    fn watch_battery(&mut self, at: HostTime) {
+        let Some(battery) = self.battery else { return };
+        if battery.supply_v < self.config.limits.battery_low_v && !self.battery_low_told {
+            self.battery_low_told = true;
+            let text = format!("battery low: {:.2} V", battery.supply_v);
+            self.say(at, Severity::Warning, text);
+        }
+        if battery.supply_v < self.config.limits.battery_critical_v {
+            let since = *self.critical_since.get_or_insert(at);
+            if at.seconds_since(since) > CRITICAL_FOR_S {
+                self.fire(at, Event::BatteryCritical);
+            }
+        } else {
+            self.critical_since = None;
+        }
+    }
+
+    /// Height and speed near the floor are biased by multipath, so the floor is told by what it
+    /// does: it carries. When the vehicle seems to sink too slowly, thrust is taken away; in the
+    /// air the accelerometer shows at once that it falls, on the floor it shows nothing.
+    fn watch_touch_down(&mut self, at: HostTime) {
+        let base_frac = self.control.thrust_base_frac;
+        let sink_mps = self.estimate.vel_E_mps().z();
+        let Some(ceiling_frac) = self.touch.ceiling_frac else {
+            let light = self.control.thrust_frac < TOUCH_THRUST_SHARE * base_frac;
+            let slow = sink_mps < TOUCH_SPEED_SHARE * self.config.flight.land_slow_speed_mps;
+            let low = self.height_above_floor_m() < TOUCH_BELOW_M;
+            let early = at.seconds_since(self.mode_since) < TOUCH_NOT_BEFORE_S
+                || self.touch.fell_at.is_some_and(|t| at.seconds_since(t) < FEEL_AGAIN_S);
+            let for_s = if low { TOUCH_FOR_S } else { TOUCH_ANYWHERE_FOR_S };
+            if early || !(light && slow) {
+                self.touch.since = None;
+            } else if at.seconds_since(*self.touch.since.get_or_insert(at)) > for_s {
+                self.touch.ceiling_frac = Some(self.control.thrust_frac);
+            }
+            return;
+        };
+        let falls = self.touch.acc_z_mps2 > FALLING_MPS2 - G_MPS2
+            || sink_mps > 2.0 * self.config.flight.land_slow_speed_mps;
+        if falls {
+            self.touch = self.touch.restarted();
+            self.touch.fell_at = Some(at);
+        } else if ceiling_frac < FEEL_SHARE * base_frac {
+            self.fire(at, Event::TouchDown);
+        } else {
+            let lower_frac = FEEL_PER_S * base_frac * CONTROL_PERIOD_US as f64 * 1e-6;
+            self.touch.ceiling_frac = Some(ceiling_frac - lower_frac);
+        }
+    }
+
+    /// Whether the vehicle may be armed; else the reason as text.
+    pub(super) fn may_arm(&self, at: HostTime) -> Result<(), String> {
+        if self.mode != Mode::Disarmed {
+            return Err(format!("already {}", self.mode.name()));
+        }
+        if self.board.is_armed() {
+            return Err("board is already armed, but not by us: disarm it first".to_owned());
+        }
+        match self.board.silence_s(at) {
+            None => return Err("no board found on its link".to_owned()),
+            Some(s) if s > self.config.limits.board_loss_s => {
+                return Err(format!("board silent for {s:.1} s"));
+            }
+            Some(_) => {}
+        }
+        if let Some(slow) = self.board.slow_streams() {
+            return Err(slow);
+        }
+        let fresh =
+            |t: Option<HostTime>, limit_s: f64| t.is_some_and(|t| at.seconds_since(t) < limit_s);
+        match self.estimate.health {
+            Health::Good => {}
+            Health::NotAligned => {
+                let heard = self.uwb.anchors_heard().count();
+                return Err(format!(
+                    "estimator not aligned: {heard} of {} anchors heard, keep the vehicle still \
+                     and level",
+                    self.survey.ids().len()
+                ));
+            }
+            Health::Degraded => return Err("estimate degraded".to_owned()),
+            Health::Lost => return Err("estimate lost".to_owned()),
+        }
+        if !fresh(self.last_imu, ARM_AGE_S) {
+            return Err("no IMU data from the board".to_owned());
+        }
+        if !fresh(self.last_fused, ARM_AGE_S) {
+            return Err("no UWB measurements".to_owned());
+        }
+        let [roll, pitch, _] = self.estimate.R_EB.euler_rad();
+        if roll.abs().max(pitch.abs()) > ARM_TILT_RAD {
+            return Err(format!(
+                "tilted: roll {:.0}, pitch {:.0} deg, at most {:.0}",
+                roll.to_degrees(),
+                pitch.to_degrees(),
+                ARM_TILT_RAD.to_degrees()
+            ));
+        }
+        match self.battery {
+            Some(b) if at.seconds_since(b.received_at) < ARM_BATTERY_AGE_S => {
+                if b.supply_v < self.config.limits.battery_low_v {
+                    return Err(format!(
+                        "battery at {:.2} V, at least {:.2} V needed",
+                        b.supply_v, self.config.limits.battery_low_v
+                    ));
+                }
+            }
+            _ => return Err("no battery voltage from the board".to_owned()),
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,404 @@
+//! What clients see: the messages that are streamed or asked for.
+
+use haltere_dialect::mav::haltere::{
+    ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, BATTERY_STATUS_DATA, EXTENDED_SYS_STATE_DATA,
+    HALTERE_CONTROL_DATA, HALTERE_DROPS_DATA, HALTERE_ESTIMATE_DATA, HALTERE_PAIR_DATA,
+    HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_REACHED_DATA,
+    MavAutopilot, MavBatteryChargeState, MavBatteryFault, MavBatteryFunction, MavBatteryMode,
+    MavBatteryType, MavLandedState, MavMessage, MavModeFlag, MavSeverity, MavState,
+    MavSysStatusSensor, MavSysStatusSensorExtended, MavType, MavVtolState, MissionState,
+    STATUSTEXT_DATA, SYS_STATUS_DATA,
+};
+
+use crate::drops::DropReason;
+use crate::estimate::Health;
+use crate::measure::AnchorId;
+use crate::time::HostTime;
+use crate::topics::UwbRecord;
+
+use super::modes::Mode;
+use super::output::Outbox;
+use super::{LinkId, OWN, Pilot};
+
+/// Length of the text field of STATUSTEXT.
+const TEXT_CHUNK: usize = 50;
+/// Pairs of anchors whose fate is followed. TDoA3 with 8 anchors has 56; bounds what a tag that
+/// sends nonsense can make us store.
+const MOST_PAIRS: usize = 256;
+
+/// Fate of the measurements of one anchor pair.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PairStats {
+    anchor_a: AnchorId,
+    anchor_b: AnchorId,
+    accepted: u32,
+    rejected: u32,
+    innovation_m: f64,
+    test_ratio: f64,
+}
+
+/// Counts a measurement under its pair.
+pub(super) fn note_pair(pairs: &mut Vec<PairStats>, record: &UwbRecord) {
+    let key = (record.tdoa.anchor_a, record.tdoa.anchor_b);
+    let slot = match pairs.iter().position(|p| (p.anchor_a, p.anchor_b) == key) {
+        Some(i) => i,
+        None if pairs.len() < MOST_PAIRS => {
+            pairs.push(PairStats {
+                anchor_a: key.0,
+                anchor_b: key.1,
+                accepted: 0,
+                rejected: 0,
+                innovation_m: 0.0,
+                test_ratio: 0.0,
+            });
+            pairs.len() - 1
+        }
+        None => return,
+    };
+    let pair = &mut pairs[slot];
+    if record.fused {
+        pair.accepted = pair.accepted.saturating_add(1);
+    } else {
+        pair.rejected = pair.rejected.saturating_add(1);
+    }
+    pair.innovation_m = record.innovation_m;
+    pair.test_ratio = record.test_ratio;
+}
+
+/// Sends a text, in chunks if it is long.
+pub(super) fn send_text(out: &mut Outbox, link: LinkId, severity: u8, text: &str, id: u16) {
+    let severity = match severity {
+        0 => MavSeverity::MAV_SEVERITY_EMERGENCY,
+        1 => MavSeverity::MAV_SEVERITY_ALERT,
+        2 => MavSeverity::MAV_SEVERITY_CRITICAL,
+        3 => MavSeverity::MAV_SEVERITY_ERROR,
+        4 => MavSeverity::MAV_SEVERITY_WARNING,
+        5 => MavSeverity::MAV_SEVERITY_NOTICE,
+        6 => MavSeverity::MAV_SEVERITY_INFO,
+        _ => MavSeverity::MAV_SEVERITY_DEBUG,
+    };
+    let bytes = text.as_bytes();
+    let chunked = bytes.len() > TEXT_CHUNK;
+    // A text that fills its last chunk exactly needs an empty one to end it.
+    let end = if chunked && bytes.len().is_multiple_of(TEXT_CHUNK) {
+        bytes.len() + 1
+    } else {
+        bytes.len()
+    };
+    for (chunk_seq, start) in (0..end.max(1)).step_by(TEXT_CHUNK).enumerate().take(255) {
+        let mut field = [0; TEXT_CHUNK];
+        let piece = bytes.get(start..bytes.len().min(start + TEXT_CHUNK)).unwrap_or(&[]);
+        field[..piece.len()].copy_from_slice(piece);
+        let message = MavMessage::STATUSTEXT(STATUSTEXT_DATA {
+            severity,
+            text: field.into(),
+            id: if chunked { id } else { 0 },
+            chunk_seq: chunk_seq as u8,
+        });
+        out.message(link, OWN, &message);
+    }
+}
+
+fn f32s(v: [f64; 3]) -> [f32; 3] {
+    v.map(|c| c as f32)
+}
+
+impl Pilot {
+    /// Sends one message of a stream.
+    pub(super) fn send_telemetry(&mut self, at: HostTime, link: LinkId, msg_id: u32) -> bool {
+        match self.telemetry(at, link, msg_id) {
+            Some(message) => {
+                self.out.message(link, OWN, &message);
+                true
+            }
+            None => false,
+        }
+    }
+
+    pub(super) fn tell_reached(&mut self, seq: u16) {
+        let message = MavMessage::MISSION_ITEM_REACHED(MISSION_ITEM_REACHED_DATA { seq });
+        for n in 0..self.grounds.len() {
+            self.out.message(self.grounds[n].link, OWN, &message);
+        }
+    }
+
+    /// The present content of a message. `None`: not one of ours, or nothing to say yet.
+    fn telemetry(&mut self, at: HostTime, link: LinkId, msg_id: u32) -> Option<MavMessage> {
+        let time_boot_ms = (at.as_us() / 1000) as u32;
+        let estimate = &self.estimate;
+        let aligned = estimate.health != Health::NotAligned;
+        Some(match msg_id {
+            0 => self.heartbeat(),
+            1 => self.sys_status(),
+            30 if aligned => {
+                let [roll, pitch, yaw] = f32s(estimate.R_EB.euler_rad());
+                let [rollspeed, pitchspeed, yawspeed] = f32s(estimate.rate_B_radps.to_array());
+                MavMessage::ATTITUDE(ATTITUDE_DATA {
+                    time_boot_ms,
+                    roll,
+                    pitch,
+                    yaw,
+                    rollspeed,
+                    pitchspeed,
+                    yawspeed,
+                })
+            }
+            31 if aligned => {
+                let [q1, q2, q3, q4] = estimate.R_EB.to_wxyz().map(|c| c as f32);
+                let [rollspeed, pitchspeed, yawspeed] = f32s(estimate.rate_B_radps.to_array());
+                MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
+                    time_boot_ms,
+                    q1,
+                    q2,
+                    q3,
+                    q4,
+                    rollspeed,
+                    pitchspeed,
+                    yawspeed,
+                    repr_offset_q: [0.0; 4],
+                })
+            }
+            32 if aligned => {
+                let [x, y, z] = f32s(estimate.pos_E_m.to_array());
+                let [vx, vy, vz] = f32s(estimate.vel_E_mps().to_array());
+                MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
+                    time_boot_ms,
+                    x,
+                    y,
+                    z,
+                    vx,
+                    vy,
+                    vz,
+                })
+            }
+            42 => self.mission_current(),
+            147 => self.battery_status()?,
+            245 => MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
+                vtol_state: MavVtolState::MAV_VTOL_STATE_UNDEFINED,
+                landed_state: self.landed_state(),
+            }),
+            54101 if aligned => MavMessage::HALTERE_ESTIMATE(HALTERE_ESTIMATE_DATA {
+                time_usec: at.as_us(),
+                position: f32s(estimate.pos_E_m.to_array()),
+                velocity_body: f32s(estimate.vel_B_mps.to_array()),
+                q: estimate.R_EB.to_wxyz().map(|c| c as f32),
+                position_std: f32s(estimate.std_pos_E_m.to_array()),
+                velocity_std: f32s(estimate.std_vel_B_mps.to_array()),
+                attitude_std: f32s(estimate.std_att_B_rad.to_array()),
+                uwb_noise_factor: estimate.uwb_noise_factor as f32,
+                uwb_age: self.last_fused.map_or(f32::NAN, |t| at.seconds_since(t) as f32),
+                health: estimate.health as u8,
+            }),
+            54102 if self.mode.has_thrust() => self.control_message(),
+            54103 => self.next_pair(at, link)?,
+            54104 => self.next_drop(at, link)?,
+            _ => return None,
+        })
+    }
+
+    fn heartbeat(&self) -> MavMessage {
+        let mut base_mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+            | MavModeFlag::MAV_MODE_FLAG_STABILIZE_ENABLED
+            | MavModeFlag::MAV_MODE_FLAG_GUIDED_ENABLED
+            | MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED;
+        if self.board.is_armed() {
+            base_mode |= MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+        }
+        let system_status = match (self.mode, self.estimate.health) {
+            (Mode::Descend, _) => MavState::MAV_STATE_EMERGENCY,
+            (_, Health::Lost) => MavState::MAV_STATE_CRITICAL,
+            (_, Health::NotAligned) => MavState::MAV_STATE_BOOT,
+            (mode, _) if mode.has_thrust() => MavState::MAV_STATE_ACTIVE,
+            _ => MavState::MAV_STATE_STANDBY,
+        };
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            custom_mode: self.shown_mode().custom_mode(),
+            mavtype: MavType::MAV_TYPE_FLAPPING_WING,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
+            base_mode,
+            system_status,
+            mavlink_version: 3,
+        })
+    }
+
+    fn sys_status(&self) -> MavMessage {
+        use MavSysStatusSensor as S;
+        let has = S::MAV_SYS_STATUS_SENSOR_3D_GYRO
+            | S::MAV_SYS_STATUS_SENSOR_3D_ACCEL
+            | S::MAV_SYS_STATUS_SENSOR_VISION_POSITION
+            | S::MAV_SYS_STATUS_SENSOR_BATTERY
+            | S::MAV_SYS_STATUS_AHRS
+            | S::MAV_SYS_STATUS_PREARM_CHECK;
+        let mut health = S::empty();
+        let imu_fresh = self.last_imu.is_some_and(|t| self.now.seconds_since(t) < 0.2);
+        health.set(S::MAV_SYS_STATUS_SENSOR_3D_GYRO | S::MAV_SYS_STATUS_SENSOR_3D_ACCEL, imu_fresh);
+        let uwb_fresh = self.last_fused.is_some_and(|t| self.now.seconds_since(t) < 0.5);
+        health.set(S::MAV_SYS_STATUS_SENSOR_VISION_POSITION, uwb_fresh);
+        let charged = self.battery.is_some_and(|b| b.supply_v >= self.config.limits.battery_low_v);
+        health.set(S::MAV_SYS_STATUS_SENSOR_BATTERY, charged);
+        health.set(S::MAV_SYS_STATUS_AHRS, self.estimate.health == Health::Good);
+        let ready = self.mode != Mode::Disarmed || self.may_arm(self.now).is_ok();
+        health.set(S::MAV_SYS_STATUS_PREARM_CHECK, ready);
+        MavMessage::SYS_STATUS(SYS_STATUS_DATA {
+            onboard_control_sensors_present: has,
+            onboard_control_sensors_enabled: has,
+            onboard_control_sensors_health: health,
+            load: 0,
+            voltage_battery: self
+                .battery
+                .map_or(u16::MAX, |b| (b.supply_v * 1e3).clamp(0.0, 65534.0) as u16),
+            current_battery: self
+                .battery
+                .and_then(|b| b.current_a)
+                .map_or(-1, |a| (a * 100.0).clamp(0.0, 32767.0) as i16),
+            drop_rate_comm: 0,
+            errors_comm: 0,
+            errors_count1: 0,
+            errors_count2: 0,
+            errors_count3: 0,
+            errors_count4: 0,
+            battery_remaining: self.remaining_percent(),
+            onboard_control_sensors_present_extended: MavSysStatusSensorExtended::empty(),
+            onboard_control_sensors_enabled_extended: MavSysStatusSensorExtended::empty(),
+            onboard_control_sensors_health_extended: MavSysStatusSensorExtended::empty(),
+        })
+    }
+
+    fn remaining_percent(&self) -> i8 {
+        self.battery.and_then(|b| b.remaining_frac).map_or(-1, |f| (f * 100.0).round() as i8)
+    }
+
+    fn battery_status(&self) -> Option<MavMessage> {
+        let battery = self.battery?;
+        let mut voltages = [u16::MAX; 10];
+        voltages[0] = (battery.supply_v * 1e3).clamp(0.0, 65534.0) as u16;
+        Some(MavMessage::BATTERY_STATUS(BATTERY_STATUS_DATA {
+            current_consumed: -1,
+            energy_consumed: -1,
+            temperature: i16::MAX,
+            voltages,
+            current_battery: battery
+                .current_a
+                .map_or(-1, |a| (a * 100.0).clamp(0.0, 32767.0) as i16),
+            id: 0,
+            battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_ALL,
+            mavtype: MavBatteryType::MAV_BATTERY_TYPE_LIPO,
+            battery_remaining: self.remaining_percent(),
+            time_remaining: 0,
+            charge_state: if battery.supply_v < self.config.limits.battery_critical_v {
+                MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_CRITICAL
+            } else if battery.supply_v < self.config.limits.battery_low_v {
+                MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_LOW
+            } else {
+                MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_OK
+            },
+            voltages_ext: [0; 4],
+            mode: MavBatteryMode::MAV_BATTERY_MODE_UNKNOWN,
+            fault_bitmask: MavBatteryFault::empty(),
+        }))
+    }
+
+    fn landed_state(&self) -> MavLandedState {
+        match self.mode {
+            Mode::Disarmed | Mode::Arming | Mode::Idle | Mode::Disarming => {
+                MavLandedState::MAV_LANDED_STATE_ON_GROUND
+            }
+            Mode::Spool | Mode::Takeoff => MavLandedState::MAV_LANDED_STATE_TAKEOFF,
+            Mode::Land | Mode::Descend => MavLandedState::MAV_LANDED_STATE_LANDING,
+            _ => MavLandedState::MAV_LANDED_STATE_IN_AIR,
+        }
+    }
+
+    fn mission_current(&self) -> MavMessage {
+        let total = self.mission.items.len() as u16;
+        let seq = self.guidance.current_item;
+        let mission_state = if total == 0 {
+            MissionState::MISSION_STATE_NO_MISSION
+        } else if seq >= total {
+            MissionState::MISSION_STATE_COMPLETE
+        } else if self.mode == Mode::Mission {
+            MissionState::MISSION_STATE_ACTIVE
+        } else if seq == 0 {
+            MissionState::MISSION_STATE_NOT_STARTED
+        } else {
+            MissionState::MISSION_STATE_PAUSED
+        };
+        MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA {
+            seq: seq.min(total.saturating_sub(1)),
+            // The protocol writes "no mission" as the largest number.
+            total: if total == 0 { u16::MAX } else { total },
+            mission_state,
+            mission_mode: if self.mode == Mode::Mission { 1 } else { 2 },
+            mission_id: self.mission.id,
+            fence_id: 0,
+            rally_points_id: 0,
+        })
+    }
+
+    fn control_message(&self) -> MavMessage {
+        let c = &self.control;
+        MavMessage::HALTERE_CONTROL(HALTERE_CONTROL_DATA {
+            time_usec: c.at.as_us(),
+            position_setpoint: c.pos_setpoint_E_m.map(|p| p.map_or(f32::NAN, |p| p as f32)),
+            velocity_setpoint: f32s(c.vel_setpoint_E_mps.to_array()),
+            roll: c.roll_rad as f32,
+            pitch: c.pitch_rad as f32,
+            yaw: c.yaw_rad as f32,
+            roll_feed_forward: c.roll_ff_rad as f32,
+            pitch_feed_forward: c.pitch_ff_rad as f32,
+            thrust: c.thrust_frac as f32,
+            thrust_base: c.thrust_base_frac as f32,
+            thrust_feedback: c.thrust_feedback_frac as f32,
+            ground_factor: c.ground_factor as f32,
+            yaw_board_offset: c.yaw_board_offset_rad as f32,
+            saturation: u8::from(c.saturation.velocity)
+                | u8::from(c.saturation.tilt) << 1
+                | u8::from(c.saturation.thrust_high) << 2
+                | u8::from(c.saturation.thrust_low) << 3,
+        })
+    }
+
+    /// Pairs take turns: one message each.
+    fn next_pair(&mut self, at: HostTime, link: LinkId) -> Option<MavMessage> {
+        if self.pairs.is_empty() {
+            return None;
+        }
+        let LinkId::Ground(n) = link else { return None };
+        let cursor = &mut self.grounds.get_mut(usize::from(n))?.pair_cursor;
+        *cursor = (*cursor + 1) % self.pairs.len();
+        let pair = self.pairs.get(*cursor)?;
+        Some(MavMessage::HALTERE_PAIR(HALTERE_PAIR_DATA {
+            time_usec: at.as_us(),
+            innovation: pair.innovation_m as f32,
+            test_ratio: pair.test_ratio as f32,
+            accepted: pair.accepted,
+            rejected: pair.rejected,
+            anchor_a: pair.anchor_a.0,
+            anchor_b: pair.anchor_b.0,
+        }))
+    }
+
+    /// Counted reasons take turns: one message each.
+    fn next_drop(&mut self, at: HostTime, link: LinkId) -> Option<MavMessage> {
+        let LinkId::Ground(n) = link else { return None };
+        let mut cursor = self.grounds.get(usize::from(n))?.drop_cursor;
+        let core = self.drops.len() - 1;
+        let reasons = DropReason::ALL.len();
+        for _ in 0..self.drops.len() * reasons {
+            cursor = (cursor + 1) % (self.drops.len() * reasons);
+            let (link, reason) = (cursor / reasons, cursor % reasons);
+            let reason = DropReason::ALL[reason];
+            let count = self.lost(link, reason);
+            if count > 0 {
+                self.grounds[usize::from(n)].drop_cursor = cursor;
+                return Some(MavMessage::HALTERE_DROPS(HALTERE_DROPS_DATA {
+                    time_usec: at.as_us(),
+                    count: u32::try_from(count).unwrap_or(u32::MAX),
+                    link: if link == core { u8::MAX } else { link as u8 },
+                    reason: reason.name().into(),
+                }));
+            }
+        }
+        None
+    }
+}
