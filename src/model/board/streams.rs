@@ -1,0 +1,228 @@
+//! What the board sends: messages at the intervals that were asked for.
+
+use haltere_dialect::mav::haltere::{
+    ATT_POS_MOCAP_DATA, ATTITUDE_QUATERNION_DATA, BATTERY_STATUS_DATA, HEARTBEAT_DATA,
+    HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavAutopilot, MavBatteryFunction, MavBatteryType,
+    MavMessage, MavModeFlag, MavState, MavType, SERVO_OUTPUT_RAW_DATA,
+};
+use haltere_dialect::mav_stream;
+
+use crate::model::board::{Board, Readings};
+use crate::model::effects::STEP_S;
+
+/// MAVLink component of the board.
+pub(super) const COMPONENT: u8 = 1;
+/// Steps between heartbeats: 1 Hz.
+const HEARTBEAT_STEPS: u32 = 500;
+/// The barometer is read with every so many IMU samples.
+const BARO_SAMPLES: u32 = 5;
+/// Version of MAVLink in the heartbeat.
+const MAVLINK_VERSION: u8 = 3;
+/// Servo pulses: middle and half travel, µs.
+const PULSE_US: [f64; 2] = [1500.0, 500.0];
+
+/// Messages that can be asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Imu,
+    Attitude,
+    Battery,
+    Servos,
+    MotionCapture,
+}
+
+const KINDS: [Kind; 5] =
+    [Kind::Imu, Kind::Attitude, Kind::Battery, Kind::Servos, Kind::MotionCapture];
+
+impl Kind {
+    /// By message id.
+    pub(super) fn from_id(id: u32) -> Option<Self> {
+        match id {
+            105 => Some(Kind::Imu),
+            31 => Some(Kind::Attitude),
+            147 => Some(Kind::Battery),
+            36 => Some(Kind::Servos),
+            138 => Some(Kind::MotionCapture),
+            _ => None,
+        }
+    }
+}
+
+/// Intervals in force.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Streams {
+    /// Period in steps, 0: off; and steps until the next.
+    every: [(u32, u32); KINDS.len()],
+    heartbeat_in: u32,
+    baro_in: u32,
+}
+
+impl Streams {
+    /// Sets an interval, µs; 0 or less: off.
+    pub(super) fn set(&mut self, kind: Kind, interval_us: f64) {
+        let mut steps = (interval_us * 1e-6 / STEP_S).round().clamp(0.0, 1e6) as u32;
+        if kind == Kind::Imu {
+            // The IMU is read at every second step: intervals are whole multiples of that.
+            steps = (steps / 2) * 2;
+            if steps == 0 && interval_us > 0.0 {
+                steps = 2;
+            }
+        }
+        self.every[kind as usize] = (steps, steps);
+    }
+}
+
+impl Board {
+    /// Appends what is due in this step to `out`. `imu_step`: the IMU was read in it.
+    pub fn send(&mut self, r: &Readings<'_>, imu_step: bool, out: &mut Vec<u8>) {
+        if self.streams.heartbeat_in == 0 {
+            self.streams.heartbeat_in = HEARTBEAT_STEPS;
+            self.send_message(&self.heartbeat(), out);
+        }
+        self.streams.heartbeat_in -= 1;
+        for kind in KINDS {
+            let (period, wait) = &mut self.streams.every[kind as usize];
+            if *period == 0 {
+                continue;
+            }
+            *wait = wait.saturating_sub(1);
+            if *wait > 0 || (kind == Kind::Imu && !imu_step) {
+                continue;
+            }
+            *wait = *period;
+            let message = match kind {
+                Kind::Imu => self.imu(r),
+                Kind::Attitude => self.attitude(r),
+                Kind::Battery => battery(r),
+                Kind::Servos => self.servos(r),
+                Kind::MotionCapture => self.motion_capture(r),
+            };
+            self.send_message(&message, out);
+        }
+    }
+
+    pub(super) fn send_message(&mut self, message: &MavMessage, out: &mut Vec<u8>) {
+        mav_stream::encode(out, self.settings.system_id, COMPONENT, self.sequence, message);
+        self.sequence = self.sequence.wrapping_add(1);
+    }
+
+    fn heartbeat(&self) -> MavMessage {
+        let mut base_mode = MavModeFlag::MAV_MODE_FLAG_STABILIZE_ENABLED
+            | MavModeFlag::MAV_MODE_FLAG_GUIDED_ENABLED;
+        if self.armed {
+            base_mode |= MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+        }
+        let system_status = match (self.armed, &self.hold) {
+            (false, _) => MavState::MAV_STATE_STANDBY,
+            (true, None) => MavState::MAV_STATE_ACTIVE,
+            (true, Some(_)) => MavState::MAV_STATE_CRITICAL,
+        };
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            custom_mode: 0,
+            mavtype: MavType::MAV_TYPE_FLAPPING_WING,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
+            base_mode,
+            system_status,
+            mavlink_version: MAVLINK_VERSION,
+        })
+    }
+
+    fn imu(&mut self, r: &Readings<'_>) -> MavMessage {
+        type Flags = HighresImuUpdatedFlags;
+        let (a, w) = (r.imu.acc_B_mps2, r.imu.rate_B_radps);
+        let mut fields_updated = Flags::empty();
+        let [acc, gyro, baro] = r.imu_alive;
+        if acc {
+            fields_updated |= Flags::HIGHRES_IMU_UPDATED_XACC
+                | Flags::HIGHRES_IMU_UPDATED_YACC
+                | Flags::HIGHRES_IMU_UPDATED_ZACC;
+        }
+        if gyro {
+            fields_updated |= Flags::HIGHRES_IMU_UPDATED_XGYRO
+                | Flags::HIGHRES_IMU_UPDATED_YGYRO
+                | Flags::HIGHRES_IMU_UPDATED_ZGYRO;
+        }
+        if self.streams.baro_in == 0 {
+            self.streams.baro_in = BARO_SAMPLES;
+            if baro {
+                fields_updated |= Flags::HIGHRES_IMU_UPDATED_ABS_PRESSURE;
+            }
+        }
+        self.streams.baro_in -= 1;
+        MavMessage::HIGHRES_IMU(HIGHRES_IMU_DATA {
+            time_usec: self.time_us(r.t_us),
+            xacc: a.x as f32,
+            yacc: a.y as f32,
+            zacc: a.z as f32,
+            xgyro: w.x as f32,
+            ygyro: w.y as f32,
+            zgyro: w.z as f32,
+            abs_pressure: (r.imu.pressure_pa * 0.01) as f32, // hPa on the wire
+            fields_updated,
+            ..HIGHRES_IMU_DATA::DEFAULT
+        })
+    }
+
+    fn attitude(&self, r: &Readings<'_>) -> MavMessage {
+        let q = self.believed;
+        let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+        let w = r.state.rate_B_radps;
+        MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
+            time_boot_ms: (self.time_us(r.t_us) / 1000) as u32, // wraps after 49 days, as it does
+            q1: (sign * q.w) as f32,
+            q2: (sign * q.i) as f32,
+            q3: (sign * q.j) as f32,
+            q4: (sign * q.k) as f32,
+            rollspeed: w.x as f32,
+            pitchspeed: w.y as f32,
+            yawspeed: w.z as f32,
+            repr_offset_q: [0.0; 4],
+        })
+    }
+
+    fn servos(&self, r: &Readings<'_>) -> MavMessage {
+        let pulse = |share: f64| (PULSE_US[0] + PULSE_US[1] * share.clamp(-1.0, 1.0)) as u16;
+        let throttle = |share: f64| pulse(2.0 * share - 1.0);
+        let c = &self.output;
+        let [dihedral, yaw] = self.loops.travel(c);
+        MavMessage::SERVO_OUTPUT_RAW(SERVO_OUTPUT_RAW_DATA {
+            time_usec: self.time_us(r.t_us) as u32, // the field is 32 bits wide
+            servo1_raw: pulse(dihedral),
+            servo2_raw: throttle(c.flap_frac[0]),
+            servo3_raw: pulse(yaw),
+            servo4_raw: throttle(c.flap_frac[1]),
+            ..SERVO_OUTPUT_RAW_DATA::DEFAULT
+        })
+    }
+
+    fn motion_capture(&self, r: &Readings<'_>) -> MavMessage {
+        let (q, p) = (r.state.q_EB, r.state.pos_E_m);
+        let mut covariance = [0.0; 21];
+        covariance[0] = f32::NAN; // unknown
+        MavMessage::ATT_POS_MOCAP(ATT_POS_MOCAP_DATA {
+            time_usec: self.time_us(r.t_us),
+            q: [q.w as f32, q.i as f32, q.j as f32, q.k as f32],
+            x: p.x as f32,
+            y: p.y as f32,
+            z: p.z as f32,
+            covariance,
+        })
+    }
+}
+
+fn battery(r: &Readings<'_>) -> MavMessage {
+    let mut voltages = [u16::MAX; 10];
+    voltages[0] = (r.supply.volt * 1000.0).clamp(0.0, 65534.0) as u16; // whole pack, mV
+    MavMessage::BATTERY_STATUS(BATTERY_STATUS_DATA {
+        current_consumed: -1,
+        energy_consumed: -1,
+        temperature: i16::MAX,
+        voltages,
+        current_battery: (r.supply.current_a * 100.0).clamp(0.0, 32767.0) as i16, // 10 mA
+        id: 0,
+        battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_ALL,
+        mavtype: MavBatteryType::MAV_BATTERY_TYPE_LIPO,
+        battery_remaining: (r.supply.charge_frac * 100.0).clamp(0.0, 100.0) as i8,
+        ..BATTERY_STATUS_DATA::DEFAULT
+    })
+}

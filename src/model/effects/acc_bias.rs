@@ -1,0 +1,52 @@
+//! Accelerometer bias.
+//!
+//! `a += b`, constant in the body frame (m/s²). Source: GAP.md M1, 0.1 to 0.6 m/s². Left out: drift (M2).
+
+use nalgebra::Vector3;
+
+use crate::model::effects::{
+    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "M1",
+    name: "accelerometer bias",
+    block: Block::Imu,
+    role: Role::Deviation,
+    parameters: &[
+        ParameterSpec::new("x", "m/s²", 0.0, 0.3, [-0.6, 0.6], "along x"),
+        ParameterSpec::new("y", "m/s²", 0.0, 0.0, [-0.6, 0.6], "along y"),
+        ParameterSpec::new("z", "m/s²", 0.0, 0.0, [-0.6, 0.6], "along z"),
+    ],
+    off: "no bias beyond that of turn-on (N11)",
+    source: "GAP.md 3.5",
+    equation: "a += b",
+    build: |b| Box::new(AccBias(Vector3::new(b.value[0], b.value[1], b.value[2]))),
+};
+
+struct AccBias(Vector3<f64>);
+
+impl Effect for AccBias {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Imu]
+    }
+    fn imu(&mut self, _s: &State, reading: &mut ImuReading) {
+        reading.acc_B_mps2 += self.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_adds_in_its_direction() {
+        let mut r = probe::reading();
+        let before = r;
+        probe::build(&SPEC, &[("y", -0.2)]).imu(&probe::hover(), &mut r);
+        assert!((r.acc_B_mps2 - before.acc_B_mps2 - Vector3::new(0.3, -0.2, 0.0)).norm() < 1e-15);
+        assert_eq!(r.rate_B_radps, before.rate_B_radps);
+    }
+}

@@ -1,0 +1,54 @@
+//! The accelerometer clips: what it cannot show is gone, and the mean shifts.
+//!
+//! `a_i = clamp(a_i, ±limit)` (m/s²) after the vibration. Source: GAP.md M7 (aliasing / clipping); the
+//! alias of the wing beat itself is nominal, since N9 is sampled where the IMU samples. A part set to
+//! ±2 g clips at 19.6 m/s².
+
+use crate::model::effects::{
+    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "M7",
+    name: "accelerometer clipping",
+    block: Block::Imu,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new(
+        "limit",
+        "m/s²",
+        f64::INFINITY,
+        19.6,
+        [15.0, 60.0],
+        "largest reading of an axis",
+    )],
+    off: "range never reached",
+    source: "GAP.md 3.5",
+    equation: "a_i = clamp(a_i, ±limit)",
+    build: |b| Box::new(Clipping(b.value[0].abs())),
+};
+
+struct Clipping(f64);
+
+impl Effect for Clipping {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Imu]
+    }
+    fn imu(&mut self, _s: &State, reading: &mut ImuReading) {
+        reading.acc_B_mps2.apply(|a| *a = a.clamp(-self.0, self.0));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_cuts_both_ways() {
+        let mut r = probe::reading();
+        r.acc_B_mps2 = nalgebra::Vector3::new(30.0, -30.0, -9.8);
+        probe::build(&SPEC, &[]).imu(&probe::hover(), &mut r);
+        assert_eq!(r.acc_B_mps2, nalgebra::Vector3::new(19.6, -19.6, -9.8));
+    }
+}

@@ -1,0 +1,57 @@
+//! Accelerometer bias that grows while the board warms up.
+//!
+//! `a += ḃ t` (m/s², body), `t` time since power-on (s). Source: GAP.md M2, 0.2 to 1.2 m/s² per minute.
+//! Valid for flights of a few minutes; a real one levels off.
+
+use nalgebra::Vector3;
+
+use crate::model::effects::{
+    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+};
+
+const MINUTE_S: f64 = 60.0;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "M2",
+    name: "accelerometer bias drift",
+    block: Block::Imu,
+    role: Role::Deviation,
+    parameters: &[
+        ParameterSpec::new("x", "m/s² per min", 0.0, 0.5, [-1.2, 1.2], "along x"),
+        ParameterSpec::new("y", "m/s² per min", 0.0, 0.0, [-1.2, 1.2], "along y"),
+        ParameterSpec::new("z", "m/s² per min", 0.0, 0.0, [-1.2, 1.2], "along z"),
+    ],
+    off: "bias constant in a flight",
+    source: "GAP.md 3.5",
+    equation: "a += ḃ t",
+    build: |b| Box::new(AccDrift(Vector3::new(b.value[0], b.value[1], b.value[2]) / MINUTE_S)),
+};
+
+struct AccDrift(Vector3<f64>);
+
+impl Effect for AccDrift {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Imu]
+    }
+    fn imu(&mut self, s: &State, reading: &mut ImuReading) {
+        reading.acc_B_mps2 += self.0 * s.t_s;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_a_minute_brings_the_stated_bias() {
+        let at = |t_s| {
+            let mut r = probe::reading();
+            probe::build(&SPEC, &[]).imu(&State { t_s, ..probe::hover() }, &mut r);
+            r.acc_B_mps2.x - probe::reading().acc_B_mps2.x
+        };
+        assert_eq!(at(0.0), 0.0);
+        assert!((at(60.0) - 0.5).abs() < 1e-12);
+    }
+}

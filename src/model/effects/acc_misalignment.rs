@@ -1,0 +1,67 @@
+//! The board sits crooked on the airframe.
+//!
+//! `y_sensor = R(φ, θ)ᵀ y_body` for accelerometer and gyroscope, and the board's attitude leans by the
+//! same angles: `R_believed = R_true R(φ, θ)`. `φ`, `θ` roll and pitch of the board against the
+//! thrust axis (deg). Source: GAP.md M4, 1 to 4°. Tell-tale: horizontal force proportional to thrust.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::model::effects::{
+    AttitudeError, Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "M4",
+    name: "IMU misalignment",
+    block: Block::Imu,
+    role: Role::Deviation,
+    parameters: &[
+        ParameterSpec::new("roll", "deg", 0.0, 0.0, [-4.0, 4.0], "board rolled against the airframe"),
+        ParameterSpec::new("pitch", "deg", 0.0, 2.0, [-4.0, 4.0], "board pitched against it"),
+    ],
+    off: "board square to the thrust axis",
+    source: "GAP.md 3.5",
+    equation: "y_sensor = Rᵀ y_body, R_believed = R_true R",
+    build: |b| {
+        let lean = Vector3::new(b.value[0].to_radians(), b.value[1].to_radians(), 0.0);
+        Box::new(Misalignment { lean, turn: UnitQuaternion::from_scaled_axis(lean).inverse() })
+    },
+};
+
+struct Misalignment {
+    lean: Vector3<f64>,
+    turn: UnitQuaternion<f64>,
+}
+
+impl Effect for Misalignment {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Imu, Stage::Attitude]
+    }
+    fn imu(&mut self, _s: &State, reading: &mut ImuReading) {
+        reading.acc_B_mps2 = self.turn * reading.acc_B_mps2;
+        reading.rate_B_radps = self.turn * reading.rate_B_radps;
+    }
+    fn attitude(&mut self, _s: &State, error: &mut AttitudeError) {
+        error.tilt_B_rad += self.lean;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_nose_up_board_feels_thrust_forward() {
+        let mut r = probe::reading();
+        probe::build(&SPEC, &[]).imu(&probe::hover(), &mut r);
+        // A board pitched up by θ sees the upward specific force lean to its front: g sin θ.
+        let want = 9.80665 * 2f64.to_radians().sin();
+        assert!((r.acc_B_mps2.x - want).abs() < 1e-9, "{}", r.acc_B_mps2.x);
+        assert!((r.acc_B_mps2.norm() - 9.80665).abs() < 1e-9);
+        let mut e = AttitudeError::default();
+        probe::build(&SPEC, &[]).attitude(&probe::hover(), &mut e);
+        assert!((e.tilt_B_rad.y.to_degrees() - 2.0).abs() < 1e-12);
+    }
+}

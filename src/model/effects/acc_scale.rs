@@ -1,0 +1,52 @@
+//! Accelerometer scale error.
+//!
+//! `a_i *= 1 + s_i`, body axes. Source: GAP.md M3, 2 to 10 %. Left out: cross-axis terms (M4 turns the
+//! whole triad). Follows the vibration, so it scales that too.
+
+use nalgebra::Vector3;
+
+use crate::model::effects::{
+    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "M3",
+    name: "accelerometer scale",
+    block: Block::Imu,
+    role: Role::Deviation,
+    parameters: &[
+        ParameterSpec::new("x", "", 0.0, 0.0, [-0.1, 0.1], "along x"),
+        ParameterSpec::new("y", "", 0.0, 0.0, [-0.1, 0.1], "along y"),
+        ParameterSpec::new("z", "", 0.0, 0.05, [-0.1, 0.1], "along z"),
+    ],
+    off: "calibrated",
+    source: "GAP.md 3.5",
+    equation: "a_i *= 1 + s_i",
+    build: |b| Box::new(AccScale(Vector3::new(b.value[0], b.value[1], b.value[2]))),
+};
+
+struct AccScale(Vector3<f64>);
+
+impl Effect for AccScale {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Imu]
+    }
+    fn imu(&mut self, _s: &State, reading: &mut ImuReading) {
+        reading.acc_B_mps2 += reading.acc_B_mps2.component_mul(&self.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_hover_reads_five_percent_more() {
+        let mut r = probe::reading();
+        let z = r.acc_B_mps2.z;
+        probe::build(&SPEC, &[]).imu(&probe::hover(), &mut r);
+        assert!((r.acc_B_mps2.z / z - 1.05).abs() < 1e-12 && r.acc_B_mps2.x == 0.0);
+    }
+}

@@ -1,0 +1,53 @@
+//! Wrong antenna delay of one anchor.
+//!
+//! `ρ_n -> ρ_n + b` on its path to the tag (m), everywhere alike. Source: GAP.md U2, 0.08 to 0.35 m. Nearest confounder: survey
+//! (U7).
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::model::tag::air::Packet;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "U2",
+    name: "anchor bias",
+    block: Block::Uwb,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("bias", "m", 0.0, 0.2, [-0.35, 0.35], "bias"),
+ParameterSpec::new("anchor", "", 0.0, 0.0, [0.0, 7.0], "place of the anchor in the survey, ascending id")],
+    off: "antenna delays calibrated",
+    source: "GAP.md 3.6",
+    equation: "ρ_n -> ρ_n + b",
+    build: |b| Box::new(AnchorBias { bias_m: b.value[0], anchor: b.value[1] as usize }),
+};
+
+struct AnchorBias {
+    bias_m: f64,
+    anchor: usize,
+}
+
+impl Effect for AnchorBias {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Air]
+    }
+    fn air(&mut self, _s: &State, packet: &mut Packet) {
+        if packet.from == self.anchor {
+            packet.tag_extra_m += self.bias_m;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_only_that_anchor() {
+        let extra = |from| {
+            let mut p = probe::packet(from, nalgebra::Vector3::new(5.0, 5.0, -1.2));
+            probe::build(&SPEC, &[("anchor", 3.0)]).air(&probe::hover(), &mut p);
+            p.tag_extra_m
+        };
+        assert_eq!((extra(3), extra(2)), (0.2, 0.0));
+    }
+}

@@ -1,0 +1,52 @@
+//! One anchor's path grows with time: its antenna or crystal warms up.
+//!
+//! `ρ_n -> ρ_n + ḃ t` (m), `t` time (s). Source: GAP.md U8, 2 to 10 mm/s ramp.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::model::tag::air::Packet;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "U8",
+    name: "anchor drift",
+    block: Block::Uwb,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("rate", "mm/s", 0.0, 5.0, [-10.0, 10.0], "growth"),
+ParameterSpec::new("anchor", "", 0.0, 0.0, [0.0, 7.0], "place of the anchor in the survey, ascending id")],
+    off: "anchors steady",
+    source: "GAP.md 3.6",
+    equation: "ρ_n -> ρ_n + ḃ t",
+    build: |b| Box::new(AnchorDrift { rate_mps: b.value[0] * 1e-3, anchor: b.value[1] as usize }),
+};
+
+struct AnchorDrift {
+    rate_mps: f64,
+    anchor: usize,
+}
+
+impl Effect for AnchorDrift {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Air]
+    }
+    fn air(&mut self, s: &State, packet: &mut Packet) {
+        if packet.from == self.anchor {
+            packet.tag_extra_m += self.rate_mps * s.t_s;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_only_that_anchor() {
+        let extra = |from| {
+            let mut p = probe::packet(from, nalgebra::Vector3::new(5.0, 5.0, -1.2));
+            probe::build(&SPEC, &[("anchor", 3.0)]).air(&probe::hover(), &mut p);
+            p.tag_extra_m
+        };
+        assert!((extra(3) - 0.05).abs() < 1e-12 && extra(4) == 0.0, "10 s of 5 mm/s");
+    }
+}

@@ -1,0 +1,52 @@
+//! An anchor does not stand where the survey says.
+//!
+//! `p_n -> p_n + Δ` (m, Earth), for the anchor as it truly stands; the companion keeps the survey. Times of flight between
+//! anchors follow the truth. Source: GAP.md U7, 0.1 to 0.5 m.
+
+use nalgebra::Vector3;
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "U7",
+    name: "anchor survey error",
+    block: Block::Uwb,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("north", "m", 0.0, 0.25, [-0.5, 0.5], "towards north"),
+ParameterSpec::new("east", "m", 0.0, 0.0, [-0.5, 0.5], "towards east"),
+ParameterSpec::new("down", "m", 0.0, 0.0, [-0.5, 0.5], "towards the floor"),
+ParameterSpec::new("anchor", "", 0.0, 0.0, [0.0, 7.0], "place of the anchor in the survey, ascending id")],
+    off: "anchors where the survey says",
+    source: "GAP.md 3.6",
+    equation: "p_n -> p_n + Δ",
+    build: |b| Box::new(AnchorSurvey { shift_E_m: Vector3::new(b.value[0], b.value[1], b.value[2]), anchor: b.value[3] as usize }),
+};
+
+struct AnchorSurvey {
+    shift_E_m: Vector3<f64>,
+    anchor: usize,
+}
+
+impl Effect for AnchorSurvey {
+    fn sites(&mut self, sites_E_m: &mut [Vector3<f64>]) {
+        if let Some(site) = sites_E_m.get_mut(self.anchor) {
+            *site += self.shift_E_m;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_moves_that_anchor() {
+        let (mut sites, before) = (probe::sites(), probe::sites());
+        probe::build(&SPEC, &[("anchor", 5.0), ("down", 0.1)]).sites(&mut sites);
+        assert!((sites[5] - before[5] - Vector3::new(0.25, 0.0, 0.1)).norm() < 1e-12);
+        assert_eq!(sites[..5], before[..5]);
+        probe::build(&SPEC, &[("anchor", 99.0)]).sites(&mut sites);
+    }
+}

@@ -1,0 +1,43 @@
+//! The inner attitude loop is slower than usual.
+//!
+//! `ω -> x ω` for the roll and pitch loops of the board. Source: GAP.md L1, 0.4 to 0.8. Nearest confounder: delay
+//! of commands (T2).
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::board::BoardSettings;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "L1",
+    name: "attitude lag",
+    block: Block::InnerLoop,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("factor", "", 1.0, 0.6, [0.4, 0.8], "factor on the natural frequency")],
+    off: "loops as set",
+    source: "GAP.md 3.4",
+    equation: "ω -> x ω",
+    build: |b| Box::new(AttitudeLag(b.value[0])),
+};
+
+struct AttitudeLag(f64);
+
+impl Effect for AttitudeLag {
+    fn board(&mut self, board: &mut BoardSettings) {
+        board.attitude_radps[0] *= self.0;
+        board.attitude_radps[1] *= self.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_slows_roll_and_pitch() {
+        let (mut board, before) = (BoardSettings::default(), BoardSettings::default());
+        probe::build(&SPEC, &[]).board(&mut board);
+        assert_eq!(board.attitude_radps[0], 0.6 * before.attitude_radps[0]);
+        assert_eq!(board.attitude_radps[2], before.attitude_radps[2]);
+    }
+}

@@ -1,0 +1,40 @@
+//! Aged battery: less capacity.
+//!
+//! `C -> (1 - x) C` in N7. Source: GAP.md P3, 10 to 50 %.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::vehicle::Vehicle;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "P3",
+    name: "battery capacity",
+    block: Block::Battery,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("loss", "", 0.0, 0.3, [0.1, 0.5], "share of the capacity lost")],
+    off: "capacity of the vehicle file",
+    source: "GAP.md 3.2",
+    equation: "C -> (1 - x) C",
+    build: |b| Box::new(Edit(b.value.to_vec())),
+};
+
+struct Edit(Vec<f64>);
+
+impl Effect for Edit {
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        if let [loss] = self.0[..] {
+            vehicle.battery.capacity_mah *= 1.0 - loss;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_takes_its_share() {
+        assert!((probe::edited(&SPEC, &[]).battery.capacity_mah - 210.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,49 @@
+//! The centre of mass is not where it was drawn.
+//!
+//! `r -> r - Δ` for every force, so thrust gives a moment `Δ × T`. Body frame, millimetres. Source: GAP.md I2, 1 to
+//! 5 mm. Left out: change of inertia.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::vehicle::Vehicle;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "I2",
+    name: "centre of mass",
+    block: Block::Aerodynamics,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("x", "mm", 0.0, 1.0, [-5.0, 5.0], "forward"),
+ParameterSpec::new("y", "mm", 0.0, 0.0, [-5.0, 5.0], "right")],
+    off: "centre of mass of the vehicle file",
+    source: "GAP.md 3.3",
+    equation: "r -> r - Δ",
+    build: |b| Box::new(Edit(b.value.to_vec())),
+};
+
+struct Edit(Vec<f64>);
+
+impl Effect for Edit {
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        if let [x, y] = self.0[..] {
+            vehicle.body.cg_B_m[0] += x * 1e-3;
+            vehicle.body.cg_B_m[1] += y * 1e-3;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_mass_forward_pitches_down_and_mass_right_rolls_right() {
+        use crate::model::wings::{Actuation, thrust_wrench};
+        let torque = |given| {
+            thrust_wrench(&probe::edited(&SPEC, given), [0.5; 2], &Actuation::default()).torque_B_nm
+        };
+        // 1 mm times 1 N.
+        assert!((torque(&[]).y + 1e-3).abs() < 1e-9);
+        assert!((torque(&[("x", 0.0), ("y", 1.0)]).x - 1e-3).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,40 @@
+//! Rotational damping differs from the vehicle file.
+//!
+//! `M -> κ M` in N2. Source: GAP.md A11, ±50 %.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::vehicle::Vehicle;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "A11",
+    name: "rotational damping scale",
+    block: Block::Aerodynamics,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("kappa", "", 1.0, 0.6, [0.5, 1.5], "factor")],
+    off: "damping of the vehicle file",
+    source: "GAP.md 3.1",
+    equation: "M -> κ M",
+    build: |b| Box::new(Edit(b.value.to_vec())),
+};
+
+struct Edit(Vec<f64>);
+
+impl Effect for Edit {
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        if let [kappa] = self.0[..] {
+            vehicle.drag.damping_factor *= kappa;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_scales() {
+        assert_eq!(probe::edited(&SPEC, &[]).drag.damping_factor, 0.6);
+    }
+}

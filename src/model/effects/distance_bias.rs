@@ -1,0 +1,49 @@
+//! Stamps depend on received power: far anchors look farther.
+//!
+//! `ρ -> ρ + s (ρ - ρ₀)`, `ρ₀` 5 m (m). Source: GAP.md U4, 1 to 4 cm per m. Left out: the curve of the data sheet.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::model::tag::air::Packet;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "U4",
+    name: "distance-dependent bias",
+    block: Block::Uwb,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("slope", "m/m", 0.0, 0.02, [0.01, 0.04], "bias per distance")],
+    off: "stamps corrected for power",
+    source: "GAP.md 3.6",
+    equation: "ρ -> ρ + s (ρ - ρ₀)",
+    build: |b| Box::new(DistanceBias(b.value[0])),
+};
+
+/// Distance at which antenna delays are calibrated, m.
+const CALIBRATED_M: f64 = 5.0;
+
+struct DistanceBias(f64);
+
+impl Effect for DistanceBias {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Air]
+    }
+    fn air(&mut self, _s: &State, packet: &mut Packet) {
+        packet.tag_extra_m += self.0 * (packet.tag_range_m - CALIBRATED_M);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_grows_with_distance() {
+        let extra = |x: f64| {
+            let mut p = probe::packet(0, nalgebra::Vector3::new(x, 0.1, -0.2));
+            probe::build(&SPEC, &[]).air(&probe::hover(), &mut p);
+            p.tag_extra_m
+        };
+        assert!(extra(5.1).abs() < 1e-12 && (extra(9.1) - 0.08).abs() < 1e-12);
+    }
+}

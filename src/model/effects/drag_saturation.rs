@@ -1,0 +1,51 @@
+//! Drag grows less than linearly with speed.
+//!
+//! `F -> F / (1 + |v| / v_s)` in N1; `v_s` speed at which half of the linear law is left (m/s). Source:
+//! GAP.md A2, 0.6 to 2.5 m/s; the paper's exponential v(θ) law is of this kind. Same as A1 below 0.5 m/s.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::vehicle::Vehicle;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "A2",
+    name: "drag law saturates",
+    block: Block::Aerodynamics,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("speed", "m/s", f64::INFINITY, 1.2, [0.6, 2.5], "speed at which drag is half of the linear law")],
+    off: "drag linear in speed",
+    source: "GAP.md 3.1",
+    equation: "F -> F / (1 + |v| / v_s)",
+    build: |b| Box::new(Edit(b.value.to_vec())),
+};
+
+struct Edit(Vec<f64>);
+
+impl Effect for Edit {
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        if let [speed] = self.0[..] {
+            vehicle.drag.saturation_s_per_m = 1.0 / speed;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_half_the_drag_at_that_speed() {
+        use crate::model::effects::drag;
+        use crate::model::wings::Wrench;
+        let air_B_mps = nalgebra::Vector3::new(1.2, 0.0, 0.0);
+        let s = crate::model::effects::State { air_B_mps, ..probe::hover() };
+        let force = |v: &Vehicle| {
+            let mut w = Wrench::default();
+            probe::build_values(&drag::SPEC, &v.drag.k_ns_per_m_hz, v).wrench(&s, &mut w);
+            w.force_B_n.x
+        };
+        let (linear, half) = (force(&Vehicle::default()), force(&probe::edited(&SPEC, &[])));
+        assert!((half / linear - 0.5).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,47 @@
+//! Drag differs from the vehicle file by a factor per axis.
+//!
+//! `k_i -> κ_i k_i`, body axes; acts on rotational damping too, which has the same origin. Source: GAP.md
+//! A1, 0.6 to 1.6. Nearest confounders: wind, saturation (A2).
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::vehicle::Vehicle;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "A1",
+    name: "drag scale",
+    block: Block::Aerodynamics,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("kappa_x", "", 1.0, 1.3, [0.6, 1.6], "factor along x"),
+ParameterSpec::new("kappa_y", "", 1.0, 1.3, [0.6, 1.6], "factor along y"),
+ParameterSpec::new("kappa_z", "", 1.0, 1.0, [0.6, 1.6], "factor along z")],
+    off: "drag of the vehicle file",
+    source: "GAP.md 3.1",
+    equation: "k_i -> κ_i k_i",
+    build: |b| Box::new(Edit(b.value.to_vec())),
+};
+
+struct Edit(Vec<f64>);
+
+impl Effect for Edit {
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        if let [x, y, z] = self.0[..] {
+            for (k, factor) in vehicle.drag.k_ns_per_m_hz.iter_mut().zip([x, y, z]) {
+                *k *= factor;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_scales_each_axis() {
+        let v = probe::edited(&SPEC, &[("kappa_y", 0.5)]);
+        let k = Vehicle::default().drag.k_ns_per_m_hz;
+        assert_eq!(v.drag.k_ns_per_m_hz, [1.3 * k[0], 0.5 * k[1], k[2]]);
+    }
+}

@@ -1,0 +1,71 @@
+//! A draught in one place: an open door, a fan, an air outlet.
+//!
+//! `w = w₀ e^(-½ d²/σ²)` towards one direction, `d` horizontal distance from the middle of the draught (m),
+//! `σ` its half width (m). Source: GAP.md A6, 0.25 to 1 m/s, 0.4 to 1.5 m.
+
+use nalgebra::Vector3;
+
+use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "A6",
+    name: "draught zone",
+    block: Block::Aerodynamics,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("speed", "m/s", 0.0, 0.6, [0.25, 1.0], "in the middle"),
+ParameterSpec::new("north", "m", 5.0, 5.0, [0.0, 10.0], "middle, from the origin"),
+ParameterSpec::new("east", "m", 5.0, 5.0, [0.0, 10.0], "middle, from the origin"),
+ParameterSpec::new("size", "m", 0.8, 0.8, [0.4, 1.5], "half width"),
+ParameterSpec::new("towards", "deg", 0.0, 90.0, [-180.0, 180.0], "direction, clockwise from north")],
+    off: "still air everywhere",
+    source: "GAP.md 3.1",
+    equation: "w = w₀ e^(-½ d²/σ²)",
+    build: |b| Box::new(Draught::new(&b)),
+};
+
+struct Draught {
+    wind_E_mps: Vector3<f64>,
+    middle_E_m: [f64; 2],
+    size_m: f64,
+}
+
+impl Draught {
+    fn new(b: &Build<'_>) -> Self {
+        let (sin, cos) = b.value[4].to_radians().sin_cos();
+        Self {
+            wind_E_mps: Vector3::new(cos, sin, 0.0) * b.value[0],
+            middle_E_m: [b.value[1], b.value[2]],
+            size_m: b.value[3].max(0.05),
+        }
+    }
+}
+
+impl Effect for Draught {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Wind]
+    }
+    fn wind(&mut self, s: &State, wind_E_mps: &mut Vector3<f64>) {
+        let x = (s.pos_E_m.x - self.middle_E_m[0]) / self.size_m;
+        let y = (s.pos_E_m.y - self.middle_E_m[1]) / self.size_m;
+        *wind_E_mps += self.wind_E_mps * (-0.5 * (x * x + y * y)).exp();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_blows_in_its_place_only() {
+        let wind = |x: f64| {
+            let pos_E_m = Vector3::new(x, 5.0, -1.0);
+            let mut w = Vector3::zeros();
+            probe::build(&SPEC, &[]).wind(&State { pos_E_m, ..probe::hover() }, &mut w);
+            w
+        };
+        assert!((wind(5.0) - Vector3::new(0.0, 0.6, 0.0)).norm() < 1e-12);
+        assert!(wind(9.0).norm() < 1e-4 && (wind(4.5) - wind(5.5)).norm() < 1e-12);
+    }
+}

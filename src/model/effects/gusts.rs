@@ -1,0 +1,71 @@
+//! Gusts: coloured turbulence.
+//!
+//! Each component of `w` a Gauss-Markov process with `σ` (m/s) and `τ` (s), half of it vertically; Earth
+//! frame. Source: GAP.md A7, σ 0.1 to 0.6 m/s, τ 0.5 to 3 s. Left out: Dryden's second-order components.
+
+use nalgebra::Vector3;
+
+use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
+use crate::model::random::{Markov, Stream};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "A7",
+    name: "gusts",
+    block: Block::Aerodynamics,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("std", "m/s", 0.0, 0.3, [0.1, 0.6], "standard deviation of each horizontal component"),
+ParameterSpec::new("tau", "s", 1.5, 1.5, [0.5, 3.0], "correlation time")],
+    off: "no turbulence",
+    source: "GAP.md 3.1",
+    equation: "w Gauss-Markov",
+    build: |b| Box::new(Gusts::new(b)),
+};
+
+/// Vertical over horizontal standard deviation: the floor holds eddies down.
+const VERTICAL_SHARE: f64 = 0.5;
+
+struct Gusts {
+    axes: [Markov; 3],
+    rng: Stream,
+}
+
+impl Gusts {
+    fn new(mut b: Build<'_>) -> Self {
+        let (std, tau_s) = (b.value[0], b.value[1].max(0.05));
+        let axes =
+            [std, std, VERTICAL_SHARE * std].map(|s| Markov::new(s, tau_s, STEP_S, &mut b.rng));
+        Self { axes, rng: b.rng }
+    }
+}
+
+impl Effect for Gusts {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Wind]
+    }
+    fn wind(&mut self, _s: &State, wind_E_mps: &mut Vector3<f64>) {
+        for (w, axis) in wind_E_mps.iter_mut().zip(&mut self.axes) {
+            *w += axis.step(&mut self.rng);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_has_its_standard_deviation_and_no_mean() {
+        let mut gusts = probe::build(&SPEC, &[]);
+        let (mut sum, mut var, n) = (0.0, 0.0, 1_000_000);
+        for _ in 0..n {
+            let mut w = Vector3::zeros();
+            gusts.wind(&probe::hover(), &mut w);
+            sum += w.x / f64::from(n);
+            var += w.x * w.x / f64::from(n);
+        }
+        // 2000 s are some 670 independent values: three sigma of the mean are 0.035, of the std 0.03.
+        assert!(sum.abs() < 0.05 && (var.sqrt() - 0.3).abs() < 0.03, "{sum} {}", var.sqrt());
+    }
+}

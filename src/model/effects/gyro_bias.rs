@@ -1,0 +1,52 @@
+//! Gyroscope bias as reported; the board's own attitude does not suffer.
+//!
+//! `ω += b`, constant in the body frame (rad/s). Source: GAP.md M5, 0.01 to 0.06 rad/s.
+
+use nalgebra::Vector3;
+
+use crate::model::effects::{
+    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "M5",
+    name: "gyroscope bias",
+    block: Block::Imu,
+    role: Role::Deviation,
+    parameters: &[
+        ParameterSpec::new("x", "rad/s", 0.0, 0.03, [-0.06, 0.06], "about x"),
+        ParameterSpec::new("y", "rad/s", 0.0, 0.0, [-0.06, 0.06], "about y"),
+        ParameterSpec::new("z", "rad/s", 0.0, 0.0, [-0.06, 0.06], "about z"),
+    ],
+    off: "no bias beyond that of turn-on (N11)",
+    source: "GAP.md 3.5",
+    equation: "ω += b",
+    build: |b| Box::new(GyroBias(Vector3::new(b.value[0], b.value[1], b.value[2]))),
+};
+
+struct GyroBias(Vector3<f64>);
+
+impl Effect for GyroBias {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Imu]
+    }
+    fn imu(&mut self, _s: &State, reading: &mut ImuReading) {
+        reading.rate_B_radps += self.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_adds_to_the_rate_only() {
+        let mut r = probe::reading();
+        let before = r;
+        probe::build(&SPEC, &[("z", 0.01)]).imu(&probe::hover(), &mut r);
+        assert_eq!(r.rate_B_radps - before.rate_B_radps, Vector3::new(0.03, 0.0, 0.01));
+        assert_eq!(r.acc_B_mps2, before.acc_B_mps2);
+    }
+}

@@ -1,0 +1,42 @@
+//! The board's heading is off by more than usual.
+//!
+//! `β -> β + Δ` in N13 (deg). Source: GAP.md H1, 3 to 17°.
+
+use crate::model::effects::{AttitudeError, Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "H1",
+    name: "heading misalignment",
+    block: Block::InnerLoop,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("angle", "deg", 0.0, 8.0, [-17.0, 17.0], "room north to the board's north")],
+    off: "offset of N13",
+    source: "GAP.md 3.8",
+    equation: "β -> β + Δ",
+    build: |b| Box::new(HeadingMisalignment(b.value[0].to_radians())),
+};
+
+struct HeadingMisalignment(f64);
+
+impl Effect for HeadingMisalignment {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Attitude]
+    }
+    fn attitude(&mut self, _s: &State, error: &mut AttitudeError) {
+        error.north_rad += self.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_adds_to_the_offset() {
+        let mut e = AttitudeError { north_rad: 0.1, ..AttitudeError::default() };
+        probe::build(&SPEC, &[]).attitude(&probe::hover(), &mut e);
+        assert!((e.north_rad - 0.1 - 8f64.to_radians()).abs() < 1e-12 && e.tilt_B_rad.norm() == 0.0);
+    }
+}

@@ -1,0 +1,45 @@
+//! Moments of inertia differ from the vehicle file.
+//!
+//! `J_i -> κ_i J_i`. Source: GAP.md I3, ±20 to 40 %.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::vehicle::Vehicle;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "I3",
+    name: "inertia scale",
+    block: Block::InnerLoop,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("roll", "", 1.0, 1.3, [0.6, 1.4], "factor about x"),
+ParameterSpec::new("pitch", "", 1.0, 1.3, [0.6, 1.4], "factor about y"),
+ParameterSpec::new("yaw", "", 1.0, 1.0, [0.6, 1.4], "factor about z")],
+    off: "inertia of the vehicle file",
+    source: "GAP.md 3.3",
+    equation: "J_i -> κ_i J_i",
+    build: |b| Box::new(Edit(b.value.to_vec())),
+};
+
+struct Edit(Vec<f64>);
+
+impl Effect for Edit {
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        if let [roll, pitch, yaw] = self.0[..] {
+            for (inertia, factor) in vehicle.body.inertia_kgm2.iter_mut().zip([roll, pitch, yaw]) {
+                *inertia *= factor;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_scales() {
+        let j = probe::edited(&SPEC, &[]).body.inertia_kgm2;
+        assert!((j[0] / 5.6e-4 - 1.3).abs() < 1e-12 && (j[2] - 3.6e-4).abs() < 1e-18);
+    }
+}

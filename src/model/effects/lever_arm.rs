@@ -1,0 +1,44 @@
+//! The antenna is not where it was drawn.
+//!
+//! `p_BT -> p_BT + Δ` (body, given in cm). Source: GAP.md U11, 2 to 10 cm. The error turns with the vehicle.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::vehicle::Vehicle;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "U11",
+    name: "tag lever arm",
+    block: Block::Uwb,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("x", "cm", 0.0, 5.0, [-10.0, 10.0], "forward"),
+ParameterSpec::new("y", "cm", 0.0, 0.0, [-10.0, 10.0], "right"),
+ParameterSpec::new("z", "cm", 0.0, 0.0, [-10.0, 10.0], "down")],
+    off: "antenna of the vehicle file",
+    source: "GAP.md 3.6",
+    equation: "p_BT -> p_BT + Δ",
+    build: |b| Box::new(Edit(b.value.to_vec())),
+};
+
+struct Edit(Vec<f64>);
+
+impl Effect for Edit {
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        if let [x, y, z] = self.0[..] {
+            for (p, shift) in vehicle.body.tag_B_m.iter_mut().zip([x, y, z]) {
+                *p += shift * 1e-2;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_shifts_the_antenna() {
+        assert_eq!(probe::edited(&SPEC, &[]).body.tag_B_m, [0.05, 0.0, 0.0]);
+    }
+}

@@ -1,0 +1,41 @@
+//! The vehicle weighs more than the file says.
+//!
+//! `m -> m + Δm` (kg, given in g). Source: GAP.md I1, 2 to 12 g. Nearest confounder: thrust loss (P1); drag rate
+//! k/m falls here. A kitchen scale decides.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::vehicle::Vehicle;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "I1",
+    name: "mass",
+    block: Block::Thrust,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("extra", "g", 0.0, 6.0, [2.0, 12.0], "further mass")],
+    off: "mass of the vehicle file",
+    source: "GAP.md 3.3",
+    equation: "m -> m + Δm",
+    build: |b| Box::new(Edit(b.value.to_vec())),
+};
+
+struct Edit(Vec<f64>);
+
+impl Effect for Edit {
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        if let [extra] = self.0[..] {
+            vehicle.body.mass_kg += extra * 1e-3;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_adds_grams() {
+        assert!((probe::edited(&SPEC, &[]).body.mass_kg - 0.108).abs() < 1e-12);
+    }
+}

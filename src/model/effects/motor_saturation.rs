@@ -1,0 +1,49 @@
+//! Motors cannot flap faster than the voltage allows.
+//!
+//! `f <= r f_h V / 7.4 V`, both wings; `f_h` hover flap rate (Hz), `V` supply (V). Acts on the rate itself, after
+//! its lag. Source: GAP.md P5, r 1.05 to 1.3.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::model::wings::{Actuation};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "P5",
+    name: "motor saturation",
+    block: Block::Thrust,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("ratio", "", f64::INFINITY, 1.15, [1.05, 1.3], "highest flap rate over that of hover, at 7.4 V")],
+    off: "as fast as the command says",
+    source: "GAP.md 3.2",
+    equation: "f <= r f_h V / 7.4 V",
+    build: |b| Box::new(MotorSaturation(b.value[0] * b.nominal.hover_hz() / RATED_V)),
+};
+
+/// Voltage of a pack of two cells at which the ratio is stated, V.
+const RATED_V: f64 = 7.4;
+
+struct MotorSaturation(f64);
+
+impl Effect for MotorSaturation {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Actuate]
+    }
+    fn actuate(&mut self, s: &State, actuation: &mut Actuation) {
+        let most_hz = self.0 * s.supply_v;
+        actuation.flap_hz = actuation.flap_hz.map(|f| f.min(most_hz));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_cuts_above_only() {
+        let mut a = Actuation { flap_hz: [10.0, 20.0], ..Actuation::default() };
+        probe::build(&SPEC, &[]).actuate(&probe::hover(), &mut a);
+        assert_eq!(a.flap_hz[0], 10.0);
+        assert!((a.flap_hz[1] - 1.15 * probe::hover().flap_hz[0]).abs() < 1e-9);
+    }
+}

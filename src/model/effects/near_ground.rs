@@ -1,0 +1,40 @@
+//! Ground effect differs from the vehicle file.
+//!
+//! `T -> T (1 + g e^(-h/l))` on top of N8; same symbols. Source: GAP.md A8, g -0.1 to 0.3, l 0.1 to 0.4 m.
+//! Nearest confounder: multipath near the floor (U6).
+
+use crate::model::effects::{Block, EffectSpec, ParameterSpec, Role};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "A8",
+    name: "ground effect error",
+    block: Block::Aerodynamics,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("gain", "", 0.0, 0.15, [-0.1, 0.3], "further gain at the floor"),
+ParameterSpec::new("length", "m", 0.25, 0.25, [0.1, 0.4], "length of decay")],
+    off: "ground effect of the vehicle file",
+    source: "GAP.md 3.1",
+    equation: "T -> T (1 + g e^(-h/l))",
+    build: |b| Box::new(GroundEffect { gain: b.value[0], length_m: b.value[1].max(0.01) }),
+};
+
+// The law is that of N8; a second copy of it would only drift away.
+use crate::model::effects::ground_effect::GroundEffect;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_acts_near_the_floor_only() {
+        use crate::model::effects::State;
+        let factor = |height_m| {
+            let mut t = [1.0; 2];
+            probe::build(&SPEC, &[]).thrust(&State { height_m, ..probe::hover() }, &mut t);
+            t[1]
+        };
+        assert!((factor(0.0) - 1.15).abs() < 1e-12 && factor(2.0) == 1.0);
+    }
+}

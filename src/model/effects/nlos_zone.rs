@@ -1,0 +1,83 @@
+//! Something stands between one anchor and one part of the room.
+//!
+//! Inside a box around (north, east): `ρ_n -> ρ_n + b + σ n`, `b > 0` (m): the path goes round or through. Source: GAP.md U5,
+//! 0.15 to 0.8 m on one anchor, plus variance.
+
+use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::model::random::{Stream};
+use crate::model::tag::air::Packet;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "U5",
+    name: "NLOS zone",
+    block: Block::Uwb,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("bias", "m", 0.0, 0.4, [0.15, 0.8], "added path"),
+ParameterSpec::new("std", "m", 0.0, 0.1, [0.0, 0.3], "added noise"),
+ParameterSpec::new("anchor", "", 0.0, 0.0, [0.0, 7.0], "place of the anchor in the survey, ascending id"),
+ParameterSpec::new("north", "m", 6.0, 6.0, [0.0, 10.0], "middle of the zone"),
+ParameterSpec::new("east", "m", 6.0, 6.0, [0.0, 10.0], "middle of the zone"),
+ParameterSpec::new("size", "m", 1.5, 1.5, [0.5, 4.0], "half width of the zone")],
+    off: "line of sight everywhere",
+    source: "GAP.md 3.6",
+    equation: "ρ_n -> ρ_n + b + σ n in a box",
+    build: |b| Box::new(NlosZone::new(b)),
+};
+
+struct NlosZone {
+    bias_m: f64,
+    std_m: f64,
+    anchor: usize,
+    middle_E_m: [f64; 2],
+    half_m: f64,
+    rng: Stream,
+}
+
+impl NlosZone {
+    fn new(b: Build<'_>) -> Self {
+        let v = b.value;
+        Self {
+            bias_m: v[0],
+            std_m: v[1],
+            anchor: v[2] as usize,
+            middle_E_m: [v[3], v[4]],
+            half_m: v[5],
+            rng: b.rng,
+        }
+    }
+}
+
+impl Effect for NlosZone {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Air]
+    }
+    fn air(&mut self, _s: &State, packet: &mut Packet) {
+        let noise = self.rng.normal();
+        let [north, east] = self.middle_E_m;
+        let inside = (packet.tag_E_m.x - north).abs() < self.half_m
+            && (packet.tag_E_m.y - east).abs() < self.half_m;
+        if packet.from == self.anchor && inside {
+            packet.tag_extra_m += self.bias_m + (self.std_m * noise).max(-self.bias_m);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_one_anchor_one_place_one_sided() {
+        let mut zone = probe::build(&SPEC, &[("anchor", 3.0)]);
+        let mut extra = |from, x: f64| {
+            let mut p = probe::packet(from, nalgebra::Vector3::new(x, 6.0, -1.0));
+            zone.air(&probe::hover(), &mut p);
+            p.tag_extra_m
+        };
+        let mean = (0..1000).map(|_| extra(3, 6.0)).sum::<f64>() / 1000.0;
+        assert!((mean - 0.4).abs() < 0.02 && (0..100).all(|_| extra(3, 7.4) >= 0.0));
+        assert_eq!((extra(2, 6.0), extra(3, 8.0)), (0.0, 0.0));
+    }
+}

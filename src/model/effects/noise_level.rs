@@ -1,0 +1,57 @@
+//! Receivers are noisier than usual: weak signals, wrong radio settings.
+//!
+//! Independent noise is added to that of N15 so that the standard deviation of every reception becomes `x σ`. Source: GAP.md
+//! U1, 1.4 to 3 times.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::model::random::{Stream};
+use crate::model::tag::air::Packet;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "U1",
+    name: "UWB noise level",
+    block: Block::Uwb,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("factor", "", 1.0, 2.0, [1.4, 3.0], "standard deviation over the nominal one"),
+ParameterSpec::new("std", "m", 0.035, 0.035, [0.01, 0.1], "nominal standard deviation per reception")],
+    off: "noise of N15",
+    source: "GAP.md 3.6",
+    equation: "σ -> x σ",
+    build: |b| Box::new(NoiseLevel { std_m: b.value[1] * (b.value[0].powi(2) - 1.0).max(0.0).sqrt(), rng: b.rng }),
+};
+
+struct NoiseLevel {
+    std_m: f64,
+    rng: Stream,
+}
+
+impl Effect for NoiseLevel {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Air]
+    }
+    fn air(&mut self, _s: &State, packet: &mut Packet) {
+        packet.tag_extra_m += self.std_m * self.rng.normal();
+        for hop in packet.anchor_hops() {
+            hop.extra_m += self.std_m * self.rng.normal();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_doubles_the_deviation() {
+        let mut noise = probe::build(&SPEC, &[]);
+        let (mut var, n) = (0.035f64.powi(2), 20_000);
+        for _ in 0..n {
+            let mut p = probe::packet(0, nalgebra::Vector3::zeros());
+            noise.air(&probe::hover(), &mut p);
+            var += p.tag_extra_m.powi(2) / f64::from(n);
+        }
+        assert!((var.sqrt() / 0.07 - 1.0).abs() < 0.02, "{}", var.sqrt());
+    }
+}

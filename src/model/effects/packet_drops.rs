@@ -1,0 +1,40 @@
+//! Many packets get lost: a crowded band, bodies in the way.
+//!
+//! `P(lost) = p` at the tag and at every anchor, on top of N18. Source: GAP.md U9, 25 to 80 %.
+
+use crate::model::effects::{Block, EffectSpec, ParameterSpec, Role};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "U9",
+    name: "packet loss",
+    block: Block::Uwb,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("probability", "", 0.0, 0.5, [0.25, 0.8], "per reception")],
+    off: "loss of N18",
+    source: "GAP.md 3.6",
+    equation: "P(lost) = p",
+    build: |b| Box::new(PacketLoss { probability: b.value[0], rng: b.rng }),
+};
+
+// The law is that of N18; a second copy of it would only drift away.
+use crate::model::effects::packet_loss::PacketLoss;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_loses_half() {
+        let mut loss = probe::build(&SPEC, &[]);
+        let lost = (0..10_000)
+            .filter(|_| {
+                let mut p = probe::packet(0, nalgebra::Vector3::zeros());
+                loss.air(&probe::hover(), &mut p);
+                p.tag_lost
+            })
+            .count();
+        assert!((4800..5200).contains(&lost), "{lost}");
+    }
+}

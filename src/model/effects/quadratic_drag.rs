@@ -1,0 +1,51 @@
+//! Body drag that grows with the square of speed.
+//!
+//! `F = -m c |v| v` (N), `v` velocity through the air (m/s, body), `c` (1/m), at the centre of mass. Not
+//! coupled to flap rate, which tells it from A1. Source: GAP.md A3, 0.1 to 2 1/m.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::model::wings::{Wrench};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "A3",
+    name: "quadratic body drag",
+    block: Block::Aerodynamics,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("c", "1/m", 0.0, 0.6, [0.1, 2.0], "coefficient")],
+    off: "no quadratic part",
+    source: "GAP.md 3.1",
+    equation: "F = -m c |v| v",
+    build: |b| Box::new(QuadraticDrag(b.value[0] * b.nominal.body.mass_kg)),
+};
+
+struct QuadraticDrag(f64);
+
+impl Effect for QuadraticDrag {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Wrench]
+    }
+    fn wrench(&mut self, s: &State, wrench: &mut Wrench) {
+        let v = s.air_B_mps;
+        wrench.force_B_n -= v * (self.0 * v.norm());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_four_times_at_twice_the_speed_against_it() {
+        let force = |x: f64| {
+            let air_B_mps = nalgebra::Vector3::new(x, 0.0, 0.0);
+            let mut w = Wrench::default();
+            probe::build(&SPEC, &[]).wrench(&State { air_B_mps, ..probe::hover() }, &mut w);
+            w.force_B_n.x
+        };
+        assert!(force(1.0) < 0.0 && (force(2.0) / force(1.0) - 4.0).abs() < 1e-12);
+        assert_eq!(force(-1.0), -force(1.0));
+        assert_eq!(force(0.0), 0.0);
+    }
+}

@@ -1,0 +1,56 @@
+//! A vibrating accelerometer reads an offset: its nonlinearity rectifies the shaking.
+//!
+//! `a_z += k a_vib²`, `a_vib² ∝ (f/f_h)⁴`, hence `a_z += b_h (f/f_h)⁴` with `b_h` the offset in hover
+//! (m/s²); `f` flap rate, `f_h` in hover (Hz). Source: GAP.md M6, given there per squared vibration and
+//! scaled; here as the offset itself. Gone with motors off, which is how it is told from scale.
+
+use crate::model::effects::{
+    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "M6",
+    name: "vibration rectification",
+    block: Block::Imu,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("offset", "m/s²", 0.0, 0.5, [-1.2, 1.2], "offset along z in hover")],
+    off: "linear accelerometer",
+    source: "GAP.md 3.5",
+    equation: "a_z += b_h (f/f_h)⁴",
+    build: |b| {
+        Box::new(Rectification { offset: b.value[0], inverse_hover_hz: 1.0 / b.nominal.hover_hz() })
+    },
+};
+
+struct Rectification {
+    offset: f64,
+    inverse_hover_hz: f64,
+}
+
+impl Effect for Rectification {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Imu]
+    }
+    fn imu(&mut self, s: &State, reading: &mut ImuReading) {
+        let rate = 0.5 * (s.flap_hz[0] + s.flap_hz[1]) * self.inverse_hover_hz;
+        reading.acc_B_mps2.z += self.offset * (rate * rate) * (rate * rate);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_stated_offset_in_hover_and_none_at_rest() {
+        let offset = |flap_hz| {
+            let mut r = probe::reading();
+            probe::build(&SPEC, &[]).imu(&State { flap_hz, ..probe::hover() }, &mut r);
+            r.acc_B_mps2.z - probe::reading().acc_B_mps2.z
+        };
+        assert!((offset(probe::hover().flap_hz) - 0.5).abs() < 1e-12);
+        assert_eq!(offset([0.0; 2]), 0.0);
+    }
+}

@@ -1,0 +1,40 @@
+//! Battery or connector with more inner resistance.
+//!
+//! `R -> R + ΔR` in N7 (Ω). Source: GAP.md P2, 0.05 to 0.3 Ω.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::vehicle::Vehicle;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "P2",
+    name: "battery resistance",
+    block: Block::Battery,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("extra", "Ω", 0.0, 0.15, [0.05, 0.3], "further resistance")],
+    off: "resistance of the vehicle file",
+    source: "GAP.md 3.2",
+    equation: "R -> R + ΔR",
+    build: |b| Box::new(Edit(b.value.to_vec())),
+};
+
+struct Edit(Vec<f64>);
+
+impl Effect for Edit {
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        if let [extra] = self.0[..] {
+            vehicle.battery.resistance_ohm += extra;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_adds() {
+        assert!((probe::edited(&SPEC, &[]).battery.resistance_ohm - 0.32).abs() < 1e-12);
+    }
+}

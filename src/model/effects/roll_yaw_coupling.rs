@@ -1,0 +1,47 @@
+//! Rolling by unequal flapping turns the vehicle too.
+//!
+//! `M_z += c M_x`, `M_x = l_w (T_L - T_R)` (N·m, body). Source: GAP.md L6, 0.1 to 0.6.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::model::wings::{Wrench};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "L6",
+    name: "roll-yaw coupling",
+    block: Block::InnerLoop,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("coupling", "", 0.0, 0.3, [-0.6, 0.6], "yaw moment over roll moment")],
+    off: "roll by thrust gives no yaw",
+    source: "GAP.md 3.4",
+    equation: "M_z += c l_w (T_L - T_R)",
+    build: |b| Box::new(RollYawCoupling(b.value[0] * b.vehicle.wings.centre_m)),
+};
+
+struct RollYawCoupling(f64);
+
+impl Effect for RollYawCoupling {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Wrench]
+    }
+    fn wrench(&mut self, s: &State, wrench: &mut Wrench) {
+        wrench.torque_B_nm.z += self.0 * (s.thrust_n[0] - s.thrust_n[1]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_only_with_unequal_thrust() {
+        let yaw = |thrust_n| {
+            let mut w = Wrench::default();
+            probe::build(&SPEC, &[]).wrench(&State { thrust_n, ..probe::hover() }, &mut w);
+            w.torque_B_nm.z
+        };
+        assert_eq!(yaw([0.5, 0.5]), 0.0);
+        assert!(yaw([0.6, 0.4]) > 0.0 && yaw([0.6, 0.4]) == -yaw([0.4, 0.6]));
+    }
+}

@@ -1,0 +1,41 @@
+//! Pitch moment that grows with airspeed: wings bend more or less than the vehicle file says.
+//!
+//! `c -> c + Δc` in N3 (rad per m/s). Source: GAP.md A12, trim 0 to 0.2 rad per m/s.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::vehicle::Vehicle;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "A12",
+    name: "speed-pitch coupling",
+    block: Block::Aerodynamics,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("bend", "rad per m/s", 0.0, 0.1, [-0.2, 0.2], "further bend per airspeed")],
+    off: "bend of the vehicle file",
+    source: "GAP.md 3.1",
+    equation: "c -> c + Δc",
+    build: |b| Box::new(Edit(b.value.to_vec())),
+};
+
+struct Edit(Vec<f64>);
+
+impl Effect for Edit {
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        if let [bend] = self.0[..] {
+            vehicle.wings.passive_dihedral_rad_per_mps += bend;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_adds() {
+        let v = probe::edited(&SPEC, &[]);
+        assert!((v.wings.passive_dihedral_rad_per_mps - 0.245).abs() < 1e-12);
+    }
+}

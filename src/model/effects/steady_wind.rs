@@ -1,0 +1,46 @@
+//! Steady draught through the room.
+//!
+//! `v_air = v - w`, `w` constant in the Earth frame (m/s). Source: GAP.md A5, 0.1 to 0.6 m/s.
+
+use nalgebra::Vector3;
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "A5",
+    name: "steady wind",
+    block: Block::Aerodynamics,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("north", "m/s", 0.0, 0.3, [-0.6, 0.6], "towards north"),
+ParameterSpec::new("east", "m/s", 0.0, 0.0, [-0.6, 0.6], "towards east"),
+ParameterSpec::new("down", "m/s", 0.0, 0.0, [-0.3, 0.3], "towards the floor")],
+    off: "still air",
+    source: "GAP.md 3.1",
+    equation: "v_air = v - w",
+    build: |b| Box::new(SteadyWind(Vector3::new(b.value[0], b.value[1], b.value[2]))),
+};
+
+struct SteadyWind(Vector3<f64>);
+
+impl Effect for SteadyWind {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Wind]
+    }
+    fn wind(&mut self, _s: &State, wind_E_mps: &mut Vector3<f64>) {
+        *wind_E_mps += self.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_adds_to_other_winds() {
+        let mut wind = Vector3::new(0.1, 0.2, 0.0);
+        probe::build(&SPEC, &[("east", -0.2)]).wind(&probe::hover(), &mut wind);
+        assert!((wind - Vector3::new(0.4, 0.0, 0.0)).norm() < 1e-15);
+    }
+}

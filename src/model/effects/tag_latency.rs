@@ -1,0 +1,49 @@
+//! Bytes of the tag come late, by a constant that nobody can see in them.
+//!
+//! `delay += d` from the tag (ms). The companion learns its clock from the earliest bytes, so a constant delay becomes a time
+//! offset between UWB and IMU. Source: GAP.md T1, 30 to 150 ms.
+
+use crate::model::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "T1",
+    name: "UWB time offset",
+    block: Block::Timing,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("delay", "ms", 0.0, 80.0, [30.0, 150.0], "delay")],
+    off: "no delay beyond N19",
+    source: "GAP.md 3.7",
+    equation: "delay += d",
+    build: |b| Box::new(TagLatency(b.value[0] * 1e-3)),
+};
+
+struct TagLatency(f64);
+
+impl Effect for TagLatency {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Link]
+    }
+    fn link(&mut self, _s: &State, delivery: &mut Delivery) {
+        if delivery.cargo == Cargo::FromTag {
+            delivery.delay_s += self.0;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_delays_the_tag_only() {
+        let delay = |cargo| {
+            let mut d = Delivery { cargo, delay_s: 0.001, lost: false };
+            probe::build(&SPEC, &[]).link(&probe::hover(), &mut d);
+            d.delay_s
+        };
+        assert!((delay(Cargo::FromTag) - 0.081).abs() < 1e-12);
+        assert_eq!(delay(Cargo::FromBoard), 0.001);
+    }
+}

@@ -1,0 +1,64 @@
+//! Thrust is not linear in flap rate.
+//!
+//! `T -> T + ½ W ε (r² - 1)` per wing, not below zero, `r = f/f_h`, `W` weight (N), `f_h` hover flap rate
+//! (Hz). No change in hover. Source: GAP.md A4, ±0.05 to 0.2.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "A4",
+    name: "thrust curve",
+    block: Block::Thrust,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("epsilon", "", 0.0, 0.15, [-0.2, 0.2], "curvature")],
+    off: "thrust linear in flap rate",
+    source: "GAP.md 3.1",
+    equation: "T -> T + ½ W ε (r² - 1)",
+    build: |b| {
+        let weight_n = b.nominal.body.mass_kg * crate::frames::G_MPS2;
+        Box::new(ThrustExpo {
+            gain_n: 0.5 * weight_n * b.value[0],
+            inverse_hover_hz: 1.0 / b.nominal.hover_hz(),
+        })
+    },
+};
+
+struct ThrustExpo {
+    gain_n: f64,
+    inverse_hover_hz: f64,
+}
+
+impl Effect for ThrustExpo {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Thrust]
+    }
+    fn thrust(&mut self, s: &State, thrust_n: &mut [f64; 2]) {
+        for (t, f) in thrust_n.iter_mut().zip(s.flap_hz) {
+            let r = f * self.inverse_hover_hz;
+            // A wing that stands gives nothing, whatever the curvature says.
+            if r > 0.0 {
+                *t = (*t + self.gain_n * (r * r - 1.0)).max(0.0);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_no_change_in_hover_and_more_above() {
+        let thrust = |f: f64| {
+            let mut t = [0.5; 2];
+            probe::build(&SPEC, &[]).thrust(&State { flap_hz: [f; 2], ..probe::hover() }, &mut t);
+            t[0]
+        };
+        let hover_hz = probe::hover().flap_hz[0];
+        assert!((thrust(hover_hz) - 0.5).abs() < 1e-12);
+        assert!(thrust(1.1 * hover_hz) > 0.5 && thrust(0.9 * hover_hz) < 0.5);
+        assert_eq!(thrust(0.0), 0.5);
+    }
+}

@@ -1,0 +1,40 @@
+//! Flapping follows more slowly than the vehicle file says.
+//!
+//! `τ -> τ + Δτ` in N4 (s). Source: GAP.md P4, 0.08 to 0.12..0.28 s.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::model::vehicle::Vehicle;
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "P4",
+    name: "thrust lag",
+    block: Block::Thrust,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("extra", "s", 0.0, 0.08, [0.04, 0.2], "further lag")],
+    off: "lag of the vehicle file",
+    source: "GAP.md 3.2",
+    equation: "τ -> τ + Δτ",
+    build: |b| Box::new(Edit(b.value.to_vec())),
+};
+
+struct Edit(Vec<f64>);
+
+impl Effect for Edit {
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        if let [extra] = self.0[..] {
+            vehicle.wings.flap_lag_s += extra;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_adds() {
+        assert!((probe::edited(&SPEC, &[]).wings.flap_lag_s - 0.16).abs() < 1e-12);
+    }
+}

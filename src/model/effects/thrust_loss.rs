@@ -1,0 +1,43 @@
+//! Wings wear: less thrust at the same flap rate.
+//!
+//! `T -> (1 - g) T`, both wings. Source: GAP.md P1, 3 to 20 %. Nearest confounder: mass (I1); drag does not
+//! change here.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "P1",
+    name: "thrust gain loss",
+    block: Block::Thrust,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("loss", "", 0.0, 0.1, [0.03, 0.2], "share of thrust lost")],
+    off: "new wings",
+    source: "GAP.md 3.2",
+    equation: "T -> (1 - g) T",
+    build: |b| Box::new(ThrustLoss(1.0 - b.value[0])),
+};
+
+struct ThrustLoss(f64);
+
+impl Effect for ThrustLoss {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Thrust]
+    }
+    fn thrust(&mut self, _s: &State, thrust_n: &mut [f64; 2]) {
+        *thrust_n = thrust_n.map(|t| t * self.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_takes_its_share_of_both() {
+        let mut t = [0.4, 0.6];
+        probe::build(&SPEC, &[]).thrust(&probe::hover(), &mut t);
+        assert!((t[0] - 0.36).abs() < 1e-12 && (t[1] - 0.54).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,66 @@
+//! The board measures its voltage late or wrongly, so voltage compensation goes wrong.
+//!
+//! `V_told = V₀ (V_lag / V₀)^e`, `V_lag' = (V - V_lag) / τ`, `V₀` 7.4 V. Source: GAP.md P8. Left out: errors inside
+//! the companion.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State, Supply};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "P8",
+    name: "voltage report error",
+    block: Block::Battery,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("lag", "s", 0.0, 2.0, [0.5, 5.0], "lag of the measurement"),
+ParameterSpec::new("exponent", "", 1.0, 0.8, [0.5, 1.5], "exponent")],
+    off: "voltage reported as it is",
+    source: "GAP.md 3.2",
+    equation: "V_told = V₀ (V_lag / V₀)^e",
+    build: |b| Box::new(VoltageReport { gain: 1.0 - (-STEP_S / b.value[0].max(1e-9)).exp(), exponent: b.value[1], volt: None }),
+};
+
+/// Voltage at which the exponent does nothing, V: a pack of two cells.
+const RATED_V: f64 = 7.4;
+
+struct VoltageReport {
+    gain: f64,
+    exponent: f64,
+    volt: Option<f64>,
+}
+
+impl Effect for VoltageReport {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::BatteryReport]
+    }
+    fn battery_report(&mut self, _s: &State, supply: &mut Supply) {
+        let volt = self.volt.get_or_insert(supply.volt);
+        *volt += self.gain * (supply.volt - *volt);
+        supply.volt = if self.exponent == 1.0 {
+            *volt
+        } else {
+            RATED_V * (volt.max(0.0) / RATED_V).powf(self.exponent)
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_lags_and_bends() {
+        let mut report = probe::build(&SPEC, &[("exponent", 1.0)]);
+        let mut last = 0.0;
+        for k in 0..=1000 {
+            let volt = if k == 0 { 8.0 } else { 7.0 };
+            let mut s = Supply { volt, current_a: 3.0, charge_frac: 0.5 };
+            report.battery_report(&probe::hover(), &mut s);
+            last = s.volt;
+        }
+        assert!((last - (7.0 + (-1.0f64).exp())).abs() < 1e-3, "{last}");
+        let mut s = Supply { volt: 6.4, current_a: 3.0, charge_frac: 0.5 };
+        probe::build(&SPEC, &[]).battery_report(&probe::hover(), &mut s);
+        assert!(s.volt > 6.5 && s.volt < 6.7, "{}", s.volt);
+    }
+}

@@ -1,0 +1,80 @@
+//! A wall near by pulls or pushes.
+//!
+//! `F = k e^(-d/l)` away from the wall (N, Earth frame), `d` distance to it (m). Source: GAP.md A10, 0.03 to
+//! 0.12 N. Left out: corners, moments.
+
+use nalgebra::Vector3;
+
+use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::model::wings::{Wrench};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "A10",
+    name: "wall effect",
+    block: Block::Aerodynamics,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("force", "N", 0.0, 0.06, [-0.12, 0.12], "at the wall, away from it"),
+ParameterSpec::new("length", "m", 0.5, 0.5, [0.2, 1.0], "length of decay"),
+ParameterSpec::new("wall", "", 0.0, 0.0, [0.0, 3.0], "0 north, 1 east, 2 south, 3 west")],
+    off: "walls far away",
+    source: "GAP.md 3.1",
+    equation: "F = k e^(-d/l)",
+    build: |b| Box::new(Wall::new(&b)),
+};
+
+struct Wall {
+    force_n: f64,
+    length_m: f64,
+    /// Outward normal of the wall, horizontal, and its distance from the origin along it.
+    normal: Vector3<f64>,
+    at_m: f64,
+}
+
+impl Wall {
+    fn new(b: &Build<'_>) -> Self {
+        let (normal, at_m) = match b.value[2] as u8 {
+            0 => (Vector3::x(), b.room.north_m[1]),
+            1 => (Vector3::y(), b.room.east_m[1]),
+            2 => (-Vector3::x(), -b.room.north_m[0]),
+            _ => (-Vector3::y(), -b.room.east_m[0]),
+        };
+        Self { force_n: b.value[0], length_m: b.value[1].max(0.01), normal, at_m }
+    }
+}
+
+impl Effect for Wall {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Wrench]
+    }
+    fn wrench(&mut self, s: &State, wrench: &mut Wrench) {
+        let away_m = (self.at_m - self.normal.dot(&s.pos_E_m)).max(0.0);
+        let force_E = self.normal * (-self.force_n * (-away_m / self.length_m).exp());
+        wrench.force_B_n += s.R_EB.tr_mul(&force_E);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_pushes_away_from_each_wall() {
+        for (wall, place, direction) in [
+            (0.0, Vector3::new(10.0, 5.0, -1.0), -Vector3::x()),
+            (1.0, Vector3::new(5.0, 10.0, -1.0), -Vector3::y()),
+            (2.0, Vector3::new(0.0, 5.0, -1.0), Vector3::x()),
+            (3.0, Vector3::new(5.0, 0.0, -1.0), Vector3::y()),
+        ] {
+            let force = |pos_E_m| {
+                let mut w = Wrench::default();
+                let s = State { pos_E_m, ..probe::hover() };
+                probe::build(&SPEC, &[("wall", wall)]).wrench(&s, &mut w);
+                w.force_B_n
+            };
+            assert!((force(place) - direction * 0.06).norm() < 1e-12);
+            assert!(force(Vector3::new(5.0, 5.0, -1.0)).norm() < 1e-5);
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! One wing is better than the other.
+//!
+//! `T_L -> (1 + ε) T_L`, `T_R -> (1 - ε) T_R`. Source: GAP.md P6, 1 to 6 %.
+
+use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "P6",
+    name: "wing asymmetry",
+    block: Block::Thrust,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("epsilon", "", 0.0, 0.03, [-0.06, 0.06], "share by which the left wing gives more")],
+    off: "both wings alike",
+    source: "GAP.md 3.2",
+    equation: "T_L -> (1 + ε) T_L, T_R -> (1 - ε) T_R",
+    build: |b| Box::new(WingAsymmetry(b.value[0])),
+};
+
+struct WingAsymmetry(f64);
+
+impl Effect for WingAsymmetry {
+    fn stages(&self) -> &'static [Stage] {
+        &[Stage::Thrust]
+    }
+    fn thrust(&mut self, _s: &State, thrust_n: &mut [f64; 2]) {
+        thrust_n[0] *= 1.0 + self.0;
+        thrust_n[1] *= 1.0 - self.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::probe;
+
+    #[test]
+    fn prop_mirror_swaps() {
+        let thrust = |e| {
+            let mut t = [0.5; 2];
+            probe::build(&SPEC, &[("epsilon", e)]).thrust(&probe::hover(), &mut t);
+            t
+        };
+        let [l, r] = thrust(0.03);
+        assert!(l > r && thrust(-0.03) == [r, l] && (l + r - 1.0).abs() < 1e-12);
+    }
+}

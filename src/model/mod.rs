@@ -1,0 +1,33 @@
+//! Physics for simulation, fits and diagnosis: the vehicle, its inner-loop board and the UWB tag,
+//! as one deterministic plant that eats and emits the bytes of the real links.
+//!
+//! ```text
+//! board bytes ─► board (500 Hz loops) ─► wings ─► forces ─► rigid body ─► truth
+//!                    ▲ attitude, IMU                              │
+//!                    └──────────────── effects ◄──────────────────┤
+//!                                         └─► anchors, tag ─► tag bytes
+//! ```
+//!
+//! Every physical effect is one file in [`effects`]; [`effects::ALL`] is the one list of them.
+//! No clock, no I/O; random numbers come from generators seeded per effect, so that switching one
+//! effect on does not shift the draws of another.
+
+pub mod board;
+pub mod body;
+pub mod effects;
+pub mod faults;
+pub mod link;
+pub mod plant;
+pub mod random;
+pub mod room;
+pub mod servo;
+pub mod tag;
+pub mod truth;
+pub mod vehicle;
+pub mod wings;
+
+pub use effects::EffectSet;
+pub use faults::Fault;
+pub use plant::{Plant, PlantConfig};
+pub use truth::Truth;
+pub use vehicle::Vehicle;

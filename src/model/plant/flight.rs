@@ -1,0 +1,151 @@
+//! The flying part of a step: wind, board, actuators, forces, floor, body.
+
+use nalgebra::Vector3;
+
+use super::{Plant, STEP_US};
+use crate::frames::G_MPS2;
+use crate::model::effects::STEP_S;
+use crate::model::faults::FaultKind;
+use crate::model::vehicle::Servo;
+use crate::model::wings::{Actuation, Wrench, flap_target_hz, thrust_wrench, wing_thrust_n};
+
+/// Friction of the landing gear on the floor. Assumed: rubber on wood.
+const FRICTION: f64 = 0.6;
+/// Half width of the landing gear, m: holds a tilting moment of the normal force times this.
+const GEAR_HALF_WIDTH_M: f64 = 0.06;
+/// The gear brings the vehicle upright with this time constant, s.
+const GEAR_UPRIGHT_S: f64 = 0.08;
+/// Speed into the floor that breaks the vehicle, m/s.
+const CRASH_MPS: f64 = 2.0;
+/// Cosine of the tilt that counts as fallen over: 80°.
+const CRASH_TILT_COS: f64 = 0.173_648;
+/// On the floor with less thrust than this share of the weight for this long: landed.
+const LANDED_THRUST_SHARE: f64 = 0.7;
+
+impl Plant {
+    /// Actuators, forces, floor, body.
+    pub(super) fn fly(&mut self) {
+        let s = &mut self.state;
+        let bank = &mut self.bank;
+        self.wind_E_mps = Vector3::zeros();
+        bank.wind(s, &mut self.wind_E_mps);
+        s.air_B_mps = s.R_EB.tr_mul(&(s.vel_E_mps - self.wind_E_mps));
+
+        let mut command = self.board.control(s, bank);
+        bank.command(s, &mut command);
+        let wings = &self.vehicle.wings;
+        let mut target = Actuation {
+            flap_hz: command.flap_frac.map(|c| flap_target_hz(wings, c.min(1.0), s.supply_v)),
+            dihedral_rad: within(&self.vehicle.pitch_servo, command.dihedral_rad),
+            yaw_servo_rad: within(&self.vehicle.yaw_servo, command.yaw_servo_rad),
+        };
+        bank.actuate(s, &mut target);
+        match self.broken.servos.0 {
+            FaultKind::Healthy => {}
+            FaultKind::Off => (target.dihedral_rad, target.yaw_servo_rad) = (0.0, 0.0),
+            _ => {
+                target.dihedral_rad = self.actuation.dihedral_rad;
+                target.yaw_servo_rad = self.actuation.yaw_servo_rad;
+            }
+        }
+        self.actuation = target;
+        s.flap_hz = self.actuation.flap_hz;
+        s.flap_cycles += 0.5 * STEP_S * (s.flap_hz[0] + s.flap_hz[1]);
+        if s.flap_cycles >= 1.0 {
+            s.flap_cycles -= 1.0; // wings beat far below 500 Hz
+        }
+
+        bank.battery(s, &mut self.supply);
+        s.supply_v = (self.supply.volt - self.broken.battery_drop_v).max(1.0);
+        s.current_a = self.supply.current_a;
+        s.charge_frac = self.supply.charge_frac;
+
+        s.thrust_n = s.flap_hz.map(|f| wing_thrust_n(wings, f));
+        let mut thrust_n = s.thrust_n;
+        bank.thrust(s, &mut thrust_n);
+        let [left, right] = self.broken.wing_gain;
+        s.thrust_n = [thrust_n[0] * left, thrust_n[1] * right];
+        let mut wrench = thrust_wrench(&self.vehicle, s.thrust_n, &self.actuation);
+        bank.wrench(s, &mut wrench);
+        self.move_body(wrench);
+    }
+
+    fn move_body(&mut self, wrench: Wrench) {
+        let mass_kg = self.vehicle.body.mass_kg;
+        let R_EB = self.state.R_EB;
+        let mut a_E = R_EB * wrench.force_B_n / mass_kg;
+        a_E.z += G_MPS2;
+        let mut torque_B = wrench.torque_B_nm;
+
+        let push_mps2 = a_E.z;
+        if self.state.on_ground && push_mps2 > 0.0 {
+            // The floor bears the rest of the weight; friction holds or brakes.
+            a_E.z = 0.0;
+            let grip_mps2 = FRICTION * push_mps2;
+            let v = Vector3::new(self.body.v_E.x, self.body.v_E.y, 0.0);
+            let speed = v.norm();
+            if speed > grip_mps2 * STEP_S {
+                a_E -= v * (grip_mps2 / speed);
+            } else if a_E.xy().norm() <= grip_mps2 {
+                a_E = Vector3::zeros();
+                self.body.v_E = Vector3::zeros();
+                self.body.restart();
+            }
+            let held_nm = mass_kg * push_mps2 * GEAR_HALF_WIDTH_M;
+            if torque_B.xy().norm() <= held_nm {
+                let up_B = R_EB.tr_mul(&Vector3::z());
+                // Turning about this axis at this rate brings body z to the vertical.
+                let upright = Vector3::z().cross(&up_B) / GEAR_UPRIGHT_S;
+                self.body.set_rate(Vector3::new(upright.x, upright.y, 0.0));
+                torque_B = Vector3::zeros();
+            }
+        }
+        self.state.acc_B_mps2 = R_EB.tr_mul(&(a_E - Vector3::new(0.0, 0.0, G_MPS2)));
+        self.body.step(STEP_S, a_E, torque_B, &R_EB);
+
+        let floor_z = -self.vehicle.body.gear_m;
+        if self.body.x_E.z >= floor_z {
+            if self.body.v_E.z > CRASH_MPS {
+                self.crash();
+            }
+            if self.body.v_E.z > 0.0 {
+                self.body.v_E.z = 0.0;
+                self.body.restart();
+            }
+            self.body.x_E.z = floor_z;
+        }
+    }
+
+    fn crash(&mut self) {
+        self.crashed = true;
+        self.board.crash();
+    }
+
+    /// Brings the state that effects see up to date with the body.
+    pub(super) fn observe(&mut self) {
+        let s = &mut self.state;
+        s.t_s = (self.steps * STEP_US) as f64 * 1e-6;
+        s.pos_E_m = self.body.x_E;
+        s.vel_E_mps = self.body.v_E;
+        s.q_EB = self.body.q_EB;
+        s.R_EB = *s.q_EB.to_rotation_matrix().matrix();
+        s.rate_B_radps = self.body.w_B();
+        s.height_m = -s.pos_E_m.z - self.vehicle.body.gear_m;
+        s.on_ground = s.height_m <= 0.0;
+        let weight_n = self.vehicle.body.mass_kg * G_MPS2;
+        let idle = s.thrust_n[0] + s.thrust_n[1] < LANDED_THRUST_SHARE * weight_n;
+        self.landed_s = if s.on_ground && idle { self.landed_s + STEP_S } else { 0.0 };
+        if s.R_EB[(2, 2)] < CRASH_TILT_COS && !self.crashed {
+            self.crash();
+        }
+        if self.crashed && self.board.armed() {
+            self.board.crash();
+        }
+    }
+}
+
+/// Cuts a command at the end stops of the servo.
+fn within(servo: &Servo, rad: f64) -> f64 {
+    let limit_rad = servo.limit_deg.to_radians();
+    rad.clamp(-limit_rad, limit_rad)
+}

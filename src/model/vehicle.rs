@@ -1,0 +1,304 @@
+//! The vehicle file: every number of the nominal vehicle, shared by simulator, fits and gap tool.
+//!
+//! Defaults are the Flapper of 102 g. Sources in brackets: \[P\] the paper, \[M\] the public dynamic
+//! model of this vehicle (federicoangioni/flapper-dynamic-model), \[R\] recorded flights, \[F\] public
+//! firmware, \[D\] derived here.
+
+use serde::{Deserialize, Serialize};
+
+use crate::checks::Problems;
+use crate::frames::G_MPS2;
+
+/// Everything about the vehicle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Vehicle {
+    /// Name in reports.
+    pub name: String,
+    /// Mass properties and fixed points.
+    pub body: Body,
+    /// Flapping wings.
+    pub wings: Wings,
+    /// Air drag.
+    pub drag: Drag,
+    /// Dihedral servo: pitch.
+    pub pitch_servo: Servo,
+    /// Wing-root servo: yaw.
+    pub yaw_servo: Servo,
+    /// Battery.
+    pub battery: Battery,
+    /// Ground effect.
+    pub ground: Ground,
+}
+
+/// Mass properties and fixed points.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Body {
+    /// Take-off mass, kg \[P\].
+    pub mass_kg: f64,
+    /// Moments of inertia about the body axes, kg·m² \[M, with wings\].
+    pub inertia_kgm2: [f64; 3],
+    /// Centre of mass from its drawn place, body frame, m.
+    pub cg_B_m: [f64; 3],
+    /// Centre of mass above the foot of the landing gear, m \[D: half the height of the vehicle\].
+    pub gear_m: f64,
+    /// UWB antenna from the drawn centre of mass, body frame, m.
+    pub tag_B_m: [f64; 3],
+}
+
+/// Flapping wings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Wings {
+    /// Thrust of both wings against the sum of their flap rates, N/Hz \[M, sign re-derived\].
+    pub thrust_n_per_hz: f64,
+    /// Thrust of both wings at no flapping, N \[M\].
+    pub thrust_offset_n: f64,
+    /// Flap rate against command times voltage, Hz/V \[D: hover at command · V = 4.73 V, R\].
+    pub flap_hz_per_v: f64,
+    /// Flap rate at no command, Hz \[M\].
+    pub flap_offset_hz: f64,
+    /// First-order lag of the flap rate, s \[M\].
+    pub flap_lag_s: f64,
+    /// Wing centre from the middle plane, m \[M\].
+    pub centre_m: f64,
+    /// Centre of pressure above the centre of mass, m \[M\].
+    pub cop_m: f64,
+    /// Arm of the dihedral hinge, m \[M\].
+    pub hinge_m: f64,
+    /// Half spacing of the wing roots, m \[M\].
+    pub root_m: f64,
+    /// Length of the link between wing root and hinge, m \[M\].
+    pub link_m: f64,
+    /// Wings bend back by this angle per airspeed forward, rad per m/s \[D from the Nimble's 0.175:
+    /// chosen so that it cancels the lever of the drag, as the flights' clean v(θ) law demands\].
+    pub passive_dihedral_rad_per_mps: f64,
+}
+
+/// Air drag: `F_i = -k_i (f_L + f_R) v_i`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Drag {
+    /// Coefficients along the body axes, N·s/m per Hz \[x: M; y, z: R, M says 0.0109 and 0.0039\].
+    pub k_ns_per_m_hz: [f64; 3],
+    /// Inverse of the speed at which drag has fallen to half of its linear law, s/m. 0: linear.
+    pub saturation_s_per_m: f64,
+    /// Factor on the rotational damping that the moving wings give.
+    pub damping_factor: f64,
+}
+
+/// A servo: second order with limits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Servo {
+    /// Natural frequency, rad/s.
+    pub frequency_radps: f64,
+    /// Damping ratio.
+    pub damping: f64,
+    /// Travel to either side, degrees.
+    pub limit_deg: f64,
+}
+
+/// Battery.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Battery {
+    /// Cells in series \[P\].
+    pub cells: f64,
+    /// Capacity, mAh \[P\].
+    pub capacity_mah: f64,
+    /// Inner resistance of the pack with leads, Ω \[GAP.md 3.0: 0.15 to 0.20\].
+    pub resistance_ohm: f64,
+    /// Charge at start, 0 to 1.
+    pub charge_frac: f64,
+    /// Open-circuit voltage of a cell at charge 0, 0.1 … 1, V \[usual LiPo curve\].
+    pub cell_v: [f64; 11],
+    /// Power of both motors in hover, W \[D: 300 mAh in 4 to 6 min\].
+    pub hover_w: f64,
+    /// Power of the electronics, W.
+    pub electronics_w: f64,
+}
+
+/// Ground effect: `T = T_free (1 + gain e^(-h/length))`, h from foot to floor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Ground {
+    /// Gain at the floor.
+    pub gain: f64,
+    /// Length of decay, m.
+    pub length_m: f64,
+}
+
+impl Default for Vehicle {
+    fn default() -> Self {
+        Self {
+            name: "flapper-102g".into(),
+            body: Body::default(),
+            wings: Wings::default(),
+            drag: Drag::default(),
+            pitch_servo: Servo { frequency_radps: 40.0, damping: 0.634, limit_deg: 18.0 },
+            yaw_servo: Servo { frequency_radps: 10.0, damping: 0.7, limit_deg: 45.0 },
+            battery: Battery::default(),
+            ground: Ground::default(),
+        }
+    }
+}
+
+impl Default for Body {
+    fn default() -> Self {
+        Self {
+            mass_kg: 0.102,
+            inertia_kgm2: [5.6e-4, 3.4e-4, 3.6e-4],
+            cg_B_m: [0.0; 3],
+            gear_m: 0.12,
+            tag_B_m: [0.0; 3],
+        }
+    }
+}
+
+impl Default for Wings {
+    fn default() -> Self {
+        Self {
+            thrust_n_per_hz: 0.040,
+            thrust_offset_n: -0.02,
+            flap_hz_per_v: 2.724,
+            flap_offset_hz: -0.13,
+            flap_lag_s: 0.08,
+            centre_m: 0.08,
+            cop_m: 0.027,
+            hinge_m: 0.035,
+            root_m: 0.036,
+            link_m: 0.1,
+            passive_dihedral_rad_per_mps: 0.145,
+        }
+    }
+}
+
+impl Default for Drag {
+    fn default() -> Self {
+        Self {
+            k_ns_per_m_hz: [0.0169, 0.0080, 0.0026],
+            saturation_s_per_m: 0.0,
+            damping_factor: 1.0,
+        }
+    }
+}
+
+impl Default for Battery {
+    fn default() -> Self {
+        Self {
+            cells: 2.0,
+            capacity_mah: 300.0,
+            resistance_ohm: 0.17,
+            charge_frac: 1.0,
+            cell_v: [3.27, 3.62, 3.70, 3.74, 3.77, 3.80, 3.84, 3.90, 3.97, 4.07, 4.20],
+            hover_w: 24.5,
+            electronics_w: 1.0,
+        }
+    }
+}
+
+impl Default for Ground {
+    /// 1 / 1.087 = 0.92 of the free thrust command at 0.33 m, as the paper's text states.
+    fn default() -> Self {
+        Self { gain: 0.20, length_m: 0.40 }
+    }
+}
+
+impl Vehicle {
+    /// Flap rate of each wing at which thrust equals weight, out of ground effect, Hz.
+    pub fn hover_hz(&self) -> f64 {
+        (self.body.mass_kg * G_MPS2 - self.wings.thrust_offset_n)
+            / (2.0 * self.wings.thrust_n_per_hz)
+    }
+
+    /// Command times voltage in hover, V.
+    pub fn hover_command_v(&self) -> f64 {
+        (self.hover_hz() - self.wings.flap_offset_hz) / self.wings.flap_hz_per_v
+    }
+
+    /// Refuses what cannot fly; every reason at once.
+    pub fn check(&self, key: &str, problems: &mut Problems) {
+        let mut range = |name: &str, value: f64, low: f64, high: f64, unit: &str| {
+            problems.range(format_args!("{key}.{name}"), value, low..=high, unit);
+        };
+        let Self { name: _, body, wings, drag, pitch_servo, yaw_servo, battery, ground } = self;
+        range("body.mass_kg", body.mass_kg, 0.01, 2.0, "kg");
+        for (axis, inertia) in ["x", "y", "z"].into_iter().zip(body.inertia_kgm2) {
+            range(&format!("body.inertia_kgm2.{axis}"), inertia, 1e-6, 1.0, "kg·m²");
+        }
+        for (axis, i) in ["x", "y", "z"].into_iter().zip(0..3) {
+            range(&format!("body.cg_B_m.{axis}"), body.cg_B_m[i], -0.1, 0.1, "m");
+            range(&format!("body.tag_B_m.{axis}"), body.tag_B_m[i], -0.5, 0.5, "m");
+            let k = drag.k_ns_per_m_hz[i];
+            range(&format!("drag.k_ns_per_m_hz.{axis}"), k, 0.0, 1.0, "N·s/m per Hz");
+        }
+        range("body.gear_m", body.gear_m, 0.0, 1.0, "m");
+        range("wings.thrust_n_per_hz", wings.thrust_n_per_hz, 1e-3, 1.0, "N/Hz");
+        range("wings.thrust_offset_n", wings.thrust_offset_n, -1.0, 1.0, "N");
+        range("wings.flap_hz_per_v", wings.flap_hz_per_v, 0.1, 50.0, "Hz/V");
+        range("wings.flap_offset_hz", wings.flap_offset_hz, -10.0, 10.0, "Hz");
+        range("wings.flap_lag_s", wings.flap_lag_s, 0.001, 1.0, "s");
+        range("wings.centre_m", wings.centre_m, 0.01, 1.0, "m");
+        range("wings.cop_m", wings.cop_m, -0.2, 0.2, "m");
+        range("wings.hinge_m", wings.hinge_m, 0.0, 0.5, "m");
+        range("wings.root_m", wings.root_m, 1e-3, 0.5, "m");
+        range("wings.link_m", wings.link_m, wings.hinge_m + wings.root_m, 1.0, "m");
+        let bend = wings.passive_dihedral_rad_per_mps;
+        range("wings.passive_dihedral_rad_per_mps", bend, -0.5, 0.5, "rad per m/s");
+        range("drag.saturation_s_per_m", drag.saturation_s_per_m, 0.0, 10.0, "s/m");
+        range("drag.damping_factor", drag.damping_factor, 0.0, 10.0, "");
+        for (name, servo) in [("pitch_servo", pitch_servo), ("yaw_servo", yaw_servo)] {
+            range(&format!("{name}.frequency_radps"), servo.frequency_radps, 1.0, 500.0, "rad/s");
+            range(&format!("{name}.damping"), servo.damping, 0.1, 5.0, "");
+            range(&format!("{name}.limit_deg"), servo.limit_deg, 1.0, 60.0, "deg");
+        }
+        range("battery.cells", battery.cells, 1.0, 6.0, "");
+        range("battery.capacity_mah", battery.capacity_mah, 10.0, 10_000.0, "mAh");
+        range("battery.resistance_ohm", battery.resistance_ohm, 0.0, 1.0, "Ω");
+        range("battery.charge_frac", battery.charge_frac, 0.05, 1.0, "");
+        for (tenth, volt) in battery.cell_v.into_iter().enumerate() {
+            range(&format!("battery.cell_v[{tenth}]"), volt, 2.0, 4.5, "V");
+        }
+        range("battery.hover_w", battery.hover_w, 0.1, 1000.0, "W");
+        range("battery.electronics_w", battery.electronics_w, 0.0, 100.0, "W");
+        range("ground.gain", ground.gain, -0.5, 1.0, "");
+        range("ground.length_m", ground.length_m, 0.01, 2.0, "m");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_flapper_hovers_where_the_flights_say() {
+        let v = Vehicle::default();
+        // Recorded flights: command · voltage = 310 000 counts·V ± 1.5 % of 65535.
+        let recorded_v = 310_000.0 / 65_535.0;
+        assert!((v.hover_command_v() / recorded_v - 1.0).abs() < 0.005);
+        // Paper: about 12 to 13 Hz.
+        assert!((12.0..13.0).contains(&v.hover_hz()), "{}", v.hover_hz());
+    }
+
+    #[test]
+    fn prop_default_is_accepted_and_survives_the_file() {
+        let v = Vehicle::default();
+        let mut problems = Problems::new();
+        v.check("vehicle", &mut problems);
+        assert_eq!(problems.lines(), [] as [&str; 0]);
+        let text = toml::to_string(&v).unwrap();
+        assert_eq!(toml::from_str::<Vehicle>(&text).unwrap(), v);
+        assert_eq!(toml::from_str::<Vehicle>("").unwrap(), v);
+    }
+
+    #[test]
+    fn prop_slips_are_named() {
+        assert!(toml::from_str::<Vehicle>("[body]\nmas_kg = 0.1").is_err());
+        let v: Vehicle = toml::from_str("[body]\nmass_kg = 102.0").unwrap();
+        let mut problems = Problems::new();
+        v.check("vehicle", &mut problems);
+        assert_eq!(problems.lines(), ["vehicle.body.mass_kg = 102, allowed 0.01 to 2 kg"]);
+    }
+}
