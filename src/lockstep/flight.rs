@@ -1,0 +1,145 @@
+//! A whole flight in lockstep: align, arm, fly a mission, land, with a sample per control step.
+
+use haltere_dialect::mav::haltere::{
+    MISSION_ITEM_INT_DATA, MavCmd, MavMessage, MavMissionResult, MavResult,
+};
+
+use crate::estimate::Estimate;
+use crate::model::Truth;
+use crate::pilot::Mode;
+use crate::topics::ControlRecord;
+
+use super::{Ground, Lockstep};
+
+/// Time to find the start values, µs.
+const ALIGN_US: u64 = 20_000_000;
+/// Time between two samples, µs: the control period.
+const SAMPLE_US: u64 = 10_000;
+
+/// What was true, believed and wanted at one instant.
+#[derive(Debug, Clone, Copy)]
+pub struct Sample {
+    /// Simulated time, µs.
+    pub t_us: u64,
+    /// Mode in force.
+    pub mode: Mode,
+    /// Number of mission items reached so far.
+    pub reached: u16,
+    /// Truth.
+    pub truth: Truth,
+    /// Estimate.
+    pub estimate: Estimate,
+    /// Inside of the control step.
+    pub control: ControlRecord,
+}
+
+/// A flight that was flown.
+#[derive(Debug, Clone)]
+pub struct Flight {
+    /// One sample per control step, from arming to the end.
+    pub samples: Vec<Sample>,
+    /// Texts of the vehicle.
+    pub texts: Vec<String>,
+    /// Whether it ended disarmed on the floor.
+    pub landed: bool,
+}
+
+/// Why a flight did not take place.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum FlightError {
+    /// The estimator found no start values.
+    #[error("not aligned after {seconds} s; the vehicle said: {texts:?}")]
+    NotAligned {
+        /// How long was waited.
+        seconds: u64,
+        /// What the vehicle said.
+        texts: Vec<String>,
+    },
+    /// The vehicle refused.
+    #[error("{what} refused with {result}; the vehicle said: {texts:?}")]
+    Refused {
+        /// What was asked.
+        what: &'static str,
+        /// The answer.
+        result: String,
+        /// What the vehicle said.
+        texts: Vec<String>,
+    },
+}
+
+/// Flies a mission to its end, or until `limit_s` of simulated time.
+///
+/// The mission should end with a landing; otherwise the flight is landed at the limit.
+pub fn fly(
+    world: &mut Lockstep,
+    items: &[MISSION_ITEM_INT_DATA],
+    limit_s: f64,
+) -> Result<Flight, FlightError> {
+    let mut ground = Ground::new();
+    let refused = |what, result: String, ground: &Ground| FlightError::Refused {
+        what,
+        result,
+        texts: ground.texts.clone(),
+    };
+    match ground.upload(world, items) {
+        Some(MavMissionResult::MAV_MISSION_ACCEPTED) => {}
+        other => return Err(refused("mission", format!("{other:?}"), &ground)),
+    }
+    let arm = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    loop {
+        match ground.command(world, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, arm) {
+            Some(MavResult::MAV_RESULT_ACCEPTED) => break,
+            // Not ready yet: alignment takes its time.
+            Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED) if world.t_us() < ALIGN_US => {
+                world.run_until(world.t_us() + 500_000);
+            }
+            Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED) => {
+                ground.listen(world);
+                return Err(FlightError::NotAligned {
+                    seconds: world.t_us() / 1_000_000,
+                    texts: ground.texts,
+                });
+            }
+            other => return Err(refused("arming", format!("{other:?}"), &ground)),
+        }
+    }
+    match ground.command(world, MavCmd::MAV_CMD_MISSION_START, [0.0; 7]) {
+        Some(MavResult::MAV_RESULT_ACCEPTED) => {}
+        other => return Err(refused("mission start", format!("{other:?}"), &ground)),
+    }
+    let mut samples = Vec::with_capacity((limit_s * 100.0) as usize + 1000);
+    let mut reached = 0;
+    let start_us = world.t_us();
+    let end_us = start_us + (limit_s * 1e6) as u64;
+    let mut airborne = false;
+    let mut next_us = start_us;
+    let landed = loop {
+        next_us += SAMPLE_US;
+        world.run_until(next_us);
+        ground.listen(world);
+        let count = |m: &MavMessage| match m {
+            MavMessage::MISSION_ITEM_REACHED(r) => Some(r.seq + 1),
+            _ => None,
+        };
+        while let Some(seq) = ground.take(count) {
+            reached = seq;
+        }
+        let mode = world.pilot().mode();
+        samples.push(Sample {
+            t_us: world.t_us(),
+            mode,
+            reached,
+            truth: world.truth(),
+            estimate: *world.pilot().estimate(),
+            control: *world.pilot().control_record(),
+        });
+        airborne |= mode.is_flying();
+        if airborne && mode == Mode::Disarmed {
+            break true;
+        }
+        if world.t_us() >= end_us {
+            break false;
+        }
+    };
+    Ok(Flight { samples, texts: ground.texts, landed })
+}

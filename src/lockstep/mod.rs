@@ -1,0 +1,205 @@
+//! Lockstep: plant and pilot core coupled in memory, on one simulated clock, as fast as they go.
+//!
+//! The same bytes cross the same borders as over real wires: the tag's stream, the board's MAVLink
+//! and a ground endpoint. Nothing waits, nothing is drawn from a clock, so two runs with one seed
+//! are equal to the last bit.
+
+mod flight;
+mod ground;
+
+#[cfg(test)]
+mod tests;
+
+pub use flight::{Flight, FlightError, Sample, fly};
+pub use ground::Ground;
+
+use crate::checks::Problems;
+use crate::model::{Plant, PlantConfig, Truth};
+use crate::pilot::{Input, LinkId, Pilot, PilotConfig};
+use crate::survey::Survey;
+use crate::time::HostTime;
+
+/// Step of the plant, µs: its 500 Hz.
+pub const STEP_US: u64 = 2_000;
+
+/// Host time at which simulated time is zero: a computer is never freshly booted.
+const HOST_START_US: u64 = 100_000_000;
+
+/// Changes what arrives before the core gets it: simulated time in µs, link, bytes.
+pub type Damage = Box<dyn FnMut(u64, LinkId, &mut Vec<u8>) + Send>;
+/// Sees everything that the core sends: simulated time in µs, link, bytes.
+pub type Tap = Box<dyn FnMut(u64, LinkId, &[u8]) + Send>;
+
+/// A plant and the pilot core that flies it.
+pub struct Lockstep {
+    plant: Plant,
+    pilot: Pilot,
+    t_us: u64,
+    ground_out: Vec<Vec<u8>>,
+    damage: Option<Damage>,
+    tap: Option<Tap>,
+}
+
+impl Lockstep {
+    /// Both at rest on the floor, links up.
+    pub fn new(plant: PlantConfig, pilot: PilotConfig, survey: &Survey) -> Result<Self, Problems> {
+        let plant = Plant::new(plant)?;
+        let at = HostTime::from_us(HOST_START_US);
+        let grounds = pilot.ground_endpoints;
+        let mut pilot = Pilot::new(pilot, survey.clone(), at);
+        pilot.handle(at, Input::LinkUp { link: LinkId::Tag });
+        pilot.handle(at, Input::LinkUp { link: LinkId::Board });
+        for n in 0..grounds {
+            pilot.handle(at, Input::LinkUp { link: LinkId::Ground(n) });
+        }
+        let ground_out = vec![Vec::new(); usize::from(grounds)];
+        Ok(Self { plant, pilot, t_us: 0, ground_out, damage: None, tap: None })
+    }
+
+    /// Switches decoded records off; nobody then reads them with [`Lockstep::pilot_mut`].
+    pub fn without_topics(mut self) -> Self {
+        self.pilot = self.pilot.without_topics();
+        self
+    }
+
+    /// Damages what arrives, or listens to it.
+    pub fn with_damage(mut self, damage: Damage) -> Self {
+        self.damage = Some(damage);
+        self
+    }
+
+    /// Listens to all that the core sends.
+    pub fn with_tap(mut self, tap: Tap) -> Self {
+        self.tap = Some(tap);
+        self
+    }
+
+    /// Simulated time since the start, µs.
+    pub fn t_us(&self) -> u64 {
+        self.t_us
+    }
+
+    /// Host time of the companion.
+    pub fn host_now(&self) -> HostTime {
+        HostTime::from_us(HOST_START_US + self.t_us)
+    }
+
+    /// Truth, for whoever scores.
+    pub fn truth(&self) -> Truth {
+        self.plant.truth()
+    }
+
+    /// The plant.
+    pub fn plant_mut(&mut self) -> &mut Plant {
+        &mut self.plant
+    }
+
+    /// The core.
+    pub fn pilot(&self) -> &Pilot {
+        &self.pilot
+    }
+
+    /// The core, to read its records.
+    pub fn pilot_mut(&mut self) -> &mut Pilot {
+        &mut self.pilot
+    }
+
+    /// Bytes to the first ground endpoint.
+    pub fn ground_in(&mut self, bytes: &[u8]) {
+        self.ground_in_at(0, bytes);
+    }
+
+    /// Bytes to a ground endpoint.
+    pub fn ground_in_at(&mut self, n: u8, bytes: &[u8]) {
+        let link = LinkId::Ground(n);
+        match &mut self.damage {
+            None => self.input(Input::Bytes { link, bytes }),
+            Some(damage) => {
+                let mut bytes = bytes.to_vec();
+                damage(self.t_us, link, &mut bytes);
+                self.input(Input::Bytes { link, bytes: &bytes });
+            }
+        }
+    }
+
+    /// Anything else that glue could tell the core, now.
+    pub fn input(&mut self, input: Input<'_>) {
+        let at = self.host_now();
+        self.pilot.handle(at, input);
+        self.carry();
+    }
+
+    /// Bytes from the first ground endpoint since the last call of [`Lockstep::clear_ground_out`].
+    pub fn ground_out(&self) -> &[u8] {
+        self.ground_out_of(0)
+    }
+
+    /// The same of any ground endpoint.
+    pub fn ground_out_of(&self, n: u8) -> &[u8] {
+        self.ground_out.get(usize::from(n)).map_or(&[], Vec::as_slice)
+    }
+
+    /// Forgets what the ground endpoints sent.
+    pub fn clear_ground_out(&mut self) {
+        self.ground_out.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Forgets what one of them sent.
+    pub fn clear_ground_out_of(&mut self, n: u8) {
+        if let Some(bytes) = self.ground_out.get_mut(usize::from(n)) {
+            bytes.clear();
+        }
+    }
+
+    /// One step of the plant, and all that follows from it.
+    pub fn step(&mut self) {
+        self.t_us += STEP_US;
+        self.plant.advance_to(self.t_us);
+        let at = self.host_now();
+        let tag = self.plant.tag_output();
+        if let Some(damage) = &mut self.damage {
+            damage(self.t_us, LinkId::Tag, tag);
+        }
+        if !tag.is_empty() {
+            self.pilot.handle(at, Input::Bytes { link: LinkId::Tag, bytes: tag });
+            tag.clear();
+        }
+        let board = self.plant.board_output();
+        if let Some(damage) = &mut self.damage {
+            damage(self.t_us, LinkId::Board, board);
+        }
+        if !board.is_empty() {
+            self.pilot.handle(at, Input::Bytes { link: LinkId::Board, bytes: board });
+            board.clear();
+        }
+        if at >= self.pilot.next_deadline() {
+            self.pilot.handle(at, Input::Wake);
+        }
+        self.carry();
+    }
+
+    /// Steps until this simulated time, µs.
+    pub fn run_until(&mut self, t_us: u64) {
+        while self.t_us < t_us {
+            self.step();
+        }
+    }
+
+    fn carry(&mut self) {
+        let Self { plant, pilot, ground_out, tap, t_us, .. } = self;
+        pilot.drain_output(|link, bytes| {
+            if let Some(tap) = tap {
+                tap(*t_us, link, bytes);
+            }
+            match link {
+                LinkId::Tag => plant.tag_input(bytes),
+                LinkId::Board => plant.board_input(bytes),
+                LinkId::Ground(n) => {
+                    if let Some(out) = ground_out.get_mut(usize::from(n)) {
+                        out.extend_from_slice(bytes);
+                    }
+                }
+            }
+        });
+    }
+}
