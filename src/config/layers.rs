@@ -1,0 +1,231 @@
+//! Layers of configuration: each is parsed strictly by itself, then they are merged.
+//!
+//! The merging crate turns one type into another without a word (9.7 becomes 10, "77" becomes 77).
+//! So every layer is first read into the typed configuration as it stands, and only what passed
+//! is merged.
+
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use toml::{Table, Value};
+
+use super::{Config, DEFAULT_FILE, Sources};
+use crate::checks::Problems;
+
+/// What begins the name of every environment variable that is a configuration key.
+const ENVIRONMENT_PREFIX: &str = "HALTERE_";
+/// What stands between section and key in it.
+const ENVIRONMENT_SEPARATOR: &str = "__";
+
+/// One origin of values.
+#[derive(Debug)]
+struct Layer {
+    name: String,
+    path: Option<PathBuf>,
+    table: Table,
+}
+
+/// All origins, in the order of their authority.
+#[derive(Debug)]
+pub(super) struct Layers(Vec<Layer>);
+
+impl Layers {
+    /// Reads every origin and refuses what cannot be typed.
+    pub(super) fn read(sources: &Sources) -> Result<Self, Problems> {
+        let mut problems = Problems::new();
+        let mut layers = Vec::new();
+        let mut files = sources.files.clone();
+        if files.is_empty() && Path::new(DEFAULT_FILE).exists() {
+            files.push(DEFAULT_FILE.into());
+        }
+        for path in files {
+            match read_file(&path) {
+                Ok(layer) => layers.push(layer),
+                Err(found) => found.lines().iter().for_each(|line| problems.say(line)),
+            }
+        }
+        let defaults = Table::try_from(Config::default()).unwrap_or_default();
+        let variables = sources.environment.iter().filter_map(|(name, value)| {
+            let key = name.strip_prefix(ENVIRONMENT_PREFIX)?;
+            if !key.contains(ENVIRONMENT_SEPARATOR) {
+                return None;
+            }
+            let key = as_written(&defaults, &key.replace(ENVIRONMENT_SEPARATOR, "."));
+            Some((format!("environment variable {name}"), key, value.as_str()))
+        });
+        let overrides = sources.overrides.iter().map(|text| match text.split_once('=') {
+            Some((key, value)) => (format!("--set {text}"), key.trim().to_owned(), value.trim()),
+            None => (format!("--set {text}"), String::new(), ""),
+        });
+        for (name, key, value) in variables.chain(overrides) {
+            match single(&name, &key, value) {
+                Ok(table) => layers.push(Layer { name, path: None, table }),
+                Err(found) => found.lines().iter().for_each(|line| problems.say(line)),
+            }
+        }
+        problems.into_result()?;
+        Ok(Self(layers))
+    }
+
+    /// One typed configuration out of all of them.
+    pub(super) fn merged(&self) -> Result<Config, Problems> {
+        let mut builder = config::Config::builder();
+        for layer in &self.0 {
+            let text = layer.table.to_string();
+            builder = builder.add_source(config::File::from_str(&text, config::FileFormat::Toml));
+        }
+        let merged = builder.build().and_then(|merged| {
+            serde_path_to_error::deserialize(merged)
+                .map_err(|error| config::ConfigError::Message(error.to_string()))
+        });
+        merged.map_err(|error| one(error.to_string()))
+    }
+
+    /// A problem's line, led by the origin of the key that it begins with.
+    pub(super) fn with_origin(&self, line: &str) -> String {
+        let end = line
+            .find(|c: char| !(c.is_ascii_alphanumeric() || matches!(c, '.' | '_')))
+            .unwrap_or(line.len());
+        let key = line.get(..end).unwrap_or_default();
+        match self.origin(key) {
+            Some(layer) => format!("{}: {line}", layer.name),
+            None => line.to_owned(),
+        }
+    }
+
+    /// `path`, relative to the file that sets `key`.
+    pub(super) fn beside(&self, key: &str, path: &Path) -> PathBuf {
+        // A default has no file of its own: the last file is meant.
+        let base = match self.origin(key) {
+            Some(layer) => layer.path.as_deref(),
+            None => self.0.iter().rev().find_map(|layer| layer.path.as_deref()),
+        };
+        base.and_then(Path::parent).map_or_else(|| path.to_owned(), |folder| folder.join(path))
+    }
+
+    /// Files among the origins.
+    pub(super) fn files(&self) -> Vec<PathBuf> {
+        self.0.iter().filter_map(|layer| layer.path.clone()).collect()
+    }
+
+    fn origin(&self, key: &str) -> Option<&Layer> {
+        self.0.iter().rev().find(|layer| lookup(&layer.table, key).is_some())
+    }
+}
+
+fn read_file(path: &Path) -> Result<Layer, Problems> {
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(path).map_err(|error| {
+        one(format!(
+            "{name}: cannot be read: {error}; config/haltere.toml is a sample of what it may hold"
+        ))
+    })?;
+    parse_strictly::<Config>(&name, &text)?;
+    let table = text.parse::<Table>().map_err(|error| one(format!("{name}: {error}")))?;
+    Ok(Layer { name, path: Some(path.to_owned()), table })
+}
+
+/// A layer of one key.
+fn single(name: &str, key: &str, text: &str) -> Result<Table, Problems> {
+    let parts: Vec<_> = key.split('.').collect();
+    if parts.len() < 2 || parts.iter().any(|part| part.is_empty()) {
+        return Err(one(format!("{name}: write it as section.key=value")));
+    }
+    let defaults = Table::try_from(Config::default()).unwrap_or_default();
+    let mut value = value_like(lookup(&defaults, key), text);
+    for part in parts.iter().rev() {
+        value = Value::Table(Table::from_iter([((*part).to_owned(), value)]));
+    }
+    let Value::Table(table) = value else { return Ok(Table::new()) };
+    parse_strictly::<Config>(name, &table.to_string())?;
+    Ok(table)
+}
+
+/// Text from a command line, typed like the default of its key.
+fn value_like(default: Option<&Value>, text: &str) -> Value {
+    let parsed = || {
+        format!("value = {text}").parse::<Table>().ok().and_then(|mut table| table.remove("value"))
+    };
+    match default {
+        Some(Value::String(_)) => Value::String(text.to_owned()),
+        Some(Value::Array(items)) if !text.trim_start().starts_with('[') => Value::Array(
+            text.split(',')
+                .map(str::trim)
+                .filter(|item| !item.is_empty())
+                .map(|item| value_like(items.first(), item))
+                .collect(),
+        ),
+        _ => parsed().unwrap_or_else(|| Value::String(text.to_owned())),
+    }
+}
+
+/// The key of a variable, whose name is in capitals, with the letters that the key has.
+fn as_written(defaults: &Table, key: &str) -> String {
+    let mut table = Some(defaults);
+    let parts = key.split('.').map(|part| {
+        let known = table.and_then(|t| t.iter().find(|(name, _)| name.eq_ignore_ascii_case(part)));
+        table = known.and_then(|(_, value)| value.as_table());
+        known.map_or_else(|| part.to_lowercase(), |(name, _)| name.clone())
+    });
+    parts.collect::<Vec<_>>().join(".")
+}
+
+fn lookup<'t>(table: &'t Table, key: &str) -> Option<&'t Value> {
+    let (first, rest) = key.split_once('.').map_or((key, None), |(a, b)| (a, Some(b)));
+    match (table.get(first)?, rest) {
+        (Value::Table(inner), Some(rest)) => lookup(inner, rest),
+        (value, None) => Some(value),
+        _ => None,
+    }
+}
+
+/// Typed content of a TOML text; a refusal names file, line, key, and what is allowed.
+pub(super) fn parse_strictly<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, Problems> {
+    let line_of = |error: &toml::de::Error| {
+        let start = error.span().map_or(0, |span| span.start);
+        1 + text.bytes().take(start).filter(|byte| *byte == b'\n').count()
+    };
+    let parsed = toml::Deserializer::parse(text)
+        .map_err(|e| one(format!("{name}: line {}: {}", line_of(&e), e.message().trim())))?;
+    serde_path_to_error::deserialize(parsed).map_err(|error| {
+        let path = error.path().to_string();
+        let inner = error.into_inner();
+        let key = if path == "." { String::new() } else { format!("{path}: ") };
+        let place = if text.contains('\n') && name.ends_with(".toml") {
+            format!("line {}: ", line_of(&inner))
+        } else {
+            String::new()
+        };
+        one(format!("{name}: {place}{key}{}", in_words(inner.message())))
+    })
+}
+
+/// The parser's words for types, in words for people.
+fn in_words(message: &str) -> String {
+    let mut message = message.trim().to_owned();
+    for (theirs, ours) in [
+        ("unknown field", "unknown key"),
+        ("missing field", "missing key"),
+        ("unknown variant", "unknown choice"),
+        ("expected f64", "expected a number"),
+        ("expected u8", "expected a whole number from 0 to 255"),
+        ("expected u32", "expected a whole number from 0 to 4294967295"),
+        ("expected u64", "expected a whole number"),
+        ("expected usize", "expected a whole number"),
+        ("expected a boolean", "expected true or false"),
+        ("expected a string", "expected text in quotes"),
+        ("expected a sequence", "expected a list"),
+        ("invalid type: ", "found "),
+        ("invalid value: ", "found "),
+        ("floating point ", "number "),
+    ] {
+        message = message.replace(theirs, ours);
+    }
+    message
+}
+
+fn one(line: String) -> Problems {
+    let mut problems = Problems::new();
+    problems.say(line);
+    problems
+}

@@ -1,0 +1,188 @@
+//! Configuration of the companion: what may be written, where it comes from, what is wrong with it.
+//!
+//! Layers, later ones win: defaults, `--config` files in their order, environment variables
+//! `HALTERE_SECTION__KEY`, `--set section.key=value`. `config/haltere.toml` documents every key.
+
+mod address;
+mod anchors;
+mod layers;
+mod sections;
+#[cfg(test)]
+mod tests;
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+pub use address::{Address, AddressError, HostPort};
+pub use sections::{
+    AnchorsConfig, BoardConfig, GroundConfig, RecordConfig, TagConfig, TagPort, TimingConfig,
+};
+
+use crate::checks::Problems;
+use crate::control::ControlConfig;
+use crate::estimator::EstimatorConfig;
+use crate::pilot::{FlightConfig, LimitsConfig, PilotConfig};
+use crate::survey::Survey;
+use crate::uwb::UwbConfig;
+
+/// File that is read from the working directory when none is named.
+pub const DEFAULT_FILE: &str = "haltere.toml";
+
+/// Everything that can be configured, one field per section.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// `[tag]`
+    pub tag: TagConfig,
+    /// `[board]`
+    pub board: BoardConfig,
+    /// `[ground]`
+    pub ground: GroundConfig,
+    /// `[anchors]`
+    pub anchors: AnchorsConfig,
+    /// `[record]`
+    pub record: RecordConfig,
+    /// `[timing]`
+    pub timing: TimingConfig,
+    /// `[flight]`
+    pub flight: FlightConfig,
+    /// `[limits]`
+    pub limits: LimitsConfig,
+    /// `[uwb]`
+    pub uwb: UwbConfig,
+    /// `[estimator]`
+    pub estimator: EstimatorConfig,
+    /// `[control]`
+    pub control: ControlConfig,
+}
+
+/// A configuration that was checked, and its survey.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Loaded {
+    /// Every key resolved.
+    pub config: Config,
+    /// The anchors.
+    pub survey: Survey,
+    /// Files that were read, for the user to see.
+    pub files: Vec<PathBuf>,
+}
+
+/// Where a configuration comes from.
+#[derive(Debug, Clone, Default)]
+pub struct Sources {
+    /// TOML files, later ones win. None: [`DEFAULT_FILE`], if it exists.
+    pub files: Vec<PathBuf>,
+    /// Environment, as `std::env::vars`.
+    pub environment: Vec<(String, String)>,
+    /// `section.key=value`, later ones win.
+    pub overrides: Vec<String>,
+}
+
+impl Sources {
+    /// With the environment of this process.
+    pub fn new(files: Vec<PathBuf>, overrides: Vec<String>) -> Self {
+        // Names or values that are no text cannot be ours.
+        let environment = std::env::vars_os()
+            .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))
+            .collect();
+        Self { files, environment, overrides }
+    }
+}
+
+impl Loaded {
+    /// Reads and checks everything; refuses with all that is wrong.
+    pub fn load(sources: &Sources) -> Result<Self, Problems> {
+        let (config, layers) = Config::load_layers(sources)?;
+        let anchor_file = layers.beside("anchors.file", &config.anchors.file);
+        let survey = anchors::read(&anchor_file)?;
+        let mut files = layers.files();
+        files.push(anchor_file);
+        Ok(Self { config, survey, files })
+    }
+}
+
+impl Config {
+    /// Reads and checks all keys, without the anchor file: for tools that bring a survey of
+    /// their own.
+    pub fn load(sources: &Sources) -> Result<Self, Problems> {
+        Self::load_layers(sources).map(|(config, _)| config)
+    }
+
+    fn load_layers(sources: &Sources) -> Result<(Self, layers::Layers), Problems> {
+        let layers = layers::Layers::read(sources)?;
+        let config = layers.merged()?;
+        let mut problems = Problems::new();
+        config.check(&mut problems);
+        let mut traced = Problems::new();
+        for line in problems.lines() {
+            traced.say(layers.with_origin(line));
+        }
+        traced.into_result()?;
+        Ok((config, layers))
+    }
+
+    /// Adds all values that are out of range to `problems`.
+    pub fn check(&self, problems: &mut Problems) {
+        self.tag.check("tag", problems);
+        self.board.check("board", problems);
+        self.ground.check("ground", problems);
+        self.timing.check("timing", problems);
+        self.flight.check("flight", problems);
+        self.limits.check("limits", problems);
+        self.uwb.check("uwb", problems);
+        self.estimator.check("estimator", problems);
+        self.control.check("control", problems);
+        self.check_addresses(problems);
+    }
+
+    /// Two links cannot share a port or a device.
+    fn check_addresses(&self, problems: &mut Problems) {
+        let mut taken = vec![("board.address".to_owned(), self.board.address.resource())];
+        if let TagPort::Device(path) = &self.tag.port {
+            taken.push(("tag.port".to_owned(), path.display().to_string()));
+        }
+        for (i, address) in self.ground.endpoints.iter().enumerate() {
+            taken.push((format!("ground.endpoints[{i}]"), address.resource()));
+        }
+        for (i, (key, resource)) in taken.iter().enumerate() {
+            if let Some((other, _)) = taken[..i].iter().find(|(_, r)| r == resource) {
+                problems.say(format!(
+                    "{key}: {resource} is taken by {other}; give each link a port or device of \
+                     its own"
+                ));
+            }
+        }
+    }
+
+    /// The part that the pilot core is told.
+    pub fn pilot(&self) -> PilotConfig {
+        PilotConfig {
+            tag_protocol: self.tag.protocol,
+            board_profile: self.board.profile,
+            board_north_offset_rad: self.board.north_offset_deg.to_radians(),
+            ground_endpoints: u8::try_from(self.ground.endpoints.len()).unwrap_or(u8::MAX),
+            flight: self.flight.clone(),
+            limits: self.limits.clone(),
+            uwb: self.uwb.clone(),
+            estimator: self.estimator.clone(),
+            control: self.control.clone(),
+        }
+    }
+
+    /// The whole configuration as a TOML file, for the log.
+    pub fn to_toml(&self) -> String {
+        // Plain tables of plain values: there is nothing that TOML cannot hold.
+        toml::to_string(self).unwrap_or_default()
+    }
+
+    /// From a TOML file in memory, as a log holds it. `name` stands in messages.
+    pub fn from_toml(name: &str, text: &str) -> Result<Self, Problems> {
+        layers::parse_strictly(name, text)
+    }
+}
+
+/// Reads an anchor file alone, for tools that need no more.
+pub fn read_anchors(path: &Path) -> Result<Survey, Problems> {
+    anchors::read(path)
+}

@@ -1,0 +1,194 @@
+//! The sections that concern links, files and timing.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use super::address::{Address, HostPort};
+use crate::checks::Problems;
+use crate::pilot::{BoardProfile, TagProtocol};
+
+/// Most ground endpoints: far more than a flight needs, few enough to serve each at full rate.
+const MOST_ENDPOINTS: usize = 8;
+
+/// `[tag]`: the UWB tag.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TagConfig {
+    /// Device of the tag, or `auto`.
+    pub port: TagPort,
+    /// What the tag speaks.
+    pub protocol: TagProtocol,
+    /// Speed of the line, baud. A sniffer on USB ignores it.
+    pub baud: u32,
+}
+
+/// Device of the tag.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "String", into = "String")]
+pub enum TagPort {
+    /// The first USB device that says it is a Loco Positioning Node.
+    Auto,
+    /// This device.
+    Device(PathBuf),
+}
+
+impl From<String> for TagPort {
+    fn from(text: String) -> Self {
+        if text == "auto" { TagPort::Auto } else { TagPort::Device(text.into()) }
+    }
+}
+
+impl From<TagPort> for String {
+    fn from(port: TagPort) -> String {
+        match port {
+            TagPort::Auto => "auto".into(),
+            TagPort::Device(path) => path.display().to_string(),
+        }
+    }
+}
+
+impl Default for TagConfig {
+    fn default() -> Self {
+        Self { port: TagPort::Auto, protocol: TagProtocol::default(), baud: 921_600 }
+    }
+}
+
+impl TagConfig {
+    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
+        problems.range(
+            format_args!("{key}.baud"),
+            f64::from(self.baud),
+            9_600.0..=12_000_000.0,
+            "baud",
+        );
+        if let TagPort::Device(path) = &self.port {
+            if path.as_os_str().is_empty() {
+                problems
+                    .say(format!("{key}.port = \"\": write \"auto\" or the path of the device"));
+            }
+        } else if self.protocol == TagProtocol::Mavlink {
+            problems.say(format!(
+                "{key}.protocol = \"mavlink\": such a tag is not found by itself; name its device in \
+                 {key}.port"
+            ));
+        }
+    }
+}
+
+/// `[board]`: the inner-loop board.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BoardConfig {
+    /// Where it is.
+    pub address: Address,
+    /// What it obeys.
+    pub profile: BoardProfile,
+    /// Angle from room north to the board's north at start, positive clockwise from above.
+    pub north_offset_deg: f64,
+}
+
+impl Default for BoardConfig {
+    fn default() -> Self {
+        Self {
+            address: Address::Serial { device: "/dev/serial0".into(), baud: 921_600 },
+            profile: BoardProfile::default(),
+            north_offset_deg: 0.0,
+        }
+    }
+}
+
+impl BoardConfig {
+    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
+        problems.range(
+            format_args!("{key}.north_offset_deg"),
+            self.north_offset_deg,
+            -180.0..=180.0,
+            "deg",
+        );
+    }
+}
+
+/// `[ground]`: ground stations.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GroundConfig {
+    /// Where they are.
+    pub endpoints: Vec<Address>,
+}
+
+impl Default for GroundConfig {
+    fn default() -> Self {
+        // INTERFACES: UDP to this port by default.
+        Self {
+            endpoints: vec![Address::UdpOut(HostPort { host: "127.0.0.1".into(), port: 14_550 })],
+        }
+    }
+}
+
+impl GroundConfig {
+    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
+        if self.endpoints.len() > MOST_ENDPOINTS {
+            problems.say(format!(
+                "{key}.endpoints: {} entries, allowed 0 to {MOST_ENDPOINTS}; let several stations \
+                 share a udpin or tcpin endpoint",
+                self.endpoints.len()
+            ));
+        }
+    }
+}
+
+/// `[anchors]`: the survey.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AnchorsConfig {
+    /// The anchor file, relative to the configuration file that names it.
+    pub file: PathBuf,
+}
+
+impl Default for AnchorsConfig {
+    fn default() -> Self {
+        Self { file: "anchors.toml".into() }
+    }
+}
+
+/// `[record]`: flight logs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RecordConfig {
+    /// Whether flights are recorded.
+    pub enabled: bool,
+    /// Where logs go, relative to the working directory.
+    pub directory: PathBuf,
+}
+
+impl Default for RecordConfig {
+    fn default() -> Self {
+        Self { enabled: true, directory: "logs".into() }
+    }
+}
+
+/// `[timing]`: how hard the companion insists on its deadlines.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TimingConfig {
+    /// Run the pilot's thread under SCHED_FIFO where the system permits it.
+    pub realtime: bool,
+    /// Its priority there.
+    pub priority: u8,
+    /// Keep all memory resident where the system permits it.
+    pub lock_memory: bool,
+}
+
+impl Default for TimingConfig {
+    fn default() -> Self {
+        Self { realtime: true, priority: 50, lock_memory: true }
+    }
+}
+
+impl TimingConfig {
+    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
+        // 99 belongs to the kernel's own watchdogs.
+        problems.range(format_args!("{key}.priority"), f64::from(self.priority), 1.0..=98.0, "");
+    }
+}

@@ -1,0 +1,287 @@
+//! Live: the pilot core on a thread of its own, links, recorder, signals.
+//!
+//! ```text
+//! serial threads, tokio tasks ─► bounded queue ─► pilot's thread ─► bounded queue per link
+//!                                                      └─► recorder's thread
+//! ```
+
+mod clock;
+mod core;
+mod frames;
+mod inbox;
+pub mod realtime;
+mod serial;
+mod tcp;
+#[cfg(test)]
+mod tests;
+mod udp;
+mod usb;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
+use std::thread::JoinHandle;
+
+use serde::Serialize;
+use thiserror::Error;
+use tokio::net::{TcpListener, UdpSocket};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::{Notify, mpsc, oneshot};
+use tokio::task::JoinSet;
+
+use self::core::{Core, CoreSummary};
+use self::inbox::{Arrival, Inbox, OUTPUT_QUEUE_CHUNKS, Shared, input_queue};
+use crate::config::{Address, HostPort, Loaded, TagPort};
+use crate::pilot::{LinkId, Pilot};
+use crate::record::{BuildIdentity, RecordError, Recorder, Session};
+use crate::topics::Topic;
+
+/// News for people that may wait to be printed.
+const NEWS_QUEUE: usize = 256;
+
+/// MAVLink severity up to which a text is an error, and a warning.
+const SEVERITY_ERROR: u8 = 3;
+const SEVERITY_WARNING: u8 = 4;
+
+/// Why the companion does not start, or ended.
+#[derive(Debug, Error)]
+pub enum LiveError {
+    /// A listening link has no port.
+    #[error("{key} = \"{address}\": cannot listen there: {source}; is another program using it?")]
+    Listen {
+        /// Which key.
+        key: String,
+        /// Its value.
+        address: Address,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The log cannot be begun. Flying unrecorded is a decision: `record.enabled = false`.
+    #[error("{0}; or set record.enabled = false to fly without a log")]
+    Record(#[from] RecordError),
+    /// Threads, signals.
+    #[error("the system refuses a thread or a signal handler: {0}")]
+    System(#[from] std::io::Error),
+    /// The pilot's thread ended by itself: a defect.
+    #[error("the pilot's thread ended unexpectedly; the board's own failsafe is in charge")]
+    PilotEnded,
+}
+
+/// Ends a running companion from another thread.
+#[derive(Debug, Clone, Default)]
+pub struct Stop(Arc<Notify>);
+
+impl Stop {
+    /// Asks it to end.
+    pub fn stop(&self) {
+        self.0.notify_one();
+    }
+}
+
+/// What a run came to.
+#[derive(Debug, Serialize)]
+pub struct RunSummary {
+    /// The log, if there is one.
+    pub log: Option<PathBuf>,
+    /// Why recording ended early.
+    pub recording_error: Option<String>,
+    /// Entries that are not in the log.
+    pub lost_log_entries: u64,
+    /// Wake-ups of the core.
+    pub wake_ups: u64,
+    /// Wake-ups more than half a control period late.
+    pub late_wake_ups: u64,
+    /// Largest lateness, s.
+    pub worst_lateness_s: f64,
+    /// Losses around the core: link number, reason, count.
+    pub drops: Vec<(u8, &'static str, u64)>,
+}
+
+/// A link's glue, ready to run.
+enum Port {
+    Serial(serial::Device, u32),
+    UdpIn(UdpSocket),
+    UdpOut(HostPort),
+    TcpIn(TcpListener),
+    TcpOut(HostPort),
+}
+
+/// Runs the companion until a signal, `stop`, or a defect ends it.
+pub fn run(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let summary = runtime.block_on(fly(loaded, stop));
+    runtime.shutdown_background();
+    summary
+}
+
+async fn fly(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    let mut terminate = signal(SignalKind::terminate())?;
+    let ports = open_ports(loaded).await?;
+
+    let shared = Arc::new(Shared::default());
+    let (queue, arrivals) = input_queue();
+    let (outputs, receivers): (Vec<_>, Vec<_>) =
+        ports.iter().map(|_| mpsc::channel(OUTPUT_QUEUE_CHUNKS)).unzip();
+    let (news, mut read_news) = mpsc::channel(NEWS_QUEUE);
+    let started = clock::now();
+    let recorder = begin_recording(loaded, started)?;
+    let pilot = Pilot::new(loaded.config.pilot(), loaded.survey.clone(), started);
+    let core = Core { pilot, recorder, arrivals, outputs, news, shared: shared.clone() };
+
+    if loaded.config.timing.lock_memory {
+        match realtime::lock_memory() {
+            Ok(()) => tracing::info!("memory locked"),
+            Err(why) => tracing::warn!("{why}"),
+        }
+    }
+    let (pilot_thread, ended) = start_pilot(loaded, core)?;
+    let mut links = JoinSet::new();
+    let mut threads = Vec::new();
+    for ((number, port), output) in (0..).zip(ports).zip(receivers) {
+        let link = LinkId::from_number(number);
+        threads.extend(start_link(link, port, &queue, &shared, output, &mut links)?);
+    }
+    drop(queue);
+
+    tokio::pin!(ended);
+    loop {
+        tokio::select! {
+            _ = interrupt.recv() => break tracing::info!("interrupted: closing the log"),
+            _ = terminate.recv() => break tracing::info!("terminated: closing the log"),
+            () = stop.0.notified() => break,
+            _ = &mut ended => break,
+            Some(topic) = read_news.recv() => tell(&topic),
+        }
+    }
+    let died = pilot_thread.is_finished() && !shared.stopped();
+    shared.stop();
+    // Off this thread, so that the links can still take what the core sends last.
+    let summary = tokio::task::spawn_blocking(move || pilot_thread.join()).await;
+    links.abort_all();
+    for thread in threads {
+        // Each looks every 100 ms whether to end.
+        let _ = tokio::task::spawn_blocking(move || thread.join()).await;
+    }
+    match summary {
+        Ok(Ok(summary)) if !died => Ok(summarise(summary)),
+        _ => Err(LiveError::PilotEnded),
+    }
+}
+
+fn begin_recording(loaded: &Loaded, started: crate::time::HostTime) -> Result<Recorder, LiveError> {
+    let record = &loaded.config.record;
+    if !record.enabled {
+        tracing::warn!("record.enabled = false: this flight leaves no log");
+        return Ok(Recorder::off());
+    }
+    let session = Session {
+        build: BuildIdentity::current(),
+        started_unix_us: clock::unix_us(),
+        pilot_started_at: started,
+        config_toml: loaded.config.to_toml(),
+        survey: loaded.survey.clone(),
+    };
+    let recorder = Recorder::start(&record.directory, &session)?;
+    if let Some(path) = recorder.path() {
+        tracing::info!("recording to {}", path.display());
+    }
+    Ok(recorder)
+}
+
+/// Opens everything that can be refused, before anything runs. In the order of link numbers.
+async fn open_ports(loaded: &Loaded) -> Result<Vec<Port>, LiveError> {
+    let config = &loaded.config;
+    let device = match &config.tag.port {
+        TagPort::Auto => serial::Device::AutoTag,
+        TagPort::Device(path) => serial::Device::Path(path.clone()),
+    };
+    let mut ports = vec![Port::Serial(device, config.tag.baud)];
+    ports.push(open_port("board.address".into(), &config.board.address).await?);
+    for (i, address) in config.ground.endpoints.iter().enumerate() {
+        ports.push(open_port(format!("ground.endpoints[{i}]"), address).await?);
+    }
+    Ok(ports)
+}
+
+async fn open_port(key: String, address: &Address) -> Result<Port, LiveError> {
+    let refused = |source| LiveError::Listen { key, address: address.clone(), source };
+    Ok(match address {
+        Address::UdpIn(at) => Port::UdpIn(udp::bind(at).await.map_err(refused)?),
+        Address::TcpIn(at) => Port::TcpIn(tcp::bind(at).await.map_err(refused)?),
+        Address::UdpOut(to) => Port::UdpOut(to.clone()),
+        Address::TcpOut(to) => Port::TcpOut(to.clone()),
+        Address::Serial { device, baud } => {
+            Port::Serial(serial::Device::Path(device.clone()), *baud)
+        }
+    })
+}
+
+fn start_link(
+    link: LinkId,
+    port: Port,
+    queue: &SyncSender<Arrival>,
+    shared: &Arc<Shared>,
+    output: mpsc::Receiver<Vec<u8>>,
+    links: &mut JoinSet<()>,
+) -> Result<Vec<JoinHandle<()>>, LiveError> {
+    let inbox = Inbox::new(link, queue.clone(), shared.clone());
+    match port {
+        Port::Serial(device, baud) => {
+            return Ok(serial::spawn(device, baud, inbox, output)?.into());
+        }
+        Port::UdpIn(socket) => links.spawn(udp::listen(socket, inbox, output)),
+        Port::UdpOut(to) => links.spawn(udp::send_to(to, inbox, output)),
+        Port::TcpIn(listener) => links.spawn(tcp::serve(listener, inbox, output)),
+        Port::TcpOut(to) => links.spawn(tcp::connect(to, inbox, output)),
+    };
+    Ok(Vec::new())
+}
+
+type PilotThread = (JoinHandle<CoreSummary>, oneshot::Receiver<()>);
+
+fn start_pilot(loaded: &Loaded, core: Core) -> Result<PilotThread, LiveError> {
+    let timing = loaded.config.timing.clone();
+    let (tell_end, ended) = oneshot::channel::<()>();
+    let thread = std::thread::Builder::new().name("pilot".into()).spawn(move || {
+        // Dropped when this thread ends, even by a panic.
+        let _tell_end = tell_end;
+        if timing.realtime {
+            // Before the first deadline: logging is still allowed here.
+            match realtime::insist_on_deadlines(timing.priority) {
+                Ok(()) => tracing::info!("control loop under SCHED_FIFO {}", timing.priority),
+                Err(why) => tracing::warn!("{why}"),
+            }
+        }
+        core.run()
+    })?;
+    Ok((thread, ended))
+}
+
+fn tell(topic: &Topic) {
+    match topic {
+        Topic::Text(text) if text.severity <= SEVERITY_ERROR => tracing::error!("{}", text.text),
+        Topic::Text(text) if text.severity <= SEVERITY_WARNING => tracing::warn!("{}", text.text),
+        Topic::Text(text) => tracing::info!("{}", text.text),
+        Topic::Mode(mode) => {
+            let armed = if mode.armed { "armed" } else { "disarmed" };
+            tracing::info!("mode {}, {armed}: {}", mode.mode, mode.cause);
+        }
+        _ => {}
+    }
+}
+
+fn summarise(CoreSummary { recording, glue, losses }: CoreSummary) -> RunSummary {
+    RunSummary {
+        log: recording.path,
+        recording_error: recording.error.map(|error| error.to_string()),
+        lost_log_entries: recording.lost_entries,
+        wake_ups: glue.wake_ups,
+        late_wake_ups: glue.late_wake_ups,
+        worst_lateness_s: glue.worst_lateness_s,
+        drops: losses
+            .into_iter()
+            .map(|((link, reason), count)| (link.number(), reason.name(), count))
+            .collect(),
+    }
+}

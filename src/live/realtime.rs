@@ -1,0 +1,47 @@
+//! Scheduling class and resident memory, where the system permits them.
+
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, geteuid, getrlimit};
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadPriorityValue, ThreadSchedulePolicy,
+    set_thread_priority_and_policy, thread_native_id,
+};
+
+/// Puts the calling thread under SCHED_FIFO. `Err`: what to tell the user.
+pub fn insist_on_deadlines(priority: u8) -> Result<(), String> {
+    let told = ThreadPriorityValue::try_from(priority).map_err(|error| error.to_string()).and_then(
+        |value| {
+            set_thread_priority_and_policy(
+                thread_native_id(),
+                ThreadPriority::Crossplatform(value),
+                ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
+            )
+            .map_err(|error| format!("{error:?}"))
+        },
+    );
+    told.map_err(|why| {
+        format!(
+            "SCHED_FIFO refused ({why}): the control loop will be late on a loaded computer; \
+             allow it with `setcap cap_sys_nice+ep` on the program or an rtprio line in \
+             /etc/security/limits.conf, or set timing.realtime = false"
+        )
+    })
+}
+
+/// Keeps all memory resident. `Err`: what to tell the user.
+pub fn lock_memory() -> Result<(), String> {
+    // Under a finite limit the lock could succeed now and let an allocation in flight fail.
+    let limited = getrlimit(Resource::Memlock).current.is_some();
+    let why = if limited && !geteuid().is_root() {
+        "the memlock limit is finite".to_owned()
+    } else {
+        match mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE) {
+            Ok(()) => return Ok(()),
+            Err(error) => error.to_string(),
+        }
+    };
+    Err(format!(
+        "memory is not locked ({why}): paging may delay the control loop; set memlock to \
+         unlimited in /etc/security/limits.conf, or set timing.lock_memory = false"
+    ))
+}

@@ -1,0 +1,163 @@
+//! TCP links: a server for many clients, or a client that reconnects.
+
+use std::time::Duration;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::{broadcast, mpsc};
+
+use super::clock;
+use super::frames::WholeFrames;
+use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS};
+use crate::config::HostPort;
+use crate::drops::DropReason;
+
+/// Most clients of one port.
+const MOST_CLIENTS: usize = 16;
+/// Bytes per read.
+const READ_BYTES: usize = 4096;
+/// A client that takes nothing for so long is cut off: TCP would wait for minutes.
+const WRITE_PATIENCE: Duration = Duration::from_secs(2);
+/// Wait before a server is called again.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// Binds `tcpin`.
+pub(super) async fn bind(at: &HostPort) -> std::io::Result<TcpListener> {
+    TcpListener::bind((at.host.as_str(), at.port)).await
+}
+
+/// Serves all clients of a bound port until the output ends.
+pub(super) async fn serve(
+    listener: TcpListener,
+    inbox: Inbox,
+    mut output: mpsc::Receiver<Vec<u8>>,
+) {
+    let (everyone, _) = broadcast::channel::<Vec<u8>>(OUTPUT_QUEUE_CHUNKS);
+    let mut clients = tokio::task::JoinSet::new();
+    inbox.up();
+    loop {
+        tokio::select! {
+            accepted = listener.accept() => {
+                let Ok((stream, peer)) = accepted else {
+                    // Out of descriptors, most likely: do not spin.
+                    tokio::time::sleep(RETRY).await;
+                    continue;
+                };
+                if clients.len() >= MOST_CLIENTS {
+                    tracing::warn!("{peer} refused: {MOST_CLIENTS} clients are connected");
+                    continue;
+                }
+                tracing::info!("{peer} connected");
+                let (inbox, output) = (inbox.clone(), everyone.subscribe());
+                clients.spawn(async move {
+                    serve_one(stream, &inbox, output).await;
+                    tracing::info!("{peer} disconnected");
+                });
+            }
+            bytes = output.recv() => {
+                let Some(bytes) = bytes else { return };
+                // Nobody connected: nobody misses it.
+                let _ = everyone.send(bytes);
+            }
+            Some(_) = clients.join_next() => {}
+        }
+    }
+}
+
+async fn serve_one(stream: TcpStream, inbox: &Inbox, mut output: broadcast::Receiver<Vec<u8>>) {
+    let _ = stream.set_nodelay(true);
+    let (mut reader, mut writer) = stream.into_split();
+    let mut frames = WholeFrames::default();
+    let mut buffer = vec![0; READ_BYTES];
+    loop {
+        tokio::select! {
+            read = reader.read(&mut buffer) => {
+                let at = clock::now();
+                match read {
+                    Ok(0) | Err(_) => return,
+                    Ok(length) => {
+                        frames.push(buffer.get(..length).unwrap_or_default());
+                        while let Some(bytes) = frames.next() {
+                            inbox.bytes(at, &bytes);
+                        }
+                    }
+                }
+            }
+            bytes = output.recv() => match bytes {
+                Ok(bytes) => {
+                    let write = tokio::time::timeout(WRITE_PATIENCE, writer.write_all(&bytes));
+                    if !matches!(write.await, Ok(Ok(()))) {
+                        inbox.lost(DropReason::LinkWriteFailed);
+                        return;
+                    }
+                }
+                Err(broadcast::error::RecvError::Lagged(n)) => {
+                    for _ in 0..n {
+                        inbox.lost(DropReason::OutputQueueFull);
+                    }
+                }
+                Err(broadcast::error::RecvError::Closed) => return,
+            },
+        }
+    }
+}
+
+/// Keeps a connection to a server until the output ends.
+pub(super) async fn connect(to: HostPort, inbox: Inbox, mut output: mpsc::Receiver<Vec<u8>>) {
+    let mut told = false;
+    loop {
+        match TcpStream::connect((to.host.as_str(), to.port)).await {
+            Ok(stream) => {
+                tracing::info!("tcpout:{to} connected");
+                told = false;
+                inbox.up();
+                let ended = talk(stream, &inbox, &mut output).await;
+                inbox.down();
+                if ended {
+                    return;
+                }
+                tracing::warn!("tcpout:{to} disconnected; calling again until it answers");
+            }
+            Err(error) if !told => {
+                tracing::warn!("tcpout:{to}: {error}; calling again until it answers");
+                told = true;
+            }
+            Err(_) => {}
+        }
+        tokio::time::sleep(RETRY).await;
+        // What was due meanwhile is of no use now.
+        loop {
+            match output.try_recv() {
+                Ok(_) => inbox.lost(DropReason::LinkWriteFailed),
+                Err(mpsc::error::TryRecvError::Empty) => break,
+                Err(mpsc::error::TryRecvError::Disconnected) => return,
+            }
+        }
+    }
+}
+
+/// Whether the output ended (`false`: the connection did).
+async fn talk(stream: TcpStream, inbox: &Inbox, output: &mut mpsc::Receiver<Vec<u8>>) -> bool {
+    let _ = stream.set_nodelay(true);
+    let (mut reader, mut writer) = stream.into_split();
+    let mut buffer = vec![0; READ_BYTES];
+    loop {
+        tokio::select! {
+            read = reader.read(&mut buffer) => {
+                let at = clock::now();
+                match read {
+                    Ok(0) | Err(_) => return false,
+                    Ok(length) => inbox.bytes(at, buffer.get(..length).unwrap_or_default()),
+                }
+            }
+            bytes = output.recv() => {
+                let Some(bytes) = bytes else { return true };
+                let write = tokio::time::timeout(WRITE_PATIENCE, writer.write_all(&bytes));
+                if !matches!(write.await, Ok(Ok(()))) {
+                    inbox.lost(DropReason::LinkWriteFailed);
+                    return false;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! Channels of a log: their names, their message types, and the decoded messages they hold.
+
+use prost::Message as _;
+
+use super::pb;
+use crate::pilot::LinkId;
+use crate::time::HostTime;
+
+/// Name of the channel of raw input of a link.
+pub(super) fn input_channel(link: LinkId) -> String {
+    format!("/in/{}", link_name(link))
+}
+
+/// Name of the channel of raw output of a link.
+pub(super) fn output_channel(link: LinkId) -> String {
+    format!("/out/{}", link_name(link))
+}
+
+fn link_name(link: LinkId) -> String {
+    match link {
+        LinkId::Tag => "tag".into(),
+        LinkId::Board => "board".into(),
+        LinkId::Ground(n) => format!("ground/{n}"),
+    }
+}
+
+/// The link of `/in/…` or `/out/…` without its first part.
+pub(super) fn link_from_name(name: &str) -> Option<LinkId> {
+    match name {
+        "tag" => Some(LinkId::Tag),
+        "board" => Some(LinkId::Board),
+        _ => name.strip_prefix("ground/")?.parse().ok().map(LinkId::Ground),
+    }
+}
+
+/// Channels that are no raw bytes, beside the decoded ones.
+pub(super) const CONFIG: (&str, &str) = ("/config", "haltere.Session");
+pub(super) const EVENT: (&str, &str) = ("/in/event", "haltere.LinkEvent");
+pub(super) const LOST: (&str, &str) = ("/in/lost", "haltere.Lost");
+pub(super) const WAKE: (&str, &str) = ("/wake", "haltere.Wake");
+pub(super) const HOLE: (&str, &str) = ("/hole", "haltere.Hole");
+pub(super) const CLOSING: (&str, &str) = ("/closing", "haltere.Closing");
+/// Message type of raw bytes.
+pub(super) const RAW_BYTES: &str = "haltere.RawBytes";
+
+macro_rules! decoded {
+    ($($variant:ident $channel:literal $at:ident;)*) => {
+        /// A decoded message.
+        #[derive(Debug, Clone, PartialEq)]
+        pub enum Decoded {
+            $(
+                #[doc = concat!("`", $channel, "`")]
+                $variant(pb::$variant),
+            )*
+        }
+
+        impl Decoded {
+            /// Every decoded channel with the name of its message type.
+            pub const CHANNELS: &[(&str, &str)] =
+                &[$(($channel, concat!("haltere.", stringify!($variant))),)*];
+
+            /// Name of its channel.
+            pub fn channel(&self) -> &'static str {
+                match self {
+                    $(Decoded::$variant(_) => $channel,)*
+                }
+            }
+
+            /// The time it stands at in the log.
+            pub fn at(&self) -> HostTime {
+                HostTime::from_us(match self {
+                    $(Decoded::$variant(message) => message.$at,)*
+                })
+            }
+
+            pub(super) fn encode(&self, out: &mut Vec<u8>) {
+                out.clear();
+                // Cannot fail: a Vec grows.
+                let _ = match self {
+                    $(Decoded::$variant(message) => message.encode(out),)*
+                };
+            }
+
+            /// `None`: no such channel among the decoded ones.
+            pub(super) fn decode(
+                channel: &str,
+                data: &[u8],
+            ) -> Option<Result<Self, prost::DecodeError>> {
+                match channel {
+                    $($channel => Some(pb::$variant::decode(data).map(Decoded::$variant)),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+decoded! {
+    Imu "/imu" received_at_us;
+    Uwb "/uwb" received_at_us;
+    Estimate "/estimate" at_us;
+    Control "/control" at_us;
+    Battery "/battery" received_at_us;
+    BoardAttitude "/board_attitude" received_at_us;
+    Baro "/baro" received_at_us;
+    Reference "/reference" received_at_us;
+    Mode "/mode" at_us;
+    Text "/text" at_us;
+    Health "/health" at_us;
+    Glue "/glue" at_us;
+}

@@ -1,0 +1,48 @@
+//! Flight recorder: what the pilot core lived through, as MCAP, and back.
+//!
+//! A log holds every input of the core in its order, every byte that it sent, the configuration
+//! and the build (so that `replay` can live through it again), and the decoded topics (so that
+//! log viewers open it directly). All messages are protobuf with their schema in the file.
+//!
+//! | channel | holds |
+//! |---|---|
+//! | `/config` | [`pb::Session`], first message of the file |
+//! | `/in/tag` `/in/board` `/in/ground/N` | bytes as handed to the core |
+//! | `/in/event` | links that came up or went down |
+//! | `/in/lost` | losses around the core, as told to it |
+//! | `/wake` | wake-ups of the core |
+//! | `/out/tag` `/out/board` `/out/ground/N` | bytes that the core sent |
+//! | `/imu` `/uwb` `/estimate` `/control` … | decoded topics |
+//! | `/glue` | how late the core was woken |
+//! | `/hole` | what the recorder itself had to leave out |
+//! | `/closing` | last message of a log that was closed properly |
+
+mod channels;
+mod convert;
+mod identity;
+mod names;
+mod reader;
+mod recorder;
+mod recover;
+mod session;
+mod writer;
+
+pub use channels::Decoded;
+pub use identity::BuildIdentity;
+pub use reader::{Entries, Entry, LogEnd, LogError, LogReader, RawInput};
+pub use recorder::{GlueState, Recorder, RecorderSummary};
+pub use recover::{recover, recovered_name};
+pub use session::Session;
+pub use writer::RecordError;
+
+/// Message types of the log, generated from `haltere.proto`.
+#[allow(missing_docs, clippy::all)]
+pub mod pb {
+    include!(concat!(env!("OUT_DIR"), "/haltere.rs"));
+}
+
+/// `haltere.proto`, compiled: the schema that is written into every log.
+pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/haltere_descriptors.bin"));
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,79 @@
+//! Names of log files: `YYYYMMDD-HHMMSS-NN.mcap`, UTC, never one that exists.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Logs that may begin in the same second.
+const MOST_PER_SECOND: u32 = 100;
+
+const SECONDS_PER_DAY: i64 = 86_400;
+
+/// Creates the next log file in `directory`, and the directory if need be.
+pub(super) fn create_log(directory: &Path, unix_us: i64) -> io::Result<(PathBuf, File)> {
+    std::fs::create_dir_all(directory)?;
+    let stamp = stamp(unix_us.div_euclid(1_000_000));
+    for number in 0..MOST_PER_SECOND {
+        let path = directory.join(format!("{stamp}-{number:02}.mcap"));
+        match OpenOptions::new().write(true).create_new(true).open(&path) {
+            Ok(file) => {
+                // The entry of the directory must survive a power cut like the data.
+                File::open(directory)?.sync_all()?;
+                return Ok((path, file));
+            }
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Err(io::Error::new(
+        io::ErrorKind::AlreadyExists,
+        format!("{MOST_PER_SECOND} logs of {stamp} exist"),
+    ))
+}
+
+fn stamp(unix_s: i64) -> String {
+    let (year, month, day) = civil_from_days(unix_s.div_euclid(SECONDS_PER_DAY));
+    let s = unix_s.rem_euclid(SECONDS_PER_DAY);
+    format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", s / 3600, s / 60 % 60, s % 60)
+}
+
+/// Proleptic Gregorian date of a day counted from 1970-01-01. The year is taken to begin in March,
+/// so that the leap day is its last; 719468 days lie between 0000-03-01 and 1970-01-01, and 146097
+/// days make 400 years.
+fn civil_from_days(days: i64) -> (i64, i64, i64) {
+    let days = days + 719_468;
+    let era = days.div_euclid(146_097);
+    let day_of_era = days.rem_euclid(146_097);
+    let year_of_era =
+        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    (era * 400 + year_of_era + i64::from(month <= 2), month, day)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn val_stamps_agree_with_the_calendar() {
+        // `date -u -d @SECONDS +%Y%m%d-%H%M%S`
+        assert_eq!(stamp(0), "19700101-000000");
+        assert_eq!(stamp(951_782_399), "20000228-235959");
+        assert_eq!(stamp(951_782_400), "20000229-000000");
+        assert_eq!(stamp(1_795_269_763), "20261121-140243");
+        assert_eq!(stamp(-1), "19691231-235959");
+    }
+
+    #[test]
+    fn prop_no_log_is_overwritten() {
+        let directory = tempfile::tempdir().unwrap();
+        let nested = directory.path().join("flights");
+        let (first, _) = create_log(&nested, 0).unwrap();
+        let (second, _) = create_log(&nested, 0).unwrap();
+        assert_eq!(first.file_name().unwrap(), "19700101-000000-00.mcap");
+        assert_eq!(second.file_name().unwrap(), "19700101-000000-01.mcap");
+    }
+}

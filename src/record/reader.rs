@@ -1,0 +1,499 @@
+//! Reads a log: whole, cut by a power loss, or damaged; to the last complete record, never further.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use mcap::records::{Record, op};
+use prost::Message as _;
+use thiserror::Error;
+
+use super::channels::{self, Decoded};
+use super::pb;
+use super::session::Session;
+use crate::drops::DropReason;
+use crate::pilot::{Input, LinkId};
+use crate::time::HostTime;
+
+/// Opcode and length before each record.
+const RECORD_HEAD_BYTES: usize = 9;
+
+/// Longest record head that is not the payload itself; a longer channel record is damage.
+const LONGEST_CHANNEL_BYTES: usize = 1 << 16;
+
+/// Why a file cannot be used as a log.
+#[derive(Debug, Error)]
+pub enum LogError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file is something else.
+    #[error(
+        "{}: byte 0: not an MCAP file; a flight log is named YYYYMMDD-HHMMSS-NN.mcap and lies in \
+         record.directory", path.display()
+    )]
+    NotMcap {
+        /// Which file.
+        path: PathBuf,
+    },
+    /// The file ends or is damaged before its first message is complete.
+    #[error(
+        "{}: byte {offset}: {why} before the head of the log is complete; nothing can be \
+         recovered from it", path.display()
+    )]
+    NoHead {
+        /// Which file.
+        path: PathBuf,
+        /// Where reading stopped.
+        offset: usize,
+        /// Why.
+        why: String,
+    },
+    /// The recovered copy cannot be written.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Copy {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: mcap::McapError,
+    },
+    /// An MCAP file of another program.
+    #[error("{}: byte {offset}: {why}; it was not written by haltere", path.display())]
+    Foreign {
+        /// Which file.
+        path: PathBuf,
+        /// Where.
+        offset: usize,
+        /// What is there.
+        why: String,
+    },
+}
+
+/// How a log ends.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum LogEnd {
+    /// Closed properly.
+    Complete,
+    /// The file stops in mid-record: power loss, or a copy that was cut.
+    Cut {
+        /// Offset of the record that is not complete.
+        offset: usize,
+    },
+    /// A record cannot be what was written. Nothing after it is used.
+    Damaged {
+        /// Offset of that record.
+        offset: usize,
+        /// What is wrong with it.
+        why: String,
+    },
+}
+
+impl std::fmt::Display for LogEnd {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            LogEnd::Complete => write!(f, "complete"),
+            LogEnd::Cut { offset } => write!(f, "cut at byte {offset}"),
+            LogEnd::Damaged { offset, why } => write!(f, "damaged at byte {offset}: {why}"),
+        }
+    }
+}
+
+/// An input of the core, as recorded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum RawInput {
+    /// See [`Input::Bytes`].
+    Bytes {
+        /// From where.
+        link: LinkId,
+        /// As read.
+        bytes: Vec<u8>,
+    },
+    /// See [`Input::LinkUp`].
+    LinkUp {
+        /// Which.
+        link: LinkId,
+    },
+    /// See [`Input::LinkDown`].
+    LinkDown {
+        /// Which.
+        link: LinkId,
+    },
+    /// See [`Input::Lost`].
+    Lost {
+        /// On which link.
+        link: LinkId,
+        /// Why.
+        reason: DropReason,
+        /// How many.
+        count: u64,
+    },
+    /// See [`Input::Wake`].
+    Wake,
+}
+
+impl RawInput {
+    /// As the core takes it.
+    pub fn as_input(&self) -> Input<'_> {
+        match self {
+            RawInput::Bytes { link, bytes } => Input::Bytes { link: *link, bytes },
+            RawInput::LinkUp { link } => Input::LinkUp { link: *link },
+            RawInput::LinkDown { link } => Input::LinkDown { link: *link },
+            RawInput::Lost { link, reason, count } => {
+                Input::Lost { link: *link, reason: *reason, count: *count }
+            }
+            RawInput::Wake => Input::Wake,
+        }
+    }
+}
+
+/// One entry of a log, in the order of recording.
+#[derive(Debug, Clone, PartialEq)]
+// One at a time is alive: a box for the large ones would cost more than it saves.
+#[allow(clippy::large_enum_variant)]
+pub enum Entry {
+    /// Handed to the core.
+    Input {
+        /// Place in the order of inputs and outputs, from 1.
+        sequence: u64,
+        /// Time that the core was told.
+        at: HostTime,
+        /// What.
+        input: RawInput,
+    },
+    /// Sent by the core.
+    Output {
+        /// Place in the order of inputs and outputs, from 1.
+        sequence: u64,
+        /// Time of the wake-up.
+        at: HostTime,
+        /// Where to.
+        link: LinkId,
+        /// What.
+        bytes: Vec<u8>,
+    },
+    /// A decoded topic.
+    Decoded(Decoded),
+    /// Entries are missing here.
+    Hole(pb::Hole),
+    /// The recorder closed the log.
+    Closing(pb::Closing),
+}
+
+/// A log in memory.
+#[derive(Debug)]
+pub struct LogReader {
+    path: PathBuf,
+    bytes: Vec<u8>,
+    session: Session,
+}
+
+impl LogReader {
+    /// Reads the file and its head.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, LogError> {
+        let path = path.as_ref().to_owned();
+        match std::fs::read(&path) {
+            Ok(bytes) => Self::from_bytes(path, bytes),
+            Err(source) => Err(LogError::Io { path, source }),
+        }
+    }
+
+    /// As [`LogReader::open`], with the content at hand; `path` is for messages only.
+    pub fn from_bytes(path: PathBuf, bytes: Vec<u8>) -> Result<Self, LogError> {
+        if !bytes.starts_with(mcap::MAGIC) {
+            let head = bytes.get(..mcap::MAGIC.len()).unwrap_or(&bytes);
+            return Err(if mcap::MAGIC.starts_with(head) {
+                LogError::NoHead { path, offset: bytes.len(), why: "the file ends".into() }
+            } else {
+                LogError::NotMcap { path }
+            });
+        }
+        let mut messages = Messages::new(&bytes);
+        let session = match messages.next() {
+            Some(message) if message.channel == channels::CONFIG.0 => {
+                let offset = message.offset;
+                pb::Session::decode(message.data)
+                    .map_err(|error| error.to_string())
+                    .and_then(|session| {
+                        Session::from_message(session).map_err(|problems| problems.to_string())
+                    })
+                    .map_err(|why| LogError::Foreign { path: path.clone(), offset, why })?
+            }
+            Some(message) => {
+                let why = format!(
+                    "the first message is on channel {}, not on {}",
+                    message.channel,
+                    channels::CONFIG.0
+                );
+                return Err(LogError::Foreign { path, offset: message.offset, why });
+            }
+            None => {
+                return Err(match messages.end() {
+                    LogEnd::Complete => {
+                        LogError::Foreign { path, offset: 0, why: "it holds no message".into() }
+                    }
+                    LogEnd::Cut { offset } => {
+                        LogError::NoHead { path, offset, why: "the file ends".into() }
+                    }
+                    LogEnd::Damaged { offset, why } => LogError::NoHead { path, offset, why },
+                });
+            }
+        };
+        Ok(Self { path, bytes, session })
+    }
+
+    /// Name of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The whole file.
+    pub(super) fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// Head of the log.
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// Everything after the head. [`Entries::end`] tells how the log ended once it is exhausted.
+    pub fn entries(&self) -> Entries<'_> {
+        Entries { messages: Messages::new(&self.bytes), damaged: None }
+    }
+}
+
+/// Iterates over a log.
+#[derive(Debug)]
+pub struct Entries<'a> {
+    messages: Messages<'a>,
+    damaged: Option<LogEnd>,
+}
+
+impl Entries<'_> {
+    /// How the log ended; meaningful after the last entry.
+    pub fn end(&self) -> LogEnd {
+        self.damaged.clone().unwrap_or_else(|| self.messages.end())
+    }
+}
+
+impl Iterator for Entries<'_> {
+    type Item = Entry;
+
+    fn next(&mut self) -> Option<Entry> {
+        while self.damaged.is_none() {
+            let message = self.messages.next()?;
+            match decode(&message) {
+                Ok(Some(entry)) => return Some(entry),
+                Ok(None) => {}
+                Err(error) => {
+                    self.damaged = Some(LogEnd::Damaged {
+                        offset: message.offset,
+                        why: format!("message on {}: {error}", message.channel),
+                    });
+                }
+            }
+        }
+        None
+    }
+}
+
+/// `None`: the head, or a channel that this version does not know.
+fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
+    let channel = message.channel.as_str();
+    let data = message.data;
+    if let Some(decoded) = Decoded::decode(channel, data) {
+        return decoded.map(|decoded| Some(Entry::Decoded(decoded)));
+    }
+    let raw_link = |prefix| channel.strip_prefix(prefix).and_then(channels::link_from_name);
+    Ok(Some(if channel == channels::WAKE.0 {
+        let wake = pb::Wake::decode(data)?;
+        Entry::Input {
+            sequence: wake.sequence,
+            at: HostTime::from_us(wake.host_time_us),
+            input: RawInput::Wake,
+        }
+    } else if channel == channels::EVENT.0 {
+        let event = pb::LinkEvent::decode(data)?;
+        let Ok(number) = u8::try_from(event.link) else { return Ok(None) };
+        let link = LinkId::from_number(number);
+        let input = match event.kind() {
+            pb::link_event::Kind::Up => RawInput::LinkUp { link },
+            pb::link_event::Kind::Down => RawInput::LinkDown { link },
+            pb::link_event::Kind::Unknown => return Ok(None),
+        };
+        Entry::Input { sequence: event.sequence, at: HostTime::from_us(event.host_time_us), input }
+    } else if channel == channels::LOST.0 {
+        let lost = pb::Lost::decode(data)?;
+        let reason = DropReason::ALL.into_iter().find(|reason| reason.name() == lost.reason);
+        let (Ok(number), Some(reason)) = (u8::try_from(lost.link), reason) else { return Ok(None) };
+        let input = RawInput::Lost { link: LinkId::from_number(number), reason, count: lost.count };
+        Entry::Input { sequence: lost.sequence, at: HostTime::from_us(lost.host_time_us), input }
+    } else if let Some(link) = raw_link("/in/") {
+        let raw = pb::RawBytes::decode(data)?;
+        Entry::Input {
+            sequence: raw.sequence,
+            at: HostTime::from_us(raw.host_time_us),
+            input: RawInput::Bytes { link, bytes: raw.data },
+        }
+    } else if let Some(link) = raw_link("/out/") {
+        let raw = pb::RawBytes::decode(data)?;
+        Entry::Output {
+            sequence: raw.sequence,
+            at: HostTime::from_us(raw.host_time_us),
+            link,
+            bytes: raw.data,
+        }
+    } else if channel == channels::HOLE.0 {
+        Entry::Hole(pb::Hole::decode(data)?)
+    } else if channel == channels::CLOSING.0 {
+        Entry::Closing(pb::Closing::decode(data)?)
+    } else {
+        return Ok(None);
+    }))
+}
+
+/// One message of any channel.
+#[derive(Debug)]
+pub(super) struct Message<'a> {
+    /// Offset in the file, for error messages.
+    pub offset: usize,
+    pub channel: String,
+    pub sequence: u32,
+    pub log_time: u64,
+    pub data: &'a [u8],
+}
+
+/// Walks the records of a file and of its chunks.
+#[derive(Debug)]
+pub(super) struct Messages<'a> {
+    file: Walk<'a>,
+    chunk: Option<Walk<'a>>,
+    channels: BTreeMap<u16, String>,
+    end: Option<LogEnd>,
+}
+
+impl<'a> Messages<'a> {
+    /// `bytes` begins with the magic.
+    pub(super) fn new(bytes: &'a [u8]) -> Self {
+        let file = Walk { bytes, at: mcap::MAGIC.len(), base: 0 };
+        Self { file, chunk: None, channels: BTreeMap::new(), end: None }
+    }
+
+    /// How it ended.
+    pub(super) fn end(&self) -> LogEnd {
+        self.end.clone().unwrap_or(LogEnd::Cut { offset: self.file.at })
+    }
+
+    fn stop(&mut self, end: LogEnd) -> Option<Message<'a>> {
+        self.end.get_or_insert(end);
+        self.chunk = None;
+        None
+    }
+}
+
+impl<'a> Iterator for Messages<'a> {
+    type Item = Message<'a>;
+
+    fn next(&mut self) -> Option<Message<'a>> {
+        if self.end.is_some() {
+            return None;
+        }
+        loop {
+            let in_chunk = self.chunk.is_some();
+            let walk = self.chunk.as_mut().unwrap_or(&mut self.file);
+            let offset = walk.base + walk.at;
+            let Some((opcode, body)) = walk.next() else {
+                if in_chunk {
+                    self.chunk = None;
+                    continue;
+                }
+                return self.stop(LogEnd::Cut { offset });
+            };
+            let damaged = |why: String| LogEnd::Damaged { offset, why };
+            match opcode {
+                op::DATA_END if !in_chunk => {
+                    // Nothing of ours follows, but without the index and the closing magic most
+                    // viewers refuse the file.
+                    let closed = self.file.bytes.ends_with(mcap::MAGIC);
+                    let end = if closed { LogEnd::Complete } else { LogEnd::Cut { offset } };
+                    return self.stop(end);
+                }
+                op::CHANNEL | op::MESSAGE | op::CHUNK => {}
+                op::HEADER..=op::DATA_END => continue,
+                0x80.. => continue,
+                other => return self.stop(damaged(format!("no record has opcode {other:#04x}"))),
+            }
+            if opcode == op::CHANNEL && body.len() > LONGEST_CHANNEL_BYTES {
+                return self.stop(damaged("a channel record of absurd length".into()));
+            }
+            match mcap::read::parse_record(opcode, body) {
+                Ok(Record::Channel(channel)) => {
+                    self.channels.insert(channel.id, channel.topic);
+                }
+                Ok(Record::Message { header, .. }) => {
+                    let Some(channel) = self.channels.get(&header.channel_id).cloned() else {
+                        let why = format!("message on unknown channel {}", header.channel_id);
+                        return self.stop(damaged(why));
+                    };
+                    let data = body.get(MESSAGE_HEAD_BYTES..).unwrap_or_default();
+                    let (sequence, log_time) = (header.sequence, header.log_time);
+                    return Some(Message { offset, channel, sequence, log_time, data });
+                }
+                Ok(Record::Chunk { header, .. }) if !in_chunk => {
+                    if !header.compression.is_empty() {
+                        return self.stop(damaged(format!(
+                            "chunk compressed with {}; run `mcap compress --compression none` on \
+                             the file first",
+                            header.compression
+                        )));
+                    }
+                    let length = usize::try_from(header.compressed_size).unwrap_or(usize::MAX);
+                    let start = body.len().saturating_sub(length);
+                    let data = body.get(start..).unwrap_or_default();
+                    if header.uncompressed_crc != 0 && crc32(data) != header.uncompressed_crc {
+                        return self.stop(damaged("chunk with a wrong checksum".into()));
+                    }
+                    let base = offset + RECORD_HEAD_BYTES + start;
+                    self.chunk = Some(Walk { bytes: data, at: 0, base });
+                }
+                Ok(_) => return self.stop(damaged(format!("opcode {opcode:#04x} out of place"))),
+                Err(error) => return self.stop(damaged(error.to_string())),
+            }
+        }
+    }
+}
+
+/// Channel id, sequence number and two times before the data of a message.
+const MESSAGE_HEAD_BYTES: usize = 2 + 4 + 8 + 8;
+
+fn crc32(bytes: &[u8]) -> u32 {
+    let mut crc = flate2::Crc::new();
+    crc.update(bytes);
+    crc.sum()
+}
+
+/// Steps over opcode, length and body.
+#[derive(Debug)]
+struct Walk<'a> {
+    bytes: &'a [u8],
+    at: usize,
+    /// Offset of `bytes` in the file.
+    base: usize,
+}
+
+impl<'a> Iterator for Walk<'a> {
+    type Item = (u8, &'a [u8]);
+
+    /// `None` when the next record is not complete; `at` then stays on it.
+    fn next(&mut self) -> Option<Self::Item> {
+        let (opcode, rest) = self.bytes.get(self.at..)?.split_first()?;
+        let (length, rest) = rest.split_first_chunk::<8>()?;
+        let body = rest.get(..usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
+        self.at += RECORD_HEAD_BYTES + body.len();
+        Some((*opcode, body))
+    }
+}

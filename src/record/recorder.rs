@@ -1,0 +1,404 @@
+//! The recorder as the pilot's thread sees it: takes everything, never waits.
+//!
+//! Entries are gathered in a batch; [`Recorder::commit`] hands it to the recorder's thread through
+//! a bounded queue. When that queue is full (the disk stalls) the batch is thrown away, counted,
+//! and the hole is written into the log, so that a replay can say where it ends to be exact.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use mcap::McapError;
+
+use super::channels::{self, Decoded};
+use super::convert::decoded_from_topic;
+use super::pb;
+use super::session::Session;
+use super::writer::{LogWriter, RecordError};
+use crate::drops::DropReason;
+use crate::pilot::{Input, LinkId};
+use crate::time::HostTime;
+use crate::topics::Topic;
+
+/// Batches that may wait for the disk. With [`BATCH_ENTRIES`] entries each and some 1500 entries/s
+/// this rides out a stall of the disk of about 20 s, in about 5 MB.
+const QUEUE_BATCHES: usize = 512;
+
+/// A batch is handed over when it holds this many entries …
+const BATCH_ENTRIES: usize = 64;
+/// … or when its first entry is this old, µs.
+const BATCH_AGE_US: i64 = 20_000;
+
+/// Period of flush and sync: what a power cut may cost.
+const PERSIST_PERIOD: Duration = Duration::from_secs(1);
+
+/// One thing to record.
+#[derive(Debug)]
+enum Item {
+    Bytes { out: bool, link: LinkId, start: usize, end: usize },
+    Event { link: LinkId, kind: pb::link_event::Kind },
+    Lost { link: LinkId, reason: DropReason, count: u64 },
+    Wake,
+    Topic(Topic),
+    Glue(pb::Glue),
+}
+
+#[derive(Debug, Default)]
+struct Batch {
+    hole: Option<pb::Hole>,
+    /// With time and sequence number; the latter is 0 for what is not replayed.
+    items: Vec<(HostTime, u64, Item)>,
+    bytes: Vec<u8>,
+}
+
+impl Batch {
+    fn clear(&mut self) {
+        self.hole = None;
+        self.items.clear();
+        self.bytes.clear();
+    }
+}
+
+/// State of the glue around the core, for the log.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct GlueState {
+    /// Wake-ups so far.
+    pub wake_ups: u64,
+    /// Wake-ups later than half a control period.
+    pub late_wake_ups: u64,
+    /// Largest lateness of a wake-up, s.
+    pub worst_lateness_s: f64,
+}
+
+/// What a recording came to.
+#[derive(Debug)]
+pub struct RecorderSummary {
+    /// The log; `None` when recording was off.
+    pub path: Option<PathBuf>,
+    /// Entries that are not in the log.
+    pub lost_entries: u64,
+    /// Why recording ended early.
+    pub error: Option<RecordError>,
+}
+
+/// Takes everything, never waits.
+#[derive(Debug)]
+pub struct Recorder {
+    path: Option<PathBuf>,
+    queue: Option<SyncSender<Batch>>,
+    spare: Option<Receiver<Batch>>,
+    thread: Option<JoinHandle<Ended>>,
+    batch: Batch,
+    hole: Option<pb::Hole>,
+    sequence: u64,
+    lost: u64,
+}
+
+#[derive(Debug, Default)]
+struct Ended {
+    lost: u64,
+    error: Option<RecordError>,
+}
+
+impl Recorder {
+    /// Begins a log in `directory`.
+    pub fn start(directory: &Path, session: &Session) -> Result<Self, RecordError> {
+        Self::spawn(LogWriter::create(directory, session)?, QUEUE_BATCHES)
+    }
+
+    /// A recorder that forgets everything.
+    pub fn off() -> Self {
+        Self {
+            path: None,
+            queue: None,
+            spare: None,
+            thread: None,
+            batch: Batch::default(),
+            hole: None,
+            sequence: 0,
+            lost: 0,
+        }
+    }
+
+    pub(super) fn spawn<W: std::io::Write + Send + 'static>(
+        log: LogWriter<W>,
+        depth: usize,
+    ) -> Result<Self, RecordError> {
+        let path = log.path().to_owned();
+        let (queue, batches) = sync_channel(depth);
+        let (give_back, spare) = sync_channel(depth);
+        let thread = std::thread::Builder::new()
+            .name("recorder".into())
+            .spawn(move || write_all(log, &batches, &give_back))
+            .map_err(RecordError::Thread)?;
+        let mut recorder = Self::off();
+        recorder.path = Some(path);
+        recorder.queue = Some(queue);
+        recorder.spare = Some(spare);
+        recorder.thread = Some(thread);
+        Ok(recorder)
+    }
+
+    /// The log that is being written.
+    pub fn path(&self) -> Option<&Path> {
+        self.path.as_deref()
+    }
+
+    /// An event as handed to the core, in order.
+    pub fn input(&mut self, at: HostTime, input: Input<'_>) {
+        match input {
+            Input::Bytes { link, bytes } => self.bytes(at, false, link, bytes),
+            Input::LinkUp { link } => {
+                self.raw(at, Item::Event { link, kind: pb::link_event::Kind::Up });
+            }
+            Input::LinkDown { link } => {
+                self.raw(at, Item::Event { link, kind: pb::link_event::Kind::Down });
+            }
+            Input::Lost { link, reason, count } => {
+                self.raw(at, Item::Lost { link, reason, count });
+            }
+            Input::Wake => self.raw(at, Item::Wake),
+        }
+    }
+
+    /// Bytes that the core sent, in order.
+    pub fn output(&mut self, at: HostTime, link: LinkId, bytes: &[u8]) {
+        self.bytes(at, true, link, bytes);
+    }
+
+    /// A decoded record. `at` is the time of the wake-up that yielded it.
+    pub fn topic(&mut self, at: HostTime, topic: Topic) {
+        self.push(at, 0, Item::Topic(topic));
+    }
+
+    /// State of the glue.
+    pub fn glue(&mut self, at: HostTime, state: &GlueState) {
+        let message = pb::Glue {
+            at_us: at.as_us(),
+            wake_ups: state.wake_ups,
+            late_wake_ups: state.late_wake_ups,
+            worst_lateness_s: state.worst_lateness_s,
+        };
+        self.push(at, 0, Item::Glue(message));
+    }
+
+    /// Entries that the queue had no room for, so far.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Hands over what has gathered, if it is worth it.
+    pub fn commit(&mut self, now: HostTime) {
+        let Some((first, ..)) = self.batch.items.first() else { return };
+        if self.batch.items.len() >= BATCH_ENTRIES || now >= first.offset_us(BATCH_AGE_US) {
+            self.hand_over();
+        }
+    }
+
+    /// Ends the recording and waits until it is on disk.
+    pub fn finish(mut self) -> RecorderSummary {
+        self.end()
+    }
+
+    fn end(&mut self) -> RecorderSummary {
+        if let Some(queue) = self.queue.take() {
+            let mut last = std::mem::take(&mut self.batch);
+            last.hole = self.hole.take();
+            // Nothing is flying any more: waiting is right.
+            let _ = queue.send(last);
+        }
+        let ended = self.thread.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        RecorderSummary {
+            path: self.path.take(),
+            lost_entries: self.lost.saturating_add(ended.lost),
+            error: ended.error,
+        }
+    }
+
+    fn bytes(&mut self, at: HostTime, out: bool, link: LinkId, bytes: &[u8]) {
+        if self.queue.is_none() {
+            return;
+        }
+        let start = self.batch.bytes.len();
+        self.batch.bytes.extend_from_slice(bytes);
+        let end = self.batch.bytes.len();
+        self.raw(at, Item::Bytes { out, link, start, end });
+    }
+
+    fn raw(&mut self, at: HostTime, item: Item) {
+        self.sequence += 1;
+        self.push(at, self.sequence, item);
+    }
+
+    fn push(&mut self, at: HostTime, sequence: u64, item: Item) {
+        if self.queue.is_some() {
+            self.batch.items.push((at, sequence, item));
+        }
+    }
+
+    fn hand_over(&mut self) {
+        let Some(queue) = &self.queue else { return };
+        let next = self.spare.as_ref().and_then(|spare| spare.try_recv().ok()).unwrap_or_default();
+        let mut batch = std::mem::replace(&mut self.batch, next);
+        batch.hole = self.hole.take();
+        match queue.try_send(batch) {
+            Ok(()) => {}
+            Err(TrySendError::Full(batch) | TrySendError::Disconnected(batch)) => {
+                self.hole = Some(widen(batch.hole, &batch.items));
+                self.lost = self.lost.saturating_add(batch.items.len() as u64);
+                if self.batch.items.capacity() == 0 {
+                    self.batch = batch;
+                    self.batch.clear();
+                }
+            }
+        }
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+/// The hole that swallows `items` too.
+fn widen(hole: Option<pb::Hole>, items: &[(HostTime, u64, Item)]) -> pb::Hole {
+    let mut hole = hole.unwrap_or_else(|| pb::Hole {
+        from_us: items.first().map_or(0, |(at, ..)| at.as_us()),
+        ..pb::Hole::default()
+    });
+    for (at, sequence, _) in items {
+        hole.to_us = hole.to_us.max(at.as_us());
+        if *sequence == 0 {
+            hole.lost_topics += 1;
+        } else {
+            if hole.first_sequence == 0 {
+                hole.first_sequence = *sequence;
+            }
+            hole.last_sequence = *sequence;
+            hole.lost_raw += 1;
+        }
+    }
+    hole
+}
+
+/// Body of the recorder's thread. After a failure it goes on emptying the queue, and counts.
+fn write_all<W: std::io::Write>(
+    log: LogWriter<W>,
+    batches: &Receiver<Batch>,
+    give_back: &SyncSender<Batch>,
+) -> Ended {
+    let mut ended = Ended::default();
+    let mut log = Some(log);
+    let mut last = Tail::default();
+    let mut persisted = Instant::now();
+    loop {
+        let wait = PERSIST_PERIOD.saturating_sub(persisted.elapsed());
+        let batch = match batches.recv_timeout(wait) {
+            Ok(batch) => Some(batch),
+            Err(std::sync::mpsc::RecvTimeoutError::Timeout) => None,
+            Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => break,
+        };
+        let due = persisted.elapsed() >= PERSIST_PERIOD;
+        if due {
+            persisted = Instant::now();
+        }
+        if let Some(open) = &mut log {
+            let written = match &batch {
+                Some(batch) => write_batch(open, batch, &mut last),
+                None => Ok(()),
+            }
+            .and_then(|()| if due { open.persist() } else { Ok(()) });
+            if let Err(error) = written {
+                let error = open.error(&error);
+                tracing::error!("{error}");
+                ended.error = Some(error);
+                ended.lost = ended.lost.saturating_add(entries(batch.as_ref()));
+                log = None;
+            }
+        } else {
+            ended.lost = ended.lost.saturating_add(entries(batch.as_ref()));
+        }
+        if let Some(mut batch) = batch {
+            batch.clear();
+            let _ = give_back.try_send(batch);
+        }
+    }
+    if let Some(mut open) = log {
+        let path = open.path().to_owned();
+        let closing = pb::Closing {
+            host_time_us: last.at.as_us(),
+            last_sequence: last.sequence,
+            lost_entries: last.lost,
+        };
+        let closed = open.put(channels::CLOSING, last.at, 0, &closing).and_then(|()| open.finish());
+        if let Err(error) = closed {
+            let error = RecordError::Write { path, reason: error.to_string() };
+            tracing::error!("{error}");
+            ended.error = Some(error);
+        }
+    }
+    ended
+}
+
+/// Where the log ends.
+#[derive(Debug, Default)]
+struct Tail {
+    at: HostTime,
+    sequence: u64,
+    lost: u64,
+}
+
+fn entries(batch: Option<&Batch>) -> u64 {
+    batch.map_or(0, |batch| batch.items.len() as u64)
+}
+
+fn write_batch<W: std::io::Write>(
+    log: &mut LogWriter<W>,
+    batch: &Batch,
+    last: &mut Tail,
+) -> Result<(), McapError> {
+    if let Some(hole) = &batch.hole {
+        last.lost += hole.lost_raw + hole.lost_topics;
+        last.sequence = last.sequence.max(hole.last_sequence);
+        last.at = last.at.max(HostTime::from_us(hole.to_us));
+        log.put(channels::HOLE, HostTime::from_us(hole.to_us), 0, hole)?;
+    }
+    for (at, sequence, item) in &batch.items {
+        let (at, sequence, host_time_us) = (*at, *sequence, at.as_us());
+        last.at = last.at.max(at);
+        last.sequence = last.sequence.max(sequence);
+        match item {
+            Item::Bytes { out, link, start, end } => {
+                let bytes = batch.bytes.get(*start..*end).unwrap_or_default();
+                log.raw(*out, *link, at, sequence, bytes)?;
+            }
+            Item::Event { link, kind } => {
+                let message = pb::LinkEvent {
+                    sequence,
+                    host_time_us,
+                    link: u32::from(link.number()),
+                    kind: (*kind).into(),
+                };
+                log.put(channels::EVENT, at, sequence, &message)?;
+            }
+            Item::Lost { link, reason, count } => {
+                let message = pb::Lost {
+                    sequence,
+                    host_time_us,
+                    link: u32::from(link.number()),
+                    reason: reason.name().to_owned(),
+                    count: *count,
+                };
+                log.put(channels::LOST, at, sequence, &message)?;
+            }
+            Item::Wake => {
+                log.put(channels::WAKE, at, sequence, &pb::Wake { sequence, host_time_us })?;
+            }
+            Item::Topic(topic) => log.decoded(&decoded_from_topic(topic))?,
+            Item::Glue(glue) => log.decoded(&Decoded::Glue(*glue))?,
+        }
+    }
+    Ok(())
+}
