@@ -1,3 +1,5 @@
 //! The companion.
 
-fn main() {}
+fn main() -> std::process::ExitCode {
+    haltere::cli::main()
+}

@@ -1,0 +1,34 @@
+//! `haltere ctl`: a small ground station for scripts.
+
+use std::io::Write as _;
+use std::process::ExitCode;
+
+use clap::Args;
+
+use super::print;
+use crate::ctl::{self, Action};
+
+/// Talks to a running companion as any ground station does.
+#[derive(Debug, Args)]
+pub(super) struct Ctl {
+    /// Where the companion's ground endpoint leads: udpin:HOST:PORT, udpout:HOST:PORT or
+    /// tcpout:HOST:PORT.
+    #[arg(long, value_name = "ADDR", default_value = "udpin:127.0.0.1:14550")]
+    to: String,
+    #[command(subcommand)]
+    action: Action,
+}
+
+impl Ctl {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let status = self.action == Action::Status;
+        ctl::run(&self.to, &self.action, |line| {
+            if status {
+                print(&format!("{line}\n"));
+            } else {
+                let _ = writeln!(std::io::stderr(), "{line}");
+            }
+        })?;
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,95 @@
+//! `haltere fly` and `haltere check`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::anyhow;
+use clap::Args;
+
+use super::{print, print_json};
+use crate::config::{Loaded, Sources};
+use crate::live;
+
+/// Where the configuration comes from.
+#[derive(Debug, Args)]
+struct Configuration {
+    /// Configuration file; several may be given, later ones win. Default: haltere.toml in the
+    /// working directory, if there is one.
+    #[arg(long, value_name = "FILE")]
+    config: Vec<PathBuf>,
+    /// One value, for example control.version=raw. Wins over files and environment.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+impl Configuration {
+    fn load(self) -> anyhow::Result<Loaded> {
+        Loaded::load(&Sources::new(self.config, self.set))
+            .map_err(|problems| anyhow!("the configuration is refused:\n{problems}"))
+    }
+}
+
+/// Flies.
+#[derive(Debug, Args)]
+pub(super) struct Fly {
+    #[command(flatten)]
+    configuration: Configuration,
+    /// Print the summary at the end as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Fly {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let loaded = self.configuration.load()?;
+        for file in &loaded.files {
+            tracing::info!("read {}", file.display());
+        }
+        let summary = live::run(&loaded, &live::Stop::default())?;
+        if self.json {
+            print_json(&summary)?;
+        } else {
+            let log = summary.log.as_ref().map(|path| path.display().to_string());
+            print(&format!("log: {}\n", log.as_deref().unwrap_or("none")));
+            print(&format!(
+                "wake-ups: {}, late by more than 5 ms: {}, worst {:.1} ms\n",
+                summary.wake_ups,
+                summary.late_wake_ups,
+                summary.worst_lateness_s * 1e3
+            ));
+            for (link, reason, count) in &summary.drops {
+                print(&format!("lost on link {link}: {reason} {count}\n"));
+            }
+        }
+        match summary.recording_error {
+            Some(error) => Err(anyhow!(error)),
+            None => Ok(ExitCode::SUCCESS),
+        }
+    }
+}
+
+/// Examines a configuration.
+#[derive(Debug, Args)]
+pub(super) struct Check {
+    #[command(flatten)]
+    configuration: Configuration,
+    /// Print the resolved configuration as JSON instead of TOML.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Check {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let loaded = self.configuration.load()?;
+        for file in &loaded.files {
+            tracing::info!("read {}", file.display());
+        }
+        tracing::info!("{} anchors; everything is in order", loaded.survey.ids().len());
+        if self.json {
+            print_json(&loaded.config)?;
+        } else {
+            print(&loaded.config.to_toml());
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,148 @@
+//! `haltere log`: mend and look into flight logs.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Subcommand;
+use serde::Serialize;
+
+use super::{print, print_json};
+use crate::record::{Entry, LogEnd, LogReader, RawInput, recover, recovered_name};
+
+/// Handles flight logs.
+#[derive(Debug, Subcommand)]
+pub(super) enum Log {
+    /// Rewrites a log that was cut by a power loss into a complete one, which every viewer opens.
+    Recover {
+        /// The log. It is left as it is.
+        log: PathBuf,
+        /// The new file, which must not exist. Default: NAME.recovered.mcap beside the log.
+        #[arg(long, value_name = "FILE")]
+        to: Option<PathBuf>,
+    },
+    /// Says what a log holds and how it ends.
+    Info {
+        /// The log.
+        log: PathBuf,
+        /// Print as JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+#[derive(Debug, Serialize)]
+struct Info {
+    log: PathBuf,
+    end: String,
+    complete: bool,
+    started_unix_s: f64,
+    duration_s: f64,
+    program_version: String,
+    git_commit: String,
+    source_hash: String,
+    target: String,
+    anchors: usize,
+    entries: BTreeMap<String, u64>,
+    input_bytes: u64,
+    output_bytes: u64,
+    lost_entries: u64,
+}
+
+impl Log {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        match self {
+            Log::Recover { log, to } => {
+                let to = to.unwrap_or_else(|| recovered_name(&log));
+                let (saved, end) = recover(&log, &to)?;
+                print(&format!("{}: {end}; {saved} messages in {}\n", log.display(), to.display()));
+            }
+            Log::Info { log, json } => {
+                let info = info(&LogReader::open(log)?);
+                if json {
+                    print_json(&info)?;
+                } else {
+                    print(&table(&info));
+                }
+            }
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn info(log: &LogReader) -> Info {
+    let session = log.session();
+    let mut entries = log.entries();
+    let mut counts = BTreeMap::new();
+    let (mut input_bytes, mut output_bytes, mut lost_entries) = (0, 0, 0);
+    let start = session.pilot_started_at;
+    let mut last = start;
+    for entry in entries.by_ref() {
+        let name = match &entry {
+            Entry::Input { at, input, .. } => {
+                last = last.max(*at);
+                match input {
+                    RawInput::Bytes { link, bytes } => {
+                        input_bytes += bytes.len() as u64;
+                        format!("input on link {}", link.number())
+                    }
+                    RawInput::Wake => "wake-up".to_owned(),
+                    _ => "link event".to_owned(),
+                }
+            }
+            Entry::Output { link, bytes, .. } => {
+                output_bytes += bytes.len() as u64;
+                format!("output on link {}", link.number())
+            }
+            Entry::Decoded(decoded) => decoded.channel().to_owned(),
+            Entry::Hole(hole) => {
+                lost_entries += hole.lost_raw + hole.lost_topics;
+                "hole".to_owned()
+            }
+            Entry::Closing(_) => continue,
+        };
+        *counts.entry(name).or_default() += 1;
+    }
+    let end = entries.end();
+    Info {
+        log: log.path().to_owned(),
+        complete: end == LogEnd::Complete,
+        end: end.to_string(),
+        started_unix_s: session.started_unix_us as f64 * 1e-6,
+        duration_s: last.seconds_since(start),
+        program_version: session.build.program_version.clone(),
+        git_commit: session.build.git_commit.clone(),
+        source_hash: session.build.source_hash.clone(),
+        target: session.build.target.clone(),
+        anchors: session.survey.ids().len(),
+        entries: counts,
+        input_bytes,
+        output_bytes,
+        lost_entries,
+    }
+}
+
+fn table(info: &Info) -> String {
+    let mut text = format!(
+        "{}: {}\n{:.1} s, {} anchors, {} bytes in, {} bytes out, {} entries lost\n\
+         written by haltere {} ({}, source {}, {})\n",
+        info.log.display(),
+        info.end,
+        info.duration_s,
+        info.anchors,
+        info.input_bytes,
+        info.output_bytes,
+        info.lost_entries,
+        info.program_version,
+        info.git_commit,
+        info.source_hash,
+        info.target
+    );
+    for (name, count) in &info.entries {
+        text += &format!("{count:>10}  {name}\n");
+    }
+    if !info.complete {
+        text += "`haltere log recover` makes it complete, so that every viewer opens it\n";
+    }
+    text
+}

@@ -1,0 +1,102 @@
+//! Command line of the companion.
+//!
+//! Tables and reports go to standard output (with `--json` as JSON), progress and logs to standard
+//! error. Exit codes: 0 success, 1 failure, 2 wrong usage; others per command.
+
+mod ctl;
+mod fit;
+mod fly;
+mod log;
+mod replay;
+mod report;
+
+use std::io::Write as _;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use serde::Serialize;
+
+/// Something failed; the sentence is on standard error.
+const FAILED: u8 = 1;
+
+/// Companion autopilot for flapping-wing drones on ultra-wideband positioning.
+#[derive(Debug, Parser)]
+#[command(name = "haltere", version, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+// A command of another module is one variant here, one line in `main`, one file beside this one.
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Flies: the companion, until it is stopped.
+    Fly(fly::Fly),
+    /// Lives through recorded flights again and says whether the same bytes go out.
+    Replay(replay::Replay),
+    /// Handles flight logs.
+    #[command(subcommand)]
+    Log(log::Log),
+    /// Identifies the vehicle from flight logs.
+    #[command(subcommand)]
+    Fit(fit::Fit),
+    /// Arms, flies and lands a running companion: a small ground station for scripts.
+    Ctl(ctl::Ctl),
+    /// Draws a flight log as one page.
+    Report(report::Report),
+    /// Examines a configuration and its anchor file without flying.
+    Check(fly::Check),
+}
+
+/// Runs the command that the process was started with.
+pub fn main() -> ExitCode {
+    run(std::env::args_os())
+}
+
+/// Runs the command in `args`, program name first: for programs that act as the companion.
+pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
+    let cli = Cli::parse_from(args);
+    start_logging();
+    let result = match cli.command {
+        Command::Fly(fly) => fly.run(),
+        Command::Replay(replay) => replay.run(),
+        Command::Log(log) => log.run(),
+        Command::Fit(fit) => fit.run(),
+        Command::Ctl(ctl) => ctl.run(),
+        Command::Report(report) => report.run(),
+        Command::Check(check) => check.run(),
+    };
+    match result {
+        Ok(code) => code,
+        Err(error) => {
+            // A sentence for people; each layer has named what it knows.
+            let _ = writeln!(std::io::stderr(), "haltere: {error:#}");
+            ExitCode::from(FAILED)
+        }
+    }
+}
+
+/// Logs to standard error; `RUST_LOG` chooses what, everything from `info` up by default.
+fn start_logging() {
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
+        .with_target(false)
+        .init();
+}
+
+/// Prints to standard output; a reader that went away is no failure of ours.
+fn print(text: &str) {
+    let mut out = std::io::stdout().lock();
+    let _ = out.write_all(text.as_bytes());
+    let _ = out.flush();
+}
+
+/// Prints as JSON.
+fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
+    print(&(serde_json::to_string_pretty(value)? + "\n"));
+    Ok(())
+}

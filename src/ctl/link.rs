@@ -1,0 +1,105 @@
+//! The wire under a ground station: one UDP socket or TCP stream, read with a timeout.
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
+use std::time::Duration;
+
+use super::CtlError;
+use crate::config::{Address, HostPort};
+
+/// Longest wait for a TCP connection.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
+/// Larger than any datagram or burst that is worth one read.
+pub(super) const READ_BYTES: usize = 4096;
+
+/// An open wire.
+#[derive(Debug)]
+pub(super) enum Link {
+    /// Peer is known from the start or learned from its first datagram.
+    Udp { socket: UdpSocket, peer: Option<SocketAddr> },
+    /// Connected.
+    Tcp(TcpStream),
+}
+
+impl Link {
+    /// Opens a `udpout:`, `udpin:` or `tcpout:` address.
+    pub fn open(address: &str) -> Result<Self, CtlError> {
+        let io = |error| CtlError::Io { address: address.into(), error };
+        let resolve = |at: &HostPort| {
+            let mut places = (at.host.as_str(), at.port).to_socket_addrs().map_err(io)?;
+            places.next().ok_or_else(|| io(ErrorKind::NotFound.into()))
+        };
+        match address.parse::<Address>()? {
+            Address::UdpOut(to) => {
+                let place = resolve(&to)?;
+                let any = if place.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+                let socket = UdpSocket::bind(any).map_err(io)?;
+                Ok(Link::Udp { socket, peer: Some(place) })
+            }
+            Address::UdpIn(at) => {
+                let socket = UdpSocket::bind(resolve(&at)?).map_err(io)?;
+                Ok(Link::Udp { socket, peer: None })
+            }
+            Address::TcpOut(to) => {
+                let stream =
+                    TcpStream::connect_timeout(&resolve(&to)?, CONNECT_TIMEOUT).map_err(io)?;
+                stream.set_nodelay(true).map_err(io)?;
+                Ok(Link::Tcp(stream))
+            }
+            other => Err(CtlError::Kind { address: other }),
+        }
+    }
+
+    /// Waits for bytes at most `timeout`; 0 bytes when none came.
+    pub fn receive(
+        &mut self,
+        buffer: &mut [u8; READ_BYTES],
+        timeout: Duration,
+    ) -> std::io::Result<usize> {
+        // A zero timeout would mean "for ever".
+        let timeout = Some(timeout.max(Duration::from_millis(1)));
+        let result = match self {
+            Link::Udp { socket, peer } => {
+                socket.set_read_timeout(timeout)?;
+                socket.recv_from(buffer).map(|(n, from)| {
+                    *peer = Some(from);
+                    n
+                })
+            }
+            Link::Tcp(stream) => {
+                stream.set_read_timeout(timeout)?;
+                match stream.read(buffer) {
+                    Ok(0) => Err(ErrorKind::ConnectionAborted.into()),
+                    other => other,
+                }
+            }
+        };
+        match result {
+            // Refused: nobody listens at the peer's port yet.
+            Err(e)
+                if matches!(
+                    e.kind(),
+                    ErrorKind::WouldBlock
+                        | ErrorKind::TimedOut
+                        | ErrorKind::Interrupted
+                        | ErrorKind::ConnectionRefused
+                ) =>
+            {
+                Ok(0)
+            }
+            other => other,
+        }
+    }
+
+    /// Sends one frame. Before a peer is known there is nobody to send to.
+    pub fn send(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        match self {
+            Link::Udp { peer: None, .. } => Ok(()),
+            Link::Udp { socket, peer: Some(peer) } => match socket.send_to(bytes, *peer) {
+                Err(e) if e.kind() != ErrorKind::ConnectionRefused => Err(e),
+                _ => Ok(()),
+            },
+            Link::Tcp(stream) => stream.write_all(bytes),
+        }
+    }
+}

@@ -1,0 +1,286 @@
+//! Mission files: a list of `[[item]]` tables in TOML.
+//!
+//! ```toml
+//! [[item]]
+//! command = "takeoff"      # climbs over the place it stands on
+//! height_m = 1.2
+//!
+//! [[item]]
+//! command = "speed"        # of the setpoint on the legs that follow
+//! speed_mps = 0.5          # at or above the controller's limit the setpoint jumps
+//!
+//! [[item]]
+//! command = "waypoint"
+//! position_m = [5.0, 5.0, 1.2]   # room north, room east, height above the origin
+//! hold_s = 2.0             # optional: how long to stay
+//! acceptance_m = 0.3       # optional: distance at which it counts as reached
+//! yaw_deg = 0.0            # optional: from room north, clockwise seen from above
+//! path = "square"          # optional: name under which reports judge the leg that ends here
+//!
+//! [[item]]
+//! command = "delay"
+//! duration_s = 3.0
+//!
+//! [[item]]
+//! command = "return"       # back over the place of take-off
+//!
+//! [[item]]
+//! command = "land"         # optional position_m: only north and east count
+//! ```
+
+use std::path::Path;
+
+use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
+use serde::{Deserialize, Serialize};
+
+use super::CtlError;
+use crate::checks::Problems;
+
+/// `MISSION_ITEM_INT` counts x and y of a local frame in 0.1 mm.
+const LOCAL_SCALE: f64 = 1e4;
+/// Farthest coordinate that the wire can carry, with room to spare, m.
+const FARTHEST_M: f64 = 1000.0;
+
+/// A mission, as in a file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MissionFile {
+    /// Items in order.
+    #[serde(rename = "item", default)]
+    pub items: Vec<Item>,
+}
+
+/// One item.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Item {
+    /// What to do; the keys that go with it follow.
+    pub command: Command,
+    /// Room north, room east, height above the origin, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub position_m: Option<[f64; 3]>,
+    /// Height of a take-off, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub height_m: Option<f64>,
+    /// How long to stay at a waypoint, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hold_s: Option<f64>,
+    /// Distance at which a waypoint counts as reached, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub acceptance_m: Option<f64>,
+    /// Yaw from room north, degrees, clockwise seen from above.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub yaw_deg: Option<f64>,
+    /// How long to wait, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub duration_s: Option<f64>,
+    /// Speed of the setpoint on the legs that follow, m/s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed_mps: Option<f64>,
+    /// Name under which reports judge the leg that ends here.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path: Option<String>,
+}
+
+/// Commands of a mission file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Command {
+    /// Climb over the present place.
+    Takeoff,
+    /// Fly to a point.
+    Waypoint,
+    /// Wait.
+    Delay,
+    /// Change the speed of the setpoint.
+    Speed,
+    /// Turn.
+    Yaw,
+    /// Back over the place of take-off.
+    Return,
+    /// Land.
+    Land,
+}
+
+impl Item {
+    /// An item without any optional key.
+    pub fn new(command: Command) -> Self {
+        Self {
+            command,
+            position_m: None,
+            height_m: None,
+            hold_s: None,
+            acceptance_m: None,
+            yaw_deg: None,
+            duration_s: None,
+            speed_mps: None,
+            path: None,
+        }
+    }
+
+    /// A waypoint.
+    pub fn waypoint(north_m: f64, east_m: f64, height_m: f64) -> Self {
+        Self { position_m: Some([north_m, east_m, height_m]), ..Self::new(Command::Waypoint) }
+    }
+
+    /// As uploaded. Fields that a command does not use stay zero, those not given are NaN.
+    pub fn to_wire(
+        &self,
+        seq: u16,
+        target_system: u8,
+        target_component: u8,
+    ) -> MISSION_ITEM_INT_DATA {
+        let given = |value: Option<f64>| value.map_or(f32::NAN, |v| v as f32);
+        let [north_m, east_m, height_m] = self.position_m.unwrap_or_default();
+        let mut wire = MISSION_ITEM_INT_DATA {
+            seq,
+            target_system,
+            target_component,
+            frame: MavFrame::MAV_FRAME_LOCAL_NED,
+            mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+            autocontinue: 1,
+            current: u8::from(seq == 0),
+            x: (north_m * LOCAL_SCALE).round() as i32,
+            y: (east_m * LOCAL_SCALE).round() as i32,
+            z: -height_m as f32,
+            ..Default::default()
+        };
+        wire.command = match self.command {
+            Command::Takeoff => {
+                wire.z = -self.height_m.unwrap_or_default() as f32;
+                wire.param4 = f32::NAN;
+                MavCmd::MAV_CMD_NAV_TAKEOFF
+            }
+            Command::Waypoint => {
+                wire.param1 = self.hold_s.unwrap_or_default() as f32;
+                wire.param2 = self.acceptance_m.unwrap_or_default() as f32;
+                wire.param4 = given(self.yaw_deg);
+                MavCmd::MAV_CMD_NAV_WAYPOINT
+            }
+            Command::Delay => {
+                wire.param1 = given(self.duration_s);
+                MavCmd::MAV_CMD_NAV_DELAY
+            }
+            Command::Speed => {
+                wire.param1 = 1.0; // ground speed
+                wire.param2 = given(self.speed_mps);
+                wire.param3 = -1.0; // no throttle
+                MavCmd::MAV_CMD_DO_CHANGE_SPEED
+            }
+            Command::Yaw => {
+                wire.param1 = given(self.yaw_deg);
+                MavCmd::MAV_CMD_CONDITION_YAW
+            }
+            Command::Return => MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH,
+            Command::Land => {
+                wire.param4 = f32::NAN;
+                MavCmd::MAV_CMD_NAV_LAND
+            }
+        };
+        wire
+    }
+
+    /// Says what is missing, too much or out of range.
+    fn check(&self, key: &str, problems: &mut Problems) {
+        use Command as C;
+        let name = format!("{:?}", self.command).to_lowercase();
+        // Key, whether it is there, commands that need it, commands that may have it.
+        let table: [(&str, bool, &[C], &[C]); 8] = [
+            ("position_m", self.position_m.is_some(), &[C::Waypoint], &[C::Land]),
+            ("height_m", self.height_m.is_some(), &[C::Takeoff], &[]),
+            ("hold_s", self.hold_s.is_some(), &[], &[C::Waypoint]),
+            ("acceptance_m", self.acceptance_m.is_some(), &[], &[C::Waypoint]),
+            ("yaw_deg", self.yaw_deg.is_some(), &[C::Yaw], &[C::Waypoint]),
+            ("duration_s", self.duration_s.is_some(), &[C::Delay], &[]),
+            ("speed_mps", self.speed_mps.is_some(), &[C::Speed], &[]),
+            ("path", self.path.is_some(), &[], &[C::Waypoint]),
+        ];
+        for (field, there, needs, may) in table {
+            let needed = needs.contains(&self.command);
+            if needed && !there {
+                problems.say(format!("{key}.{field} is missing, `{name}` needs it"));
+            } else if there && !needed && !may.contains(&self.command) {
+                problems.say(format!("{key}.{field} does not go with `{name}`, take it out"));
+            }
+        }
+        let mut range = |field: &str, value: Option<f64>, low: f64, high: f64, unit: &str| {
+            if let Some(value) = value {
+                problems.range(format_args!("{key}.{field}"), value, low..=high, unit);
+            }
+        };
+        if let Some([north_m, east_m, height_m]) = self.position_m {
+            range("position_m[0]", Some(north_m), -FARTHEST_M, FARTHEST_M, "m");
+            range("position_m[1]", Some(east_m), -FARTHEST_M, FARTHEST_M, "m");
+            range("position_m[2]", Some(height_m), 0.0, FARTHEST_M, "m");
+        }
+        range("height_m", self.height_m, 0.3, FARTHEST_M, "m");
+        range("hold_s", self.hold_s, 0.0, 3600.0, "s");
+        range("acceptance_m", self.acceptance_m, 0.05, 5.0, "m");
+        range("yaw_deg", self.yaw_deg, -360.0, 360.0, "deg");
+        range("duration_s", self.duration_s, 0.0, 3600.0, "s");
+        range("speed_mps", self.speed_mps, 0.05, 20.0, "m/s");
+    }
+}
+
+impl MissionFile {
+    /// Reads and checks a file.
+    pub fn read(path: &Path) -> Result<Self, CtlError> {
+        let file = path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|error| CtlError::MissionFile {
+            file: file.clone(),
+            why: error.to_string(),
+        })?;
+        Self::parse(&text).map_err(|why| CtlError::MissionFile { file, why })
+    }
+
+    /// Parses and checks.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let mission: MissionFile = toml::from_str(text).map_err(|e| e.to_string())?;
+        let mut problems = Problems::new();
+        if mission.items.is_empty() {
+            problems.say("no [[item]]: a mission needs at least one");
+        }
+        for (i, item) in mission.items.iter().enumerate() {
+            item.check(&format!("item {i}"), &mut problems);
+        }
+        problems.into_result().map_err(|p| p.to_string())?;
+        Ok(mission)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_items_take_their_wire_form() {
+        let mission = MissionFile::parse(
+            "[[item]]\ncommand = \"takeoff\"\nheight_m = 1.2\n\
+             [[item]]\ncommand = \"waypoint\"\nposition_m = [1.0, -2.5, 1.5]\nhold_s = 2\n",
+        )
+        .unwrap();
+        let takeoff = mission.items[0].to_wire(0, 1, 1);
+        assert_eq!((takeoff.command, takeoff.z), (MavCmd::MAV_CMD_NAV_TAKEOFF, -1.2));
+        let point = mission.items[1].to_wire(1, 1, 1);
+        assert_eq!((point.x, point.y, point.z), (10_000, -25_000, -1.5));
+        assert_eq!((point.param1, point.frame), (2.0, MavFrame::MAV_FRAME_LOCAL_NED));
+        assert!(point.param4.is_nan());
+    }
+
+    #[test]
+    fn prop_refusals_name_item_and_key() {
+        let says = |text: &str, needed: &str| {
+            let why = MissionFile::parse(text).unwrap_err();
+            assert!(why.contains(needed), "{why}");
+        };
+        says("", "no [[item]]");
+        says("[[item]]\ncommand = \"waypoint\"", "item 0.position_m is missing");
+        says("[[item]]\ncommand = \"land\"\nhold_s = 1", "item 0.hold_s does not go with `land`");
+        says("[[item]]\ncommand = \"loop\"", "unknown variant `loop`");
+        says("[[item]]\ncommand = \"land\"\nheigth = 1", "unknown field `heigth`");
+        says(
+            "[[item]]\ncommand = \"takeoff\"\nheight_m = 0.1",
+            "item 0.height_m = 0.1, allowed 0.3 to 1000 m",
+        );
+    }
+}

@@ -1,0 +1,206 @@
+//! A small ground station: arms, flies and uploads missions over plain MAVLink.
+//!
+//! For scripts (`haltere ctl`), for the demo and for tests. It knows the vehicle only from the
+//! outside, through the messages any ground station uses, and shares no code with the pilot.
+
+mod link;
+mod mission_file;
+mod station;
+mod transfer;
+
+use std::time::Duration;
+
+use haltere_dialect::mav::haltere::{MavCmd, MavMissionResult, MavResult};
+
+use crate::config::{Address, AddressError};
+
+pub use mission_file::{Command as ItemCommand, Item, MissionFile};
+pub use station::{GroundStation, LandedState, Mode, Setpoint, Vehicle};
+
+/// What can go wrong between a ground station and a vehicle.
+#[derive(Debug, thiserror::Error)]
+pub enum CtlError {
+    /// The address cannot be read.
+    #[error(transparent)]
+    Address(#[from] AddressError),
+    /// A ground station does not use this kind of address.
+    #[error(
+        "{address}: a ground station uses udpin:HOST:PORT, udpout:HOST:PORT or tcpout:HOST:PORT"
+    )]
+    Kind {
+        /// As given.
+        address: Address,
+    },
+    /// The socket failed.
+    #[error("{address}: {error}")]
+    Io {
+        /// Where.
+        address: String,
+        /// What the system says.
+        error: std::io::Error,
+    },
+    /// Nobody there.
+    #[error(
+        "{address}: no heartbeat of a vehicle within {} s; is `haltere fly` running with a ground \
+         endpoint that matches this address?", waited.as_secs_f64()
+    )]
+    NoHeartbeat {
+        /// Where.
+        address: String,
+        /// How long.
+        waited: Duration,
+    },
+    /// A command was answered with a refusal.
+    #[error("{command:?} refused: {result:?}{}", quoted(texts))]
+    Refused {
+        /// The command.
+        command: MavCmd,
+        /// The answer.
+        result: MavResult,
+        /// What the vehicle said meanwhile.
+        texts: Vec<String>,
+    },
+    /// A command was not answered.
+    #[error("{command:?} not answered after {tries} tries of {} s", each.as_secs_f64())]
+    NoAnswer {
+        /// The command.
+        command: MavCmd,
+        /// How often it was sent.
+        tries: u32,
+        /// How long each time.
+        each: Duration,
+    },
+    /// A mission was refused.
+    #[error("mission refused: {result:?}{}", quoted(texts))]
+    MissionRefused {
+        /// The answer.
+        result: MavMissionResult,
+        /// What the vehicle said meanwhile.
+        texts: Vec<String>,
+    },
+    /// Something awaited did not happen.
+    #[error("waited {} s for {what}, in vain{}", waited.as_secs_f64(), quoted(texts))]
+    Timeout {
+        /// What was awaited.
+        what: String,
+        /// How long.
+        waited: Duration,
+        /// What the vehicle said meanwhile.
+        texts: Vec<String>,
+    },
+    /// The mission file cannot be used.
+    #[error("{file}: {why}")]
+    MissionFile {
+        /// Its name.
+        file: String,
+        /// What is wrong.
+        why: String,
+    },
+}
+
+impl CtlError {
+    /// The vehicle cannot yet do what was asked; asking again later makes sense.
+    pub fn is_temporary(&self) -> bool {
+        matches!(self, CtlError::Refused { result: MavResult::MAV_RESULT_TEMPORARILY_REJECTED, .. })
+    }
+}
+
+/// The vehicle's own words, for the end of an error.
+fn quoted(texts: &[String]) -> String {
+    if texts.is_empty() {
+        String::new()
+    } else {
+        format!("; the vehicle says: {}", texts.join("; "))
+    }
+}
+
+/// What `haltere ctl` does.
+#[derive(Debug, Clone, PartialEq, clap::Subcommand)]
+pub enum Action {
+    /// Arms.
+    Arm,
+    /// Disarms, on the floor.
+    Disarm,
+    /// Arms if needed, takes off to a height in metres and waits until it is there.
+    Takeoff {
+        /// Height above the floor, m.
+        height_m: f64,
+    },
+    /// Flies to a point and waits until it is there.
+    #[command(allow_negative_numbers = true)]
+    Goto {
+        /// Room north, m.
+        north_m: f64,
+        /// Room east, m.
+        east_m: f64,
+        /// Height, m.
+        height_m: f64,
+    },
+    /// Stays where it is.
+    Hold,
+    /// Uploads a mission file, starts it and waits until it is flown.
+    Mission {
+        /// TOML file with `[[item]]` tables.
+        file: std::path::PathBuf,
+    },
+    /// Lands and waits until it has landed.
+    Land,
+    /// Prints what the vehicle tells about itself.
+    Status,
+}
+
+/// Longest flight of a mission, s: the battery lasts 4 to 6 minutes (VEHICLE.md).
+const MISSION_TIMEOUT: Duration = Duration::from_secs(600);
+
+/// Runs one action. Progress goes to `say`.
+pub fn run(to: &str, action: &Action, mut say: impl FnMut(&str)) -> Result<(), CtlError> {
+    let mission = match action {
+        Action::Mission { file } => Some(MissionFile::read(file)?),
+        _ => None,
+    };
+    let mut station = GroundStation::connect(to)?;
+    match action {
+        Action::Arm => station.arm()?,
+        Action::Disarm => station.disarm()?,
+        Action::Hold => station.set_mode(Mode::Hold)?,
+        Action::Land => station.land()?,
+        Action::Takeoff { height_m } => {
+            if !station.vehicle().armed {
+                station.arm()?;
+            }
+            station.takeoff(*height_m)?;
+        }
+        Action::Goto { north_m, east_m, height_m } => {
+            station.goto(*north_m, *east_m, *height_m)?;
+        }
+        Action::Mission { .. } => {
+            let mission = mission.unwrap_or_default();
+            station.upload(&mission.items)?;
+            say(&format!("{} items accepted", mission.items.len()));
+            station.set_mode(Mode::Mission)?;
+            if !station.vehicle().armed {
+                station.arm()?;
+            }
+            let last = mission.items.len().saturating_sub(1) as u16;
+            let mut told = None;
+            station.wait("the end of the mission", MISSION_TIMEOUT, |vehicle| {
+                if vehicle.reached != told {
+                    told = vehicle.reached;
+                    say(&format!("item {} done", told.unwrap_or(0)));
+                }
+                (vehicle.reached >= Some(last)).then_some(())
+            })?;
+        }
+        Action::Status => {
+            // One round of the slow streams.
+            station.listen(Duration::from_secs(2))?;
+            for line in station.vehicle().lines() {
+                say(&line);
+            }
+        }
+    }
+    for text in station.take_texts() {
+        say(&text);
+    }
+    Ok(())
+}

@@ -1,0 +1,530 @@
+//! The ground station itself: follows what the vehicle tells, sends commands until answered.
+
+use std::time::{Duration, Instant};
+
+use haltere_dialect::mav::haltere::{
+    COMMAND_INT_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame,
+    MavMessage, MavModeFlag, MavResult, MavState, MavType, PositionTargetTypemask as Mask,
+    SET_POSITION_TARGET_LOCAL_NED_DATA,
+};
+use haltere_dialect::mav_stream::{MavSplitter, encode};
+
+use super::CtlError;
+use super::link::{Link, READ_BYTES};
+
+pub use haltere_dialect::mav::haltere::MavLandedState as LandedState;
+
+/// Identity of a ground station (QGroundControl's).
+const OWN_SYSTEM: u8 = 255;
+const OWN_COMPONENT: u8 = 190;
+/// Component of an autopilot.
+const AUTOPILOT: u8 = 1;
+
+/// Wait for the first heartbeat, which comes once a second.
+const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
+/// Our own heartbeat.
+const HEARTBEAT_PERIOD: Duration = Duration::from_secs(1);
+/// Wait for the answer to a command, and times it is sent (GROUND.md: QGroundControl's 3 times).
+const ACK_TIMEOUT: Duration = Duration::from_millis(1200);
+const ACK_TRIES: u32 = 3;
+/// A command in progress may take this long in all.
+const PROGRESS_TIMEOUT: Duration = Duration::from_secs(20);
+/// Words about a refusal may come shortly after it.
+const TEXT_DELAY: Duration = Duration::from_millis(300);
+/// Texts kept.
+const MOST_TEXTS: usize = 50;
+/// Characters of a full STATUSTEXT.
+const CHUNK: usize = 50;
+
+/// Vehicle counts as having reached a height or a point, m.
+const HEIGHT_REACHED_M: f64 = 0.25;
+const POINT_REACHED_M: f64 = 0.30;
+/// Slowest progress that is worth waiting for, m/s, and time on top, s.
+const SLOWEST_MPS: f64 = 0.15;
+const SLACK_S: f64 = 15.0;
+
+/// `MISSION_ITEM_INT` and `COMMAND_INT` count local x and y in 0.1 mm.
+const LOCAL_SCALE: f64 = 1e4;
+
+/// Modes that a client can ask for, in PX4's numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// Take off.
+    Takeoff,
+    /// Stay.
+    Hold,
+    /// Fly the mission.
+    Mission,
+    /// Come back.
+    Return,
+    /// Land.
+    Land,
+    /// Follow setpoints.
+    Offboard,
+}
+
+impl Mode {
+    /// Main and sub mode.
+    fn numbers(self) -> (u8, u8) {
+        match self {
+            Mode::Takeoff => (4, 2),
+            Mode::Hold => (4, 3),
+            Mode::Mission => (4, 4),
+            Mode::Return => (4, 5),
+            Mode::Land => (4, 6),
+            Mode::Offboard => (6, 0),
+        }
+    }
+
+    /// As it stands in HEARTBEAT.
+    pub fn custom_mode(self) -> u32 {
+        let (main, sub) = self.numbers();
+        u32::from(main) << 16 | u32::from(sub) << 24
+    }
+}
+
+/// What a client wants followed, local NED.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Setpoint {
+    /// Position, m.
+    Position([f64; 3]),
+    /// Velocity, m/s.
+    Velocity([f64; 3]),
+}
+
+/// What the vehicle has told so far.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Vehicle {
+    /// Motors may turn.
+    pub armed: bool,
+    /// Mode in force, PX4's numbers.
+    pub custom_mode: u32,
+    /// On the floor or in the air.
+    pub landed: LandedState,
+    /// Position, local NED, m.
+    pub position_m: Option<[f64; 3]>,
+    /// Velocity, local NED, m/s.
+    pub velocity_mps: Option<[f64; 3]>,
+    /// Pack voltage, V.
+    pub supply_v: Option<f64>,
+    /// Mission item in force.
+    pub current: Option<u16>,
+    /// Last mission item that was reached.
+    pub reached: Option<u16>,
+}
+
+impl Vehicle {
+    /// Height above the origin, m.
+    pub fn height_m(&self) -> Option<f64> {
+        self.position_m.map(|[_, _, down_m]| -down_m)
+    }
+
+    /// For people.
+    pub fn lines(&self) -> Vec<String> {
+        let known = |value: Option<String>| value.unwrap_or_else(|| "not told".into());
+        let main = self.custom_mode >> 16 & 0xFF;
+        let mode = match (main, self.custom_mode >> 24) {
+            (4, 2) => "takeoff".to_string(),
+            (4, 3) => "hold".to_string(),
+            (4, 4) => "mission".to_string(),
+            (4, 5) => "return".to_string(),
+            (4, 6) => "land".to_string(),
+            (6, _) => "offboard".to_string(),
+            (main, sub) => format!("main {main} sub {sub}"),
+        };
+        let point = self
+            .position_m
+            .map(|[n, e, d]| format!("north {n:.2} m, east {e:.2} m, height {:.2} m", -d));
+        vec![
+            format!("armed:    {}", if self.armed { "yes" } else { "no" }),
+            format!("mode:     {mode}"),
+            format!("state:    {}", landed_name(self.landed)),
+            format!("position: {}", known(point)),
+            format!("battery:  {}", known(self.supply_v.map(|v| format!("{v:.2} V")))),
+            format!("mission:  item {}", known(self.current.map(|n| n.to_string()))),
+        ]
+    }
+}
+
+fn landed_name(state: LandedState) -> &'static str {
+    match state {
+        LandedState::MAV_LANDED_STATE_UNDEFINED => "not told",
+        LandedState::MAV_LANDED_STATE_ON_GROUND => "on the ground",
+        LandedState::MAV_LANDED_STATE_IN_AIR => "in the air",
+        LandedState::MAV_LANDED_STATE_TAKEOFF => "taking off",
+        LandedState::MAV_LANDED_STATE_LANDING => "landing",
+    }
+}
+
+/// A connection to one vehicle.
+#[derive(Debug)]
+pub struct GroundStation {
+    address: String,
+    link: Link,
+    splitter: MavSplitter,
+    sequence: u8,
+    started: Instant,
+    heartbeat_due: Instant,
+    system: u8,
+    vehicle: Vehicle,
+    texts: Vec<String>,
+    text: String,
+    buffer: Box<[u8; READ_BYTES]>,
+}
+
+impl GroundStation {
+    /// Opens the link and waits for a vehicle's heartbeat.
+    pub fn connect(address: &str) -> Result<Self, CtlError> {
+        Self::connect_within(address, HEARTBEAT_TIMEOUT)
+    }
+
+    /// As [`connect`](Self::connect), with a wait of its own.
+    pub fn connect_within(address: &str, timeout: Duration) -> Result<Self, CtlError> {
+        let now = Instant::now();
+        let mut station = Self {
+            address: address.to_string(),
+            link: Link::open(address)?,
+            splitter: MavSplitter::new(),
+            sequence: 0,
+            started: now,
+            heartbeat_due: now,
+            system: 0,
+            vehicle: Vehicle::default(),
+            texts: Vec::new(),
+            text: String::new(),
+            buffer: Box::new([0; READ_BYTES]),
+        };
+        while station.system == 0 {
+            let deadline = now + timeout;
+            if station.next_message(deadline)?.is_none() && Instant::now() >= deadline {
+                return Err(CtlError::NoHeartbeat { address: address.into(), waited: timeout });
+            }
+        }
+        Ok(station)
+    }
+
+    /// What the vehicle has told so far.
+    pub fn vehicle(&self) -> &Vehicle {
+        &self.vehicle
+    }
+
+    /// Texts since the last call, oldest first.
+    pub fn take_texts(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.texts)
+    }
+
+    /// System and component of the vehicle.
+    pub fn target(&self) -> (u8, u8) {
+        (self.system, AUTOPILOT)
+    }
+
+    pub(super) fn forget_texts(&mut self) {
+        self.texts.clear();
+    }
+
+    pub(super) fn texts_after_refusal(&mut self) -> Result<Vec<String>, CtlError> {
+        self.listen(TEXT_DELAY)?;
+        Ok(self.take_texts())
+    }
+
+    /// Sends one message.
+    pub fn send(&mut self, message: &MavMessage) -> Result<(), CtlError> {
+        let mut bytes = Vec::with_capacity(64);
+        encode(&mut bytes, OWN_SYSTEM, OWN_COMPONENT, self.sequence, message);
+        self.sequence = self.sequence.wrapping_add(1);
+        self.link
+            .send(&bytes)
+            .map_err(|error| CtlError::Io { address: self.address.clone(), error })
+    }
+
+    /// The next message of the vehicle, or `None` at the deadline.
+    pub fn next_message(&mut self, deadline: Instant) -> Result<Option<MavMessage>, CtlError> {
+        loop {
+            while let Some(frame) = self.splitter.next() {
+                let Ok(frame) = frame else { continue };
+                let (system, component) = (frame.header.system_id, frame.header.component_id);
+                let Ok(message) = frame.decode() else { continue };
+                if self.take(system, component, &message) {
+                    return Ok(Some(message));
+                }
+            }
+            let now = Instant::now();
+            if now >= self.heartbeat_due {
+                self.heartbeat_due = now + HEARTBEAT_PERIOD;
+                self.send(&own_heartbeat())?;
+            }
+            if now >= deadline {
+                return Ok(None);
+            }
+            let wait = deadline.min(self.heartbeat_due).saturating_duration_since(now);
+            let n = self
+                .link
+                .receive(&mut self.buffer, wait)
+                .map_err(|error| CtlError::Io { address: self.address.clone(), error })?;
+            self.splitter.push(&self.buffer[..n]);
+        }
+    }
+
+    /// Follows what the vehicle tells. `false`: not from our vehicle.
+    fn take(&mut self, system: u8, component: u8, message: &MavMessage) -> bool {
+        let from_autopilot = component == AUTOPILOT && system != OWN_SYSTEM;
+        if self.system == 0
+            && from_autopilot
+            && let MavMessage::HEARTBEAT(beat) = message
+            && beat.mavtype != MavType::MAV_TYPE_GCS
+        {
+            self.system = system;
+        }
+        if !from_autopilot || system != self.system {
+            return false;
+        }
+        let vehicle = &mut self.vehicle;
+        match message {
+            MavMessage::HEARTBEAT(beat) => {
+                vehicle.armed = beat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+                vehicle.custom_mode = beat.custom_mode;
+            }
+            MavMessage::EXTENDED_SYS_STATE(state) => vehicle.landed = state.landed_state,
+            MavMessage::LOCAL_POSITION_NED(p) => {
+                vehicle.position_m = Some([p.x, p.y, p.z].map(f64::from));
+                vehicle.velocity_mps = Some([p.vx, p.vy, p.vz].map(f64::from));
+            }
+            MavMessage::SYS_STATUS(status) if status.voltage_battery != u16::MAX => {
+                vehicle.supply_v = Some(f64::from(status.voltage_battery) * 1e-3);
+            }
+            MavMessage::MISSION_CURRENT(current) => vehicle.current = Some(current.seq),
+            MavMessage::MISSION_ITEM_REACHED(reached) => vehicle.reached = Some(reached.seq),
+            MavMessage::STATUSTEXT(text) => {
+                let part = text.text.to_str().unwrap_or("(unreadable)");
+                // A long text comes in chunks of 50 characters; a shorter chunk ends it.
+                self.text.push_str(part);
+                if text.id == 0 || part.len() < CHUNK {
+                    if self.texts.len() >= MOST_TEXTS {
+                        self.texts.remove(0);
+                    }
+                    self.texts.push(std::mem::take(&mut self.text));
+                }
+            }
+            _ => {}
+        }
+        true
+    }
+
+    /// Follows the vehicle for a while.
+    pub fn listen(&mut self, time: Duration) -> Result<(), CtlError> {
+        let deadline = Instant::now() + time;
+        while self.next_message(deadline)?.is_some() {}
+        Ok(())
+    }
+
+    /// Follows the vehicle until `done` says so.
+    pub fn wait<T>(
+        &mut self,
+        what: &str,
+        timeout: Duration,
+        mut done: impl FnMut(&Vehicle) -> Option<T>,
+    ) -> Result<T, CtlError> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            if let Some(result) = done(&self.vehicle) {
+                return Ok(result);
+            }
+            if self.next_message(deadline)?.is_none() {
+                return Err(CtlError::Timeout {
+                    what: what.into(),
+                    waited: timeout,
+                    texts: self.take_texts(),
+                });
+            }
+        }
+    }
+
+    /// Sends a command until it is answered.
+    pub fn command(&mut self, command: MavCmd, params: [f32; 7]) -> Result<(), CtlError> {
+        let (target_system, target_component) = self.target();
+        let [param1, param2, param3, param4, param5, param6, param7] = params;
+        self.until_answered(command, |confirmation| {
+            MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+                param1,
+                param2,
+                param3,
+                param4,
+                param5,
+                param6,
+                param7,
+                command,
+                target_system,
+                target_component,
+                confirmation,
+            })
+        })
+    }
+
+    fn until_answered(
+        &mut self,
+        command: MavCmd,
+        message: impl Fn(u8) -> MavMessage,
+    ) -> Result<(), CtlError> {
+        self.forget_texts();
+        for n in 0..ACK_TRIES {
+            self.send(&message(n as u8))?;
+            let mut deadline = Instant::now() + ACK_TIMEOUT;
+            while let Some(answer) = self.next_message(deadline)? {
+                let MavMessage::COMMAND_ACK(ack) = answer else { continue };
+                if ack.command != command {
+                    continue;
+                }
+                match ack.result {
+                    MavResult::MAV_RESULT_ACCEPTED => return Ok(()),
+                    MavResult::MAV_RESULT_IN_PROGRESS => {
+                        deadline = Instant::now() + PROGRESS_TIMEOUT;
+                    }
+                    result => {
+                        let texts = self.texts_after_refusal()?;
+                        return Err(CtlError::Refused { command, result, texts });
+                    }
+                }
+            }
+        }
+        Err(CtlError::NoAnswer { command, tries: ACK_TRIES, each: ACK_TIMEOUT })
+    }
+
+    /// Arms and waits until the vehicle says so.
+    pub fn arm(&mut self) -> Result<(), CtlError> {
+        self.arm_disarm(true)
+    }
+
+    /// Disarms and waits until the vehicle says so.
+    pub fn disarm(&mut self) -> Result<(), CtlError> {
+        self.arm_disarm(false)
+    }
+
+    fn arm_disarm(&mut self, arm: bool) -> Result<(), CtlError> {
+        let nan = f32::NAN;
+        let arm_param = if arm { 1.0 } else { 0.0 };
+        let params = [arm_param, 0.0, nan, nan, nan, nan, nan];
+        self.command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, params)?;
+        let what = if arm { "the vehicle to arm" } else { "the vehicle to disarm" };
+        self.wait(what, Duration::from_secs(5), |v| (v.armed == arm).then_some(()))
+    }
+
+    /// Takes off and waits for the height.
+    pub fn takeoff(&mut self, height_m: f64) -> Result<(), CtlError> {
+        let nan = f32::NAN;
+        let params = [nan, nan, nan, nan, nan, nan, height_m as f32];
+        self.command(MavCmd::MAV_CMD_NAV_TAKEOFF, params)?;
+        let timeout = Duration::from_secs_f64(height_m.max(0.0) / SLOWEST_MPS + SLACK_S);
+        self.wait("the height of the take-off", timeout, |v| {
+            // Near the height the vehicle still takes off, and refuses other wishes.
+            let there = v.height_m().is_some_and(|h| (h - height_m).abs() < HEIGHT_REACHED_M);
+            (there && v.custom_mode != Mode::Takeoff.custom_mode()).then_some(())
+        })
+    }
+
+    /// Flies to a point, given as north, east and height, and waits until it is there.
+    pub fn goto(&mut self, north_m: f64, east_m: f64, height_m: f64) -> Result<(), CtlError> {
+        let (target_system, target_component) = self.target();
+        let command = MavCmd::MAV_CMD_DO_REPOSITION;
+        self.until_answered(command, |_| {
+            MavMessage::COMMAND_INT(COMMAND_INT_DATA {
+                command,
+                target_system,
+                target_component,
+                frame: MavFrame::MAV_FRAME_LOCAL_NED,
+                param1: -1.0, // speed as configured
+                param2: 1.0,  // change to the mode that this needs
+                param4: f32::NAN,
+                x: (north_m * LOCAL_SCALE).round() as i32,
+                y: (east_m * LOCAL_SCALE).round() as i32,
+                z: -height_m as f32,
+                ..Default::default()
+            })
+        })?;
+        let away_m = |v: &Vehicle| {
+            v.position_m.map(|[n, e, d]| (n - north_m).hypot(e - east_m).hypot(d + height_m))
+        };
+        let timeout = away_m(&self.vehicle).unwrap_or(10.0) / SLOWEST_MPS + SLACK_S;
+        self.wait("the point", Duration::from_secs_f64(timeout.min(600.0)), |v| {
+            away_m(v).filter(|m| *m < POINT_REACHED_M).map(|_| ())
+        })
+    }
+
+    /// Asks for a mode.
+    pub fn set_mode(&mut self, mode: Mode) -> Result<(), CtlError> {
+        let (main, sub) = mode.numbers();
+        let nan = f32::NAN;
+        // 1: the mode is custom.
+        let params = [1.0, f32::from(main), f32::from(sub), nan, nan, nan, nan];
+        self.command(MavCmd::MAV_CMD_DO_SET_MODE, params)
+    }
+
+    /// Lands and waits until the vehicle has landed and disarmed itself.
+    pub fn land(&mut self) -> Result<(), CtlError> {
+        self.command(MavCmd::MAV_CMD_NAV_LAND, [f32::NAN; 7])?;
+        let timeout = self.vehicle.height_m().unwrap_or(10.0).max(0.0) / SLOWEST_MPS + SLACK_S;
+        self.wait_landed(Duration::from_secs_f64(timeout))
+    }
+
+    /// Waits until the vehicle stands on the floor, disarmed.
+    pub fn wait_landed(&mut self, timeout: Duration) -> Result<(), CtlError> {
+        self.wait("the landing", timeout, |v| {
+            (v.landed == LandedState::MAV_LANDED_STATE_ON_GROUND && !v.armed).then_some(())
+        })
+    }
+
+    /// Sends a setpoint once. The vehicle follows while they keep coming and its mode is offboard.
+    pub fn setpoint(&mut self, setpoint: Setpoint, yaw_rad: Option<f64>) -> Result<(), CtlError> {
+        let (target_system, target_component) = self.target();
+        let ignore = |bits: &[Mask]| bits.iter().fold(Mask::empty(), |all, bit| all | *bit);
+        let position = [
+            Mask::POSITION_TARGET_TYPEMASK_X_IGNORE,
+            Mask::POSITION_TARGET_TYPEMASK_Y_IGNORE,
+            Mask::POSITION_TARGET_TYPEMASK_Z_IGNORE,
+        ];
+        let velocity = [
+            Mask::POSITION_TARGET_TYPEMASK_VX_IGNORE,
+            Mask::POSITION_TARGET_TYPEMASK_VY_IGNORE,
+            Mask::POSITION_TARGET_TYPEMASK_VZ_IGNORE,
+        ];
+        let always = [
+            Mask::POSITION_TARGET_TYPEMASK_AX_IGNORE,
+            Mask::POSITION_TARGET_TYPEMASK_AY_IGNORE,
+            Mask::POSITION_TARGET_TYPEMASK_AZ_IGNORE,
+            Mask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE,
+        ];
+        let mut message = SET_POSITION_TARGET_LOCAL_NED_DATA {
+            time_boot_ms: self.started.elapsed().as_millis() as u32,
+            target_system,
+            target_component,
+            coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+            type_mask: ignore(&always),
+            yaw: yaw_rad.unwrap_or_default() as f32,
+            ..Default::default()
+        };
+        if yaw_rad.is_none() {
+            message.type_mask |= Mask::POSITION_TARGET_TYPEMASK_YAW_IGNORE;
+        }
+        match setpoint {
+            Setpoint::Position(p) => {
+                [message.x, message.y, message.z] = p.map(|c| c as f32);
+                message.type_mask |= ignore(&velocity);
+            }
+            Setpoint::Velocity(v) => {
+                [message.vx, message.vy, message.vz] = v.map(|c| c as f32);
+                message.type_mask |= ignore(&position);
+            }
+        }
+        self.send(&MavMessage::SET_POSITION_TARGET_LOCAL_NED(message))
+    }
+}
+
+fn own_heartbeat() -> MavMessage {
+    MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+        mavtype: MavType::MAV_TYPE_GCS,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+        base_mode: MavModeFlag::empty(),
+        system_status: MavState::MAV_STATE_ACTIVE,
+        custom_mode: 0,
+        mavlink_version: 3,
+    })
+}

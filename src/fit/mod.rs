@@ -1,0 +1,3 @@
+//! Identification: numbers of the vehicle from flight logs.
+
+pub mod trim;

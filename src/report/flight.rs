@@ -1,0 +1,148 @@
+//! One flight as columns: the decoded topics of a log, sorted into what the plots and tables need.
+
+use std::collections::BTreeMap;
+
+use crate::drops::Drops;
+use crate::estimate::Estimate;
+use crate::measure::{AnchorId, BatterySample, BoardAttitude, ReferencePose};
+use crate::report::truth::TruthRow;
+use crate::survey::Survey;
+use crate::time::HostTime;
+use crate::topics::{ControlRecord, HealthRecord, TextRecord, UwbRecord};
+
+/// A flight in memory.
+#[derive(Debug, Clone, Default)]
+pub struct Flight {
+    /// Filter states, one a control step.
+    pub estimates: Vec<Estimate>,
+    /// Control steps.
+    pub controls: Vec<ControlRecord>,
+    /// TDOA measurements and their fate.
+    pub uwb: Vec<UwbRecord>,
+    /// Battery.
+    pub battery: Vec<BatterySample>,
+    /// The board's own attitude.
+    pub board_attitudes: Vec<BoardAttitude>,
+    /// Motion capture.
+    pub references: Vec<ReferencePose>,
+    /// Changes of mode.
+    pub modes: Vec<ModeRow>,
+    /// Texts.
+    pub texts: Vec<TextRecord>,
+    /// Losses and timing, once a second.
+    pub health: Vec<HealthRecord>,
+    /// Lateness of the glue, once a second.
+    pub glue: Vec<GlueRow>,
+    /// Truth of a simulated flight.
+    pub truth: Vec<TruthRow>,
+    /// Anchors.
+    pub survey: Option<Survey>,
+}
+
+impl Flight {
+    /// First and last time of anything the pilot told.
+    pub fn ends(&self) -> Option<(HostTime, HostTime)> {
+        let times = [
+            self.estimates.first().map(|e| e.at),
+            self.controls.first().map(|c| c.at),
+            self.health.first().map(|h| h.at),
+            self.estimates.last().map(|e| e.at),
+            self.controls.last().map(|c| c.at),
+            self.health.last().map(|h| h.at),
+        ];
+        let known = || times.iter().flatten().copied();
+        Some((known().min()?, known().max()?))
+    }
+
+    /// Losses at the end of the log, all links together.
+    pub fn drops(&self) -> Drops {
+        let mut all = Drops::default();
+        for (_, drops) in self.health.last().iter().flat_map(|last| &last.drops) {
+            all.merge(drops);
+        }
+        all
+    }
+
+    /// Measurements by anchor pair, the smaller id first.
+    pub fn pairs(&self) -> BTreeMap<(AnchorId, AnchorId), PairStats> {
+        let mut pairs: BTreeMap<_, PairStats> = BTreeMap::new();
+        for record in &self.uwb {
+            let (a, b) = (record.tdoa.anchor_a, record.tdoa.anchor_b);
+            let (key, sign) = if a <= b { ((a, b), 1.0) } else { ((b, a), -1.0) };
+            pairs.entry(key).or_default().add(record, sign);
+        }
+        pairs
+    }
+}
+
+/// A change of mode, as in the log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ModeRow {
+    /// When.
+    pub at: HostTime,
+    /// Name of the mode that is now in force.
+    pub mode: String,
+    /// Whether the board reports armed.
+    pub armed: bool,
+    /// Why.
+    pub cause: String,
+}
+
+/// How late the wake-ups of the core were since start.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GlueRow {
+    /// When.
+    pub at: HostTime,
+    /// Wake-ups of the core.
+    pub wake_ups: u64,
+    /// Of these, how many came late.
+    pub late_wake_ups: u64,
+    /// Worst lateness, s.
+    pub worst_lateness_s: f64,
+}
+
+/// What became of the measurements of one pair of anchors.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PairStats {
+    /// Fused.
+    pub fused: u32,
+    /// Rejected by the gate.
+    pub rejected: u32,
+    sum_m: f64,
+    sum_squares_m2: f64,
+    /// Sum of squared innovations over their variance; its mean is 1 for a consistent filter.
+    sum_normalised: f64,
+}
+
+impl PairStats {
+    fn add(&mut self, record: &UwbRecord, sign: f64) {
+        if !record.fused {
+            self.rejected += 1;
+            return;
+        }
+        let innovation_m = sign * record.innovation_m;
+        if !innovation_m.is_finite() || record.var_innovation_m2 <= 0.0 {
+            return;
+        }
+        self.fused += 1;
+        self.sum_m += innovation_m;
+        self.sum_squares_m2 += innovation_m * innovation_m;
+        self.sum_normalised += innovation_m * innovation_m / record.var_innovation_m2;
+    }
+
+    /// Mean innovation of the fused measurements, m.
+    pub fn mean_m(&self) -> Option<f64> {
+        (self.fused > 0).then(|| self.sum_m / f64::from(self.fused))
+    }
+
+    /// Standard deviation of the fused innovations, m.
+    pub fn std_m(&self) -> Option<f64> {
+        let mean_m = self.mean_m()?;
+        Some((self.sum_squares_m2 / f64::from(self.fused) - mean_m * mean_m).max(0.0).sqrt())
+    }
+
+    /// Mean of squared innovation over its variance.
+    pub fn mean_normalised(&self) -> Option<f64> {
+        (self.fused > 0).then(|| self.sum_normalised / f64::from(self.fused))
+    }
+}

@@ -1,0 +1,169 @@
+//! From a flight log to a [`Flight`].
+
+use crate::drops::{DropReason, Drops};
+use crate::estimate::{Estimate, Health};
+use crate::frames::{B, E, Rot, Vec3};
+use crate::measure::{AnchorId, BatterySample, BoardAttitude, ReferencePose, Tdoa};
+use crate::record::{Decoded, Entry, LogEnd, LogReader, pb};
+use crate::report::flight::{Flight, GlueRow, ModeRow};
+use crate::time::HostTime;
+use crate::topics::{ControlRecord, HealthRecord, Saturation, TextRecord, UwbRecord};
+
+/// Reads every decoded topic of a log; says how the log ends.
+pub fn read(log: &LogReader) -> (Flight, LogEnd) {
+    let mut flight = Flight { survey: Some(log.session().survey.clone()), ..Flight::default() };
+    let mut entries = log.entries();
+    for entry in entries.by_ref() {
+        if let Entry::Decoded(decoded) = entry {
+            flight.add_decoded(decoded);
+        }
+    }
+    let end = entries.end();
+    (flight, end)
+}
+
+impl Flight {
+    fn add_decoded(&mut self, decoded: Decoded) {
+        match decoded {
+            Decoded::Imu(_) | Decoded::Baro(_) => {}
+            Decoded::Uwb(m) => self.uwb.push(UwbRecord {
+                tdoa: Tdoa {
+                    valid_at: HostTime::from_us(m.valid_at_us),
+                    received_at: HostTime::from_us(m.received_at_us),
+                    anchor_a: anchor(m.anchor_a),
+                    anchor_b: anchor(m.anchor_b),
+                    distance_diff_m: m.distance_diff_m,
+                    std_m: m.std_m,
+                },
+                innovation_m: m.innovation_m,
+                var_innovation_m2: m.var_innovation_m2,
+                test_ratio: m.test_ratio,
+                fused: m.fused,
+            }),
+            Decoded::Estimate(m) => self.estimates.push(estimate(&m)),
+            Decoded::Control(m) => self.controls.push(control(&m)),
+            Decoded::Battery(m) => self.battery.push(BatterySample {
+                received_at: HostTime::from_us(m.received_at_us),
+                supply_v: m.supply_v,
+                current_a: m.current_a,
+                remaining_frac: m.remaining_frac,
+            }),
+            Decoded::BoardAttitude(m) => {
+                if let Some(attitude) = rotation(m.q_board) {
+                    self.board_attitudes.push(BoardAttitude {
+                        valid_at: HostTime::from_us(m.valid_at_us),
+                        received_at: HostTime::from_us(m.received_at_us),
+                        attitude,
+                    });
+                }
+            }
+            Decoded::Reference(m) => self.references.push(ReferencePose {
+                valid_at: HostTime::from_us(m.valid_at_us),
+                received_at: HostTime::from_us(m.received_at_us),
+                pos_E_m: vec3(m.pos_e_m),
+                attitude: rotation(m.q_eb),
+            }),
+            Decoded::Mode(m) => self.modes.push(ModeRow {
+                at: HostTime::from_us(m.at_us),
+                mode: m.mode,
+                armed: m.armed,
+                cause: m.cause,
+            }),
+            Decoded::Text(m) => self.texts.push(TextRecord {
+                at: HostTime::from_us(m.at_us),
+                severity: u8::try_from(m.severity).unwrap_or(u8::MAX),
+                text: m.text,
+            }),
+            Decoded::Health(m) => self.health.push(HealthRecord {
+                at: HostTime::from_us(m.at_us),
+                drops: drops(&m.drops),
+                deadline_misses: m.deadline_misses,
+                control_steps: m.control_steps,
+                uwb_age_s: m.uwb_age_s,
+                imu_age_s: m.imu_age_s,
+                std_board_clock_s: m.std_board_clock_s,
+            }),
+            Decoded::Glue(m) => self.glue.push(GlueRow {
+                at: HostTime::from_us(m.at_us),
+                wake_ups: m.wake_ups,
+                late_wake_ups: m.late_wake_ups,
+                worst_lateness_s: m.worst_lateness_s,
+            }),
+        }
+    }
+}
+
+fn anchor(id: u32) -> AnchorId {
+    AnchorId(u8::try_from(id).unwrap_or(u8::MAX))
+}
+
+/// An absent vector is NaN: plots leave it out.
+fn vec3<F>(v: Option<pb::Vec3>) -> Vec3<F> {
+    v.map_or(Vec3::new(f64::NAN, f64::NAN, f64::NAN), |v| Vec3::new(v.x, v.y, v.z))
+}
+
+fn rotation(q: Option<pb::Quaternion>) -> Option<Rot<E, B>> {
+    q.and_then(|q| Rot::from_wxyz([q.w, q.x, q.y, q.z]))
+}
+
+fn estimate(m: &pb::Estimate) -> Estimate {
+    Estimate {
+        at: HostTime::from_us(m.at_us),
+        pos_E_m: vec3(m.pos_e_m),
+        vel_B_mps: vec3(m.vel_b_mps),
+        R_EB: rotation(m.q_eb).unwrap_or_else(Rot::identity),
+        rate_B_radps: vec3(m.rate_b_radps),
+        std_pos_E_m: vec3(m.std_pos_e_m),
+        std_vel_B_mps: vec3(m.std_vel_b_mps),
+        std_att_B_rad: vec3(m.std_att_b_rad),
+        uwb_noise_factor: m.uwb_noise_factor,
+        health: match m.health() {
+            pb::estimate::Health::NotAligned => Health::NotAligned,
+            pb::estimate::Health::Good => Health::Good,
+            pb::estimate::Health::Degraded => Health::Degraded,
+            pb::estimate::Health::Lost => Health::Lost,
+        },
+    }
+}
+
+fn control(m: &pb::Control) -> ControlRecord {
+    ControlRecord {
+        at: HostTime::from_us(m.at_us),
+        pos_setpoint_E_m: [m.pos_setpoint_north_m, m.pos_setpoint_east_m, m.pos_setpoint_down_m],
+        vel_setpoint_E_mps: vec3(m.vel_setpoint_e_mps),
+        roll_rad: m.roll_rad,
+        pitch_rad: m.pitch_rad,
+        yaw_rad: m.yaw_rad,
+        roll_ff_rad: m.roll_ff_rad,
+        pitch_ff_rad: m.pitch_ff_rad,
+        thrust_frac: m.thrust_frac,
+        thrust_base_frac: m.thrust_base_frac,
+        thrust_feedback_frac: m.thrust_feedback_frac,
+        ground_factor: m.ground_factor,
+        yaw_board_offset_rad: m.yaw_board_offset_rad,
+        saturation: Saturation {
+            velocity: m.velocity_cut,
+            tilt: m.tilt_cut,
+            thrust_high: m.thrust_cut_high,
+            thrust_low: m.thrust_cut_low,
+        },
+    }
+}
+
+/// Reasons that this build does not know are left out: the log is of another version.
+fn drops(messages: &[pb::Drop]) -> Vec<(u8, Drops)> {
+    let mut links: Vec<(u8, Drops)> = Vec::new();
+    for message in messages {
+        let reason = DropReason::ALL.into_iter().find(|r| r.name() == message.reason);
+        let (Some(reason), Ok(link)) = (reason, u8::try_from(message.link)) else { continue };
+        match links.iter_mut().find(|(l, _)| *l == link) {
+            Some((_, drops)) => drops.add(reason, message.count),
+            None => {
+                let mut drops = Drops::default();
+                drops.add(reason, message.count);
+                links.push((link, drops));
+            }
+        }
+    }
+    links
+}

@@ -1,0 +1,524 @@
+//! Small plots as inline SVG: axes with round ticks, lines, dots, bands, shaded spans.
+//!
+//! Colours are CSS classes of the page (`report/page.css`), so one drawing serves light, dark and
+//! paper. A line that has far more points than pixels is reduced to the least and the greatest value of
+//! each pixel column: spikes stay visible.
+
+use std::fmt::Write as _;
+
+/// Colour of a series. Hues of Okabe and Ito (2008), told apart by colour-blind eyes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tone {
+    /// What really was.
+    Truth,
+    /// What the filter believed.
+    Estimate,
+    /// What was asked for.
+    Command,
+    /// One of a family of equals: 0 to 5.
+    Family(u8),
+}
+
+impl Tone {
+    fn class(self) -> String {
+        match self {
+            Tone::Truth => "t".into(),
+            Tone::Estimate => "e".into(),
+            Tone::Command => "c".into(),
+            Tone::Family(n) => format!("f{}", n % 6),
+        }
+    }
+}
+
+/// How a series is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mark {
+    /// Solid line.
+    Line,
+    /// Dashed line, for what is asked rather than measured.
+    Dashed,
+    /// One dot a point.
+    Dots,
+}
+
+/// One named set of points. A point that is not finite breaks the line.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Series {
+    /// Name in the legend.
+    pub name: String,
+    /// Colour.
+    pub tone: Tone,
+    /// Line or dots.
+    pub mark: Mark,
+    /// Points, x then y, in plot units.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// A labelled point, such as an anchor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pin {
+    /// Label beside it.
+    pub name: String,
+    /// Where, in plot units.
+    pub at: [f64; 2],
+}
+
+/// A shaded span of x with a name, such as a mode of flight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Span {
+    /// Name, written at the top when there is room and shown on hover.
+    pub name: String,
+    /// Begin and end, in plot units.
+    pub x: [f64; 2],
+}
+
+/// A horizontal line with a name, such as a limit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Limit {
+    /// Name, written on the line.
+    pub name: String,
+    /// Where, in plot units.
+    pub y: f64,
+}
+
+/// One drawing.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Plot {
+    /// Heading.
+    pub title: String,
+    /// Label of the horizontal axis, with unit.
+    pub x_label: String,
+    /// Label of the vertical axis, with unit.
+    pub y_label: String,
+    /// What is drawn, back to front.
+    pub series: Vec<Series>,
+    /// Points with names.
+    pub pins: Vec<Pin>,
+    /// Shaded spans behind everything.
+    pub spans: Vec<Span>,
+    /// Lines across.
+    pub limits: Vec<Limit>,
+    /// Same scale on both axes: maps.
+    pub equal: bool,
+    /// Size of the drawing, pixels.
+    pub size_px: [f64; 2],
+    /// Smallest extent of the vertical axis, so that noise does not fill the plot.
+    pub least_height: f64,
+    /// Ends of the horizontal axis; `None` takes those of the data.
+    pub x_range: Option<[f64; 2]>,
+    /// Instead of round ticks: place, label and second label.
+    pub categories: Vec<(f64, String, String)>,
+}
+
+/// Room for labels around the drawing area, pixels.
+const LEFT_PX: f64 = 52.0;
+const RIGHT_PX: f64 = 12.0;
+const TOP_PX: f64 = 30.0;
+const BOTTOM_PX: f64 = 38.0;
+/// Aim for one tick this often, pixels.
+const TICK_X_PX: f64 = 70.0;
+const TICK_Y_PX: f64 = 34.0;
+/// Dots kept of a series; more would only make the page slow.
+const MOST_DOTS: usize = 1500;
+/// Width of a character of the small font, pixels: for legend and span labels.
+const CHAR_PX: f64 = 6.1;
+/// Key of a legend entry and the gaps around it, pixels.
+const LEGEND_KEY_PX: f64 = 34.0;
+/// Head room for the names of spans, pixels.
+const SPAN_NAME_PX: f64 = 15.0;
+/// Points of a map closer together than this are merged, pixels.
+const MERGE_PX: f64 = 0.6;
+
+/// A linear map from data to pixels.
+#[derive(Clone, Copy)]
+struct Scale {
+    low: f64,
+    high: f64,
+    from_px: f64,
+    to_px: f64,
+}
+
+impl Scale {
+    fn px(&self, value: f64) -> f64 {
+        self.from_px + (value - self.low) / (self.high - self.low) * (self.to_px - self.from_px)
+    }
+}
+
+impl Plot {
+    /// The drawing as one `<svg>` element; a plot without a point says so.
+    pub fn render(&self) -> String {
+        let [width, height] = self.size_px;
+        let mut svg = String::new();
+        let (Some(xs), Some(ys)) = (self.extent(0), self.extent(1)) else {
+            let _ = write!(
+                svg,
+                "<figure><svg viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{t}\">\
+                 <text class=\"title\" x=\"{LEFT_PX}\" y=\"16\">{t}</text>\
+                 <text class=\"tick mid\" x=\"{}\" y=\"{}\">no data in this log</text></svg></figure>",
+                width / 2.0,
+                height / 2.0,
+                t = escape(&self.title),
+            );
+            return svg;
+        };
+        let (x, y) = self.scales(xs, ys);
+        let _ = write!(
+            svg,
+            "<figure><svg class=\"plot\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
+             aria-label=\"{t}\" data-box=\"{},{},{},{}\" data-x=\"{},{}\" data-y=\"{},{}\">\
+             <text class=\"title\" x=\"{LEFT_PX}\" y=\"16\">{t}</text>",
+            x.from_px,
+            y.to_px,
+            x.to_px - x.from_px,
+            y.from_px - y.to_px,
+            x.low,
+            x.high,
+            y.low,
+            y.high,
+            t = escape(&self.title),
+        );
+        self.draw_spans(&mut svg, &x, &y);
+        self.draw_axes(&mut svg, &x, &y);
+        for limit in self.limits.iter().filter(|l| l.y >= y.low && l.y <= y.high) {
+            let at = y.px(limit.y);
+            let _ = write!(
+                svg,
+                "<line class=\"limit\" x1=\"{}\" x2=\"{}\" y1=\"{at:.1}\" y2=\"{at:.1}\"/>\
+                 <text class=\"tick end\" x=\"{}\" y=\"{:.1}\">{}</text>",
+                x.from_px,
+                x.to_px,
+                x.to_px - 3.0,
+                at - 3.0,
+                escape(&limit.name)
+            );
+        }
+        for series in &self.series {
+            self.draw_series(&mut svg, series, &x, &y);
+        }
+        for pin in &self.pins {
+            let [px, py] = [x.px(pin.at[0]), y.px(pin.at[1])];
+            let _ = write!(
+                svg,
+                "<path class=\"pin\" d=\"M{px:.1} {:.1}l5 8h-10z\"/>\
+                 <text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+                py - 5.0,
+                px + 7.0,
+                py + 4.0,
+                escape(&pin.name)
+            );
+        }
+        self.draw_legend(&mut svg, &x);
+        svg.push_str("<g class=\"hover\"></g></svg></figure>");
+        svg
+    }
+
+    /// Least and greatest finite value on an axis.
+    fn extent(&self, axis: usize) -> Option<[f64; 2]> {
+        let fixed = if axis == 0 { self.x_range } else { None };
+        let mut range: Option<[f64; 2]> = None;
+        let points = self.series.iter().flat_map(|s| s.points.iter());
+        for point in points.chain(self.pins.iter().map(|p| &p.at)) {
+            let v = point[axis];
+            if point.iter().all(|c| c.is_finite()) {
+                range = Some(range.map_or([v, v], |[a, b]| [a.min(v), b.max(v)]));
+            }
+        }
+        if range.is_some() { fixed.or(range) } else { None }
+    }
+
+    fn scales(&self, xs: [f64; 2], ys: [f64; 2]) -> (Scale, Scale) {
+        let [width, height] = self.size_px;
+        let (right, bottom) = (width - RIGHT_PX, height - BOTTOM_PX);
+        let least = if self.least_height > 0.0 { self.least_height } else { 1e-6 };
+        let mut ys = widened(ys, least, 0.06);
+        if !self.spans.is_empty() {
+            let free_px = (bottom - TOP_PX - SPAN_NAME_PX).max(1.0);
+            ys[1] += (ys[1] - ys[0]) * SPAN_NAME_PX / free_px;
+        }
+        let mut xs = if self.equal { widened(xs, least, 0.06) } else { widened(xs, 1e-6, 0.0) };
+        if self.equal {
+            let (px_x, px_y) = (right - LEFT_PX, bottom - TOP_PX);
+            let per_px = ((xs[1] - xs[0]) / px_x).max((ys[1] - ys[0]) / px_y);
+            xs = widened(xs, per_px * px_x, 0.0);
+            ys = widened(ys, per_px * px_y, 0.0);
+        }
+        (
+            Scale { low: xs[0], high: xs[1], from_px: LEFT_PX, to_px: right },
+            Scale { low: ys[0], high: ys[1], from_px: bottom, to_px: TOP_PX },
+        )
+    }
+
+    fn draw_spans(&self, svg: &mut String, x: &Scale, y: &Scale) {
+        for (i, span) in self.spans.iter().enumerate() {
+            let a = x.px(span.x[0].max(x.low));
+            let b = x.px(span.x[1].min(x.high));
+            if b <= a {
+                continue;
+            }
+            let _ = write!(
+                svg,
+                "<g><title>{}</title><rect class=\"span{}\" x=\"{a:.1}\" y=\"{}\" width=\"{:.1}\" \
+                 height=\"{:.1}\"/>",
+                escape(&span.name),
+                i % 2,
+                y.to_px,
+                b - a,
+                y.from_px - y.to_px
+            );
+            if b - a > CHAR_PX * span.name.chars().count() as f64 {
+                let _ = write!(
+                    svg,
+                    "<text class=\"tick mid faint\" x=\"{:.1}\" y=\"{}\">{}</text>",
+                    (a + b) / 2.0,
+                    y.to_px + 11.0,
+                    escape(&span.name)
+                );
+            }
+            svg.push_str("</g>");
+        }
+    }
+
+    fn draw_axes(&self, svg: &mut String, x: &Scale, y: &Scale) {
+        let (left, right, top, bottom) = (x.from_px, x.to_px, y.to_px, y.from_px);
+        for (at, label, second) in &self.categories {
+            let px = x.px(*at);
+            let _ = write!(
+                svg,
+                "<text class=\"tick mid\" x=\"{px:.1}\" y=\"{}\">{}</text>\
+                 <text class=\"tick mid faint\" x=\"{px:.1}\" y=\"{}\">{}</text>",
+                bottom + 14.0,
+                escape(label),
+                bottom + 28.0,
+                escape(second)
+            );
+        }
+        let round = self.categories.is_empty();
+        let wanted = if round { (right - left) / TICK_X_PX } else { 0.0 };
+        for (at, label) in ticks(x.low, x.high, wanted).into_iter().filter(|_| round) {
+            let px = x.px(at);
+            let _ = write!(
+                svg,
+                "<line class=\"grid\" x1=\"{px:.1}\" x2=\"{px:.1}\" y1=\"{top}\" y2=\"{bottom}\"/>\
+                 <text class=\"tick mid\" x=\"{px:.1}\" y=\"{}\">{label}</text>",
+                bottom + 14.0
+            );
+        }
+        for (at, label) in ticks(y.low, y.high, (bottom - top) / TICK_Y_PX) {
+            let px = y.px(at);
+            let _ = write!(
+                svg,
+                "<line class=\"grid\" x1=\"{left}\" x2=\"{right}\" y1=\"{px:.1}\" y2=\"{px:.1}\"/>\
+                 <text class=\"tick end\" x=\"{}\" y=\"{:.1}\">{label}</text>",
+                left - 5.0,
+                px + 3.5
+            );
+        }
+        let _ = write!(
+            svg,
+            "<path class=\"axis\" d=\"M{left} {top}V{bottom}H{right}\"/>\
+             <text class=\"tick mid\" x=\"{}\" y=\"{}\">{}</text>\
+             <text class=\"tick mid\" transform=\"translate(11 {}) rotate(-90)\">{}</text>",
+            (left + right) / 2.0,
+            bottom + 30.0,
+            escape(&self.x_label),
+            (top + bottom) / 2.0,
+            escape(&self.y_label)
+        );
+    }
+
+    fn draw_series(&self, svg: &mut String, series: &Series, x: &Scale, y: &Scale) {
+        let class = series.tone.class();
+        let name = escape(&series.name);
+        let inside = |p: &&[f64; 2]| p[0] >= x.low && p[0] <= x.high && p[1].is_finite();
+        if series.mark == Mark::Dots {
+            let step = series.points.len().div_ceil(MOST_DOTS).max(1);
+            let _ = write!(svg, "<path class=\"dots {class}\" data-name=\"{name}\" d=\"");
+            for p in series.points.iter().filter(inside).step_by(step) {
+                let _ = write!(svg, "M{:.1} {:.1}h0", x.px(p[0]), y.px(p[1]));
+            }
+            svg.push_str("\"/>");
+            return;
+        }
+        let dashed = if series.mark == Mark::Dashed { " dashed" } else { "" };
+        let _ = write!(svg, "<path class=\"line {class}{dashed}\" data-name=\"{name}\" d=\"");
+        let to_px = |p: &[f64; 2]| [x.px(p[0]), y.px(p[1])];
+        for run in series.points.split(|p| !p.iter().all(|c| c.is_finite())) {
+            let run: Vec<[f64; 2]> = if self.equal {
+                merged(run.iter().map(to_px))
+            } else {
+                columns(run.iter().filter(inside).map(to_px))
+            };
+            for (i, [px, py]) in run.iter().enumerate() {
+                let _ = write!(svg, "{}{px:.1} {py:.1}", if i == 0 { "M" } else { "L" });
+            }
+        }
+        svg.push_str("\"/>");
+    }
+
+    fn draw_legend(&self, svg: &mut String, x: &Scale) {
+        let mut at = x.to_px;
+        for series in self.series.iter().rev().filter(|s| !s.name.is_empty()) {
+            at -= CHAR_PX * series.name.chars().count() as f64 + LEGEND_KEY_PX;
+            let class = series.tone.class();
+            let kind = match series.mark {
+                Mark::Line => "line",
+                Mark::Dashed => "line dashed",
+                Mark::Dots => "dots",
+            };
+            let key = if series.mark == Mark::Dots { "h0" } else { "h16" };
+            let _ = write!(
+                svg,
+                "<path class=\"key {kind} {class}\" d=\"M{at:.1} 12{key}\"/>\
+                 <text class=\"tick\" x=\"{:.1}\" y=\"16\">{}</text>",
+                at + 20.0,
+                escape(&series.name)
+            );
+        }
+    }
+}
+
+/// A range no narrower than `least`, with a margin on either side.
+fn widened([low, high]: [f64; 2], least: f64, margin_frac: f64) -> [f64; 2] {
+    let middle = (low + high) / 2.0;
+    let half = ((high - low).max(least) / 2.0) * (1.0 + 2.0 * margin_frac);
+    [middle - half, middle + half]
+}
+
+/// Round values between `low` and `high`, about `wanted` of them, with labels of equal precision.
+fn ticks(low: f64, high: f64, wanted: f64) -> Vec<(f64, String)> {
+    let raw = (high - low) / wanted.max(1.0);
+    let power = 10f64.powf(raw.log10().floor());
+    let step =
+        [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= raw * (1.0 - 1e-9));
+    let step = step.unwrap_or(10.0 * power);
+    let decimals = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
+    let first = (low / step - 1e-9).ceil();
+    let count = (high / step + 1e-9).floor() - first;
+    (0..=count.clamp(0.0, 100.0) as u32)
+        .map(|i| {
+            let value = (first + f64::from(i)) * step;
+            let value = if value.abs() < step * 1e-6 { 0.0 } else { value };
+            (value, format!("{value:.decimals$}").replace('-', "\u{2212}"))
+        })
+        .collect()
+}
+
+/// First, least, greatest and last point of every pixel column.
+fn columns(points: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
+    let mut out: Vec<[f64; 2]> = Vec::new();
+    let mut column: Vec<[f64; 2]> = Vec::new();
+    let mut flush = |column: &mut Vec<[f64; 2]>| {
+        if column.len() <= 4 {
+            out.append(column);
+            return;
+        }
+        let by_y = |a: &usize, b: &usize| column[*a][1].total_cmp(&column[*b][1]);
+        let mut keep = [
+            0,
+            (0..column.len()).min_by(by_y).unwrap_or(0),
+            (0..column.len()).max_by(by_y).unwrap_or(0),
+            column.len() - 1,
+        ];
+        keep.sort_unstable();
+        let mut last = usize::MAX;
+        for i in keep {
+            if i != last {
+                out.push(column[i]);
+                last = i;
+            }
+        }
+        column.clear();
+    };
+    for p in points {
+        if column.first().is_some_and(|first| first[0].floor() != p[0].floor()) {
+            flush(&mut column);
+        }
+        column.push(p);
+    }
+    flush(&mut column);
+    out
+}
+
+/// Points at least [`MERGE_PX`] apart, and the last one.
+fn merged(points: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
+    let mut out: Vec<[f64; 2]> = Vec::new();
+    let mut skipped = None;
+    for p in points {
+        let near = out.last().is_some_and(|l| (l[0] - p[0]).hypot(l[1] - p[1]) < MERGE_PX);
+        if near {
+            skipped = Some(p);
+        } else {
+            out.push(p);
+            skipped = None;
+        }
+    }
+    out.extend(skipped);
+    out
+}
+
+/// Text safe inside HTML and attributes.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_ticks_are_round_and_inside() {
+        let check = |low, high, wanted, labels: &[&str]| {
+            let found: Vec<String> = ticks(low, high, wanted).into_iter().map(|t| t.1).collect();
+            assert_eq!(found, labels);
+        };
+        check(-0.3, 10.2, 5.0, &["0", "5", "10"]);
+        check(-0.01, 0.011, 4.0, &["\u{2212}0.01", "0.00", "0.01"]);
+        check(7.0, 8.4, 7.0, &["7.0", "7.2", "7.4", "7.6", "7.8", "8.0", "8.2", "8.4"]);
+    }
+
+    #[test]
+    fn prop_reduction_keeps_spikes_and_ends() {
+        let mut points: Vec<[f64; 2]> = (0..10_000).map(|i| [f64::from(i) * 0.01, 1.0]).collect();
+        points[5_005] = [50.05, 99.0];
+        let out = columns(points.iter().copied());
+        assert!(out.len() < 500, "{}", out.len());
+        assert!(out.contains(&[50.05, 99.0]));
+        assert_eq!((out[0], out[out.len() - 1]), (points[0], points[9_999]));
+    }
+
+    #[test]
+    fn prop_odd_input_draws_without_nan() {
+        let series = |points: Vec<[f64; 2]>| Series {
+            name: "a < b".into(),
+            tone: Tone::Family(9),
+            mark: Mark::Line,
+            points,
+        };
+        let plot = |points| Plot {
+            title: "t".into(),
+            series: vec![series(points)],
+            size_px: [400.0, 200.0],
+            ..Plot::default()
+        };
+        assert!(plot(vec![]).render().contains("no data"));
+        assert!(plot(vec![[f64::NAN, 1.0]]).render().contains("no data"));
+        for points in [
+            vec![[1.0, 2.0]],
+            vec![[1.0, 2.0], [f64::NAN, f64::NAN], [2.0, f64::INFINITY], [3.0, 2.0]],
+        ] {
+            let svg = plot(points).render();
+            assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+            assert!(svg.contains("a &lt; b"));
+        }
+    }
+}
