@@ -1,2 +1,92 @@
-//! x
-fn main() {}
+//! `haltere-sim`: the endpoint that stands in for tag and board, and the demo.
+
+mod board_wire;
+mod compare;
+mod demo;
+mod endpoint;
+mod faults;
+mod paths;
+mod pty;
+mod scenario;
+mod steps;
+mod stop;
+mod truth_file;
+mod tune;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+/// Simulated tag, board and vehicle for the haltere companion.
+#[derive(Debug, Parser)]
+#[command(name = "haltere-sim", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// The endpoint alone; the first line on standard output is a JSON object that names the tag's
+    /// device and the board's address as the companion has to be told.
+    Serve(endpoint::Options),
+    /// Endpoint, companion and mission together, in real time; leaves a log and a report.
+    Demo(demo::Options),
+    /// Print every physical effect with equation, source and parameters: docs/EFFECTS.md.
+    Effects,
+    /// The step tests of the source in lockstep, version `raw` against `modified`.
+    Steps(compare::StepOptions),
+    /// Path shapes in lockstep over many seeds: accuracy of the estimate, take-off, landing.
+    Paths(paths::PathOptions),
+    /// Search PID gains for version `raw`, as the committed ones were found.
+    Tune(compare::TuneOptions),
+    /// The companion, as `haltere` would run it.
+    #[command(hide = true, disable_help_flag = true)]
+    Companion {
+        /// Arguments of `haltere`.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        args: Vec<OsString>,
+    },
+}
+
+/// A bound of the demo is broken.
+const EXIT_BOUND: u8 = 1;
+/// Something else went wrong.
+const EXIT_ERROR: u8 = 2;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let result = match cli.command {
+        Command::Companion { args } => {
+            return haltere::cli::run(std::iter::once(OsString::from("haltere")).chain(args));
+        }
+        Command::Serve(options) => {
+            log_to_stderr();
+            endpoint::serve(&options).map(|()| true)
+        }
+        Command::Demo(options) => {
+            log_to_stderr();
+            demo::run(&options)
+        }
+        Command::Effects => {
+            print!("{}", haltere::model::effects::document::markdown());
+            Ok(true)
+        }
+        Command::Steps(options) => compare::steps(&options),
+        Command::Paths(options) => paths::paths(&options),
+        Command::Tune(options) => compare::tune(&options),
+    };
+    match result {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::from(EXIT_BOUND),
+        Err(error) => {
+            eprintln!("haltere-sim: {error:#}");
+            ExitCode::from(EXIT_ERROR)
+        }
+    }
+}
+
+fn log_to_stderr() {
+    tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false).init();
+}

@@ -1,0 +1,266 @@
+//! `haltere-sim steps`: the step tests, `raw` against `modified`, beside the source's figures.
+//! `haltere-sim tune`: the search that found the gains.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
+use serde_json::json;
+
+use haltere::config::{Config, Sources};
+use haltere::control::{ControlConfig, ControlGains, Version};
+use haltere::lockstep::Lockstep;
+use haltere::model::PlantConfig;
+use haltere::pilot::PilotConfig;
+
+use crate::steps::{AXES, SIZES_M, StepScore, WINDOW_S, fly_steps, is_complete, mean_of};
+use crate::tune::{self, FAILED, VARIATIONS, Variation};
+
+/// Seeds of the search; scores are never taken on them.
+const SEARCH_SEEDS: std::ops::Range<u64> = 9_000..9_100;
+/// First seed of the scores.
+const SCORE_SEED: u64 = 100;
+
+/// Mean position error of the source, table 3, m: raw and modified, axes x, y, z, for 1 m steps.
+/// From the ratios 1.62, 1.81, 1.15 and the modified figures 0.105, 0.105, 0.043.
+const SOURCE_MODIFIED_M: [[f64; 3]; 2] = [[0.105, 0.105, 0.043], [0.198, 0.206, 0.110]];
+/// Ratio raw over modified of the source, by size and axis.
+const SOURCE_RATIO: [[f64; 3]; 2] = [[1.62, 1.81, 1.15], [1.68, 1.45, 1.13]];
+
+/// `haltere-sim steps`
+#[derive(Debug, clap::Args)]
+pub struct StepOptions {
+    /// Repetitions, each with a seed of its own; five as in the source.
+    #[arg(long, default_value_t = 5)]
+    pub repetitions: u64,
+    /// Configuration whose `[control]` and `[estimator]` sections are flown.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<std::path::PathBuf>,
+    /// Change one key, as for the companion.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Fly this one of the variations of the vehicle that the search uses; 0 is the nominal one.
+    #[arg(long, default_value_t = 0)]
+    pub variation: usize,
+    /// Print JSON instead of the table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `haltere-sim tune`
+#[derive(Debug, clap::Args)]
+pub struct TuneOptions {
+    /// Generations of the search.
+    #[arg(long, default_value_t = 60)]
+    pub generations: usize,
+    /// Seeds that a vehicle is flown on.
+    #[arg(long, default_value_t = 2)]
+    pub seeds: usize,
+    /// Search on the nominal vehicle alone, to see what margin costs; not how the gains were found.
+    #[arg(long)]
+    pub nominal: bool,
+    /// Configuration whose gains to start from; else the design on a linear model.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<std::path::PathBuf>,
+    /// Change one key, as for the companion.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+}
+
+/// The hall with the nominal vehicle, flown by this configuration.
+pub fn world(
+    pilot: &PilotConfig,
+    control: &ControlConfig,
+    variation: &Variation,
+    seed: u64,
+) -> Result<Lockstep> {
+    let plant = variation.plant(PlantConfig::hall(seed))?;
+    let control = variation.control(control);
+    let mut pilot = PilotConfig { control, ..pilot.clone() };
+    pilot.flight.gear_height_m = plant.vehicle.body.gear_m;
+    pilot.board_north_offset_rad = 0.0;
+    let survey = plant.survey.clone();
+    Ok(Lockstep::new(plant, pilot, &survey)?.without_topics())
+}
+
+/// Middle of the hall.
+pub const CENTRE_NE_M: [f64; 2] = [5.0, 5.0];
+
+/// A flight of the step tests.
+struct Flown {
+    scores: Vec<StepScore>,
+    /// Simulated time, s.
+    length_s: f64,
+    landed: bool,
+}
+
+fn fly(
+    pilot: &PilotConfig,
+    control: &ControlConfig,
+    variation: &Variation,
+    seed: u64,
+) -> Result<Flown> {
+    let mut world = world(pilot, control, variation, seed)?;
+    let (scores, flight) = fly_steps(&mut world, CENTRE_NE_M)?;
+    let crashed = flight.samples.iter().any(|s| s.truth.crashed);
+    if !is_complete(&scores) || crashed {
+        bail!(
+            "seed {seed}: {} of {} steps, {}; {:?}",
+            scores.len(),
+            2 * AXES.len() * SIZES_M.len(),
+            if crashed { "crashed" } else { "not crashed" },
+            flight.texts.last()
+        );
+    }
+    Ok(Flown { scores, length_s: world.t_us() as f64 * 1e-6, landed: flight.landed })
+}
+
+pub fn pilot_config(file: Option<&std::path::Path>, set: &[String]) -> Result<PilotConfig> {
+    let files = file.map(std::path::Path::to_path_buf).into_iter().collect();
+    let config = Config::load(&Sources::new(files, set.to_vec()))?;
+    Ok(config.pilot())
+}
+
+/// Flies and prints. `false`: a target is missed.
+pub fn steps(options: &StepOptions) -> Result<bool> {
+    let pilot = pilot_config(options.config.as_deref(), &options.set)?;
+    let variation = VARIATIONS.get(options.variation).context("no such variation")?;
+    let started = Instant::now();
+    let jobs: Vec<(Version, u64)> = [Version::Raw, Version::Modified]
+        .into_iter()
+        .flat_map(|v| (0..options.repetitions).map(move |i| (v, SCORE_SEED + i)))
+        .collect();
+    let flights: Vec<(Version, Flown)> = jobs
+        .into_par_iter()
+        .map(|(version, seed)| {
+            let control = ControlConfig { version, ..pilot.control.clone() };
+            fly(&pilot, &control, variation, seed).map(|flown| (version, flown))
+        })
+        .collect::<Result<_>>()?;
+    let of = |version: Version| -> Vec<StepScore> {
+        flights.iter().filter(|f| f.0 == version).flat_map(|f| f.1.scores.clone()).collect()
+    };
+    let (raw, modified) = (of(Version::Raw), of(Version::Modified));
+    let flown_s: f64 = flights.iter().map(|f| f.1.length_s).sum();
+    let not_landed = flights.iter().filter(|f| !f.1.landed).count();
+    let mut rows = Vec::new();
+    let mut ok = not_landed == 0;
+    for axis in 0..3 {
+        let mut ratios = Vec::new();
+        for (i, size_m) in SIZES_M.into_iter().enumerate() {
+            let get = |scores: &[StepScore], pick: fn(&StepScore) -> f64| {
+                mean_of(scores, axis, size_m, pick).context("no steps were flown")
+            };
+            let raw_m = get(&raw, |s| s.position_mae_m)?;
+            let modified_m = get(&modified, |s| s.position_mae_m)?;
+            ratios.push(raw_m / modified_m);
+            ok &= modified_m <= SOURCE_MODIFIED_M[i][axis];
+            rows.push(json!({
+                "axis": AXES[axis],
+                "size_m": size_m,
+                "raw_mae_m": raw_m,
+                "modified_mae_m": modified_m,
+                "ratio": raw_m / modified_m,
+                "raw_seen_mae_m": get(&raw, |s| s.seen_mae_m)?,
+                "modified_seen_mae_m": get(&modified, |s| s.seen_mae_m)?,
+                "raw_rest_mae_m": get(&raw, |s| s.rest_mae_m)?,
+                "modified_rest_mae_m": get(&modified, |s| s.rest_mae_m)?,
+                "raw_overshoot_m": get(&raw, |s| s.overshoot_m)?,
+                "modified_overshoot_m": get(&modified, |s| s.overshoot_m)?,
+                "raw_velocity_mae_mps": get(&raw, |s| s.velocity_mae_mps)?,
+                "modified_velocity_mae_mps": get(&modified, |s| s.velocity_mae_mps)?,
+                "source_modified_mae_m": SOURCE_MODIFIED_M[i][axis],
+                "source_ratio": SOURCE_RATIO[i][axis],
+            }));
+        }
+        if axis < 2 {
+            ok &= ratios.iter().sum::<f64>() / ratios.len() as f64 >= 1.5;
+        }
+    }
+    let took_s = started.elapsed().as_secs_f64();
+    if options.json {
+        println!(
+            "{}",
+            json!({ "window_s": WINDOW_S, "ok": ok, "not_landed": not_landed, "steps": rows })
+        );
+        return Ok(ok);
+    }
+    println!(
+        "                                       source             of it: seen    at rest   overshoot"
+    );
+    println!(
+        "axis size   raw m  modified m  ratio   modified  ratio    raw   mod    raw   mod    raw   mod"
+    );
+    for row in &rows {
+        let f = |key: &str| row[key].as_f64().unwrap_or(f64::NAN);
+        println!(
+            "{:>4} {:>3.0} m  {:6.3}  {:10.3}  {:5.2}   {:8.3}  {:5.2}  {:.3} {:.3}  {:.3} {:.3}  \
+             {:.3} {:.3}",
+            row["axis"].as_str().unwrap_or(""),
+            f("size_m"),
+            f("raw_mae_m"),
+            f("modified_mae_m"),
+            f("ratio"),
+            f("source_modified_mae_m"),
+            f("source_ratio"),
+            f("raw_seen_mae_m"),
+            f("modified_seen_mae_m"),
+            f("raw_rest_mae_m"),
+            f("modified_rest_mae_m"),
+            f("raw_overshoot_m"),
+            f("modified_overshoot_m"),
+        );
+    }
+    if not_landed > 0 {
+        println!("{not_landed} flights did not end on the floor, disarmed");
+    }
+    println!(
+        "mean |truth - command| over {WINDOW_S:.0} s after each step; {} flights, {flown_s:.0} s \
+         simulated in {took_s:.2} s",
+        flights.len()
+    );
+    Ok(ok)
+}
+
+impl TuneOptions {
+    fn start(&self, raw: &ControlConfig) -> ControlGains {
+        if self.config.is_some() { raw.gains } else { ControlGains::designed() }
+    }
+}
+
+/// Searches and prints the gains as a configuration snippet.
+pub fn tune(options: &TuneOptions) -> Result<bool> {
+    let pilot = pilot_config(options.config.as_deref(), &options.set)?;
+    let raw = ControlConfig { version: Version::Raw, ..pilot.control.clone() };
+    let variations = if options.nominal { &VARIATIONS[..1] } else { &VARIATIONS[..] };
+    let seeds: Vec<u64> = SEARCH_SEEDS.take(options.seeds).collect();
+    let cost = |gains: &ControlGains, variation: &Variation, seed: u64| {
+        let control = ControlConfig { gains: *gains, ..raw.clone() };
+        match fly(&pilot, &control, variation, seed) {
+            Ok(flown) => tune::cost(&flown.scores),
+            Err(_) => [FAILED; 3],
+        }
+    };
+    let (gains, best) =
+        tune::search(&options.start(&raw), variations, &seeds, options.generations, cost, |p| {
+            let costs = p.best.map(|w| format!("{:.4} ({})", w.cost, variations[w.variation].name));
+            let steps = p.step.map(|s| format!("{s:.3}"));
+            eprintln!(
+                "generation {:3}  cost {}  step {}",
+                p.generation,
+                costs.join(", "),
+                steps.join(" ")
+            );
+            eprintln!("{:.4?}", p.gains.as_vector());
+        });
+    println!(
+        "# found for `raw` on seeds {seeds:?}, worst of {} vehicles: cost {:.4} {:.4} {:.4}",
+        variations.len(),
+        best[0].cost,
+        best[1].cost,
+        best[2].cost
+    );
+    println!("[control.gains]");
+    print!("{}", toml::to_string(&gains)?);
+    Ok(true)
+}

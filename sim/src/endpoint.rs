@@ -1,0 +1,266 @@
+//! `haltere-sim serve`: the plant in real time, on a pseudo-terminal and a UDP socket.
+//!
+//! One loop on absolute deadlines: bytes in, plant up to now, bytes out. It never waits for the
+//! companion, which may come, go and come back.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+use haltere::checks::Problems;
+use haltere::config::Address;
+use haltere::frames::Vec3;
+use haltere::live::realtime::insist_on_deadlines;
+use haltere::model::tag::TagProtocol;
+use haltere::model::{Plant, PlantConfig, Vehicle};
+use haltere::report::truth::TruthRow;
+use haltere::time::HostTime;
+use rustix::io::Errno;
+use rustix::thread::clock_nanosleep_absolute;
+use rustix::time::{ClockId, Timespec, clock_gettime};
+use serde_json::json;
+
+use crate::board_wire::BoardWire;
+use crate::pty::{Dtr, TagPty};
+use crate::scenario::Scenario;
+use crate::stop::Stop;
+use crate::truth_file::TruthFile;
+
+/// `haltere-sim serve`
+#[derive(Debug, Clone, clap::Args)]
+pub struct Options {
+    /// Scenario file; without it the vehicle stands in the middle of a 10 × 10 × 7 m hall.
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Seed of the random numbers; wins over the scenario.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Ends after this simulated time, s; else a signal ends it.
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
+    /// Simulated seconds a second.
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    pub speed: f64,
+    /// Vehicle file.
+    #[arg(long, value_name = "FILE")]
+    pub vehicle: Option<PathBuf>,
+    /// Symbolic link to the tag's pseudo-terminal.
+    #[arg(long, value_name = "PATH")]
+    pub tag_link: Option<PathBuf>,
+    /// What the tag speaks: lps-sniffer (TDoA2 on the air), tdoa3, mavlink; wins over the scenario.
+    #[arg(long, value_name = "P", value_parser = tag_protocol)]
+    pub tag_protocol: Option<TagProtocol>,
+    /// The board's own end of its line, `udpin:HOST:PORT` or `udpout:HOST:PORT`.
+    #[arg(long, value_name = "ADDR", default_value = "udpout:127.0.0.1:14600")]
+    pub board: Address,
+    /// File for truth, 100 lines a second.
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
+}
+
+/// Period of the loop, µs of host time.
+const TICK_US: u64 = 1_000;
+/// Priority under SCHED_FIFO: below the companion's, which must win on one core.
+const PRIORITY: u8 = 40;
+/// Highest speed at which the loop runs under it.
+const REALTIME_SPEED: f64 = 2.0;
+/// Period of truth rows, µs of simulated time.
+const TRUTH_US: u64 = 10_000;
+/// A loop that is later than this gives the lost time up, µs: the computer slept.
+const GIVE_UP_US: u64 = 1_000_000;
+/// Speeds that make sense: the links and the companion live in real time.
+const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=100.0;
+
+fn tag_protocol(text: &str) -> Result<TagProtocol, String> {
+    match text {
+        "lps-sniffer" | "tdoa2" => Ok(TagProtocol::Tdoa2),
+        "tdoa3" => Ok(TagProtocol::Tdoa3),
+        "mavlink" => Ok(TagProtocol::Mavlink),
+        _ => Err("allowed lps-sniffer (the same as tdoa2), tdoa3, mavlink".into()),
+    }
+}
+
+/// What the companion has to write into `tag.protocol`.
+fn companion_protocol(protocol: TagProtocol) -> &'static str {
+    match protocol {
+        TagProtocol::Tdoa2 | TagProtocol::Tdoa3 => "lps-sniffer",
+        TagProtocol::Mavlink => "mavlink",
+    }
+}
+
+/// Runs until a signal or the end of `--duration`.
+pub fn serve(options: &Options) -> Result<()> {
+    if !SPEEDS.contains(&options.speed) {
+        bail!("--speed {}: allowed {} to {}", options.speed, SPEEDS.start(), SPEEDS.end());
+    }
+    let stop = Stop::on_signals()?;
+    let mut scenario = Scenario::load(options.scenario.as_deref())?;
+    scenario.seed = options.seed.unwrap_or(scenario.seed);
+    scenario.tag.protocol = options.tag_protocol.unwrap_or(scenario.tag.protocol);
+    let mut plant = plant(options, &scenario)?;
+    let mut tag = TagPty::new(options.tag_link.as_deref())?;
+    let mut board = BoardWire::open(&options.board)?;
+    let mut truth = options.truth.as_deref().map(TruthFile::create).transpose()?;
+    let greeting = json!({
+        "tag": tag.device(),
+        "tag_protocol": companion_protocol(scenario.tag.protocol),
+        "board": board.companion_address().to_string(),
+        "board_own": options.board.to_string(),
+        "truth": options.truth,
+        "seed": scenario.seed,
+        "start_us": now_us(),
+    });
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{greeting}").and_then(|()| out.flush()).context("standard output")?;
+    drop(out);
+    // Late bytes of tag and board would look like jitter of the real devices. Not at many times real
+    // time, where the loop may never sleep.
+    if options.speed <= REALTIME_SPEED
+        && let Err(why) = insist_on_deadlines(PRIORITY)
+    {
+        tracing::debug!("{why}");
+    }
+    let ticks = run(options, &stop, &scenario, &mut plant, &mut tag, &mut board, truth.as_mut());
+    let lost_rows = truth.map_or(Ok(0), TruthFile::finish)?;
+    tracing::info!(
+        ticks.late,
+        tag_dropped_bytes = tag.dropped(),
+        board_dropped_bytes = board.dropped(),
+        truth_lost_rows = lost_rows,
+        "ended"
+    );
+    Ok(())
+}
+
+fn plant(options: &Options, scenario: &Scenario) -> Result<Plant> {
+    let vehicle = match &options.vehicle {
+        Some(path) => {
+            let name = path.display();
+            let text = std::fs::read_to_string(path).with_context(|| format!("{name}"))?;
+            toml::from_str(&text).with_context(|| format!("{name}"))?
+        }
+        None => Vehicle::default(),
+    };
+    let [north_m, east_m] = scenario.start.position_m;
+    Ok(Plant::new(PlantConfig {
+        vehicle,
+        effects: scenario.effect_set()?,
+        start_E_m: Vec3::new(north_m, east_m, 0.0),
+        start_yaw_rad: scenario.start.yaw_deg.to_radians(),
+        room: scenario.room.clone(),
+        protocol: scenario.tag.protocol,
+        ..PlantConfig::new(scenario.survey()?, scenario.seed)
+    })?)
+}
+
+/// How the loop kept its deadlines.
+#[derive(Debug, Default)]
+struct Ticks {
+    late: u64,
+}
+
+fn run(
+    options: &Options,
+    stop: &Stop,
+    scenario: &Scenario,
+    plant: &mut Plant,
+    tag: &mut TagPty,
+    board: &mut BoardWire,
+    mut truth: Option<&mut TruthFile>,
+) -> Ticks {
+    let mut ticks = Ticks::default();
+    let mut from_tag = Vec::new();
+    let mut from_board = Vec::new();
+    // Host time at which simulated time was zero; moved when the computer slept.
+    let mut start_us = now_us();
+    let mut deadline_us = start_us;
+    let mut truth_due_us = 0;
+    let mut faults = scenario.faults.iter().peekable();
+    while !stop.asked() {
+        deadline_us += TICK_US;
+        sleep_until(deadline_us);
+        let late_us = now_us().saturating_sub(deadline_us);
+        if late_us > TICK_US {
+            ticks.late += 1;
+        }
+        if late_us > GIVE_UP_US {
+            start_us += late_us;
+            deadline_us += late_us;
+        }
+        let simulated_us = ((deadline_us - start_us) as f64 * options.speed) as u64;
+        if options.duration.is_some_and(|s| simulated_us as f64 * 1e-6 >= s) {
+            break;
+        }
+        while let Some(fault) = faults.next_if(|f| f.at_s * 1e6 <= simulated_us as f64) {
+            // Checked when the scenario was read; an effect that cannot switch is told.
+            let mut problems = Problems::new();
+            if let Some(fault) = fault.to_fault("fault", &mut problems) {
+                tracing::info!("fault at {:.3} s: {fault:?}", simulated_us as f64 * 1e-6);
+                if let Err(why) = plant.inject(fault) {
+                    tracing::warn!("fault refused: {why}");
+                }
+            }
+        }
+        from_tag.clear();
+        let dtr = tag.read(&mut from_tag);
+        if dtr == Dtr::Rising {
+            plant.tag_opened();
+        }
+        if !from_tag.is_empty() {
+            plant.tag_input(&from_tag);
+        }
+        from_board.clear();
+        board.read(&mut from_board);
+        if !from_board.is_empty() {
+            plant.board_input(&from_board);
+        }
+        plant.advance_to(simulated_us);
+        let output = plant.tag_output();
+        // Silent while nobody has the device open.
+        if dtr != Dtr::Low {
+            tag.write(output);
+        }
+        output.clear();
+        let output = plant.board_output();
+        board.write(output);
+        output.clear();
+        if let Some(truth) = truth.as_deref_mut()
+            && simulated_us >= truth_due_us
+        {
+            truth_due_us = simulated_us - simulated_us % TRUTH_US + TRUTH_US;
+            truth.push(row(plant, start_us, options.speed));
+        }
+    }
+    ticks
+}
+
+fn row(plant: &Plant, start_us: u64, speed: f64) -> TruthRow {
+    let truth = plant.truth();
+    TruthRow {
+        at: HostTime::from_us(start_us + (truth.t_us as f64 / speed) as u64),
+        t_s: truth.t_us as f64 * 1e-6,
+        pos_E_m: truth.pos_E_m,
+        vel_E_mps: truth.vel_E_mps,
+        R_EB: truth.R_EB,
+        rate_B_radps: truth.rate_B_radps,
+        flap_hz: truth.flap_hz,
+        supply_v: truth.supply_v,
+        charge_frac: truth.charge_frac,
+        thrust_n: truth.thrust_n,
+        on_ground: truth.on_ground,
+        crashed: truth.crashed,
+    }
+}
+
+fn now_us() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec.unsigned_abs() * 1_000_000 + now.tv_nsec.unsigned_abs() / 1000
+}
+
+fn sleep_until(deadline_us: u64) {
+    let request = Timespec {
+        tv_sec: (deadline_us / 1_000_000).cast_signed(),
+        tv_nsec: (deadline_us % 1_000_000 * 1000).cast_signed(),
+    };
+    while let Err(Errno::INTR) = clock_nanosleep_absolute(ClockId::Monotonic, &request) {}
+}

@@ -1,0 +1,220 @@
+//! Scenario files: room, anchors, start, effects, faults of a simulated flight.
+//!
+//! `scenarios/sample.toml` documents every key. Unknown keys are refused.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use haltere::checks::Problems;
+use haltere::config::read_anchors;
+use haltere::frames::{E, U, Vec3, earth_from_survey, survey_from_earth};
+use haltere::measure::AnchorId;
+use haltere::model::effects::{EffectConfig, EffectSet};
+use haltere::model::room::Room;
+use haltere::model::tag::TagProtocol;
+use haltere::survey::Survey;
+use serde::{Deserialize, Serialize};
+
+use crate::faults::FaultAt;
+
+/// Effect that turns the board's north from room north.
+const HEADING_EFFECT: &str = "N13";
+/// Largest angle between the two that the effect list takes, degrees.
+const NORTH_DEG: f64 = 100.0;
+
+/// A scenario, as in a file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Scenario {
+    /// Random numbers; `--seed` wins.
+    pub seed: u64,
+    /// Walls and ceiling.
+    pub room: Room,
+    /// Anchor survey file, relative to the scenario; absent: the corners of the room.
+    pub anchors_file: Option<PathBuf>,
+    /// Where the vehicle stands.
+    pub start: Start,
+    /// The tag.
+    pub tag: Tag,
+    /// The board.
+    pub board: Board,
+    /// Physical effects.
+    pub effects: EffectConfig,
+    /// Failures while flying.
+    #[serde(rename = "fault")]
+    pub faults: Vec<FaultAt>,
+    /// Anchors, once resolved.
+    #[serde(skip)]
+    survey: Option<Survey>,
+}
+
+/// `[start]`
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Start {
+    /// Room north and east, m; the vehicle stands on the floor.
+    pub position_m: [f64; 2],
+    /// From room north, clockwise seen from above, degrees.
+    pub yaw_deg: f64,
+}
+
+impl Default for Start {
+    fn default() -> Self {
+        Self { position_m: [5.0, 5.0], yaw_deg: 0.0 }
+    }
+}
+
+/// `[tag]`
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Tag {
+    /// What it speaks; `--tag-protocol` wins.
+    pub protocol: TagProtocol,
+}
+
+/// `[board]`
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Board {
+    /// Angle from room north to the board's north, degrees, clockwise seen from above. Absent:
+    /// that of the nominal effect.
+    pub north_offset_deg: Option<f64>,
+}
+
+impl Default for Scenario {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            room: Room::default(),
+            anchors_file: None,
+            start: Start::default(),
+            tag: Tag::default(),
+            board: Board::default(),
+            effects: EffectConfig::default(),
+            faults: Vec::new(),
+            survey: None,
+        }
+    }
+}
+
+impl Scenario {
+    /// Reads a file, or takes the defaults: the 10 × 10 × 7 m hall of the source.
+    pub fn load(path: Option<&Path>) -> Result<Self> {
+        let Some(path) = path else { return Self::default().resolved(Path::new(".")) };
+        let name = path.display();
+        let text = std::fs::read_to_string(path).with_context(|| format!("{name}"))?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        Self::parse(&text, folder).with_context(|| format!("{name}"))
+    }
+
+    fn parse(text: &str, folder: &Path) -> Result<Self> {
+        let scenario: Scenario = toml::from_str(text)?;
+        scenario.resolved(folder)
+    }
+
+    fn resolved(mut self, folder: &Path) -> Result<Self> {
+        let mut problems = Problems::new();
+        self.room.check("room", &mut problems);
+        let [north_m, east_m] = self.start.position_m;
+        let (north, east) = (self.room.north_m, self.room.east_m);
+        problems.range("start.position_m[0]", north_m, north[0]..=north[1], "m");
+        problems.range("start.position_m[1]", east_m, east[0]..=east[1], "m");
+        problems.range("start.yaw_deg", self.start.yaw_deg, -360.0..=360.0, "deg");
+        if let Some(offset_deg) = self.board.north_offset_deg {
+            problems.range("board.north_offset_deg", offset_deg, -NORTH_DEG..=NORTH_DEG, "deg");
+            let heading = self.effects.on.entry(HEADING_EFFECT.into()).or_default();
+            heading.insert("offset".into(), offset_deg);
+        }
+        for (i, fault) in self.faults.iter().enumerate() {
+            fault.to_fault(&format!("fault[{i}]"), &mut problems);
+        }
+        self.faults.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        if let Err(more) = EffectSet::from_config(&self.effects) {
+            more.lines().iter().for_each(|line| problems.say(line.clone()));
+        }
+        if !problems.is_empty() {
+            bail!(problems);
+        }
+        self.survey = Some(match &self.anchors_file {
+            Some(file) => read_anchors(&folder.join(file))?,
+            None => Survey::new(&corners(&self.room))?,
+        });
+        Ok(self)
+    }
+
+    /// Anchors.
+    pub fn survey(&self) -> Result<Survey> {
+        self.survey.clone().context("scenario without anchors")
+    }
+
+    /// Effects that are on.
+    pub fn effect_set(&self) -> Result<EffectSet> {
+        Ok(EffectSet::from_config(&self.effects)?)
+    }
+
+    /// The anchors as a survey file for the companion.
+    pub fn anchors_toml(&self) -> String {
+        let mut text = String::from("frame = \"enu\"\n");
+        let survey = self.survey.iter();
+        for (id, pos) in
+            survey.flat_map(|s| s.ids().iter().filter_map(|id| Some((id, s.position_E_m(*id)?))))
+        {
+            let [x, y, z] = survey_from_earth(pos).to_array();
+            let _ = write!(text, "\n[[anchor]]\nid = {id}\nposition_m = [{x:?}, {y:?}, {z:?}]\n");
+        }
+        text
+    }
+}
+
+/// Eight anchors in the corners of the room: bit 0 of the id north, bit 1 east, bit 2 up.
+fn corners(room: &Room) -> Vec<(AnchorId, Vec3<E>)> {
+    let pick = |id: u8, bit: u8, [low, high]: [f64; 2]| if id & bit != 0 { high } else { low };
+    (0..8)
+        .map(|id| {
+            let north_m = pick(id, 1, room.north_m);
+            let east_m = pick(id, 2, room.east_m);
+            let up_m = pick(id, 4, [0.0, room.ceiling_m]);
+            let level = earth_from_survey(Vec3::<U>::new(0.0, 0.0, up_m));
+            (AnchorId(id), Vec3::new(north_m, east_m, level.z()))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_sample_holds_the_defaults() {
+        let sample = include_str!("../scenarios/sample.toml");
+        assert_eq!(Scenario::parse(sample, Path::new(".")).unwrap(), Scenario::load(None).unwrap());
+    }
+
+    #[test]
+    fn prop_refusals_name_the_key() {
+        let says = |text: &str, needed: &str| {
+            let error = format!("{:#}", Scenario::parse(text, Path::new(".")).unwrap_err());
+            assert!(error.contains(needed), "{error}");
+        };
+        says("sead = 3", "unknown field `sead`");
+        says("[start]\nposition_m = [50.0, 5.0]", "start.position_m[0] = 50, allowed 0 to 10 m");
+        says("[board]\nnorth_offset_deg = 400.0", "board.north_offset_deg = 400");
+        says("[effects]\noff = [\"Z9\"]", "effects.Z9: no such effect");
+        says("[[fault]]\nat_s = -1.0\npart = \"tag\"", "fault[0].at_s = -1");
+        says("[[fault]]\nat_s = 1.0\npart = \"wing\"", "fault[0].gain is missing");
+        says("[[fault]]\nat_s = 1.0\npart = \"tag\"\nstate = \"stuck\"", "fault[0].state");
+    }
+
+    #[test]
+    fn prop_anchors_come_back_from_the_file_for_the_companion() {
+        let scenario = Scenario::load(None).unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("anchors.toml");
+        std::fs::write(&file, scenario.anchors_toml()).unwrap();
+        let back = read_anchors(&file).unwrap();
+        for id in scenario.survey().unwrap().ids() {
+            assert_eq!(back.position_E_m(*id), scenario.survey().unwrap().position_E_m(*id));
+        }
+    }
+}
