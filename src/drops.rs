@@ -1,7 +1,7 @@
 //! Losses: everything that is thrown away has a reason and is counted.
 
 /// Why bytes, a frame or a measurement were thrown away.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum DropReason {
     /// Bytes on the tag link that belong to no frame.

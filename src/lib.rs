@@ -3,10 +3,25 @@
 //! `ARCHITECTURE.md` beside `Cargo.toml` states the layers; `tests/` enforces them.
 
 pub mod checks;
+pub mod cli;
+pub mod config;
+pub mod control;
+pub mod ctl;
 pub mod drops;
 pub mod estimate;
+pub mod estimator;
+pub mod fit;
 pub mod frames;
+pub mod live;
+pub mod lockstep;
 pub mod measure;
+pub mod model;
+pub mod pilot;
+pub mod record;
+pub mod replay;
+pub mod report;
 pub mod survey;
 pub mod time;
 pub mod topics;
+pub mod util_flights;
+pub mod uwb;

@@ -1,0 +1,253 @@
+//! The table in ARCHITECTURE.md is a rule: this checks every import in `src/` against it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+/// One row of the table, spread over its modules.
+struct Layers {
+    base: BTreeSet<String>,
+    /// Module to what it may import; `None`: everything.
+    may: BTreeMap<String, Option<BTreeSet<String>>>,
+}
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}
+
+/// Words between backticks.
+fn quoted(cell: &str) -> BTreeSet<String> {
+    cell.split('`').skip(1).step_by(2).map(str::to_string).collect()
+}
+
+fn layers() -> Layers {
+    let text = read(&root().join("ARCHITECTURE.md"));
+    let section = text.split("## Layers of `src/`").nth(1).expect("the section on layers");
+    let rows = section.split("\n## ").next().unwrap_or_default().lines();
+    let mut layers = Layers { base: BTreeSet::new(), may: BTreeMap::new() };
+    let mut found = Vec::new();
+    for row in rows.filter(|l| l.starts_with('|')).skip(2) {
+        let cells: Vec<&str> = row.trim_matches('|').split('|').map(str::trim).collect();
+        let [layer, modules, may] = cells[..] else { panic!("not three columns: {row}") };
+        if layer == "base" {
+            layers.base = quoted(modules);
+        }
+        found.push((quoted(modules), may.to_string()));
+    }
+    assert!(!layers.base.is_empty() && found.len() > 5, "the table was not understood");
+    for (modules, may) in found {
+        let named = quoted(&may);
+        let allowed = if may == "all" {
+            None
+        } else {
+            let base = may.split_whitespace().any(|w| w == "base");
+            let from_base = if base { layers.base.clone() } else { BTreeSet::new() };
+            Some(named.into_iter().chain(from_base).collect())
+        };
+        for module in modules {
+            layers.may.insert(module, allowed.clone());
+        }
+    }
+    layers
+}
+
+fn rust_files(folder: &Path, into: &mut Vec<PathBuf>) {
+    let entries = std::fs::read_dir(folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
+    for entry in entries {
+        let path = entry.expect("a readable folder").path();
+        if path.is_dir() {
+            rust_files(&path, into);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            into.push(path);
+        }
+    }
+}
+
+fn sources(folder: &str) -> Vec<(PathBuf, String)> {
+    let mut files = Vec::new();
+    rust_files(&root().join(folder), &mut files);
+    files.sort();
+    files.into_iter().map(|path| (path.clone(), read(&path))).collect()
+}
+
+/// Top-level module that a file belongs to.
+fn module_of(path: &Path) -> Option<String> {
+    let inside = path.strip_prefix(root().join("src")).ok()?;
+    let first = inside.components().next()?.as_os_str().to_str()?;
+    Some(first.trim_end_matches(".rs").to_string())
+}
+
+/// Code without comments. Good enough for imports: no import stands in a string.
+fn code_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    text.lines().enumerate().filter_map(|(i, line)| {
+        let code = line.split("//").next().unwrap_or_default();
+        (!code.trim().is_empty()).then_some((i + 1, code))
+    })
+}
+
+/// Top-level modules named by `crate::…`, in `use` trees with braces too.
+fn imports(text: &str) -> Vec<(usize, String)> {
+    let mut found = Vec::new();
+    let lines: Vec<(usize, &str)> = code_lines(text).collect();
+    for (at, (number, code)) in lines.iter().enumerate() {
+        for (start, _) in code.match_indices("crate::") {
+            let bounded = code[..start]
+                .chars()
+                .next_back()
+                .is_none_or(|c| !c.is_alphanumeric() && c != '_' && c != '$');
+            if !bounded {
+                continue;
+            }
+            let mut rest = code[start + "crate::".len()..].to_string();
+            if rest.starts_with('{') {
+                // A tree over several lines ends at the semicolon.
+                let mut next = at + 1;
+                while !rest.contains(';') && next < lines.len() {
+                    rest.push_str(lines[next].1);
+                    next += 1;
+                }
+                let tree = rest.split(';').next().unwrap_or_default();
+                let mut depth = 0;
+                let mut item = String::new();
+                for c in tree.chars() {
+                    match c {
+                        '{' => depth += 1,
+                        '}' => depth -= 1,
+                        _ => {}
+                    }
+                    let ends = (c == ',' && depth == 1) || (c == '}' && depth == 0);
+                    if ends {
+                        found.push((*number, first_word(&item)));
+                        item.clear();
+                    } else if depth >= 1 && !(c == '{' && depth == 1) {
+                        item.push(c);
+                    }
+                }
+            } else {
+                found.push((*number, first_word(&rest)));
+            }
+        }
+    }
+    found.retain(|(_, word)| !word.is_empty());
+    found
+}
+
+fn first_word(text: &str) -> String {
+    text.trim().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()
+}
+
+#[test]
+fn prop_imports_follow_the_table() {
+    let layers = layers();
+    let mut broken = Vec::new();
+    let mut seen = 0;
+    for (path, text) in sources("src") {
+        let module = module_of(&path).unwrap_or_default();
+        if module == "lib" || module == "main" {
+            continue;
+        }
+        let shown = path.strip_prefix(root()).unwrap_or(&path).display().to_string();
+        let Some(may) = layers.may.get(&module) else {
+            broken.push(format!("{shown}: module `{module}` is not in the table"));
+            continue;
+        };
+        for (line, import) in imports(&text) {
+            // Names that are no modules: macros at the crate root.
+            if !layers.may.contains_key(&import) {
+                continue;
+            }
+            seen += 1;
+            let allowed = may.as_ref().is_none_or(|may| may.contains(&import));
+            if import != module && !allowed {
+                broken.push(format!("{shown}:{line}: `{module}` may not import `{import}`"));
+            }
+        }
+    }
+    assert!(seen > 10, "only {seen} imports were recognised");
+    assert!(broken.is_empty(), "\n{}", broken.join("\n"));
+}
+
+#[test]
+fn prop_the_table_names_what_exists() {
+    let missing: Vec<String> = layers()
+        .may
+        .into_keys()
+        .filter(|m| {
+            let src = root().join("src");
+            !src.join(format!("{m}.rs")).is_file() && !src.join(m).join("mod.rs").is_file()
+        })
+        .collect();
+    assert!(missing.is_empty(), "in the table, not in src/: {missing:?}");
+}
+
+#[test]
+fn prop_filter_and_controller_never_see_the_physics() {
+    for (path, text) in sources("src") {
+        if matches!(module_of(&path).as_deref(), Some("estimator" | "control" | "uwb")) {
+            let sees = imports(&text).iter().any(|(_, m)| m == "model");
+            assert!(!sees, "{}: imports the simulator's physics", path.display());
+        }
+    }
+}
+
+#[test]
+fn prop_cores_have_no_clock_no_files_no_threads() {
+    const CORES: [&str; 6] = ["uwb", "estimator", "control", "model", "pilot", "lockstep"];
+    const FORBIDDEN: [&str; 8] = [
+        "Instant::now",
+        "SystemTime",
+        "std::fs",
+        "std::net",
+        "std::thread",
+        "rand::rng()",
+        "thread_rng",
+        "std::env::",
+    ];
+    let mut broken = Vec::new();
+    for (path, text) in sources("src") {
+        if !module_of(&path).is_some_and(|m| CORES.contains(&m.as_str())) {
+            continue;
+        }
+        // Tests at the end of a file may do as they like.
+        let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+        for (line, code) in code_lines(code) {
+            for word in FORBIDDEN.iter().filter(|w| code.contains(**w)) {
+                broken.push(format!("{}:{line}: {word}", path.display()));
+            }
+        }
+    }
+    assert!(broken.is_empty(), "\n{}", broken.join("\n"));
+}
+
+#[test]
+fn prop_every_file_says_what_it_owns() {
+    let folders = ["src", "dialect/src", "sim/src", "tests"];
+    for (path, text) in folders.into_iter().flat_map(sources) {
+        assert!(text.starts_with("//!"), "{}: must open with `//!`", path.display());
+    }
+}
+
+#[test]
+fn prop_crates_depend_downward() {
+    let depends = |manifest: &str, on: &str| {
+        read(&root().join(manifest))
+            .lines()
+            .any(|l| l.starts_with(&format!("{on}.")) || l.starts_with(&format!("{on} ")))
+    };
+    assert!(depends("sim/Cargo.toml", "haltere"));
+    assert!(depends("Cargo.toml", "haltere-dialect"));
+    assert!(!depends("dialect/Cargo.toml", "haltere"));
+    assert!(!depends("dialect/Cargo.toml", "haltere-sim"));
+    assert!(!depends("Cargo.toml", "haltere-sim"));
+}
+
+#[test]
+fn prop_the_reader_of_imports_reads() {
+    let text = "use crate::{\n    frames::{B, E},\n    time::HostTime, // crate::model\n};\n\
+                use crate::drops::Drops;\nlet x = crate::model::Plant;\n$crate::not::this;\n";
+    let found: Vec<String> = imports(text).into_iter().map(|(_, m)| m).collect();
+    assert_eq!(found, ["frames", "time", "drops", "model"]);
+}

@@ -1,0 +1,92 @@
+//! Runs `tests/pymavlink` with pytest, in a virtual environment of its own under `target/`.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use super::support::{program, root};
+
+const NO_PYTHON: &str = "the pymavlink tests need Python 3.9 or later with venv and pip: on Debian \
+                         or Ubuntu `apt install python3 python3-venv python3-pip`";
+
+/// Runs a command; its output is shown when it fails.
+fn run(command: &mut Command, otherwise: &str) -> Output {
+    let output = command.output().unwrap_or_else(|e| panic!("{command:?}: {e}; {otherwise}"));
+    assert!(
+        output.status.success(),
+        "{command:?}: {}\n{}{}\n{otherwise}",
+        output.status,
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
+    output
+}
+
+/// FNV-1a: another list of packages gets another environment.
+fn fingerprint(text: &str) -> u32 {
+    text.bytes().fold(0x811c_9dc5, |hash, b| (hash ^ u32::from(b)).wrapping_mul(0x0100_0193))
+}
+
+/// Python of an environment with the pinned packages; made once, then kept.
+fn python(requirements: &Path) -> PathBuf {
+    let list = std::fs::read_to_string(requirements).expect("the list of packages");
+    let version = run(Command::new("python3").arg("--version"), NO_PYTHON).stdout;
+    let key = fingerprint(&(list + &String::from_utf8_lossy(&version)));
+    let parent = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pymavlink");
+    std::fs::create_dir_all(&parent).expect("a folder under target/");
+    // Two test runs at once: the second waits for the first to finish the environment.
+    let lock = File::create(parent.join("lock")).expect("a lock file");
+    lock.lock().expect("a lock");
+    let folder = parent.join(format!("venv-{key:08x}"));
+    let python = folder.join("bin/python");
+    let ready = folder.join("ready");
+    if !ready.exists() {
+        let _ = std::fs::remove_dir_all(&folder);
+        run(Command::new("python3").args(["-m", "venv"]).arg(&folder), NO_PYTHON);
+        run(
+            Command::new(&python)
+                .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"])
+                .arg("--requirement")
+                .arg(requirements),
+            "pip could not install the pinned packages; is a package index reachable?",
+        );
+        std::fs::write(&ready, "").expect("a mark that the environment is complete");
+    }
+    python
+}
+
+/// The dialect as a Python module, from the same XML that the Rust code is made of.
+fn dialect(python: &Path) -> PathBuf {
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder").keep();
+    let module = folder.join("haltere_dialect.py");
+    run(
+        Command::new(python)
+            .args(["-m", "pymavlink.tools.mavgen", "--lang=Python3", "--wire-protocol=2.0"])
+            .arg(format!("--output={}", module.display()))
+            .arg(Path::new(haltere_dialect::XML_FOLDER).join("haltere.xml")),
+        "pymavlink's generator refuses dialect/xml/haltere.xml",
+    );
+    module
+}
+
+#[test]
+fn prop_pymavlink_flies_it() {
+    let tests = root().join("tests/pymavlink");
+    let python = python(&tests.join("requirements.txt"));
+    let module = dialect(&python);
+    let output = Command::new(&python)
+        .args(["-m", "pytest", "-q", "--color=no", "-p", "no:cacheprovider", "--durations=5"])
+        .arg(&tests)
+        .current_dir(module.parent().expect("a folder"))
+        .env("HALTERE_TEST_SIM", program())
+        .env("HALTERE_TEST_DIALECT", &module)
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("MAVLINK20", "1")
+        .output()
+        .expect("pytest starts");
+    let text = String::from_utf8_lossy(&output.stdout).into_owned()
+        + &String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "pytest: {}\n{text}", output.status);
+    println!("{text}");
+    let _ = std::fs::remove_dir_all(module.parent().expect("a folder"));
+}

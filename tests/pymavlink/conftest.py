@@ -1,0 +1,215 @@
+"""Starts the simulated tag and board and the real companion, and gives a MAVLink connection."""
+
+import importlib.util
+import json
+import os
+import pathlib
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+os.environ["MAVLINK20"] = "1"
+from pymavlink import mavutil  # noqa: E402
+
+SIM = os.environ["HALTERE_TEST_SIM"]
+
+
+def load_dialect():
+    """mavutil looks its dialect up inside its own package; ours comes from our XML."""
+    spec = importlib.util.spec_from_file_location(
+        "haltere_dialect", os.environ["HALTERE_TEST_DIALECT"]
+    )
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["haltere_dialect"] = module
+    spec.loader.exec_module(module)
+    mavutil.mavlink = module
+    mavutil.current_dialect = "haltere"
+    return module
+
+
+mavlink = load_dialect()
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def hall():
+    """Anchors in the corners of the 10 x 10 x 7 m hall, as the simulator places them."""
+    lines = ['frame = "ned"']
+    for i in range(8):
+        x, y, z = (10.0 if i & 1 else 0.0), (10.0 if i & 2 else 0.0), (-7.0 if i & 4 else 0.0)
+        lines.append(f"[[anchor]]\nid = {i}\nposition_m = [{x}, {y}, {z}]")
+    return "\n".join(lines) + "\n"
+
+
+class World:
+    """One simulated vehicle with its companion, and a ground station's connection to it."""
+
+    def __init__(self, folder, seed=1, protocol="lps-sniffer"):
+        self.folder = folder
+        self.truth_file = folder / "truth.csv"
+        self.sim = subprocess.Popen(
+            [SIM, "serve", "--seed", str(seed), "--truth", str(self.truth_file),
+             "--tag-protocol", protocol, "--board", f"udpout:127.0.0.1:{free_port()}"],
+            stdout=subprocess.PIPE, stderr=open(folder / "sim.txt", "w"), text=True,
+        )
+        greeting = json.loads(self.sim.stdout.readline())
+        ground = free_port()
+        (folder / "anchors.toml").write_text(hall())
+        (folder / "haltere.toml").write_text(f"""
+[tag]
+port = "{greeting['tag']}"
+protocol = "{protocol}"
+[board]
+address = "{greeting['board']}"
+[ground]
+endpoints = ["udpout:127.0.0.1:{ground}"]
+[flight]
+gear_height_m = 0.12
+[estimator]
+rest_height_m = 0.12
+[record]
+directory = "{folder / 'log'}"
+""")
+        self.link = mavutil.mavlink_connection(
+            f"udpin:127.0.0.1:{ground}", source_system=255, source_component=190
+        )
+        self.companion = subprocess.Popen(
+            [SIM, "companion", "fly", "--config", str(folder / "haltere.toml")],
+            stdout=open(folder / "companion.txt", "w"), stderr=subprocess.STDOUT,
+        )
+        self.texts = []
+        self.wait("HEARTBEAT", timeout=15, when=lambda m: m.get_srcComponent() == 1)
+
+    def close(self):
+        for process in (self.companion, self.sim):
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+        codes = []
+        for process in (self.companion, self.sim):
+            try:
+                codes.append(process.wait(timeout=15))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                codes.append("killed")
+        self.link.close()
+        said = (self.folder / "companion.txt").read_text()
+        assert "panicked" not in said, said
+        assert codes == [0, 0], f"exit codes {codes}: {said}"
+
+    # -- receiving
+
+    def receive(self, timeout=0.2):
+        message = self.link.recv_match(blocking=True, timeout=timeout)
+        if message is not None and message.get_type() == "STATUSTEXT":
+            self.texts.append(message.text)
+        return message
+
+    def wait(self, name, timeout=5.0, when=lambda m: True):
+        """The next message of that name that fits."""
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            message = self.receive()
+            if message is not None and message.get_type() == name and when(message):
+                return message
+        raise AssertionError(
+            f"no {name} within {timeout} s; the vehicle said: {self.texts}; "
+            f"{(self.folder / 'companion.txt').read_text()[-1500:]}"
+        )
+
+    def drain(self, seconds):
+        """Everything that comes for a while."""
+        deadline = time.monotonic() + seconds
+        messages = []
+        while time.monotonic() < deadline:
+            message = self.receive(timeout=0.05)
+            if message is not None:
+                messages.append(message)
+        return messages
+
+    # -- sending
+
+    def command(self, command, *params, target=(1, 1), timeout=3.0):
+        """Sends COMMAND_LONG, gives the result of its acknowledgement."""
+        params = list(params) + [float("nan")] * (7 - len(params))
+        self.link.mav.command_long_send(*target, command, 0, *params)
+        ack = self.wait("COMMAND_ACK", timeout, lambda m: m.command == command)
+        return ack.result
+
+    def arm(self, timeout=30.0):
+        """Arms as soon as the vehicle is ready."""
+        deadline = time.monotonic() + timeout
+        result = None
+        while time.monotonic() < deadline:
+            result = self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0)
+            if result == mavlink.MAV_RESULT_ACCEPTED:
+                self.wait("HEARTBEAT", 5, is_armed)
+                return
+            assert result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED, self.texts
+            self.drain(0.5)
+        raise AssertionError(f"not ready to arm: result {result}, {self.texts}")
+
+    def land(self):
+        assert self.command(mavlink.MAV_CMD_NAV_LAND) == mavlink.MAV_RESULT_ACCEPTED
+        self.wait("HEARTBEAT", 30, lambda m: from_autopilot(m) and not is_armed(m))
+
+    def upload(self, items):
+        """Uploads a mission, gives the result."""
+        send = self.link.mav
+        send.mission_count_send(1, 1, len(items), mavlink.MAV_MISSION_TYPE_MISSION)
+        deadline = time.monotonic() + 10
+        while time.monotonic() < deadline:
+            message = self.receive()
+            if message is None:
+                continue
+            if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
+                command, params, x, y, z = items[message.seq]
+                send.mission_item_int_send(
+                    1, 1, message.seq, mavlink.MAV_FRAME_LOCAL_NED, command, 0, 1, *params,
+                    round(x * 1e4), round(y * 1e4), z, mavlink.MAV_MISSION_TYPE_MISSION,
+                )
+            elif message.get_type() == "MISSION_ACK":
+                return message.type
+        raise AssertionError(f"upload not answered; {self.texts}")
+
+    def download(self):
+        """The mission as the vehicle holds it."""
+        self.link.mav.mission_request_list_send(1, 1, mavlink.MAV_MISSION_TYPE_MISSION)
+        count = self.wait("MISSION_COUNT").count
+        items = []
+        for seq in range(count):
+            self.link.mav.mission_request_int_send(1, 1, seq, mavlink.MAV_MISSION_TYPE_MISSION)
+            items.append(self.wait("MISSION_ITEM_INT", when=lambda m: m.seq == seq))
+        self.link.mav.mission_ack_send(1, 1, mavlink.MAV_MISSION_ACCEPTED,
+                                       mavlink.MAV_MISSION_TYPE_MISSION)
+        return items
+
+    def truth(self):
+        """Newest complete row of the simulator's truth, by column name."""
+        lines = self.truth_file.read_text().split("\n")
+        names = lines[0].split(",")
+        return dict(zip(names, map(float, lines[-2].split(","))))
+
+
+def from_autopilot(message):
+    return message.get_srcSystem() == 1 and message.get_srcComponent() == 1
+
+
+def is_armed(message):
+    return from_autopilot(message) and bool(
+        message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+    )
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    world = World(pathlib.Path(tmp_path_factory.mktemp("world")))
+    yield world
+    world.close()
