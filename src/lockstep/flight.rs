@@ -9,7 +9,7 @@ use crate::model::Truth;
 use crate::pilot::Mode;
 use crate::topics::ControlRecord;
 
-use super::{Ground, Lockstep};
+use super::{Ground, Lockstep, World};
 
 /// Time to find the start values, µs.
 const ALIGN_US: u64 = 20_000_000;
@@ -70,8 +70,8 @@ pub enum FlightError {
 /// Flies a mission to its end, or until `limit_s` of simulated time.
 ///
 /// The mission should end with a landing; otherwise the flight is landed at the limit.
-pub fn fly(
-    world: &mut Lockstep,
+pub fn fly<W: World>(
+    world: &mut Lockstep<W>,
     items: &[MISSION_ITEM_INT_DATA],
     limit_s: f64,
 ) -> Result<Flight, FlightError> {

@@ -6,7 +6,7 @@ use haltere_dialect::mav::haltere::{
 };
 use haltere_dialect::mav_stream::{self, MavSplitter};
 
-use super::Lockstep;
+use super::{Lockstep, World};
 
 /// System id of a ground station, and component id, as QGroundControl's.
 const SYSTEM: u8 = 255;
@@ -57,7 +57,7 @@ impl Ground {
     }
 
     /// Sends one message.
-    pub fn send(&mut self, world: &mut Lockstep, message: &MavMessage) {
+    pub fn send<W: World>(&mut self, world: &mut Lockstep<W>, message: &MavMessage) {
         let mut bytes = Vec::new();
         mav_stream::encode(&mut bytes, self.system_id, COMPONENT, self.sequence, message);
         self.sequence = self.sequence.wrapping_add(1);
@@ -65,7 +65,7 @@ impl Ground {
     }
 
     /// Takes in what the vehicle sent.
-    pub fn listen(&mut self, world: &mut Lockstep) {
+    pub fn listen<W: World>(&mut self, world: &mut Lockstep<W>) {
         self.splitter.push(world.ground_out_of(self.endpoint));
         world.clear_ground_out_of(self.endpoint);
         while let Some(next) = self.splitter.next() {
@@ -99,9 +99,9 @@ impl Ground {
     }
 
     /// Flies on until `pick` accepts a message.
-    pub fn wait_for<T>(
+    pub fn wait_for<W: World, T>(
         &mut self,
-        world: &mut Lockstep,
+        world: &mut Lockstep<W>,
         patience_us: u64,
         mut pick: impl FnMut(&MavMessage) -> Option<T>,
     ) -> Option<T> {
@@ -119,9 +119,9 @@ impl Ground {
     }
 
     /// Sends a command and waits for its answer. `None`: none came.
-    pub fn command(
+    pub fn command<W: World>(
         &mut self,
-        world: &mut Lockstep,
+        world: &mut Lockstep<W>,
         command: MavCmd,
         params: [f32; 7],
     ) -> Option<MavResult> {
@@ -146,7 +146,11 @@ impl Ground {
     }
 
     /// Flies to a point in the Earth frame, m.
-    pub fn goto(&mut self, world: &mut Lockstep, pos_E_m: [f64; 3]) -> Option<MavResult> {
+    pub fn goto<W: World>(
+        &mut self,
+        world: &mut Lockstep<W>,
+        pos_E_m: [f64; 3],
+    ) -> Option<MavResult> {
         let command = MavCmd::MAV_CMD_DO_REPOSITION;
         let message = MavMessage::COMMAND_INT(COMMAND_INT_DATA {
             param1: f32::NAN,
@@ -171,9 +175,9 @@ impl Ground {
     }
 
     /// Uploads a mission. Sequence numbers are filled in.
-    pub fn upload(
+    pub fn upload<W: World>(
         &mut self,
-        world: &mut Lockstep,
+        world: &mut Lockstep<W>,
         items: &[MISSION_ITEM_INT_DATA],
     ) -> Option<MavMissionResult> {
         let mission_type = MavMissionType::MAV_MISSION_TYPE_MISSION;

@@ -6,12 +6,14 @@
 
 mod flight;
 mod ground;
+mod world;
 
 #[cfg(test)]
 mod tests;
 
 pub use flight::{Flight, FlightError, Sample, fly};
 pub use ground::Ground;
+pub use world::World;
 
 use crate::checks::Problems;
 use crate::model::{Plant, PlantConfig, Truth};
@@ -30,30 +32,50 @@ pub type Damage = Box<dyn FnMut(u64, LinkId, &mut Vec<u8>) + Send>;
 /// Sees everything that the core sends: simulated time in µs, link, bytes.
 pub type Tap = Box<dyn FnMut(u64, LinkId, &[u8]) + Send>;
 
-/// A plant and the pilot core that flies it.
-pub struct Lockstep {
-    plant: Plant,
+/// Sees everything that the core is given, in order: what a log needs to be replayed.
+pub type Listener = Box<dyn FnMut(HostTime, Input<'_>) + Send>;
+
+/// A world and the pilot core that flies in it.
+pub struct Lockstep<W = Plant> {
+    plant: W,
     pilot: Pilot,
     t_us: u64,
     ground_out: Vec<Vec<u8>>,
     damage: Option<Damage>,
     tap: Option<Tap>,
+    listener: Option<Listener>,
 }
 
 impl Lockstep {
-    /// Both at rest on the floor, links up.
+    /// The nominal plant and the core at rest on the floor, links up.
     pub fn new(plant: PlantConfig, pilot: PilotConfig, survey: &Survey) -> Result<Self, Problems> {
-        let plant = Plant::new(plant)?;
+        Ok(Self::in_world(Plant::new(plant)?, pilot, survey, None))
+    }
+}
+
+impl<W: World> Lockstep<W> {
+    /// The core at rest in any world, links up. The listener hears every input from the first.
+    pub fn in_world(
+        plant: W,
+        pilot: PilotConfig,
+        survey: &Survey,
+        listener: Option<Listener>,
+    ) -> Self {
         let at = HostTime::from_us(HOST_START_US);
         let grounds = pilot.ground_endpoints;
-        let mut pilot = Pilot::new(pilot, survey.clone(), at);
-        pilot.handle(at, Input::LinkUp { link: LinkId::Tag });
-        pilot.handle(at, Input::LinkUp { link: LinkId::Board });
-        for n in 0..grounds {
-            pilot.handle(at, Input::LinkUp { link: LinkId::Ground(n) });
-        }
+        let pilot = Pilot::new(pilot, survey.clone(), at);
         let ground_out = vec![Vec::new(); usize::from(grounds)];
-        Ok(Self { plant, pilot, t_us: 0, ground_out, damage: None, tap: None })
+        let mut all = Self { plant, pilot, t_us: 0, ground_out, damage: None, tap: None, listener };
+        all.feed(at, Input::LinkUp { link: LinkId::Tag });
+        all.feed(at, Input::LinkUp { link: LinkId::Board });
+        for n in 0..grounds {
+            all.feed(at, Input::LinkUp { link: LinkId::Ground(n) });
+        }
+        all
+    }
+
+    fn feed(&mut self, at: HostTime, input: Input<'_>) {
+        feed(&mut self.pilot, &mut self.listener, at, input);
     }
 
     /// Switches decoded records off; nobody then reads them with [`Lockstep::pilot_mut`].
@@ -90,7 +112,7 @@ impl Lockstep {
     }
 
     /// The plant.
-    pub fn plant_mut(&mut self) -> &mut Plant {
+    pub fn plant_mut(&mut self) -> &mut W {
         &mut self.plant
     }
 
@@ -124,8 +146,7 @@ impl Lockstep {
 
     /// Anything else that glue could tell the core, now.
     pub fn input(&mut self, input: Input<'_>) {
-        let at = self.host_now();
-        self.pilot.handle(at, input);
+        self.feed(self.host_now(), input);
         self.carry();
     }
 
@@ -161,7 +182,8 @@ impl Lockstep {
             damage(self.t_us, LinkId::Tag, tag);
         }
         if !tag.is_empty() {
-            self.pilot.handle(at, Input::Bytes { link: LinkId::Tag, bytes: tag });
+            let input = Input::Bytes { link: LinkId::Tag, bytes: tag };
+            feed(&mut self.pilot, &mut self.listener, at, input);
             tag.clear();
         }
         let board = self.plant.board_output();
@@ -169,11 +191,12 @@ impl Lockstep {
             damage(self.t_us, LinkId::Board, board);
         }
         if !board.is_empty() {
-            self.pilot.handle(at, Input::Bytes { link: LinkId::Board, bytes: board });
+            let input = Input::Bytes { link: LinkId::Board, bytes: board };
+            feed(&mut self.pilot, &mut self.listener, at, input);
             board.clear();
         }
         if at >= self.pilot.next_deadline() {
-            self.pilot.handle(at, Input::Wake);
+            self.feed(at, Input::Wake);
         }
         self.carry();
     }
@@ -202,4 +225,12 @@ impl Lockstep {
             }
         });
     }
+}
+
+/// Apart from the struct, so that the world may still hold the bytes.
+fn feed(pilot: &mut Pilot, listener: &mut Option<Listener>, at: HostTime, input: Input<'_>) {
+    if let Some(listener) = listener {
+        listener(at, input);
+    }
+    pilot.handle(at, input);
 }
