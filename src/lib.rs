@@ -12,6 +12,7 @@ pub mod estimate;
 pub mod estimator;
 pub mod fit;
 pub mod frames;
+pub mod gap;
 pub mod live;
 pub mod lockstep;
 pub mod measure;

@@ -1,0 +1,54 @@
+//! The room in which the diagnostic flights are flown, and what the companion is told of it.
+
+use crate::checks::Problems;
+use crate::frames::Vec3;
+use crate::model::room::Room;
+use crate::model::{PlantConfig, Vehicle};
+use crate::pilot::PilotConfig;
+use crate::survey::Survey;
+
+/// A room with anchors in its corners, a vehicle on its floor, and a companion configured for both.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    /// Floor, walls and ceiling.
+    pub room: Room,
+    /// The anchors as the companion is told.
+    pub survey: Survey,
+    /// Place of take-off, north and east, m.
+    pub start_NE_m: [f64; 2],
+    /// The companion.
+    pub pilot: PilotConfig,
+}
+
+/// Side of the laboratory, m, and height of its ceiling, m: a room in which wall and ceiling are
+/// near enough to be felt, and dashes of ±2 m are still possible.
+const LAB_SIDE_M: f64 = 6.0;
+const LAB_CEILING_M: f64 = 3.0;
+
+/// Acceleration of the setpoint on legs, m/s²: twice the default, so that drag and lag are excited
+/// and the flight stays short.
+const LEG_ACCELERATION_MPS2: f64 = 1.5;
+
+impl Scene {
+    /// A laboratory of 6 × 6 × 3 m, eight anchors in its corners.
+    pub fn lab() -> Result<Self, Problems> {
+        let room = Room {
+            north_m: [0.0, LAB_SIDE_M],
+            east_m: [0.0, LAB_SIDE_M],
+            ceiling_m: LAB_CEILING_M,
+        };
+        let survey = Survey::new(&room.corner_anchors())?;
+        let mut pilot = PilotConfig::default();
+        pilot.flight.gear_height_m = Vehicle::default().body.gear_m;
+        pilot.flight.cruise_acceleration_mps2 = LEG_ACCELERATION_MPS2;
+        Ok(Self { room, survey, start_NE_m: [0.5 * LAB_SIDE_M; 2], pilot })
+    }
+
+    /// The nominal plant in this room.
+    pub fn plant(&self, seed: u64) -> PlantConfig {
+        let mut plant = PlantConfig::new(self.survey.clone(), seed);
+        plant.room = self.room.clone();
+        plant.start_E_m = Vec3::new(self.start_NE_m[0], self.start_NE_m[1], 0.0);
+        plant
+    }
+}
