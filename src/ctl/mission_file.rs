@@ -22,6 +22,12 @@
 //! duration_s = 3.0
 //!
 //! [[item]]
+//! command = "doublet"      # a step to one side and the same to the other, added to the setpoint
+//! axis = "pitch"           # "roll", "pitch" or "thrust"
+//! amplitude = 8.0          # degrees, up to 20; of thrust a share of full throttle, up to 0.2
+//! half_s = 0.5             # length of each half, 0.05 to 1.5 s
+//!
+//! [[item]]
 //! command = "return"       # back over the place of take-off
 //!
 //! [[item]]
@@ -77,6 +83,15 @@ pub struct Item {
     /// Speed of the setpoint on the legs that follow, m/s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_mps: Option<f64>,
+    /// What a doublet rocks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<DoubletAxis>,
+    /// Size of a doublet, degrees, or share of full throttle.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub amplitude: Option<f64>,
+    /// Length of each half of a doublet, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub half_s: Option<f64>,
     /// Name under which reports judge the leg that ends here.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub path: Option<String>,
@@ -96,10 +111,24 @@ pub enum Command {
     Speed,
     /// Turn.
     Yaw,
+    /// Rock roll, pitch or thrust.
+    Doublet,
     /// Back over the place of take-off.
     Return,
     /// Land.
     Land,
+}
+
+/// What a doublet rocks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DoubletAxis {
+    /// Roll setpoint.
+    Roll,
+    /// Pitch setpoint.
+    Pitch,
+    /// Thrust.
+    Thrust,
 }
 
 impl Item {
@@ -114,6 +143,9 @@ impl Item {
             yaw_deg: None,
             duration_s: None,
             speed_mps: None,
+            axis: None,
+            amplitude: None,
+            half_s: None,
             path: None,
         }
     }
@@ -171,6 +203,12 @@ impl Item {
                 wire.param1 = given(self.yaw_deg);
                 MavCmd::MAV_CMD_CONDITION_YAW
             }
+            Command::Doublet => {
+                wire.param1 = self.axis.map_or(f32::NAN, |axis| f32::from(axis as u8));
+                wire.param2 = given(self.amplitude);
+                wire.param3 = given(self.half_s);
+                MavCmd::MAV_CMD_USER_1
+            }
             Command::Return => MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH,
             Command::Land => {
                 wire.param4 = f32::NAN;
@@ -185,7 +223,7 @@ impl Item {
         use Command as C;
         let name = format!("{:?}", self.command).to_lowercase();
         // Key, whether it is there, commands that need it, commands that may have it.
-        let table: [(&str, bool, &[C], &[C]); 8] = [
+        let table: [(&str, bool, &[C], &[C]); 11] = [
             ("position_m", self.position_m.is_some(), &[C::Waypoint], &[C::Land]),
             ("height_m", self.height_m.is_some(), &[C::Takeoff], &[]),
             ("hold_s", self.hold_s.is_some(), &[], &[C::Waypoint]),
@@ -193,6 +231,9 @@ impl Item {
             ("yaw_deg", self.yaw_deg.is_some(), &[C::Yaw], &[C::Waypoint]),
             ("duration_s", self.duration_s.is_some(), &[C::Delay], &[]),
             ("speed_mps", self.speed_mps.is_some(), &[C::Speed], &[]),
+            ("axis", self.axis.is_some(), &[C::Doublet], &[]),
+            ("amplitude", self.amplitude.is_some(), &[C::Doublet], &[]),
+            ("half_s", self.half_s.is_some(), &[C::Doublet], &[]),
             ("path", self.path.is_some(), &[], &[C::Waypoint]),
         ];
         for (field, there, needs, may) in table {
@@ -219,6 +260,12 @@ impl Item {
         range("yaw_deg", self.yaw_deg, -360.0, 360.0, "deg");
         range("duration_s", self.duration_s, 0.0, 3600.0, "s");
         range("speed_mps", self.speed_mps, 0.05, 20.0, "m/s");
+        range("half_s", self.half_s, 0.05, 1.5, "s");
+        let (most, unit) = match self.axis {
+            Some(DoubletAxis::Thrust) => (0.2, "of full throttle"),
+            _ => (20.0, "deg"),
+        };
+        range("amplitude", self.amplitude, -most, most, unit);
     }
 }
 

@@ -23,6 +23,15 @@ const EDGE_M: f64 = 2.2;
 const LEG_MPS: f32 = 0.8;
 const DASH_MPS: f32 = 1.6;
 const EDGE_MPS: f32 = 1.2;
+/// Doublets: axis, amplitude (degrees, or share of full throttle), length of each half, s. Two
+/// amplitudes and two lengths tell a dead band from a lag (GAP.md 2.6: 0.15 rad 0.6 s, 0.08 rad
+/// 0.3 s; throttle 12 %).
+const ROLL: [f32; 3] = [0.0, 8.6, 0.5];
+const ROLL_SMALL: [f32; 3] = [0.0, 4.6, 0.3];
+const PITCH: [f32; 3] = [1.0, 8.6, 0.5];
+const PITCH_SMALL: [f32; 3] = [1.0, 4.6, 0.3];
+const THRUST: [f32; 3] = [2.0, 0.12, 0.4];
+const THRUST_SMALL: [f32; 3] = [2.0, 0.04, 0.4];
 /// Distance at which a point counts as reached, m: larger than the error of tracking under an
 /// effect, so that a flight does not hang on it.
 const REACHED_M: f32 = 0.7;
@@ -82,6 +91,12 @@ impl Plan {
         self.push(MavCmd::MAV_CMD_NAV_DELAY, [stay_s, 0.0, 0.0, 0.0]);
     }
 
+    /// Axis, amplitude and half length as in the mission protocol, then a rest to come back.
+    fn doublet(&mut self, [axis, amplitude, half_s]: [f32; 3]) {
+        self.push(MavCmd::MAV_CMD_USER_1, [axis, amplitude, half_s, 0.0]);
+        self.push(MavCmd::MAV_CMD_NAV_DELAY, [1.4, 0.0, 0.0, 0.0]);
+    }
+
     fn land(mut self) -> Vec<MISSION_ITEM_INT_DATA> {
         self.push(MavCmd::MAV_CMD_NAV_LAND, [0.0; 4]);
         self.items
@@ -117,7 +132,12 @@ pub fn diagnostic(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
             plan.go([n * EDGE_M, e * EDGE_M], height_m, 0.3);
         }
     }
-    plan.go([0.0, 0.0], HEIGHT_M, 2.0);
+    plan.go([0.0, 0.0], HEIGHT_M, 1.0);
+    for [large, small] in [[ROLL, ROLL_SMALL], [PITCH, PITCH_SMALL], [THRUST, THRUST_SMALL]] {
+        plan.doublet(large);
+        plan.doublet(small);
+    }
+    plan.go([0.0, 0.0], HEIGHT_M, 1.0);
     plan.land()
 }
 

@@ -6,6 +6,7 @@ use crate::frames::{E, Vec3, wrap_pi_rad};
 use crate::time::HostTime;
 
 use super::config::FlightConfig;
+use super::excitation::Doublet;
 use super::mission::{Mission, MissionItem, Volume};
 use super::modes::{Event, Mode};
 use super::setpoint::Setpoint;
@@ -57,6 +58,8 @@ pub(super) struct News {
     pub event: Option<Event>,
     /// Mission items that were reached.
     pub reached: Option<u16>,
+    /// A doublet under way, and the time since its start, s.
+    pub doublet: Option<(Doublet, f64)>,
 }
 
 /// Guidance state.
@@ -351,6 +354,14 @@ impl Guidance {
             MissionItem::Yaw { yaw_rad } => {
                 self.yaw_rad = wrap_pi_rad(yaw_rad);
                 true
+            }
+            MissionItem::Doublet(doublet) => {
+                if first_look {
+                    self.arrived_at = None;
+                }
+                let elapsed_s = self.arrived_since_s(at);
+                news.doublet = Some((doublet, elapsed_s));
+                elapsed_s >= doublet.length_s()
             }
             MissionItem::Return => {
                 news.event = Some(Event::ReturnAsked);

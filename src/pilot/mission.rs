@@ -6,6 +6,8 @@ use haltere_dialect::mav::haltere::{
 
 use crate::frames::{E, Vec3};
 
+use super::excitation::Doublet;
+
 /// Most items of a mission. Bounds what a peer can make us store.
 pub const MOST_ITEMS: usize = 1000;
 
@@ -46,6 +48,8 @@ pub enum MissionItem {
         /// rad.
         yaw_rad: f64,
     },
+    /// Rock roll, pitch or thrust, for what it shows of the inner loop and the wings.
+    Doublet(Doublet),
     /// Back over the place of take-off and land.
     Return,
     /// Land; at a point if given.
@@ -237,6 +241,12 @@ pub fn from_wire(
             )?
             .to_radians(),
         }),
+        MavCmd::MAV_CMD_USER_1 => {
+            let [axis, amplitude, half_s] = [item.param1, item.param2, item.param3].map(f64::from);
+            Doublet::from_params(axis, amplitude, half_s)
+                .map(MissionItem::Doublet)
+                .map_err(|why| (R::MAV_MISSION_INVALID, format!("item {seq}: doublet: {why}")))
+        }
         other => Err((R::MAV_MISSION_UNSUPPORTED, format!("item {seq}: {other:?} not supported"))),
     }
 }

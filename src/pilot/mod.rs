@@ -17,6 +17,7 @@ mod clients;
 mod clock;
 mod commands;
 mod config;
+mod excitation;
 mod ground;
 mod guidance;
 mod heading;
@@ -32,6 +33,7 @@ mod supervise;
 mod telemetry;
 
 pub use config::{BoardProfile, FlightConfig, LimitsConfig, PilotConfig, TagProtocol};
+pub use excitation::Doublet;
 pub use mission::{MOST_ITEMS, Mission, MissionItem, Volume};
 pub use modes::{Event, Mode, TABLE, Transition, transition};
 

@@ -139,7 +139,10 @@ impl Pilot {
                     self.config.limits.offboard_loss_s,
                 );
                 let frozen = self.mode == Mode::Takeoff && self.is_on_floor();
-                let output = self.run_controller(at, &command, dt_s, frozen);
+                let mut output = self.run_controller(at, &command, dt_s, frozen);
+                if let Some((doublet, elapsed_s)) = news.doublet {
+                    doublet.add(elapsed_s, &self.config.control.limits, &mut output);
+                }
                 self.control = output.record;
                 self.send(at, output.R_EB, output.thrust_frac);
                 if let Some(seq) = news.reached {
