@@ -14,7 +14,7 @@ use haltere_dialect::mav::haltere::{MavCmd, MavMissionResult, MavResult};
 
 use crate::config::{Address, AddressError};
 
-pub use mission_file::{Command as ItemCommand, Item, MissionFile};
+pub use mission_file::{Command as ItemCommand, DoubletAxis, Item, MissionFile};
 pub use station::{GroundStation, LandedState, Mode, Setpoint, Vehicle};
 
 /// What can go wrong between a ground station and a vehicle.

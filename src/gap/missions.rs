@@ -5,7 +5,9 @@
 //! two amplitudes (GAP.md 2.6). The plain flight is a hover and a box. The held-out flight shares
 //! no leg with the diagnostic one and is what shrinkage is measured on.
 
-use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame};
+use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+
+use crate::ctl::{DoubletAxis, Item, ItemCommand as Command, MissionFile};
 
 use super::scene::Scene;
 
@@ -20,91 +22,75 @@ const DASH_M: f64 = 1.9;
 /// Half the side of the square along the walls, m.
 const EDGE_M: f64 = 2.2;
 /// Speed of ordinary legs and of dashes, m/s.
-const LEG_MPS: f32 = 0.8;
-const DASH_MPS: f32 = 1.6;
-const EDGE_MPS: f32 = 1.2;
-/// Doublets: axis, amplitude (degrees, or share of full throttle), length of each half, s. Two
+const LEG_MPS: f64 = 0.8;
+const DASH_MPS: f64 = 1.6;
+const EDGE_MPS: f64 = 1.2;
+/// Doublets: amplitude (degrees, or share of full throttle) and length of each half, s. Two
 /// amplitudes and two lengths tell a dead band from a lag (GAP.md 2.6: 0.15 rad 0.6 s, 0.08 rad
 /// 0.3 s; throttle 12 %).
-const ROLL: [f32; 3] = [0.0, 8.6, 0.5];
-const ROLL_SMALL: [f32; 3] = [0.0, 4.6, 0.3];
-const PITCH: [f32; 3] = [1.0, 8.6, 0.5];
-const PITCH_SMALL: [f32; 3] = [1.0, 4.6, 0.3];
-const THRUST: [f32; 3] = [2.0, 0.12, 0.4];
-const THRUST_SMALL: [f32; 3] = [2.0, 0.04, 0.4];
+const LEAN_DOUBLETS: [[f64; 2]; 2] = [[8.6, 0.5], [4.6, 0.3]];
+const THRUST_DOUBLETS: [[f64; 2]; 2] = [[0.12, 0.4], [0.04, 0.4]];
+/// Rest after each, s.
+const DOUBLET_REST_S: f64 = 1.4;
 /// Distance at which a point counts as reached, m: larger than the error of tracking under an
 /// effect, so that a flight does not hang on it.
-const REACHED_M: f32 = 0.7;
+const REACHED_M: f64 = 0.7;
 
-/// A list of items under construction, relative to the middle of the room.
+/// A mission under construction, relative to the middle of the room.
 struct Plan {
     middle_NE_m: [f64; 2],
-    items: Vec<MISSION_ITEM_INT_DATA>,
+    items: Vec<Item>,
 }
 
 impl Plan {
     fn new(scene: &Scene) -> Self {
-        let mut plan = Self { middle_NE_m: scene.start_NE_m, items: Vec::new() };
-        plan.at(MavCmd::MAV_CMD_NAV_TAKEOFF, [0.0, 0.0], HEIGHT_M);
-        plan
+        let takeoff = Item { height_m: Some(HEIGHT_M), ..Item::new(Command::Takeoff) };
+        Self { middle_NE_m: scene.start_NE_m, items: vec![takeoff] }
     }
 
-    fn push(&mut self, command: MavCmd, params: [f32; 4]) -> &mut MISSION_ITEM_INT_DATA {
-        let seq = self.items.len() as u16;
-        self.items.push(MISSION_ITEM_INT_DATA {
-            seq,
-            command,
-            frame: MavFrame::MAV_FRAME_LOCAL_NED,
-            param1: params[0],
-            param2: params[1],
-            param3: params[2],
-            param4: params[3],
-            autocontinue: 1,
-            ..Default::default()
-        });
-        let last = self.items.len() - 1;
-        &mut self.items[last]
-    }
-
-    fn at(&mut self, command: MavCmd, off_NE_m: [f64; 2], height_m: f64) {
+    fn go(&mut self, off_NE_m: [f64; 2], height_m: f64, hold_s: f64) {
         let [north, east] = self.middle_NE_m;
-        let item = self.push(command, [0.0, REACHED_M, 0.0, f32::NAN]);
-        // Local missions count in 0.1 mm.
-        item.x = ((north + off_NE_m[0]) * 1e4).round() as i32;
-        item.y = ((east + off_NE_m[1]) * 1e4).round() as i32;
-        item.z = -height_m as f32;
+        self.items.push(Item {
+            hold_s: Some(hold_s),
+            acceptance_m: Some(REACHED_M),
+            ..Item::waypoint(north + off_NE_m[0], east + off_NE_m[1], height_m)
+        });
     }
 
-    fn go(&mut self, off_NE_m: [f64; 2], height_m: f64, hold_s: f32) {
-        self.at(MavCmd::MAV_CMD_NAV_WAYPOINT, off_NE_m, height_m);
-        if let Some(item) = self.items.last_mut() {
-            item.param1 = hold_s;
+    fn speed(&mut self, mps: f64) {
+        self.items.push(Item { speed_mps: Some(mps), ..Item::new(Command::Speed) });
+    }
+
+    fn wait(&mut self, duration_s: f64) {
+        self.items.push(Item { duration_s: Some(duration_s), ..Item::new(Command::Delay) });
+    }
+
+    fn turn(&mut self, yaw_deg: f64, stay_s: f64) {
+        self.items.push(Item { yaw_deg: Some(yaw_deg), ..Item::new(Command::Yaw) });
+        self.wait(stay_s);
+    }
+
+    /// Two doublets with a rest to come back after each.
+    fn doublets(&mut self, axis: DoubletAxis, sizes: [[f64; 2]; 2]) {
+        for [amplitude, half_s] in sizes {
+            self.items.push(Item {
+                axis: Some(axis),
+                amplitude: Some(amplitude),
+                half_s: Some(half_s),
+                ..Item::new(Command::Doublet)
+            });
+            self.wait(DOUBLET_REST_S);
         }
     }
 
-    fn speed(&mut self, mps: f32) {
-        self.push(MavCmd::MAV_CMD_DO_CHANGE_SPEED, [0.0, mps, 0.0, 0.0]);
-    }
-
-    fn turn(&mut self, yaw_deg: f32, stay_s: f32) {
-        self.push(MavCmd::MAV_CMD_CONDITION_YAW, [yaw_deg, 0.0, 0.0, 0.0]);
-        self.push(MavCmd::MAV_CMD_NAV_DELAY, [stay_s, 0.0, 0.0, 0.0]);
-    }
-
-    /// Axis, amplitude and half length as in the mission protocol, then a rest to come back.
-    fn doublet(&mut self, [axis, amplitude, half_s]: [f32; 3]) {
-        self.push(MavCmd::MAV_CMD_USER_1, [axis, amplitude, half_s, 0.0]);
-        self.push(MavCmd::MAV_CMD_NAV_DELAY, [1.4, 0.0, 0.0, 0.0]);
-    }
-
-    fn land(mut self) -> Vec<MISSION_ITEM_INT_DATA> {
-        self.push(MavCmd::MAV_CMD_NAV_LAND, [0.0; 4]);
-        self.items
+    fn land(mut self) -> MissionFile {
+        self.items.push(Item::new(Command::Land));
+        MissionFile { items: self.items }
     }
 }
 
 /// The standard diagnostic flight, about 100 s.
-pub fn diagnostic(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
+pub fn diagnostic_file(scene: &Scene) -> MissionFile {
     let mut plan = Plan::new(scene);
     plan.speed(LEG_MPS);
     plan.go([0.0, 0.0], HEIGHT_M, 3.0);
@@ -133,16 +119,15 @@ pub fn diagnostic(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
         }
     }
     plan.go([0.0, 0.0], HEIGHT_M, 1.0);
-    for [large, small] in [[ROLL, ROLL_SMALL], [PITCH, PITCH_SMALL], [THRUST, THRUST_SMALL]] {
-        plan.doublet(large);
-        plan.doublet(small);
-    }
+    plan.doublets(DoubletAxis::Roll, LEAN_DOUBLETS);
+    plan.doublets(DoubletAxis::Pitch, LEAN_DOUBLETS);
+    plan.doublets(DoubletAxis::Thrust, THRUST_DOUBLETS);
     plan.go([0.0, 0.0], HEIGHT_M, 1.0);
     plan.land()
 }
 
 /// A hover and a box, about 60 s: what people fly who do not think of a diagnosis.
-pub fn plain(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
+pub fn plain_file(scene: &Scene) -> MissionFile {
     let mut plan = Plan::new(scene);
     plan.speed(LEG_MPS);
     plan.go([0.0, 0.0], HEIGHT_M, 10.0);
@@ -157,7 +142,7 @@ pub fn plain(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
 
 /// Another mission than the diagnostic one, about 80 s, on which shrinkage is measured: diagonals,
 /// a ladder of heights, and legs flown sideways and backwards.
-pub fn held_out(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
+pub fn held_out_file(scene: &Scene) -> MissionFile {
     let mut plan = Plan::new(scene);
     plan.speed(LEG_MPS);
     for height_m in [0.35, 0.8, 1.5, 2.4, 1.2] {
@@ -176,6 +161,26 @@ pub fn held_out(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
     plan.go([-0.5, 1.5], 1.6, 1.0);
     plan.go([0.0, 0.0], HEIGHT_M, 3.0);
     plan.land()
+}
+
+/// [`diagnostic_file`] as uploaded.
+pub fn diagnostic(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
+    wire(&diagnostic_file(scene))
+}
+
+/// [`plain_file`] as uploaded.
+pub fn plain(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
+    wire(&plain_file(scene))
+}
+
+/// [`held_out_file`] as uploaded.
+pub fn held_out(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
+    wire(&held_out_file(scene))
+}
+
+/// As uploaded to whoever listens; lockstep has one vehicle.
+fn wire(mission: &MissionFile) -> Vec<MISSION_ITEM_INT_DATA> {
+    mission.items.iter().zip(0..).map(|(item, seq)| item.to_wire(seq, 0, 0)).collect()
 }
 
 #[cfg(test)]
