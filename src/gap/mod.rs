@@ -1,5 +1,17 @@
 //! Diagnosis of the gap between a flight and the nominal simulator: where it lies, which unmodelled
 //! effect causes it, how far it shrinks once that effect is added.
 
+pub mod cells;
+pub mod fly;
 pub mod missions;
+pub mod nominal;
+pub mod regress;
+pub mod residuals;
 pub mod scene;
+pub mod smoother;
+pub mod statistics;
+pub mod timeline;
+pub mod trace;
+
+#[cfg(test)]
+mod tests;

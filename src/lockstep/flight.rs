@@ -75,6 +75,16 @@ pub fn fly<W: World>(
     items: &[MISSION_ITEM_INT_DATA],
     limit_s: f64,
 ) -> Result<Flight, FlightError> {
+    fly_watched(world, items, limit_s, |_| {})
+}
+
+/// The same; `watch` is called after every control step, to read the core's records as they come.
+pub fn fly_watched<W: World>(
+    world: &mut Lockstep<W>,
+    items: &[MISSION_ITEM_INT_DATA],
+    limit_s: f64,
+    mut watch: impl FnMut(&mut Lockstep<W>),
+) -> Result<Flight, FlightError> {
     let mut ground = Ground::new();
     let refused = |what, result: String, ground: &Ground| FlightError::Refused {
         what,
@@ -116,6 +126,7 @@ pub fn fly<W: World>(
     let landed = loop {
         next_us += SAMPLE_US;
         world.run_until(next_us);
+        watch(world);
         ground.listen(world);
         let count = |m: &MavMessage| match m {
             MavMessage::MISSION_ITEM_REACHED(r) => Some(r.seq + 1),

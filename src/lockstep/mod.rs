@@ -11,7 +11,7 @@ mod world;
 #[cfg(test)]
 mod tests;
 
-pub use flight::{Flight, FlightError, Sample, fly};
+pub use flight::{Flight, FlightError, Sample, fly, fly_watched};
 pub use ground::Ground;
 pub use world::World;
 

@@ -1,0 +1,56 @@
+//! Flies a mission in lockstep and keeps the trace of it.
+
+use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+
+use super::scene::Scene;
+use super::trace::Trace;
+use crate::checks::Problems;
+use crate::lockstep::{FlightError, Lockstep, World, fly_watched};
+use crate::model::{Plant, PlantConfig};
+use crate::pilot::PilotConfig;
+
+/// Longest flight that is waited for, s: the diagnostic flight lasts 100 s, with a missed waypoint
+/// here and there somewhat longer.
+pub const LIMIT_S: f64 = 150.0;
+
+/// Why there is no trace.
+#[derive(Debug, thiserror::Error)]
+pub enum NotFlown {
+    /// The plant cannot be built.
+    #[error("plant: {0}")]
+    Plant(Problems),
+    /// The flight did not begin.
+    #[error(transparent)]
+    Flight(#[from] FlightError),
+}
+
+/// Flies in the nominal plant, deviations included as configured. A flight that crashes or does not
+/// land is still a trace.
+pub fn fly_observed(
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    plant: PlantConfig,
+    pilot: PilotConfig,
+) -> Result<Trace, NotFlown> {
+    let plant = Plant::new(plant).map_err(NotFlown::Plant)?;
+    Ok(fly_in_world(scene, items, plant, pilot)?)
+}
+
+/// Flies in any world.
+pub fn fly_in_world<W: World>(
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    world: W,
+    pilot: PilotConfig,
+) -> Result<Trace, FlightError> {
+    let mut trace = Trace::new(scene.survey.clone());
+    let mut lockstep = Lockstep::in_world(world, pilot, &scene.survey, None);
+    let mut crashed = false;
+    let flight = fly_watched(&mut lockstep, items, LIMIT_S, |lockstep| {
+        crashed |= lockstep.truth().crashed;
+        lockstep.pilot_mut().drain_topics(|topic| trace.take(topic));
+    })?;
+    trace.landed = Some(flight.landed);
+    trace.crashed = Some(crashed);
+    Ok(trace)
+}

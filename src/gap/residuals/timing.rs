@@ -1,0 +1,62 @@
+//! TIM: rates, gaps and delays of the streams, and losses that the pilot counted.
+
+use super::{Channel, Flight, Sheet};
+use crate::gap::regress::{log, moments};
+use crate::model::effects::Block;
+
+/// A pause of the IMU that is a gap, s: five samples of 250 Hz.
+const GAP_S: f64 = 0.02;
+
+/// Writes the statistics; `None` lists them.
+pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
+    let mut v = [f64::NAN; 10];
+    if let Some(f) = f {
+        let t = f.trace;
+        let imu = t.imu.iter().map(|s| s.received_at.seconds_since(s.valid_at));
+        let imu = moments(imu);
+        let steps =
+            moments(t.imu.windows(2).map(|w| w[1].received_at.seconds_since(w[0].received_at)));
+        let gaps = t
+            .imu
+            .windows(2)
+            .filter(|w| w[1].received_at.seconds_since(w[0].received_at) > GAP_S)
+            .count();
+        let late = t.uwb.iter().map(|r| r.tdoa.received_at.seconds_since(r.tdoa.valid_at));
+        let late = moments(late.step_by(3));
+        let attitude = moments(t.attitudes.iter().map(|a| a.received_at.seconds_since(a.valid_at)));
+        let silence = t
+            .uwb
+            .windows(2)
+            .map(|w| w[1].tdoa.received_at.seconds_since(w[0].tdoa.received_at))
+            .fold(0.0, f64::max);
+        let clock = t.health.iter().rev().find_map(|h| h.std_board_clock_s);
+        let span_s = f.len() as f64 * crate::gap::timeline::STEP_S;
+        v = [
+            imu.mean,
+            log(imu.std),
+            log(steps.std),
+            log(gaps as f64 + 0.5),
+            late.mean,
+            log(late.std),
+            attitude.mean,
+            log(silence),
+            clock.unwrap_or(f64::NAN),
+            log(t.imu.len() as f64 / span_s),
+        ];
+    }
+    let names = [
+        ("imu_age", Block::Timing, "s", "IMU: arrival after validity"),
+        ("imu_age_std", Block::Timing, "ln", "its spread"),
+        ("imu_step_std", Block::Timing, "ln", "spread of the time between arrivals"),
+        ("imu_gaps", Block::Timing, "ln", "pauses of the IMU"),
+        ("uwb_age", Block::Timing, "s", "UWB: arrival after validity"),
+        ("uwb_age_std", Block::Timing, "ln", "its spread"),
+        ("attitude_age", Block::Timing, "s", "attitude: arrival after validity"),
+        ("uwb_silence", Block::Timing, "ln", "longest pause of UWB"),
+        ("clock", Block::Link, "s", "uncertainty of the board's clock: half the round trip"),
+        ("imu_rate", Block::Timing, "ln", "IMU samples per second"),
+    ];
+    for ((name, block, unit, meaning), value) in names.into_iter().zip(v) {
+        sheet.put((block, Channel::Timing), format!("timing.{name}"), unit, meaning, value);
+    }
+}

@@ -1,0 +1,260 @@
+//! Smoother: where the vehicle was, by kinematics alone. No thrust, no drag, no model under test.
+//!
+//! ```text
+//! p' = v      v' = Rz(β) R_board (f - b) + g      b' = w_b      β' = w_β
+//! ```
+//! `p`, `v` Earth (m, m/s); `f` specific force averaged over whole beats, body (m/s²); `b` its bias,
+//! body, which also takes the lean of the board's attitude (m/s²); `β` angle from room north to the
+//! board's north (rad). TDOA enter with Huber weights, gathered per step: they see the position
+//! alone, so a step's measurements are one 3-vector. Forward filter, then Rauch-Tung-Striebel.
+//! Units of noise below; valid for whatever the IMU can follow.
+
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+
+use super::timeline::{STEP_S, Timeline};
+use super::trace::Trace;
+use crate::frames::G_MPS2;
+
+/// Number of states: p, v, b, β.
+const N: usize = 10;
+type Mat = SMatrix<f64, N, N>;
+type Vec10 = SVector<f64, N>;
+
+/// White noise of the averaged specific force, m/s²/√Hz: rest of the beat, errors of attitude.
+const ACC_NOISE: f64 = 0.10;
+/// Walk of the bias, m/s²/√s: the board's lean wanders by 0.4° in 15 s (effect N12).
+const BIAS_WALK: f64 = 0.025;
+/// Walk of the north, rad/√s.
+const NORTH_WALK: f64 = 0.002;
+/// One sigma of a TDOA, m: white and local part (effects N15, N16).
+const STD_TDOA_M: f64 = 0.11;
+/// Huber's limit in sigmas.
+const HUBER: f64 = 2.0;
+/// One sigma of a motion-capture position, m.
+const STD_REFERENCE_M: f64 = 0.01;
+/// One sigma at the start: m, m/s, m/s², rad.
+const STD_START: [f64; 4] = [0.3, 0.05, 0.4, 0.25];
+
+/// State at one point of the grid.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Smoothed {
+    /// Position, Earth, m.
+    pub pos_E_m: Vector3<f64>,
+    /// Velocity, Earth, m/s.
+    pub vel_E_mps: Vector3<f64>,
+    /// Bias of the specific force, body, m/s².
+    pub bias_B_mps2: Vector3<f64>,
+    /// Angle from room north to the board's north, rad.
+    pub north_rad: f64,
+    /// Variances of p, v, b, β.
+    pub var: [f64; N],
+}
+
+/// One TDOA on the grid.
+#[derive(Debug, Clone, Copy)]
+pub struct GridTdoa {
+    /// Point of the grid at or before it, and share of the step.
+    pub k: usize,
+    /// Share of the step after that point.
+    pub share: f64,
+    /// Index of the subtracted and the added anchor in the survey's ids.
+    pub a: usize,
+    /// Added.
+    pub b: usize,
+    /// Measured, m.
+    pub z_m: f64,
+}
+
+/// Flies through the trace with motion capture instead of TDOA.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Positions {
+    /// TDOA.
+    Uwb,
+    /// Motion capture; TDOA stay a tested channel.
+    Reference,
+}
+
+/// TDOA of known anchors on the grid, in order of time.
+pub fn grid_tdoa(trace: &Trace, line: &Timeline) -> Vec<GridTdoa> {
+    let ids = trace.survey.ids();
+    let mut index = [usize::MAX; 256];
+    for (i, id) in ids.iter().enumerate() {
+        index[usize::from(id.0)] = i;
+    }
+    let mut all: Vec<GridTdoa> = trace
+        .uwb
+        .iter()
+        .filter_map(|r| {
+            let (k, share) = line.place(r.tdoa.valid_at)?;
+            let a = index[usize::from(r.tdoa.anchor_a.0)];
+            let b = index[usize::from(r.tdoa.anchor_b.0)];
+            let known = a < ids.len() && b < ids.len() && r.tdoa.distance_diff_m.is_finite();
+            known.then_some(GridTdoa { k, share, a, b, z_m: r.tdoa.distance_diff_m })
+        })
+        .collect();
+    all.sort_by_key(|m| m.k);
+    all
+}
+
+/// Smooths a flight.
+pub fn smooth(
+    trace: &Trace,
+    line: &Timeline,
+    tdoa: &[GridTdoa],
+    sites_E_m: &[Vector3<f64>],
+    positions: Positions,
+) -> Vec<Smoothed> {
+    let n = line.len();
+    let mut x = Vec10::zeros();
+    x.fixed_rows_mut::<3>(0).copy_from(&line.pos_E_m[0]);
+    x[9] = line.north_rad.iter().sum::<f64>() / n as f64;
+    let std = |i: usize| STD_START[i / 3];
+    let mut P = Mat::from_diagonal(&Vec10::from_fn(|i, _| std(i).powi(2)));
+    let mut prior = Vec::with_capacity(n);
+    let mut post = Vec::with_capacity(n);
+    let mut steps = Vec::with_capacity(n);
+    let references = reference_points(trace, line, positions);
+    let mut m = 0;
+    for k in 0..n {
+        if k > 0 {
+            let F = predict(&mut x, &mut P, line, k - 1);
+            steps.push(F);
+        }
+        prior.push((x, P));
+        if positions == Positions::Reference {
+            if let Some(p) = references[k] {
+                update(&mut x, &mut P, Matrix3::identity() / STD_REFERENCE_M.powi(2), p);
+            }
+        }
+        let first = m;
+        while m < tdoa.len() && tdoa[m].k <= k {
+            m += 1;
+        }
+        if positions == Positions::Uwb && m > first {
+            gather(&mut x, &mut P, &tdoa[first..m], sites_E_m);
+        }
+        post.push((x, P));
+    }
+    backward(&prior, &post, &steps)
+}
+
+/// One step of the state and its covariance; returns the transition.
+fn predict(x: &mut Vec10, P: &mut Mat, line: &Timeline, k: usize) -> Mat {
+    let dt = STEP_S;
+    let p = x.fixed_rows::<3>(0).into_owned();
+    let v = x.fixed_rows::<3>(3).into_owned();
+    let b = x.fixed_rows::<3>(6).into_owned();
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), x[9]);
+    // The middle of the step: the mean of both ends, whose noise the window has made smooth.
+    let f = 0.5 * (line.acc_B_mps2[k] + line.acc_B_mps2[k + 1]) - b;
+    let mid = line.board[k].nlerp(&line.board[k + 1], 0.5);
+    let R = (turn * mid).to_rotation_matrix();
+    let push = R * f;
+    let a = push + Vector3::new(0.0, 0.0, G_MPS2);
+    x.fixed_rows_mut::<3>(0).copy_from(&(p + v * dt + a * (0.5 * dt * dt)));
+    x.fixed_rows_mut::<3>(3).copy_from(&(v + a * dt));
+    let mut F = Mat::identity();
+    let by_north = Vector3::new(-push.y, push.x, 0.0);
+    for i in 0..3 {
+        F[(i, 3 + i)] = dt;
+        for j in 0..3 {
+            F[(i, 6 + j)] = -0.5 * dt * dt * R[(i, j)];
+            F[(3 + i, 6 + j)] = -dt * R[(i, j)];
+        }
+        F[(i, 9)] = 0.5 * dt * dt * by_north[i];
+        F[(3 + i, 9)] = dt * by_north[i];
+    }
+    let mut Q = F * *P * F.transpose();
+    for i in 0..3 {
+        Q[(i, i)] += 1e-10;
+        Q[(3 + i, 3 + i)] += ACC_NOISE.powi(2) * dt;
+        Q[(6 + i, 6 + i)] += BIAS_WALK.powi(2) * dt;
+    }
+    Q[(9, 9)] += NORTH_WALK.powi(2) * dt;
+    *P = 0.5 * (Q + Q.transpose());
+    F
+}
+
+/// All TDOA of one step as one information matrix on the position.
+fn gather(x: &mut Vec10, P: &mut Mat, tdoa: &[GridTdoa], sites_E_m: &[Vector3<f64>]) {
+    let p0 = x.fixed_rows::<3>(0).into_owned();
+    let v0 = x.fixed_rows::<3>(3).into_owned();
+    let P_pos = P.fixed_view::<3, 3>(0, 0).into_owned();
+    let mut info = Matrix3::zeros();
+    let mut right = Vector3::zeros();
+    for m in tdoa {
+        let p = p0 + v0 * (m.share * STEP_S);
+        let (h, predicted) = model(&p, &sites_E_m[m.a], &sites_E_m[m.b]);
+        let r = m.z_m - predicted;
+        let var = STD_TDOA_M.powi(2);
+        let sigma = (var + h.dot(&(P_pos * h))).sqrt();
+        let w = (HUBER * sigma / r.abs().max(1e-9)).min(1.0) / var;
+        info += h * h.transpose() * w;
+        right += h * (w * r);
+    }
+    // The position that these measurements alone would shift to, with a little to be invertible.
+    let Some(inverse) = (info + Matrix3::identity() * 1e-6).try_inverse() else { return };
+    update(x, P, info + Matrix3::identity() * 1e-6, p0 + inverse * right);
+}
+
+/// Gradient on the position and value of `|p - b| - |p - a|`.
+#[inline]
+pub fn model(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> (Vector3<f64>, f64) {
+    let (da, db) = (p - a, p - b);
+    let (na, nb) = (da.norm().max(0.05), db.norm().max(0.05));
+    (db / nb - da / na, nb - na)
+}
+
+/// A position with this information.
+fn update(x: &mut Vec10, P: &mut Mat, info: Matrix3<f64>, pos_E_m: Vector3<f64>) {
+    let Some(R) = info.try_inverse() else { return };
+    let S = P.fixed_view::<3, 3>(0, 0) + R;
+    let Some(S_inverse) = S.try_inverse() else { return };
+    let PH = P.fixed_columns::<3>(0).into_owned();
+    let K = PH * S_inverse;
+    let r = pos_E_m - x.fixed_rows::<3>(0);
+    *x += K * r;
+    *P -= K * PH.transpose();
+    *P = 0.5 * (*P + P.transpose());
+}
+
+fn backward(prior: &[(Vec10, Mat)], post: &[(Vec10, Mat)], steps: &[Mat]) -> Vec<Smoothed> {
+    let n = post.len();
+    let mut out = vec![Smoothed::default(); n];
+    let Some(&(mut x, mut P)) = post.last() else { return out };
+    for k in (0..n).rev() {
+        if k + 1 < n {
+            let (x_post, P_post) = &post[k];
+            let (x_prior, P_prior) = &prior[k + 1];
+            // C = P_post Fᵀ P_prior⁻¹
+            let Some(chol) = P_prior.cholesky() else { continue };
+            let C = chol.solve(&(steps[k] * P_post)).transpose();
+            x = x_post + C * (x - x_prior);
+            P = P_post + C * (P - P_prior) * C.transpose();
+        }
+        out[k] = Smoothed {
+            pos_E_m: x.fixed_rows::<3>(0).into_owned(),
+            vel_E_mps: x.fixed_rows::<3>(3).into_owned(),
+            bias_B_mps2: x.fixed_rows::<3>(6).into_owned(),
+            north_rad: x[9],
+            var: std::array::from_fn(|i| P[(i, i)]),
+        };
+    }
+    out
+}
+
+fn reference_points(
+    trace: &Trace,
+    line: &Timeline,
+    positions: Positions,
+) -> Vec<Option<Vector3<f64>>> {
+    let mut points = vec![None; line.len()];
+    if positions == Positions::Reference {
+        for r in &trace.references {
+            if let Some((k, share)) = line.place(r.valid_at) {
+                points[if share < 0.5 { k } else { k + 1 }] = Some(r.pos_E_m.raw());
+            }
+        }
+    }
+    points
+}
