@@ -82,7 +82,7 @@ pub struct LimitsConfig {
     /// Horizontal speed setpoint, as a vector. m/s
     pub horizontal_mps: f64,
     /// Vertical speed setpoint, up and down. Firmware 1; the step tests of 2 m spend most of their
-    /// time at that limit, and thrust (0.48 to 1.43 of the weight) brakes from 1.5 within 0.3 m. m/s
+    /// time at that limit, and thrust (0.48 to 1.43 of the weight) brakes from 2 within 0.4 m. m/s
     pub vertical_mps: f64,
     /// Lean from the vertical, roll and pitch as a vector, trims not counted. With firmware's 30,
     /// drag of 4.2 1/s allows 1.35 m/s forward; 2 m/s need 41, and the source tested to 52. deg
@@ -107,7 +107,7 @@ impl Default for LimitsConfig {
     fn default() -> Self {
         Self {
             horizontal_mps: 2.0,
-            vertical_mps: 1.5,
+            vertical_mps: 2.0,
             tilt_deg: 45.0,
             // Enough to hold 1 m/s against drag without feed-forward (23 deg).
             lean_integral_deg: 25.0,
