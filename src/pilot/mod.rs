@@ -302,6 +302,11 @@ impl Pilot {
         &self.estimate
     }
 
+    /// The mission that is in force.
+    pub fn mission(&self) -> &Mission {
+        &self.mission
+    }
+
     /// Inside of the newest control step.
     pub fn control_record(&self) -> &ControlRecord {
         &self.control

@@ -18,9 +18,10 @@ use thiserror::Error;
 use self::compare::{Agreement, compare, without_signatures};
 use crate::checks::Problems;
 use crate::config::Config;
-use crate::pilot::{LinkId, Pilot};
+use crate::pilot::{LinkId, Mission, Pilot};
 use crate::record::{BuildIdentity, Entry, LogEnd, LogError, LogReader, pb};
 use crate::time::HostTime;
+use crate::topics::Topic;
 
 pub use compare::TOLERANCE;
 
@@ -150,25 +151,50 @@ pub fn replay(path: &Path) -> Result<Report, ReplayError> {
 
 /// Replays a log that is read already.
 pub fn replay_log(log: &LogReader) -> Result<Report, ReplayError> {
+    replay_with(log, None).map(|(report, _)| report)
+}
+
+/// The same, and hands out what the core tells about itself on the way: a log that was recorded
+/// without decoded topics has them again, and they are those of this build. Also gives the mission
+/// that was in force at the end.
+pub fn replay_observed(
+    log: &LogReader,
+    mut watch: impl FnMut(Topic),
+) -> Result<(Report, Mission), ReplayError> {
+    replay_with(log, Some(&mut watch))
+}
+
+/// The configuration that was flown.
+pub fn recorded_config(log: &LogReader) -> Result<Config, ReplayError> {
     let session = log.session();
-    let refused = |problems| ReplayError::Config {
-        path: log.path().to_owned(),
-        version: session.build.program_version.clone(),
-        source_hash: session.build.source_hash.clone(),
-        problems,
-    };
-    let config = Config::from_toml("recorded configuration", &session.config_toml)
+    Config::from_toml("recorded configuration", &session.config_toml)
         .and_then(|config| {
             let mut problems = Problems::new();
             config.check(&mut problems);
             problems.into_result().map(|()| config)
         })
-        .map_err(refused)?;
+        .map_err(|problems| ReplayError::Config {
+            path: log.path().to_owned(),
+            version: session.build.program_version.clone(),
+            source_hash: session.build.source_hash.clone(),
+            problems,
+        })
+}
+
+fn replay_with(
+    log: &LogReader,
+    mut watch: Option<&mut dyn FnMut(Topic)>,
+) -> Result<(Report, Mission), ReplayError> {
+    let session = log.session();
+    let config = recorded_config(log)?;
     let build_differences = BuildIdentity::current().differences(&session.build);
     let demand = if build_differences.is_empty() { Demand::BitExact } else { Demand::Decoded };
     let start = session.pilot_started_at;
     let mut run = Run {
-        pilot: Pilot::new(config.pilot(), session.survey.clone(), start).without_topics(),
+        pilot: match watch {
+            Some(_) => Pilot::new(config.pilot(), session.survey.clone(), start),
+            None => Pilot::new(config.pilot(), session.survey.clone(), start).without_topics(),
+        },
         start,
         last: start,
         sequence: 0,
@@ -193,8 +219,12 @@ pub fn replay_log(log: &LogReader) -> Result<Report, ReplayError> {
     let mut entries = log.entries();
     for entry in entries.by_ref() {
         run.take(entry);
+        if let Some(watch) = &mut watch {
+            run.pilot.drain_topics(&mut **watch);
+        }
     }
-    Ok(run.finish(&entries.end()))
+    let mission = run.pilot.mission().clone();
+    Ok((run.finish(&entries.end()), mission))
 }
 
 struct Run {
