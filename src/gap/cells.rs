@@ -195,7 +195,7 @@ fn correlated_points(values: &[f64]) -> f64 {
     let mut tau = 1.0;
     for lag in [2usize, 5, 10, 20, 40, 80, 160, 320] {
         let rho = super::regress::autocorrelation(values, lag);
-        if !(rho > 0.05) {
+        if rho.is_nan() || rho <= 0.05 {
             break;
         }
         tau += rho * lag as f64;

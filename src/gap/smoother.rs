@@ -6,7 +6,9 @@
 //! `p`, `v` Earth (m, m/s); `f` specific force averaged over whole beats, body (m/s²); `b` its bias,
 //! body, which also takes the lean of the board's attitude (m/s²); `β` angle from room north to the
 //! board's north (rad). TDOA enter with Huber weights, gathered per step: they see the position
-//! alone, so a step's measurements are one 3-vector. Forward filter, then Rauch-Tung-Striebel.
+//! alone, so a step's measurements are one 3-vector. Near the floor the paths of low anchors are bent
+//! (effect N17) and count little; air pressure, from the rest before the flight, then holds the
+//! height. Forward filter, then Rauch-Tung-Striebel.
 //! Units of noise below; valid for whatever the IMU can follow.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
@@ -32,6 +34,17 @@ const STD_TDOA_M: f64 = 0.11;
 const HUBER: f64 = 2.0;
 /// One sigma of a motion-capture position, m.
 const STD_REFERENCE_M: f64 = 0.01;
+/// Anchors below this, and an antenna below that, m: such paths count by this factor.
+const LOW_ANCHOR_M: f64 = 1.0;
+const LOW_TAG_M: f64 = 0.65;
+const LOW_WEIGHT: f64 = 0.01;
+/// One sigma of the height by air pressure over one step, m: white part 0.15 m, and its wander.
+const STD_BARO_M: f64 = 0.4;
+/// Points of the grid that the air pressure is averaged over, to either side: 0.5 s in all.
+const BARO_HALF_WINDOW: usize = 6;
+/// Pascal per metre of air at the ground, and samples at rest that are needed.
+const PA_PER_M: f64 = 12.0;
+const BARO_AT_REST: usize = 20;
 /// One sigma at the start: m, m/s, m/s², rad.
 const STD_START: [f64; 4] = [0.3, 0.05, 0.4, 0.25];
 
@@ -96,14 +109,61 @@ pub fn grid_tdoa(trace: &Trace, line: &Timeline) -> Vec<GridTdoa> {
     all
 }
 
-/// Smooths a flight.
+/// What a smoothing did, step by step: enough to send another measurement through it.
+#[derive(Debug, Default)]
+pub struct Gains {
+    /// Transition to the next point.
+    step: Vec<Mat>,
+    /// Gain of the step's position, and the inverse of its information.
+    gain: Vec<Option<(SMatrix<f64, N, 3>, Matrix3<f64>)>>,
+    /// Backward gain.
+    back: Vec<Mat>,
+    /// Weight of each TDOA, 1/m².
+    weight: Vec<f64>,
+}
+
+impl Gains {
+    /// By how much the smoothed position would move at each point if every TDOA changed; `right` is
+    /// the sum of weight times gradient times change over a step's measurements.
+    pub fn respond(&self, right: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let n = right.len().min(self.gain.len());
+        let (mut prior, mut post) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        let mut x = Vec10::zeros();
+        for k in 0..n {
+            if k > 0 {
+                x = self.step[k - 1] * x;
+            }
+            prior.push(x);
+            if let Some((gain, inverse)) = &self.gain[k] {
+                x += gain * (inverse * right[k] - x.fixed_rows::<3>(0));
+            }
+            post.push(x);
+        }
+        let mut out = vec![Vector3::zeros(); n];
+        for k in (0..n).rev() {
+            if k + 1 < n {
+                x = post[k] + self.back[k] * (x - prior[k + 1]);
+            }
+            out[k] = x.fixed_rows::<3>(0).into_owned();
+        }
+        out
+    }
+
+    /// Weight of each TDOA of the list, 1/m².
+    pub fn weights(&self) -> &[f64] {
+        &self.weight
+    }
+}
+
+/// Smooths a flight that began at rest with its centre of mass at `rest_z_m`.
 pub fn smooth(
     trace: &Trace,
     line: &Timeline,
     tdoa: &[GridTdoa],
     sites_E_m: &[Vector3<f64>],
+    rest_z_m: f64,
     positions: Positions,
-) -> Vec<Smoothed> {
+) -> (Vec<Smoothed>, Gains) {
     let n = line.len();
     let mut x = Vec10::zeros();
     x.fixed_rows_mut::<3>(0).copy_from(&line.pos_E_m[0]);
@@ -112,30 +172,59 @@ pub fn smooth(
     let mut P = Mat::from_diagonal(&Vec10::from_fn(|i, _| std(i).powi(2)));
     let mut prior = Vec::with_capacity(n);
     let mut post = Vec::with_capacity(n);
-    let mut steps = Vec::with_capacity(n);
+    let mut gains = Gains { weight: vec![0.0; tdoa.len()], ..Gains::default() };
+    let by_air_z_m = heights_by_air(trace, line, rest_z_m);
     let references = reference_points(trace, line, positions);
     let mut m = 0;
     for k in 0..n {
         if k > 0 {
             let F = predict(&mut x, &mut P, line, k - 1);
-            steps.push(F);
+            gains.step.push(F);
         }
         prior.push((x, P));
         if positions == Positions::Reference {
             if let Some(p) = references[k] {
                 update(&mut x, &mut P, Matrix3::identity() / STD_REFERENCE_M.powi(2), p);
             }
+            gains.gain.push(None);
         }
         let first = m;
         while m < tdoa.len() && tdoa[m].k <= k {
             m += 1;
         }
-        if positions == Positions::Uwb && m > first {
-            gather(&mut x, &mut P, &tdoa[first..m], sites_E_m);
+        if positions == Positions::Uwb {
+            let weights = &mut gains.weight[first..m];
+            let found = gather(&mut x, &mut P, &tdoa[first..m], sites_E_m, by_air_z_m[k], weights);
+            gains.gain.push(found);
         }
         post.push((x, P));
     }
-    backward(&prior, &post, &steps)
+    let states = backward(&prior, &post, &mut gains);
+    (states, gains)
+}
+
+/// Height by air pressure at each point of the grid, Earth z, m.
+fn heights_by_air(trace: &Trace, line: &Timeline, rest_z_m: f64) -> Vec<Option<f64>> {
+    let mut out = vec![None; line.len()];
+    let rest: Vec<f64> =
+        trace.baros.iter().filter(|s| s.valid_at < line.start).map(|s| s.pressure_pa).collect();
+    if rest.len() < BARO_AT_REST {
+        return out;
+    }
+    let rest_pa = rest.iter().sum::<f64>() / rest.len() as f64;
+    let mut sums = vec![[0.0; 2]; line.len()];
+    for s in &trace.baros {
+        if let Some((k, _)) = line.place(s.valid_at) {
+            sums[k][0] += rest_z_m + (s.pressure_pa - rest_pa) / PA_PER_M;
+            sums[k][1] += 1.0;
+        }
+    }
+    for (k, out) in out.iter_mut().enumerate() {
+        let near = k.saturating_sub(BARO_HALF_WINDOW)..(k + BARO_HALF_WINDOW + 1).min(sums.len());
+        let [sum, count] = sums[near].iter().fold([0.0; 2], |a, s| [a[0] + s[0], a[1] + s[1]]);
+        *out = (count > 0.0).then(|| sum / count);
+    }
+    out
 }
 
 /// One step of the state and its covariance; returns the transition.
@@ -164,7 +253,8 @@ fn predict(x: &mut Vec10, P: &mut Mat, line: &Timeline, k: usize) -> Mat {
         F[(i, 9)] = 0.5 * dt * dt * by_north[i];
         F[(3 + i, 9)] = dt * by_north[i];
     }
-    let mut Q = F * *P * F.transpose();
+    // F (F P)ᵀ = F P Fᵀ, for P is symmetric.
+    let mut Q = apply(&F, &apply(&F, P).transpose());
     for i in 0..3 {
         Q[(i, i)] += 1e-10;
         Q[(3 + i, 3 + i)] += ACC_NOISE.powi(2) * dt;
@@ -175,26 +265,62 @@ fn predict(x: &mut Vec10, P: &mut Mat, line: &Timeline, k: usize) -> Mat {
     F
 }
 
+/// `F M`, knowing which entries of the transition are not those of the identity.
+fn apply(F: &Mat, M: &Mat) -> Mat {
+    let mut out = *M;
+    for c in 0..N {
+        for i in 0..3 {
+            let (mut p, mut v) = (F[(i, 3 + i)] * M[(3 + i, c)], 0.0);
+            for j in 6..N {
+                p += F[(i, j)] * M[(j, c)];
+                v += F[(3 + i, j)] * M[(j, c)];
+            }
+            out[(i, c)] += p;
+            out[(3 + i, c)] += v;
+        }
+    }
+    out
+}
+
 /// All TDOA of one step as one information matrix on the position.
-fn gather(x: &mut Vec10, P: &mut Mat, tdoa: &[GridTdoa], sites_E_m: &[Vector3<f64>]) {
+fn gather(
+    x: &mut Vec10,
+    P: &mut Mat,
+    tdoa: &[GridTdoa],
+    sites_E_m: &[Vector3<f64>],
+    by_air_z_m: Option<f64>,
+    weights: &mut [f64],
+) -> Option<(SMatrix<f64, N, 3>, Matrix3<f64>)> {
     let p0 = x.fixed_rows::<3>(0).into_owned();
     let v0 = x.fixed_rows::<3>(3).into_owned();
     let P_pos = P.fixed_view::<3, 3>(0, 0).into_owned();
     let mut info = Matrix3::zeros();
     let mut right = Vector3::zeros();
-    for m in tdoa {
+    if let Some(z_m) = by_air_z_m {
+        info[(2, 2)] += STD_BARO_M.powi(-2);
+        right.z += (z_m - p0.z) * STD_BARO_M.powi(-2);
+    }
+    let is_low = |n: usize| -sites_E_m[n].z < LOW_ANCHOR_M;
+    let near_floor = -by_air_z_m.unwrap_or(p0.z) < LOW_TAG_M;
+    for (m, weight) in tdoa.iter().zip(weights) {
         let p = p0 + v0 * (m.share * STEP_S);
         let (h, predicted) = model(&p, &sites_E_m[m.a], &sites_E_m[m.b]);
         let r = m.z_m - predicted;
         let var = STD_TDOA_M.powi(2);
         let sigma = (var + h.dot(&(P_pos * h))).sqrt();
-        let w = (HUBER * sigma / r.abs().max(1e-9)).min(1.0) / var;
+        let mut w = (HUBER * sigma / r.abs().max(1e-9)).min(1.0) / var;
+        if near_floor && (is_low(m.a) || is_low(m.b)) {
+            w *= LOW_WEIGHT;
+        }
+        *weight = w;
         info += h * h.transpose() * w;
         right += h * (w * r);
     }
     // The position that these measurements alone would shift to, with a little to be invertible.
-    let Some(inverse) = (info + Matrix3::identity() * 1e-6).try_inverse() else { return };
-    update(x, P, info + Matrix3::identity() * 1e-6, p0 + inverse * right);
+    let info = info + Matrix3::identity() * 1e-6;
+    let inverse = info.try_inverse()?;
+    let gain = update(x, P, info, p0 + inverse * right)?;
+    Some((gain, inverse))
 }
 
 /// Gradient on the position and value of `|p - b| - |p - a|`.
@@ -206,29 +332,37 @@ pub fn model(p: &Vector3<f64>, a: &Vector3<f64>, b: &Vector3<f64>) -> (Vector3<f
 }
 
 /// A position with this information.
-fn update(x: &mut Vec10, P: &mut Mat, info: Matrix3<f64>, pos_E_m: Vector3<f64>) {
-    let Some(R) = info.try_inverse() else { return };
+fn update(
+    x: &mut Vec10,
+    P: &mut Mat,
+    info: Matrix3<f64>,
+    pos_E_m: Vector3<f64>,
+) -> Option<SMatrix<f64, N, 3>> {
+    let R = info.try_inverse()?;
     let S = P.fixed_view::<3, 3>(0, 0) + R;
-    let Some(S_inverse) = S.try_inverse() else { return };
+    let S_inverse = S.try_inverse()?;
     let PH = P.fixed_columns::<3>(0).into_owned();
     let K = PH * S_inverse;
     let r = pos_E_m - x.fixed_rows::<3>(0);
     *x += K * r;
     *P -= K * PH.transpose();
     *P = 0.5 * (*P + P.transpose());
+    Some(K)
 }
 
-fn backward(prior: &[(Vec10, Mat)], post: &[(Vec10, Mat)], steps: &[Mat]) -> Vec<Smoothed> {
+fn backward(prior: &[(Vec10, Mat)], post: &[(Vec10, Mat)], gains: &mut Gains) -> Vec<Smoothed> {
     let n = post.len();
     let mut out = vec![Smoothed::default(); n];
     let Some(&(mut x, mut P)) = post.last() else { return out };
+    gains.back = vec![Mat::zeros(); n];
     for k in (0..n).rev() {
         if k + 1 < n {
             let (x_post, P_post) = &post[k];
             let (x_prior, P_prior) = &prior[k + 1];
             // C = P_post Fᵀ P_prior⁻¹
             let Some(chol) = P_prior.cholesky() else { continue };
-            let C = chol.solve(&(steps[k] * P_post)).transpose();
+            let C = chol.solve(&apply(&gains.step[k], P_post)).transpose();
+            gains.back[k] = C;
             x = x_post + C * (x - x_prior);
             P = P_post + C * (P - P_prior) * C.transpose();
         }

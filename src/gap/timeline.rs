@@ -17,7 +17,7 @@ const HALF_WINDOW_S: f64 = 0.078;
 const LEAST_SPAN_S: f64 = 8.0;
 /// Feet at least this high: flying, m. Lower, the floor may carry.
 const FLYING_M: f64 = 0.06;
-/// Height of the feet below the centre of mass is the pilot's; this is added for rest, m.
+/// Throttle above which the vehicle may be in the air.
 const LEAST_THRUST_FRAC: f64 = 0.3;
 
 /// Why nothing can be observed.
@@ -177,9 +177,9 @@ impl Timeline {
 
     fn controls(&mut self, trace: &Trace) {
         let stamps = trace.controls.iter().map(|c| c.at);
-        let brackets = brackets(self.start, self.len(), stamps);
+        let places = brackets(self.start, self.len(), stamps);
         let mut yaw = None;
-        for (k, &(i, _)) in brackets.iter().enumerate() {
+        for (k, &(i, _)) in places.iter().enumerate() {
             let c = &trace.controls[i];
             let raw = c.yaw_rad - c.yaw_board_offset_rad;
             let last: f64 = *yaw.get_or_insert(self.euler_rad[k][2]);
@@ -193,7 +193,7 @@ impl Timeline {
         }
         let stamps = trace.batteries.iter().map(|b| b.received_at);
         let value = |i: usize| trace.batteries[i.min(trace.batteries.len() - 1)].supply_v;
-        self.supply_v = super::timeline::brackets(self.start, self.len(), stamps)
+        self.supply_v = brackets(self.start, self.len(), stamps)
             .into_iter()
             .map(|(i, share)| value(i) + (value(i + 1) - value(i)) * share)
             .collect();

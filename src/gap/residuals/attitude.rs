@@ -51,7 +51,7 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
             let r = residuals(f, axis);
             let (coefficients, left) = regress(f, &r, axis);
             b = coefficients;
-            more = shape(f, &left, &r, axis);
+            more = shape(f, &left, axis);
         }
         for ((n, unit, meaning, _), value) in NAMES.iter().zip(b) {
             if axis == 2 && (*n == "large" || *n == "drive") {
@@ -144,7 +144,7 @@ fn change(values: &[f64], j: usize) -> f64 {
     values[j] - values[j - 20]
 }
 
-fn shape(f: &Flight<'_>, left: &[f64], r: &[f64], axis: usize) -> [f64; 10] {
+fn shape(f: &Flight<'_>, left: &[f64], axis: usize) -> [f64; 10] {
     let all = moments(left.iter().copied());
     let quiet = |k: usize| {
         f.hovering(k) && k > 0 && {
@@ -157,7 +157,6 @@ fn shape(f: &Flight<'_>, left: &[f64], r: &[f64], axis: usize) -> [f64; 10] {
         moments(f.clear_points().filter(|k| f.hovering(*k)).map(|k| f.line.rate_B_radps[k][axis]));
     let [lag, depth, gain] = best_lag(f, axis);
     let small = small_gain(f, axis);
-    let _ = r;
     let mut seconds: Vec<f64> = left
         .chunks(25)
         .filter(|c| c.iter().all(|v| v.is_finite()))

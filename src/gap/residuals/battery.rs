@@ -9,6 +9,8 @@ use crate::model::effects::Block;
 const AS_PER_MAH: f64 = 3.6;
 /// Time constant of the fast part of the current, s.
 const FAST_S: f64 = 2.0;
+/// Flap rate over that of hover from which on it is high: motors of P5 saturate from 1.05 on.
+const HIGH: f64 = 1.08;
 
 /// Residuals at the battery's own samples.
 #[derive(Debug, Default)]
@@ -19,6 +21,8 @@ pub struct Rows {
     pub volt: Vec<f64>,
     /// Current minus nominal, A.
     pub current: Vec<f64>,
+    /// Flap rate over that of hover.
+    pub ratio: Vec<f64>,
     /// Current, A; its fast part, A; charge drawn, share; charge told minus nominal, share.
     pub inputs: Vec<[f64; 4]>,
 }
@@ -46,6 +50,7 @@ pub fn residuals(f: &Flight<'_>) -> Rows {
         rows.k.push(k);
         rows.volt.push(s.supply_v - f.nominal.supply_v(b.charge_frac - used, current_a));
         rows.current.push(current_a - f.nominal.current_a(f.flap_hz[k], s.supply_v));
+        rows.ratio.push(f.flap_hz[k] / f.nominal.vehicle.hover_hz());
         rows.inputs.push([current_a, current_a - slow_a, used, told]);
     }
     rows
@@ -54,17 +59,17 @@ pub fn residuals(f: &Flight<'_>) -> Rows {
 /// Writes the statistics; `None` lists them.
 pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
     let mut v = [f64::NAN; 7];
-    let mut c = [f64::NAN; 5];
+    let mut c = [f64::NAN; 6];
     let mut told = [f64::NAN; 2];
     if let Some(rows) = f.map(residuals).filter(|r| r.k.len() >= 20) {
         let n = rows.k.len() as f64;
         let mean = rows.inputs.iter().map(|i| i[0]).sum::<f64>() / n;
         let mut volt = Ridge::new(&[0.5, 0.3, 3.0, 0.3], 0.03);
-        let mut current = Ridge::new(&[1.0, 1.0, 1.0], 0.2);
+        let mut current = Ridge::new(&[1.0, 1.0, 1.0, 10.0], 0.2);
         let mut charge = Ridge::new(&[0.2, 1.0], 0.02);
         for (i, x) in rows.inputs.iter().enumerate() {
             volt.row(&[1.0, x[0] - mean, x[2] - 0.2, x[1]], rows.volt[i]);
-            current.row(&[1.0, x[1], x[2] - 0.2], rows.current[i]);
+            current.row(&[1.0, x[1], x[2] - 0.2, (rows.ratio[i] - HIGH).max(0.0)], rows.current[i]);
             charge.row(&[1.0, x[2] - 0.2], x[3]);
         }
         let (b, a, q) = (volt.solve(), current.solve(), charge.solve());
@@ -72,7 +77,8 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         let start = rows.volt[..10].iter().sum::<f64>() / 10.0;
         v = [b[0], b[1], b[2], b[3], log(moments(rows.volt.iter().copied()).std), end, start];
         let m = moments(rows.current.iter().copied());
-        c = [a[0], a[1], a[2], log(m.std), m.skew];
+        let high = rows.ratio.iter().filter(|r| **r > HIGH).count() >= 5;
+        c = [a[0], a[1], a[2], log(m.std), m.skew, if high { a[3] } else { f64::NAN }];
         told = [q[0], q[1]];
     }
     let at = (Block::Battery, Channel::Battery);
@@ -97,6 +103,7 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         ("drawn", "A", "with charge drawn"),
         ("std", "ln", "spread"),
         ("skew", "1", "skewness: clipped at high throttle"),
+        ("high", "A", "with flap rate beyond 1.08 of hover: a plateau"),
     ];
     for ((name, unit, meaning), value) in names.into_iter().zip(c) {
         sheet.put(at, format!("current.{name}"), unit, meaning, value);

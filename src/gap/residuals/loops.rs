@@ -69,7 +69,7 @@ fn tracking(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
 }
 
 fn trims(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
-    let mut v = [f64::NAN; 13];
+    let mut v = [f64::NAN; 16];
     if let Some(f) = f {
         let hover: Vec<usize> =
             f.clear_points().filter(|k| f.hovering(*k) && f.height_m[*k] > 0.6).collect();
@@ -95,6 +95,24 @@ fn trims(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         let lean = moments(f.clear_points().map(|k| f.line.setpoint_rad[k][1]));
         let bank = moments(f.clear_points().map(|k| f.line.setpoint_rad[k][0]));
         let enough = |x: f64| if hover.len() > 100 { x } else { f64::NAN };
+        let effort = |k: usize| f.line.thrust_frac[k] * f.line.supply_v[k];
+        let ceiling_m = f.nominal.room.ceiling_m;
+        let still = |k: usize| f.clear[k] && f.states[k].vel_E_mps.norm() < 0.35;
+        let low = moments((0..f.len()).filter(|k| still(*k) && f.height_m[*k] < 0.45).map(effort));
+        let high = moments(
+            (0..f.len())
+                .filter(|k| still(*k) && ceiling_m + f.states[*k].pos_E_m.z < 0.8)
+                .map(effort),
+        );
+        let middle = |k: &usize| f.height_m[*k] < 0.75 * ceiling_m;
+        let thrust_middle = moments(hover.iter().filter(|k| middle(k)).map(|k| effort(*k)));
+        let first = hover.iter().take(hover.len() / 3).filter(|k| middle(k)).map(|k| effort(*k));
+        let last = hover.iter().skip(hover.len() * 2 / 3).filter(|k| middle(k));
+        let first = moments(first.collect::<Vec<_>>().into_iter());
+        let last = moments(last.map(|k| effort(*k)).collect::<Vec<_>>().into_iter());
+        let some = |m: &crate::gap::regress::Moments, x: f64| {
+            if m.count > 25 { x } else { f64::NAN }
+        };
         v = [
             enough(r[0]),
             enough(p[0]),
@@ -109,6 +127,9 @@ fn trims(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
             log(lean.std),
             log(bank.std),
             all.most,
+            some(&low, low.mean - thrust_middle.mean),
+            some(&high, high.mean - thrust_middle.mean),
+            enough(last.mean - first.mean),
         ];
     }
     let names = [
@@ -125,9 +146,17 @@ fn trims(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         ("pitch_std", "ln", "spread of the pitch setpoint"),
         ("roll_std", "ln", "spread of the roll setpoint"),
         ("thrust_most", "V", "largest departure of throttle times voltage"),
+        ("thrust_low", "V", "throttle times voltage near the floor, beyond that of hover"),
+        ("thrust_high", "V", "near the ceiling, beyond that of hover"),
+        ("thrust_change", "V", "last third of the hovers beyond the first third"),
     ];
     for ((name, unit, meaning), value) in names.into_iter().zip(v) {
-        let at = (Block::Controller, Channel::Loop);
+        let block = match name {
+            "thrust" | "thrust_most" | "thrust_change" => Block::Thrust,
+            "thrust_low" | "thrust_high" => Block::Aerodynamics,
+            _ => Block::Controller,
+        };
+        let at = (block, Channel::Loop);
         sheet.put(at, format!("trim.{name}"), unit, meaning, value);
     }
 }

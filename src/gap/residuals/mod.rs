@@ -12,7 +12,7 @@ pub mod uwb;
 use nalgebra::Vector3;
 
 use super::nominal::{Nominal, RESPONSE_STEP_S};
-use super::smoother::{GridTdoa, Positions, Smoothed, grid_tdoa, smooth};
+use super::smoother::{Gains, GridTdoa, Positions, Smoothed, grid_tdoa, smooth};
 use super::timeline::{NotObservable, STEP_S, Timeline};
 use super::trace::Trace;
 use crate::frames::G_MPS2;
@@ -90,6 +90,8 @@ pub struct Flight<'a> {
     pub line: Timeline,
     /// By kinematics alone.
     pub states: Vec<Smoothed>,
+    /// How the smoother answers to another measurement.
+    pub gains: Gains,
     /// TDOA on the grid.
     pub tdoa: Vec<GridTdoa>,
     /// Anchors, ascending id, Earth, m.
@@ -125,8 +127,8 @@ impl<'a> Flight<'a> {
         let sites_E_m: Vec<_> =
             ids.iter().filter_map(|id| trace.survey.position_E_m(*id)).map(|p| p.raw()).collect();
         let tdoa = grid_tdoa(trace, &line);
-        let states = smooth(trace, &line, &tdoa, &sites_E_m, Positions::Uwb);
         let gear_m = nominal.vehicle.body.gear_m;
+        let (states, gains) = smooth(trace, &line, &tdoa, &sites_E_m, -gear_m, Positions::Uwb);
         let height_m: Vec<f64> = states.iter().map(|s| -s.pos_E_m.z - gear_m).collect();
         let turn = |k: usize| {
             nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), states[k].north_rad)
@@ -156,6 +158,7 @@ impl<'a> Flight<'a> {
             trace,
             nominal,
             states,
+            gains,
             tdoa,
             sites_E_m,
             ids,

@@ -12,20 +12,34 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
     let mut v = [f64::NAN; 10];
     if let Some(f) = f {
         let t = f.trace;
-        let imu = t.imu.iter().map(|s| s.received_at.seconds_since(s.valid_at));
+        // Of the flight alone: how long the vehicle stood before and after is nobody's effect.
+        let span = |first: usize, last: usize| first.min(last)..last;
+        let before = |at: crate::time::HostTime| at < f.line.start;
+        let end = f.line.start.offset_us((f.line.t_s[f.len() - 1] * 1e6) as i64);
+        let imu_all = &t.imu[span(
+            t.imu.partition_point(|s| before(s.received_at)),
+            t.imu.partition_point(|s| s.received_at < end),
+        )];
+        let uwb_all = &t.uwb[span(
+            t.uwb.partition_point(|r| before(r.tdoa.received_at)),
+            t.uwb.partition_point(|r| r.tdoa.received_at < end),
+        )];
+        let attitudes = &t.attitudes[span(
+            t.attitudes.partition_point(|a| before(a.received_at)),
+            t.attitudes.partition_point(|a| a.received_at < end),
+        )];
+        let imu = imu_all.iter().map(|s| s.received_at.seconds_since(s.valid_at));
         let imu = moments(imu);
         let steps =
             moments(t.imu.windows(2).map(|w| w[1].received_at.seconds_since(w[0].received_at)));
-        let gaps = t
-            .imu
+        let gaps = imu_all
             .windows(2)
             .filter(|w| w[1].received_at.seconds_since(w[0].received_at) > GAP_S)
             .count();
-        let late = t.uwb.iter().map(|r| r.tdoa.received_at.seconds_since(r.tdoa.valid_at));
+        let late = uwb_all.iter().map(|r| r.tdoa.received_at.seconds_since(r.tdoa.valid_at));
         let late = moments(late.step_by(3));
-        let attitude = moments(t.attitudes.iter().map(|a| a.received_at.seconds_since(a.valid_at)));
-        let silence = t
-            .uwb
+        let attitude = moments(attitudes.iter().map(|a| a.received_at.seconds_since(a.valid_at)));
+        let silence = uwb_all
             .windows(2)
             .map(|w| w[1].tdoa.received_at.seconds_since(w[0].tdoa.received_at))
             .fold(0.0, f64::max);
@@ -41,7 +55,7 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
             attitude.mean,
             log(silence),
             clock.unwrap_or(f64::NAN),
-            log(t.imu.len() as f64 / span_s),
+            log(imu_all.len() as f64 / span_s),
         ];
     }
     let names = [

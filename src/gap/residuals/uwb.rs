@@ -124,7 +124,8 @@ fn scan(f: &Flight<'_>, rows: &Rows) -> Scan {
     let mut window = usize::MAX;
     for (i, m) in f.tdoa.iter().enumerate() {
         let r = rows.r_m[i];
-        if !f.clear[m.k] || r.abs() > 1.5 {
+        // Every second one is enough: neighbours share receptions.
+        if i % 2 == 1 || !f.clear[m.k] || r.abs() > 1.5 {
             continue;
         }
         if m.k / WINDOW != window {
@@ -252,7 +253,7 @@ fn zones(f: &Flight<'_>, rows: &Rows) -> ([f64; 4], usize) {
 
 /// Regressions over all pairs.
 fn whole(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) {
-    const NAMES: [(&str, Block, &str, &str, f64); 9] = [
+    const NAMES: [(&str, Block, &str, &str, f64); GLOBALS] = [
         ("latency", Block::Timing, "s", "with -h·v: UWB late against IMU", 0.2),
         ("arm_x", Block::Uwb, "m", "antenna forward, turning with the body", 0.2),
         ("arm_y", Block::Uwb, "m", "antenna to the right", 0.2),
@@ -265,52 +266,25 @@ fn whole(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) {
     ];
     let mut b = vec![f64::NAN; NAMES.len()];
     if let Some((f, rows)) = f {
+        let x = global_regressors(f, rows);
+        // What of each error would be left after the smoother had bent the position to it.
+        let mut right = vec![vec![Vector3::zeros(); f.len()]; GLOBALS];
+        for ((m, x), (h, w)) in f.tdoa.iter().zip(&x).zip(rows.h.iter().zip(f.gains.weights())) {
+            for (right, x) in right.iter_mut().zip(x) {
+                right[m.k] += h * (w * x);
+            }
+        }
+        let moved: Vec<_> = right.iter().map(|right| f.gains.respond(right)).collect();
         let prior: Vec<f64> = NAMES.iter().map(|n| n.4).collect();
         let mut fit = Ridge::new(&prior, 1.0);
-        let mut last = usize::MAX;
-        let mut R = Matrix3::identity();
-        let mut acc = Vector3::zeros();
-        let site = |n: usize| f.sites_E_m[n];
-        for (i, m) in f.tdoa.iter().enumerate() {
+        for (i, (m, x)) in f.tdoa.iter().zip(&x).enumerate() {
             // Every second one is enough: neighbours share receptions.
             if i % 2 == 1 || !f.clear[m.k] {
                 continue;
             }
-            if m.k != last {
-                last = m.k;
-                let turn = nalgebra::UnitQuaternion::from_axis_angle(
-                    &Vector3::z_axis(),
-                    f.states[m.k].north_rad,
-                );
-                R = *(turn * f.line.board[m.k]).to_rotation_matrix().matrix();
-                let (lo, hi) = (m.k.saturating_sub(2), (m.k + 2).min(f.len() - 1));
-                acc = (f.states[hi].vel_E_mps - f.states[lo].vel_E_mps)
-                    / ((hi - lo).max(1) as f64 * STEP_S);
-            }
-            let (h, p) = (rows.h[i], rows.p[i]);
-            let v = f.states[m.k].vel_E_mps;
-            let (da, db) = (site(m.a) - p, site(m.b) - p);
-            let bearing = |d: &Vector3<f64>| {
-                let flat = d.xy().norm().max(0.05);
-                let (sin, cos) = f.yaw_rad[m.k].sin_cos();
-                ((cos * d.x + sin * d.y) / flat, (cos * d.y - sin * d.x) / flat)
-            };
-            let ((ca, sa), (cb, sb)) = (bearing(&da), bearing(&db));
-            let low = (1.0 - f.height_m[m.k] / LOW_M).clamp(0.0, 1.0);
-            let is_low = |n: usize| f64::from(u8::from(-site(n).z < LOW_ANCHOR_M));
-            let arm = R.tr_mul(&h);
-            let x = [
-                -h.dot(&v),
-                arm.x,
-                arm.y,
-                arm.z,
-                cb - ca,
-                sb - sa,
-                db.norm() - da.norm(),
-                low * (is_low(m.b) - is_low(m.a)),
-                h.dot(&acc),
-            ];
-            fit.row(&x, rows.r_m[i].clamp(-0.6, 0.6));
+            let left: [f64; GLOBALS] =
+                std::array::from_fn(|j| x[j] - rows.h[i].dot(&moved[j][m.k]));
+            fit.row(&left, rows.r_m[i].clamp(-0.6, 0.6));
         }
         b = fit.solve();
         if !f.clear_points().any(|k| f.height_m[k] < LOW_M - 0.1) {
@@ -320,6 +294,57 @@ fn whole(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) {
     for ((name, block, unit, meaning, _), value) in NAMES.iter().zip(b) {
         sheet.put((*block, Channel::Uwb), format!("uwb.{name}"), unit, meaning, value);
     }
+}
+
+/// Number of errors that concern all pairs.
+const GLOBALS: usize = 9;
+
+/// How much each of them adds to each TDOA, per unit.
+fn global_regressors(f: &Flight<'_>, rows: &Rows) -> Vec<[f64; GLOBALS]> {
+    let mut last = usize::MAX;
+    let mut R = Matrix3::identity();
+    let mut acc = Vector3::zeros();
+    let (mut sin, mut cos) = (0.0, 1.0);
+    let site = |n: usize| f.sites_E_m[n];
+    f.tdoa
+        .iter()
+        .enumerate()
+        .map(|(i, m)| {
+            if m.k != last {
+                last = m.k;
+                let turn = nalgebra::UnitQuaternion::from_axis_angle(
+                    &Vector3::z_axis(),
+                    f.states[m.k].north_rad,
+                );
+                R = *(turn * f.line.board[m.k]).to_rotation_matrix().matrix();
+                (sin, cos) = f.yaw_rad[m.k].sin_cos();
+                let (lo, hi) = (m.k.saturating_sub(2), (m.k + 2).min(f.len() - 1));
+                acc = (f.states[hi].vel_E_mps - f.states[lo].vel_E_mps)
+                    / ((hi - lo).max(1) as f64 * STEP_S);
+            }
+            let (h, p) = (rows.h[i], rows.p[i]);
+            let (da, db) = (site(m.a) - p, site(m.b) - p);
+            let bearing = |d: &Vector3<f64>| {
+                let flat = d.xy().norm().max(0.05);
+                ((cos * d.x + sin * d.y) / flat, (cos * d.y - sin * d.x) / flat)
+            };
+            let ((ca, sa), (cb, sb)) = (bearing(&da), bearing(&db));
+            let low = (1.0 - f.height_m[m.k] / LOW_M).clamp(0.0, 1.0);
+            let is_low = |n: usize| f64::from(u8::from(-site(n).z < LOW_ANCHOR_M));
+            let arm = R.tr_mul(&h);
+            [
+                -h.dot(&f.states[m.k].vel_E_mps),
+                arm.x,
+                arm.y,
+                arm.z,
+                cb - ca,
+                sb - sa,
+                db.norm() - da.norm(),
+                low * (is_low(m.b) - is_low(m.a)),
+                h.dot(&acc),
+            ]
+        })
+        .collect()
 }
 
 /// Spread, tails and clustering.
@@ -372,7 +397,9 @@ fn noise(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) {
         shares.sort_by(f64::total_cmp);
         let worst = shares.last().copied().unwrap_or(f64::NAN);
         let bursts = shares.iter().filter(|s| **s > 0.1).count() as f64;
-        let fused = f.trace.uwb.iter().filter(|r| r.fused).count() as f64;
+        // Of the flight alone, as the TDOA on the grid are.
+        let flown = |r: &&crate::topics::UwbRecord| f.line.place(r.tdoa.valid_at).is_some();
+        let fused = f.trace.uwb.iter().filter(flown).filter(|r| r.fused).count() as f64;
         let nis = moments(f.trace.uwb.iter().step_by(4).map(|r| {
             log((r.innovation_m.powi(2) / r.var_innovation_m2.max(1e-9)).min(50.0) + 0.1)
         }));
@@ -383,14 +410,14 @@ fn noise(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) {
             log(inner.std),
             log(white.excess.max(0.0) + 1.0),
             log(all.most),
-            log(wild / count.max(1.0) + 1e-4),
-            log(worst + 1e-2),
-            log(bursts + 0.5),
+            log(wild / count.max(1.0) + 3e-3),
+            log(worst + 0.05),
+            log(bursts + 1.0),
             uneven,
             if low.count > 200 { log(low.std) - log(all.std) } else { f64::NAN },
             if low.count > 200 { low.skew } else { f64::NAN },
-            log(f.trace.uwb.len() as f64 / span_s),
-            log(1.0 - fused / f.trace.uwb.len().max(1) as f64 + 1e-4),
+            log(f.tdoa.len() as f64 / span_s),
+            log(1.0 - (fused / f.tdoa.len().max(1) as f64).min(1.0) + 1e-4),
             nis.mean,
         ];
     }
