@@ -1,5 +1,8 @@
 //! Diagnosis of the gap between a flight and the nominal simulator: where it lies, which unmodelled
 //! effect causes it, how far it shrinks once that effect is added.
 
+pub mod attribute;
+pub mod bank;
 pub mod missions;
+pub mod outcome;
 pub mod scene;
