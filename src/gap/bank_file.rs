@@ -215,7 +215,8 @@ mod tests {
     use super::*;
 
     fn bank() -> Bank {
-        let draw = Draw { theta: vec![0.1 + 0.2], seed: u64::MAX, statistics: vec![1e-300, f64::NAN] };
+        let draw =
+            Draw { theta: vec![0.1 + 0.2], seed: u64::MAX, statistics: vec![1e-300, f64::NAN] };
         Bank {
             names: vec!["a".into(), "b".into()],
             seeds: vec![vec![1.0 / 3.0, -0.0]; 12],

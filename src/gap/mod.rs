@@ -3,6 +3,9 @@
 
 pub mod attribute;
 pub mod bank;
+pub mod bank_file;
 pub mod missions;
 pub mod outcome;
 pub mod scene;
+pub mod score;
+pub mod shrink;

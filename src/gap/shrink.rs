@@ -87,9 +87,10 @@ fn to_all(real: &[f64], sims: &[Vec<f64>], scales: &[f64]) -> f64 {
 
 /// Mean distance among flights of one model.
 fn among(sims: &[Vec<f64>], scales: &[f64]) -> f64 {
-    let pairs = sims.iter().enumerate().flat_map(|(i, a)| {
-        sims.iter().skip(i + 1).map(move |b| distance(a, b, scales))
-    });
+    let pairs = sims
+        .iter()
+        .enumerate()
+        .flat_map(|(i, a)| sims.iter().skip(i + 1).map(move |b| distance(a, b, scales)));
     mean(pairs)
 }
 
@@ -107,7 +108,11 @@ pub fn shrink(flights: &[Paired], scales: &[f64], seed: u64) -> Shrink {
     let parts: Vec<[f64; 3]> = flights
         .iter()
         .map(|f| {
-            [to_all(&f.real, &f.before, scales), to_all(&f.real, &f.after, scales), among(&f.after, scales)]
+            [
+                to_all(&f.real, &f.before, scales),
+                to_all(&f.real, &f.after, scales),
+                among(&f.after, scales),
+            ]
         })
         .filter(|p| p.iter().all(|v| v.is_finite()))
         .collect();

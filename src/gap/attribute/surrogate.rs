@@ -319,7 +319,7 @@ mod tests {
             (0..40).map(|_| vec![rng.between(-1.0, 1.0), rng.between(0.0, 7.0)]).collect();
         let rows: Vec<_> = thetas
             .iter()
-            .map(|t| (&along * law(t[0], t[1]) + DVector::from_fn(p, |_, _| 0.7 * rng.normal())))
+            .map(|t| &along * law(t[0], t[1]) + DVector::from_fn(p, |_, _| 0.7 * rng.normal()))
             .collect();
         let z = DMatrix::from_fn(40, p, |i, j| rows[i][j]);
         let refs: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
