@@ -348,7 +348,7 @@ mod tests {
             pair_limit: 3.3,
             blocks: vec![],
             gate: Gate::default(),
-            adequacy: Adequacy { score: adequacy, limit: 2.0, explained: 1.0 },
+            adequacy: Adequacy { score: adequacy, limit: 2.0, ..Adequacy::default() },
             used: 10,
             unknown: vec![],
         }

@@ -21,7 +21,7 @@ pub(super) fn distance(library: &Library, fit: &Fit, other: usize) -> f64 {
     };
     let mean = own.mean(&fit.h);
     let closest = Sufficient::new(rival, &mean).fit(other);
-    library.squared(&mean, &closest).max(0.0).sqrt()
+    library.left(&mean, &closest).squared.max(0.0).sqrt()
 }
 
 /// Effects among `candidates` that are not told apart from `fit` and not ruled out.

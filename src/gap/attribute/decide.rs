@@ -7,7 +7,7 @@ use super::ambiguity;
 use super::blocks::Groups;
 use super::evidence::Fit;
 use super::library::Library;
-use super::open_set::{remainder, score};
+use super::open_set::{features, remainder, score};
 use super::pairs::{self, PairFit};
 use super::trials::by_effect;
 use super::whiten::expand;
@@ -93,7 +93,7 @@ impl Attributor {
                     space.map(|s| s.value(&p.units[k])).unwrap_or_default()
                 }),
                 gain: p.log_z - top,
-                residual_score: score(p.squared, width),
+                residual_score: score(p.left.squared, width),
             })
             .collect();
         found.into_iter().next().filter(|p| p.log_z - top > self.limits.pair_gain)
@@ -135,18 +135,20 @@ impl Attributor {
                     log_evidence: fit.log_z - null,
                     theta: named.theta,
                     theta_90: named.theta_90,
-                    residual_score: score(library.squared(&case.z, fit), width),
+                    residual_score: score(library.left(&case.z, fit).squared, width),
                     distance: apart.map(|(_, d)| *d),
                 }
             })
             .collect();
-        let squared = match &pair {
-            Some(p) => p.squared,
-            None => library.squared(&case.z, first),
+        let what = match &pair {
+            Some(p) => p.left,
+            None => library.left(&case.z, first),
         };
         let excess = case.z.norm_squared() - width as f64;
-        let left = (squared - width as f64).max(0.0);
-        result.adequacy.score = score(squared, width);
+        let left = (what.squared - width as f64).max(0.0);
+        let judged = features(what, case.z.norm_squared(), width);
+        result.adequacy.score = self.limits.judge.odds(&judged);
+        result.adequacy.residual = score(what.squared, width);
         result.adequacy.explained =
             if excess > 0.0 { (1.0 - left / excess).clamp(0.0, 1.0) } else { 1.0 };
         if !alarm {

@@ -4,7 +4,9 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::evidence::{Fit, Sufficient};
+use super::linear::Noise;
 use super::neighbours::Neighbours;
+use super::open_set::Left;
 use super::surrogate::Surrogate;
 use super::whiten::{Standard, Whitening, compressed};
 use crate::gap::bank::Bank;
@@ -124,13 +126,15 @@ impl Library {
         fits
     }
 
-    /// `rᵀ N⁻¹ r` of a single explanation, `N` at its level.
-    pub fn squared(&self, z: &DVector<f64>, fit: &Fit) -> f64 {
-        let Some(s) = self.effects.get(fit.effect) else { return z.norm_squared() };
-        let scale = s.level(&fit.h);
-        let noise =
-            super::linear::Noise::new(&(&s.spread.0 * scale), &(&s.spread.1 * scale.sqrt()));
-        noise.squared(&(z - s.mean(&fit.h)))
+    /// What a single explanation leaves, by the noise at its level.
+    pub fn left(&self, z: &DVector<f64>, fit: &Fit) -> Left {
+        let Some(s) = self.effects.get(fit.effect) else {
+            return Left { squared: z.norm_squared(), peak: z.amax() };
+        };
+        let level = s.level(&fit.h);
+        let noise = Noise::new(&(&s.spread.0 * level), &(&s.spread.1 * level.sqrt()));
+        let residual = z - s.mean(&fit.h);
+        Left { squared: noise.squared(&residual), peak: noise.peak(&residual) }
     }
 }
 

@@ -124,6 +124,12 @@ impl Noise {
         z.component_mul(&self.inverse) - &self.v * self.v.tr_mul(z)
     }
 
+    /// Largest entry, in sigma of the diagonal part.
+    pub fn peak(&self, z: &DVector<f64>) -> f64 {
+        let sized = z.iter().zip(self.inverse.iter()).map(|(a, w)| a.abs() * w.sqrt());
+        sized.fold(0.0, f64::max)
+    }
+
     /// `zᵀ N⁻¹ z`.
     pub fn squared(&self, z: &DVector<f64>) -> f64 {
         let plain: f64 = z.iter().zip(self.inverse.iter()).map(|(a, w)| a * a * w).sum();

@@ -149,8 +149,10 @@ pub struct Gate {
 /// Is the explanation good enough.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Adequacy {
-    /// Normal score of what the explanation leaves.
+    /// Log odds that the explanation is not the cause, from what it leaves.
     pub score: f64,
+    /// Normal score of what it leaves.
+    pub residual: f64,
     /// Limit from held-out flights with known effects.
     pub limit: f64,
     /// Share of the excess of the squared distance that is explained.

@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use super::evidence::{Fit, Sufficient, climb};
 use super::library::Library;
 use super::linear::Noise;
+use super::open_set::Left;
 use super::whiten::{compress, expand};
 
 /// Singles that may be part of a pair with anything.
@@ -23,8 +24,8 @@ pub(super) struct PairFit {
     pub units: [Vec<f64>; 2],
     /// Log evidence, Laplace.
     pub log_z: f64,
-    /// `rᵀ N⁻¹ r`.
-    pub squared: f64,
+    /// What it leaves.
+    pub left: Left,
 }
 
 /// Best pairs, best first; `polished`: how many are fitted jointly.
@@ -100,8 +101,9 @@ fn joint(library: &Library, z: &DVector<f64>, first: &Fit, second: &Fit) -> Pair
         unit = climb(start, unit, objective).1;
     }
     let last = noise(&unit);
-    let squared = last.squared(&residual(&unit));
-    let peak = -0.5 * squared - 0.5 * last.log_det;
+    let rest = residual(&unit);
+    let left = Left { squared: last.squared(&rest), peak: last.peak(&rest) };
+    let peak = -0.5 * left.squared - 0.5 * last.log_det;
     // What integrating over θ costs, from each effect alone.
     let alone = |s, at: &DVector<f64>, e| {
         let fit = Sufficient::new(s, at).fit(e);
@@ -110,5 +112,5 @@ fn joint(library: &Library, z: &DVector<f64>, first: &Fit, second: &Fit) -> Pair
     let (ua, ub) = unit.split_at(cut);
     let price = alone(a, &(z - b.mean(&b.coordinates(ub))), effects[0])
         + alone(b, &(z - a.mean(&a.coordinates(ua))), effects[1]);
-    PairFit { effects, units: [ua.to_vec(), ub.to_vec()], log_z: peak - price, squared }
+    PairFit { effects, units: [ua.to_vec(), ub.to_vec()], log_z: peak - price, left }
 }

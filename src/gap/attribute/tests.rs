@@ -71,6 +71,11 @@ fn run(size: Size, flights: usize, foreign: bool) -> Tally {
     let unknown: Vec<Attribution> = if foreign { vec![] } else { it.attribute_all(&unknown) };
     let reject = |a: &&Attribution| matches!(a.outcome, Outcome::NotInLibrary { .. });
     t.rejected = unknown.iter().filter(reject).count() as f64 / n;
+    let mut ends = std::collections::BTreeMap::<&str, usize>::new();
+    for a in &unknown {
+        *ends.entry(a.outcome.key()).or_default() += 1;
+    }
+    println!("unknown effects end as {ends:?}; limit of pairs {:.2}", it.limits.adequate_pair);
     let (mut doubles, mut want) = (Vec::new(), Vec::new());
     for k in 0..flights / 2 {
         let (a, b) = (k % size.effects, (k * 5 + 1 + k / size.effects) % size.effects);

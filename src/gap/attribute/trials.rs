@@ -14,7 +14,7 @@ use super::blocks::Groups;
 use super::calibrate::{Calibration, Vote};
 use super::evidence::Fit;
 use super::library::{Library, Part};
-use super::open_set::score;
+use super::open_set::{Judge, features, score};
 use super::pairs;
 use super::{Settings, Teachers};
 use crate::gap::bank::Draw;
@@ -42,7 +42,9 @@ pub(super) struct Limits {
     pub distance: f64,
     /// Log evidence that a second effect must add.
     pub pair_gain: f64,
-    /// Largest normal score of the residual of a known effect, and of two.
+    /// Judge of explanations.
+    pub judge: Judge,
+    /// Largest odds of "not the cause" that a known effect reaches.
     pub adequate: f64,
     /// The same for two effects.
     pub adequate_pair: f64,
@@ -65,9 +67,11 @@ struct Null {
 struct Trial {
     vote: Vote,
     gain: f64,
-    /// Score of the best single, and evidence gain and score of the best pair.
-    single: f64,
-    pair: Option<(f64, f64)>,
+    /// What the best single leaves, and the best of the effects that are not the cause.
+    single: [f64; 4],
+    without: Option<[f64; 4]>,
+    /// Evidence that the best pair adds, and what it leaves.
+    pair: Option<(f64, [f64; 4])>,
     /// A flight with two effects.
     double: bool,
     /// Errors of the parameters of the right effect, in half widths of their interval.
@@ -116,9 +120,13 @@ pub(super) fn limits(
     let second = 1.0 - settings.false_second;
     let pair_gain = quantile(single_gains, second).max(LEAST_PAIR_GAIN);
     let enough = 1.0 - settings.false_rejection;
-    let adequate = quantile(seen.iter().filter(|t| !t.double).map(|t| t.single), enough);
+    let singles = || seen.iter().filter(|t| !t.double);
+    let known: Vec<_> = singles().map(|t| t.single).collect();
+    let strange: Vec<_> = singles().filter_map(|t| t.without).collect();
+    let judge = Judge::new(&known, &strange);
+    let adequate = quantile(known.iter().map(|f| judge.odds(f)), enough);
     let two = seen.iter().filter(|t| t.double).filter_map(|t| t.pair);
-    let scores = two.filter(|(gain, _)| *gain > pair_gain).map(|(_, score)| score);
+    let scores = two.filter(|(gain, _)| *gain > pair_gain).map(|(_, left)| judge.odds(&left));
     let adequate_pair = quantile(scores, enough).max(adequate);
     let errors = seen.iter().flat_map(|t| t.errors.iter().copied());
     let widen = quantile(errors, 0.9).clamp(1.0, MOST_WIDENED);
@@ -135,7 +143,8 @@ pub(super) fn limits(
         gain,
         distance,
         pair_gain,
-        adequate: if adequate.is_finite() { adequate } else { distance },
+        judge,
+        adequate,
         adequate_pair,
         widen,
         calibration,
@@ -168,12 +177,15 @@ fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
     let fits = library.explain(&flight.z, settings.survivors);
     let width = library.whitening.width();
     let best = fits.first();
-    let squared = best.map_or(f64::INFINITY, |f| library.squared(&flight.z, f));
+    let whole = flight.z.norm_squared();
+    let leaves = |f: &Fit| features(library.left(&flight.z, f), whole, width);
+    let single = best.map_or([0.0; 4], leaves);
+    let without = fits.iter().find(|f| f.effect != known.effect).filter(|_| !known.double);
     let top = best.map_or(f64::NEG_INFINITY, |f| f.log_z);
     let pair = known
         .search
         .then(|| pairs::search(library, &flight.z, &fits, TRIAL_POLISHED))
-        .and_then(|p| p.first().map(|p| (p.log_z - top, score(p.squared, width))));
+        .and_then(|p| p.first().map(|p| (p.log_z - top, features(p.left, whole, width))));
     let right = fits.iter().find(|f| f.effect == known.effect && !f.points.is_empty());
     let errors = match (right, library.effects.get(known.effect)) {
         (Some(fit), Some(s)) if !known.double => s
@@ -194,7 +206,8 @@ fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
     Trial {
         vote: Vote { log_z: by_effect(&fits), votes, truth: known.effect },
         gain: top - Library::null(&flight.z),
-        single: score(squared, width),
+        single,
+        without: without.map(leaves),
         pair,
         double: known.double,
         errors,
