@@ -32,7 +32,7 @@ impl<'a> Teachers<'a> {
         let base = if bank.seeds.is_empty() { &bank.jitter } else { &bank.seeds };
         let mean = (0..width).map(|j| moments(base, j).0).collect();
         // A draw holds the noise of its seed; jitter holds that and more.
-        let (mut sum, mut count) = (0.0, 0.0);
+        let (mut sum, mut count) = (0.0_f64, 0.0_f64);
         for j in 0..width {
             let ratio = moments(&bank.seeds, j).1 / moments(&bank.jitter, j).1;
             if ratio.is_finite() {
@@ -40,7 +40,7 @@ impl<'a> Teachers<'a> {
                 count += 1.0;
             }
         }
-        let lacking = if count > 0.0 { (sum / count as f64).sqrt() } else { 0.0 };
+        let lacking = if count > 0.0 { f64::sqrt(sum / count) } else { 0.0 };
         Self { bank, references, blocks, mean, lacking }
     }
 

@@ -13,6 +13,7 @@ struct Tally {
     named: f64,
     ece: f64,
     rejected: f64,
+    rejected_seen: f64,
     rejected_known: f64,
     pairs: f64,
     covered: f64,
@@ -39,6 +40,7 @@ fn run(size: Size, flights: usize, foreign: bool) -> Tally {
         named: 0.0,
         ece: 0.0,
         rejected: 0.0,
+        rejected_seen: 0.0,
         rejected_known: 0.0,
         pairs: 0.0,
         covered: 0.0,
@@ -70,6 +72,8 @@ fn run(size: Size, flights: usize, foreign: bool) -> Tally {
     let unknown: Vec<_> = (0..flights).map(|k| toy.unknown(k)).collect();
     let unknown: Vec<Attribution> = if foreign { vec![] } else { it.attribute_all(&unknown) };
     let reject = |a: &&Attribution| matches!(a.outcome, Outcome::NotInLibrary { .. });
+    let seen = unknown.iter().filter(|a| a.outcome != Outcome::NoMaterialGap).count();
+    t.rejected_seen = unknown.iter().filter(reject).count() as f64 / seen as f64;
     t.rejected = unknown.iter().filter(reject).count() as f64 / n;
     let mut ends = std::collections::BTreeMap::<&str, usize>::new();
     for a in &unknown {
@@ -127,6 +131,48 @@ fn prop_names_rejects_and_stays_quiet_on_a_made_up_world() {
     assert!(t.alarms < 0.08, "{}", t.alarms);
     assert!(t.ece < 0.12, "{}", t.ece);
     assert!(t.rejected_known < 0.12, "{}", t.rejected_known);
+    assert!(t.rejected_seen > 0.75, "{}", t.rejected_seen);
+}
+
+/// Order, unit and company of the statistics are no part of the answer.
+#[test]
+fn prop_order_units_and_a_noise_statistic_change_nothing() {
+    let size = Size { statistics: 24, effects: 6, draws: 12, seeds: 30, jitter: 40 };
+    let mut toy = Toy::new(size, 5);
+    let (bank, blocks) = (toy.bank(), toy.blocks());
+    let theta = toy.theta(2).iter().map(|v| 1.3 * v).collect();
+    let flight = toy.flight(&[(2, theta)], true, false);
+    let settings = Settings::default();
+    let plain = Attributor::new(&bank, &[], &blocks, &settings).unwrap().attribute(&flight);
+    let mut rng = crate::model::random::Stream::new(8, "noise");
+    let mut changed = |turn: &dyn Fn(&mut Vec<f64>, f64)| {
+        let mut b = bank.clone();
+        let mut f = flight.clone();
+        let draws = b.effects.iter_mut().flat_map(|e| &mut e.draws).map(|d| &mut d.statistics);
+        for row in b.seeds.iter_mut().chain(&mut b.jitter).chain(draws).chain([&mut f]) {
+            turn(row, rng.normal());
+        }
+        let width = f.len();
+        b.names = (0..width).map(|j| format!("s{j}")).collect();
+        let blocks: Vec<_> = (0..width).map(|j| blocks[j.min(23)]).collect();
+        Attributor::new(&b, &[], &blocks, &settings).unwrap().attribute(&f)
+    };
+    let best = |a: &Attribution| (a.candidates[0].id.clone(), a.gate.gain);
+    let (id, gain) = best(&plain);
+    for (what, other, slack) in [
+        ("units", changed(&|r, _| r.iter_mut().for_each(|v| *v *= -1e3)), 0.02),
+        ("order", changed(&|r, _| r.reverse()), 1.0),
+        ("noise", changed(&|r, n| r.push(n)), 4.0),
+    ] {
+        let (other, moved) = best(&other);
+        assert_eq!(other, id, "{what}");
+        assert!((moved - gain).abs() < slack, "{what}: {gain} {moved}");
+    }
+    // An unknown statistic is left out and said, whatever else stays.
+    let mut holed = flight.clone();
+    holed[3] = f64::NAN;
+    let holed = Attributor::new(&bank, &[], &blocks, &settings).unwrap().attribute(&holed);
+    assert_eq!((holed.unknown.as_slice(), holed.used), (&["s3".to_string()][..], 23));
 }
 
 #[test]
