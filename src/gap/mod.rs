@@ -1,13 +1,19 @@
 //! Diagnosis of the gap between a flight and the nominal simulator: where it lies, which unmodelled
 //! effect causes it, how far it shrinks once that effect is added.
 
+pub mod attribute;
+pub mod bank;
+pub mod bank_file;
 pub mod cells;
 pub mod fly;
 pub mod missions;
 pub mod nominal;
+pub mod outcome;
 pub mod regress;
 pub mod residuals;
 pub mod scene;
+pub mod score;
+pub mod shrink;
 pub mod smoother;
 pub mod statistics;
 pub mod timeline;

@@ -1,0 +1,210 @@
+//! From evidences and votes to probabilities that mean what they say.
+//!
+//! `p ∝ (1 - w) softmax(log Z / T) + w votes`; `T` and `w` minimise the log loss of held-out draws,
+//! then an isotonic map (pool adjacent violators) of the largest `p` to the share of right names.
+
+/// Temperatures and weights that are tried.
+const TEMPERATURES: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0, 16.0, 25.0];
+const WEIGHTS: [f64; 6] = [0.0, 0.05, 0.1, 0.2, 0.35, 0.5];
+/// Flights of prior weight in every step of the isotonic map: half right.
+const STEP_PRIOR: f64 = 1.0;
+/// Least and largest probability of a name.
+const MOST_SURE: f64 = 0.995;
+
+/// One held-out flight with one known effect.
+#[derive(Debug, Clone)]
+pub(super) struct Vote {
+    /// Log evidence per effect.
+    pub log_z: Vec<f64>,
+    /// Votes of the neighbours per effect.
+    pub votes: Vec<f64>,
+    /// The right effect.
+    pub truth: usize,
+}
+
+/// Map from evidences to probabilities.
+#[derive(Debug, Clone)]
+pub(super) struct Calibration {
+    /// Temperature of the evidences.
+    pub temperature: f64,
+    /// Weight of the neighbours.
+    pub weight: f64,
+    /// Steps of the isotonic map: probability before, after; rising.
+    steps: Vec<(f64, f64)>,
+    /// Conformal limit: cumulated probability up to and with the truth, at the asked coverage.
+    pub conformal: f64,
+}
+
+impl Calibration {
+    /// Learns from held-out flights. `coverage`: of the set.
+    pub fn new(flights: &[Vote], coverage: f64) -> Self {
+        let mut best = (f64::INFINITY, 3.0, 0.1);
+        for temperature in TEMPERATURES {
+            for weight in WEIGHTS {
+                let loss: f64 = flights
+                    .iter()
+                    .map(|f| {
+                        let p = mixed(&f.log_z, &f.votes, temperature, weight);
+                        -p.get(f.truth).copied().unwrap_or(0.0).max(1e-6).ln()
+                    })
+                    .sum();
+                if loss < best.0 {
+                    best = (loss, temperature, weight);
+                }
+            }
+        }
+        let (_, temperature, weight) = best;
+        let mut tops: Vec<(f64, f64)> = flights
+            .iter()
+            .map(|f| {
+                let p = mixed(&f.log_z, &f.votes, temperature, weight);
+                let (top, value) = largest(&p);
+                (value, if top == f.truth { 1.0 } else { 0.0 })
+            })
+            .collect();
+        tops.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut calibration =
+            Self { temperature, weight, steps: isotonic(&tops), conformal: coverage };
+        let mut reached: Vec<f64> = flights
+            .iter()
+            .map(|f| {
+                let p = calibration.posterior(&f.log_z, &f.votes);
+                let own = p.get(f.truth).copied().unwrap_or(0.0);
+                // Sum down to the truth, without it: a set holds it from there on.
+                p.iter().filter(|v| **v > own).sum()
+            })
+            .collect();
+        reached.sort_by(f64::total_cmp);
+        let rank = ((reached.len() as f64 + 1.0) * coverage).ceil() as usize;
+        if let Some(limit) = reached.get(rank.saturating_sub(1)) {
+            calibration.conformal = *limit;
+        }
+        calibration
+    }
+
+    /// Calibrated probabilities.
+    pub fn posterior(&self, log_z: &[f64], votes: &[f64]) -> Vec<f64> {
+        let mut p = mixed(log_z, votes, self.temperature, self.weight);
+        let (top, before) = largest(&p);
+        let after = self.map(before);
+        let rest = 1.0 - before;
+        let many = p.len().saturating_sub(1).max(1) as f64;
+        for (e, value) in p.iter_mut().enumerate() {
+            *value = if e == top {
+                after
+            } else if rest > 1e-12 {
+                // The order of the names stays: none of the others passes the first.
+                (*value / rest * (1.0 - after)).min(after)
+            } else {
+                (1.0 - after) / many
+            };
+        }
+        p
+    }
+
+    /// Set that holds the truth as often as asked.
+    pub fn set(&self, posterior: &[f64]) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..posterior.len()).collect();
+        order.sort_by(|a, b| posterior[*b].total_cmp(&posterior[*a]));
+        let mut sum = 0.0;
+        let inside = order.iter().take_while(|e| {
+            let before = sum;
+            sum += posterior[**e];
+            before <= self.conformal
+        });
+        let set: Vec<usize> = inside.copied().collect();
+        if set.is_empty() { order.into_iter().take(1).collect() } else { set }
+    }
+
+    fn map(&self, before: f64) -> f64 {
+        let [.., (_, last)] = self.steps[..] else { return before };
+        let above = self.steps.iter().position(|(x, _)| *x >= before);
+        let value = match above {
+            None => last,
+            Some(0) => self.steps[0].1,
+            Some(k) => {
+                let ((x0, y0), (x1, y1)) = (self.steps[k - 1], self.steps[k]);
+                y0 + (y1 - y0) * (before - x0) / (x1 - x0).max(1e-12)
+            }
+        };
+        value.clamp(1.0 - MOST_SURE, MOST_SURE)
+    }
+}
+
+fn mixed(log_z: &[f64], votes: &[f64], temperature: f64, weight: f64) -> Vec<f64> {
+    let top = log_z.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let raw: Vec<f64> = log_z.iter().map(|v| ((v - top) / temperature).exp()).collect();
+    let total: f64 = raw.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    let vote = |e: usize| votes.get(e).copied().unwrap_or(0.0);
+    raw.iter().enumerate().map(|(e, v)| (1.0 - weight) * v / total + weight * vote(e)).collect()
+}
+
+fn largest(p: &[f64]) -> (usize, f64) {
+    let first = (0, f64::NEG_INFINITY);
+    p.iter().enumerate().fold(first, |best, (e, v)| if *v > best.1 { (e, *v) } else { best })
+}
+
+/// Rising steps `(mean x, share)`, by pooling neighbours that fall.
+fn isotonic(sorted: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    // Sum of x, sum of y, count.
+    let mut pools: Vec<(f64, f64, f64)> = Vec::new();
+    for (x, y) in sorted {
+        pools.push((*x, *y, 1.0));
+        while let [.., a, b] = pools[..] {
+            if a.1 / a.2 < b.1 / b.2 {
+                break;
+            }
+            pools.truncate(pools.len() - 2);
+            pools.push((a.0 + b.0, a.1 + b.1, a.2 + b.2));
+        }
+    }
+    let share = |p: &(f64, f64, f64)| (p.1 + 0.5 * STEP_PRIOR) / (p.2 + STEP_PRIOR);
+    let mut steps: Vec<(f64, f64)> = pools.iter().map(|p| (p.0 / p.2, share(p))).collect();
+    for k in 1..steps.len() {
+        steps[k].1 = steps[k].1.max(steps[k - 1].1);
+    }
+    steps
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::random::Stream;
+
+    #[test]
+    fn prop_overconfident_evidence_is_cooled_and_sets_cover() {
+        let mut rng = Stream::new(3, "calibrate");
+        let mut flights = |count: usize| -> Vec<Vote> {
+            let one = |rng: &mut Stream| {
+                let truth = (rng.uniform() * 8.0) as usize;
+                // Honest log odds times six: a Gaussian score of the truth, two sigma up.
+                let log_z = (0..8)
+                    .map(|e| 12.0 * (rng.normal() + if e == truth { 2.0 } else { 0.0 }))
+                    .collect();
+                Vote { log_z, votes: vec![0.125; 8], truth }
+            };
+            (0..count).map(|_| one(&mut rng)).collect()
+        };
+        let calibration = Calibration::new(&flights(800), 0.9);
+        assert!((4.0..11.0).contains(&calibration.temperature), "{}", calibration.temperature);
+        let (mut gap, mut covered, mut size) = (0.0, 0, 0);
+        let test = flights(2000);
+        for f in &test {
+            let p = calibration.posterior(&f.log_z, &f.votes);
+            let (top, value) = largest(&p);
+            gap += value - if top == f.truth { 1.0 } else { 0.0 };
+            let set = calibration.set(&p);
+            covered += usize::from(set.contains(&f.truth));
+            size += set.len();
+        }
+        assert!((gap / 2000.0).abs() < 0.05, "{}", gap / 2000.0);
+        assert!((0.87..0.97).contains(&(covered as f64 / 2000.0)), "{covered}");
+        assert!(size < 3 * 2000, "{size}");
+    }
+
+    #[test]
+    fn prop_isotonic_steps_rise() {
+        let steps = isotonic(&[(0.1, 1.0), (0.2, 0.0), (0.3, 0.0), (0.6, 1.0), (0.9, 1.0)]);
+        assert!(steps.windows(2).all(|w| w[0].0 <= w[1].0 && w[0].1 <= w[1].1), "{steps:?}");
+    }
+}

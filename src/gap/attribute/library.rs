@@ -1,0 +1,153 @@
+//! Everything learned from one part of a bank: whitening, signatures, neighbours.
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::evidence::{Fit, Sufficient};
+use super::linear::Noise;
+use super::neighbours::Neighbours;
+use super::open_set::Left;
+use super::surrogate::Surrogate;
+use super::whiten::{Standard, Whitening, compressed};
+use crate::gap::bank::Bank;
+
+/// Which flights of a bank teach: all, or all but one fold.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Part {
+    /// The fold that is held out, and the number of folds.
+    pub held_out: Option<(usize, usize)>,
+}
+
+impl Part {
+    /// Whether flight `i` of its list teaches.
+    pub fn teaches(self, i: usize) -> bool {
+        self.held_out.is_none_or(|(fold, folds)| i % folds != fold)
+    }
+}
+
+/// A flight as the library sees it.
+#[derive(Debug, Clone)]
+pub(super) struct Flight {
+    /// Whitened.
+    pub z: DVector<f64>,
+}
+
+/// Whitening and signatures.
+#[derive(Debug, Clone)]
+pub(super) struct Library {
+    /// Whitening.
+    pub whitening: Whitening,
+    /// One per effect of the bank, in its order.
+    pub effects: Vec<Surrogate>,
+    /// Second voter.
+    pub neighbours: Neighbours,
+}
+
+impl Library {
+    /// Learns. `allowed`: statistics that may be used, by place; `form`: relative uncertainty of
+    /// every signature; `jittered`: draws carry benign jitter themselves.
+    pub fn new(
+        bank: &Bank,
+        part: Part,
+        references: &[&[f64]],
+        allowed: impl Fn(usize) -> bool,
+        form: f64,
+        jittered: bool,
+    ) -> Self {
+        let teach = |rows: &'_ [Vec<f64>]| -> Vec<usize> {
+            (0..rows.len()).filter(|i| part.teaches(*i)).collect()
+        };
+        let seeds: Vec<&[f64]> =
+            teach(&bank.seeds).into_iter().map(|i| bank.seeds[i].as_slice()).collect();
+        let jitter: Vec<&[f64]> =
+            teach(&bank.jitter).into_iter().map(|i| bank.jitter[i].as_slice()).collect();
+        let nulls: Vec<&[f64]> = seeds.iter().chain(&jitter).copied().collect();
+        let draws = bank.effects.iter().flat_map(|e| {
+            let kept = e.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i));
+            kept.map(|(_, d)| d.statistics.as_slice())
+        });
+        let standard = Standard::new(&nulls, draws, allowed);
+        let plain = standard.clone();
+        let spreading =
+            if jitter.len() >= crate::gap::bank::LEAST_NULLS { &jitter } else { &nulls };
+        let whitening = Whitening::new(standard, spreading, references);
+        // Draws compare with the flights they differ from by the effect alone.
+        let base = if seeds.is_empty() || jittered { spreading } else { &seeds };
+        let rows: Vec<Vec<f64>> = base.iter().map(|r| compressed(&plain.raw(r))).collect();
+        let base_z = whitening.apply_rows(&rows);
+        let mean: DVector<f64> = base_z.row_mean().transpose();
+        let variance: DVector<f64> = base_z.row_variance().transpose();
+        let learned: Vec<(Surrogate, DMatrix<f64>)> = bank
+            .effects
+            .par_iter()
+            .map(|effect| {
+                let kept: Vec<_> = effect
+                    .draws
+                    .iter()
+                    .enumerate()
+                    .filter(|(i, _)| part.teaches(*i))
+                    .map(|(_, d)| d)
+                    .collect();
+                let raw: Vec<Vec<f64>> = kept.iter().map(|d| plain.raw(&d.statistics)).collect();
+                let mut z = whitening.apply_rows(&filled(raw));
+                for mut row in z.row_iter_mut() {
+                    row -= &mean.transpose();
+                }
+                let thetas: Vec<&[f64]> = kept.iter().map(|d| d.theta.as_slice()).collect();
+                (Surrogate::new(&thetas, &z, &variance, form), z)
+            })
+            .collect();
+        let neighbours = Neighbours::new(learned.iter().map(|(_, z)| z));
+        Self { whitening, effects: learned.into_iter().map(|(s, _)| s).collect(), neighbours }
+    }
+
+    /// Standardises, compresses and whitens one flight.
+    pub fn flight(&self, statistics: &[f64]) -> Flight {
+        let raw = self.whitening.standard.raw(statistics);
+        Flight { z: self.whitening.apply(&compressed(&raw)) }
+    }
+
+    /// Log likelihood of "no effect".
+    pub fn null(z: &DVector<f64>) -> f64 {
+        -0.5 * z.norm_squared()
+    }
+
+    /// All effects, best first: every one screened, the best `survivors` fitted.
+    pub fn explain(&self, z: &DVector<f64>, survivors: usize) -> Vec<Fit> {
+        let prepared: Vec<Sufficient<'_>> =
+            self.effects.iter().map(|s| Sufficient::new(s, z)).collect();
+        let mut fits: Vec<Fit> =
+            prepared.iter().enumerate().map(|(e, suff)| suff.screen(e)).collect();
+        fits.sort_by(|a, b| b.log_z.total_cmp(&a.log_z));
+        let again: Vec<Fit> =
+            fits.iter().take(survivors).map(|fit| prepared[fit.effect].fit(fit.effect)).collect();
+        fits.splice(..again.len(), again);
+        fits.sort_by(|a, b| b.log_z.total_cmp(&a.log_z));
+        fits
+    }
+
+    /// What a single explanation leaves, by the noise at its level.
+    pub fn left(&self, z: &DVector<f64>, fit: &Fit) -> Left {
+        let Some(s) = self.effects.get(fit.effect) else {
+            return Left { squared: z.norm_squared(), peak: z.amax() };
+        };
+        let level = s.level(&fit.h);
+        let noise = Noise::new(&(&s.spread.0 * level), &(&s.spread.1 * level.sqrt()));
+        let residual = z - s.mean(&fit.h);
+        Left { squared: noise.squared(&residual), peak: noise.peak(&residual) }
+    }
+}
+
+/// Unknown statistics of a draw become the mean of the effect's other draws.
+fn filled(mut raw: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    let width = raw.first().map_or(0, Vec::len);
+    for k in 0..width {
+        let known: Vec<f64> = raw.iter().map(|r| r[k]).filter(|v| v.is_finite()).collect();
+        let mean =
+            if known.is_empty() { 0.0 } else { known.iter().sum::<f64>() / known.len() as f64 };
+        for row in raw.iter_mut().filter(|r| !r[k].is_finite()) {
+            row[k] = mean;
+        }
+    }
+    raw.iter().map(|r| compressed(r)).collect()
+}

@@ -1,0 +1,293 @@
+//! From the statistics of one flight to the effect that explains them, with what cannot be ruled
+//! out and what is left.
+//!
+//! Synthetic likelihood on statistics that are standardised, compressed and whitened with the
+//! covariance of benign jitter ([`whiten`]); a surrogate per effect ([`surrogate`]) and its
+//! evidence ([`evidence`]); pairs ([`pairs`]); a second voter ([`neighbours`]). Every limit comes
+//! from held-out flights ([`trials`]).
+
+mod ambiguity;
+mod blocks;
+mod calibrate;
+mod decide;
+mod evidence;
+mod library;
+mod linear;
+mod neighbours;
+mod open_set;
+mod pairs;
+mod surrogate;
+mod teachers;
+mod theta;
+mod trials;
+mod whiten;
+
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+pub(crate) mod toy;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use self::blocks::Groups;
+use self::library::{Library, Part};
+use self::teachers::Teachers;
+use self::trials::Limits;
+use crate::gap::bank::{Bank, BankError};
+use crate::gap::outcome::Outcome;
+use crate::model::effects::Block;
+
+/// Choices of an attribution. Defaults are those of GAP.md.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Share of null flights that may raise an alarm.
+    pub false_alarm: f64,
+    /// Share of flights with a known effect that may be called unknown.
+    pub false_rejection: f64,
+    /// Share of flights with one effect that may be given a second.
+    pub false_second: f64,
+    /// Share of sets that must hold the truth.
+    pub coverage: f64,
+    /// An effect at least this probable, with no merged rival, is named alone.
+    pub sure: f64,
+    /// Relative uncertainty of a signature: another law of the same effect.
+    pub form: f64,
+    /// Effects whose parameters are searched; the others are screened at their draws.
+    pub survivors: usize,
+    /// Folds of the bank for limits.
+    pub folds: usize,
+    /// Pairs that are fitted jointly.
+    pub polished: usize,
+    /// Draws of effects carry benign jitter of their own.
+    pub jittered: bool,
+    /// Least change of every statistic that matters, in its unit; empty: everything matters.
+    pub material: Vec<f64>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            false_alarm: 0.03,
+            false_rejection: 0.05,
+            false_second: 0.03,
+            coverage: 0.9,
+            sure: 0.85,
+            form: 0.1,
+            survivors: 12,
+            folds: 4,
+            polished: 8,
+            jittered: false,
+            material: Vec::new(),
+        }
+    }
+}
+
+/// One effect as an explanation of the flight.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// Id of GAP.md section 3.
+    pub id: String,
+    /// Calibrated probability, given that one effect of the library is the cause.
+    pub posterior: f64,
+    /// Log evidence over "no effect".
+    pub log_evidence: f64,
+    /// Best parameters, in the order of the effect's specification.
+    pub theta: Vec<f64>,
+    /// Central 90 % per parameter.
+    pub theta_90: Vec<[f64; 2]>,
+    /// Normal score of what it leaves unexplained.
+    pub residual_score: f64,
+    /// Distance to the best candidate's signature, sigma; below 3.3 the two are not told apart.
+    pub distance: Option<f64>,
+}
+
+/// Two effects as an explanation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PairCandidate {
+    /// Ids.
+    pub ids: [String; 2],
+    /// Best parameters.
+    pub theta: [Vec<f64>; 2],
+    /// Log evidence over the best single effect.
+    pub gain: f64,
+    /// Normal score of what it leaves unexplained.
+    pub residual_score: f64,
+}
+
+/// One block of the chain against held-out null flights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BlockScore {
+    /// Name of the block.
+    pub block: String,
+    /// Statistics of it that are known.
+    pub statistics: usize,
+    /// Normal score of their squared distance.
+    pub score: f64,
+    /// The same relative to the null flights: sigma above their mean.
+    pub sigma: f64,
+    /// Share of held-out null flights that lie above, at least one in their number plus one.
+    pub p_value: f64,
+}
+
+/// No-gap gate.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Gate {
+    /// Best log evidence over "no effect", and its limit.
+    pub gain: f64,
+    /// Limit of `gain` from held-out null flights.
+    pub gain_limit: f64,
+    /// Normal score of the whole distance, and its limit.
+    pub distance: f64,
+    /// Limit of `distance` from held-out null flights.
+    pub distance_limit: f64,
+    /// Whether the gap changes any statistic by more than what matters.
+    pub material: bool,
+}
+
+/// Is the explanation good enough.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Adequacy {
+    /// Log odds that the explanation is not the cause, from what it leaves.
+    pub score: f64,
+    /// Normal score of what it leaves.
+    pub residual: f64,
+    /// Limit from held-out flights with known effects.
+    pub limit: f64,
+    /// Share of the excess of the squared distance that is explained.
+    pub explained: f64,
+}
+
+/// Result for one flight.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Attribution {
+    /// The verdict.
+    pub outcome: Outcome,
+    /// All effects, most probable first.
+    pub candidates: Vec<Candidate>,
+    /// Best pairs, best first, where a second effect was searched.
+    pub pairs: Vec<PairCandidate>,
+    /// Evidence that a second effect must add.
+    pub pair_limit: f64,
+    /// Where: blocks, loudest first.
+    pub blocks: Vec<BlockScore>,
+    /// Gate.
+    pub gate: Gate,
+    /// Adequacy.
+    pub adequacy: Adequacy,
+    /// Statistics in use, and known ones that were not usable for this flight.
+    pub used: usize,
+    /// Statistics of the bank that this flight could not say.
+    pub unknown: Vec<String>,
+}
+
+/// Why there is no attributor.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum AttributeError {
+    /// The bank.
+    #[error(transparent)]
+    Bank(#[from] BankError),
+    /// Lists of different length.
+    #[error("{what}: {found}, the bank has {expected} statistics")]
+    Length {
+        /// Of what.
+        what: String,
+        /// Found.
+        found: usize,
+        /// Statistics in the bank.
+        expected: usize,
+    },
+}
+
+/// A bank, learned.
+#[derive(Debug, Clone)]
+pub struct Attributor {
+    bank: Bank,
+    references: Vec<Vec<f64>>,
+    blocks: Vec<Block>,
+    settings: Settings,
+    library: Library,
+    groups: Groups,
+    limits: Limits,
+}
+
+impl Attributor {
+    /// Learns a bank. `references`: accepted flights of this airframe; `blocks`: of every
+    /// statistic. Statistics that are unknown in most null flights or never vary are left out.
+    pub fn new(
+        bank: &Bank,
+        references: &[Vec<f64>],
+        blocks: &[Block],
+        settings: &Settings,
+    ) -> Result<Self, AttributeError> {
+        bank.check()?;
+        let expected = bank.names.len();
+        let length = |what: &str, found: usize| {
+            let what = what.to_string();
+            if found == expected {
+                Ok(())
+            } else {
+                Err(AttributeError::Length { what, found, expected })
+            }
+        };
+        length("blocks", blocks.len())?;
+        for row in references {
+            length("a reference flight", row.len())?;
+        }
+        if !settings.material.is_empty() {
+            length("limits of what matters", settings.material.len())?;
+        }
+        let teachers = Teachers::new(bank, references, blocks);
+        let all = Part { held_out: None };
+        let library = teachers.library(all, &teachers.reference_rows(), |_| true, settings);
+        if library.whitening.width() == 0 {
+            return Err(BankError::NothingUsable { names: expected }.into());
+        }
+        let groups = teachers.groups(all, &library);
+        let limits = trials::limits(&teachers, settings, |_| true);
+        Ok(Self {
+            library,
+            groups,
+            limits,
+            bank: bank.clone(),
+            references: references.to_vec(),
+            blocks: blocks.to_vec(),
+            settings: settings.clone(),
+        })
+    }
+
+    /// Explains a flight. NaN statistics are left out, with all that was learned about them.
+    pub fn attribute(&self, statistics: &[f64]) -> Attribution {
+        let known = |j: usize| statistics.get(j).is_some_and(|v| v.is_finite());
+        let unknown: Vec<String> = self
+            .library
+            .whitening
+            .standard
+            .columns
+            .iter()
+            .filter(|j| !known(**j))
+            .filter_map(|j| self.bank.names.get(*j).cloned())
+            .collect();
+        if unknown.is_empty() {
+            return self.decide(&self.library, &self.groups, statistics, unknown);
+        }
+        // The whitening of the rest is not the rest of the whitening: learn again without them.
+        let teachers = Teachers::new(&self.bank, &self.references, &self.blocks);
+        let all = Part { held_out: None };
+        let rows = teachers.reference_rows();
+        let library = teachers.library(all, &rows, known, &self.settings);
+        let groups = teachers.groups(all, &library);
+        self.decide(&library, &groups, statistics, unknown)
+    }
+
+    /// Explains many flights, in their order, on all cores.
+    pub fn attribute_all(&self, flights: &[Vec<f64>]) -> Vec<Attribution> {
+        flights.par_iter().map(|s| self.attribute(s)).collect()
+    }
+
+    /// Flights behind the limits: nulls, singles, pairs.
+    pub fn judged(&self) -> [usize; 3] {
+        self.limits.flights
+    }
+}

@@ -1,0 +1,116 @@
+//! Two effects at once: the best six singles, each with every other effect.
+//!
+//! Standardised statistics add, compressed ones do not: the signature of a pair is
+//! `c(c⁻¹(m₁) + c⁻¹(m₂))`. Pairs are screened as if the compressed added, the best are fitted
+//! jointly in both parameters with the exact composition.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::evidence::{Fit, Sufficient, climb};
+use super::library::Library;
+use super::linear::Noise;
+use super::open_set::Left;
+use super::whiten::{compress, expand};
+
+/// Singles that may be part of a pair with anything.
+const FIRSTS: usize = 6;
+
+/// Two effects and how well they explain a flight.
+#[derive(Debug, Clone)]
+pub(super) struct PairFit {
+    /// Places of the effects in the bank.
+    pub effects: [usize; 2],
+    /// Parameters on the unit cubes.
+    pub units: [Vec<f64>; 2],
+    /// Log evidence, Laplace.
+    pub log_z: f64,
+    /// What it leaves.
+    pub left: Left,
+}
+
+/// Best pairs, best first; `polished`: how many are fitted jointly.
+pub(super) fn search(
+    library: &Library,
+    z: &DVector<f64>,
+    fits: &[Fit],
+    polished: usize,
+) -> Vec<PairFit> {
+    let mut screened: Vec<(f64, &Fit, Fit)> = Vec::new();
+    for first in fits.iter().take(FIRSTS) {
+        let Some(s) = library.effects.get(first.effect) else { continue };
+        let rest = z - s.mean(&first.h);
+        for (e, second) in library.effects.iter().enumerate() {
+            let taken = screened.iter().any(|(_, a, b)| a.effect == e && b.effect == first.effect);
+            if e == first.effect || taken {
+                continue;
+            }
+            let fit = Sufficient::new(second, &rest).screen(e);
+            screened.push((fit.log_z, first, fit));
+        }
+    }
+    screened.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut pairs: Vec<PairFit> = screened
+        .iter()
+        .take(polished)
+        .map(|(_, first, second)| joint(library, z, first, second))
+        .collect();
+    pairs.sort_by(|a, b| b.log_z.total_cmp(&a.log_z));
+    pairs
+}
+
+/// Fits both parameters together.
+fn joint(library: &Library, z: &DVector<f64>, first: &Fit, second: &Fit) -> PairFit {
+    let effects = [first.effect, second.effect];
+    let [a, b] = effects.map(|e| &library.effects[e]);
+    let whitening = &library.whitening;
+    let unwhitened = |q: &DMatrix<f64>| {
+        let columns: Vec<DVector<f64>> =
+            q.column_iter().map(|c| whitening.undo(&c.into_owned())).collect();
+        if columns.is_empty() {
+            DMatrix::zeros(q.nrows(), 0)
+        } else {
+            DMatrix::from_columns(&columns)
+        }
+    };
+    let (qa, qb) = (unwhitened(&a.q), unwhitened(&b.q));
+    let cut = a.space.len();
+    let residual = |u: &[f64]| {
+        let (ua, ub) = u.split_at(cut);
+        let mean = (&qa * a.coordinates(ua))
+            .zip_map(&(&qb * b.coordinates(ub)), |x, y| compress(expand(x) + expand(y)));
+        z - whitening.apply(mean.as_slice())
+    };
+    let noise = |u: &[f64]| {
+        let (ua, ub) = u.split_at(cut);
+        let (la, lb) = (a.level(&a.coordinates(ua)), b.level(&b.coordinates(ub)));
+        let d = &a.spread.0 * la + &b.spread.0 * lb;
+        let (left, right) = (&a.spread.1 * la.sqrt(), &b.spread.1 * lb.sqrt());
+        let columns: Vec<_> = left.column_iter().chain(right.column_iter()).collect();
+        let u = if columns.is_empty() {
+            DMatrix::zeros(d.len(), 0)
+        } else {
+            DMatrix::from_columns(&columns)
+        };
+        Noise::new(&d, &u)
+    };
+    let mut unit: Vec<f64> = first.unit.iter().chain(&second.unit).copied().collect();
+    for _ in 0..2 {
+        let fixed = noise(&unit);
+        let objective = |u: &[f64]| -0.5 * fixed.squared(&residual(u));
+        let start = objective(&unit);
+        unit = climb(start, unit, objective).1;
+    }
+    let last = noise(&unit);
+    let rest = residual(&unit);
+    let left = Left { squared: last.squared(&rest), peak: last.peak(&rest) };
+    let peak = -0.5 * left.squared - 0.5 * last.log_det;
+    // What integrating over θ costs, from each effect alone.
+    let alone = |s, at: &DVector<f64>, e| {
+        let fit = Sufficient::new(s, at).fit(e);
+        fit.peak - fit.log_z
+    };
+    let (ua, ub) = unit.split_at(cut);
+    let price = alone(a, &(z - b.mean(&b.coordinates(ub))), effects[0])
+        + alone(b, &(z - a.mean(&a.coordinates(ua))), effects[1]);
+    PairFit { effects, units: [ua.to_vec(), ub.to_vec()], log_z: peak - price, left }
+}

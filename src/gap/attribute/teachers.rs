@@ -1,0 +1,103 @@
+//! The flights that an attributor learns from, and flights made of them.
+
+use super::Settings;
+use super::blocks::Groups;
+use super::library::{Library, Part};
+use crate::gap::bank::{Bank, LEAST_NULLS};
+use crate::model::effects::Block;
+
+/// Bank, references and blocks, with the mean of the nominal flights.
+pub(super) struct Teachers<'a> {
+    /// The bank.
+    pub bank: &'a Bank,
+    /// Accepted flights.
+    pub references: &'a [Vec<f64>],
+    blocks: &'a [Block],
+    /// Mean of nominal flights.
+    mean: Vec<f64>,
+    /// Share of a jitter flight's deviation that a draw lacks.
+    lacking: f64,
+}
+
+impl<'a> Teachers<'a> {
+    /// Collects.
+    pub fn new(bank: &'a Bank, references: &'a [Vec<f64>], blocks: &'a [Block]) -> Self {
+        let width = bank.names.len();
+        let moments = |rows: &[Vec<f64>], j: usize| {
+            let known: Vec<f64> = rows.iter().map(|r| r[j]).filter(|v| v.is_finite()).collect();
+            let n = known.len() as f64;
+            let mean = known.iter().sum::<f64>() / n;
+            (mean, known.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n)
+        };
+        let base = if bank.seeds.is_empty() { &bank.jitter } else { &bank.seeds };
+        let mean = (0..width).map(|j| moments(base, j).0).collect();
+        // A draw holds the noise of its seed; jitter holds that and more.
+        let (mut sum, mut count) = (0.0_f64, 0.0_f64);
+        for j in 0..width {
+            let ratio = moments(&bank.seeds, j).1 / moments(&bank.jitter, j).1;
+            if ratio.is_finite() {
+                sum += (1.0 - ratio).clamp(0.0, 1.0);
+                count += 1.0;
+            }
+        }
+        let lacking = if count > 0.0 { f64::sqrt(sum / count) } else { 0.0 };
+        Self { bank, references, blocks, mean, lacking }
+    }
+
+    /// References as rows.
+    pub fn reference_rows(&self) -> Vec<&'a [f64]> {
+        self.references.iter().map(Vec::as_slice).collect()
+    }
+
+    /// Learns from a part.
+    pub fn library(
+        &self,
+        part: Part,
+        references: &[&[f64]],
+        allowed: impl Fn(usize) -> bool,
+        settings: &Settings,
+    ) -> Library {
+        Library::new(self.bank, part, references, allowed, settings.form, settings.jittered)
+    }
+
+    /// Blocks, from the same part.
+    pub fn groups(&self, part: Part, library: &Library) -> Groups {
+        let rows = |rows: &'a [Vec<f64>]| -> Vec<&'a [f64]> {
+            let kept = rows.iter().enumerate().filter(|(i, _)| part.teaches(*i));
+            kept.map(|(_, r)| r.as_slice()).collect()
+        };
+        let (seeds, jitter) = (rows(&self.bank.seeds), rows(&self.bank.jitter));
+        let nulls = if jitter.len() >= LEAST_NULLS {
+            jitter
+        } else {
+            seeds.into_iter().chain(jitter).collect()
+        };
+        let standard = library.whitening.standard.clone();
+        Groups::new(standard.clone(), &standard.without_shift(), &nulls, self.blocks)
+    }
+
+    /// Null flights that a part does not learn from: jitter, or seeds where there is too little.
+    pub fn held_out_nulls(&self, part: Part) -> Vec<&'a [f64]> {
+        let rows = if self.bank.jitter.len() >= LEAST_NULLS {
+            &self.bank.jitter
+        } else {
+            &self.bank.seeds
+        };
+        let kept = rows.iter().enumerate().filter(|(i, _)| !part.teaches(*i));
+        kept.map(|(_, r)| r.as_slice()).collect()
+    }
+
+    /// A draw with the jitter of a null flight.
+    pub fn shaken(&self, draw: &[f64], null: &[f64]) -> Vec<f64> {
+        let off = |j: usize| {
+            let off = self.lacking * (null[j] - self.mean[j]);
+            if off.is_finite() { off } else { 0.0 }
+        };
+        draw.iter().enumerate().map(|(j, v)| v + off(j)).collect()
+    }
+
+    /// A flight with the effects of two draws.
+    pub fn sum(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
+        a.iter().zip(b).zip(&self.mean).map(|((a, b), m)| a + b - m).collect()
+    }
+}

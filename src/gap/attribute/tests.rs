@@ -1,0 +1,193 @@
+//! The attribution on a made-up world (`toy`).
+
+use std::time::Instant;
+
+use super::toy::{SMALL, Size, Toy};
+use super::{Attribution, Attributor, Settings};
+use crate::gap::outcome::Outcome;
+
+struct Tally {
+    top1: f64,
+    top3: f64,
+    alarms: f64,
+    named: f64,
+    ece: f64,
+    rejected: f64,
+    rejected_seen: f64,
+    rejected_known: f64,
+    pairs: f64,
+    covered: f64,
+    set: f64,
+}
+
+fn run(size: Size, flights: usize, foreign: bool) -> Tally {
+    let mut toy = Toy::new(size, 11);
+    let bank = toy.bank();
+    let references: Vec<Vec<f64>> =
+        (0..if foreign { 20 } else { 0 }).map(|_| toy.flight(&[], true, foreign)).collect();
+    let started = Instant::now();
+    let it = Attributor::new(&bank, &references, &toy.blocks(), &Settings::default()).unwrap();
+    let learned = started.elapsed().as_secs_f64();
+    let n = flights as f64;
+    let nulls: Vec<_> = (0..flights).map(|_| toy.flight(&[], true, foreign)).collect();
+    let alarms =
+        it.attribute_all(&nulls).iter().filter(|a| a.outcome != Outcome::NoMaterialGap).count()
+            as f64;
+    let mut t = Tally {
+        top1: 0.0,
+        top3: 0.0,
+        alarms: alarms / n,
+        named: 0.0,
+        ece: 0.0,
+        rejected: 0.0,
+        rejected_seen: 0.0,
+        rejected_known: 0.0,
+        pairs: 0.0,
+        covered: 0.0,
+        set: 0.0,
+    };
+    let truths: Vec<(usize, Vec<f64>)> =
+        (0..flights).map(|k| (k % size.effects, toy.theta(k % size.effects))).collect();
+    let singles: Vec<_> =
+        truths.iter().map(|t| toy.flight(std::slice::from_ref(t), true, foreign)).collect();
+    let started = Instant::now();
+    let results = it.attribute_all(&singles);
+    let each = started.elapsed().as_secs_f64() / n;
+    let mut bins = [[0.0; 3]; 10];
+    for (a, (e, theta)) in results.iter().zip(&truths) {
+        let id = format!("E{e}");
+        let rank = a.candidates.iter().position(|c| c.id == id).unwrap();
+        t.top1 += f64::from(rank == 0) / n;
+        t.top3 += f64::from(rank < 3) / n;
+        let p = a.candidates[0].posterior;
+        let bin = &mut bins[((p * 10.0) as usize).min(9)];
+        *bin = [bin[0] + 1.0, bin[1] + p, bin[2] + f64::from(rank == 0)];
+        t.named += f64::from(matches!(a.outcome, Outcome::Named { .. })) / n;
+        t.rejected_known += f64::from(matches!(a.outcome, Outcome::NotInLibrary { .. })) / n;
+        let [low, high] = a.candidates[rank].theta_90[0];
+        t.covered += f64::from((low..=high).contains(&theta[0])) / n;
+        t.set += a.outcome.effects().len() as f64 / n;
+    }
+    t.ece = bins.iter().map(|b| (b[1] - b[2]).abs() / n).sum();
+    let unknown: Vec<_> = (0..flights).map(|k| toy.unknown(k)).collect();
+    let unknown: Vec<Attribution> = if foreign { vec![] } else { it.attribute_all(&unknown) };
+    let reject = |a: &&Attribution| matches!(a.outcome, Outcome::NotInLibrary { .. });
+    let seen = unknown.iter().filter(|a| a.outcome != Outcome::NoMaterialGap).count();
+    t.rejected_seen = unknown.iter().filter(reject).count() as f64 / seen as f64;
+    t.rejected = unknown.iter().filter(reject).count() as f64 / n;
+    let mut ends = std::collections::BTreeMap::<&str, usize>::new();
+    for a in &unknown {
+        *ends.entry(a.outcome.key()).or_default() += 1;
+    }
+    println!("unknown effects end as {ends:?}; limit of pairs {:.2}", it.limits.adequate_pair);
+    let (mut doubles, mut want) = (Vec::new(), Vec::new());
+    for k in 0..flights / 2 {
+        let (a, b) = (k % size.effects, (k * 5 + 1 + k / size.effects) % size.effects);
+        if a != b {
+            let both = [(a, toy.theta(a)), (b, toy.theta(b))];
+            doubles.push(toy.flight(&both, true, foreign));
+            want.push([format!("E{a}"), format!("E{b}")]);
+        }
+    }
+    let exact = |(a, w): &(&Attribution, &[String; 2])| {
+        matches!(&a.outcome, Outcome::Several { effects }
+            if effects.len() == 2 && effects.iter().all(|e| w.contains(&e.id)))
+    };
+    let found = it.attribute_all(&doubles);
+    t.pairs = found.iter().zip(&want).filter(exact).count() as f64 / want.len() as f64;
+    println!(
+        "learned in {learned:.1} s, {:.0} ms a flight; judged {:?}; T {} w {}; limits gain {:.1} \
+         distance {:.1} pair {:.1} adequate {:.1}",
+        1e3 * each,
+        it.judged(),
+        it.limits.calibration.temperature,
+        it.limits.calibration.weight,
+        it.limits.gain,
+        it.limits.distance,
+        it.limits.pair_gain,
+        it.limits.adequate
+    );
+    println!(
+        "top-1 {:.3} top-3 {:.3} false alarm {:.3} named {:.3} set {:.2} ece {:.3} unknown rejected {:.3} \
+         known rejected {:.3} pairs {:.3} covered {:.3}",
+        t.top1,
+        t.top3,
+        t.alarms,
+        t.named,
+        t.set,
+        t.ece,
+        t.rejected,
+        t.rejected_known,
+        t.pairs,
+        t.covered
+    );
+    t
+}
+
+#[test]
+fn prop_names_rejects_and_stays_quiet_on_a_made_up_world() {
+    let t = run(SMALL, 120, false);
+    assert!(t.top1 > 0.8 && t.top3 > 0.92, "{} {}", t.top1, t.top3);
+    assert!(t.alarms < 0.08, "{}", t.alarms);
+    assert!(t.ece < 0.12, "{}", t.ece);
+    assert!(t.rejected_known < 0.12, "{}", t.rejected_known);
+    assert!(t.rejected_seen > 0.75, "{}", t.rejected_seen);
+}
+
+/// Order, unit and company of the statistics are no part of the answer.
+#[test]
+fn prop_order_units_and_a_noise_statistic_change_nothing() {
+    let size = Size { statistics: 24, effects: 6, draws: 12, seeds: 30, jitter: 40 };
+    let mut toy = Toy::new(size, 5);
+    let (bank, blocks) = (toy.bank(), toy.blocks());
+    let theta = toy.theta(2).iter().map(|v| 1.3 * v).collect();
+    let flight = toy.flight(&[(2, theta)], true, false);
+    let settings = Settings::default();
+    let plain = Attributor::new(&bank, &[], &blocks, &settings).unwrap().attribute(&flight);
+    let mut rng = crate::model::random::Stream::new(8, "noise");
+    let mut changed = |turn: &dyn Fn(&mut Vec<f64>, f64)| {
+        let mut b = bank.clone();
+        let mut f = flight.clone();
+        let draws = b.effects.iter_mut().flat_map(|e| &mut e.draws).map(|d| &mut d.statistics);
+        for row in b.seeds.iter_mut().chain(&mut b.jitter).chain(draws).chain([&mut f]) {
+            turn(row, rng.normal());
+        }
+        let width = f.len();
+        b.names = (0..width).map(|j| format!("s{j}")).collect();
+        let blocks: Vec<_> = (0..width).map(|j| blocks[j.min(23)]).collect();
+        Attributor::new(&b, &[], &blocks, &settings).unwrap().attribute(&f)
+    };
+    let best = |a: &Attribution| (a.candidates[0].id.clone(), a.gate.gain);
+    let (id, gain) = best(&plain);
+    for (what, other, slack) in [
+        ("units", changed(&|r, _| r.iter_mut().for_each(|v| *v *= -1e3)), 0.02),
+        ("order", changed(&|r, _| r.reverse()), 1.0),
+        ("noise", changed(&|r, n| r.push(n)), 4.0),
+    ] {
+        let (other, moved) = best(&other);
+        assert_eq!(other, id, "{what}");
+        assert!((moved - gain).abs() < slack, "{what}: {gain} {moved}");
+    }
+    // An unknown statistic is left out and said, whatever else stays.
+    let mut holed = flight.clone();
+    holed[3] = f64::NAN;
+    let holed = Attributor::new(&bank, &[], &blocks, &settings).unwrap().attribute(&holed);
+    assert_eq!((holed.unknown.as_slice(), holed.used), (&["s3".to_string()][..], 23));
+}
+
+#[test]
+fn prop_references_absorb_a_foreign_null() {
+    let t = run(SMALL, 120, true);
+    assert!(t.alarms < 0.1, "{}", t.alarms);
+    assert!(t.top1 > 0.75, "{}", t.top1);
+}
+
+/// The figures of the report; run it by name with `ATTRIBUTE_FULL=1`.
+#[test]
+fn prop_full_size() {
+    if std::env::var("ATTRIBUTE_FULL").is_err() {
+        return;
+    }
+    run(super::toy::FULL, 318, false);
+    run(super::toy::FULL, 318, true);
+}

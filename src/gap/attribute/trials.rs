@@ -1,0 +1,323 @@
+//! Limits from flights that taught nothing: the bank is split into folds, each is judged by what
+//! the others teach (GAP.md 2.3: an in-sample limit gave 93 % false alarms, a split one 1.3 %).
+//!
+//! Held-out null flights give the gate and the ranks of the blocks. Held-out draws, with the jitter
+//! of held-out null flights added so that they look like flights of an airframe that is not the
+//! nominal one, give calibration, the limit of a second effect and the limit of adequacy. Pairs are
+//! sums of two held-out draws.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+
+use super::blocks::Groups;
+use super::calibrate::{Calibration, Vote};
+use super::evidence::Fit;
+use super::library::{Library, Part};
+use super::open_set::{Judge, features, score};
+use super::pairs;
+use super::{Settings, Teachers};
+use crate::gap::bank::Draw;
+use crate::model::effects::Block;
+
+/// Draws per effect that are judged, over all folds.
+const JUDGED_DRAWS: usize = 16;
+/// Of them, one in this many is searched for a second effect.
+const PAIRED_ONE_IN: usize = 4;
+/// Pairs that are judged, over all folds.
+const JUDGED_PAIRS: usize = 80;
+/// Pairs that are polished in a trial.
+pub(super) const TRIAL_POLISHED: usize = 3;
+/// Folds of the reference flights.
+const REFERENCE_FOLDS: usize = 4;
+/// Sigma above the mean of held-out reference flights: 1 % of a normal distribution.
+const REFERENCE_SIGMA: f64 = 2.33;
+
+/// Everything a verdict is held against.
+#[derive(Debug, Clone)]
+pub(super) struct Limits {
+    /// Largest log evidence over that of "no effect" that a null flight reaches.
+    pub gain: f64,
+    /// Largest normal score of the squared distance that a null flight reaches.
+    pub distance: f64,
+    /// Log evidence that a second effect must add.
+    pub pair_gain: f64,
+    /// Judge of explanations.
+    pub judge: Judge,
+    /// Largest odds of "not the cause" that a known effect reaches.
+    pub adequate: f64,
+    /// The same for two effects.
+    pub adequate_pair: f64,
+    /// Factor on the width of intervals, so that they cover as often as they say.
+    pub widen: f64,
+    /// Probabilities.
+    pub calibration: Calibration,
+    /// Scores of held-out null flights per block, rising.
+    pub blocks: BTreeMap<Block, Vec<f64>>,
+    /// Flights that the limits come from: nulls, singles, pairs.
+    pub flights: [usize; 3],
+}
+
+struct Null {
+    gain: f64,
+    distance: f64,
+    blocks: Vec<(Block, usize, f64)>,
+}
+
+struct Trial {
+    vote: Vote,
+    gain: f64,
+    /// What the best single leaves, and the best of the effects that are not the cause.
+    single: [f64; 4],
+    without: Option<[f64; 4]>,
+    /// Evidence that the best pair adds, and what it leaves.
+    pair: Option<(f64, [f64; 4])>,
+    /// A flight with two effects.
+    double: bool,
+    /// Errors of the parameters of the right effect, in half widths of their interval.
+    errors: Vec<f64>,
+}
+
+/// A flight whose effect is known.
+struct Known {
+    effect: usize,
+    theta: Vec<f64>,
+    statistics: Vec<f64>,
+    search: bool,
+    double: bool,
+}
+
+/// Cross-fits. `allowed`: statistics that may be used.
+pub(super) fn limits(
+    teachers: &Teachers<'_>,
+    settings: &Settings,
+    allowed: impl Fn(usize) -> bool + Copy + Sync,
+) -> Limits {
+    let folds = settings.folds.max(2);
+    let (mut nulls, mut trials) = (Vec::new(), Vec::new());
+    for fold in 0..folds {
+        let part = Part { held_out: Some((fold, folds)) };
+        let library = teachers.library(part, &[], allowed, settings);
+        let groups = teachers.groups(part, &library);
+        let judged = teachers.held_out_nulls(part);
+        nulls.par_extend(judged.par_iter().map(|s| null(&library, &groups, s, settings)));
+        let known = flights(teachers, part, &judged);
+        trials.par_extend(known.par_iter().map(|k| trial(&library, settings, k)));
+    }
+    // Two ways to raise an alarm share the allowance.
+    let share = 1.0 - 0.5 * settings.false_alarm;
+    let mut gain = quantile(nulls.iter().map(|n| n.gain), share);
+    let mut distance = quantile(nulls.iter().map(|n| n.distance), share);
+    if let Some((g, d)) = reference_limits(teachers, settings, allowed) {
+        gain = gain.max(g);
+        distance = distance.max(d);
+    }
+    let seen: Vec<&Trial> = trials.iter().filter(|t| t.gain > gain).collect();
+    let votes: Vec<Vote> = seen.iter().filter(|t| !t.double).map(|t| t.vote.clone()).collect();
+    let calibration = Calibration::new(&votes, settings.coverage);
+    let single_gains =
+        seen.iter().filter(|t| !t.double).filter_map(|t| t.pair.map(|(gain, _)| gain));
+    let second = 1.0 - settings.false_second;
+    let pair_gain = quantile(single_gains, second).max(LEAST_PAIR_GAIN);
+    let enough = 1.0 - settings.false_rejection;
+    let singles = || seen.iter().filter(|t| !t.double);
+    let known: Vec<_> = singles().map(|t| t.single).collect();
+    let strange: Vec<_> = singles().filter_map(|t| t.without).collect();
+    let judge = Judge::new(&known, &strange);
+    let adequate = quantile(known.iter().map(|f| judge.odds(f)), enough);
+    let two = seen.iter().filter(|t| t.double).filter_map(|t| t.pair);
+    let scores = two.filter(|(gain, _)| *gain > pair_gain).map(|(_, left)| judge.odds(&left));
+    let adequate_pair = quantile(scores, enough).max(adequate);
+    let errors = seen.iter().flat_map(|t| t.errors.iter().copied());
+    let widen = quantile(errors, 0.9).clamp(1.0, MOST_WIDENED);
+    let mut blocks: BTreeMap<Block, Vec<f64>> = BTreeMap::new();
+    for (block, _, value) in nulls.iter().flat_map(|n| &n.blocks) {
+        blocks.entry(*block).or_default().push(*value);
+    }
+    for values in blocks.values_mut() {
+        values.sort_by(f64::total_cmp);
+    }
+    let doubles = trials.iter().filter(|t| t.double).count();
+    let flights = [nulls.len(), trials.len() - doubles, doubles];
+    Limits {
+        gain,
+        distance,
+        pair_gain,
+        judge,
+        adequate,
+        adequate_pair,
+        widen,
+        calibration,
+        blocks,
+        flights,
+    }
+}
+
+/// Intervals that need more than this are not worth widening: the surrogate is wrong.
+const MOST_WIDENED: f64 = 5.0;
+/// Least half width that an error is divided by, of the range.
+const LEAST_HALF_WIDTH: f64 = 0.01;
+
+/// A second effect costs at least `log C(53, 2) - log 53` of choice.
+const LEAST_PAIR_GAIN: f64 = 3.3;
+
+fn null(library: &Library, groups: &Groups, statistics: &[f64], settings: &Settings) -> Null {
+    let flight = library.flight(statistics);
+    let fits = library.explain(&flight.z, settings.survivors);
+    let best = fits.first().map_or(f64::NEG_INFINITY, |f| f.log_z);
+    Null {
+        gain: best - Library::null(&flight.z),
+        distance: score(flight.z.norm_squared(), library.whitening.width()),
+        blocks: groups.scores(statistics),
+    }
+}
+
+fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
+    let flight = library.flight(&known.statistics);
+    let fits = library.explain(&flight.z, settings.survivors);
+    let width = library.whitening.width();
+    let best = fits.first();
+    let whole = flight.z.norm_squared();
+    let leaves = |f: &Fit| features(library.left(&flight.z, f), whole, width);
+    let single = best.map_or([0.0; 4], leaves);
+    let without = fits.iter().find(|f| f.effect != known.effect).filter(|_| !known.double);
+    let top = best.map_or(f64::NEG_INFINITY, |f| f.log_z);
+    let pair = known
+        .search
+        .then(|| pairs::search(library, &flight.z, &fits, TRIAL_POLISHED))
+        .and_then(|p| p.first().map(|p| (p.log_z - top, features(p.left, whole, width))));
+    let right = fits.iter().find(|f| f.effect == known.effect && !f.points.is_empty());
+    let errors = match (right, library.effects.get(known.effect)) {
+        (Some(fit), Some(s)) if !known.double => s
+            .space
+            .to_unit(&known.theta)
+            .iter()
+            .enumerate()
+            .map(|(k, truth)| {
+                let [low, high] = fit.interval(k, 1.0);
+                let best = fit.unit.get(k).copied().unwrap_or(0.5);
+                let half = if *truth > best { high - best } else { best - low };
+                (truth - best).abs() / half.max(LEAST_HALF_WIDTH)
+            })
+            .collect(),
+        _ => Vec::new(),
+    };
+    let votes = library.neighbours.votes(&flight.z);
+    Trial {
+        vote: Vote { log_z: by_effect(&fits), votes, truth: known.effect },
+        gain: top - Library::null(&flight.z),
+        single,
+        without: without.map(leaves),
+        pair,
+        double: known.double,
+        errors,
+    }
+}
+
+/// Evidences in the order of the bank.
+pub(super) fn by_effect(fits: &[Fit]) -> Vec<f64> {
+    let mut values = vec![f64::NEG_INFINITY; fits.len()];
+    for fit in fits {
+        if let Some(place) = values.get_mut(fit.effect) {
+            *place = fit.log_z;
+        }
+    }
+    values
+}
+
+/// Held-out flights with one and with two effects.
+fn flights(teachers: &Teachers<'_>, part: Part, jitter: &[&[f64]]) -> Vec<Known> {
+    let folds = part.held_out.map_or(1, |(_, folds)| folds);
+    let mut next = 0;
+    let mut shaken = |statistics: &[f64]| -> Vec<f64> {
+        next += 1;
+        match jitter.get(next % jitter.len().max(1)) {
+            Some(row) => teachers.shaken(statistics, row),
+            None => statistics.to_vec(),
+        }
+    };
+    let held: Vec<Vec<&Draw>> = teachers
+        .bank
+        .effects
+        .iter()
+        .map(|e| {
+            let out = e.draws.iter().enumerate().filter(|(i, _)| !part.teaches(*i));
+            out.map(|(_, d)| d).collect()
+        })
+        .collect();
+    let mut known = Vec::new();
+    for (effect, draws) in held.iter().enumerate() {
+        for (k, draw) in draws.iter().take(JUDGED_DRAWS.div_ceil(folds)).enumerate() {
+            known.push(Known {
+                effect,
+                theta: draw.theta.clone(),
+                statistics: shaken(&draw.statistics),
+                search: (k + effect).is_multiple_of(PAIRED_ONE_IN),
+                double: false,
+            });
+        }
+    }
+    let effects = held.len();
+    for k in 0..if effects > 1 { JUDGED_PAIRS.div_ceil(folds) } else { 0 } {
+        // Walks through the effects with steps that meet all combinations of blocks.
+        let a = (k * STRIDE) % effects;
+        let b = (a + 1 + (k * k + k / effects) % (effects - 1)) % effects;
+        let pick = |e: usize| held[e].get(k % held[e].len().max(1));
+        if let (Some(x), Some(y)) = (pick(a), pick(b)) {
+            known.push(Known {
+                effect: a,
+                theta: x.theta.clone(),
+                statistics: shaken(&teachers.sum(&x.statistics, &y.statistics)),
+                search: true,
+                double: true,
+            });
+        }
+    }
+    known
+}
+
+/// Prime to any likely number of effects.
+const STRIDE: usize = 37;
+
+/// Limits that reference flights ask for: each fold judged with the others as reference.
+fn reference_limits(
+    teachers: &Teachers<'_>,
+    settings: &Settings,
+    allowed: impl Fn(usize) -> bool + Copy + Sync,
+) -> Option<(f64, f64)> {
+    let folds = REFERENCE_FOLDS.min(teachers.references.len());
+    if folds < 2 {
+        return None;
+    }
+    let mut found: Vec<(f64, f64)> = Vec::new();
+    for fold in 0..folds {
+        let side = |held: bool| -> Vec<&[f64]> {
+            let rows = teachers.references.iter().enumerate();
+            rows.filter(|(i, _)| (i % folds == fold) == held).map(|(_, r)| r.as_slice()).collect()
+        };
+        let all = Part { held_out: None };
+        let library = teachers.library(all, &side(false), allowed, settings);
+        found.par_extend(side(true).par_iter().map(|s| {
+            let flight = library.flight(s);
+            let fits = library.explain(&flight.z, settings.survivors);
+            let best = fits.first().map_or(f64::NEG_INFINITY, |f| f.log_z);
+            let width = library.whitening.width();
+            (best - Library::null(&flight.z), score(flight.z.norm_squared(), width))
+        }));
+    }
+    let limit = |pick: fn(&(f64, f64)) -> f64| {
+        let n = found.len() as f64;
+        let mean = found.iter().map(pick).sum::<f64>() / n;
+        let variance = found.iter().map(|v| (pick(v) - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        mean + REFERENCE_SIGMA * variance.sqrt()
+    };
+    Some((limit(|v| v.0), limit(|v| v.1)))
+}
+
+/// Empirical quantile, on the safe side (the next larger value); infinite without values.
+pub(super) fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
+    let mut sorted: Vec<f64> = values.filter(|v| !v.is_nan()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let rank = ((sorted.len() as f64 + 1.0) * share).ceil() as usize;
+    sorted.get(rank.saturating_sub(1)).or(sorted.last()).copied().unwrap_or(f64::INFINITY)
+}

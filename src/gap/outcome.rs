@@ -1,0 +1,227 @@
+//! What a diagnosis may end with: the outcomes, their words for people, names and exit codes for
+//! scripts (INTERFACES.md: `gap diagnose`).
+
+use std::fmt::Write;
+
+use serde::{Deserialize, Serialize};
+
+/// One effect with what is known of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Named {
+    /// Id of GAP.md section 3.
+    pub id: String,
+    /// Calibrated probability.
+    pub probability: f64,
+    /// Best parameters, in the order of the effect's specification.
+    pub theta: Vec<f64>,
+    /// Central 90 % per parameter.
+    pub theta_90: Vec<[f64; 2]>,
+}
+
+/// A part of the gap that no effect of the library accounts for.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Remainder {
+    /// Share of the gap (excess of the squared whitened distance) that is left.
+    pub share: f64,
+    /// Block that holds most of it.
+    pub block: String,
+    /// Statistics that stick out, with their distance in sigma after the explanation.
+    pub statistics: Vec<(String, f64)>,
+}
+
+/// How a diagnosis ends. Exactly one of these, never a bare ranking.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "outcome", rename_all = "snake_case")]
+pub enum Outcome {
+    /// Nothing that simulation against simulation would not show, or nothing that matters.
+    #[serde(rename = "no_gap")]
+    NoMaterialGap,
+    /// One effect.
+    Named {
+        /// It.
+        effect: Named,
+    },
+    /// One of some that this flight cannot tell apart.
+    #[serde(rename = "ambiguous")]
+    OneOf {
+        /// Most probable first.
+        effects: Vec<Named>,
+    },
+    /// Several at once.
+    Several {
+        /// All of them.
+        effects: Vec<Named>,
+    },
+    /// One effect and something else.
+    NamedWithRemainder {
+        /// The effect.
+        effect: Named,
+        /// The rest.
+        remainder: Remainder,
+    },
+    /// A gap that no effect of the library makes.
+    NotInLibrary {
+        /// What is known of it.
+        remainder: Remainder,
+    },
+    /// The flight did not visit what would be needed.
+    NotTestable {
+        /// Why.
+        why: String,
+    },
+    /// The log is damaged, or replay does not reproduce the flown outputs.
+    #[serde(rename = "log_fault")]
+    Fault {
+        /// What was found.
+        why: String,
+    },
+}
+
+impl Outcome {
+    /// Name for scripts.
+    pub fn key(&self) -> &'static str {
+        match self {
+            Outcome::NoMaterialGap => "no_gap",
+            Outcome::Named { .. } => "named",
+            Outcome::OneOf { .. } => "ambiguous",
+            Outcome::Several { .. } => "several",
+            Outcome::NamedWithRemainder { .. } => "named_with_remainder",
+            Outcome::NotInLibrary { .. } => "not_in_library",
+            Outcome::NotTestable { .. } => "not_testable",
+            Outcome::Fault { .. } => "log_fault",
+        }
+    }
+
+    /// Exit code of `haltere gap diagnose`.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Outcome::NoMaterialGap => 0,
+            Outcome::Named { .. } => 10,
+            Outcome::OneOf { .. } => 11,
+            Outcome::Several { .. } => 12,
+            Outcome::NotInLibrary { .. } => 13,
+            Outcome::NamedWithRemainder { .. } => 14,
+            Outcome::NotTestable { .. } => 20,
+            Outcome::Fault { .. } => 30,
+        }
+    }
+
+    /// First words of the verdict.
+    pub fn words(&self) -> &'static str {
+        match self {
+            Outcome::NoMaterialGap => "no material gap",
+            Outcome::Named { .. } => "named",
+            Outcome::OneOf { .. } => "one of",
+            Outcome::Several { .. } => "several",
+            Outcome::NamedWithRemainder { .. } => "named + remainder",
+            Outcome::NotInLibrary { .. } => "not in the library",
+            Outcome::NotTestable { .. } => "not testable",
+            Outcome::Fault { .. } => "log or replay fault",
+        }
+    }
+
+    /// Effects that the outcome names.
+    pub fn effects(&self) -> &[Named] {
+        match self {
+            Outcome::Named { effect } | Outcome::NamedWithRemainder { effect, .. } => {
+                std::slice::from_ref(effect)
+            }
+            Outcome::OneOf { effects } | Outcome::Several { effects } => effects,
+            _ => &[],
+        }
+    }
+
+    /// One line for people. `name`: words for an effect's id.
+    pub fn sentence(&self, name: impl Fn(&str) -> String) -> String {
+        let mut line = self.words().to_string();
+        match self {
+            Outcome::NoMaterialGap => {}
+            Outcome::Named { effect } => {
+                let _ =
+                    write!(line, ", confidence {:.2}: {}", effect.probability, name(&effect.id));
+            }
+            Outcome::OneOf { effects } => {
+                let all: Vec<String> = effects
+                    .iter()
+                    .map(|e| format!("{} ({:.2})", name(&e.id), e.probability))
+                    .collect();
+                let _ = write!(line, ": {}", all.join(", "));
+            }
+            Outcome::Several { effects } => {
+                let all: Vec<String> = effects.iter().map(|e| name(&e.id)).collect();
+                let _ = write!(line, ": {}", all.join(" and "));
+            }
+            Outcome::NamedWithRemainder { effect, remainder } => {
+                let _ = write!(
+                    line,
+                    ", confidence {:.2}: {}; left unexplained {}",
+                    effect.probability,
+                    name(&effect.id),
+                    remainder.sentence()
+                );
+            }
+            Outcome::NotInLibrary { remainder } => {
+                let _ = write!(line, ": {}", remainder.sentence());
+            }
+            Outcome::NotTestable { why } | Outcome::Fault { why } => {
+                let _ = write!(line, ": {why}");
+            }
+        }
+        line
+    }
+}
+
+impl Remainder {
+    /// In words.
+    pub fn sentence(&self) -> String {
+        let mut line = format!("{:.0} % of the gap", 100.0 * self.share);
+        if !self.block.is_empty() {
+            let _ = write!(line, ", mostly {}", self.block);
+        }
+        if !self.statistics.is_empty() {
+            let all: Vec<String> =
+                self.statistics.iter().map(|(n, z)| format!("{n} {z:+.1} sigma")).collect();
+            let _ = write!(line, " ({})", all.join(", "));
+        }
+        line
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_names_codes_and_json_agree() {
+        let e = || Named {
+            id: "U2".into(),
+            probability: 0.94,
+            theta: vec![0.21, 5.0],
+            theta_90: vec![[0.17, 0.25], [5.0, 5.0]],
+        };
+        let r = || Remainder {
+            share: 0.4,
+            block: "uwb".into(),
+            statistics: vec![("uwb_nis".into(), 7.0)],
+        };
+        let why = || "never above 1.9 m".to_string();
+        let all = [
+            (Outcome::NoMaterialGap, 0),
+            (Outcome::Named { effect: e() }, 10),
+            (Outcome::OneOf { effects: vec![e(), e()] }, 11),
+            (Outcome::Several { effects: vec![e(), e()] }, 12),
+            (Outcome::NotInLibrary { remainder: r() }, 13),
+            (Outcome::NamedWithRemainder { effect: e(), remainder: r() }, 14),
+            (Outcome::NotTestable { why: why() }, 20),
+            (Outcome::Fault { why: why() }, 30),
+        ];
+        for (outcome, code) in all {
+            assert_eq!(outcome.exit_code(), code);
+            let json = serde_json::to_value(&outcome).unwrap();
+            assert_eq!(json["outcome"], outcome.key(), "{json}");
+            assert_eq!(serde_json::from_value::<Outcome>(json).unwrap(), outcome);
+            let line = outcome.sentence(|id| format!("anchor bias {id}"));
+            assert!(line.starts_with(outcome.words()), "{line}");
+        }
+    }
+}
