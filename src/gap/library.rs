@@ -1,0 +1,112 @@
+//! The library of the diagnosis, and how values of its effects' parameters are drawn.
+//!
+//! The effects are the simulator's own files; what is here is only which of them are candidates,
+//! and the prior: uniform over the plausible range of the list, whole numbers for choices of an
+//! anchor or a wall, places within the room. Draws are stratified (Latin hypercube), so that a few
+//! dozen flights cover the range of every parameter evenly.
+
+use crate::model::effects::{ALL, EffectSpec, ParameterSpec, Role};
+use crate::model::random::Stream;
+use crate::model::room::Room;
+
+/// The 42 effects that GAP.md marks, ids of its section 3: what is a candidate unless the user
+/// says otherwise. The other deviations of the list differ from one of these in name only on a
+/// flight without further sensors, or are not excited indoors.
+pub const STANDARD: [&str; 42] = [
+    "A1", "A2", "A3", "A4", "A5", "A6", "A7", "A8", "A9", "A10", "P1", "P2", "P3", "P4", "P5",
+    "P6", "I1", "I2", "L1", "L3", "L4", "L5", "L6", "M1", "M2", "M3", "M4", "M5", "M6", "U1", "U2",
+    "U3", "U5", "U6", "U7", "U8", "U9", "U10", "T1", "T2", "T3", "H1",
+];
+
+/// Distance of a drawn place from the walls, m: where the standard flights come.
+const FROM_WALL_M: f64 = 0.5;
+
+/// The standard library, in the order of the list.
+pub fn standard() -> Vec<&'static EffectSpec> {
+    ALL.iter().filter(|spec| STANDARD.contains(&spec.id)).collect()
+}
+
+/// Every deviation of the list.
+pub fn whole() -> Vec<&'static EffectSpec> {
+    ALL.iter().filter(|spec| spec.role == Role::Deviation).collect()
+}
+
+/// `count` sets of values for the parameters of an effect, in their order.
+pub fn draws(
+    spec: &EffectSpec,
+    room: &Room,
+    anchors: usize,
+    count: usize,
+    rng: &mut Stream,
+) -> Vec<Vec<f64>> {
+    let columns: Vec<Vec<f64>> = spec
+        .parameters
+        .iter()
+        .map(|p| {
+            let strata = shuffled(count, rng);
+            let shares = strata.into_iter().map(|k| (k as f64 + rng.uniform()) / count as f64);
+            shares.map(|share| value(spec, p, room, anchors, share)).collect()
+        })
+        .collect();
+    (0..count).map(|k| columns.iter().map(|column| column[k]).collect()).collect()
+}
+
+/// The value at this share of the range of a parameter.
+fn value(spec: &EffectSpec, p: &ParameterSpec, room: &Room, anchors: usize, share: f64) -> f64 {
+    let choice = |count: usize| (share * count as f64).floor().min(count as f64 - 1.0);
+    let within = |[low, high]: [f64; 2]| {
+        let margin_m = FROM_WALL_M.min(0.25 * (high - low));
+        low + margin_m + share * (high - low - 2.0 * margin_m)
+    };
+    let is_placed = spec.parameters.iter().any(|p| p.name == "size");
+    match p.name {
+        "anchor" => choice(anchors.max(1)),
+        "wall" => choice(4),
+        "north" if is_placed => within(room.north_m),
+        "east" if is_placed => within(room.east_m),
+        // Its nominal value belongs to the receiver, not to the deviation.
+        "std" if spec.id == "U1" => p.default,
+        _ => p.low + share * (p.high - p.low),
+    }
+}
+
+/// 0 to `count` in random order.
+fn shuffled(count: usize, rng: &mut Stream) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..count).collect();
+    for k in (1..count).rev() {
+        let other = (rng.uniform() * (k + 1) as f64) as usize;
+        order.swap(k, other.min(k));
+    }
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_the_standard_library_names_effects_of_the_list() {
+        assert_eq!(standard().len(), STANDARD.len());
+        assert!(whole().len() > standard().len());
+    }
+
+    #[test]
+    fn prop_draws_cover_every_range_and_stay_inside() {
+        let room = Room { north_m: [0.0, 6.0], east_m: [-1.0, 5.0], ceiling_m: 3.0 };
+        for spec in whole() {
+            let rows = draws(spec, &room, 8, 40, &mut Stream::new(3, spec.id));
+            for (k, p) in spec.parameters.iter().enumerate() {
+                let column: Vec<f64> = rows.iter().map(|r| r[k]).collect();
+                assert!(column.iter().all(|v| (p.low..=p.high).contains(v) || p.name == "east"));
+                if p.name == "anchor" {
+                    assert!(column.iter().all(|v| v.fract() == 0.0 && *v < 8.0));
+                    assert!((0..8).all(|a| column.contains(&f64::from(a))), "{column:?}");
+                }
+                if (p.name == "north" || p.name == "east") && spec.id == "U5" {
+                    let [low, high] = if p.name == "north" { room.north_m } else { room.east_m };
+                    assert!(column.iter().all(|v| (low..=high).contains(v)));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! Gate 0: a log is a flight of ours only when replaying it sends the same bytes again.
+//!
+//! Everything behind this gate rests on "each block's logged inputs": a lost input, another version
+//! or another parameter looks like a gap in the physics and is none (GAP.md 2.0). So the replay is
+//! not only checked, it also is where the trace comes from.
+
+use std::path::{Path, PathBuf};
+
+use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+use serde::Serialize;
+
+use super::scene::Scene;
+use super::trace::Trace;
+use crate::config::Config;
+use crate::model::room::Room;
+use crate::pilot::Mode;
+use crate::record::LogReader;
+use crate::replay::{ReplayError, Report, Verdict, recorded_config, replay_observed};
+use crate::survey::Survey;
+
+/// Fewest IMU samples, board attitudes and TDOA a second in the air with which a flight can be
+/// judged: half of what the board is asked for, and ten of each pair of eight anchors.
+const LEAST_IMU_HZ: f64 = 50.0;
+const LEAST_ATTITUDE_HZ: f64 = 10.0;
+const LEAST_TDOA_HZ: f64 = 20.0;
+
+/// A log that was read and replayed.
+#[derive(Debug, Clone)]
+pub struct Flown {
+    /// Which log.
+    pub path: PathBuf,
+    /// What the replay came to.
+    pub replay: Report,
+    /// Everything that the diagnosis may see.
+    pub trace: Trace,
+    /// As uploaded.
+    pub mission: Vec<MISSION_ITEM_INT_DATA>,
+    /// The configuration that was flown.
+    pub config: Config,
+    /// Reasons why this log cannot be judged; empty: it can.
+    pub faults: Vec<String>,
+    /// What is odd about it, but no reason to stop.
+    pub remarks: Vec<String>,
+    /// Keys whose value differs from the default configuration, flown against default.
+    pub parameters: Vec<ParameterDifference>,
+}
+
+/// A key of the configuration that is not at its default.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ParameterDifference {
+    /// Key with its sections.
+    pub key: String,
+    /// As flown.
+    pub flown: String,
+    /// As by default.
+    pub default: String,
+}
+
+/// Reads and replays a log.
+pub fn read(path: &Path) -> Result<Flown, ReplayError> {
+    let log = LogReader::open(path)?;
+    let session = log.session();
+    let mut trace = Trace::new(session.survey.clone());
+    let (replay, mission) = replay_observed(&log, |topic| trace.take(topic))?;
+    let config = recorded_config(&log)?;
+    let mut flown = Flown {
+        path: path.to_owned(),
+        parameters: differences(&config, &Config::default()),
+        mission: mission.items.iter().map(|item| item.wire.clone()).collect(),
+        replay,
+        trace,
+        config,
+        faults: Vec::new(),
+        remarks: Vec::new(),
+    };
+    flown.examine();
+    Ok(flown)
+}
+
+impl Flown {
+    fn examine(&mut self) {
+        match self.replay.verdict {
+            Verdict::Identical | Verdict::WithinTolerance => {}
+            Verdict::OnlyToHole => self.faults.push(format!(
+                "the log has a hole at {:.1} s; what lies behind cannot be replayed",
+                self.replay.holes.first().map_or(0.0, |h| h.from_s)
+            )),
+            Verdict::NothingToCompare => {
+                self.faults.push("the log holds no output to compare the replay with".to_owned());
+            }
+            Verdict::Different => self.faults.push(match &self.replay.first_difference {
+                Some(d) => format!(
+                    "the replay does not send what was flown, from {:.2} s on: {}",
+                    d.time_s, d.what
+                ),
+                None => "the replay does not send what was flown".to_owned(),
+            }),
+        }
+        let Some(air_s) = air_s(&self.trace) else {
+            self.faults.push("the vehicle was never in the air".to_owned());
+            return;
+        };
+        let mut rate = |what: &str, count: usize, least_hz: f64| {
+            let hz = count as f64 / air_s;
+            if hz < least_hz {
+                self.faults.push(format!("{what} at {hz:.0} Hz, at least {least_hz:.0} needed"));
+            }
+        };
+        rate("IMU", self.trace.imu.len(), LEAST_IMU_HZ);
+        rate("board attitude", self.trace.attitudes.len(), LEAST_ATTITUDE_HZ);
+        rate("TDOA", self.trace.uwb.len(), LEAST_TDOA_HZ);
+        let backward = self.trace.imu.windows(2).filter(|w| w[1].valid_at < w[0].valid_at).count();
+        if backward > 0 {
+            self.remarks.push(format!("{backward} IMU stamps run backwards"));
+        }
+        if !self.replay.log_end.starts_with("complete") {
+            self.remarks.push(format!("log {}", self.replay.log_end));
+        }
+    }
+
+    /// The scene of this flight. The room is told, or the extent of its anchors is taken for it.
+    pub fn scene(&self, room: Option<Room>) -> Scene {
+        let survey = self.trace.survey.clone();
+        let room = room.unwrap_or_else(|| room_of(&survey));
+        let start = self
+            .trace
+            .estimates
+            .iter()
+            .zip(self.trace.modes.iter().filter(|m| m.armed).map(|m| m.at).next())
+            .find(|(e, armed)| e.at >= *armed)
+            .map(|(e, _)| [e.pos_E_m.x(), e.pos_E_m.y()]);
+        let start_NE_m = start.unwrap_or_else(|| {
+            let middle = |[low, high]: [f64; 2]| 0.5 * (low + high);
+            [middle(room.north_m), middle(room.east_m)]
+        });
+        Scene { room, survey, start_NE_m, pilot: self.config.pilot() }
+    }
+}
+
+/// Time with thrust in a flying mode, s; `None` if there was none.
+fn air_s(trace: &Trace) -> Option<f64> {
+    let first = trace.modes.iter().find(|m| m.mode == Mode::Takeoff.name())?.at;
+    let last = trace.controls.last()?.at;
+    let air_s = last.seconds_since(first);
+    (air_s > 1.0).then_some(air_s)
+}
+
+/// The box around the anchors.
+fn room_of(survey: &Survey) -> Room {
+    let mut room = Room {
+        north_m: [f64::INFINITY, f64::NEG_INFINITY],
+        east_m: [f64::INFINITY, f64::NEG_INFINITY],
+        ceiling_m: 2.0,
+    };
+    for pos in survey.ids().iter().filter_map(|id| survey.position_E_m(*id)) {
+        room.north_m = [room.north_m[0].min(pos.x()), room.north_m[1].max(pos.x())];
+        room.east_m = [room.east_m[0].min(pos.y()), room.east_m[1].max(pos.y())];
+        room.ceiling_m = room.ceiling_m.max(-pos.z());
+    }
+    room
+}
+
+/// Keys that differ, in the order of their names.
+fn differences(flown: &Config, default: &Config) -> Vec<ParameterDifference> {
+    let flat = |config: &Config| {
+        let mut rows = Vec::new();
+        if let Ok(value) = toml::Value::try_from(config) {
+            flatten("", &value, &mut rows);
+        }
+        rows
+    };
+    let (flown, default) = (flat(flown), flat(default));
+    let mut keys: Vec<&String> = flown.iter().chain(&default).map(|(key, _)| key).collect();
+    keys.sort_unstable();
+    keys.dedup();
+    let of = |rows: &[(String, String)], key: &str| {
+        rows.iter().find(|(k, _)| k == key).map_or("not set".to_owned(), |(_, v)| v.clone())
+    };
+    keys.into_iter()
+        .map(|key| ParameterDifference {
+            key: key.clone(),
+            flown: of(&flown, key),
+            default: of(&default, key),
+        })
+        .filter(|d| d.flown != d.default)
+        .collect()
+}
+
+fn flatten(key: &str, value: &toml::Value, rows: &mut Vec<(String, String)>) {
+    match value {
+        toml::Value::Table(table) => {
+            for (name, value) in table {
+                let key = if key.is_empty() { name.clone() } else { format!("{key}.{name}") };
+                flatten(&key, value, rows);
+            }
+        }
+        other => rows.push((key.to_owned(), other.to_string())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_only_changed_keys_are_told() {
+        let mut flown = Config::default();
+        flown.limits.battery_low_v = 6.6;
+        let rows = differences(&flown, &Config::default());
+        assert_eq!(rows.len(), 1);
+        assert_eq!((rows[0].key.as_str(), rows[0].flown.as_str()), ("limits.battery_low_v", "6.6"));
+    }
+}

@@ -1,0 +1,234 @@
+//! Makes the bank of a mission: nominal flights, flights with benign jitter, and flights under
+//! every effect of the library, all in lockstep and all seen through the same observation.
+//!
+//! **Jitter** is what nobody would call an effect: every nominal constant within ±5 %, mass within
+//! ±1 %, the height of the ground effect within ±15 %, and the start up to 10 cm and 5 degrees off.
+//! Without it every flight of a real vehicle is a gap (GAP.md section 0, measured there).
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+use rayon::prelude::*;
+
+use super::bank::{Bank, Draw, EffectDraws};
+use super::fly::fly_observed;
+use super::library;
+use super::nominal::Nominal;
+use super::scene::Scene;
+use super::statistics::{observe, specs};
+use crate::checks::Problems;
+use crate::frames::Vec3;
+use crate::model::PlantConfig;
+use crate::model::effects::{EffectSet, EffectSpec, Role, Source};
+use crate::model::random::Stream;
+
+/// Share by which nominal constants differ in jitter.
+const JITTER: f64 = 0.05;
+/// The same of mass: a kitchen scale knows it better than that.
+const JITTER_MASS: f64 = 0.01;
+/// The same of the law near the floor.
+const JITTER_GROUND: f64 = 0.15;
+/// Place and heading of the start in jitter, m and rad.
+const JITTER_START_M: f64 = 0.10;
+const JITTER_START_RAD: f64 = 0.087;
+
+/// How many flights.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BankSize {
+    /// Nominal flights.
+    pub seeds: usize,
+    /// Flights with jitter.
+    pub jitter: usize,
+    /// Flights per effect.
+    pub draws: usize,
+}
+
+impl Default for BankSize {
+    /// GAP.md 2.3 and 2.8: 200 seeds and more, some 2500 flights in all.
+    fn default() -> Self {
+        Self { seeds: 120, jitter: 360, draws: 40 }
+    }
+}
+
+/// What a bank is made for.
+#[derive(Debug, Clone)]
+pub struct Recipe<'a> {
+    /// The room and the companion.
+    pub scene: &'a Scene,
+    /// The mission.
+    pub items: &'a [MISSION_ITEM_INT_DATA],
+    /// Candidates.
+    pub library: &'a [&'static EffectSpec],
+    /// How many flights.
+    pub size: BankSize,
+    /// Seed of the bank: flights of another bank, and of what is judged, are none of its own.
+    pub seed: u64,
+}
+
+/// One flight of a bank.
+#[derive(Debug, Clone)]
+enum Kind {
+    Seed,
+    Jitter,
+    Effect { place: usize, theta: Vec<f64> },
+}
+
+/// A bank, and what could not be flown for it.
+#[derive(Debug, Clone)]
+pub struct Made {
+    /// The bank.
+    pub bank: Bank,
+    /// Flights that never left the floor or could not be observed, by effect id; nulls under "".
+    pub lost: Vec<(String, usize)>,
+}
+
+/// Flies the whole bank on all cores. `progress` hears of every flight: done, of how many.
+pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made {
+    let jobs = jobs(recipe);
+    let nominal = Nominal::of_scene(recipe.scene);
+    let done = AtomicUsize::new(0);
+    let rows: Vec<Option<Vec<f64>>> = jobs
+        .par_iter()
+        .map(|(seed, kind)| {
+            let row = fly(recipe, &nominal, *seed, kind);
+            progress(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
+            row
+        })
+        .collect();
+    let mut bank =
+        Bank { names: specs().iter().map(|s| s.name.clone()).collect(), ..Bank::default() };
+    for spec in recipe.library {
+        bank.effects.push(EffectDraws { id: spec.id.to_owned(), draws: Vec::new() });
+    }
+    let mut lost: Vec<(String, usize)> = Vec::new();
+    for ((seed, kind), row) in jobs.into_iter().zip(rows) {
+        let Some(statistics) = row else {
+            let id = match &kind {
+                Kind::Effect { place, .. } => recipe.library[*place].id,
+                _ => "",
+            };
+            match lost.iter_mut().find(|(of, _)| of == id) {
+                Some((_, count)) => *count += 1,
+                None => lost.push((id.to_owned(), 1)),
+            }
+            continue;
+        };
+        match kind {
+            Kind::Seed => bank.seeds.push(statistics),
+            Kind::Jitter => bank.jitter.push(statistics),
+            Kind::Effect { place, theta } => {
+                bank.effects[place].draws.push(Draw { theta, seed, statistics });
+            }
+        }
+    }
+    Made { bank, lost }
+}
+
+fn jobs(recipe: &Recipe<'_>) -> Vec<(u64, Kind)> {
+    let BankSize { seeds, jitter, draws } = recipe.size;
+    let mut kinds = vec![Kind::Seed; seeds];
+    kinds.resize(seeds + jitter, Kind::Jitter);
+    let anchors = recipe.scene.survey.ids().len();
+    for (place, spec) in recipe.library.iter().enumerate() {
+        let mut rng = Stream::new(recipe.seed, spec.id);
+        let thetas = library::draws(spec, &recipe.scene.room, anchors, draws, &mut rng);
+        kinds.extend(thetas.into_iter().map(|theta| Kind::Effect { place, theta }));
+    }
+    // Far apart, so that neighbouring banks share no seed.
+    let first = recipe.seed.wrapping_mul(1_000_003);
+    kinds.into_iter().enumerate().map(|(k, kind)| (first.wrapping_add(k as u64), kind)).collect()
+}
+
+fn fly(recipe: &Recipe<'_>, nominal: &Nominal, seed: u64, kind: &Kind) -> Option<Vec<f64>> {
+    let mut plant = recipe.scene.plant(seed);
+    // Every flight of the bank but the seeds has jitter: an effect does not come on a perfect vehicle.
+    if !matches!(kind, Kind::Seed) {
+        plant = jittered(plant).ok()?;
+    }
+    if let Kind::Effect { place, theta } = kind {
+        plant.effects = with_effect(plant.effects, recipe.library[*place], theta).ok()?;
+    }
+    let trace = fly_observed(recipe.scene, recipe.items, plant, recipe.scene.pilot.clone()).ok()?;
+    observe(&trace, nominal).ok().map(|o| o.statistics)
+}
+
+/// An effect on, with all its values.
+pub fn with_effect(
+    effects: EffectSet,
+    spec: &EffectSpec,
+    theta: &[f64],
+) -> Result<EffectSet, Problems> {
+    let values: Vec<(&str, f64)> =
+        spec.parameters.iter().map(|p| p.name).zip(theta.iter().copied()).collect();
+    effects.with(spec.id, &values)
+}
+
+/// The plant with benign changes, drawn from its seed.
+pub fn jittered(mut plant: PlantConfig) -> Result<PlantConfig, Problems> {
+    let mut rng = Stream::new(plant.seed, "jitter");
+    let on: Vec<&'static EffectSpec> =
+        plant.effects.iter().map(|(spec, _)| spec).filter(|s| s.role == Role::Nominal).collect();
+    for spec in on {
+        let share = if spec.name == "ground effect" { JITTER_GROUND } else { JITTER };
+        let mut values = Vec::new();
+        for p in spec.parameters {
+            let nominal = match p.source {
+                Source::List => p.default,
+                Source::Vehicle(field) => *field(&mut plant.vehicle),
+            };
+            let changed = nominal * (1.0 + share * rng.between(-1.0, 1.0));
+            if changed.is_finite() {
+                values.push((p.name, changed));
+            }
+        }
+        plant.effects = plant.effects.with(spec.id, &values)?;
+    }
+    plant.vehicle.body.mass_kg *= 1.0 + JITTER_MASS * rng.between(-1.0, 1.0);
+    let off_m = Vec3::new(
+        JITTER_START_M * rng.between(-1.0, 1.0),
+        JITTER_START_M * rng.between(-1.0, 1.0),
+        0.0,
+    );
+    plant.start_E_m += off_m;
+    plant.start_yaw_rad += JITTER_START_RAD * rng.between(-1.0, 1.0);
+    Ok(plant)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::missions;
+
+    #[test]
+    fn prop_jitter_changes_constants_a_little_and_repeats() {
+        let scene = Scene::lab().unwrap();
+        let one = jittered(scene.plant(5)).unwrap();
+        let again = jittered(scene.plant(5)).unwrap();
+        assert_eq!(one.effects, again.effects);
+        assert_eq!(one.vehicle.body.mass_kg, again.vehicle.body.mass_kg);
+        let plain = scene.plant(5);
+        assert!((one.vehicle.body.mass_kg / plain.vehicle.body.mass_kg - 1.0).abs() <= JITTER_MASS);
+        assert_ne!(one.effects, plain.effects);
+    }
+
+    #[test]
+    fn val_a_small_bank_holds_what_was_asked_for() {
+        let scene = Scene::lab().unwrap();
+        let items = missions::plain(&scene);
+        let library: Vec<_> =
+            library::standard().into_iter().filter(|s| ["P1", "U2"].contains(&s.id)).collect();
+        let recipe = Recipe {
+            scene: &scene,
+            items: &items,
+            library: &library,
+            size: BankSize { seeds: 1, jitter: 1, draws: 1 },
+            seed: 1,
+        };
+        let made = make(&recipe, |_, _| {});
+        assert!(made.lost.is_empty(), "{:?}", made.lost);
+        assert_eq!((made.bank.seeds.len(), made.bank.jitter.len()), (1, 1));
+        assert!(made.bank.effects.iter().all(|e| e.draws.len() == 1));
+        let known = made.bank.seeds[0].iter().filter(|v| v.is_finite()).count();
+        assert!(known * 2 > made.bank.names.len(), "{known} of {}", made.bank.names.len());
+    }
+}
