@@ -14,16 +14,16 @@ use super::scene::Scene;
 /// Height of everything that is not about height, m.
 const HEIGHT_M: f64 = 1.0;
 /// Near the floor, m.
-const LOW_M: f64 = 0.30;
+const LOW_M: f64 = 0.45;
 /// Near a ceiling of 3 m, m.
 const HIGH_M: f64 = 2.6;
 /// Half the way of a dash, m.
 const DASH_M: f64 = 1.9;
 /// Half the side of the square along the walls, m.
-const EDGE_M: f64 = 2.2;
+const EDGE_M: f64 = 2.4;
 /// Speed of ordinary legs and of dashes, m/s.
 const LEG_MPS: f64 = 0.8;
-const DASH_MPS: f64 = 1.6;
+const DASH_MPS: [f64; 2] = [1.2, 1.6];
 const EDGE_MPS: f64 = 1.2;
 /// Doublets: amplitude (degrees, or share of full throttle) and length of each half, s. Two
 /// amplitudes and two lengths tell a dead band from a lag (GAP.md 2.6: 0.15 rad 0.6 s, 0.08 rad
@@ -100,8 +100,8 @@ pub fn diagnostic_file(scene: &Scene) -> MissionFile {
     for yaw_deg in [90.0, 180.0, -90.0, 0.0] {
         plan.turn(yaw_deg, 2.5);
     }
-    plan.speed(DASH_MPS);
-    for axis in 0..2 {
+    for (axis, mps) in DASH_MPS.into_iter().enumerate() {
+        plan.speed(mps);
         for side in [1.0, -1.0, 1.0] {
             let mut off = [0.0; 2];
             off[axis] = side * DASH_M;
