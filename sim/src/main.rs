@@ -5,6 +5,7 @@ mod compare;
 mod demo;
 mod endpoint;
 mod faults;
+mod generator;
 mod paths;
 mod pty;
 mod scenario;
