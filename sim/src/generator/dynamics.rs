@@ -162,8 +162,7 @@ impl Motion {
         let a = self.x;
         let (k1, loads) = slope(&a, craft, order, around, self.supply_v, self.current_a, d);
         self.loads = loads;
-        let rates =
-            |x: &X| slope(x, craft, order, around, self.supply_v, self.current_a, d).0;
+        let rates = |x: &X| slope(x, craft, order, around, self.supply_v, self.current_a, d).0;
         let k2 = rates(&(a + k1 * (0.5 * dt_s)));
         let k3 = rates(&(a + k2 * (0.5 * dt_s)));
         let k4 = rates(&(a + k3 * dt_s));
@@ -188,8 +187,7 @@ impl Motion {
         self.current_a = (0.5 * motors_w * load + electronics_w) / self.supply_v.max(LEAST_V);
         let charge = craft.charge_frac - self.x[USED] / d.propulsion.capacity(craft.capacity_as);
         let ohm = craft.resistance_ohm[0] + d.propulsion.ohmic + d.unknown.contact_ohm(t_s);
-        self.supply_v =
-            (2.0 * cell_v(charge) - self.x[POLAR] - ohm * self.current_a).max(LEAST_V);
+        self.supply_v = (2.0 * cell_v(charge) - self.x[POLAR] - ohm * self.current_a).max(LEAST_V);
     }
 }
 
@@ -235,7 +233,11 @@ fn slope(
     let (gain, drag) = (motor_gain(craft), craft.gear_drag / HOVER_HZ);
     for wing in 0..2 {
         let f = x[F + wing];
-        let drive = d.propulsion.drive(gain * order.throttle[wing].clamp(0.0, 1.0) * supply_v, supply_v, craft.gear_drag);
+        let drive = d.propulsion.drive(
+            gain * order.throttle[wing].clamp(0.0, 1.0) * supply_v,
+            supply_v,
+            craft.gear_drag,
+        );
         let drive = if order.throttle[wing] <= 0.0 { 0.0 } else { drive };
         let pull = drive * d.propulsion.gear(wing) - f - drag * f * f;
         let tau = craft.motor_s[usize::from(pull < 0.0)] * (1.0 + craft.gear_drag);
@@ -279,7 +281,9 @@ fn loads(x: &X, craft: &Craft, around: &Surroundings, d: &Deviations) -> Loads {
     for (wing, side) in [-1.0, 1.0].into_iter().enumerate() {
         let f = if d.propulsion.lag_s > 0.0 { x[LAG + wing] } else { x[F + wing] };
         let ratio = (f / HOVER_HZ).max(0.0);
-        let mean = 0.5 * WEIGHT_N * ratio.powf(craft.lift_exponent + d.aero.expo)
+        let mean = 0.5
+            * WEIGHT_N
+            * ratio.powf(craft.lift_exponent + d.aero.expo)
             * place
             * d.propulsion.lift(wing)
             * d.unknown.lift(t_s, wing, x[F + wing], x[LAG + wing]);
@@ -304,11 +308,13 @@ fn loads(x: &X, craft: &Craft, around: &Surroundings, d: &Deviations) -> Loads {
     let bend = d.aero.bend(speed, craft.drag_bend_mps);
     let mut drag = Vector3::zeros();
     for i in 0..3 {
-        drag[i] = -0.102 * density * craft.drag_per_s[i] * d.aero.drag_scale[i] * v[i] * beat * bend;
+        drag[i] =
+            -0.102 * density * craft.drag_per_s[i] * d.aero.drag_scale[i] * v[i] * beat * bend;
     }
     drag += d.aero.plates(&v) * (0.102 * density);
     l.force_B_n += drag;
-    l.torque_B_nm += Vector3::new(craft.drag_lever_m[1] * drag.y, -craft.drag_lever_m[0] * drag.x, 0.0);
+    l.torque_B_nm +=
+        Vector3::new(craft.drag_lever_m[1] * drag.y, -craft.drag_lever_m[0] * drag.x, 0.0);
     for i in 0..3 {
         let spin = beat * craft.damping_per_s[i] * (1.0 + 0.05 * w[i].abs());
         l.torque_B_nm[i] -= craft.inertia_kgm2[i] * density * spin * w[i];
@@ -327,7 +333,8 @@ fn loads(x: &X, craft: &Craft, around: &Surroundings, d: &Deviations) -> Loads {
                 let push = (FOOT_N_PER_M * depth + FOOT_NS_PER_M * v.z).max(0.0);
                 let slide = (v.x * v.x + v.y * v.y + CREEP_MPS * CREEP_MPS).sqrt();
                 let grip = FRICTION * push / slide;
-                let force_B = q_EB.inverse_transform_vector(&Vector3::new(-grip * v.x, -grip * v.y, -push));
+                let force_B =
+                    q_EB.inverse_transform_vector(&Vector3::new(-grip * v.x, -grip * v.y, -push));
                 l.force_B_n += force_B;
                 l.torque_B_nm += arm.cross(&force_B);
                 l.touches = true;

@@ -63,7 +63,9 @@ pub struct Setup {
     pub anchors: Vec<(u8, Vector3<f64>)>,
     /// Place of take-off, m.
     pub start_NE_m: [f64; 2],
-    /// Seed of all random numbers.
+    /// Seed of what belongs to the room: flights of one day share it.
+    pub room_seed: u64,
+    /// Seed of all other random numbers.
     pub seed: u64,
 }
 
@@ -86,6 +88,7 @@ impl Setup {
             onset_s: 0.0,
             anchors,
             start_NE_m: scene.start_NE_m,
+            room_seed: seed,
             seed,
         }
     }
@@ -151,7 +154,7 @@ pub struct Foreign {
 impl Foreign {
     /// At rest on the floor, just switched on.
     pub fn new(setup: Setup) -> Self {
-        let Setup { mut craft, deviations, onset_s, anchors, start_NE_m, seed } = setup;
+        let Setup { mut craft, deviations, onset_s, anchors, start_NE_m, room_seed, seed } = setup;
         let mut rng = Noise::new(seed, "flight");
         // No two packs and no two mornings are alike.
         craft.charge_frac *= rng.between(0.985, 1.0);
@@ -163,7 +166,7 @@ impl Foreign {
         };
         Self {
             motion: Motion::new(&craft, start_NE_m[0], start_NE_m[1], phase),
-            radio: Radio::new(&anchors, &craft, seed),
+            radio: Radio::new(&anchors, &craft, room_seed, seed),
             sensors: Sensors::new(seed),
             craft,
             d,
@@ -230,7 +233,9 @@ impl Foreign {
     /// 500 times a second: bytes, air, loops, sensors, radio.
     fn turn(&mut self, t_s: f64) {
         let dt_s = board::PERIOD_S;
-        if t_s >= self.onset_s && let Some(d) = self.waiting.take() {
+        if t_s >= self.onset_s
+            && let Some(d) = self.waiting.take()
+        {
             self.d = d;
         }
         let clock_us = self.wire.clock_us(t_s, self.d.unknown.clock_s(t_s));
@@ -264,8 +269,7 @@ impl Foreign {
         self.idle_s = if loads.touches && !thrusts { self.idle_s + dt_s } else { 0.0 };
 
         if (self.steps / PER_TURN).is_multiple_of(PER_IMU) {
-            let (acc, rate) =
-                self.sensors.read(t_s, self.motion.flap_hz(), &self.craft, &self.d);
+            let (acc, rate) = self.sensors.read(t_s, self.motion.flap_hz(), &self.craft, &self.d);
             let fresh = self.imu_count.is_multiple_of(PER_PRESSURE);
             self.imu_count += 1;
             let readings = Readings {

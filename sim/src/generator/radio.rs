@@ -26,6 +26,8 @@ const WARM_S: f64 = 90.0;
 const BUMPS: usize = 9;
 /// Share of the noise outside the usual that lobes of the antenna have, m.
 const LOBE_M: f64 = 0.012;
+/// Delay of an echo, ticks: 1.4 m.
+const ECHO_TICKS: u64 = 300;
 const ANCHORS: usize = tdoa2::ANCHORS;
 const BOOT: &[u8] = b"\r\nSYSTEM\t: Loco node\r\nCONFIG\t: Mode is Sniffer\r\nSYSTEM\t: Ready\r\n";
 
@@ -101,19 +103,21 @@ pub struct Radio {
 }
 
 impl Radio {
-    /// Anchors at surveyed places, by ascending id below 8.
-    pub fn new(anchors: &[(u8, Vector3<f64>)], craft: &Craft, seed: u64) -> Self {
-        let mut rng = Noise::new(seed, "radio");
-        let middle = anchors.iter().map(|(_, p)| p).sum::<Vector3<f64>>()
-            / anchors.len().max(1) as f64;
+    /// Anchors at surveyed places, by ascending id below 8. Bias of places and anchors belongs to the
+    /// room, clocks and noise to the flight.
+    pub fn new(anchors: &[(u8, Vector3<f64>)], craft: &Craft, room_seed: u64, seed: u64) -> Self {
+        let mut rng = Noise::new(room_seed, "room");
+        let mut clocks = Noise::new(seed, "clocks");
+        let middle =
+            anchors.iter().map(|(_, p)| p).sum::<Vector3<f64>>() / anchors.len().max(1) as f64;
         let anchors: Vec<Anchor> = anchors
             .iter()
             .map(|(id, site)| Anchor {
                 id: *id,
                 site: *site,
-                clock: Clock::new(&mut rng),
+                clock: Clock::new(&mut clocks),
                 late_s: 4e-6 * rng.uniform(),
-                counter: rng.below(128) as u8,
+                counter: clocks.below(128) as u8,
                 floor_m: if -site.z < 1.0 { craft.floor_m * rng.between(0.4, 1.0) } else { 0.0 },
                 bumps: std::array::from_fn(|_| {
                     let at = middle
@@ -133,7 +137,7 @@ impl Radio {
             (tof_error[i][j], tof_error[j][i]) = (error_m, error_m);
         }
         Self {
-            tag: Clock::new(&mut rng),
+            tag: Clock::new(&mut clocks),
             anchors,
             slot: 0,
             next_s: 0.0,
@@ -247,12 +251,22 @@ impl Radio {
             destination: 0xFF,
             payload: &payload,
         };
-        let copies = if twice < d.unknown.doubled { 2 } else { 1 };
-        for _ in 0..copies {
+        // An echo that is heard as a packet of its own, before or after the straight one is reported.
+        let echo = sniffer::SnifferFrame {
+            rx_ticks: frame.rx_ticks.wrapping_add(ECHO_TICKS) & ((1 << RX_BITS) - 1),
+            ..frame
+        };
+        let share = d.unknown.doubled;
+        let frames: &[_] = match twice < share {
+            false => &[frame],
+            true if twice < 0.5 * share => &[echo, frame],
+            true => &[frame, echo],
+        };
+        for frame in frames {
             if self.binary {
-                sniffer::encode(&mut self.out, &frame);
+                sniffer::encode(&mut self.out, frame);
             } else {
-                text::encode(&mut self.out, &frame);
+                text::encode(&mut self.out, frame);
             }
         }
     }
@@ -263,7 +277,9 @@ impl Radio {
         let bumps: f64 = a
             .bumps
             .iter()
-            .map(|(at, size, height)| height * (-0.5 * (tag - at).norm_squared() / (size * size)).exp())
+            .map(|(at, size, height)| {
+                height * (-0.5 * (tag - at).norm_squared() / (size * size)).exp()
+            })
             .sum();
         let bearing = (a.site.y - tag.y).atan2(a.site.x - tag.x) - yaw_rad;
         bumps + LOBE_M * (2.0 * bearing + 0.5).cos()

@@ -49,8 +49,8 @@ impl Sensors {
     pub fn new(seed: u64) -> Self {
         let mut rng = Noise::new(seed, "sensors");
         let phases = std::array::from_fn(|_| std::array::from_fn(|_| rng.between(0.0, TAU)));
-        let bias =
-            TURN_ON.map(|std| Vector3::from_fn(|_, _| (std * rng.laplace()).clamp(-4.0 * std, 4.0 * std)));
+        let bias = TURN_ON
+            .map(|std| Vector3::from_fn(|_, _| (std * rng.laplace()).clamp(-4.0 * std, 4.0 * std)));
         let lean = [rng.normal(), rng.normal()];
         Self {
             rng,
@@ -82,7 +82,7 @@ impl Sensors {
         self.mesh = (self.mesh + TAU * MESH * mean * dt_s) % TAU;
         let (mut a, mut w) = (acc, rate);
         if strength > 0.0 {
-            let mut channel = |i: usize, std: f64| {
+            let channel = |i: usize, std: f64| {
                 let [first, second, _] = SHARES;
                 let p = &self.phases[i];
                 let beats = first.sqrt() * ((beat[0] + p[0]).sin() + (beat[1] + p[1]).sin())

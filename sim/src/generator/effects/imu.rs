@@ -79,8 +79,7 @@ fn scale(d: &mut Deviations, w: &mut Draw<'_>) {
 fn crooked(d: &mut Deviations, w: &mut Draw<'_>) {
     let to = w.rng.between(0.0, std::f64::consts::TAU);
     let (roll, pitch) = (w.size * to.cos(), w.size * to.sin());
-    d.imu.crooked =
-        UnitQuaternion::from_euler_angles(roll.to_radians(), pitch.to_radians(), 0.0);
+    d.imu.crooked = UnitQuaternion::from_euler_angles(roll.to_radians(), pitch.to_radians(), 0.0);
     w.set.note("roll", roll);
     w.set.note("pitch", pitch);
 }

@@ -36,7 +36,8 @@ impl InnerLoop {
     /// Dihedral of the wings for that of the servo, rad.
     pub fn wing_rad(&self, servo_rad: f64) -> f64 {
         let half = 0.5 * self.band_rad;
-        let dead = if half > 0.0 { servo_rad - half * (servo_rad / half).tanh() } else { servo_rad };
+        let dead =
+            if half > 0.0 { servo_rad - half * (servo_rad / half).tanh() } else { servo_rad };
         dead + self.trim_rad[0]
     }
 

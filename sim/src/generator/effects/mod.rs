@@ -55,7 +55,8 @@ pub struct Hall {
 impl Hall {
     /// A place on the usual ways: within the given share of the half sides around the middle.
     pub fn place(&self, rng: &mut Noise, share: f64) -> [f64; 2] {
-        let pick = |[low, high]: [f64; 2], u: f64| 0.5 * (low + high) + 0.5 * (high - low) * share * u;
+        let pick =
+            |[low, high]: [f64; 2], u: f64| 0.5 * (low + high) + 0.5 * (high - low) * share * u;
         [pick(self.north_m, rng.between(-1.0, 1.0)), pick(self.east_m, rng.between(-1.0, 1.0))]
     }
 }
@@ -120,7 +121,13 @@ impl Spec {
     }
 
     /// Switches it on in `d`; draws depend on `rng` alone.
-    pub fn apply(&self, severity: Severity, rng: &mut Noise, hall: &Hall, d: &mut Deviations) -> Set {
+    pub fn apply(
+        &self,
+        severity: Severity,
+        rng: &mut Noise,
+        hall: &Hall,
+        d: &mut Deviations,
+    ) -> Set {
         let mut set = Set::default();
         (self.set)(d, &mut Draw { size: self.size(severity), rng, hall, set: &mut set });
         set
@@ -159,9 +166,4 @@ pub fn known() -> impl Iterator<Item = &'static Spec> {
 /// The effects that no library knows.
 pub fn unknown() -> impl Iterator<Item = &'static Spec> {
     unknown::SPECS.iter()
-}
-
-/// By id.
-pub fn find(id: &str) -> Option<&'static Spec> {
-    known().chain(unknown()).find(|s| s.id == id)
 }

@@ -40,7 +40,8 @@ impl Timing {
             // Sum of two exponentials: pauses keep some distance from one another.
             let wait = 0.5 * self.every_s * (rng.exponential() + rng.exponential());
             let length = (self.pause_s * (0.6 + 0.4 * rng.exponential())).min(LONGEST_S);
-            let start = if self.pause[1] == 0.0 { t_s + wait } else { self.pause[1].max(t_s) + wait };
+            let start =
+                if self.pause[1] == 0.0 { t_s + wait } else { self.pause[1].max(t_s) + wait };
             self.pause = [start, start + length];
         }
         t_s >= self.pause[0] && t_s <= self.pause[1]

@@ -21,12 +21,11 @@ pub struct Unknown {
     /// Magnet: jump of north, rad.
     spike_rad: f64,
     water_kg: f64,
-    /// Water costs thrust too.
     cogging: f64,
     thin: f64,
     /// Share of packets that carry another anchor's id.
     pub wrong_id: f64,
-    /// Share of the tag's frames that come twice.
+    /// Share of packets that are heard twice, once by an echo.
     pub doubled: f64,
     /// Steps of the throttle.
     pub throttle_steps: f64,
@@ -251,7 +250,15 @@ pub static SPECS: &[Spec] = &[
     spec!("X13", "slung mass", "aerodynamics", "g", [3.0, 9.0], false, sling),
     spec!("X14", "slipping gear", "thrust", "", [0.15, 0.35], false, slip),
     spec!("X15", "bad contact", "battery", "Ω", [0.1, 0.35], false, contact),
-    spec!("X16", "g-sensitive gyroscope", "imu", "rad/s per m/s²", [0.002, 0.006], false, g_sensitivity),
+    spec!(
+        "X16",
+        "g-sensitive gyroscope",
+        "imu",
+        "rad/s per m/s²",
+        [0.002, 0.006],
+        false,
+        g_sensitivity
+    ),
     spec!("X17", "updraft", "aerodynamics", "m/s", [0.4, 1.2], false, updraft),
     spec!("X18", "jumping board clock", "timing", "ms", [5.0, 25.0], false, clock),
     spec!("X19", "restarting anchor", "uwb", "s", [4.0, 12.0], false, reboot),
