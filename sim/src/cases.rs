@@ -96,6 +96,12 @@ pub fn run(options: &Options) -> Result<bool> {
             "cases": selected.len(),
             "flights_before": total - due.len(),
             "flights_now": due.len(),
+            "not_landed": due
+                .iter()
+                .zip(&outcomes)
+                .filter(|(_, o)| !o.landed)
+                .map(|((case, mission, _), _)| log_name(case, *mission))
+                .collect::<Vec<_>>(),
             "landed": outcomes.iter().filter(|o| o.landed).count(),
             "flown_s": outcomes.iter().map(|o| o.flown_s).sum::<f64>().round(),
             "megabytes": (bytes as f64 * 1e-6).round(),

@@ -79,7 +79,8 @@ fn tour(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
         z: -height_m,
         ..items[2].clone()
     };
-    tour.push(point(0.0, 0.0, 0.35, 2.0));
+    tour.push(point(0.0, 0.0, 1.0, 1.0));
+    tour.push(point(0.0, 0.0, 0.45, 1.5));
     tour.push(point(1.9, 0.0, 1.0, 0.3));
     tour.push(point(-1.5, -1.9, 2.4, 0.3));
     tour.extend(
@@ -142,7 +143,7 @@ fn prop_every_effect_flies_and_shows() {
                 ]
             });
             let apart = apart.fold([0.0f64; 4], |m, x| std::array::from_fn(|i| m[i].max(x[i])));
-            let shows = apart[0] > 0.01 && apart[2] > 0.002;
+            let shows = apart[0] > 0.005 && apart[2] > 0.002;
             let crashed = flight.samples.iter().any(|s| s.truth.crashed);
             let ok = flight.landed && !crashed;
             let [_, _, _, hover] = figures(&flight);

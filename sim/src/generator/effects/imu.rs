@@ -99,9 +99,9 @@ fn square(d: &mut Deviations, w: &mut Draw<'_>) {
 /// Entries.
 pub static SPECS: &[Spec] = &[
     spec!("M1", "accelerometer bias", "imu", "m/s²", [0.1, 0.6], false, bias),
-    spec!("M2", "accelerometer bias drift", "imu", "m/s² per min", [0.2, 1.2], false, drift),
-    spec!("M3", "accelerometer scale", "imu", "", [0.02, 0.1], false, scale),
+    spec!("M2", "accelerometer bias drift", "imu", "m/s² per min", [0.15, 0.7], false, drift),
+    spec!("M3", "accelerometer scale", "imu", "", [0.02, 0.05], false, scale),
     spec!("M4", "IMU misalignment", "imu", "deg", [1.0, 4.0], false, crooked),
     spec!("M5", "gyroscope bias", "imu", "rad/s", [0.01, 0.06], false, gyro),
-    spec!("M6", "vibration rectification", "imu", "m/s²", [0.3, 1.2], false, square),
+    spec!("M6", "vibration rectification", "imu", "m/s²", [0.12, 0.4], false, square),
 ];

@@ -78,7 +78,7 @@ fn north(d: &mut Deviations, w: &mut Draw<'_>) {
 
 /// Entries.
 pub static SPECS: &[Spec] = &[
-    spec!("T1", "UWB time offset", "timing", "ms", [30.0, 150.0], false, tag),
+    spec!("T1", "UWB time offset", "timing", "ms", [30.0, 95.0], false, tag),
     spec!("T2", "command delay", "link", "ms", [20.0, 80.0], false, board),
     spec!("T3", "dropped setpoints", "link", "s", [0.1, 0.45], true, pauses),
     spec!("H1", "heading misalignment", "inner_loop", "deg", [3.0, 17.0], false, north),

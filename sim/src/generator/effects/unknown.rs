@@ -237,7 +237,7 @@ fn fan(d: &mut Deviations, w: &mut Draw<'_>) {
 pub static SPECS: &[Spec] = &[
     spec!("X1", "flexible-wing hysteresis", "thrust", "", [0.05, 0.12], false, hysteresis),
     spec!("X2", "tether", "aerodynamics", "N/m", [0.05, 0.2], false, tether),
-    spec!("X3", "loose deck rattles", "imu", "m/s²", [15.0, 60.0], false, rattle),
+    spec!("X3", "loose deck rattles", "imu", "m/s²", [10.0, 35.0], false, rattle),
     spec!("X4", "walking person", "uwb", "m", [0.4, 1.2], false, person),
     spec!("X5", "magnetic spikes", "inner_loop", "deg", [12.0, 30.0], false, spike),
     spec!("X6", "wet wings", "thrust", "g", [4.0, 12.0], false, water),
@@ -262,5 +262,5 @@ pub static SPECS: &[Spec] = &[
     spec!("X17", "updraft", "aerodynamics", "m/s", [0.4, 1.2], false, updraft),
     spec!("X18", "jumping board clock", "timing", "ms", [5.0, 25.0], false, clock),
     spec!("X19", "restarting anchor", "uwb", "s", [4.0, 12.0], false, reboot),
-    spec!("X20", "swinging fan", "aerodynamics", "m/s", [0.3, 0.8], false, fan),
+    spec!("X20", "swinging fan", "aerodynamics", "m/s", [0.25, 0.45], false, fan),
 ];
