@@ -278,7 +278,7 @@ fn case(id: String, plan: Plan, index: usize, seed: u64, hall: &Hall) -> Case {
     let sealed = !matches!(plan.class, Class::Commissioning | Class::Calibration);
     let tenth = index % 10 == TENTH || !sealed;
     // A quarter of every class that does not beat with the order of severities and repeats.
-    let lockbox = sealed && !tenth && (index * 7 + index / 6) % 4 == 0;
+    let lockbox = sealed && !tenth && (index * 7 + index / 6).is_multiple_of(4);
     let missions = match plan.class {
         Class::Plain => vec![Mission::Plain, Mission::HeldOut],
         Class::Commissioning | Class::Calibration => {

@@ -17,6 +17,7 @@ pub mod wire;
 mod tests;
 
 use std::collections::VecDeque;
+use std::f64::consts::TAU;
 
 use haltere::frames::{Rot, Vec3};
 use haltere::gap::scene::Scene;
@@ -31,7 +32,7 @@ use dynamics::{Motion, Surroundings};
 use effects::{Deviations, Hall};
 use noise::Noise;
 use radio::{Place, Radio};
-use sensors::Sensors;
+use sensors::{Beat, Sensors};
 use wire::{Readings, Wire, Wish};
 
 /// Step of the motion: 2 kHz.
@@ -159,7 +160,7 @@ impl Foreign {
         // No two packs and no two mornings are alike.
         craft.charge_frac *= rng.between(0.985, 1.0);
         craft.north_rad += 0.01 * rng.laplace().clamp(-3.0, 3.0);
-        let phase = [rng.between(0.0, 6.28), rng.between(0.0, 6.28)];
+        let phase = [rng.between(0.0, TAU), rng.between(0.0, TAU)];
         let (d, waiting) = match onset_s > 0.0 {
             true => (Deviations::default(), Some(deviations)),
             false => (deviations, None),
@@ -216,8 +217,7 @@ impl Foreign {
             STEP_S,
             acc,
             self.motion.rate(),
-            self.motion.flap_hz(),
-            self.motion.phase(),
+            &Beat { flap_hz: self.motion.flap_hz(), phase: self.motion.phase() },
             &self.craft,
             &self.d,
         );

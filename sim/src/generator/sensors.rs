@@ -29,6 +29,15 @@ const WEATHER_PA: f64 = 0.25;
 /// Share of tilt wander of north with heading, rad.
 const IRON_RAD: f64 = 0.008;
 
+/// What the wings do.
+#[derive(Debug, Clone, Copy)]
+pub struct Beat {
+    /// Flap rates, Hz.
+    pub flap_hz: [f64; 2],
+    /// Phases, rad.
+    pub phase: [f64; 2],
+}
+
 /// The sensors.
 #[derive(Debug, Clone)]
 pub struct Sensors {
@@ -72,11 +81,11 @@ impl Sensors {
         dt_s: f64,
         acc: Vector3<f64>,
         rate: Vector3<f64>,
-        flap_hz: [f64; 2],
-        beat: [f64; 2],
+        wings: &Beat,
         craft: &Craft,
         d: &Deviations,
     ) {
+        let Beat { flap_hz, phase: beat } = wings;
         let mean = 0.5 * (flap_hz[0] + flap_hz[1]);
         let strength = (mean / HOVER_HZ).powi(2);
         self.mesh = (self.mesh + TAU * MESH * mean * dt_s) % TAU;

@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use super::effects::{SEVERITIES, known, unknown};
 use super::*;
 
-const MISSIONS: [(&str, fn(&Scene) -> Vec<MISSION_ITEM_INT_DATA>); 3] = [
+type Plan = fn(&Scene) -> Vec<MISSION_ITEM_INT_DATA>;
+const MISSIONS: [(&str, Plan); 3] = [
     ("diagnostic", missions::diagnostic),
     ("held out", missions::held_out),
     ("plain", missions::plain),
@@ -80,7 +81,7 @@ fn tour(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
         ..items[2].clone()
     };
     tour.push(point(0.0, 0.0, 1.0, 1.0));
-    tour.push(point(0.0, 0.0, 0.45, 1.5));
+    tour.push(point(0.0, 0.0, 0.6, 1.5));
     tour.push(point(1.9, 0.0, 1.0, 0.3));
     tour.push(point(-1.5, -1.9, 2.4, 0.3));
     tour.extend(

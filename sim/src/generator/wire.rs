@@ -171,14 +171,14 @@ impl Wire {
             self.heartbeat_us = now + 1e6;
             self.send(&heartbeat(pilotage), out);
         }
-        for i in 0..STREAMS.len() {
+        for (i, (id, _)) in STREAMS.into_iter().enumerate() {
             let (interval, due) = self.streams[i];
             // Half a turn early is nearer than half a turn late.
             if interval <= 0.0 || now + 2000.0 < due {
                 continue;
             }
             self.streams[i].1 = if now - due > interval { now + interval } else { due + interval };
-            let message = match STREAMS[i].0 {
+            let message = match id {
                 105 => imu(clock_us, r),
                 31 => attitude(clock_us, r),
                 147 => battery(r),
