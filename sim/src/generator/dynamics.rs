@@ -27,10 +27,10 @@ const SWEEP: [f64; 2] = [0.28, 0.12];
 const SWEEP_LEVER_M: f64 = 0.02;
 /// Feet: half distance (m), stiffness of each (N/m), damping (N·s/m), friction, speed at which
 /// friction saturates (m/s).
-const FOOT_M: f64 = 0.05;
+const FOOT_M: f64 = 0.065;
 const FOOT_N_PER_M: f64 = 300.0;
 const FOOT_NS_PER_M: f64 = 4.0;
-const FRICTION: f64 = 0.6;
+const FRICTION: f64 = 0.25;
 const CREEP_MPS: f64 = 0.02;
 /// Lowest open-circuit voltage under any load, V: keeps the current finite.
 const LEAST_V: f64 = 3.0;
