@@ -1,10 +1,12 @@
 //! `haltere-sim`: the endpoint that stands in for tag and board, and the demo.
 
 mod board_wire;
+mod cases;
 mod compare;
 mod demo;
 mod endpoint;
 mod faults;
+mod generator;
 mod paths;
 mod pty;
 mod scenario;
@@ -41,6 +43,9 @@ enum Command {
     Paths(paths::PathOptions),
     /// Search PID gains for version `raw`, as the committed ones were found.
     Tune(compare::TuneOptions),
+    /// The sealed suite for the diagnosis of the sim-to-real gap: flights of another world, with
+    /// the key to them in a folder of its own (docs/GAP_PROTOCOL.md).
+    Cases(cases::Options),
     /// The companion, as `haltere` would run it.
     #[command(hide = true, disable_help_flag = true)]
     Companion {
@@ -76,6 +81,7 @@ fn main() -> ExitCode {
         Command::Steps(options) => compare::steps(&options),
         Command::Paths(options) => paths::paths(&options),
         Command::Tune(options) => compare::tune(&options),
+        Command::Cases(options) => cases::run(&options),
     };
     match result {
         Ok(true) => ExitCode::SUCCESS,

@@ -25,7 +25,7 @@ use crate::time::HostTime;
 pub const STEP_US: u64 = 2_000;
 
 /// Host time at which simulated time is zero: a computer is never freshly booted.
-const HOST_START_US: u64 = 100_000_000;
+pub const HOST_START_US: u64 = 100_000_000;
 
 /// Changes what arrives before the core gets it: simulated time in µs, link, bytes.
 pub type Damage = Box<dyn FnMut(u64, LinkId, &mut Vec<u8>) + Send>;

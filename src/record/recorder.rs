@@ -93,6 +93,8 @@ pub struct Recorder {
     hole: Option<pb::Hole>,
     sequence: u64,
     lost: u64,
+    /// Whether a full queue is waited for instead of dropped into.
+    waits: bool,
 }
 
 #[derive(Debug, Default)]
@@ -107,6 +109,14 @@ impl Recorder {
         Self::spawn(LogWriter::create(directory, session)?, QUEUE_BATCHES)
     }
 
+    /// Begins a log whose recorder waits for the disk instead of dropping: for lockstep, which runs
+    /// faster than any disk queue and has no deadline to miss.
+    pub fn start_waiting(directory: &Path, session: &Session) -> Result<Self, RecordError> {
+        let mut recorder = Self::start(directory, session)?;
+        recorder.waits = true;
+        Ok(recorder)
+    }
+
     /// A recorder that forgets everything.
     pub fn off() -> Self {
         Self {
@@ -118,6 +128,7 @@ impl Recorder {
             hole: None,
             sequence: 0,
             lost: 0,
+            waits: false,
         }
     }
 
@@ -242,7 +253,12 @@ impl Recorder {
         let next = self.spare.as_ref().and_then(|spare| spare.try_recv().ok()).unwrap_or_default();
         let mut batch = std::mem::replace(&mut self.batch, next);
         batch.hole = self.hole.take();
-        match queue.try_send(batch) {
+        let sent = if self.waits {
+            queue.send(batch).map_err(|error| TrySendError::Disconnected(error.0))
+        } else {
+            queue.try_send(batch)
+        };
+        match sent {
             Ok(()) => {}
             Err(TrySendError::Full(batch) | TrySendError::Disconnected(batch)) => {
                 self.hole = Some(widen(batch.hole, &batch.items));
