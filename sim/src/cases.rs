@@ -9,7 +9,6 @@
 
 mod flight;
 mod list;
-mod sha256;
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -18,6 +17,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow};
 use haltere::gap::scene::Scene;
+use haltere::gap::seal;
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -153,7 +153,7 @@ fn write_list(
                     "held_out_log": logs(Mission::HeldOut),
                     "tenth": key.tenth,
                     "lockbox": key.lockbox,
-                    "key_sha256": sha256::hex(text.as_bytes()),
+                    "key_sha256": seal::digest(text.as_bytes()),
                 }));
             }
         }
@@ -179,10 +179,10 @@ fn key_text(case: &Case) -> Result<String> {
 fn digest(all: &[Case]) -> Result<String> {
     let mut lines = String::new();
     for case in all.iter().filter(|c| c.key.id.starts_with("case-")) {
-        lines += &sha256::hex(key_text(case)?.as_bytes());
+        lines += &seal::digest(key_text(case)?.as_bytes());
         lines.push('\n');
     }
-    Ok(sha256::hex(lines.as_bytes()))
+    Ok(seal::digest(lines.as_bytes()))
 }
 
 /// Whole or not at all.

@@ -6,6 +6,11 @@
 mod ctl;
 mod fit;
 mod fly;
+mod gap;
+mod gap_bank;
+mod gap_blind;
+mod gap_diagnose;
+mod gap_missions;
 mod log;
 mod replay;
 mod report;
@@ -40,6 +45,9 @@ enum Command {
     /// Identifies the vehicle from flight logs.
     #[command(subcommand)]
     Fit(fit::Fit),
+    /// Diagnoses the gap between flights and the simulator.
+    #[command(subcommand)]
+    Gap(gap::Gap),
     /// Arms, flies and lands a running companion: a small ground station for scripts.
     Ctl(ctl::Ctl),
     /// Draws a flight log as one page.
@@ -62,6 +70,7 @@ pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
         Command::Replay(replay) => replay.run(),
         Command::Log(log) => log.run(),
         Command::Fit(fit) => fit.run(),
+        Command::Gap(gap) => gap.run(),
         Command::Ctl(ctl) => ctl.run(),
         Command::Report(report) => report.run(),
         Command::Check(check) => check.run(),

@@ -125,7 +125,7 @@ fn contents(bank: &Bank) -> Result<Vec<u8>, serde_json::Error> {
     })
 }
 
-fn fnv(bytes: &[u8]) -> u64 {
+pub(super) fn fnv(bytes: &[u8]) -> u64 {
     // FNV-1a, 64 bit (draft-eastlake-fnv).
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
         (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)

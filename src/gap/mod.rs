@@ -4,7 +4,9 @@
 pub mod attribute;
 pub mod bank;
 pub mod bank_file;
+pub mod blind;
 pub mod cells;
+pub mod diagnosis;
 pub mod fly;
 pub mod library;
 pub mod logs;
@@ -16,11 +18,13 @@ pub mod regress;
 pub mod residuals;
 pub mod scene;
 pub mod score;
+pub mod seal;
 pub mod shrink;
 pub mod smoother;
 pub mod statistics;
 pub mod timeline;
 pub mod trace;
+pub mod workshop;
 
 #[cfg(test)]
 mod tests;

@@ -44,6 +44,13 @@ impl Scene {
         Ok(Self { room, survey, start_NE_m: [0.5 * LAB_SIDE_M; 2], pilot })
     }
 
+    /// The same with the start on a grid of a quarter of a metre: estimates of one start differ by
+    /// centimetres and need no bank each.
+    pub fn on_grid(mut self) -> Self {
+        self.start_NE_m = self.start_NE_m.map(|v| (v * 4.0).round() / 4.0);
+        self
+    }
+
     /// The nominal plant in this room.
     pub fn plant(&self, seed: u64) -> PlantConfig {
         let mut plant = PlantConfig::new(self.survey.clone(), seed);

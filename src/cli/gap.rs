@@ -1,0 +1,141 @@
+//! `haltere gap`: one variant, one line in `run` and one file beside this one per subcommand.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, Subcommand};
+
+use super::{gap_bank, gap_blind, gap_diagnose, gap_missions};
+use crate::checks::Problems;
+use crate::gap::make_bank::BankSize;
+use crate::gap::workshop::default_folder;
+use crate::model::effects::EffectSpec;
+use crate::model::room::Room;
+
+/// Diagnosis of the gap between flights and the nominal model.
+#[derive(Debug, Subcommand)]
+pub(super) enum Gap {
+    /// Says where a flight differs from the simulator, which effect causes it, how far it shrinks.
+    Diagnose(gap_diagnose::Diagnose),
+    /// Flies the bank that flights of a mission are compared with, and keeps it.
+    Bank(gap_bank::BankCommand),
+    /// Scores a sealed suite of flights.
+    Blind(gap_blind::Blind),
+    /// Writes a standard flight as a mission file.
+    Mission(gap_missions::MissionCommand),
+}
+
+impl Gap {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        match self {
+            Gap::Diagnose(diagnose) => diagnose.run(),
+            Gap::Bank(bank) => bank.run(),
+            Gap::Blind(blind) => blind.run(),
+            Gap::Mission(mission) => mission.run(),
+        }
+    }
+}
+
+/// Where banks lie, and what they hold.
+#[derive(Debug, Clone, Args)]
+pub(super) struct BankOptions {
+    /// Folder of the banks; the user's cache by default.
+    #[arg(long, value_name = "DIR")]
+    pub banks: Option<PathBuf>,
+    /// Nominal flights in a bank.
+    #[arg(long, value_name = "N", default_value_t = BankSize::default().seeds)]
+    pub seeds: usize,
+    /// Flights with benign jitter in a bank.
+    #[arg(long, value_name = "N", default_value_t = BankSize::default().jitter)]
+    pub jitter: usize,
+    /// Flights per effect in a bank.
+    #[arg(long, value_name = "N", default_value_t = BankSize::default().draws)]
+    pub draws: usize,
+    /// Effects that are left out of the library.
+    #[arg(long, value_name = "ID")]
+    pub without: Vec<String>,
+}
+
+impl BankOptions {
+    pub fn folder(&self) -> PathBuf {
+        self.banks.clone().unwrap_or_else(default_folder)
+    }
+
+    pub fn size(&self) -> BankSize {
+        BankSize { seeds: self.seeds, jitter: self.jitter, draws: self.draws }
+    }
+
+    /// The standard library without what is left out; an unknown id is refused.
+    pub fn library(&self) -> anyhow::Result<Vec<&'static EffectSpec>> {
+        let all = crate::gap::library::standard();
+        for id in &self.without {
+            if !all.iter().any(|spec| spec.id == id) {
+                let known: Vec<_> = all.iter().map(|spec| spec.id).collect();
+                anyhow::bail!(
+                    "--without {id}: no such effect, the library has {}",
+                    known.join(" ")
+                );
+            }
+        }
+        Ok(all.into_iter().filter(|s| !self.without.iter().any(|id| id == s.id)).collect())
+    }
+}
+
+/// The room of a flight.
+#[derive(Debug, Clone, Args)]
+pub(super) struct RoomOptions {
+    /// Walls and ceiling, m: north from, to, east from, to, ceiling. By default the box of the
+    /// anchors.
+    #[arg(
+        long,
+        value_name = "N0,N1,E0,E1,H",
+        value_delimiter = ',',
+        num_args = 5,
+        allow_hyphen_values = true
+    )]
+    room: Option<Vec<f64>>,
+}
+
+impl RoomOptions {
+    pub fn room(&self) -> anyhow::Result<Option<Room>> {
+        let Some(numbers) = &self.room else { return Ok(None) };
+        let [n0, n1, e0, e1, ceiling_m] = numbers[..] else {
+            anyhow::bail!("--room needs five numbers: N0,N1,E0,E1,H");
+        };
+        let room = Room { north_m: [n0, n1], east_m: [e0, e1], ceiling_m };
+        let mut problems = Problems::new();
+        room.check("--room", &mut problems);
+        problems.into_result().map_err(anyhow::Error::new)?;
+        Ok(Some(room))
+    }
+}
+
+/// Progress on standard error: one line that is written over on a terminal, else a line each tenth.
+pub(super) struct Progress {
+    what: &'static str,
+    started: std::time::Instant,
+    terminal: bool,
+}
+
+impl Progress {
+    pub fn new(what: &'static str) -> Self {
+        use std::io::IsTerminal;
+        let terminal = std::io::stderr().is_terminal();
+        Self { what, started: std::time::Instant::now(), terminal }
+    }
+
+    /// Done, of how many.
+    pub fn at(&self, done: usize, of: usize) {
+        use std::io::Write;
+        let elapsed_s = self.started.elapsed().as_secs_f64();
+        let left_s = elapsed_s * of.saturating_sub(done) as f64 / done.max(1) as f64;
+        let mut err = std::io::stderr().lock();
+        let step = (of / 10).max(1);
+        if self.terminal {
+            let end = if done == of { "\n" } else { "" };
+            let _ = write!(err, "\r{}: {done} of {of}, {left_s:.0} s left   {end}", self.what);
+        } else if done % step == 0 || done == of {
+            let _ = writeln!(err, "{}: {done} of {of}, {left_s:.0} s left", self.what);
+        }
+    }
+}

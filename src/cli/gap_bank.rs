@@ -1,0 +1,85 @@
+//! `haltere gap bank`: flies the bank of a mission.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+
+use clap::Args;
+use serde_json::json;
+
+use super::gap::{BankOptions, Progress, RoomOptions};
+use super::{print, print_json};
+use crate::gap::logs;
+use crate::gap::missions;
+use crate::gap::scene::Scene;
+use crate::gap::workshop::Workshop;
+
+/// Flies the bank that flights of a mission are compared with, and keeps it.
+///
+/// Without a log: the standard diagnostic flight in the standard room.
+#[derive(Debug, Args)]
+pub(super) struct BankCommand {
+    /// A flight of the mission.
+    log: Option<PathBuf>,
+    #[command(flatten)]
+    room: RoomOptions,
+    #[command(flatten)]
+    options: BankOptions,
+    /// Prints as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl BankCommand {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let room = self.room.room()?;
+        let (scene, items) = match &self.log {
+            Some(log) => {
+                let flown = logs::read(log)?;
+                (flown.scene(room).on_grid(), flown.mission)
+            }
+            None => {
+                let scene = Scene::lab().map_err(anyhow::Error::new)?;
+                let items = missions::diagnostic(&scene);
+                (scene, items)
+            }
+        };
+        let started = Instant::now();
+        let progress = Progress::new("bank");
+        let workshop = Workshop::open(
+            &self.options.folder(),
+            scene,
+            items,
+            self.options.library()?,
+            self.options.size(),
+            |done, of| progress.at(done, of),
+        )?;
+        let bank = &workshop.bank;
+        let draws: usize = bank.effects.iter().map(|e| e.draws.len()).sum();
+        let seconds = started.elapsed().as_secs_f64();
+        if self.json {
+            print_json(&json!({
+                "bank": format!("{:016x}", workshop.bank_hash),
+                "seeds": bank.seeds.len(),
+                "jitter": bank.jitter.len(),
+                "effects": bank.effects.len(),
+                "draws": draws,
+                "lost": workshop.lost,
+                "seconds": seconds,
+            }))?;
+        } else {
+            print(&format!(
+                "bank {:016x}: {} nominal flights, {} with jitter, {draws} of {} effects; {seconds:.0} s\n",
+                workshop.bank_hash,
+                bank.seeds.len(),
+                bank.jitter.len(),
+                bank.effects.len(),
+            ));
+            for (id, count) in &workshop.lost {
+                let of = if id.is_empty() { "without effect" } else { id };
+                print(&format!("  {of}: {count} flights could not be flown or observed\n"));
+            }
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}

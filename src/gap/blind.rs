@@ -1,0 +1,460 @@
+//! Scores a sealed suite: every case is answered, the answers are written down, and only then the
+//! keys are opened and compared with their committed hashes.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+use serde::{Deserialize, Serialize};
+
+use super::attribute::{AttributeError, Attribution, Settings};
+use super::diagnosis::{HeldOut, Observed, observed};
+use super::library;
+use super::logs;
+use super::make_bank::BankSize;
+use super::score::{Case, Score, Truth, score};
+use super::seal;
+use super::shrink::{Paired, Shrink};
+use super::statistics::ANCHOR_SLOTS;
+use super::workshop::{Workshop, WorkshopError};
+use crate::model::effects::EffectSpec;
+use crate::model::room::Room;
+use crate::replay::ReplayError;
+
+/// Why a suite cannot be scored.
+#[derive(Debug, thiserror::Error)]
+pub enum BlindError {
+    /// A file of the suite.
+    #[error("{}: cannot be read: {why}", path.display())]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        why: String,
+    },
+    /// A key that is not the one that was committed.
+    #[error("{}: the key has SHA-256 {found}, committed was {expected}", path.display())]
+    Seal {
+        /// Which.
+        path: PathBuf,
+        /// As found.
+        found: String,
+        /// As committed.
+        expected: String,
+    },
+    /// A log.
+    #[error(transparent)]
+    Log(#[from] ReplayError),
+    /// The bank.
+    #[error(transparent)]
+    Workshop(#[from] WorkshopError),
+    /// Learning.
+    #[error(transparent)]
+    Learn(#[from] AttributeError),
+    /// Nothing to score.
+    #[error("{}: no case to score with these choices", .0.display())]
+    Empty(PathBuf),
+}
+
+/// What to score.
+#[derive(Debug, Clone)]
+pub struct Choice {
+    /// Only the fixed tenth.
+    pub tenth: bool,
+    /// The lockbox too.
+    pub lockbox: bool,
+    /// Without reference flights.
+    pub without_references: bool,
+    /// Measure shrink on the held-out flights.
+    pub shrink: bool,
+    /// Effects that are taken out of the library.
+    pub withheld: Vec<String>,
+    /// Size of the banks.
+    pub size: BankSize,
+    /// Choices of the attribution.
+    pub settings: Settings,
+}
+
+#[derive(Debug, Deserialize)]
+struct Suite {
+    generator: String,
+    all_keys_sha256: String,
+    cases: Vec<Entry>,
+    commissioning: Vec<Public>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct Entry {
+    id: String,
+    mission: String,
+    log: String,
+    held_out_log: Option<String>,
+    tenth: bool,
+    lockbox: bool,
+    key_sha256: String,
+}
+
+#[derive(Debug, Deserialize)]
+struct Public {
+    diagnostic: String,
+    held_out: String,
+    plain: String,
+}
+
+#[derive(Debug, Deserialize)]
+struct Key {
+    class: String,
+    effects: Vec<KeyEffect>,
+}
+
+#[derive(Debug, Deserialize)]
+struct KeyEffect {
+    id: String,
+    block: String,
+    parameters: BTreeMap<String, f64>,
+    anchor: Option<u8>,
+}
+
+/// One answer, as it was given before the key was opened.
+#[derive(Debug, Clone, Serialize)]
+pub struct Answer {
+    /// Id of the case.
+    pub id: String,
+    /// Anchors by kind of error.
+    pub anchors: BTreeMap<String, u8>,
+    /// The verdict; absent when the log could not be judged.
+    pub attribution: Option<Attribution>,
+    /// Why there is no verdict.
+    pub fault: Option<String>,
+}
+
+/// Result of a scoring run.
+#[derive(Debug, Serialize)]
+pub struct BlindResult {
+    /// Generator of the suite.
+    pub generator: String,
+    /// Hash over all keys.
+    pub all_keys_sha256: String,
+    /// Cases scored.
+    pub cases: usize,
+    /// Cases whose log could not be judged.
+    pub faults: Vec<String>,
+    /// Reference flights behind the floor.
+    pub references: usize,
+    /// Scores.
+    pub score: Score,
+    /// The right anchor among single effects of one anchor.
+    pub anchor_hits: usize,
+    /// Of how many.
+    pub anchor_of: usize,
+    /// Shrink, pooled over single effects that were named, right or wrong.
+    pub shrink: Option<Shrink>,
+    /// The same with the true effect, fitted: what was attainable.
+    pub attainable: Option<Shrink>,
+    /// Scores of plain flights.
+    pub plain: Option<Score>,
+    /// Time per case, s, without making banks.
+    pub seconds_per_case: f64,
+    /// Time for banks and learning, s.
+    pub seconds_learning: f64,
+    /// Every answer, and the class of its case.
+    pub answers: Vec<(Answer, String)>,
+}
+
+fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<(T, Vec<u8>), BlindError> {
+    let fail = |why: String| BlindError::File { path: path.to_owned(), why };
+    let bytes = std::fs::read(path).map_err(|e| fail(e.to_string()))?;
+    let value = serde_json::from_slice(&bytes).map_err(|e| fail(e.to_string()))?;
+    Ok((value, bytes))
+}
+
+/// Scores the suite in `dir`. `tell` hears what goes on.
+pub fn run(
+    dir: &Path,
+    banks: &Path,
+    room: &Room,
+    choice: &Choice,
+    tell: &(impl Fn(String) + Sync),
+) -> Result<BlindResult, BlindError> {
+    let (suite, _): (Suite, _) = read(&dir.join("cases.json"))?;
+    let mut chosen: Vec<Entry> = suite
+        .cases
+        .into_iter()
+        .filter(|c| (!choice.tenth || c.tenth) && (!c.lockbox || choice.lockbox))
+        .filter(|c| dir.join(&c.log).exists())
+        .collect();
+    if chosen.is_empty() {
+        return Err(BlindError::Empty(dir.to_owned()));
+    }
+    chosen.sort_by(|a, b| a.mission.cmp(&b.mission).then(a.id.cmp(&b.id)));
+    let library: Vec<&'static EffectSpec> = library::standard()
+        .into_iter()
+        .filter(|spec| !choice.withheld.iter().any(|id| id == spec.id))
+        .collect();
+
+    let mut answers: Vec<Answer> = Vec::new();
+    let mut seen_held_out: Vec<Option<Vec<f64>>> = Vec::new();
+    let (mut learning_s, mut judging_s) = (0.0, 0.0);
+    let mut references_used = 0;
+    for mission in ["diagnostic", "plain"] {
+        let of_mission: Vec<&Entry> = chosen.iter().filter(|c| c.mission == mission).collect();
+        let Some(first) = of_mission.first() else { continue };
+        let started = Instant::now();
+        let flown = logs::read(&dir.join(&first.log))?;
+        let scene = flown.scene(Some(room.clone())).on_grid();
+        let items = flown.mission.clone();
+        tell(format!("bank of the {mission} mission"));
+        let workshop =
+            Workshop::open(banks, scene, items, library.clone(), choice.size, |done, of| {
+                if done % 100 == 0 || done == of {
+                    tell(format!("bank: {done} of {of} flights"));
+                }
+            })?;
+        let references: Vec<Vec<f64>> = if choice.without_references {
+            Vec::new()
+        } else {
+            let logs = suite
+                .commissioning
+                .iter()
+                .map(|c| if mission == "plain" { &c.plain } else { &c.diagnostic });
+            statistics(dir, logs, &workshop)
+        };
+        references_used = references_used.max(references.len());
+        tell(format!("learning, {} reference flights", references.len()));
+        let attributor = workshop.learn(&references, &choice.settings)?;
+        learning_s += started.elapsed().as_secs_f64();
+
+        let started = Instant::now();
+        for (k, case) in of_mission.iter().enumerate() {
+            let answer = match logs::read(&dir.join(&case.log)) {
+                Err(error) => Answer::fault(&case.id, error.to_string()),
+                Ok(flown) => answer(&case.id, &observed(flown, &workshop.nominal), |s| {
+                    attributor.attribute(s)
+                }),
+            };
+            answers.push(answer);
+            seen_held_out.push(case.held_out_log.as_ref().filter(|_| choice.shrink).and_then(
+                |log| statistics(dir, std::iter::once(log), &workshop).into_iter().next(),
+            ));
+            if (k + 1) % 10 == 0 || k + 1 == of_mission.len() {
+                let each_s = started.elapsed().as_secs_f64() / (k + 1) as f64;
+                let left_s = each_s * (of_mission.len() - k - 1) as f64;
+                tell(format!("{} of {} cases, {left_s:.0} s left", k + 1, of_mission.len()));
+            }
+        }
+        judging_s += started.elapsed().as_secs_f64();
+    }
+
+    // From here on the keys are open.
+    let keys: Vec<Key> = chosen.iter().map(|case| open(dir, case)).collect::<Result<_, _>>()?;
+    let held_out = if choice.shrink {
+        Some(shrunk(
+            dir,
+            room,
+            &suite.commissioning,
+            &chosen,
+            &keys,
+            &answers,
+            &seen_held_out,
+            tell,
+        )?)
+    } else {
+        None
+    };
+    let scored = |plain: bool| -> Option<Score> {
+        let cases: Vec<Case<'_>> = keys
+            .iter()
+            .zip(&answers)
+            .filter(|(key, _)| (key.class == "plain") == plain)
+            .filter_map(|(key, answer)| {
+                Some(Case {
+                    truth: truth(key, &library),
+                    verdict: answer.attribution.as_ref()?,
+                    blocks: named_blocks(answer, &library),
+                })
+            })
+            .collect();
+        (!cases.is_empty()).then(|| score(&cases))
+    };
+    let (anchor_hits, anchor_of) = anchors(&keys, &answers);
+    let (shrink, attainable) = held_out.map_or((None, None), |(a, b)| (Some(a), Some(b)));
+    Ok(BlindResult {
+        generator: suite.generator,
+        all_keys_sha256: suite.all_keys_sha256,
+        cases: answers.len(),
+        faults: answers
+            .iter()
+            .filter_map(|a| a.fault.as_ref().map(|why| format!("{}: {why}", a.id)))
+            .collect(),
+        references: references_used,
+        score: scored(false).unwrap_or_default(),
+        anchor_hits,
+        anchor_of,
+        shrink,
+        attainable,
+        plain: scored(true),
+        seconds_per_case: judging_s / answers.len().max(1) as f64,
+        seconds_learning: learning_s,
+        answers: answers.into_iter().zip(keys.into_iter().map(|k| k.class)).collect(),
+    })
+}
+
+fn statistics<'a>(
+    dir: &Path,
+    logs: impl Iterator<Item = &'a String>,
+    workshop: &Workshop,
+) -> Vec<Vec<f64>> {
+    use rayon::prelude::*;
+    let paths: Vec<PathBuf> = logs.map(|log| dir.join(log)).collect();
+    paths
+        .par_iter()
+        .filter_map(|path| {
+            let flown = logs::read(path).ok()?;
+            let seen = observed(flown, &workshop.nominal);
+            seen.observation.ok().map(|o| o.statistics)
+        })
+        .collect()
+}
+
+impl Answer {
+    fn fault(id: &str, why: String) -> Self {
+        Self { id: id.to_owned(), anchors: BTreeMap::new(), attribution: None, fault: Some(why) }
+    }
+}
+
+fn answer(id: &str, seen: &Observed, attribute: impl Fn(&[f64]) -> Attribution) -> Answer {
+    if let Some(fault) = seen.flown.faults.first() {
+        return Answer::fault(id, fault.clone());
+    }
+    match &seen.observation {
+        Err(why) => Answer::fault(id, why.clone()),
+        Ok(observation) => Answer {
+            id: id.to_owned(),
+            anchors: ANCHOR_SLOTS
+                .iter()
+                .zip(&observation.anchors)
+                .map(|(slot, anchor)| ((*slot).to_owned(), anchor.0))
+                .collect(),
+            attribution: Some(attribute(&observation.statistics)),
+            fault: None,
+        },
+    }
+}
+
+fn open(dir: &Path, case: &Entry) -> Result<Key, BlindError> {
+    let path = dir.join("key").join(format!("{}.json", case.id));
+    let (key, bytes): (Key, _) = read(&path)?;
+    let found = seal::digest(&bytes);
+    if found == case.key_sha256 {
+        Ok(key)
+    } else {
+        Err(BlindError::Seal { path, found, expected: case.key_sha256.clone() })
+    }
+}
+
+fn truth(key: &Key, library: &[&'static EffectSpec]) -> Truth {
+    let known = |id: &str| library.iter().find(|spec| spec.id == id);
+    match &key.effects[..] {
+        [] => Truth::NoGap,
+        [one] => match known(&one.id) {
+            None => Truth::Unknown { name: one.id.clone() },
+            Some(spec) => Truth::Single {
+                id: one.id.clone(),
+                block: one.block.clone(),
+                theta: spec
+                    .parameters
+                    .iter()
+                    .map(|p| one.parameters.get(p.name).copied().unwrap_or(f64::NAN))
+                    .collect(),
+            },
+        },
+        [a, b, ..] => Truth::Pair { ids: [a.id.clone(), b.id.clone()] },
+    }
+}
+
+/// Blocks of the effects that were named.
+fn named_blocks(answer: &Answer, library: &[&'static EffectSpec]) -> Vec<String> {
+    let Some(attribution) = &answer.attribution else { return Vec::new() };
+    attribution
+        .outcome
+        .effects()
+        .iter()
+        .filter_map(|e| library.iter().find(|spec| spec.id == e.id))
+        .map(|spec| spec.block.name().to_owned())
+        .collect()
+}
+
+/// Kind of anchor error that an effect shows as.
+fn slot_of(id: &str) -> Option<&'static str> {
+    match id {
+        "U2" => Some("bias"),
+        "U5" => Some("zone"),
+        "U7" => Some("place"),
+        "U8" => Some("drift"),
+        _ => None,
+    }
+}
+
+/// Right anchors among single effects of one anchor that were named.
+fn anchors(keys: &[Key], answers: &[Answer]) -> (usize, usize) {
+    let (mut hits, mut of) = (0, 0);
+    for (key, answer) in keys.iter().zip(answers) {
+        let [effect] = &key.effects[..] else { continue };
+        let (Some(slot), Some(anchor)) = (slot_of(&effect.id), effect.anchor) else { continue };
+        of += 1;
+        hits += usize::from(answer.anchors.get(slot) == Some(&anchor));
+    }
+    (hits, of)
+}
+
+/// Shrink with what was named, and with the true effect fitted.
+#[allow(clippy::too_many_arguments)] // one caller, and every part is another thing
+fn shrunk(
+    dir: &Path,
+    room: &Room,
+    public: &[Public],
+    chosen: &[Entry],
+    keys: &[Key],
+    answers: &[Answer],
+    seen: &[Option<Vec<f64>>],
+    tell: &(impl Fn(String) + Sync),
+) -> Result<(Shrink, Shrink), BlindError> {
+    let Some(log) = chosen.iter().find_map(|c| c.held_out_log.as_ref()) else {
+        return Err(BlindError::Empty(dir.to_owned()));
+    };
+    let flown = logs::read(&dir.join(log))?;
+    let scene = flown.scene(Some(room.clone())).on_grid();
+    let items: Vec<MISSION_ITEM_INT_DATA> = flown.mission.clone();
+    let nominal = super::nominal::Nominal::of_scene(&scene);
+    let references: Vec<Vec<f64>> = public
+        .iter()
+        .filter_map(|c| {
+            let flown = logs::read(&dir.join(&c.held_out)).ok()?;
+            observed(flown, &nominal).observation.ok().map(|o| o.statistics)
+        })
+        .collect();
+    let model = HeldOut::new(&scene, &items, &references);
+    let spec = |id: &str| library::standard().into_iter().find(|s| s.id == id);
+    let (mut named, mut right): (Vec<Paired>, Vec<Paired>) = (Vec::new(), Vec::new());
+    for ((key, answer), real) in keys.iter().zip(answers).zip(seen) {
+        let (Some(attribution), Some(real)) = (&answer.attribution, real) else { continue };
+        let [effect] = &key.effects[..] else { continue };
+        if key.class != "single" {
+            continue;
+        }
+        if let Some(first) = attribution.outcome.effects().first()
+            && let Some(spec) = spec(&first.id)
+        {
+            named.push(model.paired(real, &[(spec, &first.theta)]));
+        }
+        if let Some(fitted) = attribution.candidates.iter().find(|c| c.id == effect.id)
+            && let Some(spec) = spec(&effect.id)
+            && !fitted.theta.is_empty()
+        {
+            right.push(model.paired(real, &[(spec, &fitted.theta)]));
+        }
+        tell(format!("shrink: {} flights", named.len()));
+    }
+    Ok((model.shrink(&named), model.shrink(&right)))
+}

@@ -1,0 +1,381 @@
+//! The diagnosis of one flight: gate 0, where, which, how far, and what could not be tested.
+
+use serde::Serialize;
+
+use super::attribute::{Attribution, Attributor};
+use super::logs::{Flown, ParameterDifference};
+use super::make_bank::with_effect;
+use super::outcome::{Named, Outcome};
+use super::scene::Scene;
+use super::shrink::{Paired, Shrink, scales, shrink};
+use super::statistics::{ANCHOR_SLOTS, Observation, observe, specs};
+use super::workshop::Workshop;
+use crate::gap::fly::fly_observed;
+use crate::gap::nominal::Nominal;
+use crate::model::effects::EffectSpec;
+use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+
+/// Simulated flights before and after, per held-out flight. Paired seeds.
+pub const SHRINK_FLIGHTS: usize = 8;
+/// First seed of these flights: none of a bank's.
+const SHRINK_SEED: u64 = 7_700_000;
+/// Resampling of intervals.
+const BOOTSTRAP_SEED: u64 = 1;
+/// Blocks below this many sigma are not shown as places of the gap.
+const LOUD_SIGMA: f64 = 3.0;
+
+/// A block that the gap shows in.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Where {
+    /// Name of the block.
+    pub block: String,
+    /// Channel of its loudest statistic.
+    pub channel: String,
+    /// Anchor, where it is one that sticks out.
+    pub anchor: Option<u8>,
+    /// The loudest statistic, which names its regime.
+    pub regime: String,
+    /// Sigma above the null flights.
+    pub score: f64,
+}
+
+/// A named parameter.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Parameter {
+    /// Name.
+    pub name: String,
+    /// Best value.
+    pub value: f64,
+    /// Lower end of 90 %.
+    pub low: f64,
+    /// Upper end of 90 %.
+    pub high: f64,
+    /// Unit.
+    pub unit: String,
+}
+
+/// An effect with its parameters by name.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Effect {
+    /// Id of GAP.md section 3.
+    pub id: String,
+    /// Name.
+    pub name: String,
+    /// Calibrated probability.
+    pub probability: f64,
+    /// Parameters in the order of the specification.
+    pub parameters: Vec<Parameter>,
+}
+
+/// Everything about one flight.
+#[derive(Debug, Clone, Serialize)]
+pub struct Diagnosis {
+    /// The log.
+    pub log: String,
+    /// Key of the outcome.
+    pub outcome: &'static str,
+    /// The verdict as a sentence.
+    pub verdict: String,
+    /// Where, loudest first.
+    #[serde(rename = "where")]
+    pub places: Vec<Where>,
+    /// Effects that are named, or the set that cannot be told apart.
+    pub effects: Vec<Effect>,
+    /// Their ids.
+    pub set: Vec<String>,
+    /// Effects of the library that this flight would not have shown.
+    pub not_testable: Vec<String>,
+    /// How far, on held-out flights; absent without any.
+    pub shrink: Option<ShrinkResult>,
+    /// What the replay came to.
+    pub replay: String,
+    /// Reasons why the log cannot be judged.
+    pub faults: Vec<String>,
+    /// Oddities of the log.
+    pub remarks: Vec<String>,
+    /// Keys of the configuration that are not at their default.
+    pub parameters_changed: Vec<ParameterDifference>,
+    /// Hash of the bank.
+    pub bank: String,
+    /// Reference flights behind the floor; 0: relative to the nominal simulator.
+    pub references: usize,
+    /// Everything behind the verdict.
+    pub attribution: Option<Attribution>,
+    #[serde(skip)]
+    exit_code: u8,
+}
+
+/// Shrink for people and scripts.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ShrinkResult {
+    /// Share of the gap that is closed; `None`: nothing to shrink.
+    pub value: Option<f64>,
+    /// Lower end of 95 %.
+    pub low: Option<f64>,
+    /// Upper end of 95 %.
+    pub high: Option<f64>,
+    /// Distance of two flights of the fitted model.
+    pub floor: f64,
+    /// Distance before and after.
+    pub before: f64,
+    /// After.
+    pub after: f64,
+    /// The best that any candidate reached.
+    pub attainable: Option<f64>,
+    /// Median over other effects of the library.
+    pub wrong: Option<f64>,
+}
+
+impl Diagnosis {
+    /// Exit code of `haltere gap diagnose`.
+    pub fn exit_code(&self) -> u8 {
+        self.exit_code
+    }
+}
+
+/// A flight that was observed.
+#[derive(Debug, Clone)]
+pub struct Observed {
+    /// Log and trace.
+    pub flown: Flown,
+    /// What was seen; `Err`: why nothing.
+    pub observation: Result<Observation, String>,
+}
+
+/// Observes a log.
+pub fn observed(flown: Flown, nominal: &Nominal) -> Observed {
+    let observation = observe(&flown.trace, nominal).map_err(|e| e.to_string());
+    Observed { flown, observation }
+}
+
+/// The verdict on one observed flight.
+pub fn judge(
+    workshop: &Workshop,
+    attributor: &Attributor,
+    references: usize,
+    seen: &Observed,
+) -> Diagnosis {
+    let flown = &seen.flown;
+    let mut result = Diagnosis {
+        log: flown.path.display().to_string(),
+        outcome: "",
+        verdict: String::new(),
+        places: Vec::new(),
+        effects: Vec::new(),
+        set: Vec::new(),
+        not_testable: Vec::new(),
+        shrink: None,
+        replay: format!("{:?}", flown.replay.verdict).to_lowercase(),
+        faults: flown.faults.clone(),
+        remarks: flown.remarks.clone(),
+        parameters_changed: flown.parameters.clone(),
+        bank: format!("{:016x}", workshop.bank_hash),
+        references,
+        attribution: None,
+        exit_code: 0,
+    };
+    let outcome = match (&seen.observation, flown.faults.first()) {
+        (_, Some(fault)) => Outcome::Fault { why: fault.clone() },
+        (Err(why), None) => Outcome::NotTestable { why: why.clone() },
+        (Ok(observation), None) => {
+            let attribution = attributor.attribute(&observation.statistics);
+            result.places = places(&attribution, observation, workshop);
+            result.not_testable = not_testable(workshop, observation);
+            let outcome = attribution.outcome.clone();
+            result.attribution = Some(attribution);
+            outcome
+        }
+    };
+    result.outcome = outcome.key();
+    result.exit_code = outcome.exit_code();
+    result.effects = outcome.effects().iter().map(|e| effect(workshop, e)).collect();
+    result.set = result.effects.iter().map(|e| e.id.clone()).collect();
+    result.verdict = outcome.sentence(|id| {
+        workshop.spec(id).map_or_else(|| id.to_owned(), |spec| format!("{} {}", spec.id, spec.name))
+    });
+    result
+}
+
+fn effect(workshop: &Workshop, named: &Named) -> Effect {
+    let spec = workshop.spec(&named.id);
+    let parameters = spec.map_or(&[][..], |s| s.parameters);
+    Effect {
+        id: named.id.clone(),
+        name: spec.map_or("", |s| s.name).to_owned(),
+        probability: named.probability,
+        parameters: parameters
+            .iter()
+            .zip(named.theta.iter().zip(&named.theta_90))
+            .map(|(p, (value, [low, high]))| Parameter {
+                name: p.name.to_owned(),
+                value: *value,
+                low: *low,
+                high: *high,
+                unit: p.unit.to_owned(),
+            })
+            .collect(),
+    }
+}
+
+/// Loud blocks, with the statistic of each that lies farthest from the bank's nulls.
+fn places(attribution: &Attribution, seen: &Observation, workshop: &Workshop) -> Vec<Where> {
+    let sigma = scales(&workshop.bank.jitter);
+    let middle = medians(&workshop.bank.jitter);
+    let mut places = Vec::new();
+    for block in &attribution.blocks {
+        if block.sigma < LOUD_SIGMA {
+            continue;
+        }
+        let loudest = specs()
+            .iter()
+            .enumerate()
+            .filter(|(_, s)| s.block.name() == block.block)
+            .filter_map(|(j, s)| {
+                let z = (seen.statistics.get(j)? - middle.get(j)?) / sigma.get(j)?;
+                z.is_finite().then_some((z.abs(), s))
+            })
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((_, spec)) = loudest else { continue };
+        places.push(Where {
+            block: block.block.clone(),
+            channel: format!("{:?}", spec.channel),
+            anchor: (block.block == "uwb").then(|| anchor_of(&spec.name, seen)).flatten(),
+            regime: spec.name.clone(),
+            score: block.sigma,
+        });
+    }
+    places
+}
+
+/// The anchor behind a statistic that is sorted by anchors.
+pub fn anchor_of(name: &str, seen: &Observation) -> Option<u8> {
+    let slot = ANCHOR_SLOTS.iter().position(|slot| name.contains(slot))?;
+    seen.anchors.get(slot).map(|id| id.0)
+}
+
+fn medians(rows: &[Vec<f64>]) -> Vec<f64> {
+    let width = rows.iter().map(Vec::len).max().unwrap_or(0);
+    (0..width)
+        .map(|j| {
+            let mut known: Vec<f64> =
+                rows.iter().filter_map(|r| r.get(j).copied()).filter(|v| v.is_finite()).collect();
+            known.sort_by(f64::total_cmp);
+            known.get(known.len() / 2).copied().unwrap_or(f64::NAN)
+        })
+        .collect()
+}
+
+/// An effect is testable when most of its own flights lie outside what null flights do, on the
+/// statistics that this flight has.
+fn not_testable(workshop: &Workshop, seen: &Observation) -> Vec<String> {
+    let sigma = scales(&workshop.bank.jitter);
+    let middle = medians(&workshop.bank.jitter);
+    // The loudest known statistic is a poor test and a fair description of "would be seen".
+    let loudest = |row: &[f64]| {
+        row.iter()
+            .zip(&seen.statistics)
+            .zip(middle.iter().zip(&sigma))
+            .filter(|((_, own), _)| own.is_finite())
+            .map(|((v, _), (m, s))| ((v - m) / s).abs())
+            .filter(|z| z.is_finite())
+            .fold(0.0, f64::max)
+    };
+    let mut nulls: Vec<f64> = workshop.bank.jitter.iter().map(|r| loudest(r)).collect();
+    nulls.sort_by(f64::total_cmp);
+    let limit = nulls.get(nulls.len() * 19 / 20).copied().unwrap_or(f64::INFINITY);
+    workshop
+        .bank
+        .effects
+        .iter()
+        .filter(|e| {
+            let loud = e.draws.iter().filter(|d| loudest(&d.statistics) > limit).count();
+            2 * loud < e.draws.len()
+        })
+        .map(|e| e.id.clone())
+        .collect()
+}
+
+/// Flights of the model on another mission, nominal and with effects, for [`shrink`].
+#[derive(Debug)]
+pub struct HeldOut<'a> {
+    scene: &'a Scene,
+    items: &'a [MISSION_ITEM_INT_DATA],
+    nominal: Nominal,
+    before: Vec<Vec<f64>>,
+    scales: Vec<f64>,
+    /// Added to every simulated flight: what healthy flights of this airframe differ by.
+    offset: Vec<f64>,
+}
+
+impl<'a> HeldOut<'a> {
+    /// Flies the nominal model. `references`: healthy flights of this airframe on this mission.
+    pub fn new(
+        scene: &'a Scene,
+        items: &'a [MISSION_ITEM_INT_DATA],
+        references: &[Vec<f64>],
+    ) -> Self {
+        let mut result = Self {
+            scene,
+            items,
+            nominal: Nominal::of_scene(scene),
+            before: Vec::new(),
+            scales: Vec::new(),
+            offset: Vec::new(),
+        };
+        result.before = result.fly(&[]);
+        // The spread of real healthy flights is wider than that of one model.
+        let spread = if references.len() >= 8 { references } else { &result.before };
+        result.scales = scales(spread);
+        let nominal = medians(&result.before);
+        result.offset = if references.is_empty() {
+            vec![0.0; nominal.len()]
+        } else {
+            medians(references).iter().zip(&nominal).map(|(r, n)| r - n).collect()
+        };
+        let before = std::mem::take(&mut result.before);
+        result.before = result.shifted(before);
+        result
+    }
+
+    fn shifted(&self, rows: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+        let shift = |row: Vec<f64>| {
+            row.iter()
+                .zip(&self.offset)
+                .map(|(v, o)| if o.is_finite() { v + o } else { *v })
+                .collect()
+        };
+        rows.into_iter().map(shift).collect()
+    }
+
+    fn fly(&self, effects: &[(&EffectSpec, &[f64])]) -> Vec<Vec<f64>> {
+        use rayon::prelude::*;
+        (0..SHRINK_FLIGHTS as u64)
+            .into_par_iter()
+            .filter_map(|k| {
+                let mut plant = self.scene.plant(SHRINK_SEED + k);
+                for (spec, theta) in effects {
+                    plant.effects = with_effect(plant.effects, spec, theta).ok()?;
+                }
+                let pilot = self.scene.pilot.clone();
+                let trace = fly_observed(self.scene, self.items, plant, pilot).ok()?;
+                observe(&trace, &self.nominal).ok().map(|o| o.statistics)
+            })
+            .collect()
+    }
+
+    /// One real flight beside the model before and after.
+    pub fn paired(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> Paired {
+        let after = self.shifted(self.fly(effects));
+        let common = after.len().min(self.before.len());
+        Paired {
+            real: real.to_vec(),
+            before: self.before[..common].to_vec(),
+            after: after[..common].to_vec(),
+        }
+    }
+
+    /// Shrink over held-out flights.
+    pub fn shrink(&self, flights: &[Paired]) -> Shrink {
+        shrink(flights, &self.scales, BOOTSTRAP_SEED)
+    }
+}

@@ -1,0 +1,134 @@
+//! The workshop: for a scene and a mission, the bank (from disk, or flown anew) and what was
+//! learned from it. One file per mission and build; another configuration, room, survey, library
+//! or program gives another file.
+
+use std::path::{Path, PathBuf};
+
+use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+
+use super::attribute::{AttributeError, Attributor, Settings};
+use super::bank::Bank;
+use super::bank_file::{self, BankFileError};
+use super::make_bank::{self, BankSize, Recipe};
+use super::nominal::Nominal;
+use super::scene::Scene;
+use super::statistics::specs;
+use crate::model::effects::{Block, EffectSpec};
+use crate::record::BuildIdentity;
+
+/// Seed of the banks that a diagnosis uses.
+pub const BANK_SEED: u64 = 20_211_117;
+
+/// Why there is no workshop.
+#[derive(Debug, thiserror::Error)]
+pub enum WorkshopError {
+    /// The bank cannot be kept or read.
+    #[error(transparent)]
+    File(#[from] BankFileError),
+    /// The folder for banks cannot be made.
+    #[error("{}: cannot be made: {source}", path.display())]
+    Folder {
+        /// Which.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// Nothing can be learned from the bank.
+    #[error(transparent)]
+    Learn(#[from] AttributeError),
+}
+
+/// Everything that is needed to judge flights of one mission.
+#[derive(Debug, Clone)]
+pub struct Workshop {
+    /// Room, survey and companion.
+    pub scene: Scene,
+    /// The mission.
+    pub items: Vec<MISSION_ITEM_INT_DATA>,
+    /// Candidates.
+    pub library: Vec<&'static EffectSpec>,
+    /// What the nominal chain predicts.
+    pub nominal: Nominal,
+    /// The bank.
+    pub bank: Bank,
+    /// Its hash.
+    pub bank_hash: u64,
+    /// Flights that could not be flown for it, by effect; empty when it came from disk.
+    pub lost: Vec<(String, usize)>,
+}
+
+impl Workshop {
+    /// Takes the bank from `folder`, or flies it and keeps it there. `progress`: done, of how many.
+    pub fn open(
+        folder: &Path,
+        scene: Scene,
+        items: Vec<MISSION_ITEM_INT_DATA>,
+        library: Vec<&'static EffectSpec>,
+        size: BankSize,
+        progress: impl Fn(usize, usize) + Sync,
+    ) -> Result<Self, WorkshopError> {
+        std::fs::create_dir_all(folder)
+            .map_err(|source| WorkshopError::Folder { path: folder.to_owned(), source })?;
+        let path = folder.join(format!("{}.bank", key(&scene, &items, &library, size)));
+        let nominal = Nominal::of_scene(&scene);
+        let (bank, bank_hash, lost) = if path.exists() {
+            let (bank, hash) = bank_file::read(&path)?;
+            (bank, hash, Vec::new())
+        } else {
+            let recipe =
+                Recipe { scene: &scene, items: &items, library: &library, size, seed: BANK_SEED };
+            let made = make_bank::make(&recipe, progress);
+            let hash = bank_file::write(&path, &made.bank)?;
+            (made.bank, hash, made.lost)
+        };
+        Ok(Self { scene, items, library, nominal, bank, bank_hash, lost })
+    }
+
+    /// Learns the bank. `references`: statistics of accepted flights of this airframe on this mission.
+    pub fn learn(
+        &self,
+        references: &[Vec<f64>],
+        settings: &Settings,
+    ) -> Result<Attributor, AttributeError> {
+        let blocks: Vec<Block> = specs().iter().map(|s| s.block).collect();
+        Attributor::new(&self.bank, references, &blocks, settings)
+    }
+
+    /// The specification of an effect of the library.
+    pub fn spec(&self, id: &str) -> Option<&'static EffectSpec> {
+        self.library.iter().copied().find(|spec| spec.id == id)
+    }
+}
+
+/// Name of a bank: hash of everything that its flights depend on.
+fn key(
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    library: &[&'static EffectSpec],
+    size: BankSize,
+) -> String {
+    let ids: Vec<&str> = library.iter().map(|spec| spec.id).collect();
+    let build = BuildIdentity::current();
+    // Items are told apart from how they were addressed.
+    let items: Vec<_> = items
+        .iter()
+        .map(|i| (i.command, i.x, i.y, i.z, i.param1, i.param2, i.param3, i.param4))
+        .collect();
+    // Debug output of numbers is exact; NaN has one spelling.
+    let text = format!(
+        "{:?} {:?} {:?} {:?} {items:?} {ids:?} {size:?} {BANK_SEED} {}",
+        scene.room, scene.survey, scene.start_NE_m, scene.pilot, build.source_hash
+    );
+    format!("{:016x}", bank_file::fnv(text.as_bytes()))
+}
+
+/// Where banks are kept unless the user says otherwise: the user's cache.
+pub fn default_folder() -> PathBuf {
+    let home = || std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".cache"));
+    std::env::var_os("XDG_CACHE_HOME")
+        .map(PathBuf::from)
+        .or_else(home)
+        .unwrap_or_else(std::env::temp_dir)
+        .join("haltere")
+        .join("gap-banks")
+}
