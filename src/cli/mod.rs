@@ -6,6 +6,9 @@
 mod ctl;
 mod fit;
 mod fly;
+mod gap;
+mod gap_balance;
+mod gap_sight;
 mod log;
 mod replay;
 mod report;
@@ -40,6 +43,9 @@ enum Command {
     /// Identifies the vehicle from flight logs.
     #[command(subcommand)]
     Fit(fit::Fit),
+    /// Where flight and nominal model differ, which effect causes it, how far it shrinks.
+    #[command(subcommand)]
+    Gap(gap::Gap),
     /// Arms, flies and lands a running companion: a small ground station for scripts.
     Ctl(ctl::Ctl),
     /// Draws a flight log as one page.
@@ -62,6 +68,7 @@ pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
         Command::Replay(replay) => replay.run(),
         Command::Log(log) => log.run(),
         Command::Fit(fit) => fit.run(),
+        Command::Gap(gap) => gap.run(),
         Command::Ctl(ctl) => ctl.run(),
         Command::Report(report) => report.run(),
         Command::Check(check) => check.run(),
