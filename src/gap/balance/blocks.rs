@@ -23,6 +23,8 @@ const LEAST_SAMPLES: usize = 50;
 pub struct Block {
     /// Samples in it.
     pub n: f64,
+    /// Sums of what motion capture and vehicle differ in roll and pitch, rad.
+    pub tilt_apart_rad: [f64; 2],
     /// Per body axis: columns, target, constant.
     gram: [DMatrix<f64>; 3],
 }
@@ -40,10 +42,13 @@ pub fn blocks(samples: &[Sample], nominal: &Nominal, columns: &[Column]) -> Vec<
         let index = index as u64;
         if found.last().is_none_or(|(at, _)| *at != index) {
             let gram = std::array::from_fn(|_| DMatrix::zeros(width, width));
-            found.push((index, Block { n: 0.0, gram }));
+            found.push((index, Block { n: 0.0, tilt_apart_rad: [0.0; 2], gram }));
         }
         let Some((_, block)) = found.last_mut() else { continue };
         block.n += 1.0;
+        for (sum, apart) in block.tilt_apart_rad.iter_mut().zip(s.tilt_apart_rad) {
+            *sum += apart;
+        }
         let target = nominal.target(s).to_array();
         let forces: Vec<[f64; 3]> = columns.iter().map(|c| (c.force)(nominal, s)).collect();
         for (axis, gram) in block.gram.iter_mut().enumerate() {

@@ -57,6 +57,8 @@ pub struct Row {
     pub thrust_frac: f64,
     /// Battery, V.
     pub supply_v: f64,
+    /// Roll and pitch by motion capture less those on board, rad.
+    pub tilt_apart_rad: [f64; 2],
 }
 
 /// Rows that were left out, by reason.
@@ -147,6 +149,7 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
             ),
             thrust_frac: thrust / FULL_COUNTS,
             supply_v: vbat,
+            tilt_apart_rad: [(ot_roll - roll).to_radians(), (ot_pitch - pitch).to_radians()],
         });
     }
     let file = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();

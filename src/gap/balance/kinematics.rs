@@ -4,7 +4,9 @@
 //! slope and curvature are place, speed and acceleration. Specific force in body axes:
 //! `f_B = R_EB^T (a_E - g_E)`. Attitude and command are averaged over the same window, so that both
 //! sides of the balance have about the same bandwidth (some 3 Hz, below the wing beat of 13 Hz).
-//! The command first goes through the nominal lag of the flap rate.
+//! The command enters without the lag of the flap rate: on all three recorded flights the measured
+//! force fits the command of the same instant best, and one 0.1 s older by 0.03 to 0.06 m/s² worse;
+//! lag is a candidate instead.
 
 use nalgebra::{Matrix4, Matrix4x3, Quaternion, UnitQuaternion, Vector4};
 
@@ -42,20 +44,21 @@ pub struct Sample {
     pub R_EB: Rot<E, B>,
     /// Height above where it rested, m.
     pub height_m: f64,
-    /// Thrust command behind the nominal lag, 0 to 1.
+    /// Thrust command, 0 to 1.
     pub command_frac: f64,
     /// Its rate, 1/s.
     pub command_rate_per_s: f64,
     /// Battery, V.
     pub supply_v: f64,
+    /// Roll and pitch by motion capture less those on board, rad.
+    pub tilt_apart_rad: [f64; 2],
 }
 
 /// The flight, 20 times a second, and how many instants were left out for bad motion capture.
-pub fn samples(recording: &Recording, flap_lag_s: f64) -> (Vec<Sample>, usize) {
+pub fn samples(recording: &Recording) -> (Vec<Sample>, usize) {
     let rows = &recording.rows;
     let Some(first) = rows.first() else { return (Vec::new(), 0) };
     let rest_z_m = first.pos_E_m.z();
-    let lagged = lagged(rows, flap_lag_s);
     let mut found = Vec::new();
     let mut lost = 0;
     let mut next_s = first.t_s;
@@ -64,7 +67,8 @@ pub fn samples(recording: &Recording, flap_lag_s: f64) -> (Vec<Sample>, usize) {
         if row.t_s < next_s {
             continue;
         }
-        next_s = row.t_s + STEP_S;
+        // Half a row less: sums of 10 ms are not exact.
+        next_s = row.t_s + STEP_S - 0.005;
         if row.thrust_frac < FLYING_FRAC || rest_z_m - row.pos_E_m.z() < FLYING_M {
             continue;
         }
@@ -82,9 +86,9 @@ pub fn samples(recording: &Recording, flap_lag_s: f64) -> (Vec<Sample>, usize) {
         };
         let R_EB = mean_attitude(&rows[narrow.clone()]);
         let R_BE = R_EB.inverse();
-        let mean = |values: &[[f64; 2]], k: usize| {
-            values.iter().map(|v| v[k]).sum::<f64>() / values.len().max(1) as f64
-        };
+        let near = &rows[narrow];
+        let n = near.len().max(1) as f64;
+        let mean = |of: fn(&Row) -> f64| near.iter().map(of).sum::<f64>() / n;
         let volts = &rows[wide];
         found.push(Sample {
             t_s: row.t_s,
@@ -92,9 +96,10 @@ pub fn samples(recording: &Recording, flap_lag_s: f64) -> (Vec<Sample>, usize) {
             force_B_mps2: R_BE * (acc_E_mps2 - gravity_E_mps2()),
             R_EB,
             height_m: rest_z_m - row.pos_E_m.z(),
-            command_frac: mean(&lagged[narrow.clone()], 0),
-            command_rate_per_s: mean(&lagged[narrow], 1),
+            command_frac: mean(|r| r.thrust_frac),
+            command_rate_per_s: command_rate_per_s(near),
             supply_v: volts.iter().map(|r| r.supply_v).sum::<f64>() / volts.len().max(1) as f64,
+            tilt_apart_rad: [mean(|r| r.tilt_apart_rad[0]), mean(|r| r.tilt_apart_rad[1])],
         });
     }
     if let Some(begin_s) = found.first().map(|s| s.t_s) {
@@ -103,18 +108,13 @@ pub fn samples(recording: &Recording, flap_lag_s: f64) -> (Vec<Sample>, usize) {
     (found, lost)
 }
 
-/// Command behind a first-order lag, and its rate.
-fn lagged(rows: &[Row], lag_s: f64) -> Vec<[f64; 2]> {
-    let mut state = rows.first().map_or(0.0, |r| r.thrust_frac);
-    let mut last_s = rows.first().map_or(0.0, |r| r.t_s);
-    rows.iter()
-        .map(|row| {
-            let dt_s = row.t_s - last_s;
-            last_s = row.t_s;
-            state += (row.thrust_frac - state) * (1.0 - (-dt_s / lag_s).exp());
-            [state, (row.thrust_frac - state) / lag_s]
-        })
-        .collect()
+/// Slope of the command over the rows.
+fn command_rate_per_s(rows: &[Row]) -> f64 {
+    let n = rows.len().max(1) as f64;
+    let mean_s = rows.iter().map(|r| r.t_s).sum::<f64>() / n;
+    let spread: f64 = rows.iter().map(|r| (r.t_s - mean_s).powi(2)).sum();
+    let together: f64 = rows.iter().map(|r| (r.t_s - mean_s) * r.thrust_frac).sum();
+    if spread > 0.0 { together / spread } else { 0.0 }
 }
 
 /// Speed and acceleration at `t_s` by a cubic through the rows; `None` when it does not fit.
@@ -181,11 +181,12 @@ mod tests {
                     R_EB: Rot::from_raw(q),
                     thrust_frac: 0.6,
                     supply_v: 7.4,
+                    tilt_apart_rad: [0.0; 2],
                 }
             })
             .collect();
         let recording = Recording { name: "circle".into(), rows, skipped: Skipped::default() };
-        let (samples, lost) = samples(&recording, 0.08);
+        let (samples, lost) = samples(&recording);
         assert!(samples.len() > 580 && lost < 8, "{} {lost}", samples.len());
         for s in &samples[10..] {
             let f = s.force_B_mps2;

@@ -16,6 +16,7 @@ mod tests;
 #[cfg(test)]
 mod tests_recorded;
 
+use crate::frames::G_MPS2;
 use crate::model::vehicle::Vehicle;
 use blocks::{Block, Fit, Interval, bootstrap, fit, mean, mean_square};
 use flapper::Recording;
@@ -70,12 +71,11 @@ pub fn diagnose(
     }
     let probes_at = columns.len();
     let with_probes: Vec<Column> = columns.iter().copied().chain(probes()).collect();
-    let lag_s = vehicle.wings.flap_lag_s;
     let sums = |flights: &[Recording]| {
         let mut found: Vec<Block> = Vec::new();
         let mut lost = 0;
         for flight in flights {
-            let (samples, lost_here) = kinematics::samples(flight, lag_s);
+            let (samples, lost_here) = kinematics::samples(flight);
             lost += lost_here;
             found.extend(blocks::blocks(&samples, &nominal, &with_probes));
         }
@@ -213,10 +213,21 @@ fn axes(unseen: &[Block], before: &Fit, after: &Fit) -> Vec<Axis> {
                 rms_before_mps2: rms(before),
                 rms_after_mps2: rms(after),
                 unexplained_mps2: (of_means - of_noise).max(0.0).sqrt(),
-                material_mps2: MATERIAL_MPS2[a],
+                material_mps2: MATERIAL_MPS2[a].max(reference_mps2(unseen, a)),
             }
         })
         .collect()
+}
+
+/// Horizontal force that the wander of the attitude reference feigns, m/s²: gravity times the
+/// scatter over blocks of what motion capture and vehicle differ in tilt.
+fn reference_mps2(blocks: &[Block], axis: usize) -> f64 {
+    // Forward goes with pitch, right with roll.
+    let Some(angle) = [1, 0].get(axis) else { return 0.0 };
+    let n = blocks.len().max(1) as f64;
+    let means: Vec<f64> = blocks.iter().map(|b| b.tilt_apart_rad[*angle] / b.n).collect();
+    let mean = means.iter().sum::<f64>() / n;
+    G_MPS2 * (means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / n).sqrt()
 }
 
 fn effects(question: &Question<'_>, found: &Found, after: &Fit) -> Vec<Effect> {

@@ -133,7 +133,8 @@ pub struct Axis {
     pub rms_after_mps2: f64,
     /// Force that stays over 5 s and that no effect explains, rms, noise taken off, m/s².
     pub unexplained_mps2: f64,
-    /// From where on it matters, m/s².
+    /// From where on it matters, m/s²: half a degree of tilt or a hundredth of the weight, and no less
+    /// than what the attitude reference can feign.
     pub material_mps2: f64,
 }
 

@@ -2,8 +2,7 @@
 //! their ids of the effect list.
 //!
 //! Nominal specific force in body axes (x forward, y right, z down):
-//! `f = -z c T - K v + (b_x, b_y, 0)`, with `T = g u/u_h · V/V_ref` from the command behind the
-//! nominal lag, `K` the vehicle's drag by its flap rate in hover over its mass. `c` (weight, thrust
+//! `f = -z c T - K v + (b_x, b_y, 0)`, with `T = g u/u_h · V/V_ref` from the command, `K` the vehicle's drag by its flap rate in hover over its mass. `c` (weight, thrust
 //! scale) and `b` (tilt of trim and reference) are calibrations: refitted with every hypothesis,
 //! never called an effect. A candidate is a few columns that are linear in their parameters.
 
@@ -246,9 +245,9 @@ pub fn candidates(nominal: &Nominal) -> Vec<Term> {
     });
     terms.push(Term {
         id: "P4",
-        what: "thrust lags more than nominal",
+        what: "thrust lags behind the command",
         axes: &[2],
-        columns: vec![column("extra_lag", "s", 0.2, Any, |n, s| {
+        columns: vec![column("lag", "s", 0.2, Positive, |n, s| {
             [0.0, 0.0, n.thrust_mps2(s, s.command_rate_per_s)]
         })],
     });

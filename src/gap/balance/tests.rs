@@ -45,9 +45,9 @@ impl Truth {
     /// 75 s of wandering between 0.8 and 1.8 m; the command is what the forces ask for.
     fn fly(self) -> Recording {
         const DT_S: f64 = 0.01;
+        const SHAKES: usize = 16;
         let vehicle = Vehicle::default();
         let hover_v = vehicle.hover_command_v();
-        let lag_s = vehicle.wings.flap_lag_s;
         let mut rng = Stream::new(self.seed, "maker");
         let wave = |t: f64, [a, b]: [f64; 2], [u, w]: [f64; 2]| {
             let (sa, ca) = (u * t).sin_cos();
@@ -55,8 +55,16 @@ impl Truth {
             let acc = -a * u * u * sa - b * w * w * sb;
             [a * sa + b * sb, a * u * ca + b * w * cb, acc]
         };
-        let mut noise = Vector3::<f64>::zeros();
-        let mut last_flap = None;
+        // Force that nobody knows and the command does not answer: the vehicle is shaken by it. Were
+        // it in the command, the slope of force against command would come out too small (GAP.md
+        // 2.2), and rightly be called a thrust curve.
+        let shakes: Vec<(Vector3<f64>, f64, f64)> = (0..SHAKES)
+            .map(|_| {
+                let along = Vector3::from_fn(|_, _| rng.normal());
+                (along, rng.between(1.5, 8.0), rng.between(0.0, 6.3))
+            })
+            .collect();
+        let shake_mps2 = self.noise_mps2 * (2.0 / SHAKES as f64).sqrt();
         let rows = (0..7500)
             .map(|i| {
                 let t_s = f64::from(i) * DT_S;
@@ -67,10 +75,6 @@ impl Truth {
                 let pos = Vector3::new(n[0], e[0], -1.3 - h[0]);
                 let vel = Vector3::new(n[1], e[1], -h[1]);
                 let acc = Vector3::new(n[2], e[2], -h[2]);
-                // Force that nobody knows, correlated over 0.5 s.
-                let keep = (-DT_S / 0.5f64).exp();
-                let kick = self.noise_mps2 * (1.0 - keep * keep).sqrt();
-                noise = noise * keep + Vector3::from_fn(|_, _| kick * rng.normal());
                 // Attitude, heading east of north by 0.4 rad: z against the wing force.
                 let gravity = Vector3::new(0.0, 0.0, G_MPS2);
                 let mut R = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.4);
@@ -81,7 +85,7 @@ impl Truth {
                     let c = self.quadratic_per_m * v_B.norm();
                     let drag_B =
                         -Vector3::new((kx + c) * v_B.x, (ky + c) * v_B.y, (kz + c) * v_B.z);
-                    let wing_E = acc - gravity - R * (drag_B + noise);
+                    let wing_E = acc - gravity - R * drag_B;
                     wing = wing_E.norm();
                     let turn = UnitQuaternion::rotation_between(&(R * Vector3::z()), &-wing_E);
                     R = turn.unwrap_or_default() * R;
@@ -90,15 +94,16 @@ impl Truth {
                 let warm = 1.0 - self.droop * (1.0 - (-t_s / 120.0).exp());
                 let flap =
                     wing / G_MPS2 / warm * (hover_v / 7.4) * (7.4 / supply_v).powf(self.exponent);
-                // Undo the lag: the command leads the flap rate.
-                let rate = (flap - last_flap.unwrap_or(flap)) / DT_S;
-                last_flap = Some(flap);
+                let shaken = shakes.iter().fold(pos, |sum, (along, w, phase)| {
+                    sum - along * (shake_mps2 / (w * w) * (w * t + phase).sin())
+                });
                 Row {
                     t_s,
-                    pos_E_m: if i == 0 { Vec3::new(0.0, 0.0, 0.0) } else { Vec3::from_raw(pos) },
+                    pos_E_m: if i == 0 { Vec3::new(0.0, 0.0, 0.0) } else { Vec3::from_raw(shaken) },
                     R_EB: Rot::from_raw(R),
-                    thrust_frac: flap + lag_s * rate,
+                    thrust_frac: flap,
                     supply_v,
+                    tilt_apart_rad: [0.0; 2],
                 }
             })
             .collect();

@@ -49,7 +49,7 @@ fn write(out: &mut String, flight: &Watched) -> std::fmt::Result {
         writeln!(
             out,
             "              at {} s{more}; seen from about ({x:.1}, {y:.1}, {z:.1}) towards \
-             ({ax:.1}, {ay:.1}, {az:.1}); {} of {} places",
+             ({ax:.1}, {ay:.1}, {az:.1}); in most passes at {} of {} places",
             times.join(", "),
             b.places_blocked,
             b.places_visited
