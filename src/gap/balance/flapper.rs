@@ -74,6 +74,14 @@ pub struct Skipped {
     pub time_backwards: usize,
 }
 
+impl Skipped {
+    /// All of them.
+    pub fn total(&self) -> usize {
+        let Self { unreadable, no_voltage, reference_flipped, time_backwards } = self;
+        unreadable + no_voltage + reference_flipped + time_backwards
+    }
+}
+
 /// One recorded flight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recording {

@@ -164,6 +164,7 @@ pub fn diagnose(
         without: without.iter().map(|p| report::part_name(*p)).collect(),
         blocks: [fit_blocks.len(), held_blocks.len()],
         lost_samples: fit_lost + held_lost,
+        skipped_rows: fit_on.iter().chain(held_out).map(|f| f.skipped).collect(),
         thrust_scale: before.of(0).unwrap_or(f64::NAN),
         places,
         effects,

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use super::blocks::Interval;
+use super::flapper::Skipped;
 use super::search::Verdict;
 use super::terms::Part;
 
@@ -169,6 +170,8 @@ pub struct Report {
     pub blocks: [usize; 2],
     /// Instants left out for bad motion capture.
     pub lost_samples: usize,
+    /// Rows left out by the reader, per flight, fitted ones first.
+    pub skipped_rows: Vec<Skipped>,
     /// Calibrated thrust over the vehicle file's.
     pub thrust_scale: f64,
     /// Where the nominal residual lies, largest change first.

@@ -273,8 +273,8 @@ fn judge(
         bootstrap(value, unseen, level, "gain", |drawn| share(drawn, axes))
     };
     let shown = over(axes, LEVEL);
-    // Written so that a NaN helps nobody.
-    if !(over(axes, level).low > 0.0) {
+    let low = over(axes, level).low;
+    if low.is_nan() || low <= 0.0 {
         return (Verdict::DoesNotHelp, shown);
     }
     let n: f64 = unseen.iter().map(|u| u.n).sum();

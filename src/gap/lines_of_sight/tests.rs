@@ -55,7 +55,7 @@ fn prop_a_clear_flight_is_clear_with_the_default_limit_and_with_its_own() {
     let found = watch(&flight, &Limit::default());
     // Before the first pose and after the last there is nothing to compare with.
     assert_eq!((found.outcome, found.skipped), (Outcome::NoGap, 4), "{found:?}");
-    let limit = Limit::from_clear(&[flight.clone()]);
+    let limit = Limit::from_clear(std::slice::from_ref(&flight));
     assert_eq!(limit.limit_m, LEAST_LIMIT_M);
     assert_eq!(watch(&flight, &limit).outcome, Outcome::NoGap);
 }
