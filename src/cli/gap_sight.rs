@@ -19,7 +19,8 @@ pub(super) struct Sight {
     /// Recorded flights in the UTIL layout, or folders of them.
     #[arg(required = true, value_name = "DIR|FILE")]
     flights: Vec<PathBuf>,
-    /// Flights of the same vehicle known to be clear: the limit is then taken from them.
+    /// Flights of the same vehicle among the same anchors, known to be clear: the limit is then taken
+    /// from them. From another layout it does not carry over.
     #[arg(long, value_name = "FILE")]
     reference: Vec<PathBuf>,
     /// Prints as JSON.

@@ -135,10 +135,15 @@ pub fn diagnose(
     let ids = |at: &[usize]| -> Vec<&'static str> {
         at.iter().filter_map(|t| terms.get(*t)).map(|t| t.id).collect()
     };
+    // A rival of the first effect that was taken after it is no alternative to it.
     let set: Vec<&'static str> = found
         .steps
         .first()
-        .map(|s| ids(&[&[s.term][..], &s.rivals[..]].concat()))
+        .map(|s| {
+            let later = |t: &usize| found.steps.iter().all(|step| step.term != *t);
+            let rivals: Vec<usize> = s.rivals.iter().copied().filter(later).collect();
+            ids(&[&[s.term][..], &rivals].concat())
+        })
         .unwrap_or_default();
     let outcome = match (found.steps.len(), held_out.is_empty()) {
         (0, _) if remainder => Outcome::NotInLibrary,
@@ -386,11 +391,4 @@ fn places(blocks: &[Block], before: &Fit, probes_at: usize) -> Vec<Where> {
     }
     found.sort_by(|a, b| b.change_mps2.abs().total_cmp(&a.change_mps2.abs()));
     found
-}
-
-impl Interval {
-    /// Whether zero lies outside.
-    pub fn excludes_zero(&self) -> bool {
-        self.low > 0.0 || self.high < 0.0
-    }
 }

@@ -126,12 +126,18 @@ fn verdict(report: &Report, id: &str) -> Verdict {
 }
 
 #[test]
-fn prop_a_nominal_flight_names_nothing() {
-    for seed in 1..9 {
-        let report = judged(Truth::nominal(seed), Truth::nominal(seed + 20), &[]);
-        assert_eq!(report.outcome, Outcome::NoGap, "seed {seed}\n{}", report.text());
-        assert!(report.shrink.is_none());
+fn prop_nominal_flights_name_nothing_but_by_the_stated_chance() {
+    let mut named = 0;
+    let mut remainders = 0;
+    for seed in 1..25 {
+        let report = judged(Truth::nominal(seed), Truth::nominal(seed + 40), &[]);
+        named += usize::from(!report.effects.is_empty());
+        remainders += usize::from(report.outcome == Outcome::NotInLibrary);
+        assert!(report.effects.is_empty() == report.shrink.is_none());
     }
+    println!("24 nominal pairs of flights: {named} with an effect, {remainders} with a remainder");
+    // One in twenty by design: 1.2 expected.
+    assert!(named <= 2 && remainders <= 2, "{named} {remainders}");
 }
 
 #[test]
