@@ -18,7 +18,7 @@ mod tests_recorded;
 
 use crate::frames::G_MPS2;
 use crate::model::vehicle::Vehicle;
-use blocks::{Block, Fit, Interval, bootstrap, fit, mean, mean_square};
+use blocks::{Block, Fit, bootstrap, fit, mean, mean_square};
 use flapper::Recording;
 use report::{Axis, Candidate, Effect, Outcome, Parameter, Report, Shrink, Where};
 use search::{Found, LEVEL, MATERIAL_MPS2, Question, Verdict, fit_without};
