@@ -279,6 +279,13 @@ pub fn attitude_from_flu_enu(q_U_flu: UnitQuaternion<f64>) -> Rot<E, B> {
     Rot::from_raw(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(m)))
 }
 
+/// Attitude given as roll (right side down), pitch (nose up) and heading (**counter-clockwise**
+/// from the survey's x axis, seen from above), rad, turned into ours.
+pub fn attitude_from_heading_ccw(roll_rad: f64, pitch_rad: f64, heading_rad: f64) -> Rot<E, B> {
+    // The survey's x axis is room east: a quarter turn from north.
+    Rot::from_euler_rad(roll_rad, pitch_rad, std::f64::consts::FRAC_PI_2 - heading_rad)
+}
+
 /// A body vector given in FLU axes, in FRD.
 pub fn body_from_flu(x: f64, y: f64, z: f64) -> Vec3<B> {
     Vec3::new(x, -y, -z)
@@ -313,6 +320,22 @@ mod tests {
         assert!((R_EB.yaw_rad() - FRAC_PI_2).abs() < 1e-12);
         let up = R_EB * body_from_flu(0.0, 0.0, 1.0);
         assert!((up.z() + 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn prop_counter_clockwise_heading_turns_from_east_to_north() {
+        let ahead = |heading| {
+            let R_EB = attitude_from_heading_ccw(0.0, 0.0, heading);
+            survey_from_earth(R_EB * Vec3::<B>::new(1.0, 0.0, 0.0)).to_array()
+        };
+        for (heading, [x, y]) in [(0.0, [1.0, 0.0]), (FRAC_PI_2, [0.0, 1.0])] {
+            let [ax, ay, _] = ahead(heading);
+            assert!((ax - x).abs() < 1e-12 && (ay - y).abs() < 1e-12);
+        }
+        // Nose up looks up, right side down lets the right wing point down.
+        let up = attitude_from_heading_ccw(0.0, 0.1, 0.3) * Vec3::<B>::new(1.0, 0.0, 0.0);
+        let down = attitude_from_heading_ccw(0.1, 0.0, 0.3) * Vec3::<B>::new(0.0, 1.0, 0.0);
+        assert!(up.z() < -0.09 && down.z() > 0.09);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
 
-use super::{gap_bank, gap_blind, gap_diagnose, gap_missions};
+use super::{gap_balance, gap_bank, gap_blind, gap_diagnose, gap_missions, gap_sight};
 use crate::checks::Problems;
 use crate::gap::make_bank::BankSize;
 use crate::gap::workshop::default_folder;
@@ -21,6 +21,10 @@ pub(super) enum Gap {
     Bank(gap_bank::BankCommand),
     /// Scores a sealed suite of flights.
     Blind(gap_blind::Blind),
+    /// Force balance of recorded flights with motion capture.
+    Balance(gap_balance::Balance),
+    /// Blocked lines of sight in recorded UWB flights with motion capture.
+    Sight(gap_sight::Sight),
     /// Writes a standard flight as a mission file.
     Mission(gap_missions::MissionCommand),
 }
@@ -31,6 +35,8 @@ impl Gap {
             Gap::Diagnose(diagnose) => diagnose.run(),
             Gap::Bank(bank) => bank.run(),
             Gap::Blind(blind) => blind.run(),
+            Gap::Balance(balance) => balance.run(),
+            Gap::Sight(sight) => sight.run(),
             Gap::Mission(mission) => mission.run(),
         }
     }

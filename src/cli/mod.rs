@@ -7,10 +7,12 @@ mod ctl;
 mod fit;
 mod fly;
 mod gap;
+mod gap_balance;
 mod gap_bank;
 mod gap_blind;
 mod gap_diagnose;
 mod gap_missions;
+mod gap_sight;
 mod log;
 mod replay;
 mod report;
@@ -45,7 +47,7 @@ enum Command {
     /// Identifies the vehicle from flight logs.
     #[command(subcommand)]
     Fit(fit::Fit),
-    /// Diagnoses the gap between flights and the simulator.
+    /// Where flight and nominal model differ, which effect causes it, how far it shrinks.
     #[command(subcommand)]
     Gap(gap::Gap),
     /// Arms, flies and lands a running companion: a small ground station for scripts.

@@ -2,6 +2,7 @@
 //! effect causes it, how far it shrinks once that effect is added.
 
 pub mod attribute;
+pub mod balance;
 pub mod bank;
 pub mod bank_file;
 pub mod blind;
@@ -9,6 +10,7 @@ pub mod cells;
 pub mod diagnosis;
 pub mod fly;
 pub mod library;
+pub mod lines_of_sight;
 pub mod logs;
 pub mod make_bank;
 pub mod missions;

@@ -25,7 +25,7 @@ use crate::estimator::{
 };
 use crate::measure::ImuSample;
 use airborne::Activity;
-pub use read::{Event, Flight, Sample, load};
+pub use read::{Event, Flight, Sample, load, load_located};
 use score::Score;
 pub use table::print_table;
 

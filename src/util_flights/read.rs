@@ -70,16 +70,35 @@ impl Flight {
 /// Reads every flight with IMU in a folder, in the order of their names. `anchors.csv` lies in the
 /// folder or in the one above.
 pub fn load(dir: &Path) -> Result<Vec<Flight>, Error> {
+    load_folder(dir, Needs::Imu)
+}
+
+/// Reads a flight, or every flight of a folder, that has TDOA and motion capture, be it of the
+/// position alone (then `ReferencePose::attitude` is `None`).
+pub fn load_located(path: &Path) -> Result<Vec<Flight>, Error> {
+    if path.is_dir() {
+        return load_folder(path, Needs::Position);
+    }
+    let anchors = anchors_near(path.parent().unwrap_or(Path::new(".")));
+    let flight = load_flight(path, &anchors, Needs::Position)?;
+    flight.map(|f| vec![f]).ok_or_else(|| Error::Empty(path.into()))
+}
+
+fn anchors_near(dir: &Path) -> PathBuf {
+    let beside = dir.join("anchors.csv");
+    if beside.exists() { beside } else { dir.join("..").join("anchors.csv") }
+}
+
+fn load_folder(dir: &Path, needs: Needs) -> Result<Vec<Flight>, Error> {
     let mut paths: Vec<PathBuf> = std::fs::read_dir(dir)
         .and_then(|entries| entries.map(|e| e.map(|e| e.path())).collect())
         .map_err(|source| Error::Io { path: dir.into(), source })?;
     paths.retain(|p| p.to_string_lossy().ends_with(".csv.gz"));
     paths.sort();
-    let beside = dir.join("anchors.csv");
-    let anchors = if beside.exists() { beside } else { dir.join("..").join("anchors.csv") };
+    let anchors = anchors_near(dir);
     let mut flights = Vec::new();
     for path in paths {
-        flights.extend(load_flight(&path, &anchors)?);
+        flights.extend(load_flight(&path, &anchors, needs)?);
     }
     if flights.is_empty() {
         return Err(Error::Empty(dir.into()));
@@ -96,18 +115,36 @@ fn constellation(name: &str) -> &str {
     }
 }
 
-/// A flight; `None` when the recording has no IMU.
-fn load_flight(path: &Path, anchors: &Path) -> Result<Option<Flight>, Error> {
+/// What a recording must hold beside TDOA.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Needs {
+    /// IMU and full pose.
+    Imu,
+    /// Pose, or position alone.
+    Position,
+}
+
+/// A flight; `None` when the recording does not hold what is needed.
+fn load_flight(path: &Path, anchors: &Path, needs: Needs) -> Result<Option<Flight>, Error> {
     let io = |source| Error::Io { path: path.into(), source };
     let mut lines = BufReader::new(GzDecoder::new(File::open(path).map_err(io)?)).lines();
     let header = lines.next().transpose().map_err(io)?.unwrap_or_default();
     let columns: Vec<&str> = header.trim().split(',').collect();
     let streams: Vec<(Stream, usize)> = Stream::ALL
         .into_iter()
+        .filter(|s| match s {
+            Stream::Pose => columns.contains(&"pose_qx"),
+            Stream::Position => !columns.contains(&"pose_qx"),
+            _ => true,
+        })
         .filter_map(|s| columns.iter().position(|c| *c == s.clock()).map(|at| (s, at)))
         .collect();
     let has = |wanted| streams.iter().any(|(s, _)| *s == wanted);
-    if !(has(Stream::Acc) && has(Stream::Gyro) && has(Stream::Tdoa) && has(Stream::Pose)) {
+    let enough = match needs {
+        Needs::Imu => has(Stream::Acc) && has(Stream::Gyro) && has(Stream::Pose),
+        Needs::Position => has(Stream::Pose) || has(Stream::Position),
+    };
+    if !(enough && has(Stream::Tdoa)) {
         return Ok(None);
     }
     let file = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
@@ -188,10 +225,13 @@ enum Stream {
     Gyro,
     Baro,
     Pose,
+    /// Motion capture without attitude.
+    Position,
 }
 
 impl Stream {
-    const ALL: [Self; 5] = [Self::Tdoa, Self::Acc, Self::Gyro, Self::Baro, Self::Pose];
+    const ALL: [Self; 6] =
+        [Self::Tdoa, Self::Acc, Self::Gyro, Self::Baro, Self::Pose, Self::Position];
 
     fn clock(self) -> &'static str {
         match self {
@@ -199,14 +239,14 @@ impl Stream {
             Self::Acc => "t_acc",
             Self::Gyro => "t_gyro",
             Self::Baro => "t_baro",
-            Self::Pose => "t_pose",
+            Self::Pose | Self::Position => "t_pose",
         }
     }
 
     /// Columns of the stream, its clock included.
     fn width(self) -> usize {
         match self {
-            Self::Tdoa | Self::Acc | Self::Gyro => 4,
+            Self::Tdoa | Self::Acc | Self::Gyro | Self::Position => 4,
             Self::Baro => 2,
             Self::Pose => 8,
         }
@@ -243,6 +283,12 @@ impl Stream {
                     attitude: Some(attitude_from_flu_enu(q)),
                 })
             }
+            (Self::Position, &[x, y, z]) => Sample::Pose(ReferencePose {
+                valid_at: at,
+                received_at: at,
+                pos_E_m: earth_from_survey(Vec3::new(x, y, z)),
+                attitude: None,
+            }),
             _ => return None,
         })
     }

@@ -1,0 +1,210 @@
+//! Reader of recorded flights in the layout of `flapper_swarm3d` (`.csv.gz`, 100 Hz, motion capture).
+//!
+//! Columns: `timeTick` (ms); `roll`, `pitch` (deg, on board: right side down, nose up); `thrust`
+//! (0 to 65535); `vbat` (V); `otX0…otZ0` (m, z up); `otRoll0…otYaw0` (deg, heading counter-clockwise).
+//! Tilt is taken from the vehicle, heading and position from motion capture. Here, and nowhere else,
+//! the recording's z-up, nose-up, counter-clockwise signs become our NED and FRD.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+
+use flate2::read::GzDecoder;
+
+use crate::frames::{B, E, Rot, Vec3, attitude_from_heading_ccw, earth_from_survey};
+
+/// Full scale of the thrust command, counts (README of the recordings).
+const FULL_COUNTS: f64 = 65_535.0;
+/// Tilt by motion capture and on board may differ by this, deg; more is a flipped rigid body.
+const TILT_APART_DEG: f64 = 20.0;
+/// Pack voltages that can be, V: two cells from empty to full with margin.
+const SUPPLY_V: std::ops::RangeInclusive<f64> = 5.0..=9.0;
+
+/// What can go wrong with a recording.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The file could not be read.
+    #[error("{path}: {source}")]
+    Io {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A column that the balance needs is not there.
+    #[error(
+        "{path}: no column `{column}`; a force balance needs command, voltage, tilt and motion capture"
+    )]
+    Column {
+        /// Which file.
+        path: PathBuf,
+        /// What is missing.
+        column: &'static str,
+    },
+}
+
+/// One row, in our frames.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row {
+    /// Time on the vehicle's clock, s.
+    pub t_s: f64,
+    /// Position by motion capture, m.
+    pub pos_E_m: Vec3<E>,
+    /// Attitude: tilt from the vehicle, heading from motion capture.
+    pub R_EB: Rot<E, B>,
+    /// Thrust command, 0 to 1.
+    pub thrust_frac: f64,
+    /// Battery, V.
+    pub supply_v: f64,
+    /// Roll and pitch by motion capture less those on board, rad.
+    pub tilt_apart_rad: [f64; 2],
+}
+
+/// Rows that were left out, by reason.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Skipped {
+    /// Cut short or not a number.
+    pub unreadable: usize,
+    /// Before the first log packet: no voltage yet, or none that can be.
+    pub no_voltage: usize,
+    /// Motion capture had the vehicle on its head.
+    pub reference_flipped: usize,
+    /// Time did not advance.
+    pub time_backwards: usize,
+}
+
+impl Skipped {
+    /// All of them.
+    pub fn total(&self) -> usize {
+        let Self { unreadable, no_voltage, reference_flipped, time_backwards } = self;
+        unreadable + no_voltage + reference_flipped + time_backwards
+    }
+}
+
+/// One recorded flight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recording {
+    /// Name of the file without its endings.
+    pub name: String,
+    /// Its rows, in the order of time.
+    pub rows: Vec<Row>,
+    /// What was left out.
+    pub skipped: Skipped,
+}
+
+/// Reads a `.csv.gz`.
+pub fn read(path: &Path) -> Result<Recording, Error> {
+    let io = |source| Error::Io { path: path.into(), source };
+    let file = File::open(path).map_err(io)?;
+    parse(BufReader::new(GzDecoder::new(file)), path)
+}
+
+const NEEDED: [&str; 11] = [
+    "timeTick", "roll", "pitch", "thrust", "vbat", "otX0", "otY0", "otZ0", "otRoll0", "otPitch0",
+    "otYaw0",
+];
+
+/// Reads the text of a recording; `path` is for its name and for errors.
+pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
+    let io = |source| Error::Io { path: path.into(), source };
+    let mut lines = reader.lines();
+    let header = lines.next().transpose().map_err(io)?.unwrap_or_default();
+    let columns: BTreeMap<&str, usize> =
+        header.split(',').enumerate().map(|(i, name)| (name.trim(), i)).collect();
+    let mut place = [0; NEEDED.len()];
+    for (slot, column) in place.iter_mut().zip(NEEDED) {
+        *slot = *columns.get(column).ok_or(Error::Column { path: path.into(), column })?;
+    }
+    let mut rows: Vec<Row> = Vec::new();
+    let mut skipped = Skipped::default();
+    for line in lines {
+        let line = line.map_err(io)?;
+        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+        let mut value = [0.0; NEEDED.len()];
+        let whole = cells.len() == columns.len()
+            && value.iter_mut().zip(place).all(|(value, at)| {
+                cells.get(at).and_then(|c| c.parse().ok()).is_some_and(|v: f64| {
+                    *value = v;
+                    v.is_finite()
+                })
+            });
+        if !whole {
+            skipped.unreadable += 1;
+            continue;
+        }
+        let [tick_ms, roll, pitch, thrust, vbat, x, y, z, ot_roll, ot_pitch, ot_yaw] = value;
+        if !SUPPLY_V.contains(&vbat) {
+            skipped.no_voltage += 1;
+            continue;
+        }
+        if (ot_roll - roll).abs() > TILT_APART_DEG || (ot_pitch - pitch).abs() > TILT_APART_DEG {
+            skipped.reference_flipped += 1;
+            continue;
+        }
+        let t_s = tick_ms * 1e-3;
+        if rows.last().is_some_and(|last| t_s <= last.t_s) {
+            skipped.time_backwards += 1;
+            continue;
+        }
+        rows.push(Row {
+            t_s,
+            pos_E_m: earth_from_survey(Vec3::new(x, y, z)),
+            R_EB: attitude_from_heading_ccw(
+                roll.to_radians(),
+                pitch.to_radians(),
+                ot_yaw.to_radians(),
+            ),
+            thrust_frac: thrust / FULL_COUNTS,
+            supply_v: vbat,
+            tilt_apart_rad: [(ot_roll - roll).to_radians(), (ot_pitch - pitch).to_radians()],
+        });
+    }
+    let file = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    Ok(Recording { name: file.trim_end_matches(".csv.gz").to_owned(), rows, skipped })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEAD: &str = "timeTick, roll, pitch, yaw, thrust, vbat, otX0, otY0, otZ0, otRoll0, \
+                        otPitch0, otYaw0\n";
+
+    fn parsed(body: &str) -> Recording {
+        parse(format!("{HEAD}{body}").as_bytes(), Path::new("a/b.csv.gz")).unwrap()
+    }
+
+    #[test]
+    fn prop_rows_come_in_our_frames() {
+        let recording = parsed("1000, 0, 10, 3, 32767.5, 7.5, 1, 2, 3, 0, 10, 90\n");
+        assert_eq!(recording.name, "b");
+        let row = recording.rows[0];
+        assert_eq!(row.pos_E_m.to_array(), [2.0, 1.0, -3.0]);
+        assert_eq!((row.t_s, row.thrust_frac, row.supply_v), (1.0, 0.5, 7.5));
+        // Heading a quarter turn counter-clockwise from x is along y, our north; nose up.
+        let ahead = (row.R_EB * Vec3::<B>::new(1.0, 0.0, 0.0)).to_array();
+        assert!(ahead[0] > 0.98 && ahead[1].abs() < 1e-12 && ahead[2] < -0.17);
+    }
+
+    #[test]
+    fn prop_what_is_left_out_is_counted() {
+        let recording = parsed(
+            "1000, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0\n\
+             1010, 0, 0, 0, 1, 7.5, 0, 0, 0, 0, 0, 0\n\
+             1010, 0, 0, 0, 1, 7.5, 0, 0, 0, 0, 0, 0\n\
+             1020, 0, 0, 0, 1, 7.5, 0, 0, 0, 0, 178, 0\n\
+             1030, 0, 0, 0, 1, 7.\n\
+             1040, 0, 0, 0, 1, 7.5, x, 0, 0, 0, 0, 0\n",
+        );
+        let want =
+            Skipped { unreadable: 2, no_voltage: 1, reference_flipped: 1, time_backwards: 1 };
+        assert_eq!((recording.rows.len(), recording.skipped), (1, want));
+    }
+
+    #[test]
+    fn prop_a_missing_column_is_named() {
+        let error = parse("timeTick, roll\n".as_bytes(), Path::new("x.csv.gz")).unwrap_err();
+        assert!(error.to_string().contains("no column `pitch`"), "{error}");
+    }
+}

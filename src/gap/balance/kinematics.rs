@@ -1,0 +1,198 @@
+//! Motion from motion capture alone: no force model enters.
+//!
+//! Around each instant a cubic is fitted to the positions within ±[`HALF_WINDOW_S`]; its value,
+//! slope and curvature are place, speed and acceleration. Specific force in body axes:
+//! `f_B = R_EB^T (a_E - g_E)`. Attitude and command are averaged over the same window, so that both
+//! sides of the balance have about the same bandwidth (some 3 Hz, below the wing beat of 13 Hz).
+//! The command enters without the lag of the flap rate: on all three recorded flights the measured
+//! force fits the command of the same instant best, and one 0.1 s older by 0.03 to 0.06 m/s² worse;
+//! lag is a candidate instead.
+
+use nalgebra::{Matrix4, Matrix4x3, Quaternion, UnitQuaternion, Vector4};
+
+use super::flapper::{Recording, Row};
+use crate::frames::{B, E, Rot, Vec3, gravity_E_mps2};
+
+/// Half of the window of the cubic, s.
+const HALF_WINDOW_S: f64 = 0.15;
+/// Half of the window over which command and attitude are averaged, s: a cubic's curvature weighs
+/// the middle of its window.
+const HALF_AVERAGE_S: f64 = 0.075;
+/// Half of the window over which voltage is averaged, s: its reading steps by 20 mV.
+const HALF_VOLTAGE_S: f64 = 0.5;
+/// Time between samples, s.
+const STEP_S: f64 = 0.05;
+/// Rows that a window of 31 at 100 Hz must hold at least.
+const LEAST_ROWS: usize = 24;
+/// Scatter about the cubic beyond which motion capture had lost the vehicle, m rms.
+const SCATTER_M: f64 = 0.01;
+/// Lowest height above the floor that counts as flying, m.
+const FLYING_M: f64 = 0.4;
+/// Least command that counts as flying.
+const FLYING_FRAC: f64 = 0.3;
+
+/// Motion, command and battery at one instant of the flight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Time since the first flying sample, s.
+    pub t_s: f64,
+    /// Speed, m/s.
+    pub vel_B_mps: Vec3<B>,
+    /// Specific force: acceleration less gravity, m/s².
+    pub force_B_mps2: Vec3<B>,
+    /// Attitude.
+    pub R_EB: Rot<E, B>,
+    /// Height above where it rested, m.
+    pub height_m: f64,
+    /// Thrust command, 0 to 1.
+    pub command_frac: f64,
+    /// Its rate, 1/s.
+    pub command_rate_per_s: f64,
+    /// Battery, V.
+    pub supply_v: f64,
+    /// Roll and pitch by motion capture less those on board, rad.
+    pub tilt_apart_rad: [f64; 2],
+}
+
+/// The flight, 20 times a second, and how many instants were left out for bad motion capture.
+pub fn samples(recording: &Recording) -> (Vec<Sample>, usize) {
+    let rows = &recording.rows;
+    let Some(first) = rows.first() else { return (Vec::new(), 0) };
+    let rest_z_m = first.pos_E_m.z();
+    let mut found = Vec::new();
+    let mut lost = 0;
+    let mut next_s = first.t_s;
+    let mut from = 0;
+    for row in rows {
+        if row.t_s < next_s {
+            continue;
+        }
+        // Half a row less: sums of 10 ms are not exact.
+        next_s = row.t_s + STEP_S - 0.005;
+        if row.thrust_frac < FLYING_FRAC || rest_z_m - row.pos_E_m.z() < FLYING_M {
+            continue;
+        }
+        let window = |half_s: f64| {
+            let begin = from + rows[from..].partition_point(|r| r.t_s < row.t_s - half_s);
+            let end = begin + rows[begin..].partition_point(|r| r.t_s <= row.t_s + half_s);
+            begin..end
+        };
+        let (wide, cubic, narrow) =
+            (window(HALF_VOLTAGE_S), window(HALF_WINDOW_S), window(HALF_AVERAGE_S));
+        from = wide.start;
+        let Some((vel_E_mps, acc_E_mps2)) = motion(&rows[cubic], row.t_s) else {
+            lost += 1;
+            continue;
+        };
+        let R_EB = mean_attitude(&rows[narrow.clone()]);
+        let R_BE = R_EB.inverse();
+        let near = &rows[narrow];
+        let n = near.len().max(1) as f64;
+        let mean = |of: fn(&Row) -> f64| near.iter().map(of).sum::<f64>() / n;
+        let volts = &rows[wide];
+        found.push(Sample {
+            t_s: row.t_s,
+            vel_B_mps: R_BE * vel_E_mps,
+            force_B_mps2: R_BE * (acc_E_mps2 - gravity_E_mps2()),
+            R_EB,
+            height_m: rest_z_m - row.pos_E_m.z(),
+            command_frac: mean(|r| r.thrust_frac),
+            command_rate_per_s: command_rate_per_s(near),
+            supply_v: volts.iter().map(|r| r.supply_v).sum::<f64>() / volts.len().max(1) as f64,
+            tilt_apart_rad: [mean(|r| r.tilt_apart_rad[0]), mean(|r| r.tilt_apart_rad[1])],
+        });
+    }
+    if let Some(begin_s) = found.first().map(|s| s.t_s) {
+        found.iter_mut().for_each(|s| s.t_s -= begin_s);
+    }
+    (found, lost)
+}
+
+/// Slope of the command over the rows.
+fn command_rate_per_s(rows: &[Row]) -> f64 {
+    let n = rows.len().max(1) as f64;
+    let mean_s = rows.iter().map(|r| r.t_s).sum::<f64>() / n;
+    let spread: f64 = rows.iter().map(|r| (r.t_s - mean_s).powi(2)).sum();
+    let together: f64 = rows.iter().map(|r| (r.t_s - mean_s) * r.thrust_frac).sum();
+    if spread > 0.0 { together / spread } else { 0.0 }
+}
+
+/// Speed and acceleration at `t_s` by a cubic through the rows; `None` when it does not fit.
+fn motion(rows: &[Row], t_s: f64) -> Option<(Vec3<E>, Vec3<E>)> {
+    if rows.len() < LEAST_ROWS {
+        return None;
+    }
+    let powers = |row: &Row| {
+        let s = (row.t_s - t_s) / HALF_WINDOW_S;
+        Vector4::new(1.0, s, s * s, s * s * s)
+    };
+    let mut normal = Matrix4::zeros();
+    let mut right = Matrix4x3::zeros();
+    for row in rows {
+        let a = powers(row);
+        normal += a * a.transpose();
+        right += a * row.pos_E_m.raw().transpose();
+    }
+    let fit = normal.cholesky()?.solve(&right);
+    let square: f64 = rows
+        .iter()
+        .map(|row| (row.pos_E_m.raw() - fit.transpose() * powers(row)).norm_squared())
+        .sum();
+    if square > SCATTER_M * SCATTER_M * rows.len() as f64 {
+        return None;
+    }
+    let slope = fit.row(1).transpose() / HALF_WINDOW_S;
+    let curve = fit.row(2).transpose() * (2.0 / (HALF_WINDOW_S * HALF_WINDOW_S));
+    Some((Vec3::from_raw(slope), Vec3::from_raw(curve)))
+}
+
+fn mean_attitude(rows: &[Row]) -> Rot<E, B> {
+    let mut sum = Quaternion::new(0.0, 0.0, 0.0, 0.0);
+    for row in rows {
+        let q = row.R_EB.raw().into_inner();
+        sum += if sum.dot(&q) < 0.0 { -q } else { q };
+    }
+    UnitQuaternion::try_new(sum, 1e-6).map_or(Rot::identity(), Rot::from_raw)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::flapper::Skipped;
+    use super::*;
+    use crate::frames::G_MPS2;
+
+    #[test]
+    fn prop_a_banked_circle_is_balanced_by_thrust_alone() {
+        // Circle of 1.5 m at 1 rad/s, 1.2 m up, heading along +x of the room all the time.
+        let (radius, rate) = (1.5f64, 1.0f64);
+        let rows = (0..3000)
+            .map(|i| {
+                let t_s = f64::from(i) * 0.01;
+                let (s, c) = (rate * t_s).sin_cos();
+                let height = if i == 0 { 0.0 } else { 1.2 };
+                let acc = Vec3::<E>::new(-c, -s, 0.0) * (radius * rate * rate);
+                let thrust_E = (acc - gravity_E_mps2()).raw();
+                // Body z is against the thrust, the shortest turn from level.
+                let down = nalgebra::Vector3::z();
+                let q = UnitQuaternion::rotation_between(&down, &-thrust_E).unwrap();
+                Row {
+                    t_s,
+                    pos_E_m: Vec3::new(radius * c, radius * s, -height),
+                    R_EB: Rot::from_raw(q),
+                    thrust_frac: 0.6,
+                    supply_v: 7.4,
+                    tilt_apart_rad: [0.0; 2],
+                }
+            })
+            .collect();
+        let recording = Recording { name: "circle".into(), rows, skipped: Skipped::default() };
+        let (samples, lost) = samples(&recording);
+        assert!(samples.len() > 580 && lost < 8, "{} {lost}", samples.len());
+        for s in &samples[10..] {
+            let f = s.force_B_mps2;
+            assert!(f.x().abs() < 0.02 && f.y().abs() < 0.02, "{f:?}");
+            assert!((f.z() + G_MPS2.hypot(radius * rate * rate)).abs() < 0.02, "{f:?}");
+            assert!((s.vel_B_mps.norm() - radius * rate).abs() < 0.01);
+        }
+    }
+}
