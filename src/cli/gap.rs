@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
 
-use super::{gap_balance, gap_bank, gap_blind, gap_diagnose, gap_missions, gap_sight};
+use super::{gap_balance, gap_bank, gap_blind, gap_diagnose, gap_missions, gap_observe, gap_sight};
 use crate::checks::Problems;
 use crate::gap::make_bank::BankSize;
 use crate::gap::workshop::default_folder;
@@ -21,6 +21,8 @@ pub(super) enum Gap {
     Bank(gap_bank::BankCommand),
     /// Scores a sealed suite of flights.
     Blind(gap_blind::Blind),
+    /// Prints the statistics of flights, for other methods.
+    Observe(gap_observe::Observe),
     /// Force balance of recorded flights with motion capture.
     Balance(gap_balance::Balance),
     /// Blocked lines of sight in recorded UWB flights with motion capture.
@@ -35,6 +37,7 @@ impl Gap {
             Gap::Diagnose(diagnose) => diagnose.run(),
             Gap::Bank(bank) => bank.run(),
             Gap::Blind(blind) => blind.run(),
+            Gap::Observe(observe) => observe.run(),
             Gap::Balance(balance) => balance.run(),
             Gap::Sight(sight) => sight.run(),
             Gap::Mission(mission) => mission.run(),
@@ -92,13 +95,7 @@ impl BankOptions {
 pub(super) struct RoomOptions {
     /// Walls and ceiling, m: north from, to, east from, to, ceiling. By default the box of the
     /// anchors.
-    #[arg(
-        long,
-        value_name = "N0,N1,E0,E1,H",
-        value_delimiter = ',',
-        num_args = 5,
-        allow_hyphen_values = true
-    )]
+    #[arg(long, value_name = "N0,N1,E0,E1,H", value_delimiter = ',', allow_hyphen_values = true)]
     room: Option<Vec<f64>>,
 }
 
@@ -140,7 +137,7 @@ impl Progress {
         if self.terminal {
             let end = if done == of { "\n" } else { "" };
             let _ = write!(err, "\r{}: {done} of {of}, {left_s:.0} s left   {end}", self.what);
-        } else if done % step == 0 || done == of {
+        } else if done.is_multiple_of(step) || done == of {
             let _ = writeln!(err, "{}: {done} of {of}, {left_s:.0} s left", self.what);
         }
     }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
+use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
@@ -25,6 +26,9 @@ pub(super) struct BankCommand {
     room: RoomOptions,
     #[command(flatten)]
     options: BankOptions,
+    /// Writes the bank as JSON too, for other methods.
+    #[arg(long, value_name = "FILE")]
+    export: Option<PathBuf>,
     /// Prints as JSON.
     #[arg(long)]
     json: bool,
@@ -55,6 +59,10 @@ impl BankCommand {
             |done, of| progress.at(done, of),
         )?;
         let bank = &workshop.bank;
+        if let Some(path) = &self.export {
+            let text = serde_json::to_string(bank)?;
+            std::fs::write(path, text).with_context(|| format!("{}", path.display()))?;
+        }
         let draws: usize = bank.effects.iter().map(|e| e.draws.len()).sum();
         let seconds = started.elapsed().as_secs_f64();
         if self.json {

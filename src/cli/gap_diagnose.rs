@@ -74,8 +74,11 @@ impl Diagnose {
             );
         }
         eprintln!("learning the bank");
-        let attributor =
-            workshop.learn(&references, &Settings { jittered: true, ..Settings::default() })?;
+        let attributor = workshop.learn(
+            &references,
+            &[],
+            &Settings { jittered: true, ..Settings::default() },
+        )?;
         let seen = observed(flown, &workshop.nominal);
         let mut diagnosis = judge(&workshop, &attributor, references.len(), &seen);
         if !others.is_empty() && !diagnosis.effects.is_empty() {

@@ -12,6 +12,7 @@ mod gap_bank;
 mod gap_blind;
 mod gap_diagnose;
 mod gap_missions;
+mod gap_observe;
 mod gap_sight;
 mod log;
 mod replay;

@@ -82,6 +82,7 @@ struct Suite {
     all_keys_sha256: String,
     cases: Vec<Entry>,
     commissioning: Vec<Public>,
+    calibration: Vec<Public>,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -207,22 +208,23 @@ pub fn run(
         tell(format!("bank of the {mission} mission"));
         let workshop =
             Workshop::open(banks, scene, items, library.clone(), choice.size, |done, of| {
-                if done % 100 == 0 || done == of {
+                if done.is_multiple_of(100) || done == of {
                     tell(format!("bank: {done} of {of} flights"));
                 }
             })?;
-        let references: Vec<Vec<f64>> = if choice.without_references {
-            Vec::new()
-        } else {
-            let logs = suite
-                .commissioning
-                .iter()
-                .map(|c| if mission == "plain" { &c.plain } else { &c.diagnostic });
+        let accepted = |flights: &[Public]| -> Vec<Vec<f64>> {
+            if choice.without_references {
+                return Vec::new();
+            }
+            let logs =
+                flights.iter().map(|c| if mission == "plain" { &c.plain } else { &c.diagnostic });
             statistics(dir, logs, &workshop)
         };
+        let references = accepted(&suite.commissioning);
+        let calibration = accepted(&suite.calibration);
         references_used = references_used.max(references.len());
         tell(format!("learning, {} reference flights", references.len()));
-        let attributor = workshop.learn(&references, &choice.settings)?;
+        let attributor = workshop.learn(&references, &calibration, &choice.settings)?;
         learning_s += started.elapsed().as_secs_f64();
 
         let started = Instant::now();
@@ -237,7 +239,7 @@ pub fn run(
             seen_held_out.push(case.held_out_log.as_ref().filter(|_| choice.shrink).and_then(
                 |log| statistics(dir, std::iter::once(log), &workshop).into_iter().next(),
             ));
-            if (k + 1) % 10 == 0 || k + 1 == of_mission.len() {
+            if (k + 1).is_multiple_of(10) || k + 1 == of_mission.len() {
                 let each_s = started.elapsed().as_secs_f64() / (k + 1) as f64;
                 let left_s = each_s * (of_mission.len() - k - 1) as f64;
                 tell(format!("{} of {} cases, {left_s:.0} s left", k + 1, of_mission.len()));

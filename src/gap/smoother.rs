@@ -129,13 +129,13 @@ impl Gains {
         let n = right.len().min(self.gain.len());
         let (mut prior, mut post) = (Vec::with_capacity(n), Vec::with_capacity(n));
         let mut x = Vec10::zeros();
-        for k in 0..n {
+        for (k, right) in right.iter().take(n).enumerate() {
             if k > 0 {
                 x = self.step[k - 1] * x;
             }
             prior.push(x);
             if let Some((gain, inverse)) = &self.gain[k] {
-                x += gain * (inverse * right[k] - x.fixed_rows::<3>(0));
+                x += gain * (inverse * right - x.fixed_rows::<3>(0));
             }
             post.push(x);
         }

@@ -84,14 +84,16 @@ impl Workshop {
         Ok(Self { scene, items, library, nominal, bank, bank_hash, lost })
     }
 
-    /// Learns the bank. `references`: statistics of accepted flights of this airframe on this mission.
+    /// Learns the bank. `references`: statistics of accepted flights of this airframe on this mission;
+    /// `calibration`: more of them, for the limits of the gate alone.
     pub fn learn(
         &self,
         references: &[Vec<f64>],
+        calibration: &[Vec<f64>],
         settings: &Settings,
     ) -> Result<Attributor, AttributeError> {
         let blocks: Vec<Block> = specs().iter().map(|s| s.block).collect();
-        Attributor::new(&self.bank, references, &blocks, settings)
+        Attributor::new(&self.bank, references, calibration, &blocks, settings)
     }
 
     /// The specification of an effect of the library.

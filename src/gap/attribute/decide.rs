@@ -44,8 +44,8 @@ impl Attributor {
         let width = library.whitening.width();
         let z = library.flight(statistics).z;
         let fits = library.explain(&z, settings.survivors);
-        let posterior =
-            limits.calibration.posterior(&by_effect(&fits), &library.neighbours.votes(&z));
+        let (votes, seen) = library.votes(statistics);
+        let posterior = limits.calibration.posterior(&by_effect(&fits), &votes);
         let case = Case { library, z, fits, posterior };
         let null = Library::null(&case.z);
         let best = case.fits.first().map_or(f64::NEG_INFINITY, |f| f.log_z);
@@ -54,6 +54,8 @@ impl Attributor {
             gain_limit: limits.gain,
             distance: score(case.z.norm_squared(), width),
             distance_limit: limits.distance,
+            seen,
+            seen_limit: limits.seen,
             material: self.material(library, &case.z),
         };
         let mut result = Attribution {
@@ -96,7 +98,11 @@ impl Attributor {
                 residual_score: score(p.left.squared, width),
             })
             .collect();
-        found.into_iter().next().filter(|p| p.log_z - top > self.limits.pair_gain)
+        let first = top - Library::null(&case.z);
+        found
+            .into_iter()
+            .next()
+            .filter(|p| pairs::relative(p.log_z - top, first) > self.limits.pair_gain)
     }
 
     fn verdict(
@@ -285,5 +291,8 @@ impl Attributor {
 }
 
 fn gate_open(gate: &Gate) -> bool {
-    gate.material && (gate.gain > gate.gain_limit || gate.distance > gate.distance_limit)
+    gate.material
+        && (gate.gain > gate.gain_limit
+            || gate.distance > gate.distance_limit
+            || gate.seen > gate.seen_limit)
 }

@@ -1,11 +1,11 @@
 //! Everything learned from one part of a bank: whitening, signatures, neighbours.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 use rayon::prelude::*;
 
 use super::evidence::{Fit, Sufficient};
+use super::forest::{Forest, Row};
 use super::linear::Noise;
-use super::neighbours::Neighbours;
 use super::open_set::Left;
 use super::surrogate::Surrogate;
 use super::whiten::{Standard, Whitening, compressed};
@@ -40,7 +40,7 @@ pub(super) struct Library {
     /// One per effect of the bank, in its order.
     pub effects: Vec<Surrogate>,
     /// Second voter.
-    pub neighbours: Neighbours,
+    pub forest: Forest,
 }
 
 impl Library {
@@ -66,8 +66,8 @@ impl Library {
             let kept = e.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i));
             kept.map(|(_, d)| d.statistics.as_slice())
         });
-        let standard = Standard::new(&nulls, draws, allowed);
-        let plain = standard.clone();
+        let standard = Standard::new(&nulls, draws, references, allowed);
+        let plain = standard.clone().without_shift();
         let spreading =
             if jitter.len() >= crate::gap::bank::LEAST_NULLS { &jitter } else { &nulls };
         let whitening = Whitening::new(standard, spreading, references);
@@ -77,7 +77,7 @@ impl Library {
         let base_z = whitening.apply_rows(&rows);
         let mean: DVector<f64> = base_z.row_mean().transpose();
         let variance: DVector<f64> = base_z.row_variance().transpose();
-        let learned: Vec<(Surrogate, DMatrix<f64>)> = bank
+        let effects: Vec<Surrogate> = bank
             .effects
             .par_iter()
             .map(|effect| {
@@ -94,17 +94,26 @@ impl Library {
                     row -= &mean.transpose();
                 }
                 let thetas: Vec<&[f64]> = kept.iter().map(|d| d.theta.as_slice()).collect();
-                (Surrogate::new(&thetas, &z, &variance, form), z)
+                Surrogate::new(&thetas, &z, &variance, form)
             })
             .collect();
-        let neighbours = Neighbours::new(learned.iter().map(|(_, z)| z));
-        Self { whitening, effects: learned.into_iter().map(|(s, _)| s).collect(), neighbours }
+        let forest = forest(bank, part, &whitening.standard, &plain, spreading, references);
+        Self { whitening, effects, forest }
     }
 
     /// Standardises, compresses and whitens one flight.
     pub fn flight(&self, statistics: &[f64]) -> Flight {
         let raw = self.whitening.standard.raw(statistics);
         Flight { z: self.whitening.apply(&compressed(&raw)) }
+    }
+
+    /// Votes of the forest: per effect, summing to one, and the share of "some effect".
+    pub fn votes(&self, statistics: &[f64]) -> (Vec<f64>, f64) {
+        let x = compressed(&self.whitening.standard.raw(statistics));
+        let mut votes = self.forest.votes(&x.iter().map(|v| *v as f32).collect::<Vec<_>>());
+        let none = votes.pop().unwrap_or(0.0);
+        let some = (1.0 - none).max(f64::MIN_POSITIVE);
+        (votes.iter().map(|v| v / some).collect(), some)
     }
 
     /// Log likelihood of "no effect".
@@ -136,6 +145,47 @@ impl Library {
         let residual = z - s.mean(&fit.h);
         Left { squared: noise.squared(&residual), peak: noise.peak(&residual) }
     }
+}
+
+/// Rows of a draw in the forest, each with the deviation of another accepted flight.
+const COPIES: usize = 3;
+/// The same of a null flight: together they are about a third of all rows.
+const NULL_COPIES: usize = 6;
+
+/// Grows the forest: draws of every effect, and null flights as the last class.
+fn forest(
+    bank: &Bank,
+    part: Part,
+    standard: &Standard,
+    plain: &Standard,
+    nulls: &[&[f64]],
+    references: &[&[f64]],
+) -> Forest {
+    let off: Vec<Vec<f64>> = references.iter().map(|r| standard.raw(r)).collect();
+    let mut next = 0;
+    let mut row = |raw: &[f64], class: usize| -> Row {
+        next += 1;
+        let other = off.get(next % off.len().max(1));
+        let at = |k: usize| {
+            let add = other.and_then(|o| o.get(k)).copied().filter(|v| v.is_finite());
+            raw[k] + add.unwrap_or(0.0)
+        };
+        let moved: Vec<f64> = (0..raw.len()).map(at).collect();
+        (compressed(&moved).iter().map(|v| *v as f32).collect(), class as u16)
+    };
+    let copies = if references.is_empty() { 1 } else { COPIES };
+    let mut rows = Vec::new();
+    for (class, effect) in bank.effects.iter().enumerate() {
+        for (_, draw) in effect.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i)) {
+            let raw = plain.raw(&draw.statistics);
+            rows.extend((0..copies).map(|_| row(&raw, class)));
+        }
+    }
+    for null in nulls {
+        let raw = plain.raw(null);
+        rows.extend((0..NULL_COPIES).map(|_| row(&raw, bank.effects.len())));
+    }
+    Forest::new(&rows, bank.effects.len() + 1)
 }
 
 /// Unknown statistics of a draw become the mean of the effect's other draws.

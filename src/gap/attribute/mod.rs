@@ -3,7 +3,7 @@
 //!
 //! Synthetic likelihood on statistics that are standardised, compressed and whitened with the
 //! covariance of benign jitter ([`whiten`]); a surrogate per effect ([`surrogate`]) and its
-//! evidence ([`evidence`]); pairs ([`pairs`]); a second voter ([`neighbours`]). Every limit comes
+//! evidence ([`evidence`]); pairs ([`pairs`]); a second voter ([`forest`]). Every limit comes
 //! from held-out flights ([`trials`]).
 
 mod ambiguity;
@@ -11,9 +11,9 @@ mod blocks;
 mod calibrate;
 mod decide;
 mod evidence;
+mod forest;
 mod library;
 mod linear;
-mod neighbours;
 mod open_set;
 mod pairs;
 mod surrogate;
@@ -142,6 +142,10 @@ pub struct Gate {
     pub distance: f64,
     /// Limit of `distance` from held-out null flights.
     pub distance_limit: f64,
+    /// Share of the forest that sees some effect, and its limit.
+    pub seen: f64,
+    /// Limit of `seen` from held-out null flights.
+    pub seen_limit: f64,
     /// Whether the gap changes any statistic by more than what matters.
     pub material: bool,
 }
@@ -168,7 +172,7 @@ pub struct Attribution {
     pub candidates: Vec<Candidate>,
     /// Best pairs, best first, where a second effect was searched.
     pub pairs: Vec<PairCandidate>,
-    /// Evidence that a second effect must add.
+    /// What a second effect must add, relative to the first.
     pub pair_limit: f64,
     /// Where: blocks, loudest first.
     pub blocks: Vec<BlockScore>,
@@ -213,11 +217,13 @@ pub struct Attributor {
 }
 
 impl Attributor {
-    /// Learns a bank. `references`: accepted flights of this airframe; `blocks`: of every
+    /// Learns a bank. `references`: accepted flights of this airframe; `calibration`: more of them,
+    /// which only limits of the gate come from; `blocks`: of every
     /// statistic. Statistics that are unknown in most null flights or never vary are left out.
     pub fn new(
         bank: &Bank,
         references: &[Vec<f64>],
+        calibration: &[Vec<f64>],
         blocks: &[Block],
         settings: &Settings,
     ) -> Result<Self, AttributeError> {
@@ -232,13 +238,14 @@ impl Attributor {
             }
         };
         length("blocks", blocks.len())?;
-        for row in references {
+        for row in references.iter().chain(calibration) {
             length("a reference flight", row.len())?;
         }
         if !settings.material.is_empty() {
             length("limits of what matters", settings.material.len())?;
         }
-        let teachers = Teachers::new(bank, references, blocks);
+        let mut teachers = Teachers::new(bank, references, blocks);
+        teachers.calibration = calibration;
         let all = Part { held_out: None };
         let library = teachers.library(all, &teachers.reference_rows(), |_| true, settings);
         if library.whitening.width() == 0 {

@@ -12,6 +12,15 @@ use super::linear::Noise;
 use super::open_set::Left;
 use super::whiten::{compress, expand};
 
+/// Evidence that a second effect adds, relative to the strength of the first: a signature that is
+/// wrong by some per cent leaves the more, the larger the effect, and anything explains some of it.
+pub(super) fn relative(gain: f64, first: f64) -> f64 {
+    gain / (OFFSET + first.max(0.0))
+}
+
+/// Strength of a first effect below which its error is noise, in log evidence.
+const OFFSET: f64 = 10.0;
+
 /// Singles that may be part of a pair with anything.
 const FIRSTS: usize = 6;
 

@@ -12,6 +12,8 @@ pub(super) struct Teachers<'a> {
     pub bank: &'a Bank,
     /// Accepted flights.
     pub references: &'a [Vec<f64>],
+    /// Accepted flights that only limits come from.
+    pub calibration: &'a [Vec<f64>],
     blocks: &'a [Block],
     /// Mean of nominal flights.
     mean: Vec<f64>,
@@ -41,7 +43,7 @@ impl<'a> Teachers<'a> {
             }
         }
         let lacking = if count > 0.0 { f64::sqrt(sum / count) } else { 0.0 };
-        Self { bank, references, blocks, mean, lacking }
+        Self { bank, references, calibration: &[], blocks, mean, lacking }
     }
 
     /// References as rows.
@@ -94,6 +96,20 @@ impl<'a> Teachers<'a> {
             if off.is_finite() { off } else { 0.0 }
         };
         draw.iter().enumerate().map(|(j, v)| v + off(j)).collect()
+    }
+
+    /// A flight of the bank as the airframe of the reference flights would have flown it: what it
+    /// differs by from a nominal flight, by `share`, on a reference flight. Without references: as
+    /// it is.
+    pub fn placed(&self, flight: &[f64], which: usize, share: f64) -> Vec<f64> {
+        let Some(reference) = self.references.get(which % self.references.len().max(1)) else {
+            return flight.to_vec();
+        };
+        flight
+            .iter()
+            .zip(reference.iter().zip(&self.mean))
+            .map(|(v, (r, m))| r + share * (v - m))
+            .collect()
     }
 
     /// A flight with the effects of two draws.

@@ -26,7 +26,7 @@ fn run(size: Size, flights: usize, foreign: bool) -> Tally {
     let references: Vec<Vec<f64>> =
         (0..if foreign { 20 } else { 0 }).map(|_| toy.flight(&[], true, foreign)).collect();
     let started = Instant::now();
-    let it = Attributor::new(&bank, &references, &toy.blocks(), &Settings::default()).unwrap();
+    let it = Attributor::new(&bank, &references, &[], &toy.blocks(), &Settings::default()).unwrap();
     let learned = started.elapsed().as_secs_f64();
     let n = flights as f64;
     let nulls: Vec<_> = (0..flights).map(|_| toy.flight(&[], true, foreign)).collect();
@@ -143,7 +143,7 @@ fn prop_order_units_and_a_noise_statistic_change_nothing() {
     let theta = toy.theta(2).iter().map(|v| 1.3 * v).collect();
     let flight = toy.flight(&[(2, theta)], true, false);
     let settings = Settings::default();
-    let plain = Attributor::new(&bank, &[], &blocks, &settings).unwrap().attribute(&flight);
+    let plain = Attributor::new(&bank, &[], &[], &blocks, &settings).unwrap().attribute(&flight);
     let mut rng = crate::model::random::Stream::new(8, "noise");
     let mut changed = |turn: &dyn Fn(&mut Vec<f64>, f64)| {
         let mut b = bank.clone();
@@ -155,7 +155,7 @@ fn prop_order_units_and_a_noise_statistic_change_nothing() {
         let width = f.len();
         b.names = (0..width).map(|j| format!("s{j}")).collect();
         let blocks: Vec<_> = (0..width).map(|j| blocks[j.min(23)]).collect();
-        Attributor::new(&b, &[], &blocks, &settings).unwrap().attribute(&f)
+        Attributor::new(&b, &[], &[], &blocks, &settings).unwrap().attribute(&f)
     };
     let best = |a: &Attribution| (a.candidates[0].id.clone(), a.gate.gain);
     let (id, gain) = best(&plain);
@@ -171,7 +171,7 @@ fn prop_order_units_and_a_noise_statistic_change_nothing() {
     // An unknown statistic is left out and said, whatever else stays.
     let mut holed = flight.clone();
     holed[3] = f64::NAN;
-    let holed = Attributor::new(&bank, &[], &blocks, &settings).unwrap().attribute(&holed);
+    let holed = Attributor::new(&bank, &[], &[], &blocks, &settings).unwrap().attribute(&holed);
     assert_eq!((holed.unknown.as_slice(), holed.used), (&["s3".to_string()][..], 23));
 }
 

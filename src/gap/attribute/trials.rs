@@ -40,7 +40,9 @@ pub(super) struct Limits {
     pub gain: f64,
     /// Largest normal score of the squared distance that a null flight reaches.
     pub distance: f64,
-    /// Log evidence that a second effect must add.
+    /// Largest share of the forest that sees some effect in a null flight.
+    pub seen: f64,
+    /// What a second effect must add, [`pairs::relative`].
     pub pair_gain: f64,
     /// Judge of explanations.
     pub judge: Judge,
@@ -58,15 +60,22 @@ pub(super) struct Limits {
     pub flights: [usize; 3],
 }
 
+/// A null flight of the bank, placed on the airframe, keeps this much of its own deviation: the
+/// airframe has its constants already.
+const HALF: f64 = 0.5;
+
 struct Null {
     gain: f64,
     distance: f64,
+    seen: f64,
     blocks: Vec<(Block, usize, f64)>,
 }
 
 struct Trial {
     vote: Vote,
     gain: f64,
+    distance: f64,
+    seen: f64,
     /// What the best single leaves, and the best of the effects that are not the cause.
     single: [f64; 4],
     without: Option<[f64; 4]>,
@@ -97,28 +106,40 @@ pub(super) fn limits(
     let (mut nulls, mut trials) = (Vec::new(), Vec::new());
     for fold in 0..folds {
         let part = Part { held_out: Some((fold, folds)) };
-        let library = teachers.library(part, &[], allowed, settings);
+        let library = teachers.library(part, &teachers.reference_rows(), allowed, settings);
         let groups = teachers.groups(part, &library);
         let judged = teachers.held_out_nulls(part);
-        nulls.par_extend(judged.par_iter().map(|s| null(&library, &groups, s, settings)));
+        nulls.par_extend(
+            judged.par_iter().enumerate().map(|(k, s)| {
+                null(&library, &groups, &teachers.placed(s, fold + k, HALF), settings)
+            }),
+        );
         let known = flights(teachers, part, &judged);
         trials.par_extend(known.par_iter().map(|k| trial(&library, settings, k)));
     }
-    // Two ways to raise an alarm share the allowance.
-    let share = 1.0 - 0.5 * settings.false_alarm;
+    // Three ways to raise an alarm share the allowance.
+    let share = 1.0 - settings.false_alarm / 3.0;
     let mut gain = quantile(nulls.iter().map(|n| n.gain), share);
     let mut distance = quantile(nulls.iter().map(|n| n.distance), share);
-    if let Some((g, d)) = reference_limits(teachers, settings, allowed) {
-        gain = gain.max(g);
-        distance = distance.max(d);
+    let mut seen_share = quantile(nulls.iter().map(|n| n.seen), share);
+    // Held-out flights of the airframe itself know better than the bank.
+    let judged = match teachers.calibration {
+        [] => reference_scores(teachers, settings, allowed),
+        flights => calibration_scores(teachers, settings, allowed, flights),
+    };
+    if judged.len() >= LEAST_JUDGED {
+        [gain, distance, seen_share] = limits_of(&judged);
     }
-    let seen: Vec<&Trial> = trials.iter().filter(|t| t.gain > gain).collect();
+    let seen: Vec<&Trial> = trials
+        .iter()
+        .filter(|t| t.gain > gain || t.distance > distance || t.seen > seen_share)
+        .collect();
     let votes: Vec<Vote> = seen.iter().filter(|t| !t.double).map(|t| t.vote.clone()).collect();
     let calibration = Calibration::new(&votes, settings.coverage);
     let single_gains =
         seen.iter().filter(|t| !t.double).filter_map(|t| t.pair.map(|(gain, _)| gain));
     let second = 1.0 - settings.false_second;
-    let pair_gain = quantile(single_gains, second).max(LEAST_PAIR_GAIN);
+    let pair_gain = quantile(single_gains, second).max(pairs::relative(LEAST_PAIR_GAIN, 0.0));
     let enough = 1.0 - settings.false_rejection;
     let singles = || seen.iter().filter(|t| !t.double);
     let known: Vec<_> = singles().map(|t| t.single).collect();
@@ -142,6 +163,7 @@ pub(super) fn limits(
     Limits {
         gain,
         distance,
+        seen: seen_share,
         pair_gain,
         judge,
         adequate,
@@ -168,6 +190,7 @@ fn null(library: &Library, groups: &Groups, statistics: &[f64], settings: &Setti
     Null {
         gain: best - Library::null(&flight.z),
         distance: score(flight.z.norm_squared(), library.whitening.width()),
+        seen: library.votes(statistics).1,
         blocks: groups.scores(statistics),
     }
 }
@@ -185,7 +208,11 @@ fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
     let pair = known
         .search
         .then(|| pairs::search(library, &flight.z, &fits, TRIAL_POLISHED))
-        .and_then(|p| p.first().map(|p| (p.log_z - top, features(p.left, whole, width))));
+        .and_then(|p| {
+            let first = p.first()?;
+            let gain = pairs::relative(first.log_z - top, top - Library::null(&flight.z));
+            Some((gain, features(first.left, whole, width)))
+        });
     let right = fits.iter().find(|f| f.effect == known.effect && !f.points.is_empty());
     let errors = match (right, library.effects.get(known.effect)) {
         (Some(fit), Some(s)) if !known.double => s
@@ -202,10 +229,12 @@ fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
             .collect(),
         _ => Vec::new(),
     };
-    let votes = library.neighbours.votes(&flight.z);
+    let (votes, seen) = library.votes(&known.statistics);
     Trial {
         vote: Vote { log_z: by_effect(&fits), votes, truth: known.effect },
         gain: top - Library::null(&flight.z),
+        distance: score(whole, width),
+        seen,
         single,
         without: without.map(leaves),
         pair,
@@ -231,6 +260,9 @@ fn flights(teachers: &Teachers<'_>, part: Part, jitter: &[&[f64]]) -> Vec<Known>
     let mut next = 0;
     let mut shaken = |statistics: &[f64]| -> Vec<f64> {
         next += 1;
+        if !teachers.references.is_empty() {
+            return teachers.placed(statistics, next, 1.0);
+        }
         match jitter.get(next % jitter.len().max(1)) {
             Some(row) => teachers.shaken(statistics, row),
             None => statistics.to_vec(),
@@ -279,17 +311,48 @@ fn flights(teachers: &Teachers<'_>, part: Part, jitter: &[&[f64]]) -> Vec<Known>
 /// Prime to any likely number of effects.
 const STRIDE: usize = 37;
 
-/// Limits that reference flights ask for: each fold judged with the others as reference.
-fn reference_limits(
+/// Fewer judged flights of the airframe give no limit.
+const LEAST_JUDGED: usize = 8;
+
+/// What accepted flights reach that taught nothing, 1 % of a normal distribution.
+fn limits_of(found: &[[f64; 3]]) -> [f64; 3] {
+    [0, 1, 2].map(|pick| {
+        let n = found.len() as f64;
+        let mean = found.iter().map(|v| v[pick]).sum::<f64>() / n;
+        let variance = found.iter().map(|v| (v[pick] - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        mean + REFERENCE_SIGMA * variance.sqrt()
+    })
+}
+
+/// Gain, distance and share seen of one flight.
+fn scores_of(library: &Library, settings: &Settings, statistics: &[f64]) -> [f64; 3] {
+    let flight = library.flight(statistics);
+    let fits = library.explain(&flight.z, settings.survivors);
+    let best = fits.first().map_or(f64::NEG_INFINITY, |f| f.log_z);
+    let distance = score(flight.z.norm_squared(), library.whitening.width());
+    [best - Library::null(&flight.z), distance, library.votes(statistics).1]
+}
+
+/// Accepted flights that are kept for limits alone.
+fn calibration_scores(
     teachers: &Teachers<'_>,
     settings: &Settings,
     allowed: impl Fn(usize) -> bool + Copy + Sync,
-) -> Option<(f64, f64)> {
+    flights: &[Vec<f64>],
+) -> Vec<[f64; 3]> {
+    let all = Part { held_out: None };
+    let library = teachers.library(all, &teachers.reference_rows(), allowed, settings);
+    flights.par_iter().map(|s| scores_of(&library, settings, s)).collect()
+}
+
+/// Reference flights, each fold judged with the others as reference.
+fn reference_scores(
+    teachers: &Teachers<'_>,
+    settings: &Settings,
+    allowed: impl Fn(usize) -> bool + Copy + Sync,
+) -> Vec<[f64; 3]> {
     let folds = REFERENCE_FOLDS.min(teachers.references.len());
-    if folds < 2 {
-        return None;
-    }
-    let mut found: Vec<(f64, f64)> = Vec::new();
+    let mut found = Vec::new();
     for fold in 0..folds {
         let side = |held: bool| -> Vec<&[f64]> {
             let rows = teachers.references.iter().enumerate();
@@ -297,21 +360,9 @@ fn reference_limits(
         };
         let all = Part { held_out: None };
         let library = teachers.library(all, &side(false), allowed, settings);
-        found.par_extend(side(true).par_iter().map(|s| {
-            let flight = library.flight(s);
-            let fits = library.explain(&flight.z, settings.survivors);
-            let best = fits.first().map_or(f64::NEG_INFINITY, |f| f.log_z);
-            let width = library.whitening.width();
-            (best - Library::null(&flight.z), score(flight.z.norm_squared(), width))
-        }));
+        found.par_extend(side(true).par_iter().map(|s| scores_of(&library, settings, s)));
     }
-    let limit = |pick: fn(&(f64, f64)) -> f64| {
-        let n = found.len() as f64;
-        let mean = found.iter().map(pick).sum::<f64>() / n;
-        let variance = found.iter().map(|v| (pick(v) - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        mean + REFERENCE_SIGMA * variance.sqrt()
-    };
-    Some((limit(|v| v.0), limit(|v| v.1)))
+    found
 }
 
 /// Empirical quantile, on the safe side (the next larger value); infinite without values.

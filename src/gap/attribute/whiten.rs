@@ -19,8 +19,11 @@ const MOST_UNKNOWN: f64 = 0.2;
 const SIGMA_PER_MAD: f64 = 1.4826;
 /// A robust sigma below this share of the plain one is that of a variable that is mostly constant.
 const LEAST_ROBUST_SHARE: f64 = 0.3;
-/// Weight, in flights, of "references scatter as the bank says" against their own scatter.
-const SCATTER_PRIOR: f64 = 10.0;
+/// Fewer reference flights say nothing about a centre and a scatter.
+const LEAST_REFERENCES: usize = 4;
+/// Weight of "no correlation" on the covariance of reference flights: there are far fewer of them
+/// than statistics.
+const REFERENCE_SHRINKAGE: f64 = 0.7;
 
 /// `k asinh(x/k)`.
 pub(super) fn compress(x: f64) -> f64 {
@@ -49,6 +52,7 @@ impl Standard {
     pub fn new<'a>(
         nulls: &[&'a [f64]],
         effects: impl Iterator<Item = &'a [f64]> + Clone,
+        references: &[&[f64]],
         allowed: impl Fn(usize) -> bool,
     ) -> Self {
         let width = nulls.first().map_or(0, |r| r.len());
@@ -68,12 +72,24 @@ impl Standard {
                 // Never moved in a null flight: an effect that moves it counts as some sigma.
                 scale = spread(&away, centre) / KNEE;
             }
+            let mut accepted: Vec<f64> =
+                references.iter().map(|r| r[j]).filter(|v| v.is_finite()).collect();
+            let mut shift = 0.0;
+            if accepted.len() >= LEAST_REFERENCES {
+                let middle = median(&mut accepted);
+                let n = accepted.len() as f64;
+                // Plain and not robust: what an accepted flight does now and then is no gap.
+                let variance =
+                    accepted.iter().map(|v| (v - middle).powi(2)).sum::<f64>() / (n - 1.0);
+                shift = middle - centre;
+                scale = (scale.powi(2) + variance * (1.0 + 1.0 / n)).sqrt();
+            }
             if scale.is_finite() && scale > f64::EPSILON * centre.abs() && scale > f64::MIN_POSITIVE
             {
                 standard.columns.push(j);
                 standard.centre.push(centre);
                 standard.scale.push(scale);
-                standard.shift.push(0.0);
+                standard.shift.push(shift);
             }
         }
         standard
@@ -98,32 +114,6 @@ impl Standard {
     pub fn without_shift(mut self) -> Self {
         self.shift.fill(0.0);
         self
-    }
-
-    /// Moves the centre to the mean of reference flights; returns the factor on the sigma of every
-    /// statistic by which their scatter exceeds that of the bank, and by which the mean is unsure.
-    fn refer(&mut self, references: &[&[f64]]) -> Vec<f64> {
-        let rows: Vec<Vec<f64>> = references.iter().map(|r| self.raw(r)).collect();
-        let mut factors = vec![1.0; self.columns.len()];
-        for (k, factor) in factors.iter_mut().enumerate() {
-            let mut known: Vec<f64> = rows.iter().map(|r| r[k]).filter(|v| v.is_finite()).collect();
-            let n = known.len() as f64;
-            if known.is_empty() {
-                continue;
-            }
-            let middle = median(&mut known);
-            // Mean without what lies beyond three sigma of the middle.
-            let width = 3.0 * spread(&known, middle).max(1.0);
-            let kept: Vec<f64> =
-                known.iter().copied().filter(|v| (v - middle).abs() <= width).collect();
-            let mean = kept.iter().sum::<f64>() / kept.len().max(1) as f64;
-            let variance =
-                kept.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-            self.shift[k] += mean * self.scale[k];
-            let pooled = (n * variance + SCATTER_PRIOR) / (n + SCATTER_PRIOR);
-            *factor = (pooled.max(1.0) * (1.0 + 1.0 / n)).sqrt();
-        }
-        factors
     }
 }
 
@@ -157,20 +147,26 @@ pub(super) struct Whitening {
 }
 
 impl Whitening {
-    /// `nulls`: rows that give the covariance (jitter, which contains the noise of seeds).
-    pub fn new(mut standard: Standard, nulls: &[&[f64]], references: &[&[f64]]) -> Self {
-        let rows: Vec<Vec<f64>> = nulls.iter().map(|r| compressed(&standard.raw(r))).collect();
-        let (mut covariance, _) = shrunk_covariance(&matrix(&rows, standard.columns.len()));
-        for k in 0..covariance.nrows() {
-            covariance[(k, k)] = covariance[(k, k)].max(LEAST_VARIANCE);
-        }
-        if !references.is_empty() {
-            let factors = standard.refer(references);
-            for i in 0..covariance.nrows() {
-                for j in 0..covariance.ncols() {
-                    covariance[(i, j)] *= factors[i] * factors[j];
+    /// `nulls`: rows that give the covariance (jitter, which contains the noise of seeds), as the bank
+    /// has them; `references`: accepted flights, whose scatter adds to it.
+    pub fn new(standard: Standard, nulls: &[&[f64]], references: &[&[f64]]) -> Self {
+        let width = standard.columns.len();
+        let plain = standard.clone().without_shift();
+        let rows: Vec<Vec<f64>> = nulls.iter().map(|r| compressed(&plain.raw(r))).collect();
+        let (mut covariance, _) = shrunk_covariance(&matrix(&rows, width));
+        if references.len() >= LEAST_REFERENCES {
+            let rows: Vec<Vec<f64>> =
+                references.iter().map(|r| compressed(&standard.raw(r))).collect();
+            let (scatter, _) = shrunk_covariance(&matrix(&rows, width));
+            for i in 0..width {
+                for j in 0..width {
+                    let keep = if i == j { 1.0 } else { 1.0 - REFERENCE_SHRINKAGE };
+                    covariance[(i, j)] += keep * scatter[(i, j)];
                 }
             }
+        }
+        for k in 0..width {
+            covariance[(k, k)] = covariance[(k, k)].max(LEAST_VARIANCE);
         }
         Self { w: whitener(&covariance), standard }
     }

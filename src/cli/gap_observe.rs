@@ -1,0 +1,63 @@
+//! `haltere gap observe`: the statistics of flights, for other people's methods.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use rayon::prelude::*;
+use serde_json::json;
+
+use super::gap::RoomOptions;
+use super::print;
+use crate::gap::diagnosis::observed;
+use crate::gap::logs;
+use crate::gap::nominal::Nominal;
+use crate::gap::statistics::specs;
+
+/// Prints the statistics that the diagnosis sees of each flight, one JSON object a line.
+///
+/// The same numbers are in a bank (`haltere gap bank --export`), so that other methods can be set
+/// beside this one on equal terms.
+#[derive(Debug, Args)]
+pub(super) struct Observe {
+    /// Flight logs of the companion.
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    #[command(flatten)]
+    room: RoomOptions,
+}
+
+impl Observe {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let room = self.room.room()?;
+        let names: Vec<&str> = specs().iter().map(|s| s.name.as_str()).collect();
+        let blocks: Vec<&str> = specs().iter().map(|s| s.block.name()).collect();
+        print(&(json!({ "names": names, "blocks": blocks }).to_string() + "\n"));
+        let lines: Vec<String> = self
+            .logs
+            .par_iter()
+            .map(|path| {
+                let line = match logs::read(path) {
+                    Err(error) => json!({ "log": path, "fault": error.to_string() }),
+                    Ok(flown) => {
+                        let nominal = Nominal::of_scene(&flown.scene(room.clone()).on_grid());
+                        let seen = observed(flown, &nominal);
+                        match &seen.observation {
+                            Err(why) => json!({ "log": path, "fault": why }),
+                            Ok(o) => json!({
+                                "log": path,
+                                "faults": seen.flown.faults,
+                                "anchors": o.anchors.iter().map(|a| a.0).collect::<Vec<_>>(),
+                                // JSON has no NaN: unknown is null.
+                                "statistics": o.statistics,
+                            }),
+                        }
+                    }
+                };
+                line.to_string() + "\n"
+            })
+            .collect();
+        print(&lines.concat());
+        Ok(ExitCode::SUCCESS)
+    }
+}
