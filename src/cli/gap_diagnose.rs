@@ -8,7 +8,7 @@ use clap::Args;
 use super::gap::{BankOptions, Progress, RoomOptions};
 use super::{print, print_json};
 use crate::gap::attribute::Settings;
-use crate::gap::diagnosis::{Diagnosis, HeldOut, ShrinkResult, judge, observed};
+use crate::gap::diagnosis::{Diagnosis, HeldOut, ShrinkResult, judge, observed, unreadable};
 use crate::gap::logs::{self, Flown};
 use crate::gap::scene::Scene;
 use crate::gap::workshop::Workshop;
@@ -48,7 +48,16 @@ impl Diagnose {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let room = self.room.room()?;
         let [first, others @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
-        let flown = logs::read(first)?;
+        let flown = match logs::read(first) {
+            Ok(flown) => flown,
+            Err(error) => {
+                return self.answer(&unreadable(first.display().to_string(), error.to_string()));
+            }
+        };
+        // Gate 0 comes before any bank is flown.
+        if let Some(fault) = flown.faults.first() {
+            return self.answer(&unreadable(first.display().to_string(), fault.clone()));
+        }
         let scene = flown.scene(room).on_grid();
         if flown.mission.is_empty() {
             anyhow::bail!(
@@ -84,10 +93,14 @@ impl Diagnose {
         if !others.is_empty() && !diagnosis.effects.is_empty() {
             diagnosis.shrink = Some(self.shrink(&workshop, &scene, others, &diagnosis)?);
         }
+        self.answer(&diagnosis)
+    }
+
+    fn answer(&self, diagnosis: &Diagnosis) -> anyhow::Result<ExitCode> {
         if self.json {
-            print_json(&diagnosis)?;
+            print_json(diagnosis)?;
         } else {
-            print(&text(&diagnosis));
+            print(&text(diagnosis));
         }
         Ok(ExitCode::from(diagnosis.exit_code()))
     }

@@ -148,6 +148,29 @@ pub fn observed(flown: Flown, nominal: &Nominal) -> Observed {
     Observed { flown, observation }
 }
 
+/// The verdict on a log that cannot even be read or replayed.
+pub fn unreadable(log: String, why: String) -> Diagnosis {
+    let outcome = Outcome::Fault { why: why.clone() };
+    Diagnosis {
+        log,
+        outcome: outcome.key(),
+        verdict: outcome.sentence(str::to_owned),
+        exit_code: outcome.exit_code(),
+        places: Vec::new(),
+        effects: Vec::new(),
+        set: Vec::new(),
+        not_testable: Vec::new(),
+        shrink: None,
+        replay: "not_possible".to_owned(),
+        faults: vec![why],
+        remarks: Vec::new(),
+        parameters_changed: Vec::new(),
+        bank: String::new(),
+        references: 0,
+        attribution: None,
+    }
+}
+
 /// The verdict on one observed flight.
 pub fn judge(
     workshop: &Workshop,

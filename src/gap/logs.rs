@@ -100,6 +100,12 @@ impl Flown {
             self.faults.push("the vehicle was never in the air".to_owned());
             return;
         };
+        if self.trace.modes.last().is_some_and(|m| m.armed) {
+            self.faults.push(
+                "the log ends before the vehicle was disarmed: the bank holds whole flights"
+                    .to_owned(),
+            );
+        }
         let mut rate = |what: &str, count: usize, least_hz: f64| {
             let hz = count as f64 / air_s;
             if hz < least_hz {
