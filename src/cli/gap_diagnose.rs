@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use anyhow::Context as _;
 use clap::Args;
 
 use super::gap::{BankOptions, Progress, RoomOptions};
@@ -10,6 +11,7 @@ use super::{print, print_json};
 use crate::gap::attribute::Settings;
 use crate::gap::diagnosis::{Diagnosis, HeldOut, ShrinkResult, judge, observed, unreadable};
 use crate::gap::logs::{self, Flown};
+use crate::gap::page;
 use crate::gap::scene::Scene;
 use crate::gap::workshop::Workshop;
 
@@ -36,6 +38,9 @@ pub(super) struct Diagnose {
     room: RoomOptions,
     #[command(flatten)]
     options: BankOptions,
+    /// Writes the report as one HTML page, and the same as JSON beside it.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Prints as JSON.
     #[arg(long)]
     json: bool,
@@ -97,6 +102,13 @@ impl Diagnose {
     }
 
     fn answer(&self, diagnosis: &Diagnosis) -> anyhow::Result<ExitCode> {
+        if let Some(path) = &self.report {
+            let write = |path: &std::path::Path, text: String| {
+                std::fs::write(path, text).with_context(|| format!("{}", path.display()))
+            };
+            write(path, page::render(diagnosis))?;
+            write(&path.with_extension("json"), serde_json::to_string_pretty(diagnosis)?)?;
+        }
         if self.json {
             print_json(diagnosis)?;
         } else {

@@ -18,6 +18,9 @@ use flight::Flight;
 use svg::escape;
 use verdict::{Check, Verdict, all_passed};
 
+/// Style of every page of ours.
+pub const STYLE: &str = include_str!("page.css");
+
 /// Everything the page shows.
 pub struct Page<'a> {
     /// Heading, such as "Demo flight".
@@ -44,7 +47,7 @@ impl Page<'_> {
              <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
              <title>{t}</title><style>{css}</style></head><body><main>",
             t = escape(self.title),
-            css = include_str!("page.css"),
+            css = STYLE,
         );
         self.header(&mut html);
         self.checks(&mut html);
