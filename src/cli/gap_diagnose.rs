@@ -204,6 +204,7 @@ impl Diagnose {
             after: result.after,
             attainable: result.value.into_iter().chain(best).reduce(f64::max),
             wrong: values.get(values.len() / 2).copied(),
+            references: references.len(),
         })
     }
 }
@@ -268,6 +269,12 @@ fn text(d: &Diagnosis) -> String {
                 more("other effects", s.wrong)
             );
         }
+    }
+    if d.references > 0 && d.shrink.as_ref().is_some_and(|s| s.references == 0) {
+        let _ = writeln!(
+            out,
+            "            without --held-out-reference this holds all that the airframe differs by"
+        );
     }
     if !d.not_testable.is_empty() {
         let _ = writeln!(out, "NOT TESTABLE  {}", d.not_testable.join(" "));

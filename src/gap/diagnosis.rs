@@ -124,6 +124,9 @@ pub struct ShrinkResult {
     pub attainable: Option<f64>,
     /// Median over other effects of the library.
     pub wrong: Option<f64>,
+    /// Accepted flights on the held-out mission; without them the distance holds all that this airframe
+    /// differs from the nominal simulator by.
+    pub references: usize,
 }
 
 impl Diagnosis {

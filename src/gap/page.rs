@@ -196,7 +196,7 @@ fn shrink(html: &mut String, d: &Diagnosis) {
     };
     let bars: Vec<(f64, &str, f64)> = vec![(0.0, "before", s.before), (1.0, "after", s.after)];
     let plot = Plot {
-        title: "Distance to the flight that was not fitted".into(),
+        title: "Distance to the held-out flight".into(),
         y_label: "mean squared sigma".into(),
         series: bars
             .iter()
@@ -221,7 +221,7 @@ fn shrink(html: &mut String, d: &Diagnosis) {
     let more = |name: &str, v: Option<f64>| v.map_or(String::new(), |v| format!("; {name} {v:.2}"));
     let _ = write!(
         html,
-        "<p>Share of the gap that is closed: {value} ({interval}){}{}</p><div class=\"two bars\"><figure>{}</figure></div>",
+        "<p>Share of the gap that is closed: {value} ({interval}){}{}</p><figure class=\"bars\" style=\"max-width:480px\">{}</figure>",
         more("best of all candidates", s.attainable),
         more("median of other effects", s.wrong),
         plot.render()
@@ -231,8 +231,12 @@ fn shrink(html: &mut String, d: &Diagnosis) {
 fn candidates(html: &mut String, d: &Diagnosis) {
     let Some(attribution) = &d.attribution else { return };
     html.push_str("<h2>Candidates</h2><table><tr><th>Effect</th><th class=\"n\">Probability</th><th class=\"n\">Log evidence over none</th><th class=\"n\">Left unexplained</th><th class=\"n\">Apart from the first</th></tr>");
-    for c in attribution.candidates.iter().take(LISTED) {
-        let apart = c.distance.map_or("told apart".to_owned(), |d| format!("{d:.1} sigma"));
+    for (k, c) in attribution.candidates.iter().take(LISTED).enumerate() {
+        let apart = match c.distance {
+            _ if k == 0 => "itself".to_owned(),
+            Some(d) => format!("{d:.1} sigma"),
+            None => "told apart".to_owned(),
+        };
         let _ = write!(
             html,
             "<tr><td>{}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.1}</td><td class=\"n\">{:.1}</td><td class=\"n\">{apart}</td></tr>",
