@@ -18,7 +18,6 @@ pub(crate) struct Size {
 }
 
 /// The library of the issue.
-#[allow(dead_code)]
 pub(crate) const FULL: Size =
     Size { statistics: 200, effects: 53, draws: 40, seeds: 200, jitter: 300 };
 /// Cheap enough for every test run.
