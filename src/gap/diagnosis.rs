@@ -7,7 +7,7 @@ use super::logs::{Flown, ParameterDifference};
 use super::make_bank::with_effect;
 use super::outcome::{Named, Outcome};
 use super::scene::Scene;
-use super::shrink::{Paired, Shrink, scales, shrink};
+use super::shrink::{Paired, Shrink, median, scales, shrink};
 use super::statistics::{ANCHOR_SLOTS, Observation, observe, specs};
 use super::workshop::Workshop;
 use crate::gap::fly::fly_observed;
@@ -285,8 +285,7 @@ fn medians(rows: &[Vec<f64>]) -> Vec<f64> {
         .map(|j| {
             let mut known: Vec<f64> =
                 rows.iter().filter_map(|r| r.get(j).copied()).filter(|v| v.is_finite()).collect();
-            known.sort_by(f64::total_cmp);
-            known.get(known.len() / 2).copied().unwrap_or(f64::NAN)
+            median(&mut known)
         })
         .collect()
 }

@@ -10,8 +10,8 @@ use crate::model::random::Stream;
 use crate::model::room::Room;
 
 /// The 42 effects that GAP.md marks, ids of its section 3: what is a candidate unless the user
-/// says otherwise. The other deviations of the list differ from one of these in name only on a
-/// flight without further sensors, or are not excited indoors.
+/// says otherwise. The eleven others of the list are not candidates yet: some of them cannot be
+/// told from one of these on a flight (L2 from T2), the rest was not tried.
 pub const STANDARD: [&str; 42] = [
     "A1", "A2", "A3", "A4", "A5", "A6", "A7", "A8", "A9", "A10", "P1", "P2", "P3", "P4", "P5",
     "P6", "I1", "I2", "L1", "L3", "L4", "L5", "L6", "M1", "M2", "M3", "M4", "M5", "M6", "U1", "U2",

@@ -18,8 +18,9 @@ use crate::record::LogReader;
 use crate::replay::{ReplayError, Report, Verdict, recorded_config, replay_observed};
 use crate::survey::Survey;
 
-/// Fewest IMU samples, board attitudes and TDOA a second in the air with which a flight can be
-/// judged: half of what the board is asked for, and ten of each pair of eight anchors.
+/// Fewest IMU samples, board attitudes and TDOA a second in the air with which a flight is judged.
+/// Residuals lie on a grid of 25 Hz: two IMU samples a point are the least that can be averaged; the
+/// other two are judgement, a fifth of what companion and tag usually get.
 const LEAST_IMU_HZ: f64 = 50.0;
 const LEAST_ATTITUDE_HZ: f64 = 10.0;
 const LEAST_TDOA_HZ: f64 = 20.0;

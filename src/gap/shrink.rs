@@ -62,7 +62,7 @@ pub fn scales(rows: &[Vec<f64>]) -> Vec<f64> {
     (0..width).map(scale).collect()
 }
 
-fn median(values: &mut [f64]) -> f64 {
+pub(super) fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -16,7 +16,7 @@ const MOST_SURE: f64 = 0.995;
 pub(super) struct Vote {
     /// Log evidence per effect.
     pub log_z: Vec<f64>,
-    /// Votes of the neighbours per effect.
+    /// Votes of the forest per effect.
     pub votes: Vec<f64>,
     /// The right effect.
     pub truth: usize,
@@ -27,7 +27,7 @@ pub(super) struct Vote {
 pub(super) struct Calibration {
     /// Temperature of the evidences.
     pub temperature: f64,
-    /// Weight of the neighbours.
+    /// Weight of the forest.
     pub weight: f64,
     /// Steps of the isotonic map: probability before, after; rising.
     steps: Vec<(f64, f64)>,

@@ -1,4 +1,4 @@
-//! Everything learned from one part of a bank: whitening, signatures, neighbours.
+//! Everything learned from one part of a bank: whitening, signatures, forest.
 
 use nalgebra::DVector;
 use rayon::prelude::*;

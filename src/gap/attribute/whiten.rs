@@ -3,7 +3,9 @@
 //!
 //! `x = (s - c - shift) / w`, `u = k asinh(x / k)`, `z = W u`. Compressed, an effect a thousand
 //! sigma large weighs some forty; a 10 % error of its size stays below one sigma and cannot outvote
-//! all other statistics. `c`, `w`: median and robust sigma of the null flights.
+//! all other statistics. `c`, `w`: median and robust sigma of the null flights. With reference flights
+//! of the airframe `shift` is what their median differs by, and their variance adds to `w²` and to
+//! the covariance: a number that wanders on healthy flights of this airframe says nothing.
 
 use nalgebra::{DMatrix, DVector};
 
