@@ -29,6 +29,9 @@ pub(super) struct Blind {
     /// Flies held-out missions with what was named, and measures the shrink.
     #[arg(long)]
     shrink: bool,
+    /// Scores the answers of another method, one JSON object a line, in place of our own.
+    #[arg(long, value_name = "FILE")]
+    answers: Option<PathBuf>,
     #[command(flatten)]
     room: RoomOptions,
     #[command(flatten)]
@@ -59,6 +62,7 @@ impl Blind {
             withheld: self.options.without.clone(),
             size: self.options.size(),
             settings,
+            outside: self.answers.clone(),
         };
         let tell = |line: String| eprintln!("{line}");
         let result = run(&self.dir, &self.options.folder(), &room, &choice, &tell)?;

@@ -74,6 +74,8 @@ pub struct Choice {
     pub size: BankSize,
     /// Choices of the attribution.
     pub settings: Settings,
+    /// Answers of another method, scored in place of our own (see [`super::outside`]).
+    pub outside: Option<PathBuf>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -181,7 +183,8 @@ pub fn run(
     let (suite, _): (Suite, _) = read(&dir.join("cases.json"))?;
     let mut chosen: Vec<Entry> = suite
         .cases
-        .into_iter()
+        .iter()
+        .cloned()
         .filter(|c| (!choice.tenth || c.tenth) && (!c.lockbox || choice.lockbox))
         .filter(|c| dir.join(&c.log).exists())
         .collect();
@@ -194,59 +197,11 @@ pub fn run(
         .filter(|spec| !choice.withheld.iter().any(|id| id == spec.id))
         .collect();
 
-    let mut answers: Vec<Answer> = Vec::new();
-    let mut seen_held_out: Vec<Option<Vec<f64>>> = Vec::new();
-    let (mut learning_s, mut judging_s) = (0.0, 0.0);
-    let mut references_used = 0;
-    for mission in ["diagnostic", "plain"] {
-        let of_mission: Vec<&Entry> = chosen.iter().filter(|c| c.mission == mission).collect();
-        let Some(first) = of_mission.first() else { continue };
-        let started = Instant::now();
-        let flown = logs::read(&dir.join(&first.log))?;
-        let scene = flown.scene(Some(room.clone())).on_grid();
-        let items = flown.mission.clone();
-        tell(format!("bank of the {mission} mission"));
-        let workshop =
-            Workshop::open(banks, scene, items, library.clone(), choice.size, |done, of| {
-                if done.is_multiple_of(100) || done == of {
-                    tell(format!("bank: {done} of {of} flights"));
-                }
-            })?;
-        let accepted = |flights: &[Public]| -> Vec<Vec<f64>> {
-            if choice.without_references {
-                return Vec::new();
-            }
-            let logs =
-                flights.iter().map(|c| if mission == "plain" { &c.plain } else { &c.diagnostic });
-            statistics(dir, logs, &workshop)
-        };
-        let references = accepted(&suite.commissioning);
-        let calibration = accepted(&suite.calibration);
-        references_used = references_used.max(references.len());
-        tell(format!("learning, {} reference flights", references.len()));
-        let attributor = workshop.learn(&references, &calibration, &choice.settings)?;
-        learning_s += started.elapsed().as_secs_f64();
-
-        let started = Instant::now();
-        for (k, case) in of_mission.iter().enumerate() {
-            let answer = match logs::read(&dir.join(&case.log)) {
-                Err(error) => Answer::fault(&case.id, error.to_string()),
-                Ok(flown) => answer(&case.id, &observed(flown, &workshop.nominal), |s| {
-                    attributor.attribute(s)
-                }),
-            };
-            answers.push(answer);
-            seen_held_out.push(case.held_out_log.as_ref().filter(|_| choice.shrink).and_then(
-                |log| statistics(dir, std::iter::once(log), &workshop).into_iter().next(),
-            ));
-            if (k + 1).is_multiple_of(10) || k + 1 == of_mission.len() {
-                let each_s = started.elapsed().as_secs_f64() / (k + 1) as f64;
-                let left_s = each_s * (of_mission.len() - k - 1) as f64;
-                tell(format!("{} of {} cases, {left_s:.0} s left", k + 1, of_mission.len()));
-            }
-        }
-        judging_s += started.elapsed().as_secs_f64();
-    }
+    let given = match &choice.outside {
+        Some(file) => outside(file, &chosen)?,
+        None => own(dir, banks, room, choice, &suite, &chosen, &library, tell)?,
+    };
+    let Given { answers, seen_held_out, references_used, judging_s, learning_s } = given;
 
     // From here on the keys are open.
     let keys: Vec<Key> = chosen.iter().map(|case| open(dir, case)).collect::<Result<_, _>>()?;
@@ -300,6 +255,110 @@ pub fn run(
         seconds_learning: learning_s,
         answers: answers.into_iter().zip(keys.into_iter().map(|k| k.class)).collect(),
     })
+}
+
+/// All answers, before any key is opened.
+struct Given {
+    answers: Vec<Answer>,
+    seen_held_out: Vec<Option<Vec<f64>>>,
+    references_used: usize,
+    judging_s: f64,
+    learning_s: f64,
+}
+
+/// Answers of another method; a case that it leaves out counts as not judged.
+fn outside(file: &Path, chosen: &[Entry]) -> Result<Given, BlindError> {
+    let fail = |why: String| BlindError::File { path: file.to_owned(), why };
+    let text = std::fs::read_to_string(file).map_err(|e| fail(e.to_string()))?;
+    let lines = super::outside::read(&text).map_err(fail)?;
+    let answers = chosen
+        .iter()
+        .map(|case| match lines.iter().find(|line| line.id == case.id) {
+            None => Ok(Answer::fault(&case.id, "no answer".into())),
+            Some(line) => Ok(Answer {
+                id: case.id.clone(),
+                anchors: line.anchors.clone(),
+                attribution: Some(line.attribution().map_err(fail)?),
+                fault: None,
+            }),
+        })
+        .collect::<Result<Vec<_>, BlindError>>()?;
+    Ok(Given {
+        seen_held_out: vec![None; answers.len()],
+        answers,
+        references_used: 0,
+        judging_s: 0.0,
+        learning_s: 0.0,
+    })
+}
+
+/// Answers of this diagnosis.
+#[allow(clippy::too_many_arguments)] // one caller, and every part is another thing
+fn own(
+    dir: &Path,
+    banks: &Path,
+    room: &Room,
+    choice: &Choice,
+    suite: &Suite,
+    chosen: &[Entry],
+    library: &[&'static EffectSpec],
+    tell: &(impl Fn(String) + Sync),
+) -> Result<Given, BlindError> {
+    let mut answers: Vec<Answer> = Vec::new();
+    let mut seen_held_out: Vec<Option<Vec<f64>>> = Vec::new();
+    let (mut learning_s, mut judging_s) = (0.0, 0.0);
+    let mut references_used = 0;
+    for mission in ["diagnostic", "plain"] {
+        let of_mission: Vec<&Entry> = chosen.iter().filter(|c| c.mission == mission).collect();
+        let Some(first) = of_mission.first() else { continue };
+        let started = Instant::now();
+        let flown = logs::read(&dir.join(&first.log))?;
+        let scene = flown.scene(Some(room.clone())).on_grid();
+        let items = flown.mission.clone();
+        tell(format!("bank of the {mission} mission"));
+        let workshop =
+            Workshop::open(banks, scene, items, library.to_vec(), choice.size, |done, of| {
+                if done.is_multiple_of(100) || done == of {
+                    tell(format!("bank: {done} of {of} flights"));
+                }
+            })?;
+        let accepted = |flights: &[Public]| -> Vec<Vec<f64>> {
+            if choice.without_references {
+                return Vec::new();
+            }
+            let logs =
+                flights.iter().map(|c| if mission == "plain" { &c.plain } else { &c.diagnostic });
+            statistics(dir, logs, &workshop)
+        };
+        let references = accepted(&suite.commissioning);
+        let calibration = accepted(&suite.calibration);
+        references_used = references_used.max(references.len());
+        tell(format!("learning, {} reference flights", references.len()));
+        let attributor = workshop.learn(&references, &calibration, &choice.settings)?;
+        learning_s += started.elapsed().as_secs_f64();
+
+        let started = Instant::now();
+        for (k, case) in of_mission.iter().enumerate() {
+            let answer = match logs::read(&dir.join(&case.log)) {
+                Err(error) => Answer::fault(&case.id, error.to_string()),
+                Ok(flown) => answer(&case.id, &observed(flown, &workshop.nominal), |s| {
+                    attributor.attribute(s)
+                }),
+            };
+            answers.push(answer);
+            seen_held_out.push(case.held_out_log.as_ref().filter(|_| choice.shrink).and_then(
+                |log| statistics(dir, std::iter::once(log), &workshop).into_iter().next(),
+            ));
+            if (k + 1).is_multiple_of(10) || k + 1 == of_mission.len() {
+                let each_s = started.elapsed().as_secs_f64() / (k + 1) as f64;
+                let left_s = each_s * (of_mission.len() - k - 1) as f64;
+                tell(format!("{} of {} cases, {left_s:.0} s left", k + 1, of_mission.len()));
+            }
+        }
+        judging_s += started.elapsed().as_secs_f64();
+    }
+
+    Ok(Given { answers, seen_held_out, references_used, judging_s, learning_s })
 }
 
 fn statistics<'a>(

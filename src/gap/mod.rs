@@ -16,6 +16,7 @@ pub mod make_bank;
 pub mod missions;
 pub mod nominal;
 pub mod outcome;
+pub mod outside;
 pub mod page;
 pub mod regress;
 pub mod residuals;
