@@ -121,7 +121,7 @@ pub struct Advice {
     pub title: String,
     /// What to do and look for.
     pub how: String,
-    /// Time, s.
+    /// Time with set-up, s.
     pub cost_s: f64,
     /// A flight, with a mission file; else an action on the bench.
     pub flight: bool,
@@ -193,7 +193,7 @@ fn predicted(
         experiment: experiment.id.to_owned(),
         title: experiment.title.to_owned(),
         how: experiment.how.to_owned(),
-        cost_s: experiment.cost_s,
+        cost_s: experiment.whole_cost_s(),
         flight: experiment.is_flight(),
         not_possible: None,
         correct_after: None,

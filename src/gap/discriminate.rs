@@ -7,7 +7,8 @@
 //! ```
 //! `Σ`: covariance within the classes, shrunk towards its diagonal (Schäfer & Strimmer 2005). It holds
 //! benign jitter, noise of seeds, and what is unknown of the parameters, since every flight of a class
-//! draws its own. `D²` is free of the bias that few flights put on a distance. `x_k`: points in as
+//! draws its own; added to its diagonal is the square of a tenth of every candidate's own signature:
+//! another law of the same effect, as in the attribution. `D²` is free of the bias that few flights put on a distance. `x_k`: points in as
 //! many dimensions as there are candidates that have these distances (classical scaling), so that
 //! `P(correct)` is an integral by sampling in few dimensions. T-optimality (Atkinson & Fedorov 1975)
 //! is the smallest `D²`.
@@ -27,6 +28,8 @@ const SAMPLES: usize = 2000;
 /// for it (nearest shrunken centroids, Tibshirani et al. 2002): most statistics say nothing about most
 /// differences.
 const SHRUNK: f64 = 1.5;
+/// Relative uncertainty of a signature: that of the attribution's default.
+const FORM: f64 = 0.1;
 /// Least eigenvalue of the covariance of standardised statistics.
 const LEAST_VARIANCE: f64 = 1e-3;
 
@@ -90,8 +93,13 @@ impl Clouds {
             })
             .collect();
         let freedom = (residuals.len() - groups.len()).max(1) as f64;
-        clouds.whitener = whitener(&residuals, freedom);
         let p = clouds.columns.len();
+        let null = mean(&groups[0]);
+        let mut form = DVector::zeros(p);
+        for rows in &groups[1..] {
+            form += (mean(rows) - &null).map(|v| (FORM * v).powi(2)) / classes.len() as f64;
+        }
+        clouds.whitener = whitener(&residuals, freedom, &form);
         clouds.pooled = DVector::zeros(p);
         for rows in &groups[1..] {
             let z: Vec<DVector<f64>> = rows.iter().map(|r| &clouds.whitener * r).collect();
@@ -122,9 +130,7 @@ impl Clouds {
     pub fn squared(&self, i: usize, j: usize) -> f64 {
         let (Some(a), Some(b)) = (self.means.get(i), self.means.get(j)) else { return 0.0 };
         let bias = self.within[i].0 / self.within[i].1 + self.within[j].0 / self.within[j].1;
-        // In units of the pooled sigma: whitening leaves about one, not exactly.
-        let unit = (self.pooled.sum() / self.columns.len() as f64).max(f64::MIN_POSITIVE);
-        (((a - b).norm_squared() - bias) / unit).max(0.0)
+        ((a - b).norm_squared() - bias).max(0.0)
     }
 
     /// All squared distances.
@@ -149,7 +155,7 @@ impl Clouds {
                     let se = (self.pooled[k] / count).sqrt();
                     let off = mean[k] - grand[k];
                     let kept = (off.abs() - SHRUNK * se).max(0.0) * off.signum();
-                    squared += (z[k] - grand[k] - kept).powi(2) / self.pooled[k].max(0.05);
+                    squared += (z[k] - grand[k] - kept).powi(2);
                 }
                 prior.max(1e-12).ln() - 0.5 * squared
             })
@@ -170,7 +176,7 @@ fn mean(rows: &[DVector<f64>]) -> DVector<f64> {
 }
 
 /// Symmetric inverse root of the shrunk covariance of residuals.
-fn whitener(residuals: &[DVector<f64>], freedom: f64) -> DMatrix<f64> {
+fn whitener(residuals: &[DVector<f64>], freedom: f64, form: &DVector<f64>) -> DMatrix<f64> {
     let p = residuals.first().map_or(0, DVector::len);
     let x = DMatrix::from_fn(residuals.len(), p, |i, j| residuals[i][j]);
     let covariance = x.tr_mul(&x) / freedom;
@@ -185,7 +191,11 @@ fn whitener(residuals: &[DVector<f64>], freedom: f64) -> DMatrix<f64> {
     }
     let weight = if signal > 0.0 { (noise / signal).clamp(0.0, 1.0) } else { 1.0 };
     let shrunk = DMatrix::from_fn(p, p, |i, j| {
-        if i == j { covariance[(i, i)].max(LEAST_VARIANCE) } else { covariance[(i, j)] * (1.0 - weight) }
+        if i == j {
+            covariance[(i, i)].max(LEAST_VARIANCE) + form[i]
+        } else {
+            covariance[(i, j)] * (1.0 - weight)
+        }
     });
     let eigen = SymmetricEigen::new(shrunk);
     let root = eigen.eigenvalues.map(|v| 1.0 / v.max(LEAST_VARIANCE).sqrt());

@@ -10,6 +10,9 @@ use super::missions::{HEIGHT_M, LEG_MPS, LOW_M, Plan, diagnostic_file};
 use super::scene::Scene;
 use crate::ctl::{DoubletAxis, MissionFile};
 
+/// What every flight costs besides flying, s: a charged battery, placing, waiting for alignment, copying
+/// the log. Judgement.
+const SET_UP_S: f64 = 120.0;
 /// Clear way to either side that a dash needs, m.
 const LEAST_DASH_M: f64 = 1.2;
 /// Clear height over the take-off height that a ladder needs, m.
@@ -24,7 +27,7 @@ pub struct Experiment {
     pub title: &'static str,
     /// What to do and what to look for.
     pub how: &'static str,
-    /// Time that it costs, s.
+    /// Time that it costs, s; of a flight the flight time.
     pub cost_s: f64,
     /// Sets of effects that it is meant to separate.
     pub separates: &'static [&'static [&'static str]],
@@ -64,7 +67,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         id: "yaw-on-the-spot",
         title: "turn on the spot in hover, four headings",
         how: "what stays with the room is wind or draught, what turns with the body is bias, tilt or trim",
-        cost_s: 56.0,
+        cost_s: 37.0,
         separates: &[&["M1", "M4", "L3", "I2", "P6"], &["A5", "A6", "M1", "L3"], &["U3", "T1", "U11"]],
         means: Means::Flight(yaw_on_the_spot),
     },
@@ -72,7 +75,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         id: "throttle-doublets",
         title: "throttle doublets of ±4 % and ±12 %",
         how: "constant offsets stay, those in proportion to thrust follow; a limit shows in the large one only",
-        cost_s: 48.0,
+        cost_s: 39.0,
         separates: &[&["P4", "P5"], &["M1", "M4", "L3", "I2", "P6"], &["P2", "P3"]],
         means: Means::Flight(throttle_doublets),
     },
@@ -80,7 +83,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         id: "lean-doublets",
         title: "roll and pitch doublets of two sizes and two lengths",
         how: "a lag scales with size, a dead band swallows the small ones, a delay only shifts them",
-        cost_s: 56.0,
+        cost_s: 49.0,
         separates: &[&["L1", "T2", "L4", "T3"], &["A11", "I3", "L1"]],
         means: Means::Flight(lean_doublets),
     },
@@ -88,7 +91,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         id: "reversal-dashes",
         title: "dashes there and back at three speeds, both axes",
         how: "drag in proportion to speed, bent and squared differ where it is fast; a late position shows with speed",
-        cost_s: 64.0,
+        cost_s: 77.0,
         separates: &[&["A1", "A2", "A3"], &["U3", "T1", "U11"], &["I1", "P1"]],
         means: Means::Flight(reversal_dashes),
     },
@@ -96,7 +99,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         id: "straight-dashes",
         title: "single dashes in x and in y with a hover between",
         how: "a turned heading pushes every dash to the same side; a coupling turns the nose with the roll command",
-        cost_s: 62.0,
+        cost_s: 51.0,
         separates: &[&["H1", "L6"], &["H1", "A5"]],
         means: Means::Flight(straight_dashes),
     },
@@ -112,7 +115,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         id: "height-ladder",
         title: "hover at 0.25, 0.35, 0.5 and 0.8 m",
         how: "the ground effect is in the force, multipath is in the UWB",
-        cost_s: 48.0,
+        cost_s: 37.0,
         separates: &[&["A8", "U6"], &["A8", "A4"]],
         means: Means::Flight(height_ladder),
     },
@@ -120,7 +123,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         id: "under-the-ceiling",
         title: "hover in steps up to just under the ceiling, and down again",
         how: "a ceiling effect shows in the last half metre only",
-        cost_s: 52.0,
+        cost_s: 38.0,
         separates: &[&["A9", "A8"], &["A9", "A4"]],
         means: Means::Flight(under_the_ceiling),
     },
@@ -128,7 +131,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         id: "long-hover",
         title: "hover at one point for 60 s",
         how: "ramps and clocks grow, constant errors stay; charge is used at a steady current",
-        cost_s: 76.0,
+        cost_s: 70.0,
         separates: &[&["U2", "U8"], &["M1", "M2"], &["P2", "P3"], &["P1", "P7", "P3"]],
         means: Means::Flight(long_hover),
     },
@@ -136,7 +139,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         id: "steps-then-hover",
         title: "throttle steps early, 40 s of hover, throttle steps again",
         how: "an inner resistance follows the current at once, a lost capacity the charge that was used",
-        cost_s: 80.0,
+        cost_s: 61.0,
         separates: &[&["P2", "P3"], &["P1", "P7", "P3"], &["P4", "P5"]],
         means: Means::Flight(steps_then_hover),
     },
@@ -144,7 +147,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         id: "diagnostic",
         title: "the standard diagnostic flight",
         how: "some of everything",
-        cost_s: 102.0,
+        cost_s: 112.0,
         separates: &[],
         means: Means::Flight(standard),
     },
@@ -355,6 +358,11 @@ pub fn find(id: &str) -> Option<&'static Experiment> {
 }
 
 impl Experiment {
+    /// Time that it costs with what comes before and after, s.
+    pub fn whole_cost_s(&self) -> f64 {
+        if self.is_flight() { self.cost_s + SET_UP_S } else { self.cost_s }
+    }
+
     /// Whether it is flown.
     pub fn is_flight(&self) -> bool {
         matches!(self.means, Means::Flight(_))

@@ -46,6 +46,9 @@ pub struct Onset {
     pub gain: f64,
     /// Residuals that were looked at.
     pub lines: Vec<String>,
+    /// Place of the first of them in the details.
+    #[serde(skip)]
+    pub strongest: Option<usize>,
 }
 
 impl Onset {
@@ -69,6 +72,7 @@ impl Onset {
 
 /// One line against null flights.
 struct Standard {
+    place: usize,
     name: String,
     /// Standardised residual of the flight; NaN unknown.
     e: Vec<f64>,
@@ -103,6 +107,7 @@ pub fn onset(flight: &Details, nulls: &[Details], with: &[Details]) -> Onset {
             since_take_off: false,
             gain: 0.0,
             lines: Vec::new(),
+            strongest: None,
         };
     };
     let likelihood: Vec<(usize, f64)> = (first..=last)
@@ -111,9 +116,10 @@ pub fn onset(flight: &Details, nulls: &[Details], with: &[Details]) -> Onset {
     let best = likelihood.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
     let (at, gain) = best.unwrap_or((first, 0.0));
     let lines = standards.iter().map(|s| s.name.clone()).collect();
+    let strongest = standards.first().map(|s| s.place);
     if gain < LEAST_GAIN {
         let (at_s, not_ruled_out_s) = (None, None);
-        return Onset { at_s, not_ruled_out_s, since_take_off: false, gain, lines };
+        return Onset { at_s, not_ruled_out_s, since_take_off: false, gain, lines, strongest };
     }
     let open: Vec<usize> =
         likelihood.iter().filter(|(_, l)| gain - l <= NOT_RULED_OUT).map(|(t, _)| *t).collect();
@@ -124,6 +130,7 @@ pub fn onset(flight: &Details, nulls: &[Details], with: &[Details]) -> Onset {
         since_take_off: from <= first + AT_ONCE,
         gain,
         lines,
+        strongest,
     }
 }
 
@@ -177,7 +184,7 @@ fn standard(i: usize, line: &Line, nulls: &[Details], with: &[Details]) -> Optio
     if with.is_empty() {
         strength = e.iter().filter(|v| v.is_finite()).map(|v| v * v - 1.0).sum::<f64>();
     }
-    Some(Standard { name: line.name(), e, d, weight, strength: strength * weight })
+    Some(Standard { place: i, name: line.name(), e, d, weight, strength: strength * weight })
 }
 
 /// `(1 - ρ)/(1 + ρ)` from neighbouring seconds of null flights.
