@@ -5,8 +5,12 @@ use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
 
-use super::{gap_balance, gap_bank, gap_blind, gap_diagnose, gap_missions, gap_observe, gap_sight};
+use super::{
+    gap_accept, gap_advise, gap_balance, gap_bank, gap_blind, gap_diagnose, gap_missions, gap_observe,
+    gap_shrink, gap_sight,
+};
 use crate::checks::Problems;
+use crate::gap::bank::LEAST_DRAWS;
 use crate::gap::make_bank::BankSize;
 use crate::gap::workshop::default_folder;
 use crate::model::effects::EffectSpec;
@@ -17,6 +21,14 @@ use crate::model::room::Room;
 pub(super) enum Gap {
     /// Says where a flight differs from the simulator, which effect causes it, how far it shrinks.
     Diagnose(gap_diagnose::Diagnose),
+    /// Ranks experiments by how well they would tell apart what a diagnosis left open.
+    Advise(gap_advise::Advise),
+    /// Adds one effect to the simulator and says how far the gap closes on other flights.
+    Shrink(gap_shrink::Shrink),
+    /// Writes what was found into the files of simulator and vehicle.
+    Accept(gap_accept::Accept),
+    /// Takes the newest change by `accept` to a file back.
+    Undo(gap_accept::Undo),
     /// Flies the bank that flights of a mission are compared with, and keeps it.
     Bank(gap_bank::BankCommand),
     /// Scores a sealed suite of flights.
@@ -35,6 +47,10 @@ impl Gap {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         match self {
             Gap::Diagnose(diagnose) => diagnose.run(),
+            Gap::Advise(advise) => advise.run(),
+            Gap::Shrink(shrink) => shrink.run(),
+            Gap::Accept(accept) => accept.run(),
+            Gap::Undo(undo) => undo.run(),
             Gap::Bank(bank) => bank.run(),
             Gap::Blind(blind) => blind.run(),
             Gap::Observe(observe) => observe.run(),
@@ -45,21 +61,39 @@ impl Gap {
     }
 }
 
+/// Sizes of a bank.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Size {
+    /// For verdicts.
+    Full,
+    /// For a first look.
+    Small,
+    /// For tests of the program.
+    Smallest,
+}
+
 /// Where banks lie, and what they hold.
 #[derive(Debug, Clone, Args)]
 pub(super) struct BankOptions {
     /// Folder of the banks; the user's cache by default.
     #[arg(long, value_name = "DIR")]
     pub banks: Option<PathBuf>,
+    /// Size of a bank: `full` for verdicts, `small` (an eighth) for a first look, `smallest` for tests
+    /// of the program: verdicts from it mean nothing.
+    #[arg(long, value_name = "SIZE", default_value = "full")]
+    pub size: Size,
     /// Nominal flights in a bank.
-    #[arg(long, value_name = "N", default_value_t = BankSize::default().seeds)]
-    pub seeds: usize,
+    #[arg(long, value_name = "N")]
+    pub seeds: Option<usize>,
     /// Flights with benign jitter in a bank.
-    #[arg(long, value_name = "N", default_value_t = BankSize::default().jitter)]
-    pub jitter: usize,
+    #[arg(long, value_name = "N")]
+    pub jitter: Option<usize>,
     /// Flights per effect in a bank.
-    #[arg(long, value_name = "N", default_value_t = BankSize::default().draws)]
-    pub draws: usize,
+    #[arg(long, value_name = "N")]
+    pub draws: Option<usize>,
+    /// Only these effects in the library.
+    #[arg(long, value_name = "ID", conflicts_with = "without")]
+    pub only: Vec<String>,
     /// Effects that are left out of the library.
     #[arg(long, value_name = "ID")]
     pub without: Vec<String>,
@@ -71,20 +105,30 @@ impl BankOptions {
     }
 
     pub fn size(&self) -> BankSize {
-        BankSize { seeds: self.seeds, jitter: self.jitter, draws: self.draws }
+        let base = match self.size {
+            Size::Full => BankSize::default(),
+            Size::Small => BankSize { seeds: 20, jitter: 60, draws: 10 },
+            Size::Smallest => BankSize { seeds: 4, jitter: 12, draws: LEAST_DRAWS },
+        };
+        BankSize {
+            seeds: self.seeds.unwrap_or(base.seeds),
+            jitter: self.jitter.unwrap_or(base.jitter),
+            draws: self.draws.unwrap_or(base.draws),
+        }
     }
 
     /// The standard library without what is left out; an unknown id is refused.
     pub fn library(&self) -> anyhow::Result<Vec<&'static EffectSpec>> {
         let all = crate::gap::library::standard();
-        for id in &self.without {
+        let asked = self.without.iter().map(|id| ("--without", id));
+        for (option, id) in asked.chain(self.only.iter().map(|id| ("--only", id))) {
             if !all.iter().any(|spec| spec.id == id) {
                 let known: Vec<_> = all.iter().map(|spec| spec.id).collect();
-                anyhow::bail!(
-                    "--without {id}: no such effect, the library has {}",
-                    known.join(" ")
-                );
+                anyhow::bail!("{option} {id}: no such effect, the library has {}", known.join(" "));
             }
+        }
+        if !self.only.is_empty() {
+            return Ok(all.into_iter().filter(|s| self.only.iter().any(|id| id == s.id)).collect());
         }
         Ok(all.into_iter().filter(|s| !self.without.iter().any(|id| id == s.id)).collect())
     }

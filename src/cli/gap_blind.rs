@@ -54,6 +54,9 @@ impl Blind {
             settings.jittered = true;
         }
         self.options.library()?;
+        if !self.options.only.is_empty() {
+            anyhow::bail!("--only: a suite is scored with the whole library; use --without ID to withhold one");
+        }
         let choice = Choice {
             tenth: self.tenth,
             lockbox: self.lockbox,

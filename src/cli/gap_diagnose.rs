@@ -7,13 +7,17 @@ use anyhow::Context as _;
 use clap::Args;
 
 use super::gap::{BankOptions, Progress, RoomOptions};
+use super::gap_advise::remaining;
+use super::gap_session::{Opened, Session, open};
 use super::{print, print_json};
-use crate::gap::attribute::Settings;
-use crate::gap::diagnosis::{Diagnosis, HeldOut, ShrinkResult, judge, observed, unreadable};
+use crate::gap::advise::advise;
+use crate::gap::details::details;
+use crate::gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
+use crate::gap::held_out::{Explanation, measure};
 use crate::gap::logs::{self, Flown};
 use crate::gap::page;
-use crate::gap::scene::Scene;
-use crate::gap::workshop::Workshop;
+use crate::gap::picture::picture;
+use crate::model::effects::EffectSpec;
 
 /// Says where a flight differs from the nominal simulator, which effect causes it, and how far the
 /// gap shrinks once that effect is added.
@@ -41,64 +45,67 @@ pub(super) struct Diagnose {
     /// Writes the report as one HTML page, and the same as JSON beside it.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
+    /// Leaves the advice out of the report; it takes about as long as everything else.
+    #[arg(long)]
+    without_advice: bool,
     /// Prints as JSON.
     #[arg(long)]
     json: bool,
 }
 
-/// Fewest reference flights that say anything about a spread.
-const LEAST_REFERENCES: usize = 8;
-
 impl Diagnose {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
-        let room = self.room.room()?;
         let [first, others @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
-        let flown = match logs::read(first) {
-            Ok(flown) => flown,
-            Err(error) => {
-                return self.answer(&unreadable(first.display().to_string(), error.to_string()));
-            }
+        let session = match open(first, &self.reference, &self.room, &self.options)? {
+            Opened::Ready(session) => session,
+            Opened::Fault(diagnosis) => return self.answer(&diagnosis),
         };
-        // Gate 0 comes before any bank is flown.
-        if let Some(fault) = flown.faults.first() {
-            return self.answer(&unreadable(first.display().to_string(), fault.clone()));
-        }
-        let scene = flown.scene(room).on_grid();
-        if flown.mission.is_empty() {
-            anyhow::bail!(
-                "{}: no mission in this log; only a flight that can be flown again can be compared",
-                first.display()
-            );
-        }
-        let progress = Progress::new("bank");
-        let items = flown.mission.clone();
-        let workshop = Workshop::open(
-            &self.options.folder(),
-            scene.clone(),
-            items,
-            self.options.library()?,
-            self.options.size(),
-            |done, of| progress.at(done, of),
-        )?;
-        let references = self.statistics(&self.reference, &workshop, &flown)?;
-        if !references.is_empty() && references.len() < LEAST_REFERENCES {
-            anyhow::bail!(
-                "{} reference flights, at least {LEAST_REFERENCES} needed, 20 are better",
-                references.len()
-            );
-        }
-        eprintln!("learning the bank");
-        let attributor = workshop.learn(
-            &references,
-            &[],
-            &Settings { jittered: true, ..Settings::default() },
-        )?;
-        let seen = observed(flown, &workshop.nominal);
-        let mut diagnosis = judge(&workshop, &attributor, references.len(), &seen);
+        let mut diagnosis = session.judge();
         if !others.is_empty() && !diagnosis.effects.is_empty() {
-            diagnosis.shrink = Some(self.shrink(&workshop, &scene, others, &diagnosis)?);
+            self.shrink(&session, others, &mut diagnosis)?;
+        }
+        if self.report.is_some() || self.json {
+            self.draw(&session, &mut diagnosis);
         }
         self.answer(&diagnosis)
+    }
+
+    /// What the page shows beyond the verdict.
+    fn draw(&self, session: &Session, diagnosis: &mut Diagnosis) {
+        let flown = &session.seen.flown;
+        if let Ok(own) = details(&flown.trace, &session.workshop.nominal) {
+            let named = explanation(diagnosis);
+            let effects: Vec<_> = named
+                .iter()
+                .flat_map(|n| &n.effects)
+                .map(|(spec, theta)| (*spec, &theta[..]))
+                .collect();
+            let progress = Progress::new("cells");
+            diagnosis.picture = Some(picture(
+                &session.scene,
+                &flown.mission,
+                &own,
+                &session.reference_details,
+                &effects,
+                |done, of| progress.at(done, of),
+            ));
+        }
+        if self.without_advice || diagnosis.attribution.is_none() {
+            return;
+        }
+        let open = remaining(diagnosis);
+        let experiments = if open.is_settled() {
+            Vec::new()
+        } else {
+            let progress = Progress::new("advice");
+            advise(&session.scene, &open, |done, of| progress.at(done, of))
+        };
+        diagnosis.advice = Some(Advised {
+            open: open.candidates.iter().map(|h| (h.spec.id.to_owned(), h.probability)).collect(),
+            correct_now: open.correct_now(),
+            left_out: open.left_out.clone(),
+            experiments,
+        });
     }
 
     fn answer(&self, diagnosis: &Diagnosis) -> anyhow::Result<ExitCode> {
@@ -117,96 +124,88 @@ impl Diagnose {
         Ok(ExitCode::from(diagnosis.exit_code()))
     }
 
-    fn statistics(
-        &self,
-        paths: &[PathBuf],
-        workshop: &Workshop,
-        flown: &Flown,
-    ) -> anyhow::Result<Vec<Vec<f64>>> {
-        let mut rows = Vec::new();
-        for path in paths {
-            let reference = logs::read(path)?;
-            if let Some(fault) = reference.faults.first() {
-                anyhow::bail!("{}: no reference: {fault}", path.display());
-            }
-            if reference.mission.len() != flown.mission.len() {
-                anyhow::bail!("{}: another mission than {}", path.display(), flown.path.display());
-            }
-            match observed(reference, &workshop.nominal).observation {
-                Ok(observation) => rows.push(observation.statistics),
-                Err(why) => anyhow::bail!("{}: {why}", path.display()),
-            }
-        }
-        Ok(rows)
-    }
-
     fn shrink(
         &self,
-        workshop: &Workshop,
-        scene: &Scene,
+        session: &Session,
         others: &[PathBuf],
-        diagnosis: &Diagnosis,
-    ) -> anyhow::Result<ShrinkResult> {
-        let mut pairs = Vec::new();
-        let mut rivals: Vec<Vec<_>> = Vec::new();
-        let mut references = Vec::new();
-        for path in &self.held_out_reference {
-            let reference = logs::read(path)?;
-            if let Ok(seen) = observed(reference, &workshop.nominal).observation {
-                references.push(seen.statistics);
-            }
+        diagnosis: &mut Diagnosis,
+    ) -> anyhow::Result<()> {
+        let read = |paths: &[PathBuf]| {
+            paths.iter().map(|path| logs::read(path)).collect::<Result<Vec<Flown>, _>>()
+        };
+        let (flights, accepted) = (read(others)?, read(&self.held_out_reference)?);
+        let Some(named) = explanation(diagnosis) else { return Ok(()) };
+        let spec = |id: &str| session.workshop.spec(id);
+        let mut rivals: Vec<Explanation> = Vec::new();
+        if let Some(attribution) = &diagnosis.attribution {
+            rivals.extend(
+                attribution
+                    .candidates
+                    .iter()
+                    .filter(|c| !diagnosis.set.contains(&c.id) && !c.theta.is_empty())
+                    .take(RIVALS)
+                    .filter_map(|c| {
+                        let effects = vec![(spec(&c.id)?, c.theta.clone())];
+                        Some(Explanation { name: c.id.clone(), effects })
+                    }),
+            );
+            // More freedom than the named one has: what could be reached.
+            rivals.extend(attribution.pairs.first().filter(|_| named.effects.len() == 1).and_then(
+                |pair| {
+                    let [a, b] = [spec(&pair.ids[0])?, spec(&pair.ids[1])?];
+                    let effects = vec![(a, pair.theta[0].clone()), (b, pair.theta[1].clone())];
+                    Some(Explanation { name: pair.ids.join(" + "), effects })
+                },
+            ));
         }
-        let candidates = diagnosis.attribution.as_ref().map_or(&[][..], |a| &a.candidates[..]);
         let progress = Progress::new("shrink");
-        let mut model = None;
-        let flights: Vec<Flown> =
-            others.iter().map(|path| logs::read(path)).collect::<Result<_, _>>()?;
-        for flown in &flights {
-            let Ok(seen) = observed(flown.clone(), &workshop.nominal).observation else { continue };
-            let held_out = HeldOut::new(scene, &flown.mission, &references);
-            // Set members are alternatives: the first stands for them. Several act together.
-            let together = if diagnosis.outcome == "several" { diagnosis.effects.len() } else { 1 };
-            let fitted: Vec<(_, Vec<f64>)> = diagnosis
-                .effects
-                .iter()
-                .take(together)
-                .filter_map(|e| {
-                    Some((workshop.spec(&e.id)?, e.parameters.iter().map(|p| p.value).collect()))
-                })
-                .collect();
-            let named: Vec<_> = fitted.iter().map(|(spec, theta)| (*spec, &theta[..])).collect();
-            pairs.push(held_out.paired(&seen.statistics, &named));
-            let others: Vec<_> = candidates
-                .iter()
-                .filter(|c| !diagnosis.set.contains(&c.id) && !c.theta.is_empty())
-                .take(RIVALS)
-                .filter_map(|c| Some((workshop.spec(&c.id)?, &c.theta[..])))
-                .collect();
-            rivals.resize(others.len(), Vec::new());
-            for (k, rival) in others.iter().enumerate() {
-                progress.at(k + 1, others.len());
-                rivals[k].push(held_out.paired(&seen.statistics, &[*rival]));
-            }
-            model = Some(held_out);
+        let room = self.room.room()?;
+        let r = measure(&flights, &accepted, room, &named, &rivals, |done, of| {
+            progress.at(done, of);
+        })?;
+        for (k, rung) in diagnosis.ladder.iter_mut().enumerate() {
+            rung.held_out = match k {
+                0 => Some(r.whole.before),
+                1 if diagnosis.set.first().is_some_and(|id| rung.name == format!("+ {id}")) => {
+                    Some(r.whole.after)
+                }
+                _ => None,
+            };
         }
-        let Some(model) = model else { anyhow::bail!("no held-out flight could be observed") };
-        let result = model.shrink(&pairs);
-        let mut values: Vec<f64> =
-            rivals.iter().filter_map(|pairs| model.shrink(pairs).value).collect();
-        values.sort_by(f64::total_cmp);
-        let best = values.last().copied();
-        Ok(ShrinkResult {
-            value: result.value,
-            low: result.interval.map(|i| i[0]),
-            high: result.interval.map(|i| i[1]),
-            floor: result.floor,
-            before: result.before,
-            after: result.after,
-            attainable: result.value.into_iter().chain(best).reduce(f64::max),
-            wrong: values.get(values.len() / 2).copied(),
-            references: references.len(),
-        })
+        diagnosis.shrink = Some(ShrinkResult {
+            value: r.whole.value,
+            low: r.whole.interval.map(|i| i[0]),
+            high: r.whole.interval.map(|i| i[1]),
+            floor: r.whole.floor,
+            before: r.whole.before,
+            after: r.whole.after,
+            noise: r.whole.noise,
+            attainable: r.attainable,
+            attained_by: r.attained_by,
+            efficiency: r.efficiency,
+            channels: r.channels,
+            others: r.wrong,
+            wrong: r.wrong_median,
+            references: accepted.len(),
+        });
+        Ok(())
     }
+}
+
+/// What is named as one explanation: set members are alternatives, and the first stands for them;
+/// several act together.
+fn explanation(diagnosis: &Diagnosis) -> Option<Explanation> {
+    let together = if diagnosis.outcome == "several" { diagnosis.effects.len() } else { 1 };
+    let whole = crate::gap::library::whole();
+    let spec = |id: &str| -> Option<&'static EffectSpec> { whole.iter().copied().find(|s| s.id == id) };
+    let effects: Vec<(&'static EffectSpec, Vec<f64>)> = diagnosis
+        .effects
+        .iter()
+        .take(together)
+        .filter_map(|e| Some((spec(&e.id)?, e.parameters.iter().map(|p| p.value).collect())))
+        .collect();
+    let name = effects.iter().map(|(s, _)| s.id).collect::<Vec<_>>().join(" + ");
+    (!effects.is_empty()).then_some(Explanation { name, effects })
 }
 
 /// Effects that are not named and flown as control.
@@ -269,6 +268,19 @@ fn text(d: &Diagnosis) -> String {
                 more("other effects", s.wrong)
             );
         }
+    }
+    if let Some(p) = &d.picture {
+        let _ = writeln!(out, "SINCE       {}", p.onset.words());
+    }
+    if let Some(best) = d.advice.as_ref().and_then(|a| a.experiments.first()) {
+        let after = best.correct_after.map_or(String::new(), |p| {
+            format!(": P {:.2} -> {p:.2}", d.advice.as_ref().map_or(0.0, |a| a.correct_now))
+        });
+        let _ = writeln!(
+            out,
+            "NEXT        {} ({:.0} s){after}; `haltere gap advise` has more",
+            best.title, best.cost_s
+        );
     }
     if d.references > 0 && d.shrink.as_ref().is_some_and(|s| s.references == 0) {
         let _ = writeln!(

@@ -13,26 +13,81 @@ pub enum Regime {
     Hover,
     Accelerate,
     Cruise,
+    Fast,
     Climb,
     Descend,
     NearGround,
+    MiddleHeight,
+    NearCeiling,
     NearWall,
     Yawing,
+    FacingNorth,
+    FacingEast,
+    FacingSouth,
+    FacingWest,
     HighThrottle,
+    FullBattery,
     LowBattery,
 }
 
+impl Regime {
+    /// What a column of regimes is about: height, speed, voltage, yaw or place.
+    pub fn kind(self) -> &'static str {
+        match self {
+            Regime::Hover | Regime::Accelerate | Regime::Cruise | Regime::Fast => "speed",
+            Regime::Climb | Regime::Descend => "speed",
+            Regime::NearGround | Regime::MiddleHeight | Regime::NearCeiling => "height",
+            Regime::NearWall => "place",
+            Regime::Yawing | Regime::FacingNorth | Regime::FacingEast => "yaw",
+            Regime::FacingSouth | Regime::FacingWest => "yaw",
+            Regime::HighThrottle | Regime::FullBattery | Regime::LowBattery => "supply",
+        }
+    }
+
+    /// Limits, in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Regime::Hover => "hover, below 0.25 m/s",
+            Regime::Accelerate => "horizontal acceleration above 0.8 m/s²",
+            Regime::Cruise => "steady, above 0.5 m/s",
+            Regime::Fast => "above 1 m/s",
+            Regime::Climb => "climb above 0.25 m/s",
+            Regime::Descend => "sink above 0.25 m/s",
+            Regime::NearGround => "feet below 0.5 m",
+            Regime::MiddleHeight => "0.5 m to 0.8 m below the ceiling",
+            Regime::NearCeiling => "0.8 m below the ceiling or less",
+            Regime::NearWall => "1 m from a wall or less",
+            Regime::Yawing => "turning above 0.4 rad/s",
+            Regime::FacingNorth => "nose within 45° of north",
+            Regime::FacingEast => "nose within 45° of east",
+            Regime::FacingSouth => "nose within 45° of south",
+            Regime::FacingWest => "nose within 45° of west",
+            Regime::HighThrottle => "thrust above 1.15 weights",
+            Regime::FullBattery => "above 3.8 V a cell",
+            Regime::LowBattery => "below 3.5 V a cell",
+        }
+    }
+}
+
 /// All regimes.
-pub const REGIMES: [Regime; 10] = [
+pub const REGIMES: [Regime; 18] = [
     Regime::Hover,
     Regime::Accelerate,
     Regime::Cruise,
+    Regime::Fast,
     Regime::Climb,
     Regime::Descend,
     Regime::NearGround,
+    Regime::MiddleHeight,
+    Regime::NearCeiling,
     Regime::NearWall,
     Regime::Yawing,
+    Regime::FacingNorth,
+    Regime::FacingEast,
+    Regime::FacingSouth,
+    Regime::FacingWest,
     Regime::HighThrottle,
+    Regime::FullBattery,
     Regime::LowBattery,
 ];
 
@@ -69,12 +124,15 @@ pub struct Cell {
 }
 
 /// Windows of time.
-const WINDOWS: usize = 8;
+pub const WINDOWS: usize = 8;
+/// Distance of the feet to the ceiling that counts as near it, m: a vehicle of 0.3 m below an effect
+/// of 0.3 m length.
+const CEILING_M: f64 = 0.8;
 /// Fewest points of a cell: half a second.
 const LEAST_POINTS: usize = 12;
 
-/// Cells of a flight.
-pub fn cells(f: &Flight<'_>, rows: &uwb::Rows) -> Vec<Cell> {
+/// Residuals on the grid, by channel; NaN where the channel cannot say.
+pub fn channels(f: &Flight<'_>, rows: &uwb::Rows) -> [(Channel, Vec<f64>); 11] {
     let nan = || vec![f64::NAN; f.len()];
     let r = force::residuals(f);
     let pick = |axis: usize| {
@@ -102,7 +160,7 @@ pub fn cells(f: &Flight<'_>, rows: &uwb::Rows) -> Vec<Cell> {
         .enumerate()
         .map(|(k, s)| if f.clear[k] && s[1] > 0.0 { (s[0] / s[1]).sqrt() } else { f64::NAN })
         .collect();
-    let channels: [(Channel, Vec<f64>); 11] = [
+    [
         (Channel::ForceX, pick(0)),
         (Channel::ForceY, pick(1)),
         (Channel::ForceZ, pick(2)),
@@ -119,8 +177,13 @@ pub fn cells(f: &Flight<'_>, rows: &uwb::Rows) -> Vec<Cell> {
                 .map(|k| if f.clear[k] { f.states[k].bias_B_mps2.xy().norm() } else { f64::NAN })
                 .collect(),
         ),
-    ];
-    let regimes: Vec<[bool; 10]> = (0..f.len()).map(|k| regimes(f, k)).collect();
+    ]
+}
+
+/// Cells of a flight.
+pub fn cells(f: &Flight<'_>, rows: &uwb::Rows) -> Vec<Cell> {
+    let channels = channels(f, rows);
+    let regimes: Vec<[bool; REGIMES.len()]> = (0..f.len()).map(|k| regimes(f, k)).collect();
     let (first, last) = (
         f.clear.iter().position(|c| *c).unwrap_or(0),
         f.clear.iter().rposition(|c| *c).unwrap_or(0),
@@ -166,7 +229,7 @@ pub fn cells(f: &Flight<'_>, rows: &uwb::Rows) -> Vec<Cell> {
     out
 }
 
-fn regimes(f: &Flight<'_>, k: usize) -> [bool; 10] {
+fn regimes(f: &Flight<'_>, k: usize) -> [bool; REGIMES.len()] {
     let (lo, hi) = (k.saturating_sub(3), (k + 3).min(f.len() - 1));
     let v = f.states[k].vel_E_mps;
     let a = (f.states[hi].vel_E_mps - f.states[lo].vel_E_mps) / ((hi - lo).max(1) as f64 * STEP_S);
@@ -176,17 +239,29 @@ fn regimes(f: &Flight<'_>, k: usize) -> [bool; 10] {
         [room.north_m[1] - p.x, p.x - room.north_m[0], room.east_m[1] - p.y, p.y - room.east_m[0]];
     let speed = v.xy().norm();
     let fast = a.xy().norm() > 0.8;
+    let per_cell_v = f.line.supply_v[k] / f.nominal.vehicle.battery.cells;
+    // Quarter of the compass that the nose is in, 0 north, clockwise.
+    let quarter = (f.yaw_rad[k] / std::f64::consts::FRAC_PI_2).round().rem_euclid(4.0) as u8;
+    let under_ceiling_m = room.ceiling_m - f.height_m[k];
     [
         v.norm() < 0.25,
         fast,
         speed > 0.5 && !fast,
+        speed > 1.0,
         v.z < -0.25,
         v.z > 0.25,
         f.height_m[k] < 0.5,
+        f.height_m[k] >= 0.5 && under_ceiling_m > CEILING_M,
+        under_ceiling_m <= CEILING_M,
         wall.into_iter().fold(f64::INFINITY, f64::min) < 1.0,
         f.line.rate_B_radps[k].z.abs() > 0.4,
+        quarter == 0,
+        quarter == 1,
+        quarter == 2,
+        quarter == 3,
         f.thrust_ratio(k) > 1.15,
-        f.line.supply_v[k] < 3.5 * f.nominal.vehicle.battery.cells,
+        per_cell_v > 3.8,
+        per_cell_v < 3.5,
     ]
 }
 

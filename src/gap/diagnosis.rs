@@ -5,7 +5,9 @@ use serde::Serialize;
 use super::attribute::{Attribution, Attributor};
 use super::logs::{Flown, ParameterDifference};
 use super::make_bank::with_effect;
+use super::advise::Advice;
 use super::outcome::{Named, Outcome};
+use super::picture::Picture;
 use super::scene::Scene;
 use super::shrink::{Paired, Shrink, median, scales, shrink};
 use super::statistics::{ANCHOR_SLOTS, Observation, observe, specs};
@@ -97,12 +99,59 @@ pub struct Diagnosis {
     pub parameters_changed: Vec<ParameterDifference>,
     /// Hash of the bank.
     pub bank: String,
+    /// What else the verdict hangs on.
+    pub made_with: MadeWith,
     /// Reference flights behind the floor; 0: relative to the nominal simulator.
     pub references: usize,
+    /// What adding explanations leaves, from none to two effects.
+    pub ladder: Vec<Rung>,
+    /// Cells, onset, floor plan, signature; absent where they were not asked for.
+    pub picture: Option<Picture>,
+    /// Experiments, best first; absent where they were not asked for.
+    pub advice: Option<Advised>,
     /// Everything behind the verdict.
     pub attribution: Option<Attribution>,
     #[serde(skip)]
     exit_code: u8,
+}
+
+/// What a verdict hangs on besides the log.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct MadeWith {
+    /// SHA-256 of the log.
+    pub log_sha256: String,
+    /// Program version.
+    pub program: String,
+    /// Hash of the program's sources.
+    pub source_hash: String,
+    /// Ids of the library.
+    pub library: Vec<String>,
+    /// Flights in the bank: seeds, with jitter, per effect.
+    pub bank_flights: [usize; 3],
+}
+
+/// A step of the ladder of explanations.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Rung {
+    /// What is added to the nominal model.
+    pub name: String,
+    /// Normal score of the distance that is left on this flight.
+    pub left: f64,
+    /// Distance that is left on held-out flights, where there are any.
+    pub held_out: Option<f64>,
+}
+
+/// What could be done next.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Advised {
+    /// Candidates that are not ruled out, with their share of the probability.
+    pub open: Vec<(String, f64)>,
+    /// Probability that the first of them is right.
+    pub correct_now: f64,
+    /// Candidates and untestable effects that were not looked at.
+    pub left_out: Vec<String>,
+    /// Experiments, best first.
+    pub experiments: Vec<Advice>,
 }
 
 /// Shrink for people and scripts.
@@ -120,8 +169,18 @@ pub struct ShrinkResult {
     pub before: f64,
     /// After.
     pub after: f64,
-    /// The best that any candidate reached.
+    /// 95 % noise of a distance above the floor; below it there is nothing to shrink.
+    pub noise: f64,
+    /// The best that any explanation reached.
     pub attainable: Option<f64>,
+    /// Which one.
+    pub attained_by: String,
+    /// Shrink over attainable.
+    pub efficiency: Option<f64>,
+    /// By channel.
+    pub channels: Vec<(String, super::shrink::Shrink)>,
+    /// Shrink of each other effect that was tried.
+    pub others: Vec<(String, Option<f64>)>,
     /// Median over other effects of the library.
     pub wrong: Option<f64>,
     /// Accepted flights on the held-out mission; without them the distance holds all that this airframe
@@ -169,7 +228,11 @@ pub fn unreadable(log: String, why: String) -> Diagnosis {
         remarks: Vec::new(),
         parameters_changed: Vec::new(),
         bank: String::new(),
+        made_with: MadeWith::default(),
         references: 0,
+        ladder: Vec::new(),
+        picture: None,
+        advice: None,
         attribution: None,
     }
 }
@@ -196,7 +259,11 @@ pub fn judge(
         remarks: flown.remarks.clone(),
         parameters_changed: flown.parameters.clone(),
         bank: format!("{:016x}", workshop.bank_hash),
+        made_with: made_with(workshop, &flown.path),
         references,
+        ladder: Vec::new(),
+        picture: None,
+        advice: None,
         attribution: None,
         exit_code: 0,
     };
@@ -208,6 +275,7 @@ pub fn judge(
             result.places = places(&attribution, observation, workshop);
             result.not_testable = not_testable(workshop, observation);
             let outcome = attribution.outcome.clone();
+            result.ladder = ladder(&attribution);
             result.attribution = Some(attribution);
             outcome
         }
@@ -220,6 +288,36 @@ pub fn judge(
         workshop.spec(id).map_or_else(|| id.to_owned(), |spec| format!("{} {}", spec.id, spec.name))
     });
     result
+}
+
+fn made_with(workshop: &Workshop, log: &std::path::Path) -> MadeWith {
+    let build = crate::record::BuildIdentity::current();
+    let bank = &workshop.bank;
+    MadeWith {
+        // The log was read a moment ago; a file that went away has no hash.
+        log_sha256: std::fs::read(log).map(|b| super::seal::digest(&b)).unwrap_or_default(),
+        program: build.program_version.clone(),
+        source_hash: build.source_hash.clone(),
+        library: workshop.library.iter().map(|s| s.id.to_owned()).collect(),
+        bank_flights: [
+            bank.seeds.len(),
+            bank.jitter.len(),
+            bank.effects.iter().map(|e| e.draws.len()).max().unwrap_or(0),
+        ],
+    }
+}
+
+/// Nominal, the best effect, the best two.
+fn ladder(attribution: &Attribution) -> Vec<Rung> {
+    let rung = |name: String, left: f64| Rung { name, left, held_out: None };
+    let mut rungs = vec![rung("nominal".to_owned(), attribution.gate.distance)];
+    if let Some(best) = attribution.candidates.first() {
+        rungs.push(rung(format!("+ {}", best.id), best.residual_score));
+    }
+    if let Some(pair) = attribution.pairs.first() {
+        rungs.push(rung(format!("+ {}", pair.ids.join(" + ")), pair.residual_score));
+    }
+    rungs
 }
 
 fn effect(workshop: &Workshop, named: &Named) -> Effect {
@@ -386,6 +484,11 @@ impl<'a> HeldOut<'a> {
                 observe(&trace, &self.nominal).ok().map(|o| o.statistics)
             })
             .collect()
+    }
+
+    /// Sigma of every statistic.
+    pub fn scales(&self) -> &[f64] {
+        &self.scales
     }
 
     /// One real flight beside the model before and after.

@@ -10,11 +10,12 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use crate::ctl::{DoubletAxis, Item, ItemCommand as Command, MissionFile};
 
 use super::scene::Scene;
+use crate::model::room::Room;
 
 /// Height of everything that is not about height, m.
-const HEIGHT_M: f64 = 1.0;
+pub(super) const HEIGHT_M: f64 = 1.0;
 /// Near the floor, m.
-const LOW_M: f64 = 0.45;
+pub(super) const LOW_M: f64 = 0.45;
 /// Near a ceiling of 3 m, m.
 const HIGH_M: f64 = 2.6;
 /// Half the way of a dash, m.
@@ -22,7 +23,7 @@ const DASH_M: f64 = 1.9;
 /// Half the side of the square along the walls, m.
 const EDGE_M: f64 = 2.4;
 /// Speed of ordinary legs and of dashes, m/s.
-const LEG_MPS: f64 = 0.8;
+pub(super) const LEG_MPS: f64 = 0.8;
 const DASH_MPS: [f64; 2] = [1.2, 1.6];
 const EDGE_MPS: f64 = 1.2;
 /// Doublets: amplitude (degrees, or share of full throttle) and length of each half, s. Two
@@ -36,42 +37,67 @@ const DOUBLET_REST_S: f64 = 1.4;
 /// effect, so that a flight does not hang on it.
 const REACHED_M: f64 = 0.7;
 
-/// A mission under construction, relative to the middle of the room.
-struct Plan {
+/// Least distance of a waypoint to a wall, and to the ceiling, m: the error of tracking under an
+/// effect and half a wing span.
+const WALL_MARGIN_M: f64 = 0.6;
+const CEILING_MARGIN_M: f64 = 0.4;
+/// Ceiling below which there is no room for any of these flights, m.
+const LOWEST_CEILING_M: f64 = 1.5;
+
+/// A mission under construction, relative to the place of take-off. Waypoints stay inside the room.
+pub(super) struct Plan {
     middle_NE_m: [f64; 2],
-    items: Vec<Item>,
+    room: Room,
+    pub(super) items: Vec<Item>,
 }
 
 impl Plan {
-    fn new(scene: &Scene) -> Self {
-        let takeoff = Item { height_m: Some(HEIGHT_M), ..Item::new(Command::Takeoff) };
-        Self { middle_NE_m: scene.start_NE_m, items: vec![takeoff] }
+    pub(super) fn new(scene: &Scene) -> Self {
+        let height_m = HEIGHT_M.min(0.5 * scene.room.ceiling_m.max(LOWEST_CEILING_M));
+        let takeoff = Item { height_m: Some(height_m), ..Item::new(Command::Takeoff) };
+        Self { middle_NE_m: scene.start_NE_m, room: scene.room.clone(), items: vec![takeoff] }
     }
 
-    fn go(&mut self, off_NE_m: [f64; 2], height_m: f64, hold_s: f64) {
-        let [north, east] = self.middle_NE_m;
+    pub(super) fn go(&mut self, off_NE_m: [f64; 2], height_m: f64, hold_s: f64) {
+        let [north, east] = self.inside(off_NE_m);
         self.items.push(Item {
             hold_s: Some(hold_s),
             acceptance_m: Some(REACHED_M),
-            ..Item::waypoint(north + off_NE_m[0], east + off_NE_m[1], height_m)
+            ..Item::waypoint(north, east, self.under(height_m))
         });
     }
 
-    fn speed(&mut self, mps: f64) {
+    /// Place in the room, moved away from walls.
+    pub(super) fn inside(&self, off_NE_m: [f64; 2]) -> [f64; 2] {
+        let away = |at: f64, [low, high]: [f64; 2]| {
+            let margin_m = WALL_MARGIN_M.min(0.5 * (high - low));
+            at.clamp(low + margin_m, high - margin_m)
+        };
+        let [north, east] = self.middle_NE_m;
+        [away(north + off_NE_m[0], self.room.north_m), away(east + off_NE_m[1], self.room.east_m)]
+    }
+
+    /// Height in the room, moved away from the ceiling.
+    pub(super) fn under(&self, height_m: f64) -> f64 {
+        let highest_m = self.room.ceiling_m.max(LOWEST_CEILING_M) - CEILING_MARGIN_M;
+        height_m.min(highest_m)
+    }
+
+    pub(super) fn speed(&mut self, mps: f64) {
         self.items.push(Item { speed_mps: Some(mps), ..Item::new(Command::Speed) });
     }
 
-    fn wait(&mut self, duration_s: f64) {
+    pub(super) fn wait(&mut self, duration_s: f64) {
         self.items.push(Item { duration_s: Some(duration_s), ..Item::new(Command::Delay) });
     }
 
-    fn turn(&mut self, yaw_deg: f64, stay_s: f64) {
+    pub(super) fn turn(&mut self, yaw_deg: f64, stay_s: f64) {
         self.items.push(Item { yaw_deg: Some(yaw_deg), ..Item::new(Command::Yaw) });
         self.wait(stay_s);
     }
 
     /// Two doublets with a rest to come back after each.
-    fn doublets(&mut self, axis: DoubletAxis, sizes: [[f64; 2]; 2]) {
+    pub(super) fn doublets(&mut self, axis: DoubletAxis, sizes: [[f64; 2]; 2]) {
         for [amplitude, half_s] in sizes {
             self.items.push(Item {
                 axis: Some(axis),
@@ -83,7 +109,7 @@ impl Plan {
         }
     }
 
-    fn land(mut self) -> MissionFile {
+    pub(super) fn land(mut self) -> MissionFile {
         self.items.push(Item::new(Command::Land));
         MissionFile { items: self.items }
     }
@@ -179,7 +205,7 @@ pub fn held_out(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
 }
 
 /// As uploaded to whoever listens; lockstep has one vehicle.
-fn wire(mission: &MissionFile) -> Vec<MISSION_ITEM_INT_DATA> {
+pub(super) fn wire(mission: &MissionFile) -> Vec<MISSION_ITEM_INT_DATA> {
     mission.items.iter().zip(0..).map(|(item, seq)| item.to_wire(seq, 0, 0)).collect()
 }
 

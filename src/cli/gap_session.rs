@@ -1,0 +1,148 @@
+//! What `gap diagnose`, `gap advise` and `gap shrink` begin with: a log through gate 0, the bank of its
+//! mission, reference flights, and what was learned.
+
+use std::path::{Path, PathBuf};
+
+use super::gap::{BankOptions, Progress, RoomOptions};
+use crate::gap::attribute::{Attributor, Settings};
+use crate::gap::details::{Details, details};
+use crate::gap::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
+use crate::gap::logs::{self, Flown};
+use crate::gap::nominal::Nominal;
+use crate::gap::scene::Scene;
+use crate::gap::workshop::Workshop;
+
+/// Fewest reference flights that say anything about a spread.
+const LEAST_REFERENCES: usize = 8;
+
+/// A log that can be judged, and everything to judge it by.
+pub(super) struct Session {
+    pub scene: Scene,
+    pub workshop: Workshop,
+    pub attributor: Attributor,
+    pub seen: Observed,
+    /// Accepted flights of the airframe on this mission.
+    pub references: Vec<Vec<f64>>,
+    /// Details of the same.
+    pub reference_details: Vec<Details>,
+}
+
+/// A log may also be none of ours.
+pub(super) enum Opened {
+    /// It can be judged.
+    Ready(Box<Session>),
+    /// It cannot: verdict of a fault.
+    Fault(Box<Diagnosis>),
+}
+
+/// Opens a log. Gate 0 comes before any bank is flown.
+pub(super) fn open(
+    log: &Path,
+    references: &[PathBuf],
+    room: &RoomOptions,
+    options: &BankOptions,
+) -> anyhow::Result<Opened> {
+    let room = room.room()?;
+    let library = options.library()?;
+    let name = log.display().to_string();
+    let fault = |why: String| Ok(Opened::Fault(Box::new(unreadable(name.clone(), why))));
+    let flown = match logs::read(log) {
+        Ok(flown) => flown,
+        Err(error) => return fault(error.to_string()),
+    };
+    if let Some(why) = flown.faults.first() {
+        return fault(why.clone());
+    }
+    if flown.mission.is_empty() {
+        anyhow::bail!(
+            "{name}: no mission in this log; only a flight that can be flown again can be compared"
+        );
+    }
+    let scene = flown.scene(room).on_grid();
+    let progress = Progress::new("bank");
+    let workshop = Workshop::open(
+        &options.folder(),
+        scene.clone(),
+        flown.mission.clone(),
+        library,
+        options.size(),
+        |done, of| progress.at(done, of),
+    )?;
+    let (references, reference_details) = accepted(references, &workshop.nominal, &flown)?;
+    if !references.is_empty() && references.len() < LEAST_REFERENCES {
+        anyhow::bail!(
+            "{} reference flights, at least {LEAST_REFERENCES} needed, 20 are better",
+            references.len()
+        );
+    }
+    eprintln!("learning the bank");
+    let settings = Settings { jittered: true, ..Settings::default() };
+    let attributor = workshop.learn(&references, &[], &settings)?;
+    let seen = observed(flown, &workshop.nominal);
+    let session = Session { scene, workshop, attributor, seen, references, reference_details };
+    Ok(Opened::Ready(Box::new(session)))
+}
+
+impl Session {
+    /// The verdict.
+    pub fn judge(&self) -> Diagnosis {
+        judge(&self.workshop, &self.attributor, self.references.len(), &self.seen)
+    }
+}
+
+/// Statistics and details of accepted flights of one mission.
+pub(super) fn accepted(
+    paths: &[PathBuf],
+    nominal: &Nominal,
+    flown: &Flown,
+) -> anyhow::Result<(Vec<Vec<f64>>, Vec<Details>)> {
+    let (mut rows, mut pictures) = (Vec::new(), Vec::new());
+    let progress = Progress::new("reference flights");
+    for (k, path) in paths.iter().enumerate() {
+        let reference = logs::read(path)?;
+        if let Some(fault) = reference.faults.first() {
+            anyhow::bail!("{}: no reference: {fault}", path.display());
+        }
+        same_flight(&reference, flown)?;
+        pictures.extend(details(&reference.trace, nominal).ok());
+        match observed(reference, nominal).observation {
+            Ok(observation) => rows.push(observation.statistics),
+            Err(why) => anyhow::bail!("{}: {why}", path.display()),
+        }
+        progress.at(k + 1, paths.len());
+    }
+    Ok((rows, pictures))
+}
+
+/// Two logs can stand beside one another only on one mission among the same anchors.
+pub(super) fn same_flight(one: &Flown, other: &Flown) -> anyhow::Result<()> {
+    // Where it is flown to; a companion may be addressed in another way.
+    let items = |f: &Flown| -> Vec<_> {
+        f.mission
+            .iter()
+            .map(|i| (i.command, i.x, i.y, i.z.to_bits(), i.param1.to_bits(), i.param2.to_bits()))
+            .collect()
+    };
+    if items(one) != items(other) {
+        anyhow::bail!(
+            "{}: flew another mission ({} items) than {} ({} items); compare flights of one mission",
+            one.path.display(),
+            one.mission.len(),
+            other.path.display(),
+            other.mission.len()
+        );
+    }
+    same_survey(one, other)
+}
+
+/// Two logs among the same anchors.
+pub(super) fn same_survey(one: &Flown, other: &Flown) -> anyhow::Result<()> {
+    if one.trace.survey != other.trace.survey {
+        anyhow::bail!(
+            "{}: was flown with another anchor survey than {}; diagnose each survey by itself",
+            one.path.display(),
+            other.path.display()
+        );
+    }
+    Ok(())
+}

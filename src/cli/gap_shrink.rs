@@ -1,0 +1,309 @@
+//! `haltere gap shrink`: one effect added, the gap before and after on other flights.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::Args;
+use serde_json::json;
+
+use super::gap::{BankOptions, Progress, RoomOptions};
+use super::gap_session::{Opened, Session, open, same_survey};
+use super::{print, print_json};
+use crate::gap::diagnosis::{SHRINK_FLIGHTS, observed};
+use crate::gap::held_out::{Explanation, Measured, measure};
+use crate::gap::library::whole;
+use crate::gap::logs::{self, Flown};
+use crate::model::effects::EffectSpec;
+
+/// Adds one effect to the simulator and says how far the gap closes on other flights, closed loop.
+///
+/// The effect is fitted on the first log, or has the values that are given; it is judged on the other logs,
+/// which the fit does not see. Beside it stand the floor (two flights of the same model), the best that any
+/// explanation reached, and effects that are not the cause as control.
+#[derive(Debug, Args)]
+pub(super) struct Shrink {
+    /// The effect, with values where it is not to be fitted: `P1`, `P1=0.08`, `U2=bias:0.2,anchor:3`.
+    #[arg(long, value_name = "ID[=VALUE,…]")]
+    effect: String,
+    /// Log to fit on (only with an effect without values), then logs to judge on.
+    #[arg(required = true, value_name = "LOG")]
+    logs: Vec<PathBuf>,
+    /// Accepted flights of this airframe on the mission of the first log.
+    #[arg(long, value_name = "LOG")]
+    reference: Vec<PathBuf>,
+    /// Accepted flights of this airframe on the mission of the other logs.
+    #[arg(long, value_name = "LOG")]
+    held_out_reference: Vec<PathBuf>,
+    #[command(flatten)]
+    room: RoomOptions,
+    #[command(flatten)]
+    options: BankOptions,
+    /// Prints as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Other effects that are flown as control.
+const WRONG: usize = 6;
+
+impl Shrink {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let (spec, given) = parse(&self.effect)?;
+        let (theta, others, judged_on): (Vec<f64>, Vec<Explanation>, Vec<Flown>) = match given {
+            Some(theta) => {
+                let flown = self.judged(&self.logs)?;
+                (theta, controls(spec), flown)
+            }
+            None => {
+                let [first, rest @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
+                if rest.is_empty() {
+                    anyhow::bail!(
+                        "{}: is the flight to fit on; name at least one more to judge on, or give the effect \
+                         values ({}=…)",
+                        first.display(),
+                        spec.id
+                    );
+                }
+                let session = match open(first, &self.reference, &self.room, &self.options)? {
+                    Opened::Ready(session) => session,
+                    Opened::Fault(d) => anyhow::bail!("{}: {}", d.log, d.verdict),
+                };
+                let (theta, others) = fitted(&session, spec)?;
+                let flown = self.judged(rest)?;
+                for one in &flown {
+                    same_survey(one, &session.seen.flown)?;
+                }
+                (theta, others, flown)
+            }
+        };
+        let room = self.room.room()?;
+        let mut accepted = Vec::new();
+        for path in &self.held_out_reference {
+            accepted.push(logs::read(path)?);
+        }
+        let asked = Explanation { name: spec.id.to_owned(), effects: vec![(spec, theta)] };
+        let progress = Progress::new("shrink");
+        let result = measure(&judged_on, &accepted, room, &asked, &others, |done, of| {
+            progress.at(done, of);
+        })?;
+        if self.json {
+            print_json(&json!({
+                "effect": spec.id,
+                "parameters": parameters(spec, &asked.effects[0].1),
+                "fitted_on": self.logs.first().filter(|_| self.logs.len() > judged_on.len()),
+                "judged_on": judged_on.iter().map(|f| &f.path).collect::<Vec<_>>(),
+                "references": accepted.len(),
+                "simulated_flights": SHRINK_FLIGHTS,
+                "shrink": result,
+            }))?;
+        } else {
+            print(&text(spec, &asked.effects[0].1, &result, judged_on.len(), accepted.len()));
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+
+    fn judged(&self, paths: &[PathBuf]) -> anyhow::Result<Vec<Flown>> {
+        paths.iter().map(|path| sound(path)).collect()
+    }
+}
+
+fn sound(path: &Path) -> anyhow::Result<Flown> {
+    let flown = logs::read(path)?;
+    if let Some(fault) = flown.faults.first() {
+        anyhow::bail!("{}: {fault}", path.display());
+    }
+    if flown.mission.is_empty() {
+        anyhow::bail!("{}: no mission in this log", path.display());
+    }
+    let nominal = crate::gap::nominal::Nominal::of_scene(&flown.scene(None));
+    if let Err(why) = observed(flown.clone(), &nominal).observation {
+        anyhow::bail!("{}: {why}", path.display());
+    }
+    Ok(flown)
+}
+
+/// `ID`, `ID=value,…` in the order of the parameters, or `ID=name:value,…`.
+fn parse(text: &str) -> anyhow::Result<(&'static EffectSpec, Option<Vec<f64>>)> {
+    let (id, values) = text.split_once('=').map_or((text, None), |(id, v)| (id, Some(v)));
+    let Some(spec) = whole().into_iter().find(|s| s.id == id) else {
+        let known: Vec<&str> = whole().iter().map(|s| s.id).collect();
+        anyhow::bail!("--effect {id}: no such effect, the list has {}", known.join(" "));
+    };
+    let Some(values) = values else { return Ok((spec, None)) };
+    let mut theta: Vec<f64> = spec.parameters.iter().map(|p| p.default).collect();
+    for (k, part) in values.split(',').enumerate() {
+        let (place, value) = match part.split_once(':') {
+            Some((name, value)) => {
+                let place = spec.parameters.iter().position(|p| p.name == name.trim());
+                let known: Vec<&str> = spec.parameters.iter().map(|p| p.name).collect();
+                let place = place.ok_or_else(|| {
+                    anyhow::anyhow!("--effect {id}: no parameter {name}, it has {}", known.join(", "))
+                })?;
+                (place, value)
+            }
+            None => (k, part),
+        };
+        let number: f64 = value.trim().parse().map_err(|_| {
+            anyhow::anyhow!("--effect {id}: `{value}` is no number; write {id}=0.1 or {id}=name:0.1")
+        })?;
+        let slots = theta.len();
+        let slot = theta.get_mut(place).ok_or_else(|| {
+            anyhow::anyhow!("--effect {id}: has {slots} parameters, more were given")
+        })?;
+        *slot = number;
+    }
+    // Refused here as the simulator would refuse it.
+    crate::gap::make_bank::with_effect(Default::default(), spec, &theta)
+        .map_err(|p| anyhow::anyhow!("--effect {text}: {p}"))?;
+    Ok((spec, Some(theta)))
+}
+
+/// The effect as fitted on the first log, and other candidates as fitted there.
+fn fitted(
+    session: &Session,
+    spec: &'static EffectSpec,
+) -> anyhow::Result<(Vec<f64>, Vec<Explanation>)> {
+    let diagnosis = session.judge();
+    eprintln!("{}", diagnosis.verdict);
+    let Some(attribution) = &diagnosis.attribution else {
+        anyhow::bail!("{}: {}", diagnosis.log, diagnosis.verdict)
+    };
+    let own = attribution.candidates.iter().find(|c| c.id == spec.id);
+    let Some(own) = own.filter(|c| c.theta.len() == spec.parameters.len()) else {
+        anyhow::bail!("{}: not in the library of this bank; give it values ({}=…)", spec.id, spec.id)
+    };
+    let of = |id: &str| whole().into_iter().find(|s| s.id == id);
+    let mut others: Vec<Explanation> = attribution
+        .candidates
+        .iter()
+        .filter(|c| c.id != spec.id)
+        .take(WRONG)
+        .filter_map(|c| {
+            Some(Explanation { name: c.id.clone(), effects: vec![(of(&c.id)?, c.theta.clone())] })
+        })
+        .collect();
+    // The best pair stands for a model with more freedom.
+    if let Some(pair) = attribution.pairs.first()
+        && let (Some(a), Some(b)) = (of(&pair.ids[0]), of(&pair.ids[1]))
+    {
+        let effects = vec![(a, pair.theta[0].clone()), (b, pair.theta[1].clone())];
+        others.push(Explanation { name: pair.ids.join(" + "), effects });
+    }
+    Ok((own.theta.clone(), others))
+}
+
+/// Effects of other blocks at their defaults, where nothing was fitted.
+fn controls(spec: &EffectSpec) -> Vec<Explanation> {
+    let mut blocks = vec![spec.block];
+    crate::gap::library::standard()
+        .into_iter()
+        .filter(|s| {
+            let new = !blocks.contains(&s.block);
+            blocks.push(s.block);
+            new
+        })
+        .take(WRONG)
+        .map(|s| Explanation {
+            name: s.id.to_owned(),
+            effects: vec![(s, s.parameters.iter().map(|p| p.default).collect())],
+        })
+        .collect()
+}
+
+fn parameters(spec: &EffectSpec, theta: &[f64]) -> serde_json::Value {
+    spec.parameters
+        .iter()
+        .zip(theta)
+        .map(|(p, v)| json!({ "name": p.name, "value": v, "unit": p.unit }))
+        .collect()
+}
+
+fn text(
+    spec: &EffectSpec,
+    theta: &[f64],
+    r: &Measured,
+    flights: usize,
+    references: usize,
+) -> String {
+    use std::fmt::Write as _;
+    let mut out = String::new();
+    let values: Vec<String> = spec
+        .parameters
+        .iter()
+        .zip(theta)
+        .map(|(p, v)| format!("{} = {v:.4} {}", p.name, p.unit).trim_end().to_owned())
+        .collect();
+    let _ = writeln!(out, "EFFECT      {} {}: {}", spec.id, spec.name, values.join(", "));
+    let _ = writeln!(
+        out,
+        "JUDGED ON   {flights} flights, {SHRINK_FLIGHTS} simulated flights each before and after; {references} \
+         accepted flights behind the floor"
+    );
+    let line = |s: &crate::gap::shrink::Shrink| {
+        let value = match (s.value, s.before.is_finite()) {
+            (Some(v), _) => format!("{v:>6.2}"),
+            (None, true) => "  none".to_owned(),
+            (None, false) => "    --".to_owned(),
+        };
+        let interval = s
+            .interval
+            .map_or("              ".to_owned(), |[a, b]| format!("{a:>6.2} to {b:<5.2}"));
+        format!(
+            "{value} {interval} {:>8.2} {:>8.2} {:>8.2} {:>8.2}",
+            s.before, s.after, s.floor, s.noise
+        )
+    };
+    let _ = writeln!(
+        out,
+        "\n{:<16} shrink 95 %             before    after    floor    noise",
+        ""
+    );
+    let _ = writeln!(out, "{:<16} {}", "all channels", line(&r.whole));
+    for (channel, s) in &r.channels {
+        let _ = writeln!(out, "  {channel:<14} {}", line(s));
+    }
+    let number = |v: Option<f64>| v.map_or("none".to_owned(), |v| format!("{v:.2}"));
+    let _ = writeln!(
+        out,
+        "\nattainable  {} by {} (best of everything tried); efficiency {}",
+        number(r.attainable),
+        r.attained_by,
+        number(r.efficiency)
+    );
+    let wrong: Vec<String> =
+        r.wrong.iter().map(|(id, v)| format!("{id} {}", number(*v))).collect();
+    let _ = writeln!(out, "control     median {}: {}", number(r.wrong_median), wrong.join(", "));
+    let _ = writeln!(
+        out,
+        "\nDistances are mean squared sigma of nominal flights. shrink: share of the distance above the floor that\n\
+         is closed; `none`: before is above the floor by no more than the noise, nothing to shrink; `--`: the channel\n\
+         was not visited."
+    );
+    if flights < 3 {
+        let _ = writeln!(out, "No interval: it needs at least three flights.");
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::parse;
+
+    #[test]
+    fn prop_effects_are_read_by_order_and_by_name_and_refused_in_words() {
+        assert_eq!(parse("P1").unwrap().1, None);
+        assert_eq!(parse("P1=0.08").unwrap().1, Some(vec![0.08]));
+        assert_eq!(parse("U2=anchor:3,bias:0.1").unwrap().1, Some(vec![0.1, 3.0]));
+        for (text, says) in [
+            ("Z9", "no such effect"),
+            ("P1=x", "is no number"),
+            ("P1=los:0.1", "it has loss"),
+            ("P1=0.1,0.2", "1 parameters"),
+            ("P1=90", "allowed"),
+            ("P1=", "is no number"),
+        ] {
+            let said = format!("{:#}", parse(text).unwrap_err());
+            assert!(said.contains(says), "{text}: {said}");
+        }
+    }
+}

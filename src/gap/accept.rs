@@ -1,0 +1,392 @@
+//! What was found, written back: changes of text files for the simulator and for the vehicle.
+//!
+//! An effect goes into a scenario as `[effects.on.ID]`; where it only changes numbers of the vehicle,
+//! into a vehicle file as these numbers, by the effect's own edit. On the real vehicle there is a trim
+//! in the companion's configuration, a corrected position in the anchor file, or a thing to do by hand.
+//! Every edit is of single lines, keeps comments, and is checked: the file as parsed afterwards must
+//! differ from before by what was meant and nothing else, or the edit is refused. Files are written by
+//! [`super::accepted`].
+
+use crate::frames::{E, U, Vec3, survey_from_earth};
+use crate::measure::AnchorId;
+use crate::model::board::BoardSettings;
+use crate::model::effects::{EffectConfig, EffectSet, EffectSpec};
+use crate::model::vehicle::Vehicle;
+
+/// Why a file is not edited.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum EditError {
+    /// The file is no TOML.
+    #[error("not TOML: {0}")]
+    Parse(String),
+    /// The file has the table or key in a form that is not edited line by line.
+    #[error("`{key}` stands in the file in a form that is not edited; write yourself:\n{wanted}")]
+    Form {
+        /// What was to be set.
+        key: String,
+        /// The lines.
+        wanted: String,
+    },
+    /// A value that the simulator refuses.
+    #[error("{0}")]
+    Value(String),
+    /// The effect is no number of the vehicle.
+    #[error("{id} {name} is not a number of the vehicle file; use --scenario")]
+    NotOfTheVehicle {
+        /// Effect.
+        id: &'static str,
+        /// Its name.
+        name: &'static str,
+    },
+    /// No such anchor.
+    #[error("anchor {id} is not in the file")]
+    NoAnchor {
+        /// Which.
+        id: u8,
+    },
+}
+
+/// A number as TOML: short, and a float.
+pub fn number(value: f64) -> String {
+    // Six digits are more than any of these is known to.
+    let text = format!("{:.6}", value);
+    let text = text.trim_end_matches('0');
+    if text.ends_with('.') { format!("{text}0") } else { text.to_owned() }
+}
+
+/// Sets `key = value` in `[table]` of a TOML text, one line. `value` is TOML.
+pub fn set_key(text: &str, table: &str, key: &str, value: &str) -> Result<String, EditError> {
+    let form = || EditError::Form {
+        key: format!("{table}.{key}"),
+        wanted: format!("[{table}]\n{key} = {value}"),
+    };
+    let before: toml::Table = toml::from_str(text).map_err(|e| EditError::Parse(e.to_string()))?;
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let header = lines.iter().position(|line| is_header(line, table));
+    match header {
+        None => {
+            if lines.last().is_some_and(|l| !l.trim().is_empty()) {
+                lines.push(String::new());
+            }
+            lines.push(format!("[{table}]"));
+            lines.push(format!("{key} = {value}"));
+        }
+        Some(header) => {
+            let end = lines
+                .iter()
+                .skip(header + 1)
+                .position(|line| line.trim_start().starts_with('['))
+                .map_or(lines.len(), |k| header + 1 + k);
+            let own = (header + 1..end).find(|k| lines.get(*k).is_some_and(|l| is_key(l, key)));
+            match own {
+                Some(k) => {
+                    let comment = comment_of(&lines[k]).map_or(String::new(), |c| format!(" {c}"));
+                    lines[k] = format!("{key} = {value}{comment}");
+                }
+                None => {
+                    // Behind the last line that is neither empty nor a comment of what follows.
+                    let last = (header..end)
+                        .rev()
+                        .find(|k| {
+                            let line = lines[*k].trim();
+                            !line.is_empty() && !line.starts_with('#')
+                        })
+                        .unwrap_or(header);
+                    lines.insert(last + 1, format!("{key} = {value}"));
+                }
+            }
+        }
+    }
+    let new = lines.join("\n") + "\n";
+    // What was meant, and nothing else.
+    let mut wanted = before;
+    let parsed: toml::Table =
+        toml::from_str(&format!("x = {value}")).map_err(|e| EditError::Parse(e.to_string()))?;
+    let Some(parsed) = parsed.get("x") else { return Err(form()) };
+    let mut at = &mut wanted;
+    for part in table.split('.') {
+        let entry = at.entry(part).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+        let Some(inner) = entry.as_table_mut() else { return Err(form()) };
+        at = inner;
+    }
+    at.insert(key.to_owned(), parsed.clone());
+    match toml::from_str::<toml::Table>(&new) {
+        Ok(found) if found == wanted => Ok(new),
+        _ => Err(form()),
+    }
+}
+
+fn is_header(line: &str, table: &str) -> bool {
+    let line = line.split('#').next().unwrap_or_default().trim();
+    line.strip_prefix('[')
+        .and_then(|l| l.strip_suffix(']'))
+        .is_some_and(|name| !name.starts_with('[') && name.trim() == table)
+}
+
+fn is_key(line: &str, key: &str) -> bool {
+    line.trim_start()
+        .strip_prefix(key)
+        .is_some_and(|rest| rest.trim_start().starts_with('='))
+}
+
+/// Comment at the end of a line without strings.
+fn comment_of(line: &str) -> Option<&str> {
+    if line.contains('"') || line.contains('\'') {
+        return None;
+    }
+    line.find('#').map(|k| line[k..].trim_end())
+}
+
+/// Switches an effect on in a scenario, with all its parameters.
+pub fn edit_scenario(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<String, EditError> {
+    let table = format!("effects.on.{}", spec.id);
+    let mut new = text.to_owned();
+    for (p, value) in spec.parameters.iter().zip(theta) {
+        let whole = p.name == "anchor" || p.name == "wall";
+        let value = if whole { value.round() } else { *value };
+        new = set_key(&new, &table, p.name, &number(value))?;
+    }
+    // Read as the simulator reads it.
+    let parsed: toml::Table = toml::from_str(&new).map_err(|e| EditError::Parse(e.to_string()))?;
+    let effects = parsed.get("effects").cloned().unwrap_or(toml::Value::Table(toml::Table::new()));
+    let config: EffectConfig =
+        effects.try_into().map_err(|e: toml::de::Error| EditError::Value(e.to_string()))?;
+    EffectSet::from_config(&config).map_err(|e| EditError::Value(e.to_string()))?;
+    Ok(new)
+}
+
+/// Changes the numbers of a vehicle file that an effect changes.
+pub fn edit_vehicle(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<String, EditError> {
+    let before: Vehicle = toml::from_str(text).map_err(|e| EditError::Parse(e.to_string()))?;
+    let mut after = before.clone();
+    let set = super::make_bank::with_effect(EffectSet::none(), spec, theta)
+        .map_err(|e| EditError::Value(e.to_string()))?;
+    // The bank of effects makes the edit, as it does at the start of a flight.
+    let (mut board, mut sites) = (BoardSettings::default(), Vec::new());
+    let room = crate::model::room::Room::default();
+    crate::model::effects::Bank::new(&set, 1, &mut after, &mut board, &room, &mut sites);
+    let flat = |vehicle: &Vehicle| -> Vec<(String, String, toml::Value)> {
+        let Ok(toml::Value::Table(tables)) = toml::Value::try_from(vehicle) else {
+            return Vec::new();
+        };
+        let mut rows = Vec::new();
+        for (table, value) in tables {
+            if let toml::Value::Table(keys) = value {
+                rows.extend(keys.into_iter().map(|(key, v)| (table.clone(), key, v)));
+            }
+        }
+        rows
+    };
+    let mut new = text.to_owned();
+    let mut changed = false;
+    for ((table, key, old), (_, _, now)) in flat(&before).into_iter().zip(flat(&after)) {
+        if old != now {
+            changed = true;
+            new = set_key(&new, &table, &key, &toml_text(&now))?;
+        }
+    }
+    if !changed {
+        return Err(EditError::NotOfTheVehicle { id: spec.id, name: spec.name });
+    }
+    let vehicle: Vehicle = toml::from_str(&new).map_err(|e| EditError::Parse(e.to_string()))?;
+    let mut problems = crate::checks::Problems::new();
+    vehicle.check("vehicle", &mut problems);
+    problems.into_result().map_err(|e| EditError::Value(e.to_string()))?;
+    Ok(new)
+}
+
+fn toml_text(value: &toml::Value) -> String {
+    match value {
+        toml::Value::Float(v) => float(*v),
+        toml::Value::Array(all) => {
+            let parts: Vec<String> = all.iter().map(toml_text).collect();
+            format!("[{}]", parts.join(", "))
+        }
+        other => other.to_string(),
+    }
+}
+
+/// Six significant digits, whatever the size: inertias are small numbers.
+fn float(v: f64) -> String {
+    if v == 0.0 {
+        return "0.0".to_owned();
+    }
+    let digits = (5 - v.abs().log10().floor() as i32).clamp(1, 15) as usize;
+    let text = format!("{v:.digits$}");
+    let text = text.trim_end_matches('0');
+    if text.ends_with('.') { format!("{text}0") } else { text.to_owned() }
+}
+
+/// Moves an anchor in an anchor file by a vector of the Earth frame, m.
+pub fn edit_anchor(text: &str, id: AnchorId, by_E_m: Vec3<E>) -> Result<String, EditError> {
+    let file: toml::Table = toml::from_str(text).map_err(|e| EditError::Parse(e.to_string()))?;
+    let by = match file.get("frame").and_then(|f| f.as_str()) {
+        Some("ned") => by_E_m.to_array(),
+        _ => {
+            let by_U: Vec3<U> = survey_from_earth(by_E_m);
+            by_U.to_array()
+        }
+    };
+    let anchors = file.get("anchor").and_then(|a| a.as_array());
+    let number_of = |a: &toml::Value| a.get("id").and_then(toml::Value::as_integer);
+    let places = anchors.map_or(&[][..], Vec::as_slice);
+    let place = places.iter().position(|a| number_of(a) == Some(i64::from(id.0)));
+    let Some(place) = place else { return Err(EditError::NoAnchor { id: id.0 }) };
+    let float = |v: &toml::Value| v.as_float().or_else(|| v.as_integer().map(|i| i as f64));
+    let old: Vec<f64> = places
+        .get(place)
+        .and_then(|a| a.get("position_m"))
+        .and_then(|p| p.as_array())
+        .map(|p| p.iter().filter_map(float).collect())
+        .unwrap_or_default();
+    let new_position: Vec<String> =
+        old.iter().zip(by).map(|(a, b)| number((1e4 * (a + b)).round() / 1e4)).collect();
+    let value = format!("[{}]", new_position.join(", "));
+    let wanted = format!("[[anchor]]\nid = {}\nposition_m = {value}", id.0);
+    let form = || EditError::Form { key: format!("anchor {}", id.0), wanted: wanted.clone() };
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let headers: Vec<usize> = lines
+        .iter()
+        .enumerate()
+        .filter(|(_, l)| l.split('#').next().unwrap_or_default().trim() == "[[anchor]]")
+        .map(|(k, _)| k)
+        .collect();
+    let (Some(from), true) = (headers.get(place).copied(), old.len() == 3) else {
+        return Err(form());
+    };
+    let to = headers.get(place + 1).copied().unwrap_or(lines.len());
+    let line = (from..to).find(|k| is_key(&lines[*k], "position_m")).ok_or_else(form)?;
+    let comment = comment_of(&lines[line]).map_or(String::new(), |c| format!(" {c}"));
+    lines[line] = format!("position_m = {value}{comment}");
+    let new = lines.join("\n") + "\n";
+    // Only that anchor may have moved.
+    let mut expected = file.clone();
+    if let Some(entry) = expected
+        .get_mut("anchor")
+        .and_then(|a| a.as_array_mut())
+        .and_then(|a| a.get_mut(place))
+        .and_then(|a| a.as_table_mut())
+    {
+        let parsed: Result<toml::Table, _> = toml::from_str(&format!("x = {value}"));
+        let position = parsed.ok().and_then(|t| t.get("x").cloned()).ok_or_else(form)?;
+        entry.insert("position_m".to_owned(), position);
+    }
+    match toml::from_str::<toml::Table>(&new) {
+        Ok(found) if found == expected => Ok(new),
+        _ => Err(form()),
+    }
+}
+
+/// What a person does about an effect on the vehicle or in the room.
+pub fn by_hand(id: &str) -> &'static str {
+    match id {
+        "P1" => "replace the wings (wear of film and spars is the usual cause); check the supply too",
+        "P2" => "replace the battery or its connector: its inner resistance has grown",
+        "P3" => "replace the battery: it holds less charge than the nominal one",
+        "P4" | "P5" => "check motors and gears: they follow late, or not to full speed",
+        "P6" => "compare the two wings, replace the weaker one, or trim roll",
+        "P7" => "let the motors cool between flights; check gears for friction",
+        "I1" => "weigh the vehicle; take off what was added, or set the mass in the vehicle file",
+        "I2" => "move the battery so that the vehicle balances where it is drawn",
+        "I3" => "look for loose or added parts far from the middle",
+        "L1" | "L2" | "A11" => "check servos and linkages for friction; check the board's gains",
+        "L3" => "centre the servos, or trim (below)",
+        "L4" => "tighten the linkages: there is play in them",
+        "L5" => "check the travel of the servos and the limits on the board",
+        "L6" => "check that the wing roots turn freely and evenly",
+        "M1" | "M2" | "M3" => "calibrate the board's accelerometer, six positions, at flying temperature",
+        "M4" => "level-calibrate the board, or shim it: its IMU is not level",
+        "M5" => "calibrate the board's gyroscope at rest",
+        "M6" | "M7" => "mount the board softer: vibration reaches the accelerometer",
+        "U1" | "U9" | "U10" | "T4" => "check antennas, cables, and what else sends on the channel",
+        "U2" | "U4" => "calibrate the anchor's antenna delay",
+        "U3" | "U11" => "move the tag's antenna clear of battery and frame, or give its place in estimator.p_BT_B_m",
+        "U5" => "clear the path between the anchor and that place, or move the anchor",
+        "U6" => "raise the low anchors",
+        "U7" => "measure the anchor again; the survey correction is below",
+        "U8" => "power-cycle the anchor and let it warm up; replace it if it still drifts",
+        "T1" => "set uwb.tag_latency_s; check the load of the companion's computer",
+        "T2" | "T3" => "check the link from companion to board: baud rate, load, packet loss",
+        "H1" | "H2" => "give board.north_offset_deg, keep magnets and motors' wires away from the compass",
+        "A5" | "A6" | "A7" => "close doors, stop fans; nothing to repair on the vehicle",
+        _ => "nothing to repair: the nominal model lacks it; take the scenario patch",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::library::standard;
+
+    fn spec(id: &str) -> &'static EffectSpec {
+        standard().into_iter().find(|s| s.id == id).unwrap()
+    }
+
+    #[test]
+    fn prop_one_line_changes_and_comments_stay() {
+        let text = "a = 1 # one\n\n[t] # table\nx = 2.0 # two\n# about z\nz = [1, 2]\n\n[[u]]\nx = 5\n";
+        let new = set_key(text, "t", "x", "3.5").unwrap();
+        assert_eq!(new, text.replace("x = 2.0 # two", "x = 3.5 # two"));
+        let new = set_key(text, "t", "y", "1.0").unwrap();
+        assert_eq!(new, text.replace("z = [1, 2]\n", "z = [1, 2]\ny = 1.0\n"));
+        let new = set_key(text, "v.w", "y", "1.0").unwrap();
+        assert_eq!(new, format!("{text}\n[v.w]\ny = 1.0\n"));
+        assert!(matches!(set_key("x = ", "t", "x", "1.0"), Err(EditError::Parse(_))));
+        // Forms that are not edited line by line are refused, with the lines to write.
+        for odd in ["t = { x = 1.0 }\n", "t.x = 1.0\n", "[t]\nx = [1,\n2]\n", "t = 3\n"] {
+            let said = set_key(odd, "t", "x", "3.5").unwrap_err();
+            assert!(said.to_string().contains("[t]\nx = 3.5"), "{odd}: {said}");
+        }
+    }
+
+    #[test]
+    fn prop_a_scenario_takes_every_effect_and_refuses_senseless_values() {
+        let text = "seed = 3\n\n[effects]\nnominal = true\n\n[[fault]]\nat_s = 1.0\npart = \"tag\"\n";
+        for spec in standard() {
+            let theta: Vec<f64> = spec.parameters.iter().map(|p| p.default).collect();
+            let new = edit_scenario(text, spec, &theta).unwrap();
+            let config: toml::Table = toml::from_str(&new).unwrap();
+            assert!(config["effects"]["on"].get(spec.id).is_some(), "{new}");
+            // Again with other values: replaced, not doubled.
+            let again = edit_scenario(&new, spec, &theta).unwrap();
+            assert_eq!(again, new);
+        }
+        assert!(matches!(edit_scenario(text, spec("P1"), &[40.0]), Err(EditError::Value(_))));
+    }
+
+    #[test]
+    fn val_a_vehicle_file_gets_the_numbers_that_the_effect_makes() {
+        let heavier = edit_vehicle("name = \"own\"\n", spec("I1"), &[6.0]).unwrap();
+        let vehicle: Vehicle = toml::from_str(&heavier).unwrap();
+        assert!((vehicle.body.mass_kg - Vehicle::default().body.mass_kg - 0.006).abs() < 1e-7);
+        assert_eq!(vehicle.name, "own");
+        let rough = edit_vehicle("", spec("A1"), &[1.3, 1.0, 1.0]).unwrap();
+        let vehicle: Vehicle = toml::from_str(&rough).unwrap();
+        let (now, was) = (vehicle.drag.k_ns_per_m_hz[0], Vehicle::default().drag.k_ns_per_m_hz[0]);
+        assert!((now / was - 1.3).abs() < 1e-4, "{rough}");
+        let said = edit_vehicle("", spec("U2"), &[0.2, 3.0]).unwrap_err();
+        assert!(said.to_string().contains("--scenario"), "{said}");
+    }
+
+    #[test]
+    fn val_an_anchor_moves_in_the_frame_of_its_file() {
+        let text = "frame = \"enu\" # z up\n\n[[anchor]]\nid = 4\nposition_m = [1.0, 2.0, 3.0] # shelf\n\n[[anchor]]\nid = 7\nposition_m = [0.0, 0.0, 1]\n";
+        // North 0.2, east 0.1, down 0.3: in ENU x east 0.1, y north 0.2, z up -0.3.
+        let new = edit_anchor(text, AnchorId(4), Vec3::new(0.2, 0.1, 0.3)).unwrap();
+        let by = crate::frames::survey_from_earth(Vec3::<E>::new(0.2, 0.1, 0.3)).to_array();
+        let want = format!(
+            "position_m = [{}, {}, {}] # shelf",
+            number(1.0 + by[0]),
+            number(2.0 + by[1]),
+            number(3.0 + by[2])
+        );
+        assert_eq!(new, text.replace("position_m = [1.0, 2.0, 3.0] # shelf", &want));
+        let said = edit_anchor(text, AnchorId(5), Vec3::new(0.0, 0.0, 0.0)).unwrap_err();
+        assert_eq!(said, EditError::NoAnchor { id: 5 });
+        let inline = "frame = \"ned\"\nanchor = [{ id = 4, position_m = [1.0, 2.0, 3.0] }]\n";
+        assert!(matches!(
+            edit_anchor(inline, AnchorId(4), Vec3::new(0.1, 0.0, 0.0)),
+            Err(EditError::Form { .. })
+        ));
+    }
+}
