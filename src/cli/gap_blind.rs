@@ -10,6 +10,7 @@ use super::{print, print_json};
 use crate::gap::attribute::Settings;
 use crate::gap::blind::{BlindResult, Choice, run};
 use crate::gap::scene::Scene;
+use crate::gap::score::Score;
 
 /// Scores a sealed suite of flights (`haltere-sim cases`) against its key, which is opened only when
 /// every case has been answered.
@@ -32,6 +33,13 @@ pub(super) struct Blind {
     /// Scores the answers of another method, one JSON object a line, in place of our own.
     #[arg(long, value_name = "FILE")]
     answers: Option<PathBuf>,
+    /// Takes every effect out of the library in turn and diagnoses its flights without it.
+    #[arg(long, conflicts_with_all = ["answers", "shrink", "without_references"])]
+    withhold_each: bool,
+    /// Fails when a score is surely lower: `top_1=0.4` asks that the upper 95 % limit of top-1 is at
+    /// least 0.4, `false_alarm=0.1` that the lower limit of false alarms is at most 0.1.
+    #[arg(long, value_name = "SCORE=SHARE", value_parser = demand)]
+    demand: Vec<(String, f64)>,
     #[command(flatten)]
     room: RoomOptions,
     #[command(flatten)]
@@ -68,13 +76,90 @@ impl Blind {
             outside: self.answers.clone(),
         };
         let tell = |line: String| eprintln!("{line}");
+        if self.withhold_each {
+            let folder = self.options.folder();
+            let result = crate::gap::withheld::run(&self.dir, &folder, &room, &choice, &tell)?;
+            if self.json {
+                print_json(&result)?;
+            } else {
+                print(&result.table());
+            }
+            return Ok(ExitCode::SUCCESS);
+        }
         let result = run(&self.dir, &self.options.folder(), &room, &choice, &tell)?;
         if self.json {
             print_json(&result)?;
         } else {
             print(&text(&result));
         }
-        Ok(ExitCode::SUCCESS)
+        let missed = missed(&result.score, &self.demand);
+        for line in &missed {
+            eprintln!("{line}");
+        }
+        Ok(if missed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    }
+}
+
+/// Scores that can be demanded, and whether more is better.
+const DEMANDED: [(&str, bool); 6] = [
+    ("top_1", true),
+    ("top_3", true),
+    ("subsystem", true),
+    ("covered", true),
+    ("false_alarm", false),
+    ("known_rejected", false),
+];
+
+fn demand(text: &str) -> Result<(String, f64), String> {
+    let known = || DEMANDED.map(|(name, _)| name).join(", ");
+    let (name, share) = text.split_once('=').ok_or("expected SCORE=SHARE")?;
+    if !DEMANDED.iter().any(|(known, _)| *known == name) {
+        return Err(format!("no score {name:?}, there are {}", known()));
+    }
+    let share: f64 = share.parse().map_err(|e| format!("{share:?}: {e}"))?;
+    if !(0.0..=1.0).contains(&share) {
+        return Err(format!("{share}: a share lies between 0 and 1"));
+    }
+    Ok((name.to_owned(), share))
+}
+
+/// Demands that the limits of a score exclude.
+fn missed(score: &Score, demands: &[(String, f64)]) -> Vec<String> {
+    demands
+        .iter()
+        .filter_map(|(name, share)| {
+            let found = match name.as_str() {
+                "top_1" => score.top_1,
+                "top_3" => score.top_3,
+                "subsystem" => score.subsystem,
+                "covered" => score.covered,
+                "false_alarm" => score.false_alarm,
+                _ => score.known_rejected,
+            };
+            let (_, more) = DEMANDED.iter().find(|(known, _)| known == name)?;
+            let met = if *more { found.high >= *share } else { found.low <= *share };
+            let limits = format!("95 % limits {:.3} to {:.3}", found.low, found.high);
+            (!met).then(|| format!("{name}: {} of {}, {limits}, {share} demanded", found.hits, found.of))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::score::Share;
+
+    #[test]
+    fn val_demands_are_held_against_the_limits() {
+        let score = Score {
+            top_1: Share::new(12, 25),
+            false_alarm: Share::new(2, 12),
+            ..Score::default()
+        };
+        let of = |text: &str| missed(&score, &[demand(text).unwrap()]).len();
+        assert_eq!((of("top_1=0.6"), of("top_1=0.9")), (0, 1));
+        assert_eq!((of("false_alarm=0.1"), of("false_alarm=0.01")), (0, 1));
+        assert!(demand("top_2=0.5").is_err() && demand("top_1=2").is_err());
     }
 }
 
@@ -92,6 +177,9 @@ fn text(r: &BlindResult) -> String {
             "{name:<24}{value}{interval}: {:.2} to {:.2}, floor {:.2}",
             s.before, s.after, s.floor
         );
+    }
+    if r.shrink.is_some() {
+        let _ = writeln!(out, "named effects that help at no size when flown: {}", r.unhelpful);
     }
     if let Some(plain) = &r.plain {
         let _ = writeln!(out, "plain missions:\n{}", plain.table());

@@ -79,44 +79,44 @@ pub struct Choice {
 }
 
 #[derive(Debug, Deserialize)]
-struct Suite {
-    generator: String,
-    all_keys_sha256: String,
-    cases: Vec<Entry>,
-    commissioning: Vec<Public>,
-    calibration: Vec<Public>,
+pub(super) struct Suite {
+    pub(super) generator: String,
+    pub(super) all_keys_sha256: String,
+    pub(super) cases: Vec<Entry>,
+    pub(super) commissioning: Vec<Public>,
+    pub(super) calibration: Vec<Public>,
 }
 
 #[derive(Debug, Clone, Deserialize)]
-struct Entry {
-    id: String,
-    mission: String,
-    log: String,
-    held_out_log: Option<String>,
-    tenth: bool,
-    lockbox: bool,
-    key_sha256: String,
+pub(super) struct Entry {
+    pub(super) id: String,
+    pub(super) mission: String,
+    pub(super) log: String,
+    pub(super) held_out_log: Option<String>,
+    pub(super) tenth: bool,
+    pub(super) lockbox: bool,
+    pub(super) key_sha256: String,
 }
 
 #[derive(Debug, Deserialize)]
-struct Public {
-    diagnostic: String,
-    held_out: String,
-    plain: String,
+pub(super) struct Public {
+    pub(super) diagnostic: String,
+    pub(super) held_out: String,
+    pub(super) plain: String,
 }
 
 #[derive(Debug, Deserialize)]
-struct Key {
-    class: String,
-    effects: Vec<KeyEffect>,
+pub(super) struct Key {
+    pub(super) class: String,
+    pub(super) effects: Vec<KeyEffect>,
 }
 
 #[derive(Debug, Deserialize)]
-struct KeyEffect {
-    id: String,
-    block: String,
-    parameters: BTreeMap<String, f64>,
-    anchor: Option<u8>,
+pub(super) struct KeyEffect {
+    pub(super) id: String,
+    pub(super) block: String,
+    pub(super) parameters: BTreeMap<String, f64>,
+    pub(super) anchor: Option<u8>,
 }
 
 /// One answer, as it was given before the key was opened.
@@ -161,11 +161,13 @@ pub struct BlindResult {
     pub seconds_per_case: f64,
     /// Time for banks and learning, s.
     pub seconds_learning: f64,
+    /// Of the effects that were named, those that helped at no size when flown.
+    pub unhelpful: usize,
     /// Every answer, and the class of its case.
     pub answers: Vec<(Answer, String)>,
 }
 
-fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<(T, Vec<u8>), BlindError> {
+pub(super) fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<(T, Vec<u8>), BlindError> {
     let fail = |why: String| BlindError::File { path: path.to_owned(), why };
     let bytes = std::fs::read(path).map_err(|e| fail(e.to_string()))?;
     let value = serde_json::from_slice(&bytes).map_err(|e| fail(e.to_string()))?;
@@ -201,7 +203,7 @@ pub fn run(
         Some(file) => outside(file, &chosen)?,
         None => own(dir, banks, room, choice, &suite, &chosen, &library, tell)?,
     };
-    let Given { answers, seen_held_out, references_used, judging_s, learning_s } = given;
+    let Given { answers, seen, references_used, judging_s, learning_s } = given;
 
     // From here on the keys are open.
     let keys: Vec<Key> = chosen.iter().map(|case| open(dir, case)).collect::<Result<_, _>>()?;
@@ -213,7 +215,7 @@ pub fn run(
             &chosen,
             &keys,
             &answers,
-            &seen_held_out,
+            &seen,
             tell,
         )?)
     } else {
@@ -235,7 +237,8 @@ pub fn run(
         (!cases.is_empty()).then(|| score(&cases))
     };
     let (anchor_hits, anchor_of) = anchors(&keys, &answers);
-    let (shrink, attainable) = held_out.map_or((None, None), |(a, b)| (Some(a), Some(b)));
+    let (shrink, attainable, unhelpful) =
+        held_out.map_or((None, None, 0), |(a, b, n)| (Some(a), Some(b), n));
     Ok(BlindResult {
         generator: suite.generator,
         all_keys_sha256: suite.all_keys_sha256,
@@ -250,6 +253,7 @@ pub fn run(
         anchor_of,
         shrink,
         attainable,
+        unhelpful,
         plain: scored(true),
         seconds_per_case: judging_s / answers.len().max(1) as f64,
         seconds_learning: learning_s,
@@ -260,7 +264,8 @@ pub fn run(
 /// All answers, before any key is opened.
 struct Given {
     answers: Vec<Answer>,
-    seen_held_out: Vec<Option<Vec<f64>>>,
+    /// Statistics of the diagnosed and of the held-out flight, where shrink is asked for.
+    seen: Vec<Option<[Vec<f64>; 2]>>,
     references_used: usize,
     judging_s: f64,
     learning_s: f64,
@@ -284,7 +289,7 @@ fn outside(file: &Path, chosen: &[Entry]) -> Result<Given, BlindError> {
         })
         .collect::<Result<Vec<_>, BlindError>>()?;
     Ok(Given {
-        seen_held_out: vec![None; answers.len()],
+        seen: vec![None; answers.len()],
         answers,
         references_used: 0,
         judging_s: 0.0,
@@ -305,7 +310,7 @@ fn own(
     tell: &(impl Fn(String) + Sync),
 ) -> Result<Given, BlindError> {
     let mut answers: Vec<Answer> = Vec::new();
-    let mut seen_held_out: Vec<Option<Vec<f64>>> = Vec::new();
+    let mut seen: Vec<Option<[Vec<f64>; 2]>> = Vec::new();
     let (mut learning_s, mut judging_s) = (0.0, 0.0);
     let mut references_used = 0;
     for mission in ["diagnostic", "plain"] {
@@ -339,16 +344,20 @@ fn own(
 
         let started = Instant::now();
         for (k, case) in of_mission.iter().enumerate() {
+            let mut diagnosed = None;
             let answer = match logs::read(&dir.join(&case.log)) {
                 Err(error) => Answer::fault(&case.id, error.to_string()),
-                Ok(flown) => answer(&case.id, &observed(flown, &workshop.nominal), |s| {
-                    attributor.attribute(s)
-                }),
+                Ok(flown) => {
+                    let observed = observed(flown, &workshop.nominal);
+                    diagnosed = observed.observation.as_ref().ok().map(|o| o.statistics.clone());
+                    answer(&case.id, &observed, |s| attributor.attribute(s))
+                }
             };
             answers.push(answer);
-            seen_held_out.push(case.held_out_log.as_ref().filter(|_| choice.shrink).and_then(
-                |log| statistics(dir, std::iter::once(log), &workshop).into_iter().next(),
-            ));
+            let held_out = case.held_out_log.as_ref().filter(|_| choice.shrink).and_then(|log| {
+                statistics(dir, std::iter::once(log), &workshop).into_iter().next()
+            });
+            seen.push(diagnosed.zip(held_out).map(|(a, b)| [a, b]));
             if (k + 1).is_multiple_of(10) || k + 1 == of_mission.len() {
                 let each_s = started.elapsed().as_secs_f64() / (k + 1) as f64;
                 let left_s = each_s * (of_mission.len() - k - 1) as f64;
@@ -358,10 +367,10 @@ fn own(
         judging_s += started.elapsed().as_secs_f64();
     }
 
-    Ok(Given { answers, seen_held_out, references_used, judging_s, learning_s })
+    Ok(Given { answers, seen, references_used, judging_s, learning_s })
 }
 
-fn statistics<'a>(
+pub(super) fn statistics<'a>(
     dir: &Path,
     logs: impl Iterator<Item = &'a String>,
     workshop: &Workshop,
@@ -403,7 +412,7 @@ fn answer(id: &str, seen: &Observed, attribute: impl Fn(&[f64]) -> Attribution) 
     }
 }
 
-fn open(dir: &Path, case: &Entry) -> Result<Key, BlindError> {
+pub(super) fn open(dir: &Path, case: &Entry) -> Result<Key, BlindError> {
     let path = dir.join("key").join(format!("{}.json", case.id));
     let (key, bytes): (Key, _) = read(&path)?;
     let found = seal::digest(&bytes);
@@ -469,7 +478,39 @@ fn anchors(keys: &[Key], answers: &[Answer]) -> (usize, usize) {
     (hits, of)
 }
 
-/// Shrink with what was named, and with the true effect fitted.
+/// Scene and mission of a log.
+struct Stage {
+    scene: super::scene::Scene,
+    items: Vec<MISSION_ITEM_INT_DATA>,
+    references: Vec<Vec<f64>>,
+}
+
+impl Stage {
+    fn new(
+        dir: &Path,
+        room: &Room,
+        log: &str,
+        healthy: impl Iterator<Item = String>,
+    ) -> Result<Self, BlindError> {
+        let flown = logs::read(&dir.join(log))?;
+        let scene = flown.scene(Some(room.clone())).on_grid();
+        let nominal = super::nominal::Nominal::of_scene(&scene);
+        let references = healthy
+            .filter_map(|log| {
+                let flown = logs::read(&dir.join(log)).ok()?;
+                observed(flown, &nominal).observation.ok().map(|o| o.statistics)
+            })
+            .collect();
+        Ok(Self { scene, items: flown.mission.clone(), references })
+    }
+
+    fn model(&self) -> HeldOut<'_> {
+        HeldOut::new(&self.scene, &self.items, &self.references)
+    }
+}
+
+/// Shrink with what was named, and with the true effect fitted: the size is searched on the diagnosed
+/// flight, the shrink measured on the held-out one. Last: how many named effects helped at no size.
 #[allow(clippy::too_many_arguments)] // one caller, and every part is another thing
 fn shrunk(
     dir: &Path,
@@ -478,44 +519,58 @@ fn shrunk(
     chosen: &[Entry],
     keys: &[Key],
     answers: &[Answer],
-    seen: &[Option<Vec<f64>>],
+    seen: &[Option<[Vec<f64>; 2]>],
     tell: &(impl Fn(String) + Sync),
-) -> Result<(Shrink, Shrink), BlindError> {
-    let Some(log) = chosen.iter().find_map(|c| c.held_out_log.as_ref()) else {
+) -> Result<(Shrink, Shrink, usize), BlindError> {
+    let diagnostic = |c: &&Entry| c.mission == "diagnostic" && c.held_out_log.is_some();
+    let Some(first) = chosen.iter().find(diagnostic) else {
         return Err(BlindError::Empty(dir.to_owned()));
     };
-    let flown = logs::read(&dir.join(log))?;
-    let scene = flown.scene(Some(room.clone())).on_grid();
-    let items: Vec<MISSION_ITEM_INT_DATA> = flown.mission.clone();
-    let nominal = super::nominal::Nominal::of_scene(&scene);
-    let references: Vec<Vec<f64>> = public
-        .iter()
-        .filter_map(|c| {
-            let flown = logs::read(&dir.join(&c.held_out)).ok()?;
-            observed(flown, &nominal).observation.ok().map(|o| o.statistics)
-        })
-        .collect();
-    let model = HeldOut::new(&scene, &items, &references);
+    let log = first.held_out_log.clone().unwrap_or_default();
+    let held_out = Stage::new(dir, room, &log, public.iter().map(|c| c.held_out.clone()))?;
+    let fitted_on = Stage::new(dir, room, &first.log, public.iter().map(|c| c.diagnostic.clone()))?;
+    let (model, fit) = (held_out.model(), fitted_on.model());
     let spec = |id: &str| library::standard().into_iter().find(|s| s.id == id);
     let (mut named, mut right): (Vec<Paired>, Vec<Paired>) = (Vec::new(), Vec::new());
-    for ((key, answer), real) in keys.iter().zip(answers).zip(seen) {
-        let (Some(attribution), Some(real)) = (&answer.attribution, real) else { continue };
+    let mut unhelpful = 0;
+    let of = keys.iter().filter(|key| key.class == "single").count();
+    let mut done = 0;
+    for ((key, answer), seen) in keys.iter().zip(answers).zip(seen) {
+        let (Some(attribution), Some([diagnosed, real])) = (&answer.attribution, seen) else {
+            continue;
+        };
         let [effect] = &key.effects[..] else { continue };
         if key.class != "single" {
             continue;
         }
+        let flown = |spec: &EffectSpec, theta: &[f64]| -> (Paired, bool) {
+            match super::resize::resize(&fit, diagnosed, spec, theta).theta {
+                Some(theta) => (model.paired(real, &[(spec, &theta)]), true),
+                None => (model.paired(real, &[]), false),
+            }
+        };
+        let mut of_named: Option<(String, Paired)> = None;
         if let Some(first) = attribution.outcome.effects().first()
             && let Some(spec) = spec(&first.id)
         {
-            named.push(model.paired(real, &[(spec, &first.theta)]));
+            let (paired, helps) = flown(spec, &first.theta);
+            unhelpful += usize::from(!helps);
+            named.push(paired.clone());
+            of_named = Some((first.id.clone(), paired));
         }
         if let Some(fitted) = attribution.candidates.iter().find(|c| c.id == effect.id)
             && let Some(spec) = spec(&effect.id)
             && !fitted.theta.is_empty()
         {
-            right.push(model.paired(real, &[(spec, &fitted.theta)]));
+            right.push(match of_named {
+                Some((id, paired)) if id == effect.id => paired,
+                _ => flown(spec, &fitted.theta).0,
+            });
         }
-        tell(format!("shrink: {} flights", named.len()));
+        done += 1;
+        if done % 5 == 0 || done == of {
+            tell(format!("shrink: {done} of {of} cases"));
+        }
     }
-    Ok((model.shrink(&named), model.shrink(&right)))
+    Ok((model.shrink(&named), model.shrink(&right), unhelpful))
 }

@@ -19,6 +19,8 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 /// Simulated flights before and after, per held-out flight. Paired seeds.
 pub const SHRINK_FLIGHTS: usize = 8;
+/// Simulated flights at each share of a size that is searched.
+const SEARCH_FLIGHTS: usize = 4;
 /// First seed of these flights: none of a bank's.
 const SHRINK_SEED: u64 = 7_700_000;
 /// Resampling of intervals.
@@ -428,6 +430,8 @@ pub struct HeldOut<'a> {
     scales: Vec<f64>,
     /// Added to every simulated flight: what healthy flights of this airframe differ by.
     offset: Vec<f64>,
+    /// Healthy flights of this airframe on this mission.
+    healthy: Vec<Vec<f64>>,
 }
 
 impl<'a> HeldOut<'a> {
@@ -444,8 +448,9 @@ impl<'a> HeldOut<'a> {
             before: Vec::new(),
             scales: Vec::new(),
             offset: Vec::new(),
+            healthy: references.to_vec(),
         };
-        result.before = result.fly(&[]);
+        result.before = result.fly(&[], SHRINK_FLIGHTS);
         // The spread of real healthy flights is wider than that of one model.
         let spread = if references.len() >= 8 { references } else { &result.before };
         result.scales = scales(spread);
@@ -470,9 +475,9 @@ impl<'a> HeldOut<'a> {
         rows.into_iter().map(shift).collect()
     }
 
-    fn fly(&self, effects: &[(&EffectSpec, &[f64])]) -> Vec<Vec<f64>> {
+    fn fly(&self, effects: &[(&EffectSpec, &[f64])], flights: usize) -> Vec<Vec<f64>> {
         use rayon::prelude::*;
-        (0..SHRINK_FLIGHTS as u64)
+        (0..flights as u64)
             .into_par_iter()
             .filter_map(|k| {
                 let mut plant = self.scene.plant(SHRINK_SEED + k);
@@ -493,13 +498,22 @@ impl<'a> HeldOut<'a> {
 
     /// One real flight beside the model before and after.
     pub fn paired(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> Paired {
-        let after = self.shifted(self.fly(effects));
+        let after = self.shifted(self.fly(effects, SHRINK_FLIGHTS));
         let common = after.len().min(self.before.len());
         Paired {
             real: real.to_vec(),
             before: self.before[..common].to_vec(),
             after: after[..common].to_vec(),
+            healthy: self.healthy.clone(),
         }
+    }
+
+    /// Mean distance of a real flight to the model with these effects; a few flights, for a search.
+    pub fn left(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> f64 {
+        let flights = self.shifted(self.fly(effects, SEARCH_FLIGHTS));
+        let left = super::shrink::to_all(real, &flights, &self.scales);
+        // Effects that cannot be flown explain nothing.
+        if left.is_finite() { left } else { f64::INFINITY }
     }
 
     /// Shrink over held-out flights.

@@ -30,6 +30,7 @@ pub mod page;
 pub mod picture;
 pub mod regress;
 pub mod residuals;
+pub mod resize;
 pub mod scene;
 pub mod score;
 pub mod seal;
@@ -40,6 +41,7 @@ pub mod timeline;
 pub mod trace;
 pub mod trial;
 pub mod trim;
+pub mod withheld;
 pub mod workshop;
 
 #[cfg(test)]

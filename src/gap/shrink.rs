@@ -1,9 +1,11 @@
 //! How far a gap shrinks once an effect is added, on flights that were not used for the fit.
 //!
-//! `D(real, sim) = E |z_r - z_s|² / p`, over pairs of a real and a simulated flight; the floor
-//! `F = E |z_s - z_s'|² / p` over pairs of simulated flights at the fitted model: what two flights
-//! of the same model differ by. `shrink = (D_before - D_after) / (D_before - F)`. `z`: statistics
-//! by the robust sigma of the simulated flights before; unknown ones are left out pairwise. Values
+//! `D(real, sim) = E |z_r - z_s|² / p`, over pairs of a real and a simulated flight. The floor `F` is
+//! what a perfect model would still differ by: with accepted flights of the airframe their own distance to
+//! the nominal model, which describes them; else `E |z_s - z_s'|² / p` over pairs of simulated flights
+//! at the fitted model. `shrink = (D_before - D_after) / (D_before - F)`. `z`: statistics by a robust sigma,
+//! compressed beyond ten of them (`10 asinh(z/10)`), so that one broken statistic is not the whole gap;
+//! unknown ones are left out pairwise. Values
 //! above one or below zero are not clipped. Intervals: BCa bootstrap over real flights
 //! (Efron 1987), with the simulated flights of each as one cluster.
 
@@ -13,8 +15,10 @@ use crate::model::random::Stream;
 
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;
-/// Standardised differences are cut here: one broken statistic must not be the whole gap.
-const LARGEST: f64 = 30.0;
+/// Standardised differences grow like their logarithm from here on.
+const LARGE: f64 = 10.0;
+/// Fewest accepted flights that make a floor.
+const LEAST_HEALTHY: usize = 8;
 /// Sigma per median absolute deviation of a normal variable.
 const SIGMA_PER_MAD: f64 = 1.4826;
 
@@ -27,6 +31,18 @@ pub struct Paired {
     pub before: Vec<Vec<f64>>,
     /// With the effect, one row per seed, in the same order.
     pub after: Vec<Vec<f64>>,
+    /// Accepted flights of the airframe on the same mission; may be empty.
+    pub healthy: Vec<Vec<f64>>,
+}
+
+impl Paired {
+    /// What a perfect model would still differ by.
+    fn floor(&self, scales: &[f64]) -> f64 {
+        if self.healthy.len() < LEAST_HEALTHY {
+            return among(&self.after, scales);
+        }
+        mean(self.healthy.iter().map(|h| to_all(h, &self.before, scales)))
+    }
 }
 
 /// Shrink with its interval.
@@ -73,7 +89,7 @@ pub fn distance(a: &[f64], b: &[f64], scales: &[f64]) -> f64 {
     for ((x, y), s) in a.iter().zip(b).zip(scales) {
         let z = (x - y) / s;
         if z.is_finite() {
-            sum += z.clamp(-LARGEST, LARGEST).powi(2);
+            sum += (LARGE * (z / LARGE).asinh()).powi(2);
             count += 1.0;
         }
     }
@@ -81,7 +97,7 @@ pub fn distance(a: &[f64], b: &[f64], scales: &[f64]) -> f64 {
 }
 
 /// Mean distance of one flight to many.
-fn to_all(real: &[f64], sims: &[Vec<f64>], scales: &[f64]) -> f64 {
+pub(super) fn to_all(real: &[f64], sims: &[Vec<f64>], scales: &[f64]) -> f64 {
     mean(sims.iter().map(|s| distance(real, s, scales)))
 }
 
@@ -111,7 +127,7 @@ pub fn shrink(flights: &[Paired], scales: &[f64], seed: u64) -> Shrink {
             [
                 to_all(&f.real, &f.before, scales),
                 to_all(&f.real, &f.after, scales),
-                among(&f.after, scales),
+                f.floor(scales),
             ]
         })
         .filter(|p| p.iter().all(|v| v.is_finite()))
@@ -163,10 +179,15 @@ pub fn wrong_effects(shrinks: &[Shrink]) -> Option<f64> {
 }
 
 /// 95 % limit of the mean of `D - F` over as many flights, when the flights are of the model
-/// itself: every simulated flight in turn plays the real one.
+/// itself: every accepted flight, or else every simulated one in turn, plays the real one.
 fn noise(flights: &[Paired], scales: &[f64], count: usize) -> f64 {
     let mut own: Vec<f64> = Vec::new();
     for f in flights {
+        if f.healthy.len() >= LEAST_HEALTHY {
+            let floor = f.floor(scales);
+            own.extend(f.healthy.iter().map(|h| to_all(h, &f.before, scales) - floor));
+            continue;
+        }
         let all = among(&f.after, scales);
         for (i, played) in f.after.iter().enumerate() {
             let others = f.after.iter().enumerate().filter(|(k, _)| *k != i);
@@ -259,6 +280,7 @@ mod tests {
                 real: flight(gap),
                 before: (0..20).map(|_| flight(0.0)).collect(),
                 after: (0..20).map(|_| flight(closed * gap)).collect(),
+                healthy: vec![],
             })
             .collect();
         let nominal: Vec<Vec<f64>> = paired.iter().flat_map(|p| p.before.clone()).collect();
@@ -277,6 +299,30 @@ mod tests {
             let [low, high] = s.interval.unwrap();
             assert!(low <= value && value <= high && high - low < 0.4, "{low} {value} {high}");
         }
+    }
+
+    #[test]
+    fn prop_accepted_flights_make_the_floor_of_a_noisier_world() {
+        // A real world with twice the noise of the model: a perfect model still has its floor there.
+        let mut rng = Stream::new(11, "noisier");
+        let mut flight = |sigma: f64, shift: f64| -> Vec<f64> {
+            (0..40).map(|j| sigma * rng.normal() + if j < 20 { shift } else { 0.0 }).collect()
+        };
+        let flights: Vec<Paired> = (0..12)
+            .map(|_| Paired {
+                real: flight(2.0, 6.0),
+                before: (0..12).map(|_| flight(1.0, 0.0)).collect(),
+                after: (0..12).map(|_| flight(1.0, 6.0)).collect(),
+                healthy: (0..24).map(|_| flight(2.0, 0.0)).collect(),
+            })
+            .collect();
+        let scales = vec![1.0; 40];
+        let value = shrink(&flights, &scales, 1).value.unwrap();
+        assert!((value - 1.0).abs() < 0.1, "{value}");
+        let blind: Vec<Paired> =
+            flights.iter().map(|f| Paired { healthy: vec![], ..f.clone() }).collect();
+        let low = shrink(&blind, &scales, 1).value.unwrap();
+        assert!(low < value - 0.1, "without them the real noise counts as gap: {low}");
     }
 
     #[test]

@@ -1,0 +1,86 @@
+//! The size of an effect, searched once more by flying it: the surrogate of the bank says which
+//! effect and roughly how large; another law of the same effect on the real vehicle makes that size
+//! wrong, and only the closed loop says by how much.
+//!
+//! The flight that was diagnosed is flown again with the effect at shares of its size, noise paired,
+//! and the share with the least distance is taken. Share 0 is among them: an effect that makes the
+//! simulator no more like the flight it was fitted to is not added at all.
+
+use super::diagnosis::HeldOut;
+use crate::model::effects::{EffectSpec, ParameterSpec};
+
+/// Shares that are flown.
+const SHARES: [f64; 8] = [0.25, 0.4, 0.55, 0.7, 0.85, 1.0, 1.2, 1.45];
+/// Parameters that say where, which way or on what, and not how much.
+const NOT_A_SIZE: [&str; 4] = ["anchor", "wall", "towards", "phase"];
+/// "Off" this many times beyond the plausible range is at infinity: the reciprocal is the size.
+const FAR: f64 = 5.0;
+
+/// An effect at the size that fits best when flown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Resized {
+    /// Parameters; `None`: the effect does not help at any size.
+    pub theta: Option<Vec<f64>>,
+    /// Share of the size that was asked for; 0 with `None`.
+    pub share: f64,
+    /// Distance to the flight without the effect, and at that share.
+    pub distance: [f64; 2],
+}
+
+/// Searches the size of an effect. `model` flies the mission of `real`, the flight that was diagnosed.
+pub fn resize(model: &HeldOut<'_>, real: &[f64], spec: &EffectSpec, theta: &[f64]) -> Resized {
+    let without = model.left(real, &[]);
+    let mut best = Resized { theta: None, share: 0.0, distance: [without, without] };
+    for share in SHARES {
+        let sized = at_share(spec, theta, share);
+        let left = model.left(real, &[(spec, &sized)]);
+        if left < best.distance[1] {
+            best = Resized { theta: Some(sized), share, distance: [without, left] };
+        }
+    }
+    best
+}
+
+/// Parameters at a share of their size, within the range of the list.
+fn at_share(spec: &EffectSpec, theta: &[f64], share: f64) -> Vec<f64> {
+    spec.parameters.iter().zip(theta).map(|(p, value)| sized(p, *value, share)).collect()
+}
+
+fn sized(p: &ParameterSpec, value: f64, share: f64) -> f64 {
+    // Where "off" is also the default, the parameter is a shape, unless zero lies within its range:
+    // then it is a component of a vector.
+    let is_shape = p.off == p.default && !(p.off == 0.0 && p.low < 0.0);
+    if is_shape || NOT_A_SIZE.contains(&p.name) {
+        return value;
+    }
+    let far = !p.off.is_finite() || p.off.abs() > FAR * p.high.abs().max(p.low.abs());
+    let moved = if far { value / share } else { p.off + share * (value - p.off) };
+    moved.clamp(p.low, p.high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::library;
+
+    fn share_of(id: &str, theta: &[f64], share: f64) -> Vec<f64> {
+        let spec = library::standard().into_iter().find(|s| s.id == id).unwrap();
+        at_share(spec, theta, share)
+    }
+
+    #[test]
+    fn prop_sizes_scale_and_places_and_shapes_stay() {
+        assert_eq!(share_of("U2", &[0.3, 5.0], 0.5), [0.15, 5.0]);
+        assert_eq!(share_of("A8", &[0.2, 0.31], 0.5), [0.1, 0.31]);
+        assert_eq!(share_of("M1", &[0.4, -0.2, 0.1], 0.5), [0.2, -0.1, 0.05]);
+        assert_eq!(share_of("A6", &[0.8, 3.0, 2.0, 0.7, 120.0], 0.5), [0.4, 3.0, 2.0, 0.7, 120.0]);
+        assert_eq!(share_of("A1", &[1.4, 0.8, 1.0], 0.5), [1.2, 0.9, 1.0]);
+    }
+
+    #[test]
+    fn prop_effects_that_are_off_at_infinity_grow_weaker_towards_it() {
+        assert_eq!(share_of("A2", &[0.9], 0.5), [1.8]);
+        assert_eq!(share_of("A2", &[2.0], 0.25), [2.5], "the range of the list ends it");
+        assert!(share_of("L5", &[11.0], 0.8)[0] > 11.0);
+    }
+}
