@@ -63,7 +63,9 @@ impl Blind {
         }
         self.options.library()?;
         if !self.options.only.is_empty() {
-            anyhow::bail!("--only: a suite is scored with the whole library; use --without ID to withhold one");
+            anyhow::bail!(
+                "--only: a suite is scored with the whole library; use --without ID to withhold one"
+            );
         }
         let choice = Choice {
             tenth: self.tenth,
@@ -139,7 +141,9 @@ fn missed(score: &Score, demands: &[(String, f64)]) -> Vec<String> {
             let (_, more) = DEMANDED.iter().find(|(known, _)| known == name)?;
             let met = if *more { found.high >= *share } else { found.low <= *share };
             let limits = format!("95 % limits {:.3} to {:.3}", found.low, found.high);
-            (!met).then(|| format!("{name}: {} of {}, {limits}, {share} demanded", found.hits, found.of))
+            (!met).then(|| {
+                format!("{name}: {} of {}, {limits}, {share} demanded", found.hits, found.of)
+            })
         })
         .collect()
 }
@@ -151,11 +155,8 @@ mod tests {
 
     #[test]
     fn val_demands_are_held_against_the_limits() {
-        let score = Score {
-            top_1: Share::new(12, 25),
-            false_alarm: Share::new(2, 12),
-            ..Score::default()
-        };
+        let score =
+            Score { top_1: Share::new(12, 25), false_alarm: Share::new(2, 12), ..Score::default() };
         let of = |text: &str| missed(&score, &[demand(text).unwrap()]).len();
         assert_eq!((of("top_1=0.6"), of("top_1=0.9")), (0, 1));
         assert_eq!((of("false_alarm=0.1"), of("false_alarm=0.01")), (0, 1));
@@ -167,8 +168,11 @@ fn text(r: &BlindResult) -> String {
     use std::fmt::Write;
     let mut out = r.score.table();
     let _ = writeln!(out, "right anchor            {} of {}", r.anchor_hits, r.anchor_of);
-    for (name, shrink) in [("shrink, as named", &r.shrink), ("shrink, true effect", &r.attainable)]
-    {
+    for (name, shrink) in [
+        ("shrink, as named", &r.shrink),
+        ("shrink, true effect", &r.attainable),
+        ("shrink, retuned", &r.retuned),
+    ] {
         let Some(s) = shrink else { continue };
         let value = s.value.map_or("nothing to shrink".to_owned(), |v| format!("{v:.3}"));
         let interval = s.interval.map_or(String::new(), |[a, b]| format!(" ({a:.3} to {b:.3})"));
@@ -179,6 +183,13 @@ fn text(r: &BlindResult) -> String {
         );
     }
     if r.shrink.is_some() {
+        let _ = writeln!(out, "distance of held-out flights: before, as named, true, retuned");
+        for (truth, said, [before, named, right, retuned]) in &r.shrink_flights {
+            let _ = writeln!(
+                out,
+                "  {truth:<4} named {said:<4} {before:8.2} {named:8.2} {right:8.2} {retuned:8.2}"
+            );
+        }
         let _ = writeln!(out, "named effects that help at no size when flown: {}", r.unhelpful);
     }
     if let Some(plain) = &r.plain {

@@ -197,7 +197,8 @@ impl Diagnose {
 fn explanation(diagnosis: &Diagnosis) -> Option<Explanation> {
     let together = if diagnosis.outcome == "several" { diagnosis.effects.len() } else { 1 };
     let whole = crate::gap::library::whole();
-    let spec = |id: &str| -> Option<&'static EffectSpec> { whole.iter().copied().find(|s| s.id == id) };
+    let spec =
+        |id: &str| -> Option<&'static EffectSpec> { whole.iter().copied().find(|s| s.id == id) };
     let effects: Vec<(&'static EffectSpec, Vec<f64>)> = diagnosis
         .effects
         .iter()

@@ -83,8 +83,9 @@ impl Remaining {
             let whole = h.theta.len() == h.spec.parameters.len();
             whole && (h.probability >= RULED_OUT || in_set(h))
         });
-        candidates
-            .sort_by(|a, b| in_set(b).cmp(&in_set(a)).then(b.probability.total_cmp(&a.probability)));
+        candidates.sort_by(|a, b| {
+            in_set(b).cmp(&in_set(a)).then(b.probability.total_cmp(&a.probability))
+        });
         let mut left_out: Vec<String> =
             candidates.iter().skip(MOST_CANDIDATES).map(|h| h.spec.id.to_owned()).collect();
         candidates.truncate(MOST_CANDIDATES);
@@ -155,9 +156,8 @@ pub fn advise(
     progress: impl Fn(usize, usize) + Sync,
 ) -> Vec<Advice> {
     let flights = EXPERIMENTS.iter().filter(|e| e.is_flight()).count();
-    let each = NULLS
-        + remaining.candidates.len() * FLIGHTS
-        + remaining.untested.len() * UNTESTED_FLIGHTS;
+    let each =
+        NULLS + remaining.candidates.len() * FLIGHTS + remaining.untested.len() * UNTESTED_FLIGHTS;
     let of = flights * each;
     let done = AtomicUsize::new(0);
     let tick = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, of);
@@ -184,9 +184,7 @@ fn predicted(
     let separates = experiment
         .separates
         .iter()
-        .map(|set| {
-            set.iter().filter(|id| open(id)).map(|id| (*id).to_owned()).collect::<Vec<_>>()
-        })
+        .map(|set| set.iter().filter(|id| open(id)).map(|id| (*id).to_owned()).collect::<Vec<_>>())
         .filter(|set| set.len() > 1)
         .collect();
     let mut advice = Advice {
@@ -522,7 +520,10 @@ mod tests {
         assert_eq!(r.candidates.iter().map(|h| h.spec.id).collect::<Vec<_>>(), ["P1", "I1"]);
         assert!((r.prior().iter().sum::<f64>() - 1.0).abs() < 1e-12);
         let kept = Remaining::new(
-            vec![hypothesis("P1", 0.9, &[0.06], &[[0.05, 0.07]]), hypothesis("U9", 0.0, &[0.3], &[[0.3, 0.4]])],
+            vec![
+                hypothesis("P1", 0.9, &[0.06], &[[0.05, 0.07]]),
+                hypothesis("U9", 0.0, &[0.3], &[[0.3, 0.4]]),
+            ],
             &["U9".to_owned()],
             Vec::new(),
         );

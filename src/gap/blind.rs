@@ -13,6 +13,7 @@ use super::diagnosis::{HeldOut, Observed, observed};
 use super::library;
 use super::logs;
 use super::make_bank::BankSize;
+use super::retune::{Retuning, borrowed};
 use super::score::{Case, Score, Truth, score};
 use super::seal;
 use super::shrink::{Paired, Shrink};
@@ -161,6 +162,11 @@ pub struct BlindResult {
     pub seconds_per_case: f64,
     /// Time for banks and learning, s.
     pub seconds_learning: f64,
+    /// With no effect and all nominal constants retuned: the peer.
+    pub retuned: Option<Shrink>,
+    /// One held-out flight each: truth, what was named, distance before, with what was named, with the
+    /// true effect, retuned.
+    pub shrink_flights: Vec<(String, String, [f64; 4])>,
     /// Of the effects that were named, those that helped at no size when flown.
     pub unhelpful: usize,
     /// Every answer, and the class of its case.
@@ -208,16 +214,7 @@ pub fn run(
     // From here on the keys are open.
     let keys: Vec<Key> = chosen.iter().map(|case| open(dir, case)).collect::<Result<_, _>>()?;
     let held_out = if choice.shrink {
-        Some(shrunk(
-            dir,
-            room,
-            &suite.commissioning,
-            &chosen,
-            &keys,
-            &answers,
-            &seen,
-            tell,
-        )?)
+        Some(shrunk(dir, room, &suite.commissioning, &chosen, &keys, &answers, &seen, tell)?)
     } else {
         None
     };
@@ -237,8 +234,10 @@ pub fn run(
         (!cases.is_empty()).then(|| score(&cases))
     };
     let (anchor_hits, anchor_of) = anchors(&keys, &answers);
-    let (shrink, attainable, unhelpful) =
-        held_out.map_or((None, None, 0), |(a, b, n)| (Some(a), Some(b), n));
+    let [shrink, attainable, retuned] =
+        held_out.as_ref().map_or([None; 3], |s| [Some(s.named), Some(s.right), Some(s.retuned)]);
+    let (unhelpful, shrink_flights) =
+        held_out.map_or((0, Vec::new()), |s| (s.unhelpful, s.flights));
     Ok(BlindResult {
         generator: suite.generator,
         all_keys_sha256: suite.all_keys_sha256,
@@ -253,6 +252,8 @@ pub fn run(
         anchor_of,
         shrink,
         attainable,
+        retuned,
+        shrink_flights,
         unhelpful,
         plain: scored(true),
         seconds_per_case: judging_s / answers.len().max(1) as f64,
@@ -509,8 +510,17 @@ impl Stage {
     }
 }
 
-/// Shrink with what was named, and with the true effect fitted: the size is searched on the diagnosed
-/// flight, the shrink measured on the held-out one. Last: how many named effects helped at no size.
+/// What was measured on held-out flights.
+struct Shrunk {
+    named: Shrink,
+    right: Shrink,
+    retuned: Shrink,
+    unhelpful: usize,
+    flights: Vec<(String, String, [f64; 4])>,
+}
+
+/// Shrink with what was named, with the true effect fitted, and with constants retuned: the size is searched on the diagnosed
+/// flight, the shrink measured on the held-out one.
 #[allow(clippy::too_many_arguments)] // one caller, and every part is another thing
 fn shrunk(
     dir: &Path,
@@ -521,7 +531,7 @@ fn shrunk(
     answers: &[Answer],
     seen: &[Option<[Vec<f64>; 2]>],
     tell: &(impl Fn(String) + Sync),
-) -> Result<(Shrink, Shrink, usize), BlindError> {
+) -> Result<Shrunk, BlindError> {
     let diagnostic = |c: &&Entry| c.mission == "diagnostic" && c.held_out_log.is_some();
     let Some(first) = chosen.iter().find(diagnostic) else {
         return Err(BlindError::Empty(dir.to_owned()));
@@ -531,8 +541,14 @@ fn shrunk(
     let fitted_on = Stage::new(dir, room, &first.log, public.iter().map(|c| c.diagnostic.clone()))?;
     let (model, fit) = (held_out.model(), fitted_on.model());
     let spec = |id: &str| library::standard().into_iter().find(|s| s.id == id);
-    let (mut named, mut right): (Vec<Paired>, Vec<Paired>) = (Vec::new(), Vec::new());
-    let mut unhelpful = 0;
+    tell("shrink: what the constants of the model do".to_owned());
+    let retuning = Retuning::learn(&fit, |done, of| {
+        if done.is_multiple_of(10) || done == of {
+            tell(format!("shrink: {done} of {of} constants"));
+        }
+    });
+    let (mut named, mut right, mut retuned) = (Vec::<Paired>::new(), Vec::new(), Vec::new());
+    let (mut unhelpful, mut flights) = (0, Vec::new());
     let of = keys.iter().filter(|key| key.class == "single").count();
     let mut done = 0;
     for ((key, answer), seen) in keys.iter().zip(answers).zip(seen) {
@@ -550,6 +566,7 @@ fn shrunk(
             }
         };
         let mut of_named: Option<(String, Paired)> = None;
+        let mut with_truth = f64::NAN;
         if let Some(first) = attribution.outcome.effects().first()
             && let Some(spec) = spec(&first.id)
         {
@@ -562,15 +579,30 @@ fn shrunk(
             && let Some(spec) = spec(&effect.id)
             && !fitted.theta.is_empty()
         {
-            right.push(match of_named {
-                Some((id, paired)) if id == effect.id => paired,
+            right.push(match &of_named {
+                Some((id, paired)) if *id == effect.id => paired.clone(),
                 _ => flown(spec, &fitted.theta).0,
             });
+            with_truth = right.last().map_or(f64::NAN, |p| model.distances(p)[1]);
         }
+        let constants = retuning.fit(&fit, diagnosed);
+        let last = model.paired(real, &borrowed(&constants));
+        let [before, with_constants] = model.distances(&last);
+        let with_named = of_named.as_ref().map_or(f64::NAN, |(_, p)| model.distances(p)[1]);
+        let said = of_named.map_or_else(|| "-".to_owned(), |(id, _)| id);
+        let row = [before, with_named, with_truth, with_constants];
+        flights.push((effect.id.clone(), said, row));
+        retuned.push(last);
         done += 1;
         if done % 5 == 0 || done == of {
             tell(format!("shrink: {done} of {of} cases"));
         }
     }
-    Ok((model.shrink(&named), model.shrink(&right), unhelpful))
+    Ok(Shrunk {
+        named: model.shrink(&named),
+        right: model.shrink(&right),
+        retuned: model.shrink(&retuned),
+        unhelpful,
+        flights,
+    })
 }

@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
+use super::advise::Advice;
 use super::attribute::{Attribution, Attributor};
 use super::logs::{Flown, ParameterDifference};
-use super::make_bank::with_effect;
-use super::advise::Advice;
+use super::make_bank::{jittered, with_effect};
 use super::outcome::{Named, Outcome};
 use super::picture::Picture;
 use super::scene::Scene;
@@ -19,6 +19,11 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 /// Simulated flights before and after, per held-out flight. Paired seeds.
 pub const SHRINK_FLIGHTS: usize = 8;
+/// Flights with benign jitter that give the scale of a difference, and the seed of the first.
+const BENIGN_FLIGHTS: usize = 32;
+const BENIGN_SEED: u64 = 7_800_000;
+/// Fewest healthy flights whose spread counts.
+const LEAST_REFERENCES: usize = 8;
 /// Simulated flights at each share of a size that is searched.
 const SEARCH_FLIGHTS: usize = 4;
 /// First seed of these flights: none of a bank's.
@@ -451,9 +456,14 @@ impl<'a> HeldOut<'a> {
             healthy: references.to_vec(),
         };
         result.before = result.fly(&[], SHRINK_FLIGHTS);
-        // The spread of real healthy flights is wider than that of one model.
-        let spread = if references.len() >= 8 { references } else { &result.before };
-        result.scales = scales(spread);
+        // A difference counts by what benign changes of the constants make, and by what healthy flights
+        // differ by: a battery that is charged otherwise is no gap, however exactly it repeats.
+        result.scales = scales(&result.benign());
+        if references.len() >= LEAST_REFERENCES {
+            for (own, real) in result.scales.iter_mut().zip(scales(references)) {
+                *own = if real.is_finite() { own.hypot(real) } else { *own };
+            }
+        }
         let nominal = medians(&result.before);
         result.offset = if references.is_empty() {
             vec![0.0; nominal.len()]
@@ -473,6 +483,20 @@ impl<'a> HeldOut<'a> {
                 .collect()
         };
         rows.into_iter().map(shift).collect()
+    }
+
+    /// Nominal flights with benign jitter.
+    fn benign(&self) -> Vec<Vec<f64>> {
+        use rayon::prelude::*;
+        (0..BENIGN_FLIGHTS as u64)
+            .into_par_iter()
+            .filter_map(|k| {
+                let plant = jittered(self.scene.plant(BENIGN_SEED + k)).ok()?;
+                let pilot = self.scene.pilot.clone();
+                let trace = fly_observed(self.scene, self.items, plant, pilot).ok()?;
+                observe(&trace, &self.nominal).ok().map(|o| o.statistics)
+            })
+            .collect()
     }
 
     fn fly(&self, effects: &[(&EffectSpec, &[f64])], flights: usize) -> Vec<Vec<f64>> {
@@ -508,12 +532,31 @@ impl<'a> HeldOut<'a> {
         }
     }
 
+    /// Statistics in sigma.
+    pub fn standardised(&self, statistics: &[f64]) -> Vec<f64> {
+        statistics.iter().zip(&self.scales).map(|(v, s)| v / s).collect()
+    }
+
+    /// Mean standardised statistics of a few flights with these effects.
+    pub fn mean(&self, effects: &[(&EffectSpec, &[f64])]) -> Vec<f64> {
+        let flights = self.shifted(self.fly(effects, SEARCH_FLIGHTS));
+        let count = flights.len() as f64;
+        let sum = |j: usize| flights.iter().filter_map(|row| row.get(j)).sum::<f64>();
+        self.scales.iter().enumerate().map(|(j, s)| sum(j) / count / s).collect()
+    }
+
     /// Mean distance of a real flight to the model with these effects; a few flights, for a search.
     pub fn left(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> f64 {
         let flights = self.shifted(self.fly(effects, SEARCH_FLIGHTS));
         let left = super::shrink::to_all(real, &flights, &self.scales);
         // Effects that cannot be flown explain nothing.
         if left.is_finite() { left } else { f64::INFINITY }
+    }
+
+    /// Distance of a held-out flight before and after.
+    pub fn distances(&self, flight: &Paired) -> [f64; 2] {
+        let to = |sims: &[Vec<f64>]| super::shrink::to_all(&flight.real, sims, &self.scales);
+        [to(&flight.before), to(&flight.after)]
     }
 
     /// Shrink over held-out flights.

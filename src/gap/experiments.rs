@@ -68,7 +68,11 @@ pub static EXPERIMENTS: &[Experiment] = &[
         title: "turn on the spot in hover, four headings",
         how: "what stays with the room is wind or draught, what turns with the body is bias, tilt or trim",
         cost_s: 37.0,
-        separates: &[&["M1", "M4", "L3", "I2", "P6"], &["A5", "A6", "M1", "L3"], &["U3", "T1", "U11"]],
+        separates: &[
+            &["M1", "M4", "L3", "I2", "P6"],
+            &["A5", "A6", "M1", "L3"],
+            &["U3", "T1", "U11"],
+        ],
         means: Means::Flight(yaw_on_the_spot),
     },
     Experiment {

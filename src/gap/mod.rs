@@ -1,14 +1,14 @@
 //! Diagnosis of the gap between a flight and the nominal simulator: where it lies, which unmodelled
 //! effect causes it, how far it shrinks once that effect is added.
 
+pub mod accept;
+pub mod accepted;
+pub mod advise;
 pub mod attribute;
 pub mod balance;
 pub mod bank;
 pub mod bank_file;
 pub mod blind;
-pub mod accept;
-pub mod accepted;
-pub mod advise;
 pub mod cells;
 pub mod details;
 pub mod diagnosis;
@@ -31,6 +31,7 @@ pub mod picture;
 pub mod regress;
 pub mod residuals;
 pub mod resize;
+pub mod retune;
 pub mod scene;
 pub mod score;
 pub mod seal;

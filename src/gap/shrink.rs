@@ -124,11 +124,7 @@ pub fn shrink(flights: &[Paired], scales: &[f64], seed: u64) -> Shrink {
     let parts: Vec<[f64; 3]> = flights
         .iter()
         .map(|f| {
-            [
-                to_all(&f.real, &f.before, scales),
-                to_all(&f.real, &f.after, scales),
-                f.floor(scales),
-            ]
+            [to_all(&f.real, &f.before, scales), to_all(&f.real, &f.after, scales), f.floor(scales)]
         })
         .filter(|p| p.iter().all(|v| v.is_finite()))
         .collect();

@@ -93,9 +93,8 @@ impl Trial {
             let s = Share::new(hits, n);
             format!("{:.2} (95 %: {:.2} to {:.2})", hits as f64 / n.max(1) as f64, s.low, s.high)
         };
-        let mean = |of: &dyn Fn(&Case) -> f64| {
-            self.cases.iter().map(of).sum::<f64>() / n.max(1) as f64
-        };
+        let mean =
+            |of: &dyn Fn(&Case) -> f64| self.cases.iter().map(of).sum::<f64>() / n.max(1) as f64;
         let _ = writeln!(
             out,
             "{n} ambiguous cases ({} settled by the first flight)\nright before              {}\nright after recommended   {}, predicted {:.2}\nright after any flight    {:.2}",

@@ -86,9 +86,8 @@ pub fn run(
             }
         },
     )?;
-    let healthy = |flights: &[Public]| {
-        statistics(dir, flights.iter().map(|c| &c.diagnostic), &workshop)
-    };
+    let healthy =
+        |flights: &[Public]| statistics(dir, flights.iter().map(|c| &c.diagnostic), &workshop);
     let (references, calibration) = (healthy(&suite.commissioning), healthy(&suite.calibration));
     let blocks: Vec<Block> = specs().iter().map(|s| s.block).collect();
     let started = std::time::Instant::now();
