@@ -8,9 +8,9 @@ use clap::Args;
 
 use super::gap::{BankOptions, Progress, RoomOptions};
 use super::gap_advise::remaining;
-use super::gap_session::{Opened, Session, open};
+use super::gap_session::{Opened, Session, open, same_survey};
 use super::{print, print_json};
-use crate::gap::advise::advise;
+use crate::gap::advise::{Effort, advise};
 use crate::gap::details::details;
 use crate::gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
 use crate::gap::held_out::{Explanation, measure};
@@ -60,6 +60,10 @@ impl Diagnose {
             Opened::Ready(session) => session,
             Opened::Fault(diagnosis) => return self.answer(&diagnosis),
         };
+        // Before anything long: flights that cannot stand beside this one.
+        for path in others {
+            same_survey(&logs::read(path)?, &session.seen.flown)?;
+        }
         let mut diagnosis = session.judge();
         if !others.is_empty() && !diagnosis.effects.is_empty() {
             self.shrink(&session, others, &mut diagnosis)?;
@@ -98,7 +102,7 @@ impl Diagnose {
             Vec::new()
         } else {
             let progress = Progress::new("advice");
-            advise(&session.scene, &open, |done, of| progress.at(done, of))
+            advise(&session.scene, &open, Effort::Listed, |done, of| progress.at(done, of))
         };
         diagnosis.advice = Some(Advised {
             open: open.candidates.iter().map(|h| (h.spec.id.to_owned(), h.probability)).collect(),
@@ -134,6 +138,11 @@ impl Diagnose {
             paths.iter().map(|path| logs::read(path)).collect::<Result<Vec<Flown>, _>>()
         };
         let (flights, accepted) = (read(others)?, read(&self.held_out_reference)?);
+        for flown in &flights {
+            if let Some(fault) = flown.faults.first() {
+                anyhow::bail!("{}: no held-out flight: {fault}", flown.path.display());
+            }
+        }
         let Some(named) = explanation(diagnosis) else { return Ok(()) };
         let spec = |id: &str| session.workshop.spec(id);
         let mut rivals: Vec<Explanation> = Vec::new();

@@ -30,12 +30,12 @@ use crate::model::random::Stream;
 /// Candidates at least this probable are not ruled out.
 const RULED_OUT: f64 = 0.02;
 /// Most candidates that are compared, and most effects that the flight could not have shown.
-const MOST_CANDIDATES: usize = 6;
-const MOST_UNTESTED: usize = 6;
+const MOST_CANDIDATES: usize = 5;
+const MOST_UNTESTED: usize = 5;
 /// Flights of null, of every candidate, and of every effect that could not be shown.
 const NULLS: usize = 24;
-const FLIGHTS: usize = 10;
-const UNTESTED_FLIGHTS: usize = 5;
+const FLIGHTS: usize = 8;
+const UNTESTED_FLIGHTS: usize = 4;
 /// First seed: none of a bank's, none of a shrink's.
 const SEED: u64 = 8_800_000;
 /// One-sided 5 %.
@@ -106,6 +106,15 @@ impl Remaining {
         self.candidates.first().map_or(1.0, |h| h.probability)
     }
 
+    /// Whether the catalogue lists an experiment for what is open.
+    fn lists(&self, experiment: &Experiment) -> bool {
+        let sets = experiment.separates.iter();
+        sets.into_iter().any(|set| {
+            let open = self.candidates.iter().filter(|h| set.contains(&h.spec.id)).count();
+            open >= 2 || self.untested.iter().any(|s| set.contains(&s.id))
+        })
+    }
+
     /// Nothing to separate and nothing to test.
     pub fn is_settled(&self) -> bool {
         self.candidates.len() < 2 && self.untested.is_empty()
@@ -148,13 +157,28 @@ impl Advice {
     }
 }
 
+/// How many flights of the catalogue are tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Effort {
+    /// All of them.
+    All,
+    /// Those that the catalogue lists for a set with two open effects, or for one that could not be
+    /// tested: what a report has time for.
+    Listed,
+}
+
 /// All experiments, best first; those that cannot be done last.
 pub fn advise(
     scene: &Scene,
     remaining: &Remaining,
+    effort: Effort,
     progress: impl Fn(usize, usize) + Sync,
 ) -> Vec<Advice> {
-    let flights = EXPERIMENTS.iter().filter(|e| e.is_flight()).count();
+    let tried: Vec<&Experiment> = EXPERIMENTS
+        .iter()
+        .filter(|e| !e.is_flight() || effort == Effort::All || remaining.lists(e))
+        .collect();
+    let flights = tried.iter().filter(|e| e.is_flight()).count();
     let each = NULLS
         + remaining.candidates.len() * FLIGHTS
         + remaining.untested.len() * UNTESTED_FLIGHTS;
@@ -162,7 +186,7 @@ pub fn advise(
     let done = AtomicUsize::new(0);
     let tick = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, of);
     let mut all: Vec<Advice> =
-        EXPERIMENTS.iter().map(|e| predicted(scene, remaining, e, &tick)).collect();
+        tried.iter().map(|e| predicted(scene, remaining, e, &tick)).collect();
     let rank = |a: &Advice| (a.value() / ALIKE).round();
     all.sort_by(|a, b| {
         let possible = a.not_possible.is_some().cmp(&b.not_possible.is_some());
@@ -261,10 +285,8 @@ fn flown(
         })
         .collect();
     if !untested.is_empty() {
-        // Null flights are their own class there, the last one.
-        let half = nulls.len() / 2;
         for (spec, rows) in remaining.untested.iter().zip(untested) {
-            let pair = vec![rows, nulls[half..].to_vec()];
+            let pair = vec![rows, nulls.clone()];
             let shown = Clouds::new(&nulls, &pair)
                 .map_or(0.0, |c| share_above(c.squared(0, 1).sqrt() - ALARM_SIGMA));
             advice.would_show.push((spec.id.to_owned(), shown));
@@ -552,7 +574,7 @@ mod tests {
     #[test]
     fn val_the_scale_is_recommended_for_mass_against_thrust() {
         let scene = Scene::lab().unwrap();
-        let all = advise(&scene, &mass_or_thrust(), |_, _| {});
+        let all = advise(&scene, &mass_or_thrust(), Effort::All, |_, _| {});
         assert_eq!(all.len(), EXPERIMENTS.len());
         for a in &all {
             println!("{} {:?} {:?}", a.experiment, a.correct_after, a.hardest);

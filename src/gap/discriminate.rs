@@ -2,12 +2,14 @@
 //!
 //! ```text
 //! u = k asinh((s - c)/(k w))                     compressed statistics, c and w of null flights
-//! D²_ij = |z̄_i - z̄_j|² - v_i/n_i - v_j/n_j,     z = Σ^-1/2 u, v_i variance of z within class i
+//! D²_ij = (|z̄_i - z̄_j|² - v_i/n_i - v_j/n_j) / max(1, v̄, v_δ),    z = Σ^-1/2 u
 //! P(correct) = Σ π_h P(argmax_k π_k N(y; x_k, I) = h | y ~ N(x_h, I))
 //! ```
-//! `Σ`: covariance within the classes, shrunk towards its diagonal (Schäfer & Strimmer 2005). It holds
-//! benign jitter, noise of seeds, and what is unknown of the parameters, since every flight of a class
-//! draws its own; added to its diagonal is the square of a tenth of every candidate's own signature:
+//! `Σ`: covariance of null flights with benign jitter, shrunk towards its diagonal (Schäfer & Strimmer
+//! 2005); flights of candidates have no part in it, or few of them would look farther apart than they
+//! are. `v_i`: trace of the variance within class i, `v̄` its mean per coordinate, `v_δ` the variance along
+//! the difference of the two: what is unknown of the parameters is in it, since every flight of a class
+//! draws its own. Added to the diagonal of `Σ` is the square of a tenth of every candidate's own signature:
 //! another law of the same effect, as in the attribution. `D²` is free of the bias that few flights put on a distance. `x_k`: points in as
 //! many dimensions as there are candidates that have these distances (classical scaling), so that
 //! `P(correct)` is an integral by sampling in few dimensions. T-optimality (Atkinson & Fedorov 1975)
@@ -45,6 +47,8 @@ pub struct Clouds {
     within: Vec<(f64, f64)>,
     /// Variance per coordinate, pooled.
     pooled: DVector<f64>,
+    /// Whitened flights less the mean of their class.
+    scatter: Vec<Vec<DVector<f64>>>,
 }
 
 impl Clouds {
@@ -80,21 +84,16 @@ impl Clouds {
             means: Vec::new(),
             within: Vec::new(),
             pooled: DVector::zeros(0),
+            scatter: Vec::new(),
         };
         let groups: Vec<Vec<DVector<f64>>> = std::iter::once(nulls)
             .chain(classes.iter().map(Vec::as_slice))
             .map(|rows| rows.iter().map(|r| clouds.compressed(r)).collect())
             .collect();
-        let residuals: Vec<DVector<f64>> = groups
-            .iter()
-            .flat_map(|rows| {
-                let mean = mean(rows);
-                rows.iter().map(move |r| r - &mean)
-            })
-            .collect();
-        let freedom = (residuals.len() - groups.len()).max(1) as f64;
         let p = clouds.columns.len();
         let null = mean(&groups[0]);
+        let residuals: Vec<DVector<f64>> = groups[0].iter().map(|r| r - &null).collect();
+        let freedom = residuals.len().saturating_sub(1).max(1) as f64;
         let mut form = DVector::zeros(p);
         for rows in &groups[1..] {
             form += (mean(rows) - &null).map(|v| (FORM * v).powi(2)) / classes.len() as f64;
@@ -111,6 +110,7 @@ impl Clouds {
             variance /= (z.len() - 1) as f64;
             clouds.within.push((variance.sum(), z.len() as f64));
             clouds.pooled += variance / classes.len() as f64;
+            clouds.scatter.push(z.iter().map(|row| row - &mean).collect());
             clouds.means.push(mean);
         }
         Some(clouds)
@@ -130,7 +130,16 @@ impl Clouds {
     pub fn squared(&self, i: usize, j: usize) -> f64 {
         let (Some(a), Some(b)) = (self.means.get(i), self.means.get(j)) else { return 0.0 };
         let bias = self.within[i].0 / self.within[i].1 + self.within[j].0 / self.within[j].1;
-        ((a - b).norm_squared() - bias).max(0.0)
+        let apart = a - b;
+        let unbiased = (apart.norm_squared() - bias).max(0.0);
+        let Some(along) = apart.try_normalize(f64::MIN_POSITIVE) else { return 0.0 };
+        let spread = |k: usize| {
+            let rows = &self.scatter[k];
+            rows.iter().map(|r| r.dot(&along).powi(2)).sum::<f64>() / (rows.len() - 1) as f64
+        };
+        let mean = self.pooled.sum() / self.columns.len() as f64;
+        let unit = (0.5 * (spread(i) + spread(j))).max(mean).max(1.0);
+        unbiased / unit
     }
 
     /// All squared distances.
@@ -143,6 +152,7 @@ impl Clouds {
     pub fn posterior(&self, statistics: &[f64], prior: &[f64]) -> Vec<f64> {
         let z = &self.whitener * self.compressed(statistics);
         let n = self.means.len() as f64;
+        let unit = (self.pooled.sum() / self.columns.len() as f64).max(1.0);
         let grand = self.means.iter().sum::<DVector<f64>>() / n.max(1.0);
         let logs: Vec<f64> = self
             .means
@@ -157,7 +167,7 @@ impl Clouds {
                     let kept = (off.abs() - SHRUNK * se).max(0.0) * off.signum();
                     squared += (z[k] - grand[k] - kept).powi(2);
                 }
-                prior.max(1e-12).ln() - 0.5 * squared
+                prior.max(1e-12).ln() - 0.5 * squared / unit
             })
             .collect();
         softmax(&logs)

@@ -259,7 +259,7 @@ pub(super) fn signature(s: &Signature) -> String {
         all.push(series("with what was named", Tone::Estimate, Mark::Line, &s.fitted));
     }
     let plot = Plot {
-        title: "Signature: residual over what it depends on".into(),
+        title: String::new(),
         x_label: s.regressor.into(),
         y_label: s.label.clone(),
         series: all,
