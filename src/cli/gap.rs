@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use clap::{Args, Subcommand};
 
 use super::{
-    gap_accept, gap_advise, gap_balance, gap_bank, gap_blind, gap_diagnose, gap_missions, gap_observe,
-    gap_shrink, gap_sight,
+    gap_accept, gap_advise, gap_balance, gap_bank, gap_blind, gap_diagnose, gap_missions,
+    gap_observe, gap_shrink, gap_sight,
 };
 use crate::checks::Problems;
 use crate::gap::bank::LEAST_DRAWS;

@@ -142,7 +142,9 @@ impl Accept {
         } else {
             print(&format!("accepting {what} ({}: {})\n", self.report.display(), report.verdict));
             if edits.is_empty() {
-                print(&format!("for a scenario of haltere-sim (--scenario FILE writes it):\n\n{patch}\n"));
+                print(&format!(
+                    "for a scenario of haltere-sim (--scenario FILE writes it):\n\n{patch}\n"
+                ));
             }
             for (id, text) in &hands {
                 print(&format!("{id}: {text}\n"));
@@ -274,7 +276,9 @@ impl Undo {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let (what, lines) = accepted::undo(&self.file, self.dry_run)?;
         if self.json {
-            print_json(&json!({ "undone": what, "file": self.file, "lines": lines, "written": !self.dry_run }))?;
+            print_json(
+                &json!({ "undone": what, "file": self.file, "lines": lines, "written": !self.dry_run }),
+            )?;
         } else {
             let done = if self.dry_run { "would take back" } else { "took back" };
             print(&format!("{}: {done} {what}\n{}", self.file.display(), shown(&lines)));

@@ -228,19 +228,18 @@ pub(super) fn remaining(d: &Diagnosis) -> Remaining {
     Remaining::new(hypotheses, &d.set, untested)
 }
 
-fn write_missions(
-    folder: &Path,
-    scene: &Scene,
-    advice: &[Advice],
-) -> anyhow::Result<Vec<PathBuf>> {
+fn write_missions(folder: &Path, scene: &Scene, advice: &[Advice]) -> anyhow::Result<Vec<PathBuf>> {
     std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
     let mut written = Vec::new();
-    for a in advice.iter().filter(|a| a.flight && a.not_possible.is_none() && a.value() >= LEAST_WORTH) {
+    for a in
+        advice.iter().filter(|a| a.flight && a.not_possible.is_none() && a.value() >= LEAST_WORTH)
+    {
         let Some(experiment) = find(&a.experiment) else { continue };
         let Means::Flight(mission) = experiment.means else { continue };
         let Ok(mission) = mission(scene) else { continue };
         let path = folder.join(format!("{}.toml", experiment.id));
-        let head = format!("# {}\n# {}\n# haltere ctl mission {}.toml\n\n", a.title, a.how, a.experiment);
+        let head =
+            format!("# {}\n# {}\n# haltere ctl mission {}.toml\n\n", a.title, a.how, a.experiment);
         std::fs::write(&path, head + &toml::to_string(&mission)?)
             .with_context(|| format!("{}", path.display()))?;
         written.push(path);
@@ -253,7 +252,8 @@ fn catalogue() -> String {
     let mut out = String::new();
     for e in EXPERIMENTS {
         let kind = if e.is_flight() { "flight" } else { "bench" };
-        let sets: Vec<String> = e.separates.iter().map(|s| format!("{{{}}}", s.join(" "))).collect();
+        let sets: Vec<String> =
+            e.separates.iter().map(|s| format!("{{{}}}", s.join(" "))).collect();
         let _ = writeln!(out, "{:<18} {kind:<6} {:>5.0} s  {}", e.id, e.cost_s, e.title);
         let _ = writeln!(out, "{:<34} {}", "", e.how);
         if !sets.is_empty() {

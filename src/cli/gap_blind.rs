@@ -52,7 +52,9 @@ impl Blind {
         }
         self.options.library()?;
         if !self.options.only.is_empty() {
-            anyhow::bail!("--only: a suite is scored with the whole library; use --without ID to withhold one");
+            anyhow::bail!(
+                "--only: a suite is scored with the whole library; use --without ID to withhold one"
+            );
         }
         let choice = Choice {
             tenth: self.tenth,

@@ -1,6 +1,6 @@
 //! `haltere gap diagnose`: one flight against the nominal simulator.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context as _;
@@ -17,6 +17,7 @@ use crate::gap::held_out::{Explanation, measure};
 use crate::gap::logs::{self, Flown};
 use crate::gap::page;
 use crate::gap::picture::picture;
+use crate::gap::seal::digest;
 use crate::model::effects::EffectSpec;
 
 /// Says where a flight differs from the nominal simulator, which effect causes it, and how far the
@@ -58,13 +59,17 @@ impl Diagnose {
         let [first, others @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
         let session = match open(first, &self.reference, &self.room, &self.options)? {
             Opened::Ready(session) => session,
-            Opened::Fault(diagnosis) => return self.answer(&diagnosis),
+            Opened::Fault(mut diagnosis) => {
+                diagnosis.made_with.log_sha256 = hash_of(first);
+                return self.answer(&diagnosis);
+            }
         };
         // Before anything long: flights that cannot stand beside this one.
         for path in others {
             same_survey(&logs::read(path)?, &session.seen.flown)?;
         }
         let mut diagnosis = session.judge();
+        diagnosis.made_with.log_sha256 = hash_of(first);
         if !others.is_empty() && !diagnosis.effects.is_empty() {
             self.shrink(&session, others, &mut diagnosis)?;
         }
@@ -114,7 +119,7 @@ impl Diagnose {
 
     fn answer(&self, diagnosis: &Diagnosis) -> anyhow::Result<ExitCode> {
         if let Some(path) = &self.report {
-            let write = |path: &std::path::Path, text: String| {
+            let write = |path: &Path, text: String| {
                 std::fs::write(path, text).with_context(|| format!("{}", path.display()))
             };
             write(path, page::render(diagnosis))?;
@@ -201,12 +206,18 @@ impl Diagnose {
     }
 }
 
+/// SHA-256 of a file; empty where it cannot be read, which was said before.
+fn hash_of(path: &Path) -> String {
+    std::fs::read(path).map(|bytes| digest(&bytes)).unwrap_or_default()
+}
+
 /// What is named as one explanation: set members are alternatives, and the first stands for them;
 /// several act together.
 fn explanation(diagnosis: &Diagnosis) -> Option<Explanation> {
     let together = if diagnosis.outcome == "several" { diagnosis.effects.len() } else { 1 };
     let whole = crate::gap::library::whole();
-    let spec = |id: &str| -> Option<&'static EffectSpec> { whole.iter().copied().find(|s| s.id == id) };
+    let spec =
+        |id: &str| -> Option<&'static EffectSpec> { whole.iter().copied().find(|s| s.id == id) };
     let effects: Vec<(&'static EffectSpec, Vec<f64>)> = diagnosis
         .effects
         .iter()

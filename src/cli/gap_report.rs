@@ -110,7 +110,8 @@ impl Report {
         &self,
         asked: Option<&str>,
     ) -> anyhow::Result<Vec<(&'static EffectSpec, Vec<f64>)>> {
-        let unknown = |id: &str| anyhow::anyhow!("{id}: no such effect; ids are those of docs/EFFECTS.md");
+        let unknown =
+            |id: &str| anyhow::anyhow!("{id}: no such effect; ids are those of docs/EFFECTS.md");
         if let Some(id) = asked {
             let own = spec(id).ok_or_else(|| unknown(id))?;
             let named = self.effects.iter().find(|e| e.id == id).map(|e| values(own, e));

@@ -137,14 +137,19 @@ fn parse(text: &str) -> anyhow::Result<(&'static EffectSpec, Option<Vec<f64>>)> 
                 let place = spec.parameters.iter().position(|p| p.name == name.trim());
                 let known: Vec<&str> = spec.parameters.iter().map(|p| p.name).collect();
                 let place = place.ok_or_else(|| {
-                    anyhow::anyhow!("--effect {id}: no parameter {name}, it has {}", known.join(", "))
+                    anyhow::anyhow!(
+                        "--effect {id}: no parameter {name}, it has {}",
+                        known.join(", ")
+                    )
                 })?;
                 (place, value)
             }
             None => (k, part),
         };
         let number: f64 = value.trim().parse().map_err(|_| {
-            anyhow::anyhow!("--effect {id}: `{value}` is no number; write {id}=0.1 or {id}=name:0.1")
+            anyhow::anyhow!(
+                "--effect {id}: `{value}` is no number; write {id}=0.1 or {id}=name:0.1"
+            )
         })?;
         let slots = theta.len();
         let slot = theta.get_mut(place).ok_or_else(|| {
@@ -170,7 +175,11 @@ fn fitted(
     };
     let own = attribution.candidates.iter().find(|c| c.id == spec.id);
     let Some(own) = own.filter(|c| c.theta.len() == spec.parameters.len()) else {
-        anyhow::bail!("{}: not in the library of this bank; give it values ({}=…)", spec.id, spec.id)
+        anyhow::bail!(
+            "{}: not in the library of this bank; give it values ({}=…)",
+            spec.id,
+            spec.id
+        )
     };
     let of = |id: &str| whole().into_iter().find(|s| s.id == id);
     let mut others: Vec<Explanation> = attribution
@@ -253,11 +262,7 @@ fn text(
             s.before, s.after, s.floor, s.noise
         )
     };
-    let _ = writeln!(
-        out,
-        "\n{:<16} shrink 95 %             before    after    floor    noise",
-        ""
-    );
+    let _ = writeln!(out, "\n{:<16} shrink 95 %             before    after    floor    noise", "");
     let _ = writeln!(out, "{:<16} {}", "all channels", line(&r.whole));
     for (channel, s) in &r.channels {
         let _ = writeln!(out, "  {channel:<14} {}", line(s));
@@ -270,8 +275,7 @@ fn text(
         r.attained_by,
         number(r.efficiency)
     );
-    let wrong: Vec<String> =
-        r.wrong.iter().map(|(id, v)| format!("{id} {}", number(*v))).collect();
+    let wrong: Vec<String> = r.wrong.iter().map(|(id, v)| format!("{id} {}", number(*v))).collect();
     let _ = writeln!(out, "control     median {}: {}", number(r.wrong_median), wrong.join(", "));
     let _ = writeln!(
         out,

@@ -124,9 +124,7 @@ fn is_header(line: &str, table: &str) -> bool {
 }
 
 fn is_key(line: &str, key: &str) -> bool {
-    line.trim_start()
-        .strip_prefix(key)
-        .is_some_and(|rest| rest.trim_start().starts_with('='))
+    line.trim_start().strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='))
 }
 
 /// Comment at the end of a line without strings.
@@ -280,7 +278,9 @@ pub fn edit_anchor(text: &str, id: AnchorId, by_E_m: Vec3<E>) -> Result<String, 
 /// What a person does about an effect on the vehicle or in the room.
 pub fn by_hand(id: &str) -> &'static str {
     match id {
-        "P1" => "replace the wings (wear of film and spars is the usual cause); check the supply too",
+        "P1" => {
+            "replace the wings (wear of film and spars is the usual cause); check the supply too"
+        }
         "P2" => "replace the battery or its connector: its inner resistance has grown",
         "P3" => "replace the battery: it holds less charge than the nominal one",
         "P4" | "P5" => "check motors and gears: they follow late, or not to full speed",
@@ -294,20 +294,26 @@ pub fn by_hand(id: &str) -> &'static str {
         "L4" => "tighten the linkages: there is play in them",
         "L5" => "check the travel of the servos and the limits on the board",
         "L6" => "check that the wing roots turn freely and evenly",
-        "M1" | "M2" | "M3" => "calibrate the board's accelerometer, six positions, at flying temperature",
+        "M1" | "M2" | "M3" => {
+            "calibrate the board's accelerometer, six positions, at flying temperature"
+        }
         "M4" => "level-calibrate the board, or shim it: its IMU is not level",
         "M5" => "calibrate the board's gyroscope at rest",
         "M6" | "M7" => "mount the board softer: vibration reaches the accelerometer",
         "U1" | "U9" | "U10" | "T4" => "check antennas, cables, and what else sends on the channel",
         "U2" | "U4" => "calibrate the anchor's antenna delay",
-        "U3" | "U11" => "move the tag's antenna clear of battery and frame, or give its place in estimator.p_BT_B_m",
+        "U3" | "U11" => {
+            "move the tag's antenna clear of battery and frame, or give its place in estimator.p_BT_B_m"
+        }
         "U5" => "clear the path between the anchor and that place, or move the anchor",
         "U6" => "raise the low anchors",
         "U7" => "measure the anchor again; the survey correction is below",
         "U8" => "power-cycle the anchor and let it warm up; replace it if it still drifts",
         "T1" => "set uwb.tag_latency_s; check the load of the companion's computer",
         "T2" | "T3" => "check the link from companion to board: baud rate, load, packet loss",
-        "H1" | "H2" => "give board.north_offset_deg, keep magnets and motors' wires away from the compass",
+        "H1" | "H2" => {
+            "give board.north_offset_deg, keep magnets and motors' wires away from the compass"
+        }
         "A5" | "A6" | "A7" => "close doors, stop fans; nothing to repair on the vehicle",
         _ => "nothing to repair: the nominal model lacks it; take the scenario patch",
     }
@@ -324,7 +330,8 @@ mod tests {
 
     #[test]
     fn prop_one_line_changes_and_comments_stay() {
-        let text = "a = 1 # one\n\n[t] # table\nx = 2.0 # two\n# about z\nz = [1, 2]\n\n[[u]]\nx = 5\n";
+        let text =
+            "a = 1 # one\n\n[t] # table\nx = 2.0 # two\n# about z\nz = [1, 2]\n\n[[u]]\nx = 5\n";
         let new = set_key(text, "t", "x", "3.5").unwrap();
         assert_eq!(new, text.replace("x = 2.0 # two", "x = 3.5 # two"));
         let new = set_key(text, "t", "y", "1.0").unwrap();
@@ -341,7 +348,8 @@ mod tests {
 
     #[test]
     fn prop_a_scenario_takes_every_effect_and_refuses_senseless_values() {
-        let text = "seed = 3\n\n[effects]\nnominal = true\n\n[[fault]]\nat_s = 1.0\npart = \"tag\"\n";
+        let text =
+            "seed = 3\n\n[effects]\nnominal = true\n\n[[fault]]\nat_s = 1.0\npart = \"tag\"\n";
         for spec in standard() {
             let theta: Vec<f64> = spec.parameters.iter().map(|p| p.default).collect();
             let new = edit_scenario(text, spec, &theta).unwrap();

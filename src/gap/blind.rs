@@ -460,3 +460,6 @@ fn shrunk(
     }
     Ok((model.shrink(&named), model.shrink(&right)))
 }
+
+#[cfg(test)]
+mod tests;

@@ -288,7 +288,9 @@ mod tests {
         values.extend([1.0, 3.0, 1.0, 3.0, f64::NAN]);
         let (means, spreads) = by_second(&values);
         assert_eq!(means.len(), 3);
-        assert!((means[0] - 2.0).abs() < 1e-12 && means[1].is_nan() && (means[2] - 2.0).abs() < 1e-12);
+        assert!(
+            (means[0] - 2.0).abs() < 1e-12 && means[1].is_nan() && (means[2] - 2.0).abs() < 1e-12
+        );
         assert!(spreads[1].is_nan() && (spreads[2] - 0.5 * (4.0f64 / 3.0).ln()).abs() < 1e-9);
     }
 }

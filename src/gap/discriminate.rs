@@ -70,8 +70,11 @@ impl Clouds {
         let centre: Vec<f64> = columns
             .iter()
             .map(|j| {
-                let mut values: Vec<f64> =
-                    nulls.iter().filter_map(|r| r.get(*j).copied()).filter(|v| v.is_finite()).collect();
+                let mut values: Vec<f64> = nulls
+                    .iter()
+                    .filter_map(|r| r.get(*j).copied())
+                    .filter(|v| v.is_finite())
+                    .collect();
                 median(&mut values)
             })
             .collect();
@@ -223,8 +226,8 @@ pub fn correct(squared: &DMatrix<f64>, prior: &[f64], seed: u64) -> f64 {
     let centring = DMatrix::identity(n, n) - DMatrix::from_element(n, n, 1.0 / n as f64);
     let gram = &centring * squared * &centring * -0.5;
     let eigen = SymmetricEigen::new(gram);
-    let x = &eigen.eigenvectors
-        * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
+    let x =
+        &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|v| v.max(0.0).sqrt()));
     let mut rng = Stream::new(seed, "correct");
     let mut sum = 0.0;
     for h in 0..n {

@@ -6,17 +6,16 @@
 //! the time with everything at hand. Resolutions are one sigma of a reading by usual tools, and hold
 //! what nominal vehicles differ by (turn-on bias of the IMU: effect N11).
 
-use super::missions::{HEIGHT_M, LEG_MPS, LOW_M, Plan, diagnostic_file};
+use super::manoeuvres::{
+    height_ladder, lean_doublets, long_hover, reversal_dashes, room_edge_square, standard,
+    steps_then_hover, straight_dashes, throttle_doublets, under_the_ceiling, yaw_on_the_spot,
+};
 use super::scene::Scene;
-use crate::ctl::{DoubletAxis, MissionFile};
+use crate::ctl::MissionFile;
 
 /// What every flight costs besides flying, s: a charged battery, placing, waiting for alignment, copying
 /// the log. Judgement.
 const SET_UP_S: f64 = 120.0;
-/// Clear way to either side that a dash needs, m.
-const LEAST_DASH_M: f64 = 1.2;
-/// Clear height over the take-off height that a ladder needs, m.
-const LEAST_CLIMB_M: f64 = 0.8;
 
 /// One experiment.
 #[derive(Debug)]
@@ -68,7 +67,11 @@ pub static EXPERIMENTS: &[Experiment] = &[
         title: "turn on the spot in hover, four headings",
         how: "what stays with the room is wind or draught, what turns with the body is bias, tilt or trim",
         cost_s: 37.0,
-        separates: &[&["M1", "M4", "L3", "I2", "P6"], &["A5", "A6", "M1", "L3"], &["U3", "T1", "U11"]],
+        separates: &[
+            &["M1", "M4", "L3", "I2", "P6"],
+            &["A5", "A6", "M1", "L3"],
+            &["U3", "T1", "U11"],
+        ],
         means: Means::Flight(yaw_on_the_spot),
     },
     Experiment {
@@ -369,243 +372,5 @@ impl Experiment {
     }
 }
 
-/// Space to both sides of the take-off place along an axis, m.
-fn clear_m(scene: &Scene, axis: usize) -> f64 {
-    let plan = Plan::new(scene);
-    let reach = |side: f64| {
-        let mut off = [0.0; 2];
-        off[axis] = side * 100.0;
-        (plan.inside(off)[axis] - scene.start_NE_m[axis]).abs()
-    };
-    reach(1.0).min(reach(-1.0))
-}
-
-/// Largest dash that has room, up to what is wanted.
-fn dash_m(scene: &Scene, wanted_m: f64) -> Result<[f64; 2], String> {
-    let dash = [clear_m(scene, 0).min(wanted_m), clear_m(scene, 1).min(wanted_m)];
-    for (way_m, name) in dash.into_iter().zip(["north", "east"]) {
-        if way_m < LEAST_DASH_M {
-            return Err(format!(
-                "{way_m:.1} m of clear way along {name} from the place of take-off, {LEAST_DASH_M} m needed: \
-                 take off nearer the middle of the room"
-            ));
-        }
-    }
-    Ok(dash)
-}
-
-fn hover(scene: &Scene) -> Plan {
-    let mut plan = Plan::new(scene);
-    plan.speed(LEG_MPS);
-    plan.go([0.0, 0.0], HEIGHT_M, 3.0);
-    plan
-}
-
-fn yaw_on_the_spot(scene: &Scene) -> Result<MissionFile, String> {
-    let mut plan = hover(scene);
-    for yaw_deg in [90.0, 180.0, -90.0, 0.0, 90.0, 0.0] {
-        plan.turn(yaw_deg, 4.0);
-    }
-    Ok(plan.land())
-}
-
-fn throttle_doublets(scene: &Scene) -> Result<MissionFile, String> {
-    let mut plan = hover(scene);
-    for _ in 0..3 {
-        plan.doublets(DoubletAxis::Thrust, [[0.12, 0.4], [0.04, 0.4]]);
-        plan.doublets(DoubletAxis::Thrust, [[-0.12, 0.3], [0.08, 0.4]]);
-    }
-    plan.go([0.0, 0.0], HEIGHT_M, 1.0);
-    Ok(plan.land())
-}
-
-fn lean_doublets(scene: &Scene) -> Result<MissionFile, String> {
-    dash_m(scene, LEAST_DASH_M)?;
-    let mut plan = hover(scene);
-    for axis in [DoubletAxis::Roll, DoubletAxis::Pitch] {
-        for _ in 0..2 {
-            plan.doublets(axis, [[8.6, 0.5], [4.6, 0.3]]);
-            plan.doublets(axis, [[2.3, 0.5], [8.6, 0.25]]);
-        }
-        plan.go([0.0, 0.0], HEIGHT_M, 0.5);
-    }
-    Ok(plan.land())
-}
-
-fn reversal_dashes(scene: &Scene) -> Result<MissionFile, String> {
-    let dash = dash_m(scene, 1.9)?;
-    let mut plan = hover(scene);
-    // The lower of the speed that lean allows: 1.2 m/s along x (missions.rs).
-    for (axis, speeds) in [[0.5, 0.9, 1.2], [0.5, 1.0, 1.6]].into_iter().enumerate() {
-        for mps in speeds {
-            plan.speed(mps);
-            for side in [1.0, -1.0] {
-                let mut off = [0.0; 2];
-                off[axis] = side * dash[axis];
-                plan.go(off, HEIGHT_M, 0.2);
-            }
-        }
-        plan.go([0.0, 0.0], HEIGHT_M, 0.5);
-    }
-    Ok(plan.land())
-}
-
-fn straight_dashes(scene: &Scene) -> Result<MissionFile, String> {
-    let dash = dash_m(scene, 1.9)?;
-    let mut plan = hover(scene);
-    for (axis, mps) in [1.2, 1.4].into_iter().enumerate() {
-        for side in [1.0, -1.0] {
-            let mut off = [0.0; 2];
-            off[axis] = side * dash[axis];
-            plan.speed(mps);
-            plan.go(off, HEIGHT_M, 2.5);
-            plan.go([0.0, 0.0], HEIGHT_M, 2.5);
-        }
-    }
-    Ok(plan.land())
-}
-
-fn room_edge_square(scene: &Scene) -> Result<MissionFile, String> {
-    dash_m(scene, LEAST_DASH_M)?;
-    let mut plan = hover(scene);
-    plan.speed(1.1);
-    for height_m in [HEIGHT_M, 1.8] {
-        for corner in [[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]] {
-            plan.go(corner.map(|c| 100.0 * c), height_m, 0.8);
-        }
-    }
-    plan.go([0.0, 0.0], HEIGHT_M, 1.0);
-    Ok(plan.land())
-}
-
-fn height_ladder(scene: &Scene) -> Result<MissionFile, String> {
-    let mut plan = hover(scene);
-    plan.speed(0.5);
-    for height_m in [0.8, 0.5, LOW_M - 0.1, 0.25, LOW_M - 0.1, 0.5] {
-        plan.go([0.0, 0.0], height_m, 3.5);
-    }
-    plan.go([0.0, 0.0], HEIGHT_M, 1.0);
-    Ok(plan.land())
-}
-
-fn under_the_ceiling(scene: &Scene) -> Result<MissionFile, String> {
-    let mut plan = hover(scene);
-    let top_m = plan.under(100.0);
-    if top_m - HEIGHT_M < LEAST_CLIMB_M {
-        return Err(format!(
-            "ceiling at {:.1} m leaves no climb of {LEAST_CLIMB_M} m over {HEIGHT_M} m",
-            scene.room.ceiling_m
-        ));
-    }
-    if top_m > 6.0 {
-        return Err(format!(
-            "ceiling at {:.1} m: out of reach of these flights, which stay below 6 m",
-            scene.room.ceiling_m
-        ));
-    }
-    for height_m in [top_m - 0.6, top_m, top_m - 0.6, top_m] {
-        plan.go([0.0, 0.0], height_m, 4.0);
-    }
-    plan.go([0.0, 0.0], HEIGHT_M, 1.0);
-    Ok(plan.land())
-}
-
-fn long_hover(scene: &Scene) -> Result<MissionFile, String> {
-    let mut plan = hover(scene);
-    plan.wait(58.0);
-    Ok(plan.land())
-}
-
-fn steps_then_hover(scene: &Scene) -> Result<MissionFile, String> {
-    let mut plan = hover(scene);
-    plan.doublets(DoubletAxis::Thrust, [[0.12, 0.4], [0.04, 0.4]]);
-    plan.wait(40.0);
-    plan.doublets(DoubletAxis::Thrust, [[0.12, 0.4], [0.04, 0.4]]);
-    plan.go([0.0, 0.0], HEIGHT_M, 1.0);
-    Ok(plan.land())
-}
-
-fn standard(scene: &Scene) -> Result<MissionFile, String> {
-    dash_m(scene, LEAST_DASH_M)?;
-    Ok(diagnostic_file(scene))
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::ctl::MissionFile;
-    use crate::gap::missions::wire;
-    use crate::lockstep::{Lockstep, fly};
-    use crate::model::effects::ALL;
-    use rayon::prelude::*;
-
-    #[test]
-    fn prop_the_catalogue_names_effects_and_parameters_of_the_list() {
-        let mut ids: Vec<_> = EXPERIMENTS.iter().map(|e| e.id).collect();
-        ids.sort_unstable();
-        ids.dedup();
-        assert_eq!(ids.len(), EXPERIMENTS.len());
-        let spec = |id: &str| ALL.iter().find(|s| s.id == id);
-        for e in EXPERIMENTS {
-            for id in e.separates.iter().flat_map(|s| s.iter()) {
-                assert!(spec(id).is_some(), "{}: {id}", e.id);
-            }
-            if let Means::Bench(readings) = e.means {
-                for (id, name, _) in readings.iter().flat_map(|r| r.of) {
-                    let spec = spec(id).unwrap_or_else(|| panic!("{}: {id}", e.id));
-                    assert!(spec.parameters.iter().any(|p| p.name == *name), "{id}.{name}");
-                }
-                assert!(readings.iter().all(|r| r.resolution > 0.0));
-            }
-        }
-    }
-
-    #[test]
-    fn val_every_flight_is_flown_to_its_end_inside_the_room_at_the_stated_cost() {
-        let scene = Scene::lab().unwrap();
-        EXPERIMENTS.par_iter().for_each(|e| {
-            let Means::Flight(mission) = e.means else { return };
-            let mission = mission(&scene).unwrap();
-            // As a file, the way a user flies it.
-            let text = toml::to_string(&mission).unwrap();
-            assert_eq!(MissionFile::parse(&text).unwrap(), mission, "{}", e.id);
-            let mut world = Lockstep::new(scene.plant(1), scene.pilot.clone(), &scene.survey)
-                .unwrap()
-                .without_topics();
-            let flight = fly(&mut world, &wire(&mission), 200.0).unwrap();
-            let flown_s = flight.samples.len() as f64 * 0.01;
-            println!("{}: {flown_s:.0} s, listed {:.0} s", e.id, e.cost_s);
-            assert!(flight.landed, "{}: {:?}", e.id, flight.texts);
-            assert!(flight.samples.iter().all(|s| !s.truth.crashed), "{}", e.id);
-            assert!((flown_s - e.cost_s).abs() < 0.2 * e.cost_s, "{}: {flown_s} s", e.id);
-            for s in &flight.samples {
-                let p = s.truth.pos_E_m;
-                let inside = (0.1..=5.9).contains(&p.x()) && (0.1..=5.9).contains(&p.y());
-                assert!(inside && -p.z() < 2.95, "{}: {p:?}", e.id);
-            }
-        });
-    }
-
-    #[test]
-    fn prop_missions_stay_in_any_room_or_say_why_not() {
-        for (side_m, ceiling_m) in [(2.0, 2.2), (3.0, 1.6), (4.0, 2.5), (12.0, 8.0)] {
-            for share in [0.5, 0.1] {
-                let mut scene = Scene::lab().unwrap();
-                scene.room.north_m = [0.0, side_m];
-                scene.room.east_m = [-1.0, side_m - 1.0];
-                scene.room.ceiling_m = ceiling_m;
-                scene.start_NE_m = [share * side_m, share * side_m - 1.0];
-                for e in EXPERIMENTS {
-                    let Means::Flight(mission) = e.means else { continue };
-                    let Ok(mission) = mission(&scene) else { continue };
-                    for item in mission.items.iter().filter_map(|i| i.position_m) {
-                        let [n, east, h] = item;
-                        assert!((0.4..=side_m - 0.4).contains(&n), "{} {n}", e.id);
-                        assert!((-0.6..=side_m - 1.4).contains(&east), "{} {east}", e.id);
-                        assert!(h <= ceiling_m - 0.35, "{}: {h} under {ceiling_m}", e.id);
-                    }
-                }
-            }
-        }
-    }
-}
+mod tests;

@@ -74,9 +74,8 @@ pub struct Floor {
 
 /// Floor of a number. `None`: too few flights have it.
 pub fn floor(nulls: &[f64], references: &[f64]) -> Option<Floor> {
-    let finite = |rows: &[f64]| -> Vec<f64> {
-        rows.iter().copied().filter(|v| v.is_finite()).collect()
-    };
+    let finite =
+        |rows: &[f64]| -> Vec<f64> { rows.iter().copied().filter(|v| v.is_finite()).collect() };
     let known = finite(nulls);
     if known.len() < LEAST_NULLS || (known.len() as f64) < LEAST_VISITED * nulls.len() as f64 {
         return None;

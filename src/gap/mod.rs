@@ -1,14 +1,14 @@
 //! Diagnosis of the gap between a flight and the nominal simulator: where it lies, which unmodelled
 //! effect causes it, how far it shrinks once that effect is added.
 
+pub mod accept;
+pub mod accepted;
+pub mod advise;
 pub mod attribute;
 pub mod balance;
 pub mod bank;
 pub mod bank_file;
 pub mod blind;
-pub mod accept;
-pub mod accepted;
-pub mod advise;
 pub mod cells;
 pub mod details;
 pub mod diagnosis;
@@ -20,6 +20,7 @@ pub mod library;
 pub mod lines_of_sight;
 pub mod logs;
 pub mod make_bank;
+mod manoeuvres;
 pub mod matrix;
 pub mod missions;
 pub mod nominal;

@@ -175,7 +175,8 @@ fn standard(i: usize, line: &Line, nulls: &[Details], with: &[Details]) -> Optio
             let (mean, var) = moments(&moved);
             let z = (mean - mean_of[t]) / sigma;
             // A shift that could be the noise of its own estimate is none.
-            let noise = (var / moved.len() as f64).sqrt() / sigma + 1.0 / (nulls.len() as f64).sqrt();
+            let noise =
+                (var / moved.len() as f64).sqrt() / sigma + 1.0 / (nulls.len() as f64).sqrt();
             d[t] = if z.abs() > 2.0 * noise { z.clamp(-LARGEST, LARGEST) } else { 0.0 };
             strength += d[t] * d[t];
         }
@@ -193,7 +194,8 @@ fn weight(i: usize, nulls: &[Details], mean: &[f64], sigma: &[f64]) -> f64 {
     for line in nulls.iter().filter_map(|d| d.lines.get(i)) {
         let z = |t: usize| {
             let value = line.values.get(t).copied().unwrap_or(f64::NAN);
-            (value - mean.get(t).copied().unwrap_or(f64::NAN)) / sigma.get(t).copied().unwrap_or(1.0)
+            (value - mean.get(t).copied().unwrap_or(f64::NAN))
+                / sigma.get(t).copied().unwrap_or(1.0)
         };
         for t in 1..mean.len() {
             let (a, b) = (z(t - 1), z(t));
@@ -260,8 +262,7 @@ mod tests {
     fn sudden(scene: &Scene, id: &str, theta: &[f64], at_s: Option<f64>) -> (Details, f64) {
         let spec = library::standard().into_iter().find(|s| s.id == id).unwrap();
         let values = spec.parameters.iter().map(|p| p.name.to_owned()).zip(theta.iter().copied());
-        let mut fault =
-            Some(Fault::EffectOn { id: id.to_owned(), values: values.collect() });
+        let mut fault = Some(Fault::EffectOn { id: id.to_owned(), values: values.collect() });
         let plant = jittered(scene.plant(91)).unwrap();
         let mut lockstep = Lockstep::new(plant, scene.pilot.clone(), &scene.survey).unwrap();
         let mut trace = Trace::new(scene.survey.clone());

@@ -99,9 +99,8 @@ impl Trial {
             let s = Share::new(hits, n);
             format!("{:.2} (95 %: {:.2} to {:.2})", hits as f64 / n.max(1) as f64, s.low, s.high)
         };
-        let mean = |of: &dyn Fn(&Case) -> f64| {
-            self.cases.iter().map(of).sum::<f64>() / n.max(1) as f64
-        };
+        let mean =
+            |of: &dyn Fn(&Case) -> f64| self.cases.iter().map(of).sum::<f64>() / n.max(1) as f64;
         let _ = writeln!(
             out,
             "{n} ambiguous cases ({} settled by the first flight)\nright before              {}\nright after recommended   {}, predicted {:.2}\nright after one by chance {:.2}",
@@ -202,8 +201,7 @@ fn one(scene: &Scene, k: usize) -> Option<Case> {
     let (mut hits, mut tried) = (0, 0);
     while tried < BY_CHANCE {
         let id = all.get((rng.uniform() * all.len() as f64) as usize)?;
-        let is_right =
-            if *id == recommended.experiment { right_after } else { right(id)? };
+        let is_right = if *id == recommended.experiment { right_after } else { right(id)? };
         (hits, tried) = (hits + usize::from(is_right), tried + 1);
     }
     Some(Case {

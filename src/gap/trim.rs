@@ -55,7 +55,10 @@ impl Trim {
         if all.is_empty() {
             format!("no trim: the lean that it causes is below {LEAST_DEG} deg on every axis")
         } else {
-            format!("trim, in the companion's [control.trims] (--config FILE writes it): {}", all.join(", "))
+            format!(
+                "trim, in the companion's [control.trims] (--config FILE writes it): {}",
+                all.join(", ")
+            )
         }
     }
 }

@@ -15,8 +15,18 @@ use super::support::{Ended, companion, sim};
 const LIMIT: Duration = Duration::from_secs(300);
 /// The smallest bank that can be learned, of three effects: it tests the program, not the verdict.
 const SMALL: [&str; 12] = [
-    "--banks", "banks", "--size", "smallest", "--room", "0,6,0,6,3", "--only", "P1", "--only", "U2",
-    "--only", "M1",
+    "--banks",
+    "banks",
+    "--size",
+    "smallest",
+    "--room",
+    "0,6,0,6,3",
+    "--only",
+    "P1",
+    "--only",
+    "U2",
+    "--only",
+    "M1",
 ];
 
 fn run(folder: &Path, args: &[&str]) -> Ended {
@@ -67,12 +77,15 @@ fn val_a_gap_is_diagnosed_advised_shrunk_accepted_and_undone() {
     assert!(report["picture"]["matrix"]["squares"].as_array().unwrap().len() > 300);
     assert_eq!(report["made_with"]["log_sha256"].as_str().unwrap().len(), 64);
     assert_eq!(report["made_with"]["library"].as_array().unwrap().len(), 3);
-    assert!(report["attribution"]["candidates"].as_array().unwrap().iter().any(|c| c["id"] == "P1"));
+    assert!(
+        report["attribution"]["candidates"].as_array().unwrap().iter().any(|c| c["id"] == "P1")
+    );
     let page = fs::read_to_string(dir.join("r.html")).unwrap();
     assert!(page.ends_with("</html>") && !page.contains("http") && !page.contains("NaN"));
 
     // The effect with given values closes the gap on the other flight; its opposite does not.
-    let args = ["gap", "shrink", "--effect", "P1=0.15", "again.mcap", "--room", "0,6,0,6,3", "--json"];
+    let args =
+        ["gap", "shrink", "--effect", "P1=0.15", "again.mcap", "--room", "0,6,0,6,3", "--json"];
     let shrunk = run(dir, &args);
     assert_eq!(shrunk.code, Some(0), "{shrunk:?}");
     let start = shrunk.text.find('{').unwrap();

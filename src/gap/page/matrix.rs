@@ -165,7 +165,14 @@ fn note(m: &Matrix) -> String {
 fn cell(svg: &mut String, x: f64, y: f64, square: Option<&Square>, name: &str) {
     let [w, h] = CELL_PX;
     let title = match square {
-        Some(Square { mean: Some(mean), expected: Some(e), limit: Some(l), unit, t: Some(t), .. }) => {
+        Some(Square {
+            mean: Some(mean),
+            expected: Some(e),
+            limit: Some(l),
+            unit,
+            t: Some(t),
+            ..
+        }) => {
             format!("{name}: {mean:.4} {unit}, expected {e:.4} ± {l:.4}; {t:+.1} sigma")
         }
         Some(Square { mean: Some(mean), unit, .. }) => {
@@ -206,7 +213,8 @@ fn cell(svg: &mut String, x: f64, y: f64, square: Option<&Square>, name: &str) {
 
 /// Short, with a sign that is as wide as the plus.
 fn number(t: f64) -> String {
-    let text = if t.abs() < 9.95 { format!("{t:+.1}") } else { format!("{:+.0}", t.clamp(-999.0, 999.0)) };
+    let text =
+        if t.abs() < 9.95 { format!("{t:+.1}") } else { format!("{:+.0}", t.clamp(-999.0, 999.0)) };
     text.replace('-', "\u{2212}")
 }
 

@@ -7,8 +7,8 @@ mod plan;
 
 use std::fmt::Write as _;
 
-use super::diagnosis::{Diagnosis, ShrinkResult};
 use super::attribute::Candidate;
+use super::diagnosis::{Diagnosis, ShrinkResult};
 use crate::model::effects::Block;
 use crate::report::STYLE;
 use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
@@ -71,7 +71,11 @@ pub fn render(d: &Diagnosis) -> String {
     }
     if let Some(p) = &d.picture {
         html.push_str(&matrix::draw(&p.matrix));
-        let _ = write!(html, "<div class=\"two\"><div><h2>In the room</h2>{}</div><div>", plan::plan(&p.plan));
+        let _ = write!(
+            html,
+            "<div class=\"two\"><div><h2>In the room</h2>{}</div><div>",
+            plan::plan(&p.plan)
+        );
         if let Some(s) = &p.signature {
             let _ = write!(html, "<h2>Signature</h2>{}", plan::signature(s));
         }
@@ -156,7 +160,10 @@ fn summary(html: &mut String, d: &Diagnosis) {
     };
     row("Verdict", format!("<b>{}</b>{}", escape(&d.verdict), sizes(d)));
     row("Where", escape(&whereabouts(d)));
-    row("Since", d.picture.as_ref().filter(|_| gap(d)).map_or(String::new(), |p| escape(&p.onset.words())));
+    row(
+        "Since",
+        d.picture.as_ref().filter(|_| gap(d)).map_or(String::new(), |p| escape(&p.onset.words())),
+    );
     row("Shrink", if d.effects.is_empty() { String::new() } else { closed(d.shrink.as_ref()) });
     row("Not ruled out", next::open(d));
     row(
@@ -189,7 +196,9 @@ fn sizes(d: &Diagnosis) -> String {
         .effects
         .iter()
         .flat_map(|e| &e.parameters)
-        .map(|p| format!("{} {:.3} {} (90 %: {:.3} to {:.3})", p.name, p.value, p.unit, p.low, p.high))
+        .map(|p| {
+            format!("{} {:.3} {} (90 %: {:.3} to {:.3})", p.name, p.value, p.unit, p.low, p.high)
+        })
         .collect();
     format!("<br>{}", escape(&all.join("; ")))
 }
@@ -302,7 +311,13 @@ fn effects(html: &mut String, d: &Diagnosis) {
 }
 
 /// Bars as thick lines from zero, named on the axis.
-fn bars(title: &str, y_label: &str, bars: &[(String, Vec<(Tone, f64)>)], limits: Vec<Limit>, width_px: f64) -> String {
+fn bars(
+    title: &str,
+    y_label: &str,
+    bars: &[(String, Vec<(Tone, f64)>)],
+    limits: Vec<Limit>,
+    width_px: f64,
+) -> String {
     let mut series = Vec::new();
     for (k, (_, values)) in bars.iter().enumerate() {
         for (i, (tone, value)) in values.iter().enumerate() {
@@ -320,7 +335,11 @@ fn bars(title: &str, y_label: &str, bars: &[(String, Vec<(Tone, f64)>)], limits:
         y_label: y_label.into(),
         series,
         limits,
-        categories: bars.iter().enumerate().map(|(k, (n, _))| (k as f64, n.clone(), String::new())).collect(),
+        categories: bars
+            .iter()
+            .enumerate()
+            .map(|(k, (n, _))| (k as f64, n.clone(), String::new()))
+            .collect(),
         x_range: Some([-0.6, bars.len() as f64 - 0.4]),
         size_px: [width_px, 230.0],
         ..Plot::default()
@@ -356,7 +375,10 @@ fn ladder(html: &mut String, d: &Diagnosis) {
             &held,
             vec![
                 Limit { name: format!("floor {:.2}", s.floor), y: s.floor },
-                Limit { name: format!("floor + noise {:.2}", s.floor + s.noise), y: s.floor + s.noise },
+                Limit {
+                    name: format!("floor + noise {:.2}", s.floor + s.noise),
+                    y: s.floor + s.noise,
+                },
             ],
             500.0,
         )),
@@ -449,7 +471,10 @@ fn why_not(k: usize, c: &Candidate, first: &Candidate) -> String {
     if let Some(distance) = c.distance {
         why.push(format!("not told apart: {distance:.1} sigma from the first, 3.3 needed"));
     } else if c.log_evidence < first.log_evidence - 3.0 {
-        why.push(format!("explains less: log evidence {:.0} below the first", first.log_evidence - c.log_evidence));
+        why.push(format!(
+            "explains less: log evidence {:.0} below the first",
+            first.log_evidence - c.log_evidence
+        ));
     } else if c.posterior < first.posterior {
         why.push("less probable, yet not far behind".to_owned());
     }
@@ -459,7 +484,8 @@ fn why_not(k: usize, c: &Candidate, first: &Candidate) -> String {
     let spec = super::library::whole().into_iter().find(|s| s.id == c.id);
     for (p, v) in spec.iter().flat_map(|s| s.parameters).zip(&c.theta) {
         let width = p.high - p.low;
-        let choice = matches!(p.name, "anchor" | "wall" | "north" | "east" | "size" | "towards" | "phase");
+        let choice =
+            matches!(p.name, "anchor" | "wall" | "north" | "east" | "size" | "towards" | "phase");
         if !choice && width > 0.0 && (v - p.low < 0.02 * width || p.high - v < 0.02 * width) {
             why.push(format!("needs the end of its range: {} {v:.3} {}", p.name, p.unit));
         }

@@ -44,7 +44,8 @@ pub(super) fn plan(p: &FloorPlan) -> String {
                 );
             }
             Some(t) => {
-                let opacity = if t.abs() < 2.0 { 0.0 } else { 0.1 + 0.6 * (t.abs() / FULL).min(1.0) };
+                let opacity =
+                    if t.abs() < 2.0 { 0.0 } else { 0.1 + 0.6 * (t.abs() / FULL).min(1.0) };
                 let _ = write!(
                     svg,
                     "<g><title>UWB residual {t:+.1} sigma</title><rect class=\"cell loudness\" {rect} \
@@ -105,12 +106,7 @@ fn high(p: &FloorPlan, node: &Node) -> bool {
 }
 
 /// High anchors are drawn farther out than low ones: they often share a corner.
-fn spot(
-    p: &FloorPlan,
-    node: &Node,
-    x: &impl Fn(f64) -> f64,
-    y: &impl Fn(f64) -> f64,
-) -> [f64; 2] {
+fn spot(p: &FloorPlan, node: &Node, x: &impl Fn(f64) -> f64, y: &impl Fn(f64) -> f64) -> [f64; 2] {
     let [north, east, _] = node.position_m;
     let out = if high(p, node) { 34.0 } else { 10.0 };
     let side = |v: f64, [low, high]: [f64; 2]| if v > 0.5 * (low + high) { 1.0 } else { -1.0 };
@@ -147,19 +143,15 @@ fn anchor(svg: &mut String, node: &Node, [x, y]: [f64; 2], high: bool) {
     );
 }
 
-fn paths(
-    svg: &mut String,
-    p: &FloorPlan,
-    x: &impl Fn(f64) -> f64,
-    y: &impl Fn(f64) -> f64,
-) {
-    let mut loud: Vec<_> =
-        p.paths.iter().filter_map(|path| Some((path, path.t.filter(|t| t.abs() >= LOUD)?))).collect();
+fn paths(svg: &mut String, p: &FloorPlan, x: &impl Fn(f64) -> f64, y: &impl Fn(f64) -> f64) {
+    let mut loud: Vec<_> = p
+        .paths
+        .iter()
+        .filter_map(|path| Some((path, path.t.filter(|t| t.abs() >= LOUD)?)))
+        .collect();
     loud.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
     for (path, t) in loud.into_iter().take(PATHS) {
-        let end = |id: u8| {
-            p.anchors.iter().find(|a| a.id == id).map(|node| spot(p, node, x, y))
-        };
+        let end = |id: u8| p.anchors.iter().find(|a| a.id == id).map(|node| spot(p, node, x, y));
         let (Some(a), Some(b)) = (end(path.anchors[0]), end(path.anchors[1])) else { continue };
         let _ = write!(
             svg,
