@@ -33,7 +33,7 @@ const SETS: [&[&str]; 6] = [
     &["U2", "U7", "U8"],
 ];
 /// A case counts when the first flight leaves the best candidate less probable than this.
-const OPEN: f64 = 0.9;
+const OPEN: f64 = 0.95;
 /// First flights that are tried per wanted case.
 const MOST_TRIES: usize = 4;
 /// Seed of truths.
@@ -43,7 +43,7 @@ const WEAK: f64 = 0.33;
 /// Length of the first flight's hover, s.
 const HOVER_S: f64 = 12.0;
 /// Flights by chance that are tried in a case.
-const BY_CHANCE: usize = 4;
+const BY_CHANCE: usize = 3;
 /// Half width of the interval of a parameter that a fit knows, as a share of its range.
 const KNOWN: f64 = 0.15;
 
