@@ -27,6 +27,8 @@ const CHAIN: [Block; 11] = [
     Block::Estimator,
     Block::Timing,
 ];
+/// Flights per effect from which a bank is not called small: half the default.
+const FULL_DRAWS: usize = 20;
 /// Candidates that the table lists.
 const LISTED: usize = 8;
 /// Sigma from which a block counts as loud, and as very loud.
@@ -159,6 +161,15 @@ fn summary(html: &mut String, d: &Diagnosis) {
         }
     };
     row("Verdict", format!("<b>{}</b>{}", escape(&d.verdict), sizes(d)));
+    let draws = d.made_with.bank_flights[2];
+    if draws > 0 && draws < FULL_DRAWS {
+        row(
+            "Mind",
+            format!(
+                "a bank of {draws} flights an effect is for trying the program; a verdict needs --size full"
+            ),
+        );
+    }
     row("Where", escape(&whereabouts(d)));
     row(
         "Since",
@@ -298,9 +309,12 @@ fn effects(html: &mut String, d: &Diagnosis) {
             };
             let _ = write!(
                 html,
-                "<tr>{head}<td>{}, {}</td><td class=\"n\">{:.4}</td><td class=\"n\">{:.4} to {:.4}</td></tr>",
-                escape(&p.name),
-                escape(&p.unit),
+                "<tr>{head}<td>{}</td><td class=\"n\">{:.4}</td><td class=\"n\">{:.4} to {:.4}</td></tr>",
+                escape(&if p.unit.is_empty() {
+                    p.name.clone()
+                } else {
+                    format!("{}, {}", p.name, p.unit)
+                }),
                 p.value,
                 p.low,
                 p.high

@@ -8,6 +8,8 @@ use crate::report::svg::escape;
 
 /// Experiments that the table lists.
 const LISTED: usize = 10;
+/// Effects whose repair is told: of a long set the first ones.
+const REPAIRS: usize = 3;
 /// Probability from which an experiment "would show" an effect.
 const SHOWS: f64 = 0.5;
 
@@ -34,7 +36,7 @@ pub(super) fn first(d: &Diagnosis) -> String {
 pub(super) fn section(html: &mut String, d: &Diagnosis) {
     html.push_str("<h2>What next</h2>");
     let named = matches!(d.outcome, "named" | "several" | "named_with_remainder" | "ambiguous");
-    for effect in d.effects.iter().filter(|_| named) {
+    for effect in d.effects.iter().filter(|_| named).take(REPAIRS) {
         let _ = write!(
             html,
             "<p><b>{} {}</b> on the vehicle: {}. In the simulator: <code>haltere gap accept REPORT.json --effect {} \
