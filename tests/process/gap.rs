@@ -92,9 +92,16 @@ fn val_a_gap_is_diagnosed_advised_shrunk_accepted_and_undone() {
     let text = &shrunk.text[start..=shrunk.text.rfind('}').unwrap()];
     // Progress and answer share the file; the answer is printed last and at once.
     let value: serde_json::Value = serde_json::from_str(text).unwrap();
-    let closed = value["shrink"]["whole"]["value"].as_f64().unwrap();
-    assert!(closed > 0.7, "{closed}");
-    assert!(value["shrink"]["wrong_median"].as_f64().is_none_or(|w| w < 0.3), "{value}");
+    let shrink = &value["shrink"];
+    // Where the effect lives it must close. Over all statistics one flight beside eight simulated ones
+    // is a noisy number even for the true effect at its true size (0.62 and 0.77 measured): there it
+    // must stand out from the effects that are not the cause.
+    let channels = shrink["channels"].as_array().unwrap();
+    let force = channels.iter().find(|c| c[0] == "ForceZ").unwrap();
+    assert!(force[1]["value"].as_f64().unwrap() > 0.85, "{force}");
+    let closed = shrink["whole"]["value"].as_f64().unwrap();
+    let wrong = shrink["wrong_median"].as_f64().unwrap();
+    assert!(closed > wrong + 0.3, "closed {closed}, by wrong effects {wrong}");
 
     // Advice from the report alone.
     let asked = run(dir, &["gap", "advise", "r.json", "--room", "0,6,0,6,3", "--out", "next"]);
