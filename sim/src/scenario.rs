@@ -217,4 +217,55 @@ mod tests {
             assert_eq!(back.position_E_m(*id), scenario.survey().unwrap().position_E_m(*id));
         }
     }
+
+    /// Mean flap rate of both wings in the middle of a short hover, Hz.
+    fn hover_hz(scenario: &Scenario) -> f64 {
+        use haltere::ctl::{Item, ItemCommand};
+        use haltere::lockstep::{Lockstep, fly};
+        use haltere::model::{Plant, PlantConfig};
+        use haltere::pilot::PilotConfig;
+        let survey = scenario.survey().unwrap();
+        let [north_m, east_m] = scenario.start.position_m;
+        let plant = PlantConfig {
+            effects: scenario.effect_set().unwrap(),
+            start_E_m: Vec3::new(north_m, east_m, 0.0),
+            room: scenario.room.clone(),
+            ..PlantConfig::new(survey.clone(), scenario.seed)
+        };
+        let takeoff = Item { height_m: Some(1.5), ..Item::new(ItemCommand::Takeoff) };
+        let wait = Item { duration_s: Some(8.0), ..Item::new(ItemCommand::Delay) };
+        let items: Vec<_> = [takeoff, wait, Item::new(ItemCommand::Land)]
+            .iter()
+            .zip(0..)
+            .map(|(item, seq)| item.to_wire(seq, 0, 0))
+            .collect();
+        let world = Plant::new(plant).unwrap();
+        let mut lockstep = Lockstep::in_world(world, PilotConfig::default(), &survey, None);
+        let flight = fly(&mut lockstep, &items, 60.0).unwrap();
+        assert!(flight.landed, "{:?}", flight.texts);
+        let high: Vec<f64> = flight
+            .samples
+            .iter()
+            .filter(|s| -s.truth.pos_E_m.z() > 1.3)
+            .map(|s| 0.5 * (s.truth.flap_hz[0] + s.truth.flap_hz[1]))
+            .collect();
+        assert!(high.len() > 300, "{} samples in hover", high.len());
+        high.iter().sum::<f64>() / high.len() as f64
+    }
+
+    #[test]
+    fn val_an_accepted_effect_is_read_and_flown_with() {
+        use haltere::gap::accept::edit_scenario;
+        let sample = include_str!("../scenarios/sample.toml");
+        let spec = haltere::gap::library::standard().into_iter().find(|s| s.id == "P1").unwrap();
+        let patched = edit_scenario(sample, spec, &[0.15]).unwrap();
+        let kept = sample.lines().all(|line| patched.contains(line));
+        assert!(kept, "a line of the sample is gone:\n{patched}");
+        let scenario = Scenario::parse(&patched, Path::new(".")).unwrap();
+        assert!(scenario.effect_set().unwrap().is_on("P1"));
+        let plain = hover_hz(&Scenario::parse(sample, Path::new(".")).unwrap());
+        let ratio = hover_hz(&scenario) / plain;
+        // Thrust (1 - 0.15)(c f - t0) must carry the same weight: f grows by little less than 1/0.85.
+        assert!((1.12..1.20).contains(&ratio), "flap rate in hover grew by {ratio}");
+    }
 }

@@ -11,7 +11,7 @@ use super::gap::{BankOptions, Progress, RoomOptions};
 use super::gap_report::Report;
 use super::gap_session::{Opened, open};
 use super::{print, print_json};
-use crate::gap::advise::{Advice, Hypothesis, Remaining, advise, after_flight};
+use crate::gap::advise::{Advice, Effort, Hypothesis, Remaining, advise, after_flight};
 use crate::gap::diagnosis::{Diagnosis, observed};
 use crate::gap::experiments::{EXPERIMENTS, Means, find};
 use crate::gap::library::whole;
@@ -104,7 +104,7 @@ impl Advise {
             return Ok(ExitCode::SUCCESS);
         }
         let progress = Progress::new("trying the experiments");
-        let advice = advise(&scene, &remaining, |done, of| progress.at(done, of));
+        let advice = advise(&scene, &remaining, Effort::All, |done, of| progress.at(done, of));
         let written = match &self.out {
             Some(folder) => write_missions(folder, &scene, &advice)?,
             None => Vec::new(),
@@ -209,7 +209,8 @@ impl Advise {
 pub(super) fn remaining(d: &Diagnosis) -> Remaining {
     let spec = |id: &str| whole().into_iter().find(|s| s.id == id);
     let candidates = d.attribution.as_ref().map_or(&[][..], |a| &a.candidates[..]);
-    let gap = !matches!(d.outcome, "no_gap" | "not_testable" | "log_fault");
+    // What is not in the library is not told apart by effects of the library.
+    let gap = matches!(d.outcome, "named" | "ambiguous" | "several" | "named_with_remainder");
     let hypotheses = candidates
         .iter()
         .filter(|_| gap)

@@ -1,6 +1,6 @@
 //! `haltere gap diagnose`: one flight against the nominal simulator.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context as _;
@@ -8,15 +8,16 @@ use clap::Args;
 
 use super::gap::{BankOptions, Progress, RoomOptions};
 use super::gap_advise::remaining;
-use super::gap_session::{Opened, Session, open};
+use super::gap_session::{Opened, Session, open, same_survey};
 use super::{print, print_json};
-use crate::gap::advise::advise;
+use crate::gap::advise::{Effort, advise};
 use crate::gap::details::details;
 use crate::gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
 use crate::gap::held_out::{Explanation, measure};
 use crate::gap::logs::{self, Flown};
 use crate::gap::page;
 use crate::gap::picture::picture;
+use crate::gap::seal::digest;
 use crate::model::effects::EffectSpec;
 
 /// Says where a flight differs from the nominal simulator, which effect causes it, and how far the
@@ -58,9 +59,17 @@ impl Diagnose {
         let [first, others @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
         let session = match open(first, &self.reference, &self.room, &self.options)? {
             Opened::Ready(session) => session,
-            Opened::Fault(diagnosis) => return self.answer(&diagnosis),
+            Opened::Fault(mut diagnosis) => {
+                diagnosis.made_with.log_sha256 = hash_of(first);
+                return self.answer(&diagnosis);
+            }
         };
+        // Before anything long: flights that cannot stand beside this one.
+        for path in others {
+            same_survey(&logs::read(path)?, &session.seen.flown)?;
+        }
         let mut diagnosis = session.judge();
+        diagnosis.made_with.log_sha256 = hash_of(first);
         if !others.is_empty() && !diagnosis.effects.is_empty() {
             self.shrink(&session, others, &mut diagnosis)?;
         }
@@ -98,7 +107,7 @@ impl Diagnose {
             Vec::new()
         } else {
             let progress = Progress::new("advice");
-            advise(&session.scene, &open, |done, of| progress.at(done, of))
+            advise(&session.scene, &open, Effort::Listed, |done, of| progress.at(done, of))
         };
         diagnosis.advice = Some(Advised {
             open: open.candidates.iter().map(|h| (h.spec.id.to_owned(), h.probability)).collect(),
@@ -110,7 +119,7 @@ impl Diagnose {
 
     fn answer(&self, diagnosis: &Diagnosis) -> anyhow::Result<ExitCode> {
         if let Some(path) = &self.report {
-            let write = |path: &std::path::Path, text: String| {
+            let write = |path: &Path, text: String| {
                 std::fs::write(path, text).with_context(|| format!("{}", path.display()))
             };
             write(path, page::render(diagnosis))?;
@@ -134,6 +143,11 @@ impl Diagnose {
             paths.iter().map(|path| logs::read(path)).collect::<Result<Vec<Flown>, _>>()
         };
         let (flights, accepted) = (read(others)?, read(&self.held_out_reference)?);
+        for flown in &flights {
+            if let Some(fault) = flown.faults.first() {
+                anyhow::bail!("{}: no held-out flight: {fault}", flown.path.display());
+            }
+        }
         let Some(named) = explanation(diagnosis) else { return Ok(()) };
         let spec = |id: &str| session.workshop.spec(id);
         let mut rivals: Vec<Explanation> = Vec::new();
@@ -190,6 +204,11 @@ impl Diagnose {
         });
         Ok(())
     }
+}
+
+/// SHA-256 of a file; empty where it cannot be read, which was said before.
+fn hash_of(path: &Path) -> String {
+    std::fs::read(path).map(|bytes| digest(&bytes)).unwrap_or_default()
 }
 
 /// What is named as one explanation: set members are alternatives, and the first stands for them;

@@ -80,7 +80,11 @@ impl Report {
 
     /// What the diagnosis left open.
     pub fn remaining(&self) -> Remaining {
-        let gap = !matches!(self.outcome.as_str(), "no_gap" | "not_testable" | "log_fault");
+        // What is not in the library is not told apart by effects of the library.
+        let gap = matches!(
+            self.outcome.as_str(),
+            "named" | "ambiguous" | "several" | "named_with_remainder"
+        );
         let candidates = self.attribution.as_ref().map_or(&[][..], |a| &a.candidates[..]);
         let hypotheses = candidates
             .iter()

@@ -12,6 +12,9 @@ use super::seal::digest;
 /// Largest file that is edited, bytes: configurations are a few kilobytes.
 const MOST_BYTES: u64 = 1 << 20;
 
+/// Pairs of lines that are compared at most.
+const MOST_COMPARED: usize = 4_000_000;
+
 /// Why a file was not written or not taken back.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
@@ -116,6 +119,19 @@ pub fn lines_changed(before: &str, after: &str) -> Vec<LineChange> {
     let tail =
         a[head..].iter().rev().zip(b[head..].iter().rev()).take_while(|(x, y)| x == y).count();
     let (mid_a, mid_b) = (&a[head..a.len() - tail], &b[head..b.len() - tail]);
+    // The table of the subsequence is as large as the product: a file that changes in far places is
+    // told as a whole between them.
+    if mid_a.len().saturating_mul(mid_b.len()) > MOST_COMPARED {
+        let line = |sign| {
+            move |(k, text): (usize, &&str)| LineChange {
+                number: head + k + 1,
+                sign,
+                text: (*text).to_owned(),
+            }
+        };
+        let removed = mid_a.iter().enumerate().map(line('-'));
+        return removed.chain(mid_b.iter().enumerate().map(line('+'))).collect();
+    }
     let width = mid_b.len() + 1;
     let mut common = vec![0usize; (mid_a.len() + 1) * width];
     for i in (0..mid_a.len()).rev() {

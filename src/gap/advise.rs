@@ -30,12 +30,12 @@ use crate::model::random::Stream;
 /// Candidates at least this probable are not ruled out.
 const RULED_OUT: f64 = 0.02;
 /// Most candidates that are compared, and most effects that the flight could not have shown.
-const MOST_CANDIDATES: usize = 6;
-const MOST_UNTESTED: usize = 6;
+const MOST_CANDIDATES: usize = 5;
+const MOST_UNTESTED: usize = 5;
 /// Flights of null, of every candidate, and of every effect that could not be shown.
 const NULLS: usize = 24;
-const FLIGHTS: usize = 10;
-const UNTESTED_FLIGHTS: usize = 5;
+const FLIGHTS: usize = 8;
+const UNTESTED_FLIGHTS: usize = 4;
 /// First seed: none of a bank's, none of a shrink's.
 const SEED: u64 = 8_800_000;
 /// One-sided 5 %.
@@ -107,6 +107,15 @@ impl Remaining {
         self.candidates.first().map_or(1.0, |h| h.probability)
     }
 
+    /// Whether the catalogue lists an experiment for what is open.
+    fn lists(&self, experiment: &Experiment) -> bool {
+        let sets = experiment.separates.iter();
+        sets.into_iter().any(|set| {
+            let open = self.candidates.iter().filter(|h| set.contains(&h.spec.id)).count();
+            open >= 2 || self.untested.iter().any(|s| set.contains(&s.id))
+        })
+    }
+
     /// Nothing to separate and nothing to test.
     pub fn is_settled(&self) -> bool {
         self.candidates.len() < 2 && self.untested.is_empty()
@@ -149,20 +158,35 @@ impl Advice {
     }
 }
 
+/// How many flights of the catalogue are tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Effort {
+    /// All of them.
+    All,
+    /// Those that the catalogue lists for a set with two open effects, or for one that could not be
+    /// tested: what a report has time for.
+    Listed,
+}
+
 /// All experiments, best first; those that cannot be done last.
 pub fn advise(
     scene: &Scene,
     remaining: &Remaining,
+    effort: Effort,
     progress: impl Fn(usize, usize) + Sync,
 ) -> Vec<Advice> {
-    let flights = EXPERIMENTS.iter().filter(|e| e.is_flight()).count();
+    let tried: Vec<&Experiment> = EXPERIMENTS
+        .iter()
+        .filter(|e| !e.is_flight() || effort == Effort::All || remaining.lists(e))
+        .collect();
+    let flights = tried.iter().filter(|e| e.is_flight()).count();
     let each =
         NULLS + remaining.candidates.len() * FLIGHTS + remaining.untested.len() * UNTESTED_FLIGHTS;
     let of = flights * each;
     let done = AtomicUsize::new(0);
     let tick = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, of);
     let mut all: Vec<Advice> =
-        EXPERIMENTS.iter().map(|e| predicted(scene, remaining, e, &tick)).collect();
+        tried.iter().map(|e| predicted(scene, remaining, e, &tick)).collect();
     let rank = |a: &Advice| (a.value() / ALIKE).round();
     all.sort_by(|a, b| {
         let possible = a.not_possible.is_some().cmp(&b.not_possible.is_some());
@@ -259,10 +283,8 @@ fn flown(
         })
         .collect();
     if !untested.is_empty() {
-        // Null flights are their own class there, the last one.
-        let half = nulls.len() / 2;
         for (spec, rows) in remaining.untested.iter().zip(untested) {
-            let pair = vec![rows, nulls[half..].to_vec()];
+            let pair = vec![rows, nulls.clone()];
             let shown = Clouds::new(&nulls, &pair)
                 .map_or(0.0, |c| share_above(c.squared(0, 1).sqrt() - ALARM_SIGMA));
             advice.would_show.push((spec.id.to_owned(), shown));
@@ -493,74 +515,4 @@ pub(super) fn judge(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::gap::library;
-
-    fn hypothesis(id: &str, probability: f64, theta: &[f64], theta_90: &[[f64; 2]]) -> Hypothesis {
-        let spec = library::standard().into_iter().find(|s| s.id == id).unwrap();
-        Hypothesis { spec, probability, theta: theta.to_vec(), theta_90: theta_90.to_vec() }
-    }
-
-    fn mass_or_thrust() -> Remaining {
-        Remaining::new(
-            vec![
-                hypothesis("P1", 0.5, &[0.06], &[[0.05, 0.07]]),
-                hypothesis("I1", 0.45, &[6.0], &[[5.0, 7.0]]),
-                hypothesis("U9", 0.001, &[0.3], &[[0.3, 0.4]]),
-            ],
-            &[],
-            Vec::new(),
-        )
-    }
-
-    #[test]
-    fn prop_what_is_ruled_out_is_not_compared_and_the_rest_sums_to_one() {
-        let r = mass_or_thrust();
-        assert_eq!(r.candidates.iter().map(|h| h.spec.id).collect::<Vec<_>>(), ["P1", "I1"]);
-        assert!((r.prior().iter().sum::<f64>() - 1.0).abs() < 1e-12);
-        let kept = Remaining::new(
-            vec![
-                hypothesis("P1", 0.9, &[0.06], &[[0.05, 0.07]]),
-                hypothesis("U9", 0.0, &[0.3], &[[0.3, 0.4]]),
-            ],
-            &["U9".to_owned()],
-            Vec::new(),
-        );
-        assert_eq!(kept.candidates.len(), 2);
-    }
-
-    #[test]
-    fn val_a_scale_tells_mass_from_thrust_as_its_resolution_says() {
-        let scale = crate::gap::experiments::find("scale").unwrap();
-        let Means::Bench(readings) = scale.means else { panic!() };
-        let r = mass_or_thrust();
-        assert!(read_off(&r, readings) > 0.999);
-        // 6 g at 0.5 g.
-        assert!((bench_distances(&r, readings)[(0, 1)].sqrt() - 12.0).abs() < 1e-9);
-        // A mass of half the resolution is hardly told: the textbook value Φ(0.25) for equal odds.
-        let weak = Remaining::new(
-            vec![
-                hypothesis("P1", 0.5, &[0.03], &[[0.03, 0.03]]),
-                hypothesis("I1", 0.5, &[0.25], &[[0.25, 0.25]]),
-            ],
-            &[],
-            Vec::new(),
-        );
-        assert!((read_off(&weak, readings) - 0.599).abs() < 0.03, "{}", read_off(&weak, readings));
-    }
-
-    #[test]
-    fn val_the_scale_is_recommended_for_mass_against_thrust() {
-        let scene = Scene::lab().unwrap();
-        let all = advise(&scene, &mass_or_thrust(), |_, _| {});
-        assert_eq!(all.len(), EXPERIMENTS.len());
-        for a in &all {
-            println!("{} {:?} {:?}", a.experiment, a.correct_after, a.hardest);
-        }
-        assert_eq!(all[0].experiment, "scale");
-        assert!(all[0].gain.unwrap() > 0.4);
-        let tape = all.iter().find(|a| a.experiment == "tape-measure").unwrap();
-        assert!(tape.gain.unwrap() < 1e-9, "a tape says nothing about mass");
-    }
-}
+mod tests;

@@ -606,3 +606,6 @@ fn shrunk(
         flights,
     })
 }
+
+#[cfg(test)]
+mod tests;

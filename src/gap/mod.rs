@@ -20,6 +20,7 @@ pub mod library;
 pub mod lines_of_sight;
 pub mod logs;
 pub mod make_bank;
+mod manoeuvres;
 pub mod matrix;
 pub mod missions;
 pub mod nominal;

@@ -1,0 +1,149 @@
+//! The diagnosis on a bank made of numbers: what is loud, what could not be seen, what faults say.
+
+use super::*;
+use crate::gap::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate};
+use crate::gap::bank::{Bank, Draw, EffectDraws};
+use crate::gap::library::standard;
+use crate::measure::AnchorId;
+use crate::model::random::Stream;
+
+/// Place of a statistic.
+fn place(name: &str) -> usize {
+    specs().iter().position(|s| s.name == name).unwrap()
+}
+
+/// Null flights of sigma one; P1 moves one statistic by thirty, A9 none.
+fn workshop(moved: usize) -> Workshop {
+    let mut rng = Stream::new(1, "diagnosis");
+    let mut row = |shift: f64| -> Vec<f64> {
+        let mut row: Vec<f64> = specs().iter().map(|_| rng.normal()).collect();
+        row[moved] += shift;
+        row
+    };
+    let jitter = (0..60).map(|_| row(0.0)).collect();
+    let mut effect = |id: &str, shift: f64| EffectDraws {
+        id: id.to_owned(),
+        draws: (0..8).map(|seed| Draw { theta: vec![0.1], seed, statistics: row(shift) }).collect(),
+    };
+    let effects = vec![effect("P1", 30.0), effect("A9", 0.0)];
+    let scene = Scene::lab().unwrap();
+    Workshop {
+        nominal: Nominal::of_scene(&scene),
+        scene,
+        items: Vec::new(),
+        library: standard(),
+        bank: Bank {
+            names: specs().iter().map(|s| s.name.clone()).collect(),
+            seeds: Vec::new(),
+            jitter,
+            effects,
+        },
+        bank_hash: 7,
+        lost: Vec::new(),
+    }
+}
+
+fn observation(statistics: Vec<f64>) -> Observation {
+    Observation {
+        statistics,
+        anchors: [4, 5, 6, 7, 2].map(AnchorId).to_vec(),
+        cells: Vec::new(),
+        span_s: 60.0,
+    }
+}
+
+fn attribution(blocks: &[(&str, f64)]) -> Attribution {
+    let candidate = |id: &str, residual_score: f64| Candidate {
+        id: id.to_owned(),
+        posterior: 0.5,
+        log_evidence: 10.0,
+        theta: vec![0.1],
+        theta_90: vec![[0.05, 0.15]],
+        residual_score,
+        distance: None,
+    };
+    Attribution {
+        outcome: Outcome::NoMaterialGap,
+        candidates: vec![candidate("P1", 4.0), candidate("A9", 20.0)],
+        pairs: vec![PairCandidate {
+            ids: ["P1".to_owned(), "A9".to_owned()],
+            theta: [vec![0.1], vec![0.1]],
+            gain: 1.0,
+            residual_score: 1.0,
+        }],
+        pair_limit: 1.0,
+        blocks: blocks
+            .iter()
+            .map(|(block, sigma)| BlockScore {
+                block: (*block).to_owned(),
+                statistics: 5,
+                score: *sigma,
+                sigma: *sigma,
+                p_value: 0.01,
+            })
+            .collect(),
+        gate: Gate { distance: 30.0, ..Gate::default() },
+        adequacy: Adequacy::default(),
+        used: 100,
+        unknown: Vec::new(),
+    }
+}
+
+#[test]
+fn prop_an_effect_is_testable_only_where_its_statistic_was_visited() {
+    let moved = place("uwb.bias.first");
+    let workshop = workshop(moved);
+    let mut statistics = vec![0.0; specs().len()];
+    assert_eq!(not_testable(&workshop, &observation(statistics.clone())), ["A9"]);
+    statistics[moved] = f64::NAN;
+    assert_eq!(not_testable(&workshop, &observation(statistics)), ["P1", "A9"]);
+}
+
+#[test]
+fn prop_loud_blocks_name_their_loudest_statistic_and_its_anchor() {
+    let moved = place("uwb.bias.first");
+    let workshop = workshop(moved);
+    let mut statistics = vec![0.0; specs().len()];
+    statistics[moved] = -40.0;
+    let seen = observation(statistics);
+    let found = places(&attribution(&[("uwb", 12.0), ("thrust", 2.9)]), &seen, &workshop);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!((found[0].block.as_str(), found[0].anchor), ("uwb", Some(4)));
+    assert_eq!(found[0].regime, "uwb.bias.first");
+    assert_eq!(anchor_of("uwb.zone.first", &seen), Some(2));
+    assert_eq!(anchor_of("fx.const", &seen), None);
+}
+
+#[test]
+fn prop_the_ladder_goes_from_none_to_two_effects() {
+    let rungs = ladder(&attribution(&[]));
+    let names: Vec<&str> = rungs.iter().map(|r| r.name.as_str()).collect();
+    assert_eq!(names, ["nominal", "+ P1", "+ P1 + A9"]);
+    assert!(rungs.windows(2).all(|w| w[1].left < w[0].left));
+}
+
+#[test]
+fn prop_a_log_that_cannot_be_read_has_a_whole_report() {
+    let d = unreadable("x.mcap".into(), "byte 3: not a log".into());
+    assert_eq!((d.exit_code(), d.outcome), (30, "log_fault"));
+    let json = serde_json::to_value(&d).unwrap();
+    // Keys that scripts rely on (INTERFACES: `gap diagnose`).
+    for key in ["outcome", "where", "effects", "set", "not_testable", "shrink", "replay"] {
+        assert!(json.get(key).is_some(), "{key} is missing");
+    }
+    assert_eq!(json["faults"][0], "byte 3: not a log");
+}
+
+#[test]
+fn val_a_held_out_flight_of_the_effect_is_explained_by_it() {
+    let scene = Scene::lab().unwrap();
+    let items = crate::gap::missions::plain(&scene);
+    let spec = standard().into_iter().find(|s| s.id == "P1").unwrap();
+    let model = HeldOut::new(&scene, &items, &[]);
+    let own = model.fly(&[(spec, &[0.12])]).swap_remove(0);
+    let (right, none) = (model.paired(&own, &[(spec, &[0.12])]), model.paired(&own, &[]));
+    let (right, none) = (model.shrink(&[right]), model.shrink(&[none]));
+    assert!(right.value.unwrap() > 0.8, "{right:?}");
+    assert!(none.value.unwrap().abs() < 0.1, "{none:?}");
+    assert_eq!(right.interval, None, "one flight has no interval");
+}

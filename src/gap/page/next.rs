@@ -1,0 +1,107 @@
+//! What to do next: experiments with what they are worth.
+
+use std::fmt::Write as _;
+
+use crate::gap::accept::by_hand;
+use crate::gap::diagnosis::Diagnosis;
+use crate::report::svg::escape;
+
+/// Experiments that the table lists.
+const LISTED: usize = 10;
+/// Effects whose repair is told: of a long set the first ones.
+const REPAIRS: usize = 3;
+/// Probability from which an experiment "would show" an effect.
+const SHOWS: f64 = 0.5;
+
+/// Candidates that are left, in a line.
+pub(super) fn open(d: &Diagnosis) -> String {
+    let Some(a) = d.advice.as_ref().filter(|a| a.open.len() > 1) else { return String::new() };
+    let all: Vec<String> = a.open.iter().map(|(id, p)| format!("{id} {p:.2}")).collect();
+    escape(&all.join(", "))
+}
+
+/// The first advice, in a line.
+pub(super) fn first(d: &Diagnosis) -> String {
+    let best = d.advice.as_ref().and_then(|a| Some((a, a.experiments.first()?)));
+    let Some((a, best)) = best.filter(|(_, e)| e.value() > 0.0) else { return String::new() };
+    let kind = if best.flight { "fly" } else { "bench" };
+    let worth = match best.correct_after {
+        Some(p) => format!(": probability of the right name {:.2} → {p:.2}", a.correct_now),
+        None => String::new(),
+    };
+    escape(&format!("{kind}: {} ({:.0} s){worth}", best.title, best.cost_s))
+}
+
+/// The table.
+pub(super) fn section(html: &mut String, d: &Diagnosis) {
+    html.push_str("<h2>What next</h2>");
+    let named = matches!(d.outcome, "named" | "several" | "named_with_remainder" | "ambiguous");
+    for effect in d.effects.iter().filter(|_| named).take(REPAIRS) {
+        let _ = write!(
+            html,
+            "<p><b>{} {}</b> on the vehicle: {}. In the simulator: <code>haltere gap accept REPORT.json --effect {} \
+             --scenario FILE</code>, <code>haltere gap undo FILE</code> takes it back.</p>",
+            escape(&effect.id),
+            escape(&effect.name),
+            escape(by_hand(&effect.id)),
+            escape(&effect.id)
+        );
+    }
+    let Some(a) = &d.advice else {
+        html.push_str("<p class=\"note\">No advice was asked for: <code>haltere gap advise REPORT.json</code>.</p>");
+        return;
+    };
+    if a.experiments.is_empty() {
+        html.push_str("<p>Nothing is open: one explanation, and no effect of the library that this flight could not have shown.</p>");
+        return;
+    }
+    html.push_str(
+        "<table><tr><th>Experiment</th><th></th><th class=\"n\">Cost</th><th class=\"n\">P after</th>\
+         <th class=\"n\">Gain</th><th>Hardest pair</th><th>Would show</th></tr>",
+    );
+    for e in a.experiments.iter().filter(|e| e.not_possible.is_none()).take(LISTED) {
+        let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.2}"));
+        let hardest = e
+            .hardest
+            .as_ref()
+            .map_or(String::new(), |(x, y, d)| format!("{x} and {y}: {d:.1} sigma"));
+        let shown: Vec<String> = e
+            .would_show
+            .iter()
+            .filter(|(_, p)| *p >= SHOWS)
+            .map(|(id, p)| format!("{id} {p:.2}"))
+            .collect();
+        let _ = write!(
+            html,
+            "<tr><td title=\"{}\">{}</td><td>{}</td><td class=\"n\">{:.0} s</td><td class=\"n\">{}</td>\
+             <td class=\"n\">{}</td><td>{}</td><td>{}</td></tr>",
+            escape(&e.how),
+            escape(&e.title),
+            if e.flight { "fly" } else { "bench" },
+            e.cost_s,
+            number(e.correct_after),
+            number(e.gain),
+            escape(&hardest),
+            escape(&shown.join(", "))
+        );
+    }
+    let _ = write!(
+        html,
+        "</table><p class=\"note\">P: predicted probability that the right one of {} is named, now {:.2}; from flights \
+         of these candidates in the nominal simulator, and from the resolution of instruments. Costs with two minutes of \
+         preparation a flight. Mission files: <code>haltere gap advise REPORT.json --out DIR</code>, then <code>haltere ctl \
+         mission FILE</code>.</p>",
+        escape(&a.open.iter().map(|(id, _)| id.as_str()).collect::<Vec<_>>().join(", ")),
+        a.correct_now
+    );
+    for e in &a.experiments {
+        if let Some(why) = &e.not_possible {
+            let _ = write!(
+                html,
+                "<p class=\"note\">Not here: {}: {}.</p>",
+                escape(&e.title),
+                escape(why)
+            );
+        }
+    }
+}

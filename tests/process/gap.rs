@@ -1,0 +1,199 @@
+//! The gap diagnosis as a user runs it: outcomes, exit codes, files; faults end in words.
+
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use haltere::gap::scene::Scene;
+use haltere::measure::AnchorId;
+use haltere::model::EffectSet;
+use haltere::survey::Survey;
+
+use super::flights::{box_mission, record};
+use super::support::{Ended, companion, sim};
+
+const LIMIT: Duration = Duration::from_secs(300);
+/// The smallest bank that can be learned, of three effects: it tests the program, not the verdict.
+const SMALL: [&str; 12] = [
+    "--banks",
+    "banks",
+    "--size",
+    "smallest",
+    "--room",
+    "0,6,0,6,3",
+    "--only",
+    "P1",
+    "--only",
+    "U2",
+    "--only",
+    "M1",
+];
+
+fn run(folder: &Path, args: &[&str]) -> Ended {
+    companion(args, folder, LIMIT)
+}
+
+fn diagnose(folder: &Path, args: &[&str]) -> Ended {
+    let mut all = vec!["gap", "diagnose"];
+    all.extend(args);
+    all.extend(SMALL);
+    run(folder, &all)
+}
+
+fn with(id: &str, values: &[(&str, f64)]) -> EffectSet {
+    EffectSet::nominal().with(id, values).unwrap()
+}
+
+fn json(path: &Path) -> serde_json::Value {
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
+
+/// One test, since every part stands on the bank and the report before it.
+#[test]
+fn val_a_gap_is_diagnosed_advised_shrunk_accepted_and_undone() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path();
+    let scene = Scene::lab().unwrap();
+    let mission = box_mission();
+    record(&scene, &mission, with("P1", &[("loss", 0.15)]), 5, &dir.join("worn.mcap"));
+    record(&scene, &mission, with("P1", &[("loss", 0.15)]), 6, &dir.join("again.mcap"));
+
+    let ended = diagnose(dir, &["worn.mcap", "again.mcap", "--report", "r.html"]);
+    assert!(matches!(ended.code, Some(10..=14)), "{ended:?}");
+    assert!(ended.text.contains("VERDICT") && !ended.text.contains("panicked"), "{}", ended.text);
+    let report = json(&dir.join("r.json"));
+    let codes = [
+        ("named", 10),
+        ("ambiguous", 11),
+        ("several", 12),
+        ("not_in_library", 13),
+        ("named_with_remainder", 14),
+    ];
+    let outcome = report["outcome"].as_str().unwrap();
+    assert!(codes.contains(&(outcome, ended.code.unwrap())), "{outcome}: {:?}", ended.code);
+    for key in ["verdict", "where", "effects", "set", "not_testable", "shrink", "replay", "bank"] {
+        assert!(report.get(key).is_some(), "{key} is missing");
+    }
+    assert!(report["picture"]["matrix"]["squares"].as_array().unwrap().len() > 300);
+    assert_eq!(report["made_with"]["log_sha256"].as_str().unwrap().len(), 64);
+    assert_eq!(report["made_with"]["library"].as_array().unwrap().len(), 3);
+    assert!(
+        report["attribution"]["candidates"].as_array().unwrap().iter().any(|c| c["id"] == "P1")
+    );
+    let page = fs::read_to_string(dir.join("r.html")).unwrap();
+    assert!(page.ends_with("</html>") && !page.contains("http") && !page.contains("NaN"));
+
+    // The effect with given values closes the gap on the other flight; its opposite does not.
+    let args =
+        ["gap", "shrink", "--effect", "P1=0.15", "again.mcap", "--room", "0,6,0,6,3", "--json"];
+    let shrunk = run(dir, &args);
+    assert_eq!(shrunk.code, Some(0), "{shrunk:?}");
+    let start = shrunk.text.find('{').unwrap();
+    let text = &shrunk.text[start..=shrunk.text.rfind('}').unwrap()];
+    // Progress and answer share the file; the answer is printed last and at once.
+    let value: serde_json::Value = serde_json::from_str(text).unwrap();
+    let shrink = &value["shrink"];
+    // Where the effect lives it must close. Over all statistics one flight beside eight simulated ones
+    // is a noisy number even for the true effect at its true size (0.62 and 0.77 measured): there it
+    // must stand out from the effects that are not the cause.
+    let channels = shrink["channels"].as_array().unwrap();
+    let force = channels.iter().find(|c| c[0] == "ForceZ").unwrap();
+    assert!(force[1]["value"].as_f64().unwrap() > 0.85, "{force}");
+    let closed = shrink["whole"]["value"].as_f64().unwrap();
+    let wrong = shrink["wrong_median"].as_f64().unwrap();
+    assert!(closed > wrong + 0.3, "closed {closed}, by wrong effects {wrong}");
+
+    // Advice from the report alone.
+    let asked = run(dir, &["gap", "advise", "r.json", "--room", "0,6,0,6,3", "--out", "next"]);
+    assert_eq!(asked.code, Some(0), "{asked:?}");
+
+    // Into a scenario, as the simulator reads it, and back.
+    let before = "# mine\nseed = 4 # four\n";
+    fs::write(dir.join("s.toml"), before).unwrap();
+    let accept = ["gap", "accept", "r.json", "--effect", "P1", "--scenario", "s.toml"];
+    let dry = run(dir, &[&accept[..], &["--dry-run"]].concat());
+    assert_eq!(dry.code, Some(0), "{dry:?}");
+    assert!(dry.text.contains("+ [effects.on.P1]") && dry.text.contains("nothing written"));
+    assert_eq!(fs::read_to_string(dir.join("s.toml")).unwrap(), before);
+    assert_eq!(run(dir, &accept).code, Some(0));
+    let after = fs::read_to_string(dir.join("s.toml")).unwrap();
+    assert!(after.starts_with(before.trim_end()) && after.contains("[effects.on.P1]"), "{after}");
+    let served = sim(&["serve", "--scenario", "s.toml", "--duration", "1"], dir, LIMIT);
+    assert_eq!(served.code, Some(0), "{served:?}");
+    fs::write(dir.join("s.toml"), format!("{after}# edited\n")).unwrap();
+    run(dir, &["gap", "undo", "s.toml"]).refused(&["s.toml", "was edited since"]);
+    fs::write(dir.join("s.toml"), after).unwrap();
+    assert_eq!(run(dir, &["gap", "undo", "s.toml"]).code, Some(0));
+    assert_eq!(fs::read_to_string(dir.join("s.toml")).unwrap(), before);
+    run(dir, &["gap", "undo", "s.toml"]).refused(&["nothing to take back"]);
+    // Thrust loss is no number of the vehicle, and no anchor has moved.
+    let vehicle = ["gap", "accept", "r.json", "--effect", "P1", "--vehicle", "v.toml"];
+    run(dir, &vehicle).refused(&["v.toml", "use --scenario"]);
+    let anchors = ["gap", "accept", "r.json", "--effect", "P1", "--anchors", "a.toml"];
+    run(dir, &anchors).refused(&["a.toml", "replace the wings"]);
+
+    // A cut log, garbage, nothing: each is a fault of the log.
+    let whole = fs::read(dir.join("worn.mcap")).unwrap();
+    fs::write(dir.join("cut.mcap"), &whole[..whole.len() * 6 / 10]).unwrap();
+    fs::write(dir.join("garbage.mcap"), [0xA5u8; 5000]).unwrap();
+    fs::write(dir.join("empty.mcap"), []).unwrap();
+    for name in ["cut.mcap", "garbage.mcap", "empty.mcap", "gone.mcap"] {
+        let ended = diagnose(dir, &[name, "--report", "f.html"]);
+        assert_eq!(ended.code, Some(30), "{name}: {ended:?}");
+        assert!(!ended.text.contains("panicked"), "{}", ended.text);
+        let report = json(&dir.join("f.json"));
+        assert_eq!(report["outcome"], "log_fault");
+        assert!(!report["faults"].as_array().unwrap().is_empty(), "{name}");
+    }
+    // Every tenth of a log spoilt by one bit: an outcome, never a panic.
+    for k in 1..10 {
+        let mut bad = whole.clone();
+        bad[whole.len() * k / 10] ^= 0x20;
+        fs::write(dir.join("bit.mcap"), bad).unwrap();
+        let ended = diagnose(dir, &["bit.mcap"]);
+        assert!(matches!(ended.code, Some(10..=14 | 20 | 30)), "bit {k}: {ended:?}");
+        assert!(!ended.text.contains("panicked"), "{}", ended.text);
+    }
+
+    // References of another mission, or among other anchors, are refused in words.
+    let mut longer = mission.clone();
+    longer.items.remove(3);
+    record(&scene, &longer, EffectSet::nominal(), 7, &dir.join("other.mcap"));
+    let mut moved = scene.clone();
+    let anchors: Vec<_> = moved
+        .room
+        .corner_anchors()
+        .into_iter()
+        .map(|(id, p)| (id, if id == AnchorId(3) { p * 0.97 } else { p }))
+        .collect();
+    moved.survey = Survey::new(&anchors).unwrap();
+    record(&moved, &mission, EffectSet::nominal(), 8, &dir.join("surveyed.mcap"));
+    let says = |reference: &str, says: &[&str]| {
+        diagnose(dir, &["worn.mcap", "--reference", reference]).refused(says);
+    };
+    says("other.mcap", &["other.mcap", "another mission"]);
+    says("surveyed.mcap", &["surveyed.mcap", "another anchor survey"]);
+    says("again.mcap", &["1 reference flights, at least 8"]);
+    diagnose(dir, &["worn.mcap", "surveyed.mcap"]).refused(&["another anchor survey"]);
+}
+
+#[test]
+fn prop_wrong_use_is_refused_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path();
+    let check = |args: &[&str], says: &[&str]| run(dir, args).refused(says);
+    check(&["gap", "advise", "gone.json"], &["gone.json"]);
+    fs::write(dir.join("x.json"), "{\"a\": 1}").unwrap();
+    check(&["gap", "advise", "x.json"], &["x.json", "gap diagnose"]);
+    check(&["gap", "accept", "x.json"], &["x.json"]);
+    check(&["gap", "undo", "x.json"], &["nothing to take back"]);
+    let none = "{\"log\": \"l.mcap\", \"outcome\": \"no_gap\", \"attribution\": null}";
+    fs::write(dir.join("n.json"), none).unwrap();
+    check(&["gap", "accept", "n.json"], &["names no effect", "no_gap"]);
+    check(&["gap", "advise", "n.json"], &["l.mcap", "--log"]);
+    check(&["gap", "shrink", "--effect", "Z9", "a.mcap"], &["Z9", "no such effect"]);
+    check(&["gap", "shrink", "--effect", "P1=0.1", "gone.mcap"], &["gone.mcap"]);
+    check(&["gap", "diagnose", "a.mcap", "--only", "Z9"], &["Z9"]);
+    let listed = run(dir, &["gap", "advise", "--list"]);
+    assert!(listed.code == Some(0) && listed.text.contains("kitchen scale"), "{listed:?}");
+}
