@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use super::diagnosis::Diagnosis;
 use crate::model::effects::Block;
-use crate::report::STYLE;
+use crate::report::html;
 use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
 
 /// The chain in the order in which one block feeds the next.
@@ -34,7 +34,7 @@ const OWN_STYLE: &str = ".chain{display:flex;flex-wrap:wrap;gap:6px;margin:10px 
 
 /// The whole page.
 pub fn render(d: &Diagnosis) -> String {
-    let mut html = String::new();
+    let mut html = html::open("Gap report", OWN_STYLE);
     let against = match d.references {
         0 => "the nominal simulator".to_owned(),
         n => format!("the nominal simulator and {n} reference flights"),
@@ -46,10 +46,7 @@ pub fn render(d: &Diagnosis) -> String {
     };
     let _ = write!(
         html,
-        "<!DOCTYPE html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
-         <title>Gap report</title><style>{STYLE}{OWN_STYLE}</style></head><body><main>\
-         <header><span class=\"verdict {tone}\">{}</span><div><h1>Gap report</h1><p>{} against \
+        "<header><span class=\"verdict {tone}\">{}</span><div><h1>Gap report</h1><p>{} against \
          {against}; replay: {}</p></div></header><p>{}</p>",
         escape(&d.outcome.replace('_', " ")),
         escape(&d.log),
@@ -115,8 +112,8 @@ pub fn render(d: &Diagnosis) -> String {
         }
         html.push_str("</table>");
     }
-    let _ = write!(html, "<p class=\"note\">Bank {}</p></main></body></html>", escape(&d.bank));
-    html
+    let _ = write!(html, "<p class=\"note\">Bank {}</p>", escape(&d.bank));
+    html::close(html)
 }
 
 fn list<'a>(html: &mut String, title: &str, lines: impl Iterator<Item = &'a String>) {
