@@ -34,11 +34,21 @@ enum World {
     EqualDrag,
     /// UWB without its position-dependent bias.
     NoPathBias,
-    /// No limit of climb worth the name, and no UWB bias.
-    FreeClimb,
+    /// The battery begins half empty.
+    HalfEmpty,
+    /// `modified` has no drag in its filter, as the source's has not.
+    SourceSet,
 }
 
-const WORLDS: [World; 4] = [World::Nominal, World::EqualDrag, World::NoPathBias, World::FreeClimb];
+const WORLDS: [World; 5] = [
+    World::Nominal,
+    World::EqualDrag,
+    World::NoPathBias,
+    World::HalfEmpty,
+    World::SourceSet,
+];
+/// Charge that is left of a battery which is half empty and still lasts for the programme.
+const HALF_EMPTY: f64 = 0.55;
 
 impl World {
     fn name(self) -> &'static str {
@@ -46,7 +56,8 @@ impl World {
             World::Nominal => "nominal",
             World::EqualDrag => "sideways drag as large as the forward one",
             World::NoPathBias => "no UWB path bias",
-            World::FreeClimb => "no UWB path bias, climb up to 3 m/s",
+            World::HalfEmpty => "battery half empty at the start",
+            World::SourceSet => "no drag in the filter of modified, as in the source",
         }
     }
 
@@ -64,10 +75,8 @@ impl World {
                 pilot.estimator.drag_per_s[1] = pilot.estimator.drag_per_s[0];
             }
             World::NoPathBias => plant.effects = plant.effects.without("N16")?,
-            World::FreeClimb => {
-                plant.effects = plant.effects.without("N16")?;
-                pilot.control.limits.vertical_mps = 3.0;
-            }
+            World::HalfEmpty => plant.vehicle.battery.charge_frac = HALF_EMPTY,
+            World::SourceSet => pilot.control.filter_drag = Some(false),
         }
         Ok((plant, pilot))
     }
@@ -152,6 +161,16 @@ pub fn run(bench: &Bench) -> Result<Section> {
         mean(raw, modified, 2)?,
         mean(equal_raw, equal_modified, 1)?,
     ));
+    let [source_raw, source_set] = of(World::SourceSet)?;
+    section.findings.push(format!(
+        "Most of our gain is the drag in the filter, which the source names as its next step and does not have. \
+         With the source's own set (no drag in the filter) the ratios are x {:.2}, y {:.2}, z {:.2}: the \
+         source's 1.6 and more from feed-forward, voltage, ground and noise is not reproduced, and why is not \
+         explained.",
+        mean(source_raw, source_set, 0)?,
+        mean(source_raw, source_set, 1)?,
+        mean(source_raw, source_set, 2)?,
+    ));
     section.findings.push(
         "The 4.9 cm in z of the abstract is the cell of `raw` (0.0496 m); `modified` has 0.043 m.".into(),
     );
@@ -178,7 +197,7 @@ fn rows<'a>(
             ));
             let mut row =
                 Row::new(format!("modified, {name}, position"), "m", 3, ours).beside(beside);
-            for world in [World::NoPathBias, World::FreeClimb] {
+            for world in [World::NoPathBias, World::HalfEmpty] {
                 let value = over(of(world)?[1], axis, size, |s| s.position_mae_m)?.mean;
                 row = row.tried(world.name(), value);
             }
@@ -190,7 +209,13 @@ fn rows<'a>(
             let ours = ratio(raw, modified, axis, size)?;
             mean_ratio += ours.mean / 2.0;
             let mut row = Row::new(format!("raw over modified, {name}"), "", 2, ours).beside(beside);
-            for world in [World::EqualDrag, World::NoPathBias] {
+            let tried: &[World] = if axis == 1 {
+                &[World::EqualDrag, World::SourceSet]
+            } else {
+                &[World::NoPathBias, World::HalfEmpty, World::SourceSet]
+            };
+            for world in tried {
+                let world = *world;
                 let [raw, modified] = of(world)?;
                 row = row.tried(world.name(), ratio(raw, modified, axis, size)?.mean);
             }
@@ -209,7 +234,7 @@ fn rows<'a>(
     }
     let z = over(raw, 2, 0, |s| s.position_mae_m)?;
     let mut row = Row::new("raw, z 1 m, position", "m", 4, z).beside(source::RAW_Z_1_M);
-    for world in [World::NoPathBias, World::FreeClimb] {
+    for world in [World::NoPathBias, World::HalfEmpty] {
         row = row.tried(world.name(), over(of(world)?[0], 2, 0, |s| s.position_mae_m)?.mean);
     }
     section.rows.push(row);
