@@ -37,7 +37,7 @@ pub use config::{BoardProfile, FlightConfig, LimitsConfig, PilotConfig, TagProto
 pub use excitation::Doublet;
 pub use mission::{MOST_ITEMS, Mission, MissionItem, Volume};
 pub use modes::{Event, Mode, TABLE, Transition, transition};
-pub use tilt_step::{Envelope, TiltStep};
+pub use tilt_step::{Envelope, TiltStep, stopping_m};
 
 use haltere_dialect::mav_stream::MavSplitter;
 

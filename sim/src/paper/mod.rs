@@ -3,9 +3,11 @@
 //! One list, [`EXPERIMENTS`], drives what is run, printed, drawn and accepted by `--only`. Each
 //! experiment is a file of its own; `results` says what they give, `source` holds the source's numbers.
 
+mod angle_steps;
 mod bench;
 mod contributions;
 mod drift;
+mod ground;
 mod height;
 mod noise;
 mod page;
@@ -15,6 +17,8 @@ mod shapes;
 pub mod source;
 mod standing;
 mod step_tests;
+mod thrust;
+mod two_vehicles;
 #[cfg(test)]
 mod tests;
 
@@ -93,11 +97,32 @@ static EXPERIMENTS: &[Experiment] = &[
         run: shapes::run,
     },
     Experiment {
+        name: "laws",
+        number: "4",
+        title: "The exponential law for two vehicles (figure 6)",
+        cost: two_vehicles::cost,
+        run: two_vehicles::run,
+    },
+    Experiment {
+        name: "thrust",
+        number: "5",
+        title: "Throttle against battery voltage (figure 7)",
+        cost: thrust::cost,
+        run: thrust::run,
+    },
+    Experiment {
         name: "height",
         number: "6",
         title: "P and PI height control, constant and variable base thrust (table 2, figure 8)",
         cost: height::cost,
         run: height::run,
+    },
+    Experiment {
+        name: "ground",
+        number: "7",
+        title: "Ground effect (figure 9, equation 7)",
+        cost: ground::cost,
+        run: ground::run,
     },
     Experiment {
         name: "steps",
