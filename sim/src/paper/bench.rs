@@ -69,11 +69,6 @@ impl Bench {
         cases as u64 * self.repetitions * seconds as u64
     }
 
-    /// Flies a plan in the nominal hall.
-    pub fn fly(&self, control: &ControlConfig, seed: u64, plan: &Plan) -> Result<Flight> {
-        self.fly_in(PlantConfig::hall(seed), control, plan)
-    }
-
     /// Flies a plan in any plant.
     pub fn fly_in(
         &self,

@@ -15,6 +15,9 @@ use super::source;
 
 /// The share whose fit is drawn, by its place in the list: 30 %.
 const DRAWN: usize = 1;
+/// Under the tables.
+const NOTE: &str = "In brackets: by its own standard error the fit does not determine the final speed, in most \
+                    repetitions; a user of it is told so.";
 const PLOT_PX: [f64; 2] = [540.0, 280.0];
 
 /// Simulated seconds.
@@ -28,6 +31,8 @@ struct Extrapolated {
     /// Error of the final speed over it, per share, as motion capture sees it and as the filter does;
     /// `None`: not fitted.
     error_frac: [Vec<Option<f64>>; 2],
+    /// Whether the fit itself says that its data determine the final speed; the same order.
+    determined: [Vec<bool>; 2],
     /// Fits of the speed as motion capture sees it.
     fits: Vec<Option<Transient>>,
 }
@@ -47,7 +52,9 @@ fn extrapolate(step: AngleStep) -> Extrapolated {
     };
     let (true_fits, filter_fits) = (fits(false), fits(true));
     let error_frac = [error(&true_fits), error(&filter_fits)];
-    Extrapolated { step, error_frac, fits: true_fits }
+    let determined = [&true_fits, &filter_fits]
+        .map(|fits| fits.iter().map(|f| f.as_ref().is_some_and(|f| f.determined)).collect());
+    Extrapolated { step, error_frac, determined, fits: true_fits }
 }
 
 /// Runs it.
@@ -59,16 +66,19 @@ pub fn run(bench: &Bench) -> Result<Section> {
         .collect();
     let vehicle = Vehicle::default();
     let flown = bench.each(&cases, FLIGHT_S, |(axis, angle_deg), seed| {
-        Ok(extrapolate(fly_step(bench, &vehicle, *axis, *angle_deg, seed)?))
+        Ok(fly_step(bench, &vehicle, *axis, *angle_deg, seed)?.map(extrapolate))
     })?;
+    let refused = flown.iter().flatten().filter(|f| f.is_none()).count();
     let [source_m, _] = SOURCE_HALL_M;
     let mut section = Section {
         method: format!(
             "A lean held for {HOLD_S:.0} s in a hall long enough for the speed to settle, one flight each. The \
              fit leaves out the first {ARRIVAL_S} s, in which the attitude is on its way, and uses the first \
              part of the rest. Error: |extrapolated \u{2212} reached| over reached, in percent. Speeds are true \
-             ones, as motion capture would give; below also those of the filter. Whether the source means \
-             percent, and what its table says, is not available to us."
+             ones, as motion capture would give; below also those of the filter. {refused} of {} flights were \
+             refused for want of thrust at 52\u{b0}. Whether the source means percent, and what its table \
+             says, is not available to us.",
+            flown.len() * bench.repetitions as usize
         ),
         ..Section::default()
     };
@@ -81,7 +91,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
     for (k, share) in SHARES.iter().enumerate() {
         let mean = (0..bench.repetitions as usize).map(|i| {
             let errors: Vec<f64> =
-                flown.iter().filter_map(|f| f.get(i)?.error_frac[0][k]).map(|e| 100.0 * e).collect();
+                flown.iter().filter_map(|f| f.get(i)?.as_ref()?.error_frac[0][k]).map(|e| 100.0 * e).collect();
             errors.iter().sum::<f64>() / errors.len() as f64
         });
         let what = format!("error from the first {:.0} %, all angles", 100.0 * share);
@@ -91,7 +101,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
         .iter()
         .zip(&flown)
         .map(|((axis, angle), flown)| {
-            let fits = Spread::of(flown.iter().map(|e| 100.0 * e.step.fits_frac)).mean;
+            let fits = Spread::of(flown.iter().flatten().map(|e| 100.0 * e.step.fits_frac)).mean;
             format!("{} {angle:.0}\u{b0} {fits:.0} %", AXES[*axis])
         })
         .collect();
@@ -110,38 +120,42 @@ fn table(
     title: &str,
     source: usize,
     cases: &[(usize, f64)],
-    flown: &[Vec<Extrapolated>],
+    flown: &[Vec<Option<Extrapolated>>],
 ) -> Table {
     let rows = cases.iter().zip(flown).map(|((axis, angle), flown)| {
         let mut row = vec![Cell::from(format!("{} {angle:.0}\u{b0}", AXES[*axis]))];
-        row.push(Cell::Spread(Spread::of(flown.iter().map(|e| e.step.final_mps)), 2));
+        row.push(Cell::Spread(Spread::of(flown.iter().flatten().map(|e| e.step.final_mps)), 2));
         for k in 0..SHARES.len() {
             let errors: Vec<f64> =
-                flown.iter().filter_map(|e| e.error_frac[source][k]).map(|e| 100.0 * e).collect();
-            row.push(if errors.len() == flown.len() {
-                Cell::Spread(Spread::of(errors), 1)
-            } else {
+                flown.iter().flatten().filter_map(|e| e.error_frac[source][k]).map(|e| 100.0 * e).collect();
+            let steps = flown.iter().flatten();
+            let determined = steps.clone().filter(|e| e.determined[source][k]).count();
+            row.push(if errors.is_empty() || errors.len() < steps.clone().count() {
                 Cell::from("no fit")
+            } else if 2 * determined < errors.len() {
+                Cell::from(format!("({})", Spread::of(errors).text(0)))
+            } else {
+                Cell::Spread(Spread::of(errors), 1)
             });
         }
         row
     });
     let mut columns = vec![String::new(), "reached, m/s".into()];
     columns.extend(SHARES.map(|share| format!("{:.0} %", 100.0 * share)));
-    Table { title: title.into(), columns, rows: rows.collect(), note: String::new() }
+    Table { title: title.into(), columns, rows: rows.collect(), note: NOTE.into() }
 }
 
 fn figure(
     name: &'static str,
     axis: usize,
     cases: &[(usize, f64)],
-    flown: &[Vec<Extrapolated>],
+    flown: &[Vec<Option<Extrapolated>>],
 ) -> Figure {
     let tones = [0, 1, 2, 3, 4].map(Tone::Family);
     let mut series = Vec::new();
     let of_axis = cases.iter().zip(flown).filter(|((a, _), _)| *a == axis);
     for (((_, angle), flown), tone) in of_axis.zip(tones) {
-        let Some(first) = flown.first() else { continue };
+        let Some(first) = flown.iter().flatten().next() else { continue };
         series.push(Series {
             name: format!("{angle:.0}\u{b0}"),
             tone,

@@ -7,6 +7,7 @@ mod angle_steps;
 mod bench;
 mod contributions;
 mod drift;
+mod extrapolation;
 mod ground;
 mod height;
 mod noise;
@@ -95,6 +96,13 @@ static EXPERIMENTS: &[Experiment] = &[
         title: "Path shapes (section 4)",
         cost: shapes::cost,
         run: shapes::run,
+    },
+    Experiment {
+        name: "extrapolation",
+        number: "3",
+        title: "Final speed extrapolated from a part of the data (table 1, figures 4 and 5)",
+        cost: extrapolation::cost,
+        run: extrapolation::run,
     },
     Experiment {
         name: "laws",

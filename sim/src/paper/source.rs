@@ -22,8 +22,6 @@ pub const THRUST_R2: Source = Source::number(0.756, "figure 7");
 /// Angles of the steps, degrees: pitch and roll.
 pub const ANGLES_DEG: [[f64; 5]; 2] =
     [[12.0, 22.0, 33.0, 45.0, 52.0], [12.0, 22.0, 33.0, 47.0, 52.0]];
-/// Shares of the data that are extrapolated from, in table 1.
-pub const SHARES: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
 /// Starting values of the drag law θ = a + b·e^(−c·v): degrees, degrees, s/m.
 pub const DRAG_START: [f64; 3] = [-90.0, 90.0, 0.3];
 /// Ground effect T_in/T_out = 1 − λ/(h − a)²: λ, m², and a, m, as printed in equation 7.
