@@ -28,13 +28,13 @@ use super::value::Value;
 /// told from the parameters themselves.
 const LONGEST_SHARE: f64 = 0.3;
 /// Number of correlation times, evenly spaced in their logarithm.
-const TAUS: usize = 16;
+const TAUS: usize = 13;
 /// White noise is searched as its variance over that of the slow part's change per sample, between
 /// these: none, and nothing else.
 const RATIOS: [f64; 2] = [1e-3, 1e5];
 /// Looks at that ratio, and refinements between the two best.
 const LOOKS: usize = 9;
-const REFINEMENTS: usize = 6;
+const REFINEMENTS: usize = 5;
 
 /// What was learned of the noise of a series: alternatives with their weight.
 #[derive(Debug, Clone, PartialEq)]
