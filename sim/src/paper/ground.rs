@@ -6,18 +6,19 @@
 
 use anyhow::{Context, Result};
 use haltere::control::Version;
-use haltere::control::ground::GroundConfig;
+use haltere::control::ground::{GroundConfig, LOWEST_VALIDATED_M};
+use haltere::fit::ground::{Ground, fit};
 use haltere::lockstep::Sample;
-use haltere::model::PlantConfig;
+use haltere::model::{PlantConfig, Vehicle};
 use haltere::report::svg::{Mark, Plot, Series, Tone};
 
 use super::bench::{Bench, Plan, leg};
-use super::results::{Cell, Figure, Row, Section, Spread, Table};
+use super::results::{Cell, Figure, Row, Section, Source, Spread, Table};
 use super::source;
 
-/// Heights of the landing gear over the floor, m: the source's range, 0.33 to 1.2 m, and one below it
-/// so that 0.33 m lies between two.
-const HEIGHTS_M: [f64; 9] = [0.30, 0.33, 0.38, 0.44, 0.52, 0.62, 0.76, 0.95, 1.2];
+/// Heights of the landing gear over the floor, m: the source's range, 0.33 to 1.2 m. (Asked for 0.30 m,
+/// where the floor's multipath begins, some flights touch down.)
+const HEIGHTS_M: [f64; 8] = [0.33, 0.38, 0.44, 0.52, 0.62, 0.76, 0.95, 1.2];
 /// Height that counts as out of the ground effect, m.
 const OUT_M: f64 = 2.2;
 /// Stay out of the ground effect and in it, s: over a minute, as the source.
@@ -28,6 +29,8 @@ const SETTLE: usize = 500;
 /// Simulated time of a flight, s.
 const FLIGHT_S: f64 = 115.0;
 const PLOT_PX: [f64; 2] = [1100.0, 320.0];
+/// Hovers from this true height on are fitted, m: the source's range, less what a hover wanders.
+const FITTED_FROM_M: f64 = LOWEST_VALIDATED_M - 0.03;
 /// Ratios are drawn from here on.
 const DRAWN_FROM: f64 = 0.8;
 
@@ -36,11 +39,13 @@ pub fn cost(bench: &Bench) -> u64 {
     bench.cost(HEIGHTS_M.len(), FLIGHT_S)
 }
 
-/// One hover: true mean height, m, and thrust ratio.
-#[derive(Debug, Clone, Copy)]
+/// One hover: true mean height, m, thrust ratio, and both over time, second by second; the stay out of
+/// the ground effect among them.
+#[derive(Debug, Clone)]
 struct Hover {
     height_m: f64,
     ratio: f64,
+    seconds: Vec<[f64; 2]>,
 }
 
 /// Mean of a stay without its begin.
@@ -61,9 +66,37 @@ fn hover(bench: &Bench, height_m: f64, seed: u64) -> Result<Hover> {
     let thrust = |s: &Sample| s.control.thrust_frac * s.truth.supply_v;
     let missing = || format!("{height_m} m, seed {seed}: no hover; {:?}", flight.texts.last());
     let (out, low) = (leg(&flight, out), leg(&flight, low));
-    let ratio = mean(low, thrust).with_context(missing)? / mean(out, thrust).with_context(missing)?;
+    let thrust_out = mean(out, thrust).with_context(missing)?;
+    let ratio = mean(low, thrust).with_context(missing)? / thrust_out;
     let height_m = mean(low, |s| s.truth.height_m).with_context(missing)?;
-    Ok(Hover { height_m, ratio })
+    let seconds = [out, low]
+        .into_iter()
+        .flat_map(|stay| stay.get(SETTLE..).unwrap_or_default().chunks_exact(100))
+        .map(|second| {
+            let mean = |pick: &dyn Fn(&Sample) -> f64| second.iter().map(pick).sum::<f64>() / 100.0;
+            [mean(&|s| s.truth.height_m), mean(&thrust) / thrust_out]
+        })
+        .collect();
+    Ok(Hover { height_m, ratio, seconds })
+}
+
+/// Equation 7 through all seconds of a repetition from the least validated height on, each ratio
+/// times a factor of its height.
+fn fitted(hovers: &[Hover], factor: impl Fn(f64) -> f64) -> Option<Ground> {
+    let seconds: Vec<[f64; 2]> = hovers
+        .iter()
+        .filter(|h| h.height_m >= FITTED_FROM_M)
+        .flat_map(|h| h.seconds.iter().copied())
+        .collect();
+    let times: Vec<f64> = (0..seconds.len()).map(|i| i as f64).collect();
+    let heights: Vec<f64> = seconds.iter().map(|s| s[0]).collect();
+    let ratios: Vec<f64> = seconds.iter().map(|s| s[1] * factor(s[0])).collect();
+    fit(&times, &heights, &ratios).ok()
+}
+
+/// What the simulator does at a height: thrust in over thrust out.
+fn simulated(vehicle: &Vehicle, height_m: f64) -> f64 {
+    1.0 / (1.0 + vehicle.ground.gain * (-height_m / vehicle.ground.length_m).exp())
 }
 
 /// Ratio at a height between two hovers.
@@ -83,7 +116,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
     let flown = bench.each(&HEIGHTS_M, FLIGHT_S, |height, seed| hover(bench, *height, seed))?;
     let repetitions: Vec<Vec<Hover>> = (0..bench.repetitions as usize)
         .map(|i| {
-            let mut hovers: Vec<Hover> = flown.iter().filter_map(|f| f.get(i).copied()).collect();
+            let mut hovers: Vec<Hover> = flown.iter().filter_map(|f| f.get(i).cloned()).collect();
             hovers.sort_by(|a, b| a.height_m.total_cmp(&b.height_m));
             hovers
         })
@@ -99,10 +132,25 @@ pub fn run(bench: &Bench) -> Result<Section> {
         ),
         ..Section::default()
     };
-    let at_text: Vec<f64> = repetitions.iter().filter_map(|h| interpolated(h, text_m)).collect();
-    section
-        .rows
-        .push(Row::new(format!("thrust ratio at {text_m} m"), "", 3, Spread::of(at_text)).beside(text));
+    let at_text = repetitions.iter().filter_map(|h| Some(fitted(h, |_| 1.0)?.ratio(text_m)));
+    let what = format!("thrust ratio at {text_m} m, equation 7 fitted to ours");
+    section.rows.push(Row::new(what, "", 3, Spread::of(at_text)).beside(text));
+    let vehicle = Vehicle::default();
+    let picks: [(&str, &'static str, usize, f64, &'static str, fn(&Ground) -> f64); 2] = [
+        ("\u{3bb} of equation 7", "m\u{b2}", 5, corrected[0], "equation 7", |g| g.lambda_m2.value),
+        ("a of equation 7", "m", 4, corrected[1], "equation 7, corrected", |g| g.a_m.value),
+    ];
+    for (what, unit, decimals, theirs, origin, pick) in picks {
+        let through = |factor: &dyn Fn(f64) -> f64| {
+            Spread::of(repetitions.iter().filter_map(|h| Some(pick(&fitted(h, factor)?))))
+        };
+        let other = through(&|h| equation(corrected, h) / simulated(&vehicle, h)).mean;
+        section.rows.push(
+            Row::new(what, unit, decimals, through(&|_| 1.0))
+                .beside(Source::number(theirs, origin))
+                .tried("equation 7 in the place of the simulator's law, same scatter", other),
+        );
+    }
     section.tables.push(Table {
         title: "Thrust in ground effect over thrust out of it".into(),
         columns: [
@@ -166,6 +214,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
 fn figure(repetitions: &[Vec<Hover>]) -> Figure {
     let config = GroundConfig::default();
     let printed = source::GROUND_PRINTED;
+    let laws: Vec<Ground> = repetitions.iter().filter_map(|h| fitted(h, |_| 1.0)).collect();
     let heights = || (0..=300).map(|i| 0.25 + f64::from(i) * 1.05 / 300.0);
     let line = |name: &str, tone, mark, law: &dyn Fn(f64) -> f64| Series {
         name: name.into(),
@@ -181,7 +230,7 @@ fn figure(repetitions: &[Vec<Hover>]) -> Figure {
     Figure {
         name: "Figure 9",
         caption: "Thrust ratio against height, every hover; the correction of the controller (equation 7, a = \
-                  0.2213 m, held below 0.33 m) and the equation as printed."
+                  0.2213 m, held below 0.33 m), the equation as fitted to the first repetition and as printed."
             .into(),
         plots: vec![Plot {
             title: "Ground effect".into(),
@@ -190,6 +239,10 @@ fn figure(repetitions: &[Vec<Hover>]) -> Figure {
             series: vec![
                 line("as printed", Tone::Command, Mark::Dashed, &|h| equation(printed, h)),
                 line("controller", Tone::Estimate, Mark::Line, &|h| config.thrust_factor(h)),
+                line("fit", Tone::Family(1), Mark::Line, &|h| match laws.first() {
+                    Some(law) if h >= law.range_m[0] => law.ratio(h),
+                    _ => f64::NAN,
+                }),
                 Series {
                     name: "hovers".into(),
                     tone: Tone::Truth,

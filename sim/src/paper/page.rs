@@ -48,8 +48,9 @@ pub fn render(outcomes: &[Outcome], about: &About<'_>) -> String {
          UWB</i>, IMAV 2021. Its full text is not available to us; numbers of it that we have are named with \
          their place, all others are said to be missing. Ours are means \u{b1} standard deviation over \
          repetitions. A difference counts as explained only by a run or a calculation in this very report that \
-         closes at least {:.0} % of it with one thing changed; otherwise it says so.</p><nav>",
-        100.0 * CREDIT
+         closes {:.0} to {:.0} % of it with one thing changed; otherwise it says so.</p><nav>",
+        100.0 * CREDIT[0],
+        100.0 * CREDIT[1]
     );
     for Outcome { experiment, .. } in outcomes {
         let _ = write!(

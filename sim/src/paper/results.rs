@@ -2,15 +2,16 @@
 //! difference, tables, figures, targets.
 //!
 //! A difference is explained only by a **trial**: a run of the same experiment with one thing
-//! changed, or a calculation from its data. A trial that closes at least [`CREDIT`] of the
-//! difference is credited; without one the report says "not explained".
+//! changed, or a calculation from its data. A trial that closes the difference within [`CREDIT`] is
+//! credited; without one the report says "not explained".
 
 use haltere::report::svg::Plot;
 use haltere::report::verdict::Check;
 use serde::Serialize;
 
-/// Share of a difference that a trial must close to count as its explanation.
-pub const CREDIT: f64 = 0.5;
+/// Share of a difference that a trial must close to count as its explanation, and the most of it: what
+/// overshoots by more than half explains another difference.
+pub const CREDIT: [f64; 2] = [0.5, 1.5];
 /// A difference of less than this share of the source's number is none.
 const SAME: f64 = 0.10;
 
@@ -143,7 +144,7 @@ impl Row {
             .trials
             .iter()
             .filter_map(|t| Some((t.change.clone(), self.closes(t)?)))
-            .filter(|(_, share)| *share >= CREDIT)
+            .filter(|(_, share)| (CREDIT[0]..=CREDIT[1]).contains(share))
             .collect();
         if credited.is_empty() { Verdict::NotExplained } else { Verdict::Explained(credited) }
     }
