@@ -127,7 +127,11 @@ pub fn fit(
     let usable: Vec<&Difference> = differences
         .iter()
         .filter(|d| {
-            d.a < n && d.b < n && d.a != d.b && d.difference_m.is_finite() && d.t_s.is_finite()
+            d.a < n
+                && d.b < n
+                && d.a != d.b
+                && d.difference_m.is_finite()
+                && d.t_s.is_finite()
                 && d.pos_E_m.iter().all(|v| v.is_finite())
         })
         .collect();
@@ -195,9 +199,8 @@ pub fn fit(
 pub fn gauge(survey: &[Vector3<f64>], positions: Positions) -> DMatrix<f64> {
     let n = survey.len();
     let size = 4 * n;
-    let mut freedoms: Vec<DVector<f64>> = vec![DVector::from_fn(size, |i, _| {
-        if i % 4 == 3 { 1.0 } else { 0.0 }
-    })];
+    let mut freedoms: Vec<DVector<f64>> =
+        vec![DVector::from_fn(size, |i, _| if i % 4 == 3 { 1.0 } else { 0.0 })];
     if positions == Positions::Estimated {
         let centre = survey.iter().sum::<Vector3<f64>>() / n.max(1) as f64;
         for axis in 0..3 {

@@ -122,8 +122,11 @@ pub fn fit(times_s: &[f64], height_m: &[f64], y: &[f64]) -> Result<Ground, Groun
     let cov = noise.covariance(times_s, &jacobian).ok_or(GroundError::BadData)?;
     let lambda = m / free;
     let over = low - a;
-    let ratio_gradient =
-        [m / (free * free * over * over), -1.0 / (free * over * over), -2.0 * lambda / over.powi(3)];
+    let ratio_gradient = [
+        m / (free * free * over * over),
+        -1.0 / (free * over * over),
+        -2.0 * lambda / over.powi(3),
+    ];
     Ok(Ground {
         lambda_m2: cov.combine(lambda, &[-m / (free * free), 1.0 / free, 0.0]),
         a_m: cov.value(2, a),

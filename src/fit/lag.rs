@@ -140,6 +140,20 @@ pub fn fit(dt_s: f64, setpoint_rad: &[f64], attitude_rad: &[f64]) -> Result<Lag,
     Ok(Lag { first, second, preferred, setpoint_rms_rad: rms })
 }
 
+/// What a fitted response makes of a setpoint, rad.
+pub fn response(dt_s: f64, setpoint_rad: &[f64], fitted: &Response) -> Vec<f64> {
+    let mut shape = vec![fitted.delay_s.value];
+    shape.extend(fitted.time_s.map(|t| t.value));
+    shape.extend(fitted.omega_radps.map(|w| w.value));
+    shape.extend(fitted.damping.map(|z| z.value));
+    if setpoint_rad.is_empty() {
+        return Vec::new();
+    }
+    let data = Data { dt_s, u: setpoint_rad, y: setpoint_rad };
+    let of = |x: f64| fitted.offset_rad.value + fitted.gain.value * x;
+    data.simulate(&shape).into_iter().map(of).collect()
+}
+
 struct Data<'a> {
     dt_s: f64,
     u: &'a [f64],
@@ -202,8 +216,7 @@ impl Data<'_> {
             }
         }
         let value = |shape: &[f64]| self.linear(shape).map_or(f64::INFINITY, |l| l.0);
-        let mut shape =
-            shapes.into_iter().min_by(|a, b| value(a).total_cmp(&value(b)))?;
+        let mut shape = shapes.into_iter().min_by(|a, b| value(a).total_cmp(&value(b)))?;
         let mut square = value(&shape);
         let mut damping = 1e-3;
         for _ in 0..40 {
@@ -261,8 +274,7 @@ impl Data<'_> {
             row[width - 2] = 1.0;
             row[width - 1] = x[i];
         });
-        let residual =
-            x.iter().zip(self.y).map(|(x, y)| y - offset - gain * x).collect();
+        let residual = x.iter().zip(self.y).map(|(x, y)| y - offset - gain * x).collect();
         Some((jacobian, residual))
     }
 

@@ -156,7 +156,7 @@ pub fn shares(
 
 /// Least value of a function of a positive argument between bounds: a coarse look at the logarithm,
 /// then the golden section around the best.
-pub(super) fn search([low, high]: [f64; 2], value: impl Fn(f64) -> f64) -> f64 {
+pub(crate) fn search([low, high]: [f64; 2], value: impl Fn(f64) -> f64) -> f64 {
     const LOOKS: i32 = 60;
     let at = |k: i32| low * (high / low).powf(f64::from(k) / f64::from(LOOKS));
     let best = (0..=LOOKS).min_by(|a, b| value(at(*a)).total_cmp(&value(at(*b)))).unwrap_or(0);

@@ -178,6 +178,11 @@ impl TiltStep {
         self.check_thrust(envelope, HIGHEST_V)
     }
 
+    /// Whether the way to the fence in the direction of flight, m, is enough.
+    pub fn check_from(&self, envelope: &Envelope, way_m: f64) -> Result<(), String> {
+        self.check_way(envelope, way_m - MARGIN_M, "the way to the fence less margin")
+    }
+
     fn check_limit(&self, envelope: &Envelope) -> Result<(), String> {
         let limit_rad = envelope.tilt_limit_rad;
         if self.angle_rad.abs() > limit_rad + 1e-9 && !self.beyond_limit {
@@ -351,8 +356,7 @@ impl TiltStep {
         let supply_v = supply_v.ok_or("no battery voltage: thrust reserve unknown")?;
         self.check_thrust(envelope, supply_v)?;
         let towards = self.direction(estimate.R_EB.yaw_rad());
-        let way_m = way_to_fence_m(&envelope.volume, estimate.pos_E_m, towards) - MARGIN_M;
-        self.check_way(envelope, way_m, "the way to the fence less margin")
+        self.check_from(envelope, way_to_fence_m(&envelope.volume, estimate.pos_E_m, towards))
     }
 
     /// Direction of flight in the room for a heading, north and east.
