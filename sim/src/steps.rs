@@ -137,7 +137,9 @@ fn find(flight: &Flight, legs: &[Leg]) -> Vec<(Leg, usize)> {
             let jumped = (after - before).abs() > 0.9 * leg.size_m;
             (jumped && (after - leg.to_E_m[leg.axis]).abs() < 1e-3).then_some(i + 1)
         });
-        let Some(start) = jump.filter(|s| s + WINDOW_SAMPLES <= flight.samples.len()) else { break };
+        let Some(start) = jump.filter(|s| s + WINDOW_SAMPLES <= flight.samples.len()) else {
+            break;
+        };
         from = start;
         found.push((*leg, start));
     }

@@ -6,7 +6,7 @@ use crate::report::svg::escape;
 use crate::report::verdict::{Check, Verdict};
 
 /// Style of every page.
-const STYLE: &str = include_str!("page.css");
+pub const STYLE: &str = include_str!("page.css");
 /// Shows the values under the pointer.
 const SCRIPT: &str = include_str!("page.js");
 

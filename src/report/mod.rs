@@ -14,6 +14,8 @@ pub mod verdict;
 
 use std::fmt::Write as _;
 
+pub use html::STYLE;
+
 use errors::{AXES, AxisErrors, Path, PathKind, STEP_WINDOW_S};
 use flight::Flight;
 use svg::escape;

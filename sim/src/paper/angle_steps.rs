@@ -21,6 +21,8 @@ pub const HOLD_S: f64 = 3.0;
 pub const ARRIVAL_S: f64 = 0.3;
 /// The last part of the hold, in which the speed counts as final, s.
 const FINAL_S: f64 = 0.3;
+/// The part over which it is asked whether the speed still changes, s.
+const LATE_S: f64 = 0.5;
 /// Simulated time of a flight, s.
 pub const FLIGHT_S: f64 = 22.0;
 /// Length of the hall along the step, and its width, m. 52° of roll gathers more than 6 m/s: in the
@@ -39,6 +41,10 @@ pub struct AngleStep {
     pub trace: Vec<[f64; 4]>,
     /// Speed at the end, m/s.
     pub final_mps: f64,
+    /// Flap rate, mean of both wings, half a second after the lean was set and at the end, Hz.
+    pub flap_hz: [f64; 2],
+    /// Acceleration over the last half second, m/s².
+    pub late_mps2: f64,
     /// Share of the hold that fits into the source's hall, 0 to 1.
     pub fits_frac: f64,
 }
@@ -122,7 +128,10 @@ pub fn fly_step(
         return Ok(None);
     }
     let first = held.first().with_context(|| {
-        format!("{} {name} {angle_deg} deg, seed {seed}: not flown; {:?}", vehicle.name, flight.texts)
+        format!(
+            "{} {name} {angle_deg} deg, seed {seed}: not flown; {:?}",
+            vehicle.name, flight.texts
+        )
     })?;
     let origin = first.truth.pos_E_m;
     let trace: Vec<[f64; 4]> = held
@@ -143,14 +152,21 @@ pub fn fly_step(
     }
     let last: Vec<f64> =
         trace.iter().filter(|row| row[0] > length_s - FINAL_S).map(|row| row[1]).collect();
+    let flap = |s: &haltere::lockstep::Sample| 0.5 * (s.truth.flap_hz[0] + s.truth.flap_hz[1]);
+    let early = held.get((LATE_S * 100.0) as usize).unwrap_or(first);
+    let late: Vec<&[f64; 4]> = trace.iter().filter(|row| row[0] > length_s - LATE_S).collect();
+    let late_mps2 = match late[..] {
+        [first, .., last] => (last[1] - first[1]) / (last[0] - first[0]),
+        _ => 0.0,
+    };
     let [source_m, margin_m] = SOURCE_HALL_M;
     let room_m = source_m - 2.0 * margin_m;
-    let fits = trace
-        .iter()
-        .take_while(|row| row[3] + haltere::pilot::stopping_m(row[1]) < room_m)
-        .count();
+    let fits =
+        trace.iter().take_while(|row| row[3] + haltere::pilot::stopping_m(row[1]) < room_m).count();
     Ok(Some(AngleStep {
         final_mps: last.iter().sum::<f64>() / last.len() as f64,
+        flap_hz: [flap(early), held.last().map_or(0.0, |s| flap(s))],
+        late_mps2,
         fits_frac: fits as f64 / trace.len() as f64,
         trace,
     }))

@@ -129,8 +129,7 @@ fn fly(bench: &Bench, control: &ControlConfig, seed: u64) -> Result<Scores> {
                 format!("seed {seed}, charge {charge_frac}: no hover; {:?}", flight.texts.last())
             })
         };
-        let height =
-            |s: &Sample| Some(s.truth.pos_E_m.z() - s.control.pos_setpoint_E_m[2]?);
+        let height = |s: &Sample| Some(s.truth.pos_E_m.z() - s.control.pos_setpoint_E_m[2]?);
         let share = 1.0 / CHARGES.len() as f64;
         scores[3] += share * of(high, height)?;
         scores[4] += share * of(low, height)?;
@@ -176,9 +175,9 @@ pub fn run(bench: &Bench) -> Result<Section> {
     let names = ["steps in x", "steps in y", "steps in z", "hover", "hover near the floor"];
     for (score, name) in names.into_iter().enumerate() {
         let raw = of(0, score).mean;
-        let best = [4, 5, 6, 7].into_iter().min_by(|a, b| {
-            of(*a, score).mean.total_cmp(&of(*b, score).mean)
-        });
+        let best = [4, 5, 6, 7]
+            .into_iter()
+            .min_by(|a, b| of(*a, score).mean.total_cmp(&of(*b, score).mean));
         let Some(best) = best else { continue };
         let gain = 1.0 - of(best, score).mean / raw;
         let clear = raw - of(best, score).mean > noise_of(0, score).max(noise_of(best, score));

@@ -64,7 +64,11 @@ pub fn run(bench: &Bench) -> Result<Section> {
     let config = pilot.estimator_in_force();
     let mut names: Vec<String> = vec!["filter with UWB".into()];
     names.extend(TAU_S.map(|tau| {
-        if tau.is_finite() { format!("IMU alone, \u{3c4} = {tau} s") } else { "gyroscope alone".into() }
+        if tau.is_finite() {
+            format!("IMU alone, \u{3c4} = {tau} s")
+        } else {
+            "gyroscope alone".into()
+        }
     }));
     let stood = bench.each(&BIASES, STAND_S, |[acc, gyro], seed| {
         let mut plant = PlantConfig::hall(seed);
@@ -121,7 +125,8 @@ pub fn run(bench: &Bench) -> Result<Section> {
         columns.push("pitch".into());
     }
     section.tables.push(Table {
-        title: "Mean absolute error of the attitude, deg, by bias of accelerometer and gyroscope".into(),
+        title: "Mean absolute error of the attitude, deg, by bias of accelerometer and gyroscope"
+            .into(),
         columns,
         rows: names
             .iter()
@@ -161,9 +166,18 @@ pub fn run(bench: &Bench) -> Result<Section> {
             series: first
                 .iter()
                 .zip(&names)
-                .zip([Tone::Estimate, Tone::Family(3), Tone::Command, Tone::Family(2), Tone::Family(1)])
+                .zip([
+                    Tone::Estimate,
+                    Tone::Family(3),
+                    Tone::Command,
+                    Tone::Family(2),
+                    Tone::Family(1),
+                ])
                 .map(|((angles, name), tone)| Series {
-                    name: name.replace("IMU alone, ", "").replace(" alone", ""),
+                    name: name
+                        .replace("IMU alone, ", "")
+                        .replace(" alone", "")
+                        .replace("filter with ", ""),
                     tone,
                     mark: Mark::Line,
                     points: angles.iter().map(|(t, a)| [*t, a[axis]]).collect(),

@@ -94,6 +94,12 @@ fn fitted(hovers: &[Hover], factor: impl Fn(f64) -> f64) -> Option<Ground> {
     fit(&times, &heights, &ratios).ok()
 }
 
+/// Ratio that the fitted law gives at a height, to the thrust at [`OUT_M`] as ours are: the law's own
+/// ratio is to thrust infinitely far from the floor.
+fn ratio(law: &Ground, height_m: f64) -> f64 {
+    law.free.value * law.ratio(height_m)
+}
+
 /// What the simulator does at a height: thrust in over thrust out.
 fn simulated(vehicle: &Vehicle, height_m: f64) -> f64 {
     1.0 / (1.0 + vehicle.ground.gain * (-height_m / vehicle.ground.length_m).exp())
@@ -101,7 +107,8 @@ fn simulated(vehicle: &Vehicle, height_m: f64) -> f64 {
 
 /// Ratio at a height between two hovers.
 fn interpolated(hovers: &[Hover], height_m: f64) -> Option<f64> {
-    let pair = hovers.windows(2).find(|w| w[0].height_m <= height_m && height_m <= w[1].height_m)?;
+    let pair =
+        hovers.windows(2).find(|w| w[0].height_m <= height_m && height_m <= w[1].height_m)?;
     let share = (height_m - pair[0].height_m) / (pair[1].height_m - pair[0].height_m);
     Some(pair[0].ratio + share * (pair[1].ratio - pair[0].ratio))
 }
@@ -132,7 +139,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
         ),
         ..Section::default()
     };
-    let at_text = repetitions.iter().filter_map(|h| Some(fitted(h, |_| 1.0)?.ratio(text_m)));
+    let at_text = repetitions.iter().filter_map(|h| Some(ratio(&fitted(h, |_| 1.0)?, text_m)));
     let what = format!("thrust ratio at {text_m} m, equation 7 fitted to ours");
     section.rows.push(Row::new(what, "", 3, Spread::of(at_text)).beside(text));
     let vehicle = Vehicle::default();
@@ -240,7 +247,7 @@ fn figure(repetitions: &[Vec<Hover>]) -> Figure {
                 line("as printed", Tone::Command, Mark::Dashed, &|h| equation(printed, h)),
                 line("controller", Tone::Estimate, Mark::Line, &|h| config.thrust_factor(h)),
                 line("fit", Tone::Family(1), Mark::Line, &|h| match laws.first() {
-                    Some(law) if h >= law.range_m[0] => law.ratio(h),
+                    Some(law) if h >= law.range_m[0] => ratio(law, h),
                     _ => f64::NAN,
                 }),
                 Series {

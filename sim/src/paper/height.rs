@@ -47,10 +47,9 @@ fn plan() -> (Plan, [[usize; 2]; 5]) {
     let home = [0.0, 0.0, HEIGHT_M];
     let hover = plan.step(home, STAY_S);
     let mut spans = [[hover, hover + 1]; 5];
-    for (k, to) in
-        [[STEP_M, 0.0, HEIGHT_M], [0.0, STEP_M, HEIGHT_M], [0.0, 0.0, HEIGHT_M + STEP_M]]
-            .into_iter()
-            .enumerate()
+    for (k, to) in [[STEP_M, 0.0, HEIGHT_M], [0.0, STEP_M, HEIGHT_M], [0.0, 0.0, HEIGHT_M + STEP_M]]
+        .into_iter()
+        .enumerate()
     {
         let first = plan.step(to, STAY_S);
         plan.step(home, STAY_S);
@@ -171,13 +170,13 @@ pub fn run(bench: &Bench) -> Result<Section> {
     }];
     for ((flight, (name, ..)), tone) in kept.iter().zip(VARIANTS).zip(tones) {
         let samples = whole(flight);
-        let points =
-            samples.iter().map(|s| [since_s(&samples, s), -s.truth.pos_E_m.z()]).collect();
+        let points = samples.iter().map(|s| [since_s(&samples, s), -s.truth.pos_E_m.z()]).collect();
         series.push(Series { name: name.into(), tone, mark: Mark::Line, points });
     }
     section.figures.push(Figure {
         name: "Figure 8",
-        caption: "Height over the five motions with the emptiest battery of the repetitions.".into(),
+        caption: "Height over the five motions with the emptiest battery of the repetitions."
+            .into(),
         plots: vec![Plot {
             title: "Height".into(),
             x_label: "s".into(),

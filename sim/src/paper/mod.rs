@@ -18,10 +18,10 @@ mod shapes;
 pub mod source;
 mod standing;
 mod step_tests;
-mod thrust;
-mod two_vehicles;
 #[cfg(test)]
 mod tests;
+mod thrust;
+mod two_vehicles;
 
 use std::path::PathBuf;
 
@@ -199,7 +199,8 @@ pub fn run(options: &Options) -> Result<bool> {
     let outcomes = pool.build()?.install(|| run_all(&chosen, &bench));
     bench.progress.end();
     let took_s = bench.progress.seconds();
-    let about = About { repetitions: options.repetitions, flown_s: due, took_s, changed: &options.set };
+    let about =
+        About { repetitions: options.repetitions, flown_s: due, took_s, changed: &options.set };
     let json = print::json(&outcomes, &about);
     let page = directory.join("paper.html");
     write(&page, &page::render(&outcomes, &about))?;
@@ -208,11 +209,7 @@ pub fn run(options: &Options) -> Result<bool> {
         println!("{json}");
     } else {
         print!("{}", print::text(&outcomes));
-        println!(
-            "\n{} s of flight in {took_s:.0} s; report: {}",
-            about.flown_s,
-            page.display()
-        );
+        println!("\n{} s of flight in {took_s:.0} s; report: {}", about.flown_s, page.display());
     }
     Ok(outcomes.iter().all(|o| o.section.as_ref().is_ok_and(|s| all_passed(&s.targets))))
 }

@@ -66,10 +66,8 @@ fn filters(bench: &Bench) -> [[EstimatorConfig; 2]; 2] {
 
 fn stand(standing: &Standing, config: &EstimatorConfig) -> Result<Stood> {
     let states = standing.filter(config)?;
-    let trace: Vec<(f64, [f64; 3])> = states
-        .iter()
-        .map(|e| (standing.since_s(e.at), standing.error_E_m(e).to_array()))
-        .collect();
+    let trace: Vec<(f64, [f64; 3])> =
+        states.iter().map(|e| (standing.since_s(e.at), standing.error_E_m(e).to_array())).collect();
     let mean = |pick: &dyn Fn(&[f64; 3]) -> f64| {
         trace.iter().map(|(_, e)| pick(e)).sum::<f64>() / trace.len() as f64
     };
@@ -125,7 +123,9 @@ pub fn run(bench: &Bench) -> Result<Section> {
         }
         section.tables.push(Table {
             title: format!("Error while standing, m; multipath: {multipath}"),
-            columns: ["", "mean |x|", "|y|", "|z|", "scatter x", "y", "z"].map(String::from).to_vec(),
+            columns: ["", "mean |x|", "|y|", "|z|", "scatter x", "y", "z"]
+                .map(String::from)
+                .to_vec(),
             rows,
             note: String::new(),
         });
@@ -137,10 +137,9 @@ pub fn run(bench: &Bench) -> Result<Section> {
         }))
     };
     for (k, name) in ["nominal multipath", "no multipath", "bursts"].into_iter().enumerate() {
-        for (what, pick) in [
-            ("mean error", (|s| s.mae_m) as fn(&Stood) -> [f64; 3]),
-            ("scatter", |s| s.scatter_m),
-        ] {
+        for (what, pick) in
+            [("mean error", (|s| s.mae_m) as fn(&Stood) -> [f64; 3]), ("scatter", |s| s.scatter_m)]
+        {
             let what = format!("{what}, constant over variable noise, {name}");
             section.rows.push(Row::new(what, "", 3, ratio(k, pick)));
         }

@@ -18,9 +18,26 @@ nav{columns:2;margin:10px 0 20px}nav a{color:var(--e);text-decoration:none;displ
 table{margin:8px 0}p{max-width:92ch}td.why{max-width:44ch;font-size:12.5px}\
 figcaption{color:var(--soft);font-size:12.5px;margin:2px 0 6px}";
 
+/// Prose with `names` in backticks.
+fn prose(text: &str) -> String {
+    let parts: Vec<String> = text
+        .split('`')
+        .enumerate()
+        .map(|(k, part)| {
+            let part = escape(part);
+            if k % 2 == 1 { format!("<code>{part}</code>") } else { part }
+        })
+        .collect();
+    parts.concat()
+}
+
+/// Words of a cell that are longer than this are set as words, not as a number.
+const LONG: usize = 24;
+
 /// The whole page.
 pub fn render(outcomes: &[Outcome], about: &About<'_>) -> String {
-    let targets = || outcomes.iter().filter_map(|o| o.section.as_ref().ok()).flat_map(|s| &s.targets);
+    let targets =
+        || outcomes.iter().filter_map(|o| o.section.as_ref().ok()).flat_map(|s| &s.targets);
     let failed = outcomes.iter().any(|o| o.section.is_err());
     let met = targets().filter(|c| all_passed(std::slice::from_ref(c))).count();
     let all = targets().count();
@@ -121,29 +138,46 @@ fn summary(page: &mut String, outcomes: &[Outcome]) {
     page.push_str("</tbody></table>");
 }
 
-fn draw(page: &mut String, section: &Section) {
-    let _ = write!(page, "<p class=\"note\">{}</p>", escape(&section.method));
-    if !section.rows.is_empty() {
-        page.push_str(
-            "<table><thead><tr><th>Quantity</th><th class=\"n\">Ours</th><th class=\"n\">Source</th>\
-             <th>Place</th><th class=\"n\">Difference</th><th>Why, as far as checked</th></tr></thead><tbody>",
+/// Ours beside the source's, or alone where it has no number that we know.
+fn rows(page: &mut String, section: &Section) {
+    if section.rows.is_empty() {
+        return;
+    }
+    let compared = section.rows.iter().any(|r| r.source.is_some());
+    page.push_str("<table><thead><tr><th>Quantity</th><th class=\"n\">Ours</th>");
+    page.push_str(if compared {
+        "<th class=\"n\">Source</th><th>Place</th><th class=\"n\">Difference</th>\
+         <th>Why, as far as checked</th>"
+    } else {
+        "<th class=\"n\">Source</th>"
+    });
+    page.push_str("</tr></thead><tbody>");
+    for row in &section.rows {
+        let _ = write!(
+            page,
+            "<tr><td>{}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>",
+            escape(&row.what),
+            unit(row.unit),
+            row.ours.text(row.decimals),
+            row.source_text(),
         );
-        for row in &section.rows {
+        if compared {
             let _ = write!(
                 page,
-                "<tr><td>{}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td>{}</td>\
-                 <td class=\"n\">{}</td><td class=\"why\">{}</td></tr>",
-                escape(&row.what),
-                unit(row.unit),
-                row.ours.text(row.decimals),
-                row.source_text(),
+                "<td>{}</td><td class=\"n\">{}</td><td class=\"why\">{}</td>",
                 row.source.map_or("", |s| s.origin),
                 row.difference_text(),
-                escape(&row.why_text())
+                prose(&row.why_text())
             );
         }
-        page.push_str("</tbody></table>");
+        page.push_str("</tr>");
     }
+    page.push_str("</tbody></table>");
+}
+
+fn draw(page: &mut String, section: &Section) {
+    let _ = write!(page, "<p class=\"note\">{}</p>", prose(&section.method));
+    rows(page, section);
     for table in &section.tables {
         let _ = write!(page, "<h3>{}</h3><table><thead><tr>", escape(&table.title));
         for (k, name) in table.columns.iter().enumerate() {
@@ -154,14 +188,19 @@ fn draw(page: &mut String, section: &Section) {
         for row in &table.rows {
             page.push_str("<tr>");
             for (k, cell) in row.iter().enumerate() {
-                let class = if k == 0 { "" } else { " class=\"n\"" };
-                let _ = write!(page, "<td{class}>{}</td>", escape(&Cell::text(cell)));
+                let text = cell.text();
+                let class = match cell {
+                    _ if k == 0 => "",
+                    Cell::Text(text) if text.len() > LONG => " class=\"why\"",
+                    _ => " class=\"n\"",
+                };
+                let _ = write!(page, "<td{class}>{}</td>", escape(&text));
             }
             page.push_str("</tr>");
         }
         page.push_str("</tbody></table>");
         if !table.note.is_empty() {
-            let _ = write!(page, "<p class=\"note\">{}</p>", escape(&table.note));
+            let _ = write!(page, "<p class=\"note\">{}</p>", prose(&table.note));
         }
     }
     for figure in &section.figures {
@@ -170,7 +209,7 @@ fn draw(page: &mut String, section: &Section) {
             page,
             "<h3>{}</h3><p class=\"note\">{}</p><div class=\"{class}\">",
             figure.name,
-            escape(&figure.caption)
+            prose(&figure.caption)
         );
         for plot in &figure.plots {
             page.push_str(&plot.render());
@@ -180,7 +219,7 @@ fn draw(page: &mut String, section: &Section) {
     if !section.findings.is_empty() {
         page.push_str("<ul>");
         for finding in &section.findings {
-            let _ = write!(page, "<li>{}</li>", escape(finding));
+            let _ = write!(page, "<li>{}</li>", prose(finding));
         }
         page.push_str("</ul>");
     }

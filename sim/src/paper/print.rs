@@ -153,7 +153,15 @@ fn section_json(section: &Section) -> Value {
     json!({
         "method": section.method,
         "rows": rows.collect::<Vec<_>>(),
-        "tables": section.tables,
+        "tables": section.tables.iter().map(|table| json!({
+            "title": table.title,
+            "columns": table.columns,
+            "rows": table.rows.iter().map(|row| row.iter().map(|cell| match cell {
+                Cell::Text(text) => json!(text),
+                Cell::Spread(spread, _) => json!(spread),
+            }).collect::<Vec<_>>()).collect::<Vec<_>>(),
+            "note": table.note,
+        })).collect::<Vec<_>>(),
         "figures": figures.collect::<Vec<_>>(),
         "findings": section.findings,
         "targets": section.targets.iter().map(|c| json!({

@@ -67,7 +67,7 @@ impl Source {
 }
 
 /// The same quantity with one thing changed.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
     /// What was changed.
     pub change: String,
@@ -76,14 +76,13 @@ pub struct Trial {
 }
 
 /// Our number beside the source's.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Row {
     /// Quantity.
     pub what: String,
     /// Unit.
     pub unit: &'static str,
     /// Digits behind the point.
-    #[serde(skip)]
     pub decimals: usize,
     /// Our number over the repetitions.
     pub ours: Spread,
@@ -176,7 +175,8 @@ impl Row {
     /// Why it is believed to differ.
     pub fn why_text(&self) -> String {
         let trial = |change: &str, share: f64| {
-            let value = self.trials.iter().find(|t| t.change == change).map_or(f64::NAN, |t| t.value);
+            let value =
+                self.trials.iter().find(|t| t.change == change).map_or(f64::NAN, |t| t.value);
             format!("{change}: {value:.*}, closes {:.0} %", self.decimals, 100.0 * share)
         };
         match self.verdict() {
@@ -201,13 +201,12 @@ impl Row {
 }
 
 /// One cell of a table.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(untagged)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Cell {
     /// Words.
     Text(String),
     /// A number over repetitions, and its digits.
-    Spread(Spread, #[serde(skip)] usize),
+    Spread(Spread, usize),
 }
 
 impl Cell {
@@ -227,7 +226,7 @@ impl<T: Into<String>> From<T> for Cell {
 }
 
 /// A table.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Table {
     /// Heading.
     pub title: String,
@@ -283,7 +282,11 @@ mod tests {
         assert_eq!(apart.why_text(), "not explained");
         let tried = apart.clone().tried("less wind", 0.18);
         assert_eq!(tried.verdict(), Verdict::NotExplained);
-        assert!(tried.why_text().starts_with("not explained; tried less wind"), "{}", tried.why_text());
+        assert!(
+            tried.why_text().starts_with("not explained; tried less wind"),
+            "{}",
+            tried.why_text()
+        );
         let wrong_way = apart.clone().tried("more wind", 0.30);
         assert_eq!(wrong_way.verdict(), Verdict::NotExplained);
         let found = apart.tried("no wind", 0.12);

@@ -71,8 +71,9 @@ pub fn run(bench: &Bench) -> Result<Section> {
     };
     let repetitions = bench.repetitions as usize;
     let all = |radio| Spread::of((0..repetitions).map(|seed| mean(&of(radio, seed))));
-    let mut row = Row::new("estimate against truth, four shapes, mean of x, y, z", "m", 3, all(None))
-        .beside(source::PATHS_M);
+    let mut row =
+        Row::new("estimate against truth, four shapes, mean of x, y, z", "m", 3, all(None))
+            .beside(source::PATHS_M);
     for (radio, (name, ..)) in RADIOS.iter().enumerate() {
         row = row.tried(*name, all(Some(radio)).mean);
     }
@@ -102,7 +103,9 @@ pub fn run(bench: &Bench) -> Result<Section> {
     }
     let columns = ["shape", "est. x", "est. y", "est. z", "track x", "track y", "track z"];
     section.tables.push(Table {
-        title: "Mean absolute error on the shapes, m: estimate against truth, truth against setpoint".into(),
+        title:
+            "Mean absolute error on the shapes, m: estimate against truth, truth against setpoint"
+                .into(),
         columns: columns.map(String::from).to_vec(),
         rows,
         note: String::new(),

@@ -40,13 +40,8 @@ enum World {
     SourceSet,
 }
 
-const WORLDS: [World; 5] = [
-    World::Nominal,
-    World::EqualDrag,
-    World::NoPathBias,
-    World::HalfEmpty,
-    World::SourceSet,
-];
+const WORLDS: [World; 5] =
+    [World::Nominal, World::EqualDrag, World::NoPathBias, World::HalfEmpty, World::SourceSet];
 /// Charge that is left of a battery which is half empty and still lasts for the programme.
 const HALF_EMPTY: f64 = 0.55;
 
@@ -110,7 +105,8 @@ pub fn run(bench: &Bench) -> Result<Section> {
         WORLDS.iter().flat_map(|w| VERSIONS.map(|v| (*w, v))).collect();
     let flown = bench.each(&cases, FLIGHT_S, |(world, version), seed| {
         let (plant, pilot) = world.build(bench, seed)?;
-        let control = haltere::control::ControlConfig { version: *version, ..pilot.control.clone() };
+        let control =
+            haltere::control::ControlConfig { version: *version, ..pilot.control.clone() };
         let mut lockstep = in_plant(&pilot, &control, plant)?;
         let (scores, flight) = fly_steps(&mut lockstep, CENTRE_NE_M)?;
         if !is_complete(&scores) || flight.samples.iter().any(|s| s.truth.crashed) {
@@ -174,7 +170,8 @@ pub fn run(bench: &Bench) -> Result<Section> {
         (source::RATIO[0][2] + source::RATIO[1][2]) / 2.0,
     ));
     section.findings.push(
-        "The 4.9 cm in z of the abstract is the cell of `raw` (0.0496 m); `modified` has 0.043 m.".into(),
+        "The 4.9 cm in z of the abstract is the cell of `raw` (0.0496 m); `modified` has 0.043 m."
+            .into(),
     );
     Ok(section)
 }
@@ -210,7 +207,8 @@ fn rows<'a>(
             let beside = Source::number(source::RATIO[size][axis], source::TABLE_3);
             let ours = ratio(raw, modified, axis, size)?;
             mean_ratio += ours.mean / 2.0;
-            let mut row = Row::new(format!("raw over modified, {name}"), "", 2, ours).beside(beside);
+            let mut row =
+                Row::new(format!("raw over modified, {name}"), "", 2, ours).beside(beside);
             let tried: &[World] = if axis == 1 {
                 &[World::EqualDrag, World::SourceSet]
             } else {
@@ -353,7 +351,8 @@ fn figure(raw: &Flight, modified: &Flight) -> Figure {
                 .map(|i| [(i as f64 - start as f64) * 0.01, sign * pick(i)])
                 .collect::<Vec<_>>()
         };
-        let series = |name: &str, tone, mark, points| Series { name: name.into(), tone, mark, points };
+        let series =
+            |name: &str, tone, mark, points| Series { name: name.into(), tone, mark, points };
         let position = |f: &Flight, i: usize| f.samples[i].truth.pos_E_m[axis] - leg.from_m;
         let velocity = |f: &Flight, i: usize| f.samples[i].truth.vel_E_mps[axis];
         let command = window(raw, *start, &|i| {
@@ -368,7 +367,12 @@ fn figure(raw: &Flight, modified: &Flight) -> Figure {
             y_label: "m".into(),
             series: vec![
                 series("command", Tone::Truth, Mark::Dashed, command),
-                series("raw", Tone::Command, Mark::Line, window(raw, *start, &|i| position(raw, i))),
+                series(
+                    "raw",
+                    Tone::Command,
+                    Mark::Line,
+                    window(raw, *start, &|i| position(raw, i)),
+                ),
                 series(
                     "modified",
                     Tone::Estimate,
@@ -385,7 +389,12 @@ fn figure(raw: &Flight, modified: &Flight) -> Figure {
             y_label: "m/s".into(),
             series: vec![
                 series("setpoint, modified", Tone::Truth, Mark::Dashed, wanted),
-                series("raw", Tone::Command, Mark::Line, window(raw, *start, &|i| velocity(raw, i))),
+                series(
+                    "raw",
+                    Tone::Command,
+                    Mark::Line,
+                    window(raw, *start, &|i| velocity(raw, i)),
+                ),
                 series(
                     "modified",
                     Tone::Estimate,

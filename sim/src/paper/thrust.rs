@@ -65,9 +65,8 @@ fn hover(bench: &Bench, plant: PlantConfig, seed: u64) -> Result<Points> {
 
 /// Means of so many points.
 fn averaged(points: &Points, count: usize) -> Points {
-    let mean = |chunk: &[[f64; 3]], k: usize| {
-        chunk.iter().map(|p| p[k]).sum::<f64>() / chunk.len() as f64
-    };
+    let mean =
+        |chunk: &[[f64; 3]], k: usize| chunk.iter().map(|p| p[k]).sum::<f64>() / chunk.len() as f64;
     points.chunks_exact(count).map(|c| std::array::from_fn(|k| mean(c, k))).collect()
 }
 
@@ -110,7 +109,8 @@ pub fn run(bench: &Bench) -> Result<Section> {
     };
     for order in 1..=3 {
         let ours = Spread::of(nominal.iter().map(|(_, law, _)| r_squared(law, order)));
-        let mut row = Row::new(format!("R\u{b2} of order {order}"), "", 3, ours).beside(source::THRUST_R2);
+        let mut row =
+            Row::new(format!("R\u{b2} of order {order}"), "", 3, ours).beside(source::THRUST_R2);
         for (k, count) in AVERAGES.iter().enumerate() {
             let of = Spread::of(nominal.iter().filter_map(|f| Some(r_squared(f.2.get(k)?, order))));
             let seconds = (count * EVERY) as f64 * 0.01;
@@ -120,9 +120,8 @@ pub fn run(bench: &Bench) -> Result<Section> {
         section.rows.push(row.tried("no flapping vibration on the IMU", of.mean));
     }
     let exponent = Spread::of(nominal.iter().map(|f| f.1.power.exponent.value));
-    let calm_exponent = Spread::of(
-        nominal.iter().filter_map(|f| Some(f.2.last()?.power.exponent.value)),
-    );
+    let calm_exponent =
+        Spread::of(nominal.iter().filter_map(|f| Some(f.2.last()?.power.exponent.value)));
     section.findings.push(format!(
         "Throttle goes with the voltage to the power of {}, and of {} when both are averaged over 2 s (recorded flights of \
          this vehicle: {RECORDED_EXPONENT}): every burst of throttle pulls the voltage down with it, and point by point \

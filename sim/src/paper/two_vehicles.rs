@@ -145,9 +145,8 @@ fn table(axis: usize, name: &str, vehicles: &[Vehicle; 2], curves: &[[Curve; 2]]
         let steady = &curves[axis].law;
         for (form, label) in FORMS {
             let Some(law) = steady.law(form) else { continue };
-            let value = |v: &haltere::fit::Value, d: usize| {
-                format!("{:.d$} \u{b1} {:.d$}", v.value, v.std)
-            };
+            let value =
+                |v: &haltere::fit::Value, d: usize| format!("{:.d$} \u{b1} {:.d$}", v.value, v.std);
             let parameters = law
                 .parameters
                 .iter()
@@ -164,7 +163,7 @@ fn table(axis: usize, name: &str, vehicles: &[Vehicle; 2], curves: &[[Curve; 2]]
                     if steady.chosen == form { " \u{2190} least AICc" } else { "" },
                     if law.at_bound { " (at the end of its range)" } else { "" }
                 )),
-                Cell::from(parameters),
+                Cell::from(if law.at_bound { String::new() } else { parameters }),
                 Cell::from(value(&law.drag_per_s, 2)),
                 Cell::from(format!("{:.4}", law.r_squared)),
                 Cell::from(format!("{:.3}", law.residual_mps)),
@@ -213,7 +212,12 @@ fn figure(vehicles: &[Vehicle; 2], curves: &[[Curve; 2]]) -> Figure {
                     name: String::new(),
                     tone,
                     mark: Mark::Dots,
-                    points: curve.points.concat().iter().map(|p| [p.lean_deg, p.speed_mps]).collect(),
+                    points: curve
+                        .points
+                        .concat()
+                        .iter()
+                        .map(|p| [p.lean_deg, p.speed_mps])
+                        .collect(),
                 });
             }
             if axis == 0 {
@@ -241,7 +245,8 @@ fn figure(vehicles: &[Vehicle; 2], curves: &[[Curve; 2]]) -> Figure {
         .collect();
     Figure {
         name: "Figure 6",
-        caption: "Final speed against lean, every repetition, and the exponential through them.".into(),
+        caption: "Final speed against lean, every repetition, and the exponential through them."
+            .into(),
         plots,
     }
 }
