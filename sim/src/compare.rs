@@ -148,7 +148,7 @@ pub fn steps(options: &StepOptions) -> Result<bool> {
     let not_landed = flights.iter().filter(|f| !f.1.landed).count();
     let mut rows = Vec::new();
     let mut ok = not_landed == 0;
-    for axis in 0..3 {
+    for (axis, axis_name) in AXES.iter().enumerate() {
         let mut ratios = Vec::new();
         for (i, size_m) in SIZES_M.into_iter().enumerate() {
             let get = |scores: &[StepScore], pick: fn(&StepScore) -> f64| {
@@ -159,7 +159,7 @@ pub fn steps(options: &StepOptions) -> Result<bool> {
             ratios.push(raw_m / modified_m);
             ok &= modified_m <= source::MODIFIED_M[i][axis];
             rows.push(json!({
-                "axis": AXES[axis],
+                "axis": axis_name,
                 "size_m": size_m,
                 "raw_mae_m": raw_m,
                 "modified_mae_m": modified_m,

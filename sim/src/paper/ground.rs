@@ -143,18 +143,20 @@ pub fn run(bench: &Bench) -> Result<Section> {
     let what = format!("thrust ratio at {text_m} m, equation 7 fitted to ours");
     section.rows.push(Row::new(what, "", 3, Spread::of(at_text)).beside(text));
     let vehicle = Vehicle::default();
-    let picks: [(&str, &'static str, usize, f64, &'static str, fn(&Ground) -> f64); 2] = [
-        ("\u{3bb} of equation 7", "m\u{b2}", 5, corrected[0], "equation 7", |g| g.lambda_m2.value),
-        ("a of equation 7", "m", 4, corrected[1], "equation 7, corrected", |g| g.a_m.value),
-    ];
-    for (what, unit, decimals, theirs, origin, pick) in picks {
+    let lambda: fn(&Ground) -> f64 = |g| g.lambda_m2.value;
+    for (what, unit, decimals, beside, pick) in [
+        ("\u{3bb} of equation 7", "m\u{b2}", 5, Source::number(corrected[0], "equation 7"), lambda),
+        ("a of equation 7", "m", 4, Source::number(corrected[1], "equation 7, corrected"), |g| {
+            g.a_m.value
+        }),
+    ] {
         let through = |factor: &dyn Fn(f64) -> f64| {
             Spread::of(repetitions.iter().filter_map(|h| Some(pick(&fitted(h, factor)?))))
         };
         let other = through(&|h| equation(corrected, h) / simulated(&vehicle, h)).mean;
         section.rows.push(
             Row::new(what, unit, decimals, through(&|_| 1.0))
-                .beside(Source::number(theirs, origin))
+                .beside(beside)
                 .tried("equation 7 in the place of the simulator's law, same scatter", other),
         );
     }

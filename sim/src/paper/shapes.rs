@@ -94,9 +94,9 @@ pub fn run(bench: &Bench) -> Result<Section> {
                 line.push(Cell::Spread(Spread::of(flown.iter().map(|f| pick(&f.0)[axis])), 3));
             }
         }
-        for axis in 0..3 {
+        for (axis, axis_name) in AXES.iter().enumerate() {
             let worst = flown.iter().map(|f| f.0.estimate_m[axis]).fold(0.0, f64::max);
-            let name = format!("{name}, estimate in {}, worst flight", AXES[axis]);
+            let name = format!("{name}, estimate in {axis_name}, worst flight");
             section.targets.push(Check::at_most(name, Some(worst), source::PATHS_M.range[1], "m"));
         }
         rows.push(line);
