@@ -49,6 +49,7 @@ fn main() {
                     dt_s: 0.01,
                     integrators_frozen: false,
                     thrust_ceiling_frac: 1.0,
+                    held: None,
                 }));
                 black_box(&out);
             }

@@ -10,16 +10,15 @@
 mod flight;
 mod list;
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow};
 use haltere::gap::scene::Scene;
 use haltere::gap::seal;
 use rayon::prelude::*;
 use serde_json::json;
+
+use crate::progress::Progress;
 
 use list::{Case, Class, Mission, suite};
 
@@ -77,13 +76,13 @@ pub fn run(options: &Options) -> Result<bool> {
         .collect();
     let total = flights.len();
     let due: Vec<_> = flights.into_iter().filter(|(_, _, path)| !path.exists()).collect();
-    let progress = Progress::new(total - due.len(), due.len());
+    let progress = Progress::new("flights", (total - due.len()) as u64, due.len() as u64);
     let outcomes: Vec<flight::Outcome> = due
         .par_iter()
         .map(|(case, mission, path)| {
             let outcome = flight::record(&scene, case.setup(&scene, *mission), *mission, path)
                 .with_context(|| path.display().to_string())?;
-            progress.one();
+            progress.advance(1);
             Ok(outcome)
         })
         .collect::<Result<_>>()?;
@@ -105,7 +104,7 @@ pub fn run(options: &Options) -> Result<bool> {
             "landed": outcomes.iter().filter(|o| o.landed).count(),
             "flown_s": outcomes.iter().map(|o| o.flown_s).sum::<f64>().round(),
             "megabytes": (bytes as f64 * 1e-6).round(),
-            "seconds": progress.start.elapsed().as_secs_f64().round(),
+            "seconds": progress.seconds().round(),
         })
     );
     Ok(true)
@@ -190,41 +189,6 @@ fn write(path: &Path, text: &str) -> Result<()> {
     let part = path.with_extension("part");
     std::fs::write(&part, text).with_context(|| part.display().to_string())?;
     std::fs::rename(&part, path).with_context(|| path.display().to_string())
-}
-
-/// How far it is, on standard error.
-struct Progress {
-    start: Instant,
-    before: usize,
-    due: usize,
-    done: AtomicUsize,
-}
-
-impl Progress {
-    fn new(before: usize, due: usize) -> Self {
-        Self { start: Instant::now(), before, due, done: AtomicUsize::new(0) }
-    }
-
-    fn one(&self) {
-        const WIDTH: usize = 30;
-        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
-        let left_s = self.start.elapsed().as_secs_f64() / done as f64 * (self.due - done) as f64;
-        let (now, total) = (self.before + done, self.before + self.due);
-        let filled = WIDTH * now / total.max(1);
-        let bar = "#".repeat(filled) + &".".repeat(WIDTH - filled);
-        let line = format!(
-            "\r[{bar}] {now}/{total} flights, {:.0}:{:02.0} left ",
-            (left_s / 60.0).floor(),
-            (left_s % 60.0).floor()
-        );
-        let _ = std::io::stderr().write_all(line.as_bytes());
-    }
-
-    fn end(&self) {
-        if self.due > 0 {
-            eprintln!();
-        }
-    }
 }
 
 #[cfg(test)]

@@ -7,7 +7,9 @@ mod demo;
 mod endpoint;
 mod faults;
 mod generator;
+mod paper;
 mod paths;
+mod progress;
 mod pty;
 mod scenario;
 mod steps;
@@ -43,6 +45,9 @@ enum Command {
     Paths(paths::PathOptions),
     /// Search PID gains for version `raw`, as the committed ones were found.
     Tune(compare::TuneOptions),
+    /// Every experiment of the source, ours beside its numbers: one HTML report with all figures, and
+    /// JSON beside it. Exit code 1 when a target is missed.
+    Paper(paper::Options),
     /// The sealed suite for the diagnosis of the sim-to-real gap: flights of another world, with
     /// the key to them in a folder of its own (docs/GAP_PROTOCOL.md).
     Cases(cases::Options),
@@ -81,6 +86,7 @@ fn main() -> ExitCode {
         Command::Steps(options) => compare::steps(&options),
         Command::Paths(options) => paths::paths(&options),
         Command::Tune(options) => compare::tune(&options),
+        Command::Paper(options) => paper::run(&options),
         Command::Cases(options) => cases::run(&options),
     };
     match result {

@@ -8,11 +8,11 @@ use serde_json::json;
 
 use haltere::control::{ControlConfig, Version};
 use haltere::lockstep::{Flight, Sample, fly};
+use haltere::model::PlantConfig;
 use haltere::pilot::{Mode, PilotConfig};
 
-use crate::compare::{CENTRE_NE_M, pilot_config, world};
+use crate::compare::{CENTRE_NE_M, in_plant, pilot_config};
 use crate::steps::{AXES, HEIGHT_M, item};
-use crate::tune::VARIATIONS;
 
 /// First seed.
 const SEED: u64 = 100;
@@ -24,8 +24,9 @@ const SPEED_MPS: f32 = 0.5;
 const ESTIMATE_BOUND_M: f64 = 0.10;
 /// A landing must be noticed within this time after contact, s.
 const TOUCH_BOUND_S: f64 = 2.0;
-/// Shapes: corners from the centre, north and east, m.
-const SHAPES: [(&str, &[[f64; 2]]); 3] = [
+/// Shapes of the source: corners from the centre, north and east, m.
+pub const SHAPES: [(&str, &[[f64; 2]]); 4] = [
+    ("straight", &[[-1.2, -0.9], [1.2, 0.9], [-1.2, -0.9]]),
     ("square", &[[0.8, 0.8], [0.8, -0.8], [-0.8, -0.8], [-0.8, 0.8], [0.8, 0.8]]),
     ("rhombus", &[[1.2, 0.0], [0.0, 0.8], [-1.2, 0.0], [0.0, -0.8], [1.2, 0.0]]),
     (
@@ -61,18 +62,19 @@ pub struct PathOptions {
 
 /// What one flight showed.
 #[derive(Debug, Clone, Copy, Default)]
-struct PathScore {
+pub struct PathScore {
     /// Mean |estimate - truth|, m.
-    estimate_m: [f64; 3],
+    pub estimate_m: [f64; 3],
     /// Mean |estimate - truth| of the velocity, Earth frame, m/s.
-    velocity_mps: [f64; 3],
+    pub velocity_mps: [f64; 3],
     /// Mean |truth - setpoint|, m.
-    tracking_m: [f64; 3],
+    pub tracking_m: [f64; 3],
     /// How far the take-off went above its height, m.
-    takeoff_over_m: f64,
+    pub takeoff_over_m: f64,
     /// From contact with the floor to disarming, s. Infinite: not noticed.
-    touch_s: f64,
-    crashed: bool,
+    pub touch_s: f64,
+    /// Whether it fell.
+    pub crashed: bool,
 }
 
 fn mission(corners: &[[f64; 2]]) -> Vec<MISSION_ITEM_INT_DATA> {
@@ -94,16 +96,24 @@ fn mission(corners: &[[f64; 2]]) -> Vec<MISSION_ITEM_INT_DATA> {
     items
 }
 
-fn fly_path(
+/// Flies a shape in any plant.
+pub fn fly_path(
     pilot: &PilotConfig,
     version: Version,
     corners: &[[f64; 2]],
-    seed: u64,
-) -> Result<PathScore> {
+    plant: PlantConfig,
+) -> Result<(PathScore, Flight)> {
     let control = ControlConfig { version, ..pilot.control.clone() };
-    let mut world = world(pilot, &control, &VARIATIONS[0], seed)?;
+    let mut world = in_plant(pilot, &control, plant)?;
     let flight = fly(&mut world, &mission(corners), LIMIT_S)?;
-    Ok(score(&flight))
+    Ok((score(&flight), flight))
+}
+
+/// The part of a flight in which the shape was flown.
+///
+/// Items: take-off, settle, speed, then corners; on the path from the first corner on.
+pub fn on_path(flight: &Flight) -> Vec<&Sample> {
+    flight.samples.iter().filter(|s| s.mode == Mode::Mission && s.reached >= 4).collect()
 }
 
 fn mean(samples: &[&Sample], pick: impl Fn(&Sample, usize) -> f64) -> [f64; 3] {
@@ -113,9 +123,7 @@ fn mean(samples: &[&Sample], pick: impl Fn(&Sample, usize) -> f64) -> [f64; 3] {
 }
 
 fn score(flight: &Flight) -> PathScore {
-    // Items: take-off, settle, speed, then corners; on the path from the first corner on.
-    let on_path: Vec<&Sample> =
-        flight.samples.iter().filter(|s| s.mode == Mode::Mission && s.reached >= 4).collect();
+    let on_path = on_path(flight);
     let contact = flight.samples.iter().find(|s| s.mode == Mode::Land && s.truth.on_ground);
     let end = flight.samples.last();
     PathScore {
@@ -149,7 +157,10 @@ pub fn paths(options: &PathOptions) -> Result<bool> {
         for (name, corners) in SHAPES {
             let scores: Vec<PathScore> = (0..options.repetitions)
                 .into_par_iter()
-                .map(|i| fly_path(&pilot, version, corners, SEED + i))
+                .map(|i| {
+                    let plant = PlantConfig::hall(SEED + i);
+                    Ok(fly_path(&pilot, version, corners, plant)?.0)
+                })
                 .collect::<Result<_>>()?;
             if scores.is_empty() {
                 bail!("nothing was flown: --repetitions must be at least 1");

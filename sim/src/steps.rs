@@ -11,6 +11,8 @@ use haltere::lockstep::{Flight, FlightError, Lockstep, Sample, fly};
 
 /// Time after a step over which its error is averaged, s.
 pub const WINDOW_S: f64 = 10.0;
+/// The same in control steps.
+pub const WINDOW_SAMPLES: usize = (WINDOW_S * 100.0) as usize;
 /// Time at the end of the window in which the response is over, s.
 pub const REST_S: f64 = 5.0;
 /// Height at which steps in x and y are flown, m: as the demo's take-off.
@@ -48,12 +50,15 @@ pub struct StepScore {
 
 /// One step of the programme: where from, where to.
 #[derive(Debug, Clone, Copy)]
-struct Leg {
-    axis: usize,
-    size_m: f64,
+pub struct Leg {
+    /// 0 x, 1 y, 2 z.
+    pub axis: usize,
+    /// Size, m.
+    pub size_m: f64,
     /// Coordinate of the stepped axis before, m.
-    from_m: f64,
-    to_E_m: [f64; 3],
+    pub from_m: f64,
+    /// Where to, Earth frame, m.
+    pub to_E_m: [f64; 3],
 }
 
 /// Steps out and back along each axis, with both sizes, from the middle of the hall.
@@ -115,10 +120,15 @@ pub fn fly_steps(
     Ok((score(&flight, &programme(centre_NE_m)), flight))
 }
 
-/// Finds each step in the commanded position and averages over its window.
-fn score(flight: &Flight, legs: &[Leg]) -> Vec<StepScore> {
+/// Each step that was flown for the whole window, and the number of the sample at which it begins.
+pub fn begins(flight: &Flight, centre_NE_m: [f64; 2]) -> Vec<(Leg, usize)> {
+    find(flight, &programme(centre_NE_m))
+}
+
+/// Finds each step in the commanded position.
+fn find(flight: &Flight, legs: &[Leg]) -> Vec<(Leg, usize)> {
     let commanded = |s: &Sample, axis: usize| s.control.pos_setpoint_E_m[axis];
-    let mut scores = Vec::new();
+    let mut found = Vec::new();
     let mut from = 0;
     for leg in legs {
         let jump = flight.samples.windows(2).enumerate().skip(from).find_map(|(i, pair)| {
@@ -127,13 +137,21 @@ fn score(flight: &Flight, legs: &[Leg]) -> Vec<StepScore> {
             let jumped = (after - before).abs() > 0.9 * leg.size_m;
             (jumped && (after - leg.to_E_m[leg.axis]).abs() < 1e-3).then_some(i + 1)
         });
-        let Some(start) = jump else { break };
-        from = start;
-        let count = (WINDOW_S * 100.0) as usize;
-        let window = &flight.samples[start..flight.samples.len().min(start + count)];
-        if window.len() < count {
+        let Some(start) = jump.filter(|s| s + WINDOW_SAMPLES <= flight.samples.len()) else {
             break;
-        }
+        };
+        from = start;
+        found.push((*leg, start));
+    }
+    found
+}
+
+/// Averages over the window of each step.
+fn score(flight: &Flight, legs: &[Leg]) -> Vec<StepScore> {
+    let count = WINDOW_SAMPLES;
+    let mut scores = Vec::new();
+    for (leg, start) in find(flight, legs) {
+        let window = &flight.samples[start..start + count];
         let errors: Vec<f64> = window
             .iter()
             .map(|s| (s.truth.pos_E_m[leg.axis] - leg.to_E_m[leg.axis]).abs())

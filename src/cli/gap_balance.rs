@@ -6,7 +6,8 @@ use std::process::ExitCode;
 use clap::{Args, ValueEnum};
 
 use super::{print, print_json};
-use crate::gap::balance::{diagnose, flapper, terms::Part};
+use crate::gap::balance::{diagnose, terms::Part};
+use crate::import::flapper;
 use crate::model::vehicle::Vehicle;
 
 /// Says which force the nominal model lacks on recorded flights, and how far it shrinks on another.

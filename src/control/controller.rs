@@ -24,7 +24,9 @@
 use crate::control::config::{ControlConfig, Enhancements, TiltCompensation};
 use crate::control::filter::{Cut, Derivative, Glide, Integrator, LowPass, bounded, shortened};
 use crate::control::voltage::{BaseThrust, SupplyFilter};
-use crate::control::{AxisCommand, ControlInput, ControlOutput, Handover, SupplyQuality};
+use crate::control::{
+    AxisCommand, ControlInput, ControlOutput, Handover, HeldTilt, SupplyQuality, TiltAxis,
+};
 use crate::estimate::Estimate;
 use crate::frames::{E, Rot, Vec3, wrap_pi_rad};
 use crate::topics::ControlRecord;
@@ -38,6 +40,8 @@ const MAX_ERROR_M: f64 = 1e4;
 const MAX_SPEED_MPS: f64 = 100.0;
 /// Least cosine of tilt that compensation divides by; the limit of the factor acts long before.
 const MIN_COS_TILT: f64 = 0.2;
+/// Largest lean across a held tilt, rad (10 degrees): enough to keep the line, little beside it.
+const MAX_ACROSS_RAD: f64 = 0.175;
 
 /// Kind of command on one axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -317,8 +321,17 @@ impl Controller {
         record.thrust_feedback_frac = gains.vel_z_p_frac_per_mps * e_up
             + memory.thrust_integral.value
             + gains.vel_z_d_frac_per_mps2 * acc[2];
+        let most = limits.tilt_compensation_max_frac;
+        let (compensation, most) = match input.held {
+            None => (self.on.tilt_compensation, most),
+            // Height is to be held whatever the version, and the angle was checked by who asks.
+            Some(held) => {
+                let full = held.angle_rad.cos().max(MIN_COS_TILT).recip();
+                (TiltCompensation::DragAware, most.max(full))
+            }
+        };
         let law_thrust = (record.thrust_base_frac + record.thrust_feedback_frac)
-            * tilt_factor(&self.config, self.on.tilt_compensation, seen)
+            * tilt_factor(&self.config, compensation, most, seen)
             * record.ground_factor;
 
         // From the heading frame to the frame of the yaw setpoint and back.
@@ -334,8 +347,8 @@ impl Controller {
         let wanted_x = law_x + memory.lean_glide[0].offset();
         let wanted_y = law_y + memory.lean_glide[1].offset();
         let (x, y, cut) = shortened(wanted_x, wanted_y, limits.tilt_deg.to_radians());
-        record.saturation.tilt = cut;
-        if cut {
+        record.saturation.tilt = cut && input.held.is_none();
+        if cut || input.held.is_some() {
             // What the setpoint promised cannot happen: expect from where we are.
             memory.expected_velocity = LowPass::starting_at([v_x, v_y]);
         }
@@ -352,15 +365,23 @@ impl Controller {
             let step_x = gains.vel_x_i_rad_per_m * i_x * dt_s;
             let step_y = gains.vel_y_i_rad_per_m * i_y * dt_s;
             let step_up = gains.vel_z_i_frac_per_m * e_up * dt_s;
-            memory.lean_integral[0].add(step_x, Cut::between(wanted_x, x), limit);
-            memory.lean_integral[1].add(step_y, Cut::between(wanted_y, y), limit);
+            if input.held.is_none() {
+                memory.lean_integral[0].add(step_x, Cut::between(wanted_x, x), limit);
+                memory.lean_integral[1].add(step_y, Cut::between(wanted_y, y), limit);
+            }
             memory.thrust_integral.add(step_up, thrust_cut, limits.thrust_integral_frac);
         }
         let fade_s = self.config.switch_fade_s;
         for glide in memory.lean_glide.iter_mut().chain([&mut memory.thrust_glide]) {
             glide.fade(fade_s, dt_s);
         }
-        (cos_ahead * x - sin_ahead * y, cos_ahead * y + sin_ahead * x)
+        let lean = (cos_ahead * x - sin_ahead * y, cos_ahead * y + sin_ahead * x);
+        let across = |lean_rad| bounded(lean_rad, MAX_ACROSS_RAD);
+        match input.held {
+            None => lean,
+            Some(HeldTilt { axis: TiltAxis::Pitch, angle_rad }) => (-angle_rad, across(lean.1)),
+            Some(HeldTilt { axis: TiltAxis::Roll, angle_rad }) => (across(lean.0), angle_rad),
+        }
     }
 
     /// No estimate to steer by: keep what the integrators learned and nothing else.
@@ -461,7 +482,7 @@ impl Memory {
 /// flight it is `cos θ`: a part of the weight then hangs on the drag, and the geometric factor
 /// would be a third too large at 30°. Taken at the estimated attitude, which has the lag that
 /// the lift has. Vertical drag (0.65 1/s) is left to the feedback.
-fn tilt_factor(config: &ControlConfig, kind: TiltCompensation, seen: &Seen) -> f64 {
+fn tilt_factor(config: &ControlConfig, kind: TiltCompensation, most: f64, seen: &Seen) -> f64 {
     let [r31, r32, r33] = seen.down_B;
     let hanging = match kind {
         TiltCompensation::Off => return 1.0,
@@ -472,6 +493,5 @@ fn tilt_factor(config: &ControlConfig, kind: TiltCompensation, seen: &Seen) -> f
         }
     };
     let factor = (1.0 - hanging) / r33.max(MIN_COS_TILT);
-    let most = config.limits.tilt_compensation_max_frac;
     if factor.is_nan() { 1.0 } else { factor.clamp(1.0 / most, most) }
 }

@@ -178,6 +178,23 @@ impl DragConfig {
         self.lean_rad(1, vel_y_mps)
     }
 
+    /// Speed that a lean (≥ 0, rad) along heading axis x (0) or y (1) ends at, m/s: the law without
+    /// limits, inverted. Infinite at and beyond its asymptote, 0 for NaN.
+    pub fn speed_mps(&self, axis: usize, lean_rad: f64) -> f64 {
+        let lean_deg = lean_rad.to_degrees();
+        let by_angle = |law: &AngleOfVelocity| {
+            let share = -(lean_deg + law.a_deg) / law.b_deg;
+            if share > 0.0 { -share.ln() / law.c_s_per_m } else { f64::INFINITY }
+        };
+        let speed = match (self.reading, axis) {
+            (DragReading::AngleOfVelocity, 0) => by_angle(&self.pitch),
+            (DragReading::AngleOfVelocity, _) => by_angle(&self.roll),
+            (DragReading::VelocityOfAngle, 0) => self.pitch_inverse.speed_mps(lean_deg),
+            (DragReading::VelocityOfAngle, _) => self.roll_inverse.speed_mps(lean_deg),
+        };
+        if speed.is_nan() { 0.0 } else { speed.max(0.0) }
+    }
+
     /// Lean towards the motion along heading axis x (0) or y (1), rad: odd in the velocity,
     /// limited, and 0 for NaN.
     pub fn lean_rad(&self, axis: usize, vel_mps: f64) -> f64 {
@@ -240,6 +257,21 @@ mod tests {
 
     fn balance_deg(drag_per_s: f64, speed_mps: f64) -> f64 {
         (drag_per_s * speed_mps / G_MPS2).atan().to_degrees()
+    }
+
+    #[test]
+    fn prop_speed_is_the_inverse_of_lean_in_both_readings() {
+        for reading in [DragReading::AngleOfVelocity, DragReading::VelocityOfAngle] {
+            let drag = DragConfig { reading, ..Default::default() };
+            for axis in [0, 1] {
+                for v in [0.3, 1.0, 2.0] {
+                    let back = drag.speed_mps(axis, drag.lean_rad(axis, v));
+                    assert!((back - v).abs() < 1e-9, "{reading:?} {axis} {v} {back}");
+                }
+                assert_eq!(drag.speed_mps(axis, f64::NAN), 0.0);
+            }
+        }
+        assert_eq!(DragConfig::default().speed_mps(0, 1.6), f64::INFINITY);
     }
 
     #[test]

@@ -88,6 +88,27 @@ pub struct ControlInput<'a> {
     /// Thrust may not exceed this, even below the least thrust of the configuration: 1 in flight,
     /// ramped by the pilot from 0 to spool up and back to 0 after touchdown.
     pub thrust_ceiling_frac: f64,
+    /// Holds this tilt instead of what the law wants on its axis. Height stays closed, with thrust
+    /// for the tilt in every version; the integrators of the velocity loop rest.
+    pub held: Option<HeldTilt>,
+}
+
+/// Axis of a tilt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TiltAxis {
+    /// Right side down is positive.
+    Roll,
+    /// Nose up is positive.
+    Pitch,
+}
+
+/// A tilt that is held, trims not counted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeldTilt {
+    /// About which axis of the heading frame.
+    pub axis: TiltAxis,
+    /// rad; whoever asks has checked it.
+    pub angle_rad: f64,
 }
 
 /// What the board did when the controller takes over: the first outputs continue from here.

@@ -41,6 +41,7 @@ pub(super) fn input<'a>(estimate: &'a Estimate, command: &'a Command) -> Control
         dt_s: DT_S,
         integrators_frozen: false,
         thrust_ceiling_frac: 1.0,
+        held: None,
     }
 }
 

@@ -28,6 +28,19 @@
 //! half_s = 0.5             # length of each half, 0.05 to 1.5 s
 //!
 //! [[item]]
+//! command = "tilt"         # holds an angle, height held, and brakes; ends before the fence
+//! axis = "pitch"           # "roll" (right side down positive) or "pitch" (nose up positive)
+//! angle_deg = -22.0        # 1 to 52 to either side
+//! duration_s = 3.0         # longest time, 0.3 to 10 s
+//! distance_m = 5.0         # optional: ends when so far from where it began
+//! beyond_limit = true      # optional: may exceed control.limits.tilt_deg, in this item alone
+//!
+//! [[item]]
+//! command = "until_voltage" # stays until the battery is down to this
+//! supply_v = 7.0
+//! limit_s = 300.0          # optional: longest stay
+//!
+//! [[item]]
 //! command = "return"       # back over the place of take-off
 //!
 //! [[item]]
@@ -92,6 +105,21 @@ pub struct Item {
     /// Length of each half of a doublet, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub half_s: Option<f64>,
+    /// Angle of a tilt, degrees: roll right side down, pitch nose up.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub angle_deg: Option<f64>,
+    /// Distance at which a tilt ends, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distance_m: Option<f64>,
+    /// Whether a tilt may exceed the configured limit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub beyond_limit: Option<bool>,
+    /// Voltage to wait for, V.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub supply_v: Option<f64>,
+    /// Longest wait for it, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limit_s: Option<f64>,
     /// Name under which reports judge the leg that ends here.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub path: Option<String>,
@@ -113,6 +141,11 @@ pub enum Command {
     Yaw,
     /// Rock roll, pitch or thrust.
     Doublet,
+    /// Hold a tilt.
+    Tilt,
+    /// Wait for a voltage.
+    #[serde(rename = "until_voltage")]
+    UntilVoltage,
     /// Back over the place of take-off.
     Return,
     /// Land.
@@ -146,6 +179,11 @@ impl Item {
             axis: None,
             amplitude: None,
             half_s: None,
+            angle_deg: None,
+            distance_m: None,
+            beyond_limit: None,
+            supply_v: None,
+            limit_s: None,
             path: None,
         }
     }
@@ -209,6 +247,19 @@ impl Item {
                 wire.param3 = given(self.half_s);
                 MavCmd::MAV_CMD_USER_1
             }
+            Command::Tilt => {
+                wire.param1 = self.axis.map_or(f32::NAN, |axis| f32::from(axis as u8));
+                wire.param2 = given(self.angle_deg);
+                wire.param3 = given(self.duration_s);
+                wire.param4 = f32::from(u8::from(self.beyond_limit.unwrap_or(false)));
+                wire.z = self.distance_m.unwrap_or_default() as f32;
+                MavCmd::MAV_CMD_USER_2
+            }
+            Command::UntilVoltage => {
+                wire.param1 = given(self.supply_v);
+                wire.param2 = given(self.limit_s);
+                MavCmd::MAV_CMD_USER_3
+            }
             Command::Return => MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH,
             Command::Land => {
                 wire.param4 = f32::NAN;
@@ -221,19 +272,27 @@ impl Item {
     /// Says what is missing, too much or out of range.
     fn check(&self, key: &str, problems: &mut Problems) {
         use Command as C;
-        let name = format!("{:?}", self.command).to_lowercase();
+        let name = match self.command {
+            C::UntilVoltage => "until_voltage".to_owned(),
+            other => format!("{other:?}").to_lowercase(),
+        };
         // Key, whether it is there, commands that need it, commands that may have it.
-        let table: [(&str, bool, &[C], &[C]); 11] = [
+        let table: [(&str, bool, &[C], &[C]); 16] = [
             ("position_m", self.position_m.is_some(), &[C::Waypoint], &[C::Land]),
             ("height_m", self.height_m.is_some(), &[C::Takeoff], &[]),
             ("hold_s", self.hold_s.is_some(), &[], &[C::Waypoint]),
             ("acceptance_m", self.acceptance_m.is_some(), &[], &[C::Waypoint]),
             ("yaw_deg", self.yaw_deg.is_some(), &[C::Yaw], &[C::Waypoint]),
-            ("duration_s", self.duration_s.is_some(), &[C::Delay], &[]),
+            ("duration_s", self.duration_s.is_some(), &[C::Delay, C::Tilt], &[]),
             ("speed_mps", self.speed_mps.is_some(), &[C::Speed], &[]),
-            ("axis", self.axis.is_some(), &[C::Doublet], &[]),
+            ("axis", self.axis.is_some(), &[C::Doublet, C::Tilt], &[]),
             ("amplitude", self.amplitude.is_some(), &[C::Doublet], &[]),
             ("half_s", self.half_s.is_some(), &[C::Doublet], &[]),
+            ("angle_deg", self.angle_deg.is_some(), &[C::Tilt], &[]),
+            ("distance_m", self.distance_m.is_some(), &[], &[C::Tilt]),
+            ("beyond_limit", self.beyond_limit.is_some(), &[], &[C::Tilt]),
+            ("supply_v", self.supply_v.is_some(), &[C::UntilVoltage], &[]),
+            ("limit_s", self.limit_s.is_some(), &[], &[C::UntilVoltage]),
             ("path", self.path.is_some(), &[], &[C::Waypoint]),
         ];
         for (field, there, needs, may) in table {
@@ -243,6 +302,10 @@ impl Item {
             } else if there && !needed && !may.contains(&self.command) {
                 problems.say(format!("{key}.{field} does not go with `{name}`, take it out"));
             }
+        }
+        if self.command == C::Tilt && self.axis == Some(DoubletAxis::Thrust) {
+            problems
+                .say(format!("{key}.axis = \"thrust\", allowed \"roll\" or \"pitch\" for `tilt`"));
         }
         let mut range = |field: &str, value: Option<f64>, low: f64, high: f64, unit: &str| {
             if let Some(value) = value {
@@ -261,6 +324,10 @@ impl Item {
         range("duration_s", self.duration_s, 0.0, 3600.0, "s");
         range("speed_mps", self.speed_mps, 0.05, 20.0, "m/s");
         range("half_s", self.half_s, 0.05, 1.5, "s");
+        range("angle_deg", self.angle_deg, -52.0, 52.0, "deg");
+        range("distance_m", self.distance_m, 0.1, FARTHEST_M, "m");
+        range("supply_v", self.supply_v, 3.0, 30.0, "V");
+        range("limit_s", self.limit_s, 1.0, 3600.0, "s");
         let (most, unit) = match self.axis {
             Some(DoubletAxis::Thrust) => (0.2, "of full throttle"),
             _ => (20.0, "deg"),

@@ -178,9 +178,9 @@ impl Pilot {
             }
             MavMessage::MISSION_COUNT(m) => self.mission_count(at, link, peer, &m),
             MavMessage::MISSION_ITEM_INT(m) => {
-                let volume = *self.guidance.volume();
                 let LinkId::Ground(n) = link else { return };
-                let progress = self.grounds[usize::from(n)].transfer.item(peer, &m, &volume, at);
+                let envelope = &self.guidance.envelope;
+                let progress = self.grounds[usize::from(n)].transfer.item(peer, &m, envelope, at);
                 self.mission_progress(at, link, progress);
             }
             MavMessage::MISSION_REQUEST_LIST(m) => {

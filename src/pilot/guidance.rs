@@ -1,6 +1,6 @@
 //! Guidance: what the controller is asked for, from mode, mission and setpoints of clients.
 
-use crate::control::{AxisCommand, Command};
+use crate::control::{AxisCommand, Command, HeldTilt, TiltAxis};
 use crate::estimate::Estimate;
 use crate::frames::{E, Vec3, wrap_pi_rad};
 use crate::time::HostTime;
@@ -10,11 +10,14 @@ use super::excitation::Doublet;
 use super::mission::{Mission, MissionItem, Volume};
 use super::modes::{Event, Mode};
 use super::setpoint::Setpoint;
+use super::tilt_step::{Envelope, Progress, TiltRun, TiltStep};
 
 /// Height error at which a take-off is done, m: the size of the UWB error at that height.
 const TAKEOFF_DONE_M: f64 = 0.20;
 /// A take-off whose setpoint has arrived is over after this time in any case, s.
 const TAKEOFF_PATIENCE_S: f64 = 4.0;
+/// Voltage must be below the one that is waited for this long, s: as for an empty battery.
+const VOLTAGE_FOR_S: f64 = 2.0;
 
 /// A setpoint that moves along a straight leg with limited speed and acceleration.
 #[derive(Debug, Clone, Copy)]
@@ -60,13 +63,30 @@ pub(super) struct News {
     pub reached: Option<u16>,
     /// A doublet under way, and the time since its start, s.
     pub doublet: Option<(Doublet, f64)>,
+    /// A tilt that is held instead of what the position loop wants.
+    pub held: Option<HeldTilt>,
+    /// For people.
+    pub warning: Option<String>,
+}
+
+/// What a step of guidance depends on besides mode and mission.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Now<'a> {
+    pub estimate: &'a Estimate,
+    /// Battery voltage, if a fresh one is known, V.
+    pub supply_v: Option<f64>,
+    /// Silence after which an offboard client is gone, s.
+    pub offboard_loss_s: f64,
+    pub at: HostTime,
+    pub dt_s: f64,
 }
 
 /// Guidance state.
 #[derive(Debug)]
 pub(super) struct Guidance {
     config: FlightConfig,
-    volume: Volume,
+    /// Volume, and what angle steps are checked against.
+    pub envelope: Envelope,
     /// At or above this speed the setpoint jumps, m/s.
     jump_speed_mps: f64,
     carrot: Carrot,
@@ -85,6 +105,11 @@ pub(super) struct Guidance {
     item_started: bool,
     /// The item in force was jumped to: the leg under way belongs to another one.
     jumped: bool,
+    tilt: Option<TiltRun>,
+    /// Since when a voltage is waited for.
+    wait_since: HostTime,
+    /// The item in force was refused in flight.
+    refused: bool,
     /// What a client wants in Offboard mode.
     pub setpoint: Option<Setpoint>,
 }
@@ -92,7 +117,7 @@ pub(super) struct Guidance {
 impl Guidance {
     pub fn new(
         config: FlightConfig,
-        volume: Volume,
+        envelope: Envelope,
         velocity_limit_mps: f64,
         at: HostTime,
     ) -> Self {
@@ -100,7 +125,7 @@ impl Guidance {
             leg_speed_mps: config.cruise_speed_mps,
             takeoff_height_m: config.takeoff_height_m,
             config,
-            volume,
+            envelope,
             jump_speed_mps: velocity_limit_mps,
             carrot: Carrot::resting(Vec3::zero()),
             yaw_rad: 0.0,
@@ -111,22 +136,25 @@ impl Guidance {
             current_item: 0,
             item_started: false,
             jumped: false,
+            tilt: None,
+            wait_since: at,
+            refused: false,
             setpoint: None,
         }
     }
 
     pub fn volume(&self) -> &Volume {
-        &self.volume
+        &self.envelope.volume
     }
 
     /// Height of the next take-off, m.
     pub fn set_takeoff_height(&mut self, height_m: f64) {
-        self.takeoff_height_m = height_m.clamp(0.3, self.volume.height_m);
+        self.takeoff_height_m = height_m.clamp(0.3, self.envelope.volume.height_m);
     }
 
     /// Starts a leg to a point.
     pub fn fly_to(&mut self, pos_E_m: Vec3<E>, yaw_rad: Option<f64>) {
-        let target_E_m = self.volume.clamp(pos_E_m);
+        let target_E_m = self.envelope.volume.clamp(pos_E_m);
         self.carrot.target_E_m = target_E_m;
         if self.leg_speed_mps >= self.jump_speed_mps {
             self.carrot = Carrot::resting(target_E_m);
@@ -158,6 +186,7 @@ impl Guidance {
     pub fn enter(&mut self, mode: Mode, estimate: &Estimate, at: HostTime) {
         self.entered_at = at;
         self.arrived_at = None;
+        self.tilt = None;
         match mode {
             Mode::Spool => {
                 self.home_E_m = Vec3::new(estimate.pos_E_m.x(), estimate.pos_E_m.y(), 0.0);
@@ -173,7 +202,7 @@ impl Guidance {
             Mode::Hold
                 // A leg that has arrived is held where it ends: no step from estimate noise.
                 if (!self.carrot.has_arrived() || self.is_far_from_carrot(estimate)) => {
-                    self.carrot = Carrot::resting(self.volume.clamp(estimate.pos_E_m));
+                    self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
                 }
             Mode::Mission => {
                 self.item_started = false;
@@ -184,7 +213,7 @@ impl Guidance {
             Mode::Return => {
                 self.set_leg_speed(None);
                 let height = self.carrot.pos_E_m.z().min(estimate.pos_E_m.z());
-                self.carrot = Carrot::resting(self.volume.clamp(estimate.pos_E_m));
+                self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
                 self.fly_to(Vec3::new(self.home_E_m.x(), self.home_E_m.y(), height), None);
             }
             Mode::Land
@@ -198,7 +227,7 @@ impl Guidance {
     /// A leg that begins after a landing or a disturbance begins where the vehicle is.
     fn start_from_here(&mut self, estimate: &Estimate) {
         if self.is_far_from_carrot(estimate) {
-            self.carrot = Carrot::resting(self.volume.clamp(estimate.pos_E_m));
+            self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
         }
     }
 
@@ -207,15 +236,8 @@ impl Guidance {
     }
 
     /// One control step: the command, and what happened.
-    pub fn step(
-        &mut self,
-        mode: Mode,
-        mission: &Mission,
-        estimate: &Estimate,
-        at: HostTime,
-        dt_s: f64,
-        offboard_loss_s: f64,
-    ) -> (Command, News) {
+    pub fn step(&mut self, mode: Mode, mission: &Mission, now: &Now<'_>) -> (Command, News) {
+        let Now { estimate, at, dt_s, offboard_loss_s, .. } = *now;
         let mut news = News::default();
         match mode {
             Mode::Takeoff => {
@@ -237,9 +259,13 @@ impl Guidance {
                 (self.position_command(vel), news)
             }
             Mode::Mission => {
-                self.mission_step(mission, estimate, at, &mut news);
+                self.mission_step(mission, now, &mut news);
                 let vel = self.advance_leg(dt_s);
-                (self.position_command(vel), news)
+                let mut command = self.position_command(vel);
+                if let Some(held) = news.held {
+                    self.keep_line(&mut command, held, estimate);
+                }
+                (command, news)
             }
             Mode::Return => {
                 let vel = self.advance_leg(dt_s);
@@ -269,9 +295,10 @@ impl Guidance {
                 if age_s > offboard_loss_s && setpoint.needs_stream() {
                     news.event = Some(Event::OffboardSilent);
                 }
-                let command = setpoint.command(estimate, &self.volume, &mut self.yaw_rad, dt_s);
+                let command =
+                    setpoint.command(estimate, &self.envelope.volume, &mut self.yaw_rad, dt_s);
                 // Where Hold would stay.
-                self.carrot = Carrot::resting(self.volume.clamp(estimate.pos_E_m));
+                self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
                 (command, news)
             }
             _ => {
@@ -303,13 +330,8 @@ impl Guidance {
     }
 
     /// Works on the item in force: one item a step.
-    fn mission_step(
-        &mut self,
-        mission: &Mission,
-        estimate: &Estimate,
-        at: HostTime,
-        news: &mut News,
-    ) {
+    fn mission_step(&mut self, mission: &Mission, now: &Now<'_>, news: &mut News) {
+        let Now { estimate, at, .. } = *now;
         let Some(stored) = mission.items.get(usize::from(self.current_item)) else {
             news.event = Some(Event::MissionDone);
             return;
@@ -363,6 +385,15 @@ impl Guidance {
                 news.doublet = Some((doublet, elapsed_s));
                 elapsed_s >= doublet.length_s()
             }
+            MissionItem::Tilt(step) => {
+                if first_look {
+                    self.tilt = None;
+                }
+                self.tilt_step(&step, now, news)
+            }
+            MissionItem::UntilVoltage { supply_v, limit_s } => {
+                self.wait_for_voltage(supply_v, limit_s, first_look, now, news)
+            }
             MissionItem::Return => {
                 news.event = Some(Event::ReturnAsked);
                 true
@@ -382,12 +413,88 @@ impl Guidance {
             }
         };
         if done {
-            if !matches!(stored.item, MissionItem::Waypoint { .. }) {
+            let told = matches!(stored.item, MissionItem::Waypoint { .. });
+            // A step that was refused was not reached.
+            if !told && !std::mem::take(&mut self.refused) {
                 news.reached = Some(self.current_item);
             }
             self.current_item += 1;
             self.item_started = false;
             self.arrived_at = None;
+        }
+    }
+
+    /// The command of a held tilt: along its axis the vehicle goes as it goes, across it the line is
+    /// kept on which the step began.
+    fn keep_line(&self, command: &mut Command, held: HeldTilt, estimate: &Estimate) {
+        let Some([north, east]) = self.tilt.as_ref().and_then(TiltRun::start_NE_m) else { return };
+        let (sin_yaw, cos_yaw) = estimate.R_EB.yaw_rad().sin_cos();
+        let along = match held.axis {
+            TiltAxis::Pitch => [cos_yaw, sin_yaw],
+            TiltAxis::Roll => [-sin_yaw, cos_yaw],
+        };
+        let pos = estimate.pos_E_m;
+        let gone_m = (pos.x() - north) * along[0] + (pos.y() - east) * along[1];
+        command.axes[0] = AxisCommand::Position_m(north + gone_m * along[0]);
+        command.axes[1] = AxisCommand::Position_m(east + gone_m * along[1]);
+        let vel = estimate.vel_E_mps();
+        let speed_mps = vel.x() * along[0] + vel.y() * along[1];
+        command.vel_ff_E_mps = Vec3::new(speed_mps * along[0], speed_mps * along[1], 0.0);
+    }
+
+    /// An angle step; `true` when it is over.
+    fn tilt_step(&mut self, step: &TiltStep, now: &Now<'_>, news: &mut News) -> bool {
+        let run = self.tilt.get_or_insert_with(|| TiltRun::new(now.at));
+        let (progress, because) =
+            run.step(step, &self.envelope, now.estimate, now.supply_v, now.at);
+        let item = self.current_item;
+        news.warning = because.map(|why| format!("item {item}: {} {why}", step.name()));
+        match progress {
+            Progress::Wait => false,
+            Progress::Hold(stop_E_m) => {
+                self.carrot = Carrot::resting(stop_E_m);
+                news.held = Some(HeldTilt { axis: step.axis, angle_rad: step.angle_rad });
+                false
+            }
+            Progress::Brake(stop_E_m) => {
+                self.carrot = Carrot::resting(stop_E_m);
+                false
+            }
+            Progress::Done => true,
+            Progress::Refused(why) => {
+                news.warning = Some(format!("item {item}: {} refused: {why}", step.name()));
+                self.refused = true;
+                true
+            }
+        }
+    }
+
+    /// Stays until the battery is down to a voltage; `true` when it is, or when the time is over.
+    fn wait_for_voltage(
+        &mut self,
+        wanted_v: f64,
+        limit_s: f64,
+        first_look: bool,
+        now: &Now<'_>,
+        news: &mut News,
+    ) -> bool {
+        if first_look {
+            self.wait_since = now.at;
+            self.arrived_at = None;
+        }
+        let item = self.current_item;
+        if now.at.seconds_since(self.wait_since) > limit_s {
+            let found = now.supply_v.map_or("no voltage".to_owned(), |v| format!("{v:.2} V"));
+            news.warning =
+                Some(format!("item {item}: {found} after {limit_s:.0} s, wanted {wanted_v:.2} V"));
+            return true;
+        }
+        match now.supply_v {
+            Some(v) if v <= wanted_v => self.arrived_since_s(now.at) >= VOLTAGE_FOR_S,
+            _ => {
+                self.arrived_at = None;
+                false
+            }
         }
     }
 }

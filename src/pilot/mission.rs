@@ -7,6 +7,7 @@ use haltere_dialect::mav::haltere::{
 use crate::frames::{E, Vec3};
 
 use super::excitation::Doublet;
+use super::tilt_step::{Envelope, TiltStep};
 
 /// Most items of a mission. Bounds what a peer can make us store.
 pub const MOST_ITEMS: usize = 1000;
@@ -50,6 +51,15 @@ pub enum MissionItem {
     },
     /// Rock roll, pitch or thrust, for what it shows of the inner loop and the wings.
     Doublet(Doublet),
+    /// Hold a tilt, for what the speed that it gathers tells of drag.
+    Tilt(TiltStep),
+    /// Stay until the battery is down to a voltage.
+    UntilVoltage {
+        /// V.
+        supply_v: f64,
+        /// Longest stay, s.
+        limit_s: f64,
+    },
     /// Back over the place of take-off and land.
     Return,
     /// Land; at a point if given.
@@ -73,6 +83,9 @@ pub struct Volume {
 /// Lowest height of a point to fly to, m. Below it the floor may carry the vehicle while the
 /// position loop is closed, and nothing would notice: landing is what goes lower.
 pub const LOWEST_M: f64 = 0.2;
+
+/// Highest voltage that can be waited for, V: as for `limits.battery_low_v`.
+const HIGHEST_WAIT_V: f64 = 30.0;
 
 impl Volume {
     /// Whether a position lies inside.
@@ -115,10 +128,11 @@ fn given(value: f32) -> Option<f64> {
 /// Checks an uploaded item. The error is what the protocol answers, and a sentence for people.
 pub fn from_wire(
     item: &MISSION_ITEM_INT_DATA,
-    volume: &Volume,
+    envelope: &Envelope,
 ) -> Result<MissionItem, (MavMissionResult, String)> {
     use MavMissionResult as R;
     let seq = item.seq;
+    let volume = &envelope.volume;
     let positioned = matches!(
         item.command,
         MavCmd::MAV_CMD_NAV_WAYPOINT | MavCmd::MAV_CMD_NAV_LAND | MavCmd::MAV_CMD_NAV_TAKEOFF
@@ -247,6 +261,33 @@ pub fn from_wire(
                 .map(MissionItem::Doublet)
                 .map_err(|why| (R::MAV_MISSION_INVALID, format!("item {seq}: doublet: {why}")))
         }
+        MavCmd::MAV_CMD_USER_2 => {
+            let params = [item.param1, item.param2, item.param3, item.param4].map(f64::from);
+            TiltStep::from_params(params, f64::from(item.z))
+                .and_then(|step| step.check(envelope).map(|()| MissionItem::Tilt(step)))
+                .map_err(|why| (R::MAV_MISSION_INVALID, format!("item {seq}: tilt: {why}")))
+        }
+        MavCmd::MAV_CMD_USER_3 => Ok(MissionItem::UntilVoltage {
+            supply_v: in_range(
+                f64::from(item.param1),
+                envelope.battery_critical_v,
+                HIGHEST_WAIT_V,
+                R::MAV_MISSION_INVALID_PARAM1,
+                "voltage",
+                "V; below, the vehicle lands by itself",
+            )?,
+            limit_s: match given(item.param2) {
+                Some(limit_s) if limit_s > 0.0 => in_range(
+                    limit_s,
+                    1.0,
+                    3600.0,
+                    R::MAV_MISSION_INVALID_PARAM2,
+                    "longest time",
+                    "s",
+                )?,
+                _ => 3600.0,
+            },
+        }),
         other => Err((R::MAV_MISSION_UNSUPPORTED, format!("item {seq}: {other:?} not supported"))),
     }
 }
@@ -315,8 +356,9 @@ pub fn is_plan(mission_type: MavMissionType) -> bool {
 mod tests {
     use super::*;
 
-    fn volume() -> Volume {
-        Volume { north_m: [-5.0, 5.0], east_m: [-5.0, 5.0], height_m: 3.0 }
+    fn volume() -> Envelope {
+        let volume = Volume { north_m: [-5.0, 5.0], east_m: [-5.0, 5.0], height_m: 3.0 };
+        Envelope::new(volume, &Default::default(), 6.0)
     }
 
     fn waypoint() -> MISSION_ITEM_INT_DATA {

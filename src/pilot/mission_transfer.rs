@@ -7,7 +7,8 @@ use haltere_dialect::mav::haltere::{
 
 use crate::time::HostTime;
 
-use super::mission::{MOST_ITEMS, StoredItem, Volume, from_wire, is_plan};
+use super::mission::{MOST_ITEMS, StoredItem, from_wire, is_plan};
+use super::tilt_step::Envelope;
 
 /// An item that does not come is asked for again after this time, µs (the guide says 1.5 s for
 /// links of any kind; ours are local).
@@ -117,7 +118,7 @@ impl MissionTransfer {
         &mut self,
         from: (u8, u8),
         m: &MISSION_ITEM_INT_DATA,
-        volume: &Volume,
+        envelope: &Envelope,
         at: HostTime,
     ) -> Progress {
         let Some(session) = &mut self.session else { return Progress::Nothing };
@@ -128,7 +129,7 @@ impl MissionTransfer {
             return Progress::Nothing;
         }
         session.heard_at = at;
-        match from_wire(m, volume) {
+        match from_wire(m, envelope) {
             Ok(item) => session.items.push(StoredItem { wire: m.clone(), item }),
             Err((result, why)) => {
                 let answer = ack(from, session.mission_type, result, 0);
@@ -200,7 +201,14 @@ mod tests {
     use haltere_dialect::mav::haltere::{MavCmd, MavFrame};
 
     const CLIENT: (u8, u8) = (255, 190);
-    const VOLUME: Volume = Volume { north_m: [-5.0, 5.0], east_m: [-5.0, 5.0], height_m: 3.0 };
+    fn envelope() -> Envelope {
+        let volume = super::super::mission::Volume {
+            north_m: [-5.0, 5.0],
+            east_m: [-5.0, 5.0],
+            height_m: 3.0,
+        };
+        Envelope::new(volume, &Default::default(), 6.0)
+    }
 
     fn at(s: f64) -> HostTime {
         HostTime::from_us((s * 1e6) as u64)
@@ -224,10 +232,13 @@ mod tests {
     fn prop_items_are_asked_for_in_order_and_put_in_force_together() {
         let mut transfer = MissionTransfer::default();
         assert!(matches!(transfer.count(CLIENT, &count(2), at(0.0)), Progress::Answer(_)));
-        assert!(matches!(transfer.item(CLIENT, &item(1), &VOLUME, at(0.1)), Progress::Nothing));
-        assert!(matches!(transfer.item(CLIENT, &item(0), &VOLUME, at(0.1)), Progress::Answer(_)));
-        assert!(matches!(transfer.item((1, 1), &item(1), &VOLUME, at(0.1)), Progress::Nothing));
-        match transfer.item(CLIENT, &item(1), &VOLUME, at(0.2)) {
+        assert!(matches!(transfer.item(CLIENT, &item(1), &envelope(), at(0.1)), Progress::Nothing));
+        assert!(matches!(
+            transfer.item(CLIENT, &item(0), &envelope(), at(0.1)),
+            Progress::Answer(_)
+        ));
+        assert!(matches!(transfer.item((1, 1), &item(1), &envelope(), at(0.1)), Progress::Nothing));
+        match transfer.item(CLIENT, &item(1), &envelope(), at(0.2)) {
             Progress::Complete { items, .. } => assert_eq!(items.len(), 2),
             other => panic!("{other:?}"),
         }
@@ -238,8 +249,11 @@ mod tests {
         let mut transfer = MissionTransfer::default();
         transfer.count(CLIENT, &count(1), at(0.0));
         let far = MISSION_ITEM_INT_DATA { x: 900_000, ..item(0) };
-        assert!(matches!(transfer.item(CLIENT, &far, &VOLUME, at(0.1)), Progress::Refused { .. }));
-        assert!(matches!(transfer.item(CLIENT, &item(0), &VOLUME, at(0.2)), Progress::Nothing));
+        assert!(matches!(
+            transfer.item(CLIENT, &far, &envelope(), at(0.1)),
+            Progress::Refused { .. }
+        ));
+        assert!(matches!(transfer.item(CLIENT, &item(0), &envelope(), at(0.2)), Progress::Nothing));
     }
 
     #[test]

@@ -31,11 +31,13 @@ mod schedule;
 mod setpoint;
 mod supervise;
 mod telemetry;
+mod tilt_step;
 
 pub use config::{BoardProfile, FlightConfig, LimitsConfig, PilotConfig, TagProtocol};
 pub use excitation::Doublet;
 pub use mission::{MOST_ITEMS, Mission, MissionItem, Volume};
 pub use modes::{Event, Mode, TABLE, Transition, transition};
+pub use tilt_step::{Envelope, TiltStep, stopping_m};
 
 use haltere_dialect::mav_stream::MavSplitter;
 
@@ -198,7 +200,7 @@ pub struct Pilot {
 impl Pilot {
     /// A core that starts at `at`.
     pub fn new(config: PilotConfig, survey: Survey, at: HostTime) -> Self {
-        let volume = config.limits.volume(&survey);
+        let envelope = Envelope::of(&config, &survey);
         let estimator = Estimator::new(config.estimator_in_force(), survey.clone());
         let estimate = estimator.estimate();
         let velocity_limit_mps = config.control.limits.horizontal_mps;
@@ -240,7 +242,7 @@ impl Pilot {
             good_since: None,
             controller: Controller::new(config.control.clone()),
             control: ControlRecord::default(),
-            guidance: Guidance::new(config.flight.clone(), volume, velocity_limit_mps, at),
+            guidance: Guidance::new(config.flight.clone(), envelope, velocity_limit_mps, at),
             mission: Mission::default(),
             mode: Mode::Disarmed,
             mode_since: at,

@@ -1,12 +1,13 @@
 //! The schedule: the control step at 100 Hz, and what is due beside it.
 
-use crate::control::{Command, ControlInput, Handover};
+use crate::control::{Command, ControlInput, Handover, HeldTilt};
 use crate::estimate::Health;
 use crate::frames::{B, E, Rot};
 use crate::time::HostTime;
 use crate::topics::{HealthRecord, Topic};
 
 use super::ground::STREAM_COUNT;
+use super::guidance::Now;
 use super::modes::{Event, Mode};
 use super::{LinkId, Pilot, Severity};
 
@@ -91,7 +92,7 @@ impl Pilot {
             Mode::Arming | Mode::Idle | Mode::Disarming => self.send_idle(at),
             Mode::Spool => {
                 let command = self.stay_command();
-                let output = self.run_controller(at, &command, dt_s, true);
+                let output = self.run_controller(at, &command, dt_s, true, None);
                 self.control = output.record;
                 let share = at.seconds_since(self.mode_since) / self.config.flight.spool_s;
                 let thrust_frac = output.record.thrust_base_frac * SPOOL_SHARE * share.min(1.0);
@@ -110,7 +111,7 @@ impl Pilot {
             }
             Mode::Descend => {
                 let command = self.stay_command();
-                let output = self.run_controller(at, &command, dt_s, true);
+                let output = self.run_controller(at, &command, dt_s, true, None);
                 self.control = output.record;
                 let elapsed_s = at.seconds_since(self.mode_since);
                 // Height as it was while it could be trusted.
@@ -130,16 +131,16 @@ impl Pilot {
                 self.board.send_setpoint(at, level, thrust_frac, &mut self.out);
             }
             _ => {
-                let (command, news) = self.guidance.step(
-                    self.mode,
-                    &self.mission,
-                    &self.estimate,
+                let now = Now {
+                    estimate: &self.estimate,
+                    supply_v: self.supply_v(at),
+                    offboard_loss_s: self.config.limits.offboard_loss_s,
                     at,
                     dt_s,
-                    self.config.limits.offboard_loss_s,
-                );
+                };
+                let (command, news) = self.guidance.step(self.mode, &self.mission, &now);
                 let frozen = self.mode == Mode::Takeoff && self.is_on_floor();
-                let mut output = self.run_controller(at, &command, dt_s, frozen);
+                let mut output = self.run_controller(at, &command, dt_s, frozen, news.held);
                 if let Some((doublet, elapsed_s)) = news.doublet {
                     doublet.add(elapsed_s, &self.config.control.limits, &mut output);
                 }
@@ -147,6 +148,9 @@ impl Pilot {
                 self.send(at, output.R_EB, output.thrust_frac);
                 if let Some(seq) = news.reached {
                     self.tell_reached(seq);
+                }
+                if let Some(text) = news.warning {
+                    self.say(at, Severity::Warning, text);
                 }
                 if let Some(event) = news.event {
                     self.fire(at, event);
@@ -170,12 +174,10 @@ impl Pilot {
         command: &Command,
         dt_s: f64,
         integrators_frozen: bool,
+        held: Option<HeldTilt>,
     ) -> crate::control::ControlOutput {
         let height_m = self.height_above_floor_m();
-        let supply_v = self
-            .battery
-            .filter(|b| at.seconds_since(b.received_at) < BATTERY_AGE_S)
-            .map(|b| b.supply_v);
+        let supply_v = self.supply_v(at);
         self.controller.step(&ControlInput {
             at,
             estimate: &self.estimate,
@@ -185,7 +187,13 @@ impl Pilot {
             dt_s,
             integrators_frozen,
             thrust_ceiling_frac: self.touch.ceiling_frac.unwrap_or(1.0),
+            held,
         })
+    }
+
+    /// Battery voltage, if a fresh one is known, V.
+    fn supply_v(&self, at: HostTime) -> Option<f64> {
+        self.battery.filter(|b| at.seconds_since(b.received_at) < BATTERY_AGE_S).map(|b| b.supply_v)
     }
 
     fn send_idle(&mut self, at: HostTime) {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::drops::Drops;
 use crate::estimate::Estimate;
-use crate::measure::{AnchorId, BatterySample, BoardAttitude, ReferencePose};
+use crate::measure::{AnchorId, BatterySample, BoardAttitude, ImuSample, ReferencePose};
 use crate::report::truth::TruthRow;
 use crate::survey::Survey;
 use crate::time::HostTime;
@@ -19,6 +19,8 @@ pub struct Flight {
     pub controls: Vec<ControlRecord>,
     /// TDOA measurements and their fate.
     pub uwb: Vec<UwbRecord>,
+    /// Inertial measurements as used.
+    pub imu: Vec<ImuSample>,
     /// Battery.
     pub battery: Vec<BatterySample>,
     /// The board's own attitude.

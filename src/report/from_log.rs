@@ -3,7 +3,7 @@
 use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{B, E, Rot, Vec3};
-use crate::measure::{AnchorId, BatterySample, BoardAttitude, ReferencePose, Tdoa};
+use crate::measure::{AnchorId, BatterySample, BoardAttitude, ImuSample, ReferencePose, Tdoa};
 use crate::record::{Decoded, Entry, LogEnd, LogReader, pb};
 use crate::report::flight::{Flight, GlueRow, ModeRow};
 use crate::time::HostTime;
@@ -25,7 +25,13 @@ pub fn read(log: &LogReader) -> (Flight, LogEnd) {
 impl Flight {
     fn add_decoded(&mut self, decoded: Decoded) {
         match decoded {
-            Decoded::Imu(_) | Decoded::Baro(_) => {}
+            Decoded::Baro(_) => {}
+            Decoded::Imu(m) => self.imu.push(ImuSample {
+                valid_at: HostTime::from_us(m.valid_at_us),
+                received_at: HostTime::from_us(m.received_at_us),
+                acc_B_mps2: vec3(m.acc_b_mps2),
+                rate_B_radps: vec3(m.rate_b_radps),
+            }),
             Decoded::Uwb(m) => self.uwb.push(UwbRecord {
                 tdoa: Tdoa {
                     valid_at: HostTime::from_us(m.valid_at_us),

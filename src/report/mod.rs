@@ -6,6 +6,7 @@
 pub mod errors;
 pub mod flight;
 pub mod from_log;
+pub mod html;
 mod plots;
 pub mod svg;
 pub mod truth;
@@ -13,13 +14,12 @@ pub mod verdict;
 
 use std::fmt::Write as _;
 
+pub use html::STYLE;
+
 use errors::{AXES, AxisErrors, Path, PathKind, STEP_WINDOW_S};
 use flight::Flight;
 use svg::escape;
-use verdict::{Check, Verdict, all_passed};
-
-/// Style of every page of ours.
-pub const STYLE: &str = include_str!("page.css");
+use verdict::{Check, all_passed};
 
 /// Everything the page shows.
 pub struct Page<'a> {
@@ -40,17 +40,9 @@ pub struct Page<'a> {
 impl Page<'_> {
     /// The whole page.
     pub fn render(&self) -> String {
-        let mut html = String::with_capacity(1 << 20);
-        let _ = write!(
-            html,
-            "<!DOCTYPE html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-             <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
-             <title>{t}</title><style>{css}</style></head><body><main>",
-            t = escape(self.title),
-            css = STYLE,
-        );
+        let mut html = html::open(self.title, "");
         self.header(&mut html);
-        self.checks(&mut html);
+        html.push_str(&html::checks(self.checks));
         self.errors(&mut html);
         let shapes = plots::shapes(self.flight, self.paths);
         if !shapes.is_empty() {
@@ -72,10 +64,9 @@ impl Page<'_> {
             html,
             "<footer>Frame: local NED, origin of the anchor survey; heights are shown upward. \
              Shading in the time plots: modes. Time is counted from the first record of the \
-             log.</footer></main><script>{}</script></body></html>",
-            include_str!("page.js")
+             log.</footer>"
         );
-        html
+        html::close(html)
     }
 
     fn header(&self, html: &mut String) {
@@ -93,33 +84,6 @@ impl Page<'_> {
             escape(self.title),
             escape(self.subtitle)
         );
-    }
-
-    fn checks(&self, html: &mut String) {
-        if self.checks.is_empty() {
-            return;
-        }
-        html.push_str(
-            "<table><thead><tr><th>Bound</th><th>Found</th><th>Allowed</th><th>Verdict</th></tr>\
-             </thead><tbody>",
-        );
-        for check in self.checks {
-            let (class, word) = match &check.verdict {
-                Verdict::Pass => ("good", "\u{2713} pass".to_string()),
-                Verdict::Warn => ("none", "! look".to_string()),
-                Verdict::Fail => ("bad", "\u{2717} fail".to_string()),
-                Verdict::NotChecked { why } => ("bad", format!("\u{2717} not checked: {why}")),
-            };
-            let _ = write!(
-                html,
-                "<tr><td>{}</td><td>{}</td><td>{}</td><td class=\"{class}\">{}</td></tr>",
-                escape(&check.name),
-                escape(&check.found),
-                escape(&check.allowed),
-                escape(&word)
-            );
-        }
-        html.push_str("</tbody></table>");
     }
 
     fn errors(&self, html: &mut String) {

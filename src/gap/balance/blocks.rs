@@ -7,8 +7,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::kinematics::Sample;
 use super::terms::{Column, Nominal};
+use crate::import::motion::Sample;
 use crate::model::random::Stream;
 
 /// Length of a block, s (GAP.md 2.3: at least 5 s).

@@ -6,8 +6,6 @@
 //! not seen. Method and words: GAP.md 2.2 (equation error), 2.4, 2.5 and 2.7.
 
 pub mod blocks;
-pub mod flapper;
-pub mod kinematics;
 pub mod report;
 pub mod search;
 pub mod terms;
@@ -17,9 +15,9 @@ mod tests;
 mod tests_recorded;
 
 use crate::frames::G_MPS2;
+use crate::import::{Recording, motion};
 use crate::model::vehicle::Vehicle;
 use blocks::{Block, Fit, bootstrap, fit, mean, mean_square};
-use flapper::Recording;
 use report::{Axis, Candidate, Effect, Outcome, Parameter, Report, Shrink, Where};
 use search::{Found, LEVEL, MATERIAL_MPS2, Question, Verdict, fit_without};
 use terms::{Column, Nominal, Part, Sign, Term};
@@ -75,7 +73,7 @@ pub fn diagnose(
         let mut found: Vec<Block> = Vec::new();
         let mut lost = 0;
         for flight in flights {
-            let (samples, lost_here) = kinematics::samples(flight);
+            let (samples, lost_here) = motion::samples(flight);
             lost += lost_here;
             found.extend(blocks::blocks(&samples, &nominal, &with_probes));
         }

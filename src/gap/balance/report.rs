@@ -5,9 +5,9 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use super::blocks::Interval;
-use super::flapper::Skipped;
 use super::search::Verdict;
 use super::terms::Part;
+use crate::import::Skipped;
 
 /// First word of the verdict; names and exit codes of INTERFACES.md.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

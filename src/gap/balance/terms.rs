@@ -10,7 +10,7 @@ use crate::frames::{B, E, G_MPS2, Vec3};
 use crate::model::effects::{self, Block};
 use crate::model::vehicle::Vehicle;
 
-use super::kinematics::Sample;
+use crate::import::motion::Sample;
 
 /// Pack voltage at which the command is understood, V per cell: nominal voltage of the cells.
 const REFERENCE_CELL_V: f64 = 3.7;

@@ -3,12 +3,12 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::flapper::{Recording, Row, Skipped};
 use super::report::Outcome;
 use super::search::Verdict;
 use super::terms::Part;
 use super::*;
 use crate::frames::{G_MPS2, Rot, Vec3};
+use crate::import::{Recording, Row, Skipped};
 use crate::model::random::Stream;
 
 /// What the made flight does that the nominal model may not know.
@@ -104,6 +104,9 @@ impl Truth {
                     thrust_frac: flap,
                     supply_v,
                     tilt_apart_rad: [0.0; 2],
+                    acc_B_mps2: None,
+                    rate_B_radps: None,
+                    setpoint_rad: None,
                 }
             })
             .collect();

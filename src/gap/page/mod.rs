@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use super::attribute::Candidate;
 use super::diagnosis::{Diagnosis, ShrinkResult};
 use crate::model::effects::Block;
-use crate::report::STYLE;
+use crate::report::html;
 use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
 
 /// The chain in the order in which one block feeds the next.
@@ -42,7 +42,7 @@ const OWN_STYLE: &str = ".chain{display:flex;flex-wrap:wrap;gap:6px;margin:10px 
 
 /// The whole page.
 pub fn render(d: &Diagnosis) -> String {
-    let mut html = String::new();
+    let mut html = html::open("Gap report", &format!("{OWN_STYLE}{}", matrix::STYLE));
     let against = match d.references {
         0 => "the nominal simulator".to_owned(),
         n => format!("the nominal simulator and {n} reference flights"),
@@ -54,12 +54,8 @@ pub fn render(d: &Diagnosis) -> String {
     };
     let _ = write!(
         html,
-        "<!DOCTYPE html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
-         <title>Gap report</title><style>{STYLE}{OWN_STYLE}{}</style></head><body><main>{}\
-         <header><span class=\"verdict {tone}\">{}</span><div><h1>Gap report</h1><p>{} against \
+        "{}<header><span class=\"verdict {tone}\">{}</span><div><h1>Gap report</h1><p>{} against \
          {against}; replay: {}</p></div></header>",
-        matrix::STYLE,
         matrix::HATCH,
         escape(&d.outcome.replace('_', " ")),
         escape(&d.log),
@@ -141,14 +137,14 @@ pub fn render(d: &Diagnosis) -> String {
     let _ = write!(
         html,
         "<footer>Bank {}: {seeds} nominal flights, {jitter} with jitter, {draws} of each of {} effects. Program {}, \
-         source {}. SHA-256 of the log: {}</footer></main></body></html>",
+         source {}. SHA-256 of the log: {}</footer>",
         escape(&d.bank),
         made.library.len(),
         escape(&made.program),
         escape(&made.source_hash),
         escape(&made.log_sha256)
     );
-    html
+    html::close(html)
 }
 
 /// What is read in twenty seconds.

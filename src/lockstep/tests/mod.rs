@@ -5,6 +5,7 @@ mod faults;
 mod ground;
 mod hostile;
 mod landing;
+mod programs;
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavResult};
 

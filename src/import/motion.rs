@@ -10,7 +10,7 @@
 
 use nalgebra::{Matrix4, Matrix4x3, Quaternion, UnitQuaternion, Vector4};
 
-use super::flapper::{Recording, Row};
+use super::recording::{Recording, Row};
 use crate::frames::{B, E, Rot, Vec3, gravity_E_mps2};
 
 /// Half of the window of the cubic, s.
@@ -157,7 +157,7 @@ fn mean_attitude(rows: &[Row]) -> Rot<E, B> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::flapper::Skipped;
+    use super::super::recording::Skipped;
     use super::*;
     use crate::frames::G_MPS2;
 
@@ -182,6 +182,9 @@ mod tests {
                     thrust_frac: 0.6,
                     supply_v: 7.4,
                     tilt_apart_rad: [0.0; 2],
+                    acc_B_mps2: None,
+                    rate_B_radps: None,
+                    setpoint_rad: None,
                 }
             })
             .collect();

@@ -1,18 +1,19 @@
 //! Reader of recorded flights in the layout of `flapper_swarm3d` (`.csv.gz`, 100 Hz, motion capture).
 //!
 //! Columns: `timeTick` (ms); `roll`, `pitch` (deg, on board: right side down, nose up); `thrust`
-//! (0 to 65535); `vbat` (V); `otX0…otZ0` (m, z up); `otRoll0…otYaw0` (deg, heading counter-clockwise).
+//! (0 to 65535); `vbat` (V); where there, `accX…accZ` (g, forward, left, up); `otX0…otZ0` (m, z up); `otRoll0…otYaw0` (deg, heading counter-clockwise).
 //! Tilt is taken from the vehicle, heading and position from motion capture. Here, and nowhere else,
 //! the recording's z-up, nose-up, counter-clockwise signs become our NED and FRD.
 
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use flate2::read::GzDecoder;
 
-use crate::frames::{B, E, Rot, Vec3, attitude_from_heading_ccw, earth_from_survey};
+use super::recording::{Error, Recording, Row, Skipped};
+use crate::frames::{B, G_MPS2, Vec3, attitude_from_heading_ccw, body_from_flu, earth_from_survey};
 
 /// Full scale of the thrust command, counts (README of the recordings).
 const FULL_COUNTS: f64 = 65_535.0;
@@ -20,78 +21,6 @@ const FULL_COUNTS: f64 = 65_535.0;
 const TILT_APART_DEG: f64 = 20.0;
 /// Pack voltages that can be, V: two cells from empty to full with margin.
 const SUPPLY_V: std::ops::RangeInclusive<f64> = 5.0..=9.0;
-
-/// What can go wrong with a recording.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// The file could not be read.
-    #[error("{path}: {source}")]
-    Io {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// A column that the balance needs is not there.
-    #[error(
-        "{path}: no column `{column}`; a force balance needs command, voltage, tilt and motion capture"
-    )]
-    Column {
-        /// Which file.
-        path: PathBuf,
-        /// What is missing.
-        column: &'static str,
-    },
-}
-
-/// One row, in our frames.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Row {
-    /// Time on the vehicle's clock, s.
-    pub t_s: f64,
-    /// Position by motion capture, m.
-    pub pos_E_m: Vec3<E>,
-    /// Attitude: tilt from the vehicle, heading from motion capture.
-    pub R_EB: Rot<E, B>,
-    /// Thrust command, 0 to 1.
-    pub thrust_frac: f64,
-    /// Battery, V.
-    pub supply_v: f64,
-    /// Roll and pitch by motion capture less those on board, rad.
-    pub tilt_apart_rad: [f64; 2],
-}
-
-/// Rows that were left out, by reason.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Skipped {
-    /// Cut short or not a number.
-    pub unreadable: usize,
-    /// Before the first log packet: no voltage yet, or none that can be.
-    pub no_voltage: usize,
-    /// Motion capture had the vehicle on its head.
-    pub reference_flipped: usize,
-    /// Time did not advance.
-    pub time_backwards: usize,
-}
-
-impl Skipped {
-    /// All of them.
-    pub fn total(&self) -> usize {
-        let Self { unreadable, no_voltage, reference_flipped, time_backwards } = self;
-        unreadable + no_voltage + reference_flipped + time_backwards
-    }
-}
-
-/// One recorded flight.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Recording {
-    /// Name of the file without its endings.
-    pub name: String,
-    /// Its rows, in the order of time.
-    pub rows: Vec<Row>,
-    /// What was left out.
-    pub skipped: Skipped,
-}
 
 /// Reads a `.csv.gz`.
 pub fn read(path: &Path) -> Result<Recording, Error> {
@@ -118,6 +47,8 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
     }
     let mut rows: Vec<Row> = Vec::new();
     let mut skipped = Skipped::default();
+    // Not needed by a force balance, and not in every file.
+    let acc_at = ["accX", "accY", "accZ"].map(|name| columns.get(name).copied());
     for line in lines {
         let line = line.map_err(io)?;
         let cells: Vec<&str> = line.split(',').map(str::trim).collect();
@@ -158,10 +89,22 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
             thrust_frac: thrust / FULL_COUNTS,
             supply_v: vbat,
             tilt_apart_rad: [(ot_roll - roll).to_radians(), (ot_pitch - pitch).to_radians()],
+            acc_B_mps2: acceleration(&acc_at, &cells),
+            rate_B_radps: None,
+            setpoint_rad: None,
         });
     }
     let file = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     Ok(Recording { name: file.trim_end_matches(".csv.gz").to_owned(), rows, skipped })
+}
+
+/// Accelerometer of a row, from g along forward, left and up.
+fn acceleration(places: &[Option<usize>; 3], cells: &[&str]) -> Option<Vec3<B>> {
+    let of = |axis: usize| -> Option<f64> {
+        let g: f64 = cells.get(places[axis]?)?.parse().ok()?;
+        g.is_finite().then_some(g * G_MPS2)
+    };
+    Some(body_from_flu(of(0)?, of(1)?, of(2)?))
 }
 
 #[cfg(test)]

@@ -1,0 +1,159 @@
+//! What every experiment works with: the configuration, seeds, worlds, missions and the progress bar.
+
+use anyhow::Result;
+use rayon::prelude::*;
+
+use haltere::control::{ControlConfig, Version};
+use haltere::frames::Vec3;
+use haltere::lockstep::{Flight, Lockstep, Sample, fly};
+use haltere::model::PlantConfig;
+use haltere::pilot::PilotConfig;
+use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
+
+use crate::compare::{CENTRE_NE_M, in_plant};
+use crate::progress::Progress;
+use crate::steps::item;
+
+/// First seed; no search was made on it or on those that follow.
+pub const SEED: u64 = 100;
+/// Setpoints move at once from this speed on: above every velocity limit that is allowed, m/s.
+const JUMP_MPS: f32 = 20.0;
+/// Radius within which a stepped setpoint counts as reached, m: the largest there is, so that the
+/// time at a point is counted from the jump.
+const AT_ONCE_M: f32 = 5.0;
+
+/// Everything that all experiments share.
+pub struct Bench {
+    /// Configuration of the companion.
+    pub pilot: PilotConfig,
+    /// Repetitions of each experiment, each with a seed of its own.
+    pub repetitions: u64,
+    /// How far everything is, in simulated seconds.
+    pub progress: Progress,
+}
+
+impl Bench {
+    /// Seeds of the repetitions.
+    pub fn seeds(&self) -> impl Iterator<Item = u64> + Clone + use<> {
+        SEED..SEED + self.repetitions
+    }
+
+    /// The configuration in one of the two versions.
+    pub fn version(&self, version: Version) -> ControlConfig {
+        ControlConfig { version, ..self.pilot.control.clone() }
+    }
+
+    /// Each case with each seed, on all cores; `seconds` is what one flight takes of simulated time.
+    pub fn each<C: Sync, T: Send>(
+        &self,
+        cases: &[C],
+        seconds: f64,
+        run: impl Fn(&C, u64) -> Result<T> + Sync,
+    ) -> Result<Vec<Vec<T>>> {
+        let jobs: Vec<(usize, u64)> =
+            (0..cases.len()).flat_map(|c| self.seeds().map(move |seed| (c, seed))).collect();
+        let flown: Vec<T> = jobs
+            .into_par_iter()
+            .map(|(c, seed)| {
+                let result = run(&cases[c], seed);
+                self.progress.advance(seconds as u64);
+                result
+            })
+            .collect::<Result<_>>()?;
+        let mut flown = flown.into_iter();
+        Ok(cases.iter().map(|_| flown.by_ref().take(self.repetitions as usize).collect()).collect())
+    }
+
+    /// Simulated seconds that [`Bench::each`] counts for so many cases.
+    pub fn cost(&self, cases: usize, seconds: f64) -> u64 {
+        cases as u64 * self.repetitions * seconds as u64
+    }
+
+    /// Flies a plan in any plant.
+    pub fn fly_in(
+        &self,
+        plant: PlantConfig,
+        control: &ControlConfig,
+        plan: &Plan,
+    ) -> Result<Flight> {
+        let mut world = self.world(plant, control)?;
+        Ok(fly(&mut world, &plan.items, plan.limit_s)?)
+    }
+
+    /// A world ready for take-off.
+    pub fn world(&self, plant: PlantConfig, control: &ControlConfig) -> Result<Lockstep> {
+        in_plant(&self.pilot, control, plant)
+    }
+}
+
+/// A mission from the middle of the hall.
+pub struct Plan {
+    /// As uploaded.
+    pub items: Vec<MISSION_ITEM_INT_DATA>,
+    /// The flight is broken off after this time, s.
+    pub limit_s: f64,
+}
+
+impl Plan {
+    /// Take-off to a height, m, and rest there; setpoints jump from then on.
+    pub fn from_height(height_m: f64, limit_s: f64) -> Self {
+        let mut plan = Self { items: Vec::new(), limit_s };
+        plan.items.push(item(MavCmd::MAV_CMD_NAV_TAKEOFF, at([0.0, 0.0, height_m])));
+        let mut settle = item(MavCmd::MAV_CMD_NAV_WAYPOINT, at([0.0, 0.0, height_m]));
+        settle.param1 = 4.0;
+        plan.items.push(settle);
+        plan.speed(None);
+        plan
+    }
+
+    /// Speed of the setpoint on the legs that follow, m/s; `None`: it jumps.
+    pub fn speed(&mut self, mps: Option<f64>) {
+        let mut speed = item(MavCmd::MAV_CMD_DO_CHANGE_SPEED, [0.0; 3]);
+        speed.param2 = mps.map_or(JUMP_MPS, |v| v as f32);
+        self.items.push(speed);
+    }
+
+    /// Setpoint to a place (north, east of the middle, height, m) at once, for a time, s. The number
+    /// of the leg, for [`leg`].
+    pub fn step(&mut self, place_m: [f64; 3], hold_s: f64) -> usize {
+        let mut point = item(MavCmd::MAV_CMD_NAV_WAYPOINT, at(place_m));
+        point.param1 = hold_s as f32;
+        point.param2 = AT_ONCE_M;
+        self.items.push(point);
+        self.items.len() - 1
+    }
+
+    /// Along a line to a place; it counts as reached within half a metre.
+    pub fn go(&mut self, place_m: [f64; 3]) -> usize {
+        let mut point = item(MavCmd::MAV_CMD_NAV_WAYPOINT, at(place_m));
+        point.param2 = 0.5;
+        self.items.push(point);
+        self.items.len() - 1
+    }
+
+    /// Lands.
+    pub fn land(mut self) -> Self {
+        self.items.push(item(MavCmd::MAV_CMD_NAV_LAND, [0.0; 3]));
+        self
+    }
+}
+
+/// A place relative to the middle of the hall, height upward, in the Earth frame, m.
+pub fn at([north, east, height]: [f64; 3]) -> [f64; 3] {
+    Vec3::<haltere::frames::E>::new(CENTRE_NE_M[0] + north, CENTRE_NE_M[1] + east, -height)
+        .to_array()
+}
+
+/// Samples from the moment a leg is reached until the next item is.
+pub fn leg(flight: &Flight, number: usize) -> &[Sample] {
+    let of = |s: &Sample| usize::from(s.reached);
+    let start = flight.samples.partition_point(|s| of(s) < number + 1);
+    let end = flight.samples.partition_point(|s| of(s) <= number + 1);
+    &flight.samples[start..end]
+}
+
+/// Time of samples from the first one on, s.
+pub fn since_s(samples: &[Sample], sample: &Sample) -> f64 {
+    let start_us = samples.first().map_or(sample.t_us, |s| s.t_us);
+    (sample.t_us as f64 - start_us as f64) * 1e-6
+}

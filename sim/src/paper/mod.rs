@@ -1,0 +1,227 @@
+//! `haltere-sim paper`: every experiment of the source in lockstep, ours beside its numbers.
+//!
+//! One list, [`EXPERIMENTS`], drives what is run, printed, drawn and accepted by `--only`. Each
+//! experiment is a file of its own; `results` says what they give, `source` holds the source's numbers.
+
+mod angle_steps;
+mod bench;
+mod contributions;
+mod drift;
+mod extrapolation;
+mod ground;
+mod height;
+mod noise;
+mod page;
+mod print;
+mod results;
+mod shapes;
+pub mod source;
+mod standing;
+mod step_tests;
+#[cfg(test)]
+mod tests;
+mod thrust;
+mod two_vehicles;
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+use haltere::report::verdict::all_passed;
+use rayon::prelude::*;
+
+use crate::compare::pilot_config;
+use crate::progress::Progress;
+use bench::Bench;
+use results::Section;
+
+/// `haltere-sim paper`
+#[derive(Debug, clap::Args)]
+pub struct Options {
+    /// Where the report goes: paper.html and paper.json.
+    #[arg(default_value = "paper")]
+    directory: PathBuf,
+    /// Only this experiment, by name or number; may be given more than once.
+    #[arg(long, value_name = "EXPERIMENT", value_parser = find)]
+    only: Vec<&'static Experiment>,
+    /// Repetitions of each, each with a seed of its own; five as in the source.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    repetitions: u64,
+    /// Threads; all cores when not given.
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Configuration whose `[control]` and `[estimator]` sections are flown.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Change one key, as for the companion.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Print JSON instead of tables.
+    #[arg(long)]
+    json: bool,
+}
+
+/// One experiment.
+#[derive(Debug)]
+pub struct Experiment {
+    /// Name for `--only` and for links.
+    name: &'static str,
+    /// Number in the list of what is to be reproduced.
+    number: &'static str,
+    /// Heading.
+    title: &'static str,
+    /// Simulated seconds that it takes, for the progress bar.
+    cost: fn(&Bench) -> u64,
+    run: fn(&Bench) -> Result<Section>,
+}
+
+/// All of them, in the order of the report.
+static EXPERIMENTS: &[Experiment] = &[
+    Experiment {
+        name: "noise",
+        number: "1",
+        title: "Standing at the origin, constant and variable UWB noise (figure 3)",
+        cost: noise::cost,
+        run: noise::run,
+    },
+    Experiment {
+        name: "drift",
+        number: "1b",
+        title: "Standing still: attitude with UWB and on the IMU alone",
+        cost: drift::cost,
+        run: drift::run,
+    },
+    Experiment {
+        name: "shapes",
+        number: "2",
+        title: "Path shapes (section 4)",
+        cost: shapes::cost,
+        run: shapes::run,
+    },
+    Experiment {
+        name: "extrapolation",
+        number: "3",
+        title: "Final speed extrapolated from a part of the data (table 1, figures 4 and 5)",
+        cost: extrapolation::cost,
+        run: extrapolation::run,
+    },
+    Experiment {
+        name: "laws",
+        number: "4",
+        title: "The exponential law for two vehicles (figure 6)",
+        cost: two_vehicles::cost,
+        run: two_vehicles::run,
+    },
+    Experiment {
+        name: "thrust",
+        number: "5",
+        title: "Throttle against battery voltage (figure 7)",
+        cost: thrust::cost,
+        run: thrust::run,
+    },
+    Experiment {
+        name: "height",
+        number: "6",
+        title: "P and PI height control, constant and variable base thrust (table 2, figure 8)",
+        cost: height::cost,
+        run: height::run,
+    },
+    Experiment {
+        name: "ground",
+        number: "7",
+        title: "Ground effect (figure 9, equation 7)",
+        cost: ground::cost,
+        run: ground::run,
+    },
+    Experiment {
+        name: "steps",
+        number: "8",
+        title: "Steps, raw against modified (table 3, figure 10)",
+        cost: step_tests::cost,
+        run: step_tests::run,
+    },
+    Experiment {
+        name: "contributions",
+        number: "9",
+        title: "What each enhancement contributes alone (beyond the source)",
+        cost: contributions::cost,
+        run: contributions::run,
+    },
+];
+
+/// An experiment by name or number.
+fn find(text: &str) -> Result<&'static Experiment, String> {
+    EXPERIMENTS.iter().find(|e| e.name == text || e.number == text).ok_or_else(|| {
+        let known: Vec<String> =
+            EXPERIMENTS.iter().map(|e| format!("{} ({})", e.name, e.number)).collect();
+        format!("no experiment {text:?}; there are {}", known.join(", "))
+    })
+}
+
+/// What came of an experiment; one that failed does not take the others with it.
+pub struct Outcome {
+    experiment: &'static Experiment,
+    section: Result<Section, String>,
+}
+
+/// Runs experiments side by side.
+fn run_all(experiments: &[&'static Experiment], bench: &Bench) -> Vec<Outcome> {
+    experiments
+        .par_iter()
+        .map(|experiment| Outcome {
+            experiment,
+            section: (experiment.run)(bench).map_err(|error| format!("{error:#}")),
+        })
+        .collect()
+}
+
+/// Runs, prints, writes the report. `false`: a target is missed or an experiment failed.
+pub fn run(options: &Options) -> Result<bool> {
+    let pilot = pilot_config(options.config.as_deref(), &options.set)?;
+    let chosen: Vec<&'static Experiment> = EXPERIMENTS
+        .iter()
+        .filter(|e| options.only.is_empty() || options.only.iter().any(|o| o.name == e.name))
+        .collect();
+    let directory = &options.directory;
+    std::fs::create_dir_all(directory).with_context(|| {
+        format!("{}: cannot be made a folder for the report", directory.display())
+    })?;
+    let mut bench =
+        Bench { pilot, repetitions: options.repetitions, progress: Progress::new("", 0, 0) };
+    let due = chosen.iter().map(|e| (e.cost)(&bench)).sum();
+    bench.progress = Progress::new("s of flight", 0, due);
+    let mut pool = rayon::ThreadPoolBuilder::new();
+    if let Some(threads) = options.threads {
+        if threads == 0 {
+            bail!("--threads 0: at least one is needed; leave it out for all cores");
+        }
+        pool = pool.num_threads(threads);
+    }
+    let outcomes = pool.build()?.install(|| run_all(&chosen, &bench));
+    bench.progress.end();
+    let took_s = bench.progress.seconds();
+    let about =
+        About { repetitions: options.repetitions, flown_s: due, took_s, changed: &options.set };
+    let json = print::json(&outcomes, &about);
+    let page = directory.join("paper.html");
+    write(&page, &page::render(&outcomes, &about))?;
+    write(&directory.join("paper.json"), &serde_json::to_string_pretty(&json)?)?;
+    if options.json {
+        println!("{json}");
+    } else {
+        print!("{}", print::text(&outcomes));
+        println!("\n{} s of flight in {took_s:.0} s; report: {}", about.flown_s, page.display());
+    }
+    Ok(outcomes.iter().all(|o| o.section.as_ref().is_ok_and(|s| all_passed(&s.targets))))
+}
+
+/// How the whole run was made.
+pub struct About<'a> {
+    repetitions: u64,
+    flown_s: u64,
+    took_s: f64,
+    changed: &'a [String],
+}
+
+fn write(path: &std::path::Path, text: &str) -> Result<()> {
+    std::fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))
+}

@@ -1,0 +1,69 @@
+//! A progress bar with the time left, on standard error.
+
+use std::io::Write as _;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+/// Width of the bar, characters.
+const WIDTH: u64 = 30;
+
+/// How far a job is. Any thread may advance it.
+pub struct Progress {
+    unit: &'static str,
+    start: Instant,
+    before: u64,
+    due: u64,
+    done: AtomicU64,
+    shown: bool,
+}
+
+impl Progress {
+    /// `before` is done already and `due` is left to do, both counted in `unit`.
+    pub fn new(unit: &'static str, before: u64, due: u64) -> Self {
+        Self { unit, start: Instant::now(), before, due, done: AtomicU64::new(0), shown: true }
+    }
+
+    /// The same without a line, for tests.
+    #[cfg(test)]
+    pub fn silent(due: u64) -> Self {
+        Self { shown: false, ..Self::new("", 0, due) }
+    }
+
+    /// So much more is done.
+    pub fn advance(&self, amount: u64) {
+        let done = self.done.fetch_add(amount, Ordering::Relaxed) + amount;
+        if !self.shown {
+            return;
+        }
+        let left = self.due.saturating_sub(done) as f64;
+        let left_s = self.start.elapsed().as_secs_f64() / (done as f64).max(1.0) * left;
+        let (now, total) = (self.before + done, self.before + self.due);
+        let filled = (WIDTH * now / total.max(1)).min(WIDTH);
+        let bar = "#".repeat(filled as usize) + &".".repeat((WIDTH - filled) as usize);
+        let line = format!(
+            "\r[{bar}] {now}/{total} {}, {:.0}:{:02.0} left ",
+            self.unit,
+            (left_s / 60.0).floor(),
+            (left_s % 60.0).floor()
+        );
+        let _ = std::io::stderr().write_all(line.as_bytes());
+    }
+
+    /// What was done so far.
+    #[cfg(test)]
+    pub fn done(&self) -> u64 {
+        self.done.load(Ordering::Relaxed)
+    }
+
+    /// Ends the line.
+    pub fn end(&self) {
+        if self.due > 0 && self.shown {
+            eprintln!();
+        }
+    }
+
+    /// Time since the start, s.
+    pub fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+}

@@ -1,0 +1,42 @@
+//! From files to answers: one file per `haltere fit …`, which takes what it needs from the sources,
+//! hands it to a pure core, and says what came of it in words, tables, plots and configuration.
+
+pub mod anchors;
+pub mod carry_over;
+pub mod drag;
+pub mod ground;
+pub mod imu;
+pub mod lag;
+#[cfg(test)]
+mod tests_recorded;
+pub mod thrust;
+
+use crate::config::Config;
+use crate::fit::outcome::Refusal;
+use crate::fit::programs::Program;
+use crate::fit::source::Source;
+use crate::report::flight::Flight;
+
+/// Sizes of a plot, pixels.
+const PLOT_PX: [f64; 2] = [560.0, 320.0];
+
+/// Our own logs among the sources; anything else cannot hold what is asked.
+fn logs<'a>(
+    sources: &'a [Source],
+    program: Program,
+) -> Result<Vec<(&'a Flight, &'a Config)>, Refusal> {
+    sources
+        .iter()
+        .map(|source| match source {
+            Source::Log { flight, config, .. } => Ok((flight.as_ref(), config.as_ref())),
+            other => Err(Refusal::WrongKind {
+                why: format!(
+                    "{} is {}, which does not hold what `fit {}` needs: give our own log",
+                    other.name(),
+                    other.kind(),
+                    program.name()
+                ),
+            }),
+        })
+        .collect()
+}

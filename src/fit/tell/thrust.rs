@@ -1,0 +1,360 @@
+//! `haltere fit thrust`: the command that carries the weight, over battery voltage.
+//!
+//! **Logs**: hover, in means of half a second, upright part of the command. **Recordings**: the whole
+//! flight, the command over the specific force it made: `u·g/(−f_z)` is what would have carried the
+//! weight. **Thrust stand**: `T = k·u^p·V^q`, so that at equal thrust the command goes as V^(−q/p).
+//!
+//! **Symbols.** u command, share of full; V battery; f_z specific force along body z, m/s²; T thrust,
+//! N. **Caution.** A burst of thrust pulls the voltage down within the same second: over so short a
+//! range of voltage that this sag is most of it, the exponent is of the sag. The range is told.
+
+use nalgebra::DVector;
+
+use super::drag::{PLOT_PX, samples};
+use crate::control::voltage::CENTRE_V;
+use crate::fit::correlated::covariance;
+use crate::fit::linear::{Rows, inverse, r_squared, solve};
+use crate::fit::outcome::{Outcome, Refusal, Table, number};
+use crate::fit::polynomial::{self, OverVoltage};
+use crate::fit::programs::Program;
+use crate::fit::source::{Source, names};
+use crate::fit::value::Value;
+use crate::frames::G_MPS2;
+use crate::import::stand::{Stand, StandRow};
+use crate::import::{Recording, motion};
+use crate::report::svg::{Mark, Plot, Series, Tone};
+
+/// Least range of voltage that says something about it, share of the mean.
+const LEAST_RANGE_FRAC: f64 = 0.02;
+/// Time between two flights that are fitted together, s.
+const APART_S: f64 = 1e4;
+/// Means of a recording are taken over this many samples of 0.05 s.
+const MEAN_SAMPLES: usize = 10;
+/// Least specific force along −z that counts as carrying, m/s².
+const CARRIES_MPS2: f64 = 3.0;
+/// Rows of a stand below this command turn nothing, share of full …
+const TURNS_FRAC: f64 = 0.1;
+/// … or below this thrust, N: the drift of the scale.
+const PULLS_N: f64 = 0.01;
+
+/// Command that carries the weight, over voltage.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Columns {
+    /// Times, s.
+    pub t_s: Vec<f64>,
+    /// Voltages, V.
+    pub supply_v: Vec<f64>,
+    /// Commands.
+    pub frac: Vec<f64>,
+}
+
+impl Columns {
+    fn push(&mut self, t_s: f64, supply_v: f64, frac: f64) {
+        self.t_s.push(t_s);
+        self.supply_v.push(supply_v);
+        self.frac.push(frac);
+    }
+}
+
+/// From recorded flights.
+pub fn of_recordings(recordings: &[&Recording]) -> Columns {
+    of_samples(&samples(recordings))
+}
+
+/// From samples of motion.
+pub fn of_samples(samples: &[motion::Sample]) -> Columns {
+    let mut columns = Columns::default();
+    for group in samples.chunk_by(|a, b| b.t_s - a.t_s < 0.2) {
+        for piece in group.chunks_exact(MEAN_SAMPLES) {
+            let n = piece.len() as f64;
+            let mean = |of: fn(&motion::Sample) -> f64| piece.iter().map(of).sum::<f64>() / n;
+            let lift_mps2 = -mean(|s| s.force_B_mps2.z());
+            if lift_mps2 > CARRIES_MPS2 {
+                let frac = mean(|s| s.command_frac) * G_MPS2 / lift_mps2;
+                columns.push(mean(|s| s.t_s), mean(|s| s.supply_v), frac);
+            }
+        }
+    }
+    columns
+}
+
+/// Fits thrust.
+pub fn fit(sources: &[Source]) -> Result<Outcome, Refusal> {
+    let mut columns = Columns::default();
+    let mut recordings = Vec::new();
+    let mut stands = Vec::new();
+    let mut offset_s = 0.0;
+    for source in sources {
+        match source {
+            Source::Log { flight, .. } => {
+                for mean in crate::fit::columns::hover_means(flight) {
+                    columns.push(offset_s + mean.t_s, mean.supply_v, mean.thrust_frac);
+                }
+                offset_s = columns.t_s.last().copied().unwrap_or(0.0) + APART_S;
+            }
+            Source::Recording(r) => recordings.push(r),
+            Source::Stand(s) => stands.push(s),
+        }
+    }
+    let kinds = [!columns.t_s.is_empty(), !recordings.is_empty(), !stands.is_empty()];
+    if kinds.iter().filter(|k| **k).count() > 1 {
+        return Err(Refusal::WrongKind {
+            why: "logs, recordings and thrust stands are fitted by different means: one kind at a \
+                  time"
+                .into(),
+        });
+    }
+    if !stands.is_empty() {
+        return from_stands(sources, &stands);
+    }
+    if !recordings.is_empty() {
+        columns = of_recordings(&recordings);
+    }
+    over_voltage(sources, &columns)
+}
+
+fn over_voltage(sources: &[Source], columns: &Columns) -> Result<Outcome, Refusal> {
+    let refuse = |why: String| Refusal::NotExcited { why, program: Program::Thrust };
+    let n = columns.t_s.len();
+    let fold = |of: fn(f64, f64) -> f64, start| columns.supply_v.iter().copied().fold(start, of);
+    let (low, high) = (fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY));
+    if n == 0 || high - low < LEAST_RANGE_FRAC * high {
+        let range = if n == 0 { "no hover".into() } else { format!("{low:.2} to {high:.2} V") };
+        return Err(refuse(format!(
+            "{n} means of hover, {range}: at least {:.0} % of change in voltage needed",
+            LEAST_RANGE_FRAC * 100.0
+        )));
+    }
+    let found = polynomial::fit(&columns.t_s, &columns.supply_v, &columns.frac, CENTRE_V)
+        .map_err(|why| refuse(why.to_string()))?;
+    let mut outcome = Outcome::new(
+        "thrust",
+        names(sources),
+        "thrust command that carries the weight = y(7.4 V)·(V/7.4)^n, and polynomials of V - 7.4",
+    );
+    outcome.parameter("exponent n", "", found.power.exponent);
+    outcome.parameter("command at 7.4 V", "of full", found.power.at_centre);
+    outcome.quality("power law R²", found.power.r_squared, "");
+    outcome.quality("power law rms of what is left", found.power.residual, "of full");
+    outcome.quality("means of half a second", n as f64, "");
+    let rows = found
+        .polynomials
+        .iter()
+        .map(|p| {
+            let mut row = vec![p.order.to_string()];
+            row.extend((0..4).map(|k| {
+                p.coefficients
+                    .get(k)
+                    .map_or(String::new(), |c| format!("{:.5} ± {:.5}", c.value, c.std))
+            }));
+            row.push(format!("{:.4}", p.r_squared));
+            row.push(number(p.residual));
+            row
+        })
+        .collect();
+    outcome.tables.push(Table {
+        title: "polynomials".into(),
+        head: ["order", "c0", "c1", "c2", "c3", "R²", "rms"].map(String::from).to_vec(),
+        rows,
+    });
+    outcome.notes.push(format!(
+        "voltages from {low:.2} to {high:.2} V; the snippet takes the power law beyond, from 6.0 to \
+         8.4 V, and says nothing of its own there"
+    ));
+    outcome.plots.push(plot(columns, &found, [low, high]));
+    outcome.offer(format!(
+        "# least-squares cubic of the power law over 6.0 to 8.4 V\n[control.voltage]\n\
+         base_coefficients_frac = [{}]\n",
+        cubic(&found).map(|c| format!("{c:.6}")).join(", ")
+    ));
+    Ok(outcome)
+}
+
+/// The power law as the configuration takes it: a cubic over the whole range of the controller, so
+/// that nothing extrapolates a polynomial.
+pub fn cubic(found: &OverVoltage) -> [f64; 4] {
+    let volts: Vec<f64> = (0..=48).map(|k| 6.0 + 0.05 * f64::from(k)).collect();
+    let rows = Rows::from_fn(volts.len(), 4, |i, row| {
+        row.iter_mut().zip(0..).for_each(|(x, k)| *x = (volts[i] - CENTRE_V).powi(k));
+    });
+    let y: Vec<f64> = volts.iter().map(|v| found.power.at(*v)).collect();
+    let beta = solve(&rows, &y, None).unwrap_or_default();
+    std::array::from_fn(|k| beta.get(k).copied().unwrap_or(f64::NAN))
+}
+
+fn plot(columns: &Columns, found: &OverVoltage, [low, high]: [f64; 2]) -> Plot {
+    let line = |of: &dyn Fn(f64) -> f64| {
+        (0..=60)
+            .map(|i| low + (high - low) * f64::from(i) / 60.0)
+            .map(|v| [v, of(v)])
+            .collect::<Vec<_>>()
+    };
+    let mut series = vec![Series {
+        name: "measured".into(),
+        tone: Tone::Family(0),
+        mark: Mark::Dots,
+        points: columns.supply_v.iter().zip(&columns.frac).map(|(v, u)| [*v, *u]).collect(),
+    }];
+    series.push(Series {
+        name: format!("power {:.2}", found.power.exponent.value),
+        tone: Tone::Command,
+        mark: Mark::Line,
+        points: line(&|v| found.power.at(v)),
+    });
+    for p in &found.polynomials {
+        series.push(Series {
+            name: format!("order {}", p.order),
+            tone: Tone::Family(p.order as u8 + 1),
+            mark: Mark::Dashed,
+            points: line(&|v| p.at(v)),
+        });
+    }
+    Plot {
+        title: "Command that carries the weight".into(),
+        x_label: "battery, V".into(),
+        y_label: "command, share of full".into(),
+        series,
+        size_px: PLOT_PX,
+        ..Plot::default()
+    }
+}
+
+/// `T = k·u^p·V^q`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StandLaw {
+    /// ln k, with T in N and V in volts.
+    pub ln_k: f64,
+    /// Exponent of the command.
+    pub p: Value,
+    /// Exponent of the voltage; 0 where it is left out.
+    pub q: Value,
+    /// Exponent of the command over voltage at equal thrust, −q/p.
+    pub command: Value,
+    /// Rms of what is left, N.
+    pub residual_n: f64,
+    /// Share of the variance that is explained.
+    pub r_squared: f64,
+}
+
+impl StandLaw {
+    /// Thrust, N.
+    pub fn thrust_n(&self, row: &StandRow) -> f64 {
+        (self.ln_k + self.p.value * row.command_frac.ln() + self.q.value * row.supply_v.ln()).exp()
+    }
+}
+
+/// Rows of a stand on which something turns.
+pub fn turning(stand: &Stand) -> Vec<StandRow> {
+    let turns =
+        |r: &&StandRow| r.command_frac > TURNS_FRAC && r.thrust_n > PULLS_N && r.supply_v > 1.0;
+    stand.rows.iter().filter(turns).copied().collect()
+}
+
+/// Fits the law to the thrust itself: Gauss-Newton from the fit of the logarithms. Without
+/// `with_voltage` q stays 0.
+pub fn stand_law(rows: &[StandRow], with_voltage: bool) -> Option<StandLaw> {
+    let width = if with_voltage { 3 } else { 2 };
+    let row_of = |r: &StandRow, slot: &mut [f64]| {
+        slot.iter_mut()
+            .zip([1.0, r.command_frac.ln(), r.supply_v.ln()])
+            .for_each(|(x, value)| *x = value);
+    };
+    let design = Rows::from_fn(rows.len(), width, |i, slot| row_of(&rows[i], slot));
+    let logs: Vec<f64> = rows.iter().map(|r| r.thrust_n.ln()).collect();
+    let thrust: Vec<f64> = rows.iter().map(|r| r.thrust_n).collect();
+    let mut beta = solve(&design, &logs, None)?;
+    for _ in 0..30 {
+        let model: Vec<f64> = design.times(&beta).iter().map(|x| x.exp()).collect();
+        let jacobian = scaled(&design, &model);
+        let mut right = DVector::zeros(width);
+        for ((row, m), t) in jacobian.iter().zip(&model).zip(&thrust) {
+            row.iter().enumerate().for_each(|(k, x)| right[k] += x * (t - m));
+        }
+        let step = inverse(&jacobian.normal(None))? * right;
+        beta.iter_mut().zip(step.iter()).for_each(|(b, s)| *b += s);
+        if step.norm() < 1e-10 {
+            break;
+        }
+    }
+    let model: Vec<f64> = design.times(&beta).iter().map(|x| x.exp()).collect();
+    let residual: Vec<f64> = thrust.iter().zip(&model).map(|(t, m)| t - m).collect();
+    // No time in the table: the order of the rows stands for it.
+    let order: Vec<f64> = (0..rows.len()).map(|i| i as f64).collect();
+    let cov = covariance(&order, &scaled(&design, &model), &residual)?;
+    let p = cov.value(1, beta[1]);
+    let none = Value { value: 0.0, std: 0.0, dof: p.dof };
+    let (q, command) = match beta.get(2) {
+        Some(q) => (
+            cov.value(2, *q),
+            cov.combine(-q / p.value, &[0.0, q / (p.value * p.value), -1.0 / p.value]),
+        ),
+        None => (none, none),
+    };
+    let rms = (residual.iter().map(|r| r * r).sum::<f64>() / residual.len() as f64).sqrt();
+    Some(StandLaw {
+        ln_k: beta[0],
+        p,
+        q,
+        command,
+        residual_n: rms,
+        r_squared: r_squared(&thrust, &residual),
+    })
+}
+
+fn scaled(design: &Rows, model: &[f64]) -> Rows {
+    let flat =
+        design.iter().zip(model).flat_map(|(row, m)| row.iter().map(move |x| x * m)).collect();
+    Rows { width: design.width, flat }
+}
+
+fn from_stands(sources: &[Source], stands: &[&Stand]) -> Result<Outcome, Refusal> {
+    let rows: Vec<StandRow> = stands.iter().flat_map(|s| turning(s)).collect();
+    let refuse = || Refusal::WrongKind {
+        why: format!(
+            "{}: {} rows with thrust, too few or at one voltage",
+            names(sources).join(", "),
+            rows.len()
+        ),
+    };
+    let law = stand_law(&rows, true).ok_or_else(refuse)?;
+    let plain = stand_law(&rows, false).ok_or_else(refuse)?;
+    let mut outcome = Outcome::new(
+        "thrust",
+        names(sources),
+        "thrust on the stand T = k·u^p·V^q; at equal thrust the command goes as V^(-q/p)",
+    );
+    outcome.parameter("exponent of the command p", "", law.p);
+    outcome.parameter("exponent of the voltage q", "", law.q);
+    outcome.parameter("exponent of command over voltage -q/p", "", law.command);
+    outcome.quality("R²", law.r_squared, "");
+    outcome.quality("rms of what is left", law.residual_n, "N");
+    outcome.quality("rms without voltage", plain.residual_n, "N");
+    outcome.quality("rows with thrust", rows.len() as f64, "");
+    outcome.notes.push(
+        "the rows carry no time: their order stands for it in the standard errors; the scale lags \
+         the motors"
+            .into(),
+    );
+    outcome.plots.push(Plot {
+        title: "Thrust on the stand".into(),
+        x_label: "measured, N".into(),
+        y_label: "law, N".into(),
+        series: vec![
+            Series {
+                name: "with voltage".into(),
+                tone: Tone::Estimate,
+                mark: Mark::Dots,
+                points: rows.iter().map(|r| [r.thrust_n, law.thrust_n(r)]).collect(),
+            },
+            Series {
+                name: "without".into(),
+                tone: Tone::Family(1),
+                mark: Mark::Dots,
+                points: rows.iter().map(|r| [r.thrust_n, plain.thrust_n(r)]).collect(),
+            },
+        ],
+        size_px: PLOT_PX,
+        ..Plot::default()
+    });
+    Ok(outcome)
+}

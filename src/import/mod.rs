@@ -1,0 +1,12 @@
+//! Recorded flights of other people and other programs: files to one neutral form.
+//!
+//! Every layout is a file here; all signs and units of a layout are turned once, in its reader. What
+//! comes out is in our frames (NED, FRD) and SI. `docs/IMPORT.md` describes the layout of our own.
+
+pub mod columns;
+pub mod flapper;
+pub mod motion;
+pub mod recording;
+pub mod stand;
+
+pub use recording::{Error, Recording, Row, Skipped};
