@@ -76,7 +76,7 @@ impl Advise {
         }
         let (flown, remaining) = match &self.inputs[..] {
             [report] if report.extension().is_some_and(|e| e == "json") => {
-                self.from_report(report)?
+                self.report_of(report)?
             }
             [first, ..] => match open(first, &self.reference, &self.room, &self.options)? {
                 Opened::Fault(diagnosis) => {
@@ -130,7 +130,7 @@ impl Advise {
         Ok(ExitCode::SUCCESS)
     }
 
-    fn from_report(&self, path: &Path) -> anyhow::Result<(Flown, Remaining)> {
+    fn report_of(&self, path: &Path) -> anyhow::Result<(Flown, Remaining)> {
         let report = Report::read(path)?;
         let log = match &self.log {
             Some(log) => log.clone(),

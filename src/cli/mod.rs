@@ -56,7 +56,7 @@ enum Command {
     Fit(fit::Fit),
     /// Where flight and nominal model differ, which effect causes it, how far it shrinks.
     #[command(subcommand)]
-    Gap(gap::Gap),
+    Gap(Box<gap::Gap>),
     /// Arms, flies and lands a running companion: a small ground station for scripts.
     Ctl(ctl::Ctl),
     /// Draws a flight log as one page.

@@ -8,7 +8,8 @@
 //! flown too: how probable is it that they would stand out. Everything is relative to the nominal
 //! simulator, and to the candidates: what is not among them is not separated by anything here.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::cmp::Ordering;
+use std::sync::atomic::{AtomicUsize, Ordering as Memory};
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use nalgebra::DMatrix;
@@ -184,7 +185,7 @@ pub fn advise(
         NULLS + remaining.candidates.len() * FLIGHTS + remaining.untested.len() * UNTESTED_FLIGHTS;
     let of = flights * each;
     let done = AtomicUsize::new(0);
-    let tick = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, of);
+    let tick = || progress(done.fetch_add(1, Memory::Relaxed) + 1, of);
     let mut all: Vec<Advice> =
         tried.iter().map(|e| predicted(scene, remaining, e, &tick)).collect();
     let rank = |a: &Advice| (a.value() / ALIKE).round();
@@ -318,7 +319,8 @@ impl Hypothesis {
             .zip(self.theta.iter().zip(&self.theta_90))
             .map(|(p, (best, [low, high]))| {
                 let choice = p.name == "anchor" || p.name == "wall";
-                if k == 0 || choice || !(low < high) {
+                // An interval that is none, or not known, has no inside.
+                if k == 0 || choice || high.partial_cmp(low) != Some(Ordering::Greater) {
                     return if choice { best.round() } else { *best };
                 }
                 rng.between(*low, *high)
@@ -498,7 +500,7 @@ pub(super) fn judge(
 ) -> Option<Clouds> {
     let of = NULLS + remaining.candidates.len() * JUDGING_FLIGHTS;
     let done = AtomicUsize::new(0);
-    let tick = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, of);
+    let tick = || progress(done.fetch_add(1, Memory::Relaxed) + 1, of);
     // Seeds of their own: what chose an experiment must not judge it.
     let seed = SEED + 500_000;
     let nulls = fly(scene, items, NULLS, seed, |_, _| None, &tick);

@@ -210,7 +210,7 @@ fn strip(i: usize, flight: &Details, nulls: &[Details], with: &[Details]) -> Opt
         let middle = mean(second(nulls, i, t));
         let var = mean(second(nulls, i, t).map(|v| (v - middle).powi(2)));
         let half = 1.96 * var.sqrt();
-        (middle.is_finite() && half.is_finite()).then(|| [middle - half, middle + half])
+        (middle.is_finite() && half.is_finite()).then_some([middle - half, middle + half])
     };
     Some(Strip {
         label: line.label(),
@@ -277,7 +277,7 @@ fn binned(points: &[[f64; 2]], real: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let (low, high) = real
         .iter()
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| (a.min(p[0]), b.max(p[0])));
-    if !(low < high) {
+    if low.partial_cmp(&high) != Some(std::cmp::Ordering::Less) {
         return Vec::new();
     }
     let mut sums = [[0.0; 3]; BINS];

@@ -10,6 +10,8 @@ use crate::report::svg::escape;
 const LISTED: usize = 10;
 /// Effects whose repair is told: of a long set the first ones.
 const REPAIRS: usize = 3;
+/// Worth below which an experiment would change nothing.
+const LEAST_WORTH: f64 = 0.01;
 /// Probability from which an experiment "would show" an effect.
 const SHOWS: f64 = 0.5;
 
@@ -59,7 +61,9 @@ pub(super) fn section(html: &mut String, d: &Diagnosis) {
         "<table><tr><th>Experiment</th><th></th><th class=\"n\">Cost</th><th class=\"n\">P after</th>\
          <th class=\"n\">Gain</th><th>Hardest pair</th><th>Would show</th></tr>",
     );
-    for e in a.experiments.iter().filter(|e| e.not_possible.is_none()).take(LISTED) {
+    let worth =
+        a.experiments.iter().filter(|e| e.not_possible.is_none() && e.value() >= LEAST_WORTH);
+    for e in worth.take(LISTED) {
         let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.2}"));
         let hardest = e
             .hardest
