@@ -12,7 +12,7 @@ use crate::live;
 
 /// Where the configuration comes from.
 #[derive(Debug, Args)]
-struct Configuration {
+pub(super) struct Configuration {
     /// Configuration file; several may be given, later ones win. Default: haltere.toml in the
     /// working directory, if there is one.
     #[arg(long, value_name = "FILE")]
@@ -23,7 +23,7 @@ struct Configuration {
 }
 
 impl Configuration {
-    fn load(self) -> anyhow::Result<Loaded> {
+    pub(super) fn load(self) -> anyhow::Result<Loaded> {
         Loaded::load(&Sources::new(self.config, self.set))
             .map_err(|problems| anyhow!("the configuration is refused:\n{problems}"))
     }

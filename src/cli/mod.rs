@@ -5,6 +5,7 @@
 
 mod ctl;
 mod fit;
+mod fit_program;
 mod fly;
 mod gap;
 mod gap_balance;

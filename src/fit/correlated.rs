@@ -10,9 +10,9 @@
 //!
 //! σ, τ and w are not known either. The fit stays ordinary least squares (a whitened one would live
 //! on differences of neighbours and with them on the noise of the regressors); its covariance is
-//! `(JᵀJ)⁻¹ JᵀΣJ (JᵀJ)⁻¹`, averaged over a grid of τ, each with its best w, with the restricted
-//! likelihood of the residuals as weight: not knowing τ widens the interval instead of being
-//! forgotten.
+//! `(JᵀJ)⁻¹ JᵀΣJ (JᵀJ)⁻¹`, averaged over a grid of τ and w, even in their logarithms, with the
+//! restricted likelihood of the residuals as weight: not knowing τ widens the interval instead of
+//! being forgotten.
 //!
 //! **Symbols.** J sensitivity of the model to the parameters, a row per sample; Σ covariance of the
 //! noise; t time, s. **Source.** Restricted likelihood: Patterson and Thompson, Biometrika 58
@@ -27,13 +27,17 @@ use super::value::Value;
 /// Correlation times tried: from one sample to this share of the series. Longer ones could not be
 /// told from the parameters themselves.
 const LONGEST_SHARE: f64 = 0.3;
+/// A gap of this many usual steps divides two flights.
+const GAP_STEPS: f64 = 200.0;
 /// Number of correlation times, evenly spaced in their logarithm.
 const TAUS: usize = 13;
 /// White noise is searched as its variance over that of the slow part's change per sample, between
 /// these: none, and nothing else.
-const RATIOS: [f64; 2] = [1e-3, 1e5];
+const RATIOS: [f64; 2] = [1e-2, 1e8];
+/// Alternatives with less than this share of the weight are forgotten.
+const LEAST_WEIGHT: f64 = 1e-4;
 /// Looks at that ratio, and refinements between the two best.
-const LOOKS: usize = 9;
+const LOOKS: usize = 11;
 const REFINEMENTS: usize = 5;
 
 /// What was learned of the noise of a series: alternatives with their weight.
@@ -97,11 +101,7 @@ impl Noise {
         if n != jacobian.len() || n != residual.len() || n < p + 2 || p == 0 {
             return None;
         }
-        let length_s = times_s.last()? - times_s.first()?;
-        let step_s = length_s / (n - 1) as f64;
-        if step_s.is_nan() || step_s <= 0.0 {
-            return None;
-        }
+        let (step_s, length_s) = stretch(times_s)?;
         let longest = (LONGEST_SHARE * length_s).max(2.0 * step_s);
         let ratio = (longest / step_s).powf(1.0 / (TAUS - 1) as f64);
         let mut found = Vec::with_capacity(TAUS);
@@ -112,23 +112,25 @@ impl Noise {
                 let white = ratio * change;
                 likelihood(times_s, jacobian, residual, tau_s, white / (1.0 + white))
             };
-            found.extend(best_ratio(of).map(|(log, white, var)| (log, tau_s, white, var)));
+            found.extend(over_ratios(of).into_iter().map(|(l, width)| (l, tau_s, width)));
         }
-        let best = found.iter().map(|f| f.0).fold(f64::NEG_INFINITY, f64::max);
+        let best = found.iter().map(|f| f.0.log).fold(f64::NEG_INFINITY, f64::max);
         if !best.is_finite() {
             return None;
         }
-        let total: f64 = found.iter().map(|f| (f.0 - best).exp()).sum();
-        let alternatives = found
+        let mut alternatives: Vec<Alternative> = found
             .into_iter()
-            .map(|(log, tau_s, white, var)| Alternative {
-                weight: (log - best).exp() / total,
+            .map(|(l, tau_s, width)| Alternative {
+                weight: (l.log - best).exp() * width,
                 tau_s,
-                white,
-                var,
+                white: l.white,
+                var: l.var,
             })
-            .filter(|a| a.weight > 1e-6)
             .collect();
+        let total: f64 = alternatives.iter().map(|a| a.weight).sum();
+        alternatives.retain(|a| a.weight > LEAST_WEIGHT * total);
+        let total: f64 = alternatives.iter().map(|a| a.weight).sum();
+        alternatives.iter_mut().for_each(|a| a.weight /= total);
         Some(Self { alternatives, dof: (n - p) as f64 })
     }
 
@@ -186,33 +188,61 @@ impl Noise {
     }
 }
 
-/// Best ratio of white noise by likelihood: a look over all sizes, then refinements.
-fn best_ratio(of: impl Fn(f64) -> Option<(f64, f64, f64)>) -> Option<(f64, f64, f64)> {
+/// Usual time between samples, and the longest time without a gap: nothing lasts from one flight to
+/// the next.
+fn stretch(times_s: &[f64]) -> Option<(f64, f64)> {
+    let mut steps: Vec<f64> = times_s.windows(2).map(|w| w[1] - w[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    let usual_s = *steps.get(steps.len() / 2)?;
+    if usual_s.is_nan() || usual_s <= 0.0 {
+        return None;
+    }
+    let (mut longest_s, mut since_s) = (0.0f64, *times_s.first()?);
+    for pair in times_s.windows(2) {
+        if pair[1] - pair[0] > GAP_STEPS * usual_s {
+            since_s = pair[1];
+        }
+        longest_s = longest_s.max(pair[1] - since_s);
+    }
+    Some((usual_s, longest_s.max(usual_s)))
+}
+
+/// Likelihoods over the ratio of white noise: a look over all sizes, then refinements about the best;
+/// each with the width in ln(ratio) that it stands for.
+fn over_ratios(of: impl Fn(f64) -> Option<Likely>) -> Vec<(Likely, f64)> {
     let [low, high] = RATIOS.map(f64::ln);
     let mut step = (high - low) / (LOOKS - 1) as f64;
-    let mut best: Option<(f64, (f64, f64, f64))> = None;
-    let mut take = |x: f64| {
-        if let Some(found) = of(x.exp())
-            && best.is_none_or(|b| found.0 > b.1.0)
-        {
-            best = Some((x, found));
-        }
-        best.map_or(low, |b| b.0)
-    };
-    let mut at = low;
+    let mut found: Vec<(f64, Likely)> = Vec::with_capacity(LOOKS + 2 * REFINEMENTS);
     for k in 0..LOOKS {
-        at = take(low + step * k as f64);
+        let x = low + step * k as f64;
+        found.extend(of(x.exp()).map(|l| (x, l)));
     }
     for _ in 0..REFINEMENTS {
         step *= 0.5;
-        let centre = at;
+        let best = found.iter().max_by(|a, b| a.1.log.total_cmp(&b.1.log)).map(|b| b.0);
+        let Some(centre) = best else { break };
         for x in [centre - step, centre + step] {
             if (low..=high).contains(&x) {
-                at = take(x);
+                found.extend(of(x.exp()).map(|l| (x, l)));
             }
         }
     }
-    best.map(|b| b.1)
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let at: Vec<f64> = found.iter().map(|f| f.0).collect();
+    let width = |i: usize| {
+        let before = if i == 0 { at[0] } else { at[i - 1] };
+        let after = at.get(i + 1).copied().unwrap_or(at[i]);
+        0.5 * (after - before)
+    };
+    found.iter().enumerate().map(|(i, f)| (f.1, width(i))).collect()
+}
+
+/// One point of the grid: logarithm of the likelihood, share of white noise, variance.
+#[derive(Debug, Clone, Copy)]
+struct Likely {
+    log: f64,
+    white: f64,
+    var: f64,
 }
 
 /// Restricted log-likelihood of the residuals for one correlation time and one share of white
@@ -223,7 +253,7 @@ fn likelihood(
     residual: &[f64],
     tau_s: f64,
     white: f64,
-) -> Option<(f64, f64, f64)> {
+) -> Option<Likely> {
     let (whitened, r, log_det) = whiten(times_s, jacobian, residual, tau_s, white);
     let factor = whitened.normal(None).cholesky()?;
     let log_det_normal: f64 = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
@@ -237,7 +267,7 @@ fn likelihood(
     let dof = (times_s.len() - jacobian.width) as f64;
     let var = (r.iter().map(|r| r * r).sum::<f64>() - explained).max(1e-300) / dof;
     let log = -0.5 * (dof * var.ln() + log_det + log_det_normal);
-    log.is_finite().then_some((log, white, var))
+    log.is_finite().then_some(Likely { log, white, var })
 }
 
 /// Innovations of a scalar Kalman filter for this noise, of every column and of the residual, each

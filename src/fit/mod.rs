@@ -7,6 +7,8 @@
 pub mod anchors;
 pub mod columns;
 pub mod correlated;
+#[cfg(test)]
+mod coverage;
 pub mod ground;
 pub mod imu;
 pub mod lag;

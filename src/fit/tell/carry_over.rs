@@ -163,7 +163,16 @@ pub fn fit(train: &Source, tests: &[Source]) -> Result<Outcome, Refusal> {
             let rows = turning(stand);
             let law = stand_law(&rows, true).ok_or_else(none)?;
             let plain = stand_law(&rows, false).ok_or_else(none)?;
+            outcome.parameter("exponent of the command, no voltage", "", plain.p);
             outcome.parameter("exponent of command over voltage", "", law.command);
+            outcome.quality("rms on the table itself, no voltage", plain.residual_n, "N");
+            if law.command.std > super::thrust::TOLD {
+                outcome.notes.push(
+                    "the table does not tell voltage from command (see `fit thrust`): the law without \
+                     voltage is the one to carry"
+                        .into(),
+                );
+            }
             let mut lines = Vec::new();
             for table in tables {
                 let unseen = turning(table);
@@ -181,7 +190,6 @@ pub fn fit(train: &Source, tests: &[Source]) -> Result<Outcome, Refusal> {
                     format!("{:.4}", cut.after),
                     format!("{:.0} %", cut.gone() * 100.0),
                 ]);
-                outcome.quality(format!("{}: rms gone", table.name), cut.gone(), "");
             }
             outcome.tables.push(Table {
                 title: "rms of thrust on unseen tables, N".into(),

@@ -37,12 +37,17 @@ fn val_drag_of_every_flight_is_the_published_one() {
         let outcome = drag::fit(&[flight(&dir, name)], false).unwrap();
         println!("{}", outcome.text());
         let (x, y) = (value(&outcome, "forward drag k"), value(&outcome, "sideways drag k"));
-        // README of the recordings: 3.4 to 4.2 forward, 1.9 to 2.1 sideways.
-        assert!((3.3..=4.3).contains(&x.value), "{name}: {x:?}");
+        // README of the recordings: 3.4 to 4.2 forward, 1.9 to 2.1 sideways (1.85 in VEHICLE.md).
+        assert!((3.4..=4.2).contains(&x.value), "{name}: {x:?}");
         assert!((1.8..=2.2).contains(&y.value), "{name}: {y:?}");
-        assert!(x.std < 0.4 && y.std < 0.25, "{name}: {x:?} {y:?}");
+        assert!(x.std < 0.7 && y.std < 0.1, "{name}: {x:?} {y:?}");
         assert!(outcome.snippet.is_some());
     }
+    let all: Vec<Source> = FLIGHTS.iter().map(|n| flight(&dir, n)).collect();
+    let outcome = drag::fit(&all, false).unwrap();
+    println!("{}", outcome.text());
+    let (x, y) = (value(&outcome, "forward drag k"), value(&outcome, "sideways drag k"));
+    assert!((3.4..=4.2).contains(&x.value) && (1.9..=2.1).contains(&y.value), "{x:?} {y:?}");
 }
 
 #[test]
@@ -65,23 +70,41 @@ fn val_models_of_one_flight_carry_over_to_unseen_ones() {
         let outcome = carry_over::fit(&flight(&dir, train), &tests).unwrap();
         println!("{}", outcome.text());
     }
+    // Level flight 1 and the climbing one were flown at one voltage: nothing is there to be cut.
     let samples = |name: &str| {
         let path = dir.join(format!("fd_model_tuning_{name}.csv.gz"));
         motion::samples(&flapper::read(&path).unwrap()).0
     };
-    let models = carry_over::models(&samples("wAlt_1")).unwrap();
-    let unseen = carry_over::judge(&models, "level_flight_3", &samples("level_flight_3"));
-    assert!(unseen.vertical_mean_mps2.gone() >= 0.9, "{unseen:?}");
-    assert!(unseen.horizontal_rms_mps2.gone() >= 0.5, "{unseen:?}");
+    for (train, test) in [
+        ("level_flight_1", "level_flight_3"),
+        ("level_flight_3", "level_flight_1"),
+        ("wAlt_1", "level_flight_3"),
+        ("level_flight_3", "wAlt_1"),
+    ] {
+        let models = carry_over::models(&samples(train)).unwrap();
+        let unseen = carry_over::judge(&models, test, &samples(test));
+        assert!(unseen.vertical_mean_mps2.gone() >= 0.9, "{train}: {unseen:?}");
+        assert!(unseen.horizontal_rms_mps2.gone() >= 0.5, "{train}: {unseen:?}");
+    }
 }
 
 #[test]
-fn val_the_stand_shows_voltage_and_carries_over() {
+fn val_the_stand_carries_over_and_does_not_claim_a_voltage_it_cannot_see() {
     let Some(dir) = folder("cf21_thrust_stand") else { return };
     let table = |name: &str| Source::Stand(stand::read(&dir.join(name)).unwrap());
     let [a, b] = ["cf21_stock2.csv", "cf2.1-stock-prop.csv"];
     for (train, test) in [(a, b), (b, a)] {
         println!("{}", thrust::fit(&[table(train)]).unwrap().text());
         println!("{}", carry_over::fit(&table(train), &[table(test)]).unwrap().text());
+        let [train, test] = [train, test].map(|n| stand::read(&dir.join(n)).unwrap());
+        let (rows, unseen) = (thrust::turning(&train), thrust::turning(&test));
+        let law = thrust::stand_law(&rows, false).unwrap();
+        // Load alone pulls the voltage down in these tables: command and voltage are one column.
+        let told = thrust::stand_law(&rows, true).unwrap();
+        assert!(told.command.std > thrust::TOLD, "{told:?}");
+        let square: f64 = unseen.iter().map(|r| (r.thrust_n - law.thrust_n(r)).powi(2)).sum();
+        let rms_n = (square / unseen.len() as f64).sqrt();
+        // README of the tables: a quadratic in the command leaves 1.5 to 2.0 g rms.
+        assert!(rms_n < 0.0225, "{rms_n} N");
     }
 }
