@@ -8,6 +8,8 @@ mod endpoint;
 mod faults;
 mod generator;
 mod paths;
+#[cfg(test)]
+mod programs;
 mod pty;
 mod scenario;
 mod steps;

@@ -19,6 +19,8 @@ const STEP_ROOM_M: f64 = 0.8;
 /// Angles of the source, degrees, largest first: the thrust reserve falls with the battery.
 const PITCH_DEG: [f64; 5] = [52.0, 45.0, 33.0, 22.0, 12.0];
 const ROLL_DEG: [f64; 5] = [52.0, 47.0, 33.0, 22.0, 12.0];
+/// Hover before the steps, s: the noise of the speed is learned from it.
+const NOISE_S: f64 = 14.0;
 /// Longest hold of a step, s: many time constants; the room ends most of them before.
 const STEP_S: f64 = 4.0;
 /// Rungs of the ladder, landing gear to floor, m: the lowest that the source flew, two in the steep
@@ -76,7 +78,8 @@ impl Program {
     /// What to tell whoever lacks its data.
     pub fn advice(self) -> String {
         format!(
-            "fly `haltere fit program {0} > {0}.toml`, `haltere ctl mission {0}.toml`, and fit that log",
+            "fly `haltere fit program {0} > fly-{0}.toml`, `haltere ctl mission fly-{0}.toml`, and fit that \
+             log",
             self.name()
         )
     }
@@ -259,6 +262,7 @@ impl<'a> Plan<'a> {
             ));
         }
         self.takeoff(height_m);
+        self.go(self.middle, height_m, NOISE_S);
         let mut flown = 0;
         for round in 0..PITCH_DEG.len().max(options.angles_deg.len()) {
             for axis in &options.axes {

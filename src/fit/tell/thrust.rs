@@ -34,6 +34,8 @@ const MEAN_SAMPLES: usize = 10;
 const CARRIES_MPS2: f64 = 3.0;
 /// An exponent of command over voltage with a standard error above this is not told.
 pub const TOLD: f64 = 0.3;
+/// Half of the 95 % interval of the exponent above which no configuration is offered.
+const DETERMINED: f64 = 0.35;
 /// Rows of a stand below this command turn nothing, share of full …
 const TURNS_FRAC: f64 = 0.1;
 /// … or below this thrust, N: the drift of the scale.
@@ -167,10 +169,19 @@ fn over_voltage(sources: &[Source], columns: &Columns) -> Result<Outcome, Refusa
         rows,
     });
     outcome.notes.push(format!(
-        "voltages from {low:.2} to {high:.2} V; the snippet takes the power law beyond, from 6.0 to \
-         8.4 V, and says nothing of its own there"
+        "voltages from {low:.2} to {high:.2} V; what is said beyond them is the power law alone"
     ));
     outcome.plots.push(plot(columns, &found, [low, high]));
+    let half_width = found.power.exponent.half_width(0.95);
+    if half_width > DETERMINED {
+        outcome.notes.push(format!(
+            "the exponent is known to ± {half_width:.2} only (95 %, at most {DETERMINED} for a \
+             snippet): beyond {low:.2} to {high:.2} V the law would be a guess; {}, or give several \
+             flights at different voltages",
+            Program::Thrust.advice()
+        ));
+        return Ok(outcome);
+    }
     outcome.offer(format!(
         "# least-squares cubic of the power law over 6.0 to 8.4 V\n[control.voltage]\n\
          base_coefficients_frac = [{}]\n",
