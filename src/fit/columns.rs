@@ -65,8 +65,8 @@ pub struct HoverMean {
     pub supply_v: f64,
     /// Height that was asked for above the origin, m; without one, the estimate's.
     pub height_m: f64,
-    /// Height by the estimate, m.
-    pub estimate_m: f64,
+    /// Height by the estimate, or true if that was asked for, m.
+    pub seen_m: f64,
 }
 
 /// Estimate or truth at the time of each control step.
@@ -216,9 +216,9 @@ fn calm_steps(flight: &Flight, motions: &[Motion]) -> Vec<bool> {
         .collect()
 }
 
-/// Hover in means of half a second.
-pub fn hover_means(flight: &Flight) -> Vec<HoverMean> {
-    let motions = motions(flight, false);
+/// Hover in means of half a second; heights seen are true ones if `truth` is asked for and there.
+pub fn hover_means(flight: &Flight, truth: bool) -> Vec<HoverMean> {
+    let motions = motions(flight, truth);
     let calm = calm_steps(flight, &motions);
     let Some(first) = flight.controls.first() else { return Vec::new() };
     let mut battery = flight.battery.iter().peekable();
@@ -247,8 +247,8 @@ pub fn hover_means(flight: &Flight) -> Vec<HoverMean> {
         }
         count += 1.0;
         if t_s - begin_s >= MEAN_S {
-            let [t_s, thrust_frac, supply_v, height_m, estimate_m] = sum.map(|s| s / count);
-            let mean = HoverMean { t_s, thrust_frac, supply_v, height_m, estimate_m };
+            let [t_s, thrust_frac, supply_v, height_m, seen_m] = sum.map(|s| s / count);
+            let mean = HoverMean { t_s, thrust_frac, supply_v, height_m, seen_m };
             if thrust_frac > 0.0 && supply_v > 0.0 {
                 means.push(mean);
             }

@@ -217,7 +217,7 @@ fn ladders(swing: f64) -> Vec<Cover> {
         let mut noise = Log::new(0.006, 1.5, 0.004, DT_S, &mut rng).swinging(swing, 3.0, DT_S);
         let (mut t, mut h, mut y) = (Vec::new(), Vec::new(), Vec::new());
         let mut now_s = 0.0;
-        for rung in [1.2, 0.65, 0.45, 0.33f64] {
+        for rung in [1.2, 0.33, 0.65, 0.45, 1.2f64] {
             for _ in 0..140 {
                 now_s += DT_S;
                 t.push(now_s);
