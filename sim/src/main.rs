@@ -9,6 +9,8 @@ mod faults;
 mod generator;
 mod paper;
 mod paths;
+#[cfg(test)]
+mod programs;
 mod progress;
 mod pty;
 mod scenario;

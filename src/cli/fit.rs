@@ -126,7 +126,8 @@ impl Fit {
                 if !(-3.0..=3.0).contains(&exponent) {
                     anyhow::bail!("--exponent {exponent}, allowed -3 to 3");
                 }
-                files.answer(|sources| tell::ground::fit(sources, exponent))
+                let known = files.truth.is_some();
+                files.answer(|sources| tell::ground::fit(sources, exponent, known))
             }
             Fit::Lag { files } => files.answer(tell::lag::fit),
             Fit::Imu { files } => files.answer(tell::imu::fit),

@@ -8,6 +8,7 @@ use crate::control::config::TrimConfig;
 use crate::frames::{B, E, Rot, Vec3};
 use crate::report::flight::Flight;
 use crate::time::HostTime;
+use crate::topics::ControlRecord;
 
 /// A setpoint that stays the same to this for longer than [`HELD_S`] is held, rad.
 const SAME_RAD: f64 = 1e-9;
@@ -17,11 +18,12 @@ const HELD_S: f64 = 0.25;
 const LEAST_RAD: f64 = 0.0175;
 /// Control steps farther apart than this are no one stretch, s.
 const GAP_S: f64 = 0.1;
-/// Hover: speed setpoint and speed below these, m/s …
-const HOVER_SETPOINT_MPS: f64 = 0.25;
-const HOVER_MPS: f64 = 0.6;
-/// … for so long before, s: what a manoeuvre leaves behind has gone.
-const CALM_S: f64 = 2.0;
+/// Hover: the commanded point rests (moves less than this from step to step, m) …
+const REST_M: f64 = 1e-6;
+/// … for so long already, s: what a manoeuvre leaves behind has gone …
+const CALM_S: f64 = 4.0;
+/// … and the speed is below this, m/s: near the floor the filter wanders by half a metre a second.
+const HOVER_MPS: f64 = 1.0;
 /// Hover is averaged over this, s.
 const MEAN_S: f64 = 0.5;
 
@@ -63,15 +65,17 @@ pub struct HoverMean {
     pub supply_v: f64,
     /// Height that was asked for above the origin, m; without one, the estimate's.
     pub height_m: f64,
-    /// Height by the estimate, m.
-    pub estimate_m: f64,
+    /// Height by the estimate, or true if that was asked for, m.
+    pub seen_m: f64,
 }
 
+/// Attitude, position, velocity.
+type Motion = (Rot<E, B>, Vec3<E>, Vec3<E>);
+
 /// Estimate or truth at the time of each control step.
-fn motions(flight: &Flight, truth: bool) -> Vec<Option<(Rot<E, B>, Vec3<E>, Vec3<E>)>> {
+fn motions(flight: &Flight, truth: bool) -> Vec<Option<Motion>> {
     let at = |t: HostTime, motion| (t, motion);
-    let rows: Vec<(HostTime, (Rot<E, B>, Vec3<E>, Vec3<E>))> = if truth && !flight.truth.is_empty()
-    {
+    let rows: Vec<(HostTime, Motion)> = if truth && !flight.truth.is_empty() {
         flight.truth.iter().map(|r| at(r.at, (r.R_EB, r.pos_E_m, r.vel_E_mps))).collect()
     } else {
         flight.estimates.iter().map(|e| at(e.at, (e.R_EB, e.pos_E_m, e.vel_E_mps()))).collect()
@@ -187,29 +191,36 @@ type Motion = Option<(Rot<E, B>, Vec3<E>, Vec3<E>)>;
 /// Control steps in calm hover.
 fn calm_steps(flight: &Flight, motions: &[Motion]) -> Vec<bool> {
     let mut since: Option<HostTime> = None;
+    let mut before: Option<&ControlRecord> = None;
     flight
         .controls
         .iter()
         .zip(motions)
         .map(|(c, motion)| {
-            let set = c.vel_setpoint_E_mps;
-            let s = c.saturation;
-            let calm = motion.is_some_and(|(_, _, v)| v.norm() < HOVER_MPS)
-                && set.norm() < HOVER_SETPOINT_MPS
-                && !(s.tilt || s.thrust_high || s.thrust_low)
-                && c.pos_setpoint_E_m.iter().all(Option::is_some);
-            if !calm {
+            let rests = before.is_some_and(|b| {
+                let pairs = b.pos_setpoint_E_m.iter().zip(c.pos_setpoint_E_m);
+                let still = |(a, b): (&Option<f64>, Option<f64>)| {
+                    matches!((a, b), (Some(a), Some(b)) if (a - b).abs() < REST_M)
+                };
+                pairs.into_iter().all(still)
+                    && (0.0..GAP_S).contains(&c.at.seconds_since(b.at))
+            });
+            before = Some(c);
+            if !rests {
                 since = None;
                 return false;
             }
-            c.at.seconds_since(*since.get_or_insert(c.at)) > CALM_S
+            let s = c.saturation;
+            motion.is_some_and(|(_, _, v)| v.norm() < HOVER_MPS)
+                && !(s.tilt || s.thrust_high || s.thrust_low)
+                && c.at.seconds_since(*since.get_or_insert(c.at)) > CALM_S
         })
         .collect()
 }
 
-/// Hover in means of half a second.
-pub fn hover_means(flight: &Flight) -> Vec<HoverMean> {
-    let motions = motions(flight, false);
+/// Hover in means of half a second; heights seen are true ones if `truth` is asked for and there.
+pub fn hover_means(flight: &Flight, truth: bool) -> Vec<HoverMean> {
+    let motions = motions(flight, truth);
     let calm = calm_steps(flight, &motions);
     let Some(first) = flight.controls.first() else { return Vec::new() };
     let mut battery = flight.battery.iter().peekable();
@@ -238,8 +249,8 @@ pub fn hover_means(flight: &Flight) -> Vec<HoverMean> {
         }
         count += 1.0;
         if t_s - begin_s >= MEAN_S {
-            let [t_s, thrust_frac, supply_v, height_m, estimate_m] = sum.map(|s| s / count);
-            let mean = HoverMean { t_s, thrust_frac, supply_v, height_m, estimate_m };
+            let [t_s, thrust_frac, supply_v, height_m, seen_m] = sum.map(|s| s / count);
+            let mean = HoverMean { t_s, thrust_frac, supply_v, height_m, seen_m };
             if thrust_frac > 0.0 && supply_v > 0.0 {
                 means.push(mean);
             }

@@ -1,7 +1,7 @@
 //! Ground effect: the thrust that hovers at a height over the one that hovers far from the floor.
 //!
-//! **Equation.** `y(h) = y∞·(1 − λ/(h − a)²)`, the law of [`crate::control::ground`] with its free-air
-//! value y∞ fitted along. y is a thrust command made independent of the battery (times the voltage to
+//! **Equation.** `y(h) = y∞·(1 − λ/(h − a)²) + d·t`, the law of [`crate::control::ground`] with its free-air
+//! value y∞ and a drift d fitted along: what warms or sags with the time of the flight is not height. y is a thrust command made independent of the battery (times the voltage to
 //! the power of the discharge law).
 //!
 //! **Method.** For a given pole a the rest is linear; a is searched below the lowest height. Standard
@@ -24,6 +24,8 @@ use super::value::Value;
 const POLE_BELOW_M: [f64; 2] = [0.02, 2.0];
 /// Fewest different heights: three parameters and one to judge by.
 pub const LEAST_HEIGHTS: usize = 4;
+/// Times farther apart than this are two flights, s.
+const FLIGHT_GAP_S: f64 = 1000.0;
 /// Heights nearer to one another than this are one, m.
 const SAME_M: f64 = 0.05;
 /// The lowest rung must lie below this, m: at 0.6 m the law asks for 1 %.
@@ -83,6 +85,18 @@ pub enum GroundError {
     BadData,
 }
 
+/// Time within each flight from its middle, over half its length: flights are told apart by gaps.
+fn drift(times_s: &[f64]) -> Vec<f64> {
+    times_s
+        .chunk_by(|a, b| b - a < FLIGHT_GAP_S)
+        .flat_map(|flight| {
+            let (first, last) = (flight[0], flight[flight.len() - 1]);
+            let half_s = (0.5 * (last - first)).max(1e-9);
+            flight.iter().map(move |t| (t - first) / half_s - 1.0)
+        })
+        .collect()
+}
+
 /// Fits the law. Times in s, ascending; heights in m; y above zero.
 pub fn fit(times_s: &[f64], height_m: &[f64], y: &[f64]) -> Result<Ground, GroundError> {
     let n = times_s.len();
@@ -100,8 +114,11 @@ pub fn fit(times_s: &[f64], height_m: &[f64], y: &[f64]) -> Result<Ground, Groun
     if sorted.len() < LEAST_HEIGHTS || low > LOW_M || high < HIGH_M {
         return Err(GroundError::Heights { found: sorted.len(), low_m: low, high_m: high });
     }
+    let drift = drift(times_s);
     let rows = |a: f64| {
-        Rows::from_fn(n, 2, |i, row| row.copy_from_slice(&[1.0, -(height_m[i] - a).powi(-2)]))
+        Rows::from_fn(n, 3, |i, row| {
+            row.copy_from_slice(&[1.0, -(height_m[i] - a).powi(-2), drift[i]]);
+        })
     };
     let square = |a: f64| {
         let rows = rows(a);
@@ -113,9 +130,9 @@ pub fn fit(times_s: &[f64], height_m: &[f64], y: &[f64]) -> Result<Ground, Groun
     let design = rows(a);
     let beta = solve(&design, y, None).ok_or(GroundError::BadData)?;
     let (free, m) = (beta[0], beta[1]);
-    let jacobian = Rows::from_fn(n, 3, |i, row| {
+    let jacobian = Rows::from_fn(n, 4, |i, row| {
         let over = height_m[i] - a;
-        row.copy_from_slice(&[1.0, -over.powi(-2), -2.0 * m * over.powi(-3)]);
+        row.copy_from_slice(&[1.0, -over.powi(-2), -2.0 * m * over.powi(-3), drift[i]]);
     });
     let residual: Vec<f64> = design.times(&beta).iter().zip(y).map(|(m, y)| y - m).collect();
     let noise = Noise::learn(times_s, &jacobian, &residual).ok_or(GroundError::BadData)?;
@@ -126,9 +143,10 @@ pub fn fit(times_s: &[f64], height_m: &[f64], y: &[f64]) -> Result<Ground, Groun
         m / (free * free * over * over),
         -1.0 / (free * over * over),
         -2.0 * lambda / over.powi(3),
+        0.0,
     ];
     Ok(Ground {
-        lambda_m2: cov.combine(lambda, &[-m / (free * free), 1.0 / free, 0.0]),
+        lambda_m2: cov.combine(lambda, &[-m / (free * free), 1.0 / free, 0.0, 0.0]),
         a_m: cov.value(2, a),
         free: cov.value(0, free),
         at_lowest: cov.combine(1.0 - lambda / (over * over), &ratio_gradient),
@@ -136,6 +154,6 @@ pub fn fit(times_s: &[f64], height_m: &[f64], y: &[f64]) -> Result<Ground, Groun
         scatter_frac: noise.std() / free,
         range_m: [low, high],
         heights: sorted.len(),
-        at_bound: below < POLE_BELOW_M[0] * 1.01 || below > POLE_BELOW_M[1] * 0.99,
+        at_bound: !(POLE_BELOW_M[0] * 1.01..=POLE_BELOW_M[1] * 0.99).contains(&below),
     })
 }

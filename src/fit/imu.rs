@@ -27,6 +27,9 @@ const STANDS_OUT: f64 = 6.0;
 const PIECE_S: f64 = 2.0;
 /// Least rest, s.
 pub const LEAST_REST_S: f64 = 2.0;
+/// Longest time over which the noise of a sensor at rest lasts, s: its filters. What wanders over
+/// minutes is bias.
+const LASTS_S: f64 = 0.5;
 /// Least flight, s.
 pub const LEAST_FLIGHT_S: f64 = 10.0;
 
@@ -71,7 +74,7 @@ pub fn at_rest(times_s: &[f64], values: &[f64]) -> Option<AtRest> {
     let mean = values.iter().sum::<f64>() / n as f64;
     let residual: Vec<f64> = values.iter().map(|v| v - mean).collect();
     let ones = Rows::from_fn(n, 1, |_, row| row[0] = 1.0);
-    let noise = Noise::learn(times_s, &ones, &residual)?;
+    let noise = Noise::learn_within(times_s, &ones, &residual, LASTS_S)?;
     let cov = noise.covariance(times_s, &ones)?;
     let std = (residual.iter().map(|r| r * r).sum::<f64>() / (n - 1) as f64).sqrt();
     Some(AtRest { mean: cov.value(0, mean), std })

@@ -15,6 +15,9 @@ use crate::report::svg::{Plot, escape};
 /// Probability of the intervals that are shown.
 const SHOWN: f64 = 0.95;
 
+/// Cells longer than this wrap.
+const LONG_CELL: usize = 30;
+
 /// A parameter with its name and unit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Named {
@@ -233,7 +236,9 @@ impl Outcome {
             for row in &table.rows {
                 html.push_str("<tr>");
                 for cell in row {
-                    let _ = write!(html, "<td class=\"n\">{}</td>", escape(cell));
+                    // A long one may wrap.
+                    let class = if cell.chars().count() > LONG_CELL { "" } else { "n" };
+                    let _ = write!(html, "<td class=\"{class}\">{}</td>", escape(cell));
                 }
                 html.push_str("</tr>");
             }

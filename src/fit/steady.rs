@@ -58,6 +58,18 @@ pub enum Form {
     Quadratic,
 }
 
+impl Form {
+    /// As people call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Form::AngleOfVelocity => "exp, angle of v",
+            Form::VelocityOfAngle => "exp, v of angle",
+            Form::Linear => "line",
+            Form::Quadratic => "parabola",
+        }
+    }
+}
+
 /// One fitted form.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Law {

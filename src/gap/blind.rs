@@ -192,9 +192,9 @@ pub fn run(
     let mut chosen: Vec<Entry> = suite
         .cases
         .iter()
-        .cloned()
         .filter(|c| (!choice.tenth || c.tenth) && (!c.lockbox || choice.lockbox))
         .filter(|c| dir.join(&c.log).exists())
+        .cloned()
         .collect();
     if chosen.is_empty() {
         return Err(BlindError::Empty(dir.to_owned()));

@@ -20,7 +20,7 @@ use crate::fit::transient::{self, Transient};
 use crate::fit::value::Value;
 use crate::frames::G_MPS2;
 use crate::import::{Recording, motion};
-use crate::report::svg::{Mark, Plot, Series, Tone};
+use crate::report::svg::{Mark, Pin, Plot, Series, Tone};
 
 /// Time between two flights that are fitted together, s: nothing lasts so long.
 const APART_S: f64 = 1e4;
@@ -253,14 +253,18 @@ fn shares_table(outcome: &mut Outcome, name: &str, fitted: &[Fitted<'_>], noise:
 
 fn transient_plot(outcome: &mut Outcome, name: &str, fitted: &[Fitted<'_>]) {
     let mut series = Vec::new();
+    let mut pins = Vec::new();
     for (k, f) in fitted.iter().enumerate() {
         let angle = f.step.angle_rad.to_degrees();
         series.push(Series {
-            name: format!("{angle:+.0} deg"),
+            name: String::new(),
             tone: Tone::Family(k as u8),
             mark: Mark::Dots,
             points: f.step.t_s.iter().zip(&f.step.speed_mps).map(|(t, v)| [*t, *v]).collect(),
         });
+        if let Some(t) = f.step.t_s.last() {
+            pins.push(Pin { name: format!("{angle:+.0}°"), at: [*t, f.whole.at(*t)] });
+        }
         series.push(Series {
             name: String::new(),
             tone: Tone::Family(k as u8),
@@ -273,6 +277,7 @@ fn transient_plot(outcome: &mut Outcome, name: &str, fitted: &[Fitted<'_>]) {
         x_label: "time, s".into(),
         y_label: "speed, m/s".into(),
         series,
+        pins,
         size_px: PLOT_PX,
         ..Plot::default()
     });
@@ -282,21 +287,21 @@ fn steady_outcome(outcome: &mut Outcome, name: &str, law: &Steady, snippet: &mut
     let mut rows = Vec::new();
     for l in &law.laws {
         rows.push(vec![
-            format!("{:?}{}", l.form, if l.form == law.chosen { " (chosen)" } else { "" }),
-            l.parameters
-                .iter()
-                .map(|(n, v)| format!("{n} {} ± {}", number(v.value), number(v.std)))
-                .collect::<Vec<_>>()
-                .join(", "),
+            format!("{}{}", l.form.name(), if l.form == law.chosen { " (chosen)" } else { "" }),
             format!("{:.3}", l.residual_mps),
             format!("{:.4}", l.r_squared),
             format!("{:.1}", l.aicc),
-            if l.at_bound { "at a bound".into() } else { String::new() },
+            l.parameters
+                .iter()
+                .map(|(n, v)| format!("{n} {} ± {}", number(v.value), number(v.std)))
+                .chain(l.at_bound.then(|| "at a bound".to_owned()))
+                .collect::<Vec<_>>()
+                .join(", "),
         ]);
     }
     outcome.tables.push(Table {
         title: format!("{name}: forms of the law, the least AICc is chosen"),
-        head: ["form", "parameters", "rms m/s", "R²", "AICc", ""].map(String::from).to_vec(),
+        head: ["form", "rms m/s", "R²", "AICc", "parameters"].map(String::from).to_vec(),
         rows,
     });
     let [low, high] = law.tested_lean_deg;
@@ -324,15 +329,10 @@ fn steady_outcome(outcome: &mut Outcome, name: &str, law: &Steady, snippet: &mut
             ));
         }
     }
-    let mut series = vec![Series {
-        name: "measured".into(),
-        tone: Tone::Truth,
-        mark: Mark::Dots,
-        points: law.points.iter().map(|p| [p.lean_deg, p.speed_mps]).collect(),
-    }];
+    let mut series = Vec::new();
     for (k, l) in law.laws.iter().enumerate() {
         series.push(Series {
-            name: format!("{:?}", l.form),
+            name: l.form.name().into(),
             tone: Tone::Family(k as u8),
             mark: if l.form == law.chosen { Mark::Line } else { Mark::Dashed },
             points: (0..=60)
@@ -341,8 +341,14 @@ fn steady_outcome(outcome: &mut Outcome, name: &str, law: &Steady, snippet: &mut
                 .collect(),
         });
     }
+    series.push(Series {
+        name: String::new(),
+        tone: Tone::Truth,
+        mark: Mark::Dots,
+        points: law.points.iter().map(|p| [p.lean_deg, p.speed_mps]).collect(),
+    });
     outcome.plots.push(Plot {
-        title: format!("{name}: final speed over lean"),
+        title: format!("{name}: v(lean)"),
         x_label: "lean, deg".into(),
         y_label: "speed, m/s".into(),
         series,

@@ -13,6 +13,7 @@ use nalgebra::DVector;
 use super::drag::{PLOT_PX, samples};
 use crate::control::voltage::CENTRE_V;
 use crate::fit::correlated::covariance;
+use crate::fit::ground::HIGH_M;
 use crate::fit::linear::{Rows, inverse, r_squared, solve};
 use crate::fit::outcome::{Outcome, Refusal, Table, number};
 use crate::fit::polynomial::{self, OverVoltage};
@@ -25,7 +26,7 @@ use crate::import::{Recording, motion};
 use crate::report::svg::{Mark, Plot, Series, Tone};
 
 /// Least range of voltage that says something about it, share of the mean.
-const LEAST_RANGE_FRAC: f64 = 0.02;
+const LEAST_RANGE_FRAC: f64 = 0.05;
 /// Time between two flights that are fitted together, s.
 const APART_S: f64 = 1e4;
 /// Means of a recording are taken over this many samples of 0.05 s.
@@ -34,6 +35,8 @@ const MEAN_SAMPLES: usize = 10;
 const CARRIES_MPS2: f64 = 3.0;
 /// An exponent of command over voltage with a standard error above this is not told.
 pub const TOLD: f64 = 0.3;
+/// Half of the 95 % interval of the exponent above which no configuration is offered.
+const DETERMINED: f64 = 0.35;
 /// Rows of a stand below this command turn nothing, share of full …
 const TURNS_FRAC: f64 = 0.1;
 /// … or below this thrust, N: the drift of the scale.
@@ -95,8 +98,11 @@ pub fn fit(sources: &[Source]) -> Result<Outcome, Refusal> {
     let mut offset_s = 0.0;
     for source in sources {
         match source {
-            Source::Log { flight, .. } => {
-                for mean in crate::fit::columns::hover_means(flight) {
+            Source::Log { flight, config, .. } => {
+                let lowest_m = HIGH_M + config.flight.gear_height_m;
+                let means = crate::fit::columns::hover_means(flight, false);
+                // Nearer to the floor it carries a part.
+                for mean in means.iter().filter(|m| m.height_m >= lowest_m) {
                     columns.push(offset_s + mean.t_s, mean.supply_v, mean.thrust_frac);
                 }
                 offset_s = columns.t_s.last().copied().unwrap_or(0.0) + APART_S;
@@ -130,7 +136,7 @@ fn over_voltage(sources: &[Source], columns: &Columns) -> Result<Outcome, Refusa
     if n == 0 || high - low < LEAST_RANGE_FRAC * high {
         let range = if n == 0 { "no hover".into() } else { format!("{low:.2} to {high:.2} V") };
         return Err(refuse(format!(
-            "{n} means of hover, {range}: at least {:.0} % of change in voltage needed",
+            "{n} means of hover above {HIGH_M} m, {range}: a change of {:.0} % in voltage needed",
             LEAST_RANGE_FRAC * 100.0
         )));
     }
@@ -167,10 +173,19 @@ fn over_voltage(sources: &[Source], columns: &Columns) -> Result<Outcome, Refusa
         rows,
     });
     outcome.notes.push(format!(
-        "voltages from {low:.2} to {high:.2} V; the snippet takes the power law beyond, from 6.0 to \
-         8.4 V, and says nothing of its own there"
+        "voltages from {low:.2} to {high:.2} V; what is said beyond them is the power law alone"
     ));
     outcome.plots.push(plot(columns, &found, [low, high]));
+    let half_width = found.power.exponent.half_width(0.95);
+    if half_width > DETERMINED {
+        outcome.notes.push(format!(
+            "the exponent is known to ± {half_width:.2} only (95 %, at most {DETERMINED} for a \
+             snippet): beyond {low:.2} to {high:.2} V the law would be a guess; {}, or give several \
+             flights at different voltages",
+            Program::Thrust.advice()
+        ));
+        return Ok(outcome);
+    }
     outcome.offer(format!(
         "# least-squares cubic of the power law over 6.0 to 8.4 V\n[control.voltage]\n\
          base_coefficients_frac = [{}]\n",

@@ -72,6 +72,7 @@ fn choice(lockbox: bool) -> Choice {
         withheld: Vec::new(),
         size: BankSize { seeds: 4, jitter: 12, draws: 6 },
         settings: Settings::default(),
+        outside: None,
     }
 }
 

@@ -140,7 +140,7 @@ fn val_a_held_out_flight_of_the_effect_is_explained_by_it() {
     let items = crate::gap::missions::plain(&scene);
     let spec = standard().into_iter().find(|s| s.id == "P1").unwrap();
     let model = HeldOut::new(&scene, &items, &[]);
-    let own = model.fly(&[(spec, &[0.12])]).swap_remove(0);
+    let own = model.fly(&[(spec, &[0.12])], SHRINK_FLIGHTS).swap_remove(0);
     let (right, none) = (model.paired(&own, &[(spec, &[0.12])]), model.paired(&own, &[]));
     let (right, none) = (model.shrink(&[right]), model.shrink(&[none]));
     assert!(right.value.unwrap() > 0.8, "{right:?}");
