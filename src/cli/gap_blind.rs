@@ -148,22 +148,6 @@ fn missed(score: &Score, demands: &[(String, f64)]) -> Vec<String> {
         .collect()
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::gap::score::Share;
-
-    #[test]
-    fn val_demands_are_held_against_the_limits() {
-        let score =
-            Score { top_1: Share::new(12, 25), false_alarm: Share::new(2, 12), ..Score::default() };
-        let of = |text: &str| missed(&score, &[demand(text).unwrap()]).len();
-        assert_eq!((of("top_1=0.6"), of("top_1=0.9")), (0, 1));
-        assert_eq!((of("false_alarm=0.1"), of("false_alarm=0.01")), (0, 1));
-        assert!(demand("top_2=0.5").is_err() && demand("top_1=2").is_err());
-    }
-}
-
 fn text(r: &BlindResult) -> String {
     use std::fmt::Write;
     let mut out = r.score.table();
@@ -204,4 +188,20 @@ fn text(r: &BlindResult) -> String {
         r.cases, r.generator, r.references, r.seconds_per_case, r.seconds_learning
     );
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::score::Share;
+
+    #[test]
+    fn val_demands_are_held_against_the_limits() {
+        let score =
+            Score { top_1: Share::new(12, 25), false_alarm: Share::new(2, 12), ..Score::default() };
+        let of = |text: &str| missed(&score, &[demand(text).unwrap()]).len();
+        assert_eq!((of("top_1=0.6"), of("top_1=0.9")), (0, 1));
+        assert_eq!((of("false_alarm=0.1"), of("false_alarm=0.01")), (0, 1));
+        assert!(demand("top_2=0.5").is_err() && demand("top_1=2").is_err());
+    }
 }

@@ -69,13 +69,10 @@ pub struct HoverMean {
     pub seen_m: f64,
 }
 
-/// Attitude, position, velocity.
-type Motion = (Rot<E, B>, Vec3<E>, Vec3<E>);
-
 /// Estimate or truth at the time of each control step.
-fn motions(flight: &Flight, truth: bool) -> Vec<Option<Motion>> {
+fn motions(flight: &Flight, truth: bool) -> Vec<Motion> {
     let at = |t: HostTime, motion| (t, motion);
-    let rows: Vec<(HostTime, Motion)> = if truth && !flight.truth.is_empty() {
+    let rows: Vec<_> = if truth && !flight.truth.is_empty() {
         flight.truth.iter().map(|r| at(r.at, (r.R_EB, r.pos_E_m, r.vel_E_mps))).collect()
     } else {
         flight.estimates.iter().map(|e| at(e.at, (e.R_EB, e.pos_E_m, e.vel_E_mps()))).collect()
