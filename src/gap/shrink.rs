@@ -287,7 +287,7 @@ mod tests {
     fn val_shrink_of_a_known_share() {
         // Squared distance: closing a share c of the shift closes 1 - (1 - c)² of the gap.
         for closed in [0.0, 0.5, 1.0, -0.5] {
-            let (flights, scales) = world(4.0, closed, 12, 3);
+            let (flights, scales) = world(2.5, closed, 24, 3);
             let s = shrink(&flights, &scales, 1);
             let want = 1.0 - (1.0 - closed) * (1.0 - closed);
             let value = s.value.unwrap();
