@@ -154,6 +154,6 @@ pub fn fit(times_s: &[f64], height_m: &[f64], y: &[f64]) -> Result<Ground, Groun
         scatter_frac: noise.std() / free,
         range_m: [low, high],
         heights: sorted.len(),
-        at_bound: below < POLE_BELOW_M[0] * 1.01 || below > POLE_BELOW_M[1] * 0.99,
+        at_bound: !(POLE_BELOW_M[0] * 1.01..=POLE_BELOW_M[1] * 0.99).contains(&below),
     })
 }

@@ -21,10 +21,7 @@ use crate::report::flight::Flight;
 const PLOT_PX: [f64; 2] = [560.0, 320.0];
 
 /// Our own logs among the sources; anything else cannot hold what is asked.
-fn logs<'a>(
-    sources: &'a [Source],
-    program: Program,
-) -> Result<Vec<(&'a Flight, &'a Config)>, Refusal> {
+fn logs(sources: &[Source], program: Program) -> Result<Vec<(&Flight, &Config)>, Refusal> {
     sources
         .iter()
         .map(|source| match source {
