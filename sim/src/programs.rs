@@ -31,9 +31,11 @@ fn flown(program: Program, options: &Options, seed: u64) -> Source {
     let mission = haltere::ctl::MissionFile::parse(&text).unwrap();
     let items: Vec<_> =
         mission.items.iter().zip(0..).map(|(item, seq)| item.to_wire(seq, 1, 1)).collect();
-    let mut config = Config::default();
-    config.control = pilot.control.clone();
-    config.flight = pilot.flight.clone();
+    let config = Config {
+        control: pilot.control.clone(),
+        flight: pilot.flight.clone(),
+        ..Config::default()
+    };
     let mut world = Lockstep::new(plant, pilot, &survey).unwrap();
     let mut flight = Flight { survey: Some(survey), ..Flight::default() };
     let result = fly_watched(&mut world, &items, 900.0, |world| {
