@@ -139,7 +139,9 @@ fn val_a_long_hover_gives_the_discharge_law() {
     }
     let outcome = told(tell::thrust::fit(&[source]));
     let n = value(&outcome, "exponent n");
-    assert!((n.value + 1.0).abs() < 0.25 && n.interval(0.95)[0] < -1.0, "{n:?}");
+    // Command times voltage is the same within 0.2 % from 7.7 to 6.6 V in the nominal world.
+    assert!((n.value + 1.0).abs() < 0.03 && n.std < 0.03, "{n:?}");
+    assert!(outcome.snippet.is_some(), "{:?}", outcome.notes);
 }
 
 #[test]
@@ -207,7 +209,6 @@ fn prop_a_log_without_the_data_names_the_program() {
         (tell::drag::fit(&hover, false), "no angle was held"),
         (tell::thrust::fit(&hover), "in voltage needed"),
         (tell::ground::fit(&hover, -1.0, false), "different heights"),
-        (tell::lag::fit(&hover), "does not move"),
         (tell::anchors::fit(&hover, false), "the flight spans"),
     ] {
         let text = refusal.unwrap_err().to_string();

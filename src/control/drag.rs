@@ -181,6 +181,9 @@ impl DragConfig {
     /// Speed that a lean (≥ 0, rad) along heading axis x (0) or y (1) ends at, m/s: the law without
     /// limits, inverted. Infinite at and beyond its asymptote, 0 for NaN.
     pub fn speed_mps(&self, axis: usize, lean_rad: f64) -> f64 {
+        if lean_rad.is_nan() {
+            return 0.0;
+        }
         let lean_deg = lean_rad.to_degrees();
         let by_angle = |law: &AngleOfVelocity| {
             let share = -(lean_deg + law.a_deg) / law.b_deg;

@@ -69,10 +69,13 @@ pub struct HoverMean {
     pub seen_m: f64,
 }
 
+/// Attitude, position and velocity.
+type Motion = (Rot<E, B>, Vec3<E>, Vec3<E>);
+
 /// Estimate or truth at the time of each control step.
-fn motions(flight: &Flight, truth: bool) -> Vec<Motion> {
-    let at = |t: HostTime, motion| (t, motion);
-    let rows: Vec<_> = if truth && !flight.truth.is_empty() {
+fn motions(flight: &Flight, truth: bool) -> Vec<Option<Motion>> {
+    let at = |t: HostTime, motion: Motion| (t, motion);
+    let rows: Vec<(HostTime, Motion)> = if truth && !flight.truth.is_empty() {
         flight.truth.iter().map(|r| at(r.at, (r.R_EB, r.pos_E_m, r.vel_E_mps))).collect()
     } else {
         flight.estimates.iter().map(|e| at(e.at, (e.R_EB, e.pos_E_m, e.vel_E_mps()))).collect()
@@ -183,10 +186,8 @@ pub fn hover_speeds(flight: &Flight, truth: bool) -> [(Vec<f64>, Vec<f64>); 2] {
     out
 }
 
-type Motion = Option<(Rot<E, B>, Vec3<E>, Vec3<E>)>;
-
 /// Control steps in calm hover.
-fn calm_steps(flight: &Flight, motions: &[Motion]) -> Vec<bool> {
+fn calm_steps(flight: &Flight, motions: &[Option<Motion>]) -> Vec<bool> {
     let mut since: Option<HostTime> = None;
     let mut before: Option<&ControlRecord> = None;
     flight
@@ -195,11 +196,11 @@ fn calm_steps(flight: &Flight, motions: &[Motion]) -> Vec<bool> {
         .zip(motions)
         .map(|(c, motion)| {
             let rests = before.is_some_and(|b| {
-                let pairs = b.pos_setpoint_E_m.iter().zip(c.pos_setpoint_E_m);
+                let mut pairs = b.pos_setpoint_E_m.iter().zip(c.pos_setpoint_E_m);
                 let still = |(a, b): (&Option<f64>, Option<f64>)| {
                     matches!((a, b), (Some(a), Some(b)) if (a - b).abs() < REST_M)
                 };
-                pairs.into_iter().all(still)
+                pairs.all(still)
                     && (0.0..GAP_S).contains(&c.at.seconds_since(b.at))
             });
             before = Some(c);

@@ -8,6 +8,7 @@ use nalgebra::{DVector, Vector3};
 
 use super::anchors::{self, Difference, Positions};
 use super::correlated::Noise;
+use super::coverage_noise::{Log, Markov, Stream};
 use super::linear::Rows;
 use super::tell::{drag, thrust};
 use super::value::Value;
@@ -17,7 +18,6 @@ use crate::control::trim::{HoverSample, trims_from_hover};
 use crate::frames::{G_MPS2, Rot, Vec3};
 use crate::import::motion::Sample;
 use crate::import::stand::StandRow;
-use crate::model::random::{Markov, Stream};
 use crate::time::HostTime;
 
 /// Data sets per fit.
@@ -72,47 +72,6 @@ impl Cover {
                 chance * 100.0
             );
         }
-    }
-}
-
-/// Noise of a log: lasting, white, and swinging.
-struct Log {
-    slow: Markov,
-    white: f64,
-    swing: [f64; 2],
-    poles: [f64; 2],
-    kick: f64,
-}
-
-impl Log {
-    fn new(std: f64, tau_s: f64, white: f64, dt_s: f64, rng: &mut Stream) -> Self {
-        Self {
-            slow: Markov::new(std, tau_s, dt_s, rng),
-            white,
-            swing: [0.0; 2],
-            poles: [0.0; 2],
-            kick: 0.0,
-        }
-    }
-
-    /// Adds a resonance of the loops: period in s, damping 0.4.
-    fn swinging(mut self, std: f64, period_s: f64, dt_s: f64) -> Self {
-        let omega = 2.0 * std::f64::consts::PI / period_s;
-        let damp = (-0.4 * omega * dt_s).exp();
-        self.poles = [2.0 * damp * (0.917 * omega * dt_s).cos(), -damp * damp];
-        let [a, b] = self.poles;
-        // Stationary variance of a second-order autoregression.
-        let gain = (1.0 - b) / ((1.0 + b) * ((1.0 - b).powi(2) - a * a));
-        self.kick = std / gain.sqrt();
-        self
-    }
-
-    fn step(&mut self, rng: &mut Stream) -> f64 {
-        let next = self.poles[0] * self.swing[0]
-            + self.poles[1] * self.swing[1]
-            + self.kick * rng.normal();
-        self.swing = [next, self.swing[0]];
-        self.slow.step(rng) + self.white * rng.normal() + next
     }
 }
 
@@ -246,13 +205,14 @@ fn val_ground_covers() {
 }
 
 #[test]
-fn val_a_swing_that_the_noise_model_does_not_know_costs_a_sixth_at_most() {
+fn val_a_swing_that_the_noise_model_does_not_know_costs_little() {
     // Half as large as the slow part is the worst mix found: over 800 sets 63 to 65 % and 92 to 95 %
-    // are held instead of 68 and 95 %. A larger swing is seen and covered again.
+    // are held instead of 68 and 95 %. A larger swing is seen and covered again. What is asked here
+    // is that much less three sigma of chance.
     for cover in ladders(0.003) {
-        let ratio = (cover.square / cover.stated).sqrt();
-        println!("{}: error {ratio:.2} of what is stated", cover.name);
-        assert!(ratio < 1.17, "{}: {ratio:.2}", cover.name);
+        let [one, two] = cover.inside.map(|i| i / cover.n);
+        println!("{}: 68 %: {:.1}, 95 %: {:.1}", cover.name, one * 100.0, two * 100.0);
+        assert!(one > 0.54 && two > 0.87, "{}: {one:.3} {two:.3}", cover.name);
     }
 }
 

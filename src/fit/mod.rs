@@ -9,6 +9,8 @@ pub mod columns;
 pub mod correlated;
 #[cfg(test)]
 mod coverage;
+#[cfg(test)]
+mod coverage_noise;
 pub mod ground;
 pub mod imu;
 pub mod lag;

@@ -80,7 +80,8 @@ pub struct Models {
 
 /// Fits both models. `None`: the flight is too short.
 pub fn models(samples: &[motion::Sample]) -> Option<Models> {
-    let columns = of_samples(samples);
+    let mut columns = of_samples(samples);
+    columns.calm_voltage();
     let found = polynomial::fit(&columns.t_s, &columns.supply_v, &columns.frac, CENTRE_V).ok();
     let told = found.as_ref().map(|f| f.power.exponent).filter(|e| e.std < TOLD);
     let exponent = told.map_or(PHYSICS, |e| e.value);

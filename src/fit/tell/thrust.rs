@@ -5,8 +5,8 @@
 //! weight. **Thrust stand**: `T = k·u^p·V^q`, so that at equal thrust the command goes as V^(−q/p).
 //!
 //! **Symbols.** u command, share of full; V battery; f_z specific force along body z, m/s²; T thrust,
-//! N. **Caution.** A burst of thrust pulls the voltage down within the same second: over so short a
-//! range of voltage that this sag is most of it, the exponent is of the sag. The range is told.
+//! N. **Sag.** A burst of thrust pulls the voltage down within the same second. The voltage is
+//! therefore averaged over ten seconds; what then is left of its range is discharge, and is told.
 
 use nalgebra::DVector;
 
@@ -25,6 +25,9 @@ use crate::import::stand::{Stand, StandRow};
 use crate::import::{Recording, motion};
 use crate::report::svg::{Mark, Plot, Series, Tone};
 
+/// Voltage is averaged over this long before and after, s: longer than a swing of the loops, short
+/// against the discharge.
+const CALM_S: f64 = 5.0;
 /// Least range of voltage that says something about it, share of the mean.
 const LEAST_RANGE_FRAC: f64 = 0.05;
 /// Time between two flights that are fitted together, s.
@@ -54,6 +57,25 @@ pub struct Columns {
 }
 
 impl Columns {
+    /// Puts the mean voltage of the seconds around in the place of each. A burst of thrust pulls the
+    /// voltage down at once: taken as it is, that sag looks like a law of its own, −3 instead of −1.
+    pub fn calm_voltage(&mut self) {
+        let n = self.t_s.len();
+        let (mut begin, mut end) = (0, 0);
+        let mut calm = Vec::with_capacity(n);
+        for t_s in &self.t_s {
+            while end < n && self.t_s[end] <= t_s + CALM_S {
+                end += 1;
+            }
+            while self.t_s[begin] < t_s - CALM_S {
+                begin += 1;
+            }
+            let near = &self.supply_v[begin..end];
+            calm.push(near.iter().sum::<f64>() / near.len().max(1) as f64);
+        }
+        self.supply_v = calm;
+    }
+
     fn push(&mut self, t_s: f64, supply_v: f64, frac: f64) {
         self.t_s.push(t_s);
         self.supply_v.push(supply_v);
@@ -125,6 +147,7 @@ pub fn fit(sources: &[Source]) -> Result<Outcome, Refusal> {
     if !recordings.is_empty() {
         columns = of_recordings(&recordings);
     }
+    columns.calm_voltage();
     over_voltage(sources, &columns)
 }
 
