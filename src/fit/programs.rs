@@ -21,7 +21,7 @@ const PITCH_DEG: [f64; 5] = [52.0, 45.0, 33.0, 22.0, 12.0];
 const ROLL_DEG: [f64; 5] = [52.0, 47.0, 33.0, 22.0, 12.0];
 /// Hover after the steps, s: the noise of the speed is learned from it. After, because the steepest
 /// angles need the fullest battery.
-const NOISE_S: f64 = 14.0;
+const NOISE_S: f64 = 30.0;
 /// Longest hold of a step, s: many time constants; the room ends most of them before.
 const STEP_S: f64 = 4.0;
 /// Rungs of the ladder, landing gear to floor, m: the lowest that the source flew, two in the steep
