@@ -148,7 +148,7 @@ impl Diagnose {
                 anyhow::bail!("{}: no held-out flight: {fault}", flown.path.display());
             }
         }
-        let Some(named) = explanation(diagnosis) else { return Ok(()) };
+        let Some(mut named) = explanation(diagnosis) else { return Ok(()) };
         let spec = |id: &str| session.workshop.spec(id);
         let mut rivals: Vec<Explanation> = Vec::new();
         if let Some(attribution) = &diagnosis.attribution {
@@ -172,6 +172,8 @@ impl Diagnose {
                 },
             ));
         }
+        let all = std::iter::once(&mut named).chain(&mut rivals);
+        session.resize(&mut all.collect::<Vec<_>>());
         let progress = Progress::new("shrink");
         let room = self.room.room()?;
         let r = measure(&flights, &accepted, room, &named, &rivals, |done, of| {

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use super::gap::{BankOptions, Progress, RoomOptions};
 use crate::gap::attribute::{Attributor, Settings};
 use crate::gap::details::{Details, details};
-use crate::gap::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
+use crate::gap::diagnosis::{Diagnosis, HeldOut, Observed, judge, observed, unreadable};
+use crate::gap::held_out::{Explanation, resize_all};
 use crate::gap::logs::{self, Flown};
 use crate::gap::nominal::Nominal;
 use crate::gap::scene::Scene;
@@ -87,6 +88,25 @@ impl Session {
     /// The verdict.
     pub fn judge(&self) -> Diagnosis {
         judge(&self.workshop, &self.attributor, self.references.len(), &self.seen)
+    }
+
+    /// Searches the sizes of explanations in closed loop on this flight, and says what was found of the
+    /// first.
+    pub fn resize(&self, explanations: &mut [&mut Explanation]) {
+        let Ok(observation) = &self.seen.observation else { return };
+        let model = HeldOut::new(&self.scene, &self.workshop.items, &self.references);
+        let progress = Progress::new("sizes");
+        let name = explanations.first().map(|e| e.name.clone()).unwrap_or_default();
+        let shares = resize_all(&model, &observation.statistics, explanations, |done, of| {
+            progress.at(done, of);
+        });
+        match shares.first() {
+            Some(0.0) => {
+                eprintln!("{name}: makes the simulator no more like this flight at any size")
+            }
+            Some(share) => eprintln!("{name}: flown at {share:.2} of the size that the bank says"),
+            None => {}
+        }
     }
 }
 

@@ -49,10 +49,12 @@ const WRONG: usize = 6;
 impl Shrink {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let (spec, given) = parse(&self.effect)?;
-        let (theta, others, judged_on): (Vec<f64>, Vec<Explanation>, Vec<Flown>) = match given {
+        let explain =
+            |theta| Explanation { name: spec.id.to_owned(), effects: vec![(spec, theta)] };
+        let (asked, others, judged_on) = match given {
             Some(theta) => {
                 let flown = self.judged(&self.logs)?;
-                (theta, controls(spec), flown)
+                (explain(theta), controls(spec), flown)
             }
             None => {
                 let [first, rest @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
@@ -68,12 +70,15 @@ impl Shrink {
                     Opened::Ready(session) => session,
                     Opened::Fault(d) => anyhow::bail!("{}: {}", d.log, d.verdict),
                 };
-                let (theta, others) = fitted(&session, spec)?;
+                let (theta, mut others) = fitted(&session, spec)?;
+                let mut own = explain(theta);
+                let all = std::iter::once(&mut own).chain(&mut others);
+                session.resize(&mut all.collect::<Vec<_>>());
                 let flown = self.judged(rest)?;
                 for one in &flown {
                     same_survey(one, &session.seen.flown)?;
                 }
-                (theta, others, flown)
+                (own, others, flown)
             }
         };
         let room = self.room.room()?;
@@ -81,7 +86,8 @@ impl Shrink {
         for path in &self.held_out_reference {
             accepted.push(logs::read(path)?);
         }
-        let asked = Explanation { name: spec.id.to_owned(), effects: vec![(spec, theta)] };
+        // No parameters: the effect helps at no size.
+        let theta = asked.effects.first().map_or(&[][..], |(_, theta)| theta);
         let progress = Progress::new("shrink");
         let result = measure(&judged_on, &accepted, room, &asked, &others, |done, of| {
             progress.at(done, of);
@@ -89,7 +95,7 @@ impl Shrink {
         if self.json {
             print_json(&json!({
                 "effect": spec.id,
-                "parameters": parameters(spec, &asked.effects[0].1),
+                "parameters": parameters(spec, theta),
                 "fitted_on": self.logs.first().filter(|_| self.logs.len() > judged_on.len()),
                 "judged_on": judged_on.iter().map(|f| &f.path).collect::<Vec<_>>(),
                 "references": accepted.len(),
@@ -97,7 +103,7 @@ impl Shrink {
                 "shrink": result,
             }))?;
         } else {
-            print(&text(spec, &asked.effects[0].1, &result, judged_on.len(), accepted.len()));
+            print(&text(spec, theta, &result, judged_on.len(), accepted.len()));
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::diagnosis::{HeldOut, observed};
 use super::logs::Flown;
 use super::nominal::Nominal;
+use super::resize::resize;
 use super::shrink::{Paired, Shrink, by_channel, efficiency, wrong_effects};
 use super::statistics::specs;
 use crate::model::effects::EffectSpec;
@@ -43,6 +44,32 @@ pub struct Measured {
     pub wrong: Vec<(String, Option<f64>)>,
     /// Median of these.
     pub wrong_median: Option<f64>,
+}
+
+/// Searches the size of every explanation of one effect on the flight that was diagnosed (see
+/// [`super::resize`]); several effects keep their sizes, which were fitted together. Returns the shares.
+/// `fitted_on`: statistics of that flight; `model` flies its mission; `progress`: done, of how many.
+pub fn resize_all(
+    model: &HeldOut<'_>,
+    fitted_on: &[f64],
+    explanations: &mut [&mut Explanation],
+    progress: impl Fn(usize, usize),
+) -> Vec<f64> {
+    let of = explanations.len();
+    let mut shares = Vec::with_capacity(of);
+    for (k, explanation) in explanations.iter_mut().enumerate() {
+        let share = match &explanation.effects[..] {
+            [(spec, theta)] => {
+                let sized = resize(model, fitted_on, spec, theta);
+                explanation.effects = sized.theta.map(|theta| (*spec, theta)).into_iter().collect();
+                sized.share
+            }
+            _ => 1.0,
+        };
+        shares.push(share);
+        progress(k + 1, of);
+    }
+    shares
 }
 
 /// Why nothing was measured.
