@@ -22,6 +22,9 @@ use crate::frames::G_MPS2;
 use crate::import::{Recording, motion};
 use crate::report::svg::{Mark, Pin, Plot, Series, Tone};
 
+/// Pieces of a fitted line in a plot.
+const LINE_POINTS: i32 = 60;
+
 /// Time between two flights that are fitted together, s: nothing lasts so long.
 const APART_S: f64 = 1e4;
 /// Least spread of speed along an axis that shows drag, m/s rms.
@@ -463,9 +466,11 @@ fn from_recordings(sources: &[Source], recordings: &[&Recording]) -> Result<Outc
                     name: "b - k·v".into(),
                     tone: Tone::Command,
                     mark: Mark::Line,
-                    points: [low, high]
+                    // Many points: the plot leaves out single ones that lie beyond its axes.
+                    points: (0..=LINE_POINTS)
+                        .map(|k| low + (high - low) * f64::from(k) / f64::from(LINE_POINTS))
                         .map(|v| [v, d.constant_mps2.value - d.rate_per_s.value * v])
-                        .to_vec(),
+                        .collect(),
                 },
             ],
             size_px: PLOT_PX,
