@@ -12,6 +12,9 @@ use crate::config::Config;
 use crate::report::STYLE;
 use crate::report::svg::{Plot, escape};
 
+/// Size of a plot that is the only one, pixels.
+const ALONE_PX: [f64; 2] = [1120.0, 380.0];
+
 /// Probability of the intervals that are shown.
 const SHOWN: f64 = 0.95;
 
@@ -223,6 +226,11 @@ impl Outcome {
         if !self.plots.is_empty() {
             html.push_str("<h2>Data and fit</h2><div class=\"two\">");
             for plot in &self.plots {
+                let mut plot = plot.clone();
+                if self.plots.len() == 1 {
+                    // Alone it gets the whole width; drawn for it, letters keep their size.
+                    plot.size_px = ALONE_PX;
+                }
                 let _ = write!(html, "<figure>{}</figure>", plot.render());
             }
             html.push_str("</div>");
