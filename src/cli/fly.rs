@@ -45,6 +45,9 @@ impl Fly {
         for file in &loaded.files {
             tracing::info!("read {}", file.display());
         }
+        for note in &loaded.notes {
+            tracing::warn!("{note}");
+        }
         let summary = live::run(&loaded, &live::Stop::default())?;
         if self.json {
             print_json(&summary)?;

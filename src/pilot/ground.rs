@@ -1,11 +1,10 @@
-//! One ground endpoint: who is there, what it streams, and its mission upload.
+//! One ground endpoint: who is there, and what it streams.
 
 use haltere_dialect::mav_stream::MavSplitter;
 
 use crate::time::HostTime;
 
 use super::LinkId;
-use super::mission_transfer::MissionTransfer;
 
 /// Message ids that are streamed unasked, with their rate, Hz.
 ///
@@ -49,7 +48,6 @@ struct Stream {
 pub(super) struct GroundLink {
     pub link: LinkId,
     pub splitter: MavSplitter,
-    pub transfer: MissionTransfer,
     /// When bytes last came.
     pub heard_at: HostTime,
     /// Whose turn it is in the streams of anchor pairs and of losses: per endpoint, since two that
@@ -69,7 +67,6 @@ impl GroundLink {
         Self {
             link,
             splitter: MavSplitter::new(),
-            transfer: MissionTransfer::default(),
             heard_at: at,
             pair_cursor: 0,
             drop_cursor: 0,

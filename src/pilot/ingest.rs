@@ -56,7 +56,7 @@ impl Pilot {
                 self.say(at, Severity::Error, "tag disconnected".to_owned());
             }
             LinkId::Board => self.say(at, Severity::Error, "board disconnected".to_owned()),
-            LinkId::Ground(_) => {}
+            LinkId::Ground(_) => self.services_forget(link),
         }
     }
 

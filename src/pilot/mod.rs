@@ -6,7 +6,8 @@
 //!
 //! One idea per file: `schedule` the control step and what is due beside it, `supervise` what
 //! ends a flight, `modes` the table of transitions, `guidance` what the controller is asked for,
-//! `board` and `ground` the links, `commands` and `telemetry` what clients say and see.
+//! `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
+//! what they fetch and store: parameters, plans, files and logs.
 
 // The definitions call some messages superseded; today's clients still send and expect them.
 #![allow(deprecated)]
@@ -23,11 +24,13 @@ mod guidance;
 mod heading;
 mod ingest;
 mod mission;
+mod mission_items;
 mod mission_transfer;
 mod modes;
 mod output;
 mod reference;
 mod schedule;
+pub mod services;
 mod setpoint;
 mod supervise;
 mod telemetry;
@@ -57,6 +60,7 @@ use ground::GroundLink;
 use guidance::Guidance;
 use heading::BoardNorth;
 use output::{Address, Outbox};
+use services::{FileFault, Services};
 use supervise::Touch;
 use telemetry::PairStats;
 
@@ -119,6 +123,15 @@ pub enum Input<'a> {
         reason: DropReason,
         /// How many bytes, frames or records.
         count: u64,
+    },
+    /// Glue has done, or failed to do, what a [`services::FileRequest`] asked for.
+    File {
+        /// The request's ticket.
+        ticket: u32,
+        /// Whether it was done.
+        result: Result<(), FileFault>,
+        /// What was asked for, or what is wrong.
+        bytes: &'a [u8],
     },
     /// The deadline came, or something wants the core to look at the time.
     Wake,
@@ -195,11 +208,14 @@ pub struct Pilot {
 
     grounds: Vec<GroundLink>,
     next_health: HostTime,
+    services: Services,
 }
 
 impl Pilot {
     /// A core that starts at `at`.
-    pub fn new(config: PilotConfig, survey: Survey, at: HostTime) -> Self {
+    pub fn new(mut config: PilotConfig, survey: Survey, at: HostTime) -> Self {
+        // From here on the volume is a number: parameters show it, and change it.
+        config.limits.resolve(&survey);
         let envelope = Envelope::of(&config, &survey);
         let estimator = Estimator::new(config.estimator_in_force(), survey.clone());
         let estimate = estimator.estimate();
@@ -255,6 +271,7 @@ impl Pilot {
             refused_setpoint_told: false,
             grounds,
             next_health: at,
+            services: Services::new(&config),
             config,
             survey,
         };
@@ -280,6 +297,7 @@ impl Pilot {
             Input::LinkUp { link } => self.link_up(at, link),
             Input::LinkDown { link } => self.link_down(at, link),
             Input::Lost { link, reason, count } => self.drops_of(link).add(reason, count),
+            Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
             Input::Wake => self.wake(at),
         }
     }

@@ -323,6 +323,7 @@ impl Pilot {
         } else {
             MissionState::MISSION_STATE_PAUSED
         };
+        let (fence_id, rally_points_id) = self.services.plans.ids();
         MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA {
             seq: seq.min(total.saturating_sub(1)),
             // The protocol writes "no mission" as the largest number.
@@ -330,8 +331,8 @@ impl Pilot {
             mission_state,
             mission_mode: if self.mode == Mode::Mission { 1 } else { 2 },
             mission_id: self.mission.id,
-            fence_id: 0,
-            rally_points_id: 0,
+            fence_id,
+            rally_points_id,
         })
     }
 

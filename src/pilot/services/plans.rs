@@ -1,0 +1,753 @@
+//! The mission protocol: mission, fence and rally points, up and down.
+//!
+//! What is new is put in force whole or not at all, and kept over a restart. While a mission is
+//! flown, neither it nor its fence can be replaced: hold first.
+
+use haltere_dialect::mav::haltere::{
+    MISSION_COUNT_DATA, MISSION_ITEM_DATA, MISSION_ITEM_INT_DATA, MavMessage, MavMissionResult,
+    MavMissionType,
+};
+
+use crate::frames::{E, Vec3};
+use crate::geo::LocalOrigin;
+use crate::time::HostTime;
+
+use super::super::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
+use super::super::mission_items::{LOCAL_SCALE, Refusal, Room, from_wire, is_global, place_E_m};
+use super::super::mission_transfer::{Client, MissionTransfer, Progress, Upload, ack};
+use super::super::modes::{Event, Mode};
+use super::super::{LinkId, OWN, Pilot, Severity};
+use super::Purpose;
+use super::budget::Budget;
+use super::fence::{Fence, MOST_CORNERS};
+use super::files::{FileFault, FileTask, Plan};
+use super::plan_file;
+use super::rally;
+
+/// Degrees of the globe on the wire.
+const E7: f64 = 1e7;
+/// A MISSION_ITEM_INT on the wire, bytes.
+const ITEM_BYTES: usize = 50;
+/// Partial lists under way.
+const MOST_PARTIAL: usize = 8;
+
+/// A list that was asked for in part, and is sent unasked.
+#[derive(Debug)]
+struct PartialList {
+    client: Client,
+    mission_type: MavMissionType,
+    next: u16,
+    last: u16,
+}
+
+/// State of the three lists beside the mission itself, and of the upload.
+#[derive(Debug)]
+pub(in super::super) struct Plans {
+    pub transfer: MissionTransfer,
+    partial: Vec<PartialList>,
+    fence_items: Vec<MISSION_ITEM_INT_DATA>,
+    fence_id: u32,
+    pub fence: Fence,
+    rally_items: Vec<MISSION_ITEM_INT_DATA>,
+    rally_id: u32,
+    /// Where the room was when items were turned into it.
+    origin: Option<LocalOrigin>,
+    /// Why the mission may not be flown.
+    pub mission_is_barred: Option<String>,
+    /// Where the vehicle was last inside the fence, N and E, m.
+    pub refuge_m: [f64; 2],
+    /// People know that the fence holds it back.
+    pub fence_told: bool,
+}
+
+impl Plans {
+    pub fn new(origin: Option<LocalOrigin>) -> Self {
+        Self {
+            transfer: MissionTransfer::default(),
+            partial: Vec::new(),
+            fence_items: Vec::new(),
+            fence_id: 0,
+            fence: Fence::default(),
+            rally_items: Vec::new(),
+            rally_id: 0,
+            origin,
+            mission_is_barred: None,
+            refuge_m: [0.0; 2],
+            fence_told: false,
+        }
+    }
+
+    /// Ids of fence and rally points, as MISSION_CURRENT tells them.
+    pub fn ids(&self) -> (u32, u32) {
+        (self.fence_id, self.rally_id)
+    }
+}
+
+/// The list behind a mission type.
+fn plan_of(mission_type: MavMissionType) -> Option<Plan> {
+    match mission_type {
+        MavMissionType::MAV_MISSION_TYPE_MISSION => Some(Plan::Mission),
+        MavMissionType::MAV_MISSION_TYPE_FENCE => Some(Plan::Fence),
+        MavMissionType::MAV_MISSION_TYPE_RALLY => Some(Plan::Rally),
+        MavMissionType::MAV_MISSION_TYPE_ALL => None,
+    }
+}
+
+fn type_of(plan: Plan) -> MavMissionType {
+    match plan {
+        Plan::Mission => MavMissionType::MAV_MISSION_TYPE_MISSION,
+        Plan::Fence => MavMissionType::MAV_MISSION_TYPE_FENCE,
+        Plan::Rally => MavMissionType::MAV_MISSION_TYPE_RALLY,
+    }
+}
+
+fn name_of(plan: Plan) -> &'static str {
+    match plan {
+        Plan::Mission => "mission",
+        Plan::Fence => "fence",
+        Plan::Rally => "rally points",
+    }
+}
+
+fn most_items(plan: Plan) -> usize {
+    match plan {
+        Plan::Mission => MOST_ITEMS,
+        Plan::Fence => MOST_CORNERS,
+        Plan::Rally => rally::MOST_POINTS,
+    }
+}
+
+/// A float item as the integer item that it means.
+fn to_int(m: &MISSION_ITEM_DATA) -> MISSION_ITEM_INT_DATA {
+    let scale = if is_global(m.frame) { E7 } else { LOCAL_SCALE.recip() };
+    // Casts saturate; NaN becomes zero, "here".
+    let [x, y] = [m.x, m.y].map(|v| (f64::from(v) * scale).round() as i32);
+    MISSION_ITEM_INT_DATA {
+        param1: m.param1,
+        param2: m.param2,
+        param3: m.param3,
+        param4: m.param4,
+        x,
+        y,
+        z: m.z,
+        seq: m.seq,
+        command: m.command,
+        target_system: m.target_system,
+        target_component: m.target_component,
+        frame: m.frame,
+        current: m.current,
+        autocontinue: m.autocontinue,
+        mission_type: m.mission_type,
+    }
+}
+
+fn to_float(m: &MISSION_ITEM_INT_DATA) -> MISSION_ITEM_DATA {
+    let scale = if is_global(m.frame) { E7.recip() } else { LOCAL_SCALE };
+    let [x, y] = [m.x, m.y].map(|v| (f64::from(v) * scale) as f32);
+    MISSION_ITEM_DATA {
+        param1: m.param1,
+        param2: m.param2,
+        param3: m.param3,
+        param4: m.param4,
+        x,
+        y,
+        z: m.z,
+        seq: m.seq,
+        command: m.command,
+        target_system: m.target_system,
+        target_component: m.target_component,
+        frame: m.frame,
+        current: m.current,
+        autocontinue: m.autocontinue,
+        mission_type: m.mission_type,
+    }
+}
+
+impl Pilot {
+    /// A message of this service? `true`: it was answered.
+    pub(super) fn plan_message(
+        &mut self,
+        at: HostTime,
+        client: Client,
+        message: &MavMessage,
+    ) -> bool {
+        match message {
+            MavMessage::MISSION_COUNT(m) => {
+                self.upload_begins(at, client, m.mission_type, 0, usize::from(m.count), false);
+            }
+            MavMessage::MISSION_WRITE_PARTIAL_LIST(m) => {
+                let have = plan_of(m.mission_type).map_or(0, |plan| self.plan_len(plan)) as i32;
+                let (first, last) = (i32::from(m.start_index), i32::from(m.end_index));
+                if first < 0 || last < first || first > have {
+                    let why = format!("partial list {first} to {last}: the list has {have} items");
+                    let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
+                    self.refuse_plan(at, client, m.mission_type, result, &why);
+                } else {
+                    let count = (last - first + 1).unsigned_abs() as usize;
+                    let first = first.unsigned_abs() as u16;
+                    self.upload_begins(at, client, m.mission_type, first, count, true);
+                }
+            }
+            MavMessage::MISSION_ITEM_INT(m) if m.current > 1 => self.guided_item(at, client, m),
+            MavMessage::MISSION_ITEM(m) if m.current > 1 => {
+                self.guided_item(at, client, &to_int(m));
+            }
+            MavMessage::MISSION_ITEM_INT(m) => self.upload_item(at, client, m.clone(), false),
+            MavMessage::MISSION_ITEM(m) => self.upload_item(at, client, to_int(m), true),
+            MavMessage::MISSION_ACK(_) => self.services.plans.transfer.cancel(client),
+            MavMessage::MISSION_REQUEST_LIST(m) => {
+                let plan = plan_of(m.mission_type);
+                let answer = MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+                    count: plan.map_or(0, |plan| self.plan_len(plan)) as u16,
+                    target_system: client.peer.0,
+                    target_component: client.peer.1,
+                    mission_type: m.mission_type,
+                    opaque_id: plan.map_or(0, |plan| self.plan_id(plan)),
+                });
+                self.out.message(client.link, OWN, &answer);
+            }
+            MavMessage::MISSION_REQUEST_INT(m) => {
+                self.send_item(client, m.mission_type, m.seq, false);
+            }
+            MavMessage::MISSION_REQUEST(m) => self.send_item(client, m.mission_type, m.seq, true),
+            MavMessage::MISSION_REQUEST_PARTIAL_LIST(m) => {
+                let have = plan_of(m.mission_type).map_or(0, |plan| self.plan_len(plan)) as i32;
+                let first = i32::from(m.start_index);
+                // -1 is the end of the list.
+                let last = if m.end_index == -1 { have - 1 } else { i32::from(m.end_index) };
+                if first < 0 || last < first || last >= have {
+                    let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
+                    let answer = ack(client.peer, m.mission_type, result, 0);
+                    self.out.message(client.link, OWN, &answer);
+                } else {
+                    let partial = &mut self.services.plans.partial;
+                    partial.retain(|list| list.client != client);
+                    if partial.len() == MOST_PARTIAL {
+                        partial.remove(0);
+                    }
+                    partial.push(PartialList {
+                        client,
+                        mission_type: m.mission_type,
+                        next: first.unsigned_abs() as u16,
+                        last: last.unsigned_abs() as u16,
+                    });
+                }
+            }
+            MavMessage::MISSION_CLEAR_ALL(m) => self.clear_plans(at, client, m.mission_type),
+            MavMessage::MISSION_SET_CURRENT(m) => {
+                if let Err((_, why)) = self.set_current_item(f64::from(m.seq)) {
+                    self.say(at, Severity::Warning, why);
+                }
+                self.send_telemetry(at, client.link, 42);
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    /// Repeats requests, and goes on with lists.
+    pub(super) fn plan_tick(&mut self, at: HostTime) {
+        let progress = self.services.plans.transfer.tick(at);
+        self.upload_progress(at, progress);
+        let here = [self.estimate.pos_E_m.x(), self.estimate.pos_E_m.y()];
+        if self.services.plans.fence.contains(here) {
+            self.services.plans.refuge_m = here;
+        }
+        let origin = self.local_origin();
+        if origin != self.services.plans.origin && self.mode != Mode::Mission {
+            self.services.plans.origin = origin;
+            self.derive_anew(at);
+        }
+        if self.mode == Mode::Mission
+            && let Some(why) = self.services.plans.mission_is_barred.clone()
+        {
+            self.fire(at, Event::HoldAsked);
+            self.say(at, Severity::Warning, why);
+        }
+    }
+
+    /// Sends what was asked for in part.
+    pub(super) fn partial_tick(&mut self, link: LinkId, budget: &mut Budget<'_>) {
+        let lists = &mut self.services.plans.partial;
+        let Some(index) = lists.iter().position(|list| list.client.link == link) else { return };
+        let mut list = lists.swap_remove(index);
+        while list.next <= list.last && budget.take(ITEM_BYTES) {
+            self.send_item(list.client, list.mission_type, list.next, false);
+            list.next += 1;
+        }
+        if list.next <= list.last {
+            self.services.plans.partial.push(list);
+        }
+    }
+
+    fn plan_items(&self, plan: Plan) -> Vec<MISSION_ITEM_INT_DATA> {
+        match plan {
+            Plan::Mission => self.mission.items.iter().map(|s| s.wire.clone()).collect(),
+            Plan::Fence => self.services.plans.fence_items.clone(),
+            Plan::Rally => self.services.plans.rally_items.clone(),
+        }
+    }
+
+    fn plan_len(&self, plan: Plan) -> usize {
+        match plan {
+            Plan::Mission => self.mission.items.len(),
+            Plan::Fence => self.services.plans.fence_items.len(),
+            Plan::Rally => self.services.plans.rally_items.len(),
+        }
+    }
+
+    fn plan_id(&self, plan: Plan) -> u32 {
+        match plan {
+            Plan::Mission => self.mission.id,
+            Plan::Fence => self.services.plans.fence_id,
+            Plan::Rally => self.services.plans.rally_id,
+        }
+    }
+
+    fn send_item(&mut self, client: Client, mission_type: MavMissionType, seq: u16, float: bool) {
+        let index = usize::from(seq);
+        let stored = match plan_of(mission_type) {
+            Some(Plan::Mission) => self.mission.items.get(index).map(|stored| &stored.wire),
+            Some(Plan::Fence) => self.services.plans.fence_items.get(index),
+            Some(Plan::Rally) => self.services.plans.rally_items.get(index),
+            None => None,
+        };
+        let is_mission = mission_type == MavMissionType::MAV_MISSION_TYPE_MISSION;
+        let answer = match stored {
+            Some(item) => {
+                let item = MISSION_ITEM_INT_DATA {
+                    seq,
+                    target_system: client.peer.0,
+                    target_component: client.peer.1,
+                    current: u8::from(is_mission && seq == self.guidance.current_item),
+                    mission_type,
+                    ..item.clone()
+                };
+                if float {
+                    MavMessage::MISSION_ITEM(to_float(&item))
+                } else {
+                    MavMessage::MISSION_ITEM_INT(item)
+                }
+            }
+            None => {
+                let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
+                ack(client.peer, mission_type, result, 0)
+            }
+        };
+        self.out.message(client.link, OWN, &answer);
+    }
+
+    fn refuse_plan(
+        &mut self,
+        at: HostTime,
+        client: Client,
+        mission_type: MavMissionType,
+        result: MavMissionResult,
+        why: &str,
+    ) -> MavMessage {
+        let answer = ack(client.peer, mission_type, result, 0);
+        self.out.message(client.link, OWN, &answer);
+        let what = plan_of(mission_type).map_or("plan", name_of);
+        self.say(at, Severity::Warning, format!("{what} refused: {why}"));
+        answer
+    }
+
+    /// Why a list cannot be replaced now.
+    fn plan_is_locked(&self, plan: Plan) -> Option<&'static str> {
+        match plan {
+            Plan::Mission if self.mode == Mode::Mission => Some("mission in flight, hold first"),
+            Plan::Fence if self.mode == Mode::Mission => Some("mission in flight, hold first"),
+            Plan::Rally if self.mode == Mode::Return => Some("returning, hold first"),
+            _ => None,
+        }
+    }
+
+    fn upload_begins(
+        &mut self,
+        at: HostTime,
+        client: Client,
+        mission_type: MavMissionType,
+        first: u16,
+        count: usize,
+        partial: bool,
+    ) {
+        use MavMissionResult as R;
+        let Some(plan) = plan_of(mission_type) else {
+            let why = "an upload has one type";
+            self.refuse_plan(at, client, mission_type, R::MAV_MISSION_UNSUPPORTED, why);
+            return;
+        };
+        let most = most_items(plan);
+        if let Some(why) = self.plan_is_locked(plan) {
+            self.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
+        } else if self.services.plans.transfer.is_taken_by_other(client) {
+            let why = "another client is uploading";
+            self.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
+        } else if usize::from(first) + count > most {
+            let why = format!("{count} items, at most {most} allowed");
+            self.refuse_plan(at, client, mission_type, R::MAV_MISSION_NO_SPACE, &why);
+        } else if count == 0 {
+            self.services.plans.transfer.cancel(client);
+            let items = Vec::new();
+            self.upload_ends(at, Upload { client, mission_type, first, partial, items });
+        } else {
+            let transfer = &mut self.services.plans.transfer;
+            let count = count as u16;
+            let progress = transfer.begin(client, mission_type, first, count, partial, at);
+            self.upload_progress(at, progress);
+        }
+    }
+
+    fn upload_item(
+        &mut self,
+        at: HostTime,
+        client: Client,
+        item: MISSION_ITEM_INT_DATA,
+        float: bool,
+    ) {
+        let is_mission = item.mission_type == MavMissionType::MAV_MISSION_TYPE_MISSION;
+        let transfer = &self.services.plans.transfer;
+        if is_mission && transfer.wants(client, item.mission_type, item.seq) {
+            // Refused at once: nobody wants to wait for the rest of it.
+            let room = Room { envelope: &self.guidance.envelope, origin: self.local_origin() };
+            if let Err((result, why)) = from_wire(&item, &room) {
+                self.services.plans.transfer.cancel(client);
+                self.refuse_plan(at, client, item.mission_type, result, &why);
+                return;
+            }
+        }
+        let progress = self.services.plans.transfer.item(client, item, float, at);
+        self.upload_progress(at, progress);
+    }
+
+    fn upload_progress(&mut self, at: HostTime, progress: Progress) {
+        match progress {
+            Progress::Nothing => {}
+            Progress::Answer(client, message) => self.out.message(client.link, OWN, &message),
+            Progress::GivenUp(client, message, why) => {
+                self.out.message(client.link, OWN, &message);
+                self.say(at, Severity::Warning, why);
+            }
+            Progress::Complete(upload) => self.upload_ends(at, upload),
+        }
+    }
+
+    fn upload_ends(&mut self, at: HostTime, upload: Upload) {
+        let Some(plan) = plan_of(upload.mission_type) else { return };
+        let mut items = upload.items.clone();
+        if upload.partial {
+            let mut all = self.plan_items(plan);
+            let first = usize::from(upload.first).min(all.len());
+            let end = (first + items.len()).min(all.len());
+            all.splice(first..end, items);
+            items = all;
+        }
+        // It may have been started while its successor was on the way.
+        let result = match self.plan_is_locked(plan) {
+            Some(why) => Err((MavMissionResult::MAV_MISSION_DENIED, why.to_owned())),
+            None => self.take_plan(plan, items),
+        };
+        let Client { link, peer } = upload.client;
+        let answer = match result {
+            Ok(()) => {
+                let accepted = MavMissionResult::MAV_MISSION_ACCEPTED;
+                let answer = ack(peer, upload.mission_type, accepted, self.plan_id(plan));
+                self.out.message(link, OWN, &answer);
+                let text = format!("{} of {} items in force", name_of(plan), self.plan_len(plan));
+                self.say(at, Severity::Info, text);
+                self.keep_plan(at, plan);
+                self.warn_of_barred_mission(at);
+                answer
+            }
+            Err((result, why)) => {
+                self.refuse_plan(at, upload.client, upload.mission_type, result, &why)
+            }
+        };
+        self.services.plans.transfer.finish(&upload, answer, at);
+    }
+
+    fn warn_of_barred_mission(&mut self, at: HostTime) {
+        if let Some(why) = self.services.plans.mission_is_barred.clone() {
+            self.say(at, Severity::Warning, why);
+        }
+    }
+
+    /// Checks a list whole and puts it in force.
+    fn take_plan(
+        &mut self,
+        plan: Plan,
+        mut items: Vec<MISSION_ITEM_INT_DATA>,
+    ) -> Result<(), Refusal> {
+        for (seq, item) in items.iter_mut().enumerate() {
+            item.seq = seq as u16;
+            item.mission_type = type_of(plan);
+        }
+        let origin = self.local_origin();
+        match plan {
+            Plan::Mission => {
+                let room = Room { envelope: &self.guidance.envelope, origin };
+                let stored = items
+                    .into_iter()
+                    .map(|wire| from_wire(&wire, &room).map(|item| StoredItem { wire, item }))
+                    .collect::<Result<Vec<_>, _>>()?;
+                check_jumps(&stored)?;
+                if let Some(seq) = leg_outside(&stored, &self.services.plans.fence) {
+                    let why = format!("item {seq}: it, or the way to it, is outside the fence");
+                    return Err((MavMissionResult::MAV_MISSION_INVALID, why));
+                }
+                self.mission.replace(stored);
+                self.guidance.new_mission();
+                self.services.plans.mission_is_barred = None;
+                if self.mission.items.is_empty()
+                    && self.guidance.mission_waits
+                    && !self.mode.has_thrust()
+                {
+                    self.call_off_lift_off();
+                }
+            }
+            Plan::Fence => {
+                let places = places(&items, origin.as_ref())?;
+                let fence = Fence::from_items(&items, &places)?;
+                let here = [self.estimate.pos_E_m.x(), self.estimate.pos_E_m.y()];
+                if self.mode.has_thrust() && !fence.contains(here) {
+                    let why = format!(
+                        "the vehicle flies outside of it, at N {:.2} E {:.2}",
+                        here[0], here[1]
+                    );
+                    return Err((MavMissionResult::MAV_MISSION_DENIED, why));
+                }
+                self.services.plans.fence_id = plan_id(items.iter());
+                self.services.plans.fence_items = items;
+                self.services.plans.fence = fence;
+                self.services.plans.refuge_m = here;
+                self.bar_mission();
+            }
+            Plan::Rally => {
+                let places = places(&items, origin.as_ref())?;
+                let volume = self.guidance.volume();
+                let fence = &self.services.plans.fence;
+                rally::check(&items, &places, volume, fence)?;
+                self.guidance.set_rally_points(places);
+                self.services.plans.rally_id = plan_id(items.iter());
+                self.services.plans.rally_items = items;
+            }
+        }
+        Ok(())
+    }
+
+    /// Looks whether the mission still lies inside the fence.
+    fn bar_mission(&mut self) {
+        let barred = leg_outside(&self.mission.items, &self.services.plans.fence);
+        self.services.plans.mission_is_barred = barred
+            .map(|seq| format!("mission barred: item {seq} or the way to it is outside the fence"));
+    }
+
+    /// The room has moved on the globe: items given in global frames are elsewhere in it.
+    fn derive_anew(&mut self, at: HostTime) {
+        for plan in [Plan::Fence, Plan::Rally, Plan::Mission] {
+            let items = self.plan_items(plan);
+            if !items.iter().any(|item| is_global(item.frame)) {
+                continue;
+            }
+            if let Err((_, why)) = self.take_plan(plan, items) {
+                let text = format!("{} no longer fits the room: {why}", name_of(plan));
+                self.say(at, Severity::Warning, text.clone());
+                match plan {
+                    Plan::Mission => self.services.plans.mission_is_barred = Some(text),
+                    // Kept as it was: a fence that is elsewhere is better than none.
+                    Plan::Fence | Plan::Rally => {}
+                }
+            }
+        }
+    }
+
+    fn clear_plans(&mut self, at: HostTime, client: Client, mission_type: MavMissionType) {
+        use MavMissionResult as R;
+        let plans = match plan_of(mission_type) {
+            Some(plan) => vec![plan],
+            None => vec![Plan::Mission, Plan::Fence, Plan::Rally],
+        };
+        if let Some(why) = plans.iter().find_map(|plan| self.plan_is_locked(*plan)) {
+            self.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
+            return;
+        }
+        for plan in plans {
+            if self.plan_len(plan) > 0 && self.take_plan(plan, Vec::new()).is_ok() {
+                self.say(at, Severity::Info, format!("{} cleared", name_of(plan)));
+            }
+            self.keep_plan(at, plan);
+        }
+        let answer = ack(client.peer, mission_type, R::MAV_MISSION_ACCEPTED, 0);
+        self.out.message(client.link, OWN, &answer);
+    }
+
+    fn keep_plan(&mut self, at: HostTime, plan: Plan) {
+        let items = self.plan_items(plan);
+        let bytes = if items.is_empty() { Vec::new() } else { plan_file::encode(&items) };
+        let task = FileTask::SavePlan(plan, bytes);
+        match self.services.desk.ask(task, Purpose::SavePlan(plan), at) {
+            // Nothing is kept by configuration: no reason to complain at every upload.
+            Ok(()) | Err((FileFault::Off, _)) => {}
+            Err((fault, _)) => self.plan_not_kept(at, plan, fault),
+        }
+    }
+
+    pub(super) fn plan_not_kept(&mut self, at: HostTime, plan: Plan, fault: FileFault) {
+        let text = format!("{} is lost at a restart: {}", name_of(plan), fault.words());
+        self.say(at, Severity::Warning, text);
+    }
+
+    /// Asks for what was kept.
+    pub(super) fn restore_plans(&mut self, at: HostTime) {
+        for plan in [Plan::Fence, Plan::Rally, Plan::Mission] {
+            // Nothing kept, nothing restored.
+            let _ = self.services.desk.ask(FileTask::LoadPlan(plan), Purpose::LoadPlan(plan), at);
+        }
+    }
+
+    pub(super) fn plan_restored(&mut self, at: HostTime, plan: Plan, bytes: &[u8]) {
+        // Somebody was faster, or there is nothing.
+        if bytes.is_empty() || self.plan_len(plan) > 0 || self.mode.has_thrust() {
+            return;
+        }
+        let taken = plan_file::decode(bytes)
+            .and_then(|items| self.take_plan(plan, items).map_err(|(_, why)| why));
+        match taken {
+            Ok(()) => {
+                let text = format!("{} of {} items restored", name_of(plan), self.plan_len(plan));
+                self.say(at, Severity::Info, text);
+            }
+            Err(why) => {
+                let text = format!("{} not restored: {why}", name_of(plan));
+                self.say(at, Severity::Warning, text);
+            }
+        }
+    }
+
+    /// A list from a file takes the way of an upload.
+    pub(super) fn load_mission(
+        &mut self,
+        at: HostTime,
+        items: Vec<MISSION_ITEM_INT_DATA>,
+    ) -> Result<usize, String> {
+        if let Some(why) = self.plan_is_locked(Plan::Mission) {
+            return Err(why.to_owned());
+        }
+        if items.len() > MOST_ITEMS {
+            return Err(format!("{} items, at most {MOST_ITEMS} allowed", items.len()));
+        }
+        self.take_plan(Plan::Mission, items).map_err(|(_, why)| why)?;
+        self.keep_plan(at, Plan::Mission);
+        Ok(self.mission.items.len())
+    }
+
+    /// "Fly there now", as DroneKit and older scripts say it: an item with `current` = 2; 3 changes
+    /// the height alone.
+    fn guided_item(&mut self, at: HostTime, client: Client, m: &MISSION_ITEM_INT_DATA) {
+        use MavMissionResult as R;
+        let result = match place_E_m(m, self.local_origin().as_ref()) {
+            Ok(pos) => {
+                let pos = if m.current == 3 {
+                    let here = self.estimate.pos_E_m;
+                    Vec3::<E>::new(here.x(), here.y(), pos.z())
+                } else {
+                    pos
+                };
+                let fence = &self.services.plans.fence;
+                if !self.guidance.volume().contains(pos) || !fence.contains([pos.x(), pos.y()]) {
+                    Err((
+                        R::MAV_MISSION_INVALID,
+                        format!(
+                            "N {:.2} E {:.2} height {:.2} m is outside the limits or the fence",
+                            pos.x(),
+                            pos.y(),
+                            -pos.z()
+                        ),
+                    ))
+                } else if self.mode == Mode::Goto || self.fire(at, Event::GotoAsked) {
+                    self.guidance.fly_to(pos, None);
+                    Ok(())
+                } else {
+                    let mode = self.mode.name();
+                    Err((R::MAV_MISSION_DENIED, format!("flying to a point refused while {mode}")))
+                }
+            }
+            Err(refusal) => Err(refusal),
+        };
+        let result = match result {
+            Ok(()) => R::MAV_MISSION_ACCEPTED,
+            Err((result, why)) => {
+                self.say(at, Severity::Warning, why);
+                result
+            }
+        };
+        self.out.message(client.link, OWN, &ack(client.peer, m.mission_type, result, 0));
+    }
+}
+
+/// Places of items that all have one, N and E, m.
+fn places(
+    items: &[MISSION_ITEM_INT_DATA],
+    origin: Option<&LocalOrigin>,
+) -> Result<Vec<[f64; 2]>, Refusal> {
+    items
+        .iter()
+        .map(|item| {
+            // Fences of some planners carry frame 0, 3 or 5; a place is all that counts.
+            let pos = place_E_m(&MISSION_ITEM_INT_DATA { z: 0.0, ..item.clone() }, origin)?;
+            let farthest_m = 10_000.0;
+            if pos.x().abs().max(pos.y().abs()) > farthest_m {
+                let (seq, north, east) = (item.seq, pos.x(), pos.y());
+                let why = format!(
+                    "item {seq}: N {north:.0} E {east:.0} m is more than {farthest_m} m away: is \
+                     the origin set? (frame {:?})",
+                    item.frame
+                );
+                return Err((MavMissionResult::MAV_MISSION_INVALID, why));
+            }
+            Ok([pos.x(), pos.y()])
+        })
+        .collect()
+}
+
+fn check_jumps(items: &[StoredItem]) -> Result<(), Refusal> {
+    let count = items.len();
+    for stored in items {
+        if let MissionItem::Jump { to, .. } = stored.item
+            && usize::from(to) >= count
+        {
+            let seq = stored.wire.seq;
+            let why = format!("item {seq}: jumps to {to}, the mission has {count} items");
+            return Err((MavMissionResult::MAV_MISSION_INVALID_PARAM1, why));
+        }
+    }
+    Ok(())
+}
+
+/// The first item that lies outside the fence, or to which the straight way leaves it.
+fn leg_outside(items: &[StoredItem], fence: &Fence) -> Option<u16> {
+    if fence.is_empty() {
+        return None;
+    }
+    let place = |stored: &StoredItem| match stored.item {
+        MissionItem::Waypoint { pos_E_m, .. } => Some([pos_E_m.x(), pos_E_m.y()]),
+        MissionItem::Land { pos_E_m } => pos_E_m.map(|pos| [pos.x(), pos.y()]),
+        _ => None,
+    };
+    let mut before: Option<[f64; 2]> = None;
+    for stored in items {
+        let next = match stored.item {
+            // Where the jump leads: the next place from there on.
+            MissionItem::Jump { to, .. } => items.iter().skip(usize::from(to)).find_map(place),
+            _ => place(stored),
+        };
+        let Some(next) = next else { continue };
+        if fence.is_left_between(before.unwrap_or(next), next) {
+            return Some(stored.wire.seq);
+        }
+        if !matches!(stored.item, MissionItem::Jump { .. }) {
+            before = Some(next);
+        }
+    }
+    None
+}
