@@ -13,54 +13,17 @@ use crate::time::HostTime;
 use super::super::mission_transfer::Client;
 use super::super::{LinkId, OWN, Pilot};
 use super::Purpose;
-use super::budget::Budget;
 use super::crc32::crc32;
-use super::files::{FileFault, FileName, FileTask, Folder, MOST_MISSION_BYTES, MOST_READ_BYTES};
+use super::files::{FileFault, FileName, FileTask, Folder, MOST_MISSION_BYTES};
 use super::ftp_path::{LOGS, MISSIONS, Place, place};
-use super::ftp_wire::{FRAME_BYTES, MOST_DATA, Packet};
+use super::ftp_stream::{Content, Session};
+use super::ftp_wire::{MOST_DATA, Packet};
 use super::metadata::{GENERAL_PATH, PARAMETER_PATH};
 
 /// Sessions at once.
-const MOST_SESSIONS: usize = 6;
+pub(super) const MOST_SESSIONS: usize = 6;
 /// Clients whose last answer is remembered.
 const MOST_CLIENTS: usize = 16;
-/// A session that nobody uses for so long ends, s.
-const IDLE_S: f64 = 60.0;
-/// Packets of one burst; then the client asks again. QGroundControl and MAVSDK go on by themselves.
-const BURST_PACKETS: u32 = 400;
-
-/// What a session reads or writes.
-#[derive(Debug)]
-enum Content {
-    /// Made in the core.
-    Memory(Vec<u8>),
-    /// On the disk: the block that is at hand, where it begins, and whether another one is fetched.
-    Disk { file: FileName, block: Vec<u8>, block_at: u64, is_fetching: bool },
-    /// To be written.
-    Upload { file: FileName, bytes: Vec<u8> },
-}
-
-#[derive(Debug)]
-struct Burst {
-    request: Packet,
-    seq: u16,
-    offset: u32,
-    chunk: usize,
-    left: u32,
-}
-
-#[derive(Debug)]
-struct Session {
-    client: Client,
-    /// Not used twice: answers for an older session of the same number do not fit.
-    serial: u32,
-    size: u64,
-    content: Content,
-    burst: Option<Burst>,
-    /// A read that waits for its block.
-    waiting: Option<Packet>,
-    used_at: HostTime,
-}
 
 /// What an answer of the disk is for.
 #[derive(Debug)]
@@ -86,13 +49,13 @@ struct Answered {
 /// State of the server.
 #[derive(Debug, Default)]
 pub(in super::super) struct Ftp {
-    sessions: [Option<Session>; MOST_SESSIONS],
+    pub(super) sessions: [Option<Session>; MOST_SESSIONS],
     next_serial: u32,
     answered: Vec<Answered>,
 }
 
 impl Ftp {
-    fn session(&mut self, number: u8, client: Client) -> Option<&mut Session> {
+    pub(super) fn session(&mut self, number: u8, client: Client) -> Option<&mut Session> {
         self.sessions
             .get_mut(usize::from(number))?
             .as_mut()
@@ -108,7 +71,7 @@ impl Ftp {
             size,
             content,
             burst: None,
-            waiting: None,
+            waiting: Vec::new(),
             used_at: at,
         };
         *self.sessions.get_mut(number)? = Some(session);
@@ -174,12 +137,12 @@ impl Pilot {
         }
     }
 
-    fn send_ftp(&mut self, client: Client, packet: &Packet) {
+    pub(super) fn send_ftp(&mut self, client: Client, packet: &Packet) {
         let message = MavMessage::FILE_TRANSFER_PROTOCOL(packet.encode(client.peer));
         self.out.message(client.link, OWN, &message);
     }
 
-    fn answer_ftp(&mut self, client: Client, seq: u16, answer: Packet) {
+    pub(super) fn answer_ftp(&mut self, client: Client, seq: u16, answer: Packet) {
         self.send_ftp(client, &answer);
         let mut all = self.services.ftp.answered.iter_mut();
         if let Some(known) = all.find(|known| (known.client, known.seq) == (client, seq)) {
@@ -363,65 +326,6 @@ impl Pilot {
         }
     }
 
-    fn ftp_read(&mut self, at: HostTime, client: Client, request: Packet) -> Option<Packet> {
-        let number = usize::from(request.session);
-        let Some(session) = self.services.ftp.session(request.session, client) else {
-            return Some(request.nak(MavFtpErr::MAV_FTP_ERR_INVALIDSESSION));
-        };
-        session.used_at = at;
-        if u64::from(request.offset) >= session.size {
-            return Some(request.nak(MavFtpErr::MAV_FTP_ERR_EOF));
-        }
-        let count = usize::from(request.size).min(MOST_DATA);
-        match session.at_hand(request.offset, count) {
-            Some(data) => Some(request.ack(data)),
-            None => {
-                let offset = u64::from(request.offset);
-                session.waiting = Some(request);
-                self.ftp_fetch(at, number, offset);
-                None
-            }
-        }
-    }
-
-    fn ftp_burst(&mut self, at: HostTime, client: Client, request: Packet) -> Option<Packet> {
-        let Some(session) = self.services.ftp.session(request.session, client) else {
-            return Some(request.nak(MavFtpErr::MAV_FTP_ERR_INVALIDSESSION));
-        };
-        session.used_at = at;
-        if u64::from(request.offset) >= session.size {
-            return Some(request.nak(MavFtpErr::MAV_FTP_ERR_EOF));
-        }
-        let chunk = match usize::from(request.size) {
-            0 => MOST_DATA,
-            size => size.min(MOST_DATA),
-        };
-        session.burst = Some(Burst {
-            seq: request.seq.wrapping_add(1),
-            offset: request.offset,
-            chunk,
-            left: BURST_PACKETS,
-            request,
-        });
-        None
-    }
-
-    /// Asks for the block of a session that begins at an offset.
-    fn ftp_fetch(&mut self, at: HostTime, number: usize, offset: u64) {
-        let Some(Some(session)) = self.services.ftp.sessions.get_mut(number) else { return };
-        let Content::Disk { file, is_fetching, .. } = &mut session.content else { return };
-        if *is_fetching {
-            return;
-        }
-        *is_fetching = true;
-        let task = FileTask::Read { file: file.clone(), offset, count: MOST_READ_BYTES };
-        let job = Job::Block { number, serial: session.serial, offset };
-        if let Err((fault, Purpose::Ftp(job))) = self.services.desk.ask(task, Purpose::Ftp(job), at)
-        {
-            self.ftp_answer(at, job, Err(fault), &[]);
-        }
-    }
-
     /// The disk has answered.
     pub(super) fn ftp_answer(
         &mut self,
@@ -478,133 +382,11 @@ impl Pilot {
         self.answer_ftp(client, request.seq, answer);
     }
 
-    fn ftp_block(
-        &mut self,
-        at: HostTime,
-        number: usize,
-        serial: u32,
-        offset: u64,
-        result: Result<(), FileFault>,
-        bytes: &[u8],
-    ) {
-        let Some(Some(session)) = self.services.ftp.sessions.get_mut(number) else { return };
-        if session.serial != serial {
-            return;
-        }
-        let client = session.client;
-        let Content::Disk { block, block_at, is_fetching, .. } = &mut session.content else {
-            return;
-        };
-        *is_fetching = false;
-        // A file that has become shorter would be asked for for ever.
-        let due = session.size.saturating_sub(offset).min(u64::from(MOST_READ_BYTES));
-        let failed = result.is_err() || bytes.is_empty() || (bytes.len() as u64) < due;
-        if !failed {
-            *block = bytes.to_vec();
-            *block_at = offset;
-        }
-        let waiting = session.waiting.take();
-        let burst = if failed { session.burst.take() } else { None };
-        if let Some(burst) = burst {
-            let mut answer = burst.request.nak(MavFtpErr::MAV_FTP_ERR_FAIL);
-            answer.seq = burst.seq;
-            self.send_ftp(client, &answer);
-        }
-        if let Some(request) = waiting {
-            let seq = request.seq;
-            let answer = if failed {
-                Some(request.nak(MavFtpErr::MAV_FTP_ERR_FAIL))
-            } else {
-                self.ftp_read(at, client, request)
-            };
-            if let Some(answer) = answer {
-                self.answer_ftp(client, seq, answer);
-            }
-        }
-    }
-
-    /// Goes on with bursts, and ends what nobody uses.
-    pub(super) fn ftp_tick(&mut self, at: HostTime, link: LinkId, budget: &mut Budget<'_>) {
-        for number in 0..MOST_SESSIONS {
-            let Some(slot) = self.services.ftp.sessions.get_mut(number) else { return };
-            if slot.take_if(|s| at.seconds_since(s.used_at) > IDLE_S).is_some() {
-                continue;
-            }
-            let Some(session) = slot.as_mut().filter(|s| s.client.link == link) else {
-                continue;
-            };
-            let client = session.client;
-            let mut packets = Vec::new();
-            let mut missing = None;
-            while let Some(burst) = &mut session.burst {
-                let left = session.size.saturating_sub(u64::from(burst.offset));
-                let count = burst.chunk.min(left as usize);
-                let offset = burst.offset;
-                if !session.content.has(offset, count) {
-                    missing = Some(u64::from(offset));
-                    break;
-                }
-                if !budget.take(FRAME_BYTES) {
-                    break;
-                }
-                session.used_at = at;
-                let data = session.content.slice(offset, count);
-                let mut packet = burst.request.ack(data);
-                packet.seq = burst.seq;
-                packet.offset = offset;
-                burst.seq = burst.seq.wrapping_add(1);
-                burst.offset = offset.saturating_add(count as u32);
-                burst.left -= 1;
-                packet.burst_complete = burst.left == 0 || left <= count as u64;
-                if packet.burst_complete {
-                    session.burst = None;
-                }
-                packets.push(packet);
-            }
-            for packet in &packets {
-                self.send_ftp(client, packet);
-            }
-            if let Some(offset) = missing {
-                self.ftp_fetch(at, number, offset);
-            }
-        }
-    }
-
     /// A link is gone, and whoever was on it.
     pub(super) fn ftp_forget(&mut self, link: LinkId) {
         for slot in &mut self.services.ftp.sessions {
             slot.take_if(|session| session.client.link == link);
         }
         self.services.ftp.answered.retain(|known| known.client.link != link);
-    }
-}
-
-impl Session {
-    /// Data of a read that can be answered at once: to the end of the file or of the block.
-    fn at_hand(&self, offset: u32, count: usize) -> Option<Vec<u8>> {
-        let left = self.size.saturating_sub(u64::from(offset));
-        let count = count.min(left as usize);
-        self.content.has(offset, count).then(|| self.content.slice(offset, count))
-    }
-}
-
-impl Content {
-    fn part(&self, offset: u32, count: usize) -> Option<&[u8]> {
-        let (bytes, start) = match self {
-            Content::Memory(bytes) | Content::Upload { bytes, .. } => (bytes, u64::from(offset)),
-            Content::Disk { block, block_at, .. } => {
-                (block, u64::from(offset).checked_sub(*block_at)?)
-            }
-        };
-        let start = usize::try_from(start).ok()?;
-        bytes.get(start..start.checked_add(count)?)
-    }
-
-    fn has(&self, offset: u32, count: usize) -> bool {
-        self.part(offset, count).is_some()
-    }
-
-    fn slice(&self, offset: u32, count: usize) -> Vec<u8> {
-        self.part(offset, count).unwrap_or_default().to_vec()
     }
 }

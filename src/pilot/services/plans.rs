@@ -4,28 +4,24 @@
 //! flown, neither it nor its fence can be replaced: hold first.
 
 use haltere_dialect::mav::haltere::{
-    MISSION_COUNT_DATA, MISSION_ITEM_DATA, MISSION_ITEM_INT_DATA, MavMessage, MavMissionResult,
-    MavMissionType,
+    MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavMessage, MavMissionResult, MavMissionType,
 };
 
 use crate::frames::{E, Vec3};
 use crate::geo::LocalOrigin;
 use crate::time::HostTime;
 
-use super::super::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
-use super::super::mission_items::{LOCAL_SCALE, Refusal, Room, from_wire, is_global, place_E_m};
+use super::super::mission::MOST_ITEMS;
+use super::super::mission_items::{Room, from_wire, place_E_m};
 use super::super::mission_transfer::{Client, MissionTransfer, Progress, Upload, ack};
 use super::super::modes::{Event, Mode};
 use super::super::{LinkId, OWN, Pilot, Severity};
-use super::Purpose;
 use super::budget::Budget;
 use super::fence::{Fence, MOST_CORNERS};
-use super::files::{FileFault, FileTask, Plan};
-use super::plan_file;
+use super::files::Plan;
+use super::plan_wire::{to_float, to_int};
 use super::rally;
 
-/// Degrees of the globe on the wire.
-const E7: f64 = 1e7;
 /// A MISSION_ITEM_INT on the wire, bytes.
 const ITEM_BYTES: usize = 50;
 /// Partial lists under way.
@@ -45,13 +41,13 @@ struct PartialList {
 pub(in super::super) struct Plans {
     pub transfer: MissionTransfer,
     partial: Vec<PartialList>,
-    fence_items: Vec<MISSION_ITEM_INT_DATA>,
-    fence_id: u32,
+    pub(super) fence_items: Vec<MISSION_ITEM_INT_DATA>,
+    pub(super) fence_id: u32,
     pub fence: Fence,
-    rally_items: Vec<MISSION_ITEM_INT_DATA>,
-    rally_id: u32,
+    pub(super) rally_items: Vec<MISSION_ITEM_INT_DATA>,
+    pub(super) rally_id: u32,
     /// Where the room was when items were turned into it.
-    origin: Option<LocalOrigin>,
+    pub(super) origin: Option<LocalOrigin>,
     /// Why the mission may not be flown.
     pub mission_is_barred: Option<String>,
     /// Where the vehicle was last inside the fence, N and E, m.
@@ -93,7 +89,7 @@ fn plan_of(mission_type: MavMissionType) -> Option<Plan> {
     }
 }
 
-fn type_of(plan: Plan) -> MavMissionType {
+pub(super) fn type_of(plan: Plan) -> MavMissionType {
     match plan {
         Plan::Mission => MavMissionType::MAV_MISSION_TYPE_MISSION,
         Plan::Fence => MavMissionType::MAV_MISSION_TYPE_FENCE,
@@ -101,7 +97,7 @@ fn type_of(plan: Plan) -> MavMissionType {
     }
 }
 
-fn name_of(plan: Plan) -> &'static str {
+pub(super) fn name_of(plan: Plan) -> &'static str {
     match plan {
         Plan::Mission => "mission",
         Plan::Fence => "fence",
@@ -114,52 +110,6 @@ fn most_items(plan: Plan) -> usize {
         Plan::Mission => MOST_ITEMS,
         Plan::Fence => MOST_CORNERS,
         Plan::Rally => rally::MOST_POINTS,
-    }
-}
-
-/// A float item as the integer item that it means.
-fn to_int(m: &MISSION_ITEM_DATA) -> MISSION_ITEM_INT_DATA {
-    let scale = if is_global(m.frame) { E7 } else { LOCAL_SCALE.recip() };
-    // Casts saturate; NaN becomes zero, "here".
-    let [x, y] = [m.x, m.y].map(|v| (f64::from(v) * scale).round() as i32);
-    MISSION_ITEM_INT_DATA {
-        param1: m.param1,
-        param2: m.param2,
-        param3: m.param3,
-        param4: m.param4,
-        x,
-        y,
-        z: m.z,
-        seq: m.seq,
-        command: m.command,
-        target_system: m.target_system,
-        target_component: m.target_component,
-        frame: m.frame,
-        current: m.current,
-        autocontinue: m.autocontinue,
-        mission_type: m.mission_type,
-    }
-}
-
-fn to_float(m: &MISSION_ITEM_INT_DATA) -> MISSION_ITEM_DATA {
-    let scale = if is_global(m.frame) { E7.recip() } else { LOCAL_SCALE };
-    let [x, y] = [m.x, m.y].map(|v| (f64::from(v) * scale) as f32);
-    MISSION_ITEM_DATA {
-        param1: m.param1,
-        param2: m.param2,
-        param3: m.param3,
-        param4: m.param4,
-        x,
-        y,
-        z: m.z,
-        seq: m.seq,
-        command: m.command,
-        target_system: m.target_system,
-        target_component: m.target_component,
-        frame: m.frame,
-        current: m.current,
-        autocontinue: m.autocontinue,
-        mission_type: m.mission_type,
     }
 }
 
@@ -280,7 +230,7 @@ impl Pilot {
         }
     }
 
-    fn plan_items(&self, plan: Plan) -> Vec<MISSION_ITEM_INT_DATA> {
+    pub(super) fn plan_items(&self, plan: Plan) -> Vec<MISSION_ITEM_INT_DATA> {
         match plan {
             Plan::Mission => self.mission.items.iter().map(|s| s.wire.clone()).collect(),
             Plan::Fence => self.services.plans.fence_items.clone(),
@@ -288,7 +238,7 @@ impl Pilot {
         }
     }
 
-    fn plan_len(&self, plan: Plan) -> usize {
+    pub(super) fn plan_len(&self, plan: Plan) -> usize {
         match plan {
             Plan::Mission => self.mission.items.len(),
             Plan::Fence => self.services.plans.fence_items.len(),
@@ -353,7 +303,7 @@ impl Pilot {
     }
 
     /// Why a list cannot be replaced now.
-    fn plan_is_locked(&self, plan: Plan) -> Option<&'static str> {
+    pub(super) fn plan_is_locked(&self, plan: Plan) -> Option<&'static str> {
         match plan {
             Plan::Mission if self.mode == Mode::Mission => Some("mission in flight, hold first"),
             Plan::Fence if self.mode == Mode::Mission => Some("mission in flight, hold first"),
@@ -466,101 +416,6 @@ impl Pilot {
         self.services.plans.transfer.finish(&upload, answer, at);
     }
 
-    fn warn_of_barred_mission(&mut self, at: HostTime) {
-        if let Some(why) = self.services.plans.mission_is_barred.clone() {
-            self.say(at, Severity::Warning, why);
-        }
-    }
-
-    /// Checks a list whole and puts it in force.
-    fn take_plan(
-        &mut self,
-        plan: Plan,
-        mut items: Vec<MISSION_ITEM_INT_DATA>,
-    ) -> Result<(), Refusal> {
-        for (seq, item) in items.iter_mut().enumerate() {
-            item.seq = seq as u16;
-            item.mission_type = type_of(plan);
-        }
-        let origin = self.local_origin();
-        match plan {
-            Plan::Mission => {
-                let room = Room { envelope: &self.guidance.envelope, origin };
-                let stored = items
-                    .into_iter()
-                    .map(|wire| from_wire(&wire, &room).map(|item| StoredItem { wire, item }))
-                    .collect::<Result<Vec<_>, _>>()?;
-                check_jumps(&stored)?;
-                if let Some(seq) = leg_outside(&stored, &self.services.plans.fence) {
-                    let why = format!("item {seq}: it, or the way to it, is outside the fence");
-                    return Err((MavMissionResult::MAV_MISSION_INVALID, why));
-                }
-                self.mission.replace(stored);
-                self.guidance.new_mission();
-                self.services.plans.mission_is_barred = None;
-                if self.mission.items.is_empty()
-                    && self.guidance.mission_waits
-                    && !self.mode.has_thrust()
-                {
-                    self.call_off_lift_off();
-                }
-            }
-            Plan::Fence => {
-                let places = places(&items, origin.as_ref())?;
-                let fence = Fence::from_items(&items, &places)?;
-                let here = [self.estimate.pos_E_m.x(), self.estimate.pos_E_m.y()];
-                if self.mode.has_thrust() && !fence.contains(here) {
-                    let why = format!(
-                        "the vehicle flies outside of it, at N {:.2} E {:.2}",
-                        here[0], here[1]
-                    );
-                    return Err((MavMissionResult::MAV_MISSION_DENIED, why));
-                }
-                self.services.plans.fence_id = plan_id(items.iter());
-                self.services.plans.fence_items = items;
-                self.services.plans.fence = fence;
-                self.services.plans.refuge_m = here;
-                self.bar_mission();
-            }
-            Plan::Rally => {
-                let places = places(&items, origin.as_ref())?;
-                let volume = self.guidance.volume();
-                let fence = &self.services.plans.fence;
-                rally::check(&items, &places, volume, fence)?;
-                self.guidance.set_rally_points(places);
-                self.services.plans.rally_id = plan_id(items.iter());
-                self.services.plans.rally_items = items;
-            }
-        }
-        Ok(())
-    }
-
-    /// Looks whether the mission still lies inside the fence.
-    fn bar_mission(&mut self) {
-        let barred = leg_outside(&self.mission.items, &self.services.plans.fence);
-        self.services.plans.mission_is_barred = barred
-            .map(|seq| format!("mission barred: item {seq} or the way to it is outside the fence"));
-    }
-
-    /// The room has moved on the globe: items given in global frames are elsewhere in it.
-    fn derive_anew(&mut self, at: HostTime) {
-        for plan in [Plan::Fence, Plan::Rally, Plan::Mission] {
-            let items = self.plan_items(plan);
-            if !items.iter().any(|item| is_global(item.frame)) {
-                continue;
-            }
-            if let Err((_, why)) = self.take_plan(plan, items) {
-                let text = format!("{} no longer fits the room: {why}", name_of(plan));
-                self.say(at, Severity::Warning, text.clone());
-                match plan {
-                    Plan::Mission => self.services.plans.mission_is_barred = Some(text),
-                    // Kept as it was: a fence that is elsewhere is better than none.
-                    Plan::Fence | Plan::Rally => {}
-                }
-            }
-        }
-    }
-
     fn clear_plans(&mut self, at: HostTime, client: Client, mission_type: MavMissionType) {
         use MavMissionResult as R;
         let plans = match plan_of(mission_type) {
@@ -579,66 +434,6 @@ impl Pilot {
         }
         let answer = ack(client.peer, mission_type, R::MAV_MISSION_ACCEPTED, 0);
         self.out.message(client.link, OWN, &answer);
-    }
-
-    fn keep_plan(&mut self, at: HostTime, plan: Plan) {
-        let items = self.plan_items(plan);
-        let bytes = if items.is_empty() { Vec::new() } else { plan_file::encode(&items) };
-        let task = FileTask::SavePlan(plan, bytes);
-        match self.services.desk.ask(task, Purpose::SavePlan(plan), at) {
-            // Nothing is kept by configuration: no reason to complain at every upload.
-            Ok(()) | Err((FileFault::Off, _)) => {}
-            Err((fault, _)) => self.plan_not_kept(at, plan, fault),
-        }
-    }
-
-    pub(super) fn plan_not_kept(&mut self, at: HostTime, plan: Plan, fault: FileFault) {
-        let text = format!("{} is lost at a restart: {}", name_of(plan), fault.words());
-        self.say(at, Severity::Warning, text);
-    }
-
-    /// Asks for what was kept.
-    pub(super) fn restore_plans(&mut self, at: HostTime) {
-        for plan in [Plan::Fence, Plan::Rally, Plan::Mission] {
-            // Nothing kept, nothing restored.
-            let _ = self.services.desk.ask(FileTask::LoadPlan(plan), Purpose::LoadPlan(plan), at);
-        }
-    }
-
-    pub(super) fn plan_restored(&mut self, at: HostTime, plan: Plan, bytes: &[u8]) {
-        // Somebody was faster, or there is nothing.
-        if bytes.is_empty() || self.plan_len(plan) > 0 || self.mode.has_thrust() {
-            return;
-        }
-        let taken = plan_file::decode(bytes)
-            .and_then(|items| self.take_plan(plan, items).map_err(|(_, why)| why));
-        match taken {
-            Ok(()) => {
-                let text = format!("{} of {} items restored", name_of(plan), self.plan_len(plan));
-                self.say(at, Severity::Info, text);
-            }
-            Err(why) => {
-                let text = format!("{} not restored: {why}", name_of(plan));
-                self.say(at, Severity::Warning, text);
-            }
-        }
-    }
-
-    /// A list from a file takes the way of an upload.
-    pub(super) fn load_mission(
-        &mut self,
-        at: HostTime,
-        items: Vec<MISSION_ITEM_INT_DATA>,
-    ) -> Result<usize, String> {
-        if let Some(why) = self.plan_is_locked(Plan::Mission) {
-            return Err(why.to_owned());
-        }
-        if items.len() > MOST_ITEMS {
-            return Err(format!("{} items, at most {MOST_ITEMS} allowed", items.len()));
-        }
-        self.take_plan(Plan::Mission, items).map_err(|(_, why)| why)?;
-        self.keep_plan(at, Plan::Mission);
-        Ok(self.mission.items.len())
     }
 
     /// "Fly there now", as DroneKit and older scripts say it: an item with `current` = 2; 3 changes
@@ -683,71 +478,4 @@ impl Pilot {
         };
         self.out.message(client.link, OWN, &ack(client.peer, m.mission_type, result, 0));
     }
-}
-
-/// Places of items that all have one, N and E, m.
-fn places(
-    items: &[MISSION_ITEM_INT_DATA],
-    origin: Option<&LocalOrigin>,
-) -> Result<Vec<[f64; 2]>, Refusal> {
-    items
-        .iter()
-        .map(|item| {
-            // Fences of some planners carry frame 0, 3 or 5; a place is all that counts.
-            let pos = place_E_m(&MISSION_ITEM_INT_DATA { z: 0.0, ..item.clone() }, origin)?;
-            let farthest_m = 10_000.0;
-            if pos.x().abs().max(pos.y().abs()) > farthest_m {
-                let (seq, north, east) = (item.seq, pos.x(), pos.y());
-                let why = format!(
-                    "item {seq}: N {north:.0} E {east:.0} m is more than {farthest_m} m away: is \
-                     the origin set? (frame {:?})",
-                    item.frame
-                );
-                return Err((MavMissionResult::MAV_MISSION_INVALID, why));
-            }
-            Ok([pos.x(), pos.y()])
-        })
-        .collect()
-}
-
-fn check_jumps(items: &[StoredItem]) -> Result<(), Refusal> {
-    let count = items.len();
-    for stored in items {
-        if let MissionItem::Jump { to, .. } = stored.item
-            && usize::from(to) >= count
-        {
-            let seq = stored.wire.seq;
-            let why = format!("item {seq}: jumps to {to}, the mission has {count} items");
-            return Err((MavMissionResult::MAV_MISSION_INVALID_PARAM1, why));
-        }
-    }
-    Ok(())
-}
-
-/// The first item that lies outside the fence, or to which the straight way leaves it.
-fn leg_outside(items: &[StoredItem], fence: &Fence) -> Option<u16> {
-    if fence.is_empty() {
-        return None;
-    }
-    let place = |stored: &StoredItem| match stored.item {
-        MissionItem::Waypoint { pos_E_m, .. } => Some([pos_E_m.x(), pos_E_m.y()]),
-        MissionItem::Land { pos_E_m } => pos_E_m.map(|pos| [pos.x(), pos.y()]),
-        _ => None,
-    };
-    let mut before: Option<[f64; 2]> = None;
-    for stored in items {
-        let next = match stored.item {
-            // Where the jump leads: the next place from there on.
-            MissionItem::Jump { to, .. } => items.iter().skip(usize::from(to)).find_map(place),
-            _ => place(stored),
-        };
-        let Some(next) = next else { continue };
-        if fence.is_left_between(before.unwrap_or(next), next) {
-            return Some(stored.wire.seq);
-        }
-        if !matches!(stored.item, MissionItem::Jump { .. }) {
-            before = Some(next);
-        }
-    }
-    None
 }
