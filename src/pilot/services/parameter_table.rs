@@ -84,13 +84,12 @@ impl Parameter {
         // The shortest decimal of the float: 0.1 stays 0.1 and not 0.10000000149.
         let exact = value.to_string().parse::<f64>().unwrap_or(f64::from(value));
         match self.kind {
-            Kind::Choice(choices) => {
-                if !choices.iter().any(|(n, _)| f64::from(*n) == exact) {
-                    let all: Vec<_> =
-                        choices.iter().map(|(n, meaning)| format!("{n} {meaning}")).collect();
-                    return Err(format!("{name} = {value}, allowed {}", all.join(", ")));
-                }
+            Kind::Choice(choices) if !choices.iter().any(|(n, _)| f64::from(*n) == exact) => {
+                let all: Vec<_> =
+                    choices.iter().map(|(n, meaning)| format!("{n} {meaning}")).collect();
+                return Err(format!("{name} = {value}, allowed {}", all.join(", ")));
             }
+            Kind::Choice(_) => {}
             Kind::Whole if exact.fract() != 0.0 => {
                 return Err(format!(
                     "{name} = {value}, allowed whole numbers {low} to {high} {unit}"
