@@ -13,6 +13,7 @@ pub mod estimator;
 pub mod fit;
 pub mod frames;
 pub mod gap;
+pub mod geo;
 pub mod import;
 pub mod live;
 pub mod lockstep;
