@@ -11,10 +11,9 @@ use crate::drops::{DropReason, Drops};
 use crate::time::HostTime;
 
 use super::commands::Request;
-use super::geo::WIRE_DEG;
 use super::mission_transfer::{Progress, ack};
 use super::modes::Mode;
-use super::place::Location;
+use super::place::{Location, WIRE_DEG};
 use super::setpoint::{Owner, Setpoint, setpoint_from_global};
 use super::{LinkId, OWN, Pilot, Severity, reference};
 
@@ -190,7 +189,7 @@ impl Pilot {
             }
             MavMessage::SET_HOME_POSITION(m) => {
                 let [lat, lon] = [m.latitude, m.longitude].map(|w| f64::from(w) * WIRE_DEG);
-                if let Err((_, why)) = self.set_home(at, self.origin.point(lat, lon)) {
+                if let Err((_, why)) = self.set_home(at, self.room_from_deg(lat, lon)) {
                     self.say(at, Severity::Warning, why);
                 }
             }

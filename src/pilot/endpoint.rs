@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::geo::{Geodetic, LocalOrigin};
+
 use super::identity::{FLAPPING_WING, mav_type};
 
 /// Most stations of one endpoint that is found by them (`udpin`, `tcpin`).
@@ -107,6 +109,15 @@ impl Default for OriginConfig {
 }
 
 impl OriginConfig {
+    /// As the core uses it. What was checked is always possible.
+    pub(super) fn in_force(&self) -> LocalOrigin {
+        let at = |c: &Self| {
+            let place = Geodetic::from_deg(c.latitude_deg, c.longitude_deg, c.altitude_m)?;
+            LocalOrigin::new(place, c.north_deg.to_radians())
+        };
+        at(self).or_else(|| at(&Self::default())).unwrap_or_else(LocalOrigin::zero)
+    }
+
     /// Adds what is out of range to `problems`; `key` is the name of the section.
     pub fn check(&self, key: &str, problems: &mut crate::checks::Problems) {
         // East and west have no length at the poles.

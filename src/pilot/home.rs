@@ -6,22 +6,22 @@ use haltere_dialect::mav::haltere::{
 
 use crate::estimate::Health;
 use crate::frames::Vec3;
+use crate::geo::{Geodetic, LocalOrigin};
 use crate::time::HostTime;
 
 use super::commands::{Answer, Request, refuse};
 use super::endpoint::{GpsClaim, OriginConfig};
-use super::geo::{Origin, Place, WIRE_DEG};
+use super::place::WIRE_DEG;
+use super::telemetry_global::millimetres;
 use super::{LinkId, OWN, Pilot, Severity};
 
 /// Highest and lowest altitude that an origin may have, m: as in the configuration.
 const ALTITUDE_M: std::ops::RangeInclusive<f64> = -500.0..=9000.0;
-/// Largest latitude: at the poles there is no east.
-const MOST_LATITUDE_DEG: f64 = 89.0;
 
 impl Pilot {
     /// What only a new station must know: everybody else heard it.
     pub(super) fn greet(&mut self, at: HostTime, link: LinkId) {
-        if self.origin == Origin::new(&OriginConfig::default())
+        if self.origin == OriginConfig::default().in_force()
             && self.endpoint_on(link).gps != GpsClaim::None
         {
             let text = "the place on the map is a stand-in: set ground.origin, or the origin from here";
@@ -31,27 +31,22 @@ impl Pilot {
 
     /// SET_GPS_GLOBAL_ORIGIN and MAV_CMD_DO_SET_GLOBAL_ORIGIN: 1e-7 degrees, and metres.
     pub(super) fn set_origin(&mut self, at: HostTime, lat: i32, lon: i32, alt_m: f64) -> Answer {
-        let place = Place {
-            latitude_deg: f64::from(lat) * WIRE_DEG,
-            longitude_deg: f64::from(lon) * WIRE_DEG,
-            altitude_m: alt_m,
-        };
-        let possible = place.latitude_deg.abs() <= MOST_LATITUDE_DEG
-            && place.longitude_deg.abs() <= 180.0
-            && ALTITUDE_M.contains(&alt_m);
-        if !possible {
+        let north_rad = self.origin.room_north_rad();
+        let origin = Geodetic::from_e7(lat, lon, alt_m)
+            .filter(|_| ALTITUDE_M.contains(&alt_m))
+            .and_then(|place| LocalOrigin::new(place, north_rad));
+        let [latitude_deg, longitude_deg] = [lat, lon].map(|w| f64::from(w) * WIRE_DEG);
+        let Some(origin) = origin else {
             return refuse(
                 MavResult::MAV_RESULT_DENIED,
                 format!(
-                    "origin {:.7} {:.7} {alt_m:.1} m refused: latitude within \
-                     {MOST_LATITUDE_DEG}, longitude within 180 deg, altitude {} to {} m",
-                    place.latitude_deg,
-                    place.longitude_deg,
+                    "origin {latitude_deg:.7} {longitude_deg:.7} {alt_m:.1} m refused: latitude \
+                     within 90 and not at a pole, longitude within 180 deg, altitude {} to {} m",
                     ALTITUDE_M.start(),
                     ALTITUDE_M.end()
                 ),
             );
-        }
+        };
         if self.mode.has_thrust() {
             // The goals of a flight in global coordinates would jump.
             return refuse(
@@ -59,11 +54,11 @@ impl Pilot {
                 "origin refused in flight: land first",
             );
         }
-        self.origin = self.origin.moved(place);
+        self.origin = origin;
         self.say(
             at,
             Severity::Info,
-            format!("origin at {:.7} {:.7}", place.latitude_deg, place.longitude_deg),
+            format!("origin at {latitude_deg:.7} {longitude_deg:.7}"),
         );
         for n in 0..self.grounds.len() {
             if self.grounds[n].is_open {
@@ -113,24 +108,24 @@ impl Pilot {
     }
 
     pub(super) fn origin_message(&self) -> MavMessage {
-        let place = self.origin.place;
-        let [latitude, longitude] = place.wire_deg();
+        let place = self.origin.place();
+        let [latitude, longitude] = place.to_e7();
         MavMessage::GPS_GLOBAL_ORIGIN(GPS_GLOBAL_ORIGIN_DATA {
             latitude,
             longitude,
-            altitude: place.wire_mm(),
+            altitude: millimetres(place.alt_m),
             time_usec: self.now.as_us(),
         })
     }
 
     pub(super) fn home_message(&self) -> MavMessage {
         let home = self.guidance.home_E_m();
-        let place = self.origin.place(home);
-        let [latitude, longitude] = place.wire_deg();
+        let place = self.origin.to_global(home);
+        let [latitude, longitude] = place.to_e7();
         MavMessage::HOME_POSITION(HOME_POSITION_DATA {
             latitude,
             longitude,
-            altitude: place.wire_mm(),
+            altitude: millimetres(place.alt_m),
             x: home.x() as f32,
             y: home.y() as f32,
             z: home.z() as f32,

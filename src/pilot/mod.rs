@@ -19,7 +19,6 @@ mod commands;
 mod config;
 mod endpoint;
 mod excitation;
-mod geo;
 mod ground;
 mod guidance;
 mod heading;
@@ -59,6 +58,7 @@ use crate::control::Controller;
 use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::estimator::Estimator;
+use crate::geo::LocalOrigin;
 use crate::measure::{BatterySample, BoardAttitude, Tdoa};
 use crate::survey::Survey;
 use crate::time::HostTime;
@@ -67,7 +67,6 @@ use crate::uwb::{MavTag, TdoaEngine};
 
 use board::{BoardLink, BoardNews};
 use commands::Asker;
-use geo::Origin;
 use ground::GroundLink;
 use guidance::Guidance;
 use heading::BoardNorth;
@@ -218,7 +217,7 @@ pub struct Pilot {
     refused_setpoint_told: bool,
 
     grounds: Vec<GroundLink>,
-    origin: Origin,
+    origin: LocalOrigin,
     next_health: HostTime,
 }
 
@@ -235,7 +234,7 @@ impl Pilot {
                 GroundLink::new(LinkId::Ground(n), endpoint, number, at)
             })
             .collect();
-        let origin = Origin::new(&config.origin);
+        let origin = config.origin.in_force();
         let mut pilot = Self {
             now: at,
             next_tick: at.offset_us(schedule::CONTROL_PERIOD_US),

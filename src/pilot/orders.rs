@@ -315,7 +315,7 @@ impl Pilot {
             let sign = if direction < 0.0 { -1.0 } else { 1.0 };
             self.estimate.R_EB.yaw_rad() + sign * angle_rad
         } else {
-            self.origin.yaw_rad(angle_rad)
+            self.origin.room_yaw_rad(angle_rad)
         });
         Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
@@ -329,7 +329,7 @@ impl Pilot {
         let speed_mps = f64::from(request.params[0]);
         let yaw_rad = f64::from(request.params[3]);
         let yaw_rad = yaw_rad.is_finite().then(|| {
-            if is_global { self.origin.yaw_rad(yaw_rad) } else { yaw_rad }
+            if is_global { self.origin.room_yaw_rad(yaw_rad) } else { yaw_rad }
         });
         self.go_to(at, horizontal_m, height_m, yaw_rad)?;
         if speed_mps > 0.0 {

@@ -2,13 +2,18 @@
 
 use haltere_dialect::mav::haltere::{MavFrame, MavResult};
 
+use crate::frames::{E, Vec3};
+use crate::geo::Geodetic;
+
 use super::Pilot;
 use super::commands::{Refusal, Request};
 use super::endpoint::Identity;
-use super::geo::WIRE_DEG;
 
 /// COMMAND_INT and MISSION_ITEM_INT in a local frame count x and y in 0.1 mm.
 const LOCAL_SCALE: f64 = 1e-4;
+
+/// MAVLink counts latitude and longitude in this many degrees.
+pub(super) const WIRE_DEG: f64 = 1e-7;
 
 /// What a height is counted from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -133,17 +138,26 @@ impl Pilot {
         Ok(self.room_point(kind, [x, y, z]))
     }
 
+    /// Room north and east of a place, m. Not a number where there is no such place: no limits hold
+    /// that.
+    pub(super) fn room_from_deg(&self, latitude_deg: f64, longitude_deg: f64) -> [f64; 2] {
+        let alt_m = self.origin.place().alt_m;
+        let pos = Geodetic::from_deg(latitude_deg, longitude_deg, alt_m)
+            .map_or(Vec3::<E>::new(f64::NAN, f64::NAN, 0.0), |place| self.origin.to_local(&place));
+        [pos.x(), pos.y()]
+    }
+
     /// The same for fields in degrees or metres, NaN where not given.
     pub(super) fn room_point(&self, kind: Kind, [x, y, z]: [f64; 3]) -> Wanted {
         let height_m = match kind {
             Kind::Local => -z,
             Kind::Global(Above::Floor) => z,
-            Kind::Global(Above::Sea) => z - self.origin.place.altitude_m,
+            Kind::Global(Above::Sea) => z - self.origin.place().alt_m,
         };
         let horizontal_m = match kind {
             _ if x.is_nan() || y.is_nan() => None,
             Kind::Local => Some([x, y]),
-            Kind::Global(_) => Some(self.origin.point(x, y)),
+            Kind::Global(_) => Some(self.room_from_deg(x, y)),
         };
         Wanted {
             horizontal_m,

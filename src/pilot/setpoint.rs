@@ -8,10 +8,10 @@ use haltere_dialect::mav::haltere::{
 use crate::control::{AxisCommand, Command};
 use crate::estimate::Estimate;
 use crate::frames::{B, E, Rot, Vec3, wrap_pi_rad};
+use crate::geo::{Geodetic, LocalOrigin};
 use crate::time::HostTime;
 
 use super::LinkId;
-use super::geo::{Origin, WIRE_DEG};
 use super::mission::Volume;
 use super::place::{self, Above, Kind};
 
@@ -250,7 +250,7 @@ impl Setpoint {
 /// A setpoint in a global frame as one in the room, through the place of its origin.
 pub(super) fn setpoint_from_global(
     m: &SET_POSITION_TARGET_GLOBAL_INT_DATA,
-    origin: &Origin,
+    origin: &LocalOrigin,
 ) -> Result<SET_POSITION_TARGET_LOCAL_NED_DATA, String> {
     let above = match place::kind(m.coordinate_frame) {
         Some(Kind::Global(above)) => above,
@@ -263,14 +263,21 @@ pub(super) fn setpoint_from_global(
     {
         return Err("setpoint in a global frame: give both horizontal axes or none".to_owned());
     }
-    let [lat, lon] = [m.lat_int, m.lon_int].map(|w| f64::from(w) * WIRE_DEG);
-    let [x, y] = origin.point(lat, lon).map(|v| v as f32);
+    let alt_m = origin.place().alt_m;
+    // Where the point is not used, its fields may hold anything.
+    let [x, y] = match Geodetic::from_e7(m.lat_int, m.lon_int, alt_m) {
+        Some(place) => {
+            let pos = origin.to_local(&place);
+            [pos.x(), pos.y()].map(|v| v as f32)
+        }
+        None => [f32::NAN; 2],
+    };
     let height_m = match above {
         Above::Floor => f64::from(m.alt),
-        Above::Sea => f64::from(m.alt) - origin.place.altitude_m,
+        Above::Sea => f64::from(m.alt) - alt_m,
     };
-    let [vx, vy] =
-        origin.room_from_true([f64::from(m.vx), f64::from(m.vy)]).map(|v| v as f32);
+    let vel = origin.from_true_north([f64::from(m.vx), f64::from(m.vy), f64::from(m.vz)]);
+    let [vx, vy] = [vel.x(), vel.y()].map(|v| v as f32);
     let yaw = f64::from(m.yaw);
     Ok(SET_POSITION_TARGET_LOCAL_NED_DATA {
         time_boot_ms: m.time_boot_ms,
@@ -283,7 +290,7 @@ pub(super) fn setpoint_from_global(
         afx: m.afx,
         afy: m.afy,
         afz: m.afz,
-        yaw: if yaw.is_finite() { origin.yaw_rad(yaw) as f32 } else { m.yaw },
+        yaw: if yaw.is_finite() { origin.room_yaw_rad(yaw) as f32 } else { m.yaw },
         yaw_rate: m.yaw_rate,
         type_mask: m.type_mask,
         target_system: m.target_system,
