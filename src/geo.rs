@@ -128,6 +128,12 @@ impl LocalOrigin {
         })
     }
 
+    /// On the equator, where Greenwich's meridian crosses it: always possible.
+    pub fn zero() -> Self {
+        let place = Geodetic { lat_rad: 0.0, lon_rad: 0.0, alt_m: 0.0 };
+        Self { place, room_north_rad: 0.0, ecef_m: place.ecef_m() }
+    }
+
     /// The place of the origin.
     pub fn place(&self) -> Geodetic {
         self.place

@@ -5,6 +5,7 @@
 
 mod address;
 mod anchors;
+mod ground;
 mod layers;
 mod sections;
 pub mod stored;
@@ -16,9 +17,9 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 pub use address::{Address, AddressError, HostPort};
+pub use ground::{EndpointConfig, GroundConfig};
 pub use sections::{
-    AnchorsConfig, BoardConfig, GroundConfig, RecordConfig, StoreConfig, TagConfig, TagPort,
-    TimingConfig,
+    AnchorsConfig, BoardConfig, RecordConfig, StoreConfig, TagConfig, TagPort, TimingConfig,
 };
 
 use crate::checks::Problems;
@@ -150,8 +151,8 @@ impl Config {
         if let TagPort::Device(path) = &self.tag.port {
             taken.push(("tag.port".to_owned(), path.display().to_string()));
         }
-        for (i, address) in self.ground.endpoints.iter().enumerate() {
-            taken.push((format!("ground.endpoints[{i}]"), address.resource()));
+        for (i, endpoint) in self.ground.endpoints.iter().enumerate() {
+            taken.push((format!("ground.endpoints[{i}]"), endpoint.address.resource()));
         }
         for (i, (key, resource)) in taken.iter().enumerate() {
             if let Some((other, _)) = taken[..i].iter().find(|(_, r)| r == resource) {
@@ -169,7 +170,9 @@ impl Config {
             tag_protocol: self.tag.protocol,
             board_profile: self.board.profile,
             board_north_offset_rad: self.board.north_offset_deg.to_radians(),
-            ground_endpoints: u8::try_from(self.ground.endpoints.len()).unwrap_or(u8::MAX),
+            endpoints: self.ground.for_pilot(),
+            routing: self.ground.routing,
+            origin: self.ground.origin,
             store: self.store.is_on(),
             flight: self.flight.clone(),
             limits: self.limits.clone(),

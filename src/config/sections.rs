@@ -4,12 +4,9 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::address::{Address, HostPort};
+use super::address::Address;
 use crate::checks::Problems;
 use crate::pilot::{BoardProfile, TagProtocol};
-
-/// Most ground endpoints: far more than a flight needs, few enough to serve each at full rate.
-const MOST_ENDPOINTS: usize = 8;
 
 /// `[tag]`: the UWB tag.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -106,35 +103,6 @@ impl BoardConfig {
             -180.0..=180.0,
             "deg",
         );
-    }
-}
-
-/// `[ground]`: ground stations.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct GroundConfig {
-    /// Where they are.
-    pub endpoints: Vec<Address>,
-}
-
-impl Default for GroundConfig {
-    fn default() -> Self {
-        // INTERFACES: UDP to this port by default.
-        Self {
-            endpoints: vec![Address::UdpOut(HostPort { host: "127.0.0.1".into(), port: 14_550 })],
-        }
-    }
-}
-
-impl GroundConfig {
-    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
-        if self.endpoints.len() > MOST_ENDPOINTS {
-            problems.say(format!(
-                "{key}.endpoints: {} entries, allowed 0 to {MOST_ENDPOINTS}; let several stations \
-                 share a udpin or tcpin endpoint",
-                self.endpoints.len()
-            ));
-        }
     }
 }
 

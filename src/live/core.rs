@@ -12,7 +12,7 @@ use tokio::sync::mpsc::error::TrySendError;
 
 use super::clock;
 use super::files::FileDesk;
-use super::inbox::{Arrival, Shared, What};
+use super::inbox::{Arrival, Outgoing, Shared, What};
 use crate::drops::DropReason;
 use crate::pilot::{Input, LinkId, Pilot};
 use crate::record::{GlueState, Recorder, RecorderSummary};
@@ -40,7 +40,7 @@ pub(super) struct Core {
     pub recorder: Recorder,
     pub arrivals: Receiver<Arrival>,
     /// By link number.
-    pub outputs: Vec<Sender<Vec<u8>>>,
+    pub outputs: Vec<Sender<Outgoing>>,
     /// What people should read.
     pub news: Sender<Topic>,
     pub files: FileDesk,
@@ -130,7 +130,7 @@ impl Core {
         pilot.drain_output(|link, bytes| {
             recorder.output(now, link, bytes);
             let Some(output) = outputs.get(usize::from(link.number())) else { return };
-            match output.try_send(bytes.to_vec()) {
+            match output.try_send(Outgoing { link, bytes: bytes.to_vec() }) {
                 Ok(()) => {}
                 Err(TrySendError::Full(_)) => shared.lost(link, DropReason::OutputQueueFull),
                 Err(TrySendError::Closed(_)) => shared.lost(link, DropReason::LinkWriteFailed),

@@ -12,6 +12,7 @@ mod frames;
 mod inbox;
 pub mod realtime;
 mod serial;
+mod stations;
 mod tcp;
 #[cfg(test)]
 mod tests;
@@ -20,7 +21,6 @@ mod usb;
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::SyncSender;
 use std::thread::JoinHandle;
 
 use serde::Serialize;
@@ -31,7 +31,7 @@ use tokio::sync::{Notify, mpsc, oneshot};
 use tokio::task::JoinSet;
 
 use self::core::{Core, CoreSummary};
-use self::inbox::{Arrival, Inbox, OUTPUT_QUEUE_CHUNKS, Shared, input_queue};
+use self::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing, Shared, input_queue};
 use crate::config::{Address, HostPort, Loaded, TagPort};
 use crate::pilot::{LinkId, Pilot};
 use crate::record::{BuildIdentity, RecordError, Recorder, Session};
@@ -136,8 +136,14 @@ async fn fly(
 
     let shared = Arc::new(Shared::default());
     let (queue, arrivals) = input_queue();
-    let (outputs, receivers): (Vec<_>, Vec<_>) =
-        ports.iter().map(|_| mpsc::channel(OUTPUT_QUEUE_CHUNKS)).unzip();
+    // By link number: the stations of one endpoint share its queue.
+    let mut outputs = Vec::new();
+    let mut receivers = Vec::new();
+    for (_, links) in &ports {
+        let (output, receiver) = mpsc::channel(OUTPUT_QUEUE_CHUNKS * links.len().max(1));
+        outputs.extend(links.iter().map(|_| output.clone()));
+        receivers.push(receiver);
+    }
     let (news, mut read_news) = mpsc::channel(NEWS_QUEUE);
     let started = clock::now();
     let recorder = begin_recording(loaded, started)?;
@@ -154,9 +160,10 @@ async fn fly(
     let (pilot_thread, ended) = start_pilot(loaded, core)?;
     let mut links = JoinSet::new();
     let mut threads: Vec<_> = file_thread.into_iter().collect();
-    for ((number, port), output) in (0..).zip(ports).zip(receivers) {
-        let link = LinkId::from_number(number);
-        threads.extend(start_link(link, port, &queue, &shared, output, &mut links)?);
+    for ((port, own_links), output) in ports.into_iter().zip(receivers) {
+        let inbox = |link| Inbox::new(link, queue.clone(), shared.clone());
+        let inboxes = own_links.into_iter().map(inbox).collect();
+        threads.extend(start_link(port, inboxes, output, &mut links)?);
     }
     drop(queue);
 
@@ -221,17 +228,23 @@ fn begin_recording(loaded: &Loaded, started: crate::time::HostTime) -> Result<Re
     Ok(recorder)
 }
 
-/// Opens everything that can be refused, before anything runs. In the order of link numbers.
-async fn open_ports(loaded: &Loaded) -> Result<Vec<Port>, LiveError> {
+/// Opens everything that can be refused, before anything runs. In the order of link numbers, with the
+/// links of each.
+async fn open_ports(loaded: &Loaded) -> Result<Vec<(Port, Vec<LinkId>)>, LiveError> {
     let config = &loaded.config;
     let device = match &config.tag.port {
         TagPort::Auto => serial::Device::AutoTag,
         TagPort::Device(path) => serial::Device::Path(path.clone()),
     };
-    let mut ports = vec![Port::Serial(device, config.tag.baud)];
-    ports.push(open_port("board.address".into(), &config.board.address).await?);
-    for (i, address) in config.ground.endpoints.iter().enumerate() {
-        ports.push(open_port(format!("ground.endpoints[{i}]"), address).await?);
+    let mut ports = vec![(Port::Serial(device, config.tag.baud), vec![LinkId::Tag])];
+    let board = open_port("board.address".into(), &config.board.address).await?;
+    ports.push((board, vec![LinkId::Board]));
+    let mut next = 0..;
+    let endpoints = config.ground.for_pilot();
+    for (i, (endpoint, told)) in config.ground.endpoints.iter().zip(endpoints).enumerate() {
+        let port = open_port(format!("ground.endpoints[{i}]"), &endpoint.address).await?;
+        let links = next.by_ref().take(usize::from(told.stations)).map(LinkId::Ground).collect();
+        ports.push((port, links));
     }
     Ok(ports)
 }
@@ -250,15 +263,18 @@ async fn open_port(key: String, address: &Address) -> Result<Port, LiveError> {
 }
 
 fn start_link(
-    link: LinkId,
     port: Port,
-    queue: &SyncSender<Arrival>,
-    shared: &Arc<Shared>,
-    output: mpsc::Receiver<Vec<u8>>,
+    inboxes: Vec<Inbox>,
+    output: mpsc::Receiver<Outgoing>,
     links: &mut JoinSet<()>,
 ) -> Result<Vec<JoinHandle<()>>, LiveError> {
-    let inbox = Inbox::new(link, queue.clone(), shared.clone());
+    let Some(inbox) = inboxes.first().cloned() else { return Ok(Vec::new()) };
+    let is_ground = matches!(inbox.link(), LinkId::Ground(_));
     match port {
+        Port::UdpIn(socket) if is_ground => links.spawn(stations::listen(socket, inboxes, output)),
+        Port::TcpIn(listener) if is_ground => {
+            links.spawn(stations::serve(listener, inboxes, output))
+        }
         Port::Serial(device, baud) => {
             return Ok(serial::spawn(device, baud, inbox, output)?.into());
         }

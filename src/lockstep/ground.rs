@@ -1,8 +1,9 @@
 //! A ground station in memory: sends commands and missions, reads the answers.
 
 use haltere_dialect::mav::haltere::{
-    COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd,
-    MavFrame, MavMessage, MavMissionResult, MavMissionType, MavResult,
+    COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_COUNT_DATA,
+    MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult, MavMissionType,
+    MavResult,
 };
 use haltere_dialect::mav_stream::{self, MavSplitter};
 
@@ -13,6 +14,11 @@ const SYSTEM: u8 = 255;
 const COMPONENT: u8 = 190;
 /// An answer must come within this simulated time, µs.
 const PATIENCE_US: u64 = 5_000_000;
+
+/// Whether a command is answered for good.
+fn is_answer(ack: &COMMAND_ACK_DATA, command: MavCmd) -> bool {
+    ack.command == command && ack.result != MavResult::MAV_RESULT_IN_PROGRESS
+}
 
 /// The station.
 #[derive(Debug)]
@@ -152,7 +158,7 @@ impl Ground {
         });
         self.send(world, &message);
         self.wait_for(world, PATIENCE_US, |m| match m {
-            MavMessage::COMMAND_ACK(ack) if ack.command == command => Some(ack.result),
+            MavMessage::COMMAND_ACK(ack) if is_answer(ack, command) => Some(ack.result),
             _ => None,
         })
     }

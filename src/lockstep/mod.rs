@@ -70,7 +70,7 @@ impl<W: World> Lockstep<W> {
         listener: Option<Listener>,
     ) -> Self {
         let at = HostTime::from_us(HOST_START_US);
-        let grounds = pilot.ground_endpoints;
+        let grounds = u8::try_from(pilot.ground_links().count()).unwrap_or(u8::MAX);
         let pilot = Pilot::new(pilot, survey.clone(), at);
         let ground_out = vec![Vec::new(); usize::from(grounds)];
         let mut all = Self {

@@ -8,6 +8,7 @@ use crate::estimator::{EstimatorConfig, UwbNoise};
 use crate::survey::Survey;
 use crate::uwb::UwbConfig;
 
+use super::endpoint::{Endpoint, MOST_GROUND_LINKS, OriginConfig, Routing};
 use super::mission::Volume;
 
 /// Everything the pilot core is told at start. The files layer builds it; a replay rebuilds it.
@@ -19,8 +20,12 @@ pub struct PilotConfig {
     pub board_profile: BoardProfile,
     /// Angle from room north to the board's north at start, rad, positive clockwise from above.
     pub board_north_offset_rad: f64,
-    /// Number of ground endpoints.
-    pub ground_endpoints: u8,
+    /// Ground endpoints, in their order.
+    pub endpoints: Vec<Endpoint>,
+    /// What becomes of frames that are not for us.
+    pub routing: Routing,
+    /// Where the room lies on Earth.
+    pub origin: OriginConfig,
     /// Whether glue answers requests for files.
     pub store: bool,
     /// `[flight]`
@@ -41,7 +46,9 @@ impl Default for PilotConfig {
             tag_protocol: TagProtocol::LpsSniffer,
             board_profile: BoardProfile::Generic,
             board_north_offset_rad: 0.0,
-            ground_endpoints: 1,
+            endpoints: vec![Endpoint::default()],
+            routing: Routing::default(),
+            origin: OriginConfig::default(),
             store: false,
             flight: FlightConfig::default(),
             limits: LimitsConfig::default(),
@@ -53,6 +60,17 @@ impl Default for PilotConfig {
 }
 
 impl PilotConfig {
+    /// Every link to a station: number of its endpoint, and the endpoint. The links of an endpoint
+    /// follow one another, in the order of the endpoints.
+    pub fn ground_links(&self) -> impl Iterator<Item = (u8, Endpoint)> + '_ {
+        let endpoints = (0..=u8::MAX).zip(&self.endpoints);
+        endpoints
+            .flat_map(|(number, endpoint)| {
+                (0..endpoint.stations.max(1)).map(move |_| (number, *endpoint))
+            })
+            .take(MOST_GROUND_LINKS)
+    }
+
     /// The filter with the enhancements that `[control]` switches on: version `raw` flies without
     /// drag term and with constant UWB noise, whatever `[estimator]` says.
     pub fn estimator_in_force(&self) -> EstimatorConfig {

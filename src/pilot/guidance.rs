@@ -95,6 +95,8 @@ pub(super) struct Guidance {
     yaw_rad: f64,
     /// Place of take-off, Earth frame, m.
     home_E_m: Vec3<E>,
+    /// Home was set by hand: take-offs leave it.
+    home_is_set: bool,
     entered_at: HostTime,
     arrived_at: Option<HostTime>,
     takeoff_height_m: f64,
@@ -116,6 +118,8 @@ pub(super) struct Guidance {
     jumps_made: Vec<(u16, u32)>,
     /// What a client wants in Offboard mode.
     pub setpoint: Option<Setpoint>,
+    /// What a joystick wants in Manual mode.
+    pub sticks: Option<Setpoint>,
 }
 
 impl Guidance {
@@ -134,6 +138,7 @@ impl Guidance {
             carrot: Carrot::resting(Vec3::zero()),
             yaw_rad: 0.0,
             home_E_m: Vec3::zero(),
+            home_is_set: false,
             entered_at: at,
             arrived_at: None,
             mission_waits: false,
@@ -146,6 +151,7 @@ impl Guidance {
             rally_NE_m: Vec::new(),
             jumps_made: Vec::new(),
             setpoint: None,
+            sticks: None,
         }
     }
 
@@ -156,6 +162,11 @@ impl Guidance {
     /// Height of the next take-off, m.
     pub fn set_takeoff_height(&mut self, height_m: f64) {
         self.takeoff_height_m = height_m.clamp(0.3, self.envelope.volume.height_m);
+    }
+
+    /// Height of the take-off that is under way or comes next, m.
+    pub fn takeoff_height_m(&self) -> f64 {
+        self.takeoff_height_m
     }
 
     /// Starts a leg to a point.
@@ -174,6 +185,29 @@ impl Guidance {
     /// Speed on the legs that follow; `None`: the configured one.
     pub fn set_leg_speed(&mut self, speed_mps: Option<f64>) {
         self.leg_speed_mps = speed_mps.unwrap_or(self.config.cruise_speed_mps);
+    }
+
+    /// Where the vehicle returns to, on the floor.
+    pub fn home_E_m(&self) -> Vec3<E> {
+        self.home_E_m
+    }
+
+    /// Home by hand.
+    pub fn set_home(&mut self, home_E_m: Vec3<E>) {
+        self.home_E_m = Vec3::new(home_E_m.x(), home_E_m.y(), 0.0);
+        self.home_is_set = true;
+    }
+
+    /// Home is where the vehicle stands, unless it was set by hand.
+    pub fn home_is_here(&mut self, pos_E_m: Vec3<E>) {
+        if !self.home_is_set {
+            self.home_E_m = Vec3::new(pos_E_m.x(), pos_E_m.y(), 0.0);
+        }
+    }
+
+    /// Where the leg under way ends, or what is held.
+    pub fn goal_E_m(&self) -> Vec3<E> {
+        self.carrot.target_E_m
     }
 
     /// Yaw setpoint from room north, rad.
@@ -251,8 +285,9 @@ impl Guidance {
         self.tilt = None;
         match mode {
             Mode::Spool => {
-                self.home_E_m = Vec3::new(estimate.pos_E_m.x(), estimate.pos_E_m.y(), 0.0);
-                self.carrot = Carrot::resting(self.home_E_m);
+                let here = Vec3::new(estimate.pos_E_m.x(), estimate.pos_E_m.y(), 0.0);
+                self.home_is_here(here);
+                self.carrot = Carrot::resting(here);
                 self.yaw_rad = estimate.R_EB.yaw_rad();
                 self.set_leg_speed(None);
             }
@@ -350,14 +385,20 @@ impl Guidance {
                 command.axes[2] = AxisCommand::Velocity_mps(sink_mps);
                 (command, news)
             }
-            Mode::Offboard => {
-                let Some(setpoint) = &self.setpoint else {
-                    news.event = Some(Event::OffboardSilent);
+            Mode::Offboard | Mode::Manual => {
+                let manual = mode == Mode::Manual;
+                let (followed, silent) = if manual {
+                    (&self.sticks, Event::ManualSilent)
+                } else {
+                    (&self.setpoint, Event::OffboardSilent)
+                };
+                let Some(setpoint) = followed else {
+                    news.event = Some(silent);
                     return (self.position_command(Vec3::zero()), news);
                 };
                 let age_s = at.seconds_since(setpoint.received_at);
-                if age_s > offboard_loss_s && setpoint.needs_stream() {
-                    news.event = Some(Event::OffboardSilent);
+                if age_s > offboard_loss_s && (manual || setpoint.needs_stream()) {
+                    news.event = Some(silent);
                 }
                 let command =
                     setpoint.command(estimate, &self.envelope.volume, &mut self.yaw_rad, dt_s);

@@ -6,10 +6,10 @@ use crate::frames::{B, E, Rot};
 use crate::time::HostTime;
 use crate::topics::{HealthRecord, Topic};
 
-use super::ground::STREAM_COUNT;
 use super::guidance::Now;
 use super::modes::{Event, Mode};
-use super::{LinkId, Pilot, Severity};
+use super::streams::Streams;
+use super::{Pilot, Severity};
 
 /// Period of the control step, µs: 100 Hz as in the source.
 pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
@@ -265,10 +265,21 @@ impl Pilot {
 
     /// Ground endpoints: the streams that are due.
     fn serve_grounds(&mut self, at: HostTime) {
+        self.soothe_askers(at);
+        self.tell_mode(at);
         for n in 0..self.grounds.len() {
-            for number in 0..STREAM_COUNT {
-                if let Some(msg_id) = self.grounds[n].due(number, at) {
-                    self.send_telemetry(at, LinkId::Ground(n as u8), msg_id);
+            if !self.grounds[n].is_open {
+                continue;
+            }
+            let link = self.grounds[n].link;
+            self.grounds[n].streams.begin(at);
+            // Answers first: they are booked before any stream.
+            self.settle(n);
+            for turn in 0..Streams::TURNS {
+                if let Some(msg_id) = self.grounds[n].streams.due(turn, at)
+                    && self.send_telemetry(at, link, msg_id)
+                {
+                    self.settle(n);
                 }
             }
         }

@@ -443,7 +443,7 @@ fn prop_parts_are_written_and_read() {
 fn prop_two_stations_do_not_mix_their_missions() {
     let plant = PlantConfig::hall(1);
     let survey = plant.survey.clone();
-    let pilot = PilotConfig { ground_endpoints: 2, ..pilot_config(&plant) };
+    let pilot = PilotConfig { endpoints: vec![Default::default(); 2], ..pilot_config(&plant) };
     let mut world = Lockstep::new(plant, pilot, &survey).unwrap();
     let mut first = Ground::new();
     let mut second = Ground::at_endpoint(1, 245);

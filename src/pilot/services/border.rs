@@ -1,35 +1,26 @@
 //! The border to the rest of the core: all that the services take from it, or change in it.
 
-use crate::geo::{Geodetic, LocalOrigin};
+use crate::geo::LocalOrigin;
 
+use super::super::endpoint::Identity;
 use super::super::tilt_step::Envelope;
 use super::super::{LinkId, Pilot};
 use crate::control::Handover;
 
-/// Where the room is taken to lie until somebody says where: open sea, which nobody takes for the
-/// true place, degrees north and east.
-const STAND_IN_DEG: [f64; 2] = [0.5, 0.5];
-
-/// The origin until it is set.
-pub(super) fn stand_in_origin() -> Option<LocalOrigin> {
-    let [lat_deg, lon_deg] = STAND_IN_DEG;
-    LocalOrigin::new(Geodetic::from_deg(lat_deg, lon_deg, 0.0)?, 0.0)
-}
-
 impl Pilot {
     /// Where the room lies on Earth.
     pub(in super::super) fn local_origin(&self) -> Option<LocalOrigin> {
-        stand_in_origin()
+        Some(self.origin)
     }
 
     /// Whether a link shows the identity `px4`.
-    pub(super) fn is_px4(&self, _link: LinkId) -> bool {
-        false
+    pub(super) fn is_px4(&self, link: LinkId) -> bool {
+        self.endpoint_on(link).identity == Identity::Px4
     }
 
     /// What the line of a link carries, bytes/s; `None`: more than we ever send.
-    pub(super) fn line_Bps(&self, _link: LinkId) -> Option<f64> {
-        None
+    pub(super) fn line_Bps(&self, link: LinkId) -> Option<f64> {
+        self.endpoint_on(link).line_Bps
     }
 
     /// A value of the configuration changed: everything that has a copy takes it over. Outputs of

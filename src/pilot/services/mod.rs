@@ -88,7 +88,7 @@ impl Services {
             buckets: Vec::new(),
             parameters: Parameters::new(config),
             metadata: Metadata::new(),
-            plans: Plans::new(border::stand_in_origin()),
+            plans: Plans::new(Some(config.origin.in_force())),
             ftp: Ftp::default(),
             logs: Logs::default(),
             has_begun: false,
@@ -222,6 +222,9 @@ impl Pilot {
         }
         self.plan_tick(at);
         for n in 0..self.grounds.len() {
+            if !self.grounds[n].is_open {
+                continue;
+            }
             let link = self.grounds[n].link;
             let line_Bps = self.line_Bps(link);
             let buckets = &mut self.services.buckets;
@@ -235,6 +238,7 @@ impl Pilot {
             self.log_tick(at, link, &mut budget);
             self.ftp_tick(at, link, &mut budget);
             self.services.buckets.push((link, bucket));
+            self.settle(n);
         }
     }
 

@@ -180,12 +180,14 @@ impl Pilot {
                 // Everybody's copy is to be right, under each name of the value.
                 for n in 0..self.grounds.len() {
                     let link = self.grounds[n].link;
-                    self.send_parameter(link, index as u16);
+                    if self.grounds[n].is_open {
+                        self.send_parameter(link, index as u16);
+                    }
                 }
                 for other in aliases(changed).filter(|other| *other != index) {
                     for n in 0..self.grounds.len() {
                         let link = self.grounds[n].link;
-                        if other < table::count(self.is_px4(link)) {
+                        if self.grounds[n].is_open && other < table::count(self.is_px4(link)) {
                             self.send_parameter(link, other as u16);
                         }
                     }

@@ -7,12 +7,11 @@ use haltere_dialect::mav::haltere::{
     MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavMessage, MavMissionResult, MavMissionType,
 };
 
-use crate::frames::{E, Vec3};
 use crate::geo::LocalOrigin;
 use crate::time::HostTime;
 
 use super::super::mission::MOST_ITEMS;
-use super::super::mission_items::{Room, from_wire, place_E_m};
+use super::super::mission_items::{Room, from_wire};
 use super::super::mission_transfer::{Client, MissionTransfer, Progress, Upload, ack};
 use super::super::modes::{Event, Mode};
 use super::super::{LinkId, OWN, Pilot, Severity};
@@ -138,10 +137,9 @@ impl Pilot {
                     self.upload_begins(at, client, m.mission_type, first, count, true);
                 }
             }
-            MavMessage::MISSION_ITEM_INT(m) if m.current > 1 => self.guided_item(at, client, m),
-            MavMessage::MISSION_ITEM(m) if m.current > 1 => {
-                self.guided_item(at, client, &to_int(m));
-            }
+            // A goal, not an item of a list.
+            MavMessage::MISSION_ITEM_INT(m) if m.current > 1 => return false,
+            MavMessage::MISSION_ITEM(m) if m.current > 1 => return false,
             MavMessage::MISSION_ITEM_INT(m) => self.upload_item(at, client, m.clone(), false),
             MavMessage::MISSION_ITEM(m) => self.upload_item(at, client, to_int(m), true),
             MavMessage::MISSION_ACK(_) => self.services.plans.transfer.cancel(client),
@@ -434,48 +432,5 @@ impl Pilot {
         }
         let answer = ack(client.peer, mission_type, R::MAV_MISSION_ACCEPTED, 0);
         self.out.message(client.link, OWN, &answer);
-    }
-
-    /// "Fly there now", as DroneKit and older scripts say it: an item with `current` = 2; 3 changes
-    /// the height alone.
-    fn guided_item(&mut self, at: HostTime, client: Client, m: &MISSION_ITEM_INT_DATA) {
-        use MavMissionResult as R;
-        let result = match place_E_m(m, self.local_origin().as_ref()) {
-            Ok(pos) => {
-                let pos = if m.current == 3 {
-                    let here = self.estimate.pos_E_m;
-                    Vec3::<E>::new(here.x(), here.y(), pos.z())
-                } else {
-                    pos
-                };
-                let fence = &self.services.plans.fence;
-                if !self.guidance.volume().contains(pos) || !fence.contains([pos.x(), pos.y()]) {
-                    Err((
-                        R::MAV_MISSION_INVALID,
-                        format!(
-                            "N {:.2} E {:.2} height {:.2} m is outside the limits or the fence",
-                            pos.x(),
-                            pos.y(),
-                            -pos.z()
-                        ),
-                    ))
-                } else if self.mode == Mode::Goto || self.fire(at, Event::GotoAsked) {
-                    self.guidance.fly_to(pos, None);
-                    Ok(())
-                } else {
-                    let mode = self.mode.name();
-                    Err((R::MAV_MISSION_DENIED, format!("flying to a point refused while {mode}")))
-                }
-            }
-            Err(refusal) => Err(refusal),
-        };
-        let result = match result {
-            Ok(()) => R::MAV_MISSION_ACCEPTED,
-            Err((result, why)) => {
-                self.say(at, Severity::Warning, why);
-                result
-            }
-        };
-        self.out.message(client.link, OWN, &ack(client.peer, m.mission_type, result, 0));
     }
 }
