@@ -126,6 +126,11 @@ fn prop_mavsdk_flies_it() {
 }
 
 #[test]
+fn prop_mavsdk_fetches_and_stores() {
+    pytest("stations", "test_services.py");
+}
+
+#[test]
 fn prop_mavproxy_flies_it() {
     pytest("stations", "test_mavproxy.py");
 }
