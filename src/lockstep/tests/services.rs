@@ -5,7 +5,7 @@ use haltere_dialect::mav::haltere::{
     MISSION_REQUEST_INT_DATA, MISSION_REQUEST_LIST_DATA, MISSION_REQUEST_PARTIAL_LIST_DATA,
     MISSION_WRITE_PARTIAL_LIST_DATA, MavFrame, MavMessage, MavMissionResult, MavMissionType,
     MavParamError, MavParamType, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
-    PARAM_VALUE_DATA,
+    PARAM_VALUE_DATA, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 
 use super::*;
@@ -323,15 +323,33 @@ fn prop_the_fence_holds_back_goto_and_offboard_and_arming() {
     assert_eq!(upload_as(&mut world, &mut ground, T::MAV_MISSION_TYPE_FENCE, &fence()), ACCEPTED);
     let (mut world, mut ground) = hovering(world);
     // The room would allow it.
-    ground.goto(&mut world, [9.0, 5.0, -1.2]);
+    let answer = ground.goto(&mut world, [9.0, 5.0, -1.2]);
+    assert_eq!(answer, Some(MavResult::MAV_RESULT_DENIED));
+    // Straight on at 1 m/s, as an offboard client may ask: it stops at the fence, and stays.
+    let north = MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        // Horizontal velocity and height.
+        type_mask: PositionTargetTypemask::from_bits_retain(0x1C0 | 0xC00 | 0b100_011),
+        z: -1.2,
+        vx: 1.0,
+        target_system: 1,
+        target_component: 1,
+        ..Default::default()
+    });
     let mut farthest: f64 = 0.0;
-    for _ in 0..100 {
-        fly_for(&mut world, 0.1);
+    for n in 0..200 {
+        ground.send(&mut world, &north);
+        if n == 1 {
+            let offboard = [1.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+            let answer = ground.command(&mut world, MavCmd::MAV_CMD_DO_SET_MODE, offboard);
+            assert_eq!(answer, Some(MavResult::MAV_RESULT_ACCEPTED));
+        }
+        fly_for(&mut world, 0.05);
         farthest = farthest.max(world.truth().pos_E_m.x());
     }
-    assert!(farthest < 7.3, "N {farthest}");
+    assert!((6.0..7.2).contains(&farthest), "N {farthest}");
     said(&mut world, &mut ground, "held back by the fence");
-    assert_eq!(world.pilot().mode(), Mode::Hold);
+    assert_eq!(world.pilot().mode(), Mode::Offboard);
     // A fence that leaves the vehicle outside is refused in flight.
     let away = [[0.5, 0.5], [0.5, 1.5], [1.5, 1.5], [1.5, 0.5]]
         .map(|[n, e]| item(MavCmd::MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION, [n, e, 0.0], 4.0));
