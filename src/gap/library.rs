@@ -145,7 +145,7 @@ mod tests {
             let is_alone = |r: &&Vec<f64>| r[..of].iter().filter(|v| **v != off).count() == 1;
             rows(id).iter().filter(is_alone).count()
         };
-        assert_eq!((alone("M1", 0.0, 3), alone("L3", 0.0, 2), alone("A1", 1.0, 3)), (6, 6, 6));
+        assert_eq!((alone("M1", 0.0, 3), alone("L3", 0.0, 2), alone("A1", 1.0, 2)), (6, 6, 6));
         assert!(rows("A6").iter().all(|r| r[1] != 5.0), "places are no components");
         assert!(rows("T3").iter().all(|r| r.iter().all(|v| *v > 0.0)));
     }
