@@ -58,11 +58,13 @@ pub enum DropReason {
     RecorderQueueFull,
     /// Write to a link failed.
     LinkWriteFailed,
+    /// Datagram or connection of a station for which its endpoint has no place.
+    StationsFull,
 }
 
 impl DropReason {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [DropReason; 27] = [
+    pub const ALL: [DropReason; 28] = [
         DropReason::TagGarbageByte,
         DropReason::TagBadLength,
         DropReason::TagUnknownType,
@@ -90,6 +92,7 @@ impl DropReason {
         DropReason::OutputQueueFull,
         DropReason::RecorderQueueFull,
         DropReason::LinkWriteFailed,
+        DropReason::StationsFull,
     ];
 
     /// Name in logs, reports and messages.
@@ -122,6 +125,7 @@ impl DropReason {
             DropReason::OutputQueueFull => "output_queue_full",
             DropReason::RecorderQueueFull => "recorder_queue_full",
             DropReason::LinkWriteFailed => "link_write_failed",
+            DropReason::StationsFull => "stations_full",
         }
     }
 }

@@ -106,6 +106,16 @@ impl MavFrame<'_> {
     }
 }
 
+/// The message of a payload alone. `None`: unknown id, or a value that our definition does not know.
+pub fn parse_payload(msg_id: u32, payload: &[u8]) -> Option<MavMessage> {
+    MavMessage::parse(MavlinkVersion::V2, msg_id, payload).ok()
+}
+
+/// System and component that a message is addressed to; 0 is everyone.
+pub fn target(message: &MavMessage) -> (u8, u8) {
+    (message.target_system_id().unwrap_or(0), message.target_component_id().unwrap_or(0))
+}
+
 /// HEARTBEAT as it stands in the frame, without judging the values: a board of a type that is
 /// newer than our definitions must not vanish.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use anyhow::anyhow;
 use clap::Args;
 
+use super::programs::BuiltIn;
 use super::{print, print_json};
 use crate::config::{Loaded, Sources};
 use crate::live;
@@ -45,7 +46,11 @@ impl Fly {
         for file in &loaded.files {
             tracing::info!("read {}", file.display());
         }
-        let summary = live::run(&loaded, &live::Stop::default())?;
+        for note in &loaded.notes {
+            tracing::warn!("{note}");
+        }
+        let programs = Box::new(BuiltIn::new(&loaded)?);
+        let summary = live::run_with(&loaded, &live::Stop::default(), programs)?;
         if self.json {
             print_json(&summary)?;
         } else {

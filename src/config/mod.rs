@@ -5,8 +5,10 @@
 
 mod address;
 mod anchors;
+mod ground;
 mod layers;
 mod sections;
+pub mod stored;
 #[cfg(test)]
 mod tests;
 
@@ -15,8 +17,9 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 pub use address::{Address, AddressError, HostPort};
+pub use ground::{EndpointConfig, GroundConfig};
 pub use sections::{
-    AnchorsConfig, BoardConfig, GroundConfig, RecordConfig, TagConfig, TagPort, TimingConfig,
+    AnchorsConfig, BoardConfig, RecordConfig, StoreConfig, TagConfig, TagPort, TimingConfig,
 };
 
 use crate::checks::Problems;
@@ -43,6 +46,8 @@ pub struct Config {
     pub anchors: AnchorsConfig,
     /// `[record]`
     pub record: RecordConfig,
+    /// `[store]`
+    pub store: StoreConfig,
     /// `[timing]`
     pub timing: TimingConfig,
     /// `[flight]`
@@ -66,6 +71,8 @@ pub struct Loaded {
     pub survey: Survey,
     /// Files that were read, for the user to see.
     pub files: Vec<PathBuf>,
+    /// What people should know about the parameters that a station had set.
+    pub notes: Vec<String>,
 }
 
 /// Where a configuration comes from.
@@ -98,7 +105,9 @@ impl Loaded {
         let survey = anchors::read(&anchor_file)?;
         let mut files = layers.files();
         files.push(anchor_file);
-        Ok(Self { config, survey, files })
+        let mut loaded = Self { config, survey, files, notes: Vec::new() };
+        stored::apply(&mut loaded, &layers);
+        Ok(loaded)
     }
 }
 
@@ -142,8 +151,8 @@ impl Config {
         if let TagPort::Device(path) = &self.tag.port {
             taken.push(("tag.port".to_owned(), path.display().to_string()));
         }
-        for (i, address) in self.ground.endpoints.iter().enumerate() {
-            taken.push((format!("ground.endpoints[{i}]"), address.resource()));
+        for (i, endpoint) in self.ground.endpoints.iter().enumerate() {
+            taken.push((format!("ground.endpoints[{i}]"), endpoint.address.resource()));
         }
         for (i, (key, resource)) in taken.iter().enumerate() {
             if let Some((other, _)) = taken[..i].iter().find(|(_, r)| r == resource) {
@@ -161,13 +170,25 @@ impl Config {
             tag_protocol: self.tag.protocol,
             board_profile: self.board.profile,
             board_north_offset_rad: self.board.north_offset_deg.to_radians(),
-            ground_endpoints: u8::try_from(self.ground.endpoints.len()).unwrap_or(u8::MAX),
+            endpoints: self.ground.for_pilot(),
+            routing: self.ground.routing,
+            origin: self.ground.origin,
+            store: self.store.is_on(),
             flight: self.flight.clone(),
             limits: self.limits.clone(),
             uwb: self.uwb.clone(),
             estimator: self.estimator.clone(),
             control: self.control.clone(),
         }
+    }
+
+    /// Takes over what a station may have changed in the core's part.
+    fn take_over(&mut self, pilot: PilotConfig) {
+        self.flight = pilot.flight;
+        self.limits = pilot.limits;
+        self.uwb = pilot.uwb;
+        self.estimator = pilot.estimator;
+        self.control = pilot.control;
     }
 
     /// The whole configuration as a TOML file, for the log.

@@ -4,12 +4,9 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use super::address::{Address, HostPort};
+use super::address::Address;
 use crate::checks::Problems;
 use crate::pilot::{BoardProfile, TagProtocol};
-
-/// Most ground endpoints: far more than a flight needs, few enough to serve each at full rate.
-const MOST_ENDPOINTS: usize = 8;
 
 /// `[tag]`: the UWB tag.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -109,35 +106,6 @@ impl BoardConfig {
     }
 }
 
-/// `[ground]`: ground stations.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct GroundConfig {
-    /// Where they are.
-    pub endpoints: Vec<Address>,
-}
-
-impl Default for GroundConfig {
-    fn default() -> Self {
-        // INTERFACES: UDP to this port by default.
-        Self {
-            endpoints: vec![Address::UdpOut(HostPort { host: "127.0.0.1".into(), port: 14_550 })],
-        }
-    }
-}
-
-impl GroundConfig {
-    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
-        if self.endpoints.len() > MOST_ENDPOINTS {
-            problems.say(format!(
-                "{key}.endpoints: {} entries, allowed 0 to {MOST_ENDPOINTS}; let several stations \
-                 share a udpin or tcpin endpoint",
-                self.endpoints.len()
-            ));
-        }
-    }
-}
-
 /// `[anchors]`: the survey.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -165,6 +133,28 @@ pub struct RecordConfig {
 impl Default for RecordConfig {
     fn default() -> Self {
         Self { enabled: true, directory: "logs".into() }
+    }
+}
+
+/// `[store]`: what is kept over a restart.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StoreConfig {
+    /// Folder of parameters, mission, fence, rally points and mission files, relative to the working
+    /// directory. Empty: nothing is kept.
+    pub directory: PathBuf,
+}
+
+impl Default for StoreConfig {
+    fn default() -> Self {
+        Self { directory: "state".into() }
+    }
+}
+
+impl StoreConfig {
+    /// Whether anything is kept.
+    pub fn is_on(&self) -> bool {
+        !self.directory.as_os_str().is_empty()
     }
 }
 

@@ -160,7 +160,7 @@ fn prop_later_layers_win() {
     assert_eq!(config.record.directory, Path::new("2026"));
     assert_eq!(config.limits.north_m, Some([-1.0, 4.5]));
     assert_eq!(
-        config.ground.endpoints.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        config.ground.endpoints.iter().map(|e| e.address.to_string()).collect::<Vec<_>>(),
         ["udpin:0.0.0.0:14551", "tcpin:0.0.0.0:5760"]
     );
     // What is resolved is what a log will hold, and a replay reads back.

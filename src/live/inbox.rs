@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
 use super::clock;
 use crate::drops::DropReason;
-use crate::pilot::LinkId;
+use crate::pilot::{LinkId, MOST_GROUND_LINKS};
 use crate::time::HostTime;
 
 /// Chunks of input that may wait for the pilot's thread: over a second of everything.
@@ -16,21 +16,38 @@ const INPUT_QUEUE_CHUNKS: usize = 4096;
 pub(super) const OUTPUT_QUEUE_CHUNKS: usize = 64;
 
 /// Reasons that occur outside of the core.
-const REASONS: [DropReason; 4] = [
+const REASONS: [DropReason; 5] = [
     DropReason::InputQueueFull,
     DropReason::OutputQueueFull,
     DropReason::LinkWriteFailed,
     DropReason::MavWrongPeer,
+    DropReason::StationsFull,
 ];
 
-/// Links that can exist: tag, board, and as many ground endpoints as the configuration allows.
-const MOST_LINKS: usize = 2 + 8;
+/// Links that can exist: tag, board, and as many stations as the core takes.
+const MOST_LINKS: usize = 2 + MOST_GROUND_LINKS;
+
+/// Bytes for a link.
+#[derive(Debug)]
+pub(super) struct Outgoing {
+    pub link: LinkId,
+    pub bytes: Vec<u8>,
+}
 
 /// State that all threads share.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Shared {
     stop: AtomicBool,
     drops: [[AtomicU64; REASONS.len()]; MOST_LINKS],
+}
+
+impl Default for Shared {
+    fn default() -> Self {
+        Self {
+            stop: AtomicBool::new(false),
+            drops: [const { [const { AtomicU64::new(0) }; REASONS.len()] }; MOST_LINKS],
+        }
+    }
 }
 
 impl Shared {

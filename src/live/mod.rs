@@ -7,10 +7,12 @@
 
 mod clock;
 mod core;
+mod files;
 mod frames;
 mod inbox;
 pub mod realtime;
 mod serial;
+mod stations;
 mod tcp;
 #[cfg(test)]
 mod tests;
@@ -19,7 +21,6 @@ mod usb;
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::SyncSender;
 use std::thread::JoinHandle;
 
 use serde::Serialize;
@@ -30,10 +31,11 @@ use tokio::sync::{Notify, mpsc, oneshot};
 use tokio::task::JoinSet;
 
 use self::core::{Core, CoreSummary};
-use self::inbox::{Arrival, Inbox, OUTPUT_QUEUE_CHUNKS, Shared, input_queue};
+use self::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing, Shared, input_queue};
 use crate::config::{Address, HostPort, Loaded, TagPort};
 use crate::pilot::{LinkId, Pilot};
 use crate::record::{BuildIdentity, RecordError, Recorder, Session};
+use crate::store::{NoPrograms, Programs, Store};
 use crate::topics::Topic;
 
 /// News for people that may wait to be printed.
@@ -108,26 +110,46 @@ enum Port {
 
 /// Runs the companion until a signal, `stop`, or a defect ends it.
 pub fn run(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
+    run_with(loaded, stop, Box::new(NoPrograms))
+}
+
+/// The same, with programs that a station can load by name.
+pub fn run_with(
+    loaded: &Loaded,
+    stop: &Stop,
+    programs: Box<dyn Programs>,
+) -> Result<RunSummary, LiveError> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let summary = runtime.block_on(fly(loaded, stop));
+    let summary = runtime.block_on(fly(loaded, stop, programs));
     runtime.shutdown_background();
     summary
 }
 
-async fn fly(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
+async fn fly(
+    loaded: &Loaded,
+    stop: &Stop,
+    programs: Box<dyn Programs>,
+) -> Result<RunSummary, LiveError> {
     let mut interrupt = signal(SignalKind::interrupt())?;
     let mut terminate = signal(SignalKind::terminate())?;
     let ports = open_ports(loaded).await?;
 
     let shared = Arc::new(Shared::default());
     let (queue, arrivals) = input_queue();
-    let (outputs, receivers): (Vec<_>, Vec<_>) =
-        ports.iter().map(|_| mpsc::channel(OUTPUT_QUEUE_CHUNKS)).unzip();
+    // By link number: the stations of one endpoint share its queue.
+    let mut outputs = Vec::new();
+    let mut receivers = Vec::new();
+    for (_, links) in &ports {
+        let (output, receiver) = mpsc::channel(OUTPUT_QUEUE_CHUNKS * links.len().max(1));
+        outputs.extend(links.iter().map(|_| output.clone()));
+        receivers.push(receiver);
+    }
     let (news, mut read_news) = mpsc::channel(NEWS_QUEUE);
     let started = clock::now();
     let recorder = begin_recording(loaded, started)?;
     let pilot = Pilot::new(loaded.config.pilot(), loaded.survey.clone(), started);
-    let core = Core { pilot, recorder, arrivals, outputs, news, shared: shared.clone() };
+    let (files, file_thread) = start_files(loaded, &recorder, programs, &shared)?;
+    let core = Core { pilot, recorder, arrivals, outputs, news, files, shared: shared.clone() };
 
     if loaded.config.timing.lock_memory {
         match realtime::lock_memory() {
@@ -137,10 +159,11 @@ async fn fly(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
     }
     let (pilot_thread, ended) = start_pilot(loaded, core)?;
     let mut links = JoinSet::new();
-    let mut threads = Vec::new();
-    for ((number, port), output) in (0..).zip(ports).zip(receivers) {
-        let link = LinkId::from_number(number);
-        threads.extend(start_link(link, port, &queue, &shared, output, &mut links)?);
+    let mut threads: Vec<_> = file_thread.into_iter().collect();
+    for ((port, own_links), output) in ports.into_iter().zip(receivers) {
+        let inbox = |link| Inbox::new(link, queue.clone(), shared.clone());
+        let inboxes = own_links.into_iter().map(inbox).collect();
+        threads.extend(start_link(port, inboxes, output, &mut links)?);
     }
     drop(queue);
 
@@ -169,6 +192,22 @@ async fn fly(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
     }
 }
 
+type FileThread = (files::FileDesk, Option<JoinHandle<()>>);
+
+fn start_files(
+    loaded: &Loaded,
+    recorder: &Recorder,
+    programs: Box<dyn Programs>,
+    shared: &Arc<Shared>,
+) -> Result<FileThread, LiveError> {
+    let config = &loaded.config;
+    let store = config.store.is_on().then(|| {
+        let (directory, logs) = (&config.store.directory, &config.record.directory);
+        Store::new(directory, logs, recorder.path(), programs)
+    });
+    Ok(files::start(store, shared.clone())?)
+}
+
 fn begin_recording(loaded: &Loaded, started: crate::time::HostTime) -> Result<Recorder, LiveError> {
     let record = &loaded.config.record;
     if !record.enabled {
@@ -189,17 +228,23 @@ fn begin_recording(loaded: &Loaded, started: crate::time::HostTime) -> Result<Re
     Ok(recorder)
 }
 
-/// Opens everything that can be refused, before anything runs. In the order of link numbers.
-async fn open_ports(loaded: &Loaded) -> Result<Vec<Port>, LiveError> {
+/// Opens everything that can be refused, before anything runs. In the order of link numbers, with the
+/// links of each.
+async fn open_ports(loaded: &Loaded) -> Result<Vec<(Port, Vec<LinkId>)>, LiveError> {
     let config = &loaded.config;
     let device = match &config.tag.port {
         TagPort::Auto => serial::Device::AutoTag,
         TagPort::Device(path) => serial::Device::Path(path.clone()),
     };
-    let mut ports = vec![Port::Serial(device, config.tag.baud)];
-    ports.push(open_port("board.address".into(), &config.board.address).await?);
-    for (i, address) in config.ground.endpoints.iter().enumerate() {
-        ports.push(open_port(format!("ground.endpoints[{i}]"), address).await?);
+    let mut ports = vec![(Port::Serial(device, config.tag.baud), vec![LinkId::Tag])];
+    let board = open_port("board.address".into(), &config.board.address).await?;
+    ports.push((board, vec![LinkId::Board]));
+    let mut next = 0..;
+    let endpoints = config.ground.for_pilot();
+    for (i, (endpoint, told)) in config.ground.endpoints.iter().zip(endpoints).enumerate() {
+        let port = open_port(format!("ground.endpoints[{i}]"), &endpoint.address).await?;
+        let links = next.by_ref().take(usize::from(told.stations)).map(LinkId::Ground).collect();
+        ports.push((port, links));
     }
     Ok(ports)
 }
@@ -218,15 +263,18 @@ async fn open_port(key: String, address: &Address) -> Result<Port, LiveError> {
 }
 
 fn start_link(
-    link: LinkId,
     port: Port,
-    queue: &SyncSender<Arrival>,
-    shared: &Arc<Shared>,
-    output: mpsc::Receiver<Vec<u8>>,
+    inboxes: Vec<Inbox>,
+    output: mpsc::Receiver<Outgoing>,
     links: &mut JoinSet<()>,
 ) -> Result<Vec<JoinHandle<()>>, LiveError> {
-    let inbox = Inbox::new(link, queue.clone(), shared.clone());
+    let Some(inbox) = inboxes.first().cloned() else { return Ok(Vec::new()) };
+    let is_ground = matches!(inbox.link(), LinkId::Ground(_));
     match port {
+        Port::UdpIn(socket) if is_ground => links.spawn(stations::listen(socket, inboxes, output)),
+        Port::TcpIn(listener) if is_ground => {
+            links.spawn(stations::serve(listener, inboxes, output))
+        }
         Port::Serial(device, baud) => {
             return Ok(serial::spawn(device, baud, inbox, output)?.into());
         }

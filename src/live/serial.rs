@@ -9,7 +9,7 @@ use std::time::Duration;
 use serialport::{SerialPort, TTYPort};
 use tokio::sync::mpsc::Receiver;
 
-use super::inbox::Inbox;
+use super::inbox::{Inbox, Outgoing};
 use super::{clock, usb};
 use crate::drops::DropReason;
 
@@ -40,7 +40,7 @@ pub(super) fn spawn(
     device: Device,
     baud: u32,
     inbox: Inbox,
-    output: Receiver<Vec<u8>>,
+    output: Receiver<Outgoing>,
 ) -> std::io::Result<[JoinHandle<()>; 2]> {
     let writer = Writer::default();
     let name = format!("link-{}", inbox.link().number());
@@ -134,8 +134,8 @@ fn read_until_lost(port: &mut TTYPort, inbox: &Inbox) -> Option<String> {
     None
 }
 
-fn write_forever(mut output: Receiver<Vec<u8>>, inbox: &Inbox, writer: &Writer) {
-    while let Some(bytes) = output.blocking_recv() {
+fn write_forever(mut output: Receiver<Outgoing>, inbox: &Inbox, writer: &Writer) {
+    while let Some(Outgoing { bytes, .. }) = output.blocking_recv() {
         let mut port = writer.lock().unwrap_or_else(PoisonError::into_inner);
         let written = port.as_mut().is_some_and(|port| port.write_all(&bytes).is_ok());
         if !written {

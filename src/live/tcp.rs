@@ -8,9 +8,10 @@ use tokio::sync::{broadcast, mpsc};
 
 use super::clock;
 use super::frames::WholeFrames;
-use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS};
+use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing};
 use crate::config::HostPort;
 use crate::drops::DropReason;
+use crate::time::HostTime;
 
 /// Most clients of one port.
 const MOST_CLIENTS: usize = 16;
@@ -19,7 +20,7 @@ const READ_BYTES: usize = 4096;
 /// A client that takes nothing for so long is cut off: TCP would wait for minutes.
 const WRITE_PATIENCE: Duration = Duration::from_secs(2);
 /// Wait before a server is called again.
-const RETRY: Duration = Duration::from_secs(1);
+pub(super) const RETRY: Duration = Duration::from_secs(1);
 
 /// Binds `tcpin`.
 pub(super) async fn bind(at: &HostPort) -> std::io::Result<TcpListener> {
@@ -30,7 +31,7 @@ pub(super) async fn bind(at: &HostPort) -> std::io::Result<TcpListener> {
 pub(super) async fn serve(
     listener: TcpListener,
     inbox: Inbox,
-    mut output: mpsc::Receiver<Vec<u8>>,
+    mut output: mpsc::Receiver<Outgoing>,
 ) {
     let (everyone, _) = broadcast::channel::<Vec<u8>>(OUTPUT_QUEUE_CHUNKS);
     let mut clients = tokio::task::JoinSet::new();
@@ -55,7 +56,7 @@ pub(super) async fn serve(
                 });
             }
             bytes = output.recv() => {
-                let Some(bytes) = bytes else { return };
+                let Some(Outgoing { bytes, .. }) = bytes else { return };
                 // Nobody connected: nobody misses it.
                 let _ = everyone.send(bytes);
             }
@@ -103,7 +104,7 @@ async fn serve_one(stream: TcpStream, inbox: &Inbox, mut output: broadcast::Rece
 }
 
 /// Keeps a connection to a server until the output ends.
-pub(super) async fn connect(to: HostPort, inbox: Inbox, mut output: mpsc::Receiver<Vec<u8>>) {
+pub(super) async fn connect(to: HostPort, inbox: Inbox, mut output: mpsc::Receiver<Outgoing>) {
     let mut told = false;
     loop {
         match TcpStream::connect((to.host.as_str(), to.port)).await {
@@ -111,7 +112,9 @@ pub(super) async fn connect(to: HostPort, inbox: Inbox, mut output: mpsc::Receiv
                 tracing::info!("tcpout:{to} connected");
                 told = false;
                 inbox.up();
-                let ended = talk(stream, &inbox, &mut output).await;
+                let ended =
+                    talk(stream, &inbox, &mut output, |inbox, at, bytes| inbox.bytes(at, bytes))
+                        .await;
                 inbox.down();
                 if ended {
                     return;
@@ -136,8 +139,13 @@ pub(super) async fn connect(to: HostPort, inbox: Inbox, mut output: mpsc::Receiv
     }
 }
 
-/// Whether the output ended (`false`: the connection did).
-async fn talk(stream: TcpStream, inbox: &Inbox, output: &mut mpsc::Receiver<Vec<u8>>) -> bool {
+/// Carries bytes until the output ends (`true`) or the connection does (`false`).
+pub(super) async fn talk(
+    stream: TcpStream,
+    inbox: &Inbox,
+    output: &mut mpsc::Receiver<Outgoing>,
+    mut take: impl FnMut(&Inbox, HostTime, &[u8]),
+) -> bool {
     let _ = stream.set_nodelay(true);
     let (mut reader, mut writer) = stream.into_split();
     let mut buffer = vec![0; READ_BYTES];
@@ -147,11 +155,11 @@ async fn talk(stream: TcpStream, inbox: &Inbox, output: &mut mpsc::Receiver<Vec<
                 let at = clock::now();
                 match read {
                     Ok(0) | Err(_) => return false,
-                    Ok(length) => inbox.bytes(at, buffer.get(..length).unwrap_or_default()),
+                    Ok(length) => take(inbox, at, buffer.get(..length).unwrap_or_default()),
                 }
             }
-            bytes = output.recv() => {
-                let Some(bytes) = bytes else { return true };
+            outgoing = output.recv() => {
+                let Some(Outgoing { bytes, .. }) = outgoing else { return true };
                 let write = tokio::time::timeout(WRITE_PATIENCE, writer.write_all(&bytes));
                 if !matches!(write.await, Ok(Ok(()))) {
                     inbox.lost(DropReason::LinkWriteFailed);

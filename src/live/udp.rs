@@ -7,7 +7,7 @@ use tokio::net::{UdpSocket, lookup_host};
 use tokio::sync::mpsc::Receiver;
 
 use super::clock;
-use super::inbox::Inbox;
+use super::inbox::{Inbox, Outgoing};
 use crate::config::HostPort;
 use crate::drops::DropReason;
 use crate::time::HostTime;
@@ -17,7 +17,7 @@ const PEER_SILENCE_S: f64 = 30.0;
 /// Most peers of one socket: a stranger must not make us send without end.
 const MOST_PEERS: usize = 16;
 /// Largest datagram.
-const DATAGRAM_BYTES: usize = 65_536;
+pub(super) const DATAGRAM_BYTES: usize = 65_536;
 /// A network that takes nothing for so long loses the datagram: the next setpoint is due by then.
 const SEND_PATIENCE: Duration = Duration::from_millis(10);
 /// Wait before a name is looked up again.
@@ -60,7 +60,7 @@ pub(super) async fn bind(at: &HostPort) -> std::io::Result<UdpSocket> {
 }
 
 /// Serves a bound socket until the output ends.
-pub(super) async fn listen(socket: UdpSocket, inbox: Inbox, mut output: Receiver<Vec<u8>>) {
+pub(super) async fn listen(socket: UdpSocket, inbox: Inbox, mut output: Receiver<Outgoing>) {
     inbox.up();
     let mut peers = Peers::default();
     let mut buffer = vec![0; DATAGRAM_BYTES];
@@ -78,7 +78,7 @@ pub(super) async fn listen(socket: UdpSocket, inbox: Inbox, mut output: Receiver
                 }
             }
             bytes = output.recv() => {
-                let Some(bytes) = bytes else { return };
+                let Some(Outgoing { bytes, .. }) = bytes else { return };
                 peers.forget(clock::now());
                 for (peer, _) in &peers.0 {
                     if !send(&socket, &bytes, *peer).await {
@@ -91,7 +91,7 @@ pub(super) async fn listen(socket: UdpSocket, inbox: Inbox, mut output: Receiver
 }
 
 /// Serves `udpout` until the output ends; looks the name up until that works.
-pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Receiver<Vec<u8>>) {
+pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Receiver<Outgoing>) {
     let mut told = false;
     let (socket, peer) = loop {
         match open(&to).await {
@@ -131,7 +131,7 @@ pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Receiver<Vec
                 }
             }
             bytes = output.recv() => {
-                let Some(bytes) = bytes else { return };
+                let Some(Outgoing { bytes, .. }) = bytes else { return };
                 if !send(&socket, &bytes, peer).await {
                     inbox.lost(DropReason::LinkWriteFailed);
                 }
@@ -141,7 +141,7 @@ pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Receiver<Vec
 }
 
 /// Whether it went out.
-async fn send(socket: &UdpSocket, bytes: &[u8], to: SocketAddr) -> bool {
+pub(super) async fn send(socket: &UdpSocket, bytes: &[u8], to: SocketAddr) -> bool {
     let sent = tokio::time::timeout(SEND_PATIENCE, socket.send_to(bytes, to)).await;
     matches!(sent, Ok(Ok(_)))
 }

@@ -1,8 +1,9 @@
 //! A ground station in memory: sends commands and missions, reads the answers.
 
 use haltere_dialect::mav::haltere::{
-    COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd,
-    MavFrame, MavMessage, MavMissionResult, MavMissionType, MavResult,
+    COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_COUNT_DATA,
+    MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult, MavMissionType,
+    MavResult,
 };
 use haltere_dialect::mav_stream::{self, MavSplitter};
 
@@ -13,6 +14,11 @@ const SYSTEM: u8 = 255;
 const COMPONENT: u8 = 190;
 /// An answer must come within this simulated time, µs.
 const PATIENCE_US: u64 = 5_000_000;
+
+/// Whether a command is answered for good.
+fn is_answer(ack: &COMMAND_ACK_DATA, command: MavCmd) -> bool {
+    ack.command == command && ack.result != MavResult::MAV_RESULT_IN_PROGRESS
+}
 
 /// The station.
 #[derive(Debug)]
@@ -84,7 +90,19 @@ impl Ground {
                 MavMessage::COMMAND_ACK(_)
                 | MavMessage::MISSION_ACK(_)
                 | MavMessage::MISSION_REQUEST_INT(_)
-                | MavMessage::MISSION_ITEM_REACHED(_) => self.inbox.push(message),
+                | MavMessage::MISSION_ITEM_REACHED(_)
+                | MavMessage::MISSION_REQUEST(_)
+                | MavMessage::MISSION_COUNT(_)
+                | MavMessage::MISSION_ITEM(_)
+                | MavMessage::MISSION_ITEM_INT(_)
+                | MavMessage::PARAM_VALUE(_)
+                | MavMessage::PARAM_ERROR(_)
+                | MavMessage::PARAM_EXT_ACK(_)
+                | MavMessage::COMPONENT_METADATA(_)
+                | MavMessage::COMPONENT_INFORMATION(_)
+                | MavMessage::LOG_ENTRY(_)
+                | MavMessage::LOG_DATA(_)
+                | MavMessage::FILE_TRANSFER_PROTOCOL(_) => self.inbox.push(message),
                 _ => {}
             }
         }
@@ -140,7 +158,7 @@ impl Ground {
         });
         self.send(world, &message);
         self.wait_for(world, PATIENCE_US, |m| match m {
-            MavMessage::COMMAND_ACK(ack) if ack.command == command => Some(ack.result),
+            MavMessage::COMMAND_ACK(ack) if is_answer(ack, command) => Some(ack.result),
             _ => None,
         })
     }

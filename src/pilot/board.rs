@@ -27,6 +27,9 @@ const BOARD_COMPONENT: u8 = 1;
 /// Magic number that forces a disarm in the air (common.xml, MAV_CMD_COMPONENT_ARM_DISARM).
 const FORCE_DISARM: f32 = 21196.0;
 
+/// TIMESYNC.
+const TIMESYNC_ID: u32 = 111;
+
 const SECOND_US: i64 = 1_000_000;
 /// TIMESYNC: 10 Hz until locked, then 1 Hz (INTERFACES.md section 2).
 const SYNC_FAST_US: i64 = 100_000;
@@ -148,6 +151,16 @@ impl BoardLink {
             arm_command: None,
             text: TextJoiner::default(),
         }
+    }
+
+    /// Its system id, once it was found.
+    pub fn system_id(&self) -> Option<u8> {
+        self.system_id
+    }
+
+    /// Whether a message is one that we asked the board for, or part of our talk with it.
+    pub fn is_own_stream(&self, msg_id: u32) -> bool {
+        msg_id == TIMESYNC_ID || self.needs.iter().any(|n| n.candidates[n.chosen] == msg_id)
     }
 
     pub fn is_armed(&self) -> bool {

@@ -1,27 +1,45 @@
-//! What clients say: frames of the ground endpoints, missions and setpoints among them. The
-//! commands are in `commands`.
+//! What clients say: frames of the ground endpoints, setpoints among them. The commands are in
+//! `commands`, what is fetched and stored in `services`.
 
 use haltere_dialect::mav::haltere::{
-    MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavMessage, MavMissionResult, MavMissionType,
-    MavResult,
+    MavCmd, MavFrame, MavMessage, MavMissionResult, MavMissionType, MavResult,
+    SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
-use haltere_dialect::mav_stream::MavLoss;
+use haltere_dialect::mav_stream::{self, MavLoss};
 
 use crate::drops::{DropReason, Drops};
 use crate::time::HostTime;
 
 use super::commands::Request;
-use super::mission_transfer::{Progress, ack};
+use super::mission_transfer::ack;
 use super::modes::Mode;
-use super::setpoint::Setpoint;
+use super::place::{Location, WIRE_DEG};
+use super::setpoint::{Owner, Setpoint, setpoint_from_global};
 use super::{LinkId, OWN, Pilot, Severity, reference};
 
-/// COMMAND_INT in a local frame counts x and y in 0.1 mm.
-const LOCAL_SCALE: f64 = 1e-4;
+/// HEARTBEAT and CURRENT_MODE.
+const HEARTBEAT_ID: u32 = 0;
+const CURRENT_MODE_ID: u32 = 436;
 /// COMMAND_LONG, COMMAND_INT and COMMAND_ACK, for commands that the dialect has no name for.
 const COMMAND_LONG_ID: u32 = 76;
 const COMMAND_INT_ID: u32 = 75;
 const COMMAND_ACK_ID: u32 = 77;
+/// Where the number of the command stands in either message; behind it the target, then the frame.
+const COMMAND_AT: usize = 28;
+/// `current` of a mission item that is a goal for now, and one of which only the height counts:
+/// ArduPilot's older way to fly to a point, which DroneKit uses.
+const GUIDED_POINT: u8 = 2;
+const GUIDED_HEIGHT: u8 = 3;
+
+fn is_command(msg_id: u32) -> bool {
+    matches!(msg_id, COMMAND_LONG_ID | COMMAND_INT_ID)
+}
+
+/// Target of a command that does not decode.
+fn command_target(payload: &[u8]) -> (u8, u8) {
+    let byte = |i: usize| payload.get(i).copied().unwrap_or_default();
+    (byte(COMMAND_AT + 2), byte(COMMAND_AT + 3))
+}
 
 /// Counts what a splitter lost.
 pub(super) fn count_frame<T>(drops: &mut Drops, next: &Result<T, MavLoss>) {
@@ -39,11 +57,13 @@ pub(super) fn count_frame<T>(drops: &mut Drops, next: &Result<T, MavLoss>) {
 impl Pilot {
     pub(super) fn ground_bytes(&mut self, at: HostTime, n: u8, bytes: &[u8]) {
         let index = usize::from(n);
-        if index >= self.grounds.len() {
-            return;
+        let Some(ground) = self.grounds.get_mut(index) else { return };
+        if !ground.is_open {
+            ground.open(at);
         }
-        self.grounds[index].heard_at = at;
-        self.grounds[index].splitter.push(bytes);
+        ground.heard_at = at;
+        ground.counts.received_B = ground.counts.received_B.saturating_add(bytes.len() as u64);
+        ground.splitter.push(bytes);
         self.ground_frames(at, index);
     }
 
@@ -59,33 +79,51 @@ impl Pilot {
                 self.grounds[index].missing(header.system_id, header.component_id, header.sequence);
             self.drops_of(link).add(DropReason::MavSequenceGap, missing);
             let peer = (header.system_id, header.component_id);
-            match frame.decode() {
+            let decoded = frame.decode();
+            let target = match &decoded {
+                Ok(message) => mav_stream::target(message),
+                Err(MavLoss::Undecodable { .. }) if is_command(header.msg_id) => {
+                    command_target(frame.payload)
+                }
+                Err(_) => (0, 0),
+            };
+            self.route_from_ground(at, index, &frame, decoded.as_ref().ok(), target);
+            match decoded {
+                Ok(_) | Err(MavLoss::Undecodable { .. }) if !self.is_for_us(target) => {
+                    self.drops_of(link).add(DropReason::MavWrongPeer, 1);
+                }
                 Ok(message) => self.ground_message(at, link, peer, message),
-                Err(MavLoss::Undecodable { .. })
-                    if matches!(header.msg_id, COMMAND_LONG_ID | COMMAND_INT_ID) =>
-                {
-                    self.answer_unknown_command(link, peer, frame.payload);
+                Err(MavLoss::Undecodable { .. }) if is_command(header.msg_id) => {
+                    self.answer_unknown_command(link, peer, header.msg_id, frame.payload);
                 }
                 Err(loss) => count_frame::<()>(self.drops_of(link), &Err(loss)),
             }
         }
+        // A new link has a splitter of its own only if it was opened meanwhile, which frames cannot.
         self.grounds[index].splitter = splitter;
     }
 
-    /// A command number that the dialect does not know makes the whole message undecodable, but
-    /// its sender waits for an answer. The number stands at byte 28 of either message.
-    fn answer_unknown_command(&mut self, link: LinkId, peer: (u8, u8), payload: &[u8]) {
+    /// A command number or frame that the dialect does not know makes the whole message undecodable,
+    /// but its sender waits for an answer.
+    fn answer_unknown_command(
+        &mut self,
+        link: LinkId,
+        peer: (u8, u8),
+        msg_id: u32,
+        payload: &[u8],
+    ) {
         // Trailing zeros are cut on the wire.
         let byte = |i: usize| payload.get(i).copied().unwrap_or_default();
-        let number = [byte(28), byte(29)];
-        let target = (byte(30), byte(31));
-        if !self.is_for_us(target) {
-            self.drops_of(link).add(DropReason::MavWrongPeer, 1);
-            return;
-        }
+        let number = [byte(COMMAND_AT), byte(COMMAND_AT + 1)];
+        let unknown_frame =
+            msg_id == COMMAND_INT_ID && byte(COMMAND_AT + 4) > MavFrame::MAV_FRAME_LOCAL_FLU as u8;
+        let result = if unknown_frame {
+            MavResult::MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME
+        } else {
+            MavResult::MAV_RESULT_UNSUPPORTED
+        };
         // COMMAND_ACK: command u16, result u8, progress u8, result_param2 i32, target u8 u8.
-        let unsupported = MavResult::MAV_RESULT_UNSUPPORTED as u8;
-        let fields = [number[0], number[1], unsupported, 0, 0, 0, 0, 0, peer.0, peer.1];
+        let fields = [number[0], number[1], result as u8, 0, 0, 0, 0, 0, peer.0, peer.1];
         self.out.payload(link, OWN, COMMAND_ACK_ID, &fields);
     }
 
@@ -94,23 +132,9 @@ impl Pilot {
             && (component == 0 || component == OWN.component_id)
     }
 
+    /// One message that is for us or for everyone.
     fn ground_message(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), message: MavMessage) {
-        let target = match &message {
-            MavMessage::COMMAND_LONG(m) => (m.target_system, m.target_component),
-            MavMessage::COMMAND_INT(m) => (m.target_system, m.target_component),
-            MavMessage::SET_POSITION_TARGET_LOCAL_NED(m) => (m.target_system, m.target_component),
-            MavMessage::MISSION_COUNT(m) => (m.target_system, m.target_component),
-            MavMessage::MISSION_ITEM_INT(m) => (m.target_system, m.target_component),
-            MavMessage::MISSION_REQUEST_LIST(m) => (m.target_system, m.target_component),
-            MavMessage::MISSION_REQUEST_INT(m) => (m.target_system, m.target_component),
-            MavMessage::MISSION_CLEAR_ALL(m) => (m.target_system, m.target_component),
-            MavMessage::MISSION_ACK(m) => (m.target_system, m.target_component),
-            MavMessage::MISSION_SET_CURRENT(m) => (m.target_system, m.target_component),
-            MavMessage::SET_MODE(m) => (m.target_system, 0),
-            _ => (0, 0),
-        };
-        if !self.is_for_us(target) {
-            self.drops_of(link).add(DropReason::MavWrongPeer, 1);
+        if self.service_message(at, link, peer, &message) {
             return;
         }
         match message {
@@ -121,8 +145,12 @@ impl Pilot {
                     peer,
                     command: m.command,
                     params: [m.param1, m.param2, m.param3, m.param4],
-                    point: [m.param5, m.param6, m.param7].map(f64::from),
-                    frame: None,
+                    location: Location::Float {
+                        x: f64::from(m.param5),
+                        y: f64::from(m.param6),
+                        z: f64::from(m.param7),
+                        frame: None,
+                    },
                 },
             ),
             MavMessage::COMMAND_INT(m) => self.answer(
@@ -132,12 +160,7 @@ impl Pilot {
                     peer,
                     command: m.command,
                     params: [m.param1, m.param2, m.param3, m.param4],
-                    point: [
-                        f64::from(m.x) * LOCAL_SCALE,
-                        f64::from(m.y) * LOCAL_SCALE,
-                        f64::from(m.z),
-                    ],
-                    frame: Some(m.frame),
+                    location: Location::Int { x: m.x, y: m.y, z: f64::from(m.z), frame: m.frame },
                 },
             ),
             MavMessage::SET_MODE(m) => {
@@ -145,23 +168,59 @@ impl Pilot {
                 if let Err((_, why)) = self.set_custom_mode(at, m.custom_mode) {
                     self.say(at, Severity::Warning, why);
                 }
-                self.send_telemetry(at, link, 0);
+                self.send_telemetry(at, link, HEARTBEAT_ID);
+                self.send_telemetry(at, link, CURRENT_MODE_ID);
             }
             MavMessage::SET_POSITION_TARGET_LOCAL_NED(m) => {
-                let limit_s = self.config.limits.offboard_loss_s;
-                let last = self.guidance.setpoint.as_ref().filter(|s| {
-                    self.mode == Mode::Offboard || at.seconds_since(s.received_at) < limit_s
-                });
-                match Setpoint::from_wire(&m, &self.estimate, last, at) {
-                    Ok(setpoint) => self.guidance.setpoint = Some(setpoint),
-                    Err(why) => {
-                        self.drops_of(link).add(DropReason::BadValue, 1);
-                        if !self.refused_setpoint_told {
-                            self.refused_setpoint_told = true;
-                            self.say(at, Severity::Warning, why);
-                        }
-                    }
+                self.take_setpoint(at, (link, peer), Ok(m));
+            }
+            MavMessage::SET_POSITION_TARGET_GLOBAL_INT(m) => {
+                let local = setpoint_from_global(&m, &self.origin);
+                self.take_setpoint(at, (link, peer), local);
+            }
+            MavMessage::SET_ATTITUDE_TARGET(_) => {
+                // A tilt without a position knows no walls: the limits of the volume could not hold.
+                let why = "SET_ATTITUDE_TARGET refused: send positions or velocities".to_owned();
+                self.refuse_setpoint(at, link, why);
+            }
+            MavMessage::MANUAL_CONTROL(m) => self.manual_control(at, (link, peer), &m),
+            MavMessage::SET_GPS_GLOBAL_ORIGIN(m) => {
+                let alt_m = f64::from(m.altitude) * 1e-3;
+                if let Err((_, why)) = self.set_origin(at, m.latitude, m.longitude, alt_m) {
+                    self.say(at, Severity::Warning, why);
                 }
+            }
+            MavMessage::SET_HOME_POSITION(m) => {
+                let [lat, lon] = [m.latitude, m.longitude].map(|w| f64::from(w) * WIRE_DEG);
+                if let Err((_, why)) = self.set_home(at, self.room_from_deg(lat, lon)) {
+                    self.say(at, Severity::Warning, why);
+                }
+            }
+            MavMessage::REQUEST_DATA_STREAM(m) => {
+                let rate_hz = f64::from(m.req_message_rate);
+                if let Some(ground) = self.ground_mut(link) {
+                    ground.streams.set_group(m.req_stream_id, rate_hz, m.start_stop == 1, at);
+                }
+            }
+            MavMessage::MISSION_ITEM(m)
+                if m.current == GUIDED_POINT || m.current == GUIDED_HEIGHT =>
+            {
+                let location = Location::Float {
+                    x: f64::from(m.x),
+                    y: f64::from(m.y),
+                    z: f64::from(m.z),
+                    frame: Some(m.frame),
+                };
+                let height_only = m.current == GUIDED_HEIGHT;
+                self.guided_item(at, (link, peer), location, height_only);
+            }
+            MavMessage::MISSION_ITEM_INT(m)
+                if m.current == GUIDED_POINT || m.current == GUIDED_HEIGHT =>
+            {
+                let z = f64::from(m.z);
+                let location = Location::Int { x: m.x, y: m.y, z, frame: m.frame };
+                let height_only = m.current == GUIDED_HEIGHT;
+                self.guided_item(at, (link, peer), location, height_only);
             }
             MavMessage::TIMESYNC(m) if m.tc1 == 0 => {
                 let mut echo = m;
@@ -170,74 +229,11 @@ impl Pilot {
                 echo.target_component = peer.1;
                 self.out.message(link, OWN, &MavMessage::TIMESYNC(echo));
             }
-            MavMessage::PING(m) if m.target_system == 0 => {
+            MavMessage::PING(m) if m.target_system == 0 && m.target_component == 0 => {
                 let mut echo = m;
                 echo.target_system = peer.0;
                 echo.target_component = peer.1;
                 self.out.message(link, OWN, &MavMessage::PING(echo));
-            }
-            MavMessage::MISSION_COUNT(m) => self.mission_count(at, link, peer, &m),
-            MavMessage::MISSION_ITEM_INT(m) => {
-                let LinkId::Ground(n) = link else { return };
-                let envelope = &self.guidance.envelope;
-                let progress = self.grounds[usize::from(n)].transfer.item(peer, &m, envelope, at);
-                self.mission_progress(at, link, progress);
-            }
-            MavMessage::MISSION_REQUEST_LIST(m) => {
-                let plan = super::mission::is_plan(m.mission_type);
-                let answer = MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
-                    count: if plan { self.mission.items.len() as u16 } else { 0 },
-                    target_system: peer.0,
-                    target_component: peer.1,
-                    mission_type: m.mission_type,
-                    opaque_id: if plan { self.mission.id } else { 0 },
-                });
-                self.out.message(link, OWN, &answer);
-            }
-            MavMessage::MISSION_REQUEST_INT(m) => {
-                let plan = super::mission::is_plan(m.mission_type);
-                let stored = self.mission.items.get(usize::from(m.seq)).filter(|_| plan);
-                let answer = match stored {
-                    Some(stored) => MavMessage::MISSION_ITEM_INT(MISSION_ITEM_INT_DATA {
-                        target_system: peer.0,
-                        target_component: peer.1,
-                        current: u8::from(m.seq == self.guidance.current_item),
-                        ..stored.wire.clone()
-                    }),
-                    None => {
-                        ack(peer, m.mission_type, MavMissionResult::MAV_MISSION_INVALID_SEQUENCE, 0)
-                    }
-                };
-                self.out.message(link, OWN, &answer);
-            }
-            MavMessage::MISSION_CLEAR_ALL(m) => {
-                let ours = super::mission::is_plan(m.mission_type)
-                    || m.mission_type == MavMissionType::MAV_MISSION_TYPE_ALL;
-                let result = if !ours {
-                    // There is no fence and no rally point to clear; the plan stays.
-                    MavMissionResult::MAV_MISSION_ACCEPTED
-                } else if self.mode == Mode::Mission {
-                    self.say(at, Severity::Warning, "mission in flight: not cleared".to_owned());
-                    MavMissionResult::MAV_MISSION_DENIED
-                } else {
-                    self.mission.replace(Vec::new());
-                    self.guidance.set_current_item(0);
-                    if self.guidance.mission_waits && !self.mode.has_thrust() {
-                        self.call_off_lift_off();
-                    }
-                    MavMissionResult::MAV_MISSION_ACCEPTED
-                };
-                self.out.message(link, OWN, &ack(peer, m.mission_type, result, 0));
-            }
-            MavMessage::MISSION_SET_CURRENT(m) => {
-                if let Err((_, why)) = self.set_current_item(f64::from(m.seq)) {
-                    self.say(at, Severity::Warning, why);
-                }
-                self.send_telemetry(at, link, 42);
-            }
-            MavMessage::MISSION_ACK(_) => {
-                let LinkId::Ground(n) = link else { return };
-                self.grounds[usize::from(n)].transfer.cancel(peer);
             }
             MavMessage::HEARTBEAT(_) => {}
             other => match reference::from_message(&other) {
@@ -253,61 +249,54 @@ impl Pilot {
         }
     }
 
-    fn mission_count(
+    /// A setpoint of an offboard client. While one flies, another is not listened to.
+    fn take_setpoint(
         &mut self,
         at: HostTime,
-        link: LinkId,
-        peer: (u8, u8),
-        m: &MISSION_COUNT_DATA,
+        from: Owner,
+        message: Result<SET_POSITION_TARGET_LOCAL_NED_DATA, String>,
     ) {
-        if self.mode == Mode::Mission {
-            let text = "mission in flight: hold first, then upload";
-            self.say(at, Severity::Warning, text.to_owned());
-            let denied = MavMissionResult::MAV_MISSION_DENIED;
-            self.out.message(link, OWN, &ack(peer, m.mission_type, denied, 0));
-            return;
+        let limit_s = self.config.limits.offboard_loss_s;
+        let is_fresh = |s: &Setpoint| at.seconds_since(s.received_at) < limit_s;
+        let flying = self.mode == Mode::Offboard;
+        let last = self.guidance.setpoint.as_ref().filter(|s| flying || is_fresh(s));
+        let other = last.is_some_and(|s| flying && is_fresh(s) && s.owner != Some(from));
+        let checked = match message {
+            Ok(_) if other => Err("setpoint refused: another client flies".to_owned()),
+            Ok(m) => Setpoint::from_wire(&m, &self.estimate, last, at),
+            Err(why) => Err(why),
+        };
+        match checked {
+            Ok(mut setpoint) => {
+                setpoint.owner = Some(from);
+                self.guidance.setpoint = Some(setpoint);
+            }
+            Err(why) => self.refuse_setpoint(at, from.0, why),
         }
-        let LinkId::Ground(n) = link else { return };
-        let busy = self.grounds.iter().any(|g| {
-            if g.link == link { g.transfer.is_taken_by_other(peer) } else { g.transfer.is_busy() }
-        });
-        if busy {
-            let text = "mission refused: another client is uploading one";
-            self.say(at, Severity::Warning, text.to_owned());
-            let denied = MavMissionResult::MAV_MISSION_DENIED;
-            self.out.message(link, OWN, &ack(peer, m.mission_type, denied, 0));
-            return;
-        }
-        let progress = self.grounds[usize::from(n)].transfer.count(peer, m, at);
-        self.mission_progress(at, link, progress);
     }
 
-    pub(super) fn mission_progress(&mut self, at: HostTime, link: LinkId, progress: Progress) {
-        match progress {
-            Progress::Nothing => {}
-            Progress::Answer(message) => self.out.message(link, OWN, &message),
-            Progress::Refused { answer, why } => {
-                self.out.message(link, OWN, &answer);
-                self.say(at, Severity::Warning, format!("mission refused: {why}"));
+    /// A goal written as a mission item.
+    fn guided_item(
+        &mut self,
+        at: HostTime,
+        (link, peer): Owner,
+        location: Location,
+        height_only: bool,
+    ) {
+        let command = MavCmd::MAV_CMD_DO_REPOSITION;
+        let request = Request { link, peer, command, params: [f32::NAN; 4], location };
+        let answer = self.wanted(&request).and_then(|wanted| {
+            let horizontal_m = wanted.horizontal_m.filter(|_| !height_only);
+            self.go_to(at, horizontal_m, wanted.height_m, None)
+        });
+        let result = match answer {
+            Ok(_) => MavMissionResult::MAV_MISSION_ACCEPTED,
+            Err((_, why)) => {
+                self.say(at, Severity::Warning, why);
+                MavMissionResult::MAV_MISSION_DENIED
             }
-            Progress::Complete { answer: (system, component, mission_type), .. }
-                if self.mode == Mode::Mission =>
-            {
-                // It was started while its successor was on the way.
-                let denied = MavMissionResult::MAV_MISSION_DENIED;
-                self.out.message(link, OWN, &ack((system, component), mission_type, denied, 0));
-                let text = "mission in flight: the uploaded one is not taken";
-                self.say(at, Severity::Warning, text.to_owned());
-            }
-            Progress::Complete { items, answer: (system, component, mission_type) } => {
-                self.mission.replace(items);
-                self.guidance.set_current_item(0);
-                let accepted = MavMissionResult::MAV_MISSION_ACCEPTED;
-                let answer = ack((system, component), mission_type, accepted, self.mission.id);
-                self.out.message(link, OWN, &answer);
-                let text = format!("mission of {} items in force", self.mission.items.len());
-                self.say(at, Severity::Info, text);
-            }
-        }
+        };
+        let mission_type = MavMissionType::MAV_MISSION_TYPE_MISSION;
+        self.out.message(link, OWN, &ack(peer, mission_type, result, 0));
     }
 }

@@ -1,148 +1,116 @@
-//! One ground endpoint: who is there, what it streams, and its mission upload.
+//! One link to a ground station: who is there, what it streams, its counters.
 
 use haltere_dialect::mav_stream::MavSplitter;
 
 use crate::time::HostTime;
 
 use super::LinkId;
-use super::mission_transfer::MissionTransfer;
+use super::endpoint::Endpoint;
+use super::streams::Streams;
 
-/// Message ids that are streamed unasked, with their rate, Hz.
-///
-/// HEARTBEAT, SYS_STATUS, ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, MISSION_CURRENT,
-/// BATTERY_STATUS, EXTENDED_SYS_STATE, HALTERE_ESTIMATE, HALTERE_CONTROL, HALTERE_PAIR,
-/// HALTERE_DROPS. Silent clients wait for these (GROUND.md, "telemetry by default").
-const STREAMS: [(u32, f64); 12] = [
-    (0, 1.0),
-    (1, 2.0),
-    (30, 20.0),
-    (31, 10.0),
-    (32, 20.0),
-    (42, 2.0),
-    (147, 2.0),
-    (245, 2.0),
-    (54101, 10.0),
-    (54102, 10.0),
-    (54103, 4.0),
-    (54104, 1.0),
-];
+/// Peers on one link whose sequence numbers are followed.
+const MOST_PEERS: usize = 16;
 
-/// Number of streams.
-pub(super) const STREAM_COUNT: usize = STREAMS.len();
-
-/// Fastest stream, µs: the control period.
-const LEAST_INTERVAL_US: i64 = 10_000;
-
-/// HEARTBEAT cannot be switched off.
-const HEARTBEAT_ID: u32 = 0;
-
-#[derive(Debug, Clone, Copy)]
-struct Stream {
-    msg_id: u32,
-    /// `None`: off.
-    interval_us: Option<i64>,
-    next: HostTime,
+/// What went over a link since its station came.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct LinkCounts {
+    pub received: u64,
+    pub lost: u64,
+    pub sent: u64,
+    pub routed: u64,
+    pub received_B: u64,
+    pub sent_B: u64,
 }
 
-/// State of an endpoint.
+/// Somebody who was heard on a link.
+#[derive(Debug, Clone, Copy)]
+struct Peer {
+    address: (u8, u8),
+    sequence: u8,
+}
+
+/// State of a link.
 #[derive(Debug)]
 pub(super) struct GroundLink {
     pub link: LinkId,
+    /// What it was configured as, and its number in the configuration.
+    pub endpoint: Endpoint,
+    pub endpoint_number: u8,
+    /// Whether somebody is there. Nothing is sent to a link without a station.
+    pub is_open: bool,
     pub splitter: MavSplitter,
-    pub transfer: MissionTransfer,
+    pub streams: Streams,
+    pub counts: LinkCounts,
     /// When bytes last came.
     pub heard_at: HostTime,
-    /// Whose turn it is in the streams of anchor pairs and of losses: per endpoint, since two that
-    /// shared one would each see every other entry for ever.
+    /// Whose turn it is in the streams of anchor pairs, of losses and of links: per link, since two
+    /// that shared one would each see every other entry for ever.
     pub pair_cursor: usize,
     pub drop_cursor: usize,
-    streams: [Stream; STREAMS.len()],
-    /// Last sequence number of each peer, for loss accounting. Bounded: the oldest is forgotten.
-    sequences: Vec<(u8, u8, u8)>,
+    pub link_cursor: usize,
+    /// Who was heard, for loss accounting and routing. Bounded: the oldest is forgotten.
+    peers: Vec<Peer>,
 }
 
-/// Peers on one endpoint whose sequence numbers are followed.
-const MOST_PEERS: usize = 16;
-
 impl GroundLink {
-    pub fn new(link: LinkId, at: HostTime) -> Self {
+    pub fn new(link: LinkId, endpoint: Endpoint, endpoint_number: u8, at: HostTime) -> Self {
         Self {
             link,
+            endpoint,
+            endpoint_number,
+            is_open: false,
             splitter: MavSplitter::new(),
-            transfer: MissionTransfer::default(),
+            streams: Streams::new(&endpoint, at),
+            counts: LinkCounts::default(),
             heard_at: at,
             pair_cursor: 0,
             drop_cursor: 0,
-            streams: STREAMS.map(|(msg_id, rate_hz)| Stream {
-                msg_id,
-                interval_us: Some((1e6 / rate_hz) as i64),
-                next: at,
-            }),
-            sequences: Vec::new(),
+            link_cursor: 0,
+            peers: Vec::new(),
         }
     }
 
-    /// The link was opened again: whoever speaks now counts anew.
-    pub fn restart(&mut self) {
-        self.sequences.clear();
+    /// The link was opened: whoever speaks now begins anew, with streams of its own.
+    pub fn open(&mut self, at: HostTime) {
+        *self = Self::new(self.link, self.endpoint, self.endpoint_number, at);
+        self.is_open = true;
     }
 
-    /// Frames of this peer that never came.
+    /// Its station is gone.
+    pub fn close(&mut self, at: HostTime) {
+        *self = Self::new(self.link, self.endpoint, self.endpoint_number, at);
+    }
+
+    /// Whether this sender was heard here.
+    pub fn has_heard(&self, system_id: u8, component_id: u8) -> bool {
+        self.peers.iter().any(|p| p.address == (system_id, component_id))
+    }
+
+    /// Whether anybody of this system was heard here.
+    pub fn has_heard_system(&self, system_id: u8) -> bool {
+        self.peers.iter().any(|p| p.address.0 == system_id)
+    }
+
+    /// Takes note of a frame; the frames of its sender that never came.
     pub fn missing(&mut self, system_id: u8, component_id: u8, sequence: u8) -> u64 {
-        let known =
-            self.sequences.iter_mut().find(|(s, c, _)| (*s, *c) == (system_id, component_id));
-        match known {
-            Some((_, _, last)) => {
-                let missing = sequence.wrapping_sub(*last).wrapping_sub(1);
-                *last = sequence;
-                // Half the ring or more is a restart or a reordered frame, not a loss.
-                if missing < 128 { u64::from(missing) } else { 0 }
+        let address = (system_id, component_id);
+        self.counts.received = self.counts.received.saturating_add(1);
+        let Some(index) = self.peers.iter().position(|p| p.address == address) else {
+            if self.peers.len() == MOST_PEERS {
+                self.peers.remove(0);
             }
-            None => {
-                if self.sequences.len() == MOST_PEERS {
-                    self.sequences.remove(0);
-                }
-                self.sequences.push((system_id, component_id, sequence));
-                0
-            }
-        }
-    }
-
-    /// Changes a stream. µs: 0 is the default, -1 is off. `false`: no such stream.
-    pub fn set_interval(&mut self, msg_id: u32, interval_us: f64, at: HostTime) -> bool {
-        let Some(i) = self.streams.iter().position(|s| s.msg_id == msg_id) else { return false };
-        let stream = &mut self.streams[i];
-        stream.interval_us = if interval_us < 0.0 {
-            (msg_id == HEARTBEAT_ID).then_some(1_000_000)
-        } else if interval_us == 0.0 {
-            Some((1e6 / STREAMS[i].1) as i64)
-        } else {
-            Some((interval_us.min(1e9) as i64).max(LEAST_INTERVAL_US))
+            self.peers.push(Peer { address, sequence });
+            return 0;
         };
-        stream.next = at;
-        true
-    }
-
-    /// Interval of a stream, µs: 0 off or unknown. As MESSAGE_INTERVAL wants it.
-    pub fn interval_us(&self, msg_id: u32) -> i32 {
-        match self.streams.iter().find(|s| s.msg_id == msg_id) {
-            Some(Stream { interval_us: Some(us), .. }) => i32::try_from(*us).unwrap_or(i32::MAX),
-            Some(Stream { interval_us: None, .. }) => -1,
-            None => 0,
-        }
-    }
-
-    /// The id of a stream by its number if it is due, marked as sent. Each is sent at most once a
-    /// step, whatever the clock does.
-    pub fn due(&mut self, number: usize, at: HostTime) -> Option<u32> {
-        let stream = self.streams.get_mut(number)?;
-        let interval_us = stream.interval_us.filter(|_| at >= stream.next)?;
-        // On the grid of its own rate, unless it fell behind by more than one interval.
-        stream.next = stream.next.offset_us(interval_us);
-        if at.seconds_since(stream.next) > 0.0 {
-            stream.next = at.offset_us(interval_us);
-        }
-        Some(stream.msg_id)
+        // The one heard last is forgotten last.
+        let mut peer = self.peers.remove(index);
+        let missing = sequence.wrapping_sub(peer.sequence).wrapping_sub(1);
+        peer.sequence = sequence;
+        self.peers.push(peer);
+        // Half the ring or more is a restart, a repeated or a reordered frame, not a loss.
+        let missing = if missing < 128 { u64::from(missing) } else { 0 };
+        self.counts.lost = self.counts.lost.saturating_add(missing);
+        missing
     }
 }
 
@@ -150,35 +118,32 @@ impl GroundLink {
 mod tests {
     use super::*;
 
-    #[test]
-    fn prop_streams_keep_their_rate() {
-        let mut ground = GroundLink::new(LinkId::Ground(0), HostTime::from_us(0));
-        assert!(ground.set_interval(32, 33_000.0, HostTime::from_us(0)));
-        let mut sent = 0;
-        for tick in 0..1000 {
-            for number in 0..STREAM_COUNT {
-                let id = ground.due(number, HostTime::from_us(tick * 10_000));
-                sent += u32::from(id == Some(32));
-            }
-        }
-        assert!((300..=306).contains(&sent), "{sent} in 10 s at 33 ms");
-    }
-
-    #[test]
-    fn prop_heartbeat_cannot_be_switched_off() {
-        let mut ground = GroundLink::new(LinkId::Ground(0), HostTime::from_us(0));
-        assert!(ground.set_interval(0, -1.0, HostTime::from_us(0)));
-        assert_eq!(ground.due(0, HostTime::from_us(0)), Some(0));
-        assert!(!ground.set_interval(9999, 1000.0, HostTime::from_us(0)));
+    fn ground() -> GroundLink {
+        GroundLink::new(LinkId::Ground(0), Endpoint::default(), 0, HostTime::from_us(0))
     }
 
     #[test]
     fn prop_gaps_are_counted_per_peer() {
-        let mut ground = GroundLink::new(LinkId::Ground(0), HostTime::from_us(0));
+        let mut ground = ground();
         assert_eq!(ground.missing(255, 190, 250), 0);
         assert_eq!(ground.missing(255, 190, 252), 1);
         assert_eq!(ground.missing(245, 190, 7), 0);
         assert_eq!(ground.missing(255, 190, 253), 0);
         assert_eq!(ground.missing(255, 190, 2), 4);
+        // Repeated.
+        assert_eq!(ground.missing(255, 190, 2), 0);
+        assert_eq!((ground.counts.received, ground.counts.lost), (6, 5));
+    }
+
+    #[test]
+    fn prop_peers_are_bounded_and_the_silent_one_is_forgotten() {
+        let mut ground = ground();
+        for n in 0..=255_u8 {
+            ground.missing(255, 190, n);
+            ground.missing(n, 1, 0);
+        }
+        assert_eq!(ground.peers.len(), MOST_PEERS);
+        assert!(ground.has_heard(255, 190) && !ground.has_heard(3, 1));
+        assert!(ground.has_heard_system(254) && !ground.has_heard_system(7));
     }
 }

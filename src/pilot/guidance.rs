@@ -95,6 +95,8 @@ pub(super) struct Guidance {
     yaw_rad: f64,
     /// Place of take-off, Earth frame, m.
     home_E_m: Vec3<E>,
+    /// Home was set by hand: take-offs leave it.
+    home_is_set: bool,
     entered_at: HostTime,
     arrived_at: Option<HostTime>,
     takeoff_height_m: f64,
@@ -110,8 +112,14 @@ pub(super) struct Guidance {
     wait_since: HostTime,
     /// The item in force was refused in flight.
     refused: bool,
+    /// Places to return to beside home, N and E, m.
+    rally_NE_m: Vec<[f64; 2]>,
+    /// Jumps of the mission that were made: index of the item, how often.
+    jumps_made: Vec<(u16, u32)>,
     /// What a client wants in Offboard mode.
     pub setpoint: Option<Setpoint>,
+    /// What a joystick wants in Manual mode.
+    pub sticks: Option<Setpoint>,
 }
 
 impl Guidance {
@@ -130,6 +138,7 @@ impl Guidance {
             carrot: Carrot::resting(Vec3::zero()),
             yaw_rad: 0.0,
             home_E_m: Vec3::zero(),
+            home_is_set: false,
             entered_at: at,
             arrived_at: None,
             mission_waits: false,
@@ -139,7 +148,10 @@ impl Guidance {
             tilt: None,
             wait_since: at,
             refused: false,
+            rally_NE_m: Vec::new(),
+            jumps_made: Vec::new(),
             setpoint: None,
+            sticks: None,
         }
     }
 
@@ -150,6 +162,11 @@ impl Guidance {
     /// Height of the next take-off, m.
     pub fn set_takeoff_height(&mut self, height_m: f64) {
         self.takeoff_height_m = height_m.clamp(0.3, self.envelope.volume.height_m);
+    }
+
+    /// Height of the take-off that is under way or comes next, m.
+    pub fn takeoff_height_m(&self) -> f64 {
+        self.takeoff_height_m
     }
 
     /// Starts a leg to a point.
@@ -170,13 +187,92 @@ impl Guidance {
         self.leg_speed_mps = speed_mps.unwrap_or(self.config.cruise_speed_mps);
     }
 
+    /// Where the vehicle returns to, on the floor.
+    pub fn home_E_m(&self) -> Vec3<E> {
+        self.home_E_m
+    }
+
+    /// Home by hand.
+    pub fn set_home(&mut self, home_E_m: Vec3<E>) {
+        self.home_E_m = Vec3::new(home_E_m.x(), home_E_m.y(), 0.0);
+        self.home_is_set = true;
+    }
+
+    /// Home is where the vehicle stands, unless it was set by hand.
+    pub fn home_is_here(&mut self, pos_E_m: Vec3<E>) {
+        if !self.home_is_set {
+            self.home_E_m = Vec3::new(pos_E_m.x(), pos_E_m.y(), 0.0);
+        }
+    }
+
+    /// Where the leg under way ends, or what is held.
+    pub fn goal_E_m(&self) -> Vec3<E> {
+        self.carrot.target_E_m
+    }
+
     /// Yaw setpoint from room north, rad.
     pub fn set_yaw(&mut self, yaw_rad: f64) {
         self.yaw_rad = wrap_pi_rad(yaw_rad);
     }
 
+    /// The configuration changed: legs go on, with the new speeds.
+    pub fn reconfigure(
+        &mut self,
+        config: FlightConfig,
+        envelope: Envelope,
+        velocity_limit_mps: f64,
+    ) {
+        if self.leg_speed_mps == self.config.cruise_speed_mps {
+            self.leg_speed_mps = config.cruise_speed_mps;
+        }
+        self.config = config;
+        self.envelope = envelope;
+        self.jump_speed_mps = velocity_limit_mps;
+    }
+
+    /// Places to return to beside home, N and E, m.
+    pub fn set_rally_points(&mut self, rally_NE_m: Vec<[f64; 2]>) {
+        self.rally_NE_m = rally_NE_m;
+    }
+
+    /// Another mission is in force: from its first item.
+    pub fn new_mission(&mut self) {
+        self.jumps_made.clear();
+        self.set_current_item(0);
+    }
+
+    /// Home, or the rally point that is nearer, N and E, m.
+    fn nearest_refuge_NE_m(&self, from_E_m: Vec3<E>) -> [f64; 2] {
+        let home = [self.home_E_m.x(), self.home_E_m.y()];
+        let far = |p: &[f64; 2]| (p[0] - from_E_m.x()).hypot(p[1] - from_E_m.y());
+        let all = std::iter::once(home).chain(self.rally_NE_m.iter().copied());
+        all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(home)
+    }
+
+    /// Whether a jump is to be made once more; counts it.
+    fn may_jump(&mut self, item: u16, times: Option<u32>) -> bool {
+        let made = match self.jumps_made.iter_mut().find(|(i, _)| *i == item) {
+            Some((_, made)) => made,
+            None => {
+                self.jumps_made.push((item, 0));
+                // Bounded: there is one entry an item.
+                match self.jumps_made.last_mut() {
+                    Some((_, made)) => made,
+                    None => return false,
+                }
+            }
+        };
+        let more = times.is_none_or(|times| *made < times);
+        *made = made.saturating_add(1);
+        more
+    }
+
     /// Jumps within the mission.
     pub fn set_current_item(&mut self, index: u16) {
+        if index == 0 {
+            // From the start: jumps count anew.
+            self.jumps_made.clear();
+        }
         self.current_item = index;
         self.item_started = false;
         self.jumped = true;
@@ -189,8 +285,9 @@ impl Guidance {
         self.tilt = None;
         match mode {
             Mode::Spool => {
-                self.home_E_m = Vec3::new(estimate.pos_E_m.x(), estimate.pos_E_m.y(), 0.0);
-                self.carrot = Carrot::resting(self.home_E_m);
+                let here = Vec3::new(estimate.pos_E_m.x(), estimate.pos_E_m.y(), 0.0);
+                self.home_is_here(here);
+                self.carrot = Carrot::resting(here);
                 self.yaw_rad = estimate.R_EB.yaw_rad();
                 self.set_leg_speed(None);
             }
@@ -212,9 +309,11 @@ impl Guidance {
             Mode::Goto => self.start_from_here(estimate),
             Mode::Return => {
                 self.set_leg_speed(None);
-                let height = self.carrot.pos_E_m.z().min(estimate.pos_E_m.z());
+                let present = self.carrot.pos_E_m.z().min(estimate.pos_E_m.z());
+                let height = present.min(-self.config.return_height_m);
                 self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
-                self.fly_to(Vec3::new(self.home_E_m.x(), self.home_E_m.y(), height), None);
+                let [north, east] = self.nearest_refuge_NE_m(estimate.pos_E_m);
+                self.fly_to(Vec3::new(north, east, height), None);
             }
             Mode::Land
                 if (self.is_far_from_carrot(estimate) || !self.carrot.has_arrived()) => {
@@ -286,14 +385,20 @@ impl Guidance {
                 command.axes[2] = AxisCommand::Velocity_mps(sink_mps);
                 (command, news)
             }
-            Mode::Offboard => {
-                let Some(setpoint) = &self.setpoint else {
-                    news.event = Some(Event::OffboardSilent);
+            Mode::Offboard | Mode::Manual => {
+                let manual = mode == Mode::Manual;
+                let (followed, silent) = if manual {
+                    (&self.sticks, Event::ManualSilent)
+                } else {
+                    (&self.setpoint, Event::OffboardSilent)
+                };
+                let Some(setpoint) = followed else {
+                    news.event = Some(silent);
                     return (self.position_command(Vec3::zero()), news);
                 };
                 let age_s = at.seconds_since(setpoint.received_at);
-                if age_s > offboard_loss_s && setpoint.needs_stream() {
-                    news.event = Some(Event::OffboardSilent);
+                if age_s > offboard_loss_s && (manual || setpoint.needs_stream()) {
+                    news.event = Some(silent);
                 }
                 let command =
                     setpoint.command(estimate, &self.envelope.volume, &mut self.yaw_rad, dt_s);
@@ -373,8 +478,19 @@ impl Guidance {
                 self.set_leg_speed(speed_mps);
                 true
             }
-            MissionItem::Yaw { yaw_rad } => {
-                self.yaw_rad = wrap_pi_rad(yaw_rad);
+            MissionItem::Yaw { yaw_rad, relative } => {
+                let base_rad = if relative { self.yaw_rad } else { 0.0 };
+                self.yaw_rad = wrap_pi_rad(base_rad + yaw_rad);
+                true
+            }
+            MissionItem::Home => true,
+            MissionItem::Jump { to, times } => {
+                if self.may_jump(self.current_item, times) {
+                    self.current_item = to;
+                    self.item_started = false;
+                    self.arrived_at = None;
+                    return;
+                }
                 true
             }
             MissionItem::Doublet(doublet) => {

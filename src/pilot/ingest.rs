@@ -43,7 +43,8 @@ impl Pilot {
                 if n < self.grounds.len() {
                     self.grounds[n].splitter.flush();
                     self.ground_frames(at, n);
-                    self.grounds[n].restart();
+                    self.grounds[n].open(at);
+                    self.greet(at, link);
                 }
             }
         }
@@ -56,8 +57,34 @@ impl Pilot {
                 self.say(at, Severity::Error, "tag disconnected".to_owned());
             }
             LinkId::Board => self.say(at, Severity::Error, "board disconnected".to_owned()),
-            LinkId::Ground(_) => {}
+            LinkId::Ground(n) => {
+                self.services_forget(link);
+                self.station_left(at, n);
+            }
         }
+    }
+
+    /// The station of a link is gone: what it left behind must hold nobody up.
+    fn station_left(&mut self, at: HostTime, n: u8) {
+        let Some(ground) = self.grounds.get_mut(usize::from(n)) else { return };
+        if !ground.is_open {
+            return;
+        }
+        let counts = ground.counts;
+        let link = ground.link;
+        ground.close(at);
+        self.arm_askers.retain(|asker| asker.link != link);
+        self.say(
+            at,
+            Severity::Info,
+            format!(
+                "station on link {} left: {} frames received, {} lost, {} sent",
+                link.number(),
+                counts.received,
+                counts.lost,
+                counts.sent
+            ),
+        );
     }
 
     pub(super) fn tag_bytes(&mut self, at: HostTime, bytes: &[u8]) {
@@ -119,13 +146,17 @@ impl Pilot {
 
     pub(super) fn board_frames(&mut self, at: HostTime) {
         let mut news = std::mem::take(&mut self.board_news);
-        let drops = &mut self.drops[usize::from(LinkId::Board.number())];
-        while let Some(next) = self.board_splitter.next() {
+        // Taken out while the frames are passed on by the rest of the core.
+        let mut splitter = std::mem::take(&mut self.board_splitter);
+        while let Some(next) = splitter.next() {
+            let drops = &mut self.drops[usize::from(LinkId::Board.number())];
             super::clients::count_frame(drops, &next);
             if let Ok(frame) = next {
                 self.board.frame(at, &frame, &mut self.out, drops, &mut news);
+                self.route_from_board(&frame);
             }
         }
+        self.board_splitter = splitter;
         self.take_board_news(at, news);
     }
 
@@ -172,6 +203,7 @@ impl Pilot {
             }
             BoardNews::Found { system_id } => {
                 self.say(at, Severity::Info, format!("board found, system id {system_id}"));
+                self.check_board_id(at, system_id);
             }
             BoardNews::Armed(true) => {
                 if !self.fire(at, Event::BoardArmed) && self.mode == Mode::Disarmed {
@@ -185,7 +217,7 @@ impl Pilot {
                 self.fire(at, Event::BoardDisarmed);
             }
             BoardNews::ArmAnswer { arm, accepted, why } => {
-                self.answer_arm_asker(arm, accepted);
+                self.answer_arm_askers(arm, accepted);
                 if accepted {
                 } else if arm {
                     self.say(at, Severity::Error, format!("arming failed: {why}"));

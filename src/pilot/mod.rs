@@ -6,7 +6,8 @@
 //!
 //! One idea per file: `schedule` the control step and what is due beside it, `supervise` what
 //! ends a flight, `modes` the table of transitions, `guidance` what the controller is asked for,
-//! `board` and `ground` the links, `commands` and `telemetry` what clients say and see.
+//! `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
+//! what they fetch and store: parameters, plans, files and logs.
 
 // The definitions call some messages superseded; today's clients still send and expect them.
 #![allow(deprecated)]
@@ -17,23 +18,38 @@ mod clients;
 mod clock;
 mod commands;
 mod config;
+mod endpoint;
 mod excitation;
 mod ground;
 mod guidance;
 mod heading;
+mod home;
+mod identity;
 mod ingest;
+mod manual;
 mod mission;
+mod mission_items;
 mod mission_transfer;
 mod modes;
+mod orders;
 mod output;
+mod place;
 mod reference;
+mod routing;
 mod schedule;
+pub mod services;
 mod setpoint;
+mod streams;
 mod supervise;
 mod telemetry;
+mod telemetry_estimator;
+mod telemetry_global;
 mod tilt_step;
 
 pub use config::{BoardProfile, FlightConfig, LimitsConfig, PilotConfig, TagProtocol};
+pub use endpoint::{
+    Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig, Routing,
+};
 pub use excitation::Doublet;
 pub use mission::{MOST_ITEMS, Mission, MissionItem, Volume};
 pub use modes::{Event, Mode, TABLE, Transition, transition};
@@ -45,6 +61,7 @@ use crate::control::Controller;
 use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::estimator::Estimator;
+use crate::geo::LocalOrigin;
 use crate::measure::{BatterySample, BoardAttitude, Tdoa};
 use crate::survey::Survey;
 use crate::time::HostTime;
@@ -57,6 +74,7 @@ use ground::GroundLink;
 use guidance::Guidance;
 use heading::BoardNorth;
 use output::{Address, Outbox};
+use services::{FileFault, Services};
 use supervise::Touch;
 use telemetry::PairStats;
 
@@ -67,12 +85,12 @@ pub enum LinkId {
     Tag,
     /// The inner-loop board.
     Board,
-    /// A ground endpoint, in the order of the configuration.
+    /// A station, in the order of [`PilotConfig::ground_links`].
     Ground(u8),
 }
 
 impl LinkId {
-    /// Number in logs and messages: 0 tag, 1 board, 2 and up ground endpoints.
+    /// Number in logs and messages: 0 tag, 1 board, 2 and up stations.
     pub fn number(self) -> u8 {
         match self {
             LinkId::Tag => 0,
@@ -120,12 +138,24 @@ pub enum Input<'a> {
         /// How many bytes, frames or records.
         count: u64,
     },
+    /// Glue has done, or failed to do, what a [`services::FileRequest`] asked for.
+    File {
+        /// The request's ticket.
+        ticket: u32,
+        /// Whether it was done.
+        result: Result<(), FileFault>,
+        /// What was asked for, or what is wrong.
+        bytes: &'a [u8],
+    },
     /// The deadline came, or something wants the core to look at the time.
     Wake,
 }
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
+
+/// People are told again that a station found no place after this time, s.
+const FULL_TELL_S: f64 = 10.0;
 
 /// Our own address on ground links (INTERFACES.md section 3).
 const OWN: Address = Address { system_id: 1, component_id: 1 };
@@ -187,25 +217,38 @@ pub struct Pilot {
     touch: Touch,
     critical_since: Option<HostTime>,
     lift_off_asked: bool,
-    arm_asker: Option<Asker>,
+    arm_askers: Vec<Asker>,
     /// When people were last told that the board does not disarm.
     insisted_at: Option<HostTime>,
     text_id: u16,
+    /// Mode and arming that clients were last told at once.
+    mode_told: Option<(u32, bool)>,
+    /// When people were last told that a station found no place.
+    full_told_at: Option<HostTime>,
+    /// What a client last asked for, by number; 0: nothing yet.
+    intended_mode: u32,
     refused_setpoint_told: bool,
 
     grounds: Vec<GroundLink>,
+    origin: LocalOrigin,
     next_health: HostTime,
+    services: Services,
 }
 
 impl Pilot {
     /// A core that starts at `at`.
-    pub fn new(config: PilotConfig, survey: Survey, at: HostTime) -> Self {
+    pub fn new(mut config: PilotConfig, survey: Survey, at: HostTime) -> Self {
+        // From here on the volume is a number: parameters show it, and change it.
+        config.limits.resolve(&survey);
         let envelope = Envelope::of(&config, &survey);
         let estimator = Estimator::new(config.estimator_in_force(), survey.clone());
         let estimate = estimator.estimate();
         let velocity_limit_mps = config.control.limits.horizontal_mps;
-        let grounds: Vec<GroundLink> =
-            (0..config.ground_endpoints).map(|n| GroundLink::new(LinkId::Ground(n), at)).collect();
+        let grounds: Vec<GroundLink> = (0..)
+            .zip(config.ground_links())
+            .map(|(n, (number, endpoint))| GroundLink::new(LinkId::Ground(n), endpoint, number, at))
+            .collect();
+        let origin = config.origin.in_force();
         let mut pilot = Self {
             now: at,
             next_tick: at.offset_us(schedule::CONTROL_PERIOD_US),
@@ -249,12 +292,17 @@ impl Pilot {
             touch: Touch::default(),
             critical_since: None,
             lift_off_asked: false,
-            arm_asker: None,
+            arm_askers: Vec::new(),
             insisted_at: None,
             text_id: 0,
+            mode_told: None,
+            full_told_at: None,
+            intended_mode: 0,
             refused_setpoint_told: false,
             grounds,
+            origin,
             next_health: at,
+            services: Services::new(&config),
             config,
             survey,
         };
@@ -279,7 +327,8 @@ impl Pilot {
             Input::Bytes { link: LinkId::Ground(n), bytes } => self.ground_bytes(at, n, bytes),
             Input::LinkUp { link } => self.link_up(at, link),
             Input::LinkDown { link } => self.link_down(at, link),
-            Input::Lost { link, reason, count } => self.drops_of(link).add(reason, count),
+            Input::Lost { link, reason, count } => self.glue_lost(at, link, reason, count),
+            Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
             Input::Wake => self.wake(at),
         }
     }
@@ -352,6 +401,34 @@ impl Pilot {
         let core = self.drops.len() - 1;
         let slot = usize::from(link.number()).min(core);
         &mut self.drops[slot]
+    }
+
+    fn glue_lost(&mut self, at: HostTime, link: LinkId, reason: DropReason, count: u64) {
+        self.drops_of(link).add(reason, count);
+        let told = self.full_told_at.is_some_and(|t| at.seconds_since(t) < FULL_TELL_S);
+        if reason == DropReason::StationsFull && !told {
+            self.full_told_at = Some(at);
+            let number = self.ground_mut(link).map_or(0, |g| g.endpoint_number);
+            let text = format!(
+                "a station found no place: ground.endpoints[{number}] holds {MOST_STATIONS}; end one, \
+                 or add an endpoint"
+            );
+            self.say(at, Severity::Warning, text);
+        }
+    }
+
+    fn ground_mut(&mut self, link: LinkId) -> Option<&mut GroundLink> {
+        let LinkId::Ground(n) = link else { return None };
+        self.grounds.get_mut(usize::from(n))
+    }
+
+    fn endpoint_on(&self, link: LinkId) -> Endpoint {
+        let LinkId::Ground(n) = link else { return Endpoint::default() };
+        self.grounds.get(usize::from(n)).map_or_else(Endpoint::default, |g| g.endpoint)
+    }
+
+    fn identity_on(&self, link: LinkId) -> Identity {
+        self.endpoint_on(link).identity
     }
 
     /// `make` runs only when somebody reads the records.
@@ -430,17 +507,19 @@ impl Pilot {
         }
     }
 
-    /// Tells people: to every ground endpoint and into the log.
+    /// Tells the people at one station, and the log.
+    fn say_to(&mut self, at: HostTime, link: LinkId, severity: Severity, text: &str) {
+        self.text_id = self.text_id.wrapping_add(1).max(1);
+        telemetry::send_text(&mut self.out, link, severity as u8, text, self.text_id);
+        let text = text.to_owned();
+        self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
+    }
+
+    /// Tells people: to every station and into the log.
     fn say(&mut self, at: HostTime, severity: Severity, text: String) {
         self.text_id = self.text_id.wrapping_add(1).max(1);
-        for n in 0..self.grounds.len() {
-            telemetry::send_text(
-                &mut self.out,
-                self.grounds[n].link,
-                severity as u8,
-                &text,
-                self.text_id,
-            );
+        for ground in self.grounds.iter().filter(|g| g.is_open) {
+            telemetry::send_text(&mut self.out, ground.link, severity as u8, &text, self.text_id);
         }
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
     }

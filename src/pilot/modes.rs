@@ -24,6 +24,8 @@ pub enum Mode {
     Mission,
     /// Follows setpoints of a client.
     Offboard,
+    /// Follows a joystick, and stays where it is let go.
+    Manual,
     /// Flies back over the place of take-off, then lands.
     Return,
     /// Sinks under position control until the floor.
@@ -47,6 +49,7 @@ impl Mode {
             Mode::Goto => "goto",
             Mode::Mission => "mission",
             Mode::Offboard => "offboard",
+            Mode::Manual => "manual",
             Mode::Return => "return",
             Mode::Land => "land",
             Mode::Descend => "descend",
@@ -59,6 +62,7 @@ impl Mode {
         let auto = |sub: u32| 4 << 16 | sub << 24;
         match self {
             Mode::Offboard => 6 << 16,
+            Mode::Manual => 3 << 16,
             Mode::Spool | Mode::Takeoff => auto(2),
             Mode::Mission => auto(4),
             Mode::Return => auto(5),
@@ -81,6 +85,7 @@ impl Mode {
                 | Mode::Goto
                 | Mode::Mission
                 | Mode::Offboard
+                | Mode::Manual
                 | Mode::Return
                 | Mode::Land
         )
@@ -127,6 +132,10 @@ pub enum Event {
     OffboardAsked,
     /// The client's setpoints stopped.
     OffboardSilent,
+    /// A client asks to fly by its joystick, which speaks.
+    ManualAsked,
+    /// The joystick fell silent.
+    ManualSilent,
     /// A client or the mission asks to come back.
     ReturnAsked,
     /// Over the place of take-off.
@@ -153,11 +162,11 @@ use Event as Ev;
 use Mode as M;
 
 /// Modes in which the vehicle is in the air under position control.
-const AIR: &[Mode] = &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Return];
-const CALM: &[Mode] = &[M::Hold, M::Goto, M::Mission, M::Offboard, M::Return, M::Land];
-const LANDABLE: &[Mode] = &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Return];
+const AIR: &[Mode] = &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual, M::Return];
+const CALM: &[Mode] = &[M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual, M::Return, M::Land];
+const LANDABLE: &[Mode] = AIR;
 const FLYING: &[Mode] =
-    &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Return, M::Land];
+    &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual, M::Return, M::Land];
 const ANY_ARMED: &[Mode] = &[
     M::Arming,
     M::Idle,
@@ -167,6 +176,7 @@ const ANY_ARMED: &[Mode] = &[
     M::Goto,
     M::Mission,
     M::Offboard,
+    M::Manual,
     M::Return,
     M::Land,
     M::Descend,
@@ -216,6 +226,8 @@ pub static TABLE: &[Transition] = &[
     row(&[M::Mission], Ev::MissionDone, M::Hold, "mission done"),
     row(CALM, Ev::OffboardAsked, M::Offboard, "offboard asked"),
     row(&[M::Offboard], Ev::OffboardSilent, M::Hold, "setpoints stopped"),
+    row(CALM, Ev::ManualAsked, M::Manual, "joystick asked"),
+    row(&[M::Manual], Ev::ManualSilent, M::Hold, "joystick silent"),
     row(AIR, Ev::ReturnAsked, M::Return, "return asked"),
     row(&[M::Return], Ev::HomeReached, M::Land, "over home"),
     row(LANDABLE, Ev::LandAsked, M::Land, "landing asked"),
@@ -236,7 +248,7 @@ pub fn transition(mode: Mode, event: Event) -> Option<&'static Transition> {
 mod tests {
     use super::*;
 
-    const ALL: [Mode; 13] = [
+    const ALL: [Mode; 14] = [
         M::Disarmed,
         M::Arming,
         M::Idle,
@@ -246,6 +258,7 @@ mod tests {
         M::Goto,
         M::Mission,
         M::Offboard,
+        M::Manual,
         M::Return,
         M::Land,
         M::Descend,
@@ -297,6 +310,8 @@ mod tests {
         // RTL 5, LAND 6. The sums are those of GROUND.md's custom_mode_map.json.
         assert_eq!(M::Hold.custom_mode(), 50_593_792);
         assert_eq!(M::Offboard.custom_mode(), 393_216);
+        // POSCTL 3.
+        assert_eq!(M::Manual.custom_mode(), 196_608);
         assert_eq!(M::Mission.custom_mode(), 67_371_008);
         assert_eq!(M::Return.custom_mode(), 84_148_224);
         assert_eq!(M::Land.custom_mode(), 100_925_440);

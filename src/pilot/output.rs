@@ -12,33 +12,49 @@ pub(super) struct Address {
     pub component_id: u8,
 }
 
+/// What was queued for a link since the counts were last taken.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Sent {
+    pub frames: u64,
+    pub bytes: usize,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct PerLink {
+    link: LinkId,
+    /// Next sequence number: clients count gaps per link as loss.
+    sequence: u8,
+    sent: Sent,
+}
+
 /// Collects what one call to the core wants sent.
 #[derive(Debug, Default)]
 pub(super) struct Outbox {
     bytes: Vec<u8>,
     /// Link and end of its piece in `bytes`.
     pieces: Vec<(LinkId, usize)>,
-    /// Next sequence number per link: clients count gaps per link as loss.
-    sequences: Vec<(LinkId, u8)>,
+    links: Vec<PerLink>,
 }
 
 impl Outbox {
     /// Queues bytes as they are.
     pub fn raw(&mut self, link: LinkId, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
-        self.pieces.push((link, self.bytes.len()));
+        self.finish(link, bytes.len());
     }
 
     /// Queues a message as a MAVLink 2 frame.
     pub fn message(&mut self, link: LinkId, from: Address, message: &MavMessage) {
         let sequence = self.next_sequence(link);
+        let start = self.bytes.len();
         mav_stream::encode(&mut self.bytes, from.system_id, from.component_id, sequence, message);
-        self.pieces.push((link, self.bytes.len()));
+        self.finish(link, self.bytes.len() - start);
     }
 
     /// Queues a payload that the dialect has no type for.
     pub fn payload(&mut self, link: LinkId, from: Address, msg_id: u32, payload: &[u8]) {
         let sequence = self.next_sequence(link);
+        let start = self.bytes.len();
         mav_stream::encode_payload(
             &mut self.bytes,
             from.system_id,
@@ -47,19 +63,36 @@ impl Outbox {
             msg_id,
             payload,
         );
+        self.finish(link, self.bytes.len() - start);
+    }
+
+    /// What was queued for a link since the last call.
+    pub fn take_sent(&mut self, link: LinkId) -> Sent {
+        std::mem::take(&mut self.link(link).sent)
+    }
+
+    fn finish(&mut self, link: LinkId, bytes: usize) {
         self.pieces.push((link, self.bytes.len()));
+        let sent = &mut self.link(link).sent;
+        sent.frames += 1;
+        sent.bytes = sent.bytes.saturating_add(bytes);
+    }
+
+    fn link(&mut self, link: LinkId) -> &mut PerLink {
+        let slot = match self.links.iter().position(|l| l.link == link) {
+            Some(slot) => slot,
+            None => {
+                self.links.push(PerLink { link, sequence: 0, sent: Sent::default() });
+                self.links.len() - 1
+            }
+        };
+        &mut self.links[slot]
     }
 
     fn next_sequence(&mut self, link: LinkId) -> u8 {
-        let slot = match self.sequences.iter().position(|(l, _)| *l == link) {
-            Some(i) => i,
-            None => {
-                self.sequences.push((link, 0));
-                self.sequences.len() - 1
-            }
-        };
-        let sequence = self.sequences[slot].1;
-        self.sequences[slot].1 = sequence.wrapping_add(1);
+        let slot = self.link(link);
+        let sequence = slot.sequence;
+        slot.sequence = sequence.wrapping_add(1);
         sequence
     }
 

@@ -6,10 +6,10 @@ use crate::frames::{B, E, Rot};
 use crate::time::HostTime;
 use crate::topics::{HealthRecord, Topic};
 
-use super::ground::STREAM_COUNT;
 use super::guidance::Now;
 use super::modes::{Event, Mode};
-use super::{LinkId, Pilot, Severity};
+use super::streams::Streams;
+use super::{Pilot, Severity};
 
 /// Period of the control step, µs: 100 Hz as in the source.
 pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
@@ -69,6 +69,7 @@ impl Pilot {
         self.board.tick(at, &mut self.out, &mut news);
         self.take_board_news(at, news);
         self.serve_grounds(at);
+        self.service_tick(at);
         if at >= self.next_health {
             self.next_health = at.offset_us(1_000_000);
             self.record_health(at);
@@ -138,7 +139,8 @@ impl Pilot {
                     at,
                     dt_s,
                 };
-                let (command, news) = self.guidance.step(self.mode, &self.mission, &now);
+                let (mut command, news) = self.guidance.step(self.mode, &self.mission, &now);
+                self.keep_inside_fence(at, &mut command);
                 let frozen = self.mode == Mode::Takeoff && self.is_on_floor();
                 let mut output = self.run_controller(at, &command, dt_s, frozen, news.held);
                 if let Some((doublet, elapsed_s)) = news.doublet {
@@ -261,14 +263,23 @@ impl Pilot {
         }
     }
 
-    /// Ground endpoints: repeated mission requests, then the streams that are due.
+    /// Ground endpoints: the streams that are due.
     fn serve_grounds(&mut self, at: HostTime) {
+        self.soothe_askers(at);
+        self.tell_mode(at);
         for n in 0..self.grounds.len() {
-            let progress = self.grounds[n].transfer.tick(at);
-            self.mission_progress(at, LinkId::Ground(n as u8), progress);
-            for number in 0..STREAM_COUNT {
-                if let Some(msg_id) = self.grounds[n].due(number, at) {
-                    self.send_telemetry(at, LinkId::Ground(n as u8), msg_id);
+            if !self.grounds[n].is_open {
+                continue;
+            }
+            let link = self.grounds[n].link;
+            self.grounds[n].streams.begin(at);
+            // Answers first: they are booked before any stream.
+            self.settle(n);
+            for turn in 0..Streams::TURNS {
+                if let Some(msg_id) = self.grounds[n].streams.due(turn, at)
+                    && self.send_telemetry(at, link, msg_id)
+                {
+                    self.settle(n);
                 }
             }
         }

@@ -1,15 +1,19 @@
 //! Setpoints of an offboard client, per axis position or velocity.
 
 use haltere_dialect::mav::haltere::{
-    MavFrame, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
+    MavFrame, PositionTargetTypemask as Mask, SET_POSITION_TARGET_GLOBAL_INT_DATA,
+    SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 
 use crate::control::{AxisCommand, Command};
 use crate::estimate::Estimate;
 use crate::frames::{B, E, Rot, Vec3, wrap_pi_rad};
+use crate::geo::{Geodetic, LocalOrigin};
 use crate::time::HostTime;
 
+use super::LinkId;
 use super::mission::Volume;
+use super::place::{self, Above, Kind};
 
 /// A velocity towards the edge of the volume is cut so that the vehicle can stop there with this
 /// deceleration, m/s²: half of what a tilt of 15 degrees gives, since the loops lag.
@@ -33,12 +37,19 @@ enum Yaw {
     Rate(f64),
 }
 
+/// Link, system and component of a client.
+pub(super) type Owner = (LinkId, (u8, u8));
+
 /// What a client wants, checked.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Setpoint {
     /// When its bytes came.
     pub received_at: HostTime,
+    /// Who sent it, once it is known.
+    pub owner: Option<Owner>,
     axes: [Axis; 3],
+    /// Feed-forward where a position comes with a velocity, m/s; else zero.
+    feed_mps: [f64; 3],
     /// Velocities turn with the vehicle's heading.
     body_velocity: bool,
     yaw: Yaw,
@@ -141,13 +152,42 @@ impl Setpoint {
             } else {
                 Yaw::Keep
             };
-        Ok(Self { received_at, axes, body_velocity, yaw })
+        let feed_mps =
+            std::array::from_fn(|i| if uses_pos[i] && uses_vel[i] { wire_vel[i] } else { 0.0 });
+        Ok(Self { received_at, owner: None, axes, feed_mps, body_velocity, yaw })
+    }
+
+    /// From a joystick: velocities along the heading, m/s, and the rate of yaw, rad/s. What is let go
+    /// stays where it is, or where `last` held it.
+    pub fn from_sticks(
+        forward_right_mps: [f64; 2],
+        down_mps: f64,
+        yaw_rate_radps: f64,
+        estimate: &Estimate,
+        last: Option<&Setpoint>,
+        received_at: HostTime,
+    ) -> Self {
+        let moves = [forward_right_mps != [0.0; 2], forward_right_mps != [0.0; 2], down_mps != 0.0];
+        let wanted_mps = [forward_right_mps[0], forward_right_mps[1], down_mps];
+        let axes = std::array::from_fn(|i| {
+            if moves[i] {
+                Axis::Velocity(wanted_mps[i])
+            } else {
+                match last.map(|last| last.axes[i]) {
+                    Some(Axis::Stay(x)) => Axis::Stay(x),
+                    _ => Axis::Stay(estimate.pos_E_m[i]),
+                }
+            }
+        });
+        let yaw = if yaw_rate_radps == 0.0 { Yaw::Keep } else { Yaw::Rate(yaw_rate_radps) };
+        Self { received_at, owner: None, axes, feed_mps: [0.0; 3], body_velocity: true, yaw }
     }
 
     /// Whether silence must end it: a velocity that nobody renews would fly on for ever, and one
     /// of zero would drift with the noise.
     pub fn needs_stream(&self) -> bool {
         self.axes.iter().any(|axis| matches!(axis, Axis::Velocity(_)))
+            || self.feed_mps != [0.0; 3]
             || matches!(self.yaw, Yaw::Rate(r) if r != 0.0)
     }
 
@@ -173,6 +213,18 @@ impl Setpoint {
         } else {
             Vec3::from_raw(asked_vel.raw())
         };
+        let feed = if self.body_velocity {
+            let heading = Rot::<E, B>::from_euler_rad(0.0, 0.0, estimate.R_EB.yaw_rad());
+            heading * Vec3::<B>::from_array(self.feed_mps)
+        } else {
+            Vec3::from_array(self.feed_mps)
+        };
+        // A feed-forward may not push out of the volume either.
+        let vel_ff_E_mps = Vec3::from_array(std::array::from_fn(|i| {
+            let way_m = volume.way_to_edge_m(i, estimate.pos_E_m[i], feed[i]);
+            let limit_mps = (2.0 * EDGE_BRAKE_MPS2 * way_m).sqrt();
+            feed[i].clamp(-limit_mps, limit_mps)
+        }));
         let inside = volume.clamp(estimate.pos_E_m);
         let axes = std::array::from_fn(|i| match self.axes[i] {
             Axis::Position(x) | Axis::Stay(x) => {
@@ -191,8 +243,60 @@ impl Setpoint {
                 }
             }
         });
-        Command { axes, vel_ff_E_mps: Vec3::zero(), yaw_rad: *yaw_rad }
+        Command { axes, vel_ff_E_mps, yaw_rad: *yaw_rad }
     }
+}
+
+/// A setpoint in a global frame as one in the room, through the place of its origin.
+pub(super) fn setpoint_from_global(
+    m: &SET_POSITION_TARGET_GLOBAL_INT_DATA,
+    origin: &LocalOrigin,
+) -> Result<SET_POSITION_TARGET_LOCAL_NED_DATA, String> {
+    let above = match place::kind(m.coordinate_frame) {
+        Some(Kind::Global(above)) => above,
+        _ => return Err(format!("setpoint frame {:?} not supported", m.coordinate_frame)),
+    };
+    let both = |a: Mask, b: Mask| m.type_mask.contains(a) == m.type_mask.contains(b);
+    // Room axes are not north and east.
+    if !both(Mask::POSITION_TARGET_TYPEMASK_X_IGNORE, Mask::POSITION_TARGET_TYPEMASK_Y_IGNORE)
+        || !both(Mask::POSITION_TARGET_TYPEMASK_VX_IGNORE, Mask::POSITION_TARGET_TYPEMASK_VY_IGNORE)
+    {
+        return Err("setpoint in a global frame: give both horizontal axes or none".to_owned());
+    }
+    let alt_m = origin.place().alt_m;
+    // Where the point is not used, its fields may hold anything.
+    let [x, y] = match Geodetic::from_e7(m.lat_int, m.lon_int, alt_m) {
+        Some(place) => {
+            let pos = origin.to_local(&place);
+            [pos.x(), pos.y()].map(|v| v as f32)
+        }
+        None => [f32::NAN; 2],
+    };
+    let height_m = match above {
+        Above::Floor => f64::from(m.alt),
+        Above::Sea => f64::from(m.alt) - alt_m,
+    };
+    let vel = origin.from_true_north([f64::from(m.vx), f64::from(m.vy), f64::from(m.vz)]);
+    let [vx, vy] = [vel.x(), vel.y()].map(|v| v as f32);
+    let yaw = f64::from(m.yaw);
+    Ok(SET_POSITION_TARGET_LOCAL_NED_DATA {
+        time_boot_ms: m.time_boot_ms,
+        x,
+        y,
+        z: -height_m as f32,
+        vx,
+        vy,
+        vz: m.vz,
+        afx: m.afx,
+        afy: m.afy,
+        afz: m.afz,
+        yaw: if yaw.is_finite() { origin.room_yaw_rad(yaw) as f32 } else { m.yaw },
+        yaw_rate: m.yaw_rate,
+        type_mask: m.type_mask,
+        target_system: m.target_system,
+        target_component: m.target_component,
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+    })
 }
 
 #[cfg(test)]

@@ -166,6 +166,7 @@ impl Pilot {
         let place = format!("N {:.2} E {:.2} height {:.2} m", pos.x(), pos.y(), -pos.z());
         let (severity, text) = match (was, health) {
             (Health::NotAligned, Health::Good | Health::Degraded) => {
+                self.guidance.home_is_here(pos);
                 (Severity::Info, format!("estimator aligned at {place}"))
             }
             (_, Health::Good) => (Severity::Info, "estimate good again".to_owned()),
@@ -273,6 +274,9 @@ impl Pilot {
                 pitch.to_degrees(),
                 ARM_TILT_RAD.to_degrees()
             ));
+        }
+        if let Some(why) = self.fence_forbids() {
+            return Err(why);
         }
         match self.battery {
             Some(b) if at.seconds_since(b.received_at) < ARM_BATTERY_AGE_S => {

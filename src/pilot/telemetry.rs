@@ -1,13 +1,13 @@
 //! What clients see: the messages that are streamed or asked for.
 
 use haltere_dialect::mav::haltere::{
-    ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, BATTERY_STATUS_DATA, EXTENDED_SYS_STATE_DATA,
-    HALTERE_CONTROL_DATA, HALTERE_DROPS_DATA, HALTERE_ESTIMATE_DATA, HALTERE_PAIR_DATA,
-    HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_REACHED_DATA,
-    MavAutopilot, MavBatteryChargeState, MavBatteryFault, MavBatteryFunction, MavBatteryMode,
-    MavBatteryType, MavLandedState, MavMessage, MavModeFlag, MavSeverity, MavState,
-    MavSysStatusSensor, MavSysStatusSensorExtended, MavType, MavVtolState, MissionState,
-    STATUSTEXT_DATA, SYS_STATUS_DATA,
+    ATTITUDE_DATA, ATTITUDE_QUATERNION_DATA, AVAILABLE_MODES_MONITOR_DATA, BATTERY_STATUS_DATA,
+    EXTENDED_SYS_STATE_DATA, HALTERE_CONTROL_DATA, HALTERE_DROPS_DATA, HALTERE_ESTIMATE_DATA,
+    HALTERE_LINK_DATA, HALTERE_PAIR_DATA, HEARTBEAT_DATA, LOCAL_POSITION_NED_DATA,
+    MISSION_CURRENT_DATA, MISSION_ITEM_REACHED_DATA, MavBatteryChargeState, MavBatteryFault,
+    MavBatteryFunction, MavBatteryMode, MavBatteryType, MavLandedState, MavMessage, MavModeFlag,
+    MavSeverity, MavState, MavSysStatusSensor, MavSysStatusSensorExtended, MavType, MavVtolState,
+    MissionState, STATUSTEXT_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
 use crate::drops::DropReason;
@@ -16,15 +16,18 @@ use crate::measure::AnchorId;
 use crate::time::HostTime;
 use crate::topics::UwbRecord;
 
+use super::endpoint::{Endpoint, GpsClaim};
 use super::modes::Mode;
 use super::output::Outbox;
-use super::{LinkId, OWN, Pilot};
+use super::{LinkId, OWN, Pilot, identity};
 
 /// Length of the text field of STATUSTEXT.
 const TEXT_CHUNK: usize = 50;
 /// Pairs of anchors whose fate is followed. TDoA3 with 8 anchors has 56; bounds what a tag that
 /// sends nonsense can make us store.
 const MOST_PAIRS: usize = 256;
+/// Height above the ceiling of the flight volume that is still no breach, m: the estimate's noise.
+const FENCE_MARGIN_M: f64 = 0.5;
 
 /// Fate of the measurements of one anchor pair.
 #[derive(Debug, Clone, Copy)]
@@ -35,6 +38,13 @@ pub(super) struct PairStats {
     rejected: u32,
     innovation_m: f64,
     test_ratio: f64,
+}
+
+impl PairStats {
+    /// Of the newest measurement.
+    pub fn test_ratio(&self) -> f64 {
+        self.test_ratio
+    }
 }
 
 /// Counts a measurement under its pair.
@@ -115,10 +125,31 @@ impl Pilot {
         }
     }
 
+    /// The same to every station.
+    pub(super) fn tell_all(&mut self, message: &MavMessage) {
+        for ground in self.grounds.iter().filter(|g| g.is_open) {
+            self.out.message(ground.link, OWN, message);
+        }
+    }
+
     pub(super) fn tell_reached(&mut self, seq: u16) {
-        let message = MavMessage::MISSION_ITEM_REACHED(MISSION_ITEM_REACHED_DATA { seq });
+        self.tell_all(&MavMessage::MISSION_ITEM_REACHED(MISSION_ITEM_REACHED_DATA { seq }));
+    }
+
+    /// HEARTBEAT and CURRENT_MODE at once where the mode shown or the arming has changed: clients that
+    /// asked for it give up soon (GROUND.md).
+    pub(super) fn tell_mode(&mut self, at: HostTime) {
+        let shown = (self.shown_mode().custom_mode(), self.board.is_armed());
+        if self.mode_told == Some(shown) {
+            return;
+        }
+        self.mode_told = Some(shown);
         for n in 0..self.grounds.len() {
-            self.out.message(self.grounds[n].link, OWN, &message);
+            if self.grounds[n].is_open {
+                let link = self.grounds[n].link;
+                self.send_telemetry(at, link, 0);
+                self.send_telemetry(at, link, 436);
+            }
         }
     }
 
@@ -127,9 +158,18 @@ impl Pilot {
         let time_boot_ms = (at.as_us() / 1000) as u32;
         let estimate = &self.estimate;
         let aligned = estimate.health != Health::NotAligned;
+        let endpoint = self.endpoint_on(link);
+        let global = aligned && endpoint.gps != GpsClaim::None;
+        let gps = endpoint.gps == GpsClaim::OriginGps;
         Some(match msg_id {
-            0 => self.heartbeat(),
-            1 => self.sys_status(),
+            0 => self.heartbeat(&endpoint),
+            1 => self.sys_status(&endpoint),
+            2 => MavMessage::SYSTEM_TIME(SYSTEM_TIME_DATA {
+                // The core knows no calendar.
+                time_unix_usec: 0,
+                time_boot_ms,
+            }),
+            24 if gps => self.gps_raw(at, aligned),
             30 if aligned => {
                 let [roll, pitch, yaw] = f32s(estimate.R_EB.euler_rad());
                 let [rollspeed, pitchspeed, yawspeed] = f32s(estimate.rate_B_radps.to_array());
@@ -171,12 +211,27 @@ impl Pilot {
                     vz,
                 })
             }
+            33 if global => self.global_position(at),
             42 => self.mission_current(),
+            49 if endpoint.gps != GpsClaim::None => self.origin_message(),
+            64 if aligned => self.position_covariance(at),
+            74 if aligned => self.vfr_hud(),
+            85 if self.mode.is_flying() => self.position_target(at),
+            141 if aligned => self.altitude(at),
             147 => self.battery_status()?,
+            148 => identity::autopilot_version(endpoint.identity),
+            193 if gps => self.ekf_status(endpoint.gps),
+            230 if aligned => self.estimator_status(at, endpoint.gps),
+            // Home is known from the first alignment: until a take-off or a client says otherwise it
+            // is the room's origin.
+            242 if global => self.home_message(),
             245 => MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
                 vtol_state: MavVtolState::MAV_VTOL_STATE_UNDEFINED,
                 landed_state: self.landed_state(),
             }),
+            331 if aligned => self.odometry(at),
+            436 => identity::current_mode(self.shown_mode().custom_mode(), self.intended_mode),
+            437 => MavMessage::AVAILABLE_MODES_MONITOR(AVAILABLE_MODES_MONITOR_DATA { seq: 0 }),
             54101 if aligned => MavMessage::HALTERE_ESTIMATE(HALTERE_ESTIMATE_DATA {
                 time_usec: at.as_us(),
                 position: f32s(estimate.pos_E_m.to_array()),
@@ -192,15 +247,19 @@ impl Pilot {
             54102 if self.mode.has_thrust() => self.control_message(),
             54103 => self.next_pair(at, link)?,
             54104 => self.next_drop(at, link)?,
+            54105 => self.next_link(at, link)?,
             _ => return None,
         })
     }
 
-    fn heartbeat(&self) -> MavMessage {
+    fn heartbeat(&self, endpoint: &Endpoint) -> MavMessage {
         let mut base_mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
             | MavModeFlag::MAV_MODE_FLAG_STABILIZE_ENABLED
             | MavModeFlag::MAV_MODE_FLAG_GUIDED_ENABLED
             | MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED;
+        if self.mode == Mode::Manual {
+            base_mode |= MavModeFlag::MAV_MODE_FLAG_MANUAL_INPUT_ENABLED;
+        }
         if self.board.is_armed() {
             base_mode |= MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
         }
@@ -213,23 +272,40 @@ impl Pilot {
         };
         MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: self.shown_mode().custom_mode(),
-            mavtype: MavType::MAV_TYPE_FLAPPING_WING,
-            autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
+            mavtype: identity::mav_type(endpoint.vehicle_type)
+                .unwrap_or(MavType::MAV_TYPE_FLAPPING_WING),
+            autopilot: identity::autopilot(endpoint.identity),
             base_mode,
             system_status,
             mavlink_version: 3,
         })
     }
 
-    fn sys_status(&self) -> MavMessage {
+    fn sys_status(&self, endpoint: &Endpoint) -> MavMessage {
         use MavSysStatusSensor as S;
-        let has = S::MAV_SYS_STATUS_SENSOR_3D_GYRO
+        let mut has = S::MAV_SYS_STATUS_SENSOR_3D_GYRO
             | S::MAV_SYS_STATUS_SENSOR_3D_ACCEL
             | S::MAV_SYS_STATUS_SENSOR_VISION_POSITION
+            | S::MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+            | S::MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL
             | S::MAV_SYS_STATUS_SENSOR_BATTERY
+            | S::MAV_SYS_STATUS_GEOFENCE
             | S::MAV_SYS_STATUS_AHRS
             | S::MAV_SYS_STATUS_PREARM_CHECK;
+        has.set(S::MAV_SYS_STATUS_SENSOR_GPS, endpoint.gps == GpsClaim::OriginGps);
         let mut health = S::empty();
+        let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
+        health.set(
+            S::MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+                | S::MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL,
+            usable,
+        );
+        health.set(S::MAV_SYS_STATUS_SENSOR_GPS, usable && endpoint.gps == GpsClaim::OriginGps);
+        // The flight volume and the fence that a station drew. On the floor it is not left by being below its bottom.
+        let inside = self.guidance.volume().contains_over(self.estimate.pos_E_m)
+            && -self.estimate.pos_E_m.z() <= self.guidance.volume().height_m + FENCE_MARGIN_M
+            && self.fence_forbids().is_none();
+        health.set(S::MAV_SYS_STATUS_GEOFENCE, !self.mode.has_thrust() || inside);
         let imu_fresh = self.last_imu.is_some_and(|t| self.now.seconds_since(t) < 0.2);
         health.set(S::MAV_SYS_STATUS_SENSOR_3D_GYRO | S::MAV_SYS_STATUS_SENSOR_3D_ACCEL, imu_fresh);
         let uwb_fresh = self.last_fused.is_some_and(|t| self.now.seconds_since(t) < 0.5);
@@ -323,6 +399,7 @@ impl Pilot {
         } else {
             MissionState::MISSION_STATE_PAUSED
         };
+        let (fence_id, rally_points_id) = self.services.plans.ids();
         MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA {
             seq: seq.min(total.saturating_sub(1)),
             // The protocol writes "no mission" as the largest number.
@@ -330,8 +407,8 @@ impl Pilot {
             mission_state,
             mission_mode: if self.mode == Mode::Mission { 1 } else { 2 },
             mission_id: self.mission.id,
-            fence_id: 0,
-            rally_points_id: 0,
+            fence_id,
+            rally_points_id,
         })
     }
 
@@ -397,6 +474,37 @@ impl Pilot {
                     link: if link == core { u8::MAX } else { link as u8 },
                     reason: reason.name().into(),
                 }));
+            }
+        }
+        None
+    }
+
+    /// Links with a station take turns: one message each.
+    fn next_link(&mut self, at: HostTime, link: LinkId) -> Option<MavMessage> {
+        let LinkId::Ground(own) = link else { return None };
+        let mut cursor = self.grounds.get(usize::from(own))?.link_cursor;
+        let total = self.grounds.len();
+        for _ in 0..total {
+            cursor = (cursor + 1) % total;
+            let ground = self.grounds.get(cursor)?;
+            if ground.is_open {
+                let wire = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
+                let counts = ground.counts;
+                let message = MavMessage::HALTERE_LINK(HALTERE_LINK_DATA {
+                    time_usec: at.as_us(),
+                    received: wire(counts.received),
+                    lost: wire(counts.lost),
+                    sent: wire(counts.sent),
+                    routed: wire(counts.routed),
+                    delayed: wire(ground.streams.delayed),
+                    received_bytes: wire(counts.received_B),
+                    sent_bytes: wire(counts.sent_B),
+                    link: ground.link.number(),
+                    endpoint: ground.endpoint_number,
+                    own: u8::from(ground.link == link),
+                });
+                self.grounds.get_mut(usize::from(own))?.link_cursor = cursor;
+                return Some(message);
             }
         }
         None

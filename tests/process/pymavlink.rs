@@ -1,4 +1,5 @@
-//! Runs `tests/pymavlink` with pytest, in a virtual environment of its own under `target/`.
+//! Runs `tests/pymavlink` and `tests/stations` with pytest, in virtual environments of their own under
+//! `target/`.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -45,7 +46,15 @@ fn python(requirements: &Path) -> PathBuf {
         run(Command::new("python3").args(["-m", "venv"]).arg(&folder), NO_PYTHON);
         run(
             Command::new(&python)
-                .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"])
+                // The lists are complete. What MAVProxy asks for besides are its windows.
+                .args([
+                    "-m",
+                    "pip",
+                    "install",
+                    "--quiet",
+                    "--disable-pip-version-check",
+                    "--no-deps",
+                ])
                 .arg("--requirement")
                 .arg(requirements),
             "pip could not install the pinned packages; is a package index reachable?",
@@ -69,14 +78,14 @@ fn dialect(python: &Path) -> PathBuf {
     module
 }
 
-#[test]
-fn prop_pymavlink_flies_it() {
-    let tests = root().join("tests/pymavlink");
+/// Runs pytest on a file or folder below `tests/`, with the packages listed in that folder.
+fn pytest(folder: &str, what: &str) {
+    let tests = root().join("tests").join(folder);
     let python = python(&tests.join("requirements.txt"));
     let module = dialect(&python);
     let output = Command::new(&python)
         .args(["-m", "pytest", "-q", "--color=no", "-p", "no:cacheprovider", "--durations=5"])
-        .arg(&tests)
+        .arg(tests.join(what))
         .current_dir(module.parent().expect("a folder"))
         .env("HALTERE_TEST_SIM", program())
         .env("HALTERE_TEST_DIALECT", &module)
@@ -89,4 +98,44 @@ fn prop_pymavlink_flies_it() {
     assert!(output.status.success(), "pytest: {}\n{text}", output.status);
     println!("{text}");
     let _ = std::fs::remove_dir_all(module.parent().expect("a folder"));
+}
+
+#[test]
+fn prop_pymavlink_flies_it() {
+    pytest("pymavlink", "");
+}
+
+#[test]
+fn prop_every_station_has_a_link_of_its_own() {
+    pytest("stations", "test_links.py");
+}
+
+#[test]
+fn prop_setpoints_and_joystick_fly_it() {
+    pytest("stations", "test_flight.py");
+}
+
+#[test]
+fn prop_qgroundcontrol_s_sequence_flies_it() {
+    pytest("stations", "test_qgc.py");
+}
+
+#[test]
+fn prop_mavsdk_flies_it() {
+    pytest("stations", "test_mavsdk.py");
+}
+
+#[test]
+fn prop_mavproxy_flies_it() {
+    pytest("stations", "test_mavproxy.py");
+}
+
+#[test]
+fn prop_dronekit_flies_it() {
+    pytest("stations", "test_dronekit.py");
+}
+
+#[test]
+fn prop_four_clients_fly_it_together_twice() {
+    pytest("stations", "test_zz_four.py");
 }

@@ -1,0 +1,235 @@
+//! Endpoints that stations come to: each gets a link of its own in the core.
+
+use std::net::SocketAddr;
+
+use tokio::net::{TcpListener, UdpSocket};
+use tokio::sync::mpsc;
+use tokio::time::{Duration, interval};
+
+use super::clock;
+use super::frames::WholeFrames;
+use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing};
+use super::tcp::{RETRY, talk};
+use super::udp::{DATAGRAM_BYTES, send};
+use crate::drops::DropReason;
+use crate::time::HostTime;
+
+/// A UDP station that was silent for so long is forgotten, s. Some scripts listen for a minute and say
+/// nothing (GROUND.md).
+const FORGET_S: f64 = 60.0;
+/// When all places are taken, one that was silent for so long gives its place away, s: stations send
+/// their heartbeat every second.
+const GIVE_WAY_S: f64 = 10.0;
+/// How often the silent ones are looked for.
+const LOOK: Duration = Duration::from_secs(1);
+
+/// The places of an endpoint, and who has them.
+#[derive(Debug)]
+struct Places(Vec<Option<(SocketAddr, HostTime)>>);
+
+/// Where somebody who was heard belongs.
+#[derive(Debug, PartialEq, Eq)]
+enum Seat {
+    /// They have this place.
+    Known(usize),
+    /// They took this free place.
+    New(usize),
+    /// They took it from somebody who was silent.
+    Taken(usize),
+    /// There is none.
+    Full,
+}
+
+impl Places {
+    fn new(stations: usize) -> Self {
+        Self(vec![None; stations])
+    }
+
+    fn heard(&mut self, peer: SocketAddr, at: HostTime) -> Seat {
+        for (n, place) in self.0.iter_mut().enumerate() {
+            if let Some((known, last)) = place
+                && *known == peer
+            {
+                *last = at;
+                return Seat::Known(n);
+            }
+        }
+        if let Some(n) = self.0.iter().position(Option::is_none) {
+            self.0[n] = Some((peer, at));
+            return Seat::New(n);
+        }
+        let since = |place: &Option<(SocketAddr, HostTime)>| place.map(|(_, last)| last);
+        let oldest = (0..self.0.len()).min_by_key(|n| self.0.get(*n).and_then(since));
+        match oldest.and_then(|n| Some((n, self.0.get(n).and_then(since)?))) {
+            Some((n, last)) if at.seconds_since(last) > GIVE_WAY_S => {
+                self.0[n] = Some((peer, at));
+                Seat::Taken(n)
+            }
+            _ => Seat::Full,
+        }
+    }
+
+    /// Frees the places of those who are silent.
+    fn forget(&mut self, now: HostTime) -> Vec<usize> {
+        let mut freed = Vec::new();
+        for (n, place) in self.0.iter_mut().enumerate() {
+            if place.is_some_and(|(_, last)| now.seconds_since(last) > FORGET_S) {
+                *place = None;
+                freed.push(n);
+            }
+        }
+        freed
+    }
+
+    fn peer(&self, n: usize) -> Option<SocketAddr> {
+        self.0.get(n).copied().flatten().map(|(peer, _)| peer)
+    }
+}
+
+/// Serves a bound `udpin` socket until the output ends; one inbox per place.
+pub(super) async fn listen(
+    socket: UdpSocket,
+    inboxes: Vec<Inbox>,
+    mut output: mpsc::Receiver<Outgoing>,
+) {
+    let Some(first) = inboxes.first().cloned() else { return };
+    let mut places = Places::new(inboxes.len());
+    let mut buffer = vec![0; DATAGRAM_BYTES];
+    let mut look = interval(LOOK);
+    loop {
+        tokio::select! {
+            biased;
+            received = socket.recv_from(&mut buffer) => {
+                let at = clock::now();
+                // An error here is about an earlier datagram of ours that nobody took.
+                let Ok((length, peer)) = received else { continue };
+                let seat = places.heard(peer, at);
+                let n = match seat {
+                    Seat::Known(n) | Seat::New(n) | Seat::Taken(n) => n,
+                    Seat::Full => {
+                        first.lost(DropReason::StationsFull);
+                        continue;
+                    }
+                };
+                let Some(inbox) = inboxes.get(n) else { continue };
+                if seat == Seat::Taken(n) {
+                    inbox.down();
+                }
+                if seat != Seat::Known(n) {
+                    tracing::info!("{peer} joined as link {}", inbox.link().number());
+                    inbox.up();
+                }
+                inbox.bytes(at, buffer.get(..length).unwrap_or_default());
+            }
+            outgoing = output.recv() => {
+                let Some(Outgoing { link, bytes }) = outgoing else { return };
+                let Some(n) = inboxes.iter().position(|i| i.link() == link) else { continue };
+                // Somebody who left meanwhile misses nothing.
+                let Some(peer) = places.peer(n) else { continue };
+                if !send(&socket, &bytes, peer).await
+                    && let Some(inbox) = inboxes.get(n)
+                {
+                    inbox.lost(DropReason::LinkWriteFailed);
+                }
+            }
+            _ = look.tick() => {
+                for n in places.forget(clock::now()) {
+                    if let Some(inbox) = inboxes.get(n) {
+                        tracing::info!("link {} is silent, forgotten", inbox.link().number());
+                        inbox.down();
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Serves all clients of a bound `tcpin` port until the output ends; one inbox per place.
+pub(super) async fn serve(
+    listener: TcpListener,
+    inboxes: Vec<Inbox>,
+    mut output: mpsc::Receiver<Outgoing>,
+) {
+    let mut writers: Vec<Option<mpsc::Sender<Outgoing>>> = vec![None; inboxes.len()];
+    let mut clients = tokio::task::JoinSet::new();
+    loop {
+        tokio::select! {
+            accepted = listener.accept() => {
+                let Ok((stream, peer)) = accepted else {
+                    // Out of descriptors, most likely: do not spin.
+                    tokio::time::sleep(RETRY).await;
+                    continue;
+                };
+                let free = writers.iter().position(Option::is_none);
+                let Some((n, inbox)) = free.and_then(|n| Some((n, inboxes.get(n)?.clone()))) else {
+                    tracing::warn!("{peer} refused: {} stations are connected", inboxes.len());
+                    if let Some(first) = inboxes.first() {
+                        first.lost(DropReason::StationsFull);
+                    }
+                    continue;
+                };
+                tracing::info!("{peer} connected as link {}", inbox.link().number());
+                let (writer, mut own_output) = mpsc::channel(OUTPUT_QUEUE_CHUNKS);
+                writers[n] = Some(writer);
+                clients.spawn(async move {
+                    inbox.up();
+                    let mut frames = WholeFrames::default();
+                    talk(stream, &inbox, &mut own_output, |inbox, at, bytes| {
+                        frames.push(bytes);
+                        while let Some(frame) = frames.next() {
+                            inbox.bytes(at, &frame);
+                        }
+                    })
+                    .await;
+                    inbox.down();
+                    tracing::info!("{peer} disconnected");
+                    n
+                });
+            }
+            outgoing = output.recv() => {
+                let Some(outgoing) = outgoing else { return };
+                let Some(n) = inboxes.iter().position(|i| i.link() == outgoing.link) else { continue };
+                let (Some(inbox), Some(Some(writer))) = (inboxes.get(n), writers.get(n)) else {
+                    continue;
+                };
+                if let Err(mpsc::error::TrySendError::Full(_)) = writer.try_send(outgoing) {
+                    inbox.lost(DropReason::OutputQueueFull);
+                }
+            }
+            Some(ended) = clients.join_next() => {
+                if let Ok(n) = ended
+                    && let Some(writer) = writers.get_mut(n)
+                {
+                    *writer = None;
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn peer(n: u16) -> SocketAddr {
+        SocketAddr::from(([127, 0, 0, 1], 1000 + n))
+    }
+
+    #[test]
+    fn prop_places_are_bounded_kept_and_given_away() {
+        let at = |s: u64| HostTime::from_us(s * 1_000_000);
+        let mut places = Places::new(2);
+        assert_eq!(places.heard(peer(1), at(0)), Seat::New(0));
+        assert_eq!(places.heard(peer(2), at(1)), Seat::New(1));
+        assert_eq!(places.heard(peer(1), at(5)), Seat::Known(0));
+        assert_eq!(places.heard(peer(3), at(6)), Seat::Full);
+        // The second has been silent for more than ten seconds: its place goes, the first keeps its own.
+        assert_eq!(places.heard(peer(1), at(11)), Seat::Known(0));
+        assert_eq!(places.heard(peer(3), at(12)), Seat::Taken(1));
+        assert_eq!(places.heard(peer(2), at(13)), Seat::Full);
+        assert_eq!(places.peer(1), Some(peer(3)));
+        assert_eq!(places.forget(at(72)), [0]);
+        assert_eq!(places.peer(0), None);
+        assert_eq!(places.heard(peer(2), at(72)), Seat::New(0));
+    }
+}

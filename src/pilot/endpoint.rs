@@ -1,0 +1,134 @@
+//! What the core is told about a ground endpoint: who it claims to be there, for how many stations.
+
+use serde::{Deserialize, Serialize};
+
+use crate::geo::{Geodetic, LocalOrigin};
+
+use super::identity::{FLAPPING_WING, mav_type};
+
+/// Most stations of one endpoint that is found by them (`udpin`, `tcpin`).
+pub const MOST_STATIONS: u8 = 8;
+/// Most links to stations in all: link numbers of logs are one byte, tag and board are two of them.
+pub const MOST_GROUND_LINKS: usize = 64;
+
+/// Which autopilot clients take us for (GROUND.md section 3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Identity {
+    /// `MAV_AUTOPILOT_GENERIC`.
+    #[default]
+    Generic,
+    /// `MAV_AUTOPILOT_PX4`: what QGroundControl and mavros need to offer control.
+    Px4,
+}
+
+/// How much of a satellite receiver is claimed, for clients that know no indoor position.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum GpsClaim {
+    /// No global position at all.
+    #[serde(rename = "none")]
+    None,
+    /// Global positions from the origin.
+    #[default]
+    #[serde(rename = "origin")]
+    Origin,
+    /// The same, and a receiver with a fix that does not exist: unchanged outdoor scripts wait for it.
+    #[serde(rename = "origin+gps")]
+    OriginGps,
+}
+
+/// Frames that are not for us.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Routing {
+    /// Thrown away.
+    Off,
+    /// Passed on between stations.
+    #[default]
+    Stations,
+    /// Passed on between stations and board.
+    Board,
+}
+
+/// One ground endpoint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Endpoint {
+    /// Which autopilot it shows.
+    pub identity: Identity,
+    /// `MAV_TYPE` it shows.
+    pub vehicle_type: u8,
+    /// What it claims of a satellite receiver.
+    pub gps: GpsClaim,
+    /// Links that it may have at once: 1, or up to [`MOST_STATIONS`] where stations come to us.
+    pub stations: u8,
+    /// What its line carries, bytes/s; `None`: more than we ever send.
+    pub line_Bps: Option<f64>,
+}
+
+impl Default for Endpoint {
+    fn default() -> Self {
+        Self {
+            identity: Identity::Generic,
+            vehicle_type: FLAPPING_WING,
+            gps: GpsClaim::Origin,
+            stations: 1,
+            line_Bps: None,
+        }
+    }
+}
+
+impl Endpoint {
+    /// Whether MAVLink knows this vehicle type.
+    pub fn knows_type(vehicle_type: u8) -> bool {
+        mav_type(vehicle_type).is_some()
+    }
+}
+
+/// Where the room lies on Earth.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OriginConfig {
+    /// Latitude of the survey's origin, degrees north.
+    pub latitude_deg: f64,
+    /// Longitude, degrees east.
+    pub longitude_deg: f64,
+    /// Altitude of the floor above sea level, m. Zero makes heights above sea level, home and floor
+    /// one number (GROUND.md).
+    pub altitude_m: f64,
+    /// Angle from true north to room north, degrees, positive clockwise seen from above.
+    pub north_deg: f64,
+}
+
+impl Default for OriginConfig {
+    fn default() -> Self {
+        // A stand-in, so that a fresh installation is somewhere on a map: open sea, which nobody takes for
+        // the true place. So near to zero the float32 degrees of older messages (DroneKit, COMMAND_LONG)
+        // resolve 1 cm; at 52 degrees it is 42 cm. People are told at the start that it is a stand-in.
+        Self { latitude_deg: 0.5, longitude_deg: 0.5, altitude_m: 0.0, north_deg: 0.0 }
+    }
+}
+
+impl OriginConfig {
+    /// As the core uses it. What was checked is always possible.
+    pub(super) fn in_force(&self) -> LocalOrigin {
+        let at = |c: &Self| {
+            let place = Geodetic::from_deg(c.latitude_deg, c.longitude_deg, c.altitude_m)?;
+            LocalOrigin::new(place, c.north_deg.to_radians())
+        };
+        at(self).or_else(|| at(&Self::default())).unwrap_or_else(LocalOrigin::zero)
+    }
+
+    /// Adds what is out of range to `problems`; `key` is the name of the section.
+    pub fn check(&self, key: &str, problems: &mut crate::checks::Problems) {
+        // East and west have no length at the poles.
+        problems.range(format_args!("{key}.latitude_deg"), self.latitude_deg, -89.0..=89.0, "deg");
+        problems.range(
+            format_args!("{key}.longitude_deg"),
+            self.longitude_deg,
+            -180.0..=180.0,
+            "deg",
+        );
+        problems.range(format_args!("{key}.altitude_m"), self.altitude_m, -500.0..=9000.0, "m");
+        problems.range(format_args!("{key}.north_deg"), self.north_deg, -180.0..=180.0, "deg");
+    }
+}

@@ -1,0 +1,392 @@
+//! Commands that move the vehicle: arming, take-off, points, modes, landing.
+
+use haltere_dialect::mav::haltere::{MavCmd, MavResult};
+
+use crate::estimate::Health;
+use crate::frames::Vec3;
+use crate::time::HostTime;
+
+use super::commands::{Answer, Request, refuse};
+use super::identity::SHOWN_MODES;
+use super::mission::LOWEST_M;
+use super::modes::{Event, Mode};
+use super::place::{Kind, Wanted};
+use super::setpoint::Setpoint;
+use super::{Pilot, Severity};
+
+/// Magic number that forces a disarm in the air (common.xml, MAV_CMD_COMPONENT_ARM_DISARM).
+const FORCE_DISARM: f32 = 21196.0;
+/// A landing place this near is here, m: twice the radius at which a point counts as reached.
+const LAND_HERE_M: f64 = 0.6;
+/// Speeds that can be asked for, m/s: as in missions.
+const SPEED_MPS: std::ops::RangeInclusive<f64> = 0.05..=20.0;
+/// Largest angle of CONDITION_YAW, deg.
+const MOST_TURN_DEG: f64 = 360.0;
+
+impl Pilot {
+    pub(super) fn arm_disarm(&mut self, at: HostTime, request: &Request) -> Answer {
+        use MavResult as R;
+        let arm = match request.params[0] {
+            1.0 => true,
+            0.0 => false,
+            other => {
+                return refuse(
+                    R::MAV_RESULT_DENIED,
+                    format!("arm = {other}, allowed 1 to arm or 0 to disarm"),
+                );
+            }
+        };
+        if arm {
+            if self.mode == Mode::Arming {
+                // Asked again before the board has answered.
+                self.wait_for_board(at, request, true);
+                return Ok(R::MAV_RESULT_IN_PROGRESS);
+            }
+            let ours = !matches!(self.mode, Mode::Disarmed | Mode::Disarming);
+            if self.board.is_armed() && ours {
+                return Ok(R::MAV_RESULT_ACCEPTED);
+            }
+            // Forced arming (2989, QGroundControl and MAVProxy) skips no check: nobody can see from
+            // a ground station whether they matter.
+            if let Err(why) = self.may_arm(at) {
+                return refuse(
+                    R::MAV_RESULT_TEMPORARILY_REJECTED,
+                    format!("arming refused: {why}"),
+                );
+            }
+            self.board.command_arm(true, false, at);
+            self.wait_for_board(at, request, true);
+            self.fire(at, Event::ArmAsked);
+            return Ok(R::MAV_RESULT_IN_PROGRESS);
+        }
+        self.disarm(at, request, request.params[1] == FORCE_DISARM)
+    }
+
+    /// MAV_CMD_DO_FLIGHTTERMINATION: motors off, wherever the vehicle is.
+    pub(super) fn terminate(&mut self, at: HostTime, request: &Request) -> Answer {
+        if request.params[0] > 0.5 {
+            self.disarm(at, request, true)
+        } else {
+            refuse(
+                MavResult::MAV_RESULT_DENIED,
+                format!("termination = {}, allowed 1", request.params[0]),
+            )
+        }
+    }
+
+    fn disarm(&mut self, at: HostTime, request: &Request, forced: bool) -> Answer {
+        use MavResult as R;
+        if self.mode == Mode::Disarmed && !self.board.is_armed() {
+            return Ok(R::MAV_RESULT_ACCEPTED);
+        }
+        if self.mode == Mode::Disarming && !forced && self.board.is_commanding() {
+            self.wait_for_board(at, request, false);
+            return Ok(R::MAV_RESULT_IN_PROGRESS);
+        }
+        // In the spool-up the floor still carries the vehicle.
+        if self.mode.has_thrust() && self.mode != Mode::Spool && !forced {
+            return refuse(
+                R::MAV_RESULT_DENIED,
+                "disarming in the air refused: land, or force it with 21196",
+            );
+        }
+        self.wait_for_board(at, request, false);
+        if !self.fire(at, Event::DisarmAsked) || forced {
+            self.board.command_arm(false, forced, at);
+        }
+        Ok(R::MAV_RESULT_IN_PROGRESS)
+    }
+
+    /// NAV_TAKEOFF: straight up, whatever place it names.
+    pub(super) fn command_takeoff(&mut self, at: HostTime, request: &Request) -> Answer {
+        let kind = if request.command == MavCmd::MAV_CMD_NAV_TAKEOFF_LOCAL {
+            Kind::Local
+        } else {
+            self.kind_of(request)?
+        };
+        let wanted = self.room_point(kind, [f64::NAN, f64::NAN, request.location.z()]);
+        self.ask_takeoff(at, wanted.height_m.unwrap_or(self.config.flight.takeoff_height_m))
+    }
+
+    /// NAV_LAND: where the vehicle is. Zeros and NaN are what clients send for "here".
+    pub(super) fn command_land(&mut self, at: HostTime, request: &Request) -> Answer {
+        let [x, y] = request.location.plain();
+        let here = x.is_nan() || y.is_nan() || (x == 0.0 && y == 0.0);
+        let local = request.command == MavCmd::MAV_CMD_NAV_LAND_LOCAL;
+        if !here
+            && !local
+            && let Some([north_m, east_m]) = self.wanted(request)?.horizontal_m
+        {
+            let pos = self.estimate.pos_E_m;
+            let away_m = (north_m - pos.x()).hypot(east_m - pos.y());
+            if away_m > LAND_HERE_M {
+                return refuse(
+                    MavResult::MAV_RESULT_DENIED,
+                    format!(
+                        "landing {away_m:.1} m away refused: fly there first, or land by a mission"
+                    ),
+                );
+            }
+        }
+        self.ask(at, Event::LandAsked, &[Mode::Land, Mode::Descend])
+    }
+
+    /// Asks for an event; modes in `already` count as granted.
+    pub(super) fn ask(&mut self, at: HostTime, event: Event, already: &[Mode]) -> Answer {
+        if already.contains(&self.mode) || self.fire(at, event) {
+            return Ok(MavResult::MAV_RESULT_ACCEPTED);
+        }
+        if matches!(event, Event::HoldAsked | Event::LandAsked) && !self.mode.has_thrust() {
+            // On the floor it is granted: nothing moves, and a waiting take-off is called off.
+            self.call_off_lift_off();
+            return Ok(MavResult::MAV_RESULT_ACCEPTED);
+        }
+        let what = match event {
+            Event::GotoAsked => "flying to a point",
+            Event::MissionAsked => "mission",
+            Event::OffboardAsked => "offboard",
+            Event::ManualAsked => "flying by joystick",
+            Event::ReturnAsked => "return",
+            Event::HoldAsked => "hold",
+            Event::LandAsked => "landing",
+            _ => "this",
+        };
+        let mode = self.mode.name();
+        let hint = if self.mode.has_thrust() { "" } else { ": take off first" };
+        refuse(
+            MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
+            format!("{what} refused while {mode}{hint}"),
+        )
+    }
+
+    fn ask_takeoff(&mut self, at: HostTime, height_m: f64) -> Answer {
+        let top_m = self.guidance.volume().height_m;
+        if !(0.3..=top_m).contains(&height_m) {
+            return refuse(
+                MavResult::MAV_RESULT_DENIED,
+                format!("take-off height = {height_m:.2}, allowed 0.3 to {top_m:.1} m"),
+            );
+        }
+        match self.mode {
+            Mode::Disarmed | Mode::Arming | Mode::Idle => {
+                self.guidance.set_takeoff_height(height_m);
+                self.guidance.mission_waits = false;
+                self.lift_off_asked = true;
+                self.intended_mode = Mode::Takeoff.custom_mode();
+                if self.mode == Mode::Disarmed {
+                    self.say(at, Severity::Info, "takes off when armed".to_owned());
+                }
+                Ok(MavResult::MAV_RESULT_ACCEPTED)
+            }
+            // Sent again, because the answer was lost.
+            Mode::Spool | Mode::Takeoff if self.guidance.takeoff_height_m() == height_m => {
+                Ok(MavResult::MAV_RESULT_ACCEPTED)
+            }
+            _ => refuse(
+                MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
+                format!("take-off refused while {}", self.mode.name()),
+            ),
+        }
+    }
+
+    pub(super) fn ask_mission(&mut self, at: HostTime) -> Answer {
+        if self.mission.items.is_empty() {
+            return refuse(MavResult::MAV_RESULT_DENIED, "no mission: upload one first");
+        }
+        if let Some(why) = self.services.plans.mission_is_barred.clone() {
+            return refuse(MavResult::MAV_RESULT_DENIED, why);
+        }
+        if usize::from(self.guidance.current_item) >= self.mission.items.len() {
+            self.guidance.set_current_item(0);
+        }
+        match self.mode {
+            Mode::Disarmed | Mode::Arming | Mode::Idle => {
+                let height_m =
+                    self.mission.takeoff_height_m().unwrap_or(self.config.flight.takeoff_height_m);
+                self.guidance.set_takeoff_height(height_m);
+                self.guidance.mission_waits = true;
+                self.lift_off_asked = true;
+                Ok(MavResult::MAV_RESULT_ACCEPTED)
+            }
+            Mode::Spool | Mode::Takeoff => {
+                self.guidance.mission_waits = true;
+                Ok(MavResult::MAV_RESULT_ACCEPTED)
+            }
+            _ => self.ask(at, Event::MissionAsked, &[Mode::Mission]),
+        }
+    }
+
+    pub(super) fn set_current_item(&mut self, index: f64) -> Answer {
+        let count = self.mission.items.len();
+        if !(index >= 0.0 && index < count as f64) {
+            return refuse(
+                MavResult::MAV_RESULT_DENIED,
+                format!("mission item {index}: the mission has {count} items"),
+            );
+        }
+        self.guidance.set_current_item(index as u16);
+        Ok(MavResult::MAV_RESULT_ACCEPTED)
+    }
+
+    /// A mode by PX4's number, from any of the ways to ask for one.
+    pub(super) fn set_custom_mode(&mut self, at: HostTime, custom_mode: u32) -> Answer {
+        let asked = SHOWN_MODES.iter().map(|m| m.mode).find(|m| m.custom_mode() == custom_mode);
+        let answer = match asked {
+            Some(Mode::Hold) => self.ask(at, Event::HoldAsked, &[Mode::Hold]),
+            Some(Mode::Mission) => self.ask_mission(at),
+            Some(Mode::Takeoff) => self.ask_takeoff(at, self.config.flight.takeoff_height_m),
+            Some(Mode::Return) => self.ask(at, Event::ReturnAsked, &[Mode::Return]),
+            Some(Mode::Land) => self.ask(at, Event::LandAsked, &[Mode::Land, Mode::Descend]),
+            Some(Mode::Offboard) => {
+                let setpoint = self.guidance.setpoint;
+                self.ask_followed(at, setpoint, Event::OffboardAsked, Mode::Offboard, "setpoints")
+            }
+            Some(Mode::Manual) => {
+                let sticks = self.guidance.sticks;
+                self.ask_followed(at, sticks, Event::ManualAsked, Mode::Manual, "MANUAL_CONTROL")
+            }
+            _ => refuse(
+                MavResult::MAV_RESULT_DENIED,
+                format!(
+                    "no mode with main {} sub {}: AVAILABLE_MODES lists them",
+                    custom_mode >> 16 & 0xFF,
+                    custom_mode >> 24
+                ),
+            ),
+        };
+        if answer.is_ok() {
+            self.intended_mode = custom_mode;
+            // Within 1.3 s a heartbeat must show it, says one of them; here it is.
+            self.tell_mode(at);
+        }
+        answer
+    }
+
+    /// A mode that follows what a client streams: the stream must run already.
+    fn ask_followed(
+        &mut self,
+        at: HostTime,
+        setpoint: Option<Setpoint>,
+        event: Event,
+        mode: Mode,
+        what: &str,
+    ) -> Answer {
+        let limit_s = self.config.limits.offboard_loss_s;
+        if setpoint.is_none_or(|s| at.seconds_since(s.received_at) >= limit_s) {
+            return refuse(
+                MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
+                format!("{} refused: send {what} first", mode.name()),
+            );
+        }
+        self.refused_setpoint_told = false;
+        self.ask(at, event, &[mode])
+    }
+
+    /// DO_CHANGE_SPEED.
+    pub(super) fn change_speed(&mut self, speed_mps: f64) -> Answer {
+        if SPEED_MPS.contains(&speed_mps) {
+            self.guidance.set_leg_speed(Some(speed_mps));
+        } else if speed_mps == -2.0 {
+            self.guidance.set_leg_speed(None);
+        } else if speed_mps != -1.0 {
+            // -1 is "no change".
+            return refuse(
+                MavResult::MAV_RESULT_DENIED,
+                format!(
+                    "speed = {speed_mps} m/s, allowed {} to {} m/s, or -2 for default",
+                    SPEED_MPS.start(),
+                    SPEED_MPS.end()
+                ),
+            );
+        }
+        Ok(MavResult::MAV_RESULT_ACCEPTED)
+    }
+
+    /// CONDITION_YAW: angle (deg), speed, direction, relative. Absolute angles count from true north.
+    pub(super) fn turn(&mut self, [angle_deg, _, direction, relative]: [f64; 4]) -> Answer {
+        if !(angle_deg.abs() <= MOST_TURN_DEG) {
+            return refuse(
+                MavResult::MAV_RESULT_DENIED,
+                format!("yaw = {angle_deg} deg, allowed -{MOST_TURN_DEG} to {MOST_TURN_DEG}"),
+            );
+        }
+        if !self.mode.is_flying() {
+            return refuse(
+                MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
+                format!("turning refused while {}: take off first", self.mode.name()),
+            );
+        }
+        let angle_rad = angle_deg.to_radians();
+        self.guidance.set_yaw(if relative == 1.0 {
+            let sign = if direction < 0.0 { -1.0 } else { 1.0 };
+            self.estimate.R_EB.yaw_rad() + sign * angle_rad
+        } else {
+            self.origin.room_yaw_rad(angle_rad)
+        });
+        Ok(MavResult::MAV_RESULT_ACCEPTED)
+    }
+
+    /// DO_REPOSITION: a point, a height alone, or nothing at all, which is a pause.
+    pub(super) fn reposition(&mut self, at: HostTime, request: &Request) -> Answer {
+        let Wanted { horizontal_m, height_m, is_global } = self.wanted(request)?;
+        if horizontal_m.is_none() && height_m.is_none() {
+            return self.ask(at, Event::HoldAsked, &[Mode::Hold]);
+        }
+        let speed_mps = f64::from(request.params[0]);
+        let yaw_rad = f64::from(request.params[3]);
+        let yaw_rad = yaw_rad
+            .is_finite()
+            .then(|| if is_global { self.origin.room_yaw_rad(yaw_rad) } else { yaw_rad });
+        self.go_to(at, horizontal_m, height_m, yaw_rad)?;
+        if speed_mps > 0.0 {
+            self.change_speed(speed_mps)?;
+        }
+        Ok(MavResult::MAV_RESULT_ACCEPTED)
+    }
+
+    /// Flies to a point, of which what is not given stays as it is.
+    pub(super) fn go_to(
+        &mut self,
+        at: HostTime,
+        horizontal_m: Option<[f64; 2]>,
+        height_m: Option<f64>,
+        yaw_rad: Option<f64>,
+    ) -> Answer {
+        use MavResult as R;
+        if self.estimate.health == Health::NotAligned {
+            return refuse(R::MAV_RESULT_TEMPORARILY_REJECTED, "estimator not aligned");
+        }
+        // On a leg, what is kept is where the leg ends.
+        let now = match self.mode {
+            Mode::Goto | Mode::Hold | Mode::Takeoff => self.guidance.goal_E_m(),
+            _ => self.estimate.pos_E_m,
+        };
+        let [north_m, east_m] = horizontal_m.unwrap_or([now.x(), now.y()]);
+        let height_m = height_m.unwrap_or(-now.z());
+        let point = Vec3::new(north_m, east_m, -height_m);
+        let volume = *self.guidance.volume();
+        if !point.is_finite() || !volume.contains(point) {
+            return refuse(
+                R::MAV_RESULT_DENIED,
+                format!(
+                    "N {north_m:.2} E {east_m:.2} height {height_m:.2} m is outside the limits: \
+                     N {:.1} to {:.1}, E {:.1} to {:.1}, height {LOWEST_M} to {:.1} m",
+                    volume.north_m[0],
+                    volume.north_m[1],
+                    volume.east_m[0],
+                    volume.east_m[1],
+                    volume.height_m
+                ),
+            );
+        }
+        if !self.services.plans.fence.contains([north_m, east_m]) {
+            let text = format!("N {north_m:.2} E {east_m:.2} m is outside the fence");
+            return refuse(R::MAV_RESULT_DENIED, text);
+        }
+        let answer = self.ask(at, Event::GotoAsked, &[Mode::Goto])?;
+        if self.mode == Mode::Goto {
+            self.guidance.fly_to(point, yaw_rad);
+        }
+        Ok(answer)
+    }
+}

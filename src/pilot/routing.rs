@@ -1,0 +1,179 @@
+//! Frames that are for others: between stations, and where wanted between stations and board.
+//!
+//! They pass as they came, with their sender's sequence number and signature, also those that our
+//! dialect does not know. No frame goes back to where its sender was heard, so two ways to one
+//! station make no loop.
+
+use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
+use haltere_dialect::mav_stream::MavFrame;
+
+use crate::drops::DropReason;
+use crate::time::HostTime;
+
+use super::endpoint::Routing;
+use super::modes::Mode;
+use super::{LinkId, OWN, Pilot, Severity};
+
+/// Whether a message steers: such are kept from the board while we do.
+fn steers(message: &MavMessage) -> bool {
+    let command = match message {
+        MavMessage::COMMAND_LONG(m) => m.command,
+        MavMessage::COMMAND_INT(m) => m.command,
+        MavMessage::SET_MODE(_)
+        | MavMessage::SET_ATTITUDE_TARGET(_)
+        | MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)
+        | MavMessage::SET_POSITION_TARGET_GLOBAL_INT(_)
+        | MavMessage::SET_ACTUATOR_CONTROL_TARGET(_)
+        | MavMessage::MANUAL_CONTROL(_)
+        | MavMessage::RC_CHANNELS_OVERRIDE(_)
+        | MavMessage::MISSION_SET_CURRENT(_) => return true,
+        _ => return false,
+    };
+    matches!(
+        command,
+        MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
+            | MavCmd::MAV_CMD_RUN_PREARM_CHECKS
+            | MavCmd::MAV_CMD_DO_SET_MODE
+            | MavCmd::MAV_CMD_DO_SET_STANDARD_MODE
+            | MavCmd::MAV_CMD_DO_FLIGHTTERMINATION
+            | MavCmd::MAV_CMD_DO_MOTOR_TEST
+            | MavCmd::MAV_CMD_DO_SET_ACTUATOR
+            | MavCmd::MAV_CMD_DO_SET_SERVO
+            | MavCmd::MAV_CMD_ACTUATOR_TEST
+            | MavCmd::MAV_CMD_DO_REPOSITION
+            | MavCmd::MAV_CMD_DO_CHANGE_SPEED
+            | MavCmd::MAV_CMD_DO_PAUSE_CONTINUE
+            | MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT
+            | MavCmd::MAV_CMD_CONDITION_YAW
+            | MavCmd::MAV_CMD_MISSION_START
+            | MavCmd::MAV_CMD_NAV_TAKEOFF
+            | MavCmd::MAV_CMD_NAV_TAKEOFF_LOCAL
+            | MavCmd::MAV_CMD_NAV_VTOL_TAKEOFF
+            | MavCmd::MAV_CMD_NAV_LAND
+            | MavCmd::MAV_CMD_NAV_LAND_LOCAL
+            | MavCmd::MAV_CMD_NAV_VTOL_LAND
+            | MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH
+            | MavCmd::MAV_CMD_NAV_LOITER_UNLIM
+            | MavCmd::MAV_CMD_OVERRIDE_GOTO
+            | MavCmd::MAV_CMD_PREFLIGHT_CALIBRATION
+            | MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+    )
+}
+
+impl Pilot {
+    /// Number of the board's system, where it may be reached from the ground.
+    fn routed_board(&self) -> Option<u8> {
+        let board = self.board.system_id()?;
+        (self.config.routing == Routing::Board && board != OWN.system_id).then_some(board)
+    }
+
+    /// Said once when a board is found that cannot be told from us.
+    pub(super) fn check_board_id(&mut self, at: HostTime, system_id: u8) {
+        if self.config.routing == Routing::Board && system_id == OWN.system_id {
+            let text = format!(
+                "routing to the board refused: its system id is {system_id}, ours too; give it \
+                 another (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV), or set ground.routing = \
+                 \"stations\""
+            );
+            self.say(at, Severity::Error, text);
+        }
+    }
+
+    /// Passes on a frame of a station, before it is looked at. `target`: system and component, 0 for
+    /// everyone.
+    pub(super) fn route_from_ground(
+        &mut self,
+        at: HostTime,
+        index: usize,
+        frame: &MavFrame<'_>,
+        message: Option<&MavMessage>,
+        target: (u8, u8),
+    ) {
+        let sender = (frame.header.system_id, frame.header.component_id);
+        let ours = (OWN.system_id, OWN.component_id);
+        if self.config.routing == Routing::Off || sender == ours || target == ours {
+            return;
+        }
+        self.route_to_stations(Some(index), frame, target);
+        let Some(board) = self.routed_board() else { return };
+        if target.0 != 0 && target.0 != board {
+            return;
+        }
+        if message.is_some_and(steers) && self.mode != Mode::Disarmed {
+            // What is for everyone is for us first.
+            if target.0 == board {
+                self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, 1);
+                self.refuse_setpoint(
+                    at,
+                    self.grounds[index].link,
+                    "a command for the board was not passed on: the companion is in control"
+                        .to_owned(),
+                );
+            }
+            return;
+        }
+        self.out.raw(LinkId::Board, frame.raw);
+    }
+
+    /// Passes on a frame from the board's line, unless it is one of those we asked for.
+    pub(super) fn route_from_board(&mut self, frame: &MavFrame<'_>) {
+        let Some(board) = self.routed_board() else { return };
+        if self.board.is_own_stream(frame.header.msg_id) {
+            return;
+        }
+        let target = frame.decode().map_or((0, 0), |m| haltere_dialect::mav_stream::target(&m));
+        if target.0 == board {
+            return;
+        }
+        self.route_to_stations(None, frame, target);
+    }
+
+    fn route_to_stations(&mut self, from: Option<usize>, frame: &MavFrame<'_>, target: (u8, u8)) {
+        let header = frame.header;
+        for n in 0..self.grounds.len() {
+            let ground = &self.grounds[n];
+            let wanted = ground.is_open
+                && Some(n) != from
+                && !ground.has_heard(header.system_id, header.component_id)
+                && (target.0 == 0 || ground.has_heard_system(target.0));
+            if !wanted {
+                continue;
+            }
+            let link = ground.link;
+            if !ground.streams.has_room() {
+                // The line is full: what is not ours goes first.
+                self.drops_of(link).add(DropReason::OutputQueueFull, 1);
+                continue;
+            }
+            self.out.raw(link, frame.raw);
+            self.grounds[n].counts.routed += 1;
+            self.settle(n);
+        }
+    }
+
+    /// Books what was queued for a link.
+    pub(super) fn settle(&mut self, n: usize) {
+        let Some(ground) = self.grounds.get_mut(n) else { return };
+        let sent = self.out.take_sent(ground.link);
+        ground.streams.spend(sent.bytes);
+        ground.counts.sent = ground.counts.sent.saturating_add(sent.frames);
+        ground.counts.sent_B = ground.counts.sent_B.saturating_add(sent.bytes as u64);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use haltere_dialect::mav::haltere::{COMMAND_LONG_DATA, PARAM_REQUEST_LIST_DATA};
+
+    #[test]
+    fn prop_what_steers_is_known() {
+        let command =
+            |command| MavMessage::COMMAND_LONG(COMMAND_LONG_DATA { command, ..Default::default() });
+        assert!(steers(&command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM)));
+        assert!(steers(&command(MavCmd::MAV_CMD_DO_SET_MODE)));
+        assert!(!steers(&command(MavCmd::MAV_CMD_REQUEST_MESSAGE)));
+        assert!(steers(&MavMessage::RC_CHANNELS_OVERRIDE(Default::default())));
+        assert!(!steers(&MavMessage::PARAM_REQUEST_LIST(PARAM_REQUEST_LIST_DATA::default())));
+    }
+}

@@ -1,0 +1,187 @@
+"""A ground station of pymavlink, with our dialect where the test runner gives it."""
+
+import importlib.util
+import os
+import sys
+import time
+
+os.environ["MAVLINK20"] = "1"
+from pymavlink import mavutil  # noqa: E402
+
+NAN = float("nan")
+
+
+def _dialect():
+    path = os.environ.get("HALTERE_TEST_DIALECT")
+    if not path or os.environ.get("HALTERE_STOCK_DIALECT"):
+        return mavutil.mavlink
+    spec = importlib.util.spec_from_file_location("haltere_dialect", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["haltere_dialect"] = module
+    spec.loader.exec_module(module)
+    mavutil.mavlink = module
+    mavutil.current_dialect = "haltere"
+    return module
+
+
+mavlink = _dialect()
+
+
+class Station:
+    """Connects as a ground station does: it speaks first, and sends a heartbeat every second."""
+
+    def __init__(self, address, system=255, component=190, timeout=20):
+        self.link = mavutil.mavlink_connection(address, source_system=system,
+                                               source_component=component)
+        self.texts = []
+        self.chunks = ""
+        self.backlog = []  # what came between the last command and its answer
+        self.beat_at = 0.0
+        self.beat()
+        self.heartbeat = self.wait("HEARTBEAT", timeout,
+                                   lambda m: m.get_srcSystem() == 1 and m.get_srcComponent() == 1)
+        self.link.target_system, self.link.target_component = 1, 1
+
+    def close(self):
+        self.link.close()
+
+    def beat(self):
+        if time.monotonic() - self.beat_at >= 1.0:
+            self.beat_at = time.monotonic()
+            self.link.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID,
+                                         0, 0, 4)
+
+    def receive(self, timeout=0.2):
+        self.beat()
+        return self.look(self.link.recv_match(blocking=True, timeout=timeout))
+
+    def look(self, message):
+        """Joins the chunks of long texts."""
+        if message is not None and message.get_type() == "STATUSTEXT" and of_vehicle(message):
+            self.chunks += message.text
+            if message.id == 0 or len(message.text) < 50:
+                self.texts.append(self.chunks)
+                self.chunks = ""
+        return message
+
+    def said(self, words, timeout=5.0):
+        """Waits for a text."""
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            if any(words in text for text in self.texts):
+                return
+            self.receive()
+        raise AssertionError(f"{words!r} was not said: {self.texts[-12:]}")
+
+    def wait(self, name, timeout=5.0, when=lambda m: True):
+        for message in self.backlog:
+            # A heartbeat comes again, and an old one may tell what is over.
+            if message.get_type() == name != "HEARTBEAT" and when(message):
+                self.backlog.remove(message)
+                return message
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            message = self.receive()
+            if message is not None and message.get_type() == name and when(message):
+                return message
+        raise AssertionError(f"no {name} within {timeout} s; the vehicle said: {self.texts[-12:]}")
+
+    def drain(self, seconds):
+        self.backlog = []
+        deadline = time.monotonic() + seconds
+        messages = []
+        while time.monotonic() < deadline:
+            message = self.receive(timeout=0.02)
+            if message is not None:
+                messages.append(message)
+        return messages
+
+    # -- commands
+
+    def _answer(self, command, timeout):
+        self.backlog = []
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            message = self.receive()
+            if message is None:
+                continue
+            if message.get_type() != "COMMAND_ACK" or message.command != command:
+                self.backlog.append(message)
+            elif message.result != mavlink.MAV_RESULT_IN_PROGRESS:
+                return message.result
+        raise AssertionError(f"{command} not answered within {timeout} s; {self.texts[-8:]}")
+
+    def catch_up(self):
+        """Reads what waits: a test that was busy elsewhere has a full socket, which loses answers."""
+        while True:
+            if self.look(self.link.recv_match(blocking=False)) is None:
+                return
+
+    def command(self, command, *params, target=(1, 1), timeout=4.0):
+        self.catch_up()
+        params = list(params) + [NAN] * (7 - len(params))
+        self.link.mav.command_long_send(*target, command, 0, *params)
+        return self._answer(command, timeout)
+
+    def command_int(self, command, frame, x, y, z, params=(NAN, NAN, NAN, NAN), timeout=4.0):
+        self.catch_up()
+        self.link.mav.command_int_send(1, 1, frame, command, 0, 0, *params, x, y, z)
+        return self._answer(command, timeout)
+
+    def request(self, msg_id, param2=0.0):
+        return self.command(mavlink.MAV_CMD_REQUEST_MESSAGE, msg_id, param2, 0, 0, 0, 0, 0)
+
+    def mode(self, main, sub=0):
+        return self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub)
+
+    def arm(self, timeout=40.0, *more):
+        deadline = time.monotonic() + timeout
+        result = None
+        while time.monotonic() < deadline:
+            result = self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, *more)
+            if result == mavlink.MAV_RESULT_ACCEPTED:
+                self.wait("HEARTBEAT", 5, is_armed)
+                return
+            assert result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED, self.texts
+            self.drain(0.5)
+        raise AssertionError(f"not ready to arm: result {result}, {self.texts[-12:]}")
+
+    def wait_mode(self, main, sub=0, timeout=10.0):
+        number = main << 16 | sub << 24
+        return self.wait("HEARTBEAT", timeout,
+                         lambda m: of_vehicle(m) and m.custom_mode == number)
+
+    def wait_disarmed(self, timeout=40.0):
+        self.wait("HEARTBEAT", timeout, lambda m: of_vehicle(m) and not is_armed(m))
+
+    def upload(self, items):
+        """Items: frame, command, params, x, y, z as in MISSION_ITEM_INT."""
+        self.catch_up()
+        send = self.link.mav
+        send.mission_count_send(1, 1, len(items), mavlink.MAV_MISSION_TYPE_MISSION)
+        deadline = time.monotonic() + 10
+        while time.monotonic() < deadline:
+            message = self.receive()
+            if message is None:
+                continue
+            if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
+                frame, command, params, x, y, z = items[message.seq]
+                send.mission_item_int_send(1, 1, message.seq, frame, command, 0, 1, *params,
+                                           x, y, z, mavlink.MAV_MISSION_TYPE_MISSION)
+            elif message.get_type() == "MISSION_ACK":
+                return message.type
+        raise AssertionError(f"upload not answered; {self.texts[-12:]}")
+
+
+def local_item(command, north, east, height, *params):
+    params = list(params) + [0.0, 0.0, 0.0, NAN][len(params):]
+    return (mavlink.MAV_FRAME_LOCAL_NED, command, params, round(north * 1e4), round(east * 1e4),
+            -height)
+
+
+def of_vehicle(message):
+    return message.get_srcSystem() == 1 and message.get_srcComponent() == 1
+
+
+def is_armed(message):
+    return of_vehicle(message) and bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)

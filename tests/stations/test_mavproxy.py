@@ -1,0 +1,94 @@
+"""MAVProxy 1.8.75 by its own commands, with the shipped map of modes."""
+
+import pytest
+
+from proxy import Proxy
+from rig import degrees, wait_until
+
+
+@pytest.fixture(scope="module")
+def proxy(rig):
+    proxy = Proxy(rig.ports["generic"], rig.folder)
+    yield proxy
+    proxy.close()
+
+
+def test_modes_are_known_by_name(rig, proxy):
+    proxy.do("mode", r"Available modes:.*HOLD")
+    proxy.do("mode HOLD", r"COMMAND_ACK: DO_SET_MODE: ACCEPTED|Got COMMAND_ACK: DO_SET_MODE: ACCEPTED")
+    proxy.do("version", r"AUTOPILOT_VERSION|Autopilot version|flight_sw_version|Version")
+    proxy.do("ping", r"ping response|Ping")
+
+
+def test_arm_take_off_and_guided(rig, proxy):
+    proxy.until("arm throttle", r"ARM_DISARM: ACCEPTED")
+    proxy.do("takeoff 1.2", r"NAV_TAKEOFF: ACCEPTED")
+    wait_until(lambda: rig.height() > 1.0, 25, rig)
+    proxy.expect(r"Mode HOLD", 20)
+    lat, lon = degrees(5.8, 5.4)
+    proxy.do(f"guided {lat:.8f} {lon:.8f} 1.3", r"DO_REPOSITION: ACCEPTED")
+    wait_until(lambda: rig.distance(5.8, 5.4) < 0.4, 25, rig)
+
+
+def test_speed_yaw_pause(rig, proxy):
+    proxy.do("setspeed 0 0.4 0", r"DO_CHANGE_SPEED: \w+")
+    proxy.do("setyaw 45 20 0", r"CONDITION_YAW: ACCEPTED")
+    wait_until(lambda: abs(yaw_deg(rig) - 45) < 12, 15, rig)
+    proxy.do("pause", r"DO_PAUSE_CONTINUE: ACCEPTED")
+
+
+def yaw_deg(rig):
+    import math
+    t = rig.truth()
+    w, x, y, z = (t[f"q_EB_{k}"] for k in "wxyz")
+    return math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
+def test_offboard_by_a_position_sent_once(rig, proxy):
+    before = rig.truth()
+    proxy.do("position 0.5 0 0")
+    proxy.do("mode OFFBOARD", r"DO_SET_MODE: ACCEPTED")
+    moved = lambda: rig.distance(before["pos_E_x_m"], before["pos_E_y_m"])  # noqa: E731
+    wait_until(lambda: 0.25 < moved() < 1.0, 15, rig)
+    proxy.do("mode HOLD", r"DO_SET_MODE: ACCEPTED")
+
+
+def test_return_lands(rig, proxy):
+    proxy.do("mode RTL", r"DO_SET_MODE: ACCEPTED")
+    proxy.expect(r"DISARMED", 60)
+    rig.assert_landed()
+
+
+def test_local_mission_by_floats(rig, proxy):
+    # Integer items of MAVProxy are 1e7 times metres in every frame: local ones go as floats.
+    if not rig_has_missions(proxy):
+        pytest.skip("float mission items come with the plan services")
+    plan = rig.folder / "plan.waypoints"
+    rows = ["QGC WPL 110",
+            "0 1 1 22 0 0 0 0 5.0 5.0 -1.0 1", "1 0 1 16 0 0 0 0 5.5 5.0 -1.0 1",
+            "2 0 1 16 0 0 0 0 5.0 5.0 -1.0 1", "3 0 1 21 0 0 0 0 0 0 0 1"]
+    plan.write_text("\n".join(r.replace(" ", "\t") if r[0].isdigit() else r for r in rows) + "\n")
+    proxy.do("set wp_use_mission_int False")
+    proxy.do(f"wp load {plan}", r"Flight plan received|Loaded \d+ waypoint", 20)
+    proxy.do("wp list", r"Requesting \d+ waypoints|Saved \d+ waypoints", 20)
+    proxy.do("mode MISSION", r"DO_SET_MODE: ACCEPTED")
+    proxy.until("arm throttle", r"ARM_DISARM: ACCEPTED")
+    proxy.expect(r"DISARMED", 90)
+    rig.assert_landed()
+
+
+def rig_has_missions(proxy):
+    """MISSION_FLOAT is a capability bit: 1."""
+    proxy.do("capabilities")
+    return "MISSION_FLOAT" in proxy.quiet(2.0)
+
+
+def test_land_and_disarm_by_command(rig, proxy):
+    proxy.until("arm throttle", r"ARM_DISARM: ACCEPTED")
+    proxy.do("takeoff 0.8", r"NAV_TAKEOFF: ACCEPTED")
+    wait_until(lambda: rig.height() > 0.6, 25, rig)
+    proxy.do("land", r"NAV_LAND: ACCEPTED")
+    proxy.expect(r"DISARMED", 60)
+    rig.assert_landed()
+    proxy.until("arm throttle", r"ARM_DISARM: ACCEPTED")
+    proxy.do("disarm", r"ARM_DISARM: ACCEPTED")
