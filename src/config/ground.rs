@@ -222,7 +222,10 @@ mod tests {
         let config = read(text).unwrap();
         let [plain, px4, serial] = config.for_pilot()[..] else { panic!() };
         assert_eq!(plain, Endpoint::default());
-        assert_eq!((px4.identity, px4.vehicle_type, px4.stations), (Identity::Px4, 2, MOST_STATIONS));
+        assert_eq!(
+            (px4.identity, px4.vehicle_type, px4.stations),
+            (Identity::Px4, 2, MOST_STATIONS)
+        );
         assert_eq!((serial.gps, serial.line_Bps), (GpsClaim::OriginGps, Some(5760.0)));
         // As a log holds it.
         let again = read(&toml::to_string(&config).unwrap()).unwrap();
@@ -246,6 +249,9 @@ mod tests {
             assert!(text.contains(says), "{text}");
         };
         check("vehicle_type = 250", "ground.vehicle_type = 250: MAVLink knows no such");
-        check("[origin]\nlatitude_deg = 95.0", "ground.origin.latitude_deg = 95, allowed -89 to 89");
+        check(
+            "[origin]\nlatitude_deg = 95.0",
+            "ground.origin.latitude_deg = 95, allowed -89 to 89",
+        );
     }
 }

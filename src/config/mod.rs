@@ -17,9 +17,7 @@ use serde::{Deserialize, Serialize};
 
 pub use address::{Address, AddressError, HostPort};
 pub use ground::{EndpointConfig, GroundConfig};
-pub use sections::{
-    AnchorsConfig, BoardConfig, RecordConfig, TagConfig, TagPort, TimingConfig,
-};
+pub use sections::{AnchorsConfig, BoardConfig, RecordConfig, TagConfig, TagPort, TimingConfig};
 
 use crate::checks::Problems;
 use crate::control::ControlConfig;

@@ -43,7 +43,10 @@ pub(super) struct Shared {
 
 impl Default for Shared {
     fn default() -> Self {
-        Self { stop: AtomicBool::new(false), drops: [const { [const { AtomicU64::new(0) }; REASONS.len()] }; MOST_LINKS] }
+        Self {
+            stop: AtomicBool::new(false),
+            drops: [const { [const { AtomicU64::new(0) }; REASONS.len()] }; MOST_LINKS],
+        }
     }
 }
 

@@ -240,7 +240,9 @@ fn start_link(
     let is_ground = matches!(inbox.link(), LinkId::Ground(_));
     match port {
         Port::UdpIn(socket) if is_ground => links.spawn(stations::listen(socket, inboxes, output)),
-        Port::TcpIn(listener) if is_ground => links.spawn(stations::serve(listener, inboxes, output)),
+        Port::TcpIn(listener) if is_ground => {
+            links.spawn(stations::serve(listener, inboxes, output))
+        }
         Port::Serial(device, baud) => {
             return Ok(serial::spawn(device, baud, inbox, output)?.into());
         }

@@ -1,8 +1,9 @@
 //! A ground station in memory: sends commands and missions, reads the answers.
 
 use haltere_dialect::mav::haltere::{
-    COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd,
-    MavFrame, MavMessage, MavMissionResult, MavMissionType, MavResult,
+    COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_COUNT_DATA,
+    MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult, MavMissionType,
+    MavResult,
 };
 use haltere_dialect::mav_stream::{self, MavSplitter};
 

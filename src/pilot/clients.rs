@@ -199,7 +199,9 @@ impl Pilot {
                     ground.streams.set_group(m.req_stream_id, rate_hz, m.start_stop == 1, at);
                 }
             }
-            MavMessage::MISSION_ITEM(m) if m.current == GUIDED_POINT || m.current == GUIDED_HEIGHT => {
+            MavMessage::MISSION_ITEM(m)
+                if m.current == GUIDED_POINT || m.current == GUIDED_HEIGHT =>
+            {
                 let location = Location::Float {
                     x: f64::from(m.x),
                     y: f64::from(m.y),

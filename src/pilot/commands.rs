@@ -95,11 +95,8 @@ impl Pilot {
 
     /// The board has answered an arm or disarm command that clients wait for.
     pub(super) fn answer_arm_askers(&mut self, arm: bool, accepted: bool) {
-        let result = if accepted {
-            MavResult::MAV_RESULT_ACCEPTED
-        } else {
-            MavResult::MAV_RESULT_FAILED
-        };
+        let result =
+            if accepted { MavResult::MAV_RESULT_ACCEPTED } else { MavResult::MAV_RESULT_FAILED };
         let askers = std::mem::take(&mut self.arm_askers);
         for asker in askers {
             if asker.arm == arm {
@@ -134,6 +131,10 @@ impl Pilot {
             MavCmd::MAV_CMD_NAV_LAND | MavCmd::MAV_CMD_NAV_LAND_LOCAL => {
                 self.command_land(at, request)
             }
+            // MAVProxy's `land`. Without a landing sequence in the mission a landing begins here.
+            MavCmd::MAV_CMD_DO_LAND_START => {
+                self.ask(at, Event::LandAsked, &[Mode::Land, Mode::Descend])
+            }
             MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => {
                 self.ask(at, Event::ReturnAsked, &[Mode::Return])
             }
@@ -158,7 +159,10 @@ impl Pilot {
                 Some(mode) => self.set_custom_mode(at, mode.custom_mode()),
                 None => refuse(
                     R::MAV_RESULT_FAILED,
-                    format!("no standard mode {}: there are 5 return, 6 mission, 7 land, 8 take-off", p[0]),
+                    format!(
+                        "no standard mode {}: there are 5 return, 6 mission, 7 land, 8 take-off",
+                        p[0]
+                    ),
                 ),
             },
             MavCmd::MAV_CMD_MISSION_START => {

@@ -121,24 +121,14 @@ impl OriginConfig {
     /// Adds what is out of range to `problems`; `key` is the name of the section.
     pub fn check(&self, key: &str, problems: &mut crate::checks::Problems) {
         // East and west have no length at the poles.
-        problems.range(
-            format_args!("{key}.latitude_deg"),
-            self.latitude_deg,
-            -89.0..=89.0,
-            "deg",
-        );
+        problems.range(format_args!("{key}.latitude_deg"), self.latitude_deg, -89.0..=89.0, "deg");
         problems.range(
             format_args!("{key}.longitude_deg"),
             self.longitude_deg,
             -180.0..=180.0,
             "deg",
         );
-        problems.range(
-            format_args!("{key}.altitude_m"),
-            self.altitude_m,
-            -500.0..=9000.0,
-            "m",
-        );
+        problems.range(format_args!("{key}.altitude_m"), self.altitude_m, -500.0..=9000.0, "m");
         problems.range(format_args!("{key}.north_deg"), self.north_deg, -180.0..=180.0, "deg");
     }
 }

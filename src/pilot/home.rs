@@ -24,7 +24,8 @@ impl Pilot {
         if self.origin == OriginConfig::default().in_force()
             && self.endpoint_on(link).gps != GpsClaim::None
         {
-            let text = "the place on the map is a stand-in: set ground.origin, or the origin from here";
+            let text =
+                "the place on the map is a stand-in: set ground.origin, or the origin from here";
             self.say_to(at, link, Severity::Info, text);
         }
     }
@@ -55,11 +56,7 @@ impl Pilot {
             );
         }
         self.origin = origin;
-        self.say(
-            at,
-            Severity::Info,
-            format!("origin at {latitude_deg:.7} {longitude_deg:.7}"),
-        );
+        self.say(at, Severity::Info, format!("origin at {latitude_deg:.7} {longitude_deg:.7}"));
         for n in 0..self.grounds.len() {
             if self.grounds[n].is_open {
                 let link = self.grounds[n].link;

@@ -42,12 +42,7 @@ pub(super) static SHOWN_MODES: [ShownMode; 7] = [
     shown(Mode::Offboard, "Offboard", MavStandardMode::MAV_STANDARD_MODE_NON_STANDARD, true),
 ];
 
-const fn shown(
-    mode: Mode,
-    name: &'static str,
-    standard: MavStandardMode,
-    auto: bool,
-) -> ShownMode {
+const fn shown(mode: Mode, name: &'static str, standard: MavStandardMode, auto: bool) -> ShownMode {
     let properties = if auto { AUTO } else { MavModeProperty::empty() };
     ShownMode { mode, name, standard, properties }
 }
@@ -82,11 +77,7 @@ pub(super) fn current_mode(custom_mode: u32, intended_custom_mode: u32) -> MavMe
         .iter()
         .find(|m| m.mode.custom_mode() == custom_mode)
         .map_or(MavStandardMode::MAV_STANDARD_MODE_NON_STANDARD, |m| m.standard);
-    MavMessage::CURRENT_MODE(CURRENT_MODE_DATA {
-        custom_mode,
-        intended_custom_mode,
-        standard_mode,
-    })
+    MavMessage::CURRENT_MODE(CURRENT_MODE_DATA { custom_mode, intended_custom_mode, standard_mode })
 }
 
 /// `MAV_AUTOPILOT` of an identity.

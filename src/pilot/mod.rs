@@ -39,6 +39,7 @@ mod setpoint;
 mod streams;
 mod supervise;
 mod telemetry;
+mod telemetry_counts;
 mod telemetry_estimator;
 mod telemetry_global;
 mod tilt_step;
@@ -72,7 +73,7 @@ use guidance::Guidance;
 use heading::BoardNorth;
 use output::{Address, Outbox};
 use supervise::Touch;
-use telemetry::PairStats;
+use telemetry_counts::PairStats;
 
 /// Name of a link to the outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -230,9 +231,7 @@ impl Pilot {
         let velocity_limit_mps = config.control.limits.horizontal_mps;
         let grounds: Vec<GroundLink> = (0..)
             .zip(config.ground_links())
-            .map(|(n, (number, endpoint))| {
-                GroundLink::new(LinkId::Ground(n), endpoint, number, at)
-            })
+            .map(|(n, (number, endpoint))| GroundLink::new(LinkId::Ground(n), endpoint, number, at))
             .collect();
         let origin = config.origin.in_force();
         let mut pilot = Self {

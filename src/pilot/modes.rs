@@ -162,10 +162,8 @@ use Event as Ev;
 use Mode as M;
 
 /// Modes in which the vehicle is in the air under position control.
-const AIR: &[Mode] =
-    &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual, M::Return];
-const CALM: &[Mode] =
-    &[M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual, M::Return, M::Land];
+const AIR: &[Mode] = &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual, M::Return];
+const CALM: &[Mode] = &[M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual, M::Return, M::Land];
 const LANDABLE: &[Mode] = AIR;
 const FLYING: &[Mode] =
     &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual, M::Return, M::Land];

@@ -113,7 +113,10 @@ impl Pilot {
         let [x, y] = request.location.plain();
         let here = x.is_nan() || y.is_nan() || (x == 0.0 && y == 0.0);
         let local = request.command == MavCmd::MAV_CMD_NAV_LAND_LOCAL;
-        if !here && !local && let Some([north_m, east_m]) = self.wanted(request)?.horizontal_m {
+        if !here
+            && !local
+            && let Some([north_m, east_m]) = self.wanted(request)?.horizontal_m
+        {
             let pos = self.estimate.pos_E_m;
             let away_m = (north_m - pos.x()).hypot(east_m - pos.y());
             if away_m > LAND_HERE_M {
@@ -298,7 +301,7 @@ impl Pilot {
 
     /// CONDITION_YAW: angle (deg), speed, direction, relative. Absolute angles count from true north.
     pub(super) fn turn(&mut self, [angle_deg, _, direction, relative]: [f64; 4]) -> Answer {
-        if !(angle_deg.abs() <= MOST_TURN_DEG) {
+        if !(-MOST_TURN_DEG..=MOST_TURN_DEG).contains(&angle_deg) {
             return refuse(
                 MavResult::MAV_RESULT_DENIED,
                 format!("yaw = {angle_deg} deg, allowed -{MOST_TURN_DEG} to {MOST_TURN_DEG}"),
@@ -328,9 +331,9 @@ impl Pilot {
         }
         let speed_mps = f64::from(request.params[0]);
         let yaw_rad = f64::from(request.params[3]);
-        let yaw_rad = yaw_rad.is_finite().then(|| {
-            if is_global { self.origin.room_yaw_rad(yaw_rad) } else { yaw_rad }
-        });
+        let yaw_rad = yaw_rad
+            .is_finite()
+            .then(|| if is_global { self.origin.room_yaw_rad(yaw_rad) } else { yaw_rad });
         self.go_to(at, horizontal_m, height_m, yaw_rad)?;
         if speed_mps > 0.0 {
             self.change_speed(speed_mps)?;

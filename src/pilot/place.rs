@@ -63,19 +63,9 @@ pub(super) struct Wanted {
 pub(super) enum Location {
     /// COMMAND_LONG, or a float MISSION_ITEM: degrees or metres, NaN is "not given". COMMAND_LONG has
     /// no frame: `None`.
-    Float {
-        x: f64,
-        y: f64,
-        z: f64,
-        frame: Option<MavFrame>,
-    },
+    Float { x: f64, y: f64, z: f64, frame: Option<MavFrame> },
     /// COMMAND_INT, MISSION_ITEM_INT: the largest number is "not given".
-    Int {
-        x: i32,
-        y: i32,
-        z: f64,
-        frame: MavFrame,
-    },
+    Int { x: i32, y: i32, z: f64, frame: MavFrame },
 }
 
 impl Location {

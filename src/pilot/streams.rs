@@ -39,33 +39,33 @@ const EXTRA3: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTRA3);
 /// Everything that can be streamed. Silent clients wait for these (GROUND.md, "telemetry by
 /// default").
 const KINDS: [Kind; 27] = [
-    Kind(0, 1.0, None),         // HEARTBEAT
-    Kind(1, 2.0, STATUS),       // SYS_STATUS
-    Kind(24, 2.0, STATUS),      // GPS_RAW_INT
-    Kind(30, 20.0, EXTRA1),     // ATTITUDE
-    Kind(31, 10.0, None),       // ATTITUDE_QUATERNION
-    Kind(32, 20.0, POSITION),   // LOCAL_POSITION_NED
-    Kind(33, 5.0, POSITION),    // GLOBAL_POSITION_INT
-    Kind(42, 2.0, STATUS),      // MISSION_CURRENT
-    Kind(49, 0.2, None),        // GPS_GLOBAL_ORIGIN
-    Kind(64, 1.0, None),        // LOCAL_POSITION_NED_COV
-    Kind(74, 4.0, EXTRA2),      // VFR_HUD
-    Kind(85, 2.0, None),        // POSITION_TARGET_LOCAL_NED
-    Kind(141, 4.0, None),       // ALTITUDE
-    Kind(147, 2.0, EXTRA3),     // BATTERY_STATUS
-    Kind(193, 1.0, EXTRA3),     // EKF_STATUS_REPORT
-    Kind(230, 1.0, None),       // ESTIMATOR_STATUS
-    Kind(242, 0.5, None),       // HOME_POSITION
-    Kind(245, 2.0, None),       // EXTENDED_SYS_STATE
-    Kind(331, 5.0, None),       // ODOMETRY
-    Kind(436, 0.5, None),       // CURRENT_MODE
-    Kind(437, 0.3, None),       // AVAILABLE_MODES_MONITOR
-    Kind(54101, 10.0, None),    // HALTERE_ESTIMATE
-    Kind(54102, 10.0, None),    // HALTERE_CONTROL
-    Kind(54103, 4.0, None),     // HALTERE_PAIR
-    Kind(54104, 1.0, None),     // HALTERE_DROPS
-    Kind(54105, 1.0, None),     // HALTERE_LINK
-    Kind(2, 0.0, None),         // SYSTEM_TIME
+    Kind(0, 1.0, None),       // HEARTBEAT
+    Kind(1, 2.0, STATUS),     // SYS_STATUS
+    Kind(24, 2.0, STATUS),    // GPS_RAW_INT
+    Kind(30, 20.0, EXTRA1),   // ATTITUDE
+    Kind(31, 10.0, None),     // ATTITUDE_QUATERNION
+    Kind(32, 20.0, POSITION), // LOCAL_POSITION_NED
+    Kind(33, 5.0, POSITION),  // GLOBAL_POSITION_INT
+    Kind(42, 2.0, STATUS),    // MISSION_CURRENT
+    Kind(49, 0.2, None),      // GPS_GLOBAL_ORIGIN
+    Kind(64, 1.0, None),      // LOCAL_POSITION_NED_COV
+    Kind(74, 4.0, EXTRA2),    // VFR_HUD
+    Kind(85, 2.0, None),      // POSITION_TARGET_LOCAL_NED
+    Kind(141, 4.0, None),     // ALTITUDE
+    Kind(147, 2.0, EXTRA3),   // BATTERY_STATUS
+    Kind(193, 1.0, EXTRA3),   // EKF_STATUS_REPORT
+    Kind(230, 1.0, None),     // ESTIMATOR_STATUS
+    Kind(242, 0.5, None),     // HOME_POSITION
+    Kind(245, 2.0, None),     // EXTENDED_SYS_STATE
+    Kind(331, 5.0, None),     // ODOMETRY
+    Kind(436, 0.5, None),     // CURRENT_MODE
+    Kind(437, 0.3, None),     // AVAILABLE_MODES_MONITOR
+    Kind(54101, 10.0, None),  // HALTERE_ESTIMATE
+    Kind(54102, 10.0, None),  // HALTERE_CONTROL
+    Kind(54103, 4.0, None),   // HALTERE_PAIR
+    Kind(54104, 1.0, None),   // HALTERE_DROPS
+    Kind(54105, 1.0, None),   // HALTERE_LINK
+    Kind(2, 0.0, None),       // SYSTEM_TIME
 ];
 
 #[derive(Debug, Clone, Copy)]
@@ -139,7 +139,8 @@ impl Streams {
         let all = group == Group::MAV_DATA_STREAM_ALL;
         let mut found = false;
         for Kind(msg_id, _, of) in &KINDS {
-            let claimed = self.streams.iter().any(|s| s.msg_id == *msg_id && s.default_us.is_some());
+            let claimed =
+                self.streams.iter().any(|s| s.msg_id == *msg_id && s.default_us.is_some());
             if of.is_some_and(|of| all || of == group) {
                 found = true;
                 if claimed {
@@ -223,7 +224,11 @@ mod tests {
     }
 
     /// Messages of each id in so many seconds, each of this size.
-    fn run(streams: &mut Streams, seconds: u64, bytes: usize) -> std::collections::BTreeMap<u32, u32> {
+    fn run(
+        streams: &mut Streams,
+        seconds: u64,
+        bytes: usize,
+    ) -> std::collections::BTreeMap<u32, u32> {
         let mut sent = std::collections::BTreeMap::new();
         for tick in 0..seconds * 100 {
             streams.begin(at(tick));
@@ -239,9 +244,13 @@ mod tests {
 
     #[test]
     fn prop_streams_keep_their_rate() {
-        for (interval_us, wanted) in
-            [(33_000.0, 606.0), (10_000.0, 2000.0), (15_000.0, 1333.0), (70_000.0, 286.0), (1.0, 2000.0)]
-        {
+        for (interval_us, wanted) in [
+            (33_000.0, 606.0),
+            (10_000.0, 2000.0),
+            (15_000.0, 1333.0),
+            (70_000.0, 286.0),
+            (1.0, 2000.0),
+        ] {
             let mut streams = Streams::new(&Endpoint::default(), at(0));
             assert!(streams.set_interval(32, interval_us, at(0)));
             let sent = f64::from(run(&mut streams, 20, 40)[&32]);

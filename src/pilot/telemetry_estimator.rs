@@ -1,9 +1,9 @@
 //! What clients see of the estimator: odometry, covariances, status, and what is steered to.
 
 use haltere_dialect::mav::haltere::{
-    EKF_STATUS_REPORT_DATA, ESTIMATOR_STATUS_DATA, EstimatorStatusFlags, LOCAL_POSITION_NED_COV_DATA,
-    MavEstimatorType, MavFrame, MavMessage, ODOMETRY_DATA, POSITION_TARGET_LOCAL_NED_DATA,
-    PositionTargetTypemask,
+    EKF_STATUS_REPORT_DATA, ESTIMATOR_STATUS_DATA, EstimatorStatusFlags,
+    LOCAL_POSITION_NED_COV_DATA, MavEstimatorType, MavFrame, MavMessage, ODOMETRY_DATA,
+    POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask,
 };
 
 use crate::estimate::Health;
@@ -38,9 +38,8 @@ impl Pilot {
         let rot = self.estimate.R_EB.matrix();
         let body: Vec3<B> = self.estimate.std_vel_B_mps;
         let std = body.to_array();
-        let along = |row: usize| {
-            (0..3).map(|k| (rot[(row, k)] * std[k]).powi(2)).sum::<f64>().sqrt()
-        };
+        let along =
+            |row: usize| (0..3).map(|k| (rot[(row, k)] * std[k]).powi(2)).sum::<f64>().sqrt();
         Vec3::from_array([along(0), along(1), along(2)])
     }
 

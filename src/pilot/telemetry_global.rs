@@ -1,8 +1,7 @@
 //! What clients see of positions on Earth and of heights.
 
 use haltere_dialect::mav::haltere::{
-    ALTITUDE_DATA, GLOBAL_POSITION_INT_DATA, GPS_RAW_INT_DATA, GpsFixType, MavMessage,
-    VFR_HUD_DATA,
+    ALTITUDE_DATA, GLOBAL_POSITION_INT_DATA, GPS_RAW_INT_DATA, GpsFixType, MavMessage, VFR_HUD_DATA,
 };
 
 use crate::time::HostTime;

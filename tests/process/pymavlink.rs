@@ -47,7 +47,14 @@ fn python(requirements: &Path) -> PathBuf {
         run(
             Command::new(&python)
                 // The lists are complete. What MAVProxy asks for besides are its windows.
-                .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps"])
+                .args([
+                    "-m",
+                    "pip",
+                    "install",
+                    "--quiet",
+                    "--disable-pip-version-check",
+                    "--no-deps",
+                ])
                 .arg("--requirement")
                 .arg(requirements),
             "pip could not install the pinned packages; is a package index reachable?",
