@@ -55,11 +55,14 @@ pub struct GateConfig {
     pub doubt_frac: f64,
     /// Whether it then opens up and, failing that, finds its position anew.
     pub recover: bool,
+    /// Whether what is beyond the gate is thrown away. If not, it is fused with the weight that the
+    /// tail leaves it, and only counted as beyond.
+    pub reject: bool,
 }
 
 impl Default for GateConfig {
     fn default() -> Self {
-        Self { sigma: 5.0, tail: Tail::StudentT, tail_sigma: 2.0, doubt_frac: 0.5, recover: true }
+        Self { sigma: 5.0, tail: Tail::StudentT, tail_sigma: 2.0, doubt_frac: 0.5, recover: true, reject: true }
     }
 }
 
@@ -109,10 +112,111 @@ impl Default for BaroConfig {
     }
 }
 
+/// What drives the prediction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Motion {
+    /// The IMU.
+    Inertial,
+    /// Nothing: positions alone, from TDOA alone. Attitude is not estimated.
+    Unaided,
+}
+
+/// How a vehicle without IMU moves: a velocity that is pushed at random and decays.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Unaided {
+    /// Random push, m/s²/√Hz.
+    pub std_acc_mps2_rthz: f64,
+    /// Decay of the velocity, 1/s. With the push it bounds the speed that is expected: one sigma is
+    /// push / √(2 decay).
+    pub decay_per_s: f64,
+}
+
+impl Default for Unaided {
+    fn default() -> Self {
+        Self { std_acc_mps2_rthz: 0.45, decay_per_s: 0.5 }
+    }
+}
+
+/// Range bias of each anchor as a state (`bias.rs`).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AnchorBias {
+    /// Whether biases are estimated. Without: the nine states alone.
+    pub estimate: bool,
+    /// One sigma of the part that wanders, m.
+    pub std_m: f64,
+    /// Time over which it stays, s.
+    pub correlation_s: f64,
+    /// Distance flown over which it stays, m.
+    pub correlation_m: f64,
+    /// One sigma of the part that stays, m.
+    pub constant_std_m: f64,
+    /// One sigma of the bias of an anchor that the floor hides, m.
+    pub hidden_std_m: f64,
+    /// Time over which that stays, s.
+    pub hidden_s: f64,
+    /// The floor hides anchors from a tag below this, m.
+    pub hidden_below_m: f64,
+    /// It hides those that hang below this, m.
+    pub low_anchor_m: f64,
+}
+
+impl Default for AnchorBias {
+    fn default() -> Self {
+        Self {
+            estimate: false,
+            std_m: 0.2,
+            correlation_s: 8.0,
+            correlation_m: 0.6,
+            constant_std_m: 0.1,
+            hidden_std_m: 2.5,
+            hidden_s: 0.5,
+            hidden_below_m: 0.5,
+            low_anchor_m: 0.6,
+        }
+    }
+}
+
+/// Quality of each anchor, learned in flight (`quality.rs`).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Quality {
+    /// Whether it is learned.
+    pub learn: bool,
+    /// Time of learning, s.
+    pub time_s: f64,
+    /// Least factor on the variance.
+    pub least: f64,
+    /// Largest factor.
+    pub most: f64,
+}
+
+impl Default for Quality {
+    fn default() -> Self {
+        Self { learn: false, time_s: 0.8, least: 0.5, most: 100.0 }
+    }
+}
+
 /// Settings of the estimator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimatorConfig {
+    /// What drives the prediction.
+    pub motion: Motion,
+    /// Motion without IMU.
+    pub unaided: Unaided,
+    /// Whether position and heading are found by motion when nobody tells them (`cold.rs`); without,
+    /// a start needs rest and a heading.
+    pub cold_start: bool,
+    /// The covariance is predicted in steps of at least this, s; 0: with each IMU sample. The state
+    /// itself follows each sample.
+    pub covariance_step_s: f64,
+    /// Range bias of each anchor.
+    pub anchor_bias: AnchorBias,
+    /// Quality of each anchor.
+    pub quality: Quality,
     /// Where the specific force comes from in flight.
     pub specific_force: SpecificForce,
     /// Whether the drag model is used (with `thrust_axis` only).
@@ -154,6 +258,12 @@ pub struct EstimatorConfig {
 impl Default for EstimatorConfig {
     fn default() -> Self {
         Self {
+            motion: Motion::Inertial,
+            unaided: Unaided::default(),
+            cold_start: false,
+            covariance_step_s: 0.0,
+            anchor_bias: AnchorBias::default(),
+            quality: Quality::default(),
             specific_force: SpecificForce::ThrustAxis,
             drag: true,
             drag_per_s: [4.2, 1.8, 0.3],
@@ -197,6 +307,23 @@ impl EstimatorConfig {
         for (axis, arm) in ["x", "y", "z"].into_iter().zip(self.p_BT_B_m) {
             range(&format!("p_BT_B_m.{axis}"), arm, -1.0, 1.0, "m");
         }
+        range("covariance_step_s", self.covariance_step_s, 0.0, 0.02, "s");
+        let u = &self.unaided;
+        range("unaided.std_acc_mps2_rthz", u.std_acc_mps2_rthz, 1e-3, 50.0, "m/s²/√Hz");
+        range("unaided.decay_per_s", u.decay_per_s, 0.0, 20.0, "1/s");
+        let b = &self.anchor_bias;
+        range("anchor_bias.std_m", b.std_m, 1e-4, 5.0, "m");
+        range("anchor_bias.correlation_s", b.correlation_s, 0.01, 1e5, "s");
+        range("anchor_bias.correlation_m", b.correlation_m, 0.01, 1e5, "m");
+        range("anchor_bias.constant_std_m", b.constant_std_m, 0.0, 5.0, "m");
+        range("anchor_bias.hidden_std_m", b.hidden_std_m, 1e-4, 10.0, "m");
+        range("anchor_bias.hidden_s", b.hidden_s, 0.01, 100.0, "s");
+        range("anchor_bias.hidden_below_m", b.hidden_below_m, -50.0, 5.0, "m");
+        range("anchor_bias.low_anchor_m", b.low_anchor_m, -50.0, 5.0, "m");
+        let q = &self.quality;
+        range("quality.time_s", q.time_s, 0.05, 100.0, "s");
+        range("quality.least", q.least, 0.01, 1.0, "");
+        range("quality.most", q.most, 1.0, 1e4, "");
         range("cop_z_m", self.cop_z_m, -0.5, 0.5, "m");
         range("acc_average_s", self.acc_average_s, 0.0, 0.2, "s");
         range("std_uwb_m", self.std_uwb_m, 0.01, 5.0, "m");

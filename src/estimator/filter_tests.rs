@@ -140,7 +140,7 @@ fn prop_covariance_stays_symmetric_and_positive() {
 fn prop_order_of_updates_matters_to_second_order_only() {
     let observe = |state: &State, a: u8, b: u8, innovation: f64| {
         let g = geometry(a, b, Vector3::new(0.02, 0.0, -0.1), 0.0);
-        let mut o = tdoa::observe(state, &g, 0.0, 0.04).unwrap();
+        let mut o = tdoa::observe(state, &g, 0.0, None, 0.04).unwrap();
         o.innovation = innovation;
         o
     };

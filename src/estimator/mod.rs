@@ -7,18 +7,23 @@
 
 mod align;
 mod aligning;
+mod bias;
+mod cold;
 mod config;
 mod fusing;
 mod gate;
 mod height;
 mod noise;
 mod predict;
+mod quality;
 mod reference;
 mod state;
 mod tdoa;
 mod update;
 mod zero_velocity;
 
+#[cfg(test)]
+mod bias_tests;
 #[cfg(test)]
 mod filter_tests;
 #[cfg(test)]
@@ -37,12 +42,16 @@ use crate::time::HostTime;
 
 use align::{Recent, RestAverage};
 pub use config::{
-    BaroConfig, EstimatorConfig, GateConfig, ProcessNoise, SpecificForce, Tail, UwbNoise,
+    AnchorBias, BaroConfig, EstimatorConfig, GateConfig, Motion, ProcessNoise, Quality,
+    SpecificForce, Tail, Unaided, UwbNoise,
 };
 use gate::Doubt;
 use height::BaroZero;
 pub use height::{standard_height_m, standard_pressure_pa};
+use bias::Wander;
+use cold::Cold;
 use predict::{Force, Growth};
+use quality::Qualities;
 use state::{ATT, POS, State, VEL};
 
 /// Longest step that is predicted in one piece, s: the Jacobian is of first order in it.
@@ -88,6 +97,15 @@ pub struct Counts {
     pub fixes: u64,
 }
 
+/// Steps that the state has made and the covariance not yet.
+#[derive(Debug, Clone, Copy, Default)]
+struct Pending {
+    dt_s: f64,
+    /// Readings times their steps.
+    acc_B: Vector3<f64>,
+    rate_B: Vector3<f64>,
+}
+
 /// The estimator.
 #[derive(Debug, Clone)]
 pub struct Estimator {
@@ -105,6 +123,13 @@ pub struct Estimator {
     rested_at: HostTime,
     above_floor_at: HostTime,
     gyro_bias_B: Vector3<f64>,
+    /// Heights of the anchors in the order of the survey, m.
+    anchors_m: Vec<f64>,
+    qualities: Qualities,
+    /// Steps whose covariance waits to be predicted.
+    pending: Pending,
+    /// Until position and heading are known, if they are not told.
+    cold: Option<Box<Cold>>,
     acc_B: Vector3<f64>,
     rate_B: Vector3<f64>,
     imu_seen: bool,
@@ -127,13 +152,22 @@ impl Estimator {
         for (rank, id) in survey.ids().iter().enumerate() {
             ranks[usize::from(id.0)] = rank as u8;
         }
+        let anchors_m =
+            survey.ids().iter().filter_map(|id| survey.position_E_m(*id)).map(|p| -p.z()).collect();
+        // Without IMU nothing tells whether it stands.
+        let airborne = config.motion == Motion::Unaided;
+        let cold = config.cold_start.then(|| Box::new(Cold::new(&config, &survey)));
         Self {
+            cold,
+            anchors_m,
+            qualities: Qualities::default(),
+            pending: Pending::default(),
             config,
             survey,
             ranks,
             state: None,
             at: HostTime::default(),
-            airborne: false,
+            airborne,
             heading: None,
             rest: RestAverage::default(),
             level: None,
@@ -160,7 +194,9 @@ impl Estimator {
     pub fn set_airborne(&mut self, airborne: bool) {
         if airborne && !self.airborne {
             self.rest.clear();
-            if let Some(state) = &mut self.state {
+            if let Some(state) = &mut self.state
+                && state.biases.is_empty()
+            {
                 for i in POS..POS + 3 {
                     state.P[(i, i)] += STD_TAKE_OFF_M * STD_TAKE_OFF_M;
                 }
@@ -219,12 +255,27 @@ impl Estimator {
             Some(_) => self.predict(dt_s, mean_rate_B),
             None => self.try_align(dt_s, &mean_rate_B),
         }
+        if self.state.is_none() {
+            self.start_cold(sample);
+        }
         if !self.airborne {
             self.standing_aids();
         }
     }
 
+    fn start_cold(&mut self, sample: &ImuSample) {
+        let Some(mut cold) = self.cold.take() else { return };
+        let winner =
+            cold.imu(sample, self.airborne, &self.gyro_bias_B, self.heading);
+        match winner {
+            // It has done its work: what is lost later is found by `realign`.
+            Some(winner) => self.adopt(winner),
+            None => self.cold = Some(cold),
+        }
+    }
+
     fn predict(&mut self, dt_s: f64, rate_B: Vector3<f64>) {
+        let near_floor = self.is_near_floor(self.config.anchor_bias.hidden_below_m);
         let Some(state) = &mut self.state else { return };
         let c = &self.config;
         let force = match (self.airborne, c.specific_force) {
@@ -251,8 +302,33 @@ impl Estimator {
         };
         let dt_s = dt_s.min(LONGEST_GAP_S);
         let pieces = (dt_s / LONGEST_STEP_S).ceil().max(1.0);
-        for _ in 0..pieces as u32 {
-            predict::predict(state, dt_s / pieces, &self.acc_B, &rate_B, force, &growth);
+        if c.covariance_step_s == 0.0 && state.biases.is_empty() {
+            for _ in 0..pieces as u32 {
+                predict::predict(state, dt_s / pieces, &self.acc_B, &rate_B, force, &growth);
+            }
+        } else {
+            for _ in 0..pieces as u32 {
+                let dt_s = dt_s / pieces;
+                predict::propagate_nominal(state, dt_s, &self.acc_B, &rate_B, force);
+                let p = &mut self.pending;
+                p.dt_s += dt_s;
+                p.acc_B += self.acc_B * dt_s;
+                p.rate_B += rate_B * dt_s;
+                if p.dt_s >= c.covariance_step_s {
+                    let (acc_B, rate_B) = (p.acc_B / p.dt_s, p.rate_B / p.dt_s);
+                    let F = predict::linearise(state, p.dt_s, &acc_B, &rate_B, force);
+                    let step = Wander {
+                        dt_s: p.dt_s,
+                        speed_mps: state.v_B.norm(),
+                        near_floor,
+                        anchors_m: &self.anchors_m,
+                        factors: self.qualities.factors(),
+                    };
+                    state.biases.propagate(&F, &c.anchor_bias, &step);
+                    predict::propagate_covariance(&mut state.P, &F, step.dt_s, &growth);
+                    *p = Pending::default();
+                }
+            }
         }
         self.counts.predicted += 1;
         if !state.is_sane() {
@@ -262,9 +338,45 @@ impl Estimator {
         }
     }
 
+    /// Carries a state without IMU to a measurement's time.
+    fn coast(&mut self, to: HostTime) {
+        let near_floor = self.is_near_floor(self.config.anchor_bias.hidden_below_m);
+        let Some(state) = &mut self.state else { return };
+        let dt_s = to.seconds_since(self.at).min(LONGEST_GAP_S);
+        if dt_s <= 0.0 {
+            return;
+        }
+        self.at = to;
+        let c = &self.config;
+        let acc = c.unaided.std_acc_mps2_rthz;
+        let F = predict::coast(state, dt_s, c.unaided.decay_per_s);
+        let growth = Growth {
+            pos: c.process.std_pos_m_rts * c.process.std_pos_m_rts,
+            vel: [acc * acc; 3],
+            att: 0.0,
+        };
+        let step = Wander {
+            dt_s,
+            speed_mps: state.v_B.norm(),
+            near_floor,
+            anchors_m: &self.anchors_m,
+            factors: self.qualities.factors(),
+        };
+        state.biases.propagate(&F, &c.anchor_bias, &step);
+        predict::propagate_covariance(&mut state.P, &F, dt_s, &growth);
+        self.counts.predicted += 1;
+        if !state.is_sane() {
+            self.state = None;
+        }
+    }
+
     /// The state as everyone else sees it.
     pub fn estimate(&self) -> Estimate {
         let Some(state) = &self.state else {
+            let cold = self.cold.as_ref();
+            if let Some(estimate) = cold.and_then(|cold| cold.estimate(self.at, self.rate_B)) {
+                return estimate;
+            }
             return Estimate {
                 at: self.at,
                 pos_E_m: Vec3::zero(),
@@ -316,6 +428,11 @@ impl Estimator {
     /// Whether it has start values.
     pub fn is_aligned(&self) -> bool {
         self.state.is_some()
+    }
+
+    /// Whether there is a position, be it without a heading.
+    pub fn is_located(&self) -> bool {
+        self.state.is_some() || self.estimate().health != Health::NotAligned
     }
 
     /// Age of the newest fused TDOA at the time of the state, s.

@@ -19,6 +19,7 @@ pub fn observe(state: &State, axis: usize) -> Observation {
         h_pos: Vector3::zeros(),
         h_vel,
         h_att: Vector3::zeros(),
-        var: STD_MPS * STD_MPS,
+        pair: None,
+            var: STD_MPS * STD_MPS,
     }
 }

@@ -54,12 +54,12 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
     )
 }
 
-fn metres(value: Option<f64>) -> String {
+pub(super) fn metres(value: Option<f64>) -> String {
     value.map_or("-".into(), |v| format!("{v:.3}"))
 }
 
 /// Mean of the two middle values for an even number; `None` if any is missing.
-fn median(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+pub(super) fn median(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     let mut values: Vec<f64> = values.collect::<Option<_>>()?;
     values.sort_by(f64::total_cmp);
     let n = values.len();
