@@ -20,7 +20,7 @@ pub(super) const FIX_WINDOW_S: f64 = 0.5;
 const START_FIX_WINDOW_S: f64 = 1.5;
 const START_LEAST_USED: usize = 64;
 /// A vehicle that rested this short a time ago is still at the height of its rest, s.
-const STILL_LOW_S: f64 = 1.0;
+pub(super) const STILL_LOW_S: f64 = 1.0;
 /// One sigma of that height, m.
 const STD_START_HEIGHT_M: f64 = 0.1;
 /// A fix farther outside the box of the anchors is a false minimum, m.

@@ -144,9 +144,8 @@ impl Biases {
         }
         let (n, Pair { a, b }) = (self.anchors, pair);
         for k in 0..STATES {
-            pht[k] += self.cross[b][k] + self.cross[n + b][k]
-                - self.cross[a][k]
-                - self.cross[n + a][k];
+            pht[k] +=
+                self.cross[b][k] + self.cross[n + b][k] - self.cross[a][k] - self.cross[n + a][k];
         }
         for (i, slot) in own.iter_mut().enumerate().take(2 * n) {
             let row = &self.own[i];
@@ -193,22 +192,23 @@ impl Biases {
     #[inline]
     pub fn propagate(&mut self, F: &Transition, config: &AnchorBias, step: &Wander<'_>) {
         let n = self.anchors;
-        let usual = decay(step.dt_s * (1.0 / config.correlation_s + step.speed_mps / config.correlation_m));
+        let usual =
+            decay(step.dt_s * (1.0 / config.correlation_s + step.speed_mps / config.correlation_m));
         let quick = decay(step.dt_s / config.hidden_s);
         let mut phi = [1.0; MOST];
         let mut growth = [0.0; MOST_ANCHORS];
-        for i in 0..n {
+        for (i, grown) in growth.iter_mut().enumerate().take(n) {
             let var = config.std_m * config.std_m;
             let anchor_m = step.anchors_m.get(i).copied().unwrap_or_default();
             if step.near_floor && anchor_m < config.low_anchor_m {
                 phi[i] = quick;
-                growth[i] = config.hidden_std_m * config.hidden_std_m * (1.0 - quick * quick);
+                *grown = config.hidden_std_m * config.hidden_std_m * (1.0 - quick * quick);
             } else {
                 // What the floor did is gone as soon as the floor is.
                 let was_hidden = self.own[i][i] > MUCH_MORE * var;
                 phi[i] = if was_hidden { quick.min(usual) } else { usual };
                 let factor = step.factors.get(i).copied().unwrap_or(1.0);
-                growth[i] = var * factor * (1.0 - usual * usual);
+                *grown = var * factor * (1.0 - usual * usual);
             }
         }
         for i in 0..2 * n {
@@ -230,8 +230,8 @@ impl Biases {
             }
             self.value_m[i] *= f;
         }
-        for i in 0..n {
-            self.own[i][i] += growth[i];
+        for (i, grown) in growth.iter().enumerate().take(n) {
+            self.own[i][i] += grown;
         }
     }
 
@@ -298,7 +298,11 @@ const MUCH_MORE: f64 = 4.0;
 /// `exp(−x)`, x ≥ 0: rational to 3e-6 below 0.1, which is what the steps of a flight are.
 #[inline]
 fn decay(x: f64) -> f64 {
-    if x < 0.1 { (1.0 - 0.5 * x + x * x / 12.0) / (1.0 + 0.5 * x + x * x / 12.0) } else { (-x).exp() }
+    if x < 0.1 {
+        (1.0 - 0.5 * x + x * x / 12.0) / (1.0 + 0.5 * x + x * x / 12.0)
+    } else {
+        (-x).exp()
+    }
 }
 
 #[inline]

@@ -95,9 +95,13 @@ fn prop_blocks_are_the_whole_matrix() {
                 factors: &factors,
             };
             let mut big = DMatrix::identity(whole.nrows(), whole.nrows());
-            for (r, c, block) in
-                [(POS, VEL, F.xv), (POS, ATT, F.xd), (VEL, VEL, F.vv), (VEL, ATT, F.vd), (ATT, ATT, F.dd)]
-            {
+            for (r, c, block) in [
+                (POS, VEL, F.xv),
+                (POS, ATT, F.xd),
+                (VEL, VEL, F.vv),
+                (VEL, ATT, F.vd),
+                (ATT, ATT, F.dd),
+            ] {
                 big.view_mut((r, c), (3, 3)).copy_from(&block);
             }
             let usual = f64::exp(-0.01 * (1.0 / 8.0 + 0.8 / 0.6));

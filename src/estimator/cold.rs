@@ -16,9 +16,9 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::Estimator;
 use super::config::{EstimatorConfig, Motion};
 use super::state::{ATT, State, VEL};
-use super::Estimator;
 use crate::estimate::{Estimate, Health};
 use crate::frames::{Rot, Vec3};
 use crate::measure::{ImuSample, Tdoa};
@@ -106,6 +106,7 @@ impl Cold {
         &mut self,
         sample: &ImuSample,
         airborne: bool,
+        stands: bool,
         gyro_bias_B: &Vector3<f64>,
         heading: Option<(f64, f64)>,
     ) -> Option<&Estimator> {
@@ -117,7 +118,7 @@ impl Cold {
             self.sought_since.is_some_and(|since| sample.valid_at.seconds_since(since) > SETTLE_S);
         // What the floor does to the measurements would be charged to the headings.
         let clear = self.seeker.height_m() > CLEAR_OF_FLOOR_M;
-        self.seeker.set_airborne(airborne);
+        self.seeker.set_airborne(!stands);
         if self.racing == 0 && airborne && settled && clear {
             self.start(sample, gyro_bias_B, heading);
         }
@@ -191,7 +192,8 @@ impl Cold {
             rate_B_radps: Vec3::from_raw(rate_B_radps),
             std_vel_B_mps: Vec3::from_array(std_vel),
             std_att_B_rad: Vec3::from_array([STD_LEVEL_RAD, STD_LEVEL_RAD, STD_UNKNOWN_RAD]),
-            health: if base.health == Health::Good { Health::Degraded } else { base.health },
+            // To be looked at, not to be flown on: nobody knows which way forward is.
+            health: Health::Lost,
             ..base
         })
     }

@@ -62,7 +62,14 @@ pub struct GateConfig {
 
 impl Default for GateConfig {
     fn default() -> Self {
-        Self { sigma: 5.0, tail: Tail::StudentT, tail_sigma: 2.0, doubt_frac: 0.5, recover: true, reject: true }
+        Self {
+            sigma: 5.0,
+            tail: Tail::StudentT,
+            tail_sigma: 2.0,
+            doubt_frac: 0.5,
+            recover: true,
+            reject: true,
+        }
     }
 }
 
@@ -229,6 +236,8 @@ pub struct EstimatorConfig {
     /// Window over which the accelerometer is low-passed (time constant), s; 0 is off. It takes
     /// the edge off a beat of 13 Hz (factor 0.6 at the default) at the price of as much lag.
     pub acc_average_s: f64,
+    /// Whether the accelerometer is averaged over whole wing beats instead, the beat being tracked.
+    pub acc_over_beats: bool,
     /// How the UWB variance depends on height.
     pub uwb_noise: UwbNoise,
     /// One sigma of a TDOA near the floor (λ = 1), m.
@@ -236,6 +245,9 @@ pub struct EstimatorConfig {
     /// Time over which the error of an anchor stays the same, s; 0 is white noise. A measurement
     /// is then fused with the variance of the independent samples it is worth.
     pub uwb_correlation_s: f64,
+    /// Range biases that are known beforehand: number of the anchor and its bias, m, as `haltere fit
+    /// anchors` prints them. They are taken off before anything else.
+    pub range_bias_m: Vec<[f64; 2]>,
     /// Tag antenna seen from the centre of mass, body frame, m.
     pub p_BT_B_m: [f64; 3],
     /// Gate of the TDOA aid.
@@ -269,9 +281,11 @@ impl Default for EstimatorConfig {
             drag_per_s: [4.2, 1.8, 0.3],
             cop_z_m: 0.03,
             acc_average_s: 0.015,
+            acc_over_beats: false,
             uwb_noise: UwbNoise::HeightDependent,
             std_uwb_m: 0.15,
             uwb_correlation_s: 0.1,
+            range_bias_m: Vec::new(),
             p_BT_B_m: [0.0; 3],
             gate: GateConfig::default(),
             process: ProcessNoise::default(),
@@ -340,6 +354,10 @@ impl EstimatorConfig {
         range("baro.correlation_s", self.baro.correlation_s, 0.0, 100.0, "s");
         range("std_reference_m", self.std_reference_m, 1e-4, 1.0, "m");
         range("align_s", self.align_s, 0.05, 30.0, "s");
+        for [anchor, bias_m] in &self.range_bias_m {
+            range("range_bias_m: number of an anchor", *anchor, 0.0, 255.0, "");
+            range(&format!("range_bias_m: bias of anchor {anchor}"), *bias_m, -5.0, 5.0, "m");
+        }
         if let Some(height_m) = self.rest_height_m {
             range("rest_height_m", height_m, -50.0, 50.0, "m");
         }

@@ -3,16 +3,18 @@
 use nalgebra::Vector3;
 
 use super::align::Kept;
-use super::bias::Pair;
 use super::aligning::FIX_WINDOW_S;
+use super::bias::Pair;
 use super::config::{BaroConfig, Motion, Tail};
 use super::gate::{self, Remedy};
 use super::height::standard_height_m;
 use super::state::{POS, VEL};
 use super::update::Observation;
-use super::{Estimator, noise, reference, tdoa, update, zero_velocity};
+use super::{
+    Estimator, SUSPECT_FACTOR, SUSPECT_SHARE, noise, reference, tdoa, update, zero_velocity,
+};
 use crate::drops::DropReason;
-use crate::measure::{BaroSample, ReferencePose, Tdoa};
+use crate::measure::{AnchorId, BaroSample, ReferencePose, Tdoa};
 use crate::time::HostTime;
 use crate::topics::UwbRecord;
 
@@ -79,6 +81,13 @@ impl Estimator {
             return record;
         };
         let (a_E, b_E) = (a.raw(), b.raw());
+        let known_m = |id: AnchorId| self.range_bias_m[usize::from(id.0)];
+        let measured = tdoa;
+        let tdoa = &Tdoa {
+            distance_diff_m: measured.distance_diff_m
+                - (known_m(measured.anchor_b) - known_m(measured.anchor_a)),
+            ..*measured
+        };
         if !tdoa.distance_diff_m.is_finite() || tdoa.anchor_a == tdoa.anchor_b {
             self.drops.add(DropReason::BadValue, 1);
             return record;
@@ -148,9 +157,8 @@ impl Estimator {
         } else {
             self.config.uwb_correlation_s
         };
-        let since_s = [tdoa.anchor_a, tdoa.anchor_b].map(|anchor| {
-            tdoa.valid_at.seconds_since(self.intervals[usize::from(anchor.0)].0)
-        });
+        let since_s = [tdoa.anchor_a, tdoa.anchor_b]
+            .map(|anchor| tdoa.valid_at.seconds_since(self.intervals[usize::from(anchor.0)].0));
         let worth = 0.5
             * (self.worth(tdoa.anchor_a.0, tdoa.valid_at, correlation_s)
                 + self.worth(tdoa.anchor_b.0, tdoa.valid_at, correlation_s));
@@ -163,8 +171,13 @@ impl Estimator {
         let c = &self.config;
         let std_m =
             tdoa.std_m.filter(|s| s.is_finite()).map_or(c.std_uwb_m, |s| s.max(c.std_uwb_m));
-        let var = noise::height_factor(c.uwb_noise, -state.x_E.z) * std_m * std_m * factor;
+        let mut var = noise::height_factor(c.uwb_noise, -state.x_E.z) * std_m * std_m * factor;
         let pair = biased.then_some(Pair { a: rank_a, b: rank_b });
+        if pair.is_some_and(|pair| !state.biases.holds(pair)) {
+            // More anchors than there are biases for: theirs is noise.
+            let b = &c.anchor_bias;
+            var += 2.0 * (b.std_m * b.std_m + b.constant_std_m * b.constant_std_m);
+        }
         let geometry = tdoa::Geometry { a_E, b_E, p_BT_B: c.p_BT_B_m.into(), ahead_s };
         let Some(mut o) = tdoa::observe(state, &geometry, tdoa.distance_diff_m, pair, var) else {
             self.drops.add(DropReason::UwbGated, 1);
@@ -215,6 +228,11 @@ impl Estimator {
     pub(super) fn heal(&mut self) {
         let Some(state) = &mut self.state else { return };
         let mut seek = (0..3).any(|i| state.P[(i, i)] > STD_SEEK_FIX_M * STD_SEEK_FIX_M);
+        // Quality is learned from innovations, and so swallows those of a filter that is wrong. Then
+        // nearly all anchors look bad at once.
+        let suspect =
+            self.qualities.share_beyond(SUSPECT_FACTOR, self.anchors_m.len()) > SUSPECT_SHARE;
+        seek |= suspect;
         if let Some(remedy) = self.doubt.remedy(&self.config.gate) {
             self.counts.remedies += 1;
             let std = if remedy == Remedy::Widen { STD_WIDEN } else { STD_WIDEN_MORE };

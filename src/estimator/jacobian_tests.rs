@@ -126,7 +126,8 @@ fn prop_tdoa_row_is_the_derivative_of_its_prediction() {
         let g = geometry((case % 8) as u8, ((case + 3) % 8) as u8, arm, ahead_s);
         let o = tdoa::observe(&state, &g, 0.0, None, 1.0).unwrap();
         // Innovation is measured minus predicted, so with 0 measured the prediction is its negative.
-        let numeric = numeric_row(&state, |s| -tdoa::observe(s, &g, 0.0, None, 1.0).unwrap().innovation);
+        let numeric =
+            numeric_row(&state, |s| -tdoa::observe(s, &g, 0.0, None, 1.0).unwrap().innovation);
         assert!((numeric - row(&o)).amax() < 1e-7, "case {case}");
     }
 }

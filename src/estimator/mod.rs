@@ -7,6 +7,7 @@
 
 mod align;
 mod aligning;
+mod beat;
 mod bias;
 mod cold;
 mod config;
@@ -29,6 +30,8 @@ mod filter_tests;
 #[cfg(test)]
 mod jacobian_tests;
 #[cfg(test)]
+mod robust_tests;
+#[cfg(test)]
 mod truth;
 
 use nalgebra::{UnitQuaternion, Vector3};
@@ -36,11 +39,14 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{B, Rot, Vec3};
-use crate::measure::ImuSample;
+use crate::measure::{AnchorId, ImuSample};
 use crate::survey::Survey;
 use crate::time::HostTime;
 
 use align::{Recent, RestAverage};
+use beat::Beat;
+use bias::Wander;
+use cold::Cold;
 pub use config::{
     AnchorBias, BaroConfig, EstimatorConfig, GateConfig, Motion, ProcessNoise, Quality,
     SpecificForce, Tail, Unaided, UwbNoise,
@@ -48,8 +54,6 @@ pub use config::{
 use gate::Doubt;
 use height::BaroZero;
 pub use height::{standard_height_m, standard_pressure_pa};
-use bias::Wander;
-use cold::Cold;
 use predict::{Force, Growth};
 use quality::Qualities;
 use state::{ATT, POS, State, VEL};
@@ -81,6 +85,11 @@ const LOST_AGE_S: f64 = 2.0;
 const DEGRADED_STD_POS_M: f64 = 0.6;
 const LOST_STD_POS_M: f64 = 2.0;
 const DEGRADED_SHARE: f64 = 0.4;
+
+/// When more than this share of the anchors …
+const SUSPECT_SHARE: f64 = 0.5;
+/// … have learned a factor beyond this on their variance, it is the filter that is wrong.
+const SUSPECT_FACTOR: f64 = 9.0;
 
 /// Counters of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -121,10 +130,15 @@ pub struct Estimator {
     /// Attitude from rest, carried on by the gyroscope until there is a position to start with.
     level: Option<UnitQuaternion<f64>>,
     rested_at: HostTime,
+    /// When it last had rested long enough to be sure of it.
+    stood_at: Option<HostTime>,
     above_floor_at: HostTime,
     gyro_bias_B: Vector3<f64>,
     /// Heights of the anchors in the order of the survey, m.
     anchors_m: Vec<f64>,
+    /// Known range bias of each anchor number, m.
+    range_bias_m: Box<[f64; 256]>,
+    beat: Beat,
     qualities: Qualities,
     /// Steps whose covariance waits to be predicted.
     pending: Pending,
@@ -156,10 +170,17 @@ impl Estimator {
             survey.ids().iter().filter_map(|id| survey.position_E_m(*id)).map(|p| -p.z()).collect();
         // Without IMU nothing tells whether it stands.
         let airborne = config.motion == Motion::Unaided;
+        let mut range_bias_m = Box::new([0.0; 256]);
+        for [anchor, bias_m] in &config.range_bias_m {
+            // The check of the configuration keeps it within 0 to 255; a cast saturates besides.
+            range_bias_m[usize::from(*anchor as u8)] = *bias_m;
+        }
         let cold = config.cold_start.then(|| Box::new(Cold::new(&config, &survey)));
         Self {
             cold,
             anchors_m,
+            range_bias_m,
+            beat: Beat::default(),
             qualities: Qualities::default(),
             pending: Pending::default(),
             config,
@@ -172,6 +193,7 @@ impl Estimator {
             rest: RestAverage::default(),
             level: None,
             rested_at: HostTime::default(),
+            stood_at: None,
             above_floor_at: HostTime::default(),
             gyro_bias_B: Vector3::zeros(),
             acc_B: Vector3::zeros(),
@@ -238,6 +260,7 @@ impl Estimator {
             self.rest.add(sample.valid_at, &acc_B, &rate_B);
             self.rested_at = self.at;
             if self.rest.duration_s() >= self.config.align_s {
+                self.stood_at = Some(self.at);
                 self.gyro_bias_B = self.rest.rate_B();
             }
         }
@@ -249,7 +272,11 @@ impl Estimator {
         }
         let mean_rate_B = (self.rate_B + unbiased_B) * 0.5;
         let weight = dt_s / (self.config.acc_average_s + dt_s);
-        self.acc_B += (acc_B - self.acc_B) * weight;
+        if self.config.acc_over_beats {
+            self.acc_B = self.beat.add(dt_s, &acc_B);
+        } else {
+            self.acc_B += (acc_B - self.acc_B) * weight;
+        }
         self.rate_B = unbiased_B;
         match self.state {
             Some(_) => self.predict(dt_s, mean_rate_B),
@@ -265,8 +292,9 @@ impl Estimator {
 
     fn start_cold(&mut self, sample: &ImuSample) {
         let Some(mut cold) = self.cold.take() else { return };
-        let winner =
-            cold.imu(sample, self.airborne, &self.gyro_bias_B, self.heading);
+        let stands =
+            self.stood_at.is_some_and(|at| self.at.seconds_since(at) < aligning::STILL_LOW_S);
+        let winner = cold.imu(sample, self.airborne, stands, &self.gyro_bias_B, self.heading);
         match winner {
             // It has done its work: what is lost later is found by `realign`.
             Some(winner) => self.adopt(winner),
@@ -413,6 +441,7 @@ impl Estimator {
             || std_pos_m > DEGRADED_STD_POS_M
             || self.doubt.share() > DEGRADED_SHARE
             || self.doubt.is_active()
+            || self.qualities.share_beyond(SUSPECT_FACTOR, self.anchors_m.len()) > SUSPECT_SHARE
         {
             Health::Degraded
         } else {
@@ -443,6 +472,17 @@ impl Estimator {
     /// Bias of the gyroscope, rad/s.
     pub fn gyro_bias_B_radps(&self) -> Vec3<B> {
         Vec3::from_raw(self.gyro_bias_B)
+    }
+
+    /// Range bias of an anchor and its sigma, m, while it is estimated.
+    pub fn anchor_bias_m(&self, id: AnchorId) -> Option<(f64, f64)> {
+        self.survey.position_E_m(id)?;
+        self.state.as_ref()?.biases.of(usize::from(self.ranks[usize::from(id.0)]))
+    }
+
+    /// Factor on the variance of an anchor, as learned; 1 if none is.
+    pub fn anchor_factor(&self, id: AnchorId) -> f64 {
+        self.qualities.of(usize::from(self.ranks[usize::from(id.0)]))
     }
 
     /// What was counted.

@@ -40,6 +40,13 @@ impl Qualities {
         &self.factors
     }
 
+    /// Share of the first `anchors` whose factor is beyond `factor`.
+    #[inline]
+    pub fn share_beyond(&self, factor: f64, anchors: usize) -> f64 {
+        let known = self.factors.get(..anchors).unwrap_or(&self.factors);
+        known.iter().filter(|f| **f > factor).count() as f64 / known.len().max(1) as f64
+    }
+
     /// Learns from a squared innovation in sigmas; `since_s` since the anchor was last heard.
     #[inline]
     pub fn learn(&mut self, config: &Quality, rank: usize, ratio2: f64, since_s: f64) {

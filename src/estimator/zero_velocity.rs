@@ -20,6 +20,6 @@ pub fn observe(state: &State, axis: usize) -> Observation {
         h_vel,
         h_att: Vector3::zeros(),
         pair: None,
-            var: STD_MPS * STD_MPS,
+        var: STD_MPS * STD_MPS,
     }
 }

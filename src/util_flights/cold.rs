@@ -177,7 +177,8 @@ pub fn print_cold(out: &mut impl Write, reports: &[ColdReport]) -> fmt::Result {
             let text = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.1}"));
             format!("{}, {}", text(table::median(values.iter().map(|v| Some(*v)))), text(worst))
         };
-        let values = |get: fn(&ColdReport) -> Option<f64>| of.iter().filter_map(|r| get(r)).collect();
+        let values =
+            |get: fn(&ColdReport) -> Option<f64>| of.iter().filter_map(|r| get(r)).collect();
         writeln!(
             out,
             "| {name}, {} | {} | {} | {} | {} | {} | {} | {} | {} |",

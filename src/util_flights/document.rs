@@ -4,17 +4,19 @@ use std::fmt::Write as _;
 
 use super::{
     ColdReport, Flight, FlightReport, Ingredients, LeftOut, cold_starts, ingredients,
-    leave_one_out, print_cold, print_ingredients, print_left_out, run_flight, table, util_profile,
+    leave_one_out, print_cold, print_ingredients, print_left_out, run_flight, shipped, table,
+    util_profile,
 };
 
 /// Measures everything and writes the page. `tell` is told how far it is: done, of how many, what.
 pub fn document(flights: &[Flight], mut tell: impl FnMut(usize, usize, &str)) -> String {
     let with_imu: Vec<Flight> = flights.iter().filter(|f| f.has_imu()).cloned().collect();
     let reports: Vec<FlightReport> =
-        flights.iter().map(|flight| run_flight(flight, &util_profile())).collect();
+        flights.iter().map(|flight| run_flight(flight, &shipped(flight))).collect();
     let rows = ingredients(flights, &mut tell);
     let cold = cold_starts(flights, &util_profile(), &mut tell);
-    let left_out = leave_one_out(&with_imu, &mut tell);
+    let unaided: Vec<Flight> = flights.iter().filter(|f| !f.has_imu()).cloned().collect();
+    let left_out = [leave_one_out(&with_imu, &mut tell), leave_one_out(&unaided, &mut tell)];
     page(&reports, &rows, &cold, &left_out)
 }
 
@@ -22,7 +24,7 @@ fn page(
     reports: &[FlightReport],
     rows: &[Ingredients],
     cold: &[ColdReport],
-    left_out: &[LeftOut],
+    left_out: &[Vec<LeftOut>],
 ) -> String {
     let mut out = String::from(INTRODUCTION);
     // Writing to a String cannot fail.
@@ -44,7 +46,10 @@ fn page(
         writeln!(out, "\nTDOA alone (airborne 3D rms, m):\n")?;
         print_ingredients(&mut out, &aided(false))?;
         writeln!(out, "\n## One flight left out\n\n{ABOUT_LEFT_OUT}\n")?;
-        print_left_out(&mut out, left_out)?;
+        for (title, left_out) in ["With IMU", "TDOA alone"].into_iter().zip(left_out) {
+            writeln!(out, "\n### {title}\n")?;
+            print_left_out(&mut out, left_out)?;
+        }
         writeln!(out, "\n## Cold starts\n\n{ABOUT_COLD}\n")?;
         print_cold(&mut out, cold)
     })();
@@ -120,7 +125,7 @@ differ by -0.1 to +0.1 m that stay for days, and wander by some 0.2 m over half 
 
 ";
 const ABOUT_FLIGHTS: &str = "\
-One set of parameters (`util_profile`), causal. 3D errors in m against motion capture, which is stamped
+One set of parameters for the flights with IMU and one for those without (`profiles.rs`), causal. 3D errors in m against motion capture, which is stamped
 some 10 ms late and taken as it is stamped. Whole: from the first estimate on, floor included.
 Airborne: above 0.5 m and more than 5 s after lift-off. NEES: mean squared error over stated variance
 per axis; NIS: mean squared innovation over stated variance, each at most 25; 1 is honest, below 1
@@ -130,8 +135,9 @@ const ABOUT_INGREDIENTS: &str = "\
 All else as shipped. A variant is not tuned anew for what it lacks. Last column: median over the whole
 flights.";
 const ABOUT_LEFT_OUT: &str = "\
-For each flight the parameters were searched on the five others, from round numbers that no result of
-ours has shaped, and then judged on the flight that was left out.";
+For each flight the parameters of the UWB errors were searched on the five others, from round numbers
+that no result of ours has shaped, and then judged on the flight that was left out. Drag and process
+noise are the vehicle's: they were set from its IMU and motion capture and are not searched.";
 const ABOUT_COLD: &str = "\
 Switched on every 4 s of a flight, in the air, or at its beginning on the floor, and told neither
 position nor heading. Peak: largest error from the first position that is offered. Converged: below

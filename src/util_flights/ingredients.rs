@@ -5,71 +5,48 @@ use std::fmt::{self, Write};
 use serde::Serialize;
 
 use super::{
-    Flight, FlightReport, run_flight, table, util_nine_profile, util_profile, util_source_profile,
+    Flight, FlightReport, run_flight, shipped, table, util_nine_profile, util_source_profile,
 };
 use crate::estimator::{EstimatorConfig, SpecificForce, Tail, UwbNoise};
 
 /// A filter with something changed.
 struct Variant {
     name: &'static str,
-    config: fn() -> EstimatorConfig,
-}
-
-fn changed(change: impl FnOnce(&mut EstimatorConfig)) -> EstimatorConfig {
-    let mut config = util_profile();
-    change(&mut config);
-    config
+    change: fn(&mut EstimatorConfig),
 }
 
 /// The whole first, then each ingredient taken out or exchanged, then the older filters.
 const VARIANTS: [Variant; 15] = [
-    Variant { name: "**all, as shipped**", config: util_profile },
-    Variant {
-        name: "without wandering biases",
-        config: || changed(|c| c.anchor_bias.std_m = 1e-4),
-    },
-    Variant {
-        name: "without constant biases",
-        config: || changed(|c| c.anchor_bias.constant_std_m = 0.0),
-    },
-    Variant {
-        name: "without any biases",
-        config: || changed(|c| c.anchor_bias.estimate = false),
-    },
-    Variant {
-        name: "biases wander in time only",
-        config: || changed(|c| c.anchor_bias.correlation_m = 1e5),
-    },
-    Variant {
-        name: "floor hides no anchors",
-        config: || changed(|c| c.anchor_bias.low_anchor_m = -50.0),
-    },
-    Variant { name: "without learned quality", config: || changed(|c| c.quality.learn = false) },
-    Variant { name: "Huber tail", config: || changed(|c| c.gate.tail = Tail::Huber) },
-    Variant { name: "normal errors, no tail", config: || changed(|c| c.gate.tail = Tail::Gaussian) },
+    Variant { name: "**all, as shipped**", change: |_| {} },
+    Variant { name: "without wandering biases", change: |c| c.anchor_bias.std_m = 1e-4 },
+    Variant { name: "without constant biases", change: |c| c.anchor_bias.constant_std_m = 0.0 },
+    Variant { name: "without any biases", change: |c| c.anchor_bias.estimate = false },
+    Variant { name: "biases wander in time only", change: |c| c.anchor_bias.correlation_m = 1e5 },
+    Variant { name: "floor hides no anchors", change: |c| c.anchor_bias.low_anchor_m = -50.0 },
+    Variant { name: "without learned quality", change: |c| c.quality.learn = false },
+    Variant { name: "Huber tail", change: |c| c.gate.tail = Tail::Huber },
+    Variant { name: "normal errors, no tail", change: |c| c.gate.tail = Tail::Gaussian },
     Variant {
         name: "hard gate at 5 sigma",
-        config: || {
-            changed(|c| {
-                c.gate.reject = true;
-                c.gate.sigma = 5.0;
-            })
+        change: |c| {
+            c.gate.reject = true;
+            c.gate.sigma = 5.0;
         },
     },
-    Variant { name: "without drag", config: || changed(|c| c.drag = false) },
+    Variant { name: "without drag", change: |c| c.drag = false },
     Variant {
         name: "accelerometer on all axes",
-        config: || changed(|c| c.specific_force = SpecificForce::Accelerometer),
+        change: |c| c.specific_force = SpecificForce::Accelerometer,
     },
-    Variant { name: "with barometer", config: || changed(|c| c.baro.fuse = true) },
-    Variant { name: "nine states, errors that last, tails", config: util_nine_profile },
-    Variant { name: "nine states of the source", config: util_source_profile },
+    Variant { name: "with barometer", change: |c| c.baro.fuse = true },
+    Variant { name: "nine states, errors that last, tails", change: |c| *c = util_nine_profile() },
+    Variant { name: "nine states of the source", change: |c| *c = util_source_profile() },
 ];
 
 /// The other ingredient that needs the height: the source's variable noise.
 const VARIABLE_NOISE: Variant = Variant {
     name: "with noise that depends on height",
-    config: || changed(|c| c.uwb_noise = UwbNoise::HeightDependent),
+    change: |c| c.uwb_noise = UwbNoise::HeightDependent,
 };
 
 /// How each variant went on each flight.
@@ -90,16 +67,20 @@ pub fn ingredients(
     let mut out = Vec::new();
     for (done, variant) in variants.iter().enumerate() {
         tell(done, variants.len(), variant.name);
-        let config = (variant.config)();
-        let config = &config;
         let reports = std::thread::scope(|scope| {
             let running: Vec<_> =
-                flights.iter().map(|f| scope.spawn(move || run_flight(f, config))).collect();
+                flights.iter().map(|f| scope.spawn(move || run_changed(f, variant))).collect();
             running.into_iter().filter_map(|r| r.join().ok()).collect()
         });
         out.push(Ingredients { variant: variant.name.to_owned(), reports });
     }
     out
+}
+
+fn run_changed(flight: &Flight, variant: &Variant) -> FlightReport {
+    let mut config = shipped(flight);
+    (variant.change)(&mut config);
+    run_flight(flight, &config)
 }
 
 /// Writes the table as Markdown: airborne 3D rms, m, and the median of the whole flights.
@@ -118,7 +99,8 @@ pub fn print_ingredients(out: &mut impl Write, rows: &[Ingredients]) -> fmt::Res
             })
             .collect();
         let airborne = || row.reports.iter().map(|r| r.rmse_3d_airborne_m);
-        let worst = airborne().collect::<Option<Vec<f64>>>().and_then(|v| v.into_iter().reduce(f64::max));
+        let worst =
+            airborne().collect::<Option<Vec<f64>>>().and_then(|v| v.into_iter().reduce(f64::max));
         writeln!(
             out,
             "| {} | {} | {} | {} | {} |",

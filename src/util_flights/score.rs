@@ -33,6 +33,8 @@ pub struct Score {
     nees: f64,
     floor_z: Option<f64>,
     lifted_at: Option<HostTime>,
+    tilt: f64,
+    heading: f64,
     squares: f64,
     innovations: f64,
     doubted: std::collections::BTreeMap<u8, u64>,
@@ -63,6 +65,8 @@ pub struct Summary {
     pub diverged: bool,
     /// Mean squared error over stated variance, per axis, airborne.
     pub nees_per_axis: Option<f64>,
+    /// Rms of tilt and heading error while airborne, deg.
+    pub attitude_deg: Option<[f64; 2]>,
     /// Mean squared innovation over its variance, airborne.
     pub nis: Option<f64>,
     /// TDOA that were rejected or more than 3 sigma off, by anchor.
@@ -115,6 +119,11 @@ impl Score {
         }
         if self.settled {
             self.airborne_m.push(error_m);
+            if let Some(truth) = pose.attitude {
+                let [roll, pitch, yaw] = (truth.inverse() * estimate.R_EB).euler_rad();
+                self.tilt += roll * roll + pitch * pitch;
+                self.heading += yaw * yaw;
+            }
             self.nees +=
                 (0..3).map(|i| (error[i] / estimate.std_pos_E_m[i]).powi(2)).sum::<f64>() / 3.0;
         }
@@ -142,6 +151,9 @@ impl Score {
             bias_m: (self.sum / (n.max(1) as f64)).into(),
             diverged: self.diverged,
             nees_per_axis: (airborne_n > 0.0).then(|| self.nees / airborne_n),
+            attitude_deg: (self.tilt > 0.0).then(|| {
+                [self.tilt, self.heading].map(|sum| (sum / airborne_n).sqrt().to_degrees())
+            }),
             nis: (self.innovations > 0.0).then(|| self.squares / self.innovations),
             doubted_by_anchor: self.doubted.into_iter().collect(),
             warned_s: self.warned_s,

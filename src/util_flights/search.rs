@@ -8,7 +8,10 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use super::{Flight, FlightReport, run_flight, table, util_profile, util_start_profile};
+use super::{
+    Flight, FlightReport, run_flight, shipped, table, util_profile, util_start_profile,
+    util_unaided_profile,
+};
 use crate::estimator::EstimatorConfig;
 
 /// Error that a flight without a figure or with a divergence counts as, m.
@@ -24,7 +27,7 @@ struct Knob {
     of: fn(&mut EstimatorConfig) -> &mut f64,
 }
 
-const KNOBS: [Knob; 10] = [
+const KNOBS: [Knob; 7] = [
     Knob { name: "std_uwb_m", of: |c| &mut c.std_uwb_m },
     Knob { name: "anchor_bias.std_m", of: |c| &mut c.anchor_bias.std_m },
     Knob { name: "anchor_bias.constant_std_m", of: |c| &mut c.anchor_bias.constant_std_m },
@@ -32,9 +35,6 @@ const KNOBS: [Knob; 10] = [
     Knob { name: "anchor_bias.correlation_m", of: |c| &mut c.anchor_bias.correlation_m },
     Knob { name: "quality.time_s", of: |c| &mut c.quality.time_s },
     Knob { name: "gate.tail_sigma", of: |c| &mut c.gate.tail_sigma },
-    Knob { name: "drag_per_s", of: |c| &mut c.drag_per_s[0] },
-    Knob { name: "process.std_acc_xy_mps2_rthz", of: |c| &mut c.process.std_acc_xy_mps2_rthz },
-    Knob { name: "process.std_acc_z_mps2_rthz", of: |c| &mut c.process.std_acc_z_mps2_rthz },
 ];
 
 /// One flight left out.
@@ -65,7 +65,7 @@ pub fn leave_one_out(flights: &[Flight], mut tell: impl FnMut(usize, usize, &str
         let mut chosen_of = config.clone();
         out.push(LeftOut {
             report: run_flight(flight, &config),
-            shipped: run_flight(flight, &util_profile()),
+            shipped: run_flight(flight, &shipped(flight)),
             chosen: KNOBS.iter().map(|knob| (knob.name, *(knob.of)(&mut chosen_of))).collect(),
             training_m,
         });
@@ -87,7 +87,6 @@ fn search(
                 loop {
                     let mut tried = best.clone();
                     *(knob.of)(&mut tried) *= step;
-                    tried.drag_per_s[1] = tried.drag_per_s[0];
                     let mut problems = crate::checks::Problems::new();
                     tried.check("", &mut problems);
                     if !problems.is_empty() {
@@ -142,7 +141,8 @@ pub fn print_left_out(out: &mut impl Write, left_out: &[LeftOut]) -> fmt::Result
             table::metres(l.shipped.rmse_3d_airborne_m),
         )?;
     }
-    let median = |of: fn(&LeftOut) -> Option<f64>| table::metres(table::median(left_out.iter().map(of)));
+    let median =
+        |of: fn(&LeftOut) -> Option<f64>| table::metres(table::median(left_out.iter().map(of)));
     writeln!(
         out,
         "| **median** | {} | {} | | | {} | {} |",
@@ -155,7 +155,9 @@ pub fn print_left_out(out: &mut impl Write, left_out: &[LeftOut]) -> fmt::Result
     let names: Vec<&str> = left_out.iter().map(|l| l.report.flight.as_str()).collect();
     writeln!(out, "| parameter | start | shipped | {} |", names.join(" | "))?;
     writeln!(out, "|---|---|---|{}", "---|".repeat(names.len()))?;
-    let (mut start, mut shipped) = (util_start_profile(), util_profile());
+    let mut start = util_start_profile();
+    let unaided = left_out.iter().all(|l| !l.report.aided_by_imu);
+    let mut shipped = if unaided { util_unaided_profile() } else { util_profile() };
     for (i, knob) in KNOBS.iter().enumerate() {
         let chosen: Vec<String> = left_out
             .iter()
