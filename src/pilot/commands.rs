@@ -131,6 +131,10 @@ impl Pilot {
             MavCmd::MAV_CMD_NAV_LAND | MavCmd::MAV_CMD_NAV_LAND_LOCAL => {
                 self.command_land(at, request)
             }
+            // MAVProxy's `land`. Without a landing sequence in the mission a landing begins here.
+            MavCmd::MAV_CMD_DO_LAND_START => {
+                self.ask(at, Event::LandAsked, &[Mode::Land, Mode::Descend])
+            }
             MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => {
                 self.ask(at, Event::ReturnAsked, &[Mode::Return])
             }

@@ -134,7 +134,7 @@ impl Pilot {
         if record.fused {
             self.last_fused = Some(tdoa.received_at);
         }
-        super::telemetry::note_pair(&mut self.pairs, &record);
+        super::telemetry_counts::note_pair(&mut self.pairs, &record);
         self.record(|| Topic::Uwb(record));
     }
 

@@ -42,6 +42,7 @@ mod setpoint;
 mod streams;
 mod supervise;
 mod telemetry;
+mod telemetry_counts;
 mod telemetry_estimator;
 mod telemetry_global;
 mod tilt_step;
@@ -76,7 +77,7 @@ use heading::BoardNorth;
 use output::{Address, Outbox};
 use services::{FileFault, Services};
 use supervise::Touch;
-use telemetry::PairStats;
+use telemetry_counts::PairStats;
 
 /// Name of a link to the outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

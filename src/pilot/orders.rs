@@ -304,7 +304,7 @@ impl Pilot {
 
     /// CONDITION_YAW: angle (deg), speed, direction, relative. Absolute angles count from true north.
     pub(super) fn turn(&mut self, [angle_deg, _, direction, relative]: [f64; 4]) -> Answer {
-        if !(angle_deg.abs() <= MOST_TURN_DEG) {
+        if !(-MOST_TURN_DEG..=MOST_TURN_DEG).contains(&angle_deg) {
             return refuse(
                 MavResult::MAV_RESULT_DENIED,
                 format!("yaw = {angle_deg} deg, allowed -{MOST_TURN_DEG} to {MOST_TURN_DEG}"),

@@ -52,6 +52,7 @@ fn steers(message: &MavMessage) -> bool {
             | MavCmd::MAV_CMD_NAV_LAND
             | MavCmd::MAV_CMD_NAV_LAND_LOCAL
             | MavCmd::MAV_CMD_NAV_VTOL_LAND
+            | MavCmd::MAV_CMD_DO_LAND_START
             | MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH
             | MavCmd::MAV_CMD_NAV_LOITER_UNLIM
             | MavCmd::MAV_CMD_OVERRIDE_GOTO
@@ -175,5 +176,117 @@ mod tests {
         assert!(!steers(&command(MavCmd::MAV_CMD_REQUEST_MESSAGE)));
         assert!(steers(&MavMessage::RC_CHANNELS_OVERRIDE(Default::default())));
         assert!(!steers(&MavMessage::PARAM_REQUEST_LIST(PARAM_REQUEST_LIST_DATA::default())));
+    }
+
+    use crate::frames::Vec3;
+    use crate::measure::AnchorId;
+    use crate::pilot::{Endpoint, Input, PilotConfig};
+    use crate::survey::Survey;
+    use haltere_dialect::mav::haltere::HEARTBEAT_DATA;
+    use haltere_dialect::mav_stream;
+
+    fn pilot(routing: Routing) -> Pilot {
+        let corner = |i: u8| {
+            let far = |bit: u8, size_m: f64| if i & bit != 0 { size_m } else { 0.0 };
+            (AnchorId(i), Vec3::new(far(1, 10.0), far(2, 10.0), -far(4, 7.0)))
+        };
+        let survey = Survey::new(&(0..8).map(corner).collect::<Vec<_>>()).unwrap();
+        let config =
+            PilotConfig { routing, endpoints: vec![Endpoint::default(); 2], ..Default::default() };
+        let mut pilot = Pilot::new(config, survey, HostTime::from_us(1_000_000));
+        for n in 0..2 {
+            pilot.handle(HostTime::from_us(1_000_000), Input::LinkUp { link: LinkId::Ground(n) });
+        }
+        pilot.drain_output(|_, _| {});
+        pilot
+    }
+
+    /// What comes out on each link when these bytes come in on one.
+    fn pass(pilot: &mut Pilot, link: LinkId, bytes: &[u8]) -> Vec<(LinkId, Vec<u8>)> {
+        let at = HostTime::from_us(1_001_000);
+        pilot.handle(at, Input::Bytes { link, bytes });
+        let mut out = Vec::new();
+        pilot.drain_output(|link, bytes| out.push((link, bytes.to_vec())));
+        out
+    }
+
+    fn frame(system: u8, component: u8, message: &MavMessage) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        mav_stream::encode(&mut bytes, system, component, 7, message);
+        bytes
+    }
+
+    /// Of an id that no dialect of ours has.
+    fn unknown(system: u8, component: u8) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        mav_stream::encode_payload(&mut bytes, system, component, 7, 31_337, &[1, 2, 3]);
+        bytes
+    }
+
+    fn beat(autopilot_id: u8) -> Vec<u8> {
+        frame(autopilot_id, 1, &MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()))
+    }
+
+    fn arm(system: u8) -> Vec<u8> {
+        let message = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+            command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+            param1: 1.0,
+            target_system: system,
+            target_component: 1,
+            ..Default::default()
+        });
+        frame(255, 190, &message)
+    }
+
+    #[test]
+    fn prop_unknown_frames_pass_between_stations_and_never_back() {
+        let mut pilot = pilot(Routing::Stations);
+        let bytes = unknown(255, 190);
+        let went = pass(&mut pilot, LinkId::Ground(0), &bytes);
+        assert_eq!(went, [(LinkId::Ground(1), bytes.clone())]);
+        // The same sender on both links: a loop, or one station with two ways.
+        pass(&mut pilot, LinkId::Ground(1), &unknown(255, 190));
+        assert!(!pass(&mut pilot, LinkId::Ground(0), &bytes).contains(&(LinkId::Ground(1), bytes)));
+        // What claims to be us goes nowhere.
+        assert_eq!(pass(&mut pilot, LinkId::Ground(0), &unknown(1, 1)), []);
+        let mut off = super::tests::pilot(Routing::Off);
+        assert_eq!(pass(&mut off, LinkId::Ground(0), &unknown(255, 190)), []);
+    }
+
+    #[test]
+    fn prop_a_board_with_our_number_is_not_routed_and_the_parameter_is_named() {
+        let mut pilot = pilot(Routing::Board);
+        let said = pass(&mut pilot, LinkId::Board, &beat(1));
+        let text: Vec<u8> = said.iter().flat_map(|(_, bytes)| bytes.clone()).collect();
+        let text = String::from_utf8_lossy(&text).into_owned();
+        for word in ["routing to the board refused", "MAV_SYS_ID", "SYSID_THISMAV"] {
+            assert!(text.contains(word), "{word}: {text}");
+        }
+        let went = pass(&mut pilot, LinkId::Ground(0), &unknown(255, 190));
+        assert!(went.iter().all(|(link, _)| *link != LinkId::Board));
+        // Nor is it with routing off by default.
+        assert_eq!(PilotConfig::default().routing, Routing::Stations);
+    }
+
+    #[test]
+    fn prop_the_board_is_reached_but_not_steered_while_we_are_in_control() {
+        let mut pilot = pilot(Routing::Board);
+        pass(&mut pilot, LinkId::Board, &beat(2));
+        // Both ways, what we know and what we do not.
+        let bytes = unknown(2, 1);
+        let went = pass(&mut pilot, LinkId::Board, &bytes);
+        assert_eq!(went.iter().filter(|(_, b)| *b == bytes).count(), 2, "{went:?}");
+        let to_board = |pilot: &mut Pilot, bytes: &[u8]| {
+            let went = pass(pilot, LinkId::Ground(0), bytes);
+            went.contains(&(LinkId::Board, bytes.to_vec()))
+        };
+        assert!(to_board(&mut pilot, &unknown(255, 190)));
+        // On the floor the board is anybody's.
+        assert!(to_board(&mut pilot, &arm(2)));
+        pilot.mode = Mode::Hold;
+        assert!(!to_board(&mut pilot, &arm(2)));
+        assert!(to_board(&mut pilot, &unknown(255, 190)));
+        // What is for us stays with us.
+        assert!(!to_board(&mut pilot, &arm(1)));
     }
 }

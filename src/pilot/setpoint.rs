@@ -447,4 +447,85 @@ mod tests {
         assert!(refused(wire(local, 0xFC0 | 0x200, [0.0; 3], [0.0; 3])), "force");
         assert!(refused(wire(MavFrame::MAV_FRAME_GLOBAL_INT, 0xFF8, [0.0; 3], [0.0; 3])));
     }
+
+    #[test]
+    fn prop_every_mask_in_every_frame_is_followed_or_refused_by_rule() {
+        use MavFrame as F;
+        let here = estimate([1.0, 2.0, -1.0], 0.7);
+        let frames = [
+            F::MAV_FRAME_LOCAL_NED,
+            F::MAV_FRAME_LOCAL_OFFSET_NED,
+            F::MAV_FRAME_BODY_NED,
+            F::MAV_FRAME_BODY_OFFSET_NED,
+            F::MAV_FRAME_BODY_FRD,
+            F::MAV_FRAME_LOCAL_ENU,
+            F::MAV_FRAME_GLOBAL_INT,
+        ];
+        let (mut followed, mut refused) = (0, 0);
+        for (number, frame) in frames.into_iter().enumerate() {
+            for bits in 0..4096_u16 {
+                let m = wire(frame, bits, [0.1; 3], [0.2; 3]);
+                let used = |bit: u16| bits & bit == 0;
+                let (pos, vel) = ([used(1), used(2), used(4)], [used(8), used(16), used(32)]);
+                let body = (2..=4).contains(&number);
+                let push = (vel[0] && !pos[0]) || (vel[1] && !pos[1]);
+                let mixed = body && (pos[0] || pos[1]) && push;
+                let none = !pos.iter().chain(&vel).any(|u| *u);
+                let rule = number < 5 && bits & 0x200 == 0 && !none && !mixed;
+                let setpoint = Setpoint::from_wire(&m, &here, None, here.at);
+                assert_eq!(setpoint.is_ok(), rule, "{frame:?} {bits:#x}");
+                let Ok(setpoint) = setpoint else {
+                    refused += 1;
+                    continue;
+                };
+                followed += 1;
+                // Only positions outlive their sender.
+                assert_eq!(setpoint.needs_stream(), vel.contains(&true), "{frame:?} {bits:#x}");
+                let axes = command(&setpoint, &here);
+                for (i, axis) in axes.into_iter().enumerate() {
+                    let (Pos(value) | Vel(value)) = axis;
+                    assert!(value.is_finite());
+                    assert!(!pos[i] || body || matches!(axis, Pos(_)), "{frame:?} {bits:#x}");
+                }
+            }
+        }
+        println!("{followed} followed, {refused} refused");
+    }
+
+    #[test]
+    fn prop_global_setpoints_are_those_of_the_room() {
+        use crate::geo::{Geodetic, LocalOrigin};
+        let place = Geodetic::from_deg(51.99, 4.37, 2.0).unwrap();
+        // Room north is east.
+        let origin = LocalOrigin::new(place, FRAC_PI_2).unwrap();
+        let there = origin.to_global(Vec3::new(3.0, -2.0, -1.5)).to_e7();
+        let global = |frame, alt, mask| {
+            let m = SET_POSITION_TARGET_GLOBAL_INT_DATA {
+                coordinate_frame: frame,
+                type_mask: Mask::from_bits_truncate(mask),
+                lat_int: there[0],
+                lon_int: there[1],
+                alt,
+                vx: 1.0, // north
+                yaw: 0.0,
+                ..Default::default()
+            };
+            setpoint_from_global(&m, &origin)
+        };
+        for (frame, alt) in [
+            (MavFrame::MAV_FRAME_GLOBAL_INT, 3.5),
+            (MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, 1.5),
+            (MavFrame::MAV_FRAME_GLOBAL_TERRAIN_ALT_INT, 1.5),
+        ] {
+            let local = global(frame, alt, 0xDC0).unwrap();
+            assert!((local.x - 3.0).abs() < 0.02 && (local.y + 2.0).abs() < 0.02, "{local:?}");
+            assert!((local.z + 1.5).abs() < 1e-5, "{local:?}");
+            // True north is room west; facing it is a quarter turn to the left of room north.
+            assert!((local.vy + 1.0).abs() < 1e-6 && local.vx.abs() < 1e-6, "{local:?}");
+            assert!((f64::from(local.yaw) + FRAC_PI_2).abs() < 1e-6);
+        }
+        assert!(global(MavFrame::MAV_FRAME_LOCAL_NED, 1.0, 0xDF8).is_err());
+        // One horizontal axis alone is none of the room's.
+        assert!(global(MavFrame::MAV_FRAME_GLOBAL_INT, 1.0, 0xDF9).is_err());
+    }
 }

@@ -6,7 +6,10 @@ from rig import Rig
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory):
+def rig(request, tmp_path_factory):
     rig = Rig(tmp_path_factory.mktemp("rig"))
+    rig.settle()
     yield rig
     rig.close()
+    if getattr(request.module, "REPLAY", False):
+        rig.assert_replayed()

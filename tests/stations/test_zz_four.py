@@ -13,6 +13,9 @@ from rig import degrees, wait_until  # noqa: E402
 from station import NAN, Station, local_item, mavlink  # noqa: E402
 
 
+REPLAY = True
+
+
 class Four:
     def __init__(self, rig):
         self.proxy = Proxy(rig.ports["generic"], rig.folder)

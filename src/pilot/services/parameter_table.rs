@@ -272,4 +272,43 @@ mod tests {
         let (_, p) = find("GAN_VEL_X_P").expect("it is in the table");
         assert_eq!(p.checked(0.1), Ok(0.1));
     }
+
+    /// Every number and switch of the core's configuration is a parameter, or left out for a reason.
+    #[test]
+    fn prop_no_key_of_the_configuration_is_forgotten() {
+        const LEFT_OUT: [&str; 2] = [
+            // A list by anchor: written by `haltere fit anchors` into the configuration.
+            "estimator.range_bias_m",
+            // Without an IMU nothing flies: for recorded flights alone.
+            "estimator.motion",
+        ];
+        fn keys(prefix: &str, table: &toml::Table, into: &mut Vec<String>) {
+            for (name, value) in table {
+                let key = format!("{prefix}.{name}");
+                match value {
+                    toml::Value::Table(inner) => keys(&key, inner, into),
+                    _ => into.push(key),
+                }
+            }
+        }
+        let config = PilotConfig::default();
+        let mut all = Vec::new();
+        for (section, table) in [
+            ("flight", toml::Table::try_from(&config.flight)),
+            ("limits", toml::Table::try_from(&config.limits)),
+            ("uwb", toml::Table::try_from(&config.uwb)),
+            ("estimator", toml::Table::try_from(&config.estimator)),
+            ("control", toml::Table::try_from(&config.control)),
+        ] {
+            keys(section, &table.expect("a table"), &mut all);
+        }
+        let known: Vec<String> = COMMON
+            .iter()
+            .map(|p| p.key_text().split('[').next().unwrap_or_default().to_owned())
+            .collect();
+        for key in all {
+            let is_known = known.contains(&key) || LEFT_OUT.contains(&key.as_str());
+            assert!(is_known, "{key} is no parameter");
+        }
+    }
 }
