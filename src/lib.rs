@@ -23,6 +23,7 @@ pub mod pilot;
 pub mod record;
 pub mod replay;
 pub mod report;
+pub mod store;
 pub mod survey;
 pub mod time;
 pub mod topics;

@@ -99,6 +99,82 @@ impl Survey {
     }
 }
 
+impl Survey {
+    /// Dilution of precision at a place: position error in the plane and in height, m, for each m of
+    /// white error of the ranges; `None` where the differences do not fix a position.
+    ///
+    /// With u_j the directions from the anchors to the place, differences of all ranges carry the
+    /// information `A = Σ (u_j − ū)(u_j − ū)ᵀ` about it, for errors of 1 m; the answer is the root of
+    /// the diagonal of `A⁻¹`. `without` leaves an anchor out: one that an obstacle hides.
+    pub fn dilution(&self, at_E_m: Vec3<E>, without: Option<AnchorId>) -> Option<[f64; 2]> {
+        let directions = || {
+            self.ids.iter().filter(|id| Some(**id) != without).filter_map(|id| {
+                let from = at_E_m.raw() - self.position_E_m(*id)?.raw();
+                from.try_normalize(1e-6)
+            })
+        };
+        let n = directions().count();
+        let mean = directions().sum::<Vector3<f64>>() / n.max(1) as f64;
+        let information = directions().fold(Matrix3::zeros(), |sum: Matrix3<f64>, u| {
+            let d = u - mean;
+            sum + d * d.transpose()
+        });
+        let variance = information.try_inverse()?;
+        let plane = (variance[(0, 0)] + variance[(1, 1)]).sqrt();
+        let height = variance[(2, 2)].sqrt();
+        (plane.is_finite() && height.is_finite()).then_some([plane, height])
+    }
+
+    /// Looks at a flight volume (lowest and highest corner, Earth frame, m) on a grid of
+    /// [`GRID`] places along each axis.
+    pub fn examine(&self, low_E_m: Vec3<E>, high_E_m: Vec3<E>) -> Geometry {
+        let mut places = Vec::new();
+        for i in 0..GRID * GRID * GRID {
+            let share = |axis: u32| (i / GRID.pow(axis) % GRID) as f64 / (GRID - 1) as f64;
+            let along = |k: usize| low_E_m[k] + (high_E_m[k] - low_E_m[k]) * share(k as u32);
+            places.push(Vec3::new(along(0), along(1), along(2)));
+        }
+        let worst_of = |without: Option<AnchorId>| {
+            let mut found: Vec<(f64, Vec3<E>, [f64; 2])> = places
+                .iter()
+                .map(|at| {
+                    let dilution =
+                        self.dilution(*at, without).unwrap_or([f64::INFINITY, f64::INFINITY]);
+                    (dilution[0].hypot(dilution[1]), *at, dilution)
+                })
+                .collect();
+            found.sort_by(|a, b| a.0.total_cmp(&b.0));
+            found
+        };
+        let all = worst_of(None);
+        let middle = all.get(all.len() / 2).map_or([f64::INFINITY; 2], |m| m.2);
+        let (worst_at_E_m, worst) =
+            all.last().map_or((low_E_m, [f64::INFINITY; 2]), |w| (w.1, w.2));
+        let needed = self
+            .ids
+            .iter()
+            .filter_map(|id| Some((*id, worst_of(Some(*id)).last()?.2)))
+            .max_by(|a, b| a.1[0].hypot(a.1[1]).total_cmp(&b.1[0].hypot(b.1[1])));
+        Geometry { middle, worst, worst_at_E_m, needed }
+    }
+}
+
+/// Places along each axis of a volume.
+pub const GRID: usize = 6;
+
+/// How well a survey fixes positions in a volume: plane and height, m for each m of range error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Geometry {
+    /// At the middle one of all places.
+    pub middle: [f64; 2],
+    /// At the worst place.
+    pub worst: [f64; 2],
+    /// Where that is.
+    pub worst_at_E_m: Vec3<E>,
+    /// The anchor that is needed most, and the worst place without it.
+    pub needed: Option<(AnchorId, [f64; 2])>,
+}
+
 /// Rms distance of the anchors from the plane that fits them best, m.
 fn thickness_m(anchors: &[(AnchorId, Vec3<E>)]) -> f64 {
     let n = anchors.len() as f64;
@@ -129,6 +205,25 @@ mod tests {
         assert_eq!(survey.ids().len(), 8);
         assert_eq!(survey.centre_E_m().to_array(), [5.0, 5.0, -3.5]);
         assert_eq!(survey.position_E_m(AnchorId(9)), None);
+    }
+
+    #[test]
+    fn prop_dilution_is_the_scatter_of_a_linear_fix() {
+        let survey = Survey::new(&corners()).unwrap();
+        // At the centre of a cuboid the directions are (±a, ±b, ±c): A = 8 diag(a², b², c²).
+        let centre = Vec3::new(5.0, 5.0, -3.5);
+        let far_m = (25.0f64 + 25.0 + 12.25).sqrt();
+        let [plane, height] = survey.dilution(centre, None).unwrap();
+        assert!((plane - (2.0f64 / 8.0).sqrt() * far_m / 5.0).abs() < 1e-9, "{plane}");
+        assert!((height - (1.0f64 / 8.0).sqrt() * far_m / 3.5).abs() < 1e-9, "{height}");
+        // An anchor less, and a place outside, never help.
+        let without = survey.dilution(centre, Some(AnchorId(3))).unwrap();
+        assert!(without[0] > plane && without[1] > height);
+        let outside = survey.dilution(Vec3::new(25.0, 5.0, -3.5), None).unwrap();
+        assert!(outside[0] > 3.0 * plane);
+        let geometry = survey.examine(Vec3::new(0.5, 0.5, -6.0), Vec3::new(9.5, 9.5, -0.3));
+        assert!(geometry.worst[1] > geometry.middle[1]);
+        assert!(geometry.needed.unwrap().1[0] > geometry.worst[0]);
     }
 
     #[test]

@@ -86,6 +86,12 @@ fn info(log: &LogReader) -> Info {
                         input_bytes += bytes.len() as u64;
                         format!("input on link {}", link.number())
                     }
+                    RawInput::File { ticket, fault: None, bytes } => {
+                        format!("file request {ticket} answered, {} bytes", bytes.len())
+                    }
+                    RawInput::File { ticket, fault: Some(fault), .. } => {
+                        format!("file request {ticket} failed: {}", fault.words())
+                    }
                     RawInput::Wake => "wake-up".to_owned(),
                     _ => "link event".to_owned(),
                 }

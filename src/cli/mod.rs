@@ -21,6 +21,7 @@ mod gap_session;
 mod gap_shrink;
 mod gap_sight;
 mod log;
+mod programs;
 mod replay;
 mod report;
 

@@ -1,8 +1,10 @@
 //! `haltere replay`: flight logs, or flights in the UTIL layout.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::{Duration, Instant};
 
+use anyhow::Context as _;
 use clap::Args;
 
 use super::{FAILED, print, print_json};
@@ -17,14 +19,29 @@ pub(super) struct Replay {
     /// Flight logs.
     #[arg(required_unless_present = "util", conflicts_with = "util")]
     log: Vec<PathBuf>,
-    /// Run the estimator on the flights of this folder, against motion capture.
+    /// Run the estimator on the flights of this folder, against motion capture: UTIL, or its `full`
+    /// (with IMU) or `tdoa_pos` (TDOA alone).
     #[arg(long, value_name = "DIR")]
     util: Option<PathBuf>,
+    /// With --util: choose the parameters for each flight by search on the others.
+    #[arg(long, requires = "util", conflicts_with_all = ["ingredients", "cold", "document"])]
+    leave_one_out: bool,
+    /// With --util: every ingredient of the estimator on and off on every flight.
+    #[arg(long, requires = "util", conflicts_with_all = ["cold", "document"])]
+    ingredients: bool,
+    /// With --util: switch the estimator on in flight and tell it neither position nor heading.
+    #[arg(long, requires = "util", conflicts_with = "document")]
+    cold: bool,
+    /// With --util: measure all of this and write it as a page (Markdown).
+    #[arg(long, requires = "util", value_name = "FILE", conflicts_with = "json")]
+    document: Option<PathBuf>,
     /// Print as JSON.
     #[arg(long)]
     json: bool,
 }
 
+/// Progress is told this often.
+const SAY_EVERY: Duration = Duration::from_secs(1);
 /// Some flight of `--util` diverged.
 const DIVERGED: u8 = 3;
 
@@ -56,16 +73,91 @@ impl Replay {
         Ok(ExitCode::from(worst))
     }
 
-    fn run_util(&self, folder: &std::path::Path) -> anyhow::Result<ExitCode> {
-        let reports = util_flights::run(folder, &util_flights::util_profile())?;
-        if self.json {
-            print_json(&reports)?;
+    fn run_util(&self, folder: &Path) -> anyhow::Result<ExitCode> {
+        let flights = util_flights::load_all(folder)?;
+        let mut progress = Progress::default();
+        let tell = |done: usize, of: usize, what: &str| progress.tell(done, of, what);
+        let mut table = String::new();
+        if let Some(path) = &self.document {
+            let page = util_flights::document(&flights, tell);
+            std::fs::write(path, page).with_context(|| path.display().to_string())?;
+            tracing::info!("wrote {}", path.display());
+        } else if self.leave_one_out {
+            // With and without IMU are two sets of parameters; a folder with both is taken with IMU.
+            let with_imu = flights.iter().any(|f| f.has_imu());
+            let kind: Vec<_> = flights.into_iter().filter(|f| f.has_imu() == with_imu).collect();
+            if kind.len() < 2 {
+                anyhow::bail!(
+                    "{}: {} flight, at least 2 needed to leave one out; name UTIL, or its folder full \
+                     or tdoa_pos",
+                    folder.display(),
+                    kind.len()
+                );
+            }
+            let left_out = util_flights::leave_one_out(&kind, tell);
+            if self.json {
+                print_json(&left_out)?;
+            }
+            util_flights::print_left_out(&mut table, &left_out)?;
+        } else if self.ingredients {
+            let rows = util_flights::ingredients(&flights, tell);
+            if self.json {
+                print_json(&rows)?;
+            }
+            util_flights::print_ingredients(&mut table, &rows)?;
+        } else if self.cold {
+            let profile = util_flights::util_profile();
+            let starts = util_flights::cold_starts(&flights, &profile, tell);
+            if self.json {
+                print_json(&starts)?;
+            }
+            util_flights::print_cold(&mut table, &starts)?;
         } else {
-            let mut table = String::new();
+            let reports: Vec<_> = flights
+                .iter()
+                .map(|flight| util_flights::run_flight(flight, &util_flights::shipped(flight)))
+                .collect();
+            if self.json {
+                print_json(&reports)?;
+            }
             util_flights::print_table(&mut table, &reports)?;
+            if !self.json {
+                print(&table);
+            }
+            let diverged = reports.iter().any(|report| report.diverged);
+            return Ok(ExitCode::from(if diverged { DIVERGED } else { 0 }));
+        }
+        if !self.json {
             print(&table);
         }
-        let diverged = reports.iter().any(|report| report.diverged);
-        Ok(ExitCode::from(if diverged { DIVERGED } else { 0 }))
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// Says on standard error how far it is and what is left, at most once a second.
+#[derive(Default)]
+struct Progress {
+    since: Option<(usize, Instant)>,
+    said: Option<Instant>,
+}
+
+impl Progress {
+    fn tell(&mut self, done: usize, of: usize, what: &str) {
+        let now = Instant::now();
+        // A new task counts from nought again.
+        if self.since.is_none_or(|(first, _)| done < first) || done == 0 {
+            self.since = Some((done, now));
+        }
+        if self.said.is_some_and(|said| now.duration_since(said) < SAY_EVERY) {
+            return;
+        }
+        self.said = Some(now);
+        let Some((first, since)) = self.since else { return };
+        let spent_s = now.duration_since(since).as_secs_f64();
+        let left = match done - first {
+            0 => String::new(),
+            n => format!(", {:.0} s left", spent_s / n as f64 * of.saturating_sub(done) as f64),
+        };
+        tracing::info!("{done} of {of}{left}: {what}");
     }
 }

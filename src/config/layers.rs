@@ -103,6 +103,11 @@ impl Layers {
         base.and_then(Path::parent).map_or_else(|| path.to_owned(), |folder| folder.join(path))
     }
 
+    /// Whether a key is set by an environment variable or on the command line.
+    pub(super) fn is_set_by_hand(&self, key: &str) -> bool {
+        self.origin(key).is_some_and(|layer| layer.path.is_none())
+    }
+
     /// Files among the origins.
     pub(super) fn files(&self) -> Vec<PathBuf> {
         self.0.iter().filter_map(|layer| layer.path.clone()).collect()

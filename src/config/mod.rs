@@ -8,6 +8,7 @@ mod anchors;
 mod ground;
 mod layers;
 mod sections;
+pub mod stored;
 #[cfg(test)]
 mod tests;
 
@@ -17,7 +18,9 @@ use serde::{Deserialize, Serialize};
 
 pub use address::{Address, AddressError, HostPort};
 pub use ground::{EndpointConfig, GroundConfig};
-pub use sections::{AnchorsConfig, BoardConfig, RecordConfig, TagConfig, TagPort, TimingConfig};
+pub use sections::{
+    AnchorsConfig, BoardConfig, RecordConfig, StoreConfig, TagConfig, TagPort, TimingConfig,
+};
 
 use crate::checks::Problems;
 use crate::control::ControlConfig;
@@ -43,6 +46,8 @@ pub struct Config {
     pub anchors: AnchorsConfig,
     /// `[record]`
     pub record: RecordConfig,
+    /// `[store]`
+    pub store: StoreConfig,
     /// `[timing]`
     pub timing: TimingConfig,
     /// `[flight]`
@@ -66,6 +71,8 @@ pub struct Loaded {
     pub survey: Survey,
     /// Files that were read, for the user to see.
     pub files: Vec<PathBuf>,
+    /// What people should know about the parameters that a station had set.
+    pub notes: Vec<String>,
 }
 
 /// Where a configuration comes from.
@@ -98,7 +105,9 @@ impl Loaded {
         let survey = anchors::read(&anchor_file)?;
         let mut files = layers.files();
         files.push(anchor_file);
-        Ok(Self { config, survey, files })
+        let mut loaded = Self { config, survey, files, notes: Vec::new() };
+        stored::apply(&mut loaded, &layers);
+        Ok(loaded)
     }
 }
 
@@ -164,12 +173,22 @@ impl Config {
             endpoints: self.ground.for_pilot(),
             routing: self.ground.routing,
             origin: self.ground.origin,
+            store: self.store.is_on(),
             flight: self.flight.clone(),
             limits: self.limits.clone(),
             uwb: self.uwb.clone(),
             estimator: self.estimator.clone(),
             control: self.control.clone(),
         }
+    }
+
+    /// Takes over what a station may have changed in the core's part.
+    fn take_over(&mut self, pilot: PilotConfig) {
+        self.flight = pilot.flight;
+        self.limits = pilot.limits;
+        self.uwb = pilot.uwb;
+        self.estimator = pilot.estimator;
+        self.control = pilot.control;
     }
 
     /// The whole configuration as a TOML file, for the log.

@@ -136,6 +136,28 @@ impl Default for RecordConfig {
     }
 }
 
+/// `[store]`: what is kept over a restart.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StoreConfig {
+    /// Folder of parameters, mission, fence, rally points and mission files, relative to the working
+    /// directory. Empty: nothing is kept.
+    pub directory: PathBuf,
+}
+
+impl Default for StoreConfig {
+    fn default() -> Self {
+        Self { directory: "state".into() }
+    }
+}
+
+impl StoreConfig {
+    /// Whether anything is kept.
+    pub fn is_on(&self) -> bool {
+        !self.directory.as_os_str().is_empty()
+    }
+}
+
 /// `[timing]`: how hard the companion insists on its deadlines.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

@@ -164,6 +164,20 @@ impl Controller {
         };
     }
 
+    /// Another configuration. Integrators stay; with a handover the outputs go on from it and fade to
+    /// the new law.
+    pub fn retune(&mut self, config: ControlConfig, from: Option<&Handover>) {
+        self.on = config.enhancements();
+        self.base = BaseThrust::new(&config.voltage);
+        self.config = config;
+        if let Some(from) = from {
+            let finite = [from.roll_rad, from.pitch_rad, from.yaw_rad, from.thrust_frac]
+                .iter()
+                .all(|v| v.is_finite());
+            self.memory.handover = finite.then_some(*from);
+        }
+    }
+
     /// Lean that the velocity integrators hold, forward and right, rad: what a trim should take
     /// over.
     pub fn lean_integral_rad(&self) -> [f64; 2] {

@@ -143,6 +143,12 @@ pub enum Action {
         /// TOML file with `[[item]]` tables.
         file: std::path::PathBuf,
     },
+    /// Starts a flight that the vehicle knows by name (built in, or a file of its missions) and waits
+    /// until it is flown. Without a name: prints the names.
+    Program {
+        /// As the vehicle names it.
+        name: Option<String>,
+    },
     /// Lands and waits until it has landed.
     Land,
     /// Prints what the vehicle tells about itself.
@@ -151,6 +157,63 @@ pub enum Action {
 
 /// Longest flight of a mission, s: the battery lasts 4 to 6 minutes (VEHICLE.md).
 const MISSION_TIMEOUT: Duration = Duration::from_secs(600);
+
+/// Texts of an answer come behind it, within this time.
+const TEXTS_WITHIN: Duration = Duration::from_millis(300);
+
+/// Names of the programs that the vehicle knows, in the order of their numbers from 1.
+fn program_names(station: &mut GroundStation) -> Result<Vec<String>, CtlError> {
+    station.command(MavCmd::MAV_CMD_USER_4, [0.0; 7])?;
+    station.listen(TEXTS_WITHIN)?;
+    let name_of = |text: &String| {
+        let (number, name) = text.strip_prefix("program ")?.split_once(": ")?;
+        number.parse::<u16>().ok().map(|_| name.to_owned())
+    };
+    Ok(station.take_texts().iter().filter_map(name_of).collect())
+}
+
+/// Loads a program as the mission; the number of its items.
+fn load_program(
+    station: &mut GroundStation,
+    name: &str,
+    names: &[String],
+) -> Result<usize, CtlError> {
+    let Some(index) = names.iter().position(|known| known == name) else {
+        let why = format!("no such program on the vehicle; it knows: {}", names.join(", "));
+        return Err(CtlError::MissionFile { file: name.to_owned(), why });
+    };
+    let mut params = [0.0; 7];
+    params[0] = (index + 1) as f32;
+    station.command(MavCmd::MAV_CMD_USER_4, params)?;
+    station.listen(TEXTS_WITHIN)?;
+    let count =
+        |text: &String| text.split_once("mission of ")?.1.split(' ').next()?.parse::<usize>().ok();
+    station.take_texts().iter().find_map(count).ok_or_else(|| CtlError::MissionFile {
+        file: name.to_owned(),
+        why: "the vehicle does not say how long it is".to_owned(),
+    })
+}
+
+/// Starts the mission in force and waits for its last item.
+fn fly_mission(
+    station: &mut GroundStation,
+    items: usize,
+    say: &mut impl FnMut(&str),
+) -> Result<(), CtlError> {
+    station.set_mode(Mode::Mission)?;
+    if !station.vehicle().armed {
+        station.arm()?;
+    }
+    let last = items.saturating_sub(1) as u16;
+    let mut told = None;
+    station.wait("the end of the mission", MISSION_TIMEOUT, |vehicle| {
+        if vehicle.reached != told {
+            told = vehicle.reached;
+            say(&format!("item {} done", told.unwrap_or(0)));
+        }
+        (vehicle.reached >= Some(last)).then_some(())
+    })
+}
 
 /// Runs one action. Progress goes to `say`.
 pub fn run(to: &str, action: &Action, mut say: impl FnMut(&str)) -> Result<(), CtlError> {
@@ -177,19 +240,18 @@ pub fn run(to: &str, action: &Action, mut say: impl FnMut(&str)) -> Result<(), C
             let mission = mission.unwrap_or_default();
             station.upload(&mission.items)?;
             say(&format!("{} items accepted", mission.items.len()));
-            station.set_mode(Mode::Mission)?;
-            if !station.vehicle().armed {
-                station.arm()?;
-            }
-            let last = mission.items.len().saturating_sub(1) as u16;
-            let mut told = None;
-            station.wait("the end of the mission", MISSION_TIMEOUT, |vehicle| {
-                if vehicle.reached != told {
-                    told = vehicle.reached;
-                    say(&format!("item {} done", told.unwrap_or(0)));
+            fly_mission(&mut station, mission.items.len(), &mut say)?;
+        }
+        Action::Program { name } => {
+            let names = program_names(&mut station)?;
+            match name {
+                None => names.iter().for_each(|name| say(name)),
+                Some(name) => {
+                    let items = load_program(&mut station, name, &names)?;
+                    say(&format!("{name}: {items} items in force"));
+                    fly_mission(&mut station, items, &mut say)?;
                 }
-                (vehicle.reached >= Some(last)).then_some(())
-            })?;
+            }
         }
         Action::Status => {
             // One round of the slow streams.

@@ -79,6 +79,8 @@ pub struct Kept {
     pub b_E: Vector3<f64>,
     /// Measurement, m.
     pub distance_diff_m: f64,
+    /// What of a common bias of the anchors that the floor hides is in it: -1, 0 or 1.
+    pub hidden: f64,
 }
 
 /// How many are kept: 0.6 s of TDoA2.
@@ -118,6 +120,8 @@ pub struct Fix {
     pub median_m: f64,
     /// Measurements used.
     pub used: usize,
+    /// Common range bias of the anchors that the floor hides, m.
+    pub hidden_m: f64,
 }
 
 impl Recent {
@@ -133,11 +137,11 @@ impl Recent {
     }
 
     /// Median absolute residual at a position, m; infinite with too few measurements.
-    pub fn median_residual_m(&self, oldest: HostTime, x_E: &Vector3<f64>) -> f64 {
+    pub fn median_residual_m(&self, oldest: HostTime, x_E: &Vector3<f64>, hidden_m: f64) -> f64 {
         let mut buffer = [0.0; KEPT];
         let mut n = 0;
         for (slot, kept) in buffer.iter_mut().zip(self.since(oldest)) {
-            *slot = residual(kept, x_E).0.abs();
+            *slot = residual(kept, x_E, hidden_m).0.abs();
             n += 1;
         }
         let used = &mut buffer[..n];
@@ -149,39 +153,48 @@ impl Recent {
 
     /// Position from the measurements since `oldest`, searched from every start; only inside
     /// `volume` (lowest and highest corner). `height_m` is the height of a vehicle that is known to
-    /// stand.
+    /// stand; `hidden_m` are the common biases to try for the anchors that the floor hides.
     pub fn locate(
         &self,
         oldest: HostTime,
         starts: &[Vector3<f64>],
         volume: &(Vector3<f64>, Vector3<f64>),
         height_m: Option<f64>,
+        hidden_m: &[f64],
     ) -> Option<Fix> {
         let used = self.since(oldest).count();
         if used < LEAST_KEPT {
             return None;
         }
-        let mut best: Option<(f64, Vector3<f64>)> = None;
-        for start in starts {
-            if let Some((cost, x_E)) = self.descend(oldest, *start, height_m)
+        let mut best: Option<(f64, Vector3<f64>, f64)> = None;
+        for (start, bias_m) in
+            hidden_m.iter().flat_map(|bias_m| starts.iter().map(move |start| (start, *bias_m)))
+        {
+            if let Some((cost, x_E)) = self.descend(oldest, *start, height_m, bias_m)
                 && x_E >= volume.0
                 && x_E <= volume.1
-                && best.is_none_or(|(least, _)| cost < least)
+                && best.is_none_or(|(least, ..)| cost < least)
             {
-                best = Some((cost, x_E));
+                best = Some((cost, x_E, bias_m));
             }
         }
-        let (_, x_E) = best?;
-        let median_m = self.median_residual_m(oldest, &x_E);
+        let (_, x_E, hidden_m) = best?;
+        let median_m = self.median_residual_m(oldest, &x_E, hidden_m);
         // Multipath on the floor spoils the fit; the known height keeps the answer honest.
         let largest_m = LARGEST_MEDIAN_M * if height_m.is_some() { 2.0 } else { 1.0 };
-        (median_m <= largest_m).then_some(Fix { x_E, median_m, used })
+        (median_m <= largest_m).then_some(Fix { x_E, median_m, used, hidden_m })
     }
 
-    fn cost(&self, oldest: HostTime, x_E: &Vector3<f64>, height_m: Option<f64>) -> f64 {
+    fn cost(
+        &self,
+        oldest: HostTime,
+        x_E: &Vector3<f64>,
+        height_m: Option<f64>,
+        hidden_m: f64,
+    ) -> f64 {
         let fits: f64 = self
             .since(oldest)
-            .map(|kept| (1.0 + (residual(kept, x_E).0 / SCALE_M).powi(2)).ln())
+            .map(|kept| (1.0 + (residual(kept, x_E, hidden_m).0 / SCALE_M).powi(2)).ln())
             .sum();
         let n = self.since(oldest).count() as f64;
         fits + height_m.map_or(0.0, |h| n * ((h + x_E.z) / STD_REST_HEIGHT_M).powi(2))
@@ -192,9 +205,10 @@ impl Recent {
         oldest: HostTime,
         start: Vector3<f64>,
         height_m: Option<f64>,
+        hidden_m: f64,
     ) -> Option<(f64, Vector3<f64>)> {
         let mut x_E = start;
-        let mut cost = self.cost(oldest, &x_E, height_m);
+        let mut cost = self.cost(oldest, &x_E, height_m, hidden_m);
         let mut damping = 1e-3;
         let mut information = Matrix3::zeros();
         let mut n = 0.0;
@@ -203,7 +217,7 @@ impl Recent {
             let mut b = Vector3::zeros();
             n = 0.0;
             for kept in self.since(oldest) {
-                let (r, h) = residual(kept, &x_E);
+                let (r, h) = residual(kept, &x_E, hidden_m);
                 let w = 1.0 / (1.0 + (r / SCALE_M).powi(2)) / (SCALE_M * SCALE_M);
                 A += h * h.transpose() * w;
                 b += h * (r * w);
@@ -222,7 +236,7 @@ impl Recent {
             }
             let step = damped.try_inverse()? * b;
             let tried = x_E + step;
-            let tried_cost = self.cost(oldest, &tried, height_m);
+            let tried_cost = self.cost(oldest, &tried, height_m, hidden_m);
             if tried_cost.is_finite() && tried_cost < cost {
                 x_E = tried;
                 cost = tried_cost;
@@ -243,8 +257,8 @@ impl Recent {
 }
 
 /// Residual (measured minus predicted) and its Jacobian's direction.
-fn residual(kept: &Kept, x_E: &Vector3<f64>) -> (f64, Vector3<f64>) {
+fn residual(kept: &Kept, x_E: &Vector3<f64>, hidden_m: f64) -> (f64, Vector3<f64>) {
     let (from_a, from_b) = (x_E - kept.a_E, x_E - kept.b_E);
     let (a, b) = (from_a.norm().max(1e-3), from_b.norm().max(1e-3));
-    (kept.distance_diff_m - (b - a), from_b / b - from_a / a)
+    (kept.distance_diff_m - kept.hidden * hidden_m - (b - a), from_b / b - from_a / a)
 }

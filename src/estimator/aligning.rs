@@ -2,8 +2,10 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::bias::Biases;
+use super::quality::Qualities;
 use super::state::{self, ATT, State};
-use super::{Estimator, GAP_S, align};
+use super::{Estimator, GAP_S, Pending, align};
 use crate::drops::DropReason;
 use crate::frames::{B, E, Rot, Vec3};
 use crate::time::HostTime;
@@ -18,17 +20,23 @@ pub(super) const FIX_WINDOW_S: f64 = 0.5;
 const START_FIX_WINDOW_S: f64 = 1.5;
 const START_LEAST_USED: usize = 64;
 /// A vehicle that rested this short a time ago is still at the height of its rest, s.
-const STILL_LOW_S: f64 = 1.0;
+pub(super) const STILL_LOW_S: f64 = 1.0;
 /// One sigma of that height, m.
 const STD_START_HEIGHT_M: f64 = 0.1;
 /// A fix farther outside the box of the anchors is a false minimum, m.
 const OUTSIDE_M: f64 = 1.5;
+/// One sigma of a fix among anchors that the floor hides, per axis in the plane, m.
+const STD_HIDDEN_FIX_M: f64 = 1.5;
 /// Start values after a fix in the air: position m, velocity m/s.
 const STD_FIX_POS_M: f64 = 0.5;
 const STD_FIX_VEL_MPS: f64 = 1.0;
 /// Attitude error after a fix, rad, and tilt beyond which level is the better guess, rad.
 const STD_FIX_ATT_RAD: f64 = 0.3;
 const LARGEST_KEPT_TILT_RAD: f64 = 0.6;
+/// Attitude error of a vehicle whose attitude is not estimated, rad: it must not take part.
+const NO_ATTITUDE_RAD: f64 = 1e-6;
+/// Common biases that are tried for the anchors that the floor hides, m: +3 to +4 m was recorded.
+const HIDDEN_M: [f64; 8] = [0.0, 0.5, 1.0, 1.5, 2.0, 2.75, 3.5, 4.25];
 /// Attempts at a fix are this far apart, s.
 const FIX_INTERVAL_S: f64 = 0.25;
 
@@ -60,6 +68,13 @@ impl Estimator {
                 state.P[(ATT + i, ATT + j)] += extra.max(0.0) * down_B[i] * down_B[j];
             }
         }
+        if self.config.anchor_bias.estimate {
+            self.above_floor_at = self.above_floor_at.max(self.at);
+        }
+        let near_floor = !self.airborne || -x_E.z < self.config.anchor_bias.hidden_below_m;
+        state.biases = Biases::new(&self.config.anchor_bias, &self.anchors_m, near_floor);
+        self.qualities = Qualities::default();
+        self.pending = Pending::default();
         self.state = Some(state);
         self.at = self.at.max(at);
         self.doubt.clear();
@@ -81,6 +96,8 @@ impl Estimator {
                 state.q_EB = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
             }
             state.restart_attitude(STD_FIX_ATT_RAD);
+            state.biases.restart(&self.config.anchor_bias, &self.anchors_m, false);
+            self.qualities = Qualities::default();
             self.doubt.clear();
             self.counts.fixes += 1;
         }
@@ -104,7 +121,12 @@ impl Estimator {
             *start += Vector3::new(sign(1) * half.x, sign(2) * half.y, sign(4) * half.z);
         }
         starts[9] = guess.unwrap_or(centre);
-        self.recent.locate(oldest, &starts, &self.volume(), height_m)
+        let tried = if height_m.is_some() && self.config.anchor_bias.estimate {
+            &HIDDEN_M[..]
+        } else {
+            &HIDDEN_M[..1]
+        };
+        self.recent.locate(oldest, &starts, &self.volume(), height_m, tried)
     }
 
     pub(super) fn bounds(&self) -> (Vector3<f64>, Vector3<f64>) {
@@ -143,12 +165,40 @@ impl Estimator {
         let fix = self.locate(START_FIX_WINDOW_S, height_m, None);
         if let Some(fix) = fix.filter(|fix| fix.used >= START_LEAST_USED) {
             self.start(self.at, fix.x_E, level, std_yaw);
+            let heights_m = &self.anchors_m;
             let Some(state) = &mut self.state else { return };
             if !stands {
                 state.restart_velocity(Vector3::zeros(), STD_FIX_VEL_MPS);
             } else if height_m.is_some() {
                 state.P[(2, 2)] = STD_START_HEIGHT_M * STD_START_HEIGHT_M;
+                if self.config.anchor_bias.estimate {
+                    // The fix knows one common bias of the low anchors, the filter each of them.
+                    for i in 0..2 {
+                        state.P[(i, i)] = STD_HIDDEN_FIX_M * STD_HIDDEN_FIX_M;
+                    }
+                }
+                state.biases.set_hidden(&self.config.anchor_bias, heights_m, fix.hidden_m);
             }
+        }
+    }
+
+    /// Without IMU: a position is all it takes.
+    pub(super) fn try_start_unaided(&mut self, at: HostTime) {
+        self.at = self.at.max(at);
+        if !self.fix_is_due() {
+            return;
+        }
+        let height_m = self.config.rest_height_m.filter(|_| !self.airborne);
+        let fix = self.locate(START_FIX_WINDOW_S, height_m, None);
+        if let Some(fix) = fix.filter(|fix| fix.used >= START_LEAST_USED) {
+            self.start(self.at, fix.x_E, UnitQuaternion::identity(), NO_ATTITUDE_RAD);
+            let Some(state) = &mut self.state else { return };
+            if height_m.is_some() {
+                state.P[(2, 2)] = STD_START_HEIGHT_M * STD_START_HEIGHT_M;
+                state.biases.set_hidden(&self.config.anchor_bias, &self.anchors_m, fix.hidden_m);
+            }
+            state.restart_velocity(Vector3::zeros(), STD_FIX_VEL_MPS);
+            state.restart_attitude(NO_ATTITUDE_RAD);
         }
     }
 

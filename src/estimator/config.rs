@@ -55,11 +55,21 @@ pub struct GateConfig {
     pub doubt_frac: f64,
     /// Whether it then opens up and, failing that, finds its position anew.
     pub recover: bool,
+    /// Whether what is beyond the gate is thrown away. If not, it is fused with the weight that the
+    /// tail leaves it, and only counted as beyond.
+    pub reject: bool,
 }
 
 impl Default for GateConfig {
     fn default() -> Self {
-        Self { sigma: 5.0, tail: Tail::StudentT, tail_sigma: 2.0, doubt_frac: 0.5, recover: true }
+        Self {
+            sigma: 5.0,
+            tail: Tail::StudentT,
+            tail_sigma: 2.0,
+            doubt_frac: 0.5,
+            recover: true,
+            reject: true,
+        }
     }
 }
 
@@ -109,10 +119,111 @@ impl Default for BaroConfig {
     }
 }
 
+/// What drives the prediction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Motion {
+    /// The IMU.
+    Inertial,
+    /// Nothing: positions alone, from TDOA alone. Attitude is not estimated.
+    Unaided,
+}
+
+/// How a vehicle without IMU moves: a velocity that is pushed at random and decays.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Unaided {
+    /// Random push, m/s²/√Hz.
+    pub std_acc_mps2_rthz: f64,
+    /// Decay of the velocity, 1/s. With the push it bounds the speed that is expected: one sigma is
+    /// push / √(2 decay).
+    pub decay_per_s: f64,
+}
+
+impl Default for Unaided {
+    fn default() -> Self {
+        Self { std_acc_mps2_rthz: 0.45, decay_per_s: 0.5 }
+    }
+}
+
+/// Range bias of each anchor as a state (`bias.rs`).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AnchorBias {
+    /// Whether biases are estimated. Without: the nine states alone.
+    pub estimate: bool,
+    /// One sigma of the part that wanders, m.
+    pub std_m: f64,
+    /// Time over which it stays, s.
+    pub correlation_s: f64,
+    /// Distance flown over which it stays, m.
+    pub correlation_m: f64,
+    /// One sigma of the part that stays, m.
+    pub constant_std_m: f64,
+    /// One sigma of the bias of an anchor that the floor hides, m.
+    pub hidden_std_m: f64,
+    /// Time over which that stays, s.
+    pub hidden_s: f64,
+    /// The floor hides anchors from a tag below this, m.
+    pub hidden_below_m: f64,
+    /// It hides those that hang below this, m.
+    pub low_anchor_m: f64,
+}
+
+impl Default for AnchorBias {
+    fn default() -> Self {
+        Self {
+            estimate: false,
+            std_m: 0.2,
+            correlation_s: 8.0,
+            correlation_m: 0.6,
+            constant_std_m: 0.1,
+            hidden_std_m: 2.5,
+            hidden_s: 0.5,
+            hidden_below_m: 0.5,
+            low_anchor_m: 0.6,
+        }
+    }
+}
+
+/// Quality of each anchor, learned in flight (`quality.rs`).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Quality {
+    /// Whether it is learned.
+    pub learn: bool,
+    /// Time of learning, s.
+    pub time_s: f64,
+    /// Least factor on the variance.
+    pub least: f64,
+    /// Largest factor.
+    pub most: f64,
+}
+
+impl Default for Quality {
+    fn default() -> Self {
+        Self { learn: false, time_s: 0.8, least: 0.5, most: 100.0 }
+    }
+}
+
 /// Settings of the estimator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EstimatorConfig {
+    /// What drives the prediction.
+    pub motion: Motion,
+    /// Motion without IMU.
+    pub unaided: Unaided,
+    /// Whether position and heading are found by motion when nobody tells them (`cold.rs`); without,
+    /// a start needs rest and a heading.
+    pub cold_start: bool,
+    /// The covariance is predicted in steps of at least this, s; 0: with each IMU sample. The state
+    /// itself follows each sample.
+    pub covariance_step_s: f64,
+    /// Range bias of each anchor.
+    pub anchor_bias: AnchorBias,
+    /// Quality of each anchor.
+    pub quality: Quality,
     /// Where the specific force comes from in flight.
     pub specific_force: SpecificForce,
     /// Whether the drag model is used (with `thrust_axis` only).
@@ -125,6 +236,8 @@ pub struct EstimatorConfig {
     /// Window over which the accelerometer is low-passed (time constant), s; 0 is off. It takes
     /// the edge off a beat of 13 Hz (factor 0.6 at the default) at the price of as much lag.
     pub acc_average_s: f64,
+    /// Whether the accelerometer is averaged over whole wing beats instead, the beat being tracked.
+    pub acc_over_beats: bool,
     /// How the UWB variance depends on height.
     pub uwb_noise: UwbNoise,
     /// One sigma of a TDOA near the floor (λ = 1), m.
@@ -132,6 +245,9 @@ pub struct EstimatorConfig {
     /// Time over which the error of an anchor stays the same, s; 0 is white noise. A measurement
     /// is then fused with the variance of the independent samples it is worth.
     pub uwb_correlation_s: f64,
+    /// Range biases that are known beforehand: number of the anchor and its bias, m, as `haltere fit
+    /// anchors` prints them. They are taken off before anything else.
+    pub range_bias_m: Vec<[f64; 2]>,
     /// Tag antenna seen from the centre of mass, body frame, m.
     pub p_BT_B_m: [f64; 3],
     /// Gate of the TDOA aid.
@@ -154,14 +270,22 @@ pub struct EstimatorConfig {
 impl Default for EstimatorConfig {
     fn default() -> Self {
         Self {
+            motion: Motion::Inertial,
+            unaided: Unaided::default(),
+            cold_start: false,
+            covariance_step_s: 0.0,
+            anchor_bias: AnchorBias::default(),
+            quality: Quality::default(),
             specific_force: SpecificForce::ThrustAxis,
             drag: true,
             drag_per_s: [4.2, 1.8, 0.3],
             cop_z_m: 0.03,
             acc_average_s: 0.015,
+            acc_over_beats: false,
             uwb_noise: UwbNoise::HeightDependent,
             std_uwb_m: 0.15,
             uwb_correlation_s: 0.1,
+            range_bias_m: Vec::new(),
             p_BT_B_m: [0.0; 3],
             gate: GateConfig::default(),
             process: ProcessNoise::default(),
@@ -197,6 +321,23 @@ impl EstimatorConfig {
         for (axis, arm) in ["x", "y", "z"].into_iter().zip(self.p_BT_B_m) {
             range(&format!("p_BT_B_m.{axis}"), arm, -1.0, 1.0, "m");
         }
+        range("covariance_step_s", self.covariance_step_s, 0.0, 0.02, "s");
+        let u = &self.unaided;
+        range("unaided.std_acc_mps2_rthz", u.std_acc_mps2_rthz, 1e-3, 50.0, "m/s²/√Hz");
+        range("unaided.decay_per_s", u.decay_per_s, 0.0, 20.0, "1/s");
+        let b = &self.anchor_bias;
+        range("anchor_bias.std_m", b.std_m, 1e-4, 5.0, "m");
+        range("anchor_bias.correlation_s", b.correlation_s, 0.01, 1e5, "s");
+        range("anchor_bias.correlation_m", b.correlation_m, 0.01, 1e5, "m");
+        range("anchor_bias.constant_std_m", b.constant_std_m, 0.0, 5.0, "m");
+        range("anchor_bias.hidden_std_m", b.hidden_std_m, 1e-4, 10.0, "m");
+        range("anchor_bias.hidden_s", b.hidden_s, 0.01, 100.0, "s");
+        range("anchor_bias.hidden_below_m", b.hidden_below_m, -50.0, 5.0, "m");
+        range("anchor_bias.low_anchor_m", b.low_anchor_m, -50.0, 5.0, "m");
+        let q = &self.quality;
+        range("quality.time_s", q.time_s, 0.05, 100.0, "s");
+        range("quality.least", q.least, 0.01, 1.0, "");
+        range("quality.most", q.most, 1.0, 1e4, "");
         range("cop_z_m", self.cop_z_m, -0.5, 0.5, "m");
         range("acc_average_s", self.acc_average_s, 0.0, 0.2, "s");
         range("std_uwb_m", self.std_uwb_m, 0.01, 5.0, "m");
@@ -213,6 +354,10 @@ impl EstimatorConfig {
         range("baro.correlation_s", self.baro.correlation_s, 0.0, 100.0, "s");
         range("std_reference_m", self.std_reference_m, 1e-4, 1.0, "m");
         range("align_s", self.align_s, 0.05, 30.0, "s");
+        for [anchor, bias_m] in &self.range_bias_m {
+            range("range_bias_m: number of an anchor", *anchor, 0.0, 255.0, "");
+            range(&format!("range_bias_m: bias of anchor {anchor}"), *bias_m, -5.0, 5.0, "m");
+        }
         if let Some(height_m) = self.rest_height_m {
             range("rest_height_m", height_m, -50.0, 50.0, "m");
         }

@@ -7,10 +7,10 @@ use super::truth::{Noise, Truth, geometry, hall};
 use super::update;
 use super::*;
 use crate::frames::{G_MPS2, wrap_pi_rad};
-use crate::measure::{AnchorId, BaroSample, ReferencePose, Tdoa};
+use crate::measure::{BaroSample, ReferencePose, Tdoa};
 
 /// Settings for truth with white noise: nothing of the flapping vehicle's vibration.
-fn quiet() -> EstimatorConfig {
+pub(super) fn quiet() -> EstimatorConfig {
     EstimatorConfig {
         acc_average_s: 0.0,
         uwb_correlation_s: 0.0,
@@ -25,26 +25,26 @@ fn quiet() -> EstimatorConfig {
 }
 
 /// What a flight of the truth does to the filter.
-struct Run {
-    estimator: Estimator,
-    truth: Truth,
+pub(super) struct Run {
+    pub estimator: Estimator,
+    pub truth: Truth,
     survey: Survey,
     noise: Noise,
-    std_uwb_m: f64,
+    pub std_uwb_m: f64,
     steps: usize,
 }
 
 impl Run {
     /// 250 Hz of IMU, two TDOA on the ring per sample.
-    const DT_S: f64 = 0.004;
+    pub const DT_S: f64 = 0.004;
 
-    fn new(config: EstimatorConfig, truth: Truth) -> Self {
+    pub fn new(config: EstimatorConfig, truth: Truth) -> Self {
         let survey = hall();
         let estimator = Estimator::new(config, survey.clone());
         Self { estimator, truth, survey, noise: Noise(11), std_uwb_m: 0.1, steps: 0 }
     }
 
-    fn aligned(config: EstimatorConfig, truth: Truth) -> Self {
+    pub fn aligned(config: EstimatorConfig, truth: Truth) -> Self {
         let mut run = Self::new(config, truth);
         run.estimator.set_airborne(true);
         let (pos_E_m, R_EB) = run.truth.pose();
@@ -52,7 +52,7 @@ impl Run {
         run
     }
 
-    fn ring(&mut self, spoil: impl Fn(&mut Tdoa)) {
+    pub fn ring(&mut self, spoil: impl Fn(&mut Tdoa)) {
         for _ in 0..2 {
             let a = (self.steps % 8) as u8;
             self.steps += 1;
@@ -63,7 +63,7 @@ impl Run {
         }
     }
 
-    fn fly_spoiled(&mut self, seconds: f64, spoil: impl Fn(&mut Tdoa)) {
+    pub fn fly_spoiled(&mut self, seconds: f64, spoil: impl Fn(&mut Tdoa)) {
         for _ in 0..(seconds / Self::DT_S) as usize {
             self.truth.advance(Self::DT_S);
             let mut imu = self.truth.imu();
@@ -74,7 +74,7 @@ impl Run {
         }
     }
 
-    fn fly(&mut self, seconds: f64) {
+    pub fn fly(&mut self, seconds: f64) {
         self.fly_spoiled(seconds, |_| {});
     }
 
@@ -90,17 +90,17 @@ impl Run {
         }
     }
 
-    fn error_m(&self) -> f64 {
+    pub fn error_m(&self) -> f64 {
         (self.estimator.estimate().pos_E_m.raw() - self.truth.x_E).norm()
     }
 
-    fn yaw_error_rad(&self) -> f64 {
+    pub fn yaw_error_rad(&self) -> f64 {
         let (_, R_EB) = self.truth.pose();
         wrap_pi_rad(self.estimator.estimate().R_EB.yaw_rad() - R_EB.yaw_rad())
     }
 }
 
-fn middle() -> Vector3<f64> {
+pub(super) fn middle() -> Vector3<f64> {
     Vector3::new(5.0, 4.0, -2.0)
 }
 
@@ -140,7 +140,7 @@ fn prop_covariance_stays_symmetric_and_positive() {
 fn prop_order_of_updates_matters_to_second_order_only() {
     let observe = |state: &State, a: u8, b: u8, innovation: f64| {
         let g = geometry(a, b, Vector3::new(0.02, 0.0, -0.1), 0.0);
-        let mut o = tdoa::observe(state, &g, 0.0, 0.04).unwrap();
+        let mut o = tdoa::observe(state, &g, 0.0, None, 0.04).unwrap();
         o.innovation = innovation;
         o
     };

@@ -4,14 +4,17 @@ use nalgebra::Vector3;
 
 use super::align::Kept;
 use super::aligning::FIX_WINDOW_S;
-use super::config::{BaroConfig, Tail};
+use super::bias::Pair;
+use super::config::{BaroConfig, Motion, Tail};
 use super::gate::{self, Remedy};
 use super::height::standard_height_m;
 use super::state::{POS, VEL};
 use super::update::Observation;
-use super::{Estimator, noise, reference, tdoa, update, zero_velocity};
+use super::{
+    Estimator, SUSPECT_FACTOR, SUSPECT_SHARE, noise, reference, tdoa, update, zero_velocity,
+};
 use crate::drops::DropReason;
-use crate::measure::{BaroSample, ReferencePose, Tdoa};
+use crate::measure::{AnchorId, BaroSample, ReferencePose, Tdoa};
 use crate::time::HostTime;
 use crate::topics::UwbRecord;
 
@@ -78,6 +81,13 @@ impl Estimator {
             return record;
         };
         let (a_E, b_E) = (a.raw(), b.raw());
+        let known_m = |id: AnchorId| self.range_bias_m[usize::from(id.0)];
+        let measured = tdoa;
+        let tdoa = &Tdoa {
+            distance_diff_m: measured.distance_diff_m
+                - (known_m(measured.anchor_b) - known_m(measured.anchor_a)),
+            ..*measured
+        };
         if !tdoa.distance_diff_m.is_finite() || tdoa.anchor_a == tdoa.anchor_b {
             self.drops.add(DropReason::BadValue, 1);
             return record;
@@ -87,22 +97,44 @@ impl Estimator {
             self.drops.add(DropReason::UwbImpossible, 1);
             return record;
         }
+        if self.config.motion == Motion::Unaided {
+            self.coast(tdoa.valid_at);
+            if !self.airborne {
+                self.standing_aids();
+            }
+        }
         let ahead_s = tdoa.valid_at.seconds_since(self.at);
         if ahead_s < -OLDEST_TDOA_S {
             self.drops.add(DropReason::UwbTooOld, 1);
             return record;
         }
+        let low_m = self.config.anchor_bias.low_anchor_m;
+        let is_low = |z_m: f64| f64::from(u8::from(-z_m < low_m));
         self.recent.push(Kept {
             at: tdoa.valid_at,
             a_E,
             b_E,
             distance_diff_m: tdoa.distance_diff_m,
+            hidden: is_low(b.z()) - is_low(a.z()),
         });
         if self.state.is_some() {
             self.fuse_tdoa(tdoa, a_E, b_E, ahead_s.min(FARTHEST_AHEAD_S), &mut record);
             self.heal();
+        } else if let Some(cold) = &mut self.cold {
+            record = cold.tdoa(tdoa);
+        } else if self.config.motion == Motion::Unaided {
+            self.try_start_unaided(tdoa.valid_at);
         }
         record
+    }
+
+    /// Whether it is low enough for the floor to spoil measurements.
+    #[inline]
+    pub(super) fn is_near_floor(&self, below_m: f64) -> bool {
+        let low_s = self.at.seconds_since(self.above_floor_at.max(self.rested_at));
+        // Without IMU nobody knows whether it stands: no limit of time then.
+        let lasts = low_s < NEAR_FLOOR_S || self.config.motion == Motion::Unaided;
+        !self.airborne || (self.height_m() < below_m && lasts)
     }
 
     pub(super) fn fuse_tdoa(
@@ -116,23 +148,38 @@ impl Estimator {
         if self.height_m() > FLOOR_M {
             self.above_floor_at = self.at;
         }
-        let low_s = self.at.seconds_since(self.above_floor_at.max(self.rested_at));
-        let near_floor = !self.airborne || (self.height_m() < FLOOR_M && low_s < NEAR_FLOOR_S);
-        let correlation_s = if near_floor {
+        let near_floor = self.is_near_floor(FLOOR_M);
+        let rank_a = usize::from(self.ranks[usize::from(tdoa.anchor_a.0)]);
+        let rank_b = usize::from(self.ranks[usize::from(tdoa.anchor_b.0)]);
+        let biased = self.state.as_ref().is_some_and(|state| !state.biases.is_empty());
+        let correlation_s = if near_floor && !biased {
             self.config.uwb_correlation_s.max(REST_CORRELATION_S)
         } else {
             self.config.uwb_correlation_s
         };
+        let since_s = [tdoa.anchor_a, tdoa.anchor_b]
+            .map(|anchor| tdoa.valid_at.seconds_since(self.intervals[usize::from(anchor.0)].0));
         let worth = 0.5
             * (self.worth(tdoa.anchor_a.0, tdoa.valid_at, correlation_s)
                 + self.worth(tdoa.anchor_b.0, tdoa.valid_at, correlation_s));
+        let factor = if self.config.quality.learn {
+            0.5 * (self.qualities.of(rank_a) + self.qualities.of(rank_b))
+        } else {
+            1.0
+        };
         let Some(state) = &mut self.state else { return };
         let c = &self.config;
         let std_m =
             tdoa.std_m.filter(|s| s.is_finite()).map_or(c.std_uwb_m, |s| s.max(c.std_uwb_m));
-        let var = noise::height_factor(c.uwb_noise, -state.x_E.z) * std_m * std_m;
+        let mut var = noise::height_factor(c.uwb_noise, -state.x_E.z) * std_m * std_m * factor;
+        let pair = biased.then_some(Pair { a: rank_a, b: rank_b });
+        if pair.is_some_and(|pair| !state.biases.holds(pair)) {
+            // More anchors than there are biases for: theirs is noise.
+            let b = &c.anchor_bias;
+            var += 2.0 * (b.std_m * b.std_m + b.constant_std_m * b.constant_std_m);
+        }
         let geometry = tdoa::Geometry { a_E, b_E, p_BT_B: c.p_BT_B_m.into(), ahead_s };
-        let Some(mut o) = tdoa::observe(state, &geometry, tdoa.distance_diff_m, var) else {
+        let Some(mut o) = tdoa::observe(state, &geometry, tdoa.distance_diff_m, pair, var) else {
             self.drops.add(DropReason::UwbGated, 1);
             return;
         };
@@ -144,17 +191,18 @@ impl Estimator {
         record.var_innovation_m2 = var_innovation;
         record.test_ratio = test_ratio;
         let beyond = test_ratio > 1.0;
-        self.doubt.note(
-            beyond,
-            usize::from(self.ranks[usize::from(tdoa.anchor_a.0)]),
-            usize::from(self.ranks[usize::from(tdoa.anchor_b.0)]),
-        );
-        if beyond && !(c.gate.recover && self.doubt.open()) {
+        self.doubt.note(beyond, rank_a, rank_b);
+        if c.quality.learn {
+            for (rank, since_s) in [rank_a, rank_b].into_iter().zip(since_s) {
+                self.qualities.learn(&c.quality, rank, ratio2, since_s);
+            }
+        }
+        if beyond && c.gate.reject && !(c.gate.recover && self.doubt.open()) {
             self.counts.tdoa_gated += 1;
             self.drops.add(DropReason::UwbGated, 1);
             return;
         }
-        let tail = if beyond { Tail::Huber } else { c.gate.tail };
+        let tail = if beyond && c.gate.reject { Tail::Huber } else { c.gate.tail };
         o.var = var * worth * gate::tail_factor(tail, c.gate.tail_sigma, ratio2);
         record.fused = update::fuse_projected(state, &o, &projected);
         if record.fused {
@@ -166,7 +214,7 @@ impl Estimator {
     /// Variance factor of an anchor whose error stays the same for a while.
     #[inline]
     pub(super) fn worth(&mut self, anchor: u8, at: HostTime, correlation_s: f64) -> f64 {
-        if correlation_s <= 0.0 {
+        if correlation_s <= 0.0 && !self.config.quality.learn {
             return 1.0;
         }
         let (last, interval_s) = &mut self.intervals[usize::from(anchor)];
@@ -180,6 +228,11 @@ impl Estimator {
     pub(super) fn heal(&mut self) {
         let Some(state) = &mut self.state else { return };
         let mut seek = (0..3).any(|i| state.P[(i, i)] > STD_SEEK_FIX_M * STD_SEEK_FIX_M);
+        // Quality is learned from innovations, and so swallows those of a filter that is wrong. Then
+        // nearly all anchors look bad at once.
+        let suspect =
+            self.qualities.share_beyond(SUSPECT_FACTOR, self.anchors_m.len()) > SUSPECT_SHARE;
+        seek |= suspect;
         if let Some(remedy) = self.doubt.remedy(&self.config.gate) {
             self.counts.remedies += 1;
             let std = if remedy == Remedy::Widen { STD_WIDEN } else { STD_WIDEN_MORE };
@@ -193,7 +246,7 @@ impl Estimator {
         }
         let Some(state) = &self.state else { return };
         let oldest = self.at.offset_us(-((FIX_WINDOW_S * 1e6) as i64));
-        let present_m = self.recent.median_residual_m(oldest, &state.x_E);
+        let present_m = self.recent.median_residual_m(oldest, &state.x_E, 0.0);
         let better = self
             .locate(FIX_WINDOW_S, None, Some(state.x_E))
             .is_some_and(|fix| fix.median_m < FIX_BETTER_FRAC * present_m);

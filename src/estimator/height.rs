@@ -57,6 +57,7 @@ impl BaroZero {
             h_pos: Vector3::new(0.0, 0.0, -1.0),
             h_vel: Vector3::zeros(),
             h_att: Vector3::zeros(),
+            pair: None,
             var,
         }
     }

@@ -124,9 +124,10 @@ fn prop_tdoa_row_is_the_derivative_of_its_prediction() {
         let arm = if case % 2 == 0 { Vector3::zeros() } else { noise.vector(0.1) };
         let ahead_s = if case % 3 == 0 { 0.0 } else { 0.02 * noise.normal() };
         let g = geometry((case % 8) as u8, ((case + 3) % 8) as u8, arm, ahead_s);
-        let o = tdoa::observe(&state, &g, 0.0, 1.0).unwrap();
+        let o = tdoa::observe(&state, &g, 0.0, None, 1.0).unwrap();
         // Innovation is measured minus predicted, so with 0 measured the prediction is its negative.
-        let numeric = numeric_row(&state, |s| -tdoa::observe(s, &g, 0.0, 1.0).unwrap().innovation);
+        let numeric =
+            numeric_row(&state, |s| -tdoa::observe(s, &g, 0.0, None, 1.0).unwrap().innovation);
         assert!((numeric - row(&o)).amax() < 1e-7, "case {case}");
     }
 }
@@ -155,9 +156,9 @@ fn prop_on_top_of_an_anchor_there_is_no_direction() {
     let mut state = random_state(&mut Noise(4));
     let g = geometry(2, 3, Vector3::zeros(), 0.0);
     state.x_E = g.a_E;
-    assert!(tdoa::observe(&state, &g, 1.0, 1.0).is_none());
+    assert!(tdoa::observe(&state, &g, 1.0, None, 1.0).is_none());
     state.x_E = g.b_E + Vector3::new(0.01, 0.0, 0.0);
-    assert!(tdoa::observe(&state, &g, 1.0, 1.0).is_none());
+    assert!(tdoa::observe(&state, &g, 1.0, None, 1.0).is_none());
 }
 
 #[test]
@@ -230,6 +231,7 @@ fn prop_mirrored_flights_are_mirrored() {
             v_B: polar(s.v_B),
             q_EB: UnitQuaternion::from_scaled_axis(axial(s.q_EB.scaled_axis())),
             P: Cov::from_fn(|i, j| s.P[(i, j)] * signs[i] * signs[j]),
+            biases: s.biases.clone(),
         };
         let mut left = start.clone();
         let mut right = mirror(&start);

@@ -7,12 +7,16 @@
 
 mod align;
 mod aligning;
+mod beat;
+mod bias;
+mod cold;
 mod config;
 mod fusing;
 mod gate;
 mod height;
 mod noise;
 mod predict;
+mod quality;
 mod reference;
 mod state;
 mod tdoa;
@@ -20,9 +24,13 @@ mod update;
 mod zero_velocity;
 
 #[cfg(test)]
+mod bias_tests;
+#[cfg(test)]
 mod filter_tests;
 #[cfg(test)]
 mod jacobian_tests;
+#[cfg(test)]
+mod robust_tests;
 #[cfg(test)]
 mod truth;
 
@@ -31,18 +39,23 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{B, Rot, Vec3};
-use crate::measure::ImuSample;
+use crate::measure::{AnchorId, ImuSample};
 use crate::survey::Survey;
 use crate::time::HostTime;
 
 use align::{Recent, RestAverage};
+use beat::Beat;
+use bias::Wander;
+use cold::Cold;
 pub use config::{
-    BaroConfig, EstimatorConfig, GateConfig, ProcessNoise, SpecificForce, Tail, UwbNoise,
+    AnchorBias, BaroConfig, EstimatorConfig, GateConfig, Motion, ProcessNoise, Quality,
+    SpecificForce, Tail, Unaided, UwbNoise,
 };
 use gate::Doubt;
 use height::BaroZero;
 pub use height::{standard_height_m, standard_pressure_pa};
 use predict::{Force, Growth};
+use quality::Qualities;
 use state::{ATT, POS, State, VEL};
 
 /// Longest step that is predicted in one piece, s: the Jacobian is of first order in it.
@@ -73,6 +86,11 @@ const DEGRADED_STD_POS_M: f64 = 0.6;
 const LOST_STD_POS_M: f64 = 2.0;
 const DEGRADED_SHARE: f64 = 0.4;
 
+/// When more than this share of the anchors …
+const SUSPECT_SHARE: f64 = 0.5;
+/// … have learned a factor beyond this on their variance, it is the filter that is wrong.
+const SUSPECT_FACTOR: f64 = 9.0;
+
 /// Counters of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
@@ -86,6 +104,15 @@ pub struct Counts {
     pub remedies: u64,
     /// Positions found anew in the air.
     pub fixes: u64,
+}
+
+/// Steps that the state has made and the covariance not yet.
+#[derive(Debug, Clone, Copy, Default)]
+struct Pending {
+    dt_s: f64,
+    /// Readings times their steps.
+    acc_B: Vector3<f64>,
+    rate_B: Vector3<f64>,
 }
 
 /// The estimator.
@@ -103,8 +130,20 @@ pub struct Estimator {
     /// Attitude from rest, carried on by the gyroscope until there is a position to start with.
     level: Option<UnitQuaternion<f64>>,
     rested_at: HostTime,
+    /// When it last had rested long enough to be sure of it.
+    stood_at: Option<HostTime>,
     above_floor_at: HostTime,
     gyro_bias_B: Vector3<f64>,
+    /// Heights of the anchors in the order of the survey, m.
+    anchors_m: Vec<f64>,
+    /// Known range bias of each anchor number, m.
+    range_bias_m: Box<[f64; 256]>,
+    beat: Beat,
+    qualities: Qualities,
+    /// Steps whose covariance waits to be predicted.
+    pending: Pending,
+    /// Until position and heading are known, if they are not told.
+    cold: Option<Box<Cold>>,
     acc_B: Vector3<f64>,
     rate_B: Vector3<f64>,
     imu_seen: bool,
@@ -127,17 +166,34 @@ impl Estimator {
         for (rank, id) in survey.ids().iter().enumerate() {
             ranks[usize::from(id.0)] = rank as u8;
         }
+        let anchors_m =
+            survey.ids().iter().filter_map(|id| survey.position_E_m(*id)).map(|p| -p.z()).collect();
+        // Without IMU nothing tells whether it stands.
+        let airborne = config.motion == Motion::Unaided;
+        let mut range_bias_m = Box::new([0.0; 256]);
+        for [anchor, bias_m] in &config.range_bias_m {
+            // The check of the configuration keeps it within 0 to 255; a cast saturates besides.
+            range_bias_m[usize::from(*anchor as u8)] = *bias_m;
+        }
+        let cold = config.cold_start.then(|| Box::new(Cold::new(&config, &survey)));
         Self {
+            cold,
+            anchors_m,
+            range_bias_m,
+            beat: Beat::default(),
+            qualities: Qualities::default(),
+            pending: Pending::default(),
             config,
             survey,
             ranks,
             state: None,
             at: HostTime::default(),
-            airborne: false,
+            airborne,
             heading: None,
             rest: RestAverage::default(),
             level: None,
             rested_at: HostTime::default(),
+            stood_at: None,
             above_floor_at: HostTime::default(),
             gyro_bias_B: Vector3::zeros(),
             acc_B: Vector3::zeros(),
@@ -160,7 +216,9 @@ impl Estimator {
     pub fn set_airborne(&mut self, airborne: bool) {
         if airborne && !self.airborne {
             self.rest.clear();
-            if let Some(state) = &mut self.state {
+            if let Some(state) = &mut self.state
+                && state.biases.is_empty()
+            {
                 for i in POS..POS + 3 {
                     state.P[(i, i)] += STD_TAKE_OFF_M * STD_TAKE_OFF_M;
                 }
@@ -202,6 +260,7 @@ impl Estimator {
             self.rest.add(sample.valid_at, &acc_B, &rate_B);
             self.rested_at = self.at;
             if self.rest.duration_s() >= self.config.align_s {
+                self.stood_at = Some(self.at);
                 self.gyro_bias_B = self.rest.rate_B();
             }
         }
@@ -213,18 +272,38 @@ impl Estimator {
         }
         let mean_rate_B = (self.rate_B + unbiased_B) * 0.5;
         let weight = dt_s / (self.config.acc_average_s + dt_s);
-        self.acc_B += (acc_B - self.acc_B) * weight;
+        if self.config.acc_over_beats {
+            self.acc_B = self.beat.add(dt_s, &acc_B);
+        } else {
+            self.acc_B += (acc_B - self.acc_B) * weight;
+        }
         self.rate_B = unbiased_B;
         match self.state {
             Some(_) => self.predict(dt_s, mean_rate_B),
             None => self.try_align(dt_s, &mean_rate_B),
+        }
+        if self.state.is_none() {
+            self.start_cold(sample);
         }
         if !self.airborne {
             self.standing_aids();
         }
     }
 
+    fn start_cold(&mut self, sample: &ImuSample) {
+        let Some(mut cold) = self.cold.take() else { return };
+        let stands =
+            self.stood_at.is_some_and(|at| self.at.seconds_since(at) < aligning::STILL_LOW_S);
+        let winner = cold.imu(sample, self.airborne, stands, &self.gyro_bias_B, self.heading);
+        match winner {
+            // It has done its work: what is lost later is found by `realign`.
+            Some(winner) => self.adopt(winner),
+            None => self.cold = Some(cold),
+        }
+    }
+
     fn predict(&mut self, dt_s: f64, rate_B: Vector3<f64>) {
+        let near_floor = self.is_near_floor(self.config.anchor_bias.hidden_below_m);
         let Some(state) = &mut self.state else { return };
         let c = &self.config;
         let force = match (self.airborne, c.specific_force) {
@@ -251,8 +330,33 @@ impl Estimator {
         };
         let dt_s = dt_s.min(LONGEST_GAP_S);
         let pieces = (dt_s / LONGEST_STEP_S).ceil().max(1.0);
-        for _ in 0..pieces as u32 {
-            predict::predict(state, dt_s / pieces, &self.acc_B, &rate_B, force, &growth);
+        if c.covariance_step_s == 0.0 && state.biases.is_empty() {
+            for _ in 0..pieces as u32 {
+                predict::predict(state, dt_s / pieces, &self.acc_B, &rate_B, force, &growth);
+            }
+        } else {
+            for _ in 0..pieces as u32 {
+                let dt_s = dt_s / pieces;
+                predict::propagate_nominal(state, dt_s, &self.acc_B, &rate_B, force);
+                let p = &mut self.pending;
+                p.dt_s += dt_s;
+                p.acc_B += self.acc_B * dt_s;
+                p.rate_B += rate_B * dt_s;
+                if p.dt_s >= c.covariance_step_s {
+                    let (acc_B, rate_B) = (p.acc_B / p.dt_s, p.rate_B / p.dt_s);
+                    let F = predict::linearise(state, p.dt_s, &acc_B, &rate_B, force);
+                    let step = Wander {
+                        dt_s: p.dt_s,
+                        speed_mps: state.v_B.norm(),
+                        near_floor,
+                        anchors_m: &self.anchors_m,
+                        factors: self.qualities.factors(),
+                    };
+                    state.biases.propagate(&F, &c.anchor_bias, &step);
+                    predict::propagate_covariance(&mut state.P, &F, step.dt_s, &growth);
+                    *p = Pending::default();
+                }
+            }
         }
         self.counts.predicted += 1;
         if !state.is_sane() {
@@ -262,9 +366,45 @@ impl Estimator {
         }
     }
 
+    /// Carries a state without IMU to a measurement's time.
+    fn coast(&mut self, to: HostTime) {
+        let near_floor = self.is_near_floor(self.config.anchor_bias.hidden_below_m);
+        let Some(state) = &mut self.state else { return };
+        let dt_s = to.seconds_since(self.at).min(LONGEST_GAP_S);
+        if dt_s <= 0.0 {
+            return;
+        }
+        self.at = to;
+        let c = &self.config;
+        let acc = c.unaided.std_acc_mps2_rthz;
+        let F = predict::coast(state, dt_s, c.unaided.decay_per_s);
+        let growth = Growth {
+            pos: c.process.std_pos_m_rts * c.process.std_pos_m_rts,
+            vel: [acc * acc; 3],
+            att: 0.0,
+        };
+        let step = Wander {
+            dt_s,
+            speed_mps: state.v_B.norm(),
+            near_floor,
+            anchors_m: &self.anchors_m,
+            factors: self.qualities.factors(),
+        };
+        state.biases.propagate(&F, &c.anchor_bias, &step);
+        predict::propagate_covariance(&mut state.P, &F, dt_s, &growth);
+        self.counts.predicted += 1;
+        if !state.is_sane() {
+            self.state = None;
+        }
+    }
+
     /// The state as everyone else sees it.
     pub fn estimate(&self) -> Estimate {
         let Some(state) = &self.state else {
+            let cold = self.cold.as_ref();
+            if let Some(estimate) = cold.and_then(|cold| cold.estimate(self.at, self.rate_B)) {
+                return estimate;
+            }
             return Estimate {
                 at: self.at,
                 pos_E_m: Vec3::zero(),
@@ -301,6 +441,7 @@ impl Estimator {
             || std_pos_m > DEGRADED_STD_POS_M
             || self.doubt.share() > DEGRADED_SHARE
             || self.doubt.is_active()
+            || self.qualities.share_beyond(SUSPECT_FACTOR, self.anchors_m.len()) > SUSPECT_SHARE
         {
             Health::Degraded
         } else {
@@ -318,6 +459,11 @@ impl Estimator {
         self.state.is_some()
     }
 
+    /// Whether there is a position, be it without a heading.
+    pub fn is_located(&self) -> bool {
+        self.state.is_some() || self.estimate().health != Health::NotAligned
+    }
+
     /// Age of the newest fused TDOA at the time of the state, s.
     pub fn uwb_age_s(&self) -> Option<f64> {
         self.fused_at.map(|at| self.at.seconds_since(at))
@@ -326,6 +472,17 @@ impl Estimator {
     /// Bias of the gyroscope, rad/s.
     pub fn gyro_bias_B_radps(&self) -> Vec3<B> {
         Vec3::from_raw(self.gyro_bias_B)
+    }
+
+    /// Range bias of an anchor and its sigma, m, while it is estimated.
+    pub fn anchor_bias_m(&self, id: AnchorId) -> Option<(f64, f64)> {
+        self.survey.position_E_m(id)?;
+        self.state.as_ref()?.biases.of(usize::from(self.ranks[usize::from(id.0)]))
+    }
+
+    /// Factor on the variance of an anchor, as learned; 1 if none is.
+    pub fn anchor_factor(&self, id: AnchorId) -> f64 {
+        self.qualities.of(usize::from(self.ranks[usize::from(id.0)]))
     }
 
     /// What was counted.

@@ -24,7 +24,7 @@
 //!     | 0   0                 Wᵀ        |
 //! ```
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::state::{ATT, Cov, POS, State, VEL, quat_exp, quat_turn, skew};
 use crate::frames::G_MPS2;
@@ -69,6 +69,14 @@ pub struct Transition {
     pub dd: Matrix3<f64>,
 }
 
+/// What a step changes: the new nominal state's parts and the Jacobian.
+struct Step {
+    moved_E: Vector3<f64>,
+    v_B: Vector3<f64>,
+    W: UnitQuaternion<f64>,
+    F: Transition,
+}
+
 /// Moves the nominal state by one step and returns the Jacobian.
 #[inline]
 pub fn propagate_nominal(
@@ -78,6 +86,48 @@ pub fn propagate_nominal(
     rate_B: &Vector3<f64>,
     force: Force,
 ) -> Transition {
+    let step = step(state, dt_s, acc_B, rate_B, force);
+    state.x_E += step.moved_E;
+    state.v_B = step.v_B;
+    state.q_EB = quat_turn(&state.q_EB, &step.W);
+    step.F
+}
+
+/// The Jacobian of a step that is not made: of several short ones at once, with their mean readings.
+#[inline]
+pub fn linearise(
+    state: &State,
+    dt_s: f64,
+    acc_B: &Vector3<f64>,
+    rate_B: &Vector3<f64>,
+    force: Force,
+) -> Transition {
+    step(state, dt_s, acc_B, rate_B, force).F
+}
+
+/// One step of a vehicle without IMU: the velocity, in `E` here, decays.
+#[inline]
+pub fn coast(state: &mut State, dt_s: f64, decay_per_s: f64) -> Transition {
+    let keep = (-decay_per_s * dt_s).exp();
+    state.x_E += state.v_B * dt_s;
+    state.v_B *= keep;
+    Transition {
+        xv: Matrix3::identity() * dt_s,
+        xd: Matrix3::zeros(),
+        vv: Matrix3::identity() * keep,
+        vd: Matrix3::zeros(),
+        dd: Matrix3::identity(),
+    }
+}
+
+#[inline]
+fn step(
+    state: &State,
+    dt_s: f64,
+    acc_B: &Vector3<f64>,
+    rate_B: &Vector3<f64>,
+    force: Force,
+) -> Step {
     let R = state.R_EB();
     let v = state.v_B;
     let (f, k) = match force {
@@ -95,9 +145,8 @@ pub fn propagate_nominal(
     let s = v * dt_s + f * (0.5 * dt_s * dt_s);
     let half = 0.5 * dt_s * dt_s;
 
-    state.x_E += R * s + Vector3::new(0.0, 0.0, G_MPS2 * half);
-    state.v_B = Wt * (v + (f + u) * dt_s);
-    state.q_EB = quat_turn(&state.q_EB, &W);
+    let moved_E = R * s + Vector3::new(0.0, 0.0, G_MPS2 * half);
+    let v_B = Wt * (v + (f + u) * dt_s);
 
     let keep = |i: usize| if i < 2 { k[i] } else { 0.0 };
     let mut xv = R;
@@ -110,7 +159,8 @@ pub fn propagate_nominal(
             vv[(j, i)] *= scale_v;
         }
     }
-    Transition { xv, xd: -R * skew(&s), vv, vd: Wt * skew(&(u * dt_s)), dd: Wt }
+    let F = Transition { xv, xd: -R * skew(&s), vv, vd: Wt * skew(&(u * dt_s)), dd: Wt };
+    Step { moved_E, v_B, W, F }
 }
 
 /// `P ← F P Fᵀ + Q`, block by block.

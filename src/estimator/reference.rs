@@ -14,6 +14,7 @@ pub fn observe(state: &State, axis: usize, pos_E_m: f64, var: f64) -> Observatio
         h_pos,
         h_vel: Vector3::zeros(),
         h_att: Vector3::zeros(),
+        pair: None,
         var,
     }
 }

@@ -12,6 +12,8 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
+use super::bias::Biases;
+
 /// Number of error states.
 pub const STATES: usize = 9;
 /// Covariance of the error states.
@@ -40,6 +42,8 @@ pub struct State {
     pub q_EB: UnitQuaternion<f64>,
     /// Covariance of `[x_E, v_B, d]`, symmetric.
     pub P: Cov,
+    /// Range biases of the anchors, if they are estimated.
+    pub biases: Biases,
 }
 
 /// Matrix of the cross product `a ×`.
@@ -83,7 +87,7 @@ impl State {
             P[(VEL + i, VEL + i)] = std_vel_mps * std_vel_mps;
             P[(ATT + i, ATT + i)] = std_att_rad * std_att_rad;
         }
-        Self { x_E, v_B: Vector3::zeros(), q_EB, P }
+        Self { x_E, v_B: Vector3::zeros(), q_EB, P, biases: Biases::default() }
     }
 
     /// Attitude as a matrix.
@@ -124,6 +128,7 @@ impl State {
                 self.P[(ATT + j, ATT + k)] = turned[(k, j)];
             }
         }
+        self.biases.turn(J);
     }
 
     /// Forgets where it is: position and its ties to everything else.
@@ -151,6 +156,7 @@ impl State {
             }
             self.P[(i, i)] = std * std;
         }
+        self.biases.untie(start);
     }
 
     /// One sigma of three neighbouring states.
@@ -163,6 +169,7 @@ impl State {
         self.x_E.iter().chain(self.v_B.iter()).all(|c| c.is_finite())
             && self.q_EB.coords.iter().all(|c| c.is_finite())
             && (0..STATES).all(|i| self.P[(i, i)].is_finite() && self.P[(i, i)] > 0.0)
+            && self.biases.is_sane()
     }
 }
 

@@ -3,10 +3,11 @@
 //! `z = |p − b| − |p − a|`, `p = x + R (r + τ v)`: r the tag seen from the centre of mass (`B`, m),
 //! τ the time from the state to the measurement (s, small). With
 //! `h = (p − b)/|p − b| − (p − a)/|p − a|` the Jacobians are `h` to x, `τ Rᵀ h` to v and
-//! `(r + τ v) × Rᵀ h` to d.
+//! `(r + τ v) × Rᵀ h` to d. With range biases of the anchors (`bias.rs`) theirs are added: `+ β_b − β_a`.
 
 use nalgebra::Vector3;
 
+use super::bias::Pair;
 use super::state::State;
 use super::update::Observation;
 
@@ -32,6 +33,7 @@ pub fn observe(
     state: &State,
     geometry: &Geometry,
     distance_diff_m: f64,
+    pair: Option<Pair>,
     var: f64,
 ) -> Option<Observation> {
     let arm = geometry.p_BT_B + state.v_B * geometry.ahead_s;
@@ -49,11 +51,13 @@ pub fn observe(
     } else {
         (Vector3::zeros(), Vector3::zeros())
     };
+    let biases_m = pair.map_or(0.0, |pair| state.biases.difference_m(pair));
     Some(Observation {
-        innovation: distance_diff_m - (distance_b - distance_a),
+        innovation: distance_diff_m - (distance_b - distance_a) - biases_m,
         h_pos: h,
         h_vel,
         h_att,
+        pair,
         var,
     })
 }

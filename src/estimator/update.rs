@@ -6,6 +6,7 @@
 
 use nalgebra::Vector3;
 
+use super::bias::{BiasVec, Pair};
 use super::state::{ATT, POS, STATES, State, StateVec, VEL};
 
 /// What an aid says: innovation = measured − predicted, its Jacobian, its variance.
@@ -19,6 +20,8 @@ pub struct Observation {
     pub h_vel: Vector3<f64>,
     /// Jacobian to the attitude error.
     pub h_att: Vector3<f64>,
+    /// Anchors whose range biases are in it.
+    pub pair: Option<Pair>,
     /// Variance of the measurement.
     pub var: f64,
 }
@@ -27,6 +30,8 @@ pub struct Observation {
 #[derive(Debug, Clone, Copy)]
 pub struct Projected {
     pht: StateVec,
+    /// The biases' part of `P Hᵀ`.
+    own: BiasVec,
     /// Variance of the prediction, `H P Hᵀ`.
     pub var_predicted: f64,
 }
@@ -35,6 +40,7 @@ pub struct Projected {
 #[inline]
 pub fn project(state: &State, o: &Observation) -> Projected {
     let mut pht = StateVec::zeros();
+    let mut own = BiasVec::default();
     let mut add = |start: usize, h: &Vector3<f64>| {
         if *h != Vector3::zeros() {
             for k in 0..3 {
@@ -48,11 +54,21 @@ pub fn project(state: &State, o: &Observation) -> Projected {
     add(POS, &o.h_pos);
     add(VEL, &o.h_vel);
     add(ATT, &o.h_att);
+    let mut var_biases = 0.0;
+    if !state.biases.is_empty() {
+        let mut h = StateVec::zeros();
+        h.fixed_rows_mut::<3>(POS).copy_from(&o.h_pos);
+        h.fixed_rows_mut::<3>(VEL).copy_from(&o.h_vel);
+        h.fixed_rows_mut::<3>(ATT).copy_from(&o.h_att);
+        // A pair without biases is one that none has: of further anchors than there are states.
+        let pair = o.pair.unwrap_or(Pair { a: usize::MAX, b: usize::MAX });
+        var_biases = state.biases.project(pair, &h, &mut pht, &mut own);
+    }
     let dot = |start: usize, h: &Vector3<f64>| {
         pht[start] * h.x + pht[start + 1] * h.y + pht[start + 2] * h.z
     };
-    let var_predicted = dot(POS, &o.h_pos) + dot(VEL, &o.h_vel) + dot(ATT, &o.h_att);
-    Projected { pht, var_predicted: var_predicted.max(0.0) }
+    let var_predicted = dot(POS, &o.h_pos) + dot(VEL, &o.h_vel) + dot(ATT, &o.h_att) + var_biases;
+    Projected { pht, own, var_predicted: var_predicted.max(0.0) }
 }
 
 /// Fuses an observation whose projection is known. False and no change when a number is not
@@ -71,6 +87,9 @@ pub fn fuse_projected(state: &mut State, o: &Observation, projected: &Projected)
             // `pht[i] * pht[j]` first: the product commutes, so P stays symmetric to the last bit.
             state.P[(i, j)] -= (pht[i] * pht[j]) * inverse;
         }
+    }
+    if !state.biases.is_empty() {
+        state.biases.correct(pht, &projected.own, inverse, o.innovation);
     }
     state.inject(&(gain * o.innovation));
     true

@@ -19,6 +19,7 @@ pub fn observe(state: &State, axis: usize) -> Observation {
         h_pos: Vector3::zeros(),
         h_vel,
         h_att: Vector3::zeros(),
+        pair: None,
         var: STD_MPS * STD_MPS,
     }
 }

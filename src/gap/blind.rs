@@ -3,25 +3,25 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
-use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::{Deserialize, Serialize};
 
 use super::attribute::{AttributeError, Attribution, Settings};
-use super::diagnosis::{HeldOut, Observed, observed};
 use super::library;
-use super::logs;
 use super::make_bank::BankSize;
-use super::retune::{Retuning, borrowed};
 use super::score::{Case, Score, Truth, score};
 use super::seal;
-use super::shrink::{Paired, Shrink};
-use super::statistics::ANCHOR_SLOTS;
-use super::workshop::{Workshop, WorkshopError};
+use super::shrink::Shrink;
+use super::workshop::WorkshopError;
 use crate::model::effects::EffectSpec;
 use crate::model::room::Room;
 use crate::replay::ReplayError;
+
+pub(super) mod hall;
+mod shrunk;
+
+use hall::{Hall, own};
+use shrunk::shrunk;
 
 /// Why a suite cannot be scored.
 #[derive(Debug, thiserror::Error)]
@@ -207,7 +207,10 @@ pub fn run(
 
     let given = match &choice.outside {
         Some(file) => outside(file, &chosen)?,
-        None => own(dir, banks, room, choice, &suite, &chosen, &library, tell)?,
+        None => {
+            let hall = Hall { dir, banks, room, choice, suite: &suite, library: &library };
+            own(&hall, &chosen, tell)?
+        }
     };
     let Given { answers, seen, references_used, judging_s, learning_s } = given;
 
@@ -298,121 +301,6 @@ fn outside(file: &Path, chosen: &[Entry]) -> Result<Given, BlindError> {
     })
 }
 
-/// Answers of this diagnosis.
-#[allow(clippy::too_many_arguments)] // one caller, and every part is another thing
-fn own(
-    dir: &Path,
-    banks: &Path,
-    room: &Room,
-    choice: &Choice,
-    suite: &Suite,
-    chosen: &[Entry],
-    library: &[&'static EffectSpec],
-    tell: &(impl Fn(String) + Sync),
-) -> Result<Given, BlindError> {
-    let mut answers: Vec<Answer> = Vec::new();
-    let mut seen: Vec<Option<[Vec<f64>; 2]>> = Vec::new();
-    let (mut learning_s, mut judging_s) = (0.0, 0.0);
-    let mut references_used = 0;
-    for mission in ["diagnostic", "plain"] {
-        let of_mission: Vec<&Entry> = chosen.iter().filter(|c| c.mission == mission).collect();
-        let Some(first) = of_mission.first() else { continue };
-        let started = Instant::now();
-        let flown = logs::read(&dir.join(&first.log))?;
-        let scene = flown.scene(Some(room.clone())).on_grid();
-        let items = flown.mission.clone();
-        tell(format!("bank of the {mission} mission"));
-        let workshop =
-            Workshop::open(banks, scene, items, library.to_vec(), choice.size, |done, of| {
-                if done.is_multiple_of(100) || done == of {
-                    tell(format!("bank: {done} of {of} flights"));
-                }
-            })?;
-        let accepted = |flights: &[Public]| -> Vec<Vec<f64>> {
-            if choice.without_references {
-                return Vec::new();
-            }
-            let logs =
-                flights.iter().map(|c| if mission == "plain" { &c.plain } else { &c.diagnostic });
-            statistics(dir, logs, &workshop)
-        };
-        let references = accepted(&suite.commissioning);
-        let calibration = accepted(&suite.calibration);
-        references_used = references_used.max(references.len());
-        tell(format!("learning, {} reference flights", references.len()));
-        let attributor = workshop.learn(&references, &calibration, &choice.settings)?;
-        learning_s += started.elapsed().as_secs_f64();
-
-        let started = Instant::now();
-        for (k, case) in of_mission.iter().enumerate() {
-            let mut diagnosed = None;
-            let answer = match logs::read(&dir.join(&case.log)) {
-                Err(error) => Answer::fault(&case.id, error.to_string()),
-                Ok(flown) => {
-                    let observed = observed(flown, &workshop.nominal);
-                    diagnosed = observed.observation.as_ref().ok().map(|o| o.statistics.clone());
-                    answer(&case.id, &observed, |s| attributor.attribute(s))
-                }
-            };
-            answers.push(answer);
-            let held_out = case.held_out_log.as_ref().filter(|_| choice.shrink).and_then(|log| {
-                statistics(dir, std::iter::once(log), &workshop).into_iter().next()
-            });
-            seen.push(diagnosed.zip(held_out).map(|(a, b)| [a, b]));
-            if (k + 1).is_multiple_of(10) || k + 1 == of_mission.len() {
-                let each_s = started.elapsed().as_secs_f64() / (k + 1) as f64;
-                let left_s = each_s * (of_mission.len() - k - 1) as f64;
-                tell(format!("{} of {} cases, {left_s:.0} s left", k + 1, of_mission.len()));
-            }
-        }
-        judging_s += started.elapsed().as_secs_f64();
-    }
-
-    Ok(Given { answers, seen, references_used, judging_s, learning_s })
-}
-
-pub(super) fn statistics<'a>(
-    dir: &Path,
-    logs: impl Iterator<Item = &'a String>,
-    workshop: &Workshop,
-) -> Vec<Vec<f64>> {
-    use rayon::prelude::*;
-    let paths: Vec<PathBuf> = logs.map(|log| dir.join(log)).collect();
-    paths
-        .par_iter()
-        .filter_map(|path| {
-            let flown = logs::read(path).ok()?;
-            let seen = observed(flown, &workshop.nominal);
-            seen.observation.ok().map(|o| o.statistics)
-        })
-        .collect()
-}
-
-impl Answer {
-    fn fault(id: &str, why: String) -> Self {
-        Self { id: id.to_owned(), anchors: BTreeMap::new(), attribution: None, fault: Some(why) }
-    }
-}
-
-fn answer(id: &str, seen: &Observed, attribute: impl Fn(&[f64]) -> Attribution) -> Answer {
-    if let Some(fault) = seen.flown.faults.first() {
-        return Answer::fault(id, fault.clone());
-    }
-    match &seen.observation {
-        Err(why) => Answer::fault(id, why.clone()),
-        Ok(observation) => Answer {
-            id: id.to_owned(),
-            anchors: ANCHOR_SLOTS
-                .iter()
-                .zip(&observation.anchors)
-                .map(|(slot, anchor)| ((*slot).to_owned(), anchor.0))
-                .collect(),
-            attribution: Some(attribute(&observation.statistics)),
-            fault: None,
-        },
-    }
-}
-
 pub(super) fn open(dir: &Path, case: &Entry) -> Result<Key, BlindError> {
     let path = dir.join("key").join(format!("{}.json", case.id));
     let (key, bytes): (Key, _) = read(&path)?;
@@ -477,134 +365,6 @@ fn anchors(keys: &[Key], answers: &[Answer]) -> (usize, usize) {
         hits += usize::from(answer.anchors.get(slot) == Some(&anchor));
     }
     (hits, of)
-}
-
-/// Scene and mission of a log.
-struct Stage {
-    scene: super::scene::Scene,
-    items: Vec<MISSION_ITEM_INT_DATA>,
-    references: Vec<Vec<f64>>,
-}
-
-impl Stage {
-    fn new(
-        dir: &Path,
-        room: &Room,
-        log: &str,
-        healthy: impl Iterator<Item = String>,
-    ) -> Result<Self, BlindError> {
-        let flown = logs::read(&dir.join(log))?;
-        let scene = flown.scene(Some(room.clone())).on_grid();
-        let nominal = super::nominal::Nominal::of_scene(&scene);
-        let references = healthy
-            .filter_map(|log| {
-                let flown = logs::read(&dir.join(log)).ok()?;
-                observed(flown, &nominal).observation.ok().map(|o| o.statistics)
-            })
-            .collect();
-        Ok(Self { scene, items: flown.mission.clone(), references })
-    }
-
-    fn model(&self) -> HeldOut<'_> {
-        HeldOut::new(&self.scene, &self.items, &self.references)
-    }
-}
-
-/// What was measured on held-out flights.
-struct Shrunk {
-    named: Shrink,
-    right: Shrink,
-    retuned: Shrink,
-    unhelpful: usize,
-    flights: Vec<(String, String, [f64; 4])>,
-}
-
-/// Shrink with what was named, with the true effect fitted, and with constants retuned: the size is searched on the diagnosed
-/// flight, the shrink measured on the held-out one.
-#[allow(clippy::too_many_arguments)] // one caller, and every part is another thing
-fn shrunk(
-    dir: &Path,
-    room: &Room,
-    public: &[Public],
-    chosen: &[Entry],
-    keys: &[Key],
-    answers: &[Answer],
-    seen: &[Option<[Vec<f64>; 2]>],
-    tell: &(impl Fn(String) + Sync),
-) -> Result<Shrunk, BlindError> {
-    let diagnostic = |c: &&Entry| c.mission == "diagnostic" && c.held_out_log.is_some();
-    let Some(first) = chosen.iter().find(diagnostic) else {
-        return Err(BlindError::Empty(dir.to_owned()));
-    };
-    let log = first.held_out_log.clone().unwrap_or_default();
-    let held_out = Stage::new(dir, room, &log, public.iter().map(|c| c.held_out.clone()))?;
-    let fitted_on = Stage::new(dir, room, &first.log, public.iter().map(|c| c.diagnostic.clone()))?;
-    let (model, fit) = (held_out.model(), fitted_on.model());
-    let spec = |id: &str| library::standard().into_iter().find(|s| s.id == id);
-    tell("shrink: what the constants of the model do".to_owned());
-    let retuning = Retuning::learn(&fit, |done, of| {
-        if done.is_multiple_of(10) || done == of {
-            tell(format!("shrink: {done} of {of} constants"));
-        }
-    });
-    let (mut named, mut right, mut retuned) = (Vec::<Paired>::new(), Vec::new(), Vec::new());
-    let (mut unhelpful, mut flights) = (0, Vec::new());
-    let of = keys.iter().filter(|key| key.class == "single").count();
-    let mut done = 0;
-    for ((key, answer), seen) in keys.iter().zip(answers).zip(seen) {
-        let (Some(attribution), Some([diagnosed, real])) = (&answer.attribution, seen) else {
-            continue;
-        };
-        let [effect] = &key.effects[..] else { continue };
-        if key.class != "single" {
-            continue;
-        }
-        let flown = |spec: &EffectSpec, theta: &[f64]| -> (Paired, bool) {
-            match super::resize::resize(&fit, diagnosed, spec, theta).theta {
-                Some(theta) => (model.paired(real, &[(spec, &theta)]), true),
-                None => (model.paired(real, &[]), false),
-            }
-        };
-        let mut of_named: Option<(String, Paired)> = None;
-        let mut with_truth = f64::NAN;
-        if let Some(first) = attribution.outcome.effects().first()
-            && let Some(spec) = spec(&first.id)
-        {
-            let (paired, helps) = flown(spec, &first.theta);
-            unhelpful += usize::from(!helps);
-            named.push(paired.clone());
-            of_named = Some((first.id.clone(), paired));
-        }
-        if let Some(fitted) = attribution.candidates.iter().find(|c| c.id == effect.id)
-            && let Some(spec) = spec(&effect.id)
-            && !fitted.theta.is_empty()
-        {
-            right.push(match &of_named {
-                Some((id, paired)) if *id == effect.id => paired.clone(),
-                _ => flown(spec, &fitted.theta).0,
-            });
-            with_truth = right.last().map_or(f64::NAN, |p| model.distances(p)[1]);
-        }
-        let constants = retuning.fit(&fit, diagnosed);
-        let last = model.paired(real, &borrowed(&constants));
-        let [before, with_constants] = model.distances(&last);
-        let with_named = of_named.as_ref().map_or(f64::NAN, |(_, p)| model.distances(p)[1]);
-        let said = of_named.map_or_else(|| "-".to_owned(), |(id, _)| id);
-        let row = [before, with_named, with_truth, with_constants];
-        flights.push((effect.id.clone(), said, row));
-        retuned.push(last);
-        done += 1;
-        if done % 5 == 0 || done == of {
-            tell(format!("shrink: {done} of {of} cases"));
-        }
-    }
-    Ok(Shrunk {
-        named: model.shrink(&named),
-        right: model.shrink(&right),
-        retuned: model.shrink(&retuned),
-        unhelpful,
-        flights,
-    })
 }
 
 #[cfg(test)]

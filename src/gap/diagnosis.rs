@@ -5,31 +5,13 @@ use serde::Serialize;
 use super::advise::Advice;
 use super::attribute::{Attribution, Attributor};
 use super::logs::{Flown, ParameterDifference};
-use super::make_bank::{jittered, with_effect};
 use super::outcome::{Named, Outcome};
 use super::picture::Picture;
-use super::scene::Scene;
-use super::shrink::{Paired, Shrink, median, scales, shrink};
+use super::shrink::{medians, scales};
 use super::statistics::{ANCHOR_SLOTS, Observation, observe, specs};
 use super::workshop::Workshop;
-use crate::gap::fly::fly_observed;
 use crate::gap::nominal::Nominal;
-use crate::model::effects::EffectSpec;
-use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-/// Simulated flights before and after, per held-out flight. Paired seeds.
-pub const SHRINK_FLIGHTS: usize = 8;
-/// Flights with benign jitter that give the scale of a difference, and the seed of the first.
-const BENIGN_FLIGHTS: usize = 32;
-const BENIGN_SEED: u64 = 7_800_000;
-/// Fewest healthy flights whose spread counts.
-const LEAST_REFERENCES: usize = 8;
-/// Simulated flights at each share of a size that is searched.
-const SEARCH_FLIGHTS: usize = 4;
-/// First seed of these flights: none of a bank's.
-const SHRINK_SEED: u64 = 7_700_000;
-/// Resampling of intervals.
-const BOOTSTRAP_SEED: u64 = 1;
 /// Blocks below this many sigma are not shown as places of the gap.
 const LOUD_SIGMA: f64 = 3.0;
 
@@ -383,17 +365,6 @@ pub fn anchor_of(name: &str, seen: &Observation) -> Option<u8> {
     seen.anchors.get(slot).map(|id| id.0)
 }
 
-fn medians(rows: &[Vec<f64>]) -> Vec<f64> {
-    let width = rows.iter().map(Vec::len).max().unwrap_or(0);
-    (0..width)
-        .map(|j| {
-            let mut known: Vec<f64> =
-                rows.iter().filter_map(|r| r.get(j).copied()).filter(|v| v.is_finite()).collect();
-            median(&mut known)
-        })
-        .collect()
-}
-
 /// An effect is testable when most of its own flights lie outside what null flights do, on the
 /// statistics that this flight has.
 fn not_testable(workshop: &Workshop, seen: &Observation) -> Vec<String> {
@@ -422,146 +393,6 @@ fn not_testable(workshop: &Workshop, seen: &Observation) -> Vec<String> {
         })
         .map(|e| e.id.clone())
         .collect()
-}
-
-/// Flights of the model on another mission, nominal and with effects, for [`shrink`].
-#[derive(Debug)]
-pub struct HeldOut<'a> {
-    scene: &'a Scene,
-    items: &'a [MISSION_ITEM_INT_DATA],
-    nominal: Nominal,
-    before: Vec<Vec<f64>>,
-    scales: Vec<f64>,
-    /// Added to every simulated flight: what healthy flights of this airframe differ by.
-    offset: Vec<f64>,
-    /// Healthy flights of this airframe on this mission.
-    healthy: Vec<Vec<f64>>,
-}
-
-impl<'a> HeldOut<'a> {
-    /// Flies the nominal model. `references`: healthy flights of this airframe on this mission.
-    pub fn new(
-        scene: &'a Scene,
-        items: &'a [MISSION_ITEM_INT_DATA],
-        references: &[Vec<f64>],
-    ) -> Self {
-        let mut result = Self {
-            scene,
-            items,
-            nominal: Nominal::of_scene(scene),
-            before: Vec::new(),
-            scales: Vec::new(),
-            offset: Vec::new(),
-            healthy: references.to_vec(),
-        };
-        result.before = result.fly(&[], SHRINK_FLIGHTS);
-        // A difference counts by what benign changes of the constants make, and by what healthy flights
-        // differ by: a battery that is charged otherwise is no gap, however exactly it repeats.
-        result.scales = scales(&result.benign());
-        if references.len() >= LEAST_REFERENCES {
-            for (own, real) in result.scales.iter_mut().zip(scales(references)) {
-                *own = if real.is_finite() { own.hypot(real) } else { *own };
-            }
-        }
-        let nominal = medians(&result.before);
-        result.offset = if references.is_empty() {
-            vec![0.0; nominal.len()]
-        } else {
-            medians(references).iter().zip(&nominal).map(|(r, n)| r - n).collect()
-        };
-        let before = std::mem::take(&mut result.before);
-        result.before = result.shifted(before);
-        result
-    }
-
-    fn shifted(&self, rows: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
-        let shift = |row: Vec<f64>| {
-            row.iter()
-                .zip(&self.offset)
-                .map(|(v, o)| if o.is_finite() { v + o } else { *v })
-                .collect()
-        };
-        rows.into_iter().map(shift).collect()
-    }
-
-    /// Nominal flights with benign jitter.
-    fn benign(&self) -> Vec<Vec<f64>> {
-        use rayon::prelude::*;
-        (0..BENIGN_FLIGHTS as u64)
-            .into_par_iter()
-            .filter_map(|k| {
-                let plant = jittered(self.scene.plant(BENIGN_SEED + k)).ok()?;
-                let pilot = self.scene.pilot.clone();
-                let trace = fly_observed(self.scene, self.items, plant, pilot).ok()?;
-                observe(&trace, &self.nominal).ok().map(|o| o.statistics)
-            })
-            .collect()
-    }
-
-    fn fly(&self, effects: &[(&EffectSpec, &[f64])], flights: usize) -> Vec<Vec<f64>> {
-        use rayon::prelude::*;
-        (0..flights as u64)
-            .into_par_iter()
-            .filter_map(|k| {
-                let mut plant = self.scene.plant(SHRINK_SEED + k);
-                for (spec, theta) in effects {
-                    plant.effects = with_effect(plant.effects, spec, theta).ok()?;
-                }
-                let pilot = self.scene.pilot.clone();
-                let trace = fly_observed(self.scene, self.items, plant, pilot).ok()?;
-                observe(&trace, &self.nominal).ok().map(|o| o.statistics)
-            })
-            .collect()
-    }
-
-    /// Sigma of every statistic.
-    pub fn scales(&self) -> &[f64] {
-        &self.scales
-    }
-
-    /// One real flight beside the model before and after.
-    pub fn paired(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> Paired {
-        let after = self.shifted(self.fly(effects, SHRINK_FLIGHTS));
-        let common = after.len().min(self.before.len());
-        Paired {
-            real: real.to_vec(),
-            before: self.before[..common].to_vec(),
-            after: after[..common].to_vec(),
-            healthy: self.healthy.clone(),
-        }
-    }
-
-    /// Statistics in sigma.
-    pub fn standardised(&self, statistics: &[f64]) -> Vec<f64> {
-        statistics.iter().zip(&self.scales).map(|(v, s)| v / s).collect()
-    }
-
-    /// Mean standardised statistics of a few flights with these effects.
-    pub fn mean(&self, effects: &[(&EffectSpec, &[f64])]) -> Vec<f64> {
-        let flights = self.shifted(self.fly(effects, SEARCH_FLIGHTS));
-        let count = flights.len() as f64;
-        let sum = |j: usize| flights.iter().filter_map(|row| row.get(j)).sum::<f64>();
-        self.scales.iter().enumerate().map(|(j, s)| sum(j) / count / s).collect()
-    }
-
-    /// Mean distance of a real flight to the model with these effects; a few flights, for a search.
-    pub fn left(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> f64 {
-        let flights = self.shifted(self.fly(effects, SEARCH_FLIGHTS));
-        let left = super::shrink::to_all(real, &flights, &self.scales);
-        // Effects that cannot be flown explain nothing.
-        if left.is_finite() { left } else { f64::INFINITY }
-    }
-
-    /// Distance of a held-out flight before and after.
-    pub fn distances(&self, flight: &Paired) -> [f64; 2] {
-        let to = |sims: &[Vec<f64>]| super::shrink::to_all(&flight.real, sims, &self.scales);
-        [to(&flight.before), to(&flight.after)]
-    }
-
-    /// Shrink over held-out flights.
-    pub fn shrink(&self, flights: &[Paired]) -> Shrink {
-        shrink(flights, &self.scales, BOOTSTRAP_SEED)
-    }
 }
 
 #[cfg(test)]

@@ -13,6 +13,9 @@ use crate::pilot::PilotConfig;
 /// here and there somewhat longer.
 pub const LIMIT_S: f64 = 150.0;
 
+/// From the start of a flight to the first item of its mission, s: spool-up and climb take 4 s.
+const TO_THE_MISSION_S: f64 = 20.0;
+
 /// Why there is no trace.
 #[derive(Debug, thiserror::Error)]
 pub enum NotFlown {
@@ -46,7 +49,9 @@ pub fn fly_in_world<W: World>(
     let mut trace = Trace::new(scene.survey.clone());
     let mut lockstep = Lockstep::in_world(world, pilot, &scene.survey, None);
     let mut crashed = false;
-    let flight = fly_watched(&mut lockstep, items, LIMIT_S, |lockstep| {
+    // What is not looked at need not be flown.
+    let limit_s = scene.until_s.map_or(LIMIT_S, |until_s| LIMIT_S.min(until_s + TO_THE_MISSION_S));
+    let flight = fly_watched(&mut lockstep, items, limit_s, |lockstep| {
         crashed |= lockstep.truth().crashed;
         lockstep.pilot_mut().drain_topics(|topic| trace.take(topic));
     })?;

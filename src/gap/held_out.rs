@@ -4,20 +4,39 @@
 //! Attainable is the best of everything that was tried, the asked explanation and pairs of effects
 //! included: no retuning of every constant stands behind it, so it is a bound from below.
 
+use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::Serialize;
 
-use super::diagnosis::{HeldOut, observed};
+use super::diagnosis::observed;
+use super::fly::fly_observed;
 use super::logs::Flown;
+use super::make_bank::{jittered, with_effect};
 use super::nominal::Nominal;
 use super::resize::resize;
-use super::shrink::{Paired, Shrink, by_channel, efficiency, wrong_effects};
-use super::statistics::specs;
+use super::scene::Scene;
+use super::shrink::{
+    Paired, Shrink, by_channel, efficiency, medians, scales, shrink, wrong_effects,
+};
+use super::statistics::{observe, specs};
 use crate::model::effects::EffectSpec;
 use crate::model::room::Room;
 
 /// Seed of intervals by channel.
 const SEED: u64 = 2;
 
+/// Simulated flights before and after, per held-out flight. Paired seeds.
+pub const SHRINK_FLIGHTS: usize = 8;
+/// Flights with benign jitter that give the scale of a difference, and the seed of the first.
+const BENIGN_FLIGHTS: usize = 32;
+const BENIGN_SEED: u64 = 7_800_000;
+/// Fewest healthy flights whose spread counts.
+const LEAST_REFERENCES: usize = 8;
+/// Simulated flights at each share of a size that is searched.
+const SEARCH_FLIGHTS: usize = 4;
+/// First seed of these flights: none of a bank's.
+const SHRINK_SEED: u64 = 7_700_000;
+/// Resampling of intervals.
+const BOOTSTRAP_SEED: u64 = 1;
 /// Effects that act together, as one explanation.
 #[derive(Debug, Clone)]
 pub struct Explanation {
@@ -157,4 +176,164 @@ pub fn channels() -> Vec<(String, Vec<usize>)> {
         }
     }
     out
+}
+
+/// Flights of the model on another mission, nominal and with effects, for [`shrink`].
+#[derive(Debug)]
+pub struct HeldOut<'a> {
+    scene: &'a Scene,
+    items: &'a [MISSION_ITEM_INT_DATA],
+    nominal: Nominal,
+    before: Vec<Vec<f64>>,
+    scales: Vec<f64>,
+    /// Added to every simulated flight: what healthy flights of this airframe differ by.
+    offset: Vec<f64>,
+    /// Healthy flights of this airframe on this mission.
+    healthy: Vec<Vec<f64>>,
+}
+
+impl<'a> HeldOut<'a> {
+    /// Flies the nominal model. `references`: healthy flights of this airframe on this mission.
+    pub fn new(
+        scene: &'a Scene,
+        items: &'a [MISSION_ITEM_INT_DATA],
+        references: &[Vec<f64>],
+    ) -> Self {
+        let mut result = Self {
+            scene,
+            items,
+            nominal: Nominal::of_scene(scene),
+            before: Vec::new(),
+            scales: Vec::new(),
+            offset: Vec::new(),
+            healthy: references.to_vec(),
+        };
+        result.before = result.fly(&[], SHRINK_FLIGHTS);
+        // A difference counts by what benign changes of the constants make, and by what healthy flights
+        // differ by: a battery that is charged otherwise is no gap, however exactly it repeats.
+        result.scales = scales(&result.benign());
+        if references.len() >= LEAST_REFERENCES {
+            for (own, real) in result.scales.iter_mut().zip(scales(references)) {
+                *own = if real.is_finite() { own.hypot(real) } else { *own };
+            }
+        }
+        let nominal = medians(&result.before);
+        result.offset = if references.is_empty() {
+            vec![0.0; nominal.len()]
+        } else {
+            medians(references).iter().zip(&nominal).map(|(r, n)| r - n).collect()
+        };
+        let before = std::mem::take(&mut result.before);
+        result.before = result.shifted(before);
+        result
+    }
+
+    fn shifted(&self, rows: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+        let shift = |row: Vec<f64>| {
+            row.iter()
+                .zip(&self.offset)
+                .map(|(v, o)| if o.is_finite() { v + o } else { *v })
+                .collect()
+        };
+        rows.into_iter().map(shift).collect()
+    }
+
+    /// Nominal flights with benign jitter.
+    fn benign(&self) -> Vec<Vec<f64>> {
+        use rayon::prelude::*;
+        (0..BENIGN_FLIGHTS as u64)
+            .into_par_iter()
+            .filter_map(|k| {
+                let plant = jittered(self.scene.plant(BENIGN_SEED + k)).ok()?;
+                let pilot = self.scene.pilot.clone();
+                let trace = fly_observed(self.scene, self.items, plant, pilot).ok()?;
+                observe(&trace, &self.nominal).ok().map(|o| o.statistics)
+            })
+            .collect()
+    }
+
+    fn fly(&self, effects: &[(&EffectSpec, &[f64])], flights: usize) -> Vec<Vec<f64>> {
+        use rayon::prelude::*;
+        (0..flights as u64)
+            .into_par_iter()
+            .filter_map(|k| {
+                let mut plant = self.scene.plant(SHRINK_SEED + k);
+                for (spec, theta) in effects {
+                    plant.effects = with_effect(plant.effects, spec, theta).ok()?;
+                }
+                let pilot = self.scene.pilot.clone();
+                let trace = fly_observed(self.scene, self.items, plant, pilot).ok()?;
+                observe(&trace, &self.nominal).ok().map(|o| o.statistics)
+            })
+            .collect()
+    }
+
+    /// Sigma of every statistic.
+    pub fn scales(&self) -> &[f64] {
+        &self.scales
+    }
+
+    /// One real flight beside the model before and after.
+    pub fn paired(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> Paired {
+        let after = self.shifted(self.fly(effects, SHRINK_FLIGHTS));
+        let common = after.len().min(self.before.len());
+        Paired {
+            real: real.to_vec(),
+            before: self.before[..common].to_vec(),
+            after: after[..common].to_vec(),
+            healthy: self.healthy.clone(),
+        }
+    }
+
+    /// Statistics in sigma.
+    pub fn standardised(&self, statistics: &[f64]) -> Vec<f64> {
+        statistics.iter().zip(&self.scales).map(|(v, s)| v / s).collect()
+    }
+
+    /// Mean standardised statistics of a few flights with these effects.
+    pub fn mean(&self, effects: &[(&EffectSpec, &[f64])]) -> Vec<f64> {
+        let flights = self.shifted(self.fly(effects, SEARCH_FLIGHTS));
+        let count = flights.len() as f64;
+        let sum = |j: usize| flights.iter().filter_map(|row| row.get(j)).sum::<f64>();
+        self.scales.iter().enumerate().map(|(j, s)| sum(j) / count / s).collect()
+    }
+
+    /// Mean distance of a real flight to the model with these effects; a few flights, for a search.
+    pub fn left(&self, real: &[f64], effects: &[(&EffectSpec, &[f64])]) -> f64 {
+        let flights = self.shifted(self.fly(effects, SEARCH_FLIGHTS));
+        let left = super::shrink::to_all(real, &flights, &self.scales);
+        // Effects that cannot be flown explain nothing.
+        if left.is_finite() { left } else { f64::INFINITY }
+    }
+
+    /// Distance of a held-out flight before and after.
+    pub fn distances(&self, flight: &Paired) -> [f64; 2] {
+        let to = |sims: &[Vec<f64>]| super::shrink::to_all(&flight.real, sims, &self.scales);
+        [to(&flight.before), to(&flight.after)]
+    }
+
+    /// Shrink over held-out flights.
+    pub fn shrink(&self, flights: &[Paired]) -> Shrink {
+        shrink(flights, &self.scales, BOOTSTRAP_SEED)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::library::standard;
+
+    #[test]
+    fn val_a_held_out_flight_of_the_effect_is_explained_by_it() {
+        let scene = Scene::lab().unwrap();
+        let items = crate::gap::missions::plain(&scene);
+        let spec = standard().into_iter().find(|s| s.id == "P1").unwrap();
+        let model = HeldOut::new(&scene, &items, &[]);
+        let own = model.fly(&[(spec, &[0.12])], SHRINK_FLIGHTS).swap_remove(0);
+        let (right, none) = (model.paired(&own, &[(spec, &[0.12])]), model.paired(&own, &[]));
+        let (right, none) = (model.shrink(&[right]), model.shrink(&[none]));
+        assert!(right.value.unwrap() > 0.8, "{right:?}");
+        assert!(none.value.unwrap().abs() < 0.1, "{none:?}");
+        assert_eq!(right.interval, None, "one flight has no interval");
+    }
 }

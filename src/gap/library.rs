@@ -3,7 +3,9 @@
 //! The effects are the simulator's own files; what is here is only which of them are candidates,
 //! and the prior: uniform over the plausible range of the list, whole numbers for choices of an
 //! anchor or a wall, places within the room. Draws are stratified (Latin hypercube), so that a few
-//! dozen flights cover the range of every parameter evenly.
+//! dozen flights cover the range of every parameter evenly. Every other draw of an effect with several
+//! components (the axes of a bias, the servos that are out of trim) has one of them alone: that is how
+//! such things come, and a loud component would otherwise hide what a quiet one looks like.
 
 use crate::model::effects::{ALL, EffectSpec, ParameterSpec, Role};
 use crate::model::random::Stream;
@@ -48,7 +50,24 @@ pub fn draws(
             shares.map(|share| value(spec, p, room, anchors, share)).collect()
         })
         .collect();
-    (0..count).map(|k| columns.iter().map(|column| column[k]).collect()).collect()
+    let components: Vec<usize> =
+        (0..columns.len()).filter(|k| is_component(&spec.parameters[*k])).collect();
+    let row = |k: usize| -> Vec<f64> {
+        let mut row: Vec<f64> = columns.iter().map(|column| column[k]).collect();
+        if components.len() > 1 && k % 2 == 1 {
+            let alone = components[k / 2 % components.len()];
+            for other in components.iter().filter(|c| **c != alone) {
+                row[*other] = spec.parameters[*other].off;
+            }
+        }
+        row
+    };
+    (0..count).map(row).collect()
+}
+
+/// Whether a parameter is a component of a vector: it can deviate to both sides of "off".
+fn is_component(p: &ParameterSpec) -> bool {
+    !is_shape(p) && !NOT_A_SIZE.contains(&p.name) && p.low < p.off && p.off < p.high
 }
 
 /// The value at this share of the range of a parameter.
@@ -70,6 +89,31 @@ fn value(spec: &EffectSpec, p: &ParameterSpec, room: &Room, anchors: usize, shar
     }
 }
 
+/// Parameters that say where, which way or on what, and not how much.
+const NOT_A_SIZE: [&str; 4] = ["anchor", "wall", "towards", "phase"];
+/// "Off" this many times beyond the plausible range is at infinity: the reciprocal is the size.
+const FAR: f64 = 5.0;
+
+/// Parameters at a share of their size, between "off" (share 0) and what they are. They may leave the
+/// plausible range of the list.
+pub fn at_share(spec: &EffectSpec, theta: &[f64], share: f64) -> Vec<f64> {
+    spec.parameters.iter().zip(theta).map(|(p, value)| sized(p, *value, share)).collect()
+}
+
+/// Where "off" is also the default, the parameter is a shape, unless zero lies within its range: then it is
+/// a component of a vector.
+fn is_shape(p: &ParameterSpec) -> bool {
+    p.off == p.default && !(p.off == 0.0 && p.low < 0.0)
+}
+
+fn sized(p: &ParameterSpec, value: f64, share: f64) -> f64 {
+    if is_shape(p) || NOT_A_SIZE.contains(&p.name) {
+        return value;
+    }
+    let far = !p.off.is_finite() || p.off.abs() > FAR * p.high.abs().max(p.low.abs());
+    if far { value / share } else { p.off + share * (value - p.off) }
+}
+
 /// 0 to `count` in random order.
 fn shuffled(count: usize, rng: &mut Stream) -> Vec<usize> {
     let mut order: Vec<usize> = (0..count).collect();
@@ -88,6 +132,22 @@ mod tests {
     fn prop_the_standard_library_names_effects_of_the_list() {
         assert_eq!(standard().len(), STANDARD.len());
         assert!(whole().len() > standard().len());
+    }
+
+    #[test]
+    fn prop_every_other_draw_of_a_vector_has_one_component_alone() {
+        let room = Room { north_m: [0.0, 6.0], east_m: [0.0, 6.0], ceiling_m: 3.0 };
+        let rows = |id: &str| {
+            let spec = standard().into_iter().find(|s| s.id == id).unwrap();
+            draws(spec, &room, 8, 12, &mut Stream::new(3, id))
+        };
+        let alone = |id: &str, off: f64, of: usize| {
+            let is_alone = |r: &&Vec<f64>| r[..of].iter().filter(|v| **v != off).count() == 1;
+            rows(id).iter().filter(is_alone).count()
+        };
+        assert_eq!((alone("M1", 0.0, 3), alone("L3", 0.0, 2), alone("A1", 1.0, 2)), (6, 6, 6));
+        assert!(rows("A6").iter().all(|r| r[1] != 5.0), "places are no components");
+        assert!(rows("T3").iter().all(|r| r.iter().all(|v| *v > 0.0)));
     }
 
     #[test]

@@ -25,6 +25,13 @@ const LEAST_IMU_HZ: f64 = 50.0;
 const LEAST_ATTITUDE_HZ: f64 = 10.0;
 const LEAST_TDOA_HZ: f64 = 20.0;
 
+/// What is left out before a mission ended early, s: the fall itself looks the same whatever its cause.
+const LAST_MOMENTS_S: f64 = 1.0;
+/// Grid of the parts that are compared, s.
+const PART_GRID_S: f64 = 10.0;
+/// Least part of a mission that says anything, s: climb and the first hover.
+const LEAST_PART_S: f64 = 20.0;
+
 /// A log that was read and replayed.
 #[derive(Debug, Clone)]
 pub struct Flown {
@@ -101,11 +108,20 @@ impl Flown {
             self.faults.push("the vehicle was never in the air".to_owned());
             return;
         };
-        if self.trace.modes.last().is_some_and(|m| m.armed) {
-            self.faults.push(
-                "the log ends before the vehicle was disarmed: the bank holds whole flights"
-                    .to_owned(),
-            );
+        if let Some(part) = self.trace.mission_part().filter(|part| !part.whole) {
+            match comparable_s(part.flown_s) {
+                None => self.faults.push(format!(
+                    "the mission was flown for {:.0} s only, at least {:.0} s needed",
+                    part.flown_s,
+                    LEAST_PART_S + LAST_MOMENTS_S
+                )),
+                Some(until_s) => self.remarks.push(format!(
+                    "the mission ended early, after {:.0} s: its first {until_s:.0} s are compared",
+                    part.flown_s
+                )),
+            }
+        } else if self.trace.modes.last().is_some_and(|m| m.armed) {
+            self.remarks.push("the log ends before the vehicle was disarmed".to_owned());
         }
         let mut rate = |what: &str, count: usize, least_hz: f64| {
             let hz = count as f64 / air_s;
@@ -140,8 +156,17 @@ impl Flown {
             let middle = |[low, high]: [f64; 2]| 0.5 * (low + high);
             [middle(room.north_m), middle(room.east_m)]
         });
-        Scene { room, survey, start_NE_m, pilot: self.config.pilot() }
+        let part = self.trace.mission_part().filter(|part| !part.whole);
+        let until_s = part.and_then(|part| comparable_s(part.flown_s));
+        Scene { room, survey, start_NE_m, pilot: self.config.pilot(), until_s }
     }
+}
+
+/// How much of a mission that ended early is compared, s: without the moments in which it ended, and on a
+/// grid, so that flights that ended at about the same time share a bank. `None`: too little.
+fn comparable_s(flown_s: f64) -> Option<f64> {
+    let until_s = ((flown_s - LAST_MOMENTS_S) / PART_GRID_S).floor() * PART_GRID_S;
+    (until_s >= LEAST_PART_S).then_some(until_s)
 }
 
 /// Time with thrust in a flying mode, s; `None` if there was none.
@@ -208,6 +233,14 @@ fn flatten(key: &str, value: &toml::Value, rows: &mut Vec<(String, String)>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn prop_parts_of_missions_lie_on_a_grid() {
+        assert_eq!(comparable_s(47.0), Some(40.0));
+        assert_eq!(comparable_s(40.5), Some(30.0), "the last second is left out");
+        assert_eq!(comparable_s(15.0), None);
+        assert_eq!(comparable_s(f64::NAN), None);
+    }
 
     #[test]
     fn prop_only_changed_keys_are_told() {

@@ -32,6 +32,9 @@ const JITTER_GROUND: f64 = 0.15;
 const JITTER_START_M: f64 = 0.10;
 const JITTER_START_RAD: f64 = 0.087;
 
+/// Shares of the drawn size that are tried, largest first, until the mission is flown.
+const SHARES: [f64; 8] = [1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08];
+
 /// How many flights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BankSize {
@@ -88,7 +91,7 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
     let jobs = jobs(recipe);
     let nominal = Nominal::of_scene(recipe.scene);
     let done = AtomicUsize::new(0);
-    let rows: Vec<Option<Vec<f64>>> = jobs
+    let rows: Vec<Option<(Vec<f64>, f64)>> = jobs
         .par_iter()
         .map(|(seed, kind)| {
             let row = fly(recipe, &nominal, *seed, kind);
@@ -103,7 +106,7 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
     }
     let mut lost: Vec<(String, usize)> = Vec::new();
     for ((seed, kind), row) in jobs.into_iter().zip(rows) {
-        let Some(statistics) = row else {
+        let Some((statistics, share)) = row else {
             let id = match &kind {
                 Kind::Effect { place, .. } => recipe.library[*place].id,
                 _ => "",
@@ -118,6 +121,10 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
             Kind::Seed => bank.seeds.push(statistics),
             Kind::Jitter => bank.jitter.push(statistics),
             Kind::Effect { place, theta } => {
+                let theta = match share {
+                    1.0 => theta,
+                    _ => library::at_share(recipe.library[place], &theta, share),
+                };
                 bank.effects[place].draws.push(Draw { theta, seed, statistics });
             }
         }
@@ -140,16 +147,47 @@ fn jobs(recipe: &Recipe<'_>) -> Vec<(u64, Kind)> {
     kinds.into_iter().enumerate().map(|(k, kind)| (first.wrapping_add(k as u64), kind)).collect()
 }
 
-fn fly(recipe: &Recipe<'_>, nominal: &Nominal, seed: u64, kind: &Kind) -> Option<Vec<f64>> {
+/// Flies one flight of the bank: its statistics, and at what share of the drawn size.
+///
+/// A flight that is diagnosed came to its landing, or is looked at as far as it came. So must those of the
+/// bank: a vehicle on its side has statistics too, and they are the same for every effect that fells it. An
+/// effect too strong for the mission is drawn weaker until it is flown.
+fn fly(recipe: &Recipe<'_>, nominal: &Nominal, seed: u64, kind: &Kind) -> Option<(Vec<f64>, f64)> {
+    let Kind::Effect { place, theta } = kind else {
+        return flown(recipe, nominal, seed, kind, None).map(|row| (row, 1.0));
+    };
+    let spec = recipe.library[*place];
+    SHARES.iter().find_map(|share| {
+        let theta = match share {
+            1.0 => theta.clone(),
+            _ => library::at_share(spec, theta, *share),
+        };
+        flown(recipe, nominal, seed, kind, Some((spec, &theta))).map(|row| (row, *share))
+    })
+}
+
+fn flown(
+    recipe: &Recipe<'_>,
+    nominal: &Nominal,
+    seed: u64,
+    kind: &Kind,
+    effect: Option<(&EffectSpec, &[f64])>,
+) -> Option<Vec<f64>> {
     let mut plant = recipe.scene.plant(seed);
     // Every flight of the bank but the seeds has jitter: an effect does not come on a perfect vehicle.
     if !matches!(kind, Kind::Seed) {
         plant = jittered(plant).ok()?;
     }
-    if let Kind::Effect { place, theta } = kind {
-        plant.effects = with_effect(plant.effects, recipe.library[*place], theta).ok()?;
+    if let Some((spec, theta)) = effect {
+        plant.effects = with_effect(plant.effects, spec, theta).ok()?;
     }
     let trace = fly_observed(recipe.scene, recipe.items, plant, recipe.scene.pilot.clone()).ok()?;
+    let came_through = trace.mission_part().is_some_and(|part| {
+        part.whole || recipe.scene.until_s.is_some_and(|until_s| part.flown_s >= until_s)
+    });
+    if !came_through {
+        return None;
+    }
     observe(&trace, nominal).ok().map(|o| o.statistics)
 }
 
@@ -231,5 +269,23 @@ mod tests {
         assert!(made.bank.effects.iter().all(|e| e.draws.len() == 1));
         let known = made.bank.seeds[0].iter().filter(|v| v.is_finite()).count();
         assert!(known * 2 > made.bank.names.len(), "{known} of {}", made.bank.names.len());
+    }
+
+    #[test]
+    fn regress_a_bank_holds_no_flights_that_fell() {
+        // Drag that saturates within its plausible range makes the dashes end on the floor: every draw of A2
+        // used to be a crash, and every crash was called A2.
+        let scene = Scene::lab().unwrap();
+        let items = missions::diagnostic(&scene);
+        let library: Vec<_> = library::standard().into_iter().filter(|s| s.id == "A2").collect();
+        let size = BankSize { seeds: 0, jitter: 0, draws: 3 };
+        let recipe = Recipe { scene: &scene, items: &items, library: &library, size, seed: 1 };
+        let made = make(&recipe, |_, _| {});
+        assert!(made.lost.is_empty(), "{:?}", made.lost);
+        let place = specs().iter().position(|s| s.name == "loop.side_std").unwrap();
+        for draw in &made.bank.effects[0].draws {
+            assert!(draw.theta[0] > 2.5, "weaker than the plausible range: {:?}", draw.theta);
+            assert!(draw.statistics[place].is_finite());
+        }
     }
 }

@@ -25,6 +25,8 @@ pub struct Nominal {
     pub board: BoardSettings,
     /// Floor, walls and ceiling.
     pub room: Room,
+    /// As in the scene: how far into the mission flights are looked at.
+    pub until_s: Option<f64>,
 }
 
 impl Nominal {
@@ -34,6 +36,7 @@ impl Nominal {
             vehicle: Vehicle::default(),
             board: BoardSettings::default(),
             room: scene.room.clone(),
+            until_s: scene.until_s,
         }
     }
 

@@ -6,16 +6,12 @@
 //! and the share with the least distance is taken. Share 0 is among them: an effect that makes the
 //! simulator no more like the flight it was fitted to is not added at all.
 
-use super::diagnosis::HeldOut;
+use super::held_out::HeldOut;
+use super::library;
 use crate::model::effects::{EffectSpec, ParameterSpec};
 
 /// Shares that are flown.
 const SHARES: [f64; 8] = [0.25, 0.4, 0.55, 0.7, 0.85, 1.0, 1.2, 1.45];
-/// Parameters that say where, which way or on what, and not how much.
-const NOT_A_SIZE: [&str; 4] = ["anchor", "wall", "towards", "phase"];
-/// "Off" this many times beyond the plausible range is at infinity: the reciprocal is the size.
-const FAR: f64 = 5.0;
-
 /// An effect at the size that fits best when flown.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Resized {
@@ -43,25 +39,16 @@ pub fn resize(model: &HeldOut<'_>, real: &[f64], spec: &EffectSpec, theta: &[f64
 
 /// Parameters at a share of their size, within the range of the list.
 fn at_share(spec: &EffectSpec, theta: &[f64], share: f64) -> Vec<f64> {
-    spec.parameters.iter().zip(theta).map(|(p, value)| sized(p, *value, share)).collect()
-}
-
-fn sized(p: &ParameterSpec, value: f64, share: f64) -> f64 {
-    // Where "off" is also the default, the parameter is a shape, unless zero lies within its range:
-    // then it is a component of a vector.
-    let is_shape = p.off == p.default && !(p.off == 0.0 && p.low < 0.0);
-    if is_shape || NOT_A_SIZE.contains(&p.name) {
-        return value;
-    }
-    let far = !p.off.is_finite() || p.off.abs() > FAR * p.high.abs().max(p.low.abs());
-    let moved = if far { value / share } else { p.off + share * (value - p.off) };
-    moved.clamp(p.low, p.high)
+    let sized = library::at_share(spec, theta, share);
+    // A size that was already outside stays reachable.
+    let within =
+        |((p, v), was): ((&ParameterSpec, f64), &f64)| v.clamp(p.low.min(*was), p.high.max(*was));
+    spec.parameters.iter().zip(sized).zip(theta).map(within).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::library;
 
     fn share_of(id: &str, theta: &[f64], share: f64) -> Vec<f64> {
         let spec = library::standard().into_iter().find(|s| s.id == id).unwrap();

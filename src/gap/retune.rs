@@ -12,7 +12,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::diagnosis::HeldOut;
+use super::held_out::HeldOut;
 use crate::model::Vehicle;
 use crate::model::effects::{ALL, EffectSpec, Role, Source};
 

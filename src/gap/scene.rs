@@ -18,6 +18,9 @@ pub struct Scene {
     pub start_NE_m: [f64; 2],
     /// The companion.
     pub pilot: PilotConfig,
+    /// How far into the mission flights are looked at, s; `None`: to their landing. A flight that ended early
+    /// stands beside the same part of the bank's flights.
+    pub until_s: Option<f64>,
 }
 
 /// Side of the laboratory, m, and height of its ceiling, m: a room in which wall and ceiling are
@@ -41,7 +44,7 @@ impl Scene {
         let mut pilot = PilotConfig::default();
         pilot.flight.gear_height_m = Vehicle::default().body.gear_m;
         pilot.flight.cruise_acceleration_mps2 = LEG_ACCELERATION_MPS2;
-        Ok(Self { room, survey, start_NE_m: [0.5 * LAB_SIDE_M; 2], pilot })
+        Ok(Self { room, survey, start_NE_m: [0.5 * LAB_SIDE_M; 2], pilot, until_s: None })
     }
 
     /// The same with the start on a grid of a quarter of a metre: estimates of one start differ by

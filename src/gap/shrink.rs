@@ -78,6 +78,18 @@ pub fn scales(rows: &[Vec<f64>]) -> Vec<f64> {
     (0..width).map(scale).collect()
 }
 
+/// Medians of every statistic over flights.
+pub(super) fn medians(rows: &[Vec<f64>]) -> Vec<f64> {
+    let width = rows.iter().map(Vec::len).max().unwrap_or(0);
+    (0..width)
+        .map(|j| {
+            let mut known: Vec<f64> =
+                rows.iter().filter_map(|r| r.get(j).copied()).filter(|v| v.is_finite()).collect();
+            median(&mut known)
+        })
+        .collect()
+}
+
 pub(super) fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)

@@ -73,8 +73,8 @@ pub struct Timeline {
 }
 
 impl Timeline {
-    /// From the first to the last step with thrust.
-    pub fn new(trace: &Trace) -> Result<Self, NotObservable> {
+    /// From the first step to the end of the landing, or `until_s` into the mission.
+    pub fn new(trace: &Trace, until_s: Option<f64>) -> Result<Self, NotObservable> {
         for (what, found, needed) in [
             ("IMU samples", trace.imu.len(), 500),
             ("control steps", trace.controls.len(), 500),
@@ -89,7 +89,8 @@ impl Timeline {
             }
         }
         let start = trace.controls[0].at;
-        let span_s = trace.controls[trace.controls.len() - 1].at.seconds_since(start);
+        let end = trace.looked_at_until(until_s).unwrap_or(start);
+        let span_s = end.seconds_since(start);
         if !(LEAST_SPAN_S..3600.0).contains(&span_s) {
             return Err(NotObservable::TooShort { span_s });
         }

@@ -4,7 +4,9 @@
 
 use crate::estimate::Estimate;
 use crate::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample, ReferencePose};
+use crate::pilot::Mode;
 use crate::survey::Survey;
+use crate::time::HostTime;
 use crate::topics::{ControlRecord, HealthRecord, ModeRecord, TextRecord, Topic, UwbRecord};
 
 /// Samples expected of a flight of 100 s, so that filling does not reallocate: IMU at 250 Hz.
@@ -13,6 +15,21 @@ const IMU_EXPECTED: usize = 30_000;
 const UWB_EXPECTED: usize = 110_000;
 /// Control steps at 100 Hz.
 const STEPS_EXPECTED: usize = 12_000;
+
+/// Longest landing that is looked at, s: from the diagnostic flight's 1 m it takes 4 s. A vehicle that does
+/// not notice the floor sits on it with spinning wings, and no model of flight says anything about that.
+const LANDING_S: f64 = 12.0;
+
+/// How much of its mission a flight holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MissionPart {
+    /// When the mission took over.
+    pub from: HostTime,
+    /// How long it was flown, s.
+    pub flown_s: f64,
+    /// Whether it came to its landing.
+    pub whole: bool,
+}
 
 /// The records of one flight, each kind in the order in which it came.
 #[derive(Debug, Clone)]
@@ -68,6 +85,28 @@ impl Trace {
         }
     }
 
+    /// How much of the mission was flown; `None`: there was none.
+    pub fn mission_part(&self) -> Option<MissionPart> {
+        let begun = self.modes.iter().position(|m| m.mode == Mode::Mission.name())?;
+        let from = self.modes[begun].at;
+        let next = self.modes.get(begun + 1);
+        let end = next.map(|m| m.at).or(self.controls.last().map(|c| c.at))?;
+        let whole = next.is_some_and(|m| m.mode == Mode::Land.name());
+        Some(MissionPart { from, flown_s: end.seconds_since(from), whole })
+    }
+
+    /// Last instant that is looked at: the end of the landing, or `until_s` into the mission.
+    pub fn looked_at_until(&self, until_s: Option<f64>) -> Option<HostTime> {
+        let last = self.controls.last()?.at;
+        let Some(part) = self.mission_part() else { return Some(last) };
+        let span_s = match until_s {
+            Some(until_s) => until_s.min(part.flown_s),
+            None if part.whole => part.flown_s + LANDING_S,
+            None => return Some(last),
+        };
+        Some(last.min(part.from.offset_us((span_s * 1e6) as i64)))
+    }
+
     /// One record more.
     pub fn take(&mut self, topic: Topic) {
         match topic {
@@ -83,5 +122,46 @@ impl Trace {
             Topic::Text(r) => self.texts.push(r),
             Topic::Health(r) => self.health.push(r),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::topics::ControlRecord;
+
+    fn trace(modes: &[(&'static str, u64)], end_s: u64) -> Trace {
+        let mut trace = Trace::new(Survey::new(&[]).unwrap_or_else(|_| lab()));
+        for (mode, at_s) in modes {
+            trace.modes.push(ModeRecord {
+                at: HostTime::from_us(at_s * 1_000_000),
+                mode,
+                armed: true,
+                cause: String::new(),
+            });
+        }
+        trace.controls.push(ControlRecord {
+            at: HostTime::from_us(end_s * 1_000_000),
+            ..ControlRecord::default()
+        });
+        trace
+    }
+
+    fn lab() -> Survey {
+        super::super::scene::Scene::lab().unwrap().survey
+    }
+
+    #[test]
+    fn prop_a_flight_is_looked_at_to_its_landing_and_not_beyond() {
+        let whole = trace(&[("takeoff", 5), ("mission", 8), ("land", 100)], 300);
+        let part = whole.mission_part().unwrap();
+        assert!(part.whole && part.flown_s == 92.0, "{part:?}");
+        let end = whole.looked_at_until(None).unwrap();
+        assert_eq!(end.as_us(), 112_000_000, "twelve seconds of landing");
+        let felled = trace(&[("takeoff", 5), ("mission", 8), ("disarmed", 48)], 150);
+        let part = felled.mission_part().unwrap();
+        assert!(!part.whole && part.flown_s == 40.0, "{part:?}");
+        assert_eq!(felled.looked_at_until(Some(30.0)).unwrap().as_us(), 38_000_000);
+        assert!(trace(&[("takeoff", 5)], 20).mission_part().is_none());
     }
 }

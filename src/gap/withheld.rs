@@ -10,13 +10,12 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::attribute::Attributor;
-use super::blind::{BlindError, Choice, Entry, Key, Public, Suite, open, read, statistics};
+use super::blind::hall::{Bench, Hall, statistics};
+use super::blind::{BlindError, Choice, Entry, Key, Suite, open, read};
 use super::library;
-use super::logs;
 use super::outcome::Outcome;
 use super::score::Share;
 use super::statistics::specs;
-use super::workshop::Workshop;
 use crate::model::effects::Block;
 use crate::model::room::Room;
 
@@ -71,24 +70,9 @@ pub fn run(
     let Some((first, _)) = by_effect.values().flatten().next() else {
         return Err(BlindError::Empty(dir.to_owned()));
     };
-    let flown = logs::read(&dir.join(&first.log))?;
-    let scene = flown.scene(Some(room.clone())).on_grid();
-    tell("bank of the diagnostic mission".to_owned());
-    let workshop = Workshop::open(
-        banks,
-        scene,
-        flown.mission.clone(),
-        library::standard(),
-        choice.size,
-        |done, of| {
-            if done.is_multiple_of(100) || done == of {
-                tell(format!("bank: {done} of {of} flights"));
-            }
-        },
-    )?;
-    let healthy =
-        |flights: &[Public]| statistics(dir, flights.iter().map(|c| &c.diagnostic), &workshop);
-    let (references, calibration) = (healthy(&suite.commissioning), healthy(&suite.calibration));
+    let library = library::standard();
+    let hall = Hall { dir, banks, room, choice, suite: &suite, library: &library };
+    let Bench { workshop, references, calibration, .. } = hall.bench(first, None, tell)?;
     let blocks: Vec<Block> = specs().iter().map(|s| s.block).collect();
     let started = std::time::Instant::now();
     let of = by_effect.len();

@@ -118,8 +118,8 @@ fn key(
         .collect();
     // Debug output of numbers is exact; NaN has one spelling.
     let text = format!(
-        "{:?} {:?} {:?} {:?} {items:?} {ids:?} {size:?} {BANK_SEED} {}",
-        scene.room, scene.survey, scene.start_NE_m, scene.pilot, build.source_hash
+        "{:?} {:?} {:?} {:?} {:?} {items:?} {ids:?} {size:?} {BANK_SEED} {}",
+        scene.room, scene.survey, scene.start_NE_m, scene.until_s, scene.pilot, build.source_hash
     );
     format!("{:016x}", bank_file::fnv(text.as_bytes()))
 }

@@ -11,6 +11,7 @@ use tokio::sync::mpsc::Sender;
 use tokio::sync::mpsc::error::TrySendError;
 
 use super::clock;
+use super::files::FileDesk;
 use super::inbox::{Arrival, Outgoing, Shared, What};
 use crate::drops::DropReason;
 use crate::pilot::{Input, LinkId, Pilot};
@@ -23,6 +24,9 @@ const LONGEST_SLEEP_US: i64 = 50_000;
 
 /// Most chunks taken in at one wake-up, so that a flood cannot keep the core from its deadline.
 const MOST_ARRIVALS: usize = 1024;
+
+/// Most answers of the disk taken in at one wake-up: each may hold 16 kB.
+const MOST_FILE_ANSWERS: usize = 16;
 
 /// Lateness that counts, s: half a period of the 100 Hz control step.
 const LATE_S: f64 = 0.005;
@@ -39,6 +43,7 @@ pub(super) struct Core {
     pub outputs: Vec<Sender<Outgoing>>,
     /// What people should read.
     pub news: Sender<Topic>,
+    pub files: FileDesk,
     pub shared: Arc<Shared>,
 }
 
@@ -63,6 +68,7 @@ impl Core {
             let deadline = self.pilot.next_deadline();
             clock::sleep_until(deadline.min(clock::now().offset_us(LONGEST_SLEEP_US)));
             self.take_arrivals();
+            self.take_file_answers();
             self.report_losses(&mut losses);
 
             let now = clock::now();
@@ -72,6 +78,7 @@ impl Core {
             glue.worst_lateness_s = glue.worst_lateness_s.max(lateness_s);
             self.feed(now, Input::Wake);
             self.send_outputs(now);
+            self.hand_out_tasks();
             self.publish_topics(now);
 
             if now >= glue_due {
@@ -94,6 +101,22 @@ impl Core {
                 What::Down => self.feed(at, Input::LinkDown { link }),
             }
         }
+    }
+
+    fn take_file_answers(&mut self) {
+        for _ in 0..MOST_FILE_ANSWERS {
+            let Some((ticket, answer)) = self.files.answer() else { return };
+            let (result, bytes) = match answer {
+                Ok(bytes) => (Ok(()), bytes),
+                Err((fault, why)) => (Err(fault), why),
+            };
+            self.feed(clock::now(), Input::File { ticket, result, bytes: &bytes });
+        }
+    }
+
+    fn hand_out_tasks(&mut self) {
+        let Self { pilot, files, .. } = self;
+        pilot.drain_file_requests(|request| files.submit(request));
     }
 
     /// The only way into the core: what it lives through is what is recorded.

@@ -7,6 +7,7 @@
 
 mod clock;
 mod core;
+mod files;
 mod frames;
 mod inbox;
 pub mod realtime;
@@ -34,6 +35,7 @@ use self::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing, Shared, input_queue};
 use crate::config::{Address, HostPort, Loaded, TagPort};
 use crate::pilot::{LinkId, Pilot};
 use crate::record::{BuildIdentity, RecordError, Recorder, Session};
+use crate::store::{NoPrograms, Programs, Store};
 use crate::topics::Topic;
 
 /// News for people that may wait to be printed.
@@ -108,13 +110,26 @@ enum Port {
 
 /// Runs the companion until a signal, `stop`, or a defect ends it.
 pub fn run(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
+    run_with(loaded, stop, Box::new(NoPrograms))
+}
+
+/// The same, with programs that a station can load by name.
+pub fn run_with(
+    loaded: &Loaded,
+    stop: &Stop,
+    programs: Box<dyn Programs>,
+) -> Result<RunSummary, LiveError> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let summary = runtime.block_on(fly(loaded, stop));
+    let summary = runtime.block_on(fly(loaded, stop, programs));
     runtime.shutdown_background();
     summary
 }
 
-async fn fly(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
+async fn fly(
+    loaded: &Loaded,
+    stop: &Stop,
+    programs: Box<dyn Programs>,
+) -> Result<RunSummary, LiveError> {
     let mut interrupt = signal(SignalKind::interrupt())?;
     let mut terminate = signal(SignalKind::terminate())?;
     let ports = open_ports(loaded).await?;
@@ -133,7 +148,8 @@ async fn fly(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
     let started = clock::now();
     let recorder = begin_recording(loaded, started)?;
     let pilot = Pilot::new(loaded.config.pilot(), loaded.survey.clone(), started);
-    let core = Core { pilot, recorder, arrivals, outputs, news, shared: shared.clone() };
+    let (files, file_thread) = start_files(loaded, &recorder, programs, &shared)?;
+    let core = Core { pilot, recorder, arrivals, outputs, news, files, shared: shared.clone() };
 
     if loaded.config.timing.lock_memory {
         match realtime::lock_memory() {
@@ -143,7 +159,7 @@ async fn fly(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
     }
     let (pilot_thread, ended) = start_pilot(loaded, core)?;
     let mut links = JoinSet::new();
-    let mut threads = Vec::new();
+    let mut threads: Vec<_> = file_thread.into_iter().collect();
     for ((port, own_links), output) in ports.into_iter().zip(receivers) {
         let inbox = |link| Inbox::new(link, queue.clone(), shared.clone());
         let inboxes = own_links.into_iter().map(inbox).collect();
@@ -174,6 +190,22 @@ async fn fly(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
         Ok(Ok(summary)) if !died => Ok(summarise(summary)),
         _ => Err(LiveError::PilotEnded),
     }
+}
+
+type FileThread = (files::FileDesk, Option<JoinHandle<()>>);
+
+fn start_files(
+    loaded: &Loaded,
+    recorder: &Recorder,
+    programs: Box<dyn Programs>,
+    shared: &Arc<Shared>,
+) -> Result<FileThread, LiveError> {
+    let config = &loaded.config;
+    let store = config.store.is_on().then(|| {
+        let (directory, logs) = (&config.store.directory, &config.record.directory);
+        Store::new(directory, logs, recorder.path(), programs)
+    });
+    Ok(files::start(store, shared.clone())?)
 }
 
 fn begin_recording(loaded: &Loaded, started: crate::time::HostTime) -> Result<Recorder, LiveError> {

@@ -20,11 +20,12 @@ fn loaded(folder: &std::path::Path, tag: String, board: String, ground: Vec<Stri
     config.board.address = board.parse().unwrap();
     config.ground.endpoints = ground.iter().map(|g| g.parse::<Address>().unwrap().into()).collect();
     config.record.directory = folder.join("logs");
+    config.store.directory = folder.join("state");
     config.timing.realtime = false;
     config.timing.lock_memory = false;
     let anchors = concat!(env!("CARGO_MANIFEST_DIR"), "/config/anchors.toml");
     let survey = crate::config::read_anchors(anchors.as_ref()).unwrap();
-    Loaded { config, survey, files: Vec::new() }
+    Loaded { config, survey, files: Vec::new(), notes: Vec::new() }
 }
 
 /// Tries until it works: threads start when they start.
@@ -101,7 +102,7 @@ fn prop_bytes_of_every_kind_of_link_reach_the_log() {
                 RawInput::Bytes { link, bytes: new } => bytes.entry(link).or_default().extend(new),
                 RawInput::LinkUp { .. } => ups += 1,
                 RawInput::LinkDown { .. } => downs += 1,
-                RawInput::Lost { .. } | RawInput::Wake => {}
+                RawInput::Lost { .. } | RawInput::File { .. } | RawInput::Wake => {}
             }
         }
     }

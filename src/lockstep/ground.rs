@@ -90,7 +90,19 @@ impl Ground {
                 MavMessage::COMMAND_ACK(_)
                 | MavMessage::MISSION_ACK(_)
                 | MavMessage::MISSION_REQUEST_INT(_)
-                | MavMessage::MISSION_ITEM_REACHED(_) => self.inbox.push(message),
+                | MavMessage::MISSION_ITEM_REACHED(_)
+                | MavMessage::MISSION_REQUEST(_)
+                | MavMessage::MISSION_COUNT(_)
+                | MavMessage::MISSION_ITEM(_)
+                | MavMessage::MISSION_ITEM_INT(_)
+                | MavMessage::PARAM_VALUE(_)
+                | MavMessage::PARAM_ERROR(_)
+                | MavMessage::PARAM_EXT_ACK(_)
+                | MavMessage::COMPONENT_METADATA(_)
+                | MavMessage::COMPONENT_INFORMATION(_)
+                | MavMessage::LOG_ENTRY(_)
+                | MavMessage::LOG_DATA(_)
+                | MavMessage::FILE_TRANSFER_PROTOCOL(_) => self.inbox.push(message),
                 _ => {}
             }
         }

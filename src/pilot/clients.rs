@@ -1,9 +1,9 @@
-//! What clients say: frames of the ground endpoints, missions and setpoints among them. The
-//! commands are in `commands`.
+//! What clients say: frames of the ground endpoints, setpoints among them. The commands are in
+//! `commands`, what is fetched and stored in `services`.
 
 use haltere_dialect::mav::haltere::{
-    MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult,
-    MavMissionType, MavResult, SET_POSITION_TARGET_LOCAL_NED_DATA,
+    MavCmd, MavFrame, MavMessage, MavMissionResult, MavMissionType, MavResult,
+    SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 use haltere_dialect::mav_stream::{self, MavLoss};
 
@@ -11,7 +11,7 @@ use crate::drops::{DropReason, Drops};
 use crate::time::HostTime;
 
 use super::commands::Request;
-use super::mission_transfer::{Progress, ack};
+use super::mission_transfer::ack;
 use super::modes::Mode;
 use super::place::{Location, WIRE_DEG};
 use super::setpoint::{Owner, Setpoint, setpoint_from_global};
@@ -134,6 +134,9 @@ impl Pilot {
 
     /// One message that is for us or for everyone.
     fn ground_message(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), message: MavMessage) {
+        if self.service_message(at, link, peer, &message) {
+            return;
+        }
         match message {
             MavMessage::COMMAND_LONG(m) => self.answer(
                 at,
@@ -232,69 +235,6 @@ impl Pilot {
                 echo.target_component = peer.1;
                 self.out.message(link, OWN, &MavMessage::PING(echo));
             }
-            MavMessage::MISSION_COUNT(m) => self.mission_count(at, link, peer, &m),
-            MavMessage::MISSION_ITEM_INT(m) => {
-                let LinkId::Ground(n) = link else { return };
-                let envelope = &self.guidance.envelope;
-                let progress = self.grounds[usize::from(n)].transfer.item(peer, &m, envelope, at);
-                self.mission_progress(at, link, progress);
-            }
-            MavMessage::MISSION_REQUEST_LIST(m) => {
-                let plan = super::mission::is_plan(m.mission_type);
-                let answer = MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
-                    count: if plan { self.mission.items.len() as u16 } else { 0 },
-                    target_system: peer.0,
-                    target_component: peer.1,
-                    mission_type: m.mission_type,
-                    opaque_id: if plan { self.mission.id } else { 0 },
-                });
-                self.out.message(link, OWN, &answer);
-            }
-            MavMessage::MISSION_REQUEST_INT(m) => {
-                let plan = super::mission::is_plan(m.mission_type);
-                let stored = self.mission.items.get(usize::from(m.seq)).filter(|_| plan);
-                let answer = match stored {
-                    Some(stored) => MavMessage::MISSION_ITEM_INT(MISSION_ITEM_INT_DATA {
-                        target_system: peer.0,
-                        target_component: peer.1,
-                        current: u8::from(m.seq == self.guidance.current_item),
-                        ..stored.wire.clone()
-                    }),
-                    None => {
-                        ack(peer, m.mission_type, MavMissionResult::MAV_MISSION_INVALID_SEQUENCE, 0)
-                    }
-                };
-                self.out.message(link, OWN, &answer);
-            }
-            MavMessage::MISSION_CLEAR_ALL(m) => {
-                let ours = super::mission::is_plan(m.mission_type)
-                    || m.mission_type == MavMissionType::MAV_MISSION_TYPE_ALL;
-                let result = if !ours {
-                    // There is no fence and no rally point to clear; the plan stays.
-                    MavMissionResult::MAV_MISSION_ACCEPTED
-                } else if self.mode == Mode::Mission {
-                    self.say(at, Severity::Warning, "mission in flight: not cleared".to_owned());
-                    MavMissionResult::MAV_MISSION_DENIED
-                } else {
-                    self.mission.replace(Vec::new());
-                    self.guidance.set_current_item(0);
-                    if self.guidance.mission_waits && !self.mode.has_thrust() {
-                        self.call_off_lift_off();
-                    }
-                    MavMissionResult::MAV_MISSION_ACCEPTED
-                };
-                self.out.message(link, OWN, &ack(peer, m.mission_type, result, 0));
-            }
-            MavMessage::MISSION_SET_CURRENT(m) => {
-                if let Err((_, why)) = self.set_current_item(f64::from(m.seq)) {
-                    self.say(at, Severity::Warning, why);
-                }
-                self.send_telemetry(at, link, 42);
-            }
-            MavMessage::MISSION_ACK(_) => {
-                let LinkId::Ground(n) = link else { return };
-                self.grounds[usize::from(n)].transfer.cancel(peer);
-            }
             MavMessage::HEARTBEAT(_) => {}
             other => match reference::from_message(&other) {
                 Some(Ok(pose)) => {
@@ -358,63 +298,5 @@ impl Pilot {
         };
         let mission_type = MavMissionType::MAV_MISSION_TYPE_MISSION;
         self.out.message(link, OWN, &ack(peer, mission_type, result, 0));
-    }
-
-    fn mission_count(
-        &mut self,
-        at: HostTime,
-        link: LinkId,
-        peer: (u8, u8),
-        m: &MISSION_COUNT_DATA,
-    ) {
-        if self.mode == Mode::Mission {
-            let text = "mission in flight: hold first, then upload";
-            self.say(at, Severity::Warning, text.to_owned());
-            let denied = MavMissionResult::MAV_MISSION_DENIED;
-            self.out.message(link, OWN, &ack(peer, m.mission_type, denied, 0));
-            return;
-        }
-        let LinkId::Ground(n) = link else { return };
-        let busy = self.grounds.iter().any(|g| {
-            if g.link == link { g.transfer.is_taken_by_other(peer) } else { g.transfer.is_busy() }
-        });
-        if busy {
-            let text = "mission refused: another client is uploading one";
-            self.say(at, Severity::Warning, text.to_owned());
-            let denied = MavMissionResult::MAV_MISSION_DENIED;
-            self.out.message(link, OWN, &ack(peer, m.mission_type, denied, 0));
-            return;
-        }
-        let progress = self.grounds[usize::from(n)].transfer.count(peer, m, at);
-        self.mission_progress(at, link, progress);
-    }
-
-    pub(super) fn mission_progress(&mut self, at: HostTime, link: LinkId, progress: Progress) {
-        match progress {
-            Progress::Nothing => {}
-            Progress::Answer(message) => self.out.message(link, OWN, &message),
-            Progress::Refused { answer, why } => {
-                self.out.message(link, OWN, &answer);
-                self.say(at, Severity::Warning, format!("mission refused: {why}"));
-            }
-            Progress::Complete { answer: (system, component, mission_type), .. }
-                if self.mode == Mode::Mission =>
-            {
-                // It was started while its successor was on the way.
-                let denied = MavMissionResult::MAV_MISSION_DENIED;
-                self.out.message(link, OWN, &ack((system, component), mission_type, denied, 0));
-                let text = "mission in flight: the uploaded one is not taken";
-                self.say(at, Severity::Warning, text.to_owned());
-            }
-            Progress::Complete { items, answer: (system, component, mission_type) } => {
-                self.mission.replace(items);
-                self.guidance.set_current_item(0);
-                let accepted = MavMissionResult::MAV_MISSION_ACCEPTED;
-                let answer = ack((system, component), mission_type, accepted, self.mission.id);
-                self.out.message(link, OWN, &answer);
-                let text = format!("mission of {} items in force", self.mission.items.len());
-                self.say(at, Severity::Info, text);
-            }
-        }
     }
 }

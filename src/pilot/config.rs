@@ -26,6 +26,8 @@ pub struct PilotConfig {
     pub routing: Routing,
     /// Where the room lies on Earth.
     pub origin: OriginConfig,
+    /// Whether glue answers requests for files.
+    pub store: bool,
     /// `[flight]`
     pub flight: FlightConfig,
     /// `[limits]`
@@ -47,6 +49,7 @@ impl Default for PilotConfig {
             endpoints: vec![Endpoint::default()],
             routing: Routing::default(),
             origin: OriginConfig::default(),
+            store: false,
             flight: FlightConfig::default(),
             limits: LimitsConfig::default(),
             uwb: UwbConfig::default(),
@@ -124,6 +127,8 @@ pub struct FlightConfig {
     pub land_slow_height_m: f64,
     /// Distance at which a waypoint counts as reached when it names none, m.
     pub acceptance_radius_m: f64,
+    /// Least height of a return, m. 0: it flies at the height it has.
+    pub return_height_m: f64,
     /// Height of the landing gear's feet below the point that the estimator tracks, m.
     pub gear_height_m: f64,
     /// Time armed on the floor without take-off after which the vehicle disarms, s.
@@ -142,6 +147,7 @@ impl Default for FlightConfig {
             land_slow_speed_mps: 0.25,
             land_slow_height_m: 0.6,
             acceptance_radius_m: 0.30,
+            return_height_m: 0.0,
             gear_height_m: 0.0,
             idle_disarm_s: 15.0,
         }
@@ -163,6 +169,7 @@ impl FlightConfig {
         range("land_slow_speed_mps", self.land_slow_speed_mps, 0.05, 1.0, "m/s");
         range("land_slow_height_m", self.land_slow_height_m, 0.0, 5.0, "m");
         range("acceptance_radius_m", self.acceptance_radius_m, 0.05, 5.0, "m");
+        range("return_height_m", self.return_height_m, 0.0, 20.0, "m");
         range("gear_height_m", self.gear_height_m, 0.0, 0.5, "m");
         range("idle_disarm_s", self.idle_disarm_s, 2.0, 600.0, "s");
     }
@@ -209,6 +216,14 @@ impl Default for LimitsConfig {
 const LEAST_CEILING_M: f64 = 1.0;
 
 impl LimitsConfig {
+    /// Writes down what was left to the anchors.
+    pub fn resolve(&mut self, survey: &Survey) {
+        let Volume { north_m, east_m, height_m } = self.volume(survey);
+        self.north_m = Some(north_m);
+        self.east_m = Some(east_m);
+        self.height_m = Some(height_m);
+    }
+
     /// The volume that setpoints may not leave: as configured, else the extent of the anchors.
     pub(super) fn volume(&self, survey: &Survey) -> Volume {
         let extent = |axis: usize| {

@@ -1,4 +1,4 @@
-//! One link to a ground station: who is there, what it streams, its mission upload, its counters.
+//! One link to a ground station: who is there, what it streams, its counters.
 
 use haltere_dialect::mav_stream::MavSplitter;
 
@@ -6,7 +6,6 @@ use crate::time::HostTime;
 
 use super::LinkId;
 use super::endpoint::Endpoint;
-use super::mission_transfer::MissionTransfer;
 use super::streams::Streams;
 
 /// Peers on one link whose sequence numbers are followed.
@@ -40,7 +39,6 @@ pub(super) struct GroundLink {
     /// Whether somebody is there. Nothing is sent to a link without a station.
     pub is_open: bool,
     pub splitter: MavSplitter,
-    pub transfer: MissionTransfer,
     pub streams: Streams,
     pub counts: LinkCounts,
     /// When bytes last came.
@@ -62,7 +60,6 @@ impl GroundLink {
             endpoint_number,
             is_open: false,
             splitter: MavSplitter::new(),
-            transfer: MissionTransfer::default(),
             streams: Streams::new(&endpoint, at),
             counts: LinkCounts::default(),
             heard_at: at,

@@ -112,6 +112,10 @@ pub(super) struct Guidance {
     wait_since: HostTime,
     /// The item in force was refused in flight.
     refused: bool,
+    /// Places to return to beside home, N and E, m.
+    rally_NE_m: Vec<[f64; 2]>,
+    /// Jumps of the mission that were made: index of the item, how often.
+    jumps_made: Vec<(u16, u32)>,
     /// What a client wants in Offboard mode.
     pub setpoint: Option<Setpoint>,
     /// What a joystick wants in Manual mode.
@@ -144,6 +148,8 @@ impl Guidance {
             tilt: None,
             wait_since: at,
             refused: false,
+            rally_NE_m: Vec::new(),
+            jumps_made: Vec::new(),
             setpoint: None,
             sticks: None,
         }
@@ -209,8 +215,64 @@ impl Guidance {
         self.yaw_rad = wrap_pi_rad(yaw_rad);
     }
 
+    /// The configuration changed: legs go on, with the new speeds.
+    pub fn reconfigure(
+        &mut self,
+        config: FlightConfig,
+        envelope: Envelope,
+        velocity_limit_mps: f64,
+    ) {
+        if self.leg_speed_mps == self.config.cruise_speed_mps {
+            self.leg_speed_mps = config.cruise_speed_mps;
+        }
+        self.config = config;
+        self.envelope = envelope;
+        self.jump_speed_mps = velocity_limit_mps;
+    }
+
+    /// Places to return to beside home, N and E, m.
+    pub fn set_rally_points(&mut self, rally_NE_m: Vec<[f64; 2]>) {
+        self.rally_NE_m = rally_NE_m;
+    }
+
+    /// Another mission is in force: from its first item.
+    pub fn new_mission(&mut self) {
+        self.jumps_made.clear();
+        self.set_current_item(0);
+    }
+
+    /// Home, or the rally point that is nearer, N and E, m.
+    fn nearest_refuge_NE_m(&self, from_E_m: Vec3<E>) -> [f64; 2] {
+        let home = [self.home_E_m.x(), self.home_E_m.y()];
+        let far = |p: &[f64; 2]| (p[0] - from_E_m.x()).hypot(p[1] - from_E_m.y());
+        let all = std::iter::once(home).chain(self.rally_NE_m.iter().copied());
+        all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(home)
+    }
+
+    /// Whether a jump is to be made once more; counts it.
+    fn may_jump(&mut self, item: u16, times: Option<u32>) -> bool {
+        let made = match self.jumps_made.iter_mut().find(|(i, _)| *i == item) {
+            Some((_, made)) => made,
+            None => {
+                self.jumps_made.push((item, 0));
+                // Bounded: there is one entry an item.
+                match self.jumps_made.last_mut() {
+                    Some((_, made)) => made,
+                    None => return false,
+                }
+            }
+        };
+        let more = times.is_none_or(|times| *made < times);
+        *made = made.saturating_add(1);
+        more
+    }
+
     /// Jumps within the mission.
     pub fn set_current_item(&mut self, index: u16) {
+        if index == 0 {
+            // From the start: jumps count anew.
+            self.jumps_made.clear();
+        }
         self.current_item = index;
         self.item_started = false;
         self.jumped = true;
@@ -247,9 +309,11 @@ impl Guidance {
             Mode::Goto => self.start_from_here(estimate),
             Mode::Return => {
                 self.set_leg_speed(None);
-                let height = self.carrot.pos_E_m.z().min(estimate.pos_E_m.z());
+                let present = self.carrot.pos_E_m.z().min(estimate.pos_E_m.z());
+                let height = present.min(-self.config.return_height_m);
                 self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
-                self.fly_to(Vec3::new(self.home_E_m.x(), self.home_E_m.y(), height), None);
+                let [north, east] = self.nearest_refuge_NE_m(estimate.pos_E_m);
+                self.fly_to(Vec3::new(north, east, height), None);
             }
             Mode::Land
                 if (self.is_far_from_carrot(estimate) || !self.carrot.has_arrived()) => {
@@ -414,8 +478,19 @@ impl Guidance {
                 self.set_leg_speed(speed_mps);
                 true
             }
-            MissionItem::Yaw { yaw_rad } => {
-                self.yaw_rad = wrap_pi_rad(yaw_rad);
+            MissionItem::Yaw { yaw_rad, relative } => {
+                let base_rad = if relative { self.yaw_rad } else { 0.0 };
+                self.yaw_rad = wrap_pi_rad(base_rad + yaw_rad);
+                true
+            }
+            MissionItem::Home => true,
+            MissionItem::Jump { to, times } => {
+                if self.may_jump(self.current_item, times) {
+                    self.current_item = to;
+                    self.item_started = false;
+                    self.arrived_at = None;
+                    return;
+                }
                 true
             }
             MissionItem::Doublet(doublet) => {

@@ -101,7 +101,13 @@ pub(super) fn mav_type(number: u8) -> Option<MavType> {
 /// What we can do, honestly: what AUTOPILOT_VERSION tells.
 fn capabilities() -> MavProtocolCapability {
     use MavProtocolCapability as C;
-    C::MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    C::MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
+        | C::MAV_PROTOCOL_CAPABILITY_MISSION_INT
+        | C::MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+        | C::MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+        // All parameters are floats, so it is the same; the bits of the hash are bytewise.
+        | C::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+        | C::MAV_PROTOCOL_CAPABILITY_FTP
         | C::MAV_PROTOCOL_CAPABILITY_COMMAND_INT
         | C::MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
         | C::MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT

@@ -57,7 +57,10 @@ impl Pilot {
                 self.say(at, Severity::Error, "tag disconnected".to_owned());
             }
             LinkId::Board => self.say(at, Severity::Error, "board disconnected".to_owned()),
-            LinkId::Ground(n) => self.station_left(at, n),
+            LinkId::Ground(n) => {
+                self.services_forget(link);
+                self.station_left(at, n);
+            }
         }
     }
 

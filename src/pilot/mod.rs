@@ -6,7 +6,8 @@
 //!
 //! One idea per file: `schedule` the control step and what is due beside it, `supervise` what
 //! ends a flight, `modes` the table of transitions, `guidance` what the controller is asked for,
-//! `board` and `ground` the links, `commands` and `telemetry` what clients say and see.
+//! `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
+//! what they fetch and store: parameters, plans, files and logs.
 
 // The definitions call some messages superseded; today's clients still send and expect them.
 #![allow(deprecated)]
@@ -27,6 +28,7 @@ mod identity;
 mod ingest;
 mod manual;
 mod mission;
+mod mission_items;
 mod mission_transfer;
 mod modes;
 mod orders;
@@ -35,6 +37,7 @@ mod place;
 mod reference;
 mod routing;
 mod schedule;
+pub mod services;
 mod setpoint;
 mod streams;
 mod supervise;
@@ -72,6 +75,7 @@ use ground::GroundLink;
 use guidance::Guidance;
 use heading::BoardNorth;
 use output::{Address, Outbox};
+use services::{FileFault, Services};
 use supervise::Touch;
 use telemetry_counts::PairStats;
 
@@ -134,6 +138,15 @@ pub enum Input<'a> {
         reason: DropReason,
         /// How many bytes, frames or records.
         count: u64,
+    },
+    /// Glue has done, or failed to do, what a [`services::FileRequest`] asked for.
+    File {
+        /// The request's ticket.
+        ticket: u32,
+        /// Whether it was done.
+        result: Result<(), FileFault>,
+        /// What was asked for, or what is wrong.
+        bytes: &'a [u8],
     },
     /// The deadline came, or something wants the core to look at the time.
     Wake,
@@ -220,11 +233,14 @@ pub struct Pilot {
     grounds: Vec<GroundLink>,
     origin: LocalOrigin,
     next_health: HostTime,
+    services: Services,
 }
 
 impl Pilot {
     /// A core that starts at `at`.
-    pub fn new(config: PilotConfig, survey: Survey, at: HostTime) -> Self {
+    pub fn new(mut config: PilotConfig, survey: Survey, at: HostTime) -> Self {
+        // From here on the volume is a number: parameters show it, and change it.
+        config.limits.resolve(&survey);
         let envelope = Envelope::of(&config, &survey);
         let estimator = Estimator::new(config.estimator_in_force(), survey.clone());
         let estimate = estimator.estimate();
@@ -287,6 +303,7 @@ impl Pilot {
             grounds,
             origin,
             next_health: at,
+            services: Services::new(&config),
             config,
             survey,
         };
@@ -312,6 +329,7 @@ impl Pilot {
             Input::LinkUp { link } => self.link_up(at, link),
             Input::LinkDown { link } => self.link_down(at, link),
             Input::Lost { link, reason, count } => self.glue_lost(at, link, reason, count),
+            Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
             Input::Wake => self.wake(at),
         }
     }

@@ -193,6 +193,9 @@ impl Pilot {
         if self.mission.items.is_empty() {
             return refuse(MavResult::MAV_RESULT_DENIED, "no mission: upload one first");
         }
+        if let Some(why) = self.services.plans.mission_is_barred.clone() {
+            return refuse(MavResult::MAV_RESULT_DENIED, why);
+        }
         if usize::from(self.guidance.current_item) >= self.mission.items.len() {
             self.guidance.set_current_item(0);
         }
@@ -375,6 +378,10 @@ impl Pilot {
                     volume.height_m
                 ),
             );
+        }
+        if !self.services.plans.fence.contains([north_m, east_m]) {
+            let text = format!("N {north_m:.2} E {east_m:.2} m is outside the fence");
+            return refuse(R::MAV_RESULT_DENIED, text);
         }
         let answer = self.ask(at, Event::GotoAsked, &[Mode::Goto])?;
         if self.mode == Mode::Goto {

@@ -69,6 +69,7 @@ impl Pilot {
         self.board.tick(at, &mut self.out, &mut news);
         self.take_board_news(at, news);
         self.serve_grounds(at);
+        self.service_tick(at);
         if at >= self.next_health {
             self.next_health = at.offset_us(1_000_000);
             self.record_health(at);
@@ -138,7 +139,8 @@ impl Pilot {
                     at,
                     dt_s,
                 };
-                let (command, news) = self.guidance.step(self.mode, &self.mission, &now);
+                let (mut command, news) = self.guidance.step(self.mode, &self.mission, &now);
+                self.keep_inside_fence(at, &mut command);
                 let frozen = self.mode == Mode::Takeoff && self.is_on_floor();
                 let mut output = self.run_controller(at, &command, dt_s, frozen, news.held);
                 if let Some((doublet, elapsed_s)) = news.doublet {
@@ -261,7 +263,7 @@ impl Pilot {
         }
     }
 
-    /// Ground endpoints: repeated mission requests, then the streams that are due.
+    /// Ground endpoints: the streams that are due.
     fn serve_grounds(&mut self, at: HostTime) {
         self.soothe_askers(at);
         self.tell_mode(at);
@@ -270,8 +272,6 @@ impl Pilot {
                 continue;
             }
             let link = self.grounds[n].link;
-            let progress = self.grounds[n].transfer.tick(at);
-            self.mission_progress(at, link, progress);
             self.grounds[n].streams.begin(at);
             // Answers first: they are booked before any stream.
             self.settle(n);

@@ -275,6 +275,9 @@ impl Pilot {
                 ARM_TILT_RAD.to_degrees()
             ));
         }
+        if let Some(why) = self.fence_forbids() {
+            return Err(why);
+        }
         match self.battery {
             Some(b) if at.seconds_since(b.received_at) < ARM_BATTERY_AGE_S => {
                 if b.supply_v < self.config.limits.battery_low_v {

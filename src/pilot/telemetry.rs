@@ -249,9 +249,10 @@ impl Pilot {
             usable,
         );
         health.set(S::MAV_SYS_STATUS_SENSOR_GPS, usable && endpoint.gps == GpsClaim::OriginGps);
-        // The limits of the flight volume. On the floor it is not left by being below its bottom.
+        // The flight volume and the fence that a station drew. On the floor it is not left by being below its bottom.
         let inside = self.guidance.volume().contains_over(self.estimate.pos_E_m)
-            && -self.estimate.pos_E_m.z() <= self.guidance.volume().height_m + FENCE_MARGIN_M;
+            && -self.estimate.pos_E_m.z() <= self.guidance.volume().height_m + FENCE_MARGIN_M
+            && self.fence_forbids().is_none();
         health.set(S::MAV_SYS_STATUS_GEOFENCE, !self.mode.has_thrust() || inside);
         let imu_fresh = self.last_imu.is_some_and(|t| self.now.seconds_since(t) < 0.2);
         health.set(S::MAV_SYS_STATUS_SENSOR_3D_GYRO | S::MAV_SYS_STATUS_SENSOR_3D_ACCEL, imu_fresh);
@@ -346,6 +347,7 @@ impl Pilot {
         } else {
             MissionState::MISSION_STATE_PAUSED
         };
+        let (fence_id, rally_points_id) = self.services.plans.ids();
         MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA {
             seq: seq.min(total.saturating_sub(1)),
             // The protocol writes "no mission" as the largest number.
@@ -353,8 +355,8 @@ impl Pilot {
             mission_state,
             mission_mode: if self.mode == Mode::Mission { 1 } else { 2 },
             mission_id: self.mission.id,
-            fence_id: 0,
-            rally_points_id: 0,
+            fence_id,
+            rally_points_id,
         })
     }
 

@@ -37,6 +37,7 @@ pub(super) fn link_from_name(name: &str) -> Option<LinkId> {
 pub(super) const CONFIG: (&str, &str) = ("/config", "haltere.Session");
 pub(super) const EVENT: (&str, &str) = ("/in/event", "haltere.LinkEvent");
 pub(super) const LOST: (&str, &str) = ("/in/lost", "haltere.Lost");
+pub(super) const FILE: (&str, &str) = ("/in/file", "haltere.FileAnswer");
 pub(super) const WAKE: (&str, &str) = ("/wake", "haltere.Wake");
 pub(super) const HOLE: (&str, &str) = ("/hole", "haltere.Hole");
 pub(super) const CLOSING: (&str, &str) = ("/closing", "haltere.Closing");

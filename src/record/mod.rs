@@ -10,6 +10,7 @@
 //! | `/in/tag` `/in/board` `/in/ground/N` | bytes as handed to the core |
 //! | `/in/event` | links that came up or went down |
 //! | `/in/lost` | losses around the core, as told to it |
+//! | `/in/file` | what the disk answered to the core |
 //! | `/wake` | wake-ups of the core |
 //! | `/out/tag` `/out/board` `/out/ground/N` | bytes that the core sent |
 //! | `/imu` `/uwb` `/estimate` `/control` … | decoded topics |

@@ -11,6 +11,7 @@ use super::channels::{self, Decoded};
 use super::pb;
 use super::session::Session;
 use crate::drops::DropReason;
+use crate::pilot::services::FileFault;
 use crate::pilot::{Input, LinkId};
 use crate::time::HostTime;
 
@@ -131,6 +132,15 @@ pub enum RawInput {
         /// How many.
         count: u64,
     },
+    /// See [`Input::File`].
+    File {
+        /// Ticket of the request.
+        ticket: u32,
+        /// Why it was not done.
+        fault: Option<FileFault>,
+        /// What was asked for.
+        bytes: Vec<u8>,
+    },
     /// See [`Input::Wake`].
     Wake,
 }
@@ -144,6 +154,9 @@ impl RawInput {
             RawInput::LinkDown { link } => Input::LinkDown { link: *link },
             RawInput::Lost { link, reason, count } => {
                 Input::Lost { link: *link, reason: *reason, count: *count }
+            }
+            RawInput::File { ticket, fault, bytes } => {
+                Input::File { ticket: *ticket, result: fault.map_or(Ok(()), Err), bytes }
             }
             RawInput::Wake => Input::Wake,
         }
@@ -316,6 +329,23 @@ fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
             at: HostTime::from_us(wake.host_time_us),
             input: RawInput::Wake,
         }
+    } else if channel == channels::FILE.0 {
+        let answer = pb::FileAnswer::decode(data)?;
+        let fault = match answer.fault {
+            0 => None,
+            // A fault of a newer build: it was not done, for some reason.
+            number => Some(
+                u8::try_from(number)
+                    .ok()
+                    .and_then(FileFault::from_number)
+                    .unwrap_or(FileFault::Failed),
+            ),
+        };
+        Entry::Input {
+            sequence: answer.sequence,
+            at: HostTime::from_us(answer.host_time_us),
+            input: RawInput::File { ticket: answer.ticket, fault, bytes: answer.data },
+        }
     } else if channel == channels::EVENT.0 {
         let event = pb::LinkEvent::decode(data)?;
         let Ok(number) = u8::try_from(event.link) else { return Ok(None) };
@@ -354,6 +384,12 @@ fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
     } else {
         return Ok(None);
     }))
+}
+
+/// Channel u16, then the length in bytes u32 of what follows.
+fn is_message_index(body: &[u8]) -> bool {
+    let length = body.get(2..6).and_then(|b| b.first_chunk::<4>()).map(|b| u32::from_le_bytes(*b));
+    length.is_some_and(|length| body.len() == 6 + length as usize)
 }
 
 /// One message of any channel.
@@ -423,8 +459,11 @@ impl<'a> Iterator for Messages<'a> {
                     return self.stop(end);
                 }
                 op::CHANNEL | op::MESSAGE | op::CHUNK => {}
+                // Skipped, so it must be what it says: a chunk whose opcode is damaged is not.
+                op::MESSAGE_INDEX if !is_message_index(body) => {
+                    return self.stop(damaged("a message index of the wrong length".into()));
+                }
                 op::HEADER..=op::DATA_END => continue,
-                0x80.. => continue,
                 other => return self.stop(damaged(format!("no record has opcode {other:#04x}"))),
             }
             if opcode == op::CHANNEL && body.len() > LONGEST_CHANNEL_BYTES {

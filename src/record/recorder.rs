@@ -39,6 +39,7 @@ enum Item {
     Bytes { out: bool, link: LinkId, start: usize, end: usize },
     Event { link: LinkId, kind: pb::link_event::Kind },
     Lost { link: LinkId, reason: DropReason, count: u64 },
+    File { ticket: u32, fault: u8, start: usize, end: usize },
     Wake,
     Topic(Topic),
     Glue(pb::Glue),
@@ -168,6 +169,16 @@ impl Recorder {
             }
             Input::Lost { link, reason, count } => {
                 self.raw(at, Item::Lost { link, reason, count });
+            }
+            Input::File { ticket, result, bytes } => {
+                if self.queue.is_none() {
+                    return;
+                }
+                let start = self.batch.bytes.len();
+                self.batch.bytes.extend_from_slice(bytes);
+                let end = self.batch.bytes.len();
+                let fault = result.err().map_or(0, |fault| fault as u8);
+                self.raw(at, Item::File { ticket, fault, start, end });
             }
             Input::Wake => self.raw(at, Item::Wake),
         }
@@ -408,6 +419,17 @@ fn write_batch<W: std::io::Write>(
                     count: *count,
                 };
                 log.put(channels::LOST, at, sequence, &message)?;
+            }
+            Item::File { ticket, fault, start, end } => {
+                let data = batch.bytes.get(*start..*end).unwrap_or_default().to_vec();
+                let message = pb::FileAnswer {
+                    sequence,
+                    host_time_us,
+                    ticket: *ticket,
+                    fault: u32::from(*fault),
+                    data,
+                };
+                log.put(channels::FILE, at, sequence, &message)?;
             }
             Item::Wake => {
                 log.put(channels::WAKE, at, sequence, &pb::Wake { sequence, host_time_us })?;

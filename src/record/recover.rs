@@ -67,6 +67,7 @@ fn schema_of(channel: &str) -> Option<&'static str> {
         channels::CONFIG,
         channels::EVENT,
         channels::LOST,
+        channels::FILE,
         channels::WAKE,
         channels::HOLE,
         channels::CLOSING,

@@ -129,6 +129,12 @@ fn script(recorder: &mut Recorder, cycles: u64) -> Vec<Entry> {
             RawInput::Bytes { link: LinkId::Ground(3), bytes: vec![] },
             RawInput::LinkDown { link: LinkId::Ground(3) },
             RawInput::Lost { link: LinkId::Board, reason: DropReason::InputQueueFull, count: 3 },
+            RawInput::File { ticket: 7, fault: None, bytes: vec![1, 2, 3] },
+            RawInput::File {
+                ticket: 8,
+                fault: Some(crate::pilot::services::FileFault::NotFound),
+                bytes: vec![],
+            },
             RawInput::Wake,
         ];
         for (i, input) in inputs.into_iter().enumerate() {
@@ -192,7 +198,7 @@ fn prop_what_is_recorded_is_read_back() {
     let mut got: Vec<_> = entries.by_ref().collect();
     assert_eq!(entries.end(), LogEnd::Complete);
     let Some(Entry::Closing(closing)) = got.pop() else { panic!("closing missing") };
-    assert_eq!(closing.last_sequence, 200 * 10);
+    assert_eq!(closing.last_sequence, 200 * 12);
     assert_eq!(closing.lost_entries, 0);
     assert!(got == expected);
 }

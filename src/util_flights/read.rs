@@ -58,6 +58,11 @@ pub struct Flight {
 }
 
 impl Flight {
+    /// Whether it holds an IMU.
+    pub fn has_imu(&self) -> bool {
+        self.events.iter().any(|event| matches!(event.sample, Sample::Gyro(_)))
+    }
+
     /// Heading of the first pose, rad.
     pub fn first_yaw_rad(&self) -> Option<f64> {
         self.events.iter().find_map(|event| match &event.sample {

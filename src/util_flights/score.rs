@@ -2,9 +2,10 @@
 
 use nalgebra::Vector3;
 
-use crate::estimate::Estimate;
+use crate::estimate::{Estimate, Health};
 use crate::measure::ReferencePose;
 use crate::time::HostTime;
+use crate::topics::UwbRecord;
 
 /// Above this height it counts as airborne, m.
 const AIRBORNE_M: f64 = 0.5;
@@ -12,6 +13,12 @@ const AIRBORNE_M: f64 = 0.5;
 const SETTLED_S: f64 = 5.0;
 /// Lift-off is this far above the first pose, m.
 const LIFT_M: f64 = 0.1;
+/// Squared innovations beyond this many sigma squared say no more.
+const MOST_RATIO2: f64 = 25.0;
+/// Innovations beyond this many sigma are counted by anchor.
+const DOUBTED_SIGMA: f64 = 3.0;
+/// An error that health should have warned of, m.
+const WRONG_M: f64 = 1.0;
 /// An error beyond this, m …
 const DIVERGED_M: f64 = 2.0;
 /// … for longer than this, s, is a divergence.
@@ -26,6 +33,15 @@ pub struct Score {
     nees: f64,
     floor_z: Option<f64>,
     lifted_at: Option<HostTime>,
+    tilt: f64,
+    heading: f64,
+    squares: f64,
+    innovations: f64,
+    doubted: std::collections::BTreeMap<u8, u64>,
+    settled: bool,
+    last_at: Option<HostTime>,
+    warned_s: f64,
+    unwarned_s: f64,
     far_since: Option<HostTime>,
     diverged: bool,
 }
@@ -49,9 +65,36 @@ pub struct Summary {
     pub diverged: bool,
     /// Mean squared error over stated variance, per axis, airborne.
     pub nees_per_axis: Option<f64>,
+    /// Rms of tilt and heading error while airborne, deg.
+    pub attitude_deg: Option<[f64; 2]>,
+    /// Mean squared innovation over its variance, airborne.
+    pub nis: Option<f64>,
+    /// TDOA that were rejected or more than 3 sigma off, by anchor.
+    pub doubted_by_anchor: Vec<(u8, u64)>,
+    /// Time with an error above 1 m, s: health was not good, or was.
+    pub warned_s: f64,
+    /// As above.
+    pub unwarned_s: f64,
 }
 
 impl Score {
+    /// Takes what became of a TDOA.
+    pub fn innovation(&mut self, record: &UwbRecord) {
+        if record.var_innovation_m2 <= 0.0 {
+            return;
+        }
+        let ratio2 = record.innovation_m * record.innovation_m / record.var_innovation_m2;
+        if self.settled {
+            self.squares += ratio2.min(MOST_RATIO2);
+            self.innovations += 1.0;
+        }
+        if !record.fused || ratio2 > DOUBTED_SIGMA * DOUBTED_SIGMA {
+            for anchor in [record.tdoa.anchor_a, record.tdoa.anchor_b] {
+                *self.doubted.entry(anchor.0).or_default() += 1;
+            }
+        }
+    }
+
     /// Takes a true pose and the estimate at that time, if there is one.
     pub fn add(&mut self, at: HostTime, pose: &ReferencePose, estimate: Option<Estimate>) {
         let z = pose.pos_E_m.z();
@@ -65,8 +108,22 @@ impl Score {
         self.sum += error;
         self.errors_m.push(error_m);
         let settled = self.lifted_at.is_some_and(|lifted| at.seconds_since(lifted) > SETTLED_S);
-        if settled && -z > AIRBORNE_M {
+        self.settled = settled && -z > AIRBORNE_M;
+        let dt_s = self.last_at.replace(at).map_or(0.0, |last| at.seconds_since(last));
+        if error_m > WRONG_M {
+            if estimate.health == Health::Good {
+                self.unwarned_s += dt_s;
+            } else {
+                self.warned_s += dt_s;
+            }
+        }
+        if self.settled {
             self.airborne_m.push(error_m);
+            if let Some(truth) = pose.attitude {
+                let [roll, pitch, yaw] = (truth.inverse() * estimate.R_EB).euler_rad();
+                self.tilt += roll * roll + pitch * pitch;
+                self.heading += yaw * yaw;
+            }
             self.nees +=
                 (0..3).map(|i| (error[i] / estimate.std_pos_E_m[i]).powi(2)).sum::<f64>() / 3.0;
         }
@@ -94,6 +151,13 @@ impl Score {
             bias_m: (self.sum / (n.max(1) as f64)).into(),
             diverged: self.diverged,
             nees_per_axis: (airborne_n > 0.0).then(|| self.nees / airborne_n),
+            attitude_deg: (self.tilt > 0.0).then(|| {
+                [self.tilt, self.heading].map(|sum| (sum / airborne_n).sqrt().to_degrees())
+            }),
+            nis: (self.innovations > 0.0).then(|| self.squares / self.innovations),
+            doubted_by_anchor: self.doubted.into_iter().collect(),
+            warned_s: self.warned_s,
+            unwarned_s: self.unwarned_s,
         }
     }
 }

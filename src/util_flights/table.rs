@@ -8,7 +8,7 @@ use super::FlightReport;
 pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Result {
     writeln!(
         out,
-        "{:<26} {:>6} {:>8} {:>6} {:>6} {:>6}  {:>20} {:>5} {:>8} {:>7} {:>6} {:>6} {:>5} {:>6}",
+        "{:<26} {:>6} {:>8} {:>6} {:>6} {:>6}  {:>20} {:>10} {:>5} {:>5} {:>8} {:>7} {:>6} {:>6} {:>5} {:>6}",
         "flight",
         "rmse_m",
         "airborne",
@@ -16,7 +16,9 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
         "p95",
         "worst",
         "bias N E D",
+        "tilt yaw",
         "nees",
+        "nis",
         "updates",
         "reject",
         "absurd",
@@ -28,15 +30,17 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
         let [n, e, d] = r.bias_m;
         writeln!(
             out,
-            "{:<26} {:>6} {:>8} {:>6} {:>6} {:>6}  {n:>6.3} {e:>6.3} {d:>6.3} {:>5} {:>8} {:>7} \
-             {:>6} {:>6} {:>5.0} {:>6}",
+            "{:<26} {:>6} {:>8} {:>6} {:>6} {:>6}  {n:>6.3} {e:>6.3} {d:>6.3} {:>10} {:>5} {:>5} {:>8} \
+             {:>7} {:>6} {:>6} {:>5.0} {:>6}",
             r.flight,
             metres(r.rmse_3d_m),
             metres(r.rmse_3d_airborne_m),
             metres(r.median_m),
             metres(r.p95_m),
             metres(r.worst_m),
+            r.attitude_deg.map_or("-".into(), |[tilt, yaw]| format!("{tilt:.1} {yaw:.1}")),
             r.nees_per_axis.map_or("-".into(), |v| format!("{v:.1}")),
+            r.nis.map_or("-".into(), |v| format!("{v:.1}")),
             r.updates,
             r.rejected,
             r.impossible,
@@ -54,12 +58,12 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
     )
 }
 
-fn metres(value: Option<f64>) -> String {
+pub(super) fn metres(value: Option<f64>) -> String {
     value.map_or("-".into(), |v| format!("{v:.3}"))
 }
 
 /// Mean of the two middle values for an even number; `None` if any is missing.
-fn median(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+pub(super) fn median(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     let mut values: Vec<f64> = values.collect::<Option<_>>()?;
     values.sort_by(f64::total_cmp);
     let n = values.len();

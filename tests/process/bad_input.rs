@@ -23,7 +23,7 @@ fn anchors(folder: &Path, heights_m: [f64; 8]) {
 }
 
 fn config(folder: &Path, text: &str) {
-    let common = "[record]\nenabled = false\n[timing]\nrealtime = false\nlock_memory = false\n";
+    let common = "[record]\nenabled = false\n[store]\ndirectory = \"\"\n[timing]\nrealtime = false\nlock_memory = false\n";
     fs::write(folder.join("haltere.toml"), format!("{text}\n{common}")).unwrap();
 }
 

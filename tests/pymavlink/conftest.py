@@ -77,16 +77,29 @@ gear_height_m = 0.12
 rest_height_m = 0.12
 [record]
 directory = "{folder / 'log'}"
+[store]
+directory = "{folder / 'state'}"
 """)
         self.link = mavutil.mavlink_connection(
             f"udpin:127.0.0.1:{ground}", source_system=255, source_component=190
         )
-        self.companion = subprocess.Popen(
-            [SIM, "companion", "fly", "--config", str(folder / "haltere.toml")],
-            stdout=open(folder / "companion.txt", "w"), stderr=subprocess.STDOUT,
-        )
         self.texts = []
+        self.start_companion()
+
+    def start_companion(self):
+        self.companion = subprocess.Popen(
+            [SIM, "companion", "fly", "--config", str(self.folder / "haltere.toml")],
+            stdout=open(self.folder / "companion.txt", "a"), stderr=subprocess.STDOUT,
+        )
         self.wait("HEARTBEAT", timeout=15, when=lambda m: m.get_srcComponent() == 1)
+
+    def cut_power(self):
+        """The companion ends without a word, as in a power cut, and is started again."""
+        self.companion.kill()
+        self.companion.wait()
+        self.drain(0.3)
+        self.texts.clear()
+        self.start_companion()
 
     def close(self):
         for process in (self.companion, self.sim):

@@ -82,7 +82,9 @@ impl Processes {
              # alone tells height badly.\n\
              [flight]\ngear_height_m = {gear_m:?}\n\n\
              [estimator]\nrest_height_m = {gear_m:?}\n\n\
-             [record]\ndirectory = \"{}\"\n",
+             [record]\ndirectory = \"{}\"\n\n\
+             # Nothing of a demo before this one.\n\
+             [store]\ndirectory = \"\"\n",
             told("tag")?,
             told("tag_protocol")?,
             told("board")?,

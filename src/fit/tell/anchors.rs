@@ -85,6 +85,7 @@ pub fn fit(sources: &[Source], known: bool) -> Result<Outcome, Refusal> {
     outcome.quality("left out as too far off", found.gated as f64, "");
     outcome.quality("differences per independent one", found.stretch, "");
     let mut rows = Vec::new();
+    let (mut biases, mut stds) = (Vec::new(), Vec::new());
     let mut toml =
         String::from("# anchors.toml: surveyed places with the offsets found\nframe = \"enu\"\n");
     for ((id, place), anchor) in ids.iter().zip(&places).zip(&found.anchors) {
@@ -104,13 +105,25 @@ pub fn fit(sources: &[Source], known: bool) -> Result<Outcome, Refusal> {
         let moved =
             Vec3::<E>::from_array(std::array::from_fn(|k| place[k] + anchor.offset_E_m[k].value));
         let [x, y, z] = survey_from_earth(moved).to_array();
-        toml.push_str(&format!("\n[[anchor]]\nid = {id}\nposition_m = [{x:.3}, {y:.3}, {z:.3}]\n"));
+        let [north, east, down] = anchor.offset_E_m.map(|v| v.std);
+        toml.push_str(&format!(
+            "\n[[anchor]]\nid = {id}\n# one sigma {east:.3}, {north:.3}, {down:.3} m\n\
+             position_m = [{x:.3}, {y:.3}, {z:.3}]\n"
+        ));
+        biases.push(format!("[{id}, {:.3}]", anchor.bias_m.value));
+        stds.push(format!("{:.3}", anchor.bias_m.std));
     }
     outcome.tables.push(Table {
         title: "anchors: found less surveyed, m".into(),
         head: ["id", "north", "east", "down", "range bias", "heard"].map(String::from).to_vec(),
         rows,
     });
+    toml.push_str(&format!(
+        "\n# Range biases, for [estimator] of the configuration; one sigma {} m:\n\
+         # range_bias_m = [{}]\n",
+        stds.join(", "),
+        biases.join(", ")
+    ));
     notes(&mut outcome, &found);
     // Not a configuration but an anchor file: checked by its own reader in the tests.
     outcome.snippet = Some(toml);
@@ -134,7 +147,7 @@ fn notes(outcome: &mut Outcome, found: &Calibration) {
          this flight and stays at the survey"
     ));
     outcome.notes.push(
-        "range biases have no key in the configuration: they tell where an antenna is shaded"
+        "range biases go into estimator.range_bias_m as a whole, with the places they were found with"
             .into(),
     );
 }

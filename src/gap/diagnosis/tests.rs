@@ -4,6 +4,8 @@ use super::*;
 use crate::gap::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate};
 use crate::gap::bank::{Bank, Draw, EffectDraws};
 use crate::gap::library::standard;
+use crate::gap::nominal::Nominal;
+use crate::gap::scene::Scene;
 use crate::measure::AnchorId;
 use crate::model::random::Stream;
 
@@ -132,18 +134,4 @@ fn prop_a_log_that_cannot_be_read_has_a_whole_report() {
         assert!(json.get(key).is_some(), "{key} is missing");
     }
     assert_eq!(json["faults"][0], "byte 3: not a log");
-}
-
-#[test]
-fn val_a_held_out_flight_of_the_effect_is_explained_by_it() {
-    let scene = Scene::lab().unwrap();
-    let items = crate::gap::missions::plain(&scene);
-    let spec = standard().into_iter().find(|s| s.id == "P1").unwrap();
-    let model = HeldOut::new(&scene, &items, &[]);
-    let own = model.fly(&[(spec, &[0.12])], SHRINK_FLIGHTS).swap_remove(0);
-    let (right, none) = (model.paired(&own, &[(spec, &[0.12])]), model.paired(&own, &[]));
-    let (right, none) = (model.shrink(&[right]), model.shrink(&[none]));
-    assert!(right.value.unwrap() > 0.8, "{right:?}");
-    assert!(none.value.unwrap().abs() < 0.1, "{none:?}");
-    assert_eq!(right.interval, None, "one flight has no interval");
 }

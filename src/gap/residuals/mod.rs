@@ -122,7 +122,7 @@ const FINE: usize = (STEP_S / RESPONSE_STEP_S + 0.5) as usize;
 impl<'a> Flight<'a> {
     /// Resamples, smooths and predicts.
     pub fn new(trace: &'a Trace, nominal: &'a Nominal) -> Result<Self, NotObservable> {
-        let line = Timeline::new(trace)?;
+        let line = Timeline::new(trace, nominal.until_s)?;
         let ids = trace.survey.ids().to_vec();
         let sites_E_m: Vec<_> =
             ids.iter().filter_map(|id| trace.survey.position_E_m(*id)).map(|p| p.raw()).collect();

@@ -6,6 +6,8 @@ mod ground;
 mod hostile;
 mod landing;
 mod programs;
+mod services;
+mod services_files;
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavResult};
 

@@ -1,0 +1,158 @@
+//! Parameters that a ground station has set: a file of names and values over the configuration.
+//!
+//! ```text
+//! # haltere parameters, crc32 1a2b3c4d
+//! FLT_TKO_HGT = 1.2
+//! GAN_VEL_X_P = 0.3
+//! ```
+//!
+//! The checksum is that of everything behind the first line. A file that does not fit it is not
+//! used, and people are told; single lines that this build refuses are left out, and people are told.
+//! Environment variables and `--set` win over it: whoever types a value means it.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use super::Loaded;
+use super::layers::Layers;
+use crate::checks::Problems;
+use crate::pilot::services::{crc32, find_parameter};
+
+/// Name of the file in `store.directory`.
+pub const FILE: &str = "parameters.txt";
+const HEAD: &str = "# haltere parameters, crc32 ";
+
+/// Values by name.
+pub type Values = BTreeMap<String, f64>;
+
+/// The file of these values.
+pub fn to_text(values: &Values) -> String {
+    let mut body = String::new();
+    for (name, value) in values {
+        // Writing to a String cannot fail.
+        let _ = writeln!(body, "{name} = {value}");
+    }
+    format!("{HEAD}{:08x}\n{body}", crc32(body.as_bytes(), !0))
+}
+
+/// The values of a file. The error is for people.
+pub fn from_text(text: &str) -> Result<Values, String> {
+    let (head, body) = text.split_once('\n').ok_or("it has no first line")?;
+    let crc = head.strip_prefix(HEAD).ok_or_else(|| format!("line 1: expected `{HEAD}…`"))?;
+    let crc = u32::from_str_radix(crc.trim(), 16).map_err(|_| format!("line 1: crc32 {crc}"))?;
+    let found = crc32(body.as_bytes(), !0);
+    if crc != found {
+        return Err(format!("crc32 is {found:08x}, line 1 says {crc:08x}"));
+    }
+    let mut values = Values::new();
+    for (n, line) in body.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+        let parsed = line.split_once('=').and_then(|(name, value)| {
+            Some((name.trim().to_owned(), value.trim().parse::<f64>().ok()?))
+        });
+        let (name, value) =
+            parsed.ok_or_else(|| format!("line {}: expected NAME = VALUE", n + 2))?;
+        values.insert(name, value);
+    }
+    Ok(values)
+}
+
+/// Where it lies.
+pub fn path(directory: &Path) -> PathBuf {
+    directory.join(FILE)
+}
+
+/// Puts what a station has set over a configuration.
+pub(super) fn apply(loaded: &mut Loaded, layers: &Layers) {
+    if !loaded.config.store.is_on() {
+        return;
+    }
+    let path = path(&loaded.config.store.directory);
+    let name = path.display().to_string();
+    let text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return,
+        Err(error) => {
+            loaded.notes.push(format!("{name}: not used: cannot be read: {error}"));
+            return;
+        }
+    };
+    match from_text(&text) {
+        Ok(values) => {
+            for (parameter, value) in &values {
+                if let Err(why) = apply_one(loaded, layers, parameter, *value) {
+                    loaded.notes.push(format!("{name}: {parameter} = {value} not used: {why}"));
+                }
+            }
+            if !values.is_empty() {
+                let text = format!("{name}: {} parameters set by a ground station", values.len());
+                loaded.notes.push(text);
+            }
+            loaded.files.push(path);
+        }
+        Err(why) => loaded.notes.push(format!(
+            "{name}: not used, the configuration files hold: {why}; remove it, or set the \
+             parameters again"
+        )),
+    }
+}
+
+fn apply_one(loaded: &mut Loaded, layers: &Layers, name: &str, value: f64) -> Result<(), String> {
+    let Some((_, parameter)) = find_parameter(name) else {
+        return Err("no such parameter".to_owned());
+    };
+    let key = parameter.key_text();
+    let key = key.split('[').next().unwrap_or_default();
+    if layers.is_set_by_hand(key) {
+        return Err(format!("{key} is set by hand"));
+    }
+    let mut pilot = loaded.config.pilot();
+    if key.starts_with("limits.") {
+        // One end of a range that is left to the anchors: the other end is theirs.
+        pilot.limits.resolve(&loaded.survey);
+    }
+    parameter.put(&mut pilot, value as f32)?;
+    let mut changed = loaded.config.clone();
+    changed.take_over(pilot);
+    let check = |config: &super::Config| {
+        let mut problems = Problems::new();
+        config.check(&mut problems);
+        problems
+    };
+    let before = check(&loaded.config);
+    if let Some(line) = check(&changed).lines().iter().find(|line| !before.lines().contains(line)) {
+        return Err(line.clone());
+    }
+    loaded.config = changed;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn values() -> Values {
+        [("FLT_TKO_HGT", 1.2), ("GAN_VEL_X_P", 0.3)].map(|(n, v)| (n.to_owned(), v)).into()
+    }
+
+    #[test]
+    fn prop_there_and_back() {
+        assert_eq!(from_text(&to_text(&values())), Ok(values()));
+        assert_eq!(from_text(&to_text(&Values::new())), Ok(Values::new()));
+    }
+
+    #[test]
+    fn prop_no_cut_and_no_changed_byte_passes() {
+        let text = to_text(&values());
+        for end in 0..text.len() {
+            assert!(from_text(&text[..end]).is_err(), "cut at {end}");
+        }
+        for at in 0..text.len() {
+            let mut bytes = text.clone().into_bytes();
+            bytes[at] ^= 1;
+            if let Ok(changed) = String::from_utf8(bytes) {
+                assert!(from_text(&changed) != Ok(values()), "changed at {at}: {changed}");
+            }
+        }
+    }
+}

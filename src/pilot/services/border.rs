@@ -1,0 +1,44 @@
+//! The border to the rest of the core: all that the services take from it, or change in it.
+
+use crate::geo::LocalOrigin;
+
+use super::super::endpoint::Identity;
+use super::super::tilt_step::Envelope;
+use super::super::{LinkId, Pilot};
+use crate::control::Handover;
+
+impl Pilot {
+    /// Where the room lies on Earth.
+    pub(in super::super) fn local_origin(&self) -> Option<LocalOrigin> {
+        Some(self.origin)
+    }
+
+    /// Whether a link shows the identity `px4`.
+    pub(super) fn is_px4(&self, link: LinkId) -> bool {
+        self.endpoint_on(link).identity == Identity::Px4
+    }
+
+    /// What the line of a link carries, bytes/s; `None`: more than we ever send.
+    pub(super) fn line_Bps(&self, link: LinkId) -> Option<f64> {
+        self.endpoint_on(link).line_Bps
+    }
+
+    /// A value of the configuration changed: everything that has a copy takes it over. Outputs of
+    /// the controller go on from where they are and fade to the new law.
+    pub(super) fn configuration_changed(&mut self) {
+        let envelope = Envelope::of(&self.config, &self.survey);
+        self.guidance.reconfigure(
+            self.config.flight.clone(),
+            envelope,
+            self.config.control.limits.horizontal_mps,
+        );
+        let record = &self.control;
+        let from = self.mode.has_thrust().then_some(Handover {
+            roll_rad: record.roll_rad,
+            pitch_rad: record.pitch_rad,
+            yaw_rad: record.yaw_rad,
+            thrust_frac: record.thrust_frac,
+        });
+        self.controller.retune(self.config.control.clone(), from.as_ref());
+    }
+}

@@ -1,0 +1,123 @@
+//! The store on a real folder.
+
+use super::atomic::{Step, replace_with};
+use super::*;
+use crate::pilot::services::{FileName, Folder};
+
+fn store(folder: &Path) -> Store {
+    let own = folder.join("logs/b.mcap");
+    Store::new(&folder.join("state"), &folder.join("logs"), Some(&own), Box::new(NoPrograms))
+}
+
+fn mission(name: &str) -> FileName {
+    FileName::new(Folder::Missions, name).unwrap()
+}
+
+/// A power cut at any byte leaves the old or the new, whole.
+#[test]
+fn prop_a_cut_at_any_byte_leaves_old_or_new() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("deep/file");
+    let (old, new) = (b"the old content".to_vec(), b"something else and longer".to_vec());
+    replace(&path, &old).unwrap();
+    let steps = (0..new.len()).map(Step::Written);
+    for at in steps.chain([Step::Sync, Step::Rename, Step::SyncFolder]) {
+        let cut = |step| {
+            if step == at { Err(std::io::Error::other("power cut")) } else { Ok(()) }
+        };
+        assert!(replace_with(&path, &new, cut).is_err());
+        let found = fs::read(&path).unwrap();
+        let wanted = if at == Step::SyncFolder { &new } else { &old };
+        assert_eq!(&found, wanted, "cut at {at:?}");
+    }
+}
+
+#[test]
+fn prop_parameters_are_kept_one_by_one_and_forgotten_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let keep = |name, value| store.work(&FileTask::KeepParameter { name, value });
+    assert!(keep("FLT_TKO_HGT", 1.2).is_ok() && keep("FLT_ACC_RAD", 0.4).is_ok());
+    assert!(keep("FLT_TKO_HGT", 1.5).is_ok());
+    let path = stored::path(&folder.path().join("state"));
+    let values = stored::from_text(&fs::read_to_string(&path).unwrap()).unwrap();
+    assert_eq!(values.len(), 2);
+    assert_eq!(values["FLT_TKO_HGT"], 1.5);
+    assert!(store.work(&FileTask::ForgetParameters).is_ok());
+    assert!(!path.exists());
+    assert!(store.work(&FileTask::ForgetParameters).is_ok());
+}
+
+#[test]
+fn prop_plans_come_back_and_go() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let load = || store.work(&FileTask::LoadPlan(Plan::Fence));
+    assert_eq!(load(), Ok(vec![]));
+    assert!(store.work(&FileTask::SavePlan(Plan::Fence, vec![1, 2, 3])).is_ok());
+    assert_eq!(load(), Ok(vec![1, 2, 3]));
+    assert_eq!(store.work(&FileTask::LoadPlan(Plan::Mission)), Ok(vec![]));
+    assert!(store.work(&FileTask::SavePlan(Plan::Fence, vec![])).is_ok());
+    assert_eq!(load(), Ok(vec![]));
+}
+
+#[test]
+fn prop_files_are_listed_read_written_and_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    assert_eq!(store.work(&FileTask::List(Folder::Missions)), Ok(vec![]));
+    let bytes: Vec<u8> = (0..=255).cycle().take(1000).collect();
+    let file = mission("square.toml");
+    assert!(store.work(&FileTask::Write { file: file.clone(), bytes: bytes.clone() }).is_ok());
+    let list = store.work(&FileTask::List(Folder::Missions)).unwrap();
+    assert!(list.starts_with(b"square.toml\t1000\t"));
+    assert_eq!(store.work(&FileTask::Size(file.clone())), Ok(1000_u64.to_le_bytes().to_vec()));
+    let read = |offset, count| store.work(&FileTask::Read { file: file.clone(), offset, count });
+    assert_eq!(read(990, 100).unwrap(), bytes[990..]);
+    assert_eq!(read(2000, 100), Ok(vec![]));
+    let crc = crc32(&bytes, 0).to_le_bytes().to_vec();
+    assert_eq!(store.work(&FileTask::Checksum(file.clone())), Ok(crc));
+    assert!(store.work(&FileTask::Remove(file.clone())).is_ok());
+    assert_eq!(store.work(&FileTask::Size(file)).unwrap_err().0, FileFault::NotFound);
+}
+
+#[test]
+fn prop_logs_are_read_only_and_the_own_one_is_never_erased() {
+    let folder = tempfile::tempdir().unwrap();
+    let logs = folder.path().join("logs");
+    fs::create_dir_all(&logs).unwrap();
+    for name in ["a.mcap", "b.mcap", "c.mcap", "notes.txt"] {
+        fs::write(logs.join(name), name).unwrap();
+    }
+    let store = store(folder.path());
+    let log = FileName::new(Folder::Logs, "a.mcap").unwrap();
+    let refused = |task| store.work(&task).unwrap_err().0;
+    assert_eq!(refused(FileTask::Remove(log.clone())), FileFault::Protected);
+    assert_eq!(refused(FileTask::Write { file: log, bytes: vec![] }), FileFault::Protected);
+    assert!(store.work(&FileTask::EraseLogs).is_ok());
+    let list = String::from_utf8(store.work(&FileTask::List(Folder::Logs)).unwrap()).unwrap();
+    assert_eq!(list.lines().count(), 1);
+    assert!(list.starts_with("b.mcap\t6\t"));
+    assert!(logs.join("notes.txt").exists());
+}
+
+/// A link in the folder leads nowhere.
+#[test]
+fn prop_links_are_not_followed() {
+    let folder = tempfile::tempdir().unwrap();
+    let missions = folder.path().join("state/missions");
+    fs::create_dir_all(&missions).unwrap();
+    std::os::unix::fs::symlink("/etc/passwd", missions.join("passwd")).unwrap();
+    let store = store(folder.path());
+    assert_eq!(store.work(&FileTask::List(Folder::Missions)), Ok(vec![]));
+    let file = mission("passwd");
+    for task in [
+        FileTask::Size(file.clone()),
+        FileTask::Read { file: file.clone(), offset: 0, count: 10 },
+        FileTask::Checksum(file.clone()),
+        FileTask::Remove(file),
+        FileTask::LoadProgram("passwd".to_owned()),
+    ] {
+        assert_eq!(store.work(&task).unwrap_err().0, FileFault::NotFound, "{task:?}");
+    }
+}

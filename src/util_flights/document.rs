@@ -1,0 +1,144 @@
+//! docs/ESTIMATOR.md: what is measured on the recorded flights, as one page that a command writes.
+
+use std::fmt::Write as _;
+
+use super::{
+    ColdReport, Flight, FlightReport, Ingredients, LeftOut, cold_starts, ingredients,
+    leave_one_out, print_cold, print_ingredients, print_left_out, run_flight, shipped, table,
+    util_profile,
+};
+
+/// Measures everything and writes the page. `tell` is told how far it is: done, of how many, what.
+pub fn document(flights: &[Flight], mut tell: impl FnMut(usize, usize, &str)) -> String {
+    let with_imu: Vec<Flight> = flights.iter().filter(|f| f.has_imu()).cloned().collect();
+    let reports: Vec<FlightReport> =
+        flights.iter().map(|flight| run_flight(flight, &shipped(flight))).collect();
+    let rows = ingredients(flights, &mut tell);
+    let cold = cold_starts(flights, &util_profile(), &mut tell);
+    let unaided: Vec<Flight> = flights.iter().filter(|f| !f.has_imu()).cloned().collect();
+    let left_out = [leave_one_out(&with_imu, &mut tell), leave_one_out(&unaided, &mut tell)];
+    page(&reports, &rows, &cold, &left_out)
+}
+
+fn page(
+    reports: &[FlightReport],
+    rows: &[Ingredients],
+    cold: &[ColdReport],
+    left_out: &[Vec<LeftOut>],
+) -> String {
+    let mut out = String::from(INTRODUCTION);
+    // Writing to a String cannot fail.
+    let _ = (|| -> std::fmt::Result {
+        writeln!(out, "\n## Every flight\n\n{ABOUT_FLIGHTS}\n")?;
+        flights_table(&mut out, reports)?;
+        writeln!(out, "\n## Every ingredient on and off\n\n{ABOUT_INGREDIENTS}\n")?;
+        let aided = |aided: bool| -> Vec<Ingredients> {
+            let keep = |r: &&FlightReport| r.aided_by_imu == aided;
+            rows.iter()
+                .map(|row| Ingredients {
+                    variant: row.variant.clone(),
+                    reports: row.reports.iter().filter(keep).cloned().collect(),
+                })
+                .collect()
+        };
+        writeln!(out, "With IMU (airborne 3D rms, m):\n")?;
+        print_ingredients(&mut out, &aided(true))?;
+        writeln!(out, "\nTDOA alone (airborne 3D rms, m):\n")?;
+        print_ingredients(&mut out, &aided(false))?;
+        writeln!(out, "\n## One flight left out\n\n{ABOUT_LEFT_OUT}\n")?;
+        for (title, left_out) in ["With IMU", "TDOA alone"].into_iter().zip(left_out) {
+            writeln!(out, "\n### {title}\n")?;
+            print_left_out(&mut out, left_out)?;
+        }
+        writeln!(out, "\n## Cold starts\n\n{ABOUT_COLD}\n")?;
+        print_cold(&mut out, cold)
+    })();
+    out
+}
+
+fn flights_table(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result {
+    writeln!(
+        out,
+        "| flight | IMU | whole | airborne | median | 95 % | worst | bias N, E, D | NEES | NIS | \
+         over 1 m: warned, not, s | rejected or > 3 σ, by anchor |"
+    )?;
+    writeln!(out, "|---|---|---|---|---|---|---|---|---|---|---|---|")?;
+    for r in reports {
+        let [n, e, d] = r.bias_m;
+        let anchors: Vec<String> =
+            r.doubted_by_anchor.iter().map(|(id, count)| format!("{id}: {count}")).collect();
+        let number = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.2}"));
+        writeln!(
+            out,
+            "| {}{} | {} | {} | {} | {} | {} | {} | {n:.2}, {e:.2}, {d:.2} | {} | {} | {:.1}, {:.1} | {} |",
+            r.flight,
+            if r.diverged { " †" } else { "" },
+            if r.aided_by_imu { "yes" } else { "no" },
+            table::metres(r.rmse_3d_m),
+            table::metres(r.rmse_3d_airborne_m),
+            table::metres(r.median_m),
+            table::metres(r.p95_m),
+            table::metres(r.worst_m),
+            number(r.nees_per_axis),
+            number(r.nis),
+            r.warned_s,
+            r.unwarned_s,
+            anchors.join(", "),
+        )?;
+    }
+    for (name, aided) in [("with IMU", true), ("TDOA alone", false)] {
+        let of = || reports.iter().filter(|r| r.aided_by_imu == aided);
+        if of().next().is_some() {
+            writeln!(
+                out,
+                "| **median, {name}** | | {} | {} | | | | | | | | |",
+                table::metres(table::median(of().map(|r| r.rmse_3d_m))),
+                table::metres(table::median(of().map(|r| r.rmse_3d_airborne_m))),
+            )?;
+        }
+    }
+    Ok(())
+}
+
+const INTRODUCTION: &str = "\
+# Estimator: what it does on recorded flights
+
+Written by `haltere replay --util DIR --document docs/ESTIMATOR.md`; do not edit by hand. DIR holds
+`full/` and `tdoa_pos/` of UTIL (Zhao, Goudar, Qiao, Schoellig, IJRR 43(10), 2024), which is no part
+of this repository. † diverged (more than 2 m for more than 1 s), or found no start.
+
+## The filter
+
+The nine states of the source (position, velocity, attitude) stay as they are. Beside them, each of
+up to 16 anchors has a range bias in two parts, one that wanders with time and distance flown and one
+that stays (`src/estimator/bias.rs`), so that what an obstacle does to one path is neither averaged as
+if it were white nor taken for a movement. Each anchor also has a quality, a factor on its variance
+that is learned from its innovations (`quality.rs`). Nothing is thrown away by a gate: what does not
+fit keeps the weight that a Student-t tail leaves it, so that a bad start converges. When most anchors
+at once do not fit, the filter is doubted, not they: a position is found anew by least squares, and
+taken if it explains the measurements better.
+
+Why this helps: on these recordings the errors of the pairs are the differences of one number for each
+anchor. On the floor each of the four low anchors reads 3 to 4 m too far; behind the metal box of
+`apr26-traj11` anchor 0 does by 2.5 m, in both of its pairs with opposite signs; in free space they
+differ by -0.1 to +0.1 m that stay for days, and wander by some 0.2 m over half a metre of flight.
+
+";
+const ABOUT_FLIGHTS: &str = "\
+One set of parameters for the flights with IMU and one for those without (`profiles.rs`), causal. 3D errors in m against motion capture, which is stamped
+some 10 ms late and taken as it is stamped. Whole: from the first estimate on, floor included.
+Airborne: above 0.5 m and more than 5 s after lift-off. NEES: mean squared error over stated variance
+per axis; NIS: mean squared innovation over stated variance, each at most 25; 1 is honest, below 1
+cautious. The filter is told the heading at the first instant when there is an IMU, and nothing else
+but the anchors.";
+const ABOUT_INGREDIENTS: &str = "\
+All else as shipped. A variant is not tuned anew for what it lacks. Last column: median over the whole
+flights.";
+const ABOUT_LEFT_OUT: &str = "\
+For each flight the parameters of the UWB errors were searched on the five others, from round numbers
+that no result of ours has shaped, and then judged on the flight that was left out. Drag and process
+noise are the vehicle's: they were set from its IMU and motion capture and are not searched.";
+const ABOUT_COLD: &str = "\
+Switched on every 4 s of a flight, in the air, or at its beginning on the floor, and told neither
+position nor heading. Peak: largest error from the first position that is offered. Converged: below
+0.6 m for a second.";
