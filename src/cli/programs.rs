@@ -54,6 +54,7 @@ impl BuiltIn {
             start_NE_m: [middle(volume.north_m), middle(volume.east_m)],
             survey: loaded.survey.clone(),
             pilot: pilot.clone(),
+            until_s: None,
         };
         let options = Options {
             until_v: pilot.limits.battery_low_v + ABOVE_LOW_V,
