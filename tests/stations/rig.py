@@ -81,6 +81,8 @@ gear_height_m = 0.12
 rest_height_m = 0.12
 [record]
 directory = "{self.folder / 'log'}"
+[store]
+directory = "{self.folder / 'state'}"
 """)
         self.companion = subprocess.Popen(
             [SIM, "companion", "fly", "--config", str(self.folder / "haltere.toml")],
