@@ -158,18 +158,31 @@ class Station:
         """Items: frame, command, params, x, y, z as in MISSION_ITEM_INT."""
         self.catch_up()
         send = self.link.mav
-        send.mission_count_send(1, 1, len(items), mavlink.MAV_MISSION_TYPE_MISSION)
-        deadline = time.monotonic() + 10
+        mission = mavlink.MAV_MISSION_TYPE_MISSION
+
+        def announce():
+            send.mission_count_send(1, 1, len(items), mission)
+
+        def give(seq):
+            frame, command, params, x, y, z = items[seq]
+            send.mission_item_int_send(1, 1, seq, frame, command, 0, 1, *params, x, y, z, mission)
+
+        again = announce
+        again()
+        deadline = time.monotonic() + 20
+        repeat = time.monotonic() + 0.7
         while time.monotonic() < deadline:
-            message = self.receive()
-            if message is None:
-                continue
-            if message.get_type() in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
-                frame, command, params, x, y, z = items[message.seq]
-                send.mission_item_int_send(1, 1, message.seq, frame, command, 0, 1, *params,
-                                           x, y, z, mavlink.MAV_MISSION_TYPE_MISSION)
-            elif message.get_type() == "MISSION_ACK":
+            message = self.receive(0.1)
+            kind = message.get_type() if message else None
+            if kind in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
+                again = lambda seq=message.seq: give(seq)  # noqa: E731
+            elif kind == "MISSION_ACK":
                 return message.type
+            elif time.monotonic() < repeat:
+                continue
+            # Asked for, or silence: the protocol repeats what was sent last.
+            again()
+            repeat = time.monotonic() + 0.7
         raise AssertionError(f"upload not answered; {self.texts[-12:]}")
 
 

@@ -57,10 +57,25 @@ def test_return_lands(rig, proxy):
     rig.assert_landed()
 
 
+def test_parameters_and_a_global_mission(rig, proxy):
+    proxy.do("param fetch", r"Received \d+ parameters", 30)
+    proxy.do("param show FLT_TKO_HGT", r"FLT_TKO_HGT\s+1")
+    plan = rig.folder / "global.waypoints"
+    rows = ["QGC WPL 110"]
+    for seq, (command, north, east, height) in enumerate(
+            [(22, 5.0, 5.0, 1.0), (16, 5.4, 5.0, 1.0), (16, 5.0, 5.0, 1.0), (21, 5.0, 5.0, 0.0)]):
+        lat, lon = degrees(north, east)
+        rows.append(f"{seq}\t0\t3\t{command}\t0\t0\t0\t0\t{lat:.8f}\t{lon:.8f}\t{height}\t1")
+    plan.write_text("\n".join(rows) + "\n")
+    proxy.do(f"wp load {plan}", r"Flight plan received|Sent all \d+ waypoints|Loaded \d+ waypoint", 20)
+    proxy.do("mode MISSION", r"DO_SET_MODE: ACCEPTED")
+    proxy.until("arm throttle", r"ARM_DISARM: ACCEPTED")
+    proxy.expect(r"DISARMED", 90)
+    rig.assert_landed()
+
+
 def test_local_mission_by_floats(rig, proxy):
     # Integer items of MAVProxy are 1e7 times metres in every frame: local ones go as floats.
-    if not rig_has_missions(proxy):
-        pytest.skip("float mission items come with the plan services")
     plan = rig.folder / "plan.waypoints"
     rows = ["QGC WPL 110",
             "0 1 1 22 0 0 0 0 5.0 5.0 -1.0 1", "1 0 1 16 0 0 0 0 5.5 5.0 -1.0 1",
@@ -73,12 +88,6 @@ def test_local_mission_by_floats(rig, proxy):
     proxy.until("arm throttle", r"ARM_DISARM: ACCEPTED")
     proxy.expect(r"DISARMED", 90)
     rig.assert_landed()
-
-
-def rig_has_missions(proxy):
-    """MISSION_FLOAT is a capability bit: 1."""
-    proxy.do("capabilities")
-    return "MISSION_FLOAT" in proxy.quiet(2.0)
 
 
 def test_land_and_disarm_by_command(rig, proxy):

@@ -6,7 +6,7 @@ import time
 import pytest
 
 from mavsdk import ComponentType, Configuration, Mavsdk
-from mavsdk.plugins import action, mission_raw, offboard, telemetry
+from mavsdk.plugins import action, mission, mission_raw, offboard, param, telemetry
 
 from rig import degrees, wait_until
 
@@ -164,6 +164,41 @@ def test_attitude_setpoints_are_refused_by_rule(rig, drone):
     wait_until(lambda: any("SET_ATTITUDE_TARGET refused" in t for t in drone.texts()), 5, rig)
     drone.action.hold()
     time.sleep(0.5)
+
+
+def test_parameters(rig, drone):
+    params = param.Param(drone.system)
+    listed = params.get_all_params()
+    names = {p.name for p in listed.float_params} | {p.name for p in listed.int_params}
+    assert len(names) > 50 and "FLT_TKO_HGT" in names, len(names)
+    before = params.get_param_float("FLT_TKO_HGT")
+    params.set_param_float("FLT_TKO_HGT", 1.1)
+    assert abs(params.get_param_float("FLT_TKO_HGT") - 1.1) < 1e-6
+    params.set_param_float("FLT_TKO_HGT", before)
+    with pytest.raises(param.ParamError):
+        params.set_param_float("FLT_TKO_HGT", 500.0)
+
+
+def test_mission_in_global_frame(rig, drone):
+    # Above home, as its own mission example has it.
+    plans = mission.Mission(drone.system)
+    items = []
+    for north, east in ((5.4, 5.0), (5.4, 5.3)):
+        lat, lon = degrees(north, east)
+        items.append(mission.MissionItem(
+            latitude_deg=lat, longitude_deg=lon, relative_altitude_m=1.3, speed_m_s=0.5,
+            is_fly_through=True, gimbal_pitch_deg=NAN, gimbal_yaw_deg=NAN,
+            camera_action=mission.MissionItem.CameraAction.NONE, loiter_time_s=NAN,
+            camera_photo_interval_s=NAN, acceptance_radius_m=NAN, yaw_deg=NAN,
+            camera_photo_distance_m=NAN,
+            vehicle_action=mission.MissionItem.VehicleAction.NONE))
+    plans.upload_mission(mission.MissionPlan(items))
+    back = plans.download_mission()
+    assert len(back.mission_items) == 2
+    plans.start_mission()
+    wait_until(lambda: "MISSION" in name(drone.mode.value), 5, rig)
+    wait_until(lambda: rig.distance(5.4, 5.3) < 0.4, 40, rig)
+    wait_until(plans.is_mission_finished, 20, rig)
 
 
 def item(seq, command, x, y, z, p1=0.0):

@@ -53,6 +53,26 @@ def test_initial_connect(qgc):
     assert not status.onboard_control_sensors_present & mavlink.MAV_SYS_STATUS_SENSOR_GPS
 
 
+def test_parameters_fence_and_rally_are_read_as_it_reads_them(qgc):
+    # The hash first, then the list, asked of component 0.
+    qgc.catch_up()
+    qgc.link.mav.param_request_read_send(1, 1, b"_HASH_CHECK", -1)
+    assert qgc.wait("PARAM_VALUE", 1.0, lambda m: m.param_id == "_HASH_CHECK").param_index == 65535
+    qgc.link.mav.param_request_list_send(1, 0)
+    found, count = {}, None
+    deadline = time.monotonic() + 5
+    while time.monotonic() < deadline and (count is None or len(found) < count):
+        message = qgc.receive(0.05)
+        if message and message.get_type() == "PARAM_VALUE" and message.param_index != 65535:
+            found[message.param_index], count = message.param_id, message.param_count
+    assert count and len(found) == count, (len(found), count)
+    assert {"MIS_TAKEOFF_ALT", "RTL_RETURN_ALT", "SYS_AUTOSTART"} <= set(found.values())
+    for mission_type in (mavlink.MAV_MISSION_TYPE_FENCE, mavlink.MAV_MISSION_TYPE_RALLY):
+        qgc.link.mav.mission_request_list_send(1, 1, mission_type)
+        answer = qgc.wait("MISSION_COUNT", 1.5, lambda m, t=mission_type: m.mission_type == t)
+        assert answer.count == 0
+
+
 def test_takeoff_before_arming_goto_and_pause(rig, qgc):
     qgc.wait("SYS_STATUS", 40,
              lambda m: m.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
@@ -105,9 +125,16 @@ def test_mission_mode_while_flying_return_and_land(rig, qgc):
 def test_mission_is_started_disarmed_then_armed(rig, qgc):
     qgc.wait("SYS_STATUS", 40,
              lambda m: m.onboard_control_sensors_health & mavlink.MAV_SYS_STATUS_PREARM_CHECK)
-    items = [local_item(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0.9),
-             local_item(mavlink.MAV_CMD_NAV_WAYPOINT, 5.3, 5.2, 0.9),
-             local_item(mavlink.MAV_CMD_NAV_LAND, 0, 0, 0)]
+    # As it draws them: above home, degrees times 1e7.
+    relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
+
+    def drawn(command, north, east, height):
+        lat, lon = degrees(north, east)
+        return (relative, command, [0, 0, 0, NAN], round(lat * 1e7), round(lon * 1e7), height)
+
+    items = [drawn(mavlink.MAV_CMD_NAV_TAKEOFF, 5.0, 5.0, 0.9),
+             drawn(mavlink.MAV_CMD_NAV_WAYPOINT, 5.3, 5.2, 0.9),
+             drawn(mavlink.MAV_CMD_NAV_LAND, 5.3, 5.2, 0)]
     assert qgc.upload(items) == mavlink.MAV_MISSION_ACCEPTED
     set_mode(qgc, 4, 4)
     assert rig.truth()["on_ground"] == 1

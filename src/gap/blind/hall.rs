@@ -131,7 +131,7 @@ pub(super) fn own(
                     }
                     Ok(flown) => {
                         let own_part = flown.scene(Some(hall.room.clone())).until_s;
-                        if own_part == until_s || flown.faults.first().is_some() {
+                        if own_part == until_s || !flown.faults.is_empty() {
                             judged[*k] = Some(hall.judge(&bench, case, flown));
                         } else {
                             match waiting.iter_mut().find(|(until, _)| *until == own_part) {
