@@ -4,7 +4,8 @@ use std::fmt::{self, Write};
 
 use super::FlightReport;
 
-/// Writes one line per flight and the median of the whole-flight and airborne figures.
+/// Writes one line per flight, the medians of the whole-flight and airborne figures with and without
+/// IMU, and what was doubted by anchor.
 pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Result {
     writeln!(
         out,
@@ -49,13 +50,24 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
             if r.diverged { "DIVERGED" } else { "ok" }
         )?;
     }
-    writeln!(
-        out,
-        "{:<26} {:>6} {:>8}",
-        "median of flights",
-        metres(median(reports.iter().map(|r| r.rmse_3d_m))),
-        metres(median(reports.iter().map(|r| r.rmse_3d_airborne_m)))
-    )
+    for (name, aided) in [("median, with IMU", true), ("median, TDOA alone", false)] {
+        let of = || reports.iter().filter(|r| r.aided_by_imu == aided);
+        if of().next().is_some() {
+            writeln!(
+                out,
+                "{name:<26} {:>6} {:>8}",
+                metres(median(of().map(|r| r.rmse_3d_m))),
+                metres(median(of().map(|r| r.rmse_3d_airborne_m)))
+            )?;
+        }
+    }
+    writeln!(out, "{:<26} rejected or more than 3 sigma off, by anchor", "")?;
+    for r in reports {
+        let anchors: Vec<String> =
+            r.doubted_by_anchor.iter().map(|(id, count)| format!("{id}: {count}")).collect();
+        writeln!(out, "{:<26} {}", r.flight, anchors.join(", "))?;
+    }
+    Ok(())
 }
 
 pub(super) fn metres(value: Option<f64>) -> String {
