@@ -13,7 +13,7 @@ use super::scene::Scene;
 use super::trace::Trace;
 use crate::config::Config;
 use crate::model::room::Room;
-use crate::pilot::Mode;
+use crate::pilot::{Mode, PilotConfig};
 use crate::record::LogReader;
 use crate::replay::{ReplayError, Report, Verdict, recorded_config, replay_observed};
 use crate::survey::Survey;
@@ -158,7 +158,16 @@ impl Flown {
         });
         let part = self.trace.mission_part().filter(|part| !part.whole);
         let until_s = part.and_then(|part| comparable_s(part.flown_s));
-        Scene { room, survey, start_NE_m, pilot: self.config.pilot(), until_s }
+        // Simulated flights have one station and keep no files: who listened to the real one is no part of
+        // the vehicle, and no reason for another bank.
+        let nobody = PilotConfig::default();
+        let pilot = PilotConfig {
+            endpoints: nobody.endpoints,
+            routing: nobody.routing,
+            store: false,
+            ..self.config.pilot()
+        };
+        Scene { room, survey, start_NE_m, pilot, until_s }
     }
 }
 

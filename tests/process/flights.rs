@@ -29,7 +29,7 @@ pub fn box_mission() -> MissionFile {
 /// Flies a mission in the laboratory and writes the log.
 pub fn record(scene: &Scene, mission: &MissionFile, effects: EffectSet, seed: u64, path: &Path) {
     let pilot = &scene.pilot;
-    let config = Config {
+    let mut config = Config {
         flight: pilot.flight.clone(),
         limits: pilot.limits.clone(),
         uwb: pilot.uwb.clone(),
@@ -37,6 +37,9 @@ pub fn record(scene: &Scene, mission: &MissionFile, effects: EffectSet, seed: u6
         control: pilot.control.clone(),
         ..Config::default()
     };
+    // In memory nobody answers requests for files.
+    config.store.directory = PathBuf::new();
+    assert_eq!(config.pilot(), *pilot, "the log must say what flies");
     let work = tempfile::tempdir_in(path.parent().unwrap()).unwrap();
     let session = Session {
         build: BuildIdentity::current(),

@@ -43,6 +43,9 @@ fn config(scene: &Scene) -> Result<Config> {
         ..Config::default()
     };
     config.board.north_offset_deg = pilot.board_north_offset_rad.to_degrees();
+    if !pilot.store {
+        config.store.directory = std::path::PathBuf::new();
+    }
     if config.pilot() != *pilot {
         bail!("the scene's companion has settings that no configuration file can hold");
     }
