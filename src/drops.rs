@@ -60,11 +60,27 @@ pub enum DropReason {
     LinkWriteFailed,
     /// Datagram or connection of a station for which its endpoint has no place.
     StationsFull,
+    /// MAVLink frame without a signature on a link that demands one.
+    MavUnsigned,
+    /// MAVLink frame whose signature does not fit the key.
+    MavBadSignature,
+    /// Signed frame whose timestamp is not newer than the last one of its stream.
+    MavReplayed,
+    /// Signed frame that begins a stream more than a minute behind our time.
+    MavStaleTime,
+    /// `SETUP_SIGNING` from somebody who may not give us a key.
+    SigningSetup,
+    /// Request of a system that may look and not command.
+    NotPermitted,
+    /// Read or frame beyond what its link may bring in.
+    RateLimited,
+    /// Words for people that a client or the board caused too often.
+    TextLimited,
 }
 
 impl DropReason {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [DropReason; 28] = [
+    pub const ALL: [DropReason; 36] = [
         DropReason::TagGarbageByte,
         DropReason::TagBadLength,
         DropReason::TagUnknownType,
@@ -93,6 +109,14 @@ impl DropReason {
         DropReason::RecorderQueueFull,
         DropReason::LinkWriteFailed,
         DropReason::StationsFull,
+        DropReason::MavUnsigned,
+        DropReason::MavBadSignature,
+        DropReason::MavReplayed,
+        DropReason::MavStaleTime,
+        DropReason::SigningSetup,
+        DropReason::NotPermitted,
+        DropReason::RateLimited,
+        DropReason::TextLimited,
     ];
 
     /// Name in logs, reports and messages.
@@ -126,6 +150,14 @@ impl DropReason {
             DropReason::RecorderQueueFull => "recorder_queue_full",
             DropReason::LinkWriteFailed => "link_write_failed",
             DropReason::StationsFull => "stations_full",
+            DropReason::MavUnsigned => "mav_unsigned",
+            DropReason::MavBadSignature => "mav_bad_signature",
+            DropReason::MavReplayed => "mav_replayed",
+            DropReason::MavStaleTime => "mav_stale_time",
+            DropReason::SigningSetup => "signing_setup",
+            DropReason::NotPermitted => "not_permitted",
+            DropReason::RateLimited => "rate_limited",
+            DropReason::TextLimited => "text_limited",
         }
     }
 }

@@ -75,6 +75,10 @@ pub struct ControlRecord {
     pub thrust_feedback_frac: f64,
     /// Factor of the ground-effect correction.
     pub ground_factor: f64,
+    /// Hover thrust learned in flight, over the base thrust.
+    pub hover_factor: f64,
+    /// Factor of the tilt compensation.
+    pub tilt_factor: f64,
     /// Angle from room north to the board's north, rad.
     pub yaw_board_offset_rad: f64,
     /// Limits that were touched.

@@ -195,7 +195,7 @@ fn prop_filter_and_controller_never_see_the_physics() {
 
 #[test]
 fn prop_cores_have_no_clock_no_files_no_threads() {
-    const CORES: [&str; 6] = ["uwb", "estimator", "control", "model", "pilot", "lockstep"];
+    const CORES: [&str; 7] = ["uwb", "estimator", "control", "guard", "model", "pilot", "lockstep"];
     const FORBIDDEN: [&str; 8] = [
         "Instant::now",
         "SystemTime",

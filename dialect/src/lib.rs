@@ -9,6 +9,7 @@ pub mod lps;
 pub mod mav;
 pub mod mav_stream;
 mod scanner;
+pub mod signing;
 
 /// Folder with `haltere.xml` and the definitions that it includes, as this crate was built from
 /// them: for other generators, such as pymavlink's in the tests.

@@ -17,15 +17,15 @@ use crate::mav::haltere::MavMessage;
 use crate::scanner::{Found, Scanner, Verdict};
 
 const MARKER_V1: u8 = 0xFE;
-const MARKER_V2: u8 = 0xFD;
+pub(crate) const MARKER_V2: u8 = 0xFD;
 const HEADER_V1: usize = 6;
-const HEADER_V2: usize = 10;
-const CHECKSUM: usize = 2;
+pub(crate) const HEADER_V2: usize = 10;
+pub(crate) const CHECKSUM: usize = 2;
 /// Link id, 48-bit timestamp and 48-bit signature.
 const SIGNATURE: usize = 13;
 const MAX_PAYLOAD: usize = 255;
 /// The only incompatibility flag we can read: the frame is signed.
-const FLAG_SIGNED: u8 = 0x01;
+pub(crate) const FLAG_SIGNED: u8 = 0x01;
 
 /// Longest frame: version 2, full payload, signed.
 pub const MAX_FRAME: usize = HEADER_V2 + MAX_PAYLOAD + CHECKSUM + SIGNATURE;
@@ -109,6 +109,11 @@ impl MavFrame<'_> {
 /// The message of a payload alone. `None`: unknown id, or a value that our definition does not know.
 pub fn parse_payload(msg_id: u32, payload: &[u8]) -> Option<MavMessage> {
     MavMessage::parse(MavlinkVersion::V2, msg_id, payload).ok()
+}
+
+/// Id of a message by its name, such as `RADIO_STATUS`.
+pub fn id_of_name(name: &str) -> Option<u32> {
+    MavMessage::message_id_from_name(name)
 }
 
 /// System and component that a message is addressed to; 0 is everyone.
@@ -259,7 +264,7 @@ fn judge(bytes: &[u8]) -> Verdict<Judged, MavLoss> {
 
 /// CRC_EXTRA of a message; `None` when its id is unknown.
 #[inline]
-fn crc_extra(msg_id: u32) -> Option<u8> {
+pub(crate) fn crc_extra(msg_id: u32) -> Option<u8> {
     // The generated function answers 0 for unknown ids, which may be a true value as well.
     match MavMessage::extra_crc(msg_id) {
         0 => MavMessage::all_ids().contains(&msg_id).then_some(0),

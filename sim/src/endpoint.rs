@@ -149,6 +149,7 @@ fn plant(options: &Options, scenario: &Scenario) -> Result<Plant> {
         start_yaw_rad: scenario.start.yaw_deg.to_radians(),
         room: scenario.room.clone(),
         protocol: scenario.tag.protocol,
+        board: scenario.board_settings(),
         ..PlantConfig::new(scenario.survey()?, scenario.seed)
     })?)
 }

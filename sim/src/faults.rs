@@ -25,6 +25,9 @@ pub struct FaultAt {
     /// Voltage that the battery loses, V.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drop_v: Option<f64>,
+    /// Mode that somebody else puts the board into, by its own number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mode: Option<u32>,
     /// Which anchor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub anchor: Option<u8>,
@@ -44,6 +47,12 @@ pub enum Part {
     Servos,
     /// Link between board and companion.
     BoardLink,
+    /// The way from the companion to the board only.
+    ToBoard,
+    /// The board restarts.
+    BoardReboot,
+    /// Somebody else puts the board into a mode; needs `mode`.
+    BoardMode,
     /// Thrust of a wing; needs `gain`.
     Wing,
     /// Supply; needs `drop_v`.
@@ -113,6 +122,9 @@ impl FaultAt {
             Part::Barometer => Fault::Barometer(kind),
             Part::Servos => Fault::Servos(kind),
             Part::BoardLink => Fault::BoardLink(kind),
+            Part::ToBoard => Fault::ToBoard(kind),
+            Part::BoardReboot => Fault::BoardReboot,
+            Part::BoardMode => Fault::BoardMode(need(self.mode, key, "mode", problems)?),
             Part::Tag => Fault::TagSilent(silent()),
             Part::Anchor => {
                 let silent = silent();

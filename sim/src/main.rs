@@ -6,6 +6,7 @@ mod compare;
 mod demo;
 mod endpoint;
 mod faults;
+mod flood;
 mod generator;
 mod paper;
 mod paths;
@@ -53,6 +54,9 @@ enum Command {
     /// The sealed suite for the diagnosis of the sim-to-real gap: flights of another world, with
     /// the key to them in a folder of its own (docs/GAP_PROTOCOL.md).
     Cases(cases::Options),
+    /// The companion hovers while others shout at its ground endpoints: how late its control steps are
+    /// then, what it throws away, its memory. Exit code 1 when a bound is broken.
+    Flood(flood::Options),
     /// The companion, as `haltere` would run it.
     #[command(hide = true, disable_help_flag = true)]
     Companion {
@@ -90,6 +94,7 @@ fn main() -> ExitCode {
         Command::Tune(options) => compare::tune(&options),
         Command::Paper(options) => paper::run(&options),
         Command::Cases(options) => cases::run(&options),
+        Command::Flood(options) => flood::run(&options),
     };
     match result {
         Ok(true) => ExitCode::SUCCESS,

@@ -1,6 +1,6 @@
 //! A progress bar with the time left, on standard error.
 
-use std::io::Write as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
@@ -15,12 +15,15 @@ pub struct Progress {
     due: u64,
     done: AtomicU64,
     shown: bool,
+    /// Whether somebody sees the bar move; else a line a tenth is told.
+    terminal: bool,
 }
 
 impl Progress {
     /// `before` is done already and `due` is left to do, both counted in `unit`.
     pub fn new(unit: &'static str, before: u64, due: u64) -> Self {
-        Self { unit, start: Instant::now(), before, due, done: AtomicU64::new(0), shown: true }
+        let (start, terminal) = (Instant::now(), std::io::stderr().is_terminal());
+        Self { unit, start, before, due, done: AtomicU64::new(0), shown: true, terminal }
     }
 
     /// The same without a line, for tests.
@@ -39,6 +42,14 @@ impl Progress {
         let left_s = self.start.elapsed().as_secs_f64() / (done as f64).max(1.0) * left;
         let (now, total) = (self.before + done, self.before + self.due);
         let filled = (WIDTH * now / total.max(1)).min(WIDTH);
+        if !self.terminal {
+            let tenth = |done: u64| 10 * (self.before + done) / total.max(1);
+            if tenth(done) != tenth(done - amount) {
+                let line = format!("{now}/{total} {}, {left_s:.0} s left\n", self.unit);
+                let _ = std::io::stderr().write_all(line.as_bytes());
+            }
+            return;
+        }
         let bar = "#".repeat(filled as usize) + &".".repeat((WIDTH - filled) as usize);
         let line = format!(
             "\r[{bar}] {now}/{total} {}, {:.0}:{:02.0} left ",
@@ -57,7 +68,7 @@ impl Progress {
 
     /// Ends the line.
     pub fn end(&self) {
-        if self.due > 0 && self.shown {
+        if self.due > 0 && self.shown && self.terminal {
             eprintln!();
         }
     }

@@ -10,6 +10,7 @@ use haltere::checks::Problems;
 use haltere::config::read_anchors;
 use haltere::frames::{E, U, Vec3, earth_from_survey, survey_from_earth};
 use haltere::measure::AnchorId;
+use haltere::model::board::{BoardSettings, Firmware, Manners, Overrides};
 use haltere::model::effects::{EffectConfig, EffectSet};
 use haltere::model::room::Room;
 use haltere::model::tag::TagProtocol;
@@ -80,6 +81,14 @@ pub struct Board {
     /// Angle from room north to the board's north, degrees, clockwise seen from above. Absent:
     /// that of the nominal effect.
     pub north_offset_deg: Option<f64>,
+    /// What it plays: generic, px4, ardupilot.
+    pub firmware: Firmware,
+    /// Time since its boot at the start, s. Absent: long enough to be ready.
+    pub booted_s: Option<f64>,
+    /// Unkind manners.
+    pub manners: Manners,
+    /// Parameters that are not the firmware's, by name.
+    pub parameters: Overrides,
 }
 
 impl Default for Scenario {
@@ -126,6 +135,10 @@ impl Scenario {
             let heading = self.effects.on.entry(HEADING_EFFECT.into()).or_default();
             heading.insert("offset".into(), offset_deg);
         }
+        if let Some(booted_s) = self.board.booted_s {
+            problems.range("board.booted_s", booted_s, 0.0..=1e6, "s");
+        }
+        self.board_settings().check("board", &mut problems);
         for (i, fault) in self.faults.iter().enumerate() {
             fault.to_fault(&format!("fault[{i}]"), &mut problems);
         }
@@ -151,6 +164,20 @@ impl Scenario {
     /// Effects that are on.
     pub fn effect_set(&self) -> Result<EffectSet> {
         Ok(EffectSet::from_config(&self.effects)?)
+    }
+
+    /// The board.
+    pub fn board_settings(&self) -> BoardSettings {
+        let mut settings = BoardSettings {
+            firmware: self.board.firmware,
+            manners: self.board.manners.clone(),
+            parameters: self.board.parameters.clone(),
+            ..BoardSettings::default()
+        };
+        if let Some(booted_s) = self.board.booted_s {
+            settings.boot_us = (booted_s.max(0.0) * 1e6) as u64;
+        }
+        settings
     }
 
     /// The anchors as a survey file for the companion.
@@ -192,6 +219,18 @@ mod tests {
     }
 
     #[test]
+    fn prop_the_unkind_boards_can_be_flown() {
+        let ardupilot = include_str!("../scenarios/ardupilot-unkind.toml");
+        let px4 = include_str!("../scenarios/px4-unkind.toml");
+        for (text, firmware) in [(ardupilot, Firmware::Ardupilot), (px4, Firmware::Px4)] {
+            let scenario = Scenario::parse(text, Path::new(".")).unwrap();
+            let settings = scenario.board_settings();
+            assert_eq!((settings.firmware, settings.boot_us), (firmware, 0));
+            assert!(settings.manners.settling_s > 0.0 && !settings.parameters.is_empty());
+        }
+    }
+
+    #[test]
     fn prop_refusals_name_the_key() {
         let says = |text: &str, needed: &str| {
             let error = format!("{:#}", Scenario::parse(text, Path::new(".")).unwrap_err());
@@ -200,6 +239,11 @@ mod tests {
         says("sead = 3", "unknown field `sead`");
         says("[start]\nposition_m = [50.0, 5.0]", "start.position_m[0] = 50, allowed 0 to 10 m");
         says("[board]\nnorth_offset_deg = 400.0", "board.north_offset_deg = 400");
+        says("[board]\nfirmware = \"betaflight\"", "unknown variant `betaflight`");
+        says("[board.manners]\nbaud = 99999999", "board.manners.baud = 99999999");
+        says("[board.manners]\nrude = true", "unknown field `rude`");
+        says("[board.parameters]\nA_NAME_OF_TOO_MANY = 1.0", "names have 1 to 16");
+        says("[[fault]]\nat_s = 1.0\npart = \"board-mode\"", "fault[0].mode is missing");
         says("[effects]\noff = [\"Z9\"]", "effects.Z9: no such effect");
         says("[[fault]]\nat_s = -1.0\npart = \"tag\"", "fault[0].at_s = -1");
         says("[[fault]]\nat_s = 1.0\npart = \"wing\"", "fault[0].gain is missing");

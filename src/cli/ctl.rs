@@ -1,11 +1,13 @@
 //! `haltere ctl`: a small ground station for scripts.
 
 use std::io::Write as _;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
 
 use super::print;
+use crate::config::read_key;
 use crate::ctl::{self, Action};
 
 /// Talks to a running companion as any ground station does.
@@ -15,6 +17,9 @@ pub(super) struct Ctl {
     /// tcpout:HOST:PORT.
     #[arg(long, value_name = "ADDR", default_value = "udpin:127.0.0.1:14550")]
     to: String,
+    /// Signs with the key in this file, which must be private (mode 600).
+    #[arg(long, value_name = "FILE")]
+    signing_key: Option<PathBuf>,
     #[command(subcommand)]
     action: Action,
 }
@@ -22,7 +27,8 @@ pub(super) struct Ctl {
 impl Ctl {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let status = self.action == Action::Status;
-        ctl::run(&self.to, &self.action, |line| {
+        let key = self.signing_key.as_deref().map(read_key).transpose()?;
+        ctl::run(&self.to, key, &self.action, |line| {
             if status {
                 print(&format!("{line}\n"));
             } else {

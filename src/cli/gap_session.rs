@@ -124,6 +124,9 @@ pub(super) fn accepted(
             anyhow::bail!("{}: no reference: {fault}", path.display());
         }
         same_flight(&reference, flown)?;
+        if !reference.trace.came_as_far_as(nominal.until_s) {
+            anyhow::bail!("{}: no reference: its mission ended too early", path.display());
+        }
         pictures.extend(details(&reference.trace, nominal).ok());
         match observed(reference, nominal).observation {
             Ok(observation) => rows.push(observation.statistics),

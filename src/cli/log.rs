@@ -1,4 +1,4 @@
-//! `haltere log`: mend and look into flight logs.
+//! `haltere log`: list, look into, mend, cut and convert flight logs.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -7,20 +7,18 @@ use std::process::ExitCode;
 use clap::Subcommand;
 use serde::Serialize;
 
+use super::log_export::{Export, Tlog};
+use super::log_list::List;
 use super::{print, print_json};
-use crate::record::{Entry, LogEnd, LogReader, RawInput, recover, recovered_name};
+use crate::record::{
+    Entry, LogEnd, LogReader, RawInput, recover, recovered_name, trim, trimmed_name,
+};
 
 /// Handles flight logs.
 #[derive(Debug, Subcommand)]
 pub(super) enum Log {
-    /// Rewrites a log that was cut by a power loss into a complete one, which every viewer opens.
-    Recover {
-        /// The log. It is left as it is.
-        log: PathBuf,
-        /// The new file, which must not exist. Default: NAME.recovered.mcap beside the log.
-        #[arg(long, value_name = "FILE")]
-        to: Option<PathBuf>,
-    },
+    /// Lists the logs of a folder: when, how long, which modes, how they end.
+    List(List),
     /// Says what a log holds and how it ends.
     Info {
         /// The log.
@@ -28,6 +26,32 @@ pub(super) enum Log {
         /// Print as JSON.
         #[arg(long)]
         json: bool,
+    },
+    /// Cuts a part out of a log. A part from the start replays as the whole does.
+    Trim {
+        /// The log. It is left as it is.
+        log: PathBuf,
+        /// Begin of the part, s since the companion started, as in reports.
+        #[arg(long, value_name = "S", default_value_t = 0.0)]
+        from: f64,
+        /// End of the part, s since the companion started; else the end of the log.
+        #[arg(long, value_name = "S")]
+        to: Option<f64>,
+        /// The new file, which must not exist. Default: NAME.trimmed.mcap beside the log.
+        #[arg(long, short, value_name = "FILE")]
+        output: Option<PathBuf>,
+    },
+    /// Writes the decoded topics as tables: CSV or Parquet, one file a topic.
+    Export(Export),
+    /// Writes the frames of a link as a telemetry log (.tlog) for QGroundControl and MAVProxy.
+    Tlog(Tlog),
+    /// Rewrites a log that was cut by a power loss into a complete one, which every viewer opens.
+    Recover {
+        /// The log. It is left as it is.
+        log: PathBuf,
+        /// The new file, which must not exist. Default: NAME.recovered.mcap beside the log.
+        #[arg(long, value_name = "FILE")]
+        to: Option<PathBuf>,
     },
 }
 
@@ -56,6 +80,24 @@ impl Log {
                 let to = to.unwrap_or_else(|| recovered_name(&log));
                 let (saved, end) = recover(&log, &to)?;
                 print(&format!("{}: {end}; {saved} messages in {}\n", log.display(), to.display()));
+            }
+            Log::List(list) => return list.run(),
+            Log::Export(export) => return export.run(),
+            Log::Tlog(tlog) => return tlog.run(),
+            Log::Trim { log, from, to, output } => {
+                let to = to.unwrap_or(f64::INFINITY);
+                if from.is_nan() || to.is_nan() || from >= to {
+                    anyhow::bail!("--from {from} --to {to}: the begin must lie before the end");
+                }
+                let output = output.unwrap_or_else(|| trimmed_name(&log));
+                let reader = LogReader::open(log)?;
+                let part = trim(&reader, &output, from, to)?;
+                let [first, last] = part.span_s;
+                print(&format!(
+                    "{}: {} messages, {first:.3} to {last:.3} s\n",
+                    output.display(),
+                    part.messages
+                ));
             }
             Log::Info { log, json } => {
                 let info = info(&LogReader::open(log)?);
@@ -92,6 +134,7 @@ fn info(log: &LogReader) -> Info {
                     RawInput::File { ticket, fault: Some(fault), .. } => {
                         format!("file request {ticket} failed: {}", fault.words())
                     }
+                    RawInput::Calendar { .. } => "calendar".to_owned(),
                     RawInput::Wake => "wake-up".to_owned(),
                     _ => "link event".to_owned(),
                 }

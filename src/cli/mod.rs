@@ -3,6 +3,8 @@
 //! Tables and reports go to standard output (with `--json` as JSON), progress and logs to standard
 //! error. Exit codes: 0 success, 1 failure, 2 wrong usage; others per command.
 
+mod check;
+mod complete;
 mod ctl;
 mod fit;
 mod fit_program;
@@ -20,10 +22,17 @@ mod gap_report;
 mod gap_session;
 mod gap_shrink;
 mod gap_sight;
+mod init;
+mod judge;
+mod key;
 mod log;
+mod log_export;
+mod log_list;
 mod programs;
+mod progress;
 mod replay;
 mod report;
+mod style;
 
 use std::io::Write as _;
 use std::process::ExitCode;
@@ -40,6 +49,9 @@ const FAILED: u8 = 1;
 struct Cli {
     #[command(subcommand)]
     command: Command,
+    /// Runs at a lower priority, 1 to 19.
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(i32).range(1..=19))]
+    nice: Option<i32>,
 }
 
 // A command of another module is one variant here, one line in `main`, one file beside this one.
@@ -62,8 +74,16 @@ enum Command {
     Ctl(ctl::Ctl),
     /// Draws a flight log as one page.
     Report(report::Report),
-    /// Examines a configuration and its anchor file without flying.
-    Check(fly::Check),
+    /// Examines configuration, survey, ports, system and disk, and says what to put right.
+    Check(check::Check),
+    /// Asks a few questions and writes a first configuration.
+    Init(init::Init),
+    /// Prints the completion script of a shell.
+    Completions(complete::Completions),
+    /// Writes the manual pages.
+    Man(complete::Man),
+    /// Makes a key for signed MAVLink.
+    Key(key::Key),
 }
 
 /// Runs the command that the process was started with.
@@ -73,8 +93,15 @@ pub fn main() -> ExitCode {
 
 /// Runs the command in `args`, program name first: for programs that act as the companion.
 pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
+    let args: Vec<std::ffi::OsString> = args.into_iter().collect();
+    judge::started_with(&args);
     let cli = Cli::parse_from(args);
     start_logging();
+    if let Some(nice) = cli.nice
+        && let Err(error) = rustix::process::nice(nice)
+    {
+        tracing::warn!("--nice {nice}: {error}");
+    }
     let result = match cli.command {
         Command::Fly(fly) => fly.run(),
         Command::Replay(replay) => replay.run(),
@@ -84,6 +111,10 @@ pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
         Command::Ctl(ctl) => ctl.run(),
         Command::Report(report) => report.run(),
         Command::Check(check) => check.run(),
+        Command::Init(init) => init.run(),
+        Command::Completions(completions) => Ok(completions.run()),
+        Command::Man(man) => man.run(),
+        Command::Key(key) => key.run(),
     };
     match result {
         Ok(code) => code,

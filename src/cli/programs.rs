@@ -1,16 +1,20 @@
 //! Flights that a station can load by name: those of the diagnosis, those of the fits, and mission
 //! files, all placed in the volume of the configuration.
 
+use std::cell::RefCell;
+use std::path::Path;
+
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-use crate::config::Loaded;
+use super::judge::{Judged, Judging};
+use crate::config::{DiagnosisConfig, Loaded};
 use crate::ctl::MissionFile;
 use crate::fit::programs::{Options, Program, plan};
 use crate::gap::missions;
 use crate::gap::scene::Scene;
 use crate::model::room::Room;
 use crate::pilot::Envelope;
-use crate::pilot::services::encode_plan;
+use crate::pilot::services::{Judgement, encode_plan};
 use crate::store::Programs;
 
 /// What the default hover of the thrust program leaves above the warning voltage, V.
@@ -36,6 +40,8 @@ pub(super) struct BuiltIn {
     scene: Scene,
     envelope: Envelope,
     options: Options,
+    diagnosis: DiagnosisConfig,
+    judging: RefCell<Option<Judging>>,
 }
 
 impl BuiltIn {
@@ -61,7 +67,8 @@ impl BuiltIn {
             gear_m: pilot.flight.gear_height_m,
             ..Options::default()
         };
-        Ok(Self { scene, envelope, options })
+        let diagnosis = loaded.config.diagnosis.clone();
+        Ok(Self { scene, envelope, options, diagnosis, judging: RefCell::default() })
     }
 }
 
@@ -73,6 +80,14 @@ fn wire(mission: &MissionFile) -> Vec<u8> {
     let items: Vec<MISSION_ITEM_INT_DATA> =
         mission.items.iter().zip(0..).map(|(item, seq)| item.to_wire(seq, 0, 0)).collect();
     encode_plan(&items)
+}
+
+/// What judges the flights of a program. The plain and the held-out flight are there to judge others by.
+fn judged(name: &str) -> Option<Judged> {
+    if name == DIAGNOSTIC {
+        return Some(Judged::Gap);
+    }
+    FITS.into_iter().find(|p| fit_name(*p) == name).map(|p| Judged::Fit(p.name()))
 }
 
 impl Programs for BuiltIn {
@@ -93,6 +108,26 @@ impl Programs for BuiltIn {
             }
         };
         Ok(wire(&mission))
+    }
+
+    fn judge(&self, name: &str, log: &Path) -> Option<Result<Judgement, String>> {
+        let judged = judged(name)?;
+        let mut judging = self.judging.borrow_mut();
+        let looked = match &mut *judging {
+            Some(judging) => judging.look(),
+            None => Judging::start(judged, log, &self.diagnosis).map(|started| {
+                *judging = Some(started);
+                Judgement::Running { percent: 0, what: "begins".to_owned() }
+            }),
+        };
+        if !matches!(looked, Ok(Judgement::Running { .. })) {
+            *judging = None;
+        }
+        Some(looked)
+    }
+
+    fn stop_judging(&self) {
+        *self.judging.borrow_mut() = None;
     }
 
     fn parse(&self, name: &str, text: &str) -> Result<Vec<u8>, String> {

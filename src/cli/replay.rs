@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use clap::Args;
 
+use super::progress::Progress;
 use super::{FAILED, print, print_json};
 use crate::{replay, util_flights};
 
@@ -40,8 +40,6 @@ pub(super) struct Replay {
     json: bool,
 }
 
-/// Progress is told this often.
-const SAY_EVERY: Duration = Duration::from_secs(1);
 /// Some flight of `--util` diverged.
 const DIVERGED: u8 = 3;
 
@@ -127,37 +125,10 @@ impl Replay {
             let diverged = reports.iter().any(|report| report.diverged);
             return Ok(ExitCode::from(if diverged { DIVERGED } else { 0 }));
         }
+        progress.clear();
         if !self.json {
             print(&table);
         }
         Ok(ExitCode::SUCCESS)
-    }
-}
-
-/// Says on standard error how far it is and what is left, at most once a second.
-#[derive(Default)]
-struct Progress {
-    since: Option<(usize, Instant)>,
-    said: Option<Instant>,
-}
-
-impl Progress {
-    fn tell(&mut self, done: usize, of: usize, what: &str) {
-        let now = Instant::now();
-        // A new task counts from nought again.
-        if self.since.is_none_or(|(first, _)| done < first) || done == 0 {
-            self.since = Some((done, now));
-        }
-        if self.said.is_some_and(|said| now.duration_since(said) < SAY_EVERY) {
-            return;
-        }
-        self.said = Some(now);
-        let Some((first, since)) = self.since else { return };
-        let spent_s = now.duration_since(since).as_secs_f64();
-        let left = match done - first {
-            0 => String::new(),
-            n => format!(", {:.0} s left", spent_s / n as f64 * of.saturating_sub(done) as f64),
-        };
-        tracing::info!("{done} of {of}{left}: {what}");
     }
 }

@@ -9,7 +9,11 @@ use anyhow::Context as _;
 use clap::Args;
 
 use super::print;
+use crate::control::voltage::BaseThrust;
 use crate::record::{LogEnd, LogReader};
+use crate::replay::{changed_parameters, recorded_config, replay_observed};
+use crate::report::flight::{Flight, ParameterRow};
+use crate::report::svg::Limit;
 use crate::report::{Page, from_log, truth};
 
 /// Draws a flight log as a self-contained HTML page.
@@ -29,6 +33,11 @@ impl Report {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let log = LogReader::open(&self.log)?;
         let (mut flight, end) = from_log::read(&log);
+        if flight.ends().is_none() {
+            relive(&mut flight, &log);
+        }
+        flight.facts = from_log::facts(&log, &flight);
+        add_configuration(&mut flight, &log);
         if let Some(path) = &self.truth {
             let name = || path.display().to_string();
             let file = File::open(path).with_context(name)?;
@@ -55,4 +64,51 @@ impl Report {
         print(&format!("{}\n", output.display()));
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// A log that was recorded without decoded topics has them again when the core lives through it.
+fn relive(flight: &mut Flight, log: &LogReader) {
+    match replay_observed(log, |topic| flight.add_topic(topic)) {
+        Ok((report, _)) if report.inputs > 0 => {
+            tracing::info!(
+                "the log holds no decoded topics: they are those of a replay by this build"
+            );
+            if report.exit_code() != 0 {
+                tracing::warn!(
+                    "the replay does not reproduce the flight: haltere replay {}",
+                    log.path().display()
+                );
+            }
+        }
+        Ok(_) => {}
+        Err(error) => tracing::warn!("the log holds no decoded topics: {error}"),
+    }
+}
+
+/// What the recorded configuration tells beside the topics. A log whose configuration this build
+/// refuses is drawn without.
+fn add_configuration(flight: &mut Flight, log: &LogReader) {
+    let config = match recorded_config(log) {
+        Ok(config) => config,
+        Err(error) => return tracing::warn!("drawn without its configuration: {error}"),
+    };
+    let voltage = &config.control.voltage;
+    flight.base_nominal_frac = Some(BaseThrust::new(voltage).at_frac(voltage.nominal_v));
+    let limits = &config.limits;
+    flight.battery_limits =
+        [("warning", limits.battery_low_v), ("lands", limits.battery_critical_v)]
+            .map(|(name, y)| Limit { name: name.to_owned(), y })
+            .into();
+    let rows = config.differences().into_iter();
+    flight.configuration = rows.map(|d| [d.key, d.value, d.default]).collect();
+    let changes = changed_parameters(log).into_iter();
+    flight.parameters = changes
+        .map(|c| ParameterRow {
+            at: c.at,
+            name: c.name.to_owned(),
+            from: c.from,
+            to: c.to,
+            unit: c.unit.to_owned(),
+        })
+        .collect();
 }

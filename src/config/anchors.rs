@@ -47,7 +47,7 @@ pub(super) fn read(path: &Path) -> Result<Survey, Problems> {
         let mut problems = Problems::new();
         problems.say(format!(
             "{name}: the anchor survey cannot be read: {error}; write one as in \
-             config/anchors.toml and name it in anchors.file"
+             config/anchors.toml, or let `haltere init` do it, and name it in anchors.file"
         ));
         problems
     })?;

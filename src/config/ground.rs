@@ -5,12 +5,18 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::address::{Address, HostPort};
 use crate::checks::Problems;
+use crate::guard::{RateLimit, Signing};
 use crate::pilot::{
-    Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig, Routing,
+    Commanders, Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig,
+    Routing,
 };
 
 /// Most ground endpoints: far more than a flight needs, few enough to serve each at full rate.
 const MOST_ENDPOINTS: usize = 8;
+/// What one station may send: twenty times what an offboard client at 100 Hz does, and the length of as
+/// many average frames.
+const MOST_FRAMES_PER_S: f64 = 2000.0;
+const MOST_BYTES_PER_S: f64 = 262_144.0;
 /// Bits that a serial line sends for a byte.
 const BITS_PER_BYTE: f64 = 10.0;
 
@@ -28,6 +34,14 @@ pub struct GroundConfig {
     pub gps: GpsClaim,
     /// What becomes of frames that are not for us.
     pub routing: Routing,
+    /// What is demanded of signatures, where an endpoint does not say otherwise.
+    pub signing: Signing,
+    /// Systems that may command, where an endpoint does not say otherwise.
+    pub commanders: Commanders,
+    /// Frames that one station may send in a second.
+    pub most_frames_per_s: f64,
+    /// Bytes that one station may send in a second.
+    pub most_bytes_per_s: f64,
     /// Where the room lies on Earth.
     pub origin: OriginConfig,
 }
@@ -43,6 +57,10 @@ impl Default for GroundConfig {
             vehicle_type: endpoint.vehicle_type,
             gps: endpoint.gps,
             routing: Routing::default(),
+            signing: Signing::default(),
+            commanders: endpoint.commanders,
+            most_frames_per_s: MOST_FRAMES_PER_S,
+            most_bytes_per_s: MOST_BYTES_PER_S,
             origin: OriginConfig::default(),
         }
     }
@@ -61,6 +79,12 @@ pub struct EndpointConfig {
     pub gps: Option<GpsClaim>,
     /// What its line carries, bytes/s.
     pub bytes_per_s: Option<f64>,
+    /// What it demands of signatures.
+    pub signing: Option<Signing>,
+    /// Whether `SETUP_SIGNING` is taken from it unsigned: a cable, not a network.
+    pub trusted: bool,
+    /// Systems that may command on it.
+    pub commanders: Option<Commanders>,
 }
 
 impl std::fmt::Debug for EndpointConfig {
@@ -79,13 +103,31 @@ impl std::fmt::Debug for EndpointConfig {
         if let Some(bytes_per_s) = self.bytes_per_s {
             text += &format!(" at {bytes_per_s} bytes/s");
         }
+        if let Some(signing) = self.signing {
+            text += &format!(" signing {signing:?}");
+        }
+        if self.trusted {
+            text += " trusted";
+        }
+        if let Some(commanders) = &self.commanders {
+            text += &format!(" commanded by {commanders}");
+        }
         write!(f, "{text:?}")
     }
 }
 
 impl From<Address> for EndpointConfig {
     fn from(address: Address) -> Self {
-        Self { address, identity: None, vehicle_type: None, gps: None, bytes_per_s: None }
+        Self {
+            address,
+            identity: None,
+            vehicle_type: None,
+            gps: None,
+            bytes_per_s: None,
+            signing: None,
+            trusted: false,
+            commanders: None,
+        }
     }
 }
 
@@ -102,6 +144,12 @@ struct Table {
     gps: Option<GpsClaim>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     bytes_per_s: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    signing: Option<Signing>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    trusted: bool,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    commanders: Option<Commanders>,
 }
 
 impl Serialize for EndpointConfig {
@@ -109,8 +157,18 @@ impl Serialize for EndpointConfig {
         if *self == Self::from(self.address.clone()) {
             return self.address.serialize(serializer);
         }
-        let Self { address, identity, vehicle_type, gps, bytes_per_s } = self.clone();
-        Table { address, identity, vehicle_type, gps, bytes_per_s }.serialize(serializer)
+        let Self {
+            address,
+            identity,
+            vehicle_type,
+            gps,
+            bytes_per_s,
+            signing,
+            trusted,
+            commanders,
+        } = self.clone();
+        Table { address, identity, vehicle_type, gps, bytes_per_s, signing, trusted, commanders }
+            .serialize(serializer)
     }
 }
 
@@ -129,10 +187,27 @@ impl<'de> Deserialize<'de> for EndpointConfig {
             }
 
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<EndpointConfig, A::Error> {
-                let Table { address, identity, vehicle_type, gps, bytes_per_s } =
-                    Table::deserialize(MapAccessDeserializer::new(map))
-                        .map_err(A::Error::custom)?;
-                Ok(EndpointConfig { address, identity, vehicle_type, gps, bytes_per_s })
+                let Table {
+                    address,
+                    identity,
+                    vehicle_type,
+                    gps,
+                    bytes_per_s,
+                    signing,
+                    trusted,
+                    commanders,
+                } = Table::deserialize(MapAccessDeserializer::new(map))
+                    .map_err(A::Error::custom)?;
+                Ok(EndpointConfig {
+                    address,
+                    identity,
+                    vehicle_type,
+                    gps,
+                    bytes_per_s,
+                    signing,
+                    trusted,
+                    commanders,
+                })
             }
         }
         deserializer.deserialize_any(Either)
@@ -156,8 +231,20 @@ impl GroundConfig {
                     Address::Serial { baud, .. } => Some(f64::from(baud) / BITS_PER_BYTE),
                     _ => None,
                 }),
+                signs: self.signing_of(endpoint) != Signing::Off,
+                commanders: endpoint.commanders.unwrap_or(self.commanders),
             })
             .collect()
+    }
+
+    /// What an endpoint demands of signatures.
+    pub(super) fn signing_of(&self, endpoint: &EndpointConfig) -> Signing {
+        endpoint.signing.unwrap_or(self.signing)
+    }
+
+    /// What one station may send.
+    pub(super) fn rate(&self) -> RateLimit {
+        RateLimit { frames_per_s: self.most_frames_per_s, bytes_per_s: self.most_bytes_per_s }
     }
 
     pub(super) fn check(&self, key: &str, problems: &mut Problems) {
@@ -168,6 +255,18 @@ impl GroundConfig {
                 self.endpoints.len()
             ));
         }
+        problems.range(
+            format_args!("{key}.most_frames_per_s"),
+            self.most_frames_per_s,
+            20.0..=1e6,
+            "frames/s",
+        );
+        problems.range(
+            format_args!("{key}.most_bytes_per_s"),
+            self.most_bytes_per_s,
+            1000.0..=1e9,
+            "bytes/s",
+        );
         let mut mav_type = |key: String, number: u8| {
             if !Endpoint::knows_type(number) {
                 problems.say(format!(

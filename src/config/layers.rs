@@ -122,7 +122,8 @@ fn read_file(path: &Path) -> Result<Layer, Problems> {
     let name = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| {
         one(format!(
-            "{name}: cannot be read: {error}; config/haltere.toml is a sample of what it may hold"
+            "{name}: cannot be read: {error}; config/haltere.toml is a sample of what it may hold, \
+             `haltere init` writes one"
         ))
     })?;
     parse_strictly::<Config>(&name, &text)?;

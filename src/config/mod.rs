@@ -5,9 +5,13 @@
 
 mod address;
 mod anchors;
+mod differences;
+mod document;
 mod ground;
+mod key_file;
 mod layers;
 mod sections;
+mod signing;
 pub mod stored;
 #[cfg(test)]
 mod tests;
@@ -17,10 +21,15 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 pub use address::{Address, AddressError, HostPort};
+pub use differences::Difference;
+pub use document::{DocumentedKey, configuration_page, reference};
 pub use ground::{EndpointConfig, GroundConfig};
+pub use key_file::{KeyFileError, read_key, read_time, time_file};
 pub use sections::{
-    AnchorsConfig, BoardConfig, RecordConfig, StoreConfig, TagConfig, TagPort, TimingConfig,
+    AnchorsConfig, BankSizeName, BoardConfig, DiagnosisConfig, RecordConfig, StoreConfig,
+    TagConfig, TagPort, TimingConfig,
 };
+pub use signing::{Doors, SigningConfig};
 
 use crate::checks::Problems;
 use crate::control::ControlConfig;
@@ -42,12 +51,16 @@ pub struct Config {
     pub board: BoardConfig,
     /// `[ground]`
     pub ground: GroundConfig,
+    /// `[signing]`
+    pub signing: SigningConfig,
     /// `[anchors]`
     pub anchors: AnchorsConfig,
     /// `[record]`
     pub record: RecordConfig,
     /// `[store]`
     pub store: StoreConfig,
+    /// `[diagnosis]`
+    pub diagnosis: DiagnosisConfig,
     /// `[timing]`
     pub timing: TimingConfig,
     /// `[flight]`
@@ -100,7 +113,10 @@ impl Sources {
 impl Loaded {
     /// Reads and checks everything; refuses with all that is wrong.
     pub fn load(sources: &Sources) -> Result<Self, Problems> {
-        let (config, layers) = Config::load_layers(sources)?;
+        let (mut config, layers) = Config::load_layers(sources)?;
+        if !config.signing.key_file.as_os_str().is_empty() {
+            config.signing.key_file = layers.beside("signing.key_file", &config.signing.key_file);
+        }
         let anchor_file = layers.beside("anchors.file", &config.anchors.file);
         let survey = anchors::read(&anchor_file)?;
         let mut files = layers.files();
@@ -143,6 +159,7 @@ impl Config {
         self.estimator.check("estimator", problems);
         self.control.check("control", problems);
         self.check_addresses(problems);
+        self.check_signing(problems);
     }
 
     /// Two links cannot share a port or a device.
@@ -169,11 +186,13 @@ impl Config {
         PilotConfig {
             tag_protocol: self.tag.protocol,
             board_profile: self.board.profile,
+            board_set_parameters: self.board.set_parameters,
             board_north_offset_rad: self.board.north_offset_deg.to_radians(),
             endpoints: self.ground.for_pilot(),
             routing: self.ground.routing,
             origin: self.ground.origin,
             store: self.store.is_on(),
+            judge_programs: self.diagnosis.after_programs,
             flight: self.flight.clone(),
             limits: self.limits.clone(),
             uwb: self.uwb.clone(),
@@ -201,6 +220,11 @@ impl Config {
     pub fn from_toml(name: &str, text: &str) -> Result<Self, Problems> {
         layers::parse_strictly(name, text)
     }
+}
+
+/// An anchor file in memory. `name` stands in messages.
+pub fn parse_anchors(name: &str, text: &str) -> Result<Survey, Problems> {
+    anchors::parse(name, text)
 }
 
 /// Reads an anchor file alone, for tools that need no more.

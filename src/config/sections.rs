@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::address::Address;
 use crate::checks::Problems;
+use crate::guard::Signing;
 use crate::pilot::{BoardProfile, TagProtocol};
 
 /// `[tag]`: the UWB tag.
@@ -18,6 +19,8 @@ pub struct TagConfig {
     pub protocol: TagProtocol,
     /// Speed of the line, baud. A sniffer on USB ignores it.
     pub baud: u32,
+    /// What is demanded of signatures.
+    pub signing: Signing,
 }
 
 /// Device of the tag.
@@ -47,7 +50,12 @@ impl From<TagPort> for String {
 
 impl Default for TagConfig {
     fn default() -> Self {
-        Self { port: TagPort::Auto, protocol: TagProtocol::default(), baud: 921_600 }
+        Self {
+            port: TagPort::Auto,
+            protocol: TagProtocol::default(),
+            baud: 921_600,
+            signing: Signing::default(),
+        }
     }
 }
 
@@ -81,8 +89,12 @@ pub struct BoardConfig {
     pub address: Address,
     /// What it obeys.
     pub profile: BoardProfile,
+    /// Whether parameters of the board that are wrong for us may be set.
+    pub set_parameters: bool,
     /// Angle from room north to the board's north at start, positive clockwise from above.
     pub north_offset_deg: f64,
+    /// What is demanded of signatures.
+    pub signing: Signing,
 }
 
 impl Default for BoardConfig {
@@ -90,7 +102,9 @@ impl Default for BoardConfig {
         Self {
             address: Address::Serial { device: "/dev/serial0".into(), baud: 921_600 },
             profile: BoardProfile::default(),
+            set_parameters: false,
             north_offset_deg: 0.0,
+            signing: Signing::default(),
         }
     }
 }
@@ -155,6 +169,55 @@ impl StoreConfig {
     /// Whether anything is kept.
     pub fn is_on(&self) -> bool {
         !self.directory.as_os_str().is_empty()
+    }
+}
+
+/// `[diagnosis]`: how flights by a program are judged when they are over.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DiagnosisConfig {
+    /// Judge by itself as soon as the vehicle is disarmed.
+    pub after_programs: bool,
+    /// Flights in the bank of the diagnosis.
+    pub size: BankSizeName,
+    /// Folder of banks. Empty: the user's cache.
+    pub banks: PathBuf,
+    /// Folder with logs of accepted flights of the diagnostic mission, which set the floor. Empty: the
+    /// floor is the simulator's.
+    pub references: PathBuf,
+}
+
+/// Sizes of a bank, as `haltere gap --size` names them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BankSizeName {
+    /// For verdicts.
+    Full,
+    /// For a first look.
+    Small,
+    /// For tests of the program.
+    Smallest,
+}
+
+impl BankSizeName {
+    /// As an argument.
+    pub fn name(self) -> &'static str {
+        match self {
+            BankSizeName::Full => "full",
+            BankSizeName::Small => "small",
+            BankSizeName::Smallest => "smallest",
+        }
+    }
+}
+
+impl Default for DiagnosisConfig {
+    fn default() -> Self {
+        Self {
+            after_programs: true,
+            size: BankSizeName::Full,
+            banks: PathBuf::new(),
+            references: PathBuf::new(),
+        }
     }
 }
 

@@ -316,3 +316,13 @@ fn prop_bad_anchor_files_are_told_why() {
         .collect();
     check(&format!("frame = \"enu\"\n{flat}"), "coplanar");
 }
+
+#[test]
+fn prop_differences_name_what_is_not_the_default() {
+    assert_eq!(Config::default().differences(), []);
+    let text = "[flight]\nspool_s = 1.5\n[limits]\nheight_m = 2.5\n";
+    let found = Config::from_toml("a.toml", text).unwrap().differences();
+    let shown: Vec<_> =
+        found.iter().map(|d| format!("{} {} {}", d.key, d.value, d.default)).collect();
+    assert_eq!(shown, ["flight.spool_s 1.5 1.0", "limits.height_m 2.5 not set"]);
+}

@@ -344,8 +344,9 @@ impl Controller {
                 (TiltCompensation::DragAware, most.max(full))
             }
         };
+        record.tilt_factor = tilt_factor(&self.config, compensation, most, seen);
         let law_thrust = (record.thrust_base_frac + record.thrust_feedback_frac)
-            * tilt_factor(&self.config, compensation, most, seen)
+            * record.tilt_factor
             * record.ground_factor;
 
         // From the heading frame to the frame of the yaw setpoint and back.

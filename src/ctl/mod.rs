@@ -7,15 +7,18 @@ mod link;
 mod mission_file;
 mod station;
 mod transfer;
+mod vehicle;
 
 use std::time::Duration;
 
 use haltere_dialect::mav::haltere::{MavCmd, MavMissionResult, MavResult};
+use haltere_dialect::signing::SigningKey;
 
 use crate::config::{Address, AddressError};
 
 pub use mission_file::{Command as ItemCommand, DoubletAxis, Item, MissionFile};
-pub use station::{GroundStation, LandedState, Mode, Setpoint, Vehicle};
+pub use station::{GroundStation, Mode, Setpoint};
+pub use vehicle::{LandedState, Vehicle};
 
 /// What can go wrong between a ground station and a vehicle.
 #[derive(Debug, thiserror::Error)]
@@ -61,7 +64,10 @@ pub enum CtlError {
         texts: Vec<String>,
     },
     /// A command was not answered.
-    #[error("{command:?} not answered after {tries} tries of {} s", each.as_secs_f64())]
+    #[error(
+        "{command:?} not answered after {tries} tries of {} s; a vehicle that demands signatures answers \
+         nobody without its key (--signing-key)", each.as_secs_f64()
+    )]
     NoAnswer {
         /// The command.
         command: MavCmd,
@@ -149,6 +155,8 @@ pub enum Action {
         /// As the vehicle names it.
         name: Option<String>,
     },
+    /// Waits for the judgement of the flight by a program that was flown last, and prints it.
+    Judge,
     /// Lands and waits until it has landed.
     Land,
     /// Prints what the vehicle tells about itself.
@@ -160,6 +168,11 @@ const MISSION_TIMEOUT: Duration = Duration::from_secs(600);
 
 /// Texts of an answer come behind it, within this time.
 const TEXTS_WITHIN: Duration = Duration::from_millis(300);
+
+/// Counters of links and of losses, which come one at a time, and their interval while all are wanted, µs.
+const HALTERE_LINK_ID: u32 = 54105;
+const HALTERE_DROPS_ID: u32 = 54104;
+const ROUND_US: f64 = 20_000.0;
 
 /// Names of the programs that the vehicle knows, in the order of their numbers from 1.
 fn program_names(station: &mut GroundStation) -> Result<Vec<String>, CtlError> {
@@ -215,13 +228,18 @@ fn fly_mission(
     })
 }
 
-/// Runs one action. Progress goes to `say`.
-pub fn run(to: &str, action: &Action, mut say: impl FnMut(&str)) -> Result<(), CtlError> {
+/// Runs one action, signed where there is a key. Progress goes to `say`.
+pub fn run(
+    to: &str,
+    key: Option<SigningKey>,
+    action: &Action,
+    mut say: impl FnMut(&str),
+) -> Result<(), CtlError> {
     let mission = match action {
         Action::Mission { file } => Some(MissionFile::read(file)?),
         _ => None,
     };
-    let mut station = GroundStation::connect(to)?;
+    let mut station = GroundStation::connect_signed(to, key)?;
     match action {
         Action::Arm => station.arm()?,
         Action::Disarm => station.disarm()?,
@@ -253,9 +271,15 @@ pub fn run(to: &str, action: &Action, mut say: impl FnMut(&str)) -> Result<(), C
                 }
             }
         }
+        Action::Judge => station.judge(&mut say)?,
         Action::Status => {
-            // One round of the slow streams.
+            // One round of the slow streams, and of every link and loss in turn.
+            station.set_interval(HALTERE_LINK_ID, ROUND_US)?;
+            station.set_interval(HALTERE_DROPS_ID, ROUND_US)?;
             station.listen(Duration::from_secs(2))?;
+            for id in [HALTERE_LINK_ID, HALTERE_DROPS_ID] {
+                station.set_interval(id, 0.0)?;
+            }
             for line in station.vehicle().lines() {
                 say(&line);
             }

@@ -1,6 +1,6 @@
 //! The ground station itself: follows what the vehicle tells, sends commands until answered.
 
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use haltere_dialect::mav::haltere::{
     COMMAND_INT_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavFrame,
@@ -8,11 +8,13 @@ use haltere_dialect::mav::haltere::{
     SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 use haltere_dialect::mav_stream::{MavSplitter, encode};
+use haltere_dialect::signing::SigningKey;
+
+use crate::guard::{KeyRing, Standing};
 
 use super::CtlError;
 use super::link::{Link, READ_BYTES};
-
-pub use haltere_dialect::mav::haltere::MavLandedState as LandedState;
+use super::vehicle::{LandedState, Vehicle};
 
 /// Identity of a ground station (QGroundControl's).
 const OWN_SYSTEM: u8 = 255;
@@ -92,70 +94,6 @@ pub enum Setpoint {
     Velocity([f64; 3]),
 }
 
-/// What the vehicle has told so far.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Vehicle {
-    /// Motors may turn.
-    pub armed: bool,
-    /// Mode in force, PX4's numbers.
-    pub custom_mode: u32,
-    /// On the floor or in the air.
-    pub landed: LandedState,
-    /// Position, local NED, m.
-    pub position_m: Option<[f64; 3]>,
-    /// Velocity, local NED, m/s.
-    pub velocity_mps: Option<[f64; 3]>,
-    /// Pack voltage, V.
-    pub supply_v: Option<f64>,
-    /// Mission item in force.
-    pub current: Option<u16>,
-    /// Last mission item that was reached.
-    pub reached: Option<u16>,
-}
-
-impl Vehicle {
-    /// Height above the origin, m.
-    pub fn height_m(&self) -> Option<f64> {
-        self.position_m.map(|[_, _, down_m]| -down_m)
-    }
-
-    /// For people.
-    pub fn lines(&self) -> Vec<String> {
-        let known = |value: Option<String>| value.unwrap_or_else(|| "not told".into());
-        let main = self.custom_mode >> 16 & 0xFF;
-        let mode = match (main, self.custom_mode >> 24) {
-            (4, 2) => "takeoff".to_string(),
-            (4, 3) => "hold".to_string(),
-            (4, 4) => "mission".to_string(),
-            (4, 5) => "return".to_string(),
-            (4, 6) => "land".to_string(),
-            (6, _) => "offboard".to_string(),
-            (main, sub) => format!("main {main} sub {sub}"),
-        };
-        let point = self
-            .position_m
-            .map(|[n, e, d]| format!("north {n:.2} m, east {e:.2} m, height {:.2} m", -d));
-        vec![
-            format!("armed:    {}", if self.armed { "yes" } else { "no" }),
-            format!("mode:     {mode}"),
-            format!("state:    {}", landed_name(self.landed)),
-            format!("position: {}", known(point)),
-            format!("battery:  {}", known(self.supply_v.map(|v| format!("{v:.2} V")))),
-            format!("mission:  item {}", known(self.current.map(|n| n.to_string()))),
-        ]
-    }
-}
-
-fn landed_name(state: LandedState) -> &'static str {
-    match state {
-        LandedState::MAV_LANDED_STATE_UNDEFINED => "not told",
-        LandedState::MAV_LANDED_STATE_ON_GROUND => "on the ground",
-        LandedState::MAV_LANDED_STATE_IN_AIR => "in the air",
-        LandedState::MAV_LANDED_STATE_TAKEOFF => "taking off",
-        LandedState::MAV_LANDED_STATE_LANDING => "landing",
-    }
-}
-
 /// A connection to one vehicle.
 #[derive(Debug)]
 pub struct GroundStation {
@@ -170,6 +108,8 @@ pub struct GroundStation {
     texts: Vec<String>,
     text: String,
     buffer: Box<[u8; READ_BYTES]>,
+    /// With a key: what we send is signed, and what is signed otherwise is not the vehicle's.
+    ring: KeyRing,
 }
 
 impl GroundStation {
@@ -178,8 +118,17 @@ impl GroundStation {
         Self::connect_within(address, HEARTBEAT_TIMEOUT)
     }
 
+    /// As [`connect`](Self::connect), signing with this key.
+    pub fn connect_signed(address: &str, key: Option<SigningKey>) -> Result<Self, CtlError> {
+        Self::open(address, HEARTBEAT_TIMEOUT, KeyRing::new(key, 0))
+    }
+
     /// As [`connect`](Self::connect), with a wait of its own.
     pub fn connect_within(address: &str, timeout: Duration) -> Result<Self, CtlError> {
+        Self::open(address, timeout, KeyRing::default())
+    }
+
+    fn open(address: &str, timeout: Duration, ring: KeyRing) -> Result<Self, CtlError> {
         let now = Instant::now();
         let mut station = Self {
             address: address.to_string(),
@@ -193,6 +142,7 @@ impl GroundStation {
             texts: Vec::new(),
             text: String::new(),
             buffer: Box::new([0; READ_BYTES]),
+            ring,
         };
         while station.system == 0 {
             let deadline = now + timeout;
@@ -232,8 +182,11 @@ impl GroundStation {
         let mut bytes = Vec::with_capacity(64);
         encode(&mut bytes, OWN_SYSTEM, OWN_COMPONENT, self.sequence, message);
         self.sequence = self.sequence.wrapping_add(1);
+        // Two of us at once are two streams.
+        let stream = std::process::id() as u8;
+        let signed = self.ring.sign(&bytes, stream, unix_us());
         self.link
-            .send(&bytes)
+            .send(signed.as_deref().unwrap_or(&bytes))
             .map_err(|error| CtlError::Io { address: self.address.clone(), error })
     }
 
@@ -242,6 +195,9 @@ impl GroundStation {
         loop {
             while let Some(frame) = self.splitter.next() {
                 let Ok(frame) = frame else { continue };
+                if matches!(self.ring.admit(&frame, unix_us()), Standing::Refused(_)) {
+                    continue;
+                }
                 let (system, component) = (frame.header.system_id, frame.header.component_id);
                 let Ok(message) = frame.decode() else { continue };
                 if self.take(system, component, &message) {
@@ -278,34 +234,17 @@ impl GroundStation {
         if !from_autopilot || system != self.system {
             return false;
         }
-        let vehicle = &mut self.vehicle;
-        match message {
-            MavMessage::HEARTBEAT(beat) => {
-                vehicle.armed = beat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
-                vehicle.custom_mode = beat.custom_mode;
-            }
-            MavMessage::EXTENDED_SYS_STATE(state) => vehicle.landed = state.landed_state,
-            MavMessage::LOCAL_POSITION_NED(p) => {
-                vehicle.position_m = Some([p.x, p.y, p.z].map(f64::from));
-                vehicle.velocity_mps = Some([p.vx, p.vy, p.vz].map(f64::from));
-            }
-            MavMessage::SYS_STATUS(status) if status.voltage_battery != u16::MAX => {
-                vehicle.supply_v = Some(f64::from(status.voltage_battery) * 1e-3);
-            }
-            MavMessage::MISSION_CURRENT(current) => vehicle.current = Some(current.seq),
-            MavMessage::MISSION_ITEM_REACHED(reached) => vehicle.reached = Some(reached.seq),
-            MavMessage::STATUSTEXT(text) => {
-                let part = text.text.to_str().unwrap_or("(unreadable)");
-                // A long text comes in chunks of 50 characters; a shorter chunk ends it.
-                self.text.push_str(part);
-                if text.id == 0 || part.len() < CHUNK {
-                    if self.texts.len() >= MOST_TEXTS {
-                        self.texts.remove(0);
-                    }
-                    self.texts.push(std::mem::take(&mut self.text));
+        self.vehicle.take(message);
+        if let MavMessage::STATUSTEXT(text) = message {
+            let part = text.text.to_str().unwrap_or("(unreadable)");
+            // A long text comes in chunks of 50 characters; a shorter chunk ends it.
+            self.text.push_str(part);
+            if text.id == 0 || part.len() < CHUNK {
+                if self.texts.len() >= MOST_TEXTS {
+                    self.texts.remove(0);
                 }
+                self.texts.push(std::mem::take(&mut self.text));
             }
-            _ => {}
         }
         true
     }
@@ -387,6 +326,43 @@ impl GroundStation {
             }
         }
         Err(CtlError::NoAnswer { command, tries: ACK_TRIES, each: ACK_TIMEOUT })
+    }
+
+    /// Sets the interval of a stream on our link, µs; 0 is the default.
+    pub fn set_interval(&mut self, msg_id: u32, interval_us: f64) -> Result<(), CtlError> {
+        let params = [msg_id as f32, interval_us as f32, 0.0, 0.0, 0.0, 0.0, 0.0];
+        self.command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, params)
+    }
+
+    /// Has the vehicle judge the flight by a program that was flown last; its words go to `say` as they
+    /// come.
+    pub fn judge(&mut self, say: &mut impl FnMut(&str)) -> Result<(), CtlError> {
+        let (target_system, target_component) = self.target();
+        let command = MavCmd::MAV_CMD_USER_4;
+        self.forget_texts();
+        self.send(&MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+            param1: -1.0,
+            command,
+            target_system,
+            target_component,
+            ..Default::default()
+        }))?;
+        let mut deadline = Instant::now() + ACK_TIMEOUT;
+        while let Some(message) = self.next_message(deadline)? {
+            self.take_texts().iter().for_each(|text| say(text));
+            let MavMessage::COMMAND_ACK(ack) = message else { continue };
+            match ack.result {
+                _ if ack.command != command => {}
+                // It tells how far it is once a second.
+                MavResult::MAV_RESULT_IN_PROGRESS => deadline = Instant::now() + PROGRESS_TIMEOUT,
+                MavResult::MAV_RESULT_ACCEPTED => return Ok(()),
+                result => {
+                    let texts = self.texts_after_refusal()?;
+                    return Err(CtlError::Refused { command, result, texts });
+                }
+            }
+        }
+        Err(CtlError::NoAnswer { command, tries: 1, each: PROGRESS_TIMEOUT })
     }
 
     /// Arms and waits until the vehicle says so.
@@ -516,6 +492,12 @@ impl GroundStation {
         }
         self.send(&MavMessage::SET_POSITION_TARGET_LOCAL_NED(message))
     }
+}
+
+/// Wall clock, µs since 1970 UTC.
+fn unix_us() -> i64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_micros()).unwrap_or(i64::MAX)
 }
 
 fn own_heartbeat() -> MavMessage {

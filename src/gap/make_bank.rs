@@ -32,7 +32,8 @@ const JITTER_GROUND: f64 = 0.15;
 const JITTER_START_M: f64 = 0.10;
 const JITTER_START_RAD: f64 = 0.087;
 
-/// Shares of the drawn size that are tried, largest first, until the mission is flown.
+/// Shares of the drawn size that are tried, largest first, until the mission is flown: steps of 0.7, down to
+/// where A2 flies (its weakest plausible draw at 0.2 to 0.5; judgement).
 const SHARES: [f64; 8] = [1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08];
 
 /// How many flights.
@@ -182,10 +183,7 @@ fn flown(
         plant.effects = with_effect(plant.effects, spec, theta).ok()?;
     }
     let trace = fly_observed(recipe.scene, recipe.items, plant, recipe.scene.pilot.clone()).ok()?;
-    let came_through = trace.mission_part().is_some_and(|part| {
-        part.whole || recipe.scene.until_s.is_some_and(|until_s| part.flown_s >= until_s)
-    });
-    if !came_through {
+    if !trace.came_as_far_as(recipe.scene.until_s) {
         return None;
     }
     observe(&trace, nominal).ok().map(|o| o.statistics)

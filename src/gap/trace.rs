@@ -95,6 +95,14 @@ impl Trace {
         Some(MissionPart { from, flown_s: end.seconds_since(from), whole })
     }
 
+    /// Whether the mission was flown to its landing, or at least `until_s` of it: what flights that stand beside
+    /// one another must have.
+    pub fn came_as_far_as(&self, until_s: Option<f64>) -> bool {
+        self.mission_part().is_some_and(|part| {
+            part.whole || until_s.is_some_and(|until_s| part.flown_s >= until_s)
+        })
+    }
+
     /// Last instant that is looked at: the end of the landing, or `until_s` into the mission.
     pub fn looked_at_until(&self, until_s: Option<f64>) -> Option<HostTime> {
         let last = self.controls.last()?.at;
@@ -131,7 +139,7 @@ mod tests {
     use crate::topics::ControlRecord;
 
     fn trace(modes: &[(&'static str, u64)], end_s: u64) -> Trace {
-        let mut trace = Trace::new(Survey::new(&[]).unwrap_or_else(|_| lab()));
+        let mut trace = Trace::new(super::super::scene::Scene::lab().unwrap().survey);
         for (mode, at_s) in modes {
             trace.modes.push(ModeRecord {
                 at: HostTime::from_us(at_s * 1_000_000),
@@ -147,10 +155,6 @@ mod tests {
         trace
     }
 
-    fn lab() -> Survey {
-        super::super::scene::Scene::lab().unwrap().survey
-    }
-
     #[test]
     fn prop_a_flight_is_looked_at_to_its_landing_and_not_beyond() {
         let whole = trace(&[("takeoff", 5), ("mission", 8), ("land", 100)], 300);
@@ -162,6 +166,8 @@ mod tests {
         let part = felled.mission_part().unwrap();
         assert!(!part.whole && part.flown_s == 40.0, "{part:?}");
         assert_eq!(felled.looked_at_until(Some(30.0)).unwrap().as_us(), 38_000_000);
+        assert!(felled.came_as_far_as(Some(40.0)) && whole.came_as_far_as(None));
+        assert!(!felled.came_as_far_as(Some(41.0)) && !felled.came_as_far_as(None));
         assert!(trace(&[("takeoff", 5)], 20).mission_part().is_none());
     }
 }

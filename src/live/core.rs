@@ -5,14 +5,13 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::mpsc::Receiver;
 
 use tokio::sync::mpsc::Sender;
 use tokio::sync::mpsc::error::TrySendError;
 
 use super::clock;
 use super::files::FileDesk;
-use super::inbox::{Arrival, Outgoing, Shared, What};
+use super::inbox::{Arrival, Arrivals, Outgoing, Shared, What};
 use crate::drops::DropReason;
 use crate::pilot::{Input, LinkId, Pilot};
 use crate::record::{GlueState, Recorder, RecorderSummary};
@@ -22,8 +21,13 @@ use crate::topics::Topic;
 /// Longest sleep: how soon the end of the program is noticed, µs.
 const LONGEST_SLEEP_US: i64 = 50_000;
 
-/// Most chunks taken in at one wake-up, so that a flood cannot keep the core from its deadline.
-const MOST_ARRIVALS: usize = 1024;
+/// Most chunks of tag and board taken in at one wake-up, and of stations, which come second: a flood
+/// must not keep the core from its deadline.
+const MOST_FROM_DEVICES: usize = 1024;
+const MOST_FROM_STATIONS: usize = 256;
+/// Stations wait for the next wake-up when they have taken so much time of this one, s: a fifth of the
+/// period of the control step.
+const STATIONS_S: f64 = 0.002;
 
 /// Most answers of the disk taken in at one wake-up: each may hold 16 kB.
 const MOST_FILE_ANSWERS: usize = 16;
@@ -34,11 +38,14 @@ const LATE_S: f64 = 0.005;
 /// Period of the glue's own record, µs.
 const GLUE_PERIOD_US: i64 = 1_000_000;
 
+/// Period in which the core is told the calendar, which may be set while it runs, µs.
+const CALENDAR_PERIOD_US: i64 = 60_000_000;
+
 /// What the thread needs.
 pub(super) struct Core {
     pub pilot: Pilot,
     pub recorder: Recorder,
-    pub arrivals: Receiver<Arrival>,
+    pub arrivals: Arrivals,
     /// By link number.
     pub outputs: Vec<Sender<Outgoing>>,
     /// What people should read.
@@ -64,6 +71,7 @@ impl Core {
         let mut glue = GlueState::default();
         let mut losses = Losses::new();
         let mut glue_due = clock::now().offset_us(GLUE_PERIOD_US);
+        let mut calendar_due = clock::now();
         while !self.shared.stopped() {
             let deadline = self.pilot.next_deadline();
             clock::sleep_until(deadline.min(clock::now().offset_us(LONGEST_SLEEP_US)));
@@ -72,6 +80,10 @@ impl Core {
             self.report_losses(&mut losses);
 
             let now = clock::now();
+            if now >= calendar_due {
+                calendar_due = now.offset_us(CALENDAR_PERIOD_US);
+                self.feed(now, Input::Calendar { unix_us: clock::unix_us() });
+            }
             let lateness_s = now.seconds_since(deadline);
             glue.wake_ups += 1;
             glue.late_wake_ups += u64::from(lateness_s > LATE_S);
@@ -86,6 +98,7 @@ impl Core {
                 self.recorder.glue(now, &glue);
             }
             self.recorder.commit(now);
+            self.shared.step();
         }
         self.report_losses(&mut losses);
         self.recorder.glue(clock::now(), &glue);
@@ -93,13 +106,25 @@ impl Core {
     }
 
     fn take_arrivals(&mut self) {
-        for _ in 0..MOST_ARRIVALS {
-            let Ok(Arrival { at, link, what }) = self.arrivals.try_recv() else { return };
-            match what {
-                What::Bytes(bytes) => self.feed(at, Input::Bytes { link, bytes: &bytes }),
-                What::Up => self.feed(at, Input::LinkUp { link }),
-                What::Down => self.feed(at, Input::LinkDown { link }),
+        for _ in 0..MOST_FROM_DEVICES {
+            let Ok(arrival) = self.arrivals.devices.try_recv() else { break };
+            self.take(arrival);
+        }
+        let began = clock::now();
+        for _ in 0..MOST_FROM_STATIONS {
+            let Ok(arrival) = self.arrivals.stations.try_recv() else { return };
+            self.take(arrival);
+            if clock::now().seconds_since(began) > STATIONS_S {
+                return;
             }
+        }
+    }
+
+    fn take(&mut self, Arrival { at, link, what }: Arrival) {
+        match what {
+            What::Bytes(bytes, _share) => self.feed(at, Input::Bytes { link, bytes: &bytes }),
+            What::Up => self.feed(at, Input::LinkUp { link }),
+            What::Down => self.feed(at, Input::LinkDown { link }),
         }
     }
 

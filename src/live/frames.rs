@@ -49,6 +49,19 @@ mod tests {
     }
 
     #[test]
+    fn prop_whatever_comes_less_than_a_frame_is_held() {
+        // Markers only, with the longest length that can be claimed, and every byte that there is.
+        for byte in 0..=255 {
+            let mut cutter = WholeFrames::default();
+            for _ in 0..1000 {
+                cutter.push(&[byte; 97]);
+                while cutter.next().is_some() {}
+                assert!(cutter.0.len() < 12 + 255 + 13, "{byte}: {}", cutter.0.len());
+            }
+        }
+    }
+
+    #[test]
     fn prop_nothing_is_lost_and_frames_stay_whole_in_any_chunking() {
         let mut stream = vec![1, 2, 3];
         let frames = [v2(0, 0), v2(9, 1), vec![V1, 2, 0, 1, 1, 0, 7, 7, 8, 8], v2(250, 0)];

@@ -1,27 +1,47 @@
 //! The way of bytes from a link to the pilot's thread, and counters of what got lost around it.
+//!
+//! Tag and board have a queue of their own: whatever stations send, it cannot take its room. And of
+//! their queue each station has a share, so that one cannot take that of another.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
 use super::clock;
+use super::doors::Gate;
 use crate::drops::DropReason;
 use crate::pilot::{LinkId, MOST_GROUND_LINKS};
 use crate::time::HostTime;
 
-/// Chunks of input that may wait for the pilot's thread: over a second of everything.
-const INPUT_QUEUE_CHUNKS: usize = 4096;
+/// Chunks of tag and board that may wait for the pilot's thread: over a second of everything.
+const DEVICE_CHUNKS: usize = 4096;
+/// Of one of them, bytes: a hundred times what comes in a second.
+const DEVICE_BYTES: usize = 4 << 20;
+/// Chunks of one station that may wait, and their bytes: hundreds of commands.
+const STATION_CHUNKS: usize = 128;
+const STATION_BYTES: usize = 256 << 10;
+/// Room for what is not bytes: links that open and close.
+const EVENTS: usize = 512;
 
 /// Chunks that may wait for a link: half a second of setpoints, several of telemetry.
 pub(super) const OUTPUT_QUEUE_CHUNKS: usize = 64;
 
 /// Reasons that occur outside of the core.
-const REASONS: [DropReason; 5] = [
+const REASONS: [DropReason; 14] = [
     DropReason::InputQueueFull,
     DropReason::OutputQueueFull,
     DropReason::LinkWriteFailed,
     DropReason::MavWrongPeer,
     DropReason::StationsFull,
+    DropReason::MavGarbageByte,
+    DropReason::MavBadChecksum,
+    DropReason::MavIncompatible,
+    DropReason::MavUnsigned,
+    DropReason::MavBadSignature,
+    DropReason::MavReplayed,
+    DropReason::MavStaleTime,
+    DropReason::SigningSetup,
+    DropReason::RateLimited,
 ];
 
 /// Links that can exist: tag, board, and as many stations as the core takes.
@@ -38,6 +58,8 @@ pub(super) struct Outgoing {
 #[derive(Debug)]
 pub(super) struct Shared {
     stop: AtomicBool,
+    /// Rounds of the pilot's thread, each with a wake-up of the core.
+    steps: AtomicU64,
     drops: [[AtomicU64; REASONS.len()]; MOST_LINKS],
 }
 
@@ -45,6 +67,7 @@ impl Default for Shared {
     fn default() -> Self {
         Self {
             stop: AtomicBool::new(false),
+            steps: AtomicU64::new(0),
             drops: [const { [const { AtomicU64::new(0) }; REASONS.len()] }; MOST_LINKS],
         }
     }
@@ -60,23 +83,37 @@ impl Shared {
         self.stop.load(Relaxed)
     }
 
-    /// Counts one loss.
-    pub(super) fn lost(&self, link: LinkId, reason: DropReason) {
+    /// The pilot's thread has made a round.
+    pub(super) fn step(&self) {
+        self.steps.fetch_add(1, Relaxed);
+    }
+
+    /// Rounds that the pilot's thread has made.
+    pub(super) fn steps(&self) -> u64 {
+        self.steps.load(Relaxed)
+    }
+
+    /// Counts losses.
+    pub(super) fn lost_many(&self, link: LinkId, reason: DropReason, n: u64) {
         let slot = REASONS.iter().position(|r| *r == reason);
         let row = self.drops.get(usize::from(link.number()));
         if let Some(count) = slot.and_then(|slot| row?.get(slot)) {
-            count.fetch_add(1, Relaxed);
+            count.fetch_add(n, Relaxed);
         }
     }
 
-    /// Every loss that can occur, with its count so far.
+    /// Counts one loss.
+    pub(super) fn lost(&self, link: LinkId, reason: DropReason) {
+        self.lost_many(link, reason, 1);
+    }
+
+    /// Every loss that occurred, with its count so far.
     pub(super) fn losses(&self) -> impl Iterator<Item = (LinkId, DropReason, u64)> + '_ {
-        (0..).zip(&self.drops).flat_map(|(link, row)| {
-            REASONS
-                .iter()
-                .zip(row)
-                .map(move |(reason, n)| (LinkId::from_number(link), *reason, n.load(Relaxed)))
-        })
+        let of_row = |(link, row): (u8, &'_ [AtomicU64; REASONS.len()])| {
+            let counts: [u64; REASONS.len()] = std::array::from_fn(|n| row[n].load(Relaxed));
+            REASONS.into_iter().zip(counts).map(move |(r, n)| (LinkId::from_number(link), r, n))
+        };
+        (0..).zip(&self.drops).flat_map(of_row).filter(|(.., n)| *n > 0)
     }
 }
 
@@ -90,9 +127,68 @@ pub(super) struct Arrival {
 
 #[derive(Debug)]
 pub(super) enum What {
-    Bytes(Vec<u8>),
+    Bytes(Vec<u8>, Share),
     Up,
     Down,
+}
+
+/// What a link has in its queue.
+#[derive(Debug, Default)]
+struct Waiting {
+    chunks: AtomicUsize,
+    bytes: AtomicUsize,
+}
+
+/// A chunk's part of it, given back when the chunk is taken out.
+#[derive(Debug)]
+pub(super) struct Share {
+    waiting: Arc<Waiting>,
+    bytes: usize,
+}
+
+impl Share {
+    /// `None`: this link has its share in the queue already.
+    fn of(waiting: &Arc<Waiting>, most: (usize, usize), bytes: usize) -> Option<Self> {
+        // One thread puts in for a link; another one takes out, which only makes room.
+        let chunks = waiting.chunks.load(Relaxed);
+        let held = waiting.bytes.load(Relaxed);
+        if chunks >= most.0 || held.saturating_add(bytes) > most.1 {
+            return None;
+        }
+        waiting.chunks.fetch_add(1, Relaxed);
+        waiting.bytes.fetch_add(bytes, Relaxed);
+        Some(Self { waiting: waiting.clone(), bytes })
+    }
+}
+
+impl Drop for Share {
+    fn drop(&mut self) {
+        self.waiting.chunks.fetch_sub(1, Relaxed);
+        self.waiting.bytes.fetch_sub(self.bytes, Relaxed);
+    }
+}
+
+/// The ends of the queues where links put in.
+#[derive(Debug, Clone)]
+pub(super) struct Entrance {
+    devices: SyncSender<Arrival>,
+    stations: SyncSender<Arrival>,
+}
+
+/// The ends where the pilot's thread takes out.
+#[derive(Debug)]
+pub(super) struct Arrivals {
+    /// Of tag and board.
+    pub devices: Receiver<Arrival>,
+    /// Of stations.
+    pub stations: Receiver<Arrival>,
+}
+
+/// The queues to the pilot's thread.
+pub(super) fn input_queues() -> (Entrance, Arrivals) {
+    let (devices, from_devices) = sync_channel(2 * DEVICE_CHUNKS + EVENTS);
+    let (stations, from_stations) = sync_channel(STATION_CHUNKS * MOST_GROUND_LINKS + EVENTS);
+    (Entrance { devices, stations }, Arrivals { devices: from_devices, stations: from_stations })
 }
 
 /// One link's entrance to the pilot's thread.
@@ -100,17 +196,23 @@ pub(super) enum What {
 pub(super) struct Inbox {
     link: LinkId,
     queue: SyncSender<Arrival>,
+    waiting: Arc<Waiting>,
+    gate: Option<Arc<Gate>>,
     shared: Arc<Shared>,
 }
 
-/// The queue to the pilot's thread.
-pub(super) fn input_queue() -> (SyncSender<Arrival>, Receiver<Arrival>) {
-    sync_channel(INPUT_QUEUE_CHUNKS)
-}
-
 impl Inbox {
-    pub(super) fn new(link: LinkId, queue: SyncSender<Arrival>, shared: Arc<Shared>) -> Self {
-        Self { link, queue, shared }
+    pub(super) fn new(
+        link: LinkId,
+        entrance: &Entrance,
+        gate: Option<Arc<Gate>>,
+        shared: Arc<Shared>,
+    ) -> Self {
+        let queue = match link {
+            LinkId::Tag | LinkId::Board => entrance.devices.clone(),
+            LinkId::Ground(_) => entrance.stations.clone(),
+        };
+        Self { link, queue, waiting: Arc::default(), gate, shared }
     }
 
     pub(super) fn link(&self) -> LinkId {
@@ -121,16 +223,58 @@ impl Inbox {
         self.shared.stopped()
     }
 
-    /// Bytes that were read at `at`. Newest lost when the queue is full.
-    pub(super) fn bytes(&self, at: HostTime, bytes: &[u8]) {
-        let arrival = Arrival { at, link: self.link, what: What::Bytes(bytes.to_vec()) };
+    /// Bytes that were read at `at`. What may not pass, or finds no room, is lost and counted.
+    /// `false`: nothing passed.
+    pub(super) fn bytes(&self, at: HostTime, bytes: &[u8]) -> bool {
+        let bytes = match &self.gate {
+            Some(gate) => gate.admit(self.link, at, bytes, &self.shared),
+            None => bytes.to_vec(),
+        };
+        if bytes.is_empty() {
+            return false;
+        }
+        let most = match self.link {
+            LinkId::Tag | LinkId::Board => (DEVICE_CHUNKS, DEVICE_BYTES),
+            LinkId::Ground(_) => (STATION_CHUNKS, STATION_BYTES),
+        };
+        let Some(share) = Share::of(&self.waiting, most, bytes.len()) else {
+            self.lost(DropReason::InputQueueFull);
+            return true;
+        };
+        let arrival = Arrival { at, link: self.link, what: What::Bytes(bytes, share) };
         if let Err(TrySendError::Full(_)) = self.queue.try_send(arrival) {
             self.lost(DropReason::InputQueueFull);
+        }
+        true
+    }
+
+    /// Whether a stranger with these bytes may have this link. If not, that is counted.
+    pub(super) fn would_open(&self, bytes: &[u8]) -> bool {
+        let opens = self.gate.as_ref().is_none_or(|gate| gate.would_open(bytes));
+        if !opens {
+            self.lost(DropReason::MavUnsigned);
+        }
+        opens
+    }
+
+    /// Whether nobody comes in without a signature.
+    pub(super) fn is_shut(&self) -> bool {
+        self.gate.as_ref().is_some_and(|gate| gate.is_shut())
+    }
+
+    /// A frame as it goes out on this link.
+    pub(super) fn seal(&self, frame: Vec<u8>) -> Vec<u8> {
+        match &self.gate {
+            Some(gate) => gate.seal(self.link, frame),
+            None => frame,
         }
     }
 
     /// The link is open. Waits for room: this must not be lost.
     pub(super) fn up(&self) {
+        if let Some(gate) = &self.gate {
+            gate.reopen();
+        }
         let _ = self.queue.send(Arrival { at: clock::now(), link: self.link, what: What::Up });
     }
 
@@ -148,17 +292,64 @@ impl Inbox {
 mod tests {
     use super::*;
 
+    fn inbox(link: LinkId, entrance: &Entrance, shared: &Arc<Shared>) -> Inbox {
+        Inbox::new(link, entrance, None, shared.clone())
+    }
+
     #[test]
-    fn prop_a_full_queue_is_counted_and_does_not_wait() {
+    fn prop_one_station_cannot_take_the_room_of_others() {
         let shared = Arc::new(Shared::default());
-        let (queue, arrivals) = sync_channel(2);
-        let inbox = Inbox::new(LinkId::Ground(1), queue, shared.clone());
-        for n in 0..5 {
-            inbox.bytes(HostTime::from_us(n), &[n as u8]);
+        let (entrance, arrivals) = input_queues();
+        let hostile = inbox(LinkId::Ground(1), &entrance, &shared);
+        for n in 0..100_000 {
+            hostile.bytes(HostTime::from_us(n), &[1]);
         }
-        let losses: Vec<_> = shared.losses().filter(|(.., count)| *count > 0).collect();
-        assert_eq!(losses, [(LinkId::Ground(1), DropReason::InputQueueFull, 3)]);
-        let kept: Vec<_> = arrivals.try_iter().map(|a| a.at.as_us()).collect();
-        assert_eq!(kept, [0, 1]);
+        let quiet = inbox(LinkId::Ground(0), &entrance, &shared);
+        let tag = inbox(LinkId::Tag, &entrance, &shared);
+        assert!(quiet.bytes(HostTime::from_us(7), &[2]) && tag.bytes(HostTime::from_us(8), &[3]));
+        let losses: Vec<_> = shared.losses().collect();
+        let lost = 100_000 - STATION_CHUNKS as u64;
+        assert_eq!(losses, [(LinkId::Ground(1), DropReason::InputQueueFull, lost)]);
+        assert_eq!(arrivals.devices.try_iter().count(), 1);
+        // What is taken out makes room again.
+        assert_eq!(arrivals.stations.try_iter().count(), STATION_CHUNKS + 1);
+        assert!(hostile.bytes(HostTime::from_us(9), &[4]));
+        assert_eq!(arrivals.stations.try_iter().count(), 1);
+    }
+
+    #[test]
+    fn prop_large_chunks_are_bounded_by_their_bytes() {
+        let shared = Arc::new(Shared::default());
+        let (entrance, arrivals) = input_queues();
+        let hostile = inbox(LinkId::Ground(3), &entrance, &shared);
+        for n in 0..100 {
+            hostile.bytes(HostTime::from_us(n), &[0; 60_000]);
+        }
+        let held: usize = arrivals
+            .stations
+            .try_iter()
+            .map(|arrival| match arrival.what {
+                What::Bytes(bytes, _) => bytes.len(),
+                What::Up | What::Down => 0,
+            })
+            .sum();
+        assert!(held <= STATION_BYTES, "{held}");
+    }
+
+    #[test]
+    fn prop_every_station_and_device_at_its_bound_fits_the_queues() {
+        let shared = Arc::new(Shared::default());
+        let (entrance, _arrivals) = input_queues();
+        let links = (0..MOST_GROUND_LINKS as u8).map(LinkId::Ground);
+        for link in links.chain([LinkId::Tag, LinkId::Board]) {
+            let inbox = inbox(link, &entrance, &shared);
+            for _ in 0..DEVICE_CHUNKS {
+                inbox.bytes(HostTime::from_us(0), &[0]);
+            }
+            // Must not wait, nor be lost.
+            inbox.up();
+            inbox.down();
+        }
+        assert!(shared.losses().all(|(link, ..)| matches!(link, LinkId::Ground(_))));
     }
 }

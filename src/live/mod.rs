@@ -1,15 +1,19 @@
 //! Live: the pilot core on a thread of its own, links, recorder, signals.
 //!
 //! ```text
-//! serial threads, tokio tasks ─► bounded queue ─► pilot's thread ─► bounded queue per link
-//!                                                      └─► recorder's thread
+//! threads of tag and board ─► bounded queue ┐
+//! tokio tasks of stations   ─► bounded queue ┴► pilot's thread ─► bounded queue per link
+//!                                                     └─► recorder's thread
 //! ```
 
 mod clock;
 mod core;
+mod devices;
+mod doors;
 mod files;
 mod frames;
 mod inbox;
+mod notify;
 pub mod realtime;
 mod serial;
 mod stations;
@@ -17,11 +21,12 @@ mod tcp;
 #[cfg(test)]
 mod tests;
 mod udp;
-mod usb;
+pub mod usb;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use serde::Serialize;
 use thiserror::Error;
@@ -31,8 +36,10 @@ use tokio::sync::{Notify, mpsc, oneshot};
 use tokio::task::JoinSet;
 
 use self::core::{Core, CoreSummary};
-use self::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing, Shared, input_queue};
-use crate::config::{Address, HostPort, Loaded, TagPort};
+use self::doors::{Gate, Keys};
+use self::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing, Shared, input_queues};
+use self::notify::{Progress, Systemd};
+use crate::config::{Address, Config, HostPort, KeyFileError, Loaded, TagPort};
 use crate::pilot::{LinkId, Pilot};
 use crate::record::{BuildIdentity, RecordError, Recorder, Session};
 use crate::store::{NoPrograms, Programs, Store};
@@ -61,6 +68,9 @@ pub enum LiveError {
     /// The log cannot be begun. Flying unrecorded is a decision: `record.enabled = false`.
     #[error("{0}; or set record.enabled = false to fly without a log")]
     Record(#[from] RecordError),
+    /// The signing key is not used as it is.
+    #[error(transparent)]
+    Key(#[from] KeyFileError),
     /// Threads, signals.
     #[error("the system refuses a thread or a signal handler: {0}")]
     System(#[from] std::io::Error),
@@ -132,10 +142,11 @@ async fn fly(
 ) -> Result<RunSummary, LiveError> {
     let mut interrupt = signal(SignalKind::interrupt())?;
     let mut terminate = signal(SignalKind::terminate())?;
+    let keys = Keys::load(&loaded.config)?;
     let ports = open_ports(loaded).await?;
 
     let shared = Arc::new(Shared::default());
-    let (queue, arrivals) = input_queue();
+    let (entrance, arrivals) = input_queues();
     // By link number: the stations of one endpoint share its queue.
     let mut outputs = Vec::new();
     let mut receivers = Vec::new();
@@ -157,19 +168,39 @@ async fn fly(
             Err(why) => tracing::warn!("{why}"),
         }
     }
+    let key_file = loaded.config.signing.key_file.clone();
+    let key_thread = doors::keep(keys.clone(), key_file, shared.clone())?;
     let (pilot_thread, ended) = start_pilot(loaded, core)?;
     let mut links = JoinSet::new();
-    let mut threads: Vec<_> = file_thread.into_iter().collect();
+    let mut threads: Vec<_> = file_thread.into_iter().chain(key_thread).collect();
+    let gates = gates(&loaded.config, &keys);
+    let timing = &loaded.config.timing;
+    let urgency = timing.realtime.then_some(timing.priority);
     for ((port, own_links), output) in ports.into_iter().zip(receivers) {
-        let inbox = |link| Inbox::new(link, queue.clone(), shared.clone());
+        let inbox = |link: LinkId| {
+            let gate = gates.get(usize::from(link.number())).cloned().flatten();
+            Inbox::new(link, &entrance, gate, shared.clone())
+        };
         let inboxes = own_links.into_iter().map(inbox).collect();
-        threads.extend(start_link(port, inboxes, output, &mut links)?);
+        threads.extend(start_link(port, inboxes, output, &mut links, urgency, &shared)?);
     }
-    drop(queue);
+    drop(entrance);
 
+    let notify = Systemd::from_environment();
+    notify.say("READY=1");
+    let mut progress = Progress::new(shared.clone());
+    // Without a watchdog the branch below is off, and the period is any.
+    let watched = notify.watchdog_period();
+    let mut feed = tokio::time::interval(watched.unwrap_or(Duration::from_secs(1)));
+    feed.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     tokio::pin!(ended);
     loop {
         tokio::select! {
+            _ = feed.tick(), if watched.is_some() => {
+                if progress.was_made() {
+                    notify.say("WATCHDOG=1");
+                }
+            }
             _ = interrupt.recv() => break tracing::info!("interrupted: closing the log"),
             _ = terminate.recv() => break tracing::info!("terminated: closing the log"),
             () = stop.0.notified() => break,
@@ -177,6 +208,7 @@ async fn fly(
             Some(topic) = read_news.recv() => tell(&topic),
         }
     }
+    notify.say("STOPPING=1");
     let died = pilot_thread.is_finished() && !shared.stopped();
     shared.stop();
     // Off this thread, so that the links can still take what the core sends last.
@@ -190,6 +222,19 @@ async fn fly(
         Ok(Ok(summary)) if !died => Ok(summarise(summary)),
         _ => Err(LiveError::PilotEnded),
     }
+}
+
+/// The gates by link number. Stations of one endpoint each have their own.
+fn gates(config: &Config, keys: &Arc<Keys>) -> Vec<Option<Arc<Gate>>> {
+    let doors = config.doors();
+    let mut gates: Vec<_> =
+        [doors.tag, doors.board].map(|door| door.map(|door| Gate::new(door, keys.clone()))).into();
+    for (endpoint, door) in config.ground.for_pilot().iter().zip(doors.ground) {
+        for _ in 0..endpoint.stations {
+            gates.push(Some(Gate::new(door.clone(), keys.clone())));
+        }
+    }
+    gates
 }
 
 type FileThread = (files::FileDesk, Option<JoinHandle<()>>);
@@ -267,20 +312,22 @@ fn start_link(
     inboxes: Vec<Inbox>,
     output: mpsc::Receiver<Outgoing>,
     links: &mut JoinSet<()>,
+    urgency: devices::Urgency,
+    shared: &Arc<Shared>,
 ) -> Result<Vec<JoinHandle<()>>, LiveError> {
     let Some(inbox) = inboxes.first().cloned() else { return Ok(Vec::new()) };
     let is_ground = matches!(inbox.link(), LinkId::Ground(_));
     match port {
-        Port::UdpIn(socket) if is_ground => links.spawn(stations::listen(socket, inboxes, output)),
-        Port::TcpIn(listener) if is_ground => {
-            links.spawn(stations::serve(listener, inboxes, output))
-        }
         Port::Serial(device, baud) => {
-            return Ok(serial::spawn(device, baud, inbox, output)?.into());
+            let urgency = urgency.filter(|_| !is_ground);
+            return Ok(serial::spawn(device, baud, inbox, output, urgency)?.into());
         }
-        Port::UdpIn(socket) => links.spawn(udp::listen(socket, inbox, output)),
+        port if !is_ground => {
+            return Ok(vec![devices::spawn(port, inbox, output, urgency, shared.clone())?]);
+        }
+        Port::UdpIn(socket) => links.spawn(stations::listen(socket, inboxes, output)),
+        Port::TcpIn(listener) => links.spawn(stations::serve(listener, inboxes, output)),
         Port::UdpOut(to) => links.spawn(udp::send_to(to, inbox, output)),
-        Port::TcpIn(listener) => links.spawn(tcp::serve(listener, inbox, output)),
         Port::TcpOut(to) => links.spawn(tcp::connect(to, inbox, output)),
     };
     Ok(Vec::new())

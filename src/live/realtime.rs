@@ -1,5 +1,6 @@
 //! Scheduling class and resident memory, where the system permits them.
 
+use super::clock;
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{Resource, geteuid, getrlimit};
 use thread_priority::{
@@ -26,6 +27,26 @@ pub fn insist_on_deadlines(priority: u8) -> Result<(), String> {
              /etc/security/limits.conf, or set timing.realtime = false"
         )
     })
+}
+
+/// How late a thread of this computer wakes up from sleeping to a deadline each 10 ms, s, in order of
+/// time; under SCHED_FIFO with `priority` where that is given and permitted.
+pub fn measure_lateness(steps: u32, priority: Option<u8>) -> Vec<f64> {
+    let thread = std::thread::Builder::new().name("jitter".into()).spawn(move || {
+        if let Some(priority) = priority {
+            // Whether it is permitted is a question of its own.
+            let _ = insist_on_deadlines(priority);
+        }
+        let start = clock::now();
+        (1..=i64::from(steps))
+            .map(|step| {
+                let deadline = start.offset_us(10_000 * step);
+                clock::sleep_until(deadline);
+                clock::now().seconds_since(deadline).max(0.0)
+            })
+            .collect()
+    });
+    thread.ok().and_then(|thread| thread.join().ok()).unwrap_or_default()
 }
 
 /// Keeps all memory resident. `Err`: what to tell the user.

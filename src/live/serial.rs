@@ -9,6 +9,7 @@ use std::time::Duration;
 use serialport::{SerialPort, TTYPort};
 use tokio::sync::mpsc::Receiver;
 
+use super::devices::{Urgency, hurry};
 use super::inbox::{Inbox, Outgoing};
 use super::{clock, usb};
 use crate::drops::DropReason;
@@ -41,17 +42,20 @@ pub(super) fn spawn(
     baud: u32,
     inbox: Inbox,
     output: Receiver<Outgoing>,
+    urgency: Urgency,
 ) -> std::io::Result<[JoinHandle<()>; 2]> {
     let writer = Writer::default();
     let name = format!("link-{}", inbox.link().number());
     let (read_writer, write_inbox) = (writer.clone(), inbox.clone());
     Ok([
-        std::thread::Builder::new()
-            .name(format!("{name}-in"))
-            .spawn(move || read_forever(&device, baud, &inbox, &read_writer))?,
-        std::thread::Builder::new()
-            .name(format!("{name}-out"))
-            .spawn(move || write_forever(output, &write_inbox, &writer))?,
+        std::thread::Builder::new().name(format!("{name}-in")).spawn(move || {
+            hurry(urgency);
+            read_forever(&device, baud, &inbox, &read_writer);
+        })?,
+        std::thread::Builder::new().name(format!("{name}-out")).spawn(move || {
+            hurry(urgency);
+            write_forever(output, &write_inbox, &writer);
+        })?,
     ])
 }
 
@@ -136,6 +140,7 @@ fn read_until_lost(port: &mut TTYPort, inbox: &Inbox) -> Option<String> {
 
 fn write_forever(mut output: Receiver<Outgoing>, inbox: &Inbox, writer: &Writer) {
     while let Some(Outgoing { bytes, .. }) = output.blocking_recv() {
+        let bytes = inbox.seal(bytes);
         let mut port = writer.lock().unwrap_or_else(PoisonError::into_inner);
         let written = port.as_mut().is_some_and(|port| port.write_all(&bytes).is_ok());
         if !written {

@@ -1,15 +1,16 @@
 //! Endpoints that stations come to: each gets a link of its own in the core.
 
 use std::net::SocketAddr;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-use tokio::net::{TcpListener, UdpSocket};
+use tokio::net::{TcpListener, TcpStream, UdpSocket};
 use tokio::sync::mpsc;
-use tokio::time::{Duration, interval};
+use tokio::time::{Duration, Instant, interval};
 
 use super::clock;
 use super::frames::WholeFrames;
 use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing};
-use super::tcp::{RETRY, talk};
+use super::tcp::{ACCEPT_PAUSE, RETRY, accept_after, talk};
 use super::udp::{DATAGRAM_BYTES, send};
 use crate::drops::DropReason;
 use crate::time::HostTime;
@@ -20,6 +21,8 @@ const FORGET_S: f64 = 60.0;
 /// When all places are taken, one that was silent for so long gives its place away, s: stations send
 /// their heartbeat every second.
 const GIVE_WAY_S: f64 = 10.0;
+/// A connection that showed no signature where one is demanded is cut after this time.
+const SHOW_WITHIN: Duration = Duration::from_millis(if cfg!(test) { 700 } else { 10_000 });
 /// How often the silent ones are looked for.
 const LOOK: Duration = Duration::from_secs(1);
 
@@ -81,6 +84,10 @@ impl Places {
         freed
     }
 
+    fn knows(&self, peer: SocketAddr) -> bool {
+        self.0.iter().flatten().any(|(known, _)| *known == peer)
+    }
+
     fn peer(&self, n: usize) -> Option<SocketAddr> {
         self.0.get(n).copied().flatten().map(|(peer, _)| peer)
     }
@@ -98,11 +105,34 @@ pub(super) async fn listen(
     let mut look = interval(LOOK);
     loop {
         tokio::select! {
+            // Ours first: it is never much, and a flood comes without end.
             biased;
+            outgoing = output.recv() => {
+                let Some(Outgoing { link, bytes }) = outgoing else { return };
+                let Some(n) = inboxes.iter().position(|i| i.link() == link) else { continue };
+                // Somebody who left meanwhile misses nothing.
+                let (Some(peer), Some(inbox)) = (places.peer(n), inboxes.get(n)) else { continue };
+                if !send(&socket, &inbox.seal(bytes), peer).await {
+                    inbox.lost(DropReason::LinkWriteFailed);
+                }
+            }
+            _ = look.tick() => {
+                for n in places.forget(clock::now()) {
+                    if let Some(inbox) = inboxes.get(n) {
+                        tracing::info!("link {} is silent, forgotten", inbox.link().number());
+                        inbox.down();
+                    }
+                }
+            }
             received = socket.recv_from(&mut buffer) => {
                 let at = clock::now();
                 // An error here is about an earlier datagram of ours that nobody took.
                 let Ok((length, peer)) = received else { continue };
+                let bytes = buffer.get(..length).unwrap_or_default();
+                // Strangers without a signature do not take the place of those who have one.
+                if !places.knows(peer) && !first.would_open(bytes) {
+                    continue;
+                }
                 let seat = places.heard(peer, at);
                 let n = match seat {
                     Seat::Known(n) | Seat::New(n) | Seat::Taken(n) => n,
@@ -119,26 +149,7 @@ pub(super) async fn listen(
                     tracing::info!("{peer} joined as link {}", inbox.link().number());
                     inbox.up();
                 }
-                inbox.bytes(at, buffer.get(..length).unwrap_or_default());
-            }
-            outgoing = output.recv() => {
-                let Some(Outgoing { link, bytes }) = outgoing else { return };
-                let Some(n) = inboxes.iter().position(|i| i.link() == link) else { continue };
-                // Somebody who left meanwhile misses nothing.
-                let Some(peer) = places.peer(n) else { continue };
-                if !send(&socket, &bytes, peer).await
-                    && let Some(inbox) = inboxes.get(n)
-                {
-                    inbox.lost(DropReason::LinkWriteFailed);
-                }
-            }
-            _ = look.tick() => {
-                for n in places.forget(clock::now()) {
-                    if let Some(inbox) = inboxes.get(n) {
-                        tracing::info!("link {} is silent, forgotten", inbox.link().number());
-                        inbox.down();
-                    }
-                }
+                inbox.bytes(at, bytes);
             }
         }
     }
@@ -152,9 +163,11 @@ pub(super) async fn serve(
 ) {
     let mut writers: Vec<Option<mpsc::Sender<Outgoing>>> = vec![None; inboxes.len()];
     let mut clients = tokio::task::JoinSet::new();
+    let mut next = Instant::now();
     loop {
         tokio::select! {
-            accepted = listener.accept() => {
+            accepted = accept_after(&listener, next) => {
+                next = Instant::now() + ACCEPT_PAUSE;
                 let Ok((stream, peer)) = accepted else {
                     // Out of descriptors, most likely: do not spin.
                     tokio::time::sleep(RETRY).await;
@@ -173,14 +186,7 @@ pub(super) async fn serve(
                 writers[n] = Some(writer);
                 clients.spawn(async move {
                     inbox.up();
-                    let mut frames = WholeFrames::default();
-                    talk(stream, &inbox, &mut own_output, |inbox, at, bytes| {
-                        frames.push(bytes);
-                        while let Some(frame) = frames.next() {
-                            inbox.bytes(at, &frame);
-                        }
-                    })
-                    .await;
+                    serve_one(stream, &inbox, &mut own_output).await;
                     inbox.down();
                     tracing::info!("{peer} disconnected");
                     n
@@ -203,6 +209,34 @@ pub(super) async fn serve(
                     *writer = None;
                 }
             }
+        }
+    }
+}
+
+/// One client, until it leaves. Where signatures are demanded it must have shown one in time: places
+/// are few, and holding one costs nothing.
+async fn serve_one(stream: TcpStream, inbox: &Inbox, output: &mut mpsc::Receiver<Outgoing>) {
+    let mut frames = WholeFrames::default();
+    let shown = AtomicBool::new(!inbox.is_shut());
+    let talks = talk(stream, inbox, output, |inbox, at, bytes| {
+        frames.push(bytes);
+        while let Some(frame) = frames.next() {
+            if inbox.bytes(at, &frame) {
+                shown.store(true, Relaxed);
+            }
+        }
+    });
+    let stays_mute = async {
+        tokio::time::sleep(SHOW_WITHIN).await;
+        if shown.load(Relaxed) {
+            std::future::pending::<()>().await;
+        }
+    };
+    tokio::select! {
+        _ = talks => {}
+        () = stays_mute => {
+            inbox.lost(DropReason::MavUnsigned);
+            tracing::info!("link {} showed no signature", inbox.link().number());
         }
     }
 }

@@ -1,10 +1,12 @@
 //! TCP links: a server for many clients, or a client that reconnects.
 
+use std::net::SocketAddr;
 use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{broadcast, mpsc};
+use tokio::time::Instant;
 
 use super::clock;
 use super::frames::WholeFrames;
@@ -19,12 +21,24 @@ const MOST_CLIENTS: usize = 16;
 const READ_BYTES: usize = 4096;
 /// A client that takes nothing for so long is cut off: TCP would wait for minutes.
 const WRITE_PATIENCE: Duration = Duration::from_secs(2);
+/// Least time between two clients.
+pub(super) const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
 /// Wait before a server is called again.
 pub(super) const RETRY: Duration = Duration::from_secs(1);
 
 /// Binds `tcpin`.
 pub(super) async fn bind(at: &HostPort) -> std::io::Result<TcpListener> {
     TcpListener::bind((at.host.as_str(), at.port)).await
+}
+
+/// The next client, not before `next`: whoever connects a thousand times a second waits in the system's
+/// queue, where nothing of ours has to look at it.
+pub(super) async fn accept_after(
+    listener: &TcpListener,
+    next: Instant,
+) -> std::io::Result<(TcpStream, SocketAddr)> {
+    tokio::time::sleep_until(next).await;
+    listener.accept().await
 }
 
 /// Serves all clients of a bound port until the output ends.
@@ -35,10 +49,12 @@ pub(super) async fn serve(
 ) {
     let (everyone, _) = broadcast::channel::<Vec<u8>>(OUTPUT_QUEUE_CHUNKS);
     let mut clients = tokio::task::JoinSet::new();
+    let mut next = Instant::now();
     inbox.up();
     loop {
         tokio::select! {
-            accepted = listener.accept() => {
+            accepted = accept_after(&listener, next) => {
+                next = Instant::now() + ACCEPT_PAUSE;
                 let Ok((stream, peer)) = accepted else {
                     // Out of descriptors, most likely: do not spin.
                     tokio::time::sleep(RETRY).await;
@@ -58,7 +74,7 @@ pub(super) async fn serve(
             bytes = output.recv() => {
                 let Some(Outgoing { bytes, .. }) = bytes else { return };
                 // Nobody connected: nobody misses it.
-                let _ = everyone.send(bytes);
+                let _ = everyone.send(inbox.seal(bytes));
             }
             Some(_) = clients.join_next() => {}
         }
@@ -112,9 +128,10 @@ pub(super) async fn connect(to: HostPort, inbox: Inbox, mut output: mpsc::Receiv
                 tracing::info!("tcpout:{to} connected");
                 told = false;
                 inbox.up();
-                let ended =
-                    talk(stream, &inbox, &mut output, |inbox, at, bytes| inbox.bytes(at, bytes))
-                        .await;
+                let ended = talk(stream, &inbox, &mut output, |inbox, at, bytes| {
+                    inbox.bytes(at, bytes);
+                })
+                .await;
                 inbox.down();
                 if ended {
                     return;
@@ -160,6 +177,7 @@ pub(super) async fn talk(
             }
             outgoing = output.recv() => {
                 let Some(Outgoing { bytes, .. }) = outgoing else { return true };
+                let bytes = inbox.seal(bytes);
                 let write = tokio::time::timeout(WRITE_PATIENCE, writer.write_all(&bytes));
                 if !matches!(write.await, Ok(Ok(()))) {
                     inbox.lost(DropReason::LinkWriteFailed);

@@ -4,10 +4,13 @@ use std::io::{Read, Write};
 use std::net::{TcpStream, UdpSocket};
 use std::time::{Duration, Instant};
 
+use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavMessage};
+use haltere_dialect::mav_stream;
 use serialport::{SerialPort, TTYPort};
 
 use super::*;
 use crate::config::{Config, Loaded};
+use crate::drops::DropReason;
 use crate::record::{Entry, LogEnd, LogReader, RawInput};
 
 fn free_port() -> u16 {
@@ -26,6 +29,14 @@ fn loaded(folder: &std::path::Path, tag: String, board: String, ground: Vec<Stri
     let anchors = concat!(env!("CARGO_MANIFEST_DIR"), "/config/anchors.toml");
     let survey = crate::config::read_anchors(anchors.as_ref()).unwrap();
     Loaded { config, survey, files: Vec::new(), notes: Vec::new() }
+}
+
+/// A heartbeat of a station.
+fn beat(sequence: u8) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let message = MavMessage::HEARTBEAT(HEARTBEAT_DATA::default());
+    mav_stream::encode(&mut bytes, 255, 190, sequence, &message);
+    bytes
 }
 
 /// Tries until it works: threads start when they start.
@@ -76,13 +87,18 @@ fn prop_bytes_of_every_kind_of_link_reach_the_log() {
     tag.write_all(b"tag bytes").unwrap();
     let board = UdpSocket::bind("127.0.0.1:0").unwrap();
     board.send_to(b"board bytes", ("127.0.0.1", board_port)).unwrap();
-    client.write_all(b"client bytes").unwrap();
-    accepted.write_all(b"server bytes").unwrap();
+    // Of stations only frames come in, in whatever pieces they are sent.
+    let (first, second, third) = (beat(1), beat(2), beat(3));
+    client.write_all(&first[..5]).unwrap();
+    std::thread::sleep(Duration::from_millis(50));
+    client.write_all(&first[5..]).unwrap();
+    client.write_all(b"noise").unwrap();
+    accepted.write_all(&second).unwrap();
     std::thread::sleep(Duration::from_millis(300));
     // The server goes and comes back.
     drop(accepted);
     let (mut again, _) = server.accept().unwrap();
-    again.write_all(b"once more").unwrap();
+    again.write_all(&third).unwrap();
     std::thread::sleep(Duration::from_millis(200));
     stop.stop();
     let summary = running.join().unwrap().unwrap();
@@ -92,7 +108,7 @@ fn prop_bytes_of_every_kind_of_link_reach_the_log() {
 
     let log = LogReader::open(log).unwrap();
     let mut bytes: std::collections::BTreeMap<LinkId, Vec<u8>> = Default::default();
-    let (mut ups, mut downs, mut last) = (0, 0, 0);
+    let (mut ups, mut downs, mut last, mut garbage) = (0, 0, 0, 0);
     let mut entries = log.entries();
     for entry in entries.by_ref() {
         if let Entry::Input { sequence, input, .. } = entry {
@@ -102,16 +118,21 @@ fn prop_bytes_of_every_kind_of_link_reach_the_log() {
                 RawInput::Bytes { link, bytes: new } => bytes.entry(link).or_default().extend(new),
                 RawInput::LinkUp { .. } => ups += 1,
                 RawInput::LinkDown { .. } => downs += 1,
-                RawInput::Lost { .. } | RawInput::File { .. } | RawInput::Wake => {}
+                RawInput::Lost { link, reason, count } => {
+                    assert_eq!((link, reason), (LinkId::Ground(0), DropReason::MavGarbageByte));
+                    garbage += count;
+                }
+                RawInput::File { .. } | RawInput::Calendar { .. } | RawInput::Wake => {}
             }
         }
     }
     assert_eq!(entries.end(), LogEnd::Complete);
     assert_eq!(bytes[&LinkId::Tag], b"tag bytes");
     assert_eq!(bytes[&LinkId::Board], b"board bytes");
-    assert_eq!(bytes[&LinkId::Ground(0)], b"client bytes");
+    assert_eq!(bytes[&LinkId::Ground(0)], first);
+    assert_eq!(garbage, 5);
     // The server of the first endpoint has eight places.
-    assert_eq!(bytes[&LinkId::Ground(8)], b"server bytesonce more");
+    assert_eq!(bytes[&LinkId::Ground(8)], [second, third].concat());
     assert_eq!((ups, downs), (6, 1), "tag, board, three stations, and the server twice");
     let _ = tag.read(&mut [0; 16]);
 }
@@ -141,4 +162,72 @@ fn prop_a_missing_tag_does_not_end_the_companion() {
     assert!(!running.is_finished());
     stop.stop();
     assert!(running.join().unwrap().unwrap().wake_ups > 10);
+}
+
+/// Where signatures are demanded, a place is held only by who shows one.
+#[test]
+fn prop_the_mute_are_cut_and_the_unsigned_get_no_place() {
+    use haltere_dialect::signing::{self, SigningKey};
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    let (tcp, udp) = (free_port(), free_port());
+    let ground = vec![format!("tcpin:127.0.0.1:{tcp}"), format!("udpin:127.0.0.1:{udp}")];
+    let board = format!("udpin:127.0.0.1:{}", free_port());
+    let mut loaded = loaded(folder.path(), "/dev/there-is-no-tag".into(), board, ground);
+    let key = SigningKey::new([3; 32]).unwrap();
+    let file = folder.path().join("signing.key");
+    std::fs::write(&file, key.to_file()).unwrap();
+    loaded.config.signing.key_file = file.clone();
+    loaded.config.ground.signing = crate::guard::Signing::Require;
+    // Others can read the key: it is not used.
+    std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o644)).unwrap();
+    let refused = run(&loaded, &Stop::default()).unwrap_err().to_string();
+    assert!(refused.contains("its mode is 644"), "{refused}");
+    std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o600)).unwrap();
+    let stop = Stop::default();
+    let running = std::thread::spawn({
+        let stop = stop.clone();
+        move || run(&loaded, &stop)
+    });
+    let signed = || {
+        let at = signing::timestamp(super::clock::unix_us());
+        signing::sign(&beat(1), &key, 5, at).unwrap()
+    };
+    let mut mute = eventually(|| TcpStream::connect(("127.0.0.1", tcp)).ok());
+    let mut loud = TcpStream::connect(("127.0.0.1", tcp)).unwrap();
+    loud.write_all(&signed()).unwrap();
+    // From nine places, one more than there are: none is taken.
+    for _ in 0..9 {
+        let stranger = UdpSocket::bind("127.0.0.1:0").unwrap();
+        stranger.send_to(&beat(2), ("127.0.0.1", udp)).unwrap();
+    }
+    let station = UdpSocket::bind("127.0.0.1:0").unwrap();
+    std::thread::sleep(Duration::from_millis(100));
+    station.send_to(&signed(), ("127.0.0.1", udp)).unwrap();
+    station.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    let mut buffer = [0; 4096];
+    assert!(station.recv(&mut buffer).is_ok_and(|n| n > 0), "it is answered with telemetry");
+    // Telemetry first, then the end.
+    mute.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    let ended = eventually(|| match mute.read(&mut buffer) {
+        Ok(0) => Some(true),
+        Ok(_) => None,
+        Err(error) => panic!("{error}"),
+    });
+    assert!(ended);
+    loud.write_all(&signed()).unwrap();
+    loud.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    for _ in 0..20 {
+        assert!(loud.read(&mut buffer).is_ok_and(|n| n > 0), "who signs stays");
+    }
+    stop.stop();
+    let summary = running.join().unwrap().unwrap();
+    let lost = |link, reason| {
+        summary.drops.iter().find(|(l, r, _)| (*l, *r) == (link, reason)).map(|(.., n)| *n)
+    };
+    // The places of the second endpoint begin behind the eight of the first.
+    assert_eq!(lost(10, "mav_unsigned"), Some(9));
+    assert_eq!(lost(2, "mav_unsigned"), Some(1), "{:?}", summary.drops);
+    assert_eq!(summary.drops.iter().find(|(_, r, _)| *r == "stations_full"), None);
+    assert!(std::fs::metadata(crate::config::time_file(&file)).is_ok(), "the time is kept");
 }

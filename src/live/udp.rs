@@ -43,6 +43,10 @@ impl Peers {
         true
     }
 
+    fn knows(&self, peer: SocketAddr) -> bool {
+        self.0.iter().any(|(known, _)| *known == peer)
+    }
+
     fn forget(&mut self, now: HostTime) {
         self.0.retain(|(peer, last)| {
             let keep = now.seconds_since(*last) <= PEER_SILENCE_S;
@@ -66,24 +70,30 @@ pub(super) async fn listen(socket: UdpSocket, inbox: Inbox, mut output: Receiver
     let mut buffer = vec![0; DATAGRAM_BYTES];
     loop {
         tokio::select! {
+            // Ours first: it is never much, and a flood comes without end.
             biased;
-            received = socket.recv_from(&mut buffer) => {
-                let at = clock::now();
-                // An error here is about an earlier datagram of ours that nobody took.
-                let Ok((length, peer)) = received else { continue };
-                if peers.heard(peer, at) {
-                    inbox.bytes(at, buffer.get(..length).unwrap_or_default());
-                } else {
-                    inbox.lost(DropReason::MavWrongPeer);
-                }
-            }
             bytes = output.recv() => {
                 let Some(Outgoing { bytes, .. }) = bytes else { return };
+                let bytes = inbox.seal(bytes);
                 peers.forget(clock::now());
                 for (peer, _) in &peers.0 {
                     if !send(&socket, &bytes, *peer).await {
                         inbox.lost(DropReason::LinkWriteFailed);
                     }
+                }
+            }
+            received = socket.recv_from(&mut buffer) => {
+                let at = clock::now();
+                // An error here is about an earlier datagram of ours that nobody took.
+                let Ok((length, peer)) = received else { continue };
+                let bytes = buffer.get(..length).unwrap_or_default();
+                if !peers.knows(peer) && !inbox.would_open(bytes) {
+                    continue;
+                }
+                if peers.heard(peer, at) {
+                    inbox.bytes(at, bytes);
+                } else {
+                    inbox.lost(DropReason::MavWrongPeer);
                 }
             }
         }
@@ -121,6 +131,12 @@ pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Receiver<Out
     loop {
         tokio::select! {
             biased;
+            bytes = output.recv() => {
+                let Some(Outgoing { bytes, .. }) = bytes else { return };
+                if !send(&socket, &inbox.seal(bytes), peer).await {
+                    inbox.lost(DropReason::LinkWriteFailed);
+                }
+            }
             received = socket.recv_from(&mut buffer) => {
                 let at = clock::now();
                 let Ok((length, from)) = received else { continue };
@@ -128,12 +144,6 @@ pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Receiver<Out
                     inbox.bytes(at, buffer.get(..length).unwrap_or_default());
                 } else {
                     inbox.lost(DropReason::MavWrongPeer);
-                }
-            }
-            bytes = output.recv() => {
-                let Some(Outgoing { bytes, .. }) = bytes else { return };
-                if !send(&socket, &bytes, peer).await {
-                    inbox.lost(DropReason::LinkWriteFailed);
                 }
             }
         }

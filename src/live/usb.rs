@@ -12,27 +12,67 @@ const PRODUCT_NAME: &str = "Loco Positioning Node";
 /// Where Linux lists serial devices.
 const SYS_TTY: &str = "/sys/class/tty";
 
-/// Device of the first Loco Positioning Node.
-pub(super) fn find_tag() -> Option<PathBuf> {
-    find_below(Path::new(SYS_TTY))
+/// A serial device on USB, and what it says it is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UsbSerial {
+    /// Its device.
+    pub device: PathBuf,
+    /// Vendor number, four hexadecimal digits.
+    pub vendor: String,
+    /// Product number, likewise.
+    pub product: String,
+    /// What it calls itself; may be empty.
+    pub name: String,
 }
 
-fn find_below(list: &Path) -> Option<PathBuf> {
-    let mut names: Vec<_> =
-        std::fs::read_dir(list).ok()?.filter_map(|entry| Some(entry.ok()?.file_name())).collect();
+impl UsbSerial {
+    /// Whether it says that it is a Loco Positioning Node.
+    pub fn is_tag(&self) -> bool {
+        self.vendor == VENDOR && self.product == PRODUCT && self.name == PRODUCT_NAME
+    }
+}
+
+impl std::fmt::Display for UsbSerial {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let name = if self.name.is_empty() { "no name" } else { &self.name };
+        write!(f, "{} ({}:{}, {name})", self.device.display(), self.vendor, self.product)
+    }
+}
+
+/// Every serial device on USB, by name.
+pub fn serial_devices() -> Vec<UsbSerial> {
+    list_below(Path::new(SYS_TTY))
+}
+
+/// Device of the first Loco Positioning Node.
+pub(super) fn find_tag() -> Option<PathBuf> {
+    serial_devices().into_iter().find(UsbSerial::is_tag).map(|usb| usb.device)
+}
+
+fn list_below(list: &Path) -> Vec<UsbSerial> {
+    let Ok(entries) = std::fs::read_dir(list) else { return Vec::new() };
+    let mut names: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.file_name())).collect();
     names.sort();
     names
         .into_iter()
-        .find(|name| {
-            // `device` is the USB interface; what the device says stands one level above.
-            let Ok(interface) = list.join(name).join("device").canonicalize() else { return false };
-            let Some(device) = interface.parent() else { return false };
-            let says = |file: &str| std::fs::read_to_string(device.join(file)).unwrap_or_default();
-            says("idVendor").trim() == VENDOR
-                && says("idProduct").trim() == PRODUCT
-                && says("product").trim() == PRODUCT_NAME
+        .filter_map(|name| {
+            let interface = list.join(&name).join("device").canonicalize().ok()?;
+            // CDC-ACM hangs on the interface, a converter one level deeper: the first folder upward
+            // that has a vendor is the device.
+            let mut folders = interface.ancestors().skip(1).take(2);
+            let device = folders.find(|folder| folder.join("idVendor").exists())?;
+            let says = |file: &str| {
+                let text = std::fs::read_to_string(device.join(file)).unwrap_or_default();
+                text.trim().to_owned()
+            };
+            Some(UsbSerial {
+                device: Path::new("/dev").join(name),
+                vendor: says("idVendor"),
+                product: says("idProduct"),
+                name: says("product"),
+            })
         })
-        .map(|name| Path::new("/dev").join(name))
+        .collect()
 }
 
 #[cfg(test)]
@@ -56,10 +96,18 @@ mod tests {
         };
         std::fs::create_dir_all(list.join("tty0")).unwrap();
         add("ttyACM0", "STM32 Virtual ComPort\n");
-        assert_eq!(find_below(&list), None);
+        let tags = || {
+            let found = list_below(&list).into_iter().filter(UsbSerial::is_tag);
+            found.map(|usb| usb.device.display().to_string()).collect::<Vec<_>>()
+        };
+        assert!(tags().is_empty());
+        assert_eq!(
+            list_below(&list)[0].to_string(),
+            "/dev/ttyACM0 (0483:5740, STM32 Virtual ComPort)"
+        );
         add("ttyACM2", "Loco Positioning Node\n");
         add("ttyACM1", "Loco Positioning Node\n");
-        assert_eq!(find_below(&list), Some("/dev/ttyACM1".into()));
-        assert_eq!(find_below(Path::new("/nowhere")), None);
+        assert_eq!(tags(), ["/dev/ttyACM1", "/dev/ttyACM2"]);
+        assert!(list_below(Path::new("/nowhere")).is_empty());
     }
 }

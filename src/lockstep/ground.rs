@@ -102,6 +102,12 @@ impl Ground {
                 | MavMessage::COMPONENT_INFORMATION(_)
                 | MavMessage::LOG_ENTRY(_)
                 | MavMessage::LOG_DATA(_)
+                | MavMessage::EVENT(_)
+                | MavMessage::CURRENT_EVENT_SEQUENCE(_)
+                | MavMessage::RESPONSE_EVENT_ERROR(_)
+                | MavMessage::SYSTEM_TIME(_)
+                | MavMessage::FENCE_STATUS(_)
+                | MavMessage::NAMED_VALUE_FLOAT(_)
                 | MavMessage::FILE_TRANSFER_PROTOCOL(_) => self.inbox.push(message),
                 _ => {}
             }

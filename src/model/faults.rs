@@ -66,6 +66,10 @@ pub enum Fault {
     EffectOff(String),
     /// The board restarts: disarmed, its clock at zero, all intervals forgotten.
     BoardReboot,
+    /// The mode switch of a remote control puts the board into this mode (its own number).
+    BoardMode(u32),
+    /// The way from the companion to the board only.
+    ToBoard(FaultKind),
 }
 
 /// Voltage that a broken cell takes away, V. Half of a loaded pack of two.

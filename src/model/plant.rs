@@ -9,13 +9,13 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::checks::Problems;
 use crate::frames::{E, G_MPS2, Rot, Vec3};
 use crate::measure::AnchorId;
-use crate::model::board::{Board, BoardRequests, BoardSettings, Readings};
+use crate::model::board::{Board, BoardRequests, BoardSettings, Readings, SlowLine};
 use crate::model::body::Body;
 use crate::model::effects::{
     ATTITUDE_PERIOD_S, AttitudeError, Bank, CLOCK_PERIOD_S, Cargo, Delivery, EffectSet, ImuReading,
     STEP_S, State, Supply,
 };
-use crate::model::faults::{Fault, FaultKind, SensorFault, off_phase};
+use crate::model::faults::{Fault, FaultKind, SensorFault};
 use crate::model::link::Line;
 use crate::model::room::Room;
 use crate::model::tag::{Anchors, Port, TagProtocol};
@@ -95,6 +95,7 @@ struct Broken {
     servos: (FaultKind, f64),
     battery_drop_v: f64,
     board_link: (FaultKind, f64),
+    to_board: (FaultKind, f64),
 }
 
 /// Vehicle, board, tag and room.
@@ -126,6 +127,7 @@ pub struct Plant {
     from_tag: Line,
     from_board: Line,
     to_board: Line,
+    to_board_line: Option<SlowLine>,
     tag_out: Vec<u8>,
     board_out: Vec<u8>,
 }
@@ -175,6 +177,7 @@ impl Plant {
             charge_frac: vehicle.battery.charge_frac,
         };
         let mut tag_out = Vec::with_capacity(4096);
+        let to_board_line = SlowLine::new(board.manners.baud);
         let mut plant = Self {
             body: Body::new(pos_E_m, q_EB, Vector3::from(vehicle.body.inertia_kgm2)),
             // The board knows the vehicle of the file, not what has become of it.
@@ -202,6 +205,7 @@ impl Plant {
                 servos: (FaultKind::Healthy, 0.0),
                 battery_drop_v: 0.0,
                 board_link: (FaultKind::Healthy, 0.0),
+                to_board: (FaultKind::Healthy, 0.0),
             },
             requests: BoardRequests::default(),
             steps: 0,
@@ -211,6 +215,7 @@ impl Plant {
             from_tag: Line::default(),
             from_board: Line::default(),
             to_board: Line::default(),
+            to_board_line,
             tag_out,
             board_out: Vec::with_capacity(4096),
             vehicle,
@@ -274,7 +279,8 @@ impl Plant {
         }
         let mut delivery = Delivery { cargo: Cargo::ToBoard, delay_s: 0.0, lost: false };
         self.bank.link(&self.state, &mut delivery);
-        if !delivery.lost && self.board_link_up() {
+        delivery.delay_s += self.companion_line_delay_s(bytes.len());
+        if !delivery.lost && self.board_link_up() && self.to_board_up() {
             self.to_board.send(self.t_us(), delivery.delay_s, bytes);
         }
     }
@@ -356,6 +362,8 @@ impl Plant {
             }
             Fault::EffectOff(id) => self.bank.switch_off(&id),
             Fault::BoardReboot => self.board.reboot(self.t_us()),
+            Fault::BoardMode(mode) => self.board.take_over(mode),
+            Fault::ToBoard(kind) => self.broken.to_board = (kind, t_s),
         }
         problems.into_result()
     }
@@ -406,48 +414,6 @@ impl Plant {
         }
     }
 
-    fn hear_companion(&mut self, now_us: u64) {
-        self.scratch.clear();
-        self.to_board.receive(now_us, &mut self.scratch);
-        if self.scratch.is_empty() {
-            return;
-        }
-        let bytes = std::mem::take(&mut self.scratch);
-        let mut answers = Vec::new(); // filled only by commands, which are rare
-        let (s, bank) = (&self.state, &mut self.bank);
-        self.board.receive(now_us, &bytes, s, bank, &mut answers, &mut self.requests);
-        self.scratch = bytes;
-        if !answers.is_empty() {
-            self.scratch.clear();
-            self.scratch.extend_from_slice(&answers);
-            self.post_from_board(now_us);
-        }
-        for fault in std::mem::take(&mut self.requests.faults) {
-            // Orders over MAVLink carry fixed values that are always in range.
-            let _ = self.inject(fault);
-        }
-    }
-
-    /// Sends `scratch` to the companion.
-    fn post_from_board(&mut self, now_us: u64) {
-        if self.scratch.is_empty() {
-            return;
-        }
-        let mut delivery = Delivery { cargo: Cargo::FromBoard, delay_s: 0.0, lost: false };
-        self.bank.link(&self.state, &mut delivery);
-        if !delivery.lost && self.board_link_up() {
-            self.from_board.send(now_us, delivery.delay_s, &self.scratch);
-        }
-    }
-
-    fn board_link_up(&self) -> bool {
-        match self.broken.board_link {
-            (FaultKind::Healthy, _) => true,
-            (FaultKind::Intermittent, since_s) => !off_phase(self.state.t_s - since_s),
-            _ => false,
-        }
-    }
-
     /// Stages that need no 500 Hz.
     fn slow_stages(&mut self) {
         let [_, _, yaw] = Rot::<E, E>::from_raw(self.state.q_EB).euler_rad();
@@ -482,6 +448,7 @@ impl Plant {
 }
 
 mod flight;
+mod wires;
 
 #[cfg(test)]
 pub(crate) mod rig;

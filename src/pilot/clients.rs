@@ -64,7 +64,9 @@ impl Pilot {
         ground.heard_at = at;
         ground.counts.received_B = ground.counts.received_B.saturating_add(bytes.len() as u64);
         ground.splitter.push(bytes);
+        self.answering = true;
         self.ground_frames(at, index);
+        self.answering = false;
     }
 
     pub(super) fn ground_frames(&mut self, at: HostTime, index: usize) {
@@ -92,6 +94,7 @@ impl Pilot {
                 Ok(_) | Err(MavLoss::Undecodable { .. }) if !self.is_for_us(target) => {
                     self.drops_of(link).add(DropReason::MavWrongPeer, 1);
                 }
+                Ok(message) if self.is_refused(at, link, peer, &message) => {}
                 Ok(message) => self.ground_message(at, link, peer, message),
                 Err(MavLoss::Undecodable { .. }) if is_command(header.msg_id) => {
                     self.answer_unknown_command(link, peer, header.msg_id, frame.payload);
@@ -235,6 +238,7 @@ impl Pilot {
                 echo.target_component = peer.1;
                 self.out.message(link, OWN, &MavMessage::PING(echo));
             }
+            MavMessage::COMMAND_CANCEL(m) => self.cancel(at, link, peer, m.command),
             MavMessage::HEARTBEAT(_) => {}
             other => match reference::from_message(&other) {
                 Some(Ok(pose)) => {

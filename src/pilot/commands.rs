@@ -19,6 +19,9 @@ const ON_REQUEST_IDS: [u32; 1] = [148];
 /// Clients that wait for the board are told so after this time, s: half of what the most impatient
 /// waits for an answer (GROUND.md: MAVSDK 0.5 s; most of ours come within 20 ms).
 const IN_PROGRESS_AFTER_S: f64 = 0.25;
+/// … and again so often, s: a board whose sensors settle takes half a minute, and our own client waits
+/// 20 s for the next word.
+const IN_PROGRESS_AGAIN_S: f64 = 5.0;
 /// Most clients that wait for the board's answer at once.
 const MOST_ASKERS: usize = 8;
 
@@ -31,8 +34,8 @@ pub(super) struct Asker {
     pub command: MavCmd,
     pub arm: bool,
     pub since: HostTime,
-    /// That it takes its time.
-    pub told: bool,
+    /// How often it was told that it takes its time.
+    pub words: u32,
 }
 
 /// A command, from either message.
@@ -88,7 +91,7 @@ impl Pilot {
         let Request { link, peer, command, .. } = *request;
         self.arm_askers.retain(|a| (a.link, a.peer) != (link, peer) || a.arm != arm);
         if self.arm_askers.len() < MOST_ASKERS {
-            let asker = Asker { link, peer, command, arm, since: at, told: false };
+            let asker = Asker { link, peer, command, arm, since: at, words: 0 };
             self.arm_askers.push(asker);
         }
     }
@@ -107,12 +110,29 @@ impl Pilot {
         }
     }
 
+    /// COMMAND_CANCEL: what takes its time is ended, and answered as cancelled. What has been done is
+    /// left as it is (common.xml).
+    pub(super) fn cancel(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), command: MavCmd) {
+        if self.cancel_judging(at, command) {
+            return;
+        }
+        let is_theirs = |a: &Asker| (a.link, a.peer, a.command) == (link, peer, command);
+        let Some(index) = self.arm_askers.iter().position(is_theirs) else { return };
+        let asker = self.arm_askers.remove(index);
+        // An order to stop the motors stands: nobody can want it half done.
+        if asker.arm && self.mode == Mode::Arming {
+            self.fire(at, Event::DisarmAsked);
+        }
+        self.send_ack(link, peer, command, MavResult::MAV_RESULT_CANCELLED);
+    }
+
     /// Tells clients that wait that they have to.
     pub(super) fn soothe_askers(&mut self, at: HostTime) {
         for i in 0..self.arm_askers.len() {
             let asker = self.arm_askers[i];
-            if !asker.told && at.seconds_since(asker.since) > IN_PROGRESS_AFTER_S {
-                self.arm_askers[i].told = true;
+            let due_s = IN_PROGRESS_AFTER_S + IN_PROGRESS_AGAIN_S * f64::from(asker.words);
+            if at.seconds_since(asker.since) > due_s {
+                self.arm_askers[i].words += 1;
                 let result = MavResult::MAV_RESULT_IN_PROGRESS;
                 self.send_ack(asker.link, asker.peer, asker.command, result);
             }

@@ -18,6 +18,8 @@ pub struct PilotConfig {
     pub tag_protocol: TagProtocol,
     /// What the board obeys.
     pub board_profile: BoardProfile,
+    /// Whether wrong parameters of the board may be set.
+    pub board_set_parameters: bool,
     /// Angle from room north to the board's north at start, rad, positive clockwise from above.
     pub board_north_offset_rad: f64,
     /// Ground endpoints, in their order.
@@ -28,6 +30,8 @@ pub struct PilotConfig {
     pub origin: OriginConfig,
     /// Whether glue answers requests for files.
     pub store: bool,
+    /// Whether flights by a program are judged when they are over.
+    pub judge_programs: bool,
     /// `[flight]`
     pub flight: FlightConfig,
     /// `[limits]`
@@ -44,12 +48,14 @@ impl Default for PilotConfig {
     fn default() -> Self {
         Self {
             tag_protocol: TagProtocol::LpsSniffer,
-            board_profile: BoardProfile::Generic,
+            board_profile: BoardProfile::Auto,
+            board_set_parameters: false,
             board_north_offset_rad: 0.0,
             endpoints: vec![Endpoint::default()],
             routing: Routing::default(),
             origin: OriginConfig::default(),
             store: false,
+            judge_programs: true,
             flight: FlightConfig::default(),
             limits: LimitsConfig::default(),
             uwb: UwbConfig::default(),
@@ -99,9 +105,15 @@ pub enum TagProtocol {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BoardProfile {
-    /// Arms on command, obeys attitude targets while armed.
+    /// As its heartbeat says.
     #[default]
+    Auto,
+    /// Arms on command, obeys attitude targets while armed.
     Generic,
+    /// PX4 in OFFBOARD.
+    Px4,
+    /// ArduPilot's copter in GUIDED_NOGPS.
+    Ardupilot,
 }
 
 /// `[flight]`: how the vehicle takes off, moves and lands.

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::geo::{Geodetic, LocalOrigin};
 
 use super::identity::{FLAPPING_WING, mav_type};
+use super::permits::Commanders;
 
 /// Most stations of one endpoint that is found by them (`udpin`, `tcpin`).
 pub const MOST_STATIONS: u8 = 8;
@@ -63,6 +64,10 @@ pub struct Endpoint {
     pub stations: u8,
     /// What its line carries, bytes/s; `None`: more than we ever send.
     pub line_Bps: Option<f64>,
+    /// Whether our frames get a signature behind us, which the line has to carry too.
+    pub signs: bool,
+    /// Systems that may command here.
+    pub commanders: Commanders,
 }
 
 impl Default for Endpoint {
@@ -73,6 +78,8 @@ impl Default for Endpoint {
             gps: GpsClaim::Origin,
             stations: 1,
             line_Bps: None,
+            signs: false,
+            commanders: Commanders::default(),
         }
     }
 }

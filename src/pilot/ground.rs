@@ -48,6 +48,8 @@ pub(super) struct GroundLink {
     pub pair_cursor: usize,
     pub drop_cursor: usize,
     pub link_cursor: usize,
+    /// Whether the station knows where the numbers of events stand.
+    pub event_sequence_told: bool,
     /// Who was heard, for loss accounting and routing. Bounded: the oldest is forgotten.
     peers: Vec<Peer>,
 }
@@ -66,6 +68,7 @@ impl GroundLink {
             pair_cursor: 0,
             drop_cursor: 0,
             link_cursor: 0,
+            event_sequence_told: false,
             peers: Vec::new(),
         }
     }

@@ -8,6 +8,9 @@ use crate::frames::{B, E, Rot, wrap_pi_rad};
 
 /// Time constant of the follower, s. Slow against attitude loops, fast against compass drift.
 const TIME_CONSTANT_S: f64 = 5.0;
+/// The same while the vehicle stands, s: nothing turns by it, and the first setpoint must be the
+/// heading that the board has (docs/BOARDS.md).
+const STANDING_S: f64 = 1.0;
 /// Fastest change that is passed on, rad/s: a jump of the board's compass must not turn the
 /// vehicle's thrust by more than the velocity loop can follow.
 const RATE_LIMIT_RADPS: f64 = 0.1;
@@ -38,11 +41,15 @@ impl BoardNorth {
     }
 
     /// Follows the difference between our attitude and the board's. `true`: it has just jumped.
-    pub fn follow(&mut self, ours: Rot<E, B>, board: Rot<E, B>, dt_s: f64) -> bool {
+    pub fn follow(&mut self, ours: Rot<E, B>, board: Rot<E, B>, dt_s: f64, standing: bool) -> bool {
         let error_rad = wrap_pi_rad(ours.yaw_rad() - board.yaw_rad() - self.offset_rad);
-        let rate_radps = (error_rad / TIME_CONSTANT_S).clamp(-RATE_LIMIT_RADPS, RATE_LIMIT_RADPS);
+        let rate_radps = if standing {
+            error_rad / STANDING_S
+        } else {
+            (error_rad / TIME_CONSTANT_S).clamp(-RATE_LIMIT_RADPS, RATE_LIMIT_RADPS)
+        };
         self.offset_rad = wrap_pi_rad(self.offset_rad + rate_radps * dt_s.clamp(0.0, 0.1));
-        let jumped = error_rad.abs() > JUMP_RAD;
+        let jumped = error_rad.abs() > JUMP_RAD && !standing;
         let news = jumped && !self.jumped;
         self.jumped = jumped;
         news
@@ -74,12 +81,18 @@ mod tests {
         let ours = Rot::<E, B>::from_euler_rad(0.0, 0.0, 1.0);
         let board = Rot::<E, B>::from_euler_rad(0.0, 0.0, 0.9);
         for _ in 0..3000 {
-            assert!(!north.follow(ours, board, 0.01));
+            assert!(!north.follow(ours, board, 0.01, false));
         }
         assert!((north.offset_rad() - 0.1).abs() < 1e-3);
         let turned = Rot::<E, B>::from_euler_rad(0.0, 0.0, -0.5);
-        assert!(north.follow(ours, turned, 0.01), "a jump is told once");
-        assert!(!north.follow(ours, turned, 0.01));
+        assert!(north.follow(ours, turned, 0.01, false), "a jump is told once");
+        assert!(!north.follow(ours, turned, 0.01, false));
         assert!((north.offset_rad() - 0.1).abs() < 2.1 * RATE_LIMIT_RADPS * 0.01);
+        // Standing it is followed in seconds, and the first setpoint is the board's own heading.
+        for _ in 0..600 {
+            north.follow(ours, turned, 0.01, true);
+        }
+        let first = north.setpoint_for_board(ours);
+        assert!((wrap_pi_rad(first.yaw_rad() + 0.5)).abs() < 0.01, "{}", first.yaw_rad());
     }
 }

@@ -7,7 +7,7 @@ use crate::time::HostTime;
 use crate::topics::Topic;
 use crate::uwb::from_uwb_tdoa;
 
-use super::board::BoardNews;
+use super::board::{BoardNews, Change};
 use super::config::TagProtocol;
 use super::modes::{Event, Mode};
 use super::{LinkId, Pilot, Severity};
@@ -201,8 +201,10 @@ impl Pilot {
                 self.estimator.reference(&pose); // fuses only if it is configured to
                 self.record(|| Topic::Reference(pose));
             }
-            BoardNews::Found { system_id } => {
-                self.say(at, Severity::Info, format!("board found, system id {system_id}"));
+            BoardNews::Found { system_id, firmware } => {
+                let name = firmware.name();
+                let text = format!("board found, system id {system_id}, flown as {name}");
+                self.say(at, Severity::Info, text);
                 self.check_board_id(at, system_id);
             }
             BoardNews::Armed(true) => {
@@ -229,6 +231,24 @@ impl Pilot {
                     self.say(at, Severity::Error, format!("disarming failed: {why}"));
                 }
             }
+            BoardNews::Notice { warning, text } => {
+                let severity = if warning { Severity::Warning } else { Severity::Info };
+                self.say(at, severity, text);
+            }
+            BoardNews::Mode(change) => self.board_mode_changed(at, change),
+            BoardNews::Ignored { ignored, sent_frac, board_frac } => {
+                if !ignored {
+                    let text = "board flies our setpoints again".to_owned();
+                    self.say(at, Severity::Warning, text);
+                } else {
+                    let text = format!(
+                        "board does not fly our setpoints: thrust {board_frac:.2} in force, \
+                         {sent_frac:.2} sent"
+                    );
+                    self.say(at, Severity::Critical, text);
+                    self.fire(at, Event::SetpointsIgnored);
+                }
+            }
             BoardNews::Text { severity, text } => {
                 self.say_as_board(at, severity, &text);
             }
@@ -241,6 +261,33 @@ impl Pilot {
         }
     }
 
+    fn board_mode_changed(&mut self, at: HostTime, change: Change) {
+        let firmware = self.board.firmware();
+        let ours = firmware.control_mode().map_or("", |m| m.name);
+        match change {
+            Change::Lost(mode) => {
+                let text = format!("board left {ours} for {}", firmware.mode_name(mode));
+                self.say(at, Severity::Critical, text);
+                self.fire(at, Event::ControlLost);
+            }
+            Change::CameBack(mode) => {
+                let text =
+                    format!("board was in {} and came back to {ours}", firmware.mode_name(mode));
+                self.say(at, Severity::Warning, text);
+            }
+            Change::Regained => {
+                if self.fire(at, Event::ControlBack) && std::mem::take(&mut self.land_when_back) {
+                    self.fire(at, Event::LandAsked);
+                }
+            }
+            Change::NotGranted => {
+                let text =
+                    format!("board does not go to {ours}, it stays in {}", self.board.mode_name());
+                self.say(at, Severity::Error, text);
+            }
+        }
+    }
+
     fn say_as_board(&mut self, at: HostTime, severity: u8, text: &str) {
         let level = match severity {
             0..=2 => Severity::Critical,
@@ -248,6 +295,8 @@ impl Pilot {
             4 => Severity::Warning,
             _ => Severity::Info,
         };
-        self.say(at, level, format!("board: {text}"));
+        if level == Severity::Critical || self.may_echo(at) {
+            self.say(at, level, format!("board: {text}"));
+        }
     }
 }

@@ -12,10 +12,10 @@
 // The definitions call some messages superseded; today's clients still send and expect them.
 #![allow(deprecated)]
 
+mod arming;
 mod board;
-mod board_sensors;
+mod calendar;
 mod clients;
-mod clock;
 mod commands;
 mod config;
 mod endpoint;
@@ -24,6 +24,7 @@ mod ground;
 mod guidance;
 mod heading;
 mod home;
+mod hover;
 mod identity;
 mod ingest;
 mod manual;
@@ -33,6 +34,7 @@ mod mission_transfer;
 mod modes;
 mod orders;
 mod output;
+mod permits;
 mod place;
 mod reference;
 mod routing;
@@ -54,6 +56,7 @@ pub use endpoint::{
 pub use excitation::Doublet;
 pub use mission::{MOST_ITEMS, Mission, MissionItem, Volume};
 pub use modes::{Event, Mode, TABLE, Transition, transition};
+pub use permits::Commanders;
 pub use tilt_step::{Envelope, TiltStep, stopping_m};
 
 use haltere_dialect::mav_stream::MavSplitter;
@@ -69,11 +72,13 @@ use crate::time::HostTime;
 use crate::topics::{ControlRecord, ModeRecord, TextRecord, Topic};
 use crate::uwb::{MavTag, TdoaEngine};
 
-use board::{BoardLink, BoardNews};
+use board::{BoardLink, BoardNews, LinkConfig};
+use calendar::Calendar;
 use commands::Asker;
 use ground::GroundLink;
 use guidance::Guidance;
 use heading::BoardNorth;
+use hover::HoverThrust;
 use output::{Address, Outbox};
 use services::{FileFault, Services};
 use supervise::Touch;
@@ -148,6 +153,11 @@ pub enum Input<'a> {
         /// What was asked for, or what is wrong.
         bytes: &'a [u8],
     },
+    /// What the calendar says.
+    Calendar {
+        /// Since 1970-01-01 UTC, µs.
+        unix_us: i64,
+    },
     /// The deadline came, or something wants the core to look at the time.
     Wake,
 }
@@ -157,6 +167,9 @@ const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
 
 /// People are told again that a station found no place after this time, s.
 const FULL_TELL_S: f64 = 10.0;
+
+/// People are told again that frames are kept out after this time, s.
+const KEPT_OUT_TELL_S: f64 = 10.0;
 
 /// Our own address on ground links (INTERFACES.md section 3).
 const OWN: Address = Address { system_id: 1, component_id: 1 };
@@ -210,6 +223,7 @@ pub struct Pilot {
     good_since: Option<HostTime>,
     controller: Controller,
     control: ControlRecord,
+    hover: HoverThrust,
     guidance: Guidance,
     mission: Mission,
 
@@ -218,6 +232,8 @@ pub struct Pilot {
     touch: Touch,
     critical_since: Option<HostTime>,
     lift_off_asked: bool,
+    /// What was asked for while the board flew by itself: land as soon as control is back.
+    land_when_back: bool,
     arm_askers: Vec<Asker>,
     /// When people were last told that the board does not disarm.
     insisted_at: Option<HostTime>,
@@ -229,9 +245,18 @@ pub struct Pilot {
     /// What a client last asked for, by number; 0: nothing yet.
     intended_mode: u32,
     refused_setpoint_told: bool,
+    /// When people were last told that a system may not command.
+    refused_told_at: Option<HostTime>,
+    /// When people were last told that frames are kept out.
+    kept_out_told_at: Option<HostTime>,
+    /// How much may still be said to people because of what clients and board say.
+    echoes: Echoes,
+    /// Whether a client is being answered.
+    answering: bool,
 
     grounds: Vec<GroundLink>,
     origin: LocalOrigin,
+    calendar: Option<Calendar>,
     next_health: HostTime,
     services: Services,
 }
@@ -269,7 +294,13 @@ impl Pilot {
             last_fused: None,
             last_imu: None,
             pairs: Vec::new(),
-            board: BoardLink::new(at),
+            board: BoardLink::new(
+                LinkConfig {
+                    profile: config.board_profile,
+                    set_parameters: config.board_set_parameters,
+                },
+                at,
+            ),
             board_splitter: MavSplitter::new(),
             board_bytes_at: at,
             board_silence_told: false,
@@ -286,6 +317,7 @@ impl Pilot {
             good_since: None,
             controller: Controller::new(config.control.clone()),
             control: ControlRecord::default(),
+            hover: HoverThrust::default(),
             guidance: Guidance::new(config.flight.clone(), envelope, velocity_limit_mps, at),
             mission: Mission::default(),
             mode: Mode::Disarmed,
@@ -293,6 +325,7 @@ impl Pilot {
             touch: Touch::default(),
             critical_since: None,
             lift_off_asked: false,
+            land_when_back: false,
             arm_askers: Vec::new(),
             insisted_at: None,
             text_id: 0,
@@ -300,8 +333,13 @@ impl Pilot {
             full_told_at: None,
             intended_mode: 0,
             refused_setpoint_told: false,
+            refused_told_at: None,
+            kept_out_told_at: None,
+            echoes: Echoes::new(at),
+            answering: false,
             grounds,
             origin,
+            calendar: None,
             next_health: at,
             services: Services::new(&config),
             config,
@@ -326,6 +364,9 @@ impl Pilot {
             Input::Bytes { link: LinkId::Tag, bytes } => self.tag_bytes(at, bytes),
             Input::Bytes { link: LinkId::Board, bytes } => self.board_bytes(at, bytes),
             Input::Bytes { link: LinkId::Ground(n), bytes } => self.ground_bytes(at, n, bytes),
+            Input::Calendar { unix_us } => {
+                self.calendar = Some(Calendar { told_at: at, told_unix_us: unix_us });
+            }
             Input::LinkUp { link } => self.link_up(at, link),
             Input::LinkDown { link } => self.link_down(at, link),
             Input::Lost { link, reason, count } => self.glue_lost(at, link, reason, count),
@@ -416,6 +457,26 @@ impl Pilot {
             );
             self.say(at, Severity::Warning, text);
         }
+        self.tell_kept_out(at, link, reason);
+    }
+
+    /// Somebody who means well would wait for ever otherwise.
+    fn tell_kept_out(&mut self, at: HostTime, link: LinkId, reason: DropReason) {
+        let what = match reason {
+            DropReason::MavUnsigned => "unsigned frames are kept out: give the station the key",
+            DropReason::MavBadSignature => "frames with another key are kept out",
+            DropReason::MavReplayed => "signed frames that come twice or late are kept out",
+            DropReason::MavStaleTime => {
+                "frames signed over a minute ago are kept out: set the station's clock"
+            }
+            DropReason::SigningSetup => "a new signing key was refused: signing.setup",
+            DropReason::RateLimited => "a station sends more than ground.most_frames_per_s allows",
+            _ => return,
+        };
+        if self.kept_out_told_at.is_none_or(|t| at.seconds_since(t) > KEPT_OUT_TELL_S) {
+            self.kept_out_told_at = Some(at);
+            self.say(at, Severity::Warning, format!("link {}: {what}", link.number()));
+        }
     }
 
     fn ground_mut(&mut self, link: LinkId) -> Option<&mut GroundLink> {
@@ -461,6 +522,12 @@ impl Pilot {
                 self.insisted_at = None;
                 self.call_off_lift_off();
             }
+            Mode::Yielded => {
+                self.land_when_back = false;
+                // What the integrators learn while nobody listens is wrong.
+                self.controller.reset(None);
+            }
+            Mode::Hold if from == Mode::Yielded => self.take_over_level(),
             Mode::Disarmed => {
                 self.estimator.set_airborne(false);
                 self.call_off_lift_off();
@@ -481,12 +548,14 @@ impl Pilot {
             })
         });
         let severity = match event {
-            Event::UwbLost | Event::BatteryCritical | Event::BoardLinkLost => Severity::Critical,
+            Event::UwbLost | Event::BatteryCritical | Event::BoardLinkLost | Event::ControlLost => {
+                Severity::Critical
+            }
             Event::EstimateLost => Severity::Emergency,
-            Event::NotLifted => Severity::Error,
+            Event::NotLifted | Event::SetpointsIgnored => Severity::Error,
             _ => Severity::Info,
         };
-        self.say(at, severity, format!("{}: {}", row.to.name(), row.because));
+        self.tell_transition(at, (from, event, row.to), severity, row.because);
         true
     }
 
@@ -516,13 +585,56 @@ impl Pilot {
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
     }
 
+    /// Whether one more text may be said that others have caused. If not, that is counted.
+    fn may_echo(&mut self, at: HostTime) -> bool {
+        let may = self.echoes.take(at);
+        if !may {
+            let core = self.drops.len() - 1;
+            self.drops[core].add(DropReason::TextLimited, 1);
+        }
+        may
+    }
+
     /// Tells people: to every station and into the log.
     fn say(&mut self, at: HostTime, severity: Severity, text: String) {
+        if self.answering && severity == Severity::Warning && !self.may_echo(at) {
+            return;
+        }
         self.text_id = self.text_id.wrapping_add(1).max(1);
         for ground in self.grounds.iter().filter(|g| g.is_open) {
             telemetry::send_text(&mut self.out, ground.link, severity as u8, &text, self.text_id);
         }
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
+    }
+}
+
+/// Words that others cause, such as those about a refusal: a client that asks a thousand times a second
+/// must not fill every station's line and the log with them. What the vehicle says by itself is not held
+/// back.
+#[derive(Debug)]
+struct Echoes {
+    left: f64,
+    at: HostTime,
+}
+
+impl Echoes {
+    /// Texts at once, and in a second.
+    const MOST: f64 = 30.0;
+    const PER_S: f64 = 5.0;
+
+    fn new(at: HostTime) -> Self {
+        Self { left: Self::MOST, at }
+    }
+
+    fn take(&mut self, at: HostTime) -> bool {
+        let filled = at.seconds_since(self.at).max(0.0) * Self::PER_S;
+        self.left = (self.left + filled).min(Self::MOST);
+        self.at = at;
+        let some = self.left >= 1.0;
+        if some {
+            self.left -= 1.0;
+        }
+        some
     }
 }
 

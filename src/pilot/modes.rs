@@ -32,11 +32,33 @@ pub enum Mode {
     Land,
     /// Sinks level with reduced thrust because there is no usable estimate.
     Descend,
+    /// The board flies in a mode of its own: a remote control or a failsafe of its has taken over.
+    /// Nothing is sent that it could take for our will.
+    Yielded,
     /// On the floor, disarming was asked of the board.
     Disarming,
 }
 
 impl Mode {
+    /// Every mode, in the order in which a flight passes through them.
+    pub const ALL: [Mode; 15] = [
+        Mode::Disarmed,
+        Mode::Arming,
+        Mode::Idle,
+        Mode::Spool,
+        Mode::Takeoff,
+        Mode::Hold,
+        Mode::Goto,
+        Mode::Mission,
+        Mode::Offboard,
+        Mode::Manual,
+        Mode::Return,
+        Mode::Land,
+        Mode::Descend,
+        Mode::Yielded,
+        Mode::Disarming,
+    ];
+
     /// Name in logs and texts.
     pub fn name(self) -> &'static str {
         match self {
@@ -53,6 +75,7 @@ impl Mode {
             Mode::Return => "return",
             Mode::Land => "land",
             Mode::Descend => "descend",
+            Mode::Yielded => "yielded",
             Mode::Disarming => "disarming",
         }
     }
@@ -72,6 +95,7 @@ impl Mode {
             | Mode::Idle
             | Mode::Hold
             | Mode::Goto
+            | Mode::Yielded
             | Mode::Disarming => auto(3),
         }
     }
@@ -156,6 +180,12 @@ pub enum Event {
     BatteryCritical,
     /// The board went silent and came back, or lost power.
     BoardLinkLost,
+    /// The board left the mode in which it obeys.
+    ControlLost,
+    /// It is in that mode again.
+    ControlBack,
+    /// The board does not fly what it is sent.
+    SetpointsIgnored,
 }
 
 use Event as Ev;
@@ -167,6 +197,17 @@ const CALM: &[Mode] = &[M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual, M:
 const LANDABLE: &[Mode] = AIR;
 const FLYING: &[Mode] =
     &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual, M::Return, M::Land];
+const FLYING_OR_DESCENDING: &[Mode] = &[
+    M::Takeoff,
+    M::Hold,
+    M::Goto,
+    M::Mission,
+    M::Offboard,
+    M::Manual,
+    M::Return,
+    M::Land,
+    M::Descend,
+];
 const ANY_ARMED: &[Mode] = &[
     M::Arming,
     M::Idle,
@@ -180,6 +221,7 @@ const ANY_ARMED: &[Mode] = &[
     M::Return,
     M::Land,
     M::Descend,
+    M::Yielded,
     M::Disarming,
 ];
 
@@ -235,6 +277,15 @@ pub static TABLE: &[Transition] = &[
     row(LANDABLE, Ev::BatteryCritical, M::Land, "battery empty"),
     row(LANDABLE, Ev::BoardLinkLost, M::Land, "board was silent"),
     row(FLYING, Ev::EstimateLost, M::Descend, "no usable estimate"),
+    row(&[M::Idle, M::Spool], Ev::ControlLost, M::Disarming, "board left our mode on the floor"),
+    row(
+        &[M::Spool],
+        Ev::SetpointsIgnored,
+        M::Disarming,
+        "board does not give the thrust it is sent",
+    ),
+    row(FLYING_OR_DESCENDING, Ev::ControlLost, M::Yielded, "board flies in a mode of its own"),
+    row(&[M::Yielded], Ev::ControlBack, M::Hold, "board obeys again"),
     row(&[M::Descend], Ev::EstimateBack, M::Land, "estimate is back"),
     row(&[M::Land, M::Descend], Ev::TouchDown, M::Disarming, "on the floor"),
 ];
@@ -248,22 +299,7 @@ pub fn transition(mode: Mode, event: Event) -> Option<&'static Transition> {
 mod tests {
     use super::*;
 
-    const ALL: [Mode; 14] = [
-        M::Disarmed,
-        M::Arming,
-        M::Idle,
-        M::Spool,
-        M::Takeoff,
-        M::Hold,
-        M::Goto,
-        M::Mission,
-        M::Offboard,
-        M::Manual,
-        M::Return,
-        M::Land,
-        M::Descend,
-        M::Disarming,
-    ];
+    const ALL: [Mode; 15] = Mode::ALL;
 
     #[test]
     fn prop_rows_do_not_contradict_each_other() {
@@ -295,6 +331,16 @@ mod tests {
                 assert!(ends, "{mode:?} on {loss:?}");
             }
         }
+    }
+
+    #[test]
+    fn prop_a_board_that_leaves_our_mode_is_not_fought() {
+        for mode in ALL.into_iter().filter(|m| m.has_thrust() || *m == M::Idle) {
+            let end = transition(mode, Ev::ControlLost).map(|r| r.to);
+            let floor = matches!(mode, M::Idle | M::Spool);
+            assert_eq!(end, Some(if floor { M::Disarming } else { M::Yielded }), "{mode:?}");
+        }
+        assert!(!M::Yielded.has_thrust() && !M::Yielded.is_flying());
     }
 
     #[test]

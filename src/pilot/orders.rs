@@ -84,7 +84,8 @@ impl Pilot {
             return Ok(R::MAV_RESULT_IN_PROGRESS);
         }
         // In the spool-up the floor still carries the vehicle.
-        if self.mode.has_thrust() && self.mode != Mode::Spool && !forced {
+        let flies = self.mode.has_thrust() && self.mode != Mode::Spool;
+        if (flies || self.mode == Mode::Yielded) && !forced {
             return refuse(
                 R::MAV_RESULT_DENIED,
                 "disarming in the air refused: land, or force it with 21196",
@@ -136,6 +137,10 @@ impl Pilot {
         if already.contains(&self.mode) || self.fire(at, event) {
             return Ok(MavResult::MAV_RESULT_ACCEPTED);
         }
+        let takes_back = matches!(event, Event::HoldAsked | Event::LandAsked | Event::ReturnAsked);
+        if self.mode == Mode::Yielded && takes_back {
+            return self.ask_control_back(at, event);
+        }
         if matches!(event, Event::HoldAsked | Event::LandAsked) && !self.mode.has_thrust() {
             // On the floor it is granted: nothing moves, and a waiting take-off is called off.
             self.call_off_lift_off();
@@ -157,6 +162,21 @@ impl Pilot {
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
             format!("{what} refused while {mode}{hint}"),
         )
+    }
+
+    /// The board flies by itself: it is asked for its control mode, by order of a client only.
+    fn ask_control_back(&mut self, at: HostTime, event: Event) -> Answer {
+        if !matches!(self.estimate.health, Health::Good | Health::Degraded) {
+            return refuse(
+                MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
+                "taking control back refused: no usable estimate",
+            );
+        }
+        self.land_when_back = event == Event::LandAsked;
+        self.board.retake(at);
+        let text = format!("board is in {}, it is asked for control", self.board.mode_name());
+        self.say(at, Severity::Info, text);
+        Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
 
     fn ask_takeoff(&mut self, at: HostTime, height_m: f64) -> Answer {

@@ -5,6 +5,10 @@ use haltere_dialect::mav_stream;
 
 use super::LinkId;
 
+/// Most bytes for stations that one drain can find, and pieces: what a client asks for in one burst must
+/// not become memory without end. Far above what everything due in one step takes.
+const MOST_FOR_STATIONS_B: usize = 1 << 20;
+
 /// MAVLink address of a sender.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Address {
@@ -25,6 +29,8 @@ struct PerLink {
     /// Next sequence number: clients count gaps per link as loss.
     sequence: u8,
     sent: Sent,
+    /// Frames that found no room.
+    refused: u64,
 }
 
 /// Collects what one call to the core wants sent.
@@ -39,12 +45,18 @@ pub(super) struct Outbox {
 impl Outbox {
     /// Queues bytes as they are.
     pub fn raw(&mut self, link: LinkId, bytes: &[u8]) {
+        if self.is_full(link) {
+            return;
+        }
         self.bytes.extend_from_slice(bytes);
         self.finish(link, bytes.len());
     }
 
     /// Queues a message as a MAVLink 2 frame.
     pub fn message(&mut self, link: LinkId, from: Address, message: &MavMessage) {
+        if self.is_full(link) {
+            return;
+        }
         let sequence = self.next_sequence(link);
         let start = self.bytes.len();
         mav_stream::encode(&mut self.bytes, from.system_id, from.component_id, sequence, message);
@@ -53,6 +65,9 @@ impl Outbox {
 
     /// Queues a payload that the dialect has no type for.
     pub fn payload(&mut self, link: LinkId, from: Address, msg_id: u32, payload: &[u8]) {
+        if self.is_full(link) {
+            return;
+        }
         let sequence = self.next_sequence(link);
         let start = self.bytes.len();
         mav_stream::encode_payload(
@@ -71,6 +86,21 @@ impl Outbox {
         std::mem::take(&mut self.link(link).sent)
     }
 
+    /// Whether there is no room for a frame to a station. Tag and board always have room: nothing that
+    /// a station sends is answered there more than once.
+    fn is_full(&mut self, link: LinkId) -> bool {
+        let full = matches!(link, LinkId::Ground(_)) && self.bytes.len() >= MOST_FOR_STATIONS_B;
+        if full {
+            self.link(link).refused += 1;
+        }
+        full
+    }
+
+    /// Frames for a link that found no room since the last call.
+    pub fn take_refused(&mut self, link: LinkId) -> u64 {
+        std::mem::take(&mut self.link(link).refused)
+    }
+
     fn finish(&mut self, link: LinkId, bytes: usize) {
         self.pieces.push((link, self.bytes.len()));
         let sent = &mut self.link(link).sent;
@@ -82,7 +112,7 @@ impl Outbox {
         let slot = match self.links.iter().position(|l| l.link == link) {
             Some(slot) => slot,
             None => {
-                self.links.push(PerLink { link, sequence: 0, sent: Sent::default() });
+                self.links.push(PerLink { link, sequence: 0, sent: Sent::default(), refused: 0 });
                 self.links.len() - 1
             }
         };
@@ -104,5 +134,32 @@ impl Outbox {
             start = end;
         }
         self.bytes.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_what_waits_for_stations_is_bounded_and_the_board_goes_first() {
+        let mut out = Outbox::default();
+        let piece = [7; 1000];
+        for _ in 0..10_000 {
+            out.raw(LinkId::Ground(1), &piece);
+        }
+        out.raw(LinkId::Board, &[1, 2, 3]);
+        let (mut stations_B, mut board_B) = (0, 0);
+        out.drain(|link, bytes| match link {
+            LinkId::Board => board_B += bytes.len(),
+            _ => stations_B += bytes.len(),
+        });
+        assert_eq!(board_B, 3);
+        assert!(stations_B <= MOST_FOR_STATIONS_B + piece.len(), "{stations_B}");
+        let refused = out.take_refused(LinkId::Ground(1));
+        assert_eq!(refused as usize, 10_000 - stations_B / piece.len());
+        // Once drained there is room again.
+        out.raw(LinkId::Ground(1), &piece);
+        assert_eq!(out.take_refused(LinkId::Ground(1)), 0);
     }
 }

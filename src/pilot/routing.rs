@@ -6,6 +6,7 @@
 
 use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
 use haltere_dialect::mav_stream::MavFrame;
+use haltere_dialect::signing::SIGNATURE_BYTES;
 
 use crate::drops::DropReason;
 use crate::time::HostTime;
@@ -100,6 +101,13 @@ impl Pilot {
         if target.0 != 0 && target.0 != board {
             return;
         }
+        // Nobody speaks to the board in our name, nor for whom we would not listen to ourselves.
+        let link = self.grounds[index].link;
+        let claims_us = self.board.is_own_address(sender);
+        if claims_us || !self.may_say(link, sender.0, message) {
+            self.drops_of(link).add(DropReason::NotPermitted, 1);
+            return;
+        }
         if message.is_some_and(steers) && self.mode != Mode::Disarmed {
             // What is for everyone is for us first.
             if target.0 == board {
@@ -156,7 +164,13 @@ impl Pilot {
     pub(super) fn settle(&mut self, n: usize) {
         let Some(ground) = self.grounds.get_mut(n) else { return };
         let sent = self.out.take_sent(ground.link);
-        ground.streams.spend(sent.bytes);
+        let slot = usize::from(ground.link.number());
+        if let Some(drops) = self.drops.get_mut(slot) {
+            drops.add(DropReason::OutputQueueFull, self.out.take_refused(ground.link));
+        }
+        let signatures =
+            if ground.endpoint.signs { SIGNATURE_BYTES as u64 * sent.frames } else { 0 };
+        ground.streams.spend(sent.bytes.saturating_add(signatures as usize));
         ground.counts.sent = ground.counts.sent.saturating_add(sent.frames);
         ground.counts.sent_B = ground.counts.sent_B.saturating_add(sent.bytes as u64);
     }

@@ -7,6 +7,7 @@ use crate::time::HostTime;
 use crate::topics::{HealthRecord, Topic};
 
 use super::guidance::Now;
+use super::hover;
 use super::modes::{Event, Mode};
 use super::streams::Streams;
 use super::{Pilot, Severity};
@@ -17,6 +18,13 @@ pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
 const MISS_S: f64 = 0.5e-6 * CONTROL_PERIOD_US as f64;
 /// Share of the base thrust at the end of the spool: close to hover, but not off the floor.
 const SPOOL_SHARE: f64 = 0.85;
+/// Climbing so fast, m/s, and so high, m, in the spool-up: it has lifted off already.
+const LIFTED_MPS: f64 = 0.3;
+const LIFTED_M: f64 = 0.15;
+/// Thrust acts this long after the motors' own spool-up, s: filters of the board and the link.
+const SPOOL_MARGIN_S: f64 = 0.3;
+/// The board has this long after that to show the thrust it was sent, s.
+const SPOOL_WAIT_S: f64 = 1.5;
 /// Share of the base thrust in an open-loop descent. With a vertical drag of 0.65 to 1 1/s
 /// (VEHICLE.md) a deficit of 8 % sinks at 0.8 to 1.2 m/s.
 const DESCEND_SHARE: f64 = 0.92;
@@ -80,14 +88,28 @@ impl Pilot {
         let Some(board) = self.board_attitude else { return };
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded)
             && at.seconds_since(board.received_at) < ATTITUDE_AGE_S;
-        if usable && self.north.follow(self.estimate.R_EB, board.attitude, dt_s) {
+        // Before take-off the board's heading is the frame of the command, whatever ours says; the
+        // generic board has always been followed slowly.
+        let standing = self.board.firmware().is_real()
+            && matches!(self.mode, Mode::Disarmed | Mode::Arming | Mode::Idle);
+        if usable && self.north.follow(self.estimate.R_EB, board.attitude, dt_s, standing) {
             let text = "board heading jumped against ours: setpoints follow slowly";
             self.say(at, Severity::Warning, text.to_owned());
         }
     }
 
     fn control_step(&mut self, at: HostTime, dt_s: f64) {
+        let held = self.mode.has_thrust() || matches!(self.mode, Mode::Idle | Mode::Yielded);
+        self.board.hold_control(held);
         match self.mode {
+            // Nor into one that does not obey us: it would take them for our will as soon as it did.
+            Mode::Yielded if !self.board.is_retaking() => {}
+            Mode::Yielded => {
+                let command = self.stay_command();
+                let output = self.run_controller(at, &command, dt_s, true, None);
+                self.control = output.record;
+                self.send(at, output.R_EB, output.thrust_frac);
+            }
             // No setpoints into a board that we have not armed.
             Mode::Disarmed => {}
             Mode::Arming | Mode::Idle | Mode::Disarming => self.send_idle(at),
@@ -96,7 +118,7 @@ impl Pilot {
                 let output = self.run_controller(at, &command, dt_s, true, None);
                 self.control = output.record;
                 let share = at.seconds_since(self.mode_since) / self.config.flight.spool_s;
-                let thrust_frac = output.record.thrust_base_frac * SPOOL_SHARE * share.min(1.0);
+                let thrust_frac = self.hover_thrust_frac() * SPOOL_SHARE * share.min(1.0);
                 let yaw_rad = self.estimate.R_EB.yaw_rad();
                 // The loops take over from what the vehicle was last told.
                 self.controller.reset(Some(&Handover {
@@ -106,9 +128,7 @@ impl Pilot {
                     thrust_frac,
                 }));
                 self.send(at, Rot::from_euler_rad(0.0, 0.0, yaw_rad), thrust_frac);
-                if share >= 1.0 {
-                    self.fire(at, Event::SpoolDone);
-                }
+                self.end_spool(at);
             }
             Mode::Descend => {
                 let command = self.stay_command();
@@ -127,7 +147,7 @@ impl Pilot {
                 // Level in the board's own frame: our attitude is what cannot be trusted.
                 let yaw_rad = self.board_attitude.map_or(0.0, |a| a.attitude.yaw_rad());
                 let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
-                let thrust_frac = output.record.thrust_base_frac * DESCEND_SHARE * fade;
+                let thrust_frac = self.hover_thrust_frac() * DESCEND_SHARE * fade;
                 self.control.thrust_frac = thrust_frac;
                 self.board.send_setpoint(at, level, thrust_frac, &mut self.out);
             }
@@ -141,15 +161,18 @@ impl Pilot {
                 };
                 let (mut command, news) = self.guidance.step(self.mode, &self.mission, &now);
                 self.keep_inside_fence(at, &mut command);
-                let frozen = self.mode == Mode::Takeoff && self.is_on_floor();
+                // Nor while the board flies something else.
+                let frozen =
+                    (self.mode == Mode::Takeoff && self.is_on_floor()) || !self.board.obeys();
                 let mut output = self.run_controller(at, &command, dt_s, frozen, news.held);
                 if let Some((doublet, elapsed_s)) = news.doublet {
                     doublet.add(elapsed_s, &self.config.control.limits, &mut output);
                 }
                 self.control = output.record;
+                self.learn_hover(at, dt_s, frozen || news.doublet.is_some() || news.held.is_some());
                 self.send(at, output.R_EB, output.thrust_frac);
                 if let Some(seq) = news.reached {
-                    self.tell_reached(seq);
+                    self.tell_reached(at, seq);
                 }
                 if let Some(text) = news.warning {
                     self.say(at, Severity::Warning, text);
@@ -159,6 +182,71 @@ impl Pilot {
                 }
             }
         }
+    }
+
+    /// Thrust is up when its time is over, the motors have spooled up and the board shows the thrust
+    /// that it was sent.
+    fn end_spool(&mut self, at: HostTime) {
+        let elapsed_s = at.seconds_since(self.mode_since);
+        // A vehicle that hovers with less than was thought is in the air: the loops must have it.
+        let up_mps = -self.estimate.vel_E_mps().z();
+        if up_mps > LIFTED_MPS && self.height_above_floor_m() > LIFTED_M {
+            self.fire(at, Event::SpoolDone);
+            return;
+        }
+        let least_s = self.config.flight.spool_s.max(self.board.spool_s() + SPOOL_MARGIN_S);
+        if !self.board.firmware().is_real() {
+            if elapsed_s >= self.config.flight.spool_s {
+                self.fire(at, Event::SpoolDone);
+            }
+        } else if elapsed_s >= least_s && self.board.shows_our_thrust(at) {
+            self.fire(at, Event::SpoolDone);
+        } else if elapsed_s > least_s + SPOOL_WAIT_S {
+            self.fire(at, Event::SetpointsIgnored);
+        }
+    }
+
+    /// Thrust that hovers at the present voltage, as far as it is known, 0 to 1.
+    pub(super) fn hover_thrust_frac(&self) -> f64 {
+        let most = self.config.control.limits.thrust_max_frac;
+        (self.control.thrust_base_frac * self.hover.factor()).min(most)
+    }
+
+    /// Learns the hover thrust from a step that was flown under position control.
+    fn learn_hover(&mut self, at: HostTime, dt_s: f64, disturbed: bool) {
+        let estimate = &self.estimate;
+        let vel_down_mps = estimate.vel_E_mps().z();
+        let cos_tilt = estimate.R_EB.matrix()[(2, 2)];
+        let control = &self.control;
+        // Near the floor the ground effect carries, and a landing ends there.
+        let calm = !matches!(self.mode, Mode::Takeoff | Mode::Land);
+        let observable = !disturbed
+            && calm
+            && estimate.health == Health::Good
+            && self.height_above_floor_m() > hover::CLEAR_M
+            && vel_down_mps.abs() < hover::SLOW_MPS
+            && cos_tilt > hover::LEVEL_COS
+            && self.touch.ceiling_frac.is_none()
+            && !control.saturation.thrust_high
+            && !control.saturation.thrust_low
+            && self.supply_v(at).is_some();
+        let base_frac = control.thrust_base_frac * control.ground_factor;
+        let step = hover::Step {
+            at,
+            vel_down_mps,
+            share: control.thrust_frac * cos_tilt / base_frac.max(0.05),
+        };
+        self.hover.step(observable.then_some(step), dt_s);
+    }
+
+    /// The loops take over from level flight at the base thrust: nobody has flown by them meanwhile.
+    pub(super) fn take_over_level(&mut self) {
+        self.controller.reset(Some(&Handover {
+            roll_rad: 0.0,
+            pitch_rad: 0.0,
+            yaw_rad: self.estimate.R_EB.yaw_rad(),
+            thrust_frac: self.hover_thrust_frac(),
+        }));
     }
 
     /// Integrators must not fill while the floor carries the vehicle.
@@ -209,6 +297,7 @@ impl Pilot {
     /// The one place where a setpoint is turned into the board's frame.
     fn send(&mut self, at: HostTime, attitude: Rot<E, B>, thrust_frac: f64) {
         self.control.yaw_board_offset_rad = self.north.offset_rad();
+        self.control.hover_factor = self.hover.factor();
         self.control.thrust_frac = thrust_frac;
         let for_board = self.north.setpoint_for_board(attitude);
         self.board.send_setpoint(at, for_board, thrust_frac, &mut self.out);

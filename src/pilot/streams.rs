@@ -6,7 +6,8 @@ use haltere_dialect::mav::haltere::MavDataStream;
 
 use crate::time::HostTime;
 
-use super::endpoint::{Endpoint, GpsClaim};
+use super::endpoint::{Endpoint, GpsClaim, Identity};
+use super::services::EVENT_SEQUENCE_ID;
 
 /// Fastest stream, µs: the control period.
 const LEAST_INTERVAL_US: i64 = 10_000;
@@ -19,6 +20,8 @@ const HEARTBEAT_ID: u32 = 0;
 const GPS_IDS: [u32; 2] = [24, 193];
 /// GLOBAL_POSITION_INT, GPS_GLOBAL_ORIGIN, HOME_POSITION.
 const GLOBAL_IDS: [u32; 3] = [33, 49, 242];
+/// Identities whose stations know events without asking for them.
+const KNOWS_EVENTS: Identity = Identity::Px4;
 
 /// Share of a line that our own traffic may fill: the rest is for what the glue cannot count.
 const LINE_SHARE: f64 = 0.9;
@@ -38,7 +41,7 @@ const EXTRA3: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTRA3);
 
 /// Everything that can be streamed. Silent clients wait for these (GROUND.md, "telemetry by
 /// default").
-const KINDS: [Kind; 27] = [
+const KINDS: [Kind; 30] = [
     Kind(0, 1.0, None),       // HEARTBEAT
     Kind(1, 2.0, STATUS),     // SYS_STATUS
     Kind(24, 2.0, STATUS),    // GPS_RAW_INT
@@ -57,6 +60,7 @@ const KINDS: [Kind; 27] = [
     Kind(230, 1.0, None),     // ESTIMATOR_STATUS
     Kind(242, 0.5, None),     // HOME_POSITION
     Kind(245, 2.0, None),     // EXTENDED_SYS_STATE
+    Kind(251, 1.0, None),     // NAMED_VALUE_FLOAT: hover thrust
     Kind(331, 5.0, None),     // ODOMETRY
     Kind(436, 0.5, None),     // CURRENT_MODE
     Kind(437, 0.3, None),     // AVAILABLE_MODES_MONITOR
@@ -65,7 +69,9 @@ const KINDS: [Kind; 27] = [
     Kind(54103, 4.0, None),   // HALTERE_PAIR
     Kind(54104, 1.0, None),   // HALTERE_DROPS
     Kind(54105, 1.0, None),   // HALTERE_LINK
-    Kind(2, 0.0, None),       // SYSTEM_TIME
+    Kind(2, 1.0, EXTRA3),     // SYSTEM_TIME
+    Kind(162, 1.0, STATUS),   // FENCE_STATUS
+    Kind(411, 0.5, None),     // CURRENT_EVENT_SEQUENCE
 ];
 
 #[derive(Debug, Clone, Copy)]
@@ -105,7 +111,8 @@ impl Streams {
         let streams = KINDS.map(|Kind(msg_id, rate_hz, _)| {
             let on = rate_hz > 0.0
                 && (endpoint.gps == GpsClaim::OriginGps || !GPS_IDS.contains(&msg_id))
-                && (endpoint.gps != GpsClaim::None || !GLOBAL_IDS.contains(&msg_id));
+                && (endpoint.gps != GpsClaim::None || !GLOBAL_IDS.contains(&msg_id))
+                && (endpoint.identity == KNOWS_EVENTS || msg_id != EVENT_SEQUENCE_ID);
             let default_us = on.then_some((1e6 / rate_hz) as i64);
             Stream { msg_id, default_us, interval_us: default_us, next: at, waits: false }
         });
@@ -280,7 +287,8 @@ mod tests {
         assert!(f64::from(bytes) > 0.8 * 960.0 * 60.0, "{bytes}");
         // Nothing starves, the heartbeat least of all.
         assert!((59..=60).contains(&sent[&0]));
-        let on = KINDS.iter().filter(|k| k.1 > 0.0 && !GPS_IDS.contains(&k.0));
+        let not_claimed = [GPS_IDS[0], GPS_IDS[1], EVENT_SEQUENCE_ID];
+        let on = KINDS.iter().filter(|k| k.1 > 0.0 && !not_claimed.contains(&k.0));
         for Kind(id, rate_hz, _) in on {
             let count = f64::from(sent.get(id).copied().unwrap_or(0));
             // Half of an equal share of 17 messages/s, or what it asks for if that is less.

@@ -6,8 +6,8 @@ use haltere_dialect::mav::haltere::{
     LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_REACHED_DATA,
     MavBatteryChargeState, MavBatteryFault, MavBatteryFunction, MavBatteryMode, MavBatteryType,
     MavLandedState, MavMessage, MavModeFlag, MavSeverity, MavState, MavSysStatusSensor,
-    MavSysStatusSensorExtended, MavType, MavVtolState, MissionState, STATUSTEXT_DATA,
-    SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    MavSysStatusSensorExtended, MavType, MavVtolState, MissionState, NAMED_VALUE_FLOAT_DATA,
+    STATUSTEXT_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
 use crate::estimate::Health;
@@ -16,12 +16,11 @@ use crate::time::HostTime;
 use super::endpoint::{Endpoint, GpsClaim};
 use super::modes::Mode;
 use super::output::Outbox;
+use super::services::EVENT_SEQUENCE_ID;
 use super::{LinkId, OWN, Pilot, identity};
 
 /// Length of the text field of STATUSTEXT.
 const TEXT_CHUNK: usize = 50;
-/// Height above the ceiling of the flight volume that is still no breach, m: the estimate's noise.
-const FENCE_MARGIN_M: f64 = 0.5;
 
 /// Sends a text, in chunks if it is long.
 pub(super) fn send_text(out: &mut Outbox, link: LinkId, severity: u8, text: &str, id: u16) {
@@ -80,7 +79,8 @@ impl Pilot {
         }
     }
 
-    pub(super) fn tell_reached(&mut self, seq: u16) {
+    pub(super) fn tell_reached(&mut self, at: HostTime, seq: u16) {
+        self.tell_program_progress(at, seq);
         self.tell_all(&MavMessage::MISSION_ITEM_REACHED(MISSION_ITEM_REACHED_DATA { seq }));
     }
 
@@ -112,12 +112,21 @@ impl Pilot {
         Some(match msg_id {
             0 => self.heartbeat(&endpoint),
             1 => self.sys_status(&endpoint),
+            162 => self.fence_status(),
+            EVENT_SEQUENCE_ID => self.event_sequence(link),
             2 => MavMessage::SYSTEM_TIME(SYSTEM_TIME_DATA {
-                // The core knows no calendar.
-                time_unix_usec: 0,
+                // 0: nobody has told the core what the calendar says.
+                time_unix_usec: self.calendar.map_or(0, |c| c.unix_us(at)),
                 time_boot_ms,
             }),
             24 if gps => self.gps_raw(at, aligned),
+            251 if self.control.thrust_base_frac > 0.0 => {
+                MavMessage::NAMED_VALUE_FLOAT(NAMED_VALUE_FLOAT_DATA {
+                    time_boot_ms,
+                    value: self.hover_thrust_frac() as f32,
+                    name: "HoverThr".into(),
+                })
+            }
             30 if aligned => {
                 let [roll, pitch, yaw] = f32s(estimate.R_EB.euler_rad());
                 let [rollspeed, pitchspeed, yawspeed] = f32s(estimate.rate_B_radps.to_array());
@@ -249,11 +258,7 @@ impl Pilot {
             usable,
         );
         health.set(S::MAV_SYS_STATUS_SENSOR_GPS, usable && endpoint.gps == GpsClaim::OriginGps);
-        // The flight volume and the fence that a station drew. On the floor it is not left by being below its bottom.
-        let inside = self.guidance.volume().contains_over(self.estimate.pos_E_m)
-            && -self.estimate.pos_E_m.z() <= self.guidance.volume().height_m + FENCE_MARGIN_M
-            && self.fence_forbids().is_none();
-        health.set(S::MAV_SYS_STATUS_GEOFENCE, !self.mode.has_thrust() || inside);
+        health.set(S::MAV_SYS_STATUS_GEOFENCE, self.breach().is_none());
         let imu_fresh = self.last_imu.is_some_and(|t| self.now.seconds_since(t) < 0.2);
         health.set(S::MAV_SYS_STATUS_SENSOR_3D_GYRO | S::MAV_SYS_STATUS_SENSOR_3D_ACCEL, imu_fresh);
         let uwb_fresh = self.last_fused.is_some_and(|t| self.now.seconds_since(t) < 0.5);

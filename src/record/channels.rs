@@ -38,9 +38,13 @@ pub(super) const CONFIG: (&str, &str) = ("/config", "haltere.Session");
 pub(super) const EVENT: (&str, &str) = ("/in/event", "haltere.LinkEvent");
 pub(super) const LOST: (&str, &str) = ("/in/lost", "haltere.Lost");
 pub(super) const FILE: (&str, &str) = ("/in/file", "haltere.FileAnswer");
+pub(super) const CALENDAR: (&str, &str) = ("/in/calendar", "haltere.Calendar");
 pub(super) const WAKE: (&str, &str) = ("/wake", "haltere.Wake");
 pub(super) const HOLE: (&str, &str) = ("/hole", "haltere.Hole");
 pub(super) const CLOSING: (&str, &str) = ("/closing", "haltere.Closing");
+/// All of them.
+pub(super) const FIXED: [(&str, &str); 8] =
+    [CONFIG, EVENT, LOST, FILE, CALENDAR, WAKE, HOLE, CLOSING];
 /// Message type of raw bytes.
 pub(super) const RAW_BYTES: &str = "haltere.RawBytes";
 

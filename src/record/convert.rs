@@ -44,6 +44,8 @@ pub(super) fn decoded_from_topic(topic: &Topic) -> Decoded {
             thrust_base_frac: control.thrust_base_frac,
             thrust_feedback_frac: control.thrust_feedback_frac,
             ground_factor: control.ground_factor,
+            hover_factor: Some(control.hover_factor),
+            tilt_factor: Some(control.tilt_factor),
             yaw_board_offset_rad: control.yaw_board_offset_rad,
             velocity_cut: control.saturation.velocity,
             tilt_cut: control.saturation.tilt,

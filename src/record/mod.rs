@@ -26,14 +26,17 @@ mod reader;
 mod recorder;
 mod recover;
 mod session;
+mod trim;
 mod writer;
 
 pub use channels::Decoded;
 pub use identity::BuildIdentity;
+pub use names::utc_text;
 pub use reader::{Entries, Entry, LogEnd, LogError, LogReader, RawInput};
 pub use recorder::{GlueState, Recorder, RecorderSummary};
 pub use recover::{recover, recovered_name};
 pub use session::Session;
+pub use trim::{Trimmed, trim, trimmed_name};
 pub use writer::RecordError;
 
 /// Message types of the log, generated from `haltere.proto`.

@@ -32,9 +32,21 @@ pub(super) fn create_log(directory: &Path, unix_us: i64) -> io::Result<(PathBuf,
 }
 
 fn stamp(unix_s: i64) -> String {
+    let [year, month, day, hour, minute, second] = calendar(unix_s);
+    format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
+}
+
+/// A time of the wall clock, microseconds since 1970 UTC, as people write it.
+pub fn utc_text(unix_us: i64) -> String {
+    let [year, month, day, hour, minute, second] = calendar(unix_us.div_euclid(1_000_000));
+    format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02} UTC")
+}
+
+/// Year, month, day, hour, minute, second.
+fn calendar(unix_s: i64) -> [i64; 6] {
     let (year, month, day) = civil_from_days(unix_s.div_euclid(SECONDS_PER_DAY));
     let s = unix_s.rem_euclid(SECONDS_PER_DAY);
-    format!("{year:04}{month:02}{day:02}-{:02}{:02}{:02}", s / 3600, s / 60 % 60, s % 60)
+    [year, month, day, s / 3600, s / 60 % 60, s % 60]
 }
 
 /// Proleptic Gregorian date of a day counted from 1970-01-01. The year is taken to begin in March,

@@ -62,6 +62,21 @@ pub enum LogError {
         /// Why.
         source: mcap::McapError,
     },
+    /// The part that was asked for is not in the log.
+    #[error(
+        "{}: nothing between {from_s} and {to_s} s; the log runs from 0 to {end_s:.1} s",
+        path.display()
+    )]
+    NothingThere {
+        /// Which file.
+        path: PathBuf,
+        /// Begin that was asked for, s.
+        from_s: f64,
+        /// End that was asked for, s.
+        to_s: f64,
+        /// Where the log ends, s.
+        end_s: f64,
+    },
     /// An MCAP file of another program.
     #[error("{}: byte {offset}: {why}; it was not written by haltere", path.display())]
     Foreign {
@@ -141,6 +156,11 @@ pub enum RawInput {
         /// What was asked for.
         bytes: Vec<u8>,
     },
+    /// See [`Input::Calendar`].
+    Calendar {
+        /// Since 1970-01-01 UTC, µs.
+        unix_us: i64,
+    },
     /// See [`Input::Wake`].
     Wake,
 }
@@ -158,6 +178,7 @@ impl RawInput {
             RawInput::File { ticket, fault, bytes } => {
                 Input::File { ticket: *ticket, result: fault.map_or(Ok(()), Err), bytes }
             }
+            RawInput::Calendar { unix_us } => Input::Calendar { unix_us: *unix_us },
             RawInput::Wake => Input::Wake,
         }
     }
@@ -345,6 +366,13 @@ fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
             sequence: answer.sequence,
             at: HostTime::from_us(answer.host_time_us),
             input: RawInput::File { ticket: answer.ticket, fault, bytes: answer.data },
+        }
+    } else if channel == channels::CALENDAR.0 {
+        let calendar = pb::Calendar::decode(data)?;
+        Entry::Input {
+            sequence: calendar.sequence,
+            at: HostTime::from_us(calendar.host_time_us),
+            input: RawInput::Calendar { unix_us: calendar.unix_us },
         }
     } else if channel == channels::EVENT.0 {
         let event = pb::LinkEvent::decode(data)?;

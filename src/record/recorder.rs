@@ -5,6 +5,8 @@
 //! and the hole is written into the log, so that a replay can say where it ends to be exact.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -25,6 +27,12 @@ use crate::topics::Topic;
 /// this rides out a stall of the disk of about 20 s, in about 5 MB.
 const QUEUE_BATCHES: usize = 512;
 
+/// Bytes of links that may wait for the disk, when a station sends as much as it may: beyond, batches are
+/// lost as if the queue were full. A flight brings 100 kB/s.
+const QUEUE_BYTES: usize = 64 << 20;
+/// A batch that once held more than this gives the memory back.
+const KEPT_BYTES: usize = 64 << 10;
+
 /// A batch is handed over when it holds this many entries …
 const BATCH_ENTRIES: usize = 64;
 /// … or when its first entry is this old, µs.
@@ -40,6 +48,7 @@ enum Item {
     Event { link: LinkId, kind: pb::link_event::Kind },
     Lost { link: LinkId, reason: DropReason, count: u64 },
     File { ticket: u32, fault: u8, start: usize, end: usize },
+    Calendar { unix_us: i64 },
     Wake,
     Topic(Topic),
     Glue(pb::Glue),
@@ -58,6 +67,8 @@ impl Batch {
         self.hole = None;
         self.items.clear();
         self.bytes.clear();
+        self.bytes.shrink_to(KEPT_BYTES);
+        self.items.shrink_to(4 * BATCH_ENTRIES);
     }
 }
 
@@ -96,6 +107,8 @@ pub struct Recorder {
     lost: u64,
     /// Whether a full queue is waited for instead of dropped into.
     waits: bool,
+    /// Bytes that wait for the disk.
+    waiting_B: Arc<AtomicUsize>,
 }
 
 #[derive(Debug, Default)]
@@ -130,6 +143,7 @@ impl Recorder {
             sequence: 0,
             lost: 0,
             waits: false,
+            waiting_B: Arc::default(),
         }
     }
 
@@ -140,15 +154,18 @@ impl Recorder {
         let path = log.path().to_owned();
         let (queue, batches) = sync_channel(depth);
         let (give_back, spare) = sync_channel(depth);
+        let waiting_B = Arc::<AtomicUsize>::default();
+        let waiting = waiting_B.clone();
         let thread = std::thread::Builder::new()
             .name("recorder".into())
-            .spawn(move || write_all(log, &batches, &give_back))
+            .spawn(move || write_all(log, &batches, &give_back, &waiting))
             .map_err(RecordError::Thread)?;
         let mut recorder = Self::off();
         recorder.path = Some(path);
         recorder.queue = Some(queue);
         recorder.spare = Some(spare);
         recorder.thread = Some(thread);
+        recorder.waiting_B = waiting_B;
         Ok(recorder)
     }
 
@@ -180,6 +197,7 @@ impl Recorder {
                 let fault = result.err().map_or(0, |fault| fault as u8);
                 self.raw(at, Item::File { ticket, fault, start, end });
             }
+            Input::Calendar { unix_us } => self.raw(at, Item::Calendar { unix_us }),
             Input::Wake => self.raw(at, Item::Wake),
         }
     }
@@ -227,6 +245,7 @@ impl Recorder {
         if let Some(queue) = self.queue.take() {
             let mut last = std::mem::take(&mut self.batch);
             last.hole = self.hole.take();
+            self.waiting_B.fetch_add(last.bytes.len(), Relaxed);
             // Nothing is flying any more: waiting is right.
             let _ = queue.send(last);
         }
@@ -264,7 +283,11 @@ impl Recorder {
         let next = self.spare.as_ref().and_then(|spare| spare.try_recv().ok()).unwrap_or_default();
         let mut batch = std::mem::replace(&mut self.batch, next);
         batch.hole = self.hole.take();
-        let sent = if self.waits {
+        let bytes = batch.bytes.len();
+        let waiting_B = self.waiting_B.fetch_add(bytes, Relaxed).saturating_add(bytes);
+        let sent = if !self.waits && waiting_B > QUEUE_BYTES {
+            Err(TrySendError::Full(batch))
+        } else if self.waits {
             queue.send(batch).map_err(|error| TrySendError::Disconnected(error.0))
         } else {
             queue.try_send(batch)
@@ -272,6 +295,7 @@ impl Recorder {
         match sent {
             Ok(()) => {}
             Err(TrySendError::Full(batch) | TrySendError::Disconnected(batch)) => {
+                self.waiting_B.fetch_sub(bytes, Relaxed);
                 self.hole = Some(widen(batch.hole, &batch.items));
                 self.lost = self.lost.saturating_add(batch.items.len() as u64);
                 if self.batch.items.capacity() == 0 {
@@ -315,6 +339,7 @@ fn write_all<W: std::io::Write>(
     log: LogWriter<W>,
     batches: &Receiver<Batch>,
     give_back: &SyncSender<Batch>,
+    waiting_B: &AtomicUsize,
 ) -> Ended {
     let mut ended = Ended::default();
     let mut log = Some(log);
@@ -348,6 +373,7 @@ fn write_all<W: std::io::Write>(
             ended.lost = ended.lost.saturating_add(entries(batch.as_ref()));
         }
         if let Some(mut batch) = batch {
+            waiting_B.fetch_sub(batch.bytes.len(), Relaxed);
             batch.clear();
             let _ = give_back.try_send(batch);
         }
@@ -430,6 +456,10 @@ fn write_batch<W: std::io::Write>(
                     data,
                 };
                 log.put(channels::FILE, at, sequence, &message)?;
+            }
+            Item::Calendar { unix_us } => {
+                let message = pb::Calendar { sequence, host_time_us, unix_us: *unix_us };
+                log.put(channels::CALENDAR, at, sequence, &message)?;
             }
             Item::Wake => {
                 log.put(channels::WAKE, at, sequence, &pb::Wake { sequence, host_time_us })?;

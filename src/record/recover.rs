@@ -1,7 +1,7 @@
 //! Rewrites a log that was cut into a complete one that every viewer opens.
 
 use std::collections::BTreeMap;
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use mcap::write::NoSeek;
 
 use super::DESCRIPTORS;
 use super::channels::{self, Decoded};
-use super::reader::{LogEnd, LogError, LogReader, Messages};
+use super::reader::{LogEnd, LogError, LogReader, Message, Messages};
 
 /// Writes what is readable of `path` to `to` (which must not exist) with a proper end. Returns how
 /// many messages were saved and how the original ended.
@@ -21,24 +21,45 @@ pub fn recover(path: &Path, to: &Path) -> Result<(u64, LogEnd), LogError> {
 }
 
 fn copy(bytes: &[u8], to: &Path) -> Result<(u64, LogEnd), McapError> {
-    let file = OpenOptions::new().write(true).create_new(true).open(to)?;
-    let handle = file.try_clone()?;
-    let mut out = mcap::WriteOptions::new()
-        .compression(None)
-        .profile("haltere")
-        .disable_seeking(true)
-        .create(NoSeek::new(BufWriter::new(file)))?;
-    let mut ids = BTreeMap::new();
-    let mut saved = 0;
+    let mut out = Copy::create(to)?;
     let mut messages = Messages::new(bytes);
     for message in messages.by_ref() {
-        let id = match ids.get(&message.channel) {
+        out.put(&message)?;
+    }
+    Ok((out.finish()?, messages.end()))
+}
+
+/// A new log made of messages of another.
+pub(super) struct Copy {
+    out: mcap::Writer<NoSeek<BufWriter<File>>>,
+    handle: File,
+    ids: BTreeMap<String, u16>,
+    saved: u64,
+}
+
+impl Copy {
+    /// `to` must not exist.
+    pub(super) fn create(to: &Path) -> Result<Self, McapError> {
+        let file = OpenOptions::new().write(true).create_new(true).open(to)?;
+        let handle = file.try_clone()?;
+        let out = mcap::WriteOptions::new()
+            .compression(None)
+            .profile("haltere")
+            .disable_seeking(true)
+            .create(NoSeek::new(BufWriter::new(file)))?;
+        Ok(Self { out, handle, ids: BTreeMap::new(), saved: 0 })
+    }
+
+    /// A message of a channel that this build does not know is left out: its schema is lost.
+    pub(super) fn put(&mut self, message: &Message<'_>) -> Result<(), McapError> {
+        let id = match self.ids.get(&message.channel) {
             Some(id) => *id,
             None => {
-                let Some(schema) = schema_of(&message.channel) else { continue };
-                let schema = out.add_schema(schema, "protobuf", DESCRIPTORS)?;
-                let id = out.add_channel(schema, &message.channel, "protobuf", &BTreeMap::new())?;
-                ids.insert(message.channel.clone(), id);
+                let Some(schema) = schema_of(&message.channel) else { return Ok(()) };
+                let schema = self.out.add_schema(schema, "protobuf", DESCRIPTORS)?;
+                let id =
+                    self.out.add_channel(schema, &message.channel, "protobuf", &BTreeMap::new())?;
+                self.ids.insert(message.channel.clone(), id);
                 id
             }
         };
@@ -48,13 +69,18 @@ fn copy(bytes: &[u8], to: &Path) -> Result<(u64, LogEnd), McapError> {
             log_time: message.log_time,
             publish_time: message.log_time,
         };
-        out.write_to_known_channel(&header, message.data)?;
-        saved += 1;
+        self.out.write_to_known_channel(&header, message.data)?;
+        self.saved += 1;
+        Ok(())
     }
-    out.finish()?;
-    out.into_inner().flush()?;
-    handle.sync_all()?;
-    Ok((saved, messages.end()))
+
+    /// Gives the number of messages, when they are on disk.
+    pub(super) fn finish(mut self) -> Result<u64, McapError> {
+        self.out.finish()?;
+        self.out.into_inner().flush()?;
+        self.handle.sync_all()?;
+        Ok(self.saved)
+    }
 }
 
 /// Name beside `path` for its recovered copy.
@@ -63,16 +89,7 @@ pub fn recovered_name(path: &Path) -> PathBuf {
 }
 
 fn schema_of(channel: &str) -> Option<&'static str> {
-    let fixed = [
-        channels::CONFIG,
-        channels::EVENT,
-        channels::LOST,
-        channels::FILE,
-        channels::WAKE,
-        channels::HOLE,
-        channels::CLOSING,
-    ];
-    fixed
+    channels::FIXED
         .iter()
         .chain(Decoded::CHANNELS)
         .find(|(name, _)| *name == channel)

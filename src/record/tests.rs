@@ -129,6 +129,7 @@ fn script(recorder: &mut Recorder, cycles: u64) -> Vec<Entry> {
             RawInput::Bytes { link: LinkId::Ground(3), bytes: vec![] },
             RawInput::LinkDown { link: LinkId::Ground(3) },
             RawInput::Lost { link: LinkId::Board, reason: DropReason::InputQueueFull, count: 3 },
+            RawInput::Calendar { unix_us: 1_795_000_000_000_000 },
             RawInput::File { ticket: 7, fault: None, bytes: vec![1, 2, 3] },
             RawInput::File {
                 ticket: 8,
@@ -198,7 +199,7 @@ fn prop_what_is_recorded_is_read_back() {
     let mut got: Vec<_> = entries.by_ref().collect();
     assert_eq!(entries.end(), LogEnd::Complete);
     let Some(Entry::Closing(closing)) = got.pop() else { panic!("closing missing") };
-    assert_eq!(closing.last_sequence, 200 * 12);
+    assert_eq!(closing.last_sequence, 200 * 13);
     assert_eq!(closing.lost_entries, 0);
     assert!(got == expected);
 }
@@ -426,6 +427,35 @@ fn prop_an_overflow_is_a_hole_in_the_log() {
     }
     assert_eq!(expected, 4001, "every wake-up is there or in a hole");
     assert!(holes >= 1);
+}
+
+#[test]
+fn prop_what_waits_for_a_stalled_disk_is_bounded_in_bytes_too() {
+    let (waiting, stalled) = sync_channel(1);
+    let (let_go, open) = sync_channel(100);
+    let gate = Gate { inner: Memory::default(), waiting, open, head_written: false };
+    let log = LogWriter::on("gate".into(), gate, Box::new(|| Ok(())), &session()).unwrap();
+    // Room for more batches than memory could hold.
+    let mut recorder = Recorder::spawn(log, 100_000).unwrap();
+    let at = |i: u64| HostTime::from_us(5_000_000 + i * 30_000);
+    recorder.input(at(0), crate::pilot::Input::Wake);
+    recorder.commit(at(0));
+    stalled.recv().unwrap();
+    let flood = vec![7; 1 << 20];
+    for i in 1..200 {
+        let link = crate::pilot::LinkId::Ground(0);
+        recorder.input(at(i), crate::pilot::Input::Bytes { link, bytes: &flood });
+        recorder.commit(at(i));
+        recorder.commit(at(i + 1));
+    }
+    // 64 MiB wait, the rest is a hole.
+    let lost = recorder.lost();
+    assert!((130..=140).contains(&lost), "{lost}");
+    for _ in 0..100 {
+        let _ = let_go.try_send(());
+    }
+    drop(let_go);
+    assert_eq!(recorder.finish().lost_entries, lost);
 }
 
 /// A medium that is full after some bytes.

@@ -6,6 +6,7 @@
 //! messages must agree within [`TOLERANCE`].
 
 mod compare;
+mod parameters;
 #[cfg(test)]
 mod tests;
 
@@ -24,6 +25,7 @@ use crate::time::HostTime;
 use crate::topics::Topic;
 
 pub use compare::TOLERANCE;
+pub use parameters::{ParameterChange, changed_parameters};
 
 /// Why a log cannot be replayed at all.
 #[derive(Debug, Error)]
@@ -198,6 +200,7 @@ fn replay_with(
         start,
         last: start,
         sequence: 0,
+        closed: false,
         pending: VecDeque::new(),
         report: Report {
             log: log.path().to_owned(),
@@ -232,6 +235,8 @@ struct Run {
     start: HostTime,
     last: HostTime,
     sequence: u64,
+    /// The recorder said that this is all.
+    closed: bool,
     /// Replayed, and not recorded yet.
     pending: VecDeque<(LinkId, Vec<u8>)>,
     report: Report,
@@ -272,7 +277,8 @@ impl Run {
                     self.sequence = self.sequence.max(last_sequence).max(first_sequence);
                 }
             }
-            Entry::Decoded(_) | Entry::Closing(_) => {}
+            Entry::Closing(_) => self.closed = true,
+            Entry::Decoded(_) => {}
         }
     }
 
@@ -339,7 +345,10 @@ impl Run {
 
     fn finish(mut self, end: &LogEnd) -> Report {
         // A log that was closed holds every output; one that was cut ends anywhere.
+        // So may the recovered copy of one, and a part of a log: these do not hold the recorder's
+        // last word.
         if *end == LogEnd::Complete
+            && self.closed
             && self.report.holes.is_empty()
             && let Some((link, bytes)) = self.pending.pop_front()
         {

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use crate::drops::Drops;
 use crate::estimate::Estimate;
 use crate::measure::{AnchorId, BatterySample, BoardAttitude, ImuSample, ReferencePose};
+use crate::report::svg::Limit;
 use crate::report::truth::TruthRow;
 use crate::survey::Survey;
 use crate::time::HostTime;
@@ -39,6 +40,35 @@ pub struct Flight {
     pub truth: Vec<TruthRow>,
     /// Anchors.
     pub survey: Option<Survey>,
+    /// When the companion started: the nought of every time axis. `None`: the first record.
+    pub started: Option<HostTime>,
+    /// Wake-ups of the core.
+    pub wakes: Vec<HostTime>,
+    /// Base thrust at the nominal voltage, 0 to 1.
+    pub base_nominal_frac: Option<f64>,
+    /// Voltages at which something happens.
+    pub battery_limits: Vec<Limit>,
+    /// What to know first: name and value.
+    pub facts: Vec<(String, String)>,
+    /// Keys of the configuration that differ from the defaults: key, value, default.
+    pub configuration: Vec<[String; 3]>,
+    /// Parameters that stations changed.
+    pub parameters: Vec<ParameterRow>,
+}
+
+/// A parameter that a station changed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParameterRow {
+    /// When.
+    pub at: HostTime,
+    /// Its name.
+    pub name: String,
+    /// Value before, where it is known.
+    pub from: Option<f64>,
+    /// Value since then.
+    pub to: f64,
+    /// Unit; empty: none.
+    pub unit: String,
 }
 
 impl Flight {
@@ -65,10 +95,17 @@ impl Flight {
         all
     }
 
+    /// Measurements that the filter had an opinion on: not those from before it was first aligned, which
+    /// are neither fused nor rejected.
+    pub fn judged(&self) -> impl Iterator<Item = &UwbRecord> {
+        let aligned = self.uwb.iter().position(|r| r.fused || r.var_innovation_m2 > 0.0);
+        self.uwb.iter().skip(aligned.unwrap_or(self.uwb.len()))
+    }
+
     /// Measurements by anchor pair, the smaller id first.
     pub fn pairs(&self) -> BTreeMap<(AnchorId, AnchorId), PairStats> {
         let mut pairs: BTreeMap<_, PairStats> = BTreeMap::new();
-        for record in &self.uwb {
+        for record in self.judged() {
             let (a, b) = (record.tdoa.anchor_a, record.tdoa.anchor_b);
             let (key, sign) = if a <= b { ((a, b), 1.0) } else { ((b, a), -1.0) };
             pairs.entry(key).or_default().add(record, sign);

@@ -4,25 +4,93 @@ use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{B, E, Rot, Vec3};
 use crate::measure::{AnchorId, BatterySample, BoardAttitude, ImuSample, ReferencePose, Tdoa};
-use crate::record::{Decoded, Entry, LogEnd, LogReader, pb};
+use crate::record::{Decoded, Entry, LogEnd, LogReader, RawInput, pb, utc_text};
 use crate::report::flight::{Flight, GlueRow, ModeRow};
 use crate::time::HostTime;
-use crate::topics::{ControlRecord, HealthRecord, Saturation, TextRecord, UwbRecord};
+use crate::topics::{
+    ControlRecord, HealthRecord, ModeRecord, Saturation, TextRecord, Topic, UwbRecord,
+};
 
 /// Reads every decoded topic of a log; says how the log ends.
 pub fn read(log: &LogReader) -> (Flight, LogEnd) {
-    let mut flight = Flight { survey: Some(log.session().survey.clone()), ..Flight::default() };
+    let session = log.session();
+    let mut flight = Flight {
+        survey: Some(session.survey.clone()),
+        started: Some(session.pilot_started_at),
+        ..Flight::default()
+    };
     let mut entries = log.entries();
     for entry in entries.by_ref() {
-        if let Entry::Decoded(decoded) = entry {
-            flight.add_decoded(decoded);
+        match entry {
+            Entry::Decoded(decoded) => flight.add_decoded(decoded),
+            Entry::Input { at, input: RawInput::Wake, .. } => flight.wakes.push(at),
+            _ => {}
         }
     }
     let end = entries.end();
     (flight, end)
 }
 
+/// Who flew what, when, for how long.
+pub fn facts(log: &LogReader, flight: &Flight) -> Vec<(String, String)> {
+    let session = log.session();
+    let build = &session.build;
+    let mut facts = vec![("started".to_owned(), utc_text(session.started_unix_us))];
+    let mut add = |name: &str, value: String| facts.push((name.to_owned(), value));
+    if let Some((from, to)) = flight.ends() {
+        add("recorded", format!("{:.1} s", to.seconds_since(from)));
+    }
+    let volts = |b: &BatterySample| format!("{:.2} V", b.supply_v);
+    if let (Some(first), Some(last)) = (flight.battery.first(), flight.battery.last()) {
+        let least = flight.battery.iter().min_by(|a, b| a.supply_v.total_cmp(&b.supply_v));
+        add(
+            "battery",
+            format!("{} to {}, least {}", volts(first), volts(last), volts(least.unwrap_or(last))),
+        );
+    }
+    let rejected = flight.judged().filter(|r| !r.fused).count();
+    if !flight.uwb.is_empty() {
+        let share = 100.0 * rejected as f64 / flight.judged().count().max(1) as f64;
+        let known = if flight.judged().next().is_some() {
+            format!("{share:.1} % rejected")
+        } else {
+            "none of them judged: the filter was never aligned".to_owned()
+        };
+        add("ranging", format!("{} measurements, {known}", flight.uwb.len()));
+    }
+    if let Some(health) = flight.health.last() {
+        add(
+            "control steps",
+            format!("{}, {} of them late", health.control_steps, health.deadline_misses),
+        );
+    }
+    let commit = if build.git_commit.is_empty() { "no commit" } else { &build.git_commit };
+    add("program", format!("haltere {} ({commit}), {}", build.program_version, build.target));
+    add("processor", build.processor.clone());
+    facts
+}
+
 impl Flight {
+    /// Takes what the core tells, as it tells it: for a log that was recorded without decoded topics and
+    /// is lived through again.
+    pub fn add_topic(&mut self, topic: Topic) {
+        match topic {
+            Topic::Imu(imu) => self.imu.push(imu),
+            Topic::Uwb(uwb) => self.uwb.push(uwb),
+            Topic::Estimate(estimate) => self.estimates.push(estimate),
+            Topic::Control(control) => self.controls.push(control),
+            Topic::Battery(battery) => self.battery.push(battery),
+            Topic::BoardAttitude(board) => self.board_attitudes.push(board),
+            Topic::Baro(_) => {}
+            Topic::Reference(reference) => self.references.push(reference),
+            Topic::Mode(ModeRecord { at, mode, armed, cause }) => {
+                self.modes.push(ModeRow { at, mode: mode.to_owned(), armed, cause });
+            }
+            Topic::Text(text) => self.texts.push(text),
+            Topic::Health(health) => self.health.push(health),
+        }
+    }
+
     fn add_decoded(&mut self, decoded: Decoded) {
         match decoded {
             Decoded::Baro(_) => {}
@@ -146,6 +214,9 @@ fn control(m: &pb::Control) -> ControlRecord {
         thrust_base_frac: m.thrust_base_frac,
         thrust_feedback_frac: m.thrust_feedback_frac,
         ground_factor: m.ground_factor,
+        hover_factor: m.hover_factor.unwrap_or(1.0),
+        // Logs of older builds do not say.
+        tilt_factor: m.tilt_factor.unwrap_or(f64::NAN),
         yaw_board_offset_rad: m.yaw_board_offset_rad,
         saturation: Saturation {
             velocity: m.velocity_cut,

@@ -7,8 +7,14 @@ pub mod errors;
 pub mod flight;
 pub mod from_log;
 pub mod html;
+mod lanes;
+mod lists;
+mod path;
 mod plots;
+mod spectrum;
 pub mod svg;
+mod ticks;
+mod timing;
 pub mod truth;
 pub mod verdict;
 
@@ -42,6 +48,7 @@ impl Page<'_> {
     pub fn render(&self) -> String {
         let mut html = html::open(self.title, "");
         self.header(&mut html);
+        lists::facts(&mut html, self.flight);
         html.push_str(&html::checks(self.checks));
         self.errors(&mut html);
         let shapes = plots::shapes(self.flight, self.paths);
@@ -51,7 +58,7 @@ impl Page<'_> {
         for section in plots::sections(self.flight) {
             let _ = write!(html, "<h2>{}</h2>", escape(section.title));
             if !section.note.is_empty() {
-                let _ = write!(html, "<p class=\"note\">{}</p>", escape(section.note));
+                let _ = write!(html, "<p class=\"note\">{}</p>", escape(&section.note));
             }
             html.push_str("<div class=\"two\">");
             for plot in section.plots {
@@ -59,12 +66,13 @@ impl Page<'_> {
             }
             html.push_str("</div>");
         }
-        self.losses(&mut html);
+        lists::all(&mut html, self.flight);
         let _ = write!(
             html,
             "<footer>Frame: local NED, origin of the anchor survey; heights are shown upward. \
-             Shading in the time plots: modes. Time is counted from the first record of the \
-             log.</footer>"
+             Shading in the time plots: modes. Time is counted from the start of the \
+             companion, as in <code>haltere log trim</code>. Drag across a plot to look closer, \
+             double-click to see everything again.</footer>"
         );
         html::close(html)
     }
@@ -135,30 +143,6 @@ impl Page<'_> {
         }
         html.push_str("</tbody></table>");
     }
-
-    fn losses(&self, html: &mut String) {
-        html.push_str("<details open><summary>Losses, by reason</summary><table><tbody>");
-        let drops = self.flight.drops();
-        for (reason, count) in drops.iter() {
-            let _ = write!(
-                html,
-                "<tr><td>{}</td><td class=\"n\">{count}</td></tr>",
-                escape(&reason.name().replace('_', " "))
-            );
-        }
-        if drops.iter().next().is_none() {
-            html.push_str("<tr><td>nothing was thrown away</td></tr>");
-        }
-        html.push_str("</tbody></table></details>");
-        let modes = plots::mode_list(self.flight);
-        if !modes.is_empty() {
-            let _ = write!(
-                html,
-                "<details open><summary>Modes</summary><table><thead><tr><th class=\"n\">s</th>\
-                 <th>mode</th><th>cause</th></tr></thead><tbody>{modes}</tbody></table></details>"
-            );
-        }
-    }
 }
 
 #[cfg(test)]
@@ -227,6 +211,7 @@ mod tests {
                 thrust_base_frac: 0.6,
                 thrust_feedback_frac: wobble,
                 ground_factor: 1.0,
+                hover_factor: 1.0,
                 roll_rad: 0.02 * s + wobble,
                 pitch_rad: 0.05 * c,
                 ..ControlRecord::default()

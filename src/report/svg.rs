@@ -2,9 +2,13 @@
 //!
 //! Colours are CSS classes of the page (`report/page.css`), so one drawing serves light, dark and
 //! paper. A line that has far more points than pixels is reduced to the least and the greatest value of
-//! each pixel column: spikes stay visible.
+//! each column: spikes stay visible. What `page.js` needs to zoom and to show values under the pointer
+//! stands in `data-` attributes.
 
 use std::fmt::Write as _;
+
+use super::path::{Pen, columns, merged};
+use super::ticks::{decades, ticks};
 
 /// Colour of a series. Hues of Okabe and Ito (2008), told apart by colour-blind eyes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,6 +85,15 @@ pub struct Limit {
     pub y: f64,
 }
 
+/// A vertical line with a name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Upright {
+    /// Name, written at its top.
+    pub name: String,
+    /// Where, in plot units.
+    pub x: f64,
+}
+
 /// One drawing.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Plot {
@@ -108,6 +121,13 @@ pub struct Plot {
     pub x_range: Option<[f64; 2]>,
     /// Instead of round ticks: place, label and second label.
     pub categories: Vec<(f64, String, String)>,
+    /// Lines from bottom to top with names, such as a frequency.
+    pub uprights: Vec<Upright>,
+    /// Values of y are decimal logarithms: the axis shows powers of ten.
+    pub decades: bool,
+    /// The horizontal axis is time since the start of the companion: zooming into one such plot of a
+    /// page zooms all.
+    pub shared_time: bool,
 }
 
 /// Room for labels around the drawing area, pixels.
@@ -126,8 +146,6 @@ const CHAR_PX: f64 = 6.1;
 const LEGEND_KEY_PX: f64 = 34.0;
 /// Head room for the names of spans, pixels.
 const SPAN_NAME_PX: f64 = 15.0;
-/// Points of a map closer together than this are merged, pixels.
-const MERGE_PX: f64 = 0.6;
 
 /// A linear map from data to pixels.
 #[derive(Clone, Copy)]
@@ -165,7 +183,7 @@ impl Plot {
         let _ = write!(
             svg,
             "<figure><svg class=\"plot\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
-             aria-label=\"{t}\" data-box=\"{},{},{},{}\" data-x=\"{},{}\" data-y=\"{},{}\">\
+             aria-label=\"{t}\" data-box=\"{},{},{},{}\" data-x=\"{},{}\" data-y=\"{},{}\"{}{}{}>\
              <text class=\"title\" x=\"{LEFT_PX}\" y=\"16\">{t}</text>",
             x.from_px,
             y.to_px,
@@ -175,6 +193,9 @@ impl Plot {
             x.high,
             y.low,
             y.high,
+            if self.equal { " data-equal" } else { "" },
+            if self.decades { " data-decades" } else { "" },
+            if self.shared_time { " data-time" } else { "" },
             t = escape(&self.title),
         );
         self.draw_spans(&mut svg, &x, &y);
@@ -183,13 +204,26 @@ impl Plot {
             let at = y.px(limit.y);
             let _ = write!(
                 svg,
-                "<line class=\"limit\" x1=\"{}\" x2=\"{}\" y1=\"{at:.1}\" y2=\"{at:.1}\"/>\
-                 <text class=\"tick end\" x=\"{}\" y=\"{:.1}\">{}</text>",
+                "<g data-y=\"{at:.1}\"><line class=\"limit\" x1=\"{}\" x2=\"{}\" y1=\"{at:.1}\" y2=\"{at:.1}\"/>\
+                 <text class=\"tick end\" x=\"{}\" y=\"{:.1}\">{}</text></g>",
                 x.from_px,
                 x.to_px,
                 x.to_px - 3.0,
                 at - 3.0,
                 escape(&limit.name)
+            );
+        }
+        for upright in self.uprights.iter().filter(|u| u.x >= x.low && u.x <= x.high) {
+            let at = x.px(upright.x);
+            let _ = write!(
+                svg,
+                "<g data-at=\"{at:.1}\"><line class=\"limit\" x1=\"{at:.1}\" x2=\"{at:.1}\" \
+                 y1=\"{}\" y2=\"{}\"/><text class=\"tick\" x=\"{:.1}\" y=\"{}\">{}</text></g>",
+                y.to_px,
+                y.from_px,
+                at + 3.0,
+                y.to_px + 11.0,
+                escape(&upright.name)
             );
         }
         for series in &self.series {
@@ -199,8 +233,8 @@ impl Plot {
             let [px, py] = [x.px(pin.at[0]), y.px(pin.at[1])];
             let _ = write!(
                 svg,
-                "<path class=\"pin\" d=\"M{px:.1} {:.1}l5 8h-10z\"/>\
-                 <text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\">{}</text>",
+                "<g data-pin=\"{px:.1},{py:.1}\"><path class=\"pin\" d=\"M{px:.1} {:.1}l5 8h-10z\"/>\
+                 <text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\">{}</text></g>",
                 py - 5.0,
                 px + 7.0,
                 py + 4.0,
@@ -257,7 +291,7 @@ impl Plot {
             }
             let _ = write!(
                 svg,
-                "<g><title>{}</title><rect class=\"span{}\" x=\"{a:.1}\" y=\"{}\" width=\"{:.1}\" \
+                "<g data-span=\"{a:.1},{b:.1}\"><title>{}</title><rect class=\"span{}\" x=\"{a:.1}\" y=\"{}\" width=\"{:.1}\" \
                  height=\"{:.1}\"/>",
                 escape(&span.name),
                 i % 2,
@@ -293,6 +327,7 @@ impl Plot {
             );
         }
         let round = self.categories.is_empty();
+        svg.push_str("<g class=\"gx\">");
         let wanted = if round { (right - left) / TICK_X_PX } else { 0.0 };
         for (at, label) in ticks(x.low, x.high, wanted).into_iter().filter(|_| round) {
             let px = x.px(at);
@@ -303,7 +338,13 @@ impl Plot {
                 bottom + 14.0
             );
         }
-        for (at, label) in ticks(y.low, y.high, (bottom - top) / TICK_Y_PX) {
+        svg.push_str("</g><g class=\"gy\">");
+        let marks = if self.decades {
+            decades(y.low, y.high)
+        } else {
+            ticks(y.low, y.high, (bottom - top) / TICK_Y_PX)
+        };
+        for (at, label) in marks {
             let px = y.px(at);
             let _ = write!(
                 svg,
@@ -313,6 +354,7 @@ impl Plot {
                 px + 3.5
             );
         }
+        svg.push_str("</g>");
         let _ = write!(
             svg,
             "<path class=\"axis\" d=\"M{left} {top}V{bottom}H{right}\"/>\
@@ -330,29 +372,36 @@ impl Plot {
         let class = series.tone.class();
         let name = escape(&series.name);
         let inside = |p: &&[f64; 2]| p[0] >= x.low && p[0] <= x.high && p[1].is_finite();
-        if series.mark == Mark::Dots {
-            let step = series.points.len().div_ceil(MOST_DOTS).max(1);
-            let _ = write!(svg, "<path class=\"dots {class}\" data-name=\"{name}\" d=\"");
-            for p in series.points.iter().filter(inside).step_by(step) {
-                let _ = write!(svg, "M{:.1} {:.1}h0", x.px(p[0]), y.px(p[1]));
-            }
-            svg.push_str("\"/>");
-            return;
-        }
-        let dashed = if series.mark == Mark::Dashed { " dashed" } else { "" };
-        let _ = write!(svg, "<path class=\"line {class}{dashed}\" data-name=\"{name}\" d=\"");
         let to_px = |p: &[f64; 2]| [x.px(p[0]), y.px(p[1])];
-        for run in series.points.split(|p| !p.iter().all(|c| c.is_finite())) {
-            let run: Vec<[f64; 2]> = if self.equal {
-                merged(run.iter().map(to_px))
-            } else {
-                columns(run.iter().filter(inside).map(to_px))
-            };
-            for (i, [px, py]) in run.iter().enumerate() {
-                let _ = write!(svg, "{}{px:.1} {py:.1}", if i == 0 { "M" } else { "L" });
+        let mut pen = Pen::default();
+        let kind = match series.mark {
+            Mark::Dots => {
+                let step = series.points.len().div_ceil(MOST_DOTS).max(1);
+                for p in series.points.iter().filter(inside).step_by(step) {
+                    pen.dot(to_px(p));
+                }
+                "dots"
             }
-        }
-        svg.push_str("\"/>");
+            Mark::Line | Mark::Dashed => {
+                for run in series.points.split(|p| !p.iter().all(|c| c.is_finite())) {
+                    let run: Vec<[f64; 2]> = if self.equal {
+                        merged(run.iter().map(to_px))
+                    } else {
+                        columns(run.iter().filter(inside).map(to_px))
+                    };
+                    for (i, p) in run.into_iter().enumerate() {
+                        if i == 0 {
+                            pen.move_to(p);
+                        } else {
+                            pen.line_to(p);
+                        }
+                    }
+                }
+                if series.mark == Mark::Dashed { "line dashed" } else { "line" }
+            }
+        };
+        let data = pen.data();
+        let _ = write!(svg, "<path class=\"{kind} {class}\" data-name=\"{name}\" d=\"{data}\"/>");
     }
 
     fn draw_legend(&self, svg: &mut String, x: &Scale) {
@@ -384,78 +433,6 @@ fn widened([low, high]: [f64; 2], least: f64, margin_frac: f64) -> [f64; 2] {
     [middle - half, middle + half]
 }
 
-/// Round values between `low` and `high`, about `wanted` of them, with labels of equal precision.
-fn ticks(low: f64, high: f64, wanted: f64) -> Vec<(f64, String)> {
-    let raw = (high - low) / wanted.max(1.0);
-    let power = 10f64.powf(raw.log10().floor());
-    let step =
-        [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= raw * (1.0 - 1e-9));
-    let step = step.unwrap_or(10.0 * power);
-    let decimals = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
-    let first = (low / step - 1e-9).ceil();
-    let count = (high / step + 1e-9).floor() - first;
-    (0..=count.clamp(0.0, 100.0) as u32)
-        .map(|i| {
-            let value = (first + f64::from(i)) * step;
-            let value = if value.abs() < step * 1e-6 { 0.0 } else { value };
-            (value, format!("{value:.decimals$}").replace('-', "\u{2212}"))
-        })
-        .collect()
-}
-
-/// First, least, greatest and last point of every pixel column.
-fn columns(points: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
-    let mut out: Vec<[f64; 2]> = Vec::new();
-    let mut column: Vec<[f64; 2]> = Vec::new();
-    let mut flush = |column: &mut Vec<[f64; 2]>| {
-        if column.len() <= 4 {
-            out.append(column);
-            return;
-        }
-        let by_y = |a: &usize, b: &usize| column[*a][1].total_cmp(&column[*b][1]);
-        let mut keep = [
-            0,
-            (0..column.len()).min_by(by_y).unwrap_or(0),
-            (0..column.len()).max_by(by_y).unwrap_or(0),
-            column.len() - 1,
-        ];
-        keep.sort_unstable();
-        let mut last = usize::MAX;
-        for i in keep {
-            if i != last {
-                out.push(column[i]);
-                last = i;
-            }
-        }
-        column.clear();
-    };
-    for p in points {
-        if column.first().is_some_and(|first| first[0].floor() != p[0].floor()) {
-            flush(&mut column);
-        }
-        column.push(p);
-    }
-    flush(&mut column);
-    out
-}
-
-/// Points at least [`MERGE_PX`] apart, and the last one.
-fn merged(points: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
-    let mut out: Vec<[f64; 2]> = Vec::new();
-    let mut skipped = None;
-    for p in points {
-        let near = out.last().is_some_and(|l| (l[0] - p[0]).hypot(l[1] - p[1]) < MERGE_PX);
-        if near {
-            skipped = Some(p);
-        } else {
-            out.push(p);
-            skipped = None;
-        }
-    }
-    out.extend(skipped);
-    out
-}
-
 /// Text safe inside HTML and attributes.
 pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
@@ -474,27 +451,6 @@ pub fn escape(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn prop_ticks_are_round_and_inside() {
-        let check = |low, high, wanted, labels: &[&str]| {
-            let found: Vec<String> = ticks(low, high, wanted).into_iter().map(|t| t.1).collect();
-            assert_eq!(found, labels);
-        };
-        check(-0.3, 10.2, 5.0, &["0", "5", "10"]);
-        check(-0.01, 0.011, 4.0, &["\u{2212}0.01", "0.00", "0.01"]);
-        check(7.0, 8.4, 7.0, &["7.0", "7.2", "7.4", "7.6", "7.8", "8.0", "8.2", "8.4"]);
-    }
-
-    #[test]
-    fn prop_reduction_keeps_spikes_and_ends() {
-        let mut points: Vec<[f64; 2]> = (0..10_000).map(|i| [f64::from(i) * 0.01, 1.0]).collect();
-        points[5_005] = [50.05, 99.0];
-        let out = columns(points.iter().copied());
-        assert!(out.len() < 500, "{}", out.len());
-        assert!(out.contains(&[50.05, 99.0]));
-        assert_eq!((out[0], out[out.len() - 1]), (points[0], points[9_999]));
-    }
 
     #[test]
     fn prop_odd_input_draws_without_nan() {

@@ -20,10 +20,10 @@ use std::time::UNIX_EPOCH;
 
 use crate::config::stored;
 use crate::pilot::services::{
-    FileFault, FileName, FileTask, Folder, MOST_MISSION_BYTES, Plan, crc32,
+    FileFault, FileName, FileTask, Folder, Judgement, MOST_MISSION_BYTES, Plan, crc32,
 };
 
-pub use atomic::replace;
+pub use atomic::{replace, replace_private};
 
 /// Most mission files.
 const MOST_MISSIONS: usize = 200;
@@ -40,6 +40,13 @@ pub trait Programs: Send {
     fn built_in(&self, name: &str) -> Result<Vec<u8>, String>;
     /// The plan that the text of a mission file means; the error is for people.
     fn parse(&self, name: &str, text: &str) -> Result<Vec<u8>, String>;
+    /// Begins to judge the newest flight of a log, which this program flew, or says how far that is.
+    /// `None`: flights of this program are not judged. The error is for people.
+    fn judge(&self, _name: &str, _log: &Path) -> Option<Result<Judgement, String>> {
+        None
+    }
+    /// Ends that.
+    fn stop_judging(&self) {}
 }
 
 /// No programs.
@@ -133,6 +140,11 @@ impl Store {
             FileTask::EraseLogs => self.erase_logs(),
             FileTask::LoadProgram(name) if name.is_empty() => self.program_names(),
             FileTask::LoadProgram(name) => self.load_program(name),
+            FileTask::Judge(name) => self.judge(name),
+            FileTask::StopJudging => {
+                self.programs.stop_judging();
+                Ok(Vec::new())
+            }
         }
     }
 
@@ -252,6 +264,15 @@ impl Store {
         let files = files.iter().map(|(file, _)| file.name().to_owned());
         let names: Vec<String> = files.chain(self.programs.names()).collect();
         Ok(names.join("\n").into_bytes())
+    }
+
+    fn judge(&self, name: &str) -> Answer {
+        let Some(log) = &self.own_log else { return Err(fault(FileFault::Off)) };
+        match self.programs.judge(name, log) {
+            None => Err(fault(FileFault::NotFound)),
+            Some(Ok(judgement)) => Ok(judgement.encode()),
+            Some(Err(why)) => Err((FileFault::Failed, why.into_bytes())),
+        }
     }
 
     fn load_program(&self, name: &str) -> Answer {

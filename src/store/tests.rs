@@ -1,6 +1,6 @@
 //! The store on a real folder.
 
-use super::atomic::{Step, replace_with};
+use super::atomic::{PRIVATE, PUBLIC, Step, replace_with};
 use super::*;
 use crate::pilot::services::{FileName, Folder};
 
@@ -25,11 +25,88 @@ fn prop_a_cut_at_any_byte_leaves_old_or_new() {
         let cut = |step| {
             if step == at { Err(std::io::Error::other("power cut")) } else { Ok(()) }
         };
-        assert!(replace_with(&path, &new, cut).is_err());
+        assert!(replace_with(&path, &new, PUBLIC, cut).is_err());
         let found = fs::read(&path).unwrap();
         let wanted = if at == Step::SyncFolder { &new } else { &old };
         assert_eq!(&found, wanted, "cut at {at:?}");
     }
+}
+
+/// Each kept file as a power cut or a bad disk may leave it: cut behind any byte, any bit turned over, any
+/// leftover beside it. What is read is the old, the new, or nothing that is used and people are told.
+#[test]
+fn prop_no_cut_and_no_flipped_bit_is_taken_for_content() {
+    use crate::pilot::services::{decode_plan, encode_plan};
+    use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(folder.path());
+    let item = |seq| MISSION_ITEM_INT_DATA { seq, x: 10_000, z: -1.0, ..Default::default() };
+    let plans = [vec![item(0)], vec![item(0), item(1), item(2)]].map(|p| encode_plan(&p));
+    let state = folder.path().join("state");
+    fs::create_dir_all(&state).unwrap();
+    let path = state.join("mission.plan");
+    let load = || decode_plan(&store.work(&FileTask::LoadPlan(Plan::Mission)).unwrap());
+    let [old, new] = plans.clone().map(|bytes| decode_plan(&bytes).unwrap());
+    // A cut while the new one is written: it lies beside, in any length.
+    fs::write(&path, &plans[0]).unwrap();
+    for end in 0..=plans[1].len() {
+        fs::write(state.join("mission.plan.new"), &plans[1][..end]).unwrap();
+        assert_eq!(load().as_ref(), Ok(&old), "{end} bytes of the new one");
+    }
+    assert!(store.work(&FileTask::SavePlan(Plan::Mission, plans[1].clone())).is_ok());
+    assert_eq!(load().as_ref(), Ok(&new), "over the leftover");
+    assert!(!state.join("mission.plan.new").exists());
+    // A disk that broke its word: nothing that is not whole is taken.
+    for end in 1..plans[1].len() {
+        fs::write(&path, &plans[1][..end]).unwrap();
+        assert!(load().is_err(), "cut behind byte {end}");
+    }
+    for bit in 0..8 * plans[1].len() {
+        let mut bytes = plans[1].clone();
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        fs::write(&path, &bytes).unwrap();
+        assert!(load().is_err(), "bit {bit}");
+    }
+    // Parameters: the same, and the next value that is set begins them anew.
+    let keep = |value| store.work(&FileTask::KeepParameter { name: "FLT_TKO_HGT", value });
+    let path = stored::path(&state);
+    assert!(keep(1.25).is_ok());
+    let whole = fs::read(&path).unwrap();
+    let values =
+        |bytes: &[u8]| std::str::from_utf8(bytes).ok().and_then(|t| stored::from_text(t).ok());
+    let wanted = values(&whole).unwrap();
+    for end in 0..whole.len() {
+        assert_eq!(values(&whole[..end]), None, "cut behind byte {end}");
+    }
+    for bit in 0..8 * whole.len() {
+        let mut bytes = whole.clone();
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        // The letters of a checksum mean the same in either case.
+        assert!(values(&bytes).is_none_or(|found| found == wanted), "bit {bit}");
+    }
+    fs::write(&path, &whole[..whole.len() / 2]).unwrap();
+    assert!(keep(1.5).is_ok());
+    assert_eq!(values(&fs::read(&path).unwrap()).unwrap()["FLT_TKO_HGT"], 1.5);
+}
+
+/// Not even for a moment, and not through a leftover that somebody else made readable.
+#[test]
+fn prop_what_is_private_is_private_from_the_first_byte() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("key");
+    fs::write(folder.path().join("key.new"), "left over").unwrap();
+    let modes = std::cell::RefCell::new(Vec::new());
+    let mode_of = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
+    replace_with(&path, b"secret", PRIVATE, |step| {
+        if !matches!(step, Step::SyncFolder) {
+            modes.borrow_mut().push(mode_of(&folder.path().join("key.new")));
+        }
+        Ok(())
+    })
+    .unwrap();
+    modes.borrow_mut().push(mode_of(&path));
+    assert!(modes.borrow().len() > 6 && modes.borrow().iter().all(|mode| *mode == 0o600));
 }
 
 #[test]

@@ -17,7 +17,8 @@ use anyhow::{Context, Result, bail};
 use haltere::ctl::{GroundStation, Mode};
 
 use self::plan::Plan;
-use self::processes::Processes;
+
+pub use self::processes::{Processes, free_port};
 
 /// `haltere-sim demo`
 #[derive(Debug, Clone, clap::Args)]
@@ -202,7 +203,7 @@ impl<'a> Progress<'a> {
 }
 
 /// The log of this flight: names are times, so the greatest is the newest.
-fn newest_log(directory: &Path) -> Result<PathBuf> {
+pub fn newest_log(directory: &Path) -> Result<PathBuf> {
     let entries = std::fs::read_dir(directory)
         .with_context(|| format!("the companion left no log in {}", directory.display()))?;
     entries

@@ -38,6 +38,11 @@ pub struct Processes {
 impl Processes {
     /// Writes configuration and anchors, starts both.
     pub fn start(options: &Options) -> Result<Self> {
+        Self::start_with(options, &[])
+    }
+
+    /// The same with more ground endpoints than the one for our own station.
+    pub fn start_with(options: &Options, more_endpoints: &[String]) -> Result<Self> {
         let stop = Stop::on_signals()?;
         let folder = std::path::absolute(&options.output).context("--output")?;
         let program = std::env::current_exe().context("this program's own path")?;
@@ -70,13 +75,16 @@ impl Processes {
         };
         let ground_port = free_port()?;
         let gear_m = Vehicle::default().body.gear_m;
+        let endpoints: Vec<String> = std::iter::once(format!("udpout:127.0.0.1:{ground_port}"))
+            .chain(more_endpoints.iter().cloned())
+            .collect();
         let mut config = String::new();
         let _ = write!(
             config,
             "# Written by `haltere-sim demo`.\n\
              [tag]\nport = \"{}\"\nprotocol = \"{}\"\n\n\
              [board]\naddress = \"{}\"\nnorth_offset_deg = {:?}\n\n\
-             [ground]\nendpoints = [\"udpout:127.0.0.1:{ground_port}\"]\n\n\
+             [ground]\nendpoints = {endpoints:?}\n\n\
              [anchors]\nfile = \"anchors.toml\"\n\n\
              # The vehicle stands on the floor at the height of its gear: near the floor ranging\n\
              # alone tells height badly.\n\
@@ -117,6 +125,15 @@ impl Processes {
             log_directory,
             companion_output,
         })
+    }
+
+    /// Resident memory of the companion, bytes.
+    pub fn companion_memory_B(&self) -> Result<u64> {
+        let name = format!("/proc/{}/status", self.companion.id());
+        let text = std::fs::read_to_string(&name).with_context(|| name.clone())?;
+        let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+        let kb = line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok());
+        kb.map(|kb| kb * 1024).with_context(|| format!("{name} does not tell VmRSS"))
     }
 
     /// Whether the user wants the demo to end.
@@ -210,7 +227,7 @@ fn greeting(endpoint: &mut Child) -> Result<serde_json::Value> {
 }
 
 /// A port that was free a moment ago.
-fn free_port() -> Result<u16> {
+pub fn free_port() -> Result<u16> {
     let socket = UdpSocket::bind("127.0.0.1:0").context("no free UDP port")?;
     Ok(socket.local_addr().context("no free UDP port")?.port())
 }

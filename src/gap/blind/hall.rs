@@ -173,6 +173,9 @@ pub(in crate::gap) fn statistics<'a>(
         .par_iter()
         .filter_map(|path| {
             let flown = logs::read(path).ok()?;
+            if !flown.trace.came_as_far_as(workshop.scene.until_s) {
+                return None;
+            }
             let seen = observed(flown, &workshop.nominal);
             seen.observation.ok().map(|o| o.statistics)
         })

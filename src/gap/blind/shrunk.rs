@@ -1,4 +1,5 @@
 //! Shrink over the suite: what was named, the true effect, and retuned constants, on held-out flights.
+//! The model flies whole missions: a flight, diagnosed or held out, that ended early has no part in it.
 
 use std::path::Path;
 

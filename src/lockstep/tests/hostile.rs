@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::lockstep::fly;
+use crate::model::board::Firmware;
 use crate::pilot::{Input, LinkId, Pilot};
 use crate::time::HostTime;
 
@@ -51,10 +51,14 @@ struct Recorded {
     ground: Vec<u8>,
 }
 
-fn recorded() -> Recorded {
+fn recorded(firmware: Firmware) -> Recorded {
     let heard = Arc::new(Mutex::new((Vec::new(), Vec::new())));
     let into = heard.clone();
-    let mut world = world(41).with_damage(Box::new(move |_, link, bytes| {
+    let mut plant = PlantConfig::hall(41);
+    plant.board.firmware = firmware;
+    let (pilot, survey) = (pilot_config(&plant), plant.survey.clone());
+    let world = Lockstep::new(plant, pilot, &survey).unwrap();
+    let world = world.with_damage(Box::new(move |_, link, bytes| {
         let mut heard = into.lock().unwrap();
         match link {
             LinkId::Tag => heard.0.extend_from_slice(bytes),
@@ -62,8 +66,10 @@ fn recorded() -> Recorded {
             LinkId::Ground(_) => {}
         }
     }));
-    let flight = fly(&mut world, &square(), 60.0).unwrap();
-    assert!(flight.landed);
+    let (mut world, mut ground) = hovering(world);
+    fly_for(&mut world, 15.0);
+    ground.command(&mut world, MavCmd::MAV_CMD_NAV_LAND, [0.0; 7]);
+    until(&mut world, Mode::Disarmed, 20.0);
     let (tag, board) = heard.lock().unwrap().clone();
     // What a client could say: commands of all kinds with all kinds of numbers.
     let mut ground = Vec::new();
@@ -260,8 +266,10 @@ fn ordeal(seed: u64, recorded: &Recorded) -> (usize, usize) {
 #[test]
 fn prop_no_history_of_inputs_panics_or_floods() {
     use rayon::prelude::*;
-    let recorded = recorded();
-    let results: Vec<_> = (0..48u64).into_par_iter().map(|seed| ordeal(seed, &recorded)).collect();
+    let firmwares = [Firmware::Generic, Firmware::Px4, Firmware::Ardupilot];
+    let recorded = firmwares.map(recorded);
+    let of = |seed: u64| &recorded[(seed % 3) as usize];
+    let results: Vec<_> = (0..72u64).into_par_iter().map(|seed| ordeal(seed, of(seed))).collect();
     let burst = results.iter().map(|(_, burst)| *burst).max().unwrap();
     let sent = results.iter().map(|(sent, _)| *sent).max().unwrap();
     println!("most sent {sent} bytes, largest burst {burst} bytes");

@@ -1,10 +1,14 @@
 //! Whole flights in lockstep: what they share, and one file per kind of question.
 
+mod boards;
+mod boards_in_flight;
 mod determinism;
 mod faults;
 mod ground;
 mod hostile;
+mod hover;
 mod landing;
+mod news;
 mod programs;
 mod services;
 

@@ -9,7 +9,7 @@ use haltere_dialect::mav_stream::MavHeader;
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::model::board::streams::{COMPONENT, Kind};
-use crate::model::board::{Board, BoardRequests};
+use crate::model::board::{Board, BoardRequests, Firmware};
 use crate::model::effects::{Bank, Cargo, Delivery, Setpoint, State};
 use crate::model::faults::Fault;
 
@@ -64,11 +64,20 @@ impl Board {
             MavMessage::SET_ATTITUDE_TARGET(m)
                 if self.is_for_us(m.target_system, m.target_component) =>
             {
-                self.take_setpoint(&m, s, bank);
+                self.take_setpoint(t_us, &m, s, bank);
             }
             MavMessage::COMMAND_LONG(m) if self.is_for_us(m.target_system, m.target_component) => {
                 let result = self.command(t_us, &m, s, out, requests);
                 self.acknowledge(m.command, result, from, out);
+            }
+            MavMessage::HEARTBEAT(_) => self.hears_heartbeat(t_us, from.system_id),
+            MavMessage::PARAM_REQUEST_READ(m)
+                if self.is_for_us(m.target_system, m.target_component) =>
+            {
+                self.tell_parameter(name_in(&*m.param_id), out);
+            }
+            MavMessage::PARAM_SET(m) if self.is_for_us(m.target_system, m.target_component) => {
+                self.set_parameter(name_in(&*m.param_id), m.param_value, out);
             }
             MavMessage::TIMESYNC(m) if m.tc1 == 0 => {
                 let now_ns = self.time_us(t_us).cast_signed().saturating_mul(1000);
@@ -88,13 +97,23 @@ impl Board {
         (system == 0 || system == self.settings.system_id) && (component <= COMPONENT)
     }
 
-    fn take_setpoint(&mut self, m: &SET_ATTITUDE_TARGET_DATA, s: &State, bank: &mut Bank) {
+    fn take_setpoint(
+        &mut self,
+        t_us: u64,
+        m: &SET_ATTITUDE_TARGET_DATA,
+        s: &State,
+        bank: &mut Bank,
+    ) {
         let ignored = AttitudeTargetTypemask::ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
             | AttitudeTargetTypemask::ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE
             | AttitudeTargetTypemask::ATTITUDE_TARGET_TYPEMASK_THRUST_BODY_SET;
         let [w, x, y, z] = m.q;
         let length = (w * w + x * x + y * y + z * z).sqrt();
-        let good = (length - 1.0).abs() < LENGTH_TOLERANCE && (0.0..=1.0).contains(&m.thrust);
+        let mut good = (length - 1.0).abs() < LENGTH_TOLERANCE && (0.0..=1.0).contains(&m.thrust);
+        if self.settings.firmware != Firmware::Generic {
+            let t_s = self.time_us(t_us) as f64 * 1e-6;
+            good &= self.real_takes(m, length, t_s);
+        }
         if !good || m.type_mask.intersects(ignored) {
             self.losses += 1;
             return;
@@ -120,6 +139,11 @@ impl Board {
     ) -> MavResult {
         match m.command {
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM if m.param1 == 1.0 => self.arm(t_us, s, out),
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
+                if m.param1 == 0.0 && self.settings.firmware != Firmware::Generic =>
+            {
+                self.real_disarm(m.param2 == FORCE)
+            }
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM if m.param1 == 0.0 => {
                 let idle = self.output.flap_frac.iter().all(|f| *f < IDLE_THRUST_FRAC);
                 let landed = s.on_ground && idle;
@@ -130,6 +154,10 @@ impl Board {
                 MavResult::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => self.set_interval(m.param1, m.param2),
+            MavCmd::MAV_CMD_DO_SET_MODE if self.knows(m.command) => self.set_mode(m, t_us),
+            MavCmd::MAV_CMD_REQUEST_MESSAGE if self.knows(m.command) => {
+                self.request_message(m.param1, out)
+            }
             MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN if m.param1 == 1.0 => {
                 if self.armed {
                     return MavResult::MAV_RESULT_DENIED;
@@ -177,13 +205,22 @@ impl Board {
             self.send_message(&text, out);
             return MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
         }
+        if self.settings.firmware != Firmware::Generic {
+            return self.real_arm(t_us);
+        }
         self.armed = true;
         self.setpoint = None;
         MavResult::MAV_RESULT_ACCEPTED
     }
 
     fn set_interval(&mut self, id: f32, interval_us: f32) -> MavResult {
-        let kind = whole(id).and_then(Kind::from_id);
+        let number = whole(id);
+        if let Some(id) = number
+            && let Some(refusal) = self.interval_refusal(id, f64::from(interval_us))
+        {
+            return refusal;
+        }
+        let kind = number.and_then(|id| Kind::of(self.settings.firmware, id));
         let Some(kind) = kind.filter(|k| *k != Kind::MotionCapture || self.settings.motion_capture)
         else {
             return MavResult::MAV_RESULT_DENIED;
@@ -192,7 +229,8 @@ impl Board {
         if !interval_us.is_finite() || (interval_us > 0.0 && interval_us < SHORTEST_INTERVAL_US) {
             return MavResult::MAV_RESULT_DENIED;
         }
-        self.streams.set(kind, f64::from(interval_us.max(0.0)));
+        let every = f64::from(self.settings.manners.decimation);
+        self.streams.set(kind, every * f64::from(interval_us.max(0.0)));
         MavResult::MAV_RESULT_ACCEPTED
     }
 
@@ -213,6 +251,11 @@ impl Board {
         });
         self.send_message(&ack, out);
     }
+}
+
+/// A name in a field: up to the first zero.
+fn name_in(field: &[u8]) -> &[u8] {
+    field.split(|c| *c == 0).next().unwrap_or_default()
 }
 
 /// The fault that the command names.

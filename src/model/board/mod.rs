@@ -1,12 +1,22 @@
-//! The inner-loop board: attitude and rate loops at 500 Hz, MAVLink on its serial port, the `generic`
-//! profile of INTERFACES.md section 2.
+//! The inner-loop board: attitude and rate loops at 500 Hz, MAVLink on its serial port, playing the
+//! `generic` profile of INTERFACES.md section 2 or one of the two real firmwares, kindly or not.
 
+mod ardupilot;
 mod commands;
+mod firmware;
+mod line;
 mod loops;
+mod parameters;
+mod persona;
+mod px4;
 mod streams;
+mod ways;
 
+pub use firmware::{Firmware, Manners, Overrides};
+pub use line::SlowLine;
 pub use loops::Loops;
 
+use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream::MavSplitter;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -17,10 +27,19 @@ use crate::model::faults::Fault;
 use crate::model::vehicle::Vehicle;
 use crate::model::wings::ActuatorCommand;
 
+use parameters::Parameters;
+use persona::Persona;
+
 /// Settings of the board.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BoardSettings {
+    /// What it plays.
+    pub firmware: Firmware,
+    /// Unkind manners; they are of the real firmwares, except the speed of the line.
+    pub manners: Manners,
+    /// Parameters that are not the firmware's.
+    pub parameters: Overrides,
     /// MAVLink system id.
     pub system_id: u8,
     /// Time since its boot when the simulation starts, µs.
@@ -59,6 +78,9 @@ pub struct BoardSettings {
 impl Default for BoardSettings {
     fn default() -> Self {
         Self {
+            firmware: Firmware::Generic,
+            manners: Manners::default(),
+            parameters: Overrides::new(),
             system_id: 1,
             boot_us: 4_321_000,
             clock_ppm: 12.0,
@@ -104,6 +126,8 @@ impl BoardSettings {
         range("arming_tilt_deg", self.arming_tilt_deg, 5.0, 90.0, "deg");
         range("arming_delay_s", self.arming_delay_s, 0.0, 120.0, "s");
         range("arming_supply_v", self.arming_supply_v, 0.0, 30.0, "V");
+        self.manners.check(&format!("{key}.manners"), problems);
+        Parameters::check(&self.parameters, &format!("{key}.parameters"), problems);
     }
 }
 
@@ -138,12 +162,30 @@ pub struct Board {
     losses: u64,
     /// Plant time of its last reboot, µs.
     rebooted_us: Option<u64>,
+    persona: Persona,
+    parameters: Parameters,
+    /// What it has to say at the next opportunity.
+    says: Vec<MavMessage>,
+    /// What its ATTITUDE_TARGET tells.
+    told: Setpoint,
+    echoes: u32,
+    line: Option<SlowLine>,
 }
 
 impl Board {
     /// A board that knows `vehicle` as its maker did.
-    pub fn new(settings: BoardSettings, vehicle: &Vehicle) -> Self {
-        Self {
+    pub fn new(mut settings: BoardSettings, vehicle: &Vehicle) -> Self {
+        let parameters = Parameters::new(settings.firmware, &settings.parameters);
+        if settings.firmware == Firmware::Ardupilot {
+            settings.spool_up_s = parameters.get("MOT_SPOOL_TIME");
+        }
+        let mut board = Self {
+            persona: Persona::new(&settings, &parameters),
+            parameters,
+            says: Vec::new(),
+            told: Setpoint { q: UnitQuaternion::identity(), thrust_frac: 0.0 },
+            echoes: 0,
+            line: SlowLine::new(settings.manners.baud),
             loops: Loops::new(&settings, vehicle),
             splitter: MavSplitter::new(),
             streams: streams::Streams::default(),
@@ -162,7 +204,9 @@ impl Board {
             losses: 0,
             rebooted_us: None,
             settings,
-        }
+        };
+        board.stream_defaults();
+        board
     }
 
     /// Whether motors may run.
@@ -206,6 +250,10 @@ impl Board {
         self.splitter = MavSplitter::new();
         self.sequence = 0;
         self.rebooted_us = Some(t_us);
+        // Parameters are kept; whatever acts after a reboot acts now.
+        self.persona = Persona::new(&self.settings, &self.parameters);
+        self.says.clear();
+        self.stream_defaults();
     }
 
     /// Takes the errors of its attitude estimate, 50 times a second.
@@ -219,7 +267,10 @@ impl Board {
     #[inline]
     pub fn control(&mut self, s: &State, bank: &mut Bank) -> ActuatorCommand {
         self.believed = self.north * s.q_EB * self.lean;
-        let target = self.target();
+        let target = match self.persona {
+            Persona::Generic => self.target(),
+            _ => self.real_target(s),
+        };
         self.output = match target {
             Some(mut target) => {
                 bank.setpoint(s, &mut target);

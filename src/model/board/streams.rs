@@ -1,13 +1,15 @@
 //! What the board sends: messages at the intervals that were asked for.
 
 use haltere_dialect::mav::haltere::{
-    ATT_POS_MOCAP_DATA, ATTITUDE_QUATERNION_DATA, BATTERY_STATUS_DATA, HEARTBEAT_DATA,
-    HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavAutopilot, MavBatteryFunction, MavBatteryType,
-    MavMessage, MavModeFlag, MavState, MavType, SERVO_OUTPUT_RAW_DATA,
+    ATT_POS_MOCAP_DATA, ATTITUDE_QUATERNION_DATA, ATTITUDE_TARGET_DATA, BATTERY_STATUS_DATA,
+    HEARTBEAT_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavAutopilot, MavBatteryFunction,
+    MavBatteryType, MavMessage, MavModeFlag, MavState, MavType, RAW_IMU_DATA, SCALED_IMU_DATA,
+    SERVO_OUTPUT_RAW_DATA,
 };
 use haltere_dialect::mav_stream;
 
-use crate::model::board::{Board, Readings};
+use crate::frames::G_MPS2;
+use crate::model::board::{Board, Firmware, Readings};
 use crate::model::effects::STEP_S;
 
 /// MAVLink component of the board.
@@ -29,20 +31,39 @@ pub(super) enum Kind {
     Battery,
     Servos,
     MotionCapture,
+    Target,
+    RawImu,
+    ScaledImu,
+    /// Beside the one of 1 Hz, which goes on.
+    Heartbeat,
 }
 
-const KINDS: [Kind; 5] =
-    [Kind::Imu, Kind::Attitude, Kind::Battery, Kind::Servos, Kind::MotionCapture];
+const KINDS: [Kind; 9] = [
+    Kind::Imu,
+    Kind::Attitude,
+    Kind::Battery,
+    Kind::Servos,
+    Kind::MotionCapture,
+    Kind::Target,
+    Kind::RawImu,
+    Kind::ScaledImu,
+    Kind::Heartbeat,
+];
 
 impl Kind {
-    /// By message id.
-    pub(super) fn from_id(id: u32) -> Option<Self> {
+    /// By message id; what the generic board does not have is of the real ones.
+    pub(super) fn of(firmware: Firmware, id: u32) -> Option<Self> {
+        let real = firmware != Firmware::Generic;
         match id {
             105 => Some(Kind::Imu),
             31 => Some(Kind::Attitude),
             147 => Some(Kind::Battery),
             36 => Some(Kind::Servos),
             138 => Some(Kind::MotionCapture),
+            83 if real => Some(Kind::Target),
+            27 if real => Some(Kind::RawImu),
+            26 if real => Some(Kind::ScaledImu),
+            0 if real => Some(Kind::Heartbeat),
             _ => None,
         }
     }
@@ -61,7 +82,7 @@ impl Streams {
     /// Sets an interval, µs; 0 or less: off.
     pub(super) fn set(&mut self, kind: Kind, interval_us: f64) {
         let mut steps = (interval_us * 1e-6 / STEP_S).round().clamp(0.0, 1e6) as u32;
-        if kind == Kind::Imu {
+        if matches!(kind, Kind::Imu | Kind::RawImu | Kind::ScaledImu) {
             // The IMU is read at every second step: intervals are whole multiples of that.
             steps = (steps / 2) * 2;
             if steps == 0 && interval_us > 0.0 {
@@ -77,16 +98,20 @@ impl Board {
     pub fn send(&mut self, r: &Readings<'_>, imu_step: bool, out: &mut Vec<u8>) {
         if self.streams.heartbeat_in == 0 {
             self.streams.heartbeat_in = HEARTBEAT_STEPS;
-            self.send_message(&self.heartbeat(), out);
+            self.post(r.t_us, &self.heartbeat(r.t_us), out);
         }
         self.streams.heartbeat_in -= 1;
+        for message in std::mem::take(&mut self.says) {
+            self.post(r.t_us, &message, out);
+        }
         for kind in KINDS {
             let (period, wait) = &mut self.streams.every[kind as usize];
             if *period == 0 {
                 continue;
             }
             *wait = wait.saturating_sub(1);
-            if *wait > 0 || (kind == Kind::Imu && !imu_step) {
+            let of_imu = matches!(kind, Kind::Imu | Kind::RawImu | Kind::ScaledImu);
+            if *wait > 0 || (of_imu && !imu_step) {
                 continue;
             }
             *wait = *period;
@@ -96,9 +121,33 @@ impl Board {
                 Kind::Battery => battery(r),
                 Kind::Servos => self.servos(r),
                 Kind::MotionCapture => self.motion_capture(r),
+                Kind::Target => self.attitude_target(r),
+                Kind::RawImu => self.raw_imu(r),
+                Kind::ScaledImu => self.scaled_imu(r),
+                Kind::Heartbeat => self.heartbeat(r.t_us),
             };
-            self.send_message(&message, out);
+            self.post(r.t_us, &message, out);
         }
+    }
+
+    /// Sends what its line has room for.
+    fn post(&mut self, t_us: u64, message: &MavMessage, out: &mut Vec<u8>) {
+        let start = out.len();
+        self.send_message(message, out);
+        let bytes = out.len() - start;
+        if let Some(line) = &mut self.line
+            && !line.takes(t_us as f64 * 1e-6, bytes)
+        {
+            out.truncate(start);
+            self.sequence = self.sequence.wrapping_sub(1);
+        }
+    }
+
+    /// Answers are not left out: what waits before them on the line, and they themselves, take so long, s.
+    pub fn line_delay_s(&mut self, t_us: u64, answer_B: usize) -> f64 {
+        let Some(line) = &mut self.line else { return 0.0 };
+        line.takes(t_us as f64 * 1e-6, answer_B);
+        line.delay_s()
     }
 
     pub(super) fn send_message(&mut self, message: &MavMessage, out: &mut Vec<u8>) {
@@ -106,7 +155,10 @@ impl Board {
         self.sequence = self.sequence.wrapping_add(1);
     }
 
-    fn heartbeat(&self) -> MavMessage {
+    fn heartbeat(&self, t_us: u64) -> MavMessage {
+        if let Some(beat) = self.real_heartbeat(t_us) {
+            return MavMessage::HEARTBEAT(beat);
+        }
         let mut base_mode = MavModeFlag::MAV_MODE_FLAG_STABILIZE_ENABLED
             | MavModeFlag::MAV_MODE_FLAG_GUIDED_ENABLED;
         if self.armed {
@@ -160,6 +212,53 @@ impl Board {
             abs_pressure: (r.imu.pressure_pa * 0.01) as f32, // hPa on the wire
             fields_updated,
             ..HIGHRES_IMU_DATA::DEFAULT
+        })
+    }
+
+    /// Specific force in milli-g and rates in mrad/s, cut to whole numbers.
+    fn integers(r: &Readings<'_>) -> ([i16; 3], [i16; 3]) {
+        // The casts saturate.
+        let whole = |v: f64| v.round() as i16;
+        let a = r.imu.acc_B_mps2 * (1e3 / G_MPS2);
+        let w = r.imu.rate_B_radps * 1e3;
+        ([whole(a.x), whole(a.y), whole(a.z)], [whole(w.x), whole(w.y), whole(w.z)])
+    }
+
+    fn raw_imu(&self, r: &Readings<'_>) -> MavMessage {
+        let ([xacc, yacc, zacc], [xgyro, ygyro, zgyro]) = Self::integers(r);
+        MavMessage::RAW_IMU(RAW_IMU_DATA {
+            time_usec: self.time_us(r.t_us),
+            xacc,
+            yacc,
+            zacc,
+            xgyro,
+            ygyro,
+            zgyro,
+            ..RAW_IMU_DATA::DEFAULT
+        })
+    }
+
+    fn scaled_imu(&self, r: &Readings<'_>) -> MavMessage {
+        let ([xacc, yacc, zacc], [xgyro, ygyro, zgyro]) = Self::integers(r);
+        MavMessage::SCALED_IMU(SCALED_IMU_DATA {
+            time_boot_ms: (self.time_us(r.t_us) / 1000) as u32,
+            xacc,
+            yacc,
+            zacc,
+            xgyro,
+            ygyro,
+            zgyro,
+            ..SCALED_IMU_DATA::DEFAULT
+        })
+    }
+
+    fn attitude_target(&self, r: &Readings<'_>) -> MavMessage {
+        let q = self.told.q;
+        MavMessage::ATTITUDE_TARGET(ATTITUDE_TARGET_DATA {
+            time_boot_ms: (self.time_us(r.t_us) / 1000) as u32,
+            q: [q.w, q.i, q.j, q.k].map(|c| c as f32),
+            thrust: self.told.thrust_frac as f32,
+            ..ATTITUDE_TARGET_DATA::DEFAULT
         })
     }
 

@@ -10,15 +10,15 @@ use haltere_dialect::mav::haltere::{MavFtpErr, MavFtpOpcode, MavMessage};
 
 use crate::time::HostTime;
 
+use super::super::endpoint::Identity;
 use super::super::mission_transfer::Client;
 use super::super::{LinkId, OWN, Pilot};
 use super::Purpose;
 use super::crc32::crc32;
 use super::files::{FileFault, FileName, FileTask, Folder, MOST_MISSION_BYTES};
-use super::ftp_path::{LOGS, MISSIONS, Place, place};
+use super::ftp_path::{LOGS, MISSIONS, Made, Place, place};
 use super::ftp_stream::{Content, Session};
 use super::ftp_wire::{MOST_DATA, Packet};
-use super::metadata::{GENERAL_PATH, PARAMETER_PATH};
 
 /// Sessions at once.
 pub(super) const MOST_SESSIONS: usize = 6;
@@ -55,18 +55,35 @@ pub(in super::super) struct Ftp {
 }
 
 impl Ftp {
-    pub(super) fn session(&mut self, number: u8, client: Client) -> Option<&mut Session> {
-        self.sessions
-            .get_mut(usize::from(number))?
-            .as_mut()
-            .filter(|session| session.client == client)
+    /// The place of a client's session.
+    pub(super) fn place_of(&self, id: u8, client: Client) -> Option<usize> {
+        let is_it = |s: &Session| s.id == id && s.client == client;
+        self.sessions.iter().position(|slot| slot.as_ref().is_some_and(is_it))
     }
 
-    fn open(&mut self, client: Client, size: u64, content: Content, at: HostTime) -> Option<u8> {
-        let number = self.sessions.iter().position(Option::is_none)?;
+    pub(super) fn session(&mut self, id: u8, client: Client) -> Option<&mut Session> {
+        let place = self.place_of(id, client)?;
+        self.sessions.get_mut(place)?.as_mut()
+    }
+
+    /// Opens a session, under the id that the client wants if it has none of that id yet: MAVProxy
+    /// chooses and listens to no other; the rest take what they are given.
+    fn open(
+        &mut self,
+        client: Client,
+        wanted: u8,
+        size: u64,
+        content: Content,
+        at: HostTime,
+    ) -> Option<u8> {
+        let place = self.sessions.iter().position(Option::is_none)?;
+        let id = std::iter::once(wanted)
+            .chain(0..=u8::MAX)
+            .find(|id| self.place_of(*id, client).is_none())?;
         self.next_serial = self.next_serial.wrapping_add(1);
         let session = Session {
             client,
+            id,
             serial: self.next_serial,
             size,
             content,
@@ -74,8 +91,8 @@ impl Ftp {
             waiting: Vec::new(),
             used_at: at,
         };
-        *self.sessions.get_mut(number)? = Some(session);
-        Some(number as u8)
+        *self.sessions.get_mut(place)? = Some(session);
+        Some(id)
     }
 
     fn remember(&mut self, client: Client, seq: u16, crc: u32) {
@@ -197,15 +214,11 @@ impl Pilot {
             }
             LIST => match request.path().and_then(place) {
                 Some(Place::Root) => {
-                    let metadata = &self.services.metadata;
-                    let size = |bytes: &[u8]| Some(bytes.len() as u64);
-                    let all = [
-                        entry('D', LOGS, None),
-                        entry('D', MISSIONS, None),
-                        entry('F', GENERAL_PATH, size(&metadata.general)),
-                        entry('F', PARAMETER_PATH, size(&metadata.parameters)),
-                    ];
-                    Some(match page(all.into_iter(), request.offset) {
+                    let files = self.services.metadata.files();
+                    let files =
+                        files.map(|(name, bytes)| entry('F', name, Some(bytes.len() as u64)));
+                    let folders = [LOGS, MISSIONS].map(|name| entry('D', name, None));
+                    Some(match page(folders.into_iter().chain(files), request.offset) {
                         Some(data) => request.ack(data),
                         None => request.nak(E::MAV_FTP_ERR_EOF),
                     })
@@ -217,10 +230,8 @@ impl Pilot {
                 _ => not_found(),
             },
             OPEN_RO => {
-                let metadata = &self.services.metadata;
                 let bytes = match request.path().and_then(place) {
-                    Some(Place::General) => metadata.general.clone(),
-                    Some(Place::Parameters) => metadata.parameters.clone(),
+                    Some(Place::Made(made)) => self.made_file(client, made),
                     Some(Place::File(file)) => {
                         let job = Job::Open(client, request.clone(), file.clone());
                         return self.ftp_ask(at, FileTask::Size(file), job, &request);
@@ -270,10 +281,8 @@ impl Pilot {
                 None => not_found(),
             },
             CRC => {
-                let metadata = &self.services.metadata;
                 let crc = match request.path().and_then(place) {
-                    Some(Place::General) => crc32(&metadata.general, 0),
-                    Some(Place::Parameters) => crc32(&metadata.parameters, 0),
+                    Some(Place::Made(made)) => crc32(&self.made_file(client, made), 0),
                     Some(Place::File(file)) => {
                         let job = Job::Checksum(client, request.clone());
                         return self.ftp_ask(at, FileTask::Checksum(file), job, &request);
@@ -289,6 +298,20 @@ impl Pilot {
         }
     }
 
+    /// A file that lies on no disk, as this client sees it.
+    fn made_file(&self, client: Client, made: Made) -> Vec<u8> {
+        let metadata = &self.services.metadata;
+        match made {
+            Made::General => metadata.general.clone(),
+            Made::Parameters => metadata.parameters.clone(),
+            Made::Events => metadata.events.clone(),
+            Made::Packed(query) => {
+                let px4 = self.endpoint_on(client.link).identity == Identity::Px4;
+                self.services.parameters.packed(px4, query)
+            }
+        }
+    }
+
     fn ftp_open(
         &mut self,
         at: HostTime,
@@ -301,10 +324,10 @@ impl Pilot {
         let Ok(wire_size) = u32::try_from(size) else {
             return request.nak(MavFtpErr::MAV_FTP_ERR_FAIL);
         };
-        match self.services.ftp.open(client, size, content, at) {
-            Some(number) => {
+        match self.services.ftp.open(client, request.session, size, content, at) {
+            Some(id) => {
                 let mut answer = request.ack(wire_size.to_le_bytes().to_vec());
-                answer.session = number;
+                answer.session = id;
                 answer
             }
             None => request.nak(MavFtpErr::MAV_FTP_ERR_NOSESSIONSAVAILABLE),
@@ -313,10 +336,10 @@ impl Pilot {
 
     /// Ends a session; a file that was written goes to the disk.
     fn ftp_end(&mut self, at: HostTime, client: Client, request: Packet) -> Option<Packet> {
-        if self.services.ftp.session(request.session, client).is_none() {
+        let Some(place) = self.services.ftp.place_of(request.session, client) else {
             return Some(request.nak(MavFtpErr::MAV_FTP_ERR_INVALIDSESSION));
-        }
-        let slot = self.services.ftp.sessions.get_mut(usize::from(request.session));
+        };
+        let slot = self.services.ftp.sessions.get_mut(place);
         match slot.and_then(Option::take).map(|session| session.content) {
             Some(Content::Upload { file, bytes }) => {
                 let job = Job::Store(client, request.clone());

@@ -45,6 +45,8 @@ pub(in super::super) struct Burst {
 #[derive(Debug)]
 pub(in super::super) struct Session {
     pub(super) client: Client,
+    /// By which the client names it.
+    pub(super) id: u8,
     /// Not used twice: answers for an older session of the same number do not fit.
     pub(super) serial: u32,
     pub(super) size: u64,
@@ -62,8 +64,9 @@ impl Pilot {
         client: Client,
         request: Packet,
     ) -> Option<Packet> {
-        let number = usize::from(request.session);
-        let Some(session) = self.services.ftp.session(request.session, client) else {
+        let ftp = &mut self.services.ftp;
+        let number = ftp.place_of(request.session, client);
+        let (Some(number), Some(session)) = (number, ftp.session(request.session, client)) else {
             return Some(request.nak(MavFtpErr::MAV_FTP_ERR_INVALIDSESSION));
         };
         session.used_at = at;

@@ -14,34 +14,55 @@ use crate::time::HostTime;
 
 use super::super::config::PilotConfig;
 use super::crc32::crc32;
+use super::event_list;
 use super::parameter_table::{self as table, Kind, Parameter, When};
 
 /// Number of the kind "parameter" (COMP_METADATA_TYPE_PARAMETER).
 const TYPE_PARAMETER: u8 = 1;
+/// Number of the kind "events" (COMP_METADATA_TYPE_EVENTS).
+const TYPE_EVENTS: u8 = 4;
 /// Paths over MAVLink FTP.
 pub const GENERAL_PATH: &str = "general.json";
 /// Paths over MAVLink FTP.
 pub const PARAMETER_PATH: &str = "param.json";
+/// Paths over MAVLink FTP.
+pub const EVENTS_PATH: &str = "events.json";
 
-/// Both files, ready to be sent.
+/// The files, ready to be sent.
 #[derive(Debug)]
 pub(in super::super) struct Metadata {
     pub general: Vec<u8>,
     pub parameters: Vec<u8>,
+    pub events: Vec<u8>,
 }
 
 impl Metadata {
     pub fn new() -> Self {
         let parameters = parameters_json().to_string().into_bytes();
+        let events = event_list::json().to_string().into_bytes();
         let general = json!({
             "version": 1,
             "metadataTypes": [{
                 "type": TYPE_PARAMETER,
                 "uri": uri(PARAMETER_PATH),
                 "fileCrc": crc32(&parameters, 0),
+            }, {
+                "type": TYPE_EVENTS,
+                "uri": uri(EVENTS_PATH),
+                "fileCrc": crc32(&events, 0),
             }],
         });
-        Self { general: general.to_string().into_bytes(), parameters }
+        Self { general: general.to_string().into_bytes(), parameters, events }
+    }
+
+    /// All of them, with their names.
+    pub fn files(&self) -> impl Iterator<Item = (&'static str, &[u8])> {
+        [
+            (GENERAL_PATH, &self.general[..]),
+            (PARAMETER_PATH, &self.parameters),
+            (EVENTS_PATH, &self.events),
+        ]
+        .into_iter()
     }
 
     /// COMPONENT_METADATA.

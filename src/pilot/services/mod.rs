@@ -6,14 +6,19 @@
 mod border;
 mod budget;
 mod crc32;
+mod event_list;
+mod events;
 pub(super) mod fence;
+mod fence_status;
 pub(super) mod files;
 mod ftp;
 mod ftp_path;
 mod ftp_stream;
-mod ftp_wire;
+pub(super) mod ftp_wire;
+mod judge;
 mod logs;
 mod metadata;
+mod param_pack;
 mod parameter_list;
 mod parameter_table;
 mod parameters;
@@ -26,6 +31,7 @@ mod rally;
 
 pub use crc32::crc32;
 pub use files::{FileFault, FileName, FileRequest, FileTask, Folder, MOST_MISSION_BYTES, Plan};
+pub use judge::{Judgement, Told};
 pub use metadata::markdown as parameter_page;
 pub use parameter_table::{Parameter, all as all_parameters, find as find_parameter};
 pub use plan_file::{decode as decode_plan, encode as encode_plan};
@@ -41,8 +47,12 @@ use super::modes::{Event, Mode};
 use super::{LinkId, OWN, Pilot, Severity};
 
 use budget::Bucket;
+use events::Events;
+pub(super) use events::SEQUENCE_ID as EVENT_SEQUENCE_ID;
+use fence_status::FenceWatch;
 use files::FileDesk;
 use ftp::Ftp;
+use judge::Judge;
 use logs::Logs;
 use metadata::Metadata;
 use parameters::Parameters;
@@ -66,6 +76,8 @@ enum Purpose {
     Ftp(ftp::Job),
     Logs(logs::Job),
     Program(programs::Job),
+    Judge,
+    StopJudging,
 }
 
 /// State of the services.
@@ -78,6 +90,9 @@ pub(super) struct Services {
     pub plans: Plans,
     ftp: Ftp,
     logs: Logs,
+    events: Events,
+    fence_watch: FenceWatch,
+    judge: Judge,
     has_begun: bool,
 }
 
@@ -91,6 +106,9 @@ impl Services {
             plans: Plans::new(Some(config.origin.in_force())),
             ftp: Ftp::default(),
             logs: Logs::default(),
+            events: Events::default(),
+            fence_watch: FenceWatch::default(),
+            judge: Judge::default(),
             has_begun: false,
         }
     }
@@ -112,7 +130,7 @@ fn target(message: &MavMessage) -> Option<(u8, u8)> {
         MISSION_REQUEST_LIST MISSION_REQUEST_PARTIAL_LIST MISSION_WRITE_PARTIAL_LIST
         MISSION_CLEAR_ALL MISSION_ACK MISSION_SET_CURRENT
         FILE_TRANSFER_PROTOCOL
-        LOG_REQUEST_LIST LOG_REQUEST_DATA LOG_REQUEST_END LOG_ERASE
+        LOG_REQUEST_LIST LOG_REQUEST_DATA LOG_REQUEST_END LOG_ERASE REQUEST_EVENT
         COMMAND_LONG COMMAND_INT
     }
 }
@@ -136,6 +154,10 @@ impl Pilot {
         match message {
             MavMessage::FILE_TRANSFER_PROTOCOL(m) => {
                 self.ftp_message(at, client, &m.payload);
+                true
+            }
+            MavMessage::REQUEST_EVENT(m) => {
+                self.events_again(client, m);
                 true
             }
             MavMessage::COMMAND_LONG(m) => {
@@ -190,6 +212,14 @@ impl Pilot {
                     R::MAV_RESULT_DENIED
                 }
             }
+            MavCmd::MAV_CMD_RUN_PREARM_CHECKS => {
+                if self.mode == Mode::Disarmed {
+                    self.report_checks(at, true);
+                    R::MAV_RESULT_ACCEPTED
+                } else {
+                    R::MAV_RESULT_TEMPORARILY_REJECTED
+                }
+            }
             MavCmd::MAV_CMD_USER_4 => {
                 return self.program_command(at, client, param1, param2);
             }
@@ -221,6 +251,9 @@ impl Pilot {
             self.take_answer(at, purpose, Err(FileFault::TimedOut), &[]);
         }
         self.plan_tick(at);
+        self.event_tick(at);
+        self.fence_tick(at);
+        self.judge_tick(at);
         for n in 0..self.grounds.len() {
             if !self.grounds[n].is_open {
                 continue;
@@ -288,6 +321,8 @@ impl Pilot {
             }
             (Purpose::Ftp(job), result) => self.ftp_answer(at, job, result, bytes),
             (Purpose::Logs(job), result) => self.log_answer(at, job, result, bytes),
+            (Purpose::Judge, result) => self.judge_answer(at, result, bytes),
+            (Purpose::StopJudging, _) => {}
             (Purpose::Program(job), result) => self.program_answer(at, job, result, bytes),
         }
     }

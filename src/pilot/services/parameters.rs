@@ -17,6 +17,7 @@ use super::Purpose;
 use super::budget::Budget;
 use super::crc32::crc32;
 use super::files::{FileFault, FileTask};
+use super::param_pack::{Query, pack};
 use super::parameter_table::{self as table, Kind, Parameter, When};
 
 /// Name of the value that says whether a client's copy is still right.
@@ -57,6 +58,11 @@ pub(in super::super) struct Parameters {
 impl Parameters {
     pub fn new(config: &PilotConfig) -> Self {
         Self { wanted: config.clone(), lists: Vec::new() }
+    }
+
+    /// All of them as one packed file.
+    pub fn packed(&self, px4: bool, query: Query) -> Vec<u8> {
+        pack(&self.wanted, px4, query)
     }
 
     fn stop_list(&mut self, link: LinkId) {

@@ -2,7 +2,7 @@
 //!
 //! `MAV_CMD_USER_4`, param1 = 0: names all, each with its number, as STATUSTEXT. Param1 = number:
 //! loads that one as the mission; it is started like any other. Files of `/missions` (MAVLink FTP)
-//! come first, in the order of their names, then what is built in.
+//! come first, in the order of their names, then what is built in. Param1 = -1 is in `judge`.
 
 use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
@@ -12,10 +12,12 @@ use super::super::mission_transfer::Client;
 use super::super::{Pilot, Severity};
 use super::Purpose;
 use super::files::{FileFault, FileTask};
-use super::plan_file;
+use super::{judge, plan_file};
 
 /// Most programs that are named.
 const MOST_NAMES: usize = 64;
+/// Steps in which progress is told.
+const QUARTERS: usize = 4;
 
 /// What an answer of the disk is for.
 #[derive(Debug)]
@@ -36,19 +38,37 @@ impl Pilot {
         number: f32,
         _spare: f32,
     ) -> bool {
+        if number == judge::ASKED_BY {
+            self.judge_command(at, client);
+            return true;
+        }
         let job = if number == 0.0 {
             Job::Names(client)
         } else if number.fract() == 0.0 && (1.0..=MOST_NAMES as f32).contains(&number) {
             Job::Number(client, number as u16)
         } else {
             self.service_ack(client, MavCmd::MAV_CMD_USER_4, MavResult::MAV_RESULT_DENIED);
-            let text = format!("program {number}: allowed 0 (names all) to {MOST_NAMES}");
+            let text =
+                format!("program {number}: allowed -1 (judges), 0 (names all) to {MOST_NAMES}");
             self.say(at, Severity::Warning, text);
             return true;
         };
         // An empty name asks for the names.
         self.program_ask(at, FileTask::LoadProgram(String::new()), job);
         true
+    }
+
+    /// Tells people how far a program is, at every quarter.
+    pub(in super::super) fn tell_program_progress(&mut self, at: HostTime, seq: u16) {
+        let count = self.mission.items.len();
+        let quarter = |items: usize| QUARTERS * items / count.max(1);
+        let done = usize::from(seq) + 1;
+        let Some(name) = self.program_in_force() else { return };
+        if quarter(done) > quarter(done - 1) {
+            let percent = quarter(done) * 100 / QUARTERS;
+            let text = format!("program {name}: {percent} %, item {done} of {count} done");
+            self.say(at, Severity::Info, text);
+        }
     }
 
     fn program_ask(&mut self, at: HostTime, task: FileTask, job: Job) {
@@ -88,7 +108,10 @@ impl Pilot {
             (Job::Load(client, name), Ok(())) => {
                 let outcome = plan_file::decode(bytes)
                     .and_then(|items| self.load_mission(at, items))
-                    .map(|count| format!("program {name}: mission of {count} items in force"))
+                    .map(|count| {
+                        self.program_is_loaded(&name);
+                        format!("program {name}: mission of {count} items in force")
+                    })
                     .map_err(|why| format!("program {name} refused: {why}"));
                 (client, outcome)
             }

@@ -9,9 +9,9 @@ use crate::frames::{B, G_MPS2, Rot, Vec3};
 use crate::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample};
 use crate::time::{FcTime, HostTime};
 
-use super::board::{BoardLink, BoardNews};
-use super::output::Outbox;
-use super::reference;
+use super::{BoardLink, BoardNews};
+use crate::pilot::output::Outbox;
+use crate::pilot::reference;
 
 /// Mapped stamps farther than this from the time of arrival are not believed, s.
 const STAMP_TRUST_S: f64 = 0.3;
@@ -21,6 +21,8 @@ const ACC_LIMIT_MPS2: f64 = 320.0;
 const RATE_LIMIT_RADPS: f64 = 70.0;
 /// Packs outside of this are not ours, V.
 const SUPPLY_RANGE_V: std::ops::RangeInclusive<f64> = 1.0..=60.0;
+/// Events that are less severe than a warning are not passed on.
+const LAST_EVENT_SEVERITY: u8 = 4;
 /// Accelerometer and gyroscope of HIGHRES_IMU are new in a sample that has all these bits.
 const IMU_FIELDS: u16 = 0x3F;
 
@@ -82,7 +84,7 @@ impl BoardLink {
                     news,
                 );
             }
-            MavMessage::SYS_STATUS(m) if self.takes_battery_from_sys_status() => self.battery(
+            MavMessage::SYS_STATUS(m) if self.streams.is_ours(1) => self.battery(
                 at,
                 f64::from(m.voltage_battery) * 1e-3,
                 m.current_battery,
@@ -90,11 +92,27 @@ impl BoardLink {
                 drops,
                 news,
             ),
-            MavMessage::TIMESYNC(m) => self.timesync(at, m, out, drops),
+            MavMessage::TIMESYNC(m) => self.timesync(at, m, out, drops, news),
             MavMessage::COMMAND_ACK(m) => self.ack(at, m, news),
             MavMessage::STATUSTEXT(m) => {
                 if let Some(text) = self.text.join(&*m.text, m.id, m.chunk_seq) {
                     news.push(BoardNews::Text { severity: m.severity as u8, text });
+                }
+            }
+            MavMessage::ATTITUDE_TARGET(m) => self.attitude_target(at, m.q, m.thrust),
+            MavMessage::PARAM_VALUE(m) => {
+                if !self.checks.take(at, m, news) {
+                    drops.add(DropReason::MavIgnored, 1);
+                }
+            }
+            MavMessage::AUTOPILOT_VERSION(m) => self.version(at, m),
+            MavMessage::EVENT(m) => {
+                // Its words are in the firmware's metadata, which we do not have. The low half is the
+                // level for people on the outside: MAV_SEVERITY.
+                let severity = m.log_levels & 0x0F;
+                if severity <= LAST_EVENT_SEVERITY {
+                    let text = format!("event {} (PX4 sends no words for it)", m.id);
+                    news.push(BoardNews::Text { severity, text });
                 }
             }
             other => match reference::from_message(other) {

@@ -24,13 +24,14 @@ const GAIN: f64 = 0.1;
 
 /// Maps board time to host time.
 #[derive(Debug, Default)]
-pub(super) struct BoardClock {
+pub(in crate::pilot) struct BoardClock {
     round_trips_us: [i64; WINDOW],
     seen: usize,
     /// Board time minus host time, µs.
     offset_us: Option<f64>,
     good: u32,
     fastest_us: i64,
+    restarts: u32,
 }
 
 impl BoardClock {
@@ -58,7 +59,8 @@ impl BoardClock {
                 let gain = GAIN.max(1.0 / f64::from(self.good));
                 self.offset_us = Some(offset_us + gain * (measured_us - offset_us));
             }
-            _ => {
+            before => {
+                self.restarts += u32::from(before.is_some());
                 self.offset_us = Some(measured_us);
                 self.good = 1;
                 self.seen = 1;
@@ -67,6 +69,11 @@ impl BoardClock {
             }
         }
         true
+    }
+
+    /// How often the board's clock has jumped: it was restarted.
+    pub fn restarts(&self) -> u32 {
+        self.restarts
     }
 
     /// Enough round trips to trust the offset.

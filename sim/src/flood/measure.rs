@@ -1,0 +1,82 @@
+//! What the companion wrote down about its own time, by phase.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::Result;
+use haltere::pilot::LinkId;
+use haltere::record::{Entry, LogReader, RawInput};
+use haltere::time::HostTime;
+
+/// Period of the control step, µs: its deadlines lie on this grid from the core's start.
+const PERIOD_US: u64 = 10_000;
+/// A step later than this is late, µs: half a period, as the companion counts.
+const LATE_US: u64 = 5_000;
+
+/// One phase of the flight.
+#[derive(Debug, Default)]
+pub struct Phase {
+    pub steps: u64,
+    pub late: u64,
+    /// Lateness of every step, µs, sorted.
+    lateness_us: Vec<u64>,
+    pub longest_pause_ms: f64,
+    /// Bytes of stations that reached the core.
+    pub input_B: u64,
+    /// Losses that the glue told, by reason, and all together.
+    pub drops: BTreeMap<&'static str, u64>,
+    pub dropped: u64,
+    last: Option<HostTime>,
+}
+
+impl Phase {
+    pub fn late_share(&self) -> f64 {
+        self.late as f64 / self.steps.max(1) as f64
+    }
+
+    /// Lateness that this share of the steps does not exceed, ms.
+    pub fn lateness_ms(&self, share: f64) -> f64 {
+        let last = self.lateness_us.len().saturating_sub(1);
+        let at = (share * last as f64).round() as usize;
+        self.lateness_us.get(at).map_or(f64::NAN, |us| *us as f64 * 1e-3)
+    }
+
+    fn step(&mut self, at: HostTime, start: HostTime) {
+        // A step that is late by more than a period has lost its grid point; the pause shows it.
+        let late_us = at.as_us().wrapping_sub(start.as_us()) % PERIOD_US;
+        self.steps += 1;
+        self.lateness_us.push(late_us);
+        let pause_us = self.last.map_or(0, |last| at.as_us().saturating_sub(last.as_us()));
+        self.late += u64::from(late_us > LATE_US || pause_us > PERIOD_US + LATE_US);
+        self.longest_pause_ms = self.longest_pause_ms.max(pause_us as f64 * 1e-3);
+        self.last = Some(at);
+    }
+}
+
+/// The phases between the first two marks and between the last two.
+pub fn phases(log: &Path, marks: &[u64; 4]) -> Result<[Phase; 2]> {
+    let reader = LogReader::open(log)?;
+    let start = reader.session().pilot_started_at;
+    let mut phases = [Phase::default(), Phase::default()];
+    for entry in reader.entries() {
+        let Entry::Input { at, input, .. } = entry else { continue };
+        let phase = match at.as_us() {
+            us if (marks[0]..marks[1]).contains(&us) => &mut phases[0],
+            us if (marks[2]..marks[3]).contains(&us) => &mut phases[1],
+            _ => continue,
+        };
+        match input {
+            RawInput::Wake => phase.step(at, start),
+            RawInput::Bytes { link: LinkId::Ground(_), bytes } => {
+                phase.input_B += bytes.len() as u64;
+            }
+            RawInput::Lost { reason, count, .. } => {
+                *phase.drops.entry(reason.name()).or_default() += count;
+                phase.dropped += count;
+            }
+            _ => {}
+        }
+    }
+    phases.iter_mut().for_each(|phase| phase.lateness_us.sort_unstable());
+    Ok(phases)
+}

@@ -1,0 +1,329 @@
+//! `haltere init`: a few questions, two commented files.
+
+use std::io::{BufRead as _, IsTerminal as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context as _, anyhow, bail};
+use clap::{Args, ValueEnum};
+
+use super::print;
+use crate::config::{Address, TagPort, parse_anchors};
+use crate::live::usb::serial_devices;
+use crate::pilot::TagProtocol;
+use crate::preflight::first::{self, Answers};
+use crate::preflight::probe;
+
+/// Axes of anchors that are written as lines.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Frame {
+    /// x east, y north, z up.
+    Enu,
+    /// x north, y east, z down.
+    Ned,
+}
+
+/// What the tag speaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Protocol {
+    /// A Loco Positioning Node in sniffer mode.
+    LpsSniffer,
+    /// A tag that sends UWB_TDOA.
+    Mavlink,
+}
+
+/// Writes haltere.toml and anchors.toml. On a terminal it asks for what no option says; elsewhere, or
+/// with --yes, it takes what it finds and the defaults.
+#[derive(Debug, Args)]
+pub(super) struct Init {
+    /// Folder for both files.
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    dir: PathBuf,
+    /// Device of the tag, or auto.
+    #[arg(long, value_name = "DEVICE")]
+    tag: Option<String>,
+    /// What the tag speaks.
+    #[arg(long, value_enum, default_value = "lps-sniffer")]
+    tag_protocol: Protocol,
+    /// Where the board is: serial:DEVICE:BAUD, udpin:HOST:PORT, udpout:HOST:PORT, tcpout:HOST:PORT.
+    #[arg(long, value_name = "ADDR")]
+    board: Option<Address>,
+    /// Where a ground station is; may be given several times.
+    #[arg(long, value_name = "ADDR")]
+    ground: Vec<Address>,
+    /// Anchors: an anchor file, or lines `id x y z` in metres; - reads standard input.
+    #[arg(long, value_name = "FILE")]
+    anchors: Option<PathBuf>,
+    /// One anchor; may be given several times.
+    #[arg(long, value_name = "ID=X,Y,Z", conflicts_with = "anchors")]
+    anchor: Vec<String>,
+    /// Axes of anchors that are written as lines.
+    #[arg(long, value_enum, default_value = "enu")]
+    frame: Frame,
+    /// Where logs go.
+    #[arg(long, value_name = "DIR")]
+    logs: Option<PathBuf>,
+    /// Where settings of stations are kept.
+    #[arg(long, value_name = "DIR")]
+    store: Option<PathBuf>,
+    /// Do not look for a board at its ports.
+    #[arg(long)]
+    no_probe: bool,
+    /// Ask nothing.
+    #[arg(long, short)]
+    yes: bool,
+    /// Replace files that are there already.
+    #[arg(long)]
+    force: bool,
+}
+
+/// Where the service of the package has its configuration, and its logs and settings.
+const SERVICE_CONFIGURATION: &str = "/etc/haltere";
+const SERVICE_STATE: &str = "/var/lib/haltere";
+
+impl Init {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let asks = !self.yes && std::io::stdin().is_terminal();
+        // What needs no listening first: nobody waits for a refusal.
+        if !self.force {
+            first::none_there(&self.dir).map_err(|why| anyhow!(why))?;
+        }
+        let told = if asks { None } else { Some(self.anchors(false)?) };
+        let mut answers = Answers {
+            tag: self.tag(asks)?,
+            tag_protocol: match self.tag_protocol {
+                Protocol::LpsSniffer => TagProtocol::LpsSniffer,
+                Protocol::Mavlink => TagProtocol::Mavlink,
+            },
+            board: self.board(asks)?,
+            ground: self.ground(asks)?,
+            anchors: told.map_or_else(|| self.anchors(true), Ok)?,
+            ..Answers::default()
+        };
+        if self.dir == Path::new(SERVICE_CONFIGURATION) {
+            // The service works there, people elsewhere: both shall mean the same folders.
+            let state = Path::new(SERVICE_STATE);
+            (answers.logs, answers.store) = (state.join(&answers.logs), state.join(&answers.store));
+        }
+        if let Some(logs) = &self.logs {
+            answers.logs.clone_from(logs);
+        }
+        if let Some(store) = &self.store {
+            answers.store.clone_from(store);
+        }
+        let files = first::write(&answers, &self.dir, self.force).map_err(|why| anyhow!(why))?;
+        for file in &files {
+            print(&format!("{}\n", file.display()));
+        }
+        let [config, _] = &files;
+        say(&format!("next: haltere check --live --config {}", config.display()));
+        Ok(ExitCode::SUCCESS)
+    }
+
+    fn tag(&self, asks: bool) -> anyhow::Result<TagPort> {
+        if let Some(told) = &self.tag {
+            return Ok(TagPort::from(told.clone()));
+        }
+        let usb = serial_devices();
+        let found = usb.iter().find(|usb| usb.is_tag());
+        match found {
+            Some(tag) => say(&format!("tag: {tag}")),
+            None => {
+                say("tag: no Loco Positioning Node is plugged in (USB 0483:5740)");
+                for other in &usb {
+                    say(&format!("  on USB: {other}"));
+                }
+            }
+        }
+        if self.tag_protocol == Protocol::Mavlink && !asks {
+            bail!("--tag-protocol mavlink: such a tag is not found by itself; name it with --tag");
+        }
+        if !asks {
+            return Ok(TagPort::Auto);
+        }
+        let default = if self.tag_protocol == Protocol::Mavlink { "" } else { "auto" };
+        loop {
+            let told = ask("device of the tag; auto finds a node by its USB identity", default)?;
+            if !told.is_empty() {
+                return Ok(TagPort::from(told));
+            }
+        }
+    }
+
+    fn board(&self, asks: bool) -> anyhow::Result<Address> {
+        if let Some(told) = &self.board {
+            if !self.no_probe {
+                heard(told);
+            }
+            return Ok(told.clone());
+        }
+        let default = Answers::default().board;
+        let found = if self.no_probe { None } else { look_for_board() };
+        if found.is_none() {
+            say("board: none was found");
+        }
+        if !asks {
+            if found.is_none() {
+                say(&format!(
+                    "board: {default} is written; change board.address if it is elsewhere"
+                ));
+            }
+            return Ok(found.unwrap_or(default));
+        }
+        let default = found.unwrap_or(default).to_string();
+        loop {
+            let told =
+                ask("address of the board (serial:DEVICE:BAUD, udpin:HOST:PORT, …)", &default)?;
+            match told.parse::<Address>() {
+                Ok(address) => {
+                    if !self.no_probe && told != default {
+                        heard(&address);
+                    }
+                    return Ok(address);
+                }
+                Err(error) => say(&error.to_string()),
+            }
+        }
+    }
+
+    fn ground(&self, asks: bool) -> anyhow::Result<Vec<Address>> {
+        if !self.ground.is_empty() {
+            return Ok(self.ground.clone());
+        }
+        let default = Answers::default().ground;
+        if !asks {
+            return Ok(default);
+        }
+        let shown = default.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
+        loop {
+            let told = ask("ground stations, addresses with spaces between", &shown)?;
+            match told.split_whitespace().map(str::parse).collect::<Result<Vec<Address>, _>>() {
+                Ok(all) => return Ok(all),
+                Err(error) => say(&error.to_string()),
+            }
+        }
+    }
+
+    fn anchors(&self, asks: bool) -> anyhow::Result<String> {
+        if let Some(path) = &self.anchors {
+            return self.read_anchors(path);
+        }
+        if !self.anchor.is_empty() {
+            let lines: Vec<_> = self.anchor.iter().map(|a| a.replacen('=', ",", 1)).collect();
+            return self.to_file("--anchor", &lines.join("\n"));
+        }
+        if !asks {
+            bail!(
+                "the anchors must be known: --anchors FILE (an anchor file, or lines `id x y z` in \
+                 metres), or --anchor ID=X,Y,Z for each"
+            );
+        }
+        loop {
+            let told = ask(
+                "file of the anchors (anchor file, or lines `id x y z`); empty: type them",
+                "",
+            )?;
+            let read = if told.is_empty() {
+                self.typed_anchors()
+            } else {
+                self.read_anchors(Path::new(&told))
+            };
+            match read {
+                Ok(text) => return Ok(text),
+                Err(error) => say(&format!("{error:#}")),
+            }
+        }
+    }
+
+    fn typed_anchors(&self) -> anyhow::Result<String> {
+        let axes = match self.frame {
+            Frame::Enu => "x east, y north, z up",
+            Frame::Ned => "x north, y east, z down",
+        };
+        say(&format!("one anchor a line: id x y z, metres ({axes}); an empty line ends"));
+        let mut text = String::new();
+        loop {
+            let line = read_line()?;
+            if line.is_empty() {
+                return self.to_file("anchors", &text);
+            }
+            match first::anchor_file(&line, self.frame_name()) {
+                Ok(_) => text += &(line + "\n"),
+                Err(why) => say(&why),
+            }
+        }
+    }
+
+    fn read_anchors(&self, path: &Path) -> anyhow::Result<String> {
+        let name = path.display().to_string();
+        let text = if name == "-" {
+            std::io::read_to_string(std::io::stdin())
+        } else {
+            std::fs::read_to_string(path)
+        };
+        self.to_file(&name, &text.with_context(|| format!("{name}: cannot be read"))?)
+    }
+
+    fn to_file(&self, name: &str, text: &str) -> anyhow::Result<String> {
+        let file =
+            first::anchor_file(text, self.frame_name()).map_err(|why| anyhow!("{name}: {why}"))?;
+        parse_anchors(name, &file).map_err(|problems| anyhow!("{problems}"))?;
+        Ok(file)
+    }
+
+    fn frame_name(&self) -> &'static str {
+        match self.frame {
+            Frame::Enu => "enu",
+            Frame::Ned => "ned",
+        }
+    }
+}
+
+/// Says whether a board is heard at an address that somebody named.
+fn heard(address: &Address) {
+    match probe::at(address) {
+        Ok(Some(board)) => say(&format!("board: {board}, heard at {address}")),
+        Ok(None) => say(&format!("board: nobody heard at {address}; it is written as told")),
+        Err(why) => say(&format!("board: {why}; it is written as told")),
+    }
+}
+
+fn look_for_board() -> Option<Address> {
+    for device in probe::candidates() {
+        let name = device.display().to_string();
+        let found = probe::speed_of(&device, |baud| {
+            say(&format!("board: listening at {name}, {baud} baud"))
+        });
+        match found {
+            Ok(Some((baud, board))) => {
+                say(&format!("board: {board}, heard at {name}, {baud} baud"));
+                return Some(Address::Serial { device, baud });
+            }
+            Ok(None) => {}
+            Err(why) => say(&format!("board: {why}")),
+        }
+    }
+    None
+}
+
+fn say(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// Asks; an empty answer is the default.
+fn ask(question: &str, default: &str) -> anyhow::Result<String> {
+    let mut err = std::io::stderr();
+    let shown = if default.is_empty() { String::new() } else { format!(" [{default}]") };
+    let _ = write!(err, "{question}{shown}: ");
+    let _ = err.flush();
+    let told = read_line()?;
+    Ok(if told.is_empty() { default.to_owned() } else { told })
+}
+
+fn read_line() -> anyhow::Result<String> {
+    let mut line = String::new();
+    if std::io::stdin().lock().read_line(&mut line)? == 0 {
+        bail!("the answers ended; nothing is written");
+    }
+    Ok(line.trim().to_owned())
+}

@@ -1,0 +1,208 @@
+//! `haltere log export` and `haltere log tlog`.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context as _, bail};
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+
+use super::progress::Progress;
+use super::{print, print_json};
+use crate::export::{Form, create, links, tables, write_table, write_tlog};
+use crate::pilot::LinkId;
+use crate::record::{LogEnd, LogReader};
+
+/// Form of the tables.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Format {
+    /// Text with commas; an empty cell where there is no value.
+    Csv,
+    /// Apache Parquet, typed, with nulls where there is no value.
+    Parquet,
+}
+
+/// Writes the decoded topics as tables.
+#[derive(Debug, Args)]
+pub(super) struct Export {
+    /// The log.
+    log: PathBuf,
+    /// Form of the tables.
+    #[arg(long, value_enum, default_value = "csv")]
+    format: Format,
+    /// Folder for the tables, made if it is missing. Default: beside the log, with its name.
+    #[arg(long, value_name = "DIR")]
+    dir: Option<PathBuf>,
+    /// Only these topics, such as estimate or uwb; may be given several times.
+    #[arg(long, value_name = "NAME")]
+    topic: Vec<String>,
+    /// Replace tables that are there already.
+    #[arg(long)]
+    overwrite: bool,
+    /// Print what was written as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct Written {
+    topic: String,
+    rows: usize,
+    columns: usize,
+    file: PathBuf,
+}
+
+impl Export {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let log = LogReader::open(&self.log)?;
+        let (all, end) = tables(&log);
+        say_end(&log, &end);
+        if all.is_empty() {
+            bail!("{}: holds no decoded topics", self.log.display());
+        }
+        if let Some(wrong) = self.topic.iter().find(|t| !all.iter().any(|table| table.name == **t))
+        {
+            let names: Vec<_> = all.iter().map(|table| table.name.as_str()).collect();
+            bail!("--topic {wrong}: not in this log; it holds {}", names.join(", "));
+        }
+        let wanted: Vec<_> = all
+            .iter()
+            .filter(|table| self.topic.is_empty() || self.topic.contains(&table.name))
+            .collect();
+        let form = match self.format {
+            Format::Csv => Form::Csv,
+            Format::Parquet => Form::Parquet,
+        };
+        let dir = self.dir.unwrap_or_else(|| self.log.with_extension(form.ending()));
+        std::fs::create_dir_all(&dir)
+            .with_context(|| format!("{}: the folder cannot be made", dir.display()))?;
+        let mut progress = Progress::default();
+        let mut written = Vec::new();
+        for (i, table) in wanted.iter().enumerate() {
+            progress.tell(i, wanted.len(), &table.name);
+            let file = write_table(&log, table, form, &dir, self.overwrite)?;
+            let (rows, columns) = (table.rows(), table.columns.len());
+            written.push(Written { topic: table.name.clone(), rows, columns, file });
+        }
+        progress.clear();
+        if self.json {
+            print_json(&written)?;
+        } else {
+            for Written { rows, columns, file, .. } in &written {
+                print(&format!("{}: {rows} rows of {columns} columns\n", file.display()));
+            }
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// Writes a telemetry log.
+#[derive(Debug, Args)]
+pub(super) struct Tlog {
+    /// The log.
+    log: PathBuf,
+    /// The telemetry log. Default: beside the log, ending in .tlog.
+    file: Option<PathBuf>,
+    /// Whose frames: board, tag, or a ground link such as ground/0. Default: the ground link that
+    /// carried most.
+    #[arg(long, value_name = "LINK", value_parser = parse_link)]
+    link: Option<LinkId>,
+    /// Replace the file if it is there already.
+    #[arg(long)]
+    overwrite: bool,
+    /// Print what was written as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct TlogWritten {
+    file: PathBuf,
+    link: String,
+    frames_in: u64,
+    frames_out: u64,
+    garbage_bytes: u64,
+}
+
+impl Tlog {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let log = LogReader::open(&self.log)?;
+        let found = links(&log);
+        let listed = || {
+            let names = found.iter().map(|(link, t)| {
+                format!("{} ({} bytes in, {} out)", link_name(*link), t.bytes_in, t.bytes_out)
+            });
+            names.collect::<Vec<_>>().join(", ")
+        };
+        let link = match self.link {
+            Some(link) if found.contains_key(&link) => link,
+            Some(link) => bail!(
+                "--link {}: carried nothing in this log; what did: {}",
+                link_name(link),
+                listed()
+            ),
+            None => found
+                .iter()
+                .filter(|(link, _)| matches!(link, LinkId::Ground(_)))
+                .max_by_key(|(_, t)| t.bytes_in + t.bytes_out)
+                .map(|(link, _)| *link)
+                .with_context(|| {
+                    format!("no ground link carried anything; name one with --link: {}", listed())
+                })?,
+        };
+        let path = self.file.unwrap_or_else(|| self.log.with_extension("tlog"));
+        let out = std::io::BufWriter::new(create(&path, self.overwrite)?);
+        let count = write_tlog(&log, link, out)
+            .with_context(|| format!("{}: not written", path.display()))?;
+        if count.frames_in + count.frames_out == 0 {
+            tracing::warn!("{} carried no MAVLink frame: the file is empty", link_name(link));
+        }
+        let written = TlogWritten {
+            file: path,
+            link: link_name(link),
+            frames_in: count.frames_in,
+            frames_out: count.frames_out,
+            garbage_bytes: count.garbage_bytes,
+        };
+        if self.json {
+            print_json(&written)?;
+        } else {
+            print(&format!(
+                "{}: {}, {} frames in, {} out; {} bytes that belong to no frame left out\n",
+                written.file.display(),
+                written.link,
+                written.frames_in,
+                written.frames_out,
+                written.garbage_bytes
+            ));
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn link_name(link: LinkId) -> String {
+    match link {
+        LinkId::Tag => "tag".into(),
+        LinkId::Board => "board".into(),
+        LinkId::Ground(n) => format!("ground/{n}"),
+    }
+}
+
+fn parse_link(text: &str) -> Result<LinkId, String> {
+    match text {
+        "tag" => Ok(LinkId::Tag),
+        "board" => Ok(LinkId::Board),
+        _ => text
+            .strip_prefix("ground/")
+            .and_then(|n| n.parse().ok())
+            .map(LinkId::Ground)
+            .ok_or_else(|| "write tag, board, or ground/N".to_owned()),
+    }
+}
+
+/// A log that does not end well is read as far as it goes, and people are told.
+fn say_end(log: &LogReader, end: &LogEnd) {
+    if *end != LogEnd::Complete {
+        tracing::warn!("{}: {end}; taken up to its last complete record", log.path().display());
+    }
+}

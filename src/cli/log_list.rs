@@ -1,0 +1,169 @@
+//! `haltere log list`: the logs of a folder, one line each.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use clap::Args;
+use serde::Serialize;
+
+use super::progress::Progress;
+use super::{print, print_json};
+use crate::config::RecordConfig;
+use crate::record::{Decoded, Entry, LogEnd, LogReader, utc_text};
+use crate::time::HostTime;
+
+/// Lists logs.
+#[derive(Debug, Args)]
+pub(super) struct List {
+    /// The folder. Default: the folder logs go to by default.
+    #[arg(value_name = "DIR", default_value_os_t = RecordConfig::default().directory)]
+    directory: PathBuf,
+    /// Print as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// One log.
+#[derive(Debug, Serialize)]
+struct Row {
+    log: PathBuf,
+    size_bytes: u64,
+    started_unix_s: Option<f64>,
+    started: Option<String>,
+    duration_s: Option<f64>,
+    /// Time in the air or on the way there: motors may turn.
+    airborne_s: Option<f64>,
+    /// Modes in which something was flown, in the order in which they first came.
+    modes: Vec<String>,
+    complete: bool,
+    end: String,
+}
+
+/// Modes that every log passes through on the floor.
+const ON_FLOOR: [&str; 4] = ["disarmed", "arming", "idle", "disarming"];
+
+impl List {
+    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let name = self.directory.display();
+        let mut logs: Vec<PathBuf> = std::fs::read_dir(&self.directory)
+            .with_context(|| format!("{name}: cannot be listed; name the folder of the logs"))?
+            .filter_map(|entry| Some(entry.ok()?.path()))
+            .filter(|path| path.extension().is_some_and(|e| e == "mcap"))
+            .collect();
+        logs.sort();
+        let mut progress = Progress::default();
+        let mut rows = Vec::new();
+        for (i, path) in logs.iter().enumerate() {
+            progress.tell(i, logs.len(), &file_name(path));
+            rows.push(look(path));
+        }
+        progress.clear();
+        if self.json {
+            print_json(&rows)?;
+        } else if rows.is_empty() {
+            print(&format!("{name}: no log (*.mcap)\n"));
+        } else {
+            print(&table(&rows));
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// A file that is no log has a row too: it lies among them.
+fn look(path: &Path) -> Row {
+    let mut row = Row {
+        log: path.to_owned(),
+        size_bytes: std::fs::metadata(path).map_or(0, |m| m.len()),
+        started_unix_s: None,
+        started: None,
+        duration_s: None,
+        airborne_s: None,
+        modes: Vec::new(),
+        complete: false,
+        end: String::new(),
+    };
+    let log = match LogReader::open(path) {
+        Ok(log) => log,
+        Err(error) => {
+            let text = error.to_string();
+            let own = format!("{}: ", path.display());
+            row.end = text.strip_prefix(&own).unwrap_or(&text).to_owned();
+            return row;
+        }
+    };
+    let session = log.session();
+    row.started_unix_s = Some(session.started_unix_us as f64 * 1e-6);
+    row.started = Some(utc_text(session.started_unix_us));
+    // A part of a log begins where it was cut.
+    let mut ends: Option<[HostTime; 2]> = None;
+    let mut airborne_s = 0.0;
+    let mut since = None;
+    let mut entries = log.entries();
+    for entry in entries.by_ref() {
+        match entry {
+            Entry::Input { at, .. } | Entry::Output { at, .. } => {
+                ends = Some(ends.map_or([at; 2], |[first, last]| [first, last.max(at)]));
+            }
+            Entry::Decoded(Decoded::Mode(m)) => {
+                let first = ends.map_or(session.pilot_started_at, |e| e[0]);
+                let at = HostTime::from_us(m.at_us).max(first);
+                let flown = !ON_FLOOR.contains(&m.mode.as_str());
+                if let Some(since) = since.take() {
+                    airborne_s += at.seconds_since(since);
+                }
+                if flown {
+                    since = Some(at);
+                    if !row.modes.contains(&m.mode) {
+                        row.modes.push(m.mode);
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+    let [first, last] = ends.unwrap_or([session.pilot_started_at; 2]);
+    airborne_s += since.map_or(0.0, |since| last.seconds_since(since).max(0.0));
+    row.duration_s = Some(last.seconds_since(first));
+    row.airborne_s = Some(airborne_s);
+    row.complete = entries.end() == LogEnd::Complete;
+    row.end = entries.end().to_string();
+    row
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn table(rows: &[Row]) -> String {
+    let width = rows.iter().map(|row| file_name(&row.log).chars().count()).max().unwrap_or(0);
+    let mut text = format!(
+        "{:width$}  {:23}  {:>8}  {:>8}  {:>9}  flown\n",
+        "log", "started", "length", "flown", "size"
+    );
+    for row in rows {
+        let seconds = |s: Option<f64>| s.map_or("-".to_owned(), |s| format!("{s:.1} s"));
+        let modes = if row.modes.is_empty() { "-".to_owned() } else { row.modes.join(" ") };
+        text += &format!(
+            "{:width$}  {:23}  {:>8}  {:>8}  {:>9}  {modes}",
+            file_name(&row.log),
+            row.started.as_deref().unwrap_or("-"),
+            seconds(row.duration_s),
+            seconds(row.airborne_s),
+            size(row.size_bytes),
+        );
+        if !row.complete {
+            text += &format!("  [{}]", row.end);
+        }
+        text += "\n";
+    }
+    text
+}
+
+fn size(bytes: u64) -> String {
+    match bytes as f64 {
+        b if b >= 1e9 => format!("{:.1} GB", b * 1e-9),
+        b if b >= 1e6 => format!("{:.1} MB", b * 1e-6),
+        b => format!("{:.1} kB", b * 1e-3),
+    }
+}

@@ -1,0 +1,107 @@
+//! A flight log for other programs: its decoded topics as tables, the frames of a link as a
+//! telemetry log.
+
+mod csv;
+mod parquet;
+mod tables;
+mod tlog;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+pub use tables::{Column, Table, Values, tables};
+pub use tlog::{LinkTraffic, TlogCount, links, write_tlog};
+
+use crate::record::LogReader;
+
+/// Form of an exported table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// Text with commas (RFC 4180): a head line, an empty cell where there is no value.
+    Csv,
+    /// Apache Parquet.
+    Parquet,
+}
+
+impl Form {
+    /// Ending of a file's name.
+    pub fn ending(self) -> &'static str {
+        match self {
+            Form::Csv => "csv",
+            Form::Parquet => "parquet",
+        }
+    }
+}
+
+/// Why something could not be exported.
+#[derive(Debug, Error)]
+pub enum ExportError {
+    /// A file of that name is there.
+    #[error("{}: exists already; name another folder, or say --overwrite", path.display())]
+    Exists {
+        /// Which.
+        path: PathBuf,
+    },
+    /// A file cannot be written.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+/// Writes one table of a log into `directory` as TOPIC.csv or TOPIC.parquet; gives its path.
+pub fn write_table(
+    log: &LogReader,
+    table: &Table,
+    form: Form,
+    directory: &Path,
+    overwrite: bool,
+) -> Result<PathBuf, ExportError> {
+    let path = directory.join(format!("{}.{}", table.name, form.ending()));
+    let failed = |source| ExportError::Write { path: path.clone(), source };
+    let file = create(&path, overwrite)?;
+    let out = io::BufWriter::new(file);
+    match form {
+        Form::Csv => csv::write(table, out).map_err(failed)?,
+        Form::Parquet => parquet::write(table, &about(log), out).map_err(failed)?,
+    }
+    Ok(path)
+}
+
+/// A new file; an old one of that name only goes if that was asked for.
+pub fn create(path: &Path, overwrite: bool) -> Result<std::fs::File, ExportError> {
+    let mut options = std::fs::OpenOptions::new();
+    options.write(true);
+    if overwrite {
+        options.create(true).truncate(true);
+    } else {
+        options.create_new(true);
+    }
+    options.open(path).map_err(|source| match source.kind() {
+        io::ErrorKind::AlreadyExists => ExportError::Exists { path: path.to_owned() },
+        _ => ExportError::Write { path: path.to_owned(), source },
+    })
+}
+
+/// What a table should say about where it came from.
+fn about(log: &LogReader) -> Vec<(String, String)> {
+    let session = log.session();
+    let name = log.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
+    [
+        ("haltere.log", name),
+        ("haltere.started_unix_us", session.started_unix_us.to_string()),
+        ("haltere.pilot_started_us", session.pilot_started_at.as_us().to_string()),
+        ("haltere.program_version", session.build.program_version.clone()),
+        ("haltere.git_commit", session.build.git_commit.clone()),
+    ]
+    .map(|(key, value)| (key.to_owned(), value))
+    .into()
+}
+
+#[cfg(test)]
+mod tests;

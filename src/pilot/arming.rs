@@ -1,0 +1,128 @@
+//! What must hold before a flight begins: every check with its reason, for people and as a list.
+
+use crate::estimate::Health;
+use crate::time::HostTime;
+
+use super::Pilot;
+use super::modes::Mode;
+
+/// Tilt beyond which the vehicle does not stand on its gear, rad.
+const ARM_TILT_RAD: f64 = 0.35;
+/// Newest UWB, IMU and battery may be this old to arm, s.
+const ARM_AGE_S: f64 = 0.5;
+const ARM_BATTERY_AGE_S: f64 = 3.0;
+
+/// What a check looks at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Check {
+    /// The inner-loop board: there, disarmed, with streams of the rates that were asked for.
+    Board,
+    /// The estimate.
+    Estimate,
+    /// Samples of the IMU.
+    Imu,
+    /// UWB measurements.
+    Uwb,
+    /// The vehicle stands on its gear.
+    Attitude,
+    /// The vehicle stands inside the fence.
+    Fence,
+    /// Voltage.
+    Battery,
+}
+
+impl Check {
+    /// All of them, in the order in which they are made.
+    pub const ALL: [Check; 7] = [
+        Check::Board,
+        Check::Estimate,
+        Check::Imu,
+        Check::Uwb,
+        Check::Attitude,
+        Check::Fence,
+        Check::Battery,
+    ];
+}
+
+impl Pilot {
+    /// Whether arming may be asked of the board; the error is the first reason why not.
+    pub(super) fn may_arm(&self, at: HostTime) -> Result<(), String> {
+        if self.mode != Mode::Disarmed {
+            return Err(format!("already {}", self.mode.name()));
+        }
+        Check::ALL.into_iter().try_for_each(|check| self.arming_check(check, at))
+    }
+
+    /// One check; the error is for people.
+    pub(super) fn arming_check(&self, check: Check, at: HostTime) -> Result<(), String> {
+        match check {
+            Check::Board => self.check_board(at),
+            Check::Estimate => self.check_estimate(),
+            Check::Imu if !is_fresh(self.last_imu, at) => {
+                Err("no IMU data from the board".to_owned())
+            }
+            Check::Uwb if !is_fresh(self.last_fused, at) => Err("no UWB measurements".to_owned()),
+            Check::Imu | Check::Uwb => Ok(()),
+            Check::Attitude => self.check_attitude(),
+            Check::Fence => self.fence_forbids().map_or(Ok(()), Err),
+            Check::Battery => self.check_battery(at),
+        }
+    }
+
+    fn check_board(&self, at: HostTime) -> Result<(), String> {
+        if self.board.is_armed() {
+            return Err("board is already armed, but not by us: disarm it first".to_owned());
+        }
+        match self.board.silence_s(at) {
+            None => return Err("no board found on its link".to_owned()),
+            Some(s) if s > self.config.limits.board_loss_s => {
+                return Err(format!("board silent for {s:.1} s"));
+            }
+            Some(_) => {}
+        }
+        self.board.refusal(at).map_or(Ok(()), Err)
+    }
+
+    fn check_estimate(&self) -> Result<(), String> {
+        match self.estimate.health {
+            Health::Good => Ok(()),
+            Health::NotAligned => Err(format!(
+                "estimator not aligned: {} of {} anchors heard, keep the vehicle still and level",
+                self.uwb.anchors_heard().count(),
+                self.survey.ids().len()
+            )),
+            Health::Degraded => Err("estimate degraded".to_owned()),
+            Health::Lost => Err("estimate lost".to_owned()),
+        }
+    }
+
+    fn check_attitude(&self) -> Result<(), String> {
+        let [roll, pitch, _] = self.estimate.R_EB.euler_rad();
+        if roll.abs().max(pitch.abs()) <= ARM_TILT_RAD {
+            return Ok(());
+        }
+        Err(format!(
+            "tilted: roll {:.0}, pitch {:.0} deg, at most {:.0}",
+            roll.to_degrees(),
+            pitch.to_degrees(),
+            ARM_TILT_RAD.to_degrees()
+        ))
+    }
+
+    fn check_battery(&self, at: HostTime) -> Result<(), String> {
+        let least_v = self.config.limits.battery_low_v;
+        match self.battery {
+            Some(b) if at.seconds_since(b.received_at) < ARM_BATTERY_AGE_S => {
+                if b.supply_v >= least_v {
+                    return Ok(());
+                }
+                Err(format!("battery at {:.2} V, at least {least_v:.2} V needed", b.supply_v))
+            }
+            _ => Err("no battery voltage from the board".to_owned()),
+        }
+    }
+}
+
+fn is_fresh(newest: Option<HostTime>, at: HostTime) -> bool {
+    newest.is_some_and(|t| at.seconds_since(t) < ARM_AGE_S)
+}

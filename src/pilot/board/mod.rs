@@ -1,0 +1,460 @@
+//! The link to the inner-loop board: discovery, streams, time, checks, mode, arming.
+//!
+//! Nothing a board streams is taken for granted, nothing it acknowledges is believed: rates are
+//! measured, parameters read back, modes and arming confirmed by its heartbeat, and the setpoint in
+//! force compared with the one that was sent. What differs between firmwares is in `profile` and
+//! `rules`; docs/BOARDS.md says what was seen of them.
+
+mod arming;
+mod checks;
+mod clock;
+mod control;
+mod encoding;
+mod orders;
+mod pace;
+mod profile;
+mod rules;
+mod sensors;
+mod streams;
+mod target;
+mod timing;
+
+use haltere_dialect::mav::haltere::{
+    AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage,
+    MavModeFlag, MavResult, MavState, MavType,
+};
+use haltere_dialect::mav_stream::{HeartbeatFields, MavFrame, heartbeat_fields};
+
+use crate::drops::{DropReason, Drops};
+use crate::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample, ReferencePose};
+use crate::time::HostTime;
+
+use super::LinkId;
+use super::config::BoardProfile;
+use super::output::{Address, Outbox};
+
+use arming::{Arming, Outcome};
+use checks::Checks;
+use clock::BoardClock;
+use control::Control;
+use encoding::Encoding;
+use pace::Pace;
+use sensors::TextJoiner;
+use streams::Streams;
+use target::TargetWatch;
+
+pub(super) use control::Change;
+pub(super) use profile::Firmware;
+
+/// Component id of an onboard computer (MAV_COMP_ID_ONBOARD_COMPUTER).
+const OWN_COMPONENT: u8 = 191;
+/// Component id of an autopilot (MAV_COMP_ID_AUTOPILOT1).
+const BOARD_COMPONENT: u8 = 1;
+/// MAV_AUTOPILOT_INVALID: a component that is no autopilot.
+const INVALID_AUTOPILOT: u8 = 8;
+/// MAV_STATE: below standby a board is still booting or calibrating.
+const STATE_STANDBY: u8 = 3;
+
+/// TIMESYNC.
+const TIMESYNC_ID: u32 = 111;
+
+const SECOND_US: i64 = 1_000_000;
+/// The capability word is asked for so often, µs, and so many times; then the firmware's habit holds.
+const VERSION_RETRY_US: i64 = 700_000;
+const VERSION_TRIES: u32 = 6;
+
+/// What the board link has to tell the core.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum BoardNews {
+    Imu(ImuSample),
+    Attitude(BoardAttitude),
+    Battery(BatterySample),
+    Baro(BaroSample),
+    Reference(ReferencePose),
+    Found {
+        system_id: u8,
+        firmware: Firmware,
+    },
+    Armed(bool),
+    /// The board's answer to our arm or disarm command.
+    ArmAnswer {
+        arm: bool,
+        accepted: bool,
+        why: String,
+    },
+    Text {
+        severity: u8,
+        text: String,
+    },
+    /// Something that the link itself has to tell people.
+    Notice {
+        warning: bool,
+        text: String,
+    },
+    /// The board left our mode, or came back to it.
+    Mode(Change),
+    /// It flies another setpoint than ours, or ours again.
+    Ignored {
+        ignored: bool,
+        sent_frac: f64,
+        board_frac: f64,
+    },
+    /// The board was silent for so long, s, and is back.
+    Back {
+        silent_s: f64,
+    },
+}
+
+/// How the link is to be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct LinkConfig {
+    pub profile: BoardProfile,
+    /// Whether wrong parameters of the board may be set.
+    pub set_parameters: bool,
+}
+
+/// State of the link.
+#[derive(Debug)]
+pub(super) struct BoardLink {
+    config: LinkConfig,
+    system_id: Option<u8>,
+    firmware: Firmware,
+    /// The newest heartbeat.
+    beat: Option<HeartbeatFields>,
+    armed: bool,
+    last_heard: Option<HostTime>,
+    last_sequence: Option<u8>,
+    clock: BoardClock,
+    pace: Pace,
+    sync_sent_us: [u64; 8],
+    next_sync: HostTime,
+    next_heartbeat: HostTime,
+    streams: Streams,
+    checks: Checks,
+    version_tries: u32,
+    next_version: HostTime,
+    control: Control,
+    target: TargetWatch,
+    arming: Arming,
+    /// Since when setpoints have been sent without a gap, and the last one.
+    streaming: Option<(HostTime, HostTime)>,
+    /// We fly it: its mode must be ours.
+    held: bool,
+    text: TextJoiner,
+}
+
+impl BoardLink {
+    pub fn new(config: LinkConfig, at: HostTime) -> Self {
+        Self {
+            config,
+            system_id: None,
+            firmware: Firmware::Generic,
+            beat: None,
+            armed: false,
+            last_heard: None,
+            last_sequence: None,
+            clock: BoardClock::default(),
+            pace: Pace::default(),
+            sync_sent_us: [0; 8],
+            next_sync: at,
+            next_heartbeat: at,
+            streams: Streams::new(Firmware::Generic, at),
+            checks: Checks::new(Firmware::Generic, 1, false, at),
+            version_tries: 0,
+            next_version: at,
+            control: Control::default(),
+            target: TargetWatch::default(),
+            arming: Arming::default(),
+            streaming: None,
+            held: false,
+            text: TextJoiner::default(),
+        }
+    }
+
+    /// Its system id, once it was found.
+    pub fn system_id(&self) -> Option<u8> {
+        self.system_id
+    }
+
+    /// What it is taken for.
+    pub fn firmware(&self) -> Firmware {
+        self.firmware
+    }
+
+    /// Whether a message is one that we asked the board for, or part of our talk with it.
+    pub fn is_own_stream(&self, msg_id: u32) -> bool {
+        msg_id == TIMESYNC_ID || (msg_id != 0 && self.streams.is_ours(msg_id))
+    }
+
+    pub fn is_armed(&self) -> bool {
+        self.armed
+    }
+
+    pub fn clock(&self) -> &BoardClock {
+        &self.clock
+    }
+
+    /// Time since anything came from the board, s.
+    pub fn silence_s(&self, at: HostTime) -> Option<f64> {
+        self.last_heard.map(|t| at.seconds_since(t))
+    }
+
+    /// Why it must not be armed, for people: rates, parameters, vehicle type, line.
+    pub fn refusal(&self, at: HostTime) -> Option<String> {
+        if let Some(slow) = self.streams.slow() {
+            return Some(slow);
+        }
+        if !self.firmware.is_real() {
+            return None;
+        }
+        let beat = self.beat?;
+        let claimed = Firmware::from_autopilot(beat.autopilot);
+        if claimed != self.firmware {
+            return Some(format!(
+                "board.profile is \"{}\", but the board says it is \"{}\" (autopilot {}): write \
+                 \"auto\"",
+                self.firmware.name(),
+                claimed.name(),
+                beat.autopilot
+            ));
+        }
+        if let Some(why) = self.checks.refusal(at) {
+            return Some(why);
+        }
+        if !self.firmware.passes_thrust_to(beat.mavtype) {
+            return Some(format!(
+                "board says vehicle type {}, to which PX4 gives no thrust: set MAV_TYPE to 2 and \
+                 restart the board",
+                beat.mavtype
+            ));
+        }
+        if beat.system_status < STATE_STANDBY {
+            return Some(format!("board is still starting (state {})", beat.system_status));
+        }
+        match self.pace.median_s() {
+            Some(s) if s > pace::SLOW_S => Some(format!(
+                "board answers after {:.0} ms, at most {:.0}: its line is too slow for what it \
+                 carries, 921600 baud are needed",
+                s * 1e3,
+                pace::SLOW_S * 1e3
+            )),
+            _ => None,
+        }
+    }
+
+    /// Whether the board is in the mode in which it obeys, and flies what we send.
+    pub fn obeys(&self) -> bool {
+        !self.control.is_away() && !self.target.is_ignored()
+    }
+
+    /// Whether thrust that was sent has come back in its ATTITUDE_TARGET; always for a board that has
+    /// none.
+    pub fn shows_our_thrust(&self, at: HostTime) -> bool {
+        !self.firmware.is_real() || self.target.is_in_force(at)
+    }
+
+    /// Time that its motors take to spool up, s: as its parameter says, else as usual.
+    pub fn spool_s(&self) -> f64 {
+        let told = rules::SPOOL_NAMES.iter().find_map(|name| self.checks.value(name));
+        // No spool-up of this class takes longer than the range of a sane parameter.
+        told.filter(|s| (0.0..=5.0).contains(s)).unwrap_or(self.firmware.spool_s())
+    }
+
+    /// The link was opened again: whatever the board knew of us is gone. Unless it flies, it may
+    /// even be another board.
+    pub fn restart(&mut self, at: HostTime) {
+        if !self.armed {
+            self.system_id = None;
+        }
+        self.last_sequence = None;
+        self.clock = BoardClock::default();
+        self.pace = Pace::default();
+        self.next_sync = at;
+        self.next_heartbeat = at;
+        self.streams.restart(at);
+    }
+
+    /// The board has restarted: it forgot what it was asked for, and may have other parameters.
+    fn rebooted(&mut self, at: HostTime, news: &mut Vec<BoardNews>) {
+        self.streams.forget(at);
+        self.pace = Pace::default();
+        self.begin_checks(at);
+        if self.firmware.is_real() {
+            let text = "board has restarted: it is asked and checked anew".to_owned();
+            news.push(BoardNews::Notice { warning: true, text });
+        }
+    }
+
+    fn begin_checks(&mut self, at: HostTime) {
+        let system_id = self.system_id.unwrap_or(1);
+        self.checks = Checks::new(self.firmware, system_id, self.config.set_parameters, at);
+        (self.version_tries, self.next_version) = (0, at);
+    }
+
+    /// Whether this is who we are to the board.
+    pub fn is_own_address(&self, (system_id, component_id): (u8, u8)) -> bool {
+        self.own_address() == Some(Address { system_id, component_id })
+    }
+
+    fn own_address(&self) -> Option<Address> {
+        self.system_id.map(|system_id| Address { system_id, component_id: OWN_COMPONENT })
+    }
+
+    /// One frame from the board.
+    pub fn frame(
+        &mut self,
+        at: HostTime,
+        frame: &MavFrame<'_>,
+        out: &mut Outbox,
+        drops: &mut Drops,
+        news: &mut Vec<BoardNews>,
+    ) {
+        let header = frame.header;
+        if let Some(beat) = heartbeat_fields(frame) {
+            // A ground station or another companion on the same wire is not the board.
+            if header.component_id != BOARD_COMPONENT || beat.autopilot == INVALID_AUTOPILOT {
+                drops.add(DropReason::MavWrongPeer, 1);
+                return;
+            }
+            if self.system_id.is_none() {
+                self.found(at, header.system_id, &beat, news);
+            }
+        }
+        if self.system_id != Some(header.system_id) || header.component_id != BOARD_COMPONENT {
+            drops.add(DropReason::MavWrongPeer, 1);
+            return;
+        }
+        if let Some(last) = self.last_sequence {
+            let missing = header.sequence.wrapping_sub(last).wrapping_sub(1);
+            // Half the ring or more is a reboot or a reordered frame, not a loss.
+            if missing < 128 {
+                drops.add(DropReason::MavSequenceGap, u64::from(missing));
+            }
+        }
+        self.last_sequence = Some(header.sequence);
+        if let Some(silent_s) = self.silence_s(at).filter(|s| *s > 0.5) {
+            news.push(BoardNews::Back { silent_s });
+        }
+        self.last_heard = Some(at);
+        self.streams.note(header.msg_id);
+        if let Some(beat) = heartbeat_fields(frame) {
+            self.heartbeat(at, beat, news);
+            return;
+        }
+        match frame.decode() {
+            Ok(message) => self.message(at, &message, out, drops, news),
+            Err(_) => drops.add(DropReason::MavUndecodable, 1),
+        }
+    }
+
+    fn found(
+        &mut self,
+        at: HostTime,
+        system_id: u8,
+        beat: &HeartbeatFields,
+        news: &mut Vec<BoardNews>,
+    ) {
+        self.system_id = Some(system_id);
+        let firmware = Firmware::in_force(self.config.profile, beat.autopilot);
+        if firmware != self.firmware {
+            self.firmware = firmware;
+            self.streams = Streams::new(firmware, at);
+        }
+        self.begin_checks(at);
+        news.push(BoardNews::Found { system_id, firmware });
+        let claimed = Firmware::from_autopilot(beat.autopilot);
+        if firmware == Firmware::Generic && claimed.is_real() {
+            let text = format!(
+                "board says it is \"{}\" and is flown as \"generic\", unchecked, as board.profile \
+                 says",
+                claimed.name()
+            );
+            news.push(BoardNews::Notice { warning: true, text });
+        }
+    }
+
+    fn heartbeat(&mut self, at: HostTime, beat: HeartbeatFields, news: &mut Vec<BoardNews>) {
+        self.beat = Some(beat);
+        let armed = beat.base_mode & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0;
+        if armed != self.armed {
+            self.armed = armed;
+            news.push(BoardNews::Armed(armed));
+        }
+        if let Some(mode) = self.firmware.control_mode() {
+            let change = self.control.heartbeat(at, mode, beat.custom_mode, self.held);
+            news.extend(change.map(BoardNews::Mode));
+        }
+        let outcome = self.arming.heartbeat(at, self.armed);
+        report(outcome, news);
+    }
+
+    pub(super) fn ack(&mut self, at: HostTime, m: &COMMAND_ACK_DATA, news: &mut Vec<BoardNews>) {
+        match m.command {
+            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
+                self.streams.answered(at, m.result == MavResult::MAV_RESULT_ACCEPTED);
+            }
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
+                let outcome = self.arming.answer(at, m.result, self.armed);
+                report(outcome, news);
+            }
+            // The answer to a mode command is no sign of anything.
+            _ => {}
+        }
+    }
+
+    pub(super) fn version(&mut self, at: HostTime, m: &AUTOPILOT_VERSION_DATA) {
+        self.version_tries = VERSION_TRIES;
+        if self.firmware.is_real() {
+            self.checks.set_encoding(Encoding::from_capabilities(m.capabilities.bits()), at);
+        }
+    }
+
+    /// Work that is due at this time: heartbeat, time, streams, checks, repeated commands.
+    pub fn tick(&mut self, at: HostTime, out: &mut Outbox, news: &mut Vec<BoardNews>) {
+        self.streams.measure(at);
+        // Spoken from the first moment on: a board behind `udpout` answers only who speaks first.
+        let speaker =
+            Address { system_id: self.system_id.unwrap_or(1), component_id: OWN_COMPONENT };
+        if at >= self.next_heartbeat {
+            self.next_heartbeat = at.offset_us(SECOND_US);
+            let beat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+                custom_mode: 0,
+                mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+                autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+                base_mode: MavModeFlag::empty(),
+                system_status: MavState::MAV_STATE_ACTIVE,
+                mavlink_version: 3,
+            });
+            out.message(LinkId::Board, speaker, &beat);
+        }
+        let Some(own) = self.own_address() else { return };
+        self.ask_time(at, own, out);
+        if let Some((msg_id, interval_us)) = self.streams.ask(at) {
+            let params = [msg_id as f32, interval_us as f32];
+            self.send_numbers(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, params, 0, out);
+        }
+        if self.firmware.is_real() {
+            self.ask_version(at, out);
+            if let Some(request) = self.checks.ask(at, self.armed, news) {
+                out.message(LinkId::Board, own, &request);
+            }
+        }
+        self.watch(at, out, news);
+        self.proceed_arming(at, out, news);
+    }
+
+    fn ask_version(&mut self, at: HostTime, out: &mut Outbox) {
+        if self.version_tries < VERSION_TRIES && at >= self.next_version {
+            self.version_tries += 1;
+            self.next_version = at.offset_us(VERSION_RETRY_US);
+            // AUTOPILOT_VERSION.
+            self.send_numbers(MavCmd::MAV_CMD_REQUEST_MESSAGE, [148.0, 0.0], 0, out);
+        }
+    }
+}
+
+fn report(outcome: Option<Outcome>, news: &mut Vec<BoardNews>) {
+    if let Some(Outcome { arm, accepted, why }) = outcome {
+        news.push(BoardNews::ArmAnswer { arm, accepted, why });
+    }
+}

@@ -1,0 +1,192 @@
+//! Events: what happened, as numbers that a station puts into words, and none of which is lost.
+//!
+//! Source: the guide's "Events Interface" page, and the receiver of the libevents project. Events
+//! count in one sequence; a station that misses one asks for it. They go to the links whose stream
+//! CURRENT_EVENT_SEQUENCE is on: all of identity `px4`, and whoever asks for that stream. Texts that
+//! say the same end in a TAB there, by which such stations know not to show them twice (GROUND.md).
+
+use std::collections::VecDeque;
+
+use haltere_dialect::mav::haltere::{
+    CURRENT_EVENT_SEQUENCE_DATA, EVENT_DATA, MavEventCurrentSequenceFlags, MavEventErrorReason,
+    MavMessage, REQUEST_EVENT_DATA, RESPONSE_EVENT_ERROR_DATA,
+};
+
+use crate::time::HostTime;
+use crate::topics::{TextRecord, Topic};
+
+use super::super::arming::Check;
+use super::super::mission_transfer::Client;
+use super::super::modes::{Event as Cause, Mode};
+use super::super::telemetry::send_text;
+use super::super::{LinkId, OWN, Pilot, Severity};
+use super::event_list as list;
+
+/// CURRENT_EVENT_SEQUENCE.
+pub const SEQUENCE_ID: u32 = 411;
+/// Events that can be asked for again: several reports of all checks.
+const MOST_KEPT: usize = 40;
+/// Least time between two reports of the checks, s: states that flicker must not fill a link.
+const REPORT_S: f64 = 1.0;
+/// Most events that are sent again for one request.
+const MOST_AGAIN: u16 = 20;
+/// Log level of what is no news for people (LogLevel::Protocol), for the vehicle's log and for them.
+const PROTOCOL: u8 = 8 << 4 | 8;
+
+/// State of the service.
+#[derive(Debug, Default)]
+pub(in super::super) struct Events {
+    kept: VecDeque<EVENT_DATA>,
+    /// Number of the newest event.
+    newest: u16,
+    /// Checks that failed when they were last reported, as bits of health.
+    reported: Option<u32>,
+    reported_at: HostTime,
+}
+
+fn level(severity: Severity) -> u8 {
+    (severity as u8) << 4 | severity as u8
+}
+
+/// Arguments of an event, one after another.
+fn packed(parts: &[&[u8]]) -> [u8; 40] {
+    let mut arguments = [0; 40];
+    for (slot, byte) in arguments.iter_mut().zip(parts.iter().copied().flatten()) {
+        *slot = *byte;
+    }
+    arguments
+}
+
+impl Pilot {
+    fn wants_events(&mut self, link: LinkId) -> bool {
+        self.ground_mut(link).is_some_and(|g| g.is_open && g.streams.interval_us(SEQUENCE_ID) > 0)
+    }
+
+    fn event(&mut self, at: HostTime, number: u32, log_levels: u8, parts: &[&[u8]]) {
+        let events = &mut self.services.events;
+        events.newest = events.newest.wrapping_add(1);
+        let event = EVENT_DATA {
+            id: list::wire_id(number),
+            event_time_boot_ms: (at.as_us() / 1000) as u32,
+            sequence: events.newest,
+            destination_component: 0,
+            destination_system: 0,
+            log_levels,
+            arguments: packed(parts),
+        };
+        if events.kept.len() == MOST_KEPT {
+            events.kept.pop_front();
+        }
+        events.kept.push_back(event.clone());
+        let message = MavMessage::EVENT(event);
+        for n in 0..self.grounds.len() {
+            let link = self.grounds[n].link;
+            if self.wants_events(link) {
+                self.out.message(link, OWN, &message);
+            }
+        }
+    }
+
+    /// Tells that the mode has changed: as an event, and as a text.
+    pub(in super::super) fn tell_transition(
+        &mut self,
+        at: HostTime,
+        (from, on, to): (Mode, Cause, Mode),
+        severity: Severity,
+        because: &str,
+    ) {
+        let (from_number, to_number) = (list::mode_number(from), list::mode_number(to));
+        let arguments = [from_number, to_number, list::cause_number(from, on)];
+        self.event(at, list::MODE_CHANGED, level(severity), &[&arguments]);
+        let text = format!("{}: {because}", to.name());
+        self.text_id = self.text_id.wrapping_add(1).max(1);
+        let id = self.text_id;
+        for n in 0..self.grounds.len() {
+            let link = self.grounds[n].link;
+            if !self.grounds[n].is_open {
+                continue;
+            }
+            if self.wants_events(link) {
+                send_text(&mut self.out, link, severity as u8, &format!("{text}\t"), id);
+            } else {
+                send_text(&mut self.out, link, severity as u8, &text, id);
+            }
+        }
+        self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
+    }
+
+    /// CURRENT_EVENT_SEQUENCE. The first on a link says that the numbers have begun anew.
+    pub(in super::super) fn event_sequence(&mut self, link: LinkId) -> MavMessage {
+        let is_known = self
+            .ground_mut(link)
+            .is_some_and(|g| std::mem::replace(&mut g.event_sequence_told, true));
+        let flags = if is_known {
+            MavEventCurrentSequenceFlags::empty()
+        } else {
+            MavEventCurrentSequenceFlags::MAV_EVENT_CURRENT_SEQUENCE_FLAGS_RESET
+        };
+        let sequence = self.services.events.newest;
+        MavMessage::CURRENT_EVENT_SEQUENCE(CURRENT_EVENT_SEQUENCE_DATA { sequence, flags })
+    }
+
+    /// REQUEST_EVENT: again what was lost on the way.
+    pub(super) fn events_again(&mut self, client: Client, request: &REQUEST_EVENT_DATA) {
+        let count = request.last_sequence.wrapping_sub(request.first_sequence);
+        for offset in 0..=count.min(MOST_AGAIN - 1) {
+            let sequence = request.first_sequence.wrapping_add(offset);
+            let events = &self.services.events;
+            let message = match events.kept.iter().find(|e| e.sequence == sequence) {
+                Some(event) => MavMessage::EVENT(event.clone()),
+                None => MavMessage::RESPONSE_EVENT_ERROR(RESPONSE_EVENT_ERROR_DATA {
+                    sequence,
+                    sequence_oldest_available: events
+                        .kept
+                        .front()
+                        .map_or(events.newest, |e| e.sequence),
+                    target_system: client.peer.0,
+                    target_component: client.peer.1,
+                    reason: MavEventErrorReason::MAV_EVENT_ERROR_REASON_UNAVAILABLE,
+                }),
+            };
+            self.out.message(client.link, OWN, &message);
+        }
+    }
+
+    /// Once a control step: reports the checks when one of them has changed. In flight nobody arms.
+    pub(super) fn event_tick(&mut self, at: HostTime) {
+        let events = &self.services.events;
+        if self.mode != Mode::Disarmed
+            || events.reported.is_some() && at.seconds_since(events.reported_at) < REPORT_S
+        {
+            return;
+        }
+        self.report_checks(at, false);
+    }
+
+    /// The report of all checks; `anyway`: even if nothing has changed.
+    pub(super) fn report_checks(&mut self, at: HostTime, anyway: bool) {
+        let failed: Vec<Check> =
+            Check::ALL.into_iter().filter(|c| self.arming_check(*c, at).is_err()).collect();
+        let errors: u32 = failed.iter().map(|c| list::health_bit(*c)).sum();
+        let events = &mut self.services.events;
+        events.reported_at = at;
+        if events.reported.replace(errors) == Some(errors) && !anyway {
+            return;
+        }
+        let all: u32 = Check::ALL.into_iter().map(list::health_bit).sum();
+        let modes = list::all_modes();
+        let can = if failed.is_empty() { modes } else { 0 };
+        let [errors, all, none, modes, can] =
+            [errors, all, 0, modes, can].map(|word: u32| word.to_le_bytes());
+        self.event(at, list::ARMING_SUMMARY, PROTOCOL, &[&[0], &errors, &none, &can, &can]);
+        for check in failed {
+            let number = (list::FIRST_CHECK..)
+                .zip(Check::ALL)
+                .find(|(_, c)| *c == check)
+                .map_or(list::FIRST_CHECK, |(number, _)| number);
+            let index = [list::health_index(check)];
+            self.event(at, number, level(Severity::Error), &[&modes, &index]);
+        }
+        self.event(at, list::HEALTH_SUMMARY, PROTOCOL, &[&[0], &all, &errors, &none]);
+    }
+}

@@ -1,0 +1,202 @@
+//! The first configuration of a vehicle: two commented files, checked before they are written.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use crate::config::{
+    Address, Config, RecordConfig, StoreConfig, TagPort, parse_anchors, reference,
+};
+use crate::pilot::TagProtocol;
+
+/// Name of the anchor file.
+const ANCHORS: &str = "anchors.toml";
+
+/// What has to be known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Answers {
+    /// Device of the tag.
+    pub tag: TagPort,
+    /// What it speaks.
+    pub tag_protocol: TagProtocol,
+    /// Where the board is.
+    pub board: Address,
+    /// Where ground stations are.
+    pub ground: Vec<Address>,
+    /// Content of the anchor file.
+    pub anchors: String,
+    /// Where logs go.
+    pub logs: PathBuf,
+    /// Where settings of stations are kept.
+    pub store: PathBuf,
+}
+
+impl Default for Answers {
+    fn default() -> Self {
+        let config = Config::default();
+        Self {
+            tag: config.tag.port,
+            tag_protocol: config.tag.protocol,
+            board: config.board.address,
+            ground: config.ground.endpoints.into_iter().map(|e| e.address).collect(),
+            anchors: String::new(),
+            logs: RecordConfig::default().directory,
+            store: StoreConfig::default().directory,
+        }
+    }
+}
+
+/// Writes `haltere.toml` and the anchor file into `directory`; gives both paths. Nothing is written
+/// before all is right, and nothing is replaced unless `force`.
+pub fn write(answers: &Answers, directory: &Path, force: bool) -> Result<[PathBuf; 2], String> {
+    let config = directory.join(crate::config::DEFAULT_FILE);
+    let anchors = directory.join(ANCHORS);
+    let text = configuration(answers);
+    let name = |path: &Path| path.display().to_string();
+    let parsed = Config::from_toml(&name(&config), &text).map_err(|p| p.to_string())?;
+    let mut problems = crate::checks::Problems::new();
+    parsed.check(&mut problems);
+    problems.into_result().map_err(|p| p.to_string())?;
+    parse_anchors(&name(&anchors), &answers.anchors).map_err(|p| p.to_string())?;
+    if !force {
+        none_there(directory)?;
+    }
+    std::fs::create_dir_all(directory)
+        .map_err(|e| format!("{}: the folder cannot be made: {e}", directory.display()))?;
+    for (path, text) in [(&config, &text), (&anchors, &answers.anchors)] {
+        put(path, text, force)
+            .map_err(|e| format!("{}: cannot be written: {e}", path.display()))?;
+    }
+    Ok([config, anchors])
+}
+
+/// Refuses a folder that holds one of both files.
+pub fn none_there(directory: &Path) -> Result<(), String> {
+    let both = [crate::config::DEFAULT_FILE, ANCHORS].map(|name| directory.join(name));
+    match both.iter().find(|path| path.exists()) {
+        None => Ok(()),
+        Some(there) => Err(format!(
+            "{}: exists already; name another folder with --dir, or say --force to replace it",
+            there.display()
+        )),
+    }
+}
+
+fn put(path: &Path, text: &str, force: bool) -> std::io::Result<()> {
+    let mut options = std::fs::OpenOptions::new();
+    options.write(true);
+    if force {
+        options.create(true).truncate(true);
+    } else {
+        options.create_new(true);
+    }
+    let mut file = options.open(path)?;
+    file.write_all(text.as_bytes())?;
+    file.sync_all()
+}
+
+/// The file, with the words of the sample above each key.
+fn configuration(answers: &Answers) -> String {
+    let quoted = |text: String| toml::Value::String(text).to_string();
+    let list = answers.ground.iter().map(|a| quoted(a.to_string())).collect::<Vec<_>>().join(", ");
+    let set = [
+        ("tag", "port", quoted(String::from(answers.tag.clone()))),
+        ("tag", "protocol", plain(&answers.tag_protocol)),
+        ("board", "address", quoted(answers.board.to_string())),
+        ("ground", "endpoints", format!("[{list}]")),
+        ("anchors", "file", quoted(ANCHORS.to_owned())),
+        ("record", "directory", quoted(answers.logs.display().to_string())),
+        ("store", "directory", quoted(answers.store.display().to_string())),
+    ];
+    // Shown, and left at their defaults: what is usually wanted next.
+    let shown = [("board", "profile"), ("board", "north_offset_deg"), ("ground", "identity")];
+    let mut text = String::from(
+        "# Configuration of the companion, made by `haltere init`. Only what differs from the defaults\n\
+         # need stand here; docs/CONFIGURATION.md (or config/haltere.toml of the sources) tells every key.\n\
+         # `haltere check` examines it, with --live also what tag and board really send.\n",
+    );
+    let mut section = "";
+    let keys = reference();
+    for key in &keys {
+        let given = set.iter().find(|(s, k, _)| *s == key.section && *k == key.name);
+        let named = |(s, k): &(&str, &str)| *s == key.section && *k == key.name;
+        let limit = key.section == "limits" && key.absent;
+        if given.is_none() && !shown.iter().any(named) && !limit {
+            continue;
+        }
+        if section != key.section {
+            section = &key.section;
+            text += &format!("\n[{section}]\n");
+        }
+        text += &wrapped(&key.text);
+        text += &match given {
+            Some((_, _, value)) => format!("{} = {value}\n", key.name),
+            None => format!("# {} = {}\n", key.name, key.value),
+        };
+    }
+    text
+}
+
+/// A value as TOML writes it.
+fn plain(value: &impl serde::Serialize) -> String {
+    toml::Value::try_from(value).map(|v| v.to_string()).unwrap_or_default()
+}
+
+/// Width of a line of comment, characters.
+const WIDTH: usize = 98;
+
+fn wrapped(text: &str) -> String {
+    let mut out = String::new();
+    let mut line = String::from("#");
+    for word in text.split_whitespace() {
+        if line.chars().count() + 1 + word.chars().count() > WIDTH && line.len() > 1 {
+            out += &line;
+            out.push('\n');
+            line = String::from("#");
+        }
+        line.push(' ');
+        line += word;
+    }
+    out + &line + "\n"
+}
+
+/// An anchor file of lines `id x y z` (spaces, commas, semicolons or tabs between, # for comments), or of
+/// what is one already. `frame`: enu or ned, of lines.
+pub fn anchor_file(text: &str, frame: &str) -> Result<String, String> {
+    if text.lines().any(|line| line.trim() == "[[anchor]]") {
+        return Ok(text.to_owned());
+    }
+    let axes = if frame == "ned" { "x north, y east, z down" } else { "x east, y north, z up" };
+    let mut file = format!(
+        "# Where the UWB anchors stand: the antennas, not the boxes. The origin lies on the floor.\n\
+         # frame = \"{frame}\": {axes}, metres.\nframe = \"{frame}\"\n"
+    );
+    let mut first = true;
+    for (n, line) in text.lines().enumerate() {
+        let line = line.split('#').next().unwrap_or_default().trim();
+        if line.is_empty() {
+            continue;
+        }
+        let cells: Vec<&str> =
+            line.split([',', ';', '\t', ' ']).map(str::trim).filter(|c| !c.is_empty()).collect();
+        let numbers: Option<Vec<f64>> =
+            cells.iter().skip(1).map(|c| c.parse().ok().filter(|v: &f64| v.is_finite())).collect();
+        let id = cells.first().and_then(|c| c.parse::<u8>().ok());
+        // A table usually has a head.
+        let is_head = first && cells.len() == 4 && cells.iter().all(|c| c.parse::<f64>().is_err());
+        first = false;
+        match (id, numbers.as_deref()) {
+            (Some(id), Some([x, y, z])) => {
+                let position = toml::Value::from(vec![*x, *y, *z]);
+                file += &format!("\n[[anchor]]\nid = {id}\nposition_m = {position}\n");
+            }
+            _ if is_head => {}
+            _ => {
+                return Err(format!(
+                    "line {}: {line:?}; write each anchor as `id x y z`, id 0 to 255, metres",
+                    n + 1
+                ));
+            }
+        }
+    }
+    Ok(file)
+}

@@ -1,0 +1,17 @@
+//! Pages that are made from the code itself: modes and messages. Tests hold the committed pages to it;
+//! `HALTERE_REWRITE_GOLDENS=1 cargo test --lib page_is` writes them anew.
+
+pub mod messages;
+pub mod modes;
+
+#[cfg(test)]
+pub(crate) fn check_page(name: &str, page: &str) {
+    let path = format!("{}/docs/{name}", env!("CARGO_MANIFEST_DIR"));
+    if std::env::var_os("HALTERE_REWRITE_GOLDENS").is_some() {
+        std::fs::write(&path, page).expect("docs/ can be written");
+    }
+    assert!(
+        std::fs::read_to_string(&path).unwrap_or_default() == page,
+        "docs/{name} is old: HALTERE_REWRITE_GOLDENS=1 cargo test --lib page_is"
+    );
+}

@@ -1,0 +1,158 @@
+//! Which plots a flight gets, and in which order.
+
+mod control;
+mod motion;
+mod ranging;
+mod timeline;
+mod timing;
+mod vibration;
+
+use std::fmt::Write as _;
+
+pub use motion::shapes;
+
+use crate::frames::{E, Vec3};
+use crate::report::flight::Flight;
+use crate::report::svg::{Mark, Plot, Series, Span, Tone, escape};
+use crate::time::HostTime;
+
+/// Drawing sizes, pixels: the page shows two plots a row.
+const PLOT_PX: [f64; 2] = [540.0, 210.0];
+const WIDE_PX: [f64; 2] = [1100.0, 236.0];
+
+/// A heading and its plots.
+pub struct Section {
+    /// Heading.
+    pub title: &'static str,
+    /// A sentence or two under it: what to look for.
+    pub note: String,
+    /// Finished SVG, in order.
+    pub plots: Vec<String>,
+}
+
+/// Draws everything.
+pub fn sections(flight: &Flight) -> Vec<Section> {
+    let Some((first, end)) = flight.ends() else { return Vec::new() };
+    let start = flight.started.unwrap_or(first);
+    let since = |at: HostTime| at.seconds_since(start);
+    let clock = Clock {
+        start,
+        span_s: [since(first).max(0.0), since(end)],
+        modes: modes(flight, start, [first, end]),
+    };
+    let section = |title, note: &str, plots| Section { title, note: note.to_owned(), plots };
+    vec![
+        section(
+            "Timeline",
+            "Marks in the row of messages: what people were told; its words appear under the pointer \
+             and stand at the end of the page.",
+            vec![timeline::timeline(flight, &clock)],
+        ),
+        section(
+            "Where it flew",
+            "Truth, where there is any, is the simulator's or motion capture's: the companion never \
+             sees it.",
+            motion::place(flight, &clock),
+        ),
+        section("Velocity, and the error of the estimate", "", motion::velocity(flight, &clock)),
+        section(
+            "Attitude",
+            "Setpoints as sent, the part of them that is drag feed-forward, and what came of them.",
+            control::attitude(flight, &clock),
+        ),
+        section(
+            "Thrust and battery",
+            "Full throttle is 1. Base is what hovering takes at the present voltage; sent is base and \
+             feedback together, times the factors of tilt and ground, within its limits. Corrections: what \
+             each of these adds to the base at the nominal voltage.",
+            control::thrust(flight, &clock),
+        ),
+        section(
+            "Ranging",
+            "Innovation is measured minus predicted. A pair whose mean stands off zero has a bias: an \
+             anchor moved, or a reflection. Consistency is innovation squared over its variance: 1 is \
+             right, more means the filter trusts too much.",
+            ranging::plots(flight, &clock),
+        ),
+        Section {
+            title: "Vibration",
+            note: vibration::note(flight),
+            plots: vibration::plots(flight),
+        },
+        Section {
+            title: "Timing and losses",
+            note: timing::note(flight),
+            plots: timing::plots(flight, &clock),
+        },
+    ]
+}
+
+/// Time axis of a flight.
+struct Clock {
+    start: HostTime,
+    /// First and last thing told, s since start.
+    span_s: [f64; 2],
+    modes: Vec<Span>,
+}
+
+impl Clock {
+    fn s(&self, at: HostTime) -> f64 {
+        at.seconds_since(self.start)
+    }
+
+    fn plot(&self, title: &str, y_label: &str, series: Vec<Series>) -> Plot {
+        let [low, high] = self.span_s;
+        Plot {
+            title: title.to_string(),
+            x_label: "time, s".to_string(),
+            y_label: y_label.to_string(),
+            series,
+            spans: self.modes.clone(),
+            size_px: PLOT_PX,
+            x_range: Some([low, high.max(low + 1.0)]),
+            shared_time: true,
+            ..Plot::default()
+        }
+    }
+}
+
+/// Modes as shaded spans.
+fn modes(flight: &Flight, start: HostTime, [first, end]: [HostTime; 2]) -> Vec<Span> {
+    let mut spans = Vec::new();
+    for (i, record) in flight.modes.iter().enumerate() {
+        let to = flight.modes.get(i + 1).map_or(end, |next| next.at);
+        spans.push(Span {
+            name: record.mode.to_string(),
+            x: [record.at.max(first).seconds_since(start), to.seconds_since(start)],
+        });
+    }
+    spans
+}
+
+fn series(name: &str, tone: Tone, mark: Mark, points: Vec<[f64; 2]>) -> Series {
+    Series { name: name.to_string(), tone, mark, points }
+}
+
+/// Picks what is drawn from a vector in frame E.
+type Shown = fn(Vec3<E>) -> f64;
+
+/// What a plot of frame E shows of a vector: north, east, height.
+const SHOWN: [(&str, Shown); 3] =
+    [("north x", |v| v.x()), ("east y", |v| v.y()), ("height \u{2212}z", |v| -v.z())];
+
+/// Modes as a list for people who cannot see the shading.
+pub fn mode_list(flight: &Flight) -> String {
+    let Some((first, _)) = flight.ends() else { return String::new() };
+    let start = flight.started.unwrap_or(first);
+    let mut rows = String::new();
+    for record in &flight.modes {
+        let _ = write!(
+            rows,
+            "<tr><td class=\"n\">{:.1}</td><td>{}</td><td>{}</td></tr>",
+            record.at.seconds_since(start),
+            escape(&record.mode),
+            escape(&record.cause)
+        );
+    }
+    rows
+}
