@@ -240,7 +240,7 @@ fn prop_what_is_not_allowed_is_refused_at_once() {
     let mut client = Client { seq: 0 };
     let (w, g) = (&mut world, &mut ground);
     for (opcode, path, code) in [
-        (4, "@PARAM/param.pck", 10),
+        (4, "@PARAM/other.pck", 10),
         (4, "/../etc/passwd", 10),
         (4, "/logs/../state/mission.plan", 10),
         (4, "/missions/none", 10),
@@ -274,6 +274,28 @@ fn prop_what_is_not_allowed_is_refused_at_once() {
     // Files are bounded.
     let open = client.ask(w, g, 6, 0, 0, b"/missions/big");
     assert_eq!(client.ask(w, g, 7, open.session, 200_000, b"x").data, [1]);
+}
+
+#[test]
+fn prop_a_client_may_choose_the_id_of_its_session() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut world = world_on(folder.path(), 1);
+    let mut ground = Ground::new();
+    let mut client = Client { seq: 0 };
+    let (w, g) = (&mut world, &mut ground);
+    let first = client.ask(w, g, 4, 31, 0, b"/general.json");
+    assert_eq!((first.opcode, first.session), (ACK, 31));
+    // Taken: another one is given.
+    let second = client.ask(w, g, 4, 31, 0, b"@PARAM/param.pck?withdefaults=1");
+    assert!(second.opcode == ACK && second.session != 31);
+    assert_eq!(client.ask(w, g, 5, second.session, 0, &[]).data[..2], [0x1C, 0x67]);
+    assert_eq!(client.ask(w, g, 5, 31, 0, &[]).data[..1], *b"{");
+    assert_eq!(client.ask(w, g, 1, 31, 0, &[]).opcode, ACK);
+    assert_eq!(client.ask(w, g, 5, 31, 0, &[]).data, [4]);
+    // Of another client's it knows nothing.
+    let mut other = Ground::at_endpoint(0, 77);
+    let same = Client { seq: 100 }.ask(w, &mut other, 4, second.session, 0, b"/general.json");
+    assert_eq!((same.opcode, same.session), (ACK, second.session));
 }
 
 #[test]

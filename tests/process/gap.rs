@@ -132,9 +132,14 @@ fn val_a_gap_is_diagnosed_advised_shrunk_accepted_and_undone() {
     let anchors = ["gap", "accept", "r.json", "--effect", "P1", "--anchors", "a.toml"];
     run(dir, &anchors).refused(&["a.toml", "replace the wings"]);
 
-    // A cut log, garbage, nothing: each is a fault of the log.
+    // A log that was cut while landing is judged by what it holds, and says so.
     let whole = fs::read(dir.join("worn.mcap")).unwrap();
-    fs::write(dir.join("cut.mcap"), &whole[..whole.len() * 6 / 10]).unwrap();
+    fs::write(dir.join("landing.mcap"), &whole[..whole.len() * 6 / 10]).unwrap();
+    let ended = diagnose(dir, &["landing.mcap"]);
+    assert!(matches!(ended.code, Some(10..=14)), "{ended:?}");
+    assert!(ended.text.contains("log cut at byte"), "{}", ended.text);
+    // Hardly anything, garbage, nothing: each is a fault of the log.
+    fs::write(dir.join("cut.mcap"), &whole[..whole.len() / 10]).unwrap();
     fs::write(dir.join("garbage.mcap"), [0xA5u8; 5000]).unwrap();
     fs::write(dir.join("empty.mcap"), []).unwrap();
     for name in ["cut.mcap", "garbage.mcap", "empty.mcap", "gone.mcap"] {

@@ -2,6 +2,8 @@
 
 mod bad_input;
 mod flights;
+mod flood;
 mod gap;
+mod operation;
 mod pymavlink;
 mod support;

@@ -1,4 +1,4 @@
-//! Runs `tests/pymavlink` and `tests/stations` with pytest, in virtual environments of their own under
+//! Runs `tests/pymavlink`, `tests/stations` and `tests/mavsdk3` with pytest, in virtual environments of their own under
 //! `target/`.
 
 use std::fs::File;
@@ -65,8 +65,7 @@ fn python(requirements: &Path) -> PathBuf {
 }
 
 /// The dialect as a Python module, from the same XML that the Rust code is made of.
-fn dialect(python: &Path) -> PathBuf {
-    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder").keep();
+fn dialect(python: &Path, folder: &Path) -> PathBuf {
     let module = folder.join("haltere_dialect.py");
     run(
         Command::new(python)
@@ -82,22 +81,29 @@ fn dialect(python: &Path) -> PathBuf {
 fn pytest(folder: &str, what: &str) {
     let tests = root().join("tests").join(folder);
     let python = python(&tests.join("requirements.txt"));
-    let module = dialect(&python);
-    let output = Command::new(&python)
+    let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
+    let mut command = Command::new(&python);
+    command
         .args(["-m", "pytest", "-q", "--color=no", "-p", "no:cacheprovider", "--durations=5"])
         .arg(tests.join(what))
-        .current_dir(module.parent().expect("a folder"))
+        .current_dir(folder.path())
         .env("HALTERE_TEST_SIM", program())
-        .env("HALTERE_TEST_DIALECT", &module)
         .env("PYTHONDONTWRITEBYTECODE", "1")
-        .env("MAVLINK20", "1")
-        .output()
-        .expect("pytest starts");
+        .env("MAVLINK20", "1");
+    if has_pymavlink(&tests) {
+        command.env("HALTERE_TEST_DIALECT", dialect(&python, folder.path()));
+    }
+    let output = command.output().expect("pytest starts");
     let text = String::from_utf8_lossy(&output.stdout).into_owned()
         + &String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "pytest: {}\n{text}", output.status);
     println!("{text}");
-    let _ = std::fs::remove_dir_all(module.parent().expect("a folder"));
+}
+
+/// Whether the tests of a folder speak MAVLink themselves.
+fn has_pymavlink(tests: &Path) -> bool {
+    let list = std::fs::read_to_string(tests.join("requirements.txt")).unwrap_or_default();
+    list.lines().any(|line| line.starts_with("pymavlink=="))
 }
 
 #[test]
@@ -123,6 +129,21 @@ fn prop_qgroundcontrol_s_sequence_flies_it() {
 #[test]
 fn prop_mavsdk_flies_it() {
     pytest("stations", "test_mavsdk.py");
+}
+
+#[test]
+fn prop_mavsdk_reads_events_and_flies_by_joystick() {
+    pytest("stations", "test_mavsdk_events.py");
+}
+
+#[test]
+fn prop_the_older_mavsdk_flies_it() {
+    pytest("mavsdk3", "");
+}
+
+#[test]
+fn prop_a_bad_wire_is_survived_in_flight() {
+    pytest("stations", "test_wire.py");
 }
 
 #[test]

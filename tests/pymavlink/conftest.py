@@ -52,7 +52,11 @@ def hall():
 class World:
     """One simulated vehicle with its companion, and a ground station's connection to it."""
 
-    def __init__(self, folder, seed=1, protocol="lps-sniffer"):
+    def __init__(self, folder, seed=1, protocol="lps-sniffer", ground_keys="", sections="",
+                 endpoint_keys="", more_endpoints=(), prepare=lambda link: None):
+        """`ground_keys`, `sections` and, of our own endpoint, `endpoint_keys` are added to the
+        configuration; `prepare` is given the ground station's connection before anything comes over
+        it."""
         self.folder = folder
         self.truth_file = folder / "truth.csv"
         self.sim = subprocess.Popen(
@@ -62,6 +66,8 @@ class World:
         )
         greeting = json.loads(self.sim.stdout.readline())
         ground = free_port()
+        own = f'{{ address = "udpout:127.0.0.1:{ground}"{endpoint_keys} }}'
+        endpoints = [own, *(f'"{address}"' for address in more_endpoints)]
         (folder / "anchors.toml").write_text(hall())
         (folder / "haltere.toml").write_text(f"""
 [tag]
@@ -70,7 +76,8 @@ protocol = "{protocol}"
 [board]
 address = "{greeting['board']}"
 [ground]
-endpoints = ["udpout:127.0.0.1:{ground}"]
+endpoints = [{", ".join(endpoints)}]
+{ground_keys}
 [flight]
 gear_height_m = 0.12
 [estimator]
@@ -79,10 +86,12 @@ rest_height_m = 0.12
 directory = "{folder / 'log'}"
 [store]
 directory = "{folder / 'state'}"
+{sections}
 """)
         self.link = mavutil.mavlink_connection(
             f"udpin:127.0.0.1:{ground}", source_system=255, source_component=190
         )
+        prepare(self.link)
         self.texts = []
         self.start_companion()
 

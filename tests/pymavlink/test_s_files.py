@@ -116,8 +116,8 @@ def test_metadata_is_found_over_ftp(world):
 
 def test_root_and_what_leads_out_of_it(world):
     files = Files(world)
-    assert set(files.names("/")) == {"logs", "missions", "general.json", "param.json"}
-    for n, path in enumerate([b"@PARAM/param.pck", b"/../../etc/passwd", b"/logs/../../etc/passwd"]):
+    assert set(files.names("/")) == {"logs", "missions", "general.json", "param.json", "events.json"}
+    for n, path in enumerate([b"@PARAM/../logs", b"/../../etc/passwd", b"/logs/../../etc/passwd"]):
         # OpenFileRO, raw: pymavlink's client itself waits for seconds after a refusal.
         header = struct.pack("<HBBBBBBI", 500 + n, 0, 4, len(path), 0, 0, 0, 0)
         start = time.monotonic()

@@ -10,7 +10,7 @@ import pexpect
 
 
 class Proxy:
-    def __init__(self, port, folder, modules="arm,mode,misc,cmdlong,wp,param,link,rc,battery"):
+    def __init__(self, port, folder, modules="arm,mode,misc,cmdlong,wp,param,link,rc,battery,ftp"):
         script = os.path.join(os.path.dirname(sys.executable), "mavproxy.py")
         environment = dict(os.environ, HOME=str(home.HOME), TERM="dumb", MPLBACKEND="agg",
                            PYTHONWARNINGS="ignore")

@@ -41,7 +41,7 @@ def degrees(north, east):
 class Rig:
     """One simulated vehicle and its companion. `ports` names the endpoints."""
 
-    def __init__(self, folder, seed=1, ground="", duration=None):
+    def __init__(self, folder, seed=1, ground="", more="", endpoints=()):
         self.folder = pathlib.Path(folder)
         self.truth_file = self.folder / "truth.csv"
         command = [SIM, "serve", "--seed", str(seed), "--truth", str(self.truth_file),
@@ -68,7 +68,8 @@ endpoints = ["udpin:127.0.0.1:{p['generic']}",
              {{ address = "udpin:127.0.0.1:{p['px4']}", identity = "px4", vehicle_type = 2 }},
              {{ address = "udpin:127.0.0.1:{p['gps']}", gps = "origin+gps" }},
              "tcpin:127.0.0.1:{p['tcp']}",
-             {{ address = "udpin:127.0.0.1:{p['slow']}", bytes_per_s = 1000 }}]
+             {{ address = "udpin:127.0.0.1:{p['slow']}", bytes_per_s = 1000 }}
+             {"".join(f', "{e}"' for e in endpoints)}]
 {ground}
 [ground.origin]
 latitude_deg = {ORIGIN[0]}
@@ -83,6 +84,7 @@ rest_height_m = 0.12
 directory = "{self.folder / 'log'}"
 [store]
 directory = "{self.folder / 'state'}"
+{more}
 """)
         self.companion = subprocess.Popen(
             [SIM, "companion", "fly", "--config", str(self.folder / "haltere.toml")],

@@ -150,3 +150,38 @@ def test_forced_arming_skips_no_check_and_emergency_stop_works(rig, qgc):
     assert qgc.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196) == ACCEPTED
     qgc.wait_disarmed()
     rig.assert_landed()
+
+
+def test_origin_events_and_joystick_as_it_does(rig, qgc):
+    # "Set estimator origin": the message, and GPS_GLOBAL_ORIGIN back.
+    qgc.catch_up()
+    lat, lon = round(0.5e7), round(0.5e7)
+    qgc.link.mav.set_gps_global_origin_send(1, lat, lon, 0)
+    origin = qgc.wait("GPS_GLOBAL_ORIGIN", 5)
+    assert (origin.latitude, origin.longitude) == (lat, lon)
+    # Events come without asking, and it asks for the report of the checks.
+    sequence = qgc.wait("CURRENT_EVENT_SEQUENCE", 5).sequence
+    assert qgc.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS) == ACCEPTED
+    report = qgc.wait("EVENT", 5)
+    assert report.id >> 24 == 1 and (report.sequence - sequence) % 65536 < 100
+    # Its joystick: 25 times a second, x and y -1000 to 1000, z 0 to 1000.
+    qgc.arm(40.0)
+    assert qgc.command(mavlink.MAV_CMD_NAV_TAKEOFF, -1, 0, 0, NAN, NAN, NAN, 1.0) == ACCEPTED
+    wait_until(lambda: (qgc.drain(0.1), rig.height() > 0.8)[1], 25, rig)
+    qgc.wait_mode(4, 3, 20)
+
+    def stick(x, seconds):
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            qgc.link.mav.manual_control_send(1, x, 0, 500, 0, 0)
+            qgc.drain(0.04)
+
+    stick(0, 0.3)
+    set_mode(qgc, 3, 0)
+    north = rig.truth()["pos_E_x_m"]
+    stick(600, 3.0)
+    assert rig.truth()["pos_E_x_m"] > north + 0.4
+    stick(0, 1.0)
+    set_mode(qgc, 4, 6)
+    qgc.wait_disarmed(60)
+    rig.assert_landed()

@@ -1,0 +1,73 @@
+//! Every kept input of the fuzzers through its target, without a fuzzer: what was found once stays found.
+
+#[path = "../fuzz/src/targets/mod.rs"]
+mod targets;
+
+#[path = "corpus/seed.rs"]
+mod seed;
+
+use std::path::Path;
+
+/// Most bytes of all kept inputs, and of one: they are in every clone.
+const MOST_KEPT_B: u64 = 2_000_000;
+const MOST_INPUT_B: u64 = 64_000;
+
+fn main_folder() -> &'static Path {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/fuzz/corpus"))
+}
+
+fn inputs(target: &str) -> Vec<std::path::PathBuf> {
+    let folder = main_folder().join(target);
+    let entries =
+        std::fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
+    let mut files: Vec<_> = entries.map(|entry| entry.expect("a readable folder").path()).collect();
+    files.sort();
+    files
+}
+
+/// `HALTERE_REWRITE_GOLDENS` writes the first inputs anew; `fuzz/run --minimise` may then drop some.
+#[test]
+fn golden_first_inputs() {
+    if std::env::var_os("HALTERE_REWRITE_GOLDENS").is_some() {
+        seed::write().expect("the corpus can be written");
+    }
+}
+
+#[test]
+fn regress_every_kept_input_is_harmless() {
+    let mut total = 0;
+    for (name, target) in targets::ALL {
+        let files = inputs(name);
+        assert!(!files.is_empty(), "{name}: no inputs are kept; fuzz/run makes them");
+        for file in files {
+            let bytes = std::fs::read(&file).expect("a readable file");
+            assert!(
+                bytes.len() as u64 <= MOST_INPUT_B,
+                "{}: {} bytes",
+                file.display(),
+                bytes.len()
+            );
+            total += bytes.len() as u64;
+            // Its name stands in the output of a failure.
+            println!("{}", file.display());
+            target(&bytes);
+        }
+    }
+    assert!(
+        total <= MOST_KEPT_B,
+        "{total} bytes are kept, allowed {MOST_KEPT_B}; fuzz/run --minimise"
+    );
+}
+
+#[test]
+fn prop_every_target_can_be_run_and_every_folder_has_a_target() {
+    let manifest = include_str!("../fuzz/Cargo.toml");
+    for (name, _) in targets::ALL {
+        assert!(manifest.contains(&format!("path = \"fuzz_targets/{name}.rs\"")), "{name}");
+    }
+    for entry in std::fs::read_dir(main_folder()).expect("the corpus") {
+        let name = entry.expect("a readable folder").file_name();
+        let known = targets::ALL.iter().any(|(target, _)| name == *target);
+        assert!(known, "{} belongs to no target", name.display());
+    }
+}
