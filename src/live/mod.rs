@@ -7,6 +7,7 @@
 //!                                                     └─► thread of the watch page
 //! ```
 
+mod by_hand;
 mod clock;
 mod core;
 mod devices;
@@ -14,7 +15,9 @@ mod doors;
 mod files;
 mod frames;
 mod inbox;
+mod mailbox;
 mod notify;
+mod pool;
 pub mod realtime;
 mod serial;
 mod stations;
@@ -24,12 +27,15 @@ mod tests;
 mod udp;
 pub mod usb;
 
+pub use by_hand::ByHand;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use haltere_dialect::mav_stream;
 use serde::Serialize;
 use thiserror::Error;
 use tokio::net::{TcpListener, UdpSocket};
@@ -39,14 +45,21 @@ use tokio::task::JoinSet;
 
 use self::core::{Core, CoreSummary};
 use self::doors::{Gate, Keys};
-use self::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing, Shared, input_queues};
+use self::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Shared, input_queues};
+use self::mailbox::{Mailbox, mailbox};
 use self::notify::{Progress, Systemd};
+use self::pool::Pool;
 use crate::config::{Address, Config, HostPort, KeyFileError, Loaded, TagPort};
 use crate::pilot::{LinkId, Pilot};
 use crate::record::{BuildIdentity, RecordError, Recorder, Session};
 use crate::store::{NoPrograms, Programs, Store};
 use crate::topics::Topic;
 use crate::watch::{Feed, Watch, WatchError};
+
+/// Largest piece that goes out: a MAVLink frame with a signature, and some.
+const OUT_BYTES: usize = mav_stream::MAX_FRAME + 24;
+/// Pieces that links have taken and not written yet, beyond those that wait.
+const SPARE_CHUNKS: usize = 256;
 
 /// News for people that may wait to be printed.
 const NEWS_QUEUE: usize = 256;
@@ -158,11 +171,15 @@ async fn fly(
     // By link number: the stations of one endpoint share its queue.
     let mut outputs = Vec::new();
     let mut receivers = Vec::new();
+    let mut out_chunks = SPARE_CHUNKS;
     for (_, links) in &ports {
-        let (output, receiver) = mpsc::channel(OUTPUT_QUEUE_CHUNKS * links.len().max(1));
+        let room = OUTPUT_QUEUE_CHUNKS * links.len().max(1);
+        let (output, receiver) = mailbox(room)?;
+        out_chunks += room;
         outputs.extend(links.iter().map(|_| output.clone()));
         receivers.push(receiver);
     }
+    let pool = Pool::new(out_chunks, out_chunks, OUT_BYTES);
     let (news, mut read_news) = mpsc::channel(NEWS_QUEUE);
     let started = clock::now();
     let recorder = begin_recording(loaded, started)?;
@@ -177,6 +194,7 @@ async fn fly(
         watch: feed,
         arrivals,
         outputs,
+        pool,
         news,
         files,
         shared: shared.clone(),
@@ -332,7 +350,7 @@ async fn open_port(key: String, address: &Address) -> Result<Port, LiveError> {
 fn start_link(
     port: Port,
     inboxes: Vec<Inbox>,
-    output: mpsc::Receiver<Outgoing>,
+    output: Mailbox,
     links: &mut JoinSet<()>,
     urgency: devices::Urgency,
     shared: &Arc<Shared>,

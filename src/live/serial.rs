@@ -7,10 +7,10 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use serialport::{SerialPort, TTYPort};
-use tokio::sync::mpsc::Receiver;
 
 use super::devices::{Urgency, hurry};
-use super::inbox::{Inbox, Outgoing};
+use super::inbox::Inbox;
+use super::mailbox::{Mailbox, Outgoing};
 use super::{clock, usb};
 use crate::drops::DropReason;
 
@@ -41,7 +41,7 @@ pub(super) fn spawn(
     device: Device,
     baud: u32,
     inbox: Inbox,
-    output: Receiver<Outgoing>,
+    output: Mailbox,
     urgency: Urgency,
 ) -> std::io::Result<[JoinHandle<()>; 2]> {
     let writer = Writer::default();
@@ -138,8 +138,8 @@ fn read_until_lost(port: &mut TTYPort, inbox: &Inbox) -> Option<String> {
     None
 }
 
-fn write_forever(mut output: Receiver<Outgoing>, inbox: &Inbox, writer: &Writer) {
-    while let Some(Outgoing { bytes, .. }) = output.blocking_recv() {
+fn write_forever(mut output: Mailbox, inbox: &Inbox, writer: &Writer) {
+    while let Some(Outgoing { bytes, .. }) = output.wait() {
         let bytes = inbox.seal(bytes);
         let mut port = writer.lock().unwrap_or_else(PoisonError::into_inner);
         let written = port.as_mut().is_some_and(|port| port.write_all(&bytes).is_ok());

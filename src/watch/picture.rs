@@ -57,7 +57,8 @@ pub(super) struct Picture {
     control: Option<ControlRecord>,
     battery: Option<BatterySample>,
     mode: Option<ModeRecord>,
-    health: Option<HealthRecord>,
+    /// What is shown of losses and timing. The record itself goes back to the core.
+    health: Value,
     glue: GlueState,
     /// Of UWB measurements since the last look: age when they were used, sum and worst, s.
     uwb_delay: (f64, f64, u32),
@@ -81,6 +82,12 @@ fn round(value: f64, digits: i32) -> f64 {
     let scale = 10_f64.powi(digits);
     // JSON has no NaN; serde_json writes null for it, which the page takes as unknown.
     (value * scale).round() / scale
+}
+
+fn health_shown(health: &HealthRecord) -> Value {
+    let drops: u64 = health.drops.iter().flat_map(|(_, drops)| drops.iter()).map(|(_, n)| n).sum();
+    json!({ "misses": health.deadline_misses, "steps": health.control_steps, "uwb_age": health.uwb_age_s,
+            "imu_age": health.imu_age_s, "clock": health.std_board_clock_s, "drops": drops })
 }
 
 /// A change of mode in the words of the core.
@@ -136,7 +143,7 @@ impl Picture {
             control: None,
             battery: None,
             mode: None,
-            health: None,
+            health: Value::Null,
             glue: GlueState::default(),
             uwb_delay: (0.0, 0.0, 0),
             trail: VecDeque::with_capacity(TRAIL_POINTS),
@@ -165,7 +172,7 @@ impl Picture {
             }
             Topic::Control(control) => self.control = Some(*control),
             Topic::Battery(battery) => self.battery = Some(*battery),
-            Topic::Health(health) => self.health = Some(health.clone()),
+            Topic::Health(health) => self.health = health_shown(health),
             Topic::Mode(mode) => {
                 self.mode = Some(mode.clone());
                 self.event(at, SEVERITY_NOTICE, &change(mode), true);
@@ -270,17 +277,11 @@ impl Picture {
             json!({ "v": round(b.supply_v, 2), "a": b.current_a.map(|a| round(a, 2)),
                     "left": b.remaining_frac.map(|f| round(f, 3)), "age": age(b.received_at) })
         });
-        let health = self.health.as_ref().map(|h| {
-            let drops: u64 =
-                h.drops.iter().flat_map(|(_, drops)| drops.iter()).map(|(_, n)| n).sum();
-            json!({ "misses": h.deadline_misses, "steps": h.control_steps, "uwb_age": h.uwb_age_s,
-                    "imu_age": h.imu_age_s, "clock": h.std_board_clock_s, "drops": drops })
-        });
         json!({
             "k": "s",
             "anchors": self.anchors.quality(),
             "battery": battery,
-            "health": health,
+            "health": self.health,
             "late": { "worst": round(self.glue.worst_lateness_s, 4), "n": self.glue.late_wake_ups,
                       "of": self.glue.wake_ups },
             "uwb_delay": (n > 0).then(|| json!({ "mean": round(sum / f64::from(n), 4), "worst": round(worst, 4) })),

@@ -7,7 +7,6 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
-use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::Duration;
 
 use futures_util::{SinkExt as _, StreamExt as _};
@@ -25,7 +24,7 @@ use super::door::Door;
 use super::foxglove::{self, Subscriptions};
 use super::http::{self, HEAD_BYTES, Head, Request};
 use super::picture::Picture;
-use super::{Item, Told};
+use super::{Item, Queue};
 use crate::record::Decoded;
 
 /// How often the queue is looked at.
@@ -62,7 +61,7 @@ const SCRIPT: &str = include_str!("page/watch.js");
 
 /// What is served.
 pub(super) struct Served {
-    pub told: Receiver<Told>,
+    pub told: Queue,
     pub door: Door,
     pub picture: Picture,
     pub lost: Arc<AtomicU64>,
@@ -120,7 +119,7 @@ pub(super) async fn serve(listener: std::net::TcpListener, served: Served) {
 /// Takes records out of the queue and hands on what clients are to see; ends with the companion.
 async fn feed(
     hub: &Hub,
-    told: &Receiver<Told>,
+    told: &Queue,
     lost: &AtomicU64,
     unix_from_host_us: i64,
     ends: &AtomicBool,
@@ -130,28 +129,22 @@ async fn feed(
     let (mut framed, mut slowed) = (Instant::now(), Instant::now());
     while !ends.load(Relaxed) {
         look.tick().await;
-        loop {
-            match told.try_recv() {
-                Ok((at, item)) => {
-                    let wanted = hub.viewers.receiver_count() > 0;
-                    let mut picture = hub.picture.borrow_mut();
-                    match item {
-                        Item::Topic(topic) => {
-                            picture.topic(at, &topic);
-                            if wanted {
-                                publish(hub, &Decoded::from_topic(&topic), unix_from_host_us);
-                            }
-                        }
-                        Item::Glue(glue) => {
-                            picture.glue(at, glue);
-                            if wanted {
-                                publish(hub, &Decoded::from_glue(at, &glue), unix_from_host_us);
-                            }
-                        }
+        while let Some((at, item)) = told.pop() {
+            let wanted = hub.viewers.receiver_count() > 0;
+            let mut picture = hub.picture.borrow_mut();
+            match item {
+                Item::Topic(topic) => {
+                    picture.topic(at, &topic);
+                    if wanted {
+                        publish(hub, &Decoded::from_topic(&topic), unix_from_host_us);
                     }
                 }
-                Err(TryRecvError::Empty) => break,
-                Err(TryRecvError::Disconnected) => return,
+                Item::Glue(glue) => {
+                    picture.glue(at, glue);
+                    if wanted {
+                        publish(hub, &Decoded::from_glue(at, &glue), unix_from_host_us);
+                    }
+                }
             }
         }
         let mut picture = hub.picture.borrow_mut();
