@@ -1,4 +1,5 @@
-"""One simulated vehicle with the real companion, whose watch page is served, in the air."""
+"""One simulated vehicle whose watch page is served, in the air: in lockstep at real time, so that a busy computer
+does not make it land. That the real companion serves the page too has a test of its own."""
 
 import socket
 
@@ -14,7 +15,7 @@ def port():
 
 @pytest.fixture(scope="session")
 def rig(tmp_path_factory, port):
-    rig = Rig(tmp_path_factory.mktemp("rig"),
+    rig = Rig(tmp_path_factory.mktemp("rig"), lockstep=True, speed=1,
               more=f'[watch]\naddress = "tcpin:127.0.0.1:{port}"\n')
     rig.settle()
     yield rig

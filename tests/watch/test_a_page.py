@@ -32,6 +32,8 @@ def test_the_page_loads_nothing_from_elsewhere(rig, port):
 
 
 def test_it_shows_the_flight_as_it_is(rig, port, station):
+    # The station hears of the end of the take-off before the page's thread looks.
+    rig.pass_time(1.0)
     with WebSocket(port) as page:
         hello = page.wait(lambda m: m["k"] == "hello")
         assert len(hello["anchors"]) == 8 and hello["anchors"][7]["p"] == [10.0, 10.0, 7.0]
@@ -117,7 +119,7 @@ def test_garbage_and_idle_connections_are_survived(rig, port):
         time.sleep(0.3)
     for s in idle:
         s.close()
-    assert rig.companion.poll() is None
+    assert rig.simulator.process.poll() is None
 
 
 def ended(page, seconds=10):
@@ -192,3 +194,16 @@ def test_others_need_a_token(tmp_path):
         assert status_of(port, right, host=name, origin="http://evil.example") == 403
         with WebSocket(port, right) as page:
             page.wait(lambda m: m["k"] == "f" and "p" in m, 30)
+
+
+def test_the_real_companion_serves_it_from_a_thread_of_its_own(tmp_path):
+    port = free_port(socket.SOCK_STREAM)
+    with Rig(tmp_path, more=f'[watch]\naddress = "tcpin:127.0.0.1:{port}"\n') as real:
+        deadline = time.monotonic() + 20
+        while "watch the flight at" not in real.said():
+            assert time.monotonic() < deadline, real.said()
+            time.sleep(0.1)
+        with WebSocket(port) as page:
+            page.wait(lambda m: m["k"] == "f" and "p" in m, 30)
+            slow = page.wait(lambda m: m["k"] == "s" and m["late"]["of"] > 50, 20)
+            assert slow["health"]["steps"] > 0 and slow["lost"] == 0, slow

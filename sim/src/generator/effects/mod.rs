@@ -1,7 +1,7 @@
 //! What may be wrong with the generator's vehicle and room: the 42 effects of GAP.md section 3 that a
 //! diagnosis must name, in functional forms of the generator's own, and 20 that it must not know.
 //!
-//! [`KNOWN`] and [`UNKNOWN`] are the only lists. An entry draws sign, direction, place and anchor,
+//! `KNOWN` and `UNKNOWN` are the only lists. An entry draws sign, direction, place and anchor,
 //! sets fields of [`Deviations`], and notes what it set, in the names of the diagnosis' library
 //! where a number of it means the same.
 
