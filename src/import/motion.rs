@@ -1,6 +1,6 @@
 //! Motion from motion capture alone: no force model enters.
 //!
-//! Around each instant a cubic is fitted to the positions within ±[`HALF_WINDOW_S`]; its value,
+//! Around each instant a cubic is fitted to the positions within ±`HALF_WINDOW_S`; its value,
 //! slope and curvature are place, speed and acceleration. Specific force in body axes:
 //! `f_B = R_EB^T (a_E - g_E)`. Attitude and command are averaged over the same window, so that both
 //! sides of the balance have about the same bandwidth (some 3 Hz, below the wing beat of 13 Hz).

@@ -4,7 +4,7 @@
 //! with the voltage against thrust that does not (mean of the vertical force), and drag linear in
 //! speed against no drag (rms of the horizontal force). The exponent of the voltage is the one of
 //! physics, −1, unless the flight tells a better one: its own is used when its standard error is
-//! below [`TOLD`].
+//! below `TOLD`.
 //!
 //! ```text
 //! vertical     −f_z = g·u/y(V),  y = y0·(V/7.4)^n   against   −f_z = g·u/y0'

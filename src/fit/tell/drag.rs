@@ -1,7 +1,7 @@
 //! `haltere fit drag`: from angle steps of our own logs, or from all of a recorded flight.
 //!
-//! **Steps.** Each held angle gives a transient ([`super::transient`]) and with it the speed that the
-//! lean tends to; the speeds of several angles give the law ([`super::steady`]). Pitch and roll apart.
+//! **Steps.** Each held angle gives a transient (`super::transient`) and with it the speed that the
+//! lean tends to; the speeds of several angles give the law (`super::steady`). Pitch and roll apart.
 //!
 //! **Recordings.** Motion capture gives specific force and speed in body axes. Thrust acts along −z of
 //! the body, so along x and y there is nothing but drag and a constant of trim and reference:

@@ -2,9 +2,9 @@
 //! out and what is left.
 //!
 //! Synthetic likelihood on statistics that are standardised, compressed and whitened with the
-//! covariance of benign jitter ([`whiten`]); a surrogate per effect ([`surrogate`]) and its
-//! evidence ([`evidence`]); pairs ([`pairs`]); a second voter ([`forest`]). Every limit comes
-//! from held-out flights ([`trials`]).
+//! covariance of benign jitter (`whiten`); a surrogate per effect (`surrogate`) and its
+//! evidence (`evidence`); pairs (`pairs`); a second voter (`forest`). Every limit comes
+//! from held-out flights (`trials`).
 
 mod ambiguity;
 mod blocks;

@@ -1,7 +1,7 @@
 //! Services for ground stations: parameters, plans, files, logs, programs.
 //!
 //! Each is a file of its own. All are pure: what they want from a disk goes out as a [`FileRequest`]
-//! and comes back as an input. What they send on their own initiative is paced by [`budget`].
+//! and comes back as an input. What they send on their own initiative is paced by `budget`.
 
 mod border;
 mod budget;
