@@ -8,13 +8,16 @@ mod endpoint;
 mod faults;
 mod flood;
 mod generator;
+mod kills;
 mod paper;
 mod paths;
 #[cfg(test)]
 mod programs;
 mod progress;
 mod pty;
+mod rig;
 mod scenario;
+mod soak;
 mod steps;
 mod stop;
 mod truth_file;
@@ -57,6 +60,12 @@ enum Command {
     /// The companion hovers while others shout at its ground endpoints: how late its control steps are
     /// then, what it throws away, its memory. Exit code 1 when a bound is broken.
     Flood(flood::Options),
+    /// One companion flies for as long as wanted: gaps between setpoints and the way from UWB to setpoint
+    /// on the wire, memory, processor time. Exit code 1 when a bound is broken.
+    Soak(soak::Options),
+    /// The companion is killed in flight at random moments and started again: the board has to come down
+    /// by itself, and nobody may take it over. Exit code 1 when one went wrong.
+    Kills(kills::Options),
     /// The companion, as `haltere` would run it.
     #[command(hide = true, disable_help_flag = true)]
     Companion {
@@ -95,6 +104,8 @@ fn main() -> ExitCode {
         Command::Paper(options) => paper::run(&options),
         Command::Cases(options) => cases::run(&options),
         Command::Flood(options) => flood::run(&options),
+        Command::Soak(options) => soak::run(&options),
+        Command::Kills(options) => kills::run(&options),
     };
     match result {
         Ok(true) => ExitCode::SUCCESS,
