@@ -1,8 +1,8 @@
 //! Failures of a scenario, `[[fault]]`: what breaks, how, and when.
 
 use haltere::checks::Problems;
-use haltere::model::Fault;
 use haltere::model::faults::FaultKind;
+use haltere::model::{Fault, Plant};
 use serde::{Deserialize, Serialize};
 
 /// One failure.
@@ -98,6 +98,18 @@ fn off() -> State {
 }
 
 impl FaultAt {
+    /// Breaks or mends what it names, now. It was checked when the scenario was read; an effect that cannot
+    /// switch is told.
+    pub fn happen(&self, plant: &mut Plant) {
+        let mut problems = Problems::new();
+        if let Some(fault) = self.to_fault("fault", &mut problems) {
+            tracing::info!("fault at {:.3} s: {fault:?}", self.at_s);
+            if let Err(why) = plant.inject(fault) {
+                tracing::warn!("fault refused: {why}");
+            }
+        }
+    }
+
     /// As the plant takes it; says what is missing or out of range.
     pub fn to_fault(&self, key: &str, problems: &mut Problems) -> Option<Fault> {
         problems.range(format_args!("{key}.at_s"), self.at_s, 0.0..=36_000.0, "s");

@@ -9,6 +9,8 @@ mod faults;
 mod flood;
 mod generator;
 mod kills;
+mod lockstep;
+mod orders;
 mod paper;
 mod paths;
 #[cfg(test)]
@@ -41,6 +43,9 @@ enum Command {
     /// The endpoint alone; the first line on standard output is a JSON object that names the tag's
     /// device and the board's address as the companion has to be told.
     Serve(endpoint::Options),
+    /// Simulator and companion in one program on simulated time, faster than real time; ground stations and
+    /// clients connect as to any vehicle. The first line on standard output is a JSON object that says where.
+    Lockstep(lockstep::Options),
     /// Endpoint, companion and mission together, in real time; leaves a log and a report.
     Demo(demo::Options),
     /// Print every physical effect with equation, source and parameters: docs/EFFECTS.md.
@@ -89,6 +94,10 @@ fn main() -> ExitCode {
         Command::Serve(options) => {
             log_to_stderr();
             endpoint::serve(&options).map(|()| true)
+        }
+        Command::Lockstep(options) => {
+            log_to_stderr();
+            lockstep::run(&options).map(|()| true)
         }
         Command::Demo(options) => {
             log_to_stderr();

@@ -16,6 +16,7 @@ use crate::record::{BuildIdentity, Recorder, Session};
 use crate::survey::Survey;
 use crate::time::HostTime;
 use crate::topics::Topic;
+use crate::watch::Feed;
 
 /// A live core whose rounds somebody else makes.
 pub struct ByHand {
@@ -65,6 +66,7 @@ impl ByHand {
         let core = Core {
             pilot: Pilot::new(config, survey.clone(), began),
             recorder: Recorder::start(logs, &session)?,
+            watch: Feed::unserved(),
             arrivals,
             outputs,
             pool: Pool::new(ready, ready, OUT_BYTES),
@@ -98,6 +100,7 @@ impl ByHand {
     /// Number of things that people were told.
     pub fn rest(&mut self) -> usize {
         self.core.recorder.settle();
+        self.core.watch.forget();
         for mailbox in &mut self.boxes {
             while let Ok(Some(_)) = mailbox.try_take() {}
         }
@@ -111,6 +114,8 @@ impl ByHand {
 
     /// Pieces and entries that were lost around the core.
     pub fn losses(&self) -> u64 {
-        self.core.shared.losses().map(|(.., n)| n).sum::<u64>() + self.core.recorder.lost()
+        self.core.shared.losses().map(|(.., n)| n).sum::<u64>()
+            + self.core.recorder.lost()
+            + self.core.watch.lost()
     }
 }

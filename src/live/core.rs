@@ -18,6 +18,7 @@ use crate::pilot::{Input, LinkId, Pilot};
 use crate::record::{GlueState, Recorder, RecorderSummary};
 use crate::time::HostTime;
 use crate::topics::Topic;
+use crate::watch::Feed;
 
 /// Longest sleep: how soon the end of the program is noticed, µs.
 const LONGEST_SLEEP_US: i64 = 50_000;
@@ -46,6 +47,7 @@ const CALENDAR_PERIOD_US: i64 = 60_000_000;
 pub(super) struct Core {
     pub pilot: Pilot,
     pub recorder: Recorder,
+    pub watch: Feed,
     pub arrivals: Arrivals,
     /// By link number.
     pub outputs: Vec<Slot>,
@@ -135,6 +137,7 @@ impl Core {
         if now >= rounds.glue_due {
             rounds.glue_due = now.offset_us(GLUE_PERIOD_US);
             self.recorder.glue(now, &rounds.glue);
+            self.watch.glue(now, &rounds.glue);
         }
         self.recorder.commit(now);
         self.shared.step();
@@ -200,22 +203,24 @@ impl Core {
     }
 
     fn publish_topics(&mut self, now: HostTime) {
-        let Self { pilot, recorder, news, .. } = self;
+        let Self { pilot, recorder, news, watch, .. } = self;
         pilot.drain_topics(|topic| {
             if matches!(topic, Topic::Text(_) | Topic::Mode(_)) {
                 // Only for reading along; the log has it all.
                 let _ = news.try_send(topic.clone());
             }
+            watch.topic(now, &topic);
             recorder.topic(now, topic);
         });
     }
 
-    /// Tells the core what was lost since it was last told. The recorder's own losses belong to no
-    /// link; they stand with the tag's.
+    /// Tells the core what was lost since it was last told. Losses of recorder and watch page
+    /// belong to no link; they stand with the tag's.
     fn report_losses(&mut self, told: &mut Losses) {
         let recorder = (LinkId::Tag, DropReason::RecorderQueueFull, self.recorder.lost());
+        let watch = (LinkId::Tag, DropReason::WatchQueueFull, self.watch.lost());
         let shared = self.shared.clone();
-        for (link, reason, total) in shared.losses().chain([recorder]) {
+        for (link, reason, total) in shared.losses().chain([recorder, watch]) {
             let before = told.get(&(link, reason)).copied().unwrap_or(0);
             if total > before {
                 told.insert((link, reason), total);

@@ -3,7 +3,8 @@
 //! ```text
 //! threads of tag and board ─► bounded queue ┐
 //! tokio tasks of stations   ─► bounded queue ┴► pilot's thread ─► bounded queue per link
-//!                                                     └─► recorder's thread
+//!                                                     ├─► recorder's thread
+//!                                                     └─► thread of the watch page
 //! ```
 
 mod by_hand;
@@ -30,6 +31,7 @@ pub use by_hand::ByHand;
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -52,6 +54,7 @@ use crate::pilot::{LinkId, Pilot};
 use crate::record::{BuildIdentity, RecordError, Recorder, Session};
 use crate::store::{NoPrograms, Programs, Store};
 use crate::topics::Topic;
+use crate::watch::{Feed, Watch, WatchError};
 
 /// Largest piece that goes out: a MAVLink frame with a signature, and some.
 const OUT_BYTES: usize = mav_stream::MAX_FRAME + 24;
@@ -84,6 +87,9 @@ pub enum LiveError {
     /// The signing key is not used as it is.
     #[error(transparent)]
     Key(#[from] KeyFileError),
+    /// The page cannot be served as it was asked for.
+    #[error(transparent)]
+    Watch(#[from] WatchError),
     /// Threads, signals.
     #[error("the system refuses a thread or a signal handler: {0}")]
     System(#[from] std::io::Error),
@@ -157,6 +163,8 @@ async fn fly(
     let mut terminate = signal(SignalKind::terminate())?;
     let keys = Keys::load(&loaded.config)?;
     let ports = open_ports(loaded).await?;
+    let host_us = i64::try_from(clock::now().as_us()).unwrap_or(0);
+    let watch = Watch::open(loaded, clock::unix_us().saturating_sub(host_us)).await?;
 
     let shared = Arc::new(Shared::default());
     let (entrance, arrivals) = input_queues();
@@ -184,14 +192,27 @@ async fn fly(
     let recorder = begin_recording(loaded, started)?;
     let pilot = Pilot::new(loaded.config.pilot(), loaded.survey.clone(), started);
     let (files, file_thread) = start_files(loaded, &recorder, programs, &shared)?;
-    let core =
-        Core { pilot, recorder, arrivals, outputs, pool, news, files, shared: shared.clone() };
+    let (watch, feed) = watch.map_or((None, Feed::off()), |(watch, feed)| (Some(watch), feed));
+    let watch_ends = Arc::<AtomicBool>::default();
+    let watch_thread = watch.map(|watch| watch.start(watch_ends.clone())).transpose()?;
+    let core = Core {
+        pilot,
+        recorder,
+        watch: feed,
+        arrivals,
+        outputs,
+        pool,
+        news,
+        files,
+        shared: shared.clone(),
+    };
 
     let key_file = loaded.config.signing.key_file.clone();
     let key_thread = doors::keep(keys.clone(), key_file, shared.clone())?;
     let (pilot_thread, ended) = start_pilot(loaded, core)?;
     let mut links = JoinSet::new();
-    let mut threads: Vec<_> = file_thread.into_iter().chain(key_thread).collect();
+    let mut threads: Vec<_> =
+        file_thread.into_iter().chain(key_thread).chain(watch_thread).collect();
     let gates = gates(&loaded.config, &keys);
     let timing = &loaded.config.timing;
     let urgency = timing.realtime.then_some(timing.priority);
@@ -233,6 +254,7 @@ async fn fly(
     // Off this thread, so that the links can still take what the core sends last.
     let summary = tokio::task::spawn_blocking(move || pilot_thread.join()).await;
     links.abort_all();
+    watch_ends.store(true, Ordering::Relaxed);
     for thread in threads {
         // Each looks every 100 ms whether to end.
         let _ = tokio::task::spawn_blocking(move || thread.join()).await;

@@ -58,7 +58,7 @@ enum Item {
     Calendar { unix_us: i64 },
     Wake,
     Topic(Topic),
-    Glue(pb::Glue),
+    Glue(Decoded),
 }
 
 #[derive(Debug, Default)]
@@ -277,13 +277,7 @@ impl Recorder {
 
     /// State of the glue.
     pub fn glue(&mut self, at: HostTime, state: &GlueState) {
-        let message = pb::Glue {
-            at_us: at.as_us(),
-            wake_ups: state.wake_ups,
-            late_wake_ups: state.late_wake_ups,
-            worst_lateness_s: state.worst_lateness_s,
-        };
-        self.push(at, 0, Item::Glue(message));
+        self.push(at, 0, Item::Glue(Decoded::from_glue(at, state)));
     }
 
     /// Waits until the recorder's thread has caught up, as it has between two control steps.
@@ -555,7 +549,7 @@ fn write_batch<W: std::io::Write>(
                 log.put(channels::WAKE, at, sequence, &pb::Wake { sequence, host_time_us })?;
             }
             Item::Topic(topic) => log.decoded(&decoded_from_topic(topic))?,
-            Item::Glue(glue) => log.decoded(&Decoded::Glue(*glue))?,
+            Item::Glue(glue) => log.decoded(glue)?,
         }
     }
     Ok(())

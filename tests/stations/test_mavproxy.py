@@ -3,7 +3,7 @@
 import pytest
 
 from proxy import Proxy
-from rig import degrees, wait_until
+from haltere_testing.rig import degrees, wait_until
 
 
 @pytest.fixture(scope="module")
