@@ -129,3 +129,26 @@ fn main() -> ExitCode {
 fn log_to_stderr() {
     tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false).init();
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use haltere::reference::commands::{MANUALS, commands_of};
+
+    #[test]
+    fn prop_commands_of_the_manuals_are_understood() {
+        let mut checked = 0;
+        for name in MANUALS {
+            let path = format!("{}/../{name}", env!("CARGO_MANIFEST_DIR"));
+            let text = std::fs::read_to_string(&path).expect("a manual");
+            for command in commands_of(&text, "haltere-sim") {
+                let line = command.join(" ");
+                if let Err(error) = Cli::try_parse_from(command) {
+                    panic!("{name}: `{line}` is refused:\n{error}");
+                }
+                checked += 1;
+            }
+        }
+        assert!(checked > 5, "{checked} commands were found");
+    }
+}

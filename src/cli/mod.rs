@@ -150,3 +150,26 @@ fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
     print(&(serde_json::to_string_pretty(value)? + "\n"));
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference::commands::{MANUALS, commands_of};
+
+    #[test]
+    fn prop_commands_of_the_manuals_are_understood() {
+        let mut checked = 0;
+        for name in MANUALS {
+            let path = format!("{}/{name}", env!("CARGO_MANIFEST_DIR"));
+            let text = std::fs::read_to_string(&path).expect("a manual");
+            for command in commands_of(&text, "haltere") {
+                let line = command.join(" ");
+                if let Err(error) = Cli::try_parse_from(command) {
+                    panic!("{name}: `{line}` is refused:\n{error}");
+                }
+                checked += 1;
+            }
+        }
+        assert!(checked > 30, "{checked} commands were found");
+    }
+}

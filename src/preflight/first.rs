@@ -106,6 +106,8 @@ fn configuration(answers: &Answers) -> String {
         ("anchors", "file", quoted(ANCHORS.to_owned())),
         ("record", "directory", quoted(answers.logs.display().to_string())),
         ("store", "directory", quoted(answers.store.display().to_string())),
+        // Off by default; who sets a vehicle up wants to see it, and on this computer alone that harms nobody.
+        ("watch", "address", quoted(WATCH.to_owned())),
     ];
     // Shown, and left at their defaults: what is usually wanted next.
     let shown = [("board", "profile"), ("board", "north_offset_deg"), ("ground", "identity")];
@@ -135,6 +137,9 @@ fn configuration(answers: &Answers) -> String {
     }
     text
 }
+
+/// Where the page is served, for browsers on this computer.
+const WATCH: &str = "tcpin:127.0.0.1:8480";
 
 /// A value as TOML writes it.
 fn plain(value: &impl serde::Serialize) -> String {

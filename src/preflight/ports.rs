@@ -24,7 +24,28 @@ pub fn examine(config: &Config) -> Vec<Finding> {
             "name at least one, for example udpin:0.0.0.0:14550",
         ));
     }
+    if let Some(at) = config.watch.address.get() {
+        findings.extend(address("watch.address", at, &usb));
+        findings.extend(token(config, at));
+    }
     findings
+}
+
+/// Whether the watch page may be served there.
+fn token(config: &Config, at: &Address) -> Option<Finding> {
+    let key = "watch.token_file";
+    let Address::TcpIn(host) = at else { return None };
+    let mut resolved = (host.host.as_str(), host.port).to_socket_addrs().ok()?;
+    match config.watch.token() {
+        Err(error) => Some(Finding::problem(key, error.to_string(), "without it nobody can look")),
+        Ok(Some(_)) => Some(Finding::ok(key, "readable by the owner alone".to_owned())),
+        Ok(None) if resolved.all(|at| at.ip().is_loopback()) => None,
+        Ok(None) => Some(Finding::problem(
+            key,
+            format!("empty, and others than this computer can reach {at}"),
+            "name a file with a token (docs/WATCH.md), or listen at tcpin:127.0.0.1:PORT",
+        )),
+    }
 }
 
 fn listed(usb: &[UsbSerial]) -> String {

@@ -53,6 +53,21 @@ fn prop_a_port_in_use_is_told_and_a_free_one_is_not() {
 }
 
 #[test]
+fn prop_a_watch_page_for_others_without_a_token_is_a_problem() {
+    let watch = |host: &str| {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        drop(listener);
+        let text = format!("[watch]\naddress = \"tcpin:{host}:{port}\"\n");
+        ports::examine(&Config::from_toml("test", &text).unwrap())
+    };
+    assert_eq!(one(&watch("127.0.0.1"), "watch.address").status, Status::Ok);
+    assert!(watch("127.0.0.1").iter().all(|f| f.what != "watch.token_file"));
+    let open = watch("0.0.0.0");
+    assert_eq!(one(&open, "watch.token_file").status, Status::Problem);
+}
+
+#[test]
 fn prop_a_volume_outside_of_the_anchors_is_warned_of() {
     let inside = survey::examine(&loaded("[limits]\nheight_m = 2.0\n"));
     assert!(inside.iter().all(|f| !f.what.starts_with("limits")), "{inside:#?}");

@@ -1,6 +1,7 @@
 //! Pages that are made from the code itself: modes and messages. Tests hold the committed pages to it;
 //! `HALTERE_REWRITE_GOLDENS=1 cargo test --lib page_is` writes them anew.
 
+pub mod commands;
 pub mod messages;
 pub mod modes;
 

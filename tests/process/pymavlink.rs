@@ -85,7 +85,7 @@ fn pytest(folder: &str, what: &str) {
     let mut command = Command::new(&python);
     command
         .args(["-m", "pytest", "-q", "--color=no", "-p", "no:cacheprovider", "--durations=5"])
-        .args(["-p", "haltere_testing.plugin"])
+        .args(["-rs", "-p", "haltere_testing.plugin"])
         .arg(tests.join(what))
         .current_dir(folder.path())
         .env("HALTERE_TEST_SIM", program())
@@ -177,4 +177,9 @@ fn prop_the_examples_fly_as_they_stand() {
 #[test]
 fn prop_a_mission_test_of_a_user_is_ten_lines() {
     pytest("stations", "../../examples");
+}
+
+#[test]
+fn prop_the_watch_page_shows_the_flight_and_keeps_others_out() {
+    pytest("watch", "");
 }
