@@ -7,12 +7,10 @@ use std::io::Write as _;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
-use haltere::checks::Problems;
 use haltere::config::Address;
-use haltere::frames::Vec3;
 use haltere::live::realtime::insist_on_deadlines;
 use haltere::model::tag::TagProtocol;
-use haltere::model::{Plant, PlantConfig, Vehicle};
+use haltere::model::{Plant, Vehicle};
 use haltere::report::truth::TruthRow;
 use haltere::time::HostTime;
 use rustix::io::Errno;
@@ -96,6 +94,12 @@ pub fn serve(options: &Options) -> Result<()> {
     let stop = Stop::on_signals()?;
     let mut scenario = Scenario::load(options.scenario.as_deref())?;
     scenario.seed = options.seed.unwrap_or(scenario.seed);
+    if let Some(i) = scenario.faults.iter().position(|f| f.phase.is_some()) {
+        bail!(
+            "fault[{i}].phase: the endpoint sees bytes and not what the companion is doing; leave \
+             phase out, or fly the scenario with `haltere-sim campaign`"
+        );
+    }
     scenario.tag.protocol = options.tag_protocol.unwrap_or(scenario.tag.protocol);
     let mut plant = plant(options, &scenario)?;
     let mut tag = TagPty::new(options.tag_link.as_deref())?;
@@ -141,17 +145,7 @@ fn plant(options: &Options, scenario: &Scenario) -> Result<Plant> {
         }
         None => Vehicle::default(),
     };
-    let [north_m, east_m] = scenario.start.position_m;
-    Ok(Plant::new(PlantConfig {
-        vehicle,
-        effects: scenario.effect_set()?,
-        start_E_m: Vec3::new(north_m, east_m, 0.0),
-        start_yaw_rad: scenario.start.yaw_deg.to_radians(),
-        room: scenario.room.clone(),
-        protocol: scenario.tag.protocol,
-        board: scenario.board_settings(),
-        ..PlantConfig::new(scenario.survey()?, scenario.seed)
-    })?)
+    Ok(Plant::new(scenario.plant(vehicle)?)?)
 }
 
 /// How the loop kept its deadlines.
@@ -176,7 +170,7 @@ fn run(
     let mut start_us = now_us();
     let mut deadline_us = start_us;
     let mut truth_due_us = 0;
-    let mut faults = scenario.faults.iter().peekable();
+    let mut faults = scenario.timed_faults().into_iter().peekable();
     while !stop.asked() {
         deadline_us += TICK_US;
         sleep_until(deadline_us);
@@ -192,14 +186,11 @@ fn run(
         if options.duration.is_some_and(|s| simulated_us as f64 * 1e-6 >= s) {
             break;
         }
-        while let Some(fault) = faults.next_if(|f| f.at_s * 1e6 <= simulated_us as f64) {
+        while let Some((_, fault)) = faults.next_if(|(at_s, _)| at_s * 1e6 <= simulated_us as f64) {
             // Checked when the scenario was read; an effect that cannot switch is told.
-            let mut problems = Problems::new();
-            if let Some(fault) = fault.to_fault("fault", &mut problems) {
-                tracing::info!("fault at {:.3} s: {fault:?}", simulated_us as f64 * 1e-6);
-                if let Err(why) = plant.inject(fault) {
-                    tracing::warn!("fault refused: {why}");
-                }
+            tracing::info!("fault at {:.3} s: {fault:?}", simulated_us as f64 * 1e-6);
+            if let Err(why) = plant.inject(fault) {
+                tracing::warn!("fault refused: {why}");
             }
         }
         from_tag.clear();
