@@ -1,6 +1,7 @@
 //! `haltere-sim`: the endpoint that stands in for tag and board, and the demo.
 
 mod board_wire;
+mod campaign;
 mod cases;
 mod compare;
 mod demo;
@@ -22,6 +23,7 @@ mod scenario;
 mod soak;
 mod steps;
 mod stop;
+mod tape;
 mod truth_file;
 mod tune;
 
@@ -62,6 +64,9 @@ enum Command {
     /// The sealed suite for the diagnosis of the sim-to-real gap: flights of another world, with
     /// the key to them in a folder of its own (docs/GAP_PROTOCOL.md).
     Cases(cases::Options),
+    /// Many flights over distributions of a scenario, on all cores, resumable; the fault campaign
+    /// (docs/CAMPAIGNS.md).
+    Campaign(campaign::Options),
     /// The companion hovers while others shout at its ground endpoints: how late its control steps are
     /// then, what it throws away, its memory. Exit code 1 when a bound is broken.
     Flood(flood::Options),
@@ -115,6 +120,7 @@ fn main() -> ExitCode {
         Command::Flood(options) => flood::run(&options),
         Command::Soak(options) => soak::run(&options),
         Command::Kills(options) => kills::run(&options),
+        Command::Campaign(options) => campaign::run(&options),
     };
     match result {
         Ok(true) => ExitCode::SUCCESS,

@@ -57,6 +57,11 @@ fn parse(line: &str) -> Result<Order> {
                 return Err(anyhow!("fault.at_s: an order is obeyed at once"));
             }
             let at: FaultAt = serde_json::from_value(Value::Object(map)).context("fault")?;
+            if at.for_s.is_some() || at.phase.is_some() {
+                return Err(anyhow!(
+                    "fault: an order has no for_s and no phase; mend it by another order"
+                ));
+            }
             let mut problems = Problems::new();
             let fault = at.to_fault("fault", &mut problems);
             match fault {
