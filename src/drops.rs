@@ -76,11 +76,13 @@ pub enum DropReason {
     RateLimited,
     /// Words for people that a client or the board caused too often.
     TextLimited,
+    /// Queue of the watch page was full.
+    WatchQueueFull,
 }
 
 impl DropReason {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [DropReason; 36] = [
+    pub const ALL: [DropReason; 37] = [
         DropReason::TagGarbageByte,
         DropReason::TagBadLength,
         DropReason::TagUnknownType,
@@ -117,6 +119,7 @@ impl DropReason {
         DropReason::NotPermitted,
         DropReason::RateLimited,
         DropReason::TextLimited,
+        DropReason::WatchQueueFull,
     ];
 
     /// Name in logs, reports and messages.
@@ -158,6 +161,7 @@ impl DropReason {
             DropReason::NotPermitted => "not_permitted",
             DropReason::RateLimited => "rate_limited",
             DropReason::TextLimited => "text_limited",
+            DropReason::WatchQueueFull => "watch_queue_full",
         }
     }
 }

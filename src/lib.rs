@@ -33,3 +33,4 @@ pub mod time;
 pub mod topics;
 pub mod util_flights;
 pub mod uwb;
+pub mod watch;

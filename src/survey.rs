@@ -107,8 +107,17 @@ impl Survey {
     /// information `A = Σ (u_j − ū)(u_j − ū)ᵀ` about it, for errors of 1 m; the answer is the root of
     /// the diagonal of `A⁻¹`. `without` leaves an anchor out: one that an obstacle hides.
     pub fn dilution(&self, at_E_m: Vec3<E>, without: Option<AnchorId>) -> Option<[f64; 2]> {
+        self.dilution_of(at_E_m, |id| Some(id) != without)
+    }
+
+    /// The same of the anchors that `with` names.
+    pub fn dilution_of(
+        &self,
+        at_E_m: Vec3<E>,
+        with: impl Fn(AnchorId) -> bool,
+    ) -> Option<[f64; 2]> {
         let directions = || {
-            self.ids.iter().filter(|id| Some(**id) != without).filter_map(|id| {
+            self.ids.iter().filter(|id| with(**id)).filter_map(|id| {
                 let from = at_E_m.raw() - self.position_E_m(*id)?.raw();
                 from.try_normalize(1e-6)
             })

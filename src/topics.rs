@@ -1,5 +1,7 @@
 //! What the pilot core tells about itself, decoded: one record type per topic of the flight log.
 
+use std::sync::Arc;
+
 use crate::drops::Drops;
 use crate::estimate::Estimate;
 use crate::frames::{E, Vec3};
@@ -128,7 +130,7 @@ pub struct HealthRecord {
     /// When.
     pub at: HostTime,
     /// Losses on each link, by link number, and of the core itself.
-    pub drops: Vec<(u8, Drops)>,
+    pub drops: Arc<Vec<(u8, Drops)>>,
     /// Control steps that began more than half a period late.
     pub deadline_misses: u64,
     /// Control steps so far.

@@ -4,13 +4,13 @@
 //! companion, which may come, go and come back.
 
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use haltere::config::Address;
 use haltere::live::realtime::insist_on_deadlines;
 use haltere::model::tag::TagProtocol;
-use haltere::model::{Plant, Vehicle};
+use haltere::model::{Fault, Plant, Truth, Vehicle};
 use haltere::report::truth::TruthRow;
 use haltere::time::HostTime;
 use rustix::io::Errno;
@@ -19,6 +19,8 @@ use rustix::time::{ClockId, Timespec, clock_gettime};
 use serde_json::json;
 
 use crate::board_wire::BoardWire;
+use crate::faults::happen;
+use crate::orders::{self, Next, Order, Orders};
 use crate::pty::{Dtr, TagPty};
 use crate::scenario::Scenario;
 use crate::stop::Stop;
@@ -54,6 +56,10 @@ pub struct Options {
     /// File for truth, 100 lines a second.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
+    /// Takes orders of a script on standard input, one JSON object a line, and answers on standard output:
+    /// {"fault": {"part": "anchor", "anchor": 3}}, {"truth": true}. Ends when standard input ends.
+    #[arg(long)]
+    pub orders: bool,
 }
 
 /// Period of the loop, µs of host time.
@@ -94,14 +100,9 @@ pub fn serve(options: &Options) -> Result<()> {
     let stop = Stop::on_signals()?;
     let mut scenario = Scenario::load(options.scenario.as_deref())?;
     scenario.seed = options.seed.unwrap_or(scenario.seed);
-    if let Some(i) = scenario.faults.iter().position(|f| f.phase.is_some()) {
-        bail!(
-            "fault[{i}].phase: the endpoint sees bytes and not what the companion is doing; leave \
-             phase out, or fly the scenario with `haltere-sim campaign`"
-        );
-    }
     scenario.tag.protocol = options.tag_protocol.unwrap_or(scenario.tag.protocol);
-    let mut plant = plant(options, &scenario)?;
+    let faults = scenario.fixed_faults()?;
+    let mut plant = plant(options.vehicle.as_deref(), &scenario)?;
     let mut tag = TagPty::new(options.tag_link.as_deref())?;
     let mut board = BoardWire::open(&options.board)?;
     let mut truth = options.truth.as_deref().map(TruthFile::create).transpose()?;
@@ -117,6 +118,7 @@ pub fn serve(options: &Options) -> Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(out, "{greeting}").and_then(|()| out.flush()).context("standard output")?;
     drop(out);
+    let orders = options.orders.then(Orders::listen).transpose()?;
     // Late bytes of tag and board would look like jitter of the real devices. Not at many times real
     // time, where the loop may never sleep.
     if options.speed <= REALTIME_SPEED
@@ -124,7 +126,8 @@ pub fn serve(options: &Options) -> Result<()> {
     {
         tracing::debug!("{why}");
     }
-    let ticks = run(options, &stop, &scenario, &mut plant, &mut tag, &mut board, truth.as_mut());
+    let wires = Wires { tag: &mut tag, board: &mut board, orders };
+    let ticks = run(options, &stop, faults, &mut plant, wires, truth.as_mut());
     let lost_rows = truth.map_or(Ok(0), TruthFile::finish)?;
     tracing::info!(
         ticks.late,
@@ -136,8 +139,9 @@ pub fn serve(options: &Options) -> Result<()> {
     Ok(())
 }
 
-fn plant(options: &Options, scenario: &Scenario) -> Result<Plant> {
-    let vehicle = match &options.vehicle {
+/// The world of a scenario.
+pub fn plant(vehicle: Option<&Path>, scenario: &Scenario) -> Result<Plant> {
+    let vehicle = match vehicle {
         Some(path) => {
             let name = path.display();
             let text = std::fs::read_to_string(path).with_context(|| format!("{name}"))?;
@@ -154,15 +158,22 @@ struct Ticks {
     late: u64,
 }
 
+/// What leads out of the simulated world.
+struct Wires<'a> {
+    tag: &'a mut TagPty,
+    board: &'a mut BoardWire,
+    orders: Option<Orders>,
+}
+
 fn run(
     options: &Options,
     stop: &Stop,
-    scenario: &Scenario,
+    faults: Vec<(f64, Fault)>,
     plant: &mut Plant,
-    tag: &mut TagPty,
-    board: &mut BoardWire,
+    wires: Wires<'_>,
     mut truth: Option<&mut TruthFile>,
 ) -> Ticks {
+    let Wires { tag, board, orders } = wires;
     let mut ticks = Ticks::default();
     let mut from_tag = Vec::new();
     let mut from_board = Vec::new();
@@ -170,7 +181,7 @@ fn run(
     let mut start_us = now_us();
     let mut deadline_us = start_us;
     let mut truth_due_us = 0;
-    let mut faults = scenario.timed_faults().into_iter().peekable();
+    let mut faults = faults.into_iter().peekable();
     while !stop.asked() {
         deadline_us += TICK_US;
         sleep_until(deadline_us);
@@ -187,11 +198,12 @@ fn run(
             break;
         }
         while let Some((_, fault)) = faults.next_if(|(at_s, _)| at_s * 1e6 <= simulated_us as f64) {
-            // Checked when the scenario was read; an effect that cannot switch is told.
-            tracing::info!("fault at {:.3} s: {fault:?}", simulated_us as f64 * 1e-6);
-            if let Err(why) = plant.inject(fault) {
-                tracing::warn!("fault refused: {why}");
-            }
+            happen(fault, plant);
+        }
+        if let Some(orders) = &orders
+            && !obey(orders, plant, start_us, options.speed)
+        {
+            break;
         }
         from_tag.clear();
         let dtr = tag.read(&mut from_tag);
@@ -226,10 +238,30 @@ fn run(
     ticks
 }
 
+/// `false`: the script is gone.
+fn obey(orders: &Orders, plant: &mut Plant, start_us: u64, speed: f64) -> bool {
+    loop {
+        match orders.next() {
+            Next::Order(Order::Fault(fault)) => orders::inject(plant, fault),
+            Next::Order(Order::Truth) => orders::tell_truth(&row(plant, start_us, speed)),
+            Next::Order(Order::Run(_)) => orders::refuse(&anyhow::anyhow!(
+                "run_s: time passes by itself here; `haltere-sim lockstep --speed 0` leaves it to the script"
+            )),
+            Next::None => return true,
+            Next::Ended => return false,
+        }
+    }
+}
+
 fn row(plant: &Plant, start_us: u64, speed: f64) -> TruthRow {
     let truth = plant.truth();
+    truth_row(&truth, HostTime::from_us(start_us + (truth.t_us as f64 / speed) as u64))
+}
+
+/// Truth as a row of a truth file.
+pub fn truth_row(truth: &Truth, at: HostTime) -> TruthRow {
     TruthRow {
-        at: HostTime::from_us(start_us + (truth.t_us as f64 / speed) as u64),
+        at,
         t_s: truth.t_us as f64 * 1e-6,
         pos_E_m: truth.pos_E_m,
         vel_E_mps: truth.vel_E_mps,

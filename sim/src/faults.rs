@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use haltere::checks::Problems;
 use haltere::frames::Vec3;
-use haltere::model::Fault;
 use haltere::model::effects::EffectSet;
 use haltere::model::faults::{FaultKind, LineId};
 use haltere::model::gust::Gust;
 use haltere::model::line_noise::LineNoise;
+use haltere::model::{Fault, Plant};
 use serde::{Deserialize, Serialize};
 
 /// One failure.
@@ -200,6 +200,14 @@ pub enum Wing {
 
 fn off() -> State {
     State::Off
+}
+
+/// Breaks or mends something, now. It was checked when it was read; an effect that cannot switch is told.
+pub fn happen(fault: Fault, plant: &mut Plant) {
+    tracing::info!("fault at {:.3} s: {fault:?}", plant.t_us() as f64 * 1e-6);
+    if let Err(why) = plant.inject(fault) {
+        tracing::warn!("fault refused: {why}");
+    }
 }
 
 impl FaultAt {

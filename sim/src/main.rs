@@ -9,13 +9,18 @@ mod endpoint;
 mod faults;
 mod flood;
 mod generator;
+mod kills;
+mod lockstep;
+mod orders;
 mod paper;
 mod paths;
 #[cfg(test)]
 mod programs;
 mod progress;
 mod pty;
+mod rig;
 mod scenario;
+mod soak;
 mod steps;
 mod stop;
 mod tape;
@@ -40,6 +45,9 @@ enum Command {
     /// The endpoint alone; the first line on standard output is a JSON object that names the tag's
     /// device and the board's address as the companion has to be told.
     Serve(endpoint::Options),
+    /// Simulator and companion in one program on simulated time, faster than real time; ground stations and
+    /// clients connect as to any vehicle. The first line on standard output is a JSON object that says where.
+    Lockstep(lockstep::Options),
     /// Endpoint, companion and mission together, in real time; leaves a log and a report.
     Demo(demo::Options),
     /// Print every physical effect with equation, source and parameters: docs/EFFECTS.md.
@@ -62,6 +70,12 @@ enum Command {
     /// The companion hovers while others shout at its ground endpoints: how late its control steps are
     /// then, what it throws away, its memory. Exit code 1 when a bound is broken.
     Flood(flood::Options),
+    /// One companion flies for as long as wanted: gaps between setpoints and the way from UWB to setpoint
+    /// on the wire, memory, processor time. Exit code 1 when a bound is broken.
+    Soak(soak::Options),
+    /// The companion is killed in flight at random moments and started again: the board has to come down
+    /// by itself, and nobody may take it over. Exit code 1 when one went wrong.
+    Kills(kills::Options),
     /// The companion, as `haltere` would run it.
     #[command(hide = true, disable_help_flag = true)]
     Companion {
@@ -86,6 +100,10 @@ fn main() -> ExitCode {
             log_to_stderr();
             endpoint::serve(&options).map(|()| true)
         }
+        Command::Lockstep(options) => {
+            log_to_stderr();
+            lockstep::run(&options).map(|()| true)
+        }
         Command::Demo(options) => {
             log_to_stderr();
             demo::run(&options)
@@ -101,6 +119,8 @@ fn main() -> ExitCode {
         Command::Cases(options) => cases::run(&options),
         Command::Flood(options) => flood::run(&options),
         Command::Campaign(options) => campaign::run(&options),
+        Command::Soak(options) => soak::run(&options),
+        Command::Kills(options) => kills::run(&options),
     };
     match result {
         Ok(true) => ExitCode::SUCCESS,

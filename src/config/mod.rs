@@ -15,6 +15,7 @@ mod signing;
 pub mod stored;
 #[cfg(test)]
 mod tests;
+mod watch;
 
 use std::path::{Path, PathBuf};
 
@@ -30,6 +31,7 @@ pub use sections::{
     TagConfig, TagPort, TimingConfig,
 };
 pub use signing::{Doors, SigningConfig};
+pub use watch::{Token, TokenError, WatchAddress, WatchConfig};
 
 use crate::checks::Problems;
 use crate::control::ControlConfig;
@@ -61,6 +63,8 @@ pub struct Config {
     pub store: StoreConfig,
     /// `[diagnosis]`
     pub diagnosis: DiagnosisConfig,
+    /// `[watch]`
+    pub watch: WatchConfig,
     /// `[timing]`
     pub timing: TimingConfig,
     /// `[flight]`
@@ -114,6 +118,9 @@ impl Loaded {
     /// Reads and checks everything; refuses with all that is wrong.
     pub fn load(sources: &Sources) -> Result<Self, Problems> {
         let (mut config, layers) = Config::load_layers(sources)?;
+        if !config.watch.token_file.as_os_str().is_empty() {
+            config.watch.token_file = layers.beside("watch.token_file", &config.watch.token_file);
+        }
         if !config.signing.key_file.as_os_str().is_empty() {
             config.signing.key_file = layers.beside("signing.key_file", &config.signing.key_file);
         }
@@ -152,6 +159,7 @@ impl Config {
         self.tag.check("tag", problems);
         self.board.check("board", problems);
         self.ground.check("ground", problems);
+        self.watch.check("watch", problems);
         self.timing.check("timing", problems);
         self.flight.check("flight", problems);
         self.limits.check("limits", problems);
@@ -170,6 +178,9 @@ impl Config {
         }
         for (i, endpoint) in self.ground.endpoints.iter().enumerate() {
             taken.push((format!("ground.endpoints[{i}]"), endpoint.address.resource()));
+        }
+        if let Some(address) = self.watch.address.get() {
+            taken.push(("watch.address".to_owned(), address.resource()));
         }
         for (i, (key, resource)) in taken.iter().enumerate() {
             if let Some((other, _)) = taken[..i].iter().find(|(_, r)| r == resource) {

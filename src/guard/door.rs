@@ -139,16 +139,20 @@ impl Door {
         false
     }
 
-    /// The form in which a frame goes out.
-    pub fn seal(&self, ring: &mut KeyRing, link_id: u8, unix_us: i64, frame: Vec<u8>) -> Vec<u8> {
+    /// Brings a frame into the form in which it goes out.
+    pub fn seal(&self, ring: &mut KeyRing, link_id: u8, unix_us: i64, frame: &mut Vec<u8>) {
         let sender = frame.get(5).copied().zip(frame.get(6).copied());
         let (system, component) = self.config.own;
         let own = sender.is_some_and(|(s, c)| system.is_none_or(|own| own == s) && component == c);
         if self.config.signing == Signing::Off || !own {
             // What others sent passes as they sent it.
-            return frame;
+            return;
         }
-        ring.sign(&frame, link_id, unix_us).unwrap_or(frame)
+        if let Some(signed) = ring.sign(frame, link_id, unix_us) {
+            // The buffer stays: it may belong to a stock.
+            frame.clear();
+            frame.extend_from_slice(&signed);
+        }
     }
 }
 

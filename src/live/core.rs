@@ -7,16 +7,18 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use tokio::sync::mpsc::Sender;
-use tokio::sync::mpsc::error::TrySendError;
 
 use super::clock;
 use super::files::FileDesk;
-use super::inbox::{Arrival, Arrivals, Outgoing, Shared, What};
+use super::inbox::{Arrival, Arrivals, Shared, What};
+use super::mailbox::{Outgoing, Refused, Slot};
+use super::pool::Pool;
 use crate::drops::DropReason;
 use crate::pilot::{Input, LinkId, Pilot};
 use crate::record::{GlueState, Recorder, RecorderSummary};
 use crate::time::HostTime;
 use crate::topics::Topic;
+use crate::watch::Feed;
 
 /// Longest sleep: how soon the end of the program is noticed, µs.
 const LONGEST_SLEEP_US: i64 = 50_000;
@@ -45,9 +47,12 @@ const CALENDAR_PERIOD_US: i64 = 60_000_000;
 pub(super) struct Core {
     pub pilot: Pilot,
     pub recorder: Recorder,
+    pub watch: Feed,
     pub arrivals: Arrivals,
     /// By link number.
-    pub outputs: Vec<Sender<Outgoing>>,
+    pub outputs: Vec<Slot>,
+    /// Buffers for what goes out.
+    pub pool: Pool,
     /// What people should read.
     pub news: Sender<Topic>,
     pub files: FileDesk,
@@ -62,47 +67,80 @@ pub(super) struct CoreSummary {
     pub losses: Losses,
 }
 
+/// What the thread carries from one wake-up to the next.
+#[derive(Debug)]
+pub(super) struct Rounds {
+    glue: GlueState,
+    losses: Losses,
+    glue_due: HostTime,
+    calendar_due: HostTime,
+}
+
+impl Rounds {
+    pub(super) fn beginning(now: HostTime) -> Self {
+        Self {
+            glue: GlueState::default(),
+            losses: Losses::new(),
+            glue_due: now.offset_us(GLUE_PERIOD_US),
+            calendar_due: now,
+        }
+    }
+
+    fn late(&mut self, lateness_s: f64) {
+        self.glue.wake_ups += 1;
+        self.glue.late_wake_ups += u64::from(lateness_s > LATE_S);
+        self.glue.worst_lateness_s = self.glue.worst_lateness_s.max(lateness_s);
+    }
+}
+
 /// Losses of which the core knows.
 type Losses = BTreeMap<(LinkId, DropReason), u64>;
 
 impl Core {
     /// Runs until asked to stop, then closes the log.
     pub(super) fn run(mut self) -> CoreSummary {
-        let mut glue = GlueState::default();
-        let mut losses = Losses::new();
-        let mut glue_due = clock::now().offset_us(GLUE_PERIOD_US);
-        let mut calendar_due = clock::now();
+        let mut rounds = Rounds::beginning(clock::now());
         while !self.shared.stopped() {
             let deadline = self.pilot.next_deadline();
             clock::sleep_until(deadline.min(clock::now().offset_us(LONGEST_SLEEP_US)));
-            self.take_arrivals();
-            self.take_file_answers();
-            self.report_losses(&mut losses);
-
-            let now = clock::now();
-            if now >= calendar_due {
-                calendar_due = now.offset_us(CALENDAR_PERIOD_US);
-                self.feed(now, Input::Calendar { unix_us: clock::unix_us() });
-            }
-            let lateness_s = now.seconds_since(deadline);
-            glue.wake_ups += 1;
-            glue.late_wake_ups += u64::from(lateness_s > LATE_S);
-            glue.worst_lateness_s = glue.worst_lateness_s.max(lateness_s);
-            self.feed(now, Input::Wake);
-            self.send_outputs(now);
-            self.hand_out_tasks();
-            self.publish_topics(now);
-
-            if now >= glue_due {
-                glue_due = now.offset_us(GLUE_PERIOD_US);
-                self.recorder.glue(now, &glue);
-            }
-            self.recorder.commit(now);
-            self.shared.step();
+            self.round(&mut rounds, deadline, clock::now);
         }
+        let Rounds { glue, mut losses, .. } = rounds;
         self.report_losses(&mut losses);
         self.recorder.glue(clock::now(), &glue);
         CoreSummary { recording: self.recorder.finish(), glue, losses }
+    }
+
+    /// What is done at a wake-up: takes what has come, lets the core work, hands on what it yields.
+    /// In steady flight it neither allocates nor takes a lock (`tests/allocation.rs`).
+    pub(super) fn round(
+        &mut self,
+        rounds: &mut Rounds,
+        deadline: HostTime,
+        now: impl Fn() -> HostTime,
+    ) {
+        self.take_arrivals();
+        self.take_file_answers();
+        self.report_losses(&mut rounds.losses);
+
+        let now = now();
+        if now >= rounds.calendar_due {
+            rounds.calendar_due = now.offset_us(CALENDAR_PERIOD_US);
+            self.feed(now, Input::Calendar { unix_us: clock::unix_us() });
+        }
+        rounds.late(now.seconds_since(deadline));
+        self.feed(now, Input::Wake);
+        self.send_outputs(now);
+        self.hand_out_tasks();
+        self.publish_topics(now);
+
+        if now >= rounds.glue_due {
+            rounds.glue_due = now.offset_us(GLUE_PERIOD_US);
+            self.recorder.glue(now, &rounds.glue);
+            self.watch.glue(now, &rounds.glue);
+        }
+        self.recorder.commit(now);
+        self.shared.step();
     }
 
     fn take_arrivals(&mut self) {
@@ -151,35 +189,38 @@ impl Core {
     }
 
     fn send_outputs(&mut self, now: HostTime) {
-        let Self { pilot, recorder, outputs, shared, .. } = self;
+        let Self { pilot, recorder, outputs, pool, shared, .. } = self;
         pilot.drain_output(|link, bytes| {
             recorder.output(now, link, bytes);
             let Some(output) = outputs.get(usize::from(link.number())) else { return };
-            match output.try_send(Outgoing { link, bytes: bytes.to_vec() }) {
+            let piece = pool.lend(bytes).ok_or(Refused::Full);
+            match piece.and_then(|bytes| output.put(Outgoing { link, bytes })) {
                 Ok(()) => {}
-                Err(TrySendError::Full(_)) => shared.lost(link, DropReason::OutputQueueFull),
-                Err(TrySendError::Closed(_)) => shared.lost(link, DropReason::LinkWriteFailed),
+                Err(Refused::Full) => shared.lost(link, DropReason::OutputQueueFull),
+                Err(Refused::Gone) => shared.lost(link, DropReason::LinkWriteFailed),
             }
         });
     }
 
     fn publish_topics(&mut self, now: HostTime) {
-        let Self { pilot, recorder, news, .. } = self;
+        let Self { pilot, recorder, news, watch, .. } = self;
         pilot.drain_topics(|topic| {
             if matches!(topic, Topic::Text(_) | Topic::Mode(_)) {
                 // Only for reading along; the log has it all.
                 let _ = news.try_send(topic.clone());
             }
+            watch.topic(now, &topic);
             recorder.topic(now, topic);
         });
     }
 
-    /// Tells the core what was lost since it was last told. The recorder's own losses belong to no
-    /// link; they stand with the tag's.
+    /// Tells the core what was lost since it was last told. Losses of recorder and watch page
+    /// belong to no link; they stand with the tag's.
     fn report_losses(&mut self, told: &mut Losses) {
         let recorder = (LinkId::Tag, DropReason::RecorderQueueFull, self.recorder.lost());
+        let watch = (LinkId::Tag, DropReason::WatchQueueFull, self.watch.lost());
         let shared = self.shared.clone();
-        for (link, reason, total) in shared.losses().chain([recorder]) {
+        for (link, reason, total) in shared.losses().chain([recorder, watch]) {
             let before = told.get(&(link, reason)).copied().unwrap_or(0);
             if total > before {
                 told.insert((link, reason), total);

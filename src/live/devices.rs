@@ -6,9 +6,9 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use tokio::net::{TcpListener, UdpSocket};
-use tokio::sync::mpsc::Receiver;
 
-use super::inbox::{Inbox, Outgoing, Shared};
+use super::inbox::{Inbox, Shared};
+use super::mailbox::Mailbox;
 use super::{Port, realtime, tcp, udp};
 
 /// How often it is looked whether to end.
@@ -29,7 +29,7 @@ pub(super) fn hurry(urgency: Urgency) {
 pub(super) fn spawn(
     port: Port,
     inbox: Inbox,
-    output: Receiver<Outgoing>,
+    output: Mailbox,
     urgency: Urgency,
     shared: Arc<Shared>,
 ) -> std::io::Result<JoinHandle<()>> {
@@ -59,7 +59,7 @@ enum Bare {
     None(Port),
 }
 
-async fn serve(bare: Bare, inbox: Inbox, output: Receiver<Outgoing>) {
+async fn serve(bare: Bare, inbox: Inbox, output: Mailbox) {
     let failed = |error: std::io::Error| {
         tracing::error!("link {}: {error}; it stays silent", inbox.link().number());
     };

@@ -138,13 +138,14 @@ impl Gate {
         link: LinkId,
         at: HostTime,
         bytes: &[u8],
+        passed: &mut Vec<u8>,
         shared: &Shared,
-    ) -> Vec<u8> {
-        let (mut passed, mut drops) = (Vec::new(), Drops::default());
+    ) {
+        let mut drops = Drops::default();
         let mut door = lock(&self.door);
         let mut ring = lock(&self.keys.ring);
         let unix_us = clock::unix_us();
-        let offer = door.admit(&mut ring, at, unix_us, bytes, &mut passed, &mut drops);
+        let offer = door.admit(&mut ring, at, unix_us, bytes, passed, &mut drops);
         drop(ring);
         if let Some(offer) = offer {
             tracing::warn!("a new signing key came over link {}", link.number());
@@ -153,7 +154,6 @@ impl Gate {
         for (reason, count) in drops.iter() {
             shared.lost_many(link, reason, count);
         }
-        passed
     }
 
     /// Whether a stranger with these bytes may come in.
@@ -162,9 +162,9 @@ impl Gate {
         door.would_open(&lock(&self.keys.ring), clock::unix_us(), bytes)
     }
 
-    /// The form in which a frame goes out.
-    pub(super) fn seal(&self, link: LinkId, frame: Vec<u8>) -> Vec<u8> {
+    /// Brings a frame into the form in which it goes out.
+    pub(super) fn seal(&self, link: LinkId, frame: &mut Vec<u8>) {
         let door = lock(&self.door);
-        door.seal(&mut lock(&self.keys.ring), link.number(), clock::unix_us(), frame)
+        door.seal(&mut lock(&self.keys.ring), link.number(), clock::unix_us(), frame);
     }
 }

@@ -9,6 +9,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
 use super::clock;
 use super::doors::Gate;
+use super::pool::{Chunk, Pool};
 use crate::drops::DropReason;
 use crate::pilot::{LinkId, MOST_GROUND_LINKS};
 use crate::time::HostTime;
@@ -22,6 +23,10 @@ const STATION_CHUNKS: usize = 128;
 const STATION_BYTES: usize = 256 << 10;
 /// Room for what is not bytes: links that open and close.
 const EVENTS: usize = 512;
+/// Buffers that are there from the first, and their bytes: more than come in a control period, each for
+/// a read of a serial line.
+const READY_CHUNKS: usize = 64;
+const READY_BYTES: usize = 2048;
 
 /// Chunks that may wait for a link: half a second of setpoints, several of telemetry.
 pub(super) const OUTPUT_QUEUE_CHUNKS: usize = 64;
@@ -46,13 +51,6 @@ const REASONS: [DropReason; 14] = [
 
 /// Links that can exist: tag, board, and as many stations as the core takes.
 const MOST_LINKS: usize = 2 + MOST_GROUND_LINKS;
-
-/// Bytes for a link.
-#[derive(Debug)]
-pub(super) struct Outgoing {
-    pub link: LinkId,
-    pub bytes: Vec<u8>,
-}
 
 /// State that all threads share.
 #[derive(Debug)]
@@ -127,7 +125,7 @@ pub(super) struct Arrival {
 
 #[derive(Debug)]
 pub(super) enum What {
-    Bytes(Vec<u8>, Share),
+    Bytes(Chunk, Share),
     Up,
     Down,
 }
@@ -173,6 +171,7 @@ impl Drop for Share {
 pub(super) struct Entrance {
     devices: SyncSender<Arrival>,
     stations: SyncSender<Arrival>,
+    pool: Pool,
 }
 
 /// The ends where the pilot's thread takes out.
@@ -186,9 +185,12 @@ pub(super) struct Arrivals {
 
 /// The queues to the pilot's thread.
 pub(super) fn input_queues() -> (Entrance, Arrivals) {
-    let (devices, from_devices) = sync_channel(2 * DEVICE_CHUNKS + EVENTS);
-    let (stations, from_stations) = sync_channel(STATION_CHUNKS * MOST_GROUND_LINKS + EVENTS);
-    (Entrance { devices, stations }, Arrivals { devices: from_devices, stations: from_stations })
+    let most = (2 * DEVICE_CHUNKS + EVENTS, STATION_CHUNKS * MOST_GROUND_LINKS + EVENTS);
+    let (devices, from_devices) = sync_channel(most.0);
+    let (stations, from_stations) = sync_channel(most.1);
+    let pool = Pool::new(READY_CHUNKS, most.0 + most.1 + MOST_LINKS, READY_BYTES);
+    let entrance = Entrance { devices, stations, pool };
+    (entrance, Arrivals { devices: from_devices, stations: from_stations })
 }
 
 /// One link's entrance to the pilot's thread.
@@ -196,6 +198,7 @@ pub(super) fn input_queues() -> (Entrance, Arrivals) {
 pub(super) struct Inbox {
     link: LinkId,
     queue: SyncSender<Arrival>,
+    pool: Pool,
     waiting: Arc<Waiting>,
     gate: Option<Arc<Gate>>,
     shared: Arc<Shared>,
@@ -212,7 +215,8 @@ impl Inbox {
             LinkId::Tag | LinkId::Board => entrance.devices.clone(),
             LinkId::Ground(_) => entrance.stations.clone(),
         };
-        Self { link, queue, waiting: Arc::default(), gate, shared }
+        let pool = entrance.pool.clone();
+        Self { link, queue, pool, waiting: Arc::default(), gate, shared }
     }
 
     pub(super) fn link(&self) -> LinkId {
@@ -226,22 +230,23 @@ impl Inbox {
     /// Bytes that were read at `at`. What may not pass, or finds no room, is lost and counted.
     /// `false`: nothing passed.
     pub(super) fn bytes(&self, at: HostTime, bytes: &[u8]) -> bool {
-        let bytes = match &self.gate {
-            Some(gate) => gate.admit(self.link, at, bytes, &self.shared),
-            None => bytes.to_vec(),
-        };
-        if bytes.is_empty() {
+        let mut chunk = self.pool.make();
+        match &self.gate {
+            Some(gate) => gate.admit(self.link, at, bytes, chunk.buffer(), &self.shared),
+            None => chunk.buffer().extend_from_slice(bytes),
+        }
+        if chunk.is_empty() {
             return false;
         }
         let most = match self.link {
             LinkId::Tag | LinkId::Board => (DEVICE_CHUNKS, DEVICE_BYTES),
             LinkId::Ground(_) => (STATION_CHUNKS, STATION_BYTES),
         };
-        let Some(share) = Share::of(&self.waiting, most, bytes.len()) else {
+        let Some(share) = Share::of(&self.waiting, most, chunk.len()) else {
             self.lost(DropReason::InputQueueFull);
             return true;
         };
-        let arrival = Arrival { at, link: self.link, what: What::Bytes(bytes, share) };
+        let arrival = Arrival { at, link: self.link, what: What::Bytes(chunk, share) };
         if let Err(TrySendError::Full(_)) = self.queue.try_send(arrival) {
             self.lost(DropReason::InputQueueFull);
         }
@@ -263,11 +268,11 @@ impl Inbox {
     }
 
     /// A frame as it goes out on this link.
-    pub(super) fn seal(&self, frame: Vec<u8>) -> Vec<u8> {
-        match &self.gate {
-            Some(gate) => gate.seal(self.link, frame),
-            None => frame,
+    pub(super) fn seal(&self, mut frame: Chunk) -> Chunk {
+        if let Some(gate) = &self.gate {
+            gate.seal(self.link, frame.buffer());
         }
+        frame
     }
 
     /// The link is open. Waits for room: this must not be lost.

@@ -3,9 +3,11 @@
 //! ```text
 //! threads of tag and board ─► bounded queue ┐
 //! tokio tasks of stations   ─► bounded queue ┴► pilot's thread ─► bounded queue per link
-//!                                                     └─► recorder's thread
+//!                                                     ├─► recorder's thread
+//!                                                     └─► thread of the watch page
 //! ```
 
+mod by_hand;
 mod clock;
 mod core;
 mod devices;
@@ -13,7 +15,9 @@ mod doors;
 mod files;
 mod frames;
 mod inbox;
+mod mailbox;
 mod notify;
+mod pool;
 pub mod realtime;
 mod serial;
 mod stations;
@@ -23,11 +27,15 @@ mod tests;
 mod udp;
 pub mod usb;
 
+pub use by_hand::ByHand;
+
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use haltere_dialect::mav_stream;
 use serde::Serialize;
 use thiserror::Error;
 use tokio::net::{TcpListener, UdpSocket};
@@ -37,13 +45,21 @@ use tokio::task::JoinSet;
 
 use self::core::{Core, CoreSummary};
 use self::doors::{Gate, Keys};
-use self::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing, Shared, input_queues};
+use self::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Shared, input_queues};
+use self::mailbox::{Mailbox, mailbox};
 use self::notify::{Progress, Systemd};
+use self::pool::Pool;
 use crate::config::{Address, Config, HostPort, KeyFileError, Loaded, TagPort};
 use crate::pilot::{LinkId, Pilot};
 use crate::record::{BuildIdentity, RecordError, Recorder, Session};
 use crate::store::{NoPrograms, Programs, Store};
 use crate::topics::Topic;
+use crate::watch::{Feed, Watch, WatchError};
+
+/// Largest piece that goes out: a MAVLink frame with a signature, and some.
+const OUT_BYTES: usize = mav_stream::MAX_FRAME + 24;
+/// Pieces that links have taken and not written yet, beyond those that wait.
+const SPARE_CHUNKS: usize = 256;
 
 /// News for people that may wait to be printed.
 const NEWS_QUEUE: usize = 256;
@@ -71,6 +87,9 @@ pub enum LiveError {
     /// The signing key is not used as it is.
     #[error(transparent)]
     Key(#[from] KeyFileError),
+    /// The page cannot be served as it was asked for.
+    #[error(transparent)]
+    Watch(#[from] WatchError),
     /// Threads, signals.
     #[error("the system refuses a thread or a signal handler: {0}")]
     System(#[from] std::io::Error),
@@ -144,35 +163,56 @@ async fn fly(
     let mut terminate = signal(SignalKind::terminate())?;
     let keys = Keys::load(&loaded.config)?;
     let ports = open_ports(loaded).await?;
+    let host_us = i64::try_from(clock::now().as_us()).unwrap_or(0);
+    let watch = Watch::open(loaded, clock::unix_us().saturating_sub(host_us)).await?;
 
     let shared = Arc::new(Shared::default());
     let (entrance, arrivals) = input_queues();
     // By link number: the stations of one endpoint share its queue.
     let mut outputs = Vec::new();
     let mut receivers = Vec::new();
+    let mut out_chunks = SPARE_CHUNKS;
     for (_, links) in &ports {
-        let (output, receiver) = mpsc::channel(OUTPUT_QUEUE_CHUNKS * links.len().max(1));
+        let room = OUTPUT_QUEUE_CHUNKS * links.len().max(1);
+        let (output, receiver) = mailbox(room)?;
+        out_chunks += room;
         outputs.extend(links.iter().map(|_| output.clone()));
         receivers.push(receiver);
     }
+    let pool = Pool::new(out_chunks, out_chunks, OUT_BYTES);
     let (news, mut read_news) = mpsc::channel(NEWS_QUEUE);
     let started = clock::now();
-    let recorder = begin_recording(loaded, started)?;
-    let pilot = Pilot::new(loaded.config.pilot(), loaded.survey.clone(), started);
-    let (files, file_thread) = start_files(loaded, &recorder, programs, &shared)?;
-    let core = Core { pilot, recorder, arrivals, outputs, news, files, shared: shared.clone() };
-
+    // Before any other thread has its stack.
     if loaded.config.timing.lock_memory {
         match realtime::lock_memory() {
             Ok(()) => tracing::info!("memory locked"),
             Err(why) => tracing::warn!("{why}"),
         }
     }
+    let recorder = begin_recording(loaded, started)?;
+    let pilot = Pilot::new(loaded.config.pilot(), loaded.survey.clone(), started);
+    let (files, file_thread) = start_files(loaded, &recorder, programs, &shared)?;
+    let (watch, feed) = watch.map_or((None, Feed::off()), |(watch, feed)| (Some(watch), feed));
+    let watch_ends = Arc::<AtomicBool>::default();
+    let watch_thread = watch.map(|watch| watch.start(watch_ends.clone())).transpose()?;
+    let core = Core {
+        pilot,
+        recorder,
+        watch: feed,
+        arrivals,
+        outputs,
+        pool,
+        news,
+        files,
+        shared: shared.clone(),
+    };
+
     let key_file = loaded.config.signing.key_file.clone();
     let key_thread = doors::keep(keys.clone(), key_file, shared.clone())?;
     let (pilot_thread, ended) = start_pilot(loaded, core)?;
     let mut links = JoinSet::new();
-    let mut threads: Vec<_> = file_thread.into_iter().chain(key_thread).collect();
+    let mut threads: Vec<_> =
+        file_thread.into_iter().chain(key_thread).chain(watch_thread).collect();
     let gates = gates(&loaded.config, &keys);
     let timing = &loaded.config.timing;
     let urgency = timing.realtime.then_some(timing.priority);
@@ -214,6 +254,7 @@ async fn fly(
     // Off this thread, so that the links can still take what the core sends last.
     let summary = tokio::task::spawn_blocking(move || pilot_thread.join()).await;
     links.abort_all();
+    watch_ends.store(true, Ordering::Relaxed);
     for thread in threads {
         // Each looks every 100 ms whether to end.
         let _ = tokio::task::spawn_blocking(move || thread.join()).await;
@@ -310,7 +351,7 @@ async fn open_port(key: String, address: &Address) -> Result<Port, LiveError> {
 fn start_link(
     port: Port,
     inboxes: Vec<Inbox>,
-    output: mpsc::Receiver<Outgoing>,
+    output: Mailbox,
     links: &mut JoinSet<()>,
     urgency: devices::Urgency,
     shared: &Arc<Shared>,
@@ -341,6 +382,7 @@ fn start_pilot(loaded: &Loaded, core: Core) -> Result<PilotThread, LiveError> {
     let thread = std::thread::Builder::new().name("pilot".into()).spawn(move || {
         // Dropped when this thread ends, even by a panic.
         let _tell_end = tell_end;
+        realtime::touch_stack();
         if timing.realtime {
             // Before the first deadline: logging is still allowed here.
             match realtime::insist_on_deadlines(timing.priority) {

@@ -4,12 +4,12 @@ use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use tokio::net::{TcpListener, TcpStream, UdpSocket};
-use tokio::sync::mpsc;
 use tokio::time::{Duration, Instant, interval};
 
 use super::clock;
 use super::frames::WholeFrames;
-use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing};
+use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS};
+use super::mailbox::{Mailbox, Outgoing, Refused, Slot, mailbox};
 use super::tcp::{ACCEPT_PAUSE, RETRY, accept_after, talk};
 use super::udp::{DATAGRAM_BYTES, send};
 use crate::drops::DropReason;
@@ -94,11 +94,7 @@ impl Places {
 }
 
 /// Serves a bound `udpin` socket until the output ends; one inbox per place.
-pub(super) async fn listen(
-    socket: UdpSocket,
-    inboxes: Vec<Inbox>,
-    mut output: mpsc::Receiver<Outgoing>,
-) {
+pub(super) async fn listen(socket: UdpSocket, inboxes: Vec<Inbox>, mut output: Mailbox) {
     let Some(first) = inboxes.first().cloned() else { return };
     let mut places = Places::new(inboxes.len());
     let mut buffer = vec![0; DATAGRAM_BYTES];
@@ -156,12 +152,8 @@ pub(super) async fn listen(
 }
 
 /// Serves all clients of a bound `tcpin` port until the output ends; one inbox per place.
-pub(super) async fn serve(
-    listener: TcpListener,
-    inboxes: Vec<Inbox>,
-    mut output: mpsc::Receiver<Outgoing>,
-) {
-    let mut writers: Vec<Option<mpsc::Sender<Outgoing>>> = vec![None; inboxes.len()];
+pub(super) async fn serve(listener: TcpListener, inboxes: Vec<Inbox>, mut output: Mailbox) {
+    let mut writers: Vec<Option<Slot>> = vec![None; inboxes.len()];
     let mut clients = tokio::task::JoinSet::new();
     let mut next = Instant::now();
     loop {
@@ -181,8 +173,12 @@ pub(super) async fn serve(
                     }
                     continue;
                 };
+                let Ok((writer, mut own_output)) = mailbox(OUTPUT_QUEUE_CHUNKS) else {
+                    tracing::warn!("{peer} refused: no more descriptors; raise the limit (ulimit -n)");
+                    inbox.lost(DropReason::StationsFull);
+                    continue;
+                };
                 tracing::info!("{peer} connected as link {}", inbox.link().number());
-                let (writer, mut own_output) = mpsc::channel(OUTPUT_QUEUE_CHUNKS);
                 writers[n] = Some(writer);
                 clients.spawn(async move {
                     inbox.up();
@@ -198,7 +194,7 @@ pub(super) async fn serve(
                 let (Some(inbox), Some(Some(writer))) = (inboxes.get(n), writers.get(n)) else {
                     continue;
                 };
-                if let Err(mpsc::error::TrySendError::Full(_)) = writer.try_send(outgoing) {
+                if writer.put(outgoing) == Err(Refused::Full) {
                     inbox.lost(DropReason::OutputQueueFull);
                 }
             }
@@ -215,7 +211,7 @@ pub(super) async fn serve(
 
 /// One client, until it leaves. Where signatures are demanded it must have shown one in time: places
 /// are few, and holding one costs nothing.
-async fn serve_one(stream: TcpStream, inbox: &Inbox, output: &mut mpsc::Receiver<Outgoing>) {
+async fn serve_one(stream: TcpStream, inbox: &Inbox, output: &mut Mailbox) {
     let mut frames = WholeFrames::default();
     let shown = AtomicBool::new(!inbox.is_shut());
     let talks = talk(stream, inbox, output, |inbox, at, bytes| {

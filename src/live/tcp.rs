@@ -5,12 +5,13 @@ use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{broadcast, mpsc};
+use tokio::sync::broadcast;
 use tokio::time::Instant;
 
 use super::clock;
 use super::frames::WholeFrames;
-use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Outgoing};
+use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS};
+use super::mailbox::{Mailbox, Outgoing, Refused};
 use crate::config::HostPort;
 use crate::drops::DropReason;
 use crate::time::HostTime;
@@ -42,11 +43,7 @@ pub(super) async fn accept_after(
 }
 
 /// Serves all clients of a bound port until the output ends.
-pub(super) async fn serve(
-    listener: TcpListener,
-    inbox: Inbox,
-    mut output: mpsc::Receiver<Outgoing>,
-) {
+pub(super) async fn serve(listener: TcpListener, inbox: Inbox, mut output: Mailbox) {
     let (everyone, _) = broadcast::channel::<Vec<u8>>(OUTPUT_QUEUE_CHUNKS);
     let mut clients = tokio::task::JoinSet::new();
     let mut next = Instant::now();
@@ -74,7 +71,7 @@ pub(super) async fn serve(
             bytes = output.recv() => {
                 let Some(Outgoing { bytes, .. }) = bytes else { return };
                 // Nobody connected: nobody misses it.
-                let _ = everyone.send(inbox.seal(bytes));
+                let _ = everyone.send(inbox.seal(bytes).to_vec());
             }
             Some(_) = clients.join_next() => {}
         }
@@ -120,7 +117,7 @@ async fn serve_one(stream: TcpStream, inbox: &Inbox, mut output: broadcast::Rece
 }
 
 /// Keeps a connection to a server until the output ends.
-pub(super) async fn connect(to: HostPort, inbox: Inbox, mut output: mpsc::Receiver<Outgoing>) {
+pub(super) async fn connect(to: HostPort, inbox: Inbox, mut output: Mailbox) {
     let mut told = false;
     loop {
         match TcpStream::connect((to.host.as_str(), to.port)).await {
@@ -147,10 +144,10 @@ pub(super) async fn connect(to: HostPort, inbox: Inbox, mut output: mpsc::Receiv
         tokio::time::sleep(RETRY).await;
         // What was due meanwhile is of no use now.
         loop {
-            match output.try_recv() {
-                Ok(_) => inbox.lost(DropReason::LinkWriteFailed),
-                Err(mpsc::error::TryRecvError::Empty) => break,
-                Err(mpsc::error::TryRecvError::Disconnected) => return,
+            match output.try_take() {
+                Ok(Some(_)) => inbox.lost(DropReason::LinkWriteFailed),
+                Ok(None) => break,
+                Err(Refused::Full | Refused::Gone) => return,
             }
         }
     }
@@ -160,7 +157,7 @@ pub(super) async fn connect(to: HostPort, inbox: Inbox, mut output: mpsc::Receiv
 pub(super) async fn talk(
     stream: TcpStream,
     inbox: &Inbox,
-    output: &mut mpsc::Receiver<Outgoing>,
+    output: &mut Mailbox,
     mut take: impl FnMut(&Inbox, HostTime, &[u8]),
 ) -> bool {
     let _ = stream.set_nodelay(true);

@@ -4,10 +4,10 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use tokio::net::{UdpSocket, lookup_host};
-use tokio::sync::mpsc::Receiver;
 
 use super::clock;
-use super::inbox::{Inbox, Outgoing};
+use super::inbox::Inbox;
+use super::mailbox::{Mailbox, Outgoing};
 use crate::config::HostPort;
 use crate::drops::DropReason;
 use crate::time::HostTime;
@@ -64,7 +64,7 @@ pub(super) async fn bind(at: &HostPort) -> std::io::Result<UdpSocket> {
 }
 
 /// Serves a bound socket until the output ends.
-pub(super) async fn listen(socket: UdpSocket, inbox: Inbox, mut output: Receiver<Outgoing>) {
+pub(super) async fn listen(socket: UdpSocket, inbox: Inbox, mut output: Mailbox) {
     inbox.up();
     let mut peers = Peers::default();
     let mut buffer = vec![0; DATAGRAM_BYTES];
@@ -101,7 +101,7 @@ pub(super) async fn listen(socket: UdpSocket, inbox: Inbox, mut output: Receiver
 }
 
 /// Serves `udpout` until the output ends; looks the name up until that works.
-pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Receiver<Outgoing>) {
+pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Mailbox) {
     let mut told = false;
     let (socket, peer) = loop {
         match open(&to).await {

@@ -69,6 +69,20 @@ impl<W: World> Lockstep<W> {
         survey: &Survey,
         listener: Option<Listener>,
     ) -> Self {
+        let mut all = Self::without_stations(plant, pilot, survey, listener);
+        for n in 0..u8::try_from(all.ground_out.len()).unwrap_or(u8::MAX) {
+            all.feed(all.host_now(), Input::LinkUp { link: LinkId::Ground(n) });
+        }
+        all
+    }
+
+    /// The same; links of stations are down until somebody tells the core otherwise.
+    pub fn without_stations(
+        plant: W,
+        pilot: PilotConfig,
+        survey: &Survey,
+        listener: Option<Listener>,
+    ) -> Self {
         let at = HostTime::from_us(HOST_START_US);
         let grounds = u8::try_from(pilot.ground_links().count()).unwrap_or(u8::MAX);
         let pilot = Pilot::new(pilot, survey.clone(), at);
@@ -85,9 +99,6 @@ impl<W: World> Lockstep<W> {
         };
         all.feed(at, Input::LinkUp { link: LinkId::Tag });
         all.feed(at, Input::LinkUp { link: LinkId::Board });
-        for n in 0..grounds {
-            all.feed(at, Input::LinkUp { link: LinkId::Ground(n) });
-        }
         all
     }
 

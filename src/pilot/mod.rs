@@ -41,6 +41,7 @@ mod routing;
 mod schedule;
 pub mod services;
 mod setpoint;
+mod shelf;
 mod streams;
 mod supervise;
 mod telemetry;
@@ -81,6 +82,7 @@ use heading::BoardNorth;
 use hover::HoverThrust;
 use output::{Address, Outbox};
 use services::{FileFault, Services};
+use shelf::Shelf;
 use supervise::Touch;
 use telemetry_counts::PairStats;
 
@@ -190,6 +192,7 @@ pub struct Pilot {
     with_topics: bool,
     /// Losses by link number; the last entry is the core itself.
     drops: Vec<Drops>,
+    shelf: Shelf,
 
     uwb: TdoaEngine,
     mav_tag: MavTag,
@@ -285,6 +288,7 @@ impl Pilot {
             topics: Vec::new(),
             with_topics: true,
             drops: vec![Drops::default(); 3 + grounds.len()],
+            shelf: Shelf::default(),
             uwb: TdoaEngine::new(config.uwb.clone(), &survey),
             mav_tag: MavTag::new(),
             tag_splitter: MavSplitter::new(),
@@ -413,30 +417,17 @@ impl Pilot {
     /// Losses by link number; the last entry is the core itself. What the estimator threw away
     /// counts where it came from: UWB on the tag's link, the rest in the core.
     pub fn drops(&self) -> Vec<Drops> {
-        let mut all = self.drops.clone();
-        for (reason, n) in self.estimator.drops().iter() {
-            all[self.slot_of_estimator(reason)].add(reason, n);
-        }
-        all
+        let slots = 0..self.drops.len();
+        slots.map(|slot| losses_of(&self.drops, &self.estimator, slot)).collect()
     }
 
     /// The same as one number.
     fn lost(&self, slot: usize, reason: DropReason) -> u64 {
         let own = self.drops[slot].count(reason);
-        if slot != self.slot_of_estimator(reason) {
+        if slot != slot_of_estimator(reason, self.drops.len()) {
             return own;
         }
         own.saturating_add(self.estimator.drops().count(reason))
-    }
-
-    fn slot_of_estimator(&self, reason: DropReason) -> usize {
-        match reason {
-            DropReason::UwbUnknownAnchor
-            | DropReason::UwbImpossible
-            | DropReason::UwbGated
-            | DropReason::UwbTooOld => usize::from(LinkId::Tag.number()),
-            _ => self.drops.len() - 1,
-        }
     }
 
     fn drops_of(&mut self, link: LinkId) -> &mut Drops {
@@ -647,6 +638,28 @@ enum Severity {
     Error = 3,
     Warning = 4,
     Info = 6,
+}
+
+/// Of which slot the estimator's losses of a kind are counted.
+fn slot_of_estimator(reason: DropReason, slots: usize) -> usize {
+    match reason {
+        DropReason::UwbUnknownAnchor
+        | DropReason::UwbImpossible
+        | DropReason::UwbGated
+        | DropReason::UwbTooOld => usize::from(LinkId::Tag.number()),
+        _ => slots - 1,
+    }
+}
+
+/// Losses of a slot, those of the estimator included.
+fn losses_of(drops: &[Drops], estimator: &Estimator, slot: usize) -> Drops {
+    let mut all = drops.get(slot).cloned().unwrap_or_default();
+    for (reason, n) in estimator.drops().iter() {
+        if slot_of_estimator(reason, drops.len()) == slot {
+            all.add(reason, n);
+        }
+    }
+    all
 }
 
 #[cfg(test)]

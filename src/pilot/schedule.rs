@@ -317,14 +317,13 @@ impl Pilot {
         if !self.with_topics {
             return;
         }
-        let all = self.drops();
-        let core = all.len() - 1;
-        let drops = all
-            .into_iter()
-            .enumerate()
-            .filter(|(_, d)| d.iter().next().is_some())
-            .map(|(n, d)| (if n == core { u8::MAX } else { n as u8 }, d))
-            .collect();
+        let Self { drops, estimator, shelf, .. } = self;
+        let core = drops.len() - 1;
+        let rows = (0..drops.len()).map(|slot| {
+            let total = super::losses_of(drops, estimator, slot);
+            (if slot == core { u8::MAX } else { slot as u8 }, total)
+        });
+        let drops = shelf.fill(rows.filter(|(_, d)| d.iter().next().is_some()));
         self.topics.push(Topic::Health(HealthRecord {
             at,
             drops,

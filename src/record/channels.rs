@@ -2,9 +2,12 @@
 
 use prost::Message as _;
 
+use super::convert::decoded_from_topic;
 use super::pb;
+use super::recorder::GlueState;
 use crate::pilot::LinkId;
 use crate::time::HostTime;
+use crate::topics::Topic;
 
 /// Name of the channel of raw input of a link.
 pub(super) fn input_channel(link: LinkId) -> String {
@@ -78,7 +81,8 @@ macro_rules! decoded {
                 })
             }
 
-            pub(super) fn encode(&self, out: &mut Vec<u8>) {
+            /// Its message as protobuf, in place of what `out` held.
+            pub fn encode(&self, out: &mut Vec<u8>) {
                 out.clear();
                 // Cannot fail: a Vec grows.
                 let _ = match self {
@@ -98,6 +102,23 @@ macro_rules! decoded {
             }
         }
     };
+}
+
+impl Decoded {
+    /// A record of the core as it stands in a log.
+    pub fn from_topic(topic: &Topic) -> Self {
+        decoded_from_topic(topic)
+    }
+
+    /// State of the glue as it stands in a log.
+    pub fn from_glue(at: HostTime, state: &GlueState) -> Self {
+        Decoded::Glue(pb::Glue {
+            at_us: at.as_us(),
+            wake_ups: state.wake_ups,
+            late_wake_ups: state.late_wake_ups,
+            worst_lateness_s: state.worst_lateness_s,
+        })
+    }
 }
 
 decoded! {

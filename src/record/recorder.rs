@@ -6,11 +6,11 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed, Ordering::SeqCst};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use crossbeam_queue::ArrayQueue;
 use mcap::McapError;
 
 use super::channels::{self, Decoded};
@@ -30,6 +30,10 @@ const QUEUE_BATCHES: usize = 512;
 /// Bytes of links that may wait for the disk, when a station sends as much as it may: beyond, batches are
 /// lost as if the queue were full. A flight brings 100 kB/s.
 const QUEUE_BYTES: usize = 64 << 20;
+/// Batches that are there from the first, with room for what comes between two of them.
+const READY_BATCHES: usize = 8;
+const READY_ENTRIES: usize = 4 * BATCH_ENTRIES;
+const READY_BYTES: usize = 16 << 10;
 /// A batch that once held more than this gives the memory back.
 const KEPT_BYTES: usize = 64 << 10;
 
@@ -37,6 +41,9 @@ const KEPT_BYTES: usize = 64 << 10;
 const BATCH_ENTRIES: usize = 64;
 /// … or when its first entry is this old, µs.
 const BATCH_AGE_US: i64 = 20_000;
+
+/// How long lockstep waits for the disk before it looks again.
+const WAIT_FOR_ROOM: Duration = Duration::from_micros(200);
 
 /// Period of flush and sync: what a power cut may cost.
 const PERSIST_PERIOD: Duration = Duration::from_secs(1);
@@ -51,7 +58,7 @@ enum Item {
     Calendar { unix_us: i64 },
     Wake,
     Topic(Topic),
-    Glue(pb::Glue),
+    Glue(Decoded),
 }
 
 #[derive(Debug, Default)]
@@ -63,12 +70,20 @@ struct Batch {
 }
 
 impl Batch {
+    fn ready() -> Self {
+        Self {
+            hole: None,
+            items: Vec::with_capacity(READY_ENTRIES),
+            bytes: Vec::with_capacity(READY_BYTES),
+        }
+    }
+
     fn clear(&mut self) {
         self.hole = None;
         self.items.clear();
         self.bytes.clear();
         self.bytes.shrink_to(KEPT_BYTES);
-        self.items.shrink_to(4 * BATCH_ENTRIES);
+        self.items.shrink_to(READY_ENTRIES);
     }
 }
 
@@ -98,8 +113,7 @@ pub struct RecorderSummary {
 #[derive(Debug)]
 pub struct Recorder {
     path: Option<PathBuf>,
-    queue: Option<SyncSender<Batch>>,
-    spare: Option<Receiver<Batch>>,
+    queue: Option<Arc<Queue>>,
     thread: Option<JoinHandle<Ended>>,
     batch: Batch,
     hole: Option<pb::Hole>,
@@ -107,8 +121,62 @@ pub struct Recorder {
     lost: u64,
     /// Whether a full queue is waited for instead of dropped into.
     waits: bool,
+}
+
+/// Batches on their way to the recorder's thread and back. Neither end takes a lock, so the pilot's
+/// thread is not held up by the other one; and empty batches come back with their memory.
+#[derive(Debug)]
+struct Queue {
+    full: ArrayQueue<Batch>,
+    empty: ArrayQueue<Batch>,
     /// Bytes that wait for the disk.
-    waiting_B: Arc<AtomicUsize>,
+    waiting_B: AtomicUsize,
+    /// Nothing more will come.
+    closed: AtomicBool,
+    /// The recorder's thread has ended.
+    deserted: AtomicBool,
+}
+
+impl Queue {
+    fn new(depth: usize) -> Self {
+        let empty = ArrayQueue::new(depth + 2);
+        for _ in 0..READY_BATCHES.min(depth) {
+            let _ = empty.push(Batch::ready());
+        }
+        Self {
+            full: ArrayQueue::new(depth),
+            empty,
+            waiting_B: AtomicUsize::new(0),
+            closed: AtomicBool::new(false),
+            deserted: AtomicBool::new(false),
+        }
+    }
+
+    /// The next full batch; `Err`: there will be none.
+    fn take(&self, patience: Duration) -> Result<Option<Batch>, Closed> {
+        // Looked at first: what was put in before the end is still written.
+        let closed = self.closed.load(SeqCst);
+        if let Some(batch) = self.full.pop() {
+            return Ok(Some(batch));
+        }
+        if closed {
+            return Err(Closed);
+        }
+        std::thread::park_timeout(patience);
+        Ok(self.full.pop())
+    }
+}
+
+/// The recording is over.
+struct Closed;
+
+/// Says so even when the thread ends by a panic.
+struct Deserts<'a>(&'a Queue);
+
+impl Drop for Deserts<'_> {
+    fn drop(&mut self) {
+        self.0.deserted.store(true, SeqCst);
+    }
 }
 
 #[derive(Debug, Default)]
@@ -136,14 +204,12 @@ impl Recorder {
         Self {
             path: None,
             queue: None,
-            spare: None,
             thread: None,
             batch: Batch::default(),
             hole: None,
             sequence: 0,
             lost: 0,
             waits: false,
-            waiting_B: Arc::default(),
         }
     }
 
@@ -152,20 +218,17 @@ impl Recorder {
         depth: usize,
     ) -> Result<Self, RecordError> {
         let path = log.path().to_owned();
-        let (queue, batches) = sync_channel(depth);
-        let (give_back, spare) = sync_channel(depth);
-        let waiting_B = Arc::<AtomicUsize>::default();
-        let waiting = waiting_B.clone();
+        let queue = Arc::new(Queue::new(depth));
+        let batches = queue.clone();
         let thread = std::thread::Builder::new()
             .name("recorder".into())
-            .spawn(move || write_all(log, &batches, &give_back, &waiting))
+            .spawn(move || write_all(log, &batches))
             .map_err(RecordError::Thread)?;
         let mut recorder = Self::off();
         recorder.path = Some(path);
         recorder.queue = Some(queue);
-        recorder.spare = Some(spare);
         recorder.thread = Some(thread);
-        recorder.waiting_B = waiting_B;
+        recorder.batch = Batch::ready();
         Ok(recorder)
     }
 
@@ -214,13 +277,16 @@ impl Recorder {
 
     /// State of the glue.
     pub fn glue(&mut self, at: HostTime, state: &GlueState) {
-        let message = pb::Glue {
-            at_us: at.as_us(),
-            wake_ups: state.wake_ups,
-            late_wake_ups: state.late_wake_ups,
-            worst_lateness_s: state.worst_lateness_s,
-        };
-        self.push(at, 0, Item::Glue(message));
+        self.push(at, 0, Item::Glue(Decoded::from_glue(at, state)));
+    }
+
+    /// Waits until the recorder's thread has caught up, as it has between two control steps.
+    pub(crate) fn settle(&self) {
+        let Some(queue) = &self.queue else { return };
+        let behind = || !queue.full.is_empty() || queue.empty.len() + 1 < READY_BATCHES;
+        while behind() && !queue.deserted.load(SeqCst) {
+            std::thread::sleep(WAIT_FOR_ROOM);
+        }
     }
 
     /// Entries that the queue had no room for, so far.
@@ -245,9 +311,11 @@ impl Recorder {
         if let Some(queue) = self.queue.take() {
             let mut last = std::mem::take(&mut self.batch);
             last.hole = self.hole.take();
-            self.waiting_B.fetch_add(last.bytes.len(), Relaxed);
+            queue.waiting_B.fetch_add(last.bytes.len(), Relaxed);
             // Nothing is flying any more: waiting is right.
-            let _ = queue.send(last);
+            let _ = self.put_waiting(&queue, last);
+            queue.closed.store(true, SeqCst);
+            self.wake();
         }
         let ended = self.thread.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
         RecorderSummary {
@@ -279,30 +347,54 @@ impl Recorder {
     }
 
     fn hand_over(&mut self) {
-        let Some(queue) = &self.queue else { return };
-        let next = self.spare.as_ref().and_then(|spare| spare.try_recv().ok()).unwrap_or_default();
+        let Some(queue) = self.queue.clone() else { return };
+        let next = queue.empty.pop().unwrap_or_default();
         let mut batch = std::mem::replace(&mut self.batch, next);
         batch.hole = self.hole.take();
         let bytes = batch.bytes.len();
-        let waiting_B = self.waiting_B.fetch_add(bytes, Relaxed).saturating_add(bytes);
-        let sent = if !self.waits && waiting_B > QUEUE_BYTES {
-            Err(TrySendError::Full(batch))
+        let waiting_B = queue.waiting_B.fetch_add(bytes, Relaxed).saturating_add(bytes);
+        let sent = if queue.deserted.load(SeqCst) || (!self.waits && waiting_B > QUEUE_BYTES) {
+            Err(batch)
         } else if self.waits {
-            queue.send(batch).map_err(|error| TrySendError::Disconnected(error.0))
+            self.put_waiting(&queue, batch)
         } else {
-            queue.try_send(batch)
+            queue.full.push(batch)
         };
         match sent {
-            Ok(()) => {}
-            Err(TrySendError::Full(batch) | TrySendError::Disconnected(batch)) => {
-                self.waiting_B.fetch_sub(bytes, Relaxed);
+            Ok(()) => self.wake(),
+            Err(batch) => {
+                queue.waiting_B.fetch_sub(bytes, Relaxed);
                 self.hole = Some(widen(batch.hole, &batch.items));
                 self.lost = self.lost.saturating_add(batch.items.len() as u64);
+                // Its memory goes on being used.
+                let mut spare = batch;
+                spare.clear();
                 if self.batch.items.capacity() == 0 {
-                    self.batch = batch;
-                    self.batch.clear();
+                    self.batch = spare;
+                } else {
+                    let _ = queue.empty.push(spare);
                 }
             }
+        }
+    }
+
+    /// Waits for room. `Err`: nobody will make any.
+    fn put_waiting(&self, queue: &Queue, mut batch: Batch) -> Result<(), Batch> {
+        loop {
+            batch = match queue.full.push(batch) {
+                Ok(()) => return Ok(()),
+                Err(batch) if queue.deserted.load(SeqCst) => return Err(batch),
+                Err(batch) => batch,
+            };
+            self.wake();
+            std::thread::sleep(WAIT_FOR_ROOM);
+        }
+    }
+
+    /// A call of the kernel, no lock: the thread may be asleep.
+    fn wake(&self) {
+        if let Some(thread) = &self.thread {
+            thread.thread().unpark();
         }
     }
 }
@@ -335,23 +427,15 @@ fn widen(hole: Option<pb::Hole>, items: &[(HostTime, u64, Item)]) -> pb::Hole {
 }
 
 /// Body of the recorder's thread. After a failure it goes on emptying the queue, and counts.
-fn write_all<W: std::io::Write>(
-    log: LogWriter<W>,
-    batches: &Receiver<Batch>,
-    give_back: &SyncSender<Batch>,
-    waiting_B: &AtomicUsize,
-) -> Ended {
+fn write_all<W: std::io::Write>(log: LogWriter<W>, queue: &Queue) -> Ended {
+    let _deserts = Deserts(queue);
     let mut ended = Ended::default();
     let mut log = Some(log);
     let mut last = Tail::default();
     let mut persisted = Instant::now();
     loop {
         let wait = PERSIST_PERIOD.saturating_sub(persisted.elapsed());
-        let batch = match batches.recv_timeout(wait) {
-            Ok(batch) => Some(batch),
-            Err(std::sync::mpsc::RecvTimeoutError::Timeout) => None,
-            Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => break,
-        };
+        let Ok(batch) = queue.take(wait) else { break };
         let due = persisted.elapsed() >= PERSIST_PERIOD;
         if due {
             persisted = Instant::now();
@@ -373,9 +457,9 @@ fn write_all<W: std::io::Write>(
             ended.lost = ended.lost.saturating_add(entries(batch.as_ref()));
         }
         if let Some(mut batch) = batch {
-            waiting_B.fetch_sub(batch.bytes.len(), Relaxed);
+            queue.waiting_B.fetch_sub(batch.bytes.len(), Relaxed);
             batch.clear();
-            let _ = give_back.try_send(batch);
+            let _ = queue.empty.push(batch);
         }
     }
     if let Some(mut open) = log {
@@ -465,7 +549,7 @@ fn write_batch<W: std::io::Write>(
                 log.put(channels::WAKE, at, sequence, &pb::Wake { sequence, host_time_us })?;
             }
             Item::Topic(topic) => log.decoded(&decoded_from_topic(topic))?,
-            Item::Glue(glue) => log.decoded(&Decoded::Glue(*glue))?,
+            Item::Glue(glue) => log.decoded(glue)?,
         }
     }
     Ok(())

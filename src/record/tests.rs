@@ -102,7 +102,7 @@ fn topics(at: HostTime) -> Vec<Topic> {
         Topic::Text(TextRecord { at, severity: 4, text: "UWB lost".into() }),
         Topic::Health(HealthRecord {
             at,
-            drops: vec![(0, drops)],
+            drops: vec![(0, drops)].into(),
             deadline_misses: 1,
             control_steps: 100,
             uwb_age_s: None,

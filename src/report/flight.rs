@@ -89,7 +89,7 @@ impl Flight {
     /// Losses at the end of the log, all links together.
     pub fn drops(&self) -> Drops {
         let mut all = Drops::default();
-        for (_, drops) in self.health.last().iter().flat_map(|last| &last.drops) {
+        for (_, drops) in self.health.last().iter().flat_map(|last| last.drops.iter()) {
             all.merge(drops);
         }
         all

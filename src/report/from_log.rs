@@ -150,7 +150,7 @@ impl Flight {
             }),
             Decoded::Health(m) => self.health.push(HealthRecord {
                 at: HostTime::from_us(m.at_us),
-                drops: drops(&m.drops),
+                drops: drops(&m.drops).into(),
                 deadline_misses: m.deadline_misses,
                 control_steps: m.control_steps,
                 uwb_age_s: m.uwb_age_s,

@@ -242,7 +242,7 @@ mod tests {
                 });
                 flight.health.push(HealthRecord {
                     at,
-                    drops: vec![(0, drops)],
+                    drops: vec![(0, drops)].into(),
                     deadline_misses: u64::from(i / 2000),
                     control_steps: u64::from(i),
                     uwb_age_s: Some(0.004),

@@ -1,12 +1,8 @@
-"""The rig of tests/stations, for the older MAVSDK."""
-
-import pathlib
-import sys
+"""The helper's rig, for the older MAVSDK."""
 
 import pytest
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "stations"))
-from rig import Rig  # noqa: E402
+from haltere_testing.rig import Rig
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from mavsdk import System
 from mavsdk.mission_raw import MissionItem
 from mavsdk.offboard import PositionNedYaw, VelocityBodyYawspeed
 
-from rig import degrees, wait_until
+from haltere_testing.rig import degrees, wait_until
 
 
 def free_port():

@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod campaign;
+mod endurance;
 mod flights;
 mod flood;
 mod gap;

@@ -85,9 +85,12 @@ fn pytest(folder: &str, what: &str) {
     let mut command = Command::new(&python);
     command
         .args(["-m", "pytest", "-q", "--color=no", "-p", "no:cacheprovider", "--durations=5"])
+        .args(["-p", "haltere_testing.plugin"])
         .arg(tests.join(what))
         .current_dir(folder.path())
         .env("HALTERE_TEST_SIM", program())
+        // The helper that users have, not installed.
+        .env("PYTHONPATH", root().join("examples"))
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .env("MAVLINK20", "1");
     if has_pymavlink(&tests) {
@@ -164,4 +167,14 @@ fn prop_dronekit_flies_it() {
 #[test]
 fn prop_four_clients_fly_it_together_twice() {
     pytest("stations", "test_zz_four.py");
+}
+
+#[test]
+fn prop_the_examples_fly_as_they_stand() {
+    pytest("stations", "test_examples.py");
+}
+
+#[test]
+fn prop_a_mission_test_of_a_user_is_ten_lines() {
+    pytest("stations", "../../examples");
 }

@@ -1,52 +1,15 @@
 """Starts the simulated tag and board and the real companion, and gives a MAVLink connection."""
 
-import importlib.util
-import json
-import os
 import pathlib
-import signal
-import socket
 import subprocess
-import sys
 import time
 
 import pytest
 
-os.environ["MAVLINK20"] = "1"
-from pymavlink import mavutil  # noqa: E402
+from haltere_testing.rig import Simulator, free_port, hall, program, stop
+from haltere_testing.station import mavlink, mavutil
 
-SIM = os.environ["HALTERE_TEST_SIM"]
-
-
-def load_dialect():
-    """mavutil looks its dialect up inside its own package; ours comes from our XML."""
-    spec = importlib.util.spec_from_file_location(
-        "haltere_dialect", os.environ["HALTERE_TEST_DIALECT"]
-    )
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["haltere_dialect"] = module
-    spec.loader.exec_module(module)
-    mavutil.mavlink = module
-    mavutil.current_dialect = "haltere"
-    return module
-
-
-mavlink = load_dialect()
-
-
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
-
-
-def hall():
-    """Anchors in the corners of the 10 x 10 x 7 m hall, as the simulator places them."""
-    lines = ['frame = "ned"']
-    for i in range(8):
-        x, y, z = (10.0 if i & 1 else 0.0), (10.0 if i & 2 else 0.0), (-7.0 if i & 4 else 0.0)
-        lines.append(f"[[anchor]]\nid = {i}\nposition_m = [{x}, {y}, {z}]")
-    return "\n".join(lines) + "\n"
+SIM = program()
 
 
 class World:
@@ -58,13 +21,10 @@ class World:
         configuration; `prepare` is given the ground station's connection before anything comes over
         it."""
         self.folder = folder
-        self.truth_file = folder / "truth.csv"
-        self.sim = subprocess.Popen(
-            [SIM, "serve", "--seed", str(seed), "--truth", str(self.truth_file),
-             "--tag-protocol", protocol, "--board", f"udpout:127.0.0.1:{free_port()}"],
-            stdout=subprocess.PIPE, stderr=open(folder / "sim.txt", "w"), text=True,
-        )
-        greeting = json.loads(self.sim.stdout.readline())
+        self.sim = Simulator(
+            ["serve", "--seed", str(seed), "--tag-protocol", protocol,
+             "--board", f"udpout:127.0.0.1:{free_port()}"], folder / "sim.txt")
+        greeting = self.sim.greeting
         ground = free_port()
         own = f'{{ address = "udpout:127.0.0.1:{ground}"{endpoint_keys} }}'
         endpoints = [own, *(f'"{address}"' for address in more_endpoints)]
@@ -111,16 +71,7 @@ directory = "{folder / 'state'}"
         self.start_companion()
 
     def close(self):
-        for process in (self.companion, self.sim):
-            if process.poll() is None:
-                process.send_signal(signal.SIGTERM)
-        codes = []
-        for process in (self.companion, self.sim):
-            try:
-                codes.append(process.wait(timeout=15))
-            except subprocess.TimeoutExpired:
-                process.kill()
-                codes.append("killed")
+        codes = stop([self.companion, self.sim.process], 15)
         self.link.close()
         said = (self.folder / "companion.txt").read_text()
         assert "panicked" not in said, said
@@ -214,10 +165,8 @@ directory = "{folder / 'state'}"
         return items
 
     def truth(self):
-        """Newest complete row of the simulator's truth, by column name."""
-        lines = self.truth_file.read_text().split("\n")
-        names = lines[0].split(",")
-        return dict(zip(names, map(float, lines[-2].split(","))))
+        """What really is, by the columns of the simulator's truth file."""
+        return self.sim.truth()
 
 
 def from_autopilot(message):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rig import Rig
+from haltere_testing.rig import Rig
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import time
 import pytest
 
 import kite
-from rig import degrees, wait_until
+from haltere_testing.rig import degrees, wait_until
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from rig import degrees, wait_until
-from station import NAN, Station, local_item, mavlink
+from haltere_testing.rig import degrees, wait_until
+from haltere_testing.station import NAN, Station, local_item, mavlink
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED

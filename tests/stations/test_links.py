@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from rig import ORIGIN, degrees
-from station import NAN, Station, is_armed, mavlink, of_vehicle
+from haltere_testing.rig import ORIGIN, degrees
+from haltere_testing.station import NAN, Station, is_armed, mavlink, of_vehicle
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 REPLAY = True

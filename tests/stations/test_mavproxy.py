@@ -3,7 +3,7 @@
 import pytest
 
 from proxy import Proxy
-from rig import degrees, wait_until
+from haltere_testing.rig import degrees, wait_until
 
 
 @pytest.fixture(scope="module")
@@ -122,5 +122,7 @@ def test_origin_fence_and_rally_points(rig, proxy):
 
 def test_forced_disarm_stops_the_motors(rig, proxy):
     proxy.until("arm throttle", r"ARM_DISARM: ACCEPTED")
-    # The answer and the heartbeat that says so come in either order.
+    # It tells a change between two heartbeats, one a second: it must have seen an armed one. And the
+    # answer and the heartbeat that shows the change come in either order.
+    proxy.quiet(3.0)
     proxy.do("disarm force", r"ARM_DISARM: ACCEPTED.*DISARMED|DISARMED.*ARM_DISARM: ACCEPTED", 10)

@@ -8,7 +8,7 @@ import pytest
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins import action, mission, mission_raw, offboard, param, telemetry
 
-from rig import degrees, wait_until
+from haltere_testing.rig import degrees, wait_until
 
 NAN = float("nan")
 LOCAL_NED = 1

@@ -6,7 +6,7 @@ import time
 import pytest
 from mavsdk.plugins import events, manual_control
 
-from rig import wait_until
+from haltere_testing.rig import wait_until
 from test_mavsdk import Drone, Newest, name
 
 

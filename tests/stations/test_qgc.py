@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from rig import degrees, wait_until
-from station import NAN, Station, is_armed, local_item, mavlink, of_vehicle
+from haltere_testing.rig import degrees, wait_until
+from haltere_testing.station import NAN, Station, is_armed, local_item, mavlink, of_vehicle
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 

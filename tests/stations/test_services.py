@@ -7,7 +7,7 @@ import pytest
 from mavsdk import ComponentType, Configuration, Mavsdk
 from mavsdk.plugins import component_metadata, ftp, log_files, mission_raw, param
 
-from rig import wait_until
+from haltere_testing.rig import wait_until
 
 LOCAL_NED = 1
 

@@ -11,8 +11,8 @@ import tty
 
 import pytest
 
-from rig import Rig, wait_until
-from station import Station, local_item, mavlink
+from haltere_testing.rig import Rig, wait_until
+from haltere_testing.station import Station, local_item, mavlink
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 

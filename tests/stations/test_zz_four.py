@@ -9,8 +9,8 @@ import pytest  # noqa: E402
 from mavsdk import ComponentType, Configuration, Mavsdk  # noqa: E402
 from mavsdk.plugins import action, telemetry  # noqa: E402
 from proxy import Proxy  # noqa: E402
-from rig import degrees, wait_until  # noqa: E402
-from station import NAN, Station, local_item, mavlink  # noqa: E402
+from haltere_testing.rig import degrees, wait_until  # noqa: E402
+from haltere_testing.station import NAN, Station, local_item, mavlink  # noqa: E402
 
 
 REPLAY = True

@@ -134,7 +134,7 @@ pub fn signing(data: &[u8]) {
         for bytes in [Some(bytes), signed.as_deref()].into_iter().flatten() {
             let _ = door.would_open(&ring, unix_us, bytes);
             door.admit(&mut ring, at, unix_us, bytes, &mut passed, &mut drops);
-            let _ = door.seal(&mut ring, 2, unix_us, bytes.to_vec());
+            door.seal(&mut ring, 2, unix_us, &mut bytes.to_vec());
         }
     }
     let mut splitter = MavSplitter::new();

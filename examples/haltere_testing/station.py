@@ -3,10 +3,11 @@
 import importlib.util
 import os
 import sys
-import time
 
 os.environ["MAVLINK20"] = "1"
 from pymavlink import mavutil  # noqa: E402
+
+from .clock import RealTime  # noqa: E402
 
 NAN = float("nan")
 
@@ -30,13 +31,14 @@ mavlink = _dialect()
 class Station:
     """Connects as a ground station does: it speaks first, and sends a heartbeat every second."""
 
-    def __init__(self, address, system=255, component=190, timeout=20):
+    def __init__(self, address, system=255, component=190, timeout=20, clock=None):
+        self.clock = clock or RealTime()
         self.link = mavutil.mavlink_connection(address, source_system=system,
                                                source_component=component)
         self.texts = []
         self.chunks = ""
         self.backlog = []  # what came between the last command and its answer
-        self.beat_at = 0.0
+        self.beat_at = None
         self.beat()
         self.heartbeat = self.wait("HEARTBEAT", timeout,
                                    lambda m: m.get_srcSystem() == 1 and m.get_srcComponent() == 1)
@@ -46,14 +48,14 @@ class Station:
         self.link.close()
 
     def beat(self):
-        if time.monotonic() - self.beat_at >= 1.0:
-            self.beat_at = time.monotonic()
+        if self.beat_at is None or self.clock.now() - self.beat_at >= 1.0:
+            self.beat_at = self.clock.now()
             self.link.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID,
                                          0, 0, 4)
 
     def receive(self, timeout=0.2):
         self.beat()
-        return self.look(self.link.recv_match(blocking=True, timeout=timeout))
+        return self.look(self.clock.receive(self.link, timeout))
 
     def look(self, message):
         """Joins the chunks of long texts."""
@@ -66,8 +68,8 @@ class Station:
 
     def said(self, words, timeout=5.0):
         """Waits for a text."""
-        deadline = time.monotonic() + timeout
-        while time.monotonic() < deadline:
+        deadline = self.clock.now() + timeout
+        while self.clock.now() < deadline:
             if any(words in text for text in self.texts):
                 return
             self.receive()
@@ -79,8 +81,8 @@ class Station:
             if message.get_type() == name != "HEARTBEAT" and when(message):
                 self.backlog.remove(message)
                 return message
-        deadline = time.monotonic() + timeout
-        while time.monotonic() < deadline:
+        deadline = self.clock.now() + timeout
+        while self.clock.now() < deadline:
             message = self.receive()
             if message is not None and message.get_type() == name and when(message):
                 return message
@@ -88,9 +90,9 @@ class Station:
 
     def drain(self, seconds):
         self.backlog = []
-        deadline = time.monotonic() + seconds
+        deadline = self.clock.now() + seconds
         messages = []
-        while time.monotonic() < deadline:
+        while self.clock.now() < deadline:
             message = self.receive(timeout=0.02)
             if message is not None:
                 messages.append(message)
@@ -100,8 +102,8 @@ class Station:
 
     def _answer(self, command, timeout):
         self.backlog = []
-        deadline = time.monotonic() + timeout
-        while time.monotonic() < deadline:
+        deadline = self.clock.now() + timeout
+        while self.clock.now() < deadline:
             message = self.receive()
             if message is None:
                 continue
@@ -135,9 +137,9 @@ class Station:
         return self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub)
 
     def arm(self, timeout=40.0, *more):
-        deadline = time.monotonic() + timeout
+        deadline = self.clock.now() + timeout
         result = None
-        while time.monotonic() < deadline:
+        while self.clock.now() < deadline:
             result = self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, *more)
             if result == mavlink.MAV_RESULT_ACCEPTED:
                 self.wait("HEARTBEAT", 5, is_armed)
@@ -154,6 +156,29 @@ class Station:
     def wait_disarmed(self, timeout=40.0):
         self.wait("HEARTBEAT", timeout, lambda m: of_vehicle(m) and not is_armed(m))
 
+    # -- a flight in a few lines; each fails with what the vehicle said
+
+    def accepted(self, result, what):
+        assert result == mavlink.MAV_RESULT_ACCEPTED, f"{what}: result {result}; {self.texts[-8:]}"
+
+    def takeoff(self, height):
+        """Arms and takes off to a height over the floor, m; returns when the vehicle holds."""
+        self.arm()
+        result = self.command(mavlink.MAV_CMD_NAV_TAKEOFF, *[NAN] * 6, height)
+        self.accepted(result, "take-off")
+        self.wait_mode(4, 3, 30)
+
+    def goto(self, north, east, height):
+        """Begins to fly to a point of the room, m."""
+        self.accepted(self.command_int(
+            mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAV_FRAME_LOCAL_NED, round(north * 1e4),
+            round(east * 1e4), -height, (-1, 1, 0, NAN)), "goto")
+
+    def land(self):
+        """Lands where it is; returns when the motors are off."""
+        self.accepted(self.command(mavlink.MAV_CMD_NAV_LAND), "landing")
+        self.wait_disarmed()
+
     def upload(self, items):
         """Items: frame, command, params, x, y, z as in MISSION_ITEM_INT."""
         self.catch_up()
@@ -169,20 +194,20 @@ class Station:
 
         again = announce
         again()
-        deadline = time.monotonic() + 20
-        repeat = time.monotonic() + 0.7
-        while time.monotonic() < deadline:
+        deadline = self.clock.now() + 20
+        repeat = self.clock.now() + 0.7
+        while self.clock.now() < deadline:
             message = self.receive(0.1)
             kind = message.get_type() if message else None
             if kind in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
                 again = lambda seq=message.seq: give(seq)  # noqa: E731
             elif kind == "MISSION_ACK":
                 return message.type
-            elif time.monotonic() < repeat:
+            elif self.clock.now() < repeat:
                 continue
             # Asked for, or silence: the protocol repeats what was sent last.
             again()
-            repeat = time.monotonic() + 0.7
+            repeat = self.clock.now() + 0.7
         raise AssertionError(f"upload not answered; {self.texts[-12:]}")
 
 

@@ -1,0 +1,242 @@
+//! The way of bytes from the pilot's thread to a link.
+//!
+//! The pilot's end takes no lock and does not allocate: a ring of fixed length, and a pipe of the kernel
+//! as the bell that wakes whoever writes the link, be that a thread or a task.
+
+use std::os::fd::OwnedFd;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::time::Duration;
+
+use crossbeam_queue::ArrayQueue;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::pipe::{PipeFlags, pipe_with};
+use tokio::net::unix::pipe;
+
+use super::pool::Chunk;
+use crate::pilot::LinkId;
+
+/// Bytes for a link.
+#[derive(Debug)]
+pub(super) struct Outgoing {
+    pub link: LinkId,
+    pub bytes: Chunk,
+}
+
+/// Why a piece was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Refused {
+    /// The link is slower than what is sent on it.
+    Full,
+    /// Nobody serves the link.
+    Gone,
+}
+
+#[derive(Debug)]
+struct Ring {
+    queue: ArrayQueue<Outgoing>,
+    bell: OwnedFd,
+    /// One of the ends is gone.
+    closed: AtomicBool,
+}
+
+impl Ring {
+    fn ring(&self) {
+        // A full pipe refuses: it has rung thousands of times unheard, once more says nothing new.
+        let _ = rustix::io::write(&self.bell, &[0]);
+    }
+}
+
+/// A ring for so many pieces.
+pub(super) fn mailbox(capacity: usize) -> std::io::Result<(Slot, Mailbox)> {
+    let (ear, bell) = pipe_with(PipeFlags::CLOEXEC | PipeFlags::NONBLOCK)?;
+    let ring = Ring { queue: ArrayQueue::new(capacity.max(1)), bell, closed: false.into() };
+    let ring = Arc::new(ring);
+    let end = Arc::new(LastSlot(ring.clone()));
+    Ok((Slot { ring: ring.clone(), _end: end }, Mailbox { ring, ear: Ear::Own(ear) }))
+}
+
+/// Where bytes are put in; never waits.
+#[derive(Debug, Clone)]
+pub(super) struct Slot {
+    ring: Arc<Ring>,
+    _end: Arc<LastSlot>,
+}
+
+/// Closes the ring when the last slot is gone.
+#[derive(Debug)]
+struct LastSlot(Arc<Ring>);
+
+impl Drop for LastSlot {
+    fn drop(&mut self) {
+        self.0.closed.store(true, SeqCst);
+        self.0.ring();
+    }
+}
+
+impl Slot {
+    /// Puts a piece in.
+    pub(super) fn put(&self, outgoing: Outgoing) -> Result<(), Refused> {
+        if self.ring.closed.load(SeqCst) {
+            return Err(Refused::Gone);
+        }
+        self.ring.queue.push(outgoing).map_err(|_| Refused::Full)?;
+        self.ring.ring();
+        Ok(())
+    }
+}
+
+/// Where they are taken out.
+#[derive(Debug)]
+pub(super) struct Mailbox {
+    ring: Arc<Ring>,
+    ear: Ear,
+}
+
+/// The end of the pipe that hears the bell.
+#[derive(Debug)]
+enum Ear {
+    /// Of a thread that waits by itself.
+    Own(OwnedFd),
+    /// Of a runtime.
+    Runtime(pipe::Receiver),
+    /// The runtime did not take it.
+    Deaf,
+}
+
+impl Mailbox {
+    /// The next piece, if there is one. `None` in `Ok`: not yet.
+    pub(super) fn try_take(&mut self) -> Result<Option<Outgoing>, Refused> {
+        // Looked at first: what was put in before the end is still delivered.
+        let closed = self.ring.closed.load(SeqCst);
+        match self.ring.queue.pop() {
+            None if closed => Err(Refused::Gone),
+            piece => Ok(piece),
+        }
+    }
+
+    /// The next piece; `None`: the last slot is gone. Nothing is lost when the future is dropped.
+    pub(super) async fn recv(&mut self) -> Option<Outgoing> {
+        loop {
+            if let Some(piece) = self.try_take().ok()? {
+                return Some(piece);
+            }
+            match std::mem::replace(&mut self.ear, Ear::Deaf) {
+                Ear::Own(fd) => {
+                    self.ear = pipe::Receiver::from_owned_fd(fd).map_or(Ear::Deaf, Ear::Runtime);
+                }
+                other => self.ear = other,
+            }
+            if let Ear::Runtime(bell) = &self.ear
+                && bell.readable().await.is_ok()
+            {
+                let _ = bell.try_read(&mut [0; MOST_RINGS]);
+            } else {
+                tokio::time::sleep(LOOK).await;
+            }
+        }
+    }
+
+    /// The same for a thread.
+    pub(super) fn wait(&mut self) -> Option<Outgoing> {
+        loop {
+            if let Some(piece) = self.try_take().ok()? {
+                return Some(piece);
+            }
+            let Ear::Own(fd) = &self.ear else {
+                std::thread::sleep(LOOK);
+                continue;
+            };
+            let patience = Timespec::try_from(PATIENCE).unwrap_or_default();
+            let _ = poll(&mut [PollFd::new(fd, PollFlags::IN)], Some(&patience));
+            let _ = rustix::io::read(fd, &mut [0; MOST_RINGS]);
+        }
+    }
+}
+
+impl Drop for Mailbox {
+    fn drop(&mut self) {
+        self.ring.closed.store(true, SeqCst);
+    }
+}
+
+/// How often a ring is looked at that cannot be heard.
+const LOOK: Duration = Duration::from_millis(1);
+/// Longest wait without looking.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// Rings that are heard at once.
+const MOST_RINGS: usize = 256;
+
+#[cfg(test)]
+mod tests {
+    use super::super::pool::Pool;
+    use super::*;
+
+    fn piece(pool: &Pool, n: u32) -> Outgoing {
+        Outgoing { link: LinkId::Board, bytes: pool.lend(&n.to_le_bytes()).unwrap() }
+    }
+
+    fn number(piece: &Outgoing) -> u32 {
+        u32::from_le_bytes((*piece.bytes).try_into().unwrap())
+    }
+
+    #[test]
+    fn prop_a_thread_gets_everything_in_order_and_then_the_end() {
+        let pool = Pool::new(64, 64, 4);
+        let (slot, mut mailbox) = mailbox(8).unwrap();
+        let reader = std::thread::spawn(move || {
+            std::iter::from_fn(|| mailbox.wait()).map(|p| number(&p)).collect::<Vec<_>>()
+        });
+        for n in 0..10_000 {
+            while slot.put(piece(&pool, n)) == Err(Refused::Full) {
+                std::thread::yield_now();
+            }
+        }
+        drop(slot);
+        assert!(reader.join().unwrap().into_iter().eq(0..10_000));
+    }
+
+    #[test]
+    fn prop_a_task_gets_everything_in_order_and_then_the_end() {
+        let pool = Pool::new(64, 64, 4);
+        let (slot, mut mailbox) = mailbox(8).unwrap();
+        let writer = std::thread::spawn(move || {
+            for n in 0..10_000 {
+                while slot.put(piece(&pool, n)) == Err(Refused::Full) {
+                    std::thread::yield_now();
+                }
+            }
+        });
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let seen = runtime.block_on(async {
+            let mut seen = Vec::new();
+            // A future that is given up now and then loses nothing.
+            loop {
+                tokio::select! {
+                    biased;
+                    piece = mailbox.recv() => match piece {
+                        Some(piece) => seen.push(number(&piece)),
+                        None => return seen,
+                    },
+                    () = tokio::task::yield_now() => {}
+                }
+            }
+        });
+        writer.join().unwrap();
+        assert!(seen.into_iter().eq(0..10_000));
+    }
+
+    #[test]
+    fn prop_a_full_or_deserted_ring_refuses() {
+        let pool = Pool::new(8, 8, 4);
+        let (slot, mut mailbox) = mailbox(2).unwrap();
+        assert!(matches!(mailbox.try_take(), Ok(None)));
+        assert_eq!(slot.put(piece(&pool, 1)), Ok(()));
+        assert_eq!(slot.clone().put(piece(&pool, 2)), Ok(()));
+        assert_eq!(slot.put(piece(&pool, 3)), Err(Refused::Full));
+        assert_eq!(mailbox.try_take().unwrap().map(|p| number(&p)), Some(1));
+        drop(mailbox);
+        assert_eq!(slot.put(piece(&pool, 4)), Err(Refused::Gone));
+    }
+}
