@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail};
 use haltere::config::Address;
 use haltere::live::realtime::insist_on_deadlines;
 use haltere::model::tag::TagProtocol;
-use haltere::model::{Plant, Truth, Vehicle};
+use haltere::model::{Fault, Plant, Truth, Vehicle};
 use haltere::report::truth::TruthRow;
 use haltere::time::HostTime;
 use rustix::io::Errno;
@@ -100,13 +100,8 @@ pub fn serve(options: &Options) -> Result<()> {
     let stop = Stop::on_signals()?;
     let mut scenario = Scenario::load(options.scenario.as_deref())?;
     scenario.seed = options.seed.unwrap_or(scenario.seed);
-    if let Some(i) = scenario.faults.iter().position(|f| f.phase.is_some()) {
-        bail!(
-            "fault[{i}].phase: the endpoint sees bytes and not what the companion is doing; leave \
-             phase out, or fly the scenario with `haltere-sim campaign`"
-        );
-    }
     scenario.tag.protocol = options.tag_protocol.unwrap_or(scenario.tag.protocol);
+    let faults = scenario.fixed_faults()?;
     let mut plant = plant(options.vehicle.as_deref(), &scenario)?;
     let mut tag = TagPty::new(options.tag_link.as_deref())?;
     let mut board = BoardWire::open(&options.board)?;
@@ -132,7 +127,7 @@ pub fn serve(options: &Options) -> Result<()> {
         tracing::debug!("{why}");
     }
     let wires = Wires { tag: &mut tag, board: &mut board, orders };
-    let ticks = run(options, &stop, &scenario, &mut plant, wires, truth.as_mut());
+    let ticks = run(options, &stop, faults, &mut plant, wires, truth.as_mut());
     let lost_rows = truth.map_or(Ok(0), TruthFile::finish)?;
     tracing::info!(
         ticks.late,
@@ -173,7 +168,7 @@ struct Wires<'a> {
 fn run(
     options: &Options,
     stop: &Stop,
-    scenario: &Scenario,
+    faults: Vec<(f64, Fault)>,
     plant: &mut Plant,
     wires: Wires<'_>,
     mut truth: Option<&mut TruthFile>,
@@ -186,7 +181,7 @@ fn run(
     let mut start_us = now_us();
     let mut deadline_us = start_us;
     let mut truth_due_us = 0;
-    let mut faults = scenario.timed_faults().into_iter().peekable();
+    let mut faults = faults.into_iter().peekable();
     while !stop.asked() {
         deadline_us += TICK_US;
         sleep_until(deadline_us);
@@ -203,7 +198,7 @@ fn run(
             break;
         }
         while let Some((_, fault)) = faults.next_if(|(at_s, _)| at_s * 1e6 <= simulated_us as f64) {
-            happen(fault, simulated_us as f64 * 1e-6, plant);
+            happen(fault, plant);
         }
         if let Some(orders) = &orders
             && !obey(orders, plant, start_us, options.speed)

@@ -202,9 +202,9 @@ fn off() -> State {
     State::Off
 }
 
-/// Breaks or mends something now; an effect that cannot switch is told.
-pub fn happen(fault: Fault, t_s: f64, plant: &mut Plant) {
-    tracing::info!("fault at {t_s:.3} s: {fault:?}");
+/// Breaks or mends something, now. It was checked when it was read; an effect that cannot switch is told.
+pub fn happen(fault: Fault, plant: &mut Plant) {
+    tracing::info!("fault at {:.3} s: {fault:?}", plant.t_us() as f64 * 1e-6);
     if let Err(why) = plant.inject(fault) {
         tracing::warn!("fault refused: {why}");
     }

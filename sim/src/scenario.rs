@@ -144,6 +144,17 @@ impl Scenario {
         })
     }
 
+    /// The same for who does not know what is flown: a fault that waits for a part of the flight is refused.
+    pub fn fixed_faults(&self) -> Result<Vec<(f64, Fault)>> {
+        if let Some(i) = self.faults.iter().position(|f| f.phase.is_some()) {
+            bail!(
+                "fault[{i}].phase: only a campaign knows what is being flown; leave phase out, or fly the scenario \
+                 with `haltere-sim campaign`"
+            );
+        }
+        Ok(self.timed_faults())
+    }
+
     /// Faults at fixed times, mended ones with their end: time in s and fault, in order.
     pub fn timed_faults(&self) -> Vec<(f64, Fault)> {
         let mut list = Vec::new();

@@ -4,8 +4,9 @@ use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use haltere::checks::Problems;
 use haltere::ctl::ItemCommand;
 use haltere::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, start};
@@ -57,7 +58,16 @@ pub fn fly(plan: &Plan, keep: Option<&Keep<'_>>) -> Result<Row> {
     let mut tape = keep.map(|keep| Tape::begin(keep.log, &plan.config, &survey)).transpose()?;
     let listener = tape.as_ref().map(Tape::listener);
     let mut world = Lockstep::in_world(plant, plan.config.pilot(), &survey, listener);
-    world = world.without_topics();
+    // Whatever has its time comes at it, while the vehicle is made ready as well.
+    let refusal = Arc::new(Mutex::new(None));
+    let (mut timed, told) = (plan.scenario.timed_faults().into_iter().peekable(), refusal.clone());
+    world = world.without_topics().with_happenings(Box::new(move |t_us, plant: &mut Plant| {
+        while let Some((_, fault)) = timed.next_if(|(at_s, _)| at_s * 1e6 <= t_us as f64) {
+            if let Err(why) = plant.inject(fault) {
+                *told.lock().unwrap_or_else(PoisonError::into_inner) = Some(why);
+            }
+        }
+    }));
     if let Some(tape) = &tape {
         world = world.with_tap(tape.tap());
     }
@@ -70,6 +80,9 @@ pub fn fly(plan: &Plan, keep: Option<&Keep<'_>>) -> Result<Row> {
     if let Some(file) = truth_file {
         file.end()?;
     }
+    if let Some(why) = refusal.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        bail!("fault refused: {why}");
+    }
     row
 }
 
@@ -78,8 +91,10 @@ struct Flight<'a> {
     judge: Judge,
     row: Row,
     waiting: Vec<Waiting>,
-    /// Time (µs of simulated time) and fault.
+    /// Faults of a phase that has begun: time (µs of simulated time) and fault.
     due: VecDeque<(u64, Fault)>,
+    /// When the first fault with a fixed time comes, µs of simulated time.
+    first_timed_us: Option<u64>,
     start_us: u64,
     reached: u16,
     phases_begun: Vec<Phase>,
@@ -127,14 +142,18 @@ impl<'a> Flight<'a> {
                 Some(Waiting { phase, at_s: entry.at_s, for_s: entry.for_s, fault })
             })
             .collect();
-        let due = plan.scenario.timed_faults();
         let row = Row::blank(plan.index, plan.seed, plan.drawn.clone());
         Self {
             plan,
             judge: Judge::default(),
             row,
             waiting,
-            due: due.into_iter().map(|(at_s, fault)| ((at_s * 1e6) as u64, fault)).collect(),
+            due: VecDeque::new(),
+            first_timed_us: plan
+                .scenario
+                .timed_faults()
+                .first()
+                .map(|(at_s, _)| (at_s * 1e6) as u64),
             start_us: 0,
             reached: 0,
             phases_begun: Vec::new(),
@@ -196,16 +215,25 @@ impl<'a> Flight<'a> {
         Ok(self.result(world, finished, &ground.texts))
     }
 
+    /// The first fault that comes in the flight; one from before counts as there at its begin.
+    fn note_fault(&mut self, world: &Lockstep) {
+        let now_us = world.t_us();
+        if self.fault_us.is_none() {
+            self.fault_us = Some(now_us);
+            self.row.fault_s = Some(grain(seconds(now_us.saturating_sub(self.start_us))));
+            world.pilot().mode().name().clone_into(&mut self.row.fault_mode);
+        }
+    }
+
     /// Brings in what is due now.
     fn inject(&mut self, world: &mut Lockstep) -> Result<()> {
         let now_us = world.t_us();
+        if self.first_timed_us.is_some_and(|at_us| at_us <= now_us) {
+            self.note_fault(world);
+        }
         while let Some(place) = self.due.iter().position(|(at_us, _)| *at_us <= now_us) {
             let Some((_, fault)) = self.due.remove(place) else { break };
-            self.fault_us.get_or_insert(now_us);
-            if self.row.fault_s.is_none() {
-                self.row.fault_s = Some(grain(seconds(now_us.saturating_sub(self.start_us))));
-                world.pilot().mode().name().clone_into(&mut self.row.fault_mode);
-            }
+            self.note_fault(world);
             world.plant_mut().inject(fault).map_err(|why| anyhow!("fault refused: {why}"))?;
         }
         Ok(())

@@ -147,6 +147,7 @@ struct Session {
     watch: Watched,
     truth: Option<TruthFile>,
     truth_due_us: u64,
+    /// Time, s, and what breaks or is mended.
     faults: std::iter::Peekable<std::vec::IntoIter<(f64, Fault)>>,
     until_us: u64,
 }
@@ -187,7 +188,7 @@ impl Session {
             watch: Watched::start(loaded)?,
             truth: options.truth.as_deref().map(TruthFile::create).transpose()?,
             truth_due_us: 0,
-            faults: scenario.timed_faults().into_iter().peekable(),
+            faults: scenario.fixed_faults()?.into_iter().peekable(),
             until_us: options.duration.map_or(u64::MAX, |s| (s.max(0.0) * 1e6) as u64),
         })
     }
@@ -254,8 +255,10 @@ impl Session {
         while self.lockstep.t_us() + STEP_US <= t_us {
             self.lockstep.step();
             let now_us = self.lockstep.t_us();
-            while let Some((at_s, fault)) = self.faults.next_if(|(s, _)| s * 1e6 <= now_us as f64) {
-                happen(fault, at_s, self.lockstep.plant_mut());
+            while let Some((_, fault)) =
+                self.faults.next_if(|(at_s, _)| at_s * 1e6 <= now_us as f64)
+            {
+                happen(fault, self.lockstep.plant_mut());
             }
             if let Some(truth) = &mut self.truth
                 && now_us >= self.truth_due_us
