@@ -8,10 +8,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use haltere::config::Address;
-use haltere::frames::Vec3;
 use haltere::live::realtime::insist_on_deadlines;
 use haltere::model::tag::TagProtocol;
-use haltere::model::{Plant, PlantConfig, Truth, Vehicle};
+use haltere::model::{Fault, Plant, Truth, Vehicle};
 use haltere::report::truth::TruthRow;
 use haltere::time::HostTime;
 use rustix::io::Errno;
@@ -20,6 +19,7 @@ use rustix::time::{ClockId, Timespec, clock_gettime};
 use serde_json::json;
 
 use crate::board_wire::BoardWire;
+use crate::faults::happen;
 use crate::orders::{self, Next, Order, Orders};
 use crate::pty::{Dtr, TagPty};
 use crate::scenario::Scenario;
@@ -101,6 +101,7 @@ pub fn serve(options: &Options) -> Result<()> {
     let mut scenario = Scenario::load(options.scenario.as_deref())?;
     scenario.seed = options.seed.unwrap_or(scenario.seed);
     scenario.tag.protocol = options.tag_protocol.unwrap_or(scenario.tag.protocol);
+    let faults = scenario.fixed_faults()?;
     let mut plant = plant(options.vehicle.as_deref(), &scenario)?;
     let mut tag = TagPty::new(options.tag_link.as_deref())?;
     let mut board = BoardWire::open(&options.board)?;
@@ -126,7 +127,7 @@ pub fn serve(options: &Options) -> Result<()> {
         tracing::debug!("{why}");
     }
     let wires = Wires { tag: &mut tag, board: &mut board, orders };
-    let ticks = run(options, &stop, &scenario, &mut plant, wires, truth.as_mut());
+    let ticks = run(options, &stop, faults, &mut plant, wires, truth.as_mut());
     let lost_rows = truth.map_or(Ok(0), TruthFile::finish)?;
     tracing::info!(
         ticks.late,
@@ -148,17 +149,7 @@ pub fn plant(vehicle: Option<&Path>, scenario: &Scenario) -> Result<Plant> {
         }
         None => Vehicle::default(),
     };
-    let [north_m, east_m] = scenario.start.position_m;
-    Ok(Plant::new(PlantConfig {
-        vehicle,
-        effects: scenario.effect_set()?,
-        start_E_m: Vec3::new(north_m, east_m, 0.0),
-        start_yaw_rad: scenario.start.yaw_deg.to_radians(),
-        room: scenario.room.clone(),
-        protocol: scenario.tag.protocol,
-        board: scenario.board_settings(),
-        ..PlantConfig::new(scenario.survey()?, scenario.seed)
-    })?)
+    Ok(Plant::new(scenario.plant(vehicle)?)?)
 }
 
 /// How the loop kept its deadlines.
@@ -177,7 +168,7 @@ struct Wires<'a> {
 fn run(
     options: &Options,
     stop: &Stop,
-    scenario: &Scenario,
+    faults: Vec<(f64, Fault)>,
     plant: &mut Plant,
     wires: Wires<'_>,
     mut truth: Option<&mut TruthFile>,
@@ -190,7 +181,7 @@ fn run(
     let mut start_us = now_us();
     let mut deadline_us = start_us;
     let mut truth_due_us = 0;
-    let mut faults = scenario.faults.iter().peekable();
+    let mut faults = faults.into_iter().peekable();
     while !stop.asked() {
         deadline_us += TICK_US;
         sleep_until(deadline_us);
@@ -206,8 +197,8 @@ fn run(
         if options.duration.is_some_and(|s| simulated_us as f64 * 1e-6 >= s) {
             break;
         }
-        while let Some(fault) = faults.next_if(|f| f.at_s * 1e6 <= simulated_us as f64) {
-            fault.happen(plant);
+        while let Some((_, fault)) = faults.next_if(|(at_s, _)| at_s * 1e6 <= simulated_us as f64) {
+            happen(fault, plant);
         }
         if let Some(orders) = &orders
             && !obey(orders, plant, start_us, options.speed)

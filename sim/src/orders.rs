@@ -56,7 +56,17 @@ fn parse(line: &str) -> Result<Order> {
             if map.insert("at_s".into(), json!(0.0)).is_some() {
                 return Err(anyhow!("fault.at_s: an order is obeyed at once"));
             }
+            if let Some(key) = ["phase", "for_s"].into_iter().find(|key| map.contains_key(*key)) {
+                return Err(anyhow!(
+                    "fault.{key}: an order is obeyed at once and holds until the next"
+                ));
+            }
             let at: FaultAt = serde_json::from_value(Value::Object(map)).context("fault")?;
+            if at.for_s.is_some() || at.phase.is_some() {
+                return Err(anyhow!(
+                    "fault: an order has no for_s and no phase; mend it by another order"
+                ));
+            }
             let mut problems = Problems::new();
             let fault = at.to_fault("fault", &mut problems);
             match fault {
@@ -180,6 +190,7 @@ mod tests {
             (r#"{"fault": {"part": "anchor"}}"#, "fault.anchor is missing"),
             (r#"{"fault": {"part": "hat"}}"#, "unknown variant `hat`"),
             (r#"{"fault": {"part": "tag", "at_s": 3}}"#, "obeyed at once"),
+            (r#"{"fault": {"part": "tag", "for_s": 3}}"#, "fault.for_s"),
         ] {
             let error = format!("{:#}", parse(line).unwrap_err());
             assert!(error.contains(needed), "{line}: {error}");

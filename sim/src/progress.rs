@@ -60,6 +60,14 @@ impl Progress {
         let _ = std::io::stderr().write_all(line.as_bytes());
     }
 
+    /// So much is done altogether.
+    pub fn reach(&self, done: u64) {
+        let more = done.saturating_sub(self.done.load(Ordering::Relaxed));
+        if more > 0 {
+            self.advance(more);
+        }
+    }
+
     /// What was done so far.
     #[cfg(test)]
     pub fn done(&self) -> u64 {

@@ -14,6 +14,7 @@ use haltere::model::board::{BoardSettings, Firmware, Manners, Overrides};
 use haltere::model::effects::{EffectConfig, EffectSet};
 use haltere::model::room::Room;
 use haltere::model::tag::TagProtocol;
+use haltere::model::{Fault, PlantConfig, Vehicle};
 use haltere::survey::Survey;
 use serde::{Deserialize, Serialize};
 
@@ -120,6 +121,52 @@ impl Scenario {
     fn parse(text: &str, folder: &Path) -> Result<Self> {
         let scenario: Scenario = toml::from_str(text)?;
         scenario.resolved(folder)
+    }
+
+    /// From a table, as a campaign edits it; `folder` is where its anchor file lies.
+    pub fn from_table(table: toml::Table, folder: &Path) -> Result<Self> {
+        let scenario: Scenario = table.try_into()?;
+        scenario.resolved(folder)
+    }
+
+    /// What is to be simulated.
+    pub fn plant(&self, vehicle: Vehicle) -> Result<PlantConfig> {
+        let [north_m, east_m] = self.start.position_m;
+        Ok(PlantConfig {
+            vehicle,
+            effects: self.effect_set()?,
+            start_E_m: Vec3::new(north_m, east_m, 0.0),
+            start_yaw_rad: self.start.yaw_deg.to_radians(),
+            room: self.room.clone(),
+            protocol: self.tag.protocol,
+            board: self.board_settings(),
+            ..PlantConfig::new(self.survey()?, self.seed)
+        })
+    }
+
+    /// The same for who does not know what is flown: a fault that waits for a part of the flight is refused.
+    pub fn fixed_faults(&self) -> Result<Vec<(f64, Fault)>> {
+        if let Some(i) = self.faults.iter().position(|f| f.phase.is_some()) {
+            bail!(
+                "fault[{i}].phase: only a campaign knows what is being flown; leave phase out, or fly the scenario \
+                 with `haltere-sim campaign`"
+            );
+        }
+        Ok(self.timed_faults())
+    }
+
+    /// Faults at fixed times, mended ones with their end: time in s and fault, in order.
+    pub fn timed_faults(&self) -> Vec<(f64, Fault)> {
+        let mut list = Vec::new();
+        for entry in self.faults.iter().filter(|f| f.phase.is_none()) {
+            // Checked when the scenario was read.
+            let Some(fault) = entry.to_fault("fault", &mut Problems::new()) else { continue };
+            let end = entry.for_s.and_then(|for_s| Some((entry.at_s + for_s, fault.mended()?)));
+            list.push((entry.at_s, fault));
+            list.extend(end);
+        }
+        list.sort_by(|a, b| a.0.total_cmp(&b.0));
+        list
     }
 
     fn resolved(mut self, folder: &Path) -> Result<Self> {

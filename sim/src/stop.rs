@@ -39,6 +39,11 @@ impl Stop {
         Ok(stop)
     }
 
+    /// Asks for it.
+    pub fn ask(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
     /// Whether it is time to go.
     pub fn asked(&self) -> bool {
         self.0.load(Ordering::Relaxed)

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use super::tables::{Table, Values};
 
 pub(super) fn write(table: &Table, mut out: impl Write) -> io::Result<()> {
-    let names: Vec<_> = table.columns.iter().map(|column| column.name).collect();
+    let names: Vec<_> = table.columns.iter().map(|column| column.name.as_ref()).collect();
     writeln!(out, "{}", names.join(","))?;
     for row in 0..table.rows() {
         for (i, column) in table.columns.iter().enumerate() {

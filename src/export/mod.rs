@@ -2,7 +2,7 @@
 //! telemetry log.
 
 mod csv;
-mod parquet;
+pub mod parquet;
 mod tables;
 mod tlog;
 

@@ -13,11 +13,8 @@ use parquet::schema::types::{Type, TypePtr};
 
 use super::tables::{Table, Values};
 
-pub(super) fn write(
-    table: &Table,
-    about: &[(String, String)],
-    out: impl Write + Send,
-) -> io::Result<()> {
+/// Writes a table, with words about where it came from as metadata of the file.
+pub fn write(table: &Table, about: &[(String, String)], out: impl Write + Send) -> io::Result<()> {
     try_write(table, about, out).map_err(io::Error::other)
 }
 
@@ -67,7 +64,7 @@ fn schema(table: &Table) -> Result<TypePtr, ParquetError> {
             Values::Text(_) => (Physical::BYTE_ARRAY, Repetition::REQUIRED),
         };
         let mut field =
-            Type::primitive_type_builder(column.name, physical).with_repetition(repetition);
+            Type::primitive_type_builder(&column.name, physical).with_repetition(repetition);
         if matches!(column.values, Values::Text(_)) {
             field = field.with_converted_type(ConvertedType::UTF8);
         }

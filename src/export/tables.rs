@@ -3,6 +3,7 @@
 //! Column `t_s` is the time since the companion started, the same that `haltere report` and
 //! `haltere log trim` count; the columns `…_us` hold the clock of the log itself.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::record::{Decoded, Entry, LogEnd, LogReader, pb};
@@ -20,7 +21,7 @@ pub struct Table {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Column {
     /// Quantity, frame and unit.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Its values, one a row.
     pub values: Values,
 }
@@ -59,7 +60,7 @@ impl Table {
     fn push(&mut self, row: Row) {
         if self.columns.is_empty() {
             let begin = |(name, cell): &(&'static str, Cell)| Column {
-                name,
+                name: Cow::Borrowed(name),
                 values: match cell {
                     Cell::Real(_) => Values::Real(Vec::new()),
                     Cell::Whole(_) => Values::Whole(Vec::new()),

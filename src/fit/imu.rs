@@ -18,6 +18,7 @@ use serde::Serialize;
 use super::correlated::Noise;
 use super::linear::Rows;
 use super::value::Value;
+use crate::report::fourier::transform;
 
 /// Lowest frequency that can be a wing beat, Hz: loops and body live below.
 pub const LEAST_LINE_HZ: f64 = 5.0;
@@ -99,7 +100,7 @@ pub fn vibration(rate_hz: f64, values: &[f64]) -> Option<Vibration> {
         let own = piece.iter().sum::<f64>() / size as f64;
         let mut re: Vec<f64> = piece.iter().zip(&window).map(|(v, w)| (v - own) * w).collect();
         let mut im = vec![0.0; size];
-        fourier(&mut re, &mut im);
+        transform(&mut re, &mut im);
         let density: Vec<f64> = (0..=size / 2)
             .map(|k| {
                 let twice = if k == 0 || k == size / 2 { 1.0 } else { 2.0 };
@@ -150,36 +151,4 @@ fn line(mean: &[f64], pieces: &[Vec<f64>], bin_hz: f64) -> Option<Line> {
     let rms = (lobe.map(|k| mean[k]).sum::<f64>() * bin_hz).sqrt();
     let dof = (0.5 * n - 1.0).max(1.0);
     Some(Line { hz: Value { value: hz, std, dof }, rms, stands_out })
-}
-
-/// Fast Fourier transform in place; the length is a power of two.
-fn fourier(re: &mut [f64], im: &mut [f64]) {
-    let n = re.len();
-    let mut j = 0;
-    for i in 1..n {
-        let mut bit = n >> 1;
-        while j & bit != 0 {
-            j ^= bit;
-            bit >>= 1;
-        }
-        j |= bit;
-        if i < j {
-            re.swap(i, j);
-            im.swap(i, j);
-        }
-    }
-    let mut size = 2;
-    while size <= n {
-        let step = -2.0 * PI / size as f64;
-        for start in (0..n).step_by(size) {
-            for k in 0..size / 2 {
-                let (s, c) = (step * k as f64).sin_cos();
-                let (a, b) = (start + k, start + k + size / 2);
-                let (x, y) = (re[b] * c - im[b] * s, re[b] * s + im[b] * c);
-                (re[b], im[b]) = (re[a] - x, im[a] - y);
-                (re[a], im[a]) = (re[a] + x, im[a] + y);
-            }
-        }
-        size *= 2;
-    }
 }

@@ -182,6 +182,13 @@ async fn fly(
     let pool = Pool::new(out_chunks, out_chunks, OUT_BYTES);
     let (news, mut read_news) = mpsc::channel(NEWS_QUEUE);
     let started = clock::now();
+    // Before any other thread has its stack.
+    if loaded.config.timing.lock_memory {
+        match realtime::lock_memory() {
+            Ok(()) => tracing::info!("memory locked"),
+            Err(why) => tracing::warn!("{why}"),
+        }
+    }
     let recorder = begin_recording(loaded, started)?;
     let pilot = Pilot::new(loaded.config.pilot(), loaded.survey.clone(), started);
     let (files, file_thread) = start_files(loaded, &recorder, programs, &shared)?;
@@ -200,12 +207,6 @@ async fn fly(
         shared: shared.clone(),
     };
 
-    if loaded.config.timing.lock_memory {
-        match realtime::lock_memory() {
-            Ok(()) => tracing::info!("memory locked"),
-            Err(why) => tracing::warn!("{why}"),
-        }
-    }
     let key_file = loaded.config.signing.key_file.clone();
     let key_thread = doors::keep(keys.clone(), key_file, shared.clone())?;
     let (pilot_thread, ended) = start_pilot(loaded, core)?;
@@ -381,6 +382,7 @@ fn start_pilot(loaded: &Loaded, core: Core) -> Result<PilotThread, LiveError> {
     let thread = std::thread::Builder::new().name("pilot".into()).spawn(move || {
         // Dropped when this thread ends, even by a panic.
         let _tell_end = tell_end;
+        realtime::touch_stack();
         if timing.realtime {
             // Before the first deadline: logging is still allowed here.
             match realtime::insist_on_deadlines(timing.priority) {

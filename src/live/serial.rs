@@ -1,7 +1,7 @@
 //! A serial link: one thread reads and reopens, one thread writes. Neither ever gives up.
 
 use std::io::{ErrorKind, Read, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -113,12 +113,23 @@ fn open(device: &Device, baud: u32) -> Result<(TTYPort, TTYPort, PathBuf), Strin
         .timeout(POLL)
         .open_native()
         .map_err(failed)?;
+    if is_pseudo_terminal(&path)
+        && let Err(error) = port.set_exclusive(false)
+    {
+        tracing::debug!("{}: stays exclusive: {error}", path.display());
+    }
     // A sniffer stays silent without DTR. A pseudo-terminal has none: no error then.
     if let Err(error) = port.write_data_terminal_ready(true) {
         tracing::debug!("{}: no DTR: {error}", path.display());
     }
     let half = port.try_clone_native().map_err(failed)?;
     Ok((port, half, path))
+}
+
+/// A real line forgets who had it for itself when that one dies. A pseudo-terminal remembers as long as
+/// its other end lives, and would refuse the companion that is started again after a crash.
+fn is_pseudo_terminal(path: &Path) -> bool {
+    path.canonicalize().is_ok_and(|real| real.starts_with("/dev/pts"))
 }
 
 /// `None`: the companion ends.

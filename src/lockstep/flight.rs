@@ -13,6 +13,8 @@ use super::{Ground, Lockstep, World};
 
 /// Time to find the start values, µs.
 const ALIGN_US: u64 = 20_000_000;
+/// Time for a board to arm, µs.
+const ARM_US: u64 = 40_000_000;
 /// Time between two samples, µs: the control period.
 const SAMPLE_US: u64 = 10_000;
 
@@ -67,6 +69,49 @@ pub enum FlightError {
     },
 }
 
+/// Uploads a mission, arms as soon as the vehicle allows it, and starts the mission.
+pub fn start<W: World>(
+    world: &mut Lockstep<W>,
+    ground: &mut Ground,
+    items: &[MISSION_ITEM_INT_DATA],
+) -> Result<(), FlightError> {
+    let refused = |what, result: String, ground: &Ground| FlightError::Refused {
+        what,
+        result,
+        texts: ground.texts.clone(),
+    };
+    match ground.upload(world, items) {
+        Some(MavMissionResult::MAV_MISSION_ACCEPTED) => {}
+        other => return Err(refused("mission", format!("{other:?}"), ground)),
+    }
+    let arm = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    loop {
+        match ground.command(world, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, arm) {
+            Some(MavResult::MAV_RESULT_ACCEPTED) => break,
+            // Not ready yet: alignment takes its time.
+            Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED) if world.t_us() < ALIGN_US => {
+                world.run_until(world.t_us() + 500_000);
+            }
+            Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED) => {
+                ground.listen(world);
+                return Err(FlightError::NotAligned {
+                    seconds: world.t_us() / 1_000_000,
+                    texts: ground.texts.clone(),
+                });
+            }
+            // The board is asked and takes its time, as one that settles after its boot does.
+            None | Some(MavResult::MAV_RESULT_FAILED) if world.t_us() < ARM_US => {
+                world.run_until(world.t_us() + 500_000);
+            }
+            other => return Err(refused("arming", format!("{other:?}"), ground)),
+        }
+    }
+    match ground.command(world, MavCmd::MAV_CMD_MISSION_START, [0.0; 7]) {
+        Some(MavResult::MAV_RESULT_ACCEPTED) => Ok(()),
+        other => Err(refused("mission start", format!("{other:?}"), ground)),
+    }
+}
+
 /// Flies a mission to its end, or until `limit_s` of simulated time.
 ///
 /// The mission should end with a landing; otherwise the flight is landed at the limit.
@@ -86,37 +131,7 @@ pub fn fly_watched<W: World>(
     mut watch: impl FnMut(&mut Lockstep<W>),
 ) -> Result<Flight, FlightError> {
     let mut ground = Ground::new();
-    let refused = |what, result: String, ground: &Ground| FlightError::Refused {
-        what,
-        result,
-        texts: ground.texts.clone(),
-    };
-    match ground.upload(world, items) {
-        Some(MavMissionResult::MAV_MISSION_ACCEPTED) => {}
-        other => return Err(refused("mission", format!("{other:?}"), &ground)),
-    }
-    let arm = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-    loop {
-        match ground.command(world, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, arm) {
-            Some(MavResult::MAV_RESULT_ACCEPTED) => break,
-            // Not ready yet: alignment takes its time.
-            Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED) if world.t_us() < ALIGN_US => {
-                world.run_until(world.t_us() + 500_000);
-            }
-            Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED) => {
-                ground.listen(world);
-                return Err(FlightError::NotAligned {
-                    seconds: world.t_us() / 1_000_000,
-                    texts: ground.texts,
-                });
-            }
-            other => return Err(refused("arming", format!("{other:?}"), &ground)),
-        }
-    }
-    match ground.command(world, MavCmd::MAV_CMD_MISSION_START, [0.0; 7]) {
-        Some(MavResult::MAV_RESULT_ACCEPTED) => {}
-        other => return Err(refused("mission start", format!("{other:?}"), &ground)),
-    }
+    start(world, &mut ground, items)?;
     let mut samples = Vec::with_capacity((limit_s * 100.0) as usize + 1000);
     let mut reached = 0;
     let start_us = world.t_us();

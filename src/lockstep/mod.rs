@@ -14,7 +14,7 @@ mod world;
 #[cfg(test)]
 mod tests;
 
-pub use flight::{Flight, FlightError, Sample, fly, fly_watched};
+pub use flight::{Flight, FlightError, Sample, fly, fly_watched, start};
 pub use ground::Ground;
 pub use world::World;
 
@@ -36,6 +36,9 @@ pub type Damage = Box<dyn FnMut(u64, LinkId, &mut Vec<u8>) + Send>;
 /// Sees everything that the core sends: simulated time in µs, link, bytes.
 pub type Tap = Box<dyn FnMut(u64, LinkId, &[u8]) + Send>;
 
+/// Called before every step with the simulated time in µs: what happens to the world by itself.
+pub type Happenings<W> = Box<dyn FnMut(u64, &mut W) + Send>;
+
 /// Stands in for the disk: a task, and what came of it.
 pub type Disk = Box<dyn FnMut(&FileTask) -> Result<Vec<u8>, FileFault> + Send>;
 
@@ -52,6 +55,7 @@ pub struct Lockstep<W = Plant> {
     tap: Option<Tap>,
     listener: Option<Listener>,
     disk: Option<Disk>,
+    happenings: Option<Happenings<W>>,
 }
 
 impl Lockstep {
@@ -96,6 +100,7 @@ impl<W: World> Lockstep<W> {
             tap: None,
             listener,
             disk: None,
+            happenings: None,
         };
         all.feed(at, Input::LinkUp { link: LinkId::Tag });
         all.feed(at, Input::LinkUp { link: LinkId::Board });
@@ -115,6 +120,12 @@ impl<W: World> Lockstep<W> {
     /// Damages what arrives, or listens to it.
     pub fn with_damage(mut self, damage: Damage) -> Self {
         self.damage = Some(damage);
+        self
+    }
+
+    /// Lets things happen to the world, whatever else is going on.
+    pub fn with_happenings(mut self, happenings: Happenings<W>) -> Self {
+        self.happenings = Some(happenings);
         self
     }
 
@@ -208,6 +219,9 @@ impl<W: World> Lockstep<W> {
 
     /// One step of the plant, and all that follows from it.
     pub fn step(&mut self) {
+        if let Some(happenings) = &mut self.happenings {
+            happenings(self.t_us, &mut self.plant);
+        }
         self.t_us += STEP_US;
         self.plant.advance_to(self.t_us);
         let at = self.host_now();

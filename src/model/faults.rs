@@ -3,6 +3,8 @@
 use haltere_dialect::mav::haltere::{FailureType, FailureUnit};
 use nalgebra::Vector3;
 
+use crate::model::gust::Gust;
+use crate::model::line_noise::LineNoise;
 use crate::model::random::Stream;
 
 /// How a sensor or part misbehaves; meanings of MAVLink's `FAILURE_TYPE`.
@@ -22,6 +24,19 @@ pub enum FaultKind {
     Intermittent,
     /// Offset that grows.
     Drift,
+    /// Single wild samples among good ones.
+    Spike,
+}
+
+/// A one-way line of the vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LineId {
+    /// From the tag to the companion.
+    FromTag,
+    /// From the board to the companion.
+    FromBoard,
+    /// From the companion to the board.
+    ToBoard,
 }
 
 /// Something that breaks or heals.
@@ -70,6 +85,15 @@ pub enum Fault {
     BoardMode(u32),
     /// The way from the companion to the board only.
     ToBoard(FaultKind),
+    /// A line loses, delays, repeats, swaps or damages what it carries.
+    LineNoise {
+        /// Which.
+        line: LineId,
+        /// What it does.
+        noise: LineNoise,
+    },
+    /// A gust begins.
+    Gust(Gust),
 }
 
 /// Voltage that a broken cell takes away, V. Half of a loaded pack of two.
@@ -78,6 +102,11 @@ const CELL_LOSS_V: f64 = 3.5;
 const WEAK_BATTERY_V: f64 = 0.6;
 /// Share of thrust that a torn wing keeps.
 const TORN_WING: f64 = 0.85;
+
+/// Share of wild samples: at 250 Hz two or three a second.
+const SPIKE_SHARE: f64 = 0.01;
+/// Size of one, typical errors: 60 m/s², 6 rad/s, 400 Pa.
+const SPIKE_SIZE: f64 = 20.0;
 
 /// Kinds of failure that the simulator knows.
 const KINDS: [(FailureType, FaultKind); 7] = [
@@ -103,6 +132,32 @@ const UNITS: [FailureUnit; 9] = [
 ];
 
 impl Fault {
+    /// What mends it. `None`: it passes by itself, or has no state to go back to.
+    pub fn mended(&self) -> Option<Fault> {
+        let healthy = FaultKind::Healthy;
+        Some(match self {
+            Fault::Accelerometer(_) => Fault::Accelerometer(healthy),
+            Fault::Gyroscope(_) => Fault::Gyroscope(healthy),
+            Fault::Barometer(_) => Fault::Barometer(healthy),
+            Fault::WingThrust { wing, .. } => Fault::WingThrust { wing: *wing, gain: 1.0 },
+            Fault::Servos(_) => Fault::Servos(healthy),
+            Fault::BatteryDrop(_) => Fault::BatteryDrop(0.0),
+            Fault::BoardLink(_) => Fault::BoardLink(healthy),
+            Fault::TagSilent(_) => Fault::TagSilent(false),
+            Fault::AnchorSilent { anchor, .. } => {
+                Fault::AnchorSilent { anchor: *anchor, silent: false }
+            }
+            Fault::EffectOn { id, .. } => Fault::EffectOff(id.clone()),
+            Fault::ToBoard(_) => Fault::ToBoard(healthy),
+            Fault::LineNoise { line, .. } => {
+                Fault::LineNoise { line: *line, noise: LineNoise::default() }
+            }
+            Fault::EffectOff(_) | Fault::BoardReboot | Fault::BoardMode(_) | Fault::Gust(_) => {
+                return None;
+            }
+        })
+    }
+
     /// What `MAV_CMD_INJECT_FAILURE` asks for; `None` when this board cannot fail that way.
     /// Positioning (`VIO`) stands for the tag. `instance`: 0 all, motors 1 left and 2 right.
     pub fn from_command(unit: u32, kind: u32, instance: u8) -> Option<Self> {
@@ -148,6 +203,8 @@ pub struct SensorFault {
     held: Vector3<f64>,
     /// Size of a typical error, unit of the sensor.
     scale: f64,
+    /// Axes that carry a value, the first ones.
+    axes: usize,
     rng: Stream,
 }
 
@@ -159,8 +216,15 @@ impl SensorFault {
             since_s: 0.0,
             held: Vector3::zeros(),
             scale,
+            axes: 3,
             rng: Stream::new(seed, name),
         }
+    }
+
+    /// With a value on the first axis alone.
+    pub fn of_one_axis(mut self) -> Self {
+        self.axes = 1;
+        self
     }
 
     /// Breaks or heals it at time `t_s`.
@@ -195,6 +259,14 @@ impl SensorFault {
                 self.held = *y;
             }
             FaultKind::Drift => y.iter_mut().for_each(|c| *c += 0.1 * self.scale * age_s),
+            FaultKind::Spike => {
+                if self.rng.uniform() < SPIKE_SHARE {
+                    let axis = (self.rng.uniform() * self.axes as f64) as usize;
+                    let size = if self.rng.uniform() < 0.5 { SPIKE_SIZE } else { -SPIKE_SIZE };
+                    y[axis] += size * self.scale;
+                }
+                self.held = *y;
+            }
         }
         true
     }
@@ -223,6 +295,39 @@ mod tests {
         assert_eq!(read(FaultKind::Drift, 20.0).1.x, 3.0);
         assert!(!read(FaultKind::Intermittent, 10.5).0 && read(FaultKind::Intermittent, 11.5).0);
         assert_eq!(read(FaultKind::Healthy, 30.0).1.z, -9.8);
+    }
+
+    #[test]
+    fn prop_spikes_are_rare_and_large() {
+        let mut sensor = SensorFault::new(3.0, 1, "test");
+        sensor.set(FaultKind::Spike, 0.0);
+        let mut wild = 0;
+        for _ in 0..10_000 {
+            let mut y = Vector3::new(1.0, 0.0, -9.8);
+            assert!(sensor.apply(1.0, &mut y), "every sample comes");
+            let off = (y - Vector3::new(1.0, 0.0, -9.8)).norm();
+            wild += u32::from(off > 0.0);
+            assert!(off == 0.0 || (off - 60.0).abs() < 1e-9, "{off}");
+        }
+        assert!((60..140).contains(&wild), "{wild}");
+        let mut barometer = SensorFault::new(20.0, 1, "test").of_one_axis();
+        barometer.set(FaultKind::Spike, 0.0);
+        (0..1000).for_each(|_| {
+            let mut pressure = Vector3::new(101_325.0, 0.0, 0.0);
+            barometer.apply(1.0, &mut pressure);
+            assert_eq!((pressure.y, pressure.z), (0.0, 0.0), "a barometer has one axis");
+        });
+    }
+
+    #[test]
+    fn prop_what_is_mended_is_as_before() {
+        let broken = Fault::WingThrust { wing: Some(1), gain: 0.3 };
+        assert_eq!(broken.mended(), Some(Fault::WingThrust { wing: Some(1), gain: 1.0 }));
+        let noise = LineNoise { lost: 0.1, ..LineNoise::default() };
+        let noisy = Fault::LineNoise { line: LineId::ToBoard, noise };
+        let quiet = Fault::LineNoise { line: LineId::ToBoard, noise: LineNoise::default() };
+        assert_eq!(noisy.mended(), Some(quiet));
+        assert_eq!(Fault::BoardReboot.mended(), None);
     }
 
     #[test]

@@ -16,6 +16,8 @@ pub mod board;
 pub mod body;
 pub mod effects;
 pub mod faults;
+pub mod gust;
+pub mod line_noise;
 pub mod link;
 pub mod plant;
 pub mod random;

@@ -15,8 +15,9 @@ use crate::model::effects::{
     ATTITUDE_PERIOD_S, AttitudeError, Bank, CLOCK_PERIOD_S, Cargo, Delivery, EffectSet, ImuReading,
     STEP_S, State, Supply,
 };
-use crate::model::faults::{Fault, FaultKind, SensorFault};
-use crate::model::link::Line;
+use crate::model::faults::{Fault, FaultKind, LineId, SensorFault};
+use crate::model::gust::Gust;
+use crate::model::line_noise::NoisyLine;
 use crate::model::room::Room;
 use crate::model::tag::{Anchors, Port, TagProtocol};
 use crate::model::truth::Truth;
@@ -96,6 +97,8 @@ struct Broken {
     battery_drop_v: f64,
     board_link: (FaultKind, f64),
     to_board: (FaultKind, f64),
+    /// A gust and its begin, s.
+    gust: Option<(Gust, f64)>,
 }
 
 /// Vehicle, board, tag and room.
@@ -124,9 +127,9 @@ pub struct Plant {
     crashed: bool,
     /// Bytes that were produced in this step.
     scratch: Vec<u8>,
-    from_tag: Line,
-    from_board: Line,
-    to_board: Line,
+    from_tag: NoisyLine,
+    from_board: NoisyLine,
+    to_board: NoisyLine,
     to_board_line: Option<SlowLine>,
     tag_out: Vec<u8>,
     board_out: Vec<u8>,
@@ -200,21 +203,22 @@ impl Plant {
             broken: Broken {
                 accelerometer: SensorFault::new(3.0, seed, "fault-acc"), // m/s²
                 gyroscope: SensorFault::new(0.3, seed, "fault-gyro"),    // rad/s
-                barometer: SensorFault::new(20.0, seed, "fault-baro"),   // Pa
+                barometer: SensorFault::new(20.0, seed, "fault-baro").of_one_axis(), // Pa
                 wing_gain: [1.0; 2],
                 servos: (FaultKind::Healthy, 0.0),
                 battery_drop_v: 0.0,
                 board_link: (FaultKind::Healthy, 0.0),
                 to_board: (FaultKind::Healthy, 0.0),
+                gust: None,
             },
             requests: BoardRequests::default(),
             steps: 0,
             landed_s: LANDED_S,
             crashed: false,
             scratch: Vec::with_capacity(4096),
-            from_tag: Line::default(),
-            from_board: Line::default(),
-            to_board: Line::default(),
+            from_tag: NoisyLine::new(seed, "fault-from-tag"),
+            from_board: NoisyLine::new(seed, "fault-from-board"),
+            to_board: NoisyLine::new(seed, "fault-to-board"),
             to_board_line,
             tag_out,
             board_out: Vec::with_capacity(4096),
@@ -364,6 +368,22 @@ impl Plant {
             Fault::BoardReboot => self.board.reboot(self.t_us()),
             Fault::BoardMode(mode) => self.board.take_over(mode),
             Fault::ToBoard(kind) => self.broken.to_board = (kind, t_s),
+            Fault::LineNoise { line, noise } => {
+                noise.check("fault", &mut problems);
+                if problems.is_empty() {
+                    match line {
+                        LineId::FromTag => self.from_tag.set(noise),
+                        LineId::FromBoard => self.from_board.set(noise),
+                        LineId::ToBoard => self.to_board.set(noise),
+                    }
+                }
+            }
+            Fault::Gust(gust) => {
+                gust.check("fault", &mut problems);
+                if problems.is_empty() {
+                    self.broken.gust = Some((gust, t_s));
+                }
+            }
         }
         problems.into_result()
     }

@@ -5,6 +5,7 @@
 
 pub mod errors;
 pub mod flight;
+pub mod fourier;
 pub mod from_log;
 pub mod html;
 mod lanes;

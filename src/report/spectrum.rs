@@ -6,6 +6,7 @@
 
 use std::f64::consts::PI;
 
+use super::fourier::transform;
 use crate::measure::ImuSample;
 
 /// Samples of a segment, a power of two: 2 s at 250 Hz, so half a hertz of resolution.
@@ -125,38 +126,6 @@ impl Spectrum {
 
 fn value(sample: &ImuSample, channel: usize) -> f64 {
     if channel < 3 { sample.acc_B_mps2[channel] } else { sample.rate_B_radps[channel - 3] }
-}
-
-/// Fourier transform in place, radix two (Cooley and Tukey 1965); the length is a power of two.
-fn transform(re: &mut [f64], im: &mut [f64]) {
-    let n = re.len();
-    let mut j = 0;
-    for i in 1..n {
-        let mut bit = n >> 1;
-        while j & bit != 0 {
-            j ^= bit;
-            bit >>= 1;
-        }
-        j |= bit;
-        if i < j {
-            re.swap(i, j);
-            im.swap(i, j);
-        }
-    }
-    let mut length = 2;
-    while length <= n {
-        let half = length / 2;
-        for start in (0..n).step_by(length) {
-            for k in 0..half {
-                let (sin, cos) = (-2.0 * PI * k as f64 / length as f64).sin_cos();
-                let (a, b) = (start + k, start + k + half);
-                let (x, y) = (re[b] * cos - im[b] * sin, re[b] * sin + im[b] * cos);
-                (re[b], im[b]) = (re[a] - x, im[a] - y);
-                (re[a], im[a]) = (re[a] + x, im[a] + y);
-            }
-        }
-        length *= 2;
-    }
 }
 
 #[cfg(test)]

@@ -2,7 +2,10 @@
 //!
 //! The search walks along one parameter after the other, in factors that shrink from round to round,
 //! from a start that none of the flights has shaped (`util_start_profile`). What it minimises is the
-//! root of the mean over the flights of `½ (whole flight)² + ½ (airborne)²`, 3D rms, m.
+//! root of the mean over the flights of `½ (whole flight)² + ½ (airborne)²`, 3D rms, m. A change is taken
+//! only when its mean gain exceeds the standard error of that mean over the flights (the one standard
+//! error rule of Breiman, Friedman, Olshen and Stone, Classification and Regression Trees, 1984, 3.4.3):
+//! what helps one flight and spoils the next is chance, and would be carried to the one left out.
 
 use std::fmt::{self, Write};
 
@@ -18,8 +21,6 @@ use crate::estimator::EstimatorConfig;
 const DIVERGED_M: f64 = 5.0;
 /// Factors of the rounds.
 const FACTORS: [f64; 3] = [2.0, 1.414, 1.19];
-/// A change that gains less than this is not taken, m.
-const LEAST_GAIN_M: f64 = 1e-4;
 
 /// A parameter that is searched.
 struct Knob {
@@ -79,7 +80,7 @@ fn search(
     mut tell: impl FnMut(&str),
 ) -> (EstimatorConfig, f64) {
     let mut best = start.clone();
-    let mut least_m = cost_m(flights, &best);
+    let mut least_m2 = costs_m2(flights, &best);
     for factor in FACTORS {
         for knob in &KNOBS {
             tell(knob.name);
@@ -92,33 +93,44 @@ fn search(
                     if !problems.is_empty() {
                         break;
                     }
-                    let tried_m = cost_m(flights, &tried);
-                    if tried_m > least_m - LEAST_GAIN_M {
+                    let tried_m2 = costs_m2(flights, &tried);
+                    if !is_gain(&least_m2, &tried_m2) {
                         break;
                     }
-                    (best, least_m) = (tried, tried_m);
+                    (best, least_m2) = (tried, tried_m2);
                 }
             }
         }
     }
-    (best, least_m)
+    (best, mean(&least_m2).sqrt())
 }
 
-fn cost_m(flights: &[&Flight], config: &EstimatorConfig) -> f64 {
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// Whether the second costs are lower than the first by more than chance explains.
+fn is_gain(before_m2: &[f64], after_m2: &[f64]) -> bool {
+    let gains: Vec<f64> = before_m2.iter().zip(after_m2).map(|(b, a)| b - a).collect();
+    let n = gains.len() as f64;
+    let gain = mean(&gains);
+    let spread = gains.iter().map(|g| (g - gain).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    gain > (spread / n.max(1.0)).sqrt()
+}
+
+/// Cost of each flight, m².
+fn costs_m2(flights: &[&Flight], config: &EstimatorConfig) -> Vec<f64> {
     let reports: Vec<FlightReport> = std::thread::scope(|scope| {
         let running: Vec<_> =
             flights.iter().map(|f| scope.spawn(move || run_flight(f, config))).collect();
         running.into_iter().filter_map(|r| r.join().ok()).collect()
     });
     let square = |v: Option<f64>| v.unwrap_or(DIVERGED_M).min(DIVERGED_M).powi(2);
-    let sum: f64 = reports
-        .iter()
-        .map(|r| {
-            let lost = if r.diverged { DIVERGED_M * DIVERGED_M } else { 0.0 };
-            0.5 * (square(r.rmse_3d_m) + square(r.rmse_3d_airborne_m)) + lost
-        })
-        .sum();
-    (sum / reports.len().max(1) as f64).sqrt()
+    let cost = |r: &FlightReport| {
+        let lost = if r.diverged { DIVERGED_M * DIVERGED_M } else { 0.0 };
+        0.5 * (square(r.rmse_3d_m) + square(r.rmse_3d_airborne_m)) + lost
+    };
+    reports.iter().map(cost).collect()
 }
 
 /// Writes the table as Markdown.
@@ -173,4 +185,21 @@ pub fn print_left_out(out: &mut impl Write, left_out: &[LeftOut]) -> fmt::Result
         )?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_what_helps_one_flight_alone_is_no_gain() {
+        let before = [0.04, 0.05, 0.06, 0.05, 0.04];
+        assert!(is_gain(&before, &before.map(|c| c - 0.001)));
+        assert!(!is_gain(&before, &before));
+        assert!(!is_gain(&before, &before.map(|c| c + 0.001)));
+        // The same mean gain, by one flight.
+        let mut one = before;
+        one[2] -= 0.005;
+        assert!(!is_gain(&before, &one));
+    }
 }

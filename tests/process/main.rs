@@ -1,6 +1,8 @@
 //! Tests of the real programs as processes, over real wires.
 
 mod bad_input;
+mod campaign;
+mod endurance;
 mod flights;
 mod flood;
 mod gap;

@@ -1,25 +1,19 @@
 //! One flight of the suite: flown in lockstep, written as the companion's own flight log.
 
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use haltere::config::Config;
 use haltere::gap::missions;
 use haltere::gap::scene::Scene;
-use haltere::lockstep::{HOST_START_US, Listener, Lockstep, Tap, fly};
-use haltere::pilot::Input;
-use haltere::record::{BuildIdentity, Recorder, Session};
-use haltere::time::HostTime;
+use haltere::lockstep::{Lockstep, fly};
 
 use super::list::Mission;
 use crate::generator::{Foreign, Setup};
+use crate::tape::Tape;
 
 /// Longest flight, s of simulated time: a pack lasts for four minutes.
 const LIMIT_S: f64 = 200.0;
-/// Wall clock of the first log, µs since 1970: logs of one suite are equal byte for byte.
-const STARTED_UNIX_US: i64 = 1_790_000_000_000_000;
-
 /// What came of it.
 #[derive(Debug, Clone, Copy)]
 pub struct Outcome {
@@ -52,12 +46,6 @@ fn config(scene: &Scene) -> Result<Config> {
     Ok(config)
 }
 
-/// Recorder and the time that its outputs stand at.
-struct Tape {
-    recorder: Recorder,
-    at: HostTime,
-}
-
 /// Flies and writes `path`; nothing stands there unless the log is whole.
 pub fn record(scene: &Scene, setup: Setup, mission: Mission, path: &Path) -> Result<Outcome> {
     let items = match mission {
@@ -65,52 +53,15 @@ pub fn record(scene: &Scene, setup: Setup, mission: Mission, path: &Path) -> Res
         Mission::HeldOut => missions::held_out(scene),
         Mission::Plain => missions::plain(scene),
     };
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let work = tempfile::tempdir_in(folder).with_context(|| folder.display().to_string())?;
-    let session = Session {
-        build: BuildIdentity::current(),
-        started_unix_us: STARTED_UNIX_US,
-        pilot_started_at: HostTime::from_us(HOST_START_US),
-        config_toml: config(scene)?.to_toml(),
-        survey: scene.survey.clone(),
-    };
-    let recorder = Recorder::start_waiting(work.path(), &session)?;
-    let tape = Arc::new(Mutex::new(Tape { recorder, at: session.pilot_started_at }));
-    let (heard, sent) = (tape.clone(), tape.clone());
-    let listener: Listener = Box::new(move |at, input| {
-        let mut tape = heard.lock().unwrap_or_else(PoisonError::into_inner);
-        tape.at = at;
-        if matches!(input, Input::Wake) {
-            // Before the input: what is committed is whole.
-            tape.recorder.commit(at);
-        }
-        tape.recorder.input(at, input);
-    });
-    let tap: Tap = Box::new(move |_, link, bytes| {
-        let mut tape = sent.lock().unwrap_or_else(PoisonError::into_inner);
-        let at = tape.at;
-        tape.recorder.output(at, link, bytes);
-    });
+    let tape = Tape::begin(path, &config(scene)?, &scene.survey)?;
     let world = Foreign::new(setup);
     let mut lockstep =
-        Lockstep::in_world(world, scene.pilot.clone(), &scene.survey, Some(listener))
+        Lockstep::in_world(world, scene.pilot.clone(), &scene.survey, Some(tape.listener()))
             .without_topics()
-            .with_tap(tap);
+            .with_tap(tape.tap());
     let flown = fly(&mut lockstep, &items, LIMIT_S);
-    // The closures hold the tape.
-    drop(lockstep);
-    let tape = Arc::into_inner(tape).context("the tape is still in use")?;
-    let tape = tape.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let summary = tape.recorder.finish();
-    if let Some(error) = summary.error {
-        return Err(error.into());
-    }
-    if summary.lost_entries > 0 {
-        bail!("{}: the recorder lost {} entries", path.display(), summary.lost_entries);
-    }
-    let written: PathBuf = summary.path.context("nothing was recorded")?;
-    let bytes = std::fs::metadata(&written)?.len();
-    std::fs::rename(&written, path).with_context(|| path.display().to_string())?;
+    drop(lockstep); // it holds the tape
+    let bytes = tape.end()?;
     Ok(match flown {
         Ok(flight) => {
             Outcome { landed: flight.landed, flown_s: flight.samples.len() as f64 * 0.01, bytes }

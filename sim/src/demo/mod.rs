@@ -18,7 +18,7 @@ use haltere::ctl::{GroundStation, Mode};
 
 use self::plan::Plan;
 
-pub use self::processes::{Processes, free_port};
+pub use self::processes::Processes;
 
 /// `haltere-sim demo`
 #[derive(Debug, Clone, clap::Args)]

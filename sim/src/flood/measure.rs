@@ -41,6 +41,21 @@ impl Phase {
         self.lateness_us.get(at).map_or(f64::NAN, |us| *us as f64 * 1e-3)
     }
 
+    /// Both together.
+    pub fn join(mut self, other: Self) -> Self {
+        self.steps += other.steps;
+        self.late += other.late;
+        self.lateness_us.extend(other.lateness_us);
+        self.lateness_us.sort_unstable();
+        self.longest_pause_ms = self.longest_pause_ms.max(other.longest_pause_ms);
+        self.input_B += other.input_B;
+        self.dropped += other.dropped;
+        for (reason, count) in other.drops {
+            *self.drops.entry(reason).or_default() += count;
+        }
+        self
+    }
+
     fn step(&mut self, at: HostTime, start: HostTime) {
         // A step that is late by more than a period has lost its grid point; the pause shows it.
         let late_us = at.as_us().wrapping_sub(start.as_us()) % PERIOD_US;
@@ -53,18 +68,16 @@ impl Phase {
     }
 }
 
-/// The phases between the first two marks and between the last two.
-pub fn phases(log: &Path, marks: &[u64; 4]) -> Result<[Phase; 2]> {
+/// The phases between these times, µs.
+pub fn phases(log: &Path, windows_us: &[[u64; 2]]) -> Result<Vec<Phase>> {
     let reader = LogReader::open(log)?;
     let start = reader.session().pilot_started_at;
-    let mut phases = [Phase::default(), Phase::default()];
+    let mut phases: Vec<Phase> = windows_us.iter().map(|_| Phase::default()).collect();
     for entry in reader.entries() {
         let Entry::Input { at, input, .. } = entry else { continue };
-        let phase = match at.as_us() {
-            us if (marks[0]..marks[1]).contains(&us) => &mut phases[0],
-            us if (marks[2]..marks[3]).contains(&us) => &mut phases[1],
-            _ => continue,
-        };
+        let us = at.as_us();
+        let window = windows_us.iter().position(|[from, to]| (*from..*to).contains(&us));
+        let Some(phase) = window.and_then(|n| phases.get_mut(n)) else { continue };
         match input {
             RawInput::Wake => phase.step(at, start),
             RawInput::Bytes { link: LinkId::Ground(_), bytes } => {

@@ -6,7 +6,7 @@
 //! its control steps were, before and during the flood, what it threw away, and its memory.
 
 mod attack;
-mod measure;
+pub mod measure;
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -19,6 +19,7 @@ use serde_json::json;
 use self::attack::Attack;
 use self::measure::{Phase, phases};
 use crate::demo::{self, Processes, newest_log};
+use crate::rig::{free_port, now_us};
 
 /// `haltere-sim flood`
 #[derive(Debug, Clone, clap::Args)]
@@ -57,7 +58,7 @@ const MOST_GROWTH_B: u64 = 64 << 20;
 pub fn run(options: &Options) -> Result<bool> {
     std::fs::create_dir_all(&options.output)
         .with_context(|| format!("--output {}", options.output.display()))?;
-    let (udp, tcp) = (demo::free_port()?, demo::free_port()?);
+    let (udp, tcp) = (free_port()?, free_port()?);
     let more = [format!("udpin:127.0.0.1:{udp}"), format!("tcpin:127.0.0.1:{tcp}")];
     let demo_options = demo::Options {
         output: options.output.clone(),
@@ -73,7 +74,9 @@ pub fn run(options: &Options) -> Result<bool> {
     let flown = flown?;
     stopped?;
     let log = newest_log(&processes.log_directory)?;
-    let [quiet, flood] = phases(&log, &flown.marks)?;
+    let [a, b, c, d] = flown.marks;
+    let mut both = phases(&log, &[[a, b], [c, d]])?.into_iter();
+    let (quiet, flood) = (both.next().unwrap_or_default(), both.next().unwrap_or_default());
     let growth_B = flown.memory_B[1].saturating_sub(flown.memory_B[0]);
     let ok = flown.landed
         && flood.late_share() <= 2.0 * quiet.late_share() + MOST_LATE_SHARE
@@ -183,11 +186,4 @@ fn drift(station: &mut GroundStation, time: Duration) -> Result<f64> {
         }
     }
     Ok(far_m)
-}
-
-/// The clock that the companion's times are of.
-fn now_us() -> u64 {
-    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
-    u64::try_from(now.tv_sec).unwrap_or(0) * 1_000_000
-        + u64::try_from(now.tv_nsec).unwrap_or(0) / 1000
 }

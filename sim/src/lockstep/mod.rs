@@ -17,7 +17,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use anyhow::{Result, anyhow, bail};
 use haltere::config::{Config, Loaded, Sources};
 use haltere::lockstep::{HOST_START_US, Lockstep, STEP_US};
-use haltere::model::{Plant, Vehicle};
+use haltere::model::{Fault, Plant, Vehicle};
 use haltere::pilot::{Input, LinkId};
 use haltere::store::{NoPrograms, Store};
 use haltere::time::HostTime;
@@ -27,7 +27,7 @@ use serde_json::json;
 use self::log::Tape;
 use self::wire::Wires;
 use crate::endpoint::{plant, truth_row};
-use crate::faults::FaultAt;
+use crate::faults::happen;
 use crate::orders::{self, Next, Order, Orders};
 use crate::scenario::Scenario;
 use crate::stop::Stop;
@@ -147,7 +147,8 @@ struct Session {
     watch: Watched,
     truth: Option<TruthFile>,
     truth_due_us: u64,
-    faults: std::iter::Peekable<std::vec::IntoIter<FaultAt>>,
+    /// Time, s, and what breaks or is mended.
+    faults: std::iter::Peekable<std::vec::IntoIter<(f64, Fault)>>,
     until_us: u64,
 }
 
@@ -187,7 +188,7 @@ impl Session {
             watch: Watched::start(loaded)?,
             truth: options.truth.as_deref().map(TruthFile::create).transpose()?,
             truth_due_us: 0,
-            faults: scenario.faults.clone().into_iter().peekable(),
+            faults: scenario.fixed_faults()?.into_iter().peekable(),
             until_us: options.duration.map_or(u64::MAX, |s| (s.max(0.0) * 1e6) as u64),
         })
     }
@@ -254,8 +255,10 @@ impl Session {
         while self.lockstep.t_us() + STEP_US <= t_us {
             self.lockstep.step();
             let now_us = self.lockstep.t_us();
-            while let Some(fault) = self.faults.next_if(|f| f.at_s * 1e6 <= now_us as f64) {
-                fault.happen(self.lockstep.plant_mut());
+            while let Some((_, fault)) =
+                self.faults.next_if(|(at_s, _)| at_s * 1e6 <= now_us as f64)
+            {
+                happen(fault, self.lockstep.plant_mut());
             }
             if let Some(truth) = &mut self.truth
                 && now_us >= self.truth_due_us

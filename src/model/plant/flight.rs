@@ -29,6 +29,12 @@ impl Plant {
         let bank = &mut self.bank;
         self.wind_E_mps = Vector3::zeros();
         bank.wind(s, &mut self.wind_E_mps);
+        if let Some((gust, since_s)) = self.broken.gust {
+            match gust.wind_E_mps(s.t_s - since_s) {
+                Some(wind_E_mps) => self.wind_E_mps += wind_E_mps,
+                None => self.broken.gust = None,
+            }
+        }
         s.air_B_mps = s.R_EB.tr_mul(&(s.vel_E_mps - self.wind_E_mps));
 
         let mut command = self.board.control(s, bank);

@@ -1,0 +1,398 @@
+//! Flies one planned flight in lockstep, brings its faults in, and looks at the truth at every step.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::{Context, Result, anyhow, bail};
+use haltere::checks::Problems;
+use haltere::ctl::ItemCommand;
+use haltere::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, start};
+use haltere::model::{Fault, Plant, Truth};
+use haltere::pilot::Mode;
+use haltere::report::truth::{HEADER, TruthRow};
+use haltere::time::HostTime;
+use haltere_dialect::mav::haltere::MavMessage;
+
+use super::draw::grain;
+use super::judge::Judge;
+use super::plan::Plan;
+use super::row::{Outcome, Row};
+use crate::faults::Phase;
+use crate::tape::Tape;
+
+/// On the floor and disarmed for this long: it is over, µs.
+const REST_US: u64 = 1_000_000;
+/// So long after a crash it is over, µs.
+const AFTER_CRASH_US: u64 = 1_500_000;
+/// A vehicle that is so far outside is not waited for, m.
+const FAR_OUTSIDE_M: f64 = 30.0;
+/// Steps between two looks at estimate and setpoint: the control period.
+const CONTROL_STEPS: u64 = 5;
+/// Texts of the companion that are kept, the last ones.
+const TEXTS: usize = 6;
+/// Off the floor by so much the climb has begun, m.
+const CLIMB_M: f64 = 0.1;
+
+/// Where the log and the truth of a flight go.
+pub struct Keep<'a> {
+    /// The log; the truth stands beside it as CSV.
+    pub log: &'a Path,
+}
+
+/// A fault that waits: for a phase, then for a time.
+struct Waiting {
+    phase: Phase,
+    at_s: f64,
+    for_s: Option<f64>,
+    fault: Fault,
+}
+
+/// Flies it. An error is something that no flight should come to: a plan that cannot be built.
+pub fn fly(plan: &Plan, keep: Option<&Keep<'_>>) -> Result<Row> {
+    let plant = Plant::new(plan.scenario.plant(plan.vehicle.clone())?)
+        .map_err(|problems| anyhow!("{problems}"))?;
+    let survey = plan.scenario.survey()?;
+    let mut tape = keep.map(|keep| Tape::begin(keep.log, &plan.config, &survey)).transpose()?;
+    let listener = tape.as_ref().map(Tape::listener);
+    let mut world = Lockstep::in_world(plant, plan.config.pilot(), &survey, listener);
+    // Whatever has its time comes at it, while the vehicle is made ready as well.
+    let refusal = Arc::new(Mutex::new(None));
+    let (mut timed, told) = (plan.scenario.timed_faults().into_iter().peekable(), refusal.clone());
+    world = world.without_topics().with_happenings(Box::new(move |t_us, plant: &mut Plant| {
+        while let Some((_, fault)) = timed.next_if(|(at_s, _)| at_s * 1e6 <= t_us as f64) {
+            if let Err(why) = plant.inject(fault) {
+                *told.lock().unwrap_or_else(PoisonError::into_inner) = Some(why);
+            }
+        }
+    }));
+    if let Some(tape) = &tape {
+        world = world.with_tap(tape.tap());
+    }
+    let mut truth_file = keep.map(|keep| TruthCsv::create(keep.log)).transpose()?;
+    let row = Flight::new(plan).fly(&mut world, truth_file.as_mut());
+    drop(world); // it holds the tape
+    if let Some(tape) = tape.take() {
+        tape.end()?;
+    }
+    if let Some(file) = truth_file {
+        file.end()?;
+    }
+    if let Some(why) = refusal.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        bail!("fault refused: {why}");
+    }
+    row
+}
+
+struct Flight<'a> {
+    plan: &'a Plan,
+    judge: Judge,
+    row: Row,
+    waiting: Vec<Waiting>,
+    /// Faults of a phase that has begun: time (µs of simulated time) and fault.
+    due: VecDeque<(u64, Fault)>,
+    /// When the first fault with a fixed time comes, µs of simulated time.
+    first_timed_us: Option<u64>,
+    start_us: u64,
+    reached: u16,
+    phases_begun: Vec<Phase>,
+    modes: Vec<Mode>,
+    errors: [Mean; 2],
+    fault_us: Option<u64>,
+    rest_since_us: Option<u64>,
+}
+
+#[derive(Default)]
+struct Mean {
+    sum: f64,
+    count: u64,
+    worst: f64,
+}
+
+impl Mean {
+    fn add(&mut self, value: f64) {
+        self.sum += value;
+        self.count += 1;
+        self.worst = self.worst.max(value);
+    }
+
+    fn pair(&self) -> (Option<f64>, Option<f64>) {
+        if self.count == 0 {
+            return (None, None);
+        }
+        (Some(grain(self.sum / self.count as f64)), Some(grain(self.worst)))
+    }
+}
+
+fn seconds(us: u64) -> f64 {
+    us as f64 * 1e-6
+}
+
+impl<'a> Flight<'a> {
+    fn new(plan: &'a Plan) -> Self {
+        let waiting = plan
+            .scenario
+            .faults
+            .iter()
+            .filter_map(|entry| {
+                let phase = entry.phase?;
+                let fault = entry.to_fault("fault", &mut Problems::new())?;
+                Some(Waiting { phase, at_s: entry.at_s, for_s: entry.for_s, fault })
+            })
+            .collect();
+        let row = Row::blank(plan.index, plan.seed, plan.drawn.clone());
+        Self {
+            plan,
+            judge: Judge::default(),
+            row,
+            waiting,
+            due: VecDeque::new(),
+            first_timed_us: plan
+                .scenario
+                .timed_faults()
+                .first()
+                .map(|(at_s, _)| (at_s * 1e6) as u64),
+            start_us: 0,
+            reached: 0,
+            phases_begun: Vec::new(),
+            modes: Vec::new(),
+            errors: [Mean::default(), Mean::default()],
+            fault_us: None,
+            rest_since_us: None,
+        }
+    }
+
+    fn fly(mut self, world: &mut Lockstep, mut truth_file: Option<&mut TruthCsv>) -> Result<Row> {
+        let mut ground = Ground::new();
+        let items: Vec<_> = self
+            .plan
+            .mission
+            .items
+            .iter()
+            .zip(0..)
+            .map(|(item, seq)| item.to_wire(seq, 0, 0))
+            .collect();
+        if let Err(error) = start(world, &mut ground, &items) {
+            self.row.why = error.to_string();
+            self.row.said = last(&ground.texts);
+            return Ok(self.row);
+        }
+        self.start_us = world.t_us();
+        self.row.lowest_supply_v = world.truth().supply_v;
+        let end_us = self.start_us + (self.plan.limit_s * 1e6) as u64;
+        let mut finished = false;
+        for step in 1.. {
+            self.inject(world)?;
+            world.step();
+            let truth = world.truth();
+            self.judge.see(&self.plan.fence, &truth);
+            self.row.lowest_supply_v = self.row.lowest_supply_v.min(truth.supply_v);
+            self.watch_modes(world, &truth);
+            if step % CONTROL_STEPS == 0 {
+                ground.listen(world);
+                while let Some(seq) = ground.take(|m| match m {
+                    MavMessage::MISSION_ITEM_REACHED(r) => Some(r.seq + 1),
+                    _ => None,
+                }) {
+                    self.reached = seq;
+                }
+                self.measure(world, &truth);
+                if let Some(file) = truth_file.as_deref_mut() {
+                    file.push(&truth)?;
+                }
+            }
+            if self.is_over(&truth) {
+                finished = true;
+                break;
+            }
+            if world.t_us() >= end_us {
+                break;
+            }
+        }
+        ground.listen(world);
+        Ok(self.result(world, finished, &ground.texts))
+    }
+
+    /// The first fault that comes in the flight; one from before counts as there at its begin.
+    fn note_fault(&mut self, world: &Lockstep) {
+        let now_us = world.t_us();
+        if self.fault_us.is_none() {
+            self.fault_us = Some(now_us);
+            self.row.fault_s = Some(grain(seconds(now_us.saturating_sub(self.start_us))));
+            world.pilot().mode().name().clone_into(&mut self.row.fault_mode);
+        }
+    }
+
+    /// Brings in what is due now.
+    fn inject(&mut self, world: &mut Lockstep) -> Result<()> {
+        let now_us = world.t_us();
+        if self.first_timed_us.is_some_and(|at_us| at_us <= now_us) {
+            self.note_fault(world);
+        }
+        while let Some(place) = self.due.iter().position(|(at_us, _)| *at_us <= now_us) {
+            let Some((_, fault)) = self.due.remove(place) else { break };
+            self.note_fault(world);
+            world.plant_mut().inject(fault).map_err(|why| anyhow!("fault refused: {why}"))?;
+        }
+        Ok(())
+    }
+
+    fn phase(&self, mode: Mode, truth: &Truth) -> Option<Phase> {
+        Some(match mode {
+            Mode::Spool => Phase::Spool,
+            Mode::Takeoff if truth.height_m > CLIMB_M => Phase::Climb,
+            Mode::Hold => Phase::Hover,
+            Mode::Mission => {
+                match self.plan.mission.items.get(usize::from(self.reached))?.command {
+                    ItemCommand::Delay => Phase::Hover,
+                    ItemCommand::Waypoint => Phase::Waypoints,
+                    _ => return None,
+                }
+            }
+            Mode::Goto => Phase::Waypoints,
+            Mode::Return => Phase::Return,
+            Mode::Land => Phase::Landing,
+            _ => return None,
+        })
+    }
+
+    fn watch_modes(&mut self, world: &Lockstep, truth: &Truth) {
+        let mode = world.pilot().mode();
+        if self.modes.last() != Some(&mode) {
+            self.modes.push(mode);
+            if let Some(fault_us) = self.fault_us
+                && self.row.reacted_after_s.is_none()
+            {
+                self.row.reacted_after_s =
+                    Some(grain(seconds(truth.t_us.saturating_sub(fault_us))));
+            }
+        }
+        let Some(phase) = self.phase(mode, truth) else { return };
+        if self.phases_begun.contains(&phase) {
+            return;
+        }
+        self.phases_begun.push(phase);
+        let (now, later) =
+            std::mem::take(&mut self.waiting).into_iter().partition(|w| w.phase == phase);
+        self.waiting = later;
+        for Waiting { at_s, for_s, fault, .. } in now {
+            let at_us = truth.t_us + (at_s * 1e6) as u64;
+            let end = for_s.and_then(|for_s| Some((at_us + (for_s * 1e6) as u64, fault.mended()?)));
+            self.due.push_back((at_us, fault));
+            self.due.extend(end);
+        }
+    }
+
+    fn measure(&mut self, world: &Lockstep, truth: &Truth) {
+        if !self.judge.airborne {
+            return;
+        }
+        let pilot = world.pilot();
+        let [estimate, tracking] = &mut self.errors;
+        estimate.add((pilot.estimate().pos_E_m - truth.pos_E_m).norm());
+        if pilot.mode().is_flying() && pilot.mode() != Mode::Land {
+            let wanted = pilot.control_record().pos_setpoint_E_m;
+            let off = |axis: usize| wanted[axis].map_or(0.0, |at| at - truth.pos_E_m[axis]);
+            tracking.add((0..3).map(|axis| off(axis).powi(2)).sum::<f64>().sqrt());
+        }
+    }
+
+    fn is_over(&mut self, truth: &Truth) -> bool {
+        if let Some((at_us, _)) = self.judge.crash
+            && truth.t_us > at_us + AFTER_CRASH_US
+        {
+            return true;
+        }
+        let rests = truth.on_ground && !truth.armed;
+        if !rests {
+            self.rest_since_us = None;
+        }
+        let since_us = *self.rest_since_us.get_or_insert(truth.t_us);
+        // A mission that has just begun stands armed; one that was refused its arming does not.
+        (rests && truth.t_us - since_us >= REST_US) || self.judge.outside_m > FAR_OUTSIDE_M
+    }
+
+    fn result(mut self, world: &Lockstep, finished: bool, texts: &[String]) -> Row {
+        let after = |us: u64| Some(grain(seconds(us.saturating_sub(self.start_us))));
+        let (judge, row) = (&self.judge, &mut self.row);
+        row.left_s = judge.left_us.and_then(after);
+        row.crashed_s = judge.crash.as_ref().and_then(|(us, _)| after(*us));
+        row.outside_m = grain(judge.outside_m);
+        row.flown_s = grain(seconds(world.t_us() - self.start_us));
+        row.airborne_s = grain(seconds(judge.airborne_steps * STEP_US));
+        row.tilt_worst_deg = grain(judge.tilt_deg);
+        row.contact_mps = grain(judge.contact_mps);
+        row.contacts = judge.contacts;
+        row.lowest_supply_v = grain(row.lowest_supply_v);
+        (row.estimate_mean_m, row.estimate_worst_m) = self.errors[0].pair();
+        (row.tracking_mean_m, row.tracking_worst_m) = self.errors[1].pair();
+        row.modes = self.modes.iter().map(|m| m.name()).collect::<Vec<_>>().join(">");
+        for drops in world.pilot().drops() {
+            for (reason, count) in drops.iter() {
+                *row.drops.entry(reason.name().to_owned()).or_default() += count;
+            }
+        }
+        row.said = last(texts);
+        let left_first = match (row.left_s, row.crashed_s) {
+            (Some(left), Some(crashed)) => left <= crashed,
+            (left, _) => left.is_some(),
+        };
+        (row.outcome, row.why) = if left_first {
+            (Outcome::Left, format!("{:.2} m outside at worst", row.outside_m))
+        } else if let Some((_, how)) = &judge.crash {
+            (Outcome::Crashed, how.clone())
+        } else if !finished {
+            let mode = world.pilot().mode().name();
+            (Outcome::Unfinished, format!("still {mode} after {:.0} s", row.flown_s))
+        } else if !judge.lifted {
+            (Outcome::NotTakenOff, "never off the floor".to_owned())
+        } else {
+            (Outcome::Landed, String::new())
+        };
+        self.row
+    }
+}
+
+fn last(texts: &[String]) -> Vec<String> {
+    texts[texts.len().saturating_sub(TEXTS)..].to_vec()
+}
+
+/// Truth beside a log, 100 lines a second, as `haltere report --truth` reads it.
+struct TruthCsv {
+    path: std::path::PathBuf,
+    out: BufWriter<File>,
+}
+
+impl TruthCsv {
+    fn create(log: &Path) -> Result<Self> {
+        let path = log.with_extension("truth.csv");
+        let file = File::create(&path).with_context(|| path.display().to_string())?;
+        let mut out = BufWriter::new(file);
+        writeln!(out, "{HEADER}").with_context(|| path.display().to_string())?;
+        Ok(Self { path, out })
+    }
+
+    fn push(&mut self, truth: &Truth) -> Result<()> {
+        let row = TruthRow {
+            at: HostTime::from_us(HOST_START_US + truth.t_us),
+            t_s: seconds(truth.t_us),
+            pos_E_m: truth.pos_E_m,
+            vel_E_mps: truth.vel_E_mps,
+            R_EB: truth.R_EB,
+            rate_B_radps: truth.rate_B_radps,
+            flap_hz: truth.flap_hz,
+            supply_v: truth.supply_v,
+            charge_frac: truth.charge_frac,
+            thrust_n: truth.thrust_n,
+            on_ground: truth.on_ground,
+            crashed: truth.crashed,
+        };
+        row.write(&mut self.out).with_context(|| self.path.display().to_string())
+    }
+
+    fn end(mut self) -> Result<()> {
+        self.out.flush().with_context(|| self.path.display().to_string())
+    }
+}

@@ -1,0 +1,12 @@
+//! The programs of this binary as processes: the endpoint, the companion, and the configuration
+//! between them.
+
+mod companion;
+mod configuration;
+mod endpoint;
+mod process;
+
+pub use companion::Companion;
+pub use configuration::Wiring;
+pub use endpoint::Endpoint;
+pub use process::{free_port, now_us};

@@ -1,0 +1,70 @@
+//! Children that are waited for, and never left behind.
+
+use std::net::UdpSocket;
+use std::os::unix::process::ExitStatusExt as _;
+use std::process::{Child, ExitStatus};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use rustix::process::{Pid, Signal, kill_process};
+
+/// Time to close a log after a signal.
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// A child that dies with us.
+#[derive(Debug)]
+pub struct Process(pub Child);
+
+impl Process {
+    /// SIGTERM, then patience.
+    pub fn end(&mut self) -> Result<ExitStatus> {
+        let child = &mut self.0;
+        if let Some(status) = child.try_wait().context("waiting for a process")? {
+            return Ok(status);
+        }
+        let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+        if let Some(pid) = pid {
+            kill_process(pid, Signal::TERM).context("ending a process")?;
+        }
+        let deadline = Instant::now() + CLOSE_TIMEOUT;
+        while Instant::now() < deadline {
+            if let Some(status) = child.try_wait().context("waiting for a process")? {
+                return Ok(status);
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let _ = child.kill();
+        child.wait().context("waiting for a process")
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        if matches!(self.0.try_wait(), Ok(None)) {
+            let _ = self.0.kill();
+            let _ = self.0.wait();
+        }
+    }
+}
+
+/// How a process ended, in words.
+pub fn told(status: ExitStatus) -> String {
+    match (status.code(), status.signal()) {
+        (Some(code), _) => format!("exit code {code}"),
+        (None, Some(signal)) => format!("signal {signal}"),
+        (None, None) => "no code".into(),
+    }
+}
+
+/// A port that was free a moment ago.
+pub fn free_port() -> Result<u16> {
+    let socket = UdpSocket::bind("127.0.0.1:0").context("no free UDP port")?;
+    Ok(socket.local_addr().context("no free UDP port")?.port())
+}
+
+/// The monotonic clock, which the companion's times are of, µs.
+pub fn now_us() -> u64 {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+    u64::try_from(now.tv_sec).unwrap_or(0) * 1_000_000
+        + u64::try_from(now.tv_nsec).unwrap_or(0) / 1000
+}

@@ -1,0 +1,321 @@
+//! `haltere-sim soak`: one companion flies for as long as wanted, and is watched from outside.
+//!
+//! Endpoint and companion are processes, with taps on the wires between them. Flights follow one
+//! another: take-off, a round of way points and holds, landing. The vehicle has a battery that lasts
+//! for all of them. Seen are times on the wires, memory and processor time, and from the companion's
+//! own log how late its control steps were and what it threw away.
+
+mod tap;
+mod wire;
+
+use std::collections::BTreeMap;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use haltere::ctl::GroundStation;
+use haltere::model::Vehicle;
+use serde_json::json;
+
+use self::tap::{BoardSide, Taps};
+use self::wire::Wire;
+use crate::demo::newest_log;
+use crate::flood::measure::{Phase, phases};
+use crate::progress::Progress;
+use crate::rig::{Companion, Endpoint, Wiring, free_port, now_us};
+use crate::scenario::Scenario;
+use crate::stop::Stop;
+
+/// `haltere-sim soak`
+#[derive(Debug, Clone, clap::Args)]
+pub struct Options {
+    /// Folder for configuration and log; made if it is missing.
+    #[arg(long, value_name = "DIR", default_value = "soak")]
+    pub output: PathBuf,
+    /// How long, minutes.
+    #[arg(long, value_name = "MIN", default_value_t = 2.0)]
+    pub minutes: f64,
+    /// Keep all processors busy meanwhile with so many threads of idle work.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub load: usize,
+    /// Set a configuration value of the companion, as `haltere fly --set`.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// Longest gap between two setpoints in flight that is allowed, ms.
+    #[arg(long, value_name = "MS", default_value_t = 20.0)]
+    pub longest_gap_ms: f64,
+    /// Print the result as JSON on standard output.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Bounds of issue and source: share of the UWB chunks after which a setpoint is on the wire within
+/// one control period and 2 ms.
+const LATENCY_MS: f64 = 12.0;
+const LATENCY_SHARE: f64 = 0.99;
+/// Memory that may come after the first flight, bytes: the log's own bookkeeping grows by some 100 kB/h.
+const MOST_GROWTH_B: u64 = 2 << 20;
+/// Most memory, bytes, and processor time as a share of one core.
+const MOST_MEMORY_B: u64 = 30 << 20;
+const MOST_CPU: f64 = 0.05;
+/// A battery that lasts, mAh: the largest that the vehicle file takes.
+const CAPACITY_MAH: f64 = 10_000.0;
+
+const ALIGN_TIMEOUT: Duration = Duration::from_secs(30);
+/// One flight's way points: north, east, height, m, and the time for each.
+const ROUND: [[f64; 3]; 5] =
+    [[6.0, 5.0, 1.2], [6.0, 6.0, 1.4], [5.0, 6.0, 1.0], [4.5, 5.0, 1.2], [5.0, 5.0, 1.2]];
+const LEG: Duration = Duration::from_secs(6);
+/// Rounds of one flight.
+const ROUNDS: usize = 4;
+
+/// Runs it. `false`: a bound is broken.
+pub fn run(options: &Options) -> Result<bool> {
+    if !(options.minutes > 0.0 && options.minutes <= 24.0 * 60.0) {
+        bail!("--minutes {}: allowed above 0 to 1440", options.minutes);
+    }
+    let folder = std::path::absolute(&options.output).context("--output")?;
+    std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+    let logs = folder.join("log");
+    if logs.exists() {
+        std::fs::remove_dir_all(&logs).with_context(|| logs.display().to_string())?;
+    }
+    let stop = Stop::on_signals()?;
+    let board = BoardSide::new()?;
+    let vehicle = vehicle_file(&folder)?;
+    let mut endpoint = Endpoint::start([
+        "--seed".into(),
+        "1".into(),
+        "--board".into(),
+        board.address.clone().into(),
+        "--vehicle".into(),
+        vehicle.into_os_string(),
+    ])?;
+    let taps = Taps::start(Path::new(endpoint.told("tag")?), board)?;
+    let ground = free_port()?;
+    let wiring = Wiring {
+        tag: &taps.tag,
+        tag_protocol: endpoint.told("tag_protocol")?,
+        board: &taps.board,
+        endpoints: &[format!("udpout:127.0.0.1:{ground}")],
+        logs: &logs,
+    };
+    let config = wiring.write(&folder, &Scenario::load(None)?, "soak")?;
+    let output = folder.join("companion.txt");
+    let mut companion = Companion::start(&config, &options.overrides, output)?;
+    let load = Load::start(options.load);
+    let seen = fly(options, &stop, &companion, &taps, &format!("udpin:127.0.0.1:{ground}"));
+    drop(load);
+    let stopped = companion.stop();
+    endpoint.stop()?;
+    let seen = seen.with_context(|| companion.last_words())?;
+    stopped?;
+    let log = newest_log(&logs)?;
+    let steps = control_steps(&log, &seen.windows_us)?;
+    tell(options, &seen, &steps, &log)
+}
+
+/// A vehicle whose battery lasts.
+fn vehicle_file(folder: &Path) -> Result<PathBuf> {
+    let mut vehicle = Vehicle::default();
+    vehicle.battery.capacity_mah = CAPACITY_MAH;
+    let file = folder.join("vehicle.toml");
+    let text = toml::to_string(&vehicle).context("the vehicle as a file")?;
+    std::fs::write(&file, text).with_context(|| file.display().to_string())?;
+    Ok(file)
+}
+
+/// What was seen from outside.
+#[derive(Debug, Default)]
+struct Seen {
+    flights: usize,
+    wire: Wire,
+    /// Begin and end of each flight, µs.
+    windows_us: Vec<[u64; 2]>,
+    /// Memory after the first flight and at the end, and the most of all, bytes.
+    memory_B: [u64; 3],
+    /// Share of a core, all the time.
+    cpu: f64,
+}
+
+fn fly(
+    options: &Options,
+    stop: &Stop,
+    companion: &Companion,
+    taps: &Taps,
+    ground: &str,
+) -> Result<Seen> {
+    let mut station = GroundStation::connect(ground)?;
+    let began = Instant::now();
+    let (end, cpu_s) = (Duration::from_secs_f64(options.minutes * 60.0), companion.cpu_s()?);
+    let progress = Progress::new("s", 0, end.as_secs());
+    let mut seen = Seen::default();
+    while began.elapsed() < end {
+        arm(&mut station)?;
+        taps.take();
+        station.takeoff(ROUND[0][2]).with_context(|| format!("take-off {}", seen.flights + 1))?;
+        let from_us = now_us();
+        'round: for [north_m, east_m, height_m] in std::iter::repeat_n(ROUND, ROUNDS).flatten() {
+            station.goto(north_m, east_m, height_m).context("a way point")?;
+            let leg = Instant::now();
+            while leg.elapsed() < LEG {
+                station.listen(Duration::from_millis(200))?;
+                progress.reach(began.elapsed().as_secs());
+                if stop.asked() {
+                    bail!("stopped by a signal");
+                }
+                seen.memory_B[2] = seen.memory_B[2].max(companion.memory_B()?);
+                if began.elapsed() >= end {
+                    break 'round;
+                }
+            }
+        }
+        let to_us = now_us();
+        seen.wire.join(Wire::of(&taps.take(), from_us, to_us));
+        seen.windows_us.push([from_us, to_us]);
+        station.land().context("landing")?;
+        station.wait_landed(Duration::from_secs(40)).context("landing")?;
+        seen.flights += 1;
+        if seen.flights == 1 {
+            seen.memory_B[0] = companion.memory_B()?;
+        }
+    }
+    seen.memory_B[1] = companion.memory_B()?;
+    seen.cpu = (companion.cpu_s()? - cpu_s) / began.elapsed().as_secs_f64();
+    progress.end();
+    Ok(seen)
+}
+
+fn arm(station: &mut GroundStation) -> Result<()> {
+    let deadline = Instant::now() + ALIGN_TIMEOUT;
+    loop {
+        match station.arm() {
+            Ok(()) => return Ok(()),
+            Err(error) if error.is_temporary() && Instant::now() < deadline => {
+                station.listen(Duration::from_millis(500))?;
+            }
+            Err(error) => return Err(error).context("arming"),
+        }
+    }
+}
+
+/// The companion's own account of its control steps in flight, all flights together.
+fn control_steps(log: &Path, windows_us: &[[u64; 2]]) -> Result<Phase> {
+    phases(log, windows_us).map(|phases| phases.into_iter().reduce(Phase::join).unwrap_or_default())
+}
+
+/// Threads that keep processors busy.
+struct Load(Arc<AtomicBool>, Vec<std::thread::JoinHandle<()>>);
+
+impl Load {
+    fn start(threads: usize) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let spin = |_| {
+            let stop = stop.clone();
+            std::thread::spawn(move || {
+                let mut n = 1u64;
+                while !stop.load(Relaxed) {
+                    n = std::hint::black_box(n.wrapping_mul(6_364_136_223_846_793_005) + 1);
+                }
+            })
+        };
+        let threads = (0..threads).map(spin).collect();
+        Self(stop, threads)
+    }
+}
+
+impl Drop for Load {
+    fn drop(&mut self) {
+        self.0.store(true, Relaxed);
+        for thread in self.1.drain(..) {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn tell(options: &Options, seen: &Seen, steps: &Phase, log: &Path) -> Result<bool> {
+    let Wire { gaps_ms, latency_ms } = &seen.wire;
+    let [first_B, last_B, most_B] = seen.memory_B;
+    let growth_B = last_B.saturating_sub(first_B);
+    let within = latency_ms.share_within(LATENCY_MS);
+    let missed = gaps_ms.beyond(options.longest_gap_ms);
+    let bounds: BTreeMap<&str, bool> = [
+        ("no setpoint missed", missed == 0 && gaps_ms.count() > 100),
+        ("latency", within >= LATENCY_SHARE),
+        ("no growth of memory", growth_B <= MOST_GROWTH_B),
+        ("memory", most_B <= MOST_MEMORY_B),
+        ("processor time", seen.cpu <= MOST_CPU),
+    ]
+    .into();
+    let ok = bounds.values().all(|kept| *kept);
+    let mut out = std::io::stdout().lock();
+    if options.json {
+        let result = json!({
+            "ok": ok, "bounds": bounds, "flights": seen.flights, "load_threads": options.load,
+            "setpoints": gaps_ms.count() + seen.flights, "missed": missed,
+            "gap_ms": { "median": gaps_ms.at(0.5), "p999": gaps_ms.at(0.999), "longest": gaps_ms.at(1.0) },
+            "latency_ms": { "count": latency_ms.count(), "median": latency_ms.at(0.5),
+                "p99": latency_ms.at(0.99), "p999": latency_ms.at(0.999), "longest": latency_ms.at(1.0),
+                "share_within_12_ms": within },
+            "lateness_ms": { "steps": steps.steps, "median": steps.lateness_ms(0.5),
+                "p99": steps.lateness_ms(0.99), "p999": steps.lateness_ms(0.999),
+                "worst": steps.lateness_ms(1.0) },
+            "memory_kB": { "after_first_flight": first_B / 1024, "end": last_B / 1024,
+                "most": most_B / 1024, "growth": growth_B / 1024 },
+            "cpu_share": seen.cpu, "drops": steps.drops, "log": log,
+        });
+        writeln!(out, "{}", serde_json::to_string_pretty(&result)?)?;
+        return Ok(ok);
+    }
+    writeln!(out, "flights                    {}", seen.flights)?;
+    writeln!(
+        out,
+        "between setpoints, ms      median {:.2}, 99.9 % {:.2}, longest {:.2}; {} of {} beyond {} ms",
+        gaps_ms.at(0.5),
+        gaps_ms.at(0.999),
+        gaps_ms.at(1.0),
+        missed,
+        gaps_ms.count(),
+        options.longest_gap_ms
+    )?;
+    writeln!(
+        out,
+        "UWB to setpoint, ms        median {:.2}, 99 % {:.2}, longest {:.2}; {:.3} % within {LATENCY_MS} ms",
+        latency_ms.at(0.5),
+        latency_ms.at(0.99),
+        latency_ms.at(1.0),
+        100.0 * within
+    )?;
+    writeln!(
+        out,
+        "lateness of steps, ms      median {:.3}, 99 % {:.3}, 99.9 % {:.3}, worst {:.3}",
+        steps.lateness_ms(0.5),
+        steps.lateness_ms(0.99),
+        steps.lateness_ms(0.999),
+        steps.lateness_ms(1.0)
+    )?;
+    writeln!(
+        out,
+        "memory, kB                 {} after the first flight, {} at the end, {} at most",
+        first_B / 1024,
+        last_B / 1024,
+        most_B / 1024
+    )?;
+    writeln!(out, "processor time             {:.2} % of a core", 100.0 * seen.cpu)?;
+    for (reason, count) in &steps.drops {
+        writeln!(out, "  {reason}: {count}")?;
+    }
+    for (bound, _) in bounds.iter().filter(|(_, kept)| !**kept) {
+        writeln!(out, "BROKEN: {bound}")?;
+    }
+    writeln!(
+        out,
+        "{}; log {}",
+        if ok { "within bounds" } else { "A BOUND IS BROKEN" },
+        log.display()
+    )?;
+    Ok(ok)
+}
