@@ -36,7 +36,7 @@ pub use watch::{Token, TokenError, WatchAddress, WatchConfig};
 use crate::checks::Problems;
 use crate::control::ControlConfig;
 use crate::estimator::EstimatorConfig;
-use crate::pilot::{FlightConfig, LimitsConfig, PilotConfig};
+use crate::pilot::{FlightConfig, LimitsConfig, PilotConfig, SupervisorConfig};
 use crate::survey::Survey;
 use crate::uwb::UwbConfig;
 
@@ -71,6 +71,8 @@ pub struct Config {
     pub flight: FlightConfig,
     /// `[limits]`
     pub limits: LimitsConfig,
+    /// `[supervisor]`
+    pub supervisor: SupervisorConfig,
     /// `[uwb]`
     pub uwb: UwbConfig,
     /// `[estimator]`
@@ -163,6 +165,7 @@ impl Config {
         self.timing.check("timing", problems);
         self.flight.check("flight", problems);
         self.limits.check("limits", problems);
+        self.supervisor.check("supervisor", problems);
         self.uwb.check("uwb", problems);
         self.estimator.check("estimator", problems);
         self.control.check("control", problems);
@@ -206,6 +209,7 @@ impl Config {
             judge_programs: self.diagnosis.after_programs,
             flight: self.flight.clone(),
             limits: self.limits.clone(),
+            supervisor: self.supervisor.clone(),
             uwb: self.uwb.clone(),
             estimator: self.estimator.clone(),
             control: self.control.clone(),
@@ -216,6 +220,7 @@ impl Config {
     fn take_over(&mut self, pilot: PilotConfig) {
         self.flight = pilot.flight;
         self.limits = pilot.limits;
+        self.supervisor = pilot.supervisor;
         self.uwb = pilot.uwb;
         self.estimator = pilot.estimator;
         self.control = pilot.control;

@@ -249,6 +249,15 @@ impl<W: World> Lockstep<W> {
         self.carry();
     }
 
+    /// The world goes on and the companion's computer stands still, until this simulated time, µs. What
+    /// arrives meanwhile waits.
+    pub fn stall_until(&mut self, t_us: u64) {
+        while self.t_us < t_us {
+            self.t_us += STEP_US;
+            self.plant.advance_to(self.t_us);
+        }
+    }
+
     /// Steps until this simulated time, µs.
     pub fn run_until(&mut self, t_us: u64) {
         while self.t_us < t_us {

@@ -14,7 +14,7 @@ const ARM_BATTERY_AGE_S: f64 = 3.0;
 
 /// What a check looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Check {
+pub enum Check {
     /// The inner-loop board: there, disarmed, with streams of the rates that were asked for.
     Board,
     /// The estimate.
@@ -42,6 +42,46 @@ impl Check {
         Check::Fence,
         Check::Battery,
     ];
+
+    /// Name, what it looks at, and the texts of refusals, for the page.
+    pub fn words(self) -> [&'static str; 3] {
+        match self {
+            Check::Board => [
+                "board",
+                "there, speaking within `limits.board_loss_s`, disarmed, streams at their rates, \
+                 parameters and vehicle type as its firmware needs them, a line that is fast enough \
+                 (docs/BOARDS.md)",
+                "no board found on its link; board silent for N s; board is already armed, but not by us: \
+                 disarm it first; and what docs/BOARDS.md lists",
+            ],
+            Check::Estimate => [
+                "estimate",
+                "good: aligned, and within its own limits of age, sigma and doubt. At the take-off \
+                 \"degraded\" is let pass",
+                "estimator not aligned: N of M anchors heard, keep the vehicle still and level; estimate \
+                 degraded; estimate lost",
+            ],
+            Check::Imu => ["imu", "a sample within 0.5 s", "no IMU data from the board"],
+            Check::Uwb => [
+                "uwb",
+                "a fused measurement within 0.5 s, `supervisor.anchors_least` anchors",
+                "no UWB measurements; N of M anchors heard, K needed",
+            ],
+            Check::Attitude => {
+                ["attitude", "tilt of at most 20 deg", "tilted: roll R, pitch P deg, at most 20"]
+            }
+            Check::Fence => [
+                "fence",
+                "inside of the fence that a station drew",
+                "outside the fence at N n E e m",
+            ],
+            Check::Battery => [
+                "battery",
+                "a voltage within 3 s, at least `limits.battery_low_v`",
+                "no battery voltage from the board; battery at V V, at least L V needed",
+            ],
+        }
+    }
 }
 
 impl Pilot {
@@ -53,6 +93,18 @@ impl Pilot {
         Check::ALL.into_iter().try_for_each(|check| self.arming_check(check, at))
     }
 
+    /// Whether the motors may turn: armed, and everything still holds that armed it. Between arming and
+    /// take-off a vehicle may be carried away, or lose what it knows.
+    pub(super) fn may_lift_off(&self, at: HostTime) -> Result<(), String> {
+        Check::ALL.into_iter().filter(|check| !matches!(check, Check::Board)).try_for_each(
+            |check| match check {
+                // For a moment it may be less than good; it may not be none.
+                Check::Estimate if self.estimate.health == Health::Degraded => Ok(()),
+                check => self.arming_check(check, at),
+            },
+        )
+    }
+
     /// One check; the error is for people.
     pub(super) fn arming_check(&self, check: Check, at: HostTime) -> Result<(), String> {
         match check {
@@ -62,6 +114,12 @@ impl Pilot {
                 Err("no IMU data from the board".to_owned())
             }
             Check::Uwb if !is_fresh(self.last_fused, at) => Err("no UWB measurements".to_owned()),
+            Check::Uwb if self.anchors_alive(at) < self.anchors_needed() => Err(format!(
+                "{} of {} anchors heard, {} needed",
+                self.anchors_alive(at),
+                self.survey.ids().len(),
+                self.anchors_needed()
+            )),
             Check::Imu | Check::Uwb => Ok(()),
             Check::Attitude => self.check_attitude(),
             Check::Fence => self.fence_forbids().map_or(Ok(()), Err),

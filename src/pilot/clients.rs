@@ -239,7 +239,7 @@ impl Pilot {
                 self.out.message(link, OWN, &MavMessage::PING(echo));
             }
             MavMessage::COMMAND_CANCEL(m) => self.cancel(at, link, peer, m.command),
-            MavMessage::HEARTBEAT(_) => {}
+            MavMessage::HEARTBEAT(_) => self.supervisor.heard.station_at = Some(at),
             other => match reference::from_message(&other) {
                 Some(Ok(pose)) => {
                     // A ground station's clock is not ours: true when it came.

@@ -10,6 +10,7 @@ use crate::uwb::UwbConfig;
 
 use super::endpoint::{Endpoint, MOST_GROUND_LINKS, OriginConfig, Routing};
 use super::mission::Volume;
+use super::supervisor::SupervisorConfig;
 
 /// Everything the pilot core is told at start. The files layer builds it; a replay rebuilds it.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +37,8 @@ pub struct PilotConfig {
     pub flight: FlightConfig,
     /// `[limits]`
     pub limits: LimitsConfig,
+    /// `[supervisor]`
+    pub supervisor: SupervisorConfig,
     /// `[uwb]`
     pub uwb: UwbConfig,
     /// `[estimator]`
@@ -58,6 +61,7 @@ impl Default for PilotConfig {
             judge_programs: true,
             flight: FlightConfig::default(),
             limits: LimitsConfig::default(),
+            supervisor: SupervisorConfig::default(),
             uwb: UwbConfig::default(),
             estimator: EstimatorConfig::default(),
             control: ControlConfig::default(),

@@ -75,8 +75,6 @@ pub(super) struct Now<'a> {
     pub estimate: &'a Estimate,
     /// Battery voltage, if a fresh one is known, V.
     pub supply_v: Option<f64>,
-    /// Silence after which an offboard client is gone, s.
-    pub offboard_loss_s: f64,
     pub at: HostTime,
     pub dt_s: f64,
 }
@@ -242,7 +240,7 @@ impl Guidance {
     }
 
     /// Home, or the rally point that is nearer, N and E, m.
-    fn nearest_refuge_NE_m(&self, from_E_m: Vec3<E>) -> [f64; 2] {
+    pub fn nearest_refuge_NE_m(&self, from_E_m: Vec3<E>) -> [f64; 2] {
         let home = [self.home_E_m.x(), self.home_E_m.y()];
         let far = |p: &[f64; 2]| (p[0] - from_E_m.x()).hypot(p[1] - from_E_m.y());
         let all = std::iter::once(home).chain(self.rally_NE_m.iter().copied());
@@ -317,7 +315,8 @@ impl Guidance {
             }
             Mode::Land
                 if (self.is_far_from_carrot(estimate) || !self.carrot.has_arrived()) => {
-                    self.carrot = Carrot::resting(estimate.pos_E_m);
+                    // Outside of the walls it comes down inside.
+                    self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
                 }
             _ => {}
         }
@@ -330,13 +329,20 @@ impl Guidance {
         }
     }
 
+    /// Distance from the point that is held or that moves along its leg, m. `None` where the setpoint
+    /// jumps, or none is followed.
+    pub fn off_course_m(&self, estimate: &Estimate) -> Option<f64> {
+        let follows = self.leg_speed_mps < self.jump_speed_mps && self.tilt.is_none();
+        follows.then(|| (estimate.pos_E_m - self.carrot.pos_E_m).norm())
+    }
+
     fn is_far_from_carrot(&self, estimate: &Estimate) -> bool {
         (estimate.pos_E_m - self.carrot.pos_E_m).norm() > 2.0 * self.config.acceptance_radius_m
     }
 
     /// One control step: the command, and what happened.
     pub fn step(&mut self, mode: Mode, mission: &Mission, now: &Now<'_>) -> (Command, News) {
-        let Now { estimate, at, dt_s, offboard_loss_s, .. } = *now;
+        let Now { estimate, at, dt_s, .. } = *now;
         let mut news = News::default();
         match mode {
             Mode::Takeoff => {
@@ -387,19 +393,11 @@ impl Guidance {
             }
             Mode::Offboard | Mode::Manual => {
                 let manual = mode == Mode::Manual;
-                let (followed, silent) = if manual {
-                    (&self.sticks, Event::ManualSilent)
-                } else {
-                    (&self.setpoint, Event::OffboardSilent)
-                };
+                // Silence is the supervisor's matter.
+                let followed = if manual { &self.sticks } else { &self.setpoint };
                 let Some(setpoint) = followed else {
-                    news.event = Some(silent);
                     return (self.position_command(Vec3::zero()), news);
                 };
-                let age_s = at.seconds_since(setpoint.received_at);
-                if age_s > offboard_loss_s && (manual || setpoint.needs_stream()) {
-                    news.event = Some(silent);
-                }
                 let command =
                     setpoint.command(estimate, &self.envelope.volume, &mut self.yaw_rad, dt_s);
                 // Where Hold would stay.

@@ -134,6 +134,8 @@ impl Pilot {
         if record.fused {
             self.last_fused = Some(tdoa.received_at);
         }
+        self.supervisor.anchors.note(tdoa);
+        self.supervisor.evidence.note_uwb(&record);
         super::telemetry_counts::note_pair(&mut self.pairs, &record);
         self.record(|| Topic::Uwb(record));
     }
@@ -178,6 +180,7 @@ impl Pilot {
                 let dt_s = self.last_imu.map_or(0.0, |t| sample.valid_at.seconds_since(t));
                 self.touch.acc_z(sample.acc_B_mps2.z(), dt_s);
                 self.last_imu = Some(sample.valid_at);
+                self.supervisor.repetition.note(&sample);
                 self.estimator.imu(&sample);
                 self.record(|| Topic::Imu(sample));
             }
@@ -191,10 +194,13 @@ impl Pilot {
             }
             BoardNews::Battery(sample) => {
                 self.battery = Some(sample);
+                let flies = self.mode.has_thrust() && self.mode != Mode::Spool;
+                self.supervisor.discharge.note(at, sample.supply_v, flies);
                 self.record(|| Topic::Battery(sample));
             }
             BoardNews::Baro(sample) => {
                 self.estimator.baro(&sample);
+                self.watch_baro(&sample);
                 self.record(|| Topic::Baro(sample));
             }
             BoardNews::Reference(pose) => {
@@ -237,10 +243,8 @@ impl Pilot {
             }
             BoardNews::Mode(change) => self.board_mode_changed(at, change),
             BoardNews::Ignored { ignored, sent_frac, board_frac } => {
-                if !ignored {
-                    let text = "board flies our setpoints again".to_owned();
-                    self.say(at, Severity::Warning, text);
-                } else {
+                // In the air it is one of the supervisor's conditions.
+                if ignored && self.mode == Mode::Spool {
                     let text = format!(
                         "board does not fly our setpoints: thrust {board_frac:.2} in force, \
                          {sent_frac:.2} sent"
@@ -253,9 +257,9 @@ impl Pilot {
                 self.say_as_board(at, severity, &text);
             }
             BoardNews::Back { silent_s } => {
-                if silent_s > self.config.limits.board_loss_s {
-                    self.say(at, Severity::Error, format!("board was silent for {silent_s:.1} s"));
-                    self.fire(at, Event::BoardLinkLost);
+                let flies = self.mode.has_thrust() || self.mode == Mode::Yielded;
+                if silent_s > self.config.limits.board_loss_s && flies {
+                    self.supervisor.heard.board_gap_s = Some(silent_s);
                 }
             }
         }
@@ -265,11 +269,8 @@ impl Pilot {
         let firmware = self.board.firmware();
         let ours = firmware.control_mode().map_or("", |m| m.name);
         match change {
-            Change::Lost(mode) => {
-                let text = format!("board left {ours} for {}", firmware.mode_name(mode));
-                self.say(at, Severity::Critical, text);
-                self.fire(at, Event::ControlLost);
-            }
+            // One of the supervisor's conditions; at once, or one more setpoint would be sent.
+            Change::Lost(_) => self.walk_conditions(at),
             Change::CameBack(mode) => {
                 let text =
                     format!("board was in {} and came back to {ours}", firmware.mode_name(mode));

@@ -66,6 +66,9 @@ impl Pilot {
                 return;
             }
         };
+        // Whether this is an order by itself is for the supervisor to say.
+        let most = forward.abs().max(right.abs()).max(clockwise.abs());
+        self.supervisor.heard.sticks = Some((most, at));
         let speed_mps = self.config.flight.cruise_speed_mps;
         // Before the mode is entered nothing is held.
         let last = last.filter(|_| self.mode == Mode::Manual);

@@ -4,8 +4,8 @@
 //! clock and no thread. Glue calls [`Pilot::handle`] with whatever arrives and with a wake-up at
 //! [`Pilot::next_deadline`], then sends what [`Pilot::drain_output`] yields.
 //!
-//! One idea per file: `schedule` the control step and what is due beside it, `supervise` what
-//! ends a flight, `modes` the table of transitions, `guidance` what the controller is asked for,
+//! One idea per file: `schedule` the control step and what is due beside it, `supervisor` what
+//! can go wrong and what is then done, `supervise` how a flight ends, `modes` the table of transitions, `guidance` what the controller is asked for,
 //! `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
 //! what they fetch and store: parameters, plans, files and logs.
 
@@ -44,12 +44,14 @@ mod setpoint;
 mod shelf;
 mod streams;
 mod supervise;
+mod supervisor;
 mod telemetry;
 mod telemetry_counts;
 mod telemetry_estimator;
 mod telemetry_global;
 mod tilt_step;
 
+pub use arming::Check as ArmingCheck;
 pub use config::{BoardProfile, FlightConfig, LimitsConfig, PilotConfig, TagProtocol};
 pub use endpoint::{
     Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig, Routing,
@@ -58,6 +60,7 @@ pub use excitation::Doublet;
 pub use mission::{MOST_ITEMS, Mission, MissionItem, Volume};
 pub use modes::{Event, Mode, TABLE, Transition, transition};
 pub use permits::Commanders;
+pub use supervisor::{Action, CONDITIONS, Condition, Number, Reaction, SupervisorConfig, Watched};
 pub use tilt_step::{Envelope, TiltStep, stopping_m};
 
 use haltere_dialect::mav_stream::MavSplitter;
@@ -84,6 +87,7 @@ use output::{Address, Outbox};
 use services::{FileFault, Services};
 use shelf::Shelf;
 use supervise::Touch;
+use supervisor::{Descent, SteadyClock, Supervisor};
 use telemetry_counts::PairStats;
 
 /// Name of a link to the outside.
@@ -164,6 +168,9 @@ pub enum Input<'a> {
     Wake,
 }
 
+/// Every check before a flight, in its order.
+pub const ARMING_CHECKS: [ArmingCheck; 7] = ArmingCheck::ALL;
+
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
 
@@ -203,16 +210,15 @@ pub struct Pilot {
     tag_asked_at: HostTime,
     last_fused: Option<HostTime>,
     last_imu: Option<HostTime>,
+    baro_at: Option<HostTime>,
     pairs: Vec<PairStats>,
 
     board: BoardLink,
     board_splitter: MavSplitter,
     board_bytes_at: HostTime,
-    board_silence_told: bool,
     board_news: Vec<BoardNews>,
     board_attitude: Option<BoardAttitude>,
     battery: Option<BatterySample>,
-    battery_low_told: bool,
     north: BoardNorth,
 
     estimator: Estimator,
@@ -222,6 +228,10 @@ pub struct Pilot {
     health_told_at: HostTime,
     /// Height above the floor while the estimate could be trusted, m.
     last_height_m: f64,
+    /// Height at which the landing began, m.
+    land_from_m: f64,
+    /// Sinking speed at that time, m/s.
+    last_sink_mps: f64,
     /// Since when the estimate is good again in a blind descent.
     good_since: Option<HostTime>,
     controller: Controller,
@@ -233,7 +243,8 @@ pub struct Pilot {
     mode: Mode,
     mode_since: HostTime,
     touch: Touch,
-    critical_since: Option<HostTime>,
+    supervisor: Supervisor,
+    clock: SteadyClock,
     lift_off_asked: bool,
     /// What was asked for while the board flew by itself: land as soon as control is back.
     land_when_back: bool,
@@ -297,6 +308,7 @@ impl Pilot {
             tag_asked_at: at,
             last_fused: None,
             last_imu: None,
+            baro_at: None,
             pairs: Vec::new(),
             board: BoardLink::new(
                 LinkConfig {
@@ -307,17 +319,17 @@ impl Pilot {
             ),
             board_splitter: MavSplitter::new(),
             board_bytes_at: at,
-            board_silence_told: false,
             board_news: Vec::new(),
             board_attitude: None,
             battery: None,
-            battery_low_told: false,
             north: BoardNorth::new(config.board_north_offset_rad),
             estimator,
             estimate,
             health_told: Health::NotAligned,
             health_told_at: at,
             last_height_m: 0.0,
+            land_from_m: 0.0,
+            last_sink_mps: 0.0,
             good_since: None,
             controller: Controller::new(config.control.clone()),
             control: ControlRecord::default(),
@@ -327,7 +339,8 @@ impl Pilot {
             mode: Mode::Disarmed,
             mode_since: at,
             touch: Touch::default(),
-            critical_since: None,
+            supervisor: Supervisor::default(),
+            clock: SteadyClock::default(),
             lift_off_asked: false,
             land_when_back: false,
             arm_askers: Vec::new(),
@@ -360,10 +373,15 @@ impl Pilot {
         self
     }
 
-    /// Takes one event in. `at` never runs backwards; if it does, the later time holds.
+    /// Takes one event in. `at` never runs backwards; if it does, the core's own time goes on.
     pub fn handle(&mut self, at: HostTime, input: Input<'_>) {
-        let at = at.max(self.now).min(LATEST);
+        let wakes = matches!(input, Input::Wake);
+        let (at, went_back_s) = self.clock.steady(at.min(LATEST), self.now, wakes);
+        let at = at.min(LATEST);
         self.now = at;
+        if let Some(by_s) = went_back_s {
+            self.supervisor.punctuality.host_clock_went_back(by_s);
+        }
         match input {
             Input::Bytes { link: LinkId::Tag, bytes } => self.tag_bytes(at, bytes),
             Input::Bytes { link: LinkId::Board, bytes } => self.board_bytes(at, bytes),
@@ -381,7 +399,7 @@ impl Pilot {
 
     /// When the core wants to be woken next.
     pub fn next_deadline(&self) -> HostTime {
-        self.next_tick
+        self.clock.outside(self.next_tick)
     }
 
     /// Yields the bytes to send, in order, and forgets them.
@@ -493,8 +511,14 @@ impl Pilot {
 
     /// Lets an event change the mode. `false`: there is no row for it.
     fn fire(&mut self, at: HostTime, event: Event) -> bool {
+        self.fire_because(at, event, None)
+    }
+
+    /// The same for a reason that is not the row's.
+    fn fire_because(&mut self, at: HostTime, event: Event, cause: Option<Cause>) -> bool {
         let Some(row) = transition(self.mode, event) else { return false };
         let from = self.mode;
+        let cause = cause.unwrap_or_else(|| Cause::of_row(from, event, row.because));
         self.mode = row.to;
         self.mode_since = at;
         self.touch = self.touch.restarted();
@@ -502,6 +526,7 @@ impl Pilot {
         self.guidance.enter(row.to, &self.estimate, at);
         match row.to {
             Mode::Spool => {
+                self.supervisor.begin_flight(at);
                 self.controller.reset(None);
                 self.estimator.set_airborne(true);
                 self.lift_off_asked = false;
@@ -519,7 +544,16 @@ impl Pilot {
                 self.controller.reset(None);
             }
             Mode::Hold if from == Mode::Yielded => self.take_over_level(),
+            Mode::Descend => {
+                // Height and speed as they were while they could be trusted.
+                let height_m = self.height_to_descend_from_m();
+                let sink_mps = if self.imu_is_alive(at) { self.last_sink_mps } else { 0.0 };
+                self.supervisor.descent = Descent::begin(height_m, sink_mps);
+                self.supervisor.descents += 1;
+            }
+            Mode::Land => self.land_from_m = self.height_above_floor_m().max(0.0),
             Mode::Disarmed => {
+                self.supervisor.end_flight();
                 self.estimator.set_airborne(false);
                 self.call_off_lift_off();
                 if event == Event::ArmFailed {
@@ -535,18 +569,10 @@ impl Pilot {
                 at,
                 mode: row.to.name(),
                 armed,
-                cause: row.because.to_owned(),
+                cause: cause.because.to_owned(),
             })
         });
-        let severity = match event {
-            Event::UwbLost | Event::BatteryCritical | Event::BoardLinkLost | Event::ControlLost => {
-                Severity::Critical
-            }
-            Event::EstimateLost => Severity::Emergency,
-            Event::NotLifted | Event::SetpointsIgnored => Severity::Error,
-            _ => Severity::Info,
-        };
-        self.tell_transition(at, (from, event, row.to), severity, row.because);
+        self.tell_transition(at, from, row.to, cause);
         true
     }
 
@@ -596,6 +622,24 @@ impl Pilot {
             telemetry::send_text(&mut self.out, ground.link, severity as u8, &text, self.text_id);
         }
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
+    }
+}
+
+/// Why a mode changed: the words, how grave it is, and the number for events.
+#[derive(Debug, Clone, Copy)]
+struct Cause {
+    because: &'static str,
+    severity: Severity,
+    number: u8,
+}
+
+impl Cause {
+    fn of_row(from: Mode, event: Event, because: &'static str) -> Self {
+        let severity = match event {
+            Event::NotLifted | Event::SetpointsIgnored => Severity::Error,
+            _ => Severity::Info,
+        };
+        Self { because, severity, number: services::cause_number(from, event) }
     }
 }
 

@@ -1,7 +1,10 @@
 //! Modes and the table of their transitions.
 //!
 //! Every change of mode is a row of [`TABLE`]. An event that has no row for the mode in force
-//! changes nothing.
+//! changes nothing. What the supervisor orders comes in as one event for each reaction; which condition of
+//! its list orders it is told as the reason.
+
+use super::supervisor::Reaction;
 
 /// What the vehicle is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -154,12 +157,8 @@ pub enum Event {
     MissionDone,
     /// A client asks for its setpoints to be followed and they arrive.
     OffboardAsked,
-    /// The client's setpoints stopped.
-    OffboardSilent,
     /// A client asks to fly by its joystick, which speaks.
     ManualAsked,
-    /// The joystick fell silent.
-    ManualSilent,
     /// A client or the mission asks to come back.
     ReturnAsked,
     /// Over the place of take-off.
@@ -170,19 +169,11 @@ pub enum Event {
     TouchDown,
     /// Armed on the floor for too long.
     IdleTooLong,
-    /// UWB measurements stopped.
-    UwbLost,
-    /// The estimate is not usable any more.
-    EstimateLost,
     /// The estimate has been good again for a while.
     EstimateBack,
-    /// The battery is empty.
-    BatteryCritical,
-    /// The board went silent and came back, or lost power.
-    BoardLinkLost,
-    /// The board left the mode in which it obeys.
-    ControlLost,
-    /// It is in that mode again.
+    /// Conditions of the supervisor's list hold, and this is the hardest reaction to them.
+    Ordered(Reaction),
+    /// The board is in the mode again in which it obeys.
     ControlBack,
     /// The board does not fly what it is sent.
     SetpointsIgnored,
@@ -225,6 +216,9 @@ const ANY_ARMED: &[Mode] = &[
     M::Disarming,
 ];
 
+/// Stands for the reason of the condition, which is told instead.
+const SUPERVISOR: &str = "by the supervisor";
+
 /// One row: from any of these modes, on this event, to this mode, for this reason.
 pub struct Transition {
     /// Modes in which the row holds.
@@ -254,10 +248,7 @@ pub static TABLE: &[Transition] = &[
     row(&[M::Spool], Ev::LandAsked, M::Disarming, "landing asked on the floor"),
     row(&[M::Spool], Ev::HoldAsked, M::Disarming, "hold asked on the floor"),
     // The floor still carries the vehicle: nothing has to be landed.
-    row(&[M::Spool], Ev::UwbLost, M::Disarming, "no UWB measurements"),
-    row(&[M::Spool], Ev::EstimateLost, M::Disarming, "no usable estimate"),
-    row(&[M::Spool], Ev::BatteryCritical, M::Disarming, "battery empty"),
-    row(&[M::Spool], Ev::BoardLinkLost, M::Disarming, "board was silent"),
+    row(&[M::Idle, M::Spool], Ev::Ordered(Reaction::Disarm), M::Disarming, SUPERVISOR),
     row(&[M::Takeoff], Ev::HeightReached, M::Hold, "take-off height reached"),
     row(&[M::Takeoff], Ev::HeightReachedWithMission, M::Mission, "take-off height reached"),
     row(&[M::Takeoff], Ev::NotLifted, M::Land, "take-off failed: not enough thrust"),
@@ -267,24 +258,37 @@ pub static TABLE: &[Transition] = &[
     row(CALM, Ev::MissionAsked, M::Mission, "mission asked"),
     row(&[M::Mission], Ev::MissionDone, M::Hold, "mission done"),
     row(CALM, Ev::OffboardAsked, M::Offboard, "offboard asked"),
-    row(&[M::Offboard], Ev::OffboardSilent, M::Hold, "setpoints stopped"),
     row(CALM, Ev::ManualAsked, M::Manual, "joystick asked"),
-    row(&[M::Manual], Ev::ManualSilent, M::Hold, "joystick silent"),
     row(AIR, Ev::ReturnAsked, M::Return, "return asked"),
     row(&[M::Return], Ev::HomeReached, M::Land, "over home"),
     row(LANDABLE, Ev::LandAsked, M::Land, "landing asked"),
-    row(LANDABLE, Ev::UwbLost, M::Land, "no UWB measurements"),
-    row(LANDABLE, Ev::BatteryCritical, M::Land, "battery empty"),
-    row(LANDABLE, Ev::BoardLinkLost, M::Land, "board was silent"),
-    row(FLYING, Ev::EstimateLost, M::Descend, "no usable estimate"),
-    row(&[M::Idle, M::Spool], Ev::ControlLost, M::Disarming, "board left our mode on the floor"),
+    row(
+        &[M::Hold, M::Goto, M::Mission, M::Offboard, M::Return],
+        Ev::Ordered(Reaction::TakeOver),
+        M::Manual,
+        SUPERVISOR,
+    ),
+    row(
+        &[M::Takeoff, M::Goto, M::Mission, M::Offboard, M::Manual],
+        Ev::Ordered(Reaction::Hold),
+        M::Hold,
+        SUPERVISOR,
+    ),
+    row(
+        &[M::Takeoff, M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual],
+        Ev::Ordered(Reaction::Return),
+        M::Return,
+        SUPERVISOR,
+    ),
+    row(LANDABLE, Ev::Ordered(Reaction::Land), M::Land, SUPERVISOR),
+    row(FLYING, Ev::Ordered(Reaction::Descend), M::Descend, SUPERVISOR),
     row(
         &[M::Spool],
         Ev::SetpointsIgnored,
         M::Disarming,
         "board does not give the thrust it is sent",
     ),
-    row(FLYING_OR_DESCENDING, Ev::ControlLost, M::Yielded, "board flies in a mode of its own"),
+    row(FLYING_OR_DESCENDING, Ev::Ordered(Reaction::Yield), M::Yielded, SUPERVISOR),
     row(&[M::Yielded], Ev::ControlBack, M::Hold, "board obeys again"),
     row(&[M::Descend], Ev::EstimateBack, M::Land, "estimate is back"),
     row(&[M::Land, M::Descend], Ev::TouchDown, M::Disarming, "on the floor"),
@@ -313,32 +317,17 @@ mod tests {
     }
 
     #[test]
-    fn prop_a_lost_estimate_ends_every_mode_with_thrust() {
-        for mode in ALL.into_iter().filter(|m| m.has_thrust() && *m != M::Descend) {
-            // Before lift-off the floor is already there.
-            let end = if mode == M::Spool { M::Disarming } else { M::Descend };
-            assert_eq!(transition(mode, Ev::EstimateLost).map(|r| r.to), Some(end), "{mode:?}");
-        }
-    }
-
-    #[test]
-    fn prop_every_loss_ends_every_flight() {
-        for mode in ALL.into_iter().filter(|m| m.has_thrust()) {
-            for loss in [Ev::UwbLost, Ev::BatteryCritical, Ev::BoardLinkLost] {
-                let ends = matches!(mode, M::Land | M::Descend)
-                    || transition(mode, loss)
-                        .is_some_and(|r| matches!(r.to, M::Land | M::Disarming));
-                assert!(ends, "{mode:?} on {loss:?}");
+    fn prop_every_order_of_the_supervisor_is_followed() {
+        for mode in ALL {
+            for reaction in Reaction::ALL.into_iter().map(|r| r.in_mode(mode)) {
+                let to = transition(mode, Ev::Ordered(reaction)).map(|r| r.to);
+                if reaction <= Reaction::Tell {
+                    assert_eq!(to, None, "{mode:?}");
+                } else {
+                    let to = to.unwrap_or_else(|| panic!("{mode:?} on {reaction:?}"));
+                    assert_eq!(Reaction::of_mode(to), reaction, "{mode:?}");
+                }
             }
-        }
-    }
-
-    #[test]
-    fn prop_a_board_that_leaves_our_mode_is_not_fought() {
-        for mode in ALL.into_iter().filter(|m| m.has_thrust() || *m == M::Idle) {
-            let end = transition(mode, Ev::ControlLost).map(|r| r.to);
-            let floor = matches!(mode, M::Idle | M::Spool);
-            assert_eq!(end, Some(if floor { M::Disarming } else { M::Yielded }), "{mode:?}");
         }
         assert!(!M::Yielded.has_thrust() && !M::Yielded.is_flying());
     }

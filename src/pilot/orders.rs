@@ -134,6 +134,13 @@ impl Pilot {
 
     /// Asks for an event; modes in `already` count as granted.
     pub(super) fn ask(&mut self, at: HostTime, event: Event, already: &[Mode]) -> Answer {
+        if let Some(why) = self.forbids(event).filter(|_| !already.contains(&self.mode)) {
+            let what = wish(event);
+            return refuse(
+                MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
+                format!("{what} refused: {why}"),
+            );
+        }
         if already.contains(&self.mode) || self.fire(at, event) {
             return Ok(MavResult::MAV_RESULT_ACCEPTED);
         }
@@ -146,16 +153,7 @@ impl Pilot {
             self.call_off_lift_off();
             return Ok(MavResult::MAV_RESULT_ACCEPTED);
         }
-        let what = match event {
-            Event::GotoAsked => "flying to a point",
-            Event::MissionAsked => "mission",
-            Event::OffboardAsked => "offboard",
-            Event::ManualAsked => "flying by joystick",
-            Event::ReturnAsked => "return",
-            Event::HoldAsked => "hold",
-            Event::LandAsked => "landing",
-            _ => "this",
-        };
+        let what = wish(event);
         let mode = self.mode.name();
         let hint = if self.mode.has_thrust() { "" } else { ": take off first" };
         refuse(
@@ -408,5 +406,19 @@ impl Pilot {
             self.guidance.fly_to(point, yaw_rad);
         }
         Ok(answer)
+    }
+}
+
+/// What a client asks for, in words.
+fn wish(event: Event) -> &'static str {
+    match event {
+        Event::GotoAsked => "flying to a point",
+        Event::MissionAsked => "mission",
+        Event::OffboardAsked => "offboard",
+        Event::ManualAsked => "flying by joystick",
+        Event::ReturnAsked => "return",
+        Event::HoldAsked => "hold",
+        Event::LandAsked => "landing",
+        _ => "this",
     }
 }

@@ -25,19 +25,6 @@ const LIFTED_M: f64 = 0.15;
 const SPOOL_MARGIN_S: f64 = 0.3;
 /// The board has this long after that to show the thrust it was sent, s.
 const SPOOL_WAIT_S: f64 = 1.5;
-/// Share of the base thrust in an open-loop descent. With a vertical drag of 0.65 to 1 1/s
-/// (VEHICLE.md) a deficit of 8 % sinks at 0.8 to 1.2 m/s.
-const DESCEND_SHARE: f64 = 0.92;
-/// Speed of that descent for working out when the floor must have come, m/s: slower than it is,
-/// because a cut too early is a fall and one too late costs seconds on the floor.
-const DESCEND_SPEED_MPS: f64 = 0.5;
-/// Time in which it gathers speed, s.
-const DESCEND_START_S: f64 = 1.5;
-/// Longest open-loop descent, s.
-const DESCEND_LIMIT_S: f64 = 12.0;
-/// Near the floor the ground effect can carry a small deficit. In the end thrust goes down to
-/// nothing within this time, s.
-const DESCEND_FADE_S: f64 = 2.0;
 /// A voltage older than this says nothing about the present one, s.
 const BATTERY_AGE_S: f64 = 5.0;
 /// A board attitude older than this is not compared with ours, s.
@@ -60,7 +47,11 @@ impl Pilot {
         let ahead_us =
             CONTROL_PERIOD_US.cast_unsigned() - late_us % CONTROL_PERIOD_US.cast_unsigned();
         self.next_tick = at.offset_us(ahead_us.cast_signed());
-        let dt_s = self.last_tick.map_or(0.01, |t| at.seconds_since(t)).clamp(0.001, 0.05);
+        let pause_s = self.last_tick.map_or(0.01, |t| at.seconds_since(t));
+        let dt_s = pause_s.clamp(0.001, 0.05);
+        let longest_s = self.config.supervisor.loop_gap_s;
+        self.supervisor.punctuality.step(pause_s, late_s > MISS_S, longest_s);
+        self.supervisor.punctuality.board_clock(at, self.board.clock().restarts());
         self.last_tick = Some(at);
         self.control_steps += 1;
 
@@ -69,6 +60,9 @@ impl Pilot {
         self.estimate = self.estimator.estimate();
         self.watch_health(at);
         self.follow_north(at, dt_s);
+        self.watch_lift(dt_s);
+        let remedies = self.estimator.counts().remedies;
+        self.supervisor.evidence.note_remedies(at, remedies);
         self.supervise(at);
         self.control_step(at, dt_s);
         self.record_step(at);
@@ -134,31 +128,21 @@ impl Pilot {
                 let command = self.stay_command();
                 let output = self.run_controller(at, &command, dt_s, true, None);
                 self.control = output.record;
-                let elapsed_s = at.seconds_since(self.mode_since);
-                // Height as it was while it could be trusted.
-                let sink_s = self.last_height_m.max(0.0) / DESCEND_SPEED_MPS + DESCEND_START_S;
-                let sink_s = sink_s.min(DESCEND_LIMIT_S);
-                let fade = 1.0 - ((elapsed_s - sink_s) / DESCEND_FADE_S).max(0.0);
-                if fade <= 0.0 || !fade.is_finite() {
+                let Some(share) = self.supervisor.descent.step(dt_s) else {
                     self.fire(at, Event::TouchDown);
                     self.send_idle(at);
                     return;
-                }
+                };
                 // Level in the board's own frame: our attitude is what cannot be trusted.
                 let yaw_rad = self.board_attitude.map_or(0.0, |a| a.attitude.yaw_rad());
                 let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
-                let thrust_frac = self.hover_thrust_frac() * DESCEND_SHARE * fade;
+                let thrust_frac = self.hover_thrust_frac() * share;
+                let thrust_frac = thrust_frac.min(self.touch.ceiling_frac.unwrap_or(1.0));
                 self.control.thrust_frac = thrust_frac;
                 self.board.send_setpoint(at, level, thrust_frac, &mut self.out);
             }
             _ => {
-                let now = Now {
-                    estimate: &self.estimate,
-                    supply_v: self.supply_v(at),
-                    offboard_loss_s: self.config.limits.offboard_loss_s,
-                    at,
-                    dt_s,
-                };
+                let now = Now { estimate: &self.estimate, supply_v: self.supply_v(at), at, dt_s };
                 let (mut command, news) = self.guidance.step(self.mode, &self.mission, &now);
                 self.keep_inside_fence(at, &mut command);
                 // Nor while the board flies something else.
@@ -222,6 +206,7 @@ impl Pilot {
         let calm = !matches!(self.mode, Mode::Takeoff | Mode::Land);
         let observable = !disturbed
             && calm
+            && !self.estimate_is_contradicted(at)
             && estimate.health == Health::Good
             && self.height_above_floor_m() > hover::CLEAR_M
             && vel_down_mps.abs() < hover::SLOW_MPS

@@ -1,15 +1,16 @@
-//! What ends a flight. What must hold before one begins is in `arming`.
+//! How a flight begins and ends: the last look before the take-off, the way to the floor, how it is told,
+//! and disarming. What goes wrong in between is the `supervisor`'s; what must hold before arming is in
+//! `arming`.
 
 use crate::estimate::Health;
 use crate::frames::G_MPS2;
+use crate::measure::BaroSample;
 use crate::time::HostTime;
 
 use super::modes::{Event, Mode};
 use super::schedule::CONTROL_PERIOD_US;
 use super::{Pilot, Severity};
 
-/// Voltage must be below its limit for this long, s: sag under a throttle step is not empty.
-const CRITICAL_FOR_S: f64 = 2.0;
 /// No touch-down is looked for right after the landing began, s.
 const TOUCH_NOT_BEFORE_S: f64 = 1.0;
 /// Sinking slower than this share of what is asked is a reason to feel for the floor …
@@ -36,10 +37,15 @@ const FEEL_AGAIN_S: f64 = 0.5;
 /// The floor is expected below this height by the estimate, m: near it multipath biases the height
 /// by up to half a metre (INTERFACES.md section 1; 0.5 m seen in lockstep).
 const TOUCH_BELOW_M: f64 = 0.8;
-/// IMU silence that ends position control, s: 50 samples.
-const IMU_SILENCE_S: f64 = 0.2;
+/// An estimate is back only where UWB is as new as this, s.
+const UWB_BACK_S: f64 = 0.5;
 /// The estimate must be good for this long before a blind descent becomes a landing again, s.
 const BACK_FOR_S: f64 = 0.3;
+/// After each descent of a flight it must be good for so many times longer.
+const BACK_GROWTH: f64 = 3.0;
+/// A landing that has taken this much longer than it should stands on the floor and leans against the wind,
+/// or its estimate is wrong, s: the floor is felt for whatever speed and thrust say.
+const OVERDUE_S: f64 = 5.0;
 /// A board that refuses to disarm on the floor is forced after this time without thrust, s.
 const FORCE_AFTER_S: f64 = 3.0;
 /// People are told that a board does not disarm after this time, s …
@@ -77,65 +83,89 @@ impl Touch {
 
 impl Pilot {
     pub(super) fn supervise(&mut self, at: HostTime) {
-        self.watch_battery(at);
-        self.watch_board(at);
+        // The board was never seen armed, or its heartbeat came before we asked: nothing is left
+        // to wait for.
+        if self.mode == Mode::Disarming && !self.board.is_armed() && !self.board.is_commanding() {
+            self.fire(at, Event::BoardDisarmed);
+        }
         if self.mode == Mode::Idle {
             if self.lift_off_asked {
-                self.lift_off_asked = false;
-                self.fire(at, Event::LiftOffAsked);
+                self.lift_off(at);
             } else if at.seconds_since(self.mode_since) > self.config.flight.idle_disarm_s {
                 self.fire(at, Event::IdleTooLong);
             }
         }
+        self.walk_conditions(at);
         if !self.mode.has_thrust() {
             return;
         }
-        let older = |t: Option<HostTime>, limit_s| t.is_none_or(|t| at.seconds_since(t) > limit_s);
-        let imu_silent = older(self.last_imu, IMU_SILENCE_S);
-        let uwb_silent = older(self.last_fused, self.config.limits.uwb_loss_land_s);
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
-        if imu_silent || !usable {
-            self.fire(at, Event::EstimateLost);
-        } else {
-            self.last_height_m = self.height_above_floor_m();
-        }
-        if uwb_silent {
-            self.fire(at, Event::UwbLost);
-        }
         match self.mode {
             Mode::Land => self.watch_touch_down(at),
-            Mode::Descend => {
-                if imu_silent || uwb_silent || self.estimate.health != Health::Good {
-                    self.good_since = None;
-                } else if at.seconds_since(*self.good_since.get_or_insert(at)) > BACK_FOR_S {
-                    self.fire(at, Event::EstimateBack);
-                }
-            }
+            Mode::Descend => self.watch_descent(at),
             _ => {}
+        }
+        // What a descent begins with is what was known before anything was wrong.
+        if usable && self.mode != Mode::Descend {
+            self.last_height_m = self.height_above_floor_m();
+            self.last_sink_mps = self.estimate.vel_E_mps().z();
+        }
+    }
+
+    /// Nothing takes off with an estimate that is none, however long ago the vehicle was armed.
+    fn lift_off(&mut self, at: HostTime) {
+        self.lift_off_asked = false;
+        if let Err(why) = self.may_lift_off(at) {
+            self.guidance.mission_waits = false;
+            self.say(at, Severity::Error, format!("take-off refused: {why}"));
+            return;
+        }
+        self.fire(at, Event::LiftOffAsked);
+    }
+
+    /// In a descent without an estimate: whether the floor is there, and whether the estimate is back.
+    fn watch_descent(&mut self, at: HostTime) {
+        let fresh = self.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_BACK_S);
+        if self.needs_descent() || !fresh || self.estimate.health != Health::Good {
+            self.good_since = None;
+        } else if at.seconds_since(*self.good_since.get_or_insert(at)) > self.back_for_s() {
+            self.fire(at, Event::EstimateBack);
+            return;
+        }
+        if self.imu_is_alive(at) {
+            let low = self.supervisor.descent.is_low();
+            self.feel_for_floor(at, low, TOUCH_FOR_S, None);
+        } else {
+            self.touch = self.touch.restarted();
+        }
+    }
+
+    /// How long an estimate must be good to be flown on again, s: what comes and goes would otherwise keep
+    /// the vehicle in the air for ever.
+    fn back_for_s(&self) -> f64 {
+        BACK_FOR_S * BACK_GROWTH.powi((self.supervisor.descents - 1).clamp(0, 6))
+    }
+
+    /// Air pressure for whoever does not trust the estimate.
+    pub(super) fn watch_baro(&mut self, sample: &BaroSample) {
+        let standing = !self.mode.has_thrust() && self.mode != Mode::Yielded;
+        if standing && self.estimate.health == Health::NotAligned {
+            return;
+        }
+        let on_floor_at_m = standing.then(|| -self.estimate.pos_E_m.z());
+        let dt_s = self.baro_at.map_or(0.0, |t| sample.valid_at.seconds_since(t));
+        self.baro_at = Some(sample.valid_at);
+        let height_m = self.supervisor.evidence.note_baro(sample, on_floor_at_m);
+        if self.mode == Mode::Descend
+            && let Some(height_m) = height_m
+        {
+            self.supervisor.descent.baro(height_m, dt_s);
         }
     }
 
     /// Height of the landing gear above the floor by the estimate, m.
     pub(super) fn height_above_floor_m(&self) -> f64 {
         -self.estimate.pos_E_m.z() - self.config.flight.gear_height_m
-    }
-
-    fn watch_board(&mut self, at: HostTime) {
-        let silent_s = self.board.silence_s(at).unwrap_or(0.0);
-        if silent_s < self.config.limits.board_loss_s {
-            self.board_silence_told = false;
-        } else if !self.board_silence_told {
-            self.board_silence_told = true;
-            let text = format!("board silent for {silent_s:.1} s");
-            let severity =
-                if self.mode.has_thrust() { Severity::Critical } else { Severity::Warning };
-            self.say(at, severity, text);
-        }
-        // The board was never seen armed, or its heartbeat came before we asked: nothing is left
-        // to wait for.
-        if self.mode == Mode::Disarming && !self.board.is_armed() && !self.board.is_commanding() {
-            self.fire(at, Event::BoardDisarmed);
-        }
     }
 
     /// The board refuses to disarm, or does not answer. Motors have no thrust by our setpoints;
@@ -181,23 +211,6 @@ impl Pilot {
         self.say(at, severity, text);
     }
 
-    fn watch_battery(&mut self, at: HostTime) {
-        let Some(battery) = self.battery else { return };
-        if battery.supply_v < self.config.limits.battery_low_v && !self.battery_low_told {
-            self.battery_low_told = true;
-            let text = format!("battery low: {:.2} V", battery.supply_v);
-            self.say(at, Severity::Warning, text);
-        }
-        if battery.supply_v < self.config.limits.battery_critical_v {
-            let since = *self.critical_since.get_or_insert(at);
-            if at.seconds_since(since) > CRITICAL_FOR_S {
-                self.fire(at, Event::BatteryCritical);
-            }
-        } else {
-            self.critical_since = None;
-        }
-    }
-
     /// Height and speed near the floor are biased by multipath, so the floor is told by what it
     /// does: it carries. When the vehicle seems to sink too slowly, thrust is taken away; in the
     /// air the accelerometer shows at once that it falls, on the floor it shows nothing.
@@ -206,25 +219,39 @@ impl Pilot {
         // late where that is smaller, and felt for in mid-air where a load had been set down (X2).
         let base_frac = self.control.thrust_base_frac;
         let sink_mps = self.estimate.vel_E_mps().z();
+        let light = self.control.thrust_frac < TOUCH_THRUST_SHARE * base_frac;
+        let slow = sink_mps < TOUCH_SPEED_SHARE * self.config.flight.land_slow_speed_mps;
+        let low = self.height_above_floor_m() < TOUCH_BELOW_M;
+        let for_s = if low { TOUCH_FOR_S } else { TOUCH_ANYWHERE_FOR_S };
+        let flight = &self.config.flight;
+        let longest_s = self.land_from_m / flight.land_slow_speed_mps.max(0.05) + OVERDUE_S;
+        if at.seconds_since(self.mode_since) > longest_s {
+            self.feel_for_floor(at, true, TOUCH_FOR_S, None);
+        } else {
+            self.feel_for_floor(at, light && slow, for_s, Some(sink_mps));
+        }
+    }
+
+    /// Takes thrust away as soon as there has been a reason for so long. `sink_mps`: where it is known.
+    fn feel_for_floor(&mut self, at: HostTime, reason: bool, for_s: f64, sink_mps: Option<f64>) {
+        let base_frac = self.control.thrust_base_frac;
         let Some(ceiling_frac) = self.touch.ceiling_frac else {
-            let light = self.control.thrust_frac < TOUCH_THRUST_SHARE * base_frac;
-            let slow = sink_mps < TOUCH_SPEED_SHARE * self.config.flight.land_slow_speed_mps;
-            let low = self.height_above_floor_m() < TOUCH_BELOW_M;
             let early = at.seconds_since(self.mode_since) < TOUCH_NOT_BEFORE_S
                 || self.touch.fell_at.is_some_and(|t| at.seconds_since(t) < FEEL_AGAIN_S);
-            let for_s = if low { TOUCH_FOR_S } else { TOUCH_ANYWHERE_FOR_S };
-            if early || !(light && slow) {
+            if early || !reason {
                 self.touch.since = None;
             } else if at.seconds_since(*self.touch.since.get_or_insert(at)) > for_s {
                 self.touch.ceiling_frac = Some(self.control.thrust_frac);
             }
             return;
         };
+        let fast_mps = 2.0 * self.config.flight.land_slow_speed_mps;
         let falls = self.touch.acc_z_mps2 > FALLING_MPS2 - G_MPS2
-            || sink_mps > 2.0 * self.config.flight.land_slow_speed_mps;
+            || sink_mps.is_some_and(|sink_mps| sink_mps > fast_mps);
         if falls {
             self.touch = self.touch.restarted();
             self.touch.fell_at = Some(at);
+            self.supervisor.descent.floor_not_found();
         } else if ceiling_frac < FEEL_SHARE * base_frac {
             self.fire(at, Event::TouchDown);
         } else {

@@ -266,6 +266,7 @@ impl Pilot {
         let charged = self.battery.is_some_and(|b| b.supply_v >= self.config.limits.battery_low_v);
         health.set(S::MAV_SYS_STATUS_SENSOR_BATTERY, charged);
         health.set(S::MAV_SYS_STATUS_AHRS, self.estimate.health == Health::Good);
+        health.remove(self.supervisor.unhealthy());
         let ready = self.mode != Mode::Disarmed || self.may_arm(self.now).is_ok();
         health.set(S::MAV_SYS_STATUS_PREARM_CHECK, ready);
         MavMessage::SYS_STATUS(SYS_STATUS_DATA {
@@ -313,7 +314,8 @@ impl Pilot {
             battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_ALL,
             mavtype: MavBatteryType::MAV_BATTERY_TYPE_LIPO,
             battery_remaining: self.remaining_percent(),
-            time_remaining: 0,
+            // 0: not known.
+            time_remaining: self.battery_left_s().map_or(0, |s| (s.min(86_400.0) as i32).max(1)),
             charge_state: if battery.supply_v < self.config.limits.battery_critical_v {
                 MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_CRITICAL
             } else if battery.supply_v < self.config.limits.battery_low_v {

@@ -1,9 +1,10 @@
-//! Pages that are made from the code itself: modes and messages. Tests hold the committed pages to it;
+//! Pages that are made from the code itself: modes, supervision and messages. Tests hold the committed pages to it;
 //! `HALTERE_REWRITE_GOLDENS=1 cargo test --lib page_is` writes them anew.
 
 pub mod commands;
 pub mod messages;
 pub mod modes;
+pub mod safety;
 
 #[cfg(test)]
 pub(crate) fn check_page(name: &str, page: &str) {

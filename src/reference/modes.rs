@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use crate::pilot::{Event, Mode, TABLE};
+use crate::pilot::{Event, Mode, Reaction, TABLE};
 
 fn mode_words(mode: Mode) -> &'static str {
     match mode {
@@ -19,7 +19,9 @@ fn mode_words(mode: Mode) -> &'static str {
         Mode::Manual => "Follows a joystick, and stays where it is let go.",
         Mode::Return => "Flies back over the place of take-off, then lands.",
         Mode::Land => "Sinks under position control until the floor.",
-        Mode::Descend => "Sinks level with reduced thrust because there is no usable estimate.",
+        Mode::Descend => {
+            "Sinks level, on thrust model and barometer, because there is no usable estimate."
+        }
         Mode::Yielded => {
             "The board flies in a mode of its own; nothing is sent that it could take for our will."
         }
@@ -44,22 +46,23 @@ fn event_words(event: Event) -> &'static str {
         Event::MissionAsked => "a client asks for the mission",
         Event::MissionDone => "the mission's last item is done, in the air",
         Event::OffboardAsked => "a client asks for its setpoints to be followed, and they arrive",
-        Event::OffboardSilent => "the client's setpoints stop (`limits.offboard_loss_s`)",
         Event::ManualAsked => "a client asks to fly by its joystick, which speaks",
-        Event::ManualSilent => "the joystick falls silent",
         Event::ReturnAsked => "a client or the mission asks to come back",
         Event::HomeReached => "over the place of take-off",
         Event::LandAsked => "a client or the mission asks to land",
         Event::TouchDown => "the floor carries the vehicle",
         Event::IdleTooLong => "armed on the floor for too long (`flight.idle_disarm_s`)",
-        Event::UwbLost => "UWB measurements stop (`limits.uwb_loss_land_s`)",
-        Event::EstimateLost => "the estimate is not usable any more",
         Event::EstimateBack => "the estimate has been good again for a while",
-        Event::BatteryCritical => "the battery is empty (`limits.battery_critical_v`)",
-        Event::ControlLost => "the board leaves the mode in which it obeys",
         Event::ControlBack => "the board is in that mode again",
         Event::SetpointsIgnored => "the board does not fly what it is sent",
-        Event::BoardLinkLost => "the board goes silent and comes back, or loses power",
+        Event::Ordered(Reaction::TakeOver) => "the supervisor orders: manual",
+        Event::Ordered(Reaction::Hold) => "the supervisor orders: hold",
+        Event::Ordered(Reaction::Return) => "the supervisor orders: return",
+        Event::Ordered(Reaction::Land) => "the supervisor orders: land",
+        Event::Ordered(Reaction::Descend) => "the supervisor orders: descend",
+        Event::Ordered(Reaction::Yield) => "the supervisor finds that the board flies by itself",
+        Event::Ordered(Reaction::Disarm) => "the supervisor orders: motors off",
+        Event::Ordered(Reaction::Nothing | Reaction::Tell) => "nothing",
     }
 }
 
@@ -69,7 +72,8 @@ pub fn page() -> String {
         "# Modes\n\n\
          Generated from `pilot::TABLE`; do not edit. Every change of mode is a row of the last table; an \
          event without a row for the mode in force changes nothing. A change is told as STATUSTEXT with \
-         its reason, and stands in the log under `/mode`.\n\n\
+         its reason, and stands in the log under `/mode`. What the supervisor orders and why is in \
+         [SAFETY.md](SAFETY.md); the condition's own reason is told then.\n\n\
          ## Modes\n\n\
          `custom_mode` is PX4's, main mode << 16 with sub mode << 24, which most clients decode.\n\n\
          | mode | | thrust | position loop | custom_mode |\n|---|---|---|---|---|\n",

@@ -11,6 +11,7 @@ mod landing;
 mod news;
 mod programs;
 mod services;
+mod supervisor;
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavResult};
 

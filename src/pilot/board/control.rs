@@ -52,6 +52,11 @@ impl Control {
         self.away_since.is_some()
     }
 
+    /// Whether it has been away for longer than the grace.
+    pub fn is_lost(&self) -> bool {
+        self.lost
+    }
+
     /// Whether setpoints should stream because the mode is being asked for.
     pub fn is_retaking(&self) -> bool {
         self.retake.is_some()

@@ -247,6 +247,21 @@ impl BoardLink {
         !self.control.is_away() && !self.target.is_ignored()
     }
 
+    /// Whether it has been in another mode than ours for longer than its grace.
+    pub fn has_lost_control(&self) -> bool {
+        self.control.is_lost()
+    }
+
+    /// Whether it is known not to fly what it is sent.
+    pub fn ignores_setpoints(&self) -> bool {
+        self.target.is_ignored()
+    }
+
+    /// Thrust that was sent, and the one that it says is in force.
+    pub fn thrust_sent_and_in_force(&self) -> [f64; 2] {
+        [self.target.sent_thrust_frac(), self.target.board_thrust_frac]
+    }
+
     /// Whether thrust that was sent has come back in its ATTITUDE_TARGET; always for a board that has
     /// none.
     pub fn shows_our_thrust(&self, at: HostTime) -> bool {

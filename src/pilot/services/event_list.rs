@@ -9,6 +9,7 @@ use super::super::OWN;
 use super::super::arming::Check;
 use super::super::identity::SHOWN_MODES;
 use super::super::modes::{Event as Cause, Mode, TABLE};
+use super::super::supervisor::CONDITIONS;
 
 /// Numbers of events.
 pub const MODE_CHANGED: u32 = 1;
@@ -16,6 +17,10 @@ pub const MODE_CHANGED: u32 = 1;
 pub const ARMING_SUMMARY: u32 = 2;
 /// Numbers of events.
 pub const HEALTH_SUMMARY: u32 = 3;
+/// Numbers of events.
+pub const CONDITION_BEGINS: u32 = 4;
+/// Numbers of events.
+pub const CONDITION_ENDS: u32 = 5;
 /// Number of the first check's event; the others follow in the order of [`Check::ALL`].
 pub const FIRST_CHECK: u32 = 16;
 
@@ -44,7 +49,7 @@ pub fn mode_number(mode: Mode) -> u8 {
     Mode::ALL.iter().position(|m| *m == mode).unwrap_or(0) as u8
 }
 
-/// Number of a row of the table of modes as an argument.
+/// Number of a row of the table of modes as an argument. The conditions of the supervisor follow.
 pub fn cause_number(from: Mode, on: Cause) -> u8 {
     TABLE.iter().position(|row| row.on == on && row.from.contains(&from)).unwrap_or(0) as u8
 }
@@ -83,7 +88,10 @@ pub fn json() -> Value {
     let choices = SHOWN_MODES.iter().enumerate();
     let groups: Map<String, Value> =
         choices.clone().map(|(i, m)| (i.to_string(), json!([m.mode.custom_mode()]))).collect();
-    let causes: Vec<String> = (0..TABLE.len()).map(|n| format!("cause_{n}")).collect();
+    let causes: Vec<String> =
+        (0..TABLE.len() + CONDITIONS.len()).map(|n| format!("cause_{n}")).collect();
+    let reasons =
+        || TABLE.iter().map(|row| row.because).chain(CONDITIONS.iter().map(|row| row.because));
     let check_events: Map<String, Value> = checks()
         .zip(FIRST_CHECK..)
         .map(|(check, number)| {
@@ -126,10 +134,17 @@ pub fn json() -> Value {
                 },
                 "cause_t": {
                     "type": "uint8_t",
-                    "description": "Why a mode changed: rows of docs/MODES.md",
+                    "description": "Why a mode changed: rows of docs/MODES.md, then conditions of docs/SAFETY.md",
                     "entries": entries(
-                        (0..).zip(TABLE).zip(&causes)
-                            .map(|((n, row), name)| (n, name.as_str(), row.because)),
+                        (0..).zip(reasons()).zip(&causes)
+                            .map(|((n, because), name)| (n, name.as_str(), because)),
+                    ),
+                },
+                "condition_t": {
+                    "type": "uint8_t",
+                    "description": "What the supervisor watches for: rows of docs/SAFETY.md",
+                    "entries": entries(
+                        (0..).zip(&CONDITIONS).map(|(n, row)| (n, row.name, row.because)),
                     ),
                 },
                 "health_component_t": {
@@ -146,7 +161,17 @@ pub fn json() -> Value {
                 },
             },
             "event_groups": {
-                "default": { "events": { MODE_CHANGED.to_string(): {
+                "default": { "events": { CONDITION_BEGINS.to_string(): {
+                    "name": "condition_begins",
+                    "message": "{1}",
+                    "description": "Watched by the supervisor.",
+                    "arguments": [argument("condition_t", "condition")],
+                }, CONDITION_ENDS.to_string(): {
+                    "name": "condition_ends",
+                    "message": "over: {1}",
+                    "description": "Watched by the supervisor.",
+                    "arguments": [argument("condition_t", "condition")],
+                }, MODE_CHANGED.to_string(): {
                     "name": "mode_changed",
                     "message": "{2}: {3}",
                     "description": "From {1}.",
@@ -212,6 +237,6 @@ mod tests {
         }
         let first = &enums["health_component_t"]["entries"]["1"]["name"];
         assert_eq!(first, "none");
-        assert_eq!(numbers.len(), 3 + Check::ALL.len());
+        assert_eq!(numbers.len(), 5 + Check::ALL.len());
     }
 }

@@ -17,9 +17,9 @@ use crate::topics::{TextRecord, Topic};
 
 use super::super::arming::Check;
 use super::super::mission_transfer::Client;
-use super::super::modes::{Event as Cause, Mode};
+use super::super::modes::Mode;
 use super::super::telemetry::send_text;
-use super::super::{LinkId, OWN, Pilot, Severity};
+use super::super::{Cause, LinkId, OWN, Pilot, Severity};
 use super::event_list as list;
 
 /// CURRENT_EVENT_SEQUENCE.
@@ -91,12 +91,13 @@ impl Pilot {
     pub(in super::super) fn tell_transition(
         &mut self,
         at: HostTime,
-        (from, on, to): (Mode, Cause, Mode),
-        severity: Severity,
-        because: &str,
+        from: Mode,
+        to: Mode,
+        cause: Cause,
     ) {
+        let Cause { because, severity, number } = cause;
         let (from_number, to_number) = (list::mode_number(from), list::mode_number(to));
-        let arguments = [from_number, to_number, list::cause_number(from, on)];
+        let arguments = [from_number, to_number, number];
         self.event(at, list::MODE_CHANGED, level(severity), &[&arguments]);
         let text = format!("{}: {because}", to.name());
         self.text_id = self.text_id.wrapping_add(1).max(1);
@@ -113,6 +114,19 @@ impl Pilot {
             }
         }
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
+    }
+
+    /// Tells that a condition of the supervisor's list begins or ends, as an event.
+    pub(in super::super) fn condition_event(
+        &mut self,
+        at: HostTime,
+        index: usize,
+        begins: bool,
+        severity: Severity,
+    ) {
+        let number = if begins { list::CONDITION_BEGINS } else { list::CONDITION_ENDS };
+        let argument = [u8::try_from(index).unwrap_or(u8::MAX)];
+        self.event(at, number, level(severity), &[&argument]);
     }
 
     /// CURRENT_EVENT_SEQUENCE. The first on a link says that the numbers have begun anew.

@@ -140,6 +140,16 @@ impl Fence {
         })
     }
 
+    /// How far a point is outside, m; 0 inside.
+    pub fn beyond_m(&self, p: Point) -> f64 {
+        if self.is_empty() || self.contains(p) {
+            return 0.0;
+        }
+        let inside = self.near_inside(p);
+        // Where no point inside was found, the fence says nothing about how far.
+        inside.map_or(f64::INFINITY, |q| (distance(p, q) - INSIDE_M).max(0.0))
+    }
+
     /// A point inside that is near. `None`: none was found.
     pub fn near_inside(&self, p: Point) -> Option<Point> {
         if self.contains(p) {

@@ -29,6 +29,8 @@ mod plans;
 mod programs;
 mod rally;
 
+pub(super) use event_list::cause_number;
+
 pub use crc32::crc32;
 pub use files::{FileFault, FileName, FileRequest, FileTask, Folder, MOST_MISSION_BYTES, Plan};
 pub use judge::{Judgement, Told};

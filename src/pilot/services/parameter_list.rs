@@ -5,6 +5,7 @@ use crate::control::drag::{DragReading, TESTED_LEAN_DEG};
 use crate::control::voltage::{HIGHEST_V, LOWEST_V};
 use crate::estimator::{SpecificForce, Tail, UwbNoise};
 
+use super::super::supervisor::Action;
 use super::parameter_table::{Kind, Parameter, When};
 
 /// `estimator.rest_height_m` that is not set, as a number, m: below its range.
@@ -52,6 +53,25 @@ macro_rules! overriding {
             get: |c| c.$($path).+.map_or(BY_VERSION, |on| f64::from(u8::from(on))),
             set: |c, v| c.$($path).+ = (v >= 0.0).then_some(v != 0.0),
             ..choice($name, stringify!($($path).+), When::$when, -1.0, 1.0, $doc)
+        }
+    };
+}
+
+/// What the supervisor does about something.
+macro_rules! action {
+    ($name:literal, $field:ident, $doc:literal) => {
+        Parameter {
+            kind: Kind::Choice(Action::CHOICES),
+            get: |c| c.supervisor.$field.number(),
+            set: |c, v| c.supervisor.$field = Action::from_number(v),
+            ..choice(
+                $name,
+                concat!("supervisor.", stringify!($field)),
+                When::AtOnce,
+                0.0,
+                3.0,
+                $doc,
+            )
         }
     };
 }
@@ -169,6 +189,36 @@ pub static COMMON: &[Parameter] = &[
     number!("LIM_BAT_CRIT", limits.battery_critical_v, AtOnce, 3.0, 30.0, "V", "Voltage below which the vehicle lands. At most LIM_BAT_LOW."),
     number!("LIM_UWB_LOSS_T", limits.uwb_loss_land_s, AtOnce, 0.2, 10.0, "s", "Age of the newest UWB measurement after which the vehicle lands."),
     number!("LIM_BRD_LOSS_T", limits.board_loss_s, AtOnce, 0.2, 10.0, "s", "Silence of the board after which its link counts as lost."),
+    number!("SUP_IMU_LOSS_T", supervisor.imu_loss_s, AtOnce, 0.05, 2.0, "s", "Silence of the IMU that ends position control."),
+    number!("SUP_IMU_FRZ_T", supervisor.imu_frozen_s, AtOnce, 0.05, 2.0, "s", "Time for which an IMU may repeat itself to the last bit in flight."),
+    number!("SUP_UWB_LOSS_STD", supervisor.uwb_loss_std_m, AtOnce, 0.1, 2.0, "m", "Horizontal position sigma at which UWB that is late counts as lost."),
+    number!("SUP_ANC_SIL_T", supervisor.anchor_silent_s, AtOnce, 0.2, 10.0, "s", "Silence after which an anchor counts as gone."),
+    Parameter {
+        kind: Kind::Whole,
+        get: |c| f64::from(c.supervisor.anchors_least),
+        set: |c, v| c.supervisor.anchors_least = v as u8,
+        ..choice("SUP_ANC_LEAST", "supervisor.anchors_least", When::AtOnce, 4.0, 16.0, "Anchors that must be heard to arm and to fly on; never more than there are.")
+    },
+    number!("SUP_DIV_SHARE", supervisor.divergence_share, AtOnce, 0.3, 1.0, "", "Share of UWB measurements beyond the gate at which the estimate counts as diverged."),
+    number!("SUP_DIV_T", supervisor.divergence_s, AtOnce, 0.1, 10.0, "s", "How long it must be so."),
+    number!("SUP_ATT_DIFF", supervisor.attitude_difference_deg, AtOnce, 10.0, 90.0, "deg", "Angle between our vertical and the board's at which ours is not believed."),
+    number!("SUP_HGT_DIFF", supervisor.height_difference_m, AtOnce, 0.5, 20.0, "m", "Difference between estimated and barometric height that people are told of."),
+    number!("SUP_GND_LOSS_T", supervisor.ground_loss_s, AtOnce, 2.0, 120.0, "s", "Silence of all stations that have sent heartbeats."),
+    action!("SUP_GND_LOSS", ground_loss, "What is then done."),
+    Parameter {
+        kind: Kind::Choice(&[(1, "hold"), (2, "return"), (3, "land")]),
+        ..action!("SUP_OFB_LOSS", offboard_loss, "What is done when a client's velocity setpoints stop.")
+    },
+    action!("SUP_BAT_LOW", battery_low, "What is done below LIM_BAT_LOW."),
+    action!("SUP_BAT_HOME", battery_home, "What is done when the time left is down to what it takes to get home and down."),
+    number!("SUP_BAT_RESERVE", supervisor.battery_reserve_s, AtOnce, 0.0, 300.0, "s", "Time that is then still to be left on the floor."),
+    number!("SUP_WALL_HARD", supervisor.wall_hard_m, AtOnce, 0.1, 10.0, "m", "How far beyond the volume or a fence the hard wall stands."),
+    action!("SUP_WALL_ACT", wall_hard, "What is done there."),
+    number!("SUP_TILT_MOST", supervisor.tilt_most_deg, AtOnce, 55.0, 90.0, "deg", "Largest tilt."),
+    number!("SUP_SPD_MOST", supervisor.speed_most_mps, AtOnce, 2.0, 20.0, "m/s", "Largest speed."),
+    number!("SUP_OFF_COURSE", supervisor.off_course_m, AtOnce, 0.5, 20.0, "m", "Largest distance from the point that is held or flown to."),
+    number!("SUP_LOOP_GAP_T", supervisor.loop_gap_s, AtOnce, 0.1, 5.0, "s", "Longest pause of the control loop."),
+    switch!("SUP_STICKS", supervisor.stick_takeover, AtOnce, "Whether a joystick that is moved takes over."),
     number!("LIM_OFB_LOSS_T", limits.offboard_loss_s, AtOnce, 0.1, 5.0, "s", "Silence of an offboard client after which a velocity setpoint ends in Hold."),
     Parameter {
         kind: Kind::Choice(&[(0, "raw"), (1, "modified")]),

@@ -177,6 +177,7 @@ pub fn problems(config: &PilotConfig) -> Problems {
     let mut problems = Problems::new();
     config.flight.check("flight", &mut problems);
     config.limits.check("limits", &mut problems);
+    config.supervisor.check("supervisor", &mut problems);
     config.uwb.check("uwb", &mut problems);
     config.estimator.check("estimator", &mut problems);
     config.control.check("control", &mut problems);

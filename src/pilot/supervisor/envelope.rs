@@ -1,0 +1,168 @@
+//! Walls and the envelope of flight: where the vehicle is, how it leans, how fast it is.
+
+use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
+
+use super::super::modes::Mode;
+use super::super::{Pilot, Severity};
+use super::condition::{Condition, Number, ROW, Watched};
+use super::reaction::Reaction;
+use crate::estimate::Health;
+use crate::time::HostTime;
+
+/// The board's attitude may be this old to be asked for the tilt, s.
+const ATTITUDE_AGE_S: f64 = 0.2;
+
+impl Pilot {
+    fn is_placed(&self) -> bool {
+        matches!(self.estimate.health, Health::Good | Health::Degraded)
+    }
+
+    /// How far the vehicle is beyond the volume or the fence, m; 0 inside.
+    fn beyond_m(&self) -> f64 {
+        let pos = self.estimate.pos_E_m;
+        let volume = self.guidance.volume();
+        let inside = volume.clamp(pos);
+        let out = |a: f64, b: f64| (a - b).abs();
+        // Below the lowest setpoint is the floor, not a wall.
+        let up_m = (-pos.z() - volume.height_m).max(0.0);
+        let volume_m = out(pos.x(), inside.x()).max(out(pos.y(), inside.y())).max(up_m);
+        volume_m.max(self.services.plans.fence.beyond_m([pos.x(), pos.y()]))
+    }
+
+    /// Tilt by the board, else by the estimate, rad.
+    fn tilt_rad(&self, at: HostTime) -> f64 {
+        let cos = match self.board_attitude {
+            Some(a) if at.seconds_since(a.received_at) < ATTITUDE_AGE_S => {
+                a.attitude.matrix()[(2, 2)]
+            }
+            _ => self.estimate.R_EB.matrix()[(2, 2)],
+        };
+        cos.clamp(-1.0, 1.0).acos()
+    }
+}
+
+fn words_of_place(pilot: &Pilot, _: HostTime) -> String {
+    let pos = pilot.estimate.pos_E_m;
+    format!(
+        "{:.1} m outside at N {:.1} E {:.1} height {:.1} m",
+        pilot.beyond_m(),
+        pos.x(),
+        pos.y(),
+        -pos.z()
+    )
+}
+
+/// Outside.
+pub(super) const SOFT: Condition = Condition {
+    name: "wall_soft",
+    seen_by: "The vehicle is outside of the volume (`limits.north_m`, `east_m`, `height_m`) or of the \
+              fence by more than 0.2 m. Setpoints never are: positions are moved inside, velocities \
+              towards a wall are braked, in every mode.",
+    numbers: &[Number { key: "", value: |_| 0.2, unit: "m", origin: "noise of the estimate" }],
+    lasts_s: |_| 0.1,
+    watched: Watched::Air,
+    because: "outside of the walls",
+    over: "inside the walls again",
+    health: S::MAV_SYS_STATUS_GEOFENCE,
+    severity: Severity::Warning,
+    is_seen: |pilot, _| pilot.is_placed() && pilot.beyond_m() > 0.2,
+    words: words_of_place,
+    ..ROW
+};
+
+/// Far outside.
+pub(super) const HARD: Condition = Condition {
+    name: "wall_hard",
+    seen_by: "The vehicle is outside of the volume or of the fence by more than \
+              `supervisor.wall_hard_m`. A landing goes back inside while it sinks.",
+    numbers: &[Number {
+        key: "supervisor.wall_hard_m",
+        value: |c| c.supervisor.wall_hard_m,
+        unit: "m",
+        origin: "error of the estimate near the floor, as for FENCE_STATUS",
+    }],
+    lasts_s: |_| 0.1,
+    watched: Watched::Air,
+    wanted: |c| c.supervisor.wall_hard.reaction(),
+    because: "beyond the hard wall",
+    over: "inside the hard wall again",
+    health: S::MAV_SYS_STATUS_GEOFENCE,
+    severity: Severity::Critical,
+    is_seen: |pilot, _| pilot.is_placed() && pilot.beyond_m() > pilot.config.supervisor.wall_hard_m,
+    words: words_of_place,
+    ..ROW
+};
+
+/// Leans too much.
+pub(super) const TILT: Condition = Condition {
+    name: "tilt_high",
+    seen_by: "The vehicle leans more than `supervisor.tilt_most_deg`, by the board's own attitude (by \
+              the estimate where the board tells none).",
+    numbers: &[Number {
+        key: "supervisor.tilt_most_deg",
+        value: |c| c.supervisor.tilt_most_deg,
+        unit: "deg",
+        origin: "largest lean asked for (52 deg tested by the source) and its overshoot",
+    }],
+    lasts_s: |_| 0.15,
+    watched: Watched::Air,
+    wanted: |_| Reaction::Descend,
+    because: "tilt too high",
+    over: "tilt is low again",
+    severity: Severity::Emergency,
+    is_seen: |pilot, at| pilot.tilt_rad(at) > pilot.config.supervisor.tilt_most_deg.to_radians(),
+    words: |pilot, at| format!("tilt {:.0} deg", pilot.tilt_rad(at).to_degrees()),
+    ..ROW
+};
+
+/// Too fast.
+pub(super) const SPEED: Condition = Condition {
+    name: "speed_high",
+    seen_by: "The estimated speed is beyond `supervisor.speed_most_mps`.",
+    numbers: &[Number {
+        key: "supervisor.speed_most_mps",
+        value: |c| c.supervisor.speed_most_mps,
+        unit: "m/s",
+        origin: "half as much again as the fastest tilt step (4.1 m/s in the simulator)",
+    }],
+    lasts_s: |_| 0.3,
+    watched: Watched::Air,
+    wanted: |_| Reaction::Land,
+    because: "too fast",
+    over: "slow again",
+    severity: Severity::Critical,
+    is_seen: |pilot, _| pilot.estimate.vel_B_mps.norm() > pilot.config.supervisor.speed_most_mps,
+    words: |pilot, _| format!("speed {:.1} m/s", pilot.estimate.vel_B_mps.norm()),
+    ..ROW
+};
+
+/// Elsewhere than it should be.
+pub(super) const COURSE: Condition = Condition {
+    name: "off_course",
+    seen_by: "The vehicle is farther than `supervisor.off_course_m` from the point that is held or that \
+              moves along its leg: wind, damage, or a board that does not obey. Not looked at while \
+              setpoints jump (cruise speed at the controller's limit) or a tilt step is flown.",
+    numbers: &[Number {
+        key: "supervisor.off_course_m",
+        value: |c| c.supervisor.off_course_m,
+        unit: "m",
+        origin: "four times the lag at cruise speed",
+    }],
+    lasts_s: |_| 1.0,
+    watched: Watched::In(&[Mode::Hold, Mode::Goto, Mode::Mission, Mode::Return]),
+    wanted: |_| Reaction::Land,
+    because: "off course",
+    over: "on course again",
+    severity: Severity::Critical,
+    is_seen: |pilot, _| {
+        pilot
+            .guidance
+            .off_course_m(&pilot.estimate)
+            .is_some_and(|m| m > pilot.config.supervisor.off_course_m)
+    },
+    words: |pilot, _| {
+        let away_m = pilot.guidance.off_course_m(&pilot.estimate).unwrap_or_default();
+        format!("{away_m:.1} m away from where it should be")
+    },
+    ..ROW
+};

@@ -1,0 +1,313 @@
+//! The estimate: lost by its own word, diverged from its measurements, or from sensors that do not enter it.
+
+use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
+
+use super::super::{Pilot, Severity};
+use super::condition::{Condition, Number, ROW, Watched};
+use super::reaction::Reaction;
+use crate::estimate::Health;
+use crate::estimator::standard_height_m;
+use crate::measure::BaroSample;
+use crate::time::HostTime;
+use crate::topics::UwbRecord;
+
+/// Measurements over which the share beyond the gate is taken: 0.4 s of TDoA2.
+const WINDOW: f64 = 200.0;
+/// The board's attitude may be this old to be compared with ours, s.
+const ATTITUDE_AGE_S: f64 = 0.2;
+/// Samples over which the zero of the barometer is averaged on the floor.
+const ZERO_SAMPLES: f64 = 50.0;
+/// Time constant of the low-pass on barometric height, s.
+const BARO_FILTER_S: f64 = 1.0;
+/// What a barometer may err by in a room, m.
+const BARO_NOISE_M: f64 = 0.3;
+/// A barometer that is silent for longer says nothing, s.
+const BARO_AGE_S: f64 = 0.5;
+
+/// So many remedies of the filter …
+const MOST_REMEDIES: usize = 5;
+/// … in this time show that they do not help, s.
+const REMEDIES_S: f64 = 8.0;
+/// Share beyond the gate with which a barometer that contradicts is believed.
+const DOUBT_SHARE: f64 = 0.15;
+
+/// What speaks for and against the estimate.
+#[derive(Debug, Default)]
+pub(in crate::pilot) struct Evidence {
+    /// Low-passed share of measurements beyond the gate.
+    beyond_share: f64,
+    remedies: u64,
+    /// When the filter last did something about itself, the oldest first.
+    remedied_at: [Option<HostTime>; MOST_REMEDIES],
+    baro_zero_m: f64,
+    zero_samples: f64,
+    /// Low-passed barometric height, m, and when it was last new.
+    baro: Option<(f64, HostTime)>,
+}
+
+impl Evidence {
+    /// The filter has done something about itself so often in all.
+    pub fn note_remedies(&mut self, at: HostTime, remedies: u64) {
+        let new = remedies.saturating_sub(std::mem::replace(&mut self.remedies, remedies));
+        for _ in 0..new.min(MOST_REMEDIES as u64) {
+            self.remedied_at.rotate_left(1);
+            self.remedied_at[MOST_REMEDIES - 1] = Some(at);
+        }
+    }
+
+    /// A measurement met its gate.
+    pub fn note_uwb(&mut self, record: &UwbRecord) {
+        let beyond = f64::from(u8::from(record.test_ratio > 1.0));
+        self.beyond_share += (beyond - self.beyond_share) / WINDOW;
+    }
+
+    /// Air pressure; on the floor it sets the zero to the height of the estimate.
+    pub fn note_baro(&mut self, sample: &BaroSample, on_floor_at_m: Option<f64>) -> Option<f64> {
+        let raw_m = standard_height_m(sample.pressure_pa)?;
+        if let Some(height_m) = on_floor_at_m {
+            self.zero_samples = (self.zero_samples + 1.0).min(ZERO_SAMPLES);
+            self.baro_zero_m += (raw_m - height_m - self.baro_zero_m) / self.zero_samples;
+            self.baro = None;
+            return None;
+        }
+        if self.zero_samples < 1.0 {
+            return None;
+        }
+        let new_m = raw_m - self.baro_zero_m;
+        let slow_m = match self.baro {
+            None => new_m,
+            Some((was_m, t)) => {
+                let dt_s = sample.valid_at.seconds_since(t).max(0.0);
+                was_m + (new_m - was_m) * (dt_s / (BARO_FILTER_S + dt_s))
+            }
+        };
+        self.baro = Some((slow_m, sample.valid_at));
+        Some(new_m)
+    }
+}
+
+impl Pilot {
+    /// Angle between our vertical and the board's, rad; `None`: nothing fresh to compare with.
+    fn vertical_difference_rad(&self, at: HostTime) -> Option<f64> {
+        let board = self.board_attitude?;
+        let usable = self.estimate.health != Health::NotAligned
+            && at.seconds_since(board.received_at) < ATTITUDE_AGE_S;
+        let (ours, theirs) = (self.estimate.R_EB.matrix(), board.attitude.matrix());
+        // Third rows: down seen from the body.
+        let dot: f64 = (0..3).map(|i| ours[(2, i)] * theirs[(2, i)]).sum();
+        usable.then(|| dot.clamp(-1.0, 1.0).acos())
+    }
+
+    /// Height with which a descent begins, m: the estimate's, or the barometer's where that is larger.
+    /// Taken too high it costs seconds, taken too low it ends in a fall.
+    pub(in crate::pilot) fn height_to_descend_from_m(&self) -> f64 {
+        let known_m = self.last_height_m;
+        match self.supervisor.evidence.baro {
+            Some((baro_m, t)) if self.now.seconds_since(t) < BARO_AGE_S => {
+                let baro_m = baro_m - self.config.flight.gear_height_m;
+                known_m.max(baro_m - BARO_NOISE_M)
+            }
+            _ => known_m,
+        }
+    }
+
+    /// Whether barometer or UWB speak against the estimate: nothing is learned from it then.
+    pub(in crate::pilot) fn estimate_is_contradicted(&self, at: HostTime) -> bool {
+        let most_m = 0.5 * self.config.supervisor.height_difference_m;
+        self.supervisor.evidence.beyond_share > DOUBT_SHARE
+            || self.height_difference_m(at).is_some_and(|m| m.abs() > most_m)
+    }
+
+    /// Estimated minus barometric height, m.
+    fn height_difference_m(&self, at: HostTime) -> Option<f64> {
+        let (baro_m, t) = self.supervisor.evidence.baro?;
+        (at.seconds_since(t) < BARO_AGE_S).then(|| -self.estimate.pos_E_m.z() - baro_m)
+    }
+}
+
+const POSITION: S = S::MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+    .union(S::MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL)
+    .union(S::MAV_SYS_STATUS_AHRS);
+
+/// The filter gave itself up.
+pub(super) const LOST: Condition = Condition {
+    name: "estimate_lost",
+    seen_by: "The filter says that it is lost (no UWB fused for 2 s, or position sigma beyond 2 m) or \
+              not aligned.",
+    numbers: &[
+        Number { key: "", value: |_| 2.0, unit: "s", origin: "the filter's own limit of age" },
+        Number { key: "", value: |_| 2.0, unit: "m", origin: "the filter's own limit of sigma" },
+    ],
+    wanted: |_| Reaction::Descend,
+    because: "no usable estimate",
+    over: "estimate usable again",
+    health: POSITION,
+    severity: Severity::Emergency,
+    is_seen: |pilot, _| !matches!(pilot.estimate.health, Health::Good | Health::Degraded),
+    words: |pilot, _| {
+        let why = if pilot.estimate.health == Health::Lost { "lost" } else { "not aligned" };
+        format!("estimator {why}")
+    },
+    ..ROW
+};
+
+/// Our vertical is not the board's.
+pub(super) const ATTITUDE: Condition = Condition {
+    name: "attitude_differs",
+    seen_by: "Our vertical and the board's, which has a filter of its own, differ by more than \
+              `supervisor.attitude_difference_deg`.",
+    numbers: &[Number {
+        key: "supervisor.attitude_difference_deg",
+        value: |c| c.supervisor.attitude_difference_deg,
+        unit: "deg",
+        origin: "tilt steps of 52 deg in the simulator stay below",
+    }],
+    lasts_s: |_| 0.3,
+    watched: Watched::Air,
+    wanted: |_| Reaction::Descend,
+    because: "no usable estimate: attitude differs from the board's",
+    over: "attitude is the board's again",
+    health: POSITION,
+    severity: Severity::Emergency,
+    is_seen: |pilot, at| {
+        let most_rad = pilot.config.supervisor.attitude_difference_deg.to_radians();
+        pilot.vertical_difference_rad(at).is_some_and(|rad| rad > most_rad)
+    },
+    words: |pilot, at| {
+        let deg = pilot.vertical_difference_rad(at).unwrap_or_default().to_degrees();
+        format!("attitude differs from the board's by {deg:.0} deg")
+    },
+    ..ROW
+};
+
+/// Most measurements do not fit.
+pub(super) const DIVERGED: Condition = Condition {
+    name: "estimate_diverged",
+    seen_by: "More than `supervisor.divergence_share` of the UWB measurements lie beyond the gate \
+              (innovation over its sigma), for `supervisor.divergence_s`: whatever the filter did to \
+              recover has not helped.",
+    numbers: &[
+        Number {
+            key: "supervisor.divergence_share",
+            value: |c| c.supervisor.divergence_share,
+            unit: "",
+            origin: "twice the share at which the filter doubts itself and begins to recover",
+        },
+        Number {
+            key: "supervisor.divergence_s",
+            value: |c| c.supervisor.divergence_s,
+            unit: "s",
+            origin: "time for three remedies of the filter",
+        },
+    ],
+    lasts_s: |c| c.supervisor.divergence_s,
+    watched: Watched::Air,
+    wanted: |_| Reaction::Land,
+    because: "estimate does not fit UWB",
+    over: "estimate fits UWB again",
+    health: S::MAV_SYS_STATUS_AHRS,
+    severity: Severity::Critical,
+    is_seen: |pilot, _| {
+        pilot.supervisor.evidence.beyond_share > pilot.config.supervisor.divergence_share
+    },
+    words: |pilot, _| {
+        let share = pilot.supervisor.evidence.beyond_share;
+        format!("{:.0} % of UWB measurements do not fit the estimate", share * 100.0)
+    },
+    ..ROW
+};
+
+/// The filter does not heal.
+pub(super) const UNHEALED: Condition = Condition {
+    name: "estimate_unhealed",
+    seen_by: "The filter has widened its covariance or sought its position anew five times within 8 s, \
+              and doubts itself still.",
+    numbers: &[Number {
+        key: "",
+        value: |_| REMEDIES_S,
+        unit: "s",
+        origin: "a remedy takes effect within half a second; three are all that it knows",
+    }],
+    watched: Watched::Air,
+    wanted: |_| Reaction::Land,
+    because: "estimate does not recover",
+    over: "estimate has recovered",
+    health: S::MAV_SYS_STATUS_AHRS,
+    severity: Severity::Critical,
+    is_seen: |pilot, at| {
+        let first = pilot.supervisor.evidence.remedied_at[0];
+        first.is_some_and(|t| at.seconds_since(t) < REMEDIES_S)
+    },
+    words: |_, _| format!("estimator recovered {MOST_REMEDIES} times in {REMEDIES_S:.0} s"),
+    ..ROW
+};
+
+/// Barometer and UWB both say that the estimate is elsewhere.
+pub(super) const CONTRADICTED: Condition = Condition {
+    name: "estimate_contradicted",
+    seen_by: "Estimated and barometric height differ by more than `supervisor.height_difference_m`, and \
+              more than 15 % of the UWB measurements lie beyond the gate.",
+    numbers: &[
+        Number {
+            key: "supervisor.height_difference_m",
+            value: |c| c.supervisor.height_difference_m,
+            unit: "m",
+            origin: "three sigma of the barometer as the filter takes it",
+        },
+        Number {
+            key: "",
+            value: |_| DOUBT_SHARE,
+            unit: "",
+            origin: "a tenth is usual near the floor",
+        },
+    ],
+    lasts_s: |_| 0.3,
+    watched: Watched::Air,
+    wanted: |_| Reaction::Descend,
+    because: "no usable estimate: barometer and UWB contradict it",
+    over: "estimate is not contradicted any more",
+    health: POSITION,
+    severity: Severity::Emergency,
+    is_seen: |pilot, at| {
+        let most_m = pilot.config.supervisor.height_difference_m;
+        pilot.supervisor.evidence.beyond_share > DOUBT_SHARE
+            && pilot.height_difference_m(at).is_some_and(|m| m.abs() > most_m)
+    },
+    words: |pilot, at| {
+        let by_m = pilot.height_difference_m(at).unwrap_or_default();
+        let share = pilot.supervisor.evidence.beyond_share;
+        format!(
+            "height {by_m:+.1} m against the barometer, {:.0} % of UWB do not fit",
+            share * 100.0
+        )
+    },
+    ..ROW
+};
+
+/// The barometer says another height.
+pub(super) const HEIGHT: Condition = Condition {
+    name: "height_differs",
+    seen_by: "Estimated and barometric height (low-pass of 1 s, zero from the floor) differ by more \
+              than `supervisor.height_difference_m`.",
+    numbers: &[Number {
+        key: "supervisor.height_difference_m",
+        value: |c| c.supervisor.height_difference_m,
+        unit: "m",
+        origin: "three sigma of the barometer as the filter takes it",
+    }],
+    lasts_s: |_| 2.0,
+    watched: Watched::Air,
+    because: "height differs from the barometer's",
+    over: "height is the barometer's again",
+    health: S::MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL,
+    severity: Severity::Warning,
+    is_seen: |pilot, at| {
+        let most_m = pilot.config.supervisor.height_difference_m;
+        pilot.height_difference_m(at).is_some_and(|m| m.abs() > most_m)
+    },
+    words: |pilot, at| {
+        let by_m = pilot.height_difference_m(at).unwrap_or_default();
+        format!("estimated height is {by_m:+.1} m against the barometer's")
+    },
+    ..ROW
+};

@@ -1,0 +1,262 @@
+//! The IMU: silent, saying the same again and again, noise, or another thrust than the one that was sent.
+
+use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
+
+use super::super::modes::Mode;
+use super::super::{Pilot, Severity};
+use super::condition::{Condition, Number, ROW, Watched};
+use super::reaction::Reaction;
+use crate::frames::G_MPS2;
+use crate::measure::ImuSample;
+use crate::time::HostTime;
+
+/// Longest interval between two samples that counts as one of repetition, s.
+const LONGEST_S: f64 = 0.1;
+
+/// Time over which noise is told from motion, s.
+const ROUGH_FILTER_S: f64 = 0.15;
+/// Share of white noise that is noise: wing beats of 13 Hz at 250 Hz have 0.05, with harmonics 0.3.
+const ROUGH_RATIO: f64 = 0.6;
+/// Noise that matters, m/s² and rad/s, all axes together.
+const ROUGH_ACC_MPS2: f64 = 8.0;
+const ROUGH_RATE_RADPS: f64 = 1.0;
+/// At longer intervals wing beats themselves look like noise, s.
+const ROUGH_INTERVAL_S: f64 = 0.006;
+/// Weight of the newest interval in the mean.
+const INTERVAL_WEIGHT: f64 = 0.02;
+/// Time constant of the difference between accelerometer and thrust, s.
+const LIFT_FILTER_S: f64 = 1.0;
+/// Difference that no flight has, m/s².
+const LIFT_MOST_MPS2: f64 = 3.0;
+/// Below this height the floor may carry, m.
+const LIFT_CLEAR_M: f64 = 0.5;
+
+/// Whether a signal is noise from sample to sample, by the ratio of von Neumann: mean squared difference of
+/// neighbours over twice the variance. White noise has 1; a motion that is sampled often enough has little.
+#[derive(Debug, Default, Clone, Copy)]
+struct Roughness {
+    mean: [f64; 3],
+    variance: f64,
+    half_step2: f64,
+}
+
+impl Roughness {
+    fn note(&mut self, now: [f64; 3], was: [f64; 3], dt_s: f64) {
+        let weight = dt_s / (ROUGH_FILTER_S + dt_s);
+        let (mut spread, mut step) = (0.0, 0.0);
+        for i in 0..3 {
+            self.mean[i] += (now[i] - self.mean[i]) * weight;
+            spread += (now[i] - self.mean[i]).powi(2);
+            step += 0.5 * (now[i] - was[i]).powi(2);
+        }
+        self.variance += (spread - self.variance) * weight;
+        self.half_step2 += (step - self.half_step2) * weight;
+    }
+
+    fn is_noise(&self, least_std: f64) -> bool {
+        self.variance > least_std * least_std && self.half_step2 > ROUGH_RATIO * self.variance
+    }
+}
+
+/// How long each triple has repeated itself, and how rough it is.
+#[derive(Debug, Default)]
+pub(in crate::pilot) struct Repetition {
+    last: Option<ImuSample>,
+    acc_s: f64,
+    rate_s: f64,
+    rough_acc: Roughness,
+    rough_rate: Roughness,
+    /// Mean interval, s.
+    interval_s: f64,
+}
+
+impl Repetition {
+    /// A sample came.
+    pub fn note(&mut self, sample: &ImuSample) {
+        if let Some(last) = &self.last {
+            let dt_s = sample.valid_at.seconds_since(last.valid_at).clamp(0.0, LONGEST_S);
+            let same = |now: [f64; 3], was: [f64; 3]| now == was;
+            let acc = same(sample.acc_B_mps2.to_array(), last.acc_B_mps2.to_array());
+            let rate = same(sample.rate_B_radps.to_array(), last.rate_B_radps.to_array());
+            if dt_s > 0.0 {
+                self.interval_s += (dt_s - self.interval_s) * INTERVAL_WEIGHT;
+                let (now, was) = (sample.acc_B_mps2.to_array(), last.acc_B_mps2.to_array());
+                self.rough_acc.note(now, was, dt_s);
+                let (now, was) = (sample.rate_B_radps.to_array(), last.rate_B_radps.to_array());
+                self.rough_rate.note(now, was, dt_s);
+            }
+            self.acc_s = if acc { self.acc_s + dt_s } else { 0.0 };
+            self.rate_s = if rate { self.rate_s + dt_s } else { 0.0 };
+        }
+        self.last = Some(*sample);
+    }
+
+    /// Which of the two is noise, if the samples come often enough to tell.
+    fn noise(&self) -> Option<&'static str> {
+        if self.interval_s > ROUGH_INTERVAL_S {
+            None
+        } else if self.rough_acc.is_noise(ROUGH_ACC_MPS2) {
+            Some("accelerometer")
+        } else if self.rough_rate.is_noise(ROUGH_RATE_RADPS) {
+            Some("gyroscope")
+        } else {
+            None
+        }
+    }
+
+    fn longest_s(&self) -> f64 {
+        self.acc_s.max(self.rate_s)
+    }
+}
+
+/// Specific force along body z against the thrust that was sent.
+#[derive(Debug, Default)]
+pub(in crate::pilot) struct Lift {
+    /// Low-passed difference, measured minus sent, m/s².
+    pub off_mps2: f64,
+}
+
+impl Lift {
+    /// A control step in free air: specific force, low-passed over wing beats, and thrust over the thrust
+    /// that hovers.
+    pub fn step(&mut self, acc_z_mps2: f64, share: f64, dt_s: f64) {
+        let off_mps2 = acc_z_mps2 + G_MPS2 * share;
+        if off_mps2.is_finite() {
+            self.off_mps2 += (off_mps2 - self.off_mps2) * (dt_s / (LIFT_FILTER_S + dt_s));
+        }
+    }
+}
+
+impl Pilot {
+    /// Compares accelerometer and thrust where both should say the same: away from the floor, under our
+    /// own control.
+    pub(in crate::pilot) fn watch_lift(&mut self, dt_s: f64) {
+        let calm = self.mode.is_flying()
+            && self.mode != Mode::Land
+            && self.height_above_floor_m() > LIFT_CLEAR_M
+            && self.board.obeys();
+        let hover_frac = self.hover_thrust_frac() * self.control.ground_factor;
+        if !calm || hover_frac < 0.05 {
+            self.supervisor.lift = Lift::default();
+            return;
+        }
+        let share = self.control.thrust_frac / hover_frac;
+        self.supervisor.lift.step(self.touch.acc_z_mps2, share, dt_s);
+    }
+
+    pub(in crate::pilot) fn imu_age_s(&self, at: HostTime) -> f64 {
+        self.last_imu.map_or(f64::INFINITY, |t| at.seconds_since(t))
+    }
+
+    /// Whether the accelerometer can be asked whether the vehicle falls.
+    pub(in crate::pilot) fn imu_is_alive(&self, at: HostTime) -> bool {
+        let c = &self.config.supervisor;
+        self.imu_age_s(at) <= c.imu_loss_s
+            && self.supervisor.repetition.longest_s() <= c.imu_frozen_s
+            && ![NOISE.name, LIFT.name].iter().any(|name| self.supervisor.has(name))
+    }
+}
+
+const SENSORS: S = S::MAV_SYS_STATUS_SENSOR_3D_GYRO.union(S::MAV_SYS_STATUS_SENSOR_3D_ACCEL);
+
+/// Values without sense.
+pub(super) const NOISE: Condition = Condition {
+    name: "imu_noise",
+    seen_by: "Accelerometer (over 8 m/s²) or gyroscope (over 1 rad/s) are noise from sample to sample: the \
+              mean squared difference of neighbours is more than 60 % of what white noise has. Told only \
+              of IMUs that come at 170 Hz or more.",
+    numbers: &[Number {
+        key: "",
+        value: |_| ROUGH_RATIO,
+        unit: "",
+        origin: "derived: wing beats of 13 Hz with their harmonics have at most half of it at 250 Hz",
+    }],
+    lasts_s: |_| 0.1,
+    watched: Watched::Air,
+    wanted: |_| Reaction::Descend,
+    because: "no usable estimate: IMU is noise",
+    over: "",
+    latched: true,
+    health: SENSORS,
+    severity: Severity::Emergency,
+    is_seen: |pilot, _| pilot.supervisor.repetition.noise().is_some(),
+    words: |pilot, _| format!("{} is noise", pilot.supervisor.repetition.noise().unwrap_or("IMU")),
+    ..ROW
+};
+
+/// The specific force is not that of the thrust.
+pub(super) const LIFT: Condition = Condition {
+    name: "lift_differs",
+    seen_by: "The specific force along body z, averaged over a second, differs from the thrust that was \
+              sent (over the hover thrust that was learned) by more than 3 m/s²: the accelerometer is \
+              wrong, the wings are damaged, or the board does not give what it is sent. Looked at above \
+              0.5 m, not in landings.",
+    numbers: &[Number {
+        key: "",
+        value: |_| LIFT_MOST_MPS2,
+        unit: "m/s²",
+        origin: "a third of the weight; tilt steps of 52 deg in the simulator stay below",
+    }],
+    lasts_s: |_| 0.2,
+    watched: Watched::Air,
+    wanted: |_| Reaction::Descend,
+    because: "no usable estimate: lift is not what was sent",
+    over: "",
+    latched: true,
+    health: S::MAV_SYS_STATUS_SENSOR_3D_ACCEL,
+    severity: Severity::Emergency,
+    is_seen: |pilot, _| pilot.supervisor.lift.off_mps2.abs() > LIFT_MOST_MPS2,
+    words: |pilot, _| {
+        let off_mps2 = pilot.supervisor.lift.off_mps2;
+        format!("specific force is off by {off_mps2:+.1} m/s2 against the thrust sent")
+    },
+    ..ROW
+};
+
+/// No samples.
+pub(super) const LOST: Condition = Condition {
+    name: "imu_lost",
+    seen_by: "No IMU sample came for `supervisor.imu_loss_s`.",
+    numbers: &[Number {
+        key: "supervisor.imu_loss_s",
+        value: |c| c.supervisor.imu_loss_s,
+        unit: "s",
+        origin: "50 samples; attitude by the last rate is then off by some 10 degrees",
+    }],
+    wanted: |_| Reaction::Descend,
+    because: "no usable estimate: no IMU",
+    over: "IMU is back",
+    health: SENSORS,
+    severity: Severity::Emergency,
+    is_seen: |pilot, at| pilot.imu_age_s(at) > pilot.config.supervisor.imu_loss_s,
+    words: |pilot, at| format!("no IMU for {:.1} s", pilot.imu_age_s(at).min(999.0)),
+    ..ROW
+};
+
+/// The same sample for ever.
+pub(super) const FROZEN: Condition = Condition {
+    name: "imu_frozen",
+    seen_by: "Accelerometer or gyroscope repeat all three values to the last bit for \
+              `supervisor.imu_frozen_s`. In flight the wings shake both.",
+    numbers: &[Number {
+        key: "supervisor.imu_frozen_s",
+        value: |c| c.supervisor.imu_frozen_s,
+        unit: "s",
+        origin: "50 samples and two wing beats",
+    }],
+    watched: Watched::Air,
+    wanted: |_| Reaction::Descend,
+    because: "no usable estimate: IMU frozen",
+    over: "IMU moves again",
+    health: SENSORS,
+    severity: Severity::Emergency,
+    is_seen: |pilot, _| {
+        pilot.supervisor.repetition.longest_s() > pilot.config.supervisor.imu_frozen_s
+    },
+    words: |pilot, _| {
+        let r = &pilot.supervisor.repetition;
+        let what = if r.acc_s >= r.rate_s { "accelerometer" } else { "gyroscope" };
+        format!("{what} repeats itself for {:.1} s", r.longest_s())
+    },
+    ..ROW
+};

@@ -1,0 +1,209 @@
+//! The page `docs/SAFETY.md`, from the supervisor's list of conditions and the arming checks.
+
+use std::fmt::Write as _;
+
+use crate::pilot::{
+    ARMING_CHECKS, CONDITIONS, Condition, Mode, Number, PilotConfig, Reaction, Watched,
+};
+
+/// Modes with columns of their own; the others are said in words.
+const COLUMNS: [(&str, Mode); 13] = [
+    ("idle", Mode::Idle),
+    ("spool", Mode::Spool),
+    ("takeoff", Mode::Takeoff),
+    ("hold", Mode::Hold),
+    ("goto", Mode::Goto),
+    ("mission", Mode::Mission),
+    ("offboard", Mode::Offboard),
+    ("manual", Mode::Manual),
+    ("return", Mode::Return),
+    ("land", Mode::Land),
+    ("descend", Mode::Descend),
+    ("yielded", Mode::Yielded),
+    ("disarmed", Mode::Disarmed),
+];
+
+const HEAD: &str = "\
+# Safety
+
+Generated from `pilot::CONDITIONS`; do not edit. In every control step (100 Hz) the supervisor walks this \
+list. What it finds is told, and the hardest reaction to all that holds is flown. Nothing else ends a flight \
+but the orders of clients and the mission itself ([MODES.md](MODES.md)). Defaults below are those of \
+`config/haltere.toml`; a station may change most of them ([PARAMETERS.md](PARAMETERS.md), `SUP_` and `LIM_`).
+
+## How several conditions go together
+
+* Reactions are ordered: **tell** < **manual** < **hold** < **return** < **land** < **descend** < **yield**; on \
+the floor **disarm**. The hardest of all that hold wins, exactly one. Where several want the same, the one \
+that stands first in the list gives its name.
+* Whatever the vehicle already does that is harder goes on: a landing is not turned into a return.
+* While a condition holds, a client cannot order anything milder: the command is refused with the reason. \
+Forced disarming and harder orders are always taken.
+* When a condition ends, the mode that it brought about stays; a client may then order another. Only a \
+**descend** becomes a landing by itself, once nothing asks for it and the estimate has been good for 0.3 s.
+* In the spool-up the floor still carries the vehicle: every reaction from **hold** on is **disarm** there.
+
+What the reactions are:
+
+| reaction | |
+|---|---|
+| tell | STATUSTEXT, event, health bit; the flight goes on |
+| manual | the joystick flies |
+| hold | the vehicle stays where it is, inside the walls |
+| return | flies home (or to a rally point that is nearer) and lands |
+| land | lands here under position control, by dead reckoning if need be; from outside the walls back inside |
+| descend | level by the board's attitude, down on thrust model and barometer (0.8 m/s, below 1.2 m 0.45 m/s); \
+without a barometer at 92 % of the hover thrust. The floor is felt for with the accelerometer where the IMU \
+is alive; without one thrust fades out when the floor must have come |
+| yield | the board flies by itself; no setpoint is sent that it could take for our will |
+| disarm | motors off |
+";
+
+const TAIL: &str = "
+## What is deliberately not covered
+
+* A board that flies itself into a wall: inner loops, their sensors and the motors' failsafe are the board's. \
+What it does when the companion falls silent is its own setting (docs/BOARDS.md).
+* Wing damage, a stuck servo, a lost propeller are not recognised as such. What they do shows as \
+`off_course`, `tilt_high` or `speed_high`, or ends on the floor.
+* People and obstacles in the room: nothing looks for them. Walls are those of `[limits]` and the fence.
+* A position that is wrong and fits its measurements (all anchors moved, a survey in the wrong place).
+* While the board's link is silent nothing we send need arrive; the board's own failsafe is all there is.
+* The charge that a pack reports is not used; the time left is a straight line through the voltage, and \
+unknown in the first 35 s of a flight.
+* A joystick that falls silent ends in **hold**, and stays there until somebody orders otherwise or the \
+battery does.
+* `ground_lost` only tells by default: scripts that end (`haltere ctl`) are stations too. Choose a reaction \
+where people fly by a station.
+* A second fault in a descent has no further reaction: there is nothing harder that is not a fall.
+";
+
+fn number(config: &PilotConfig, n: &Number) -> String {
+    let value = (n.value)(config);
+    let shown = format!("{value} {}", n.unit);
+    if n.key.is_empty() {
+        format!("{}: {}", shown.trim(), n.origin)
+    } else {
+        format!("`{}` = {}: {}", n.key, shown.trim(), n.origin)
+    }
+}
+
+fn watched(row: &Condition) -> &'static str {
+    match row.watched {
+        Watched::Always => "always",
+        Watched::Flight => "from the spool-up on",
+        Watched::Air => "from the take-off on",
+        Watched::In(_) => "in the modes below that have an entry",
+    }
+}
+
+fn severity(row: &Condition) -> &'static str {
+    match row.severity() {
+        0 => "emergency",
+        2 => "critical",
+        3 => "error",
+        4 => "warning",
+        _ => "info",
+    }
+}
+
+fn end(row: &Condition) -> String {
+    let gone = if row.gone_s == 0.0 {
+        "as soon as it is gone".to_owned()
+    } else {
+        format!("gone for {} s", row.gone_s)
+    };
+    if row.latched {
+        "disarming: it stays for the flight".to_owned()
+    } else if row.over.is_empty() {
+        gone
+    } else {
+        format!("{gone}; told as \"{}\"", row.over)
+    }
+}
+
+/// The page.
+pub fn page() -> String {
+    let config = PilotConfig::default();
+    let mut page = HEAD.to_owned();
+    page += "\n## Conditions and reactions\n\nBy default, in the order of the list. Empty: not looked at in \
+             that mode. In arming and disarming people are told where it is looked at.\n\n| condition |";
+    for (name, _) in COLUMNS {
+        let _ = write!(page, " {name} |");
+    }
+    let _ = writeln!(page, "\n|---|{}", "---|".repeat(COLUMNS.len()));
+    for row in &CONDITIONS {
+        let _ = write!(page, "| [{0}](#{0}) |", row.name);
+        for (_, mode) in COLUMNS {
+            let _ = match row.reaction(mode, &config) {
+                Reaction::Nothing => write!(page, "  |"),
+                Reaction::Tell => write!(page, " tell |"),
+                reaction => write!(page, " **{}** |", reaction.name()),
+            };
+        }
+        page.push('\n');
+    }
+    page += "\n## Each condition\n";
+    for row in &CONDITIONS {
+        let _ = writeln!(page, "\n### {}\n\n{}\n", row.name, row.seen_by);
+        for n in row.numbers {
+            let _ = writeln!(page, "* {}", number(&config, n));
+        }
+        let lasts_s = (row.lasts_s)(&config);
+        if lasts_s > 0.0 {
+            let _ = writeln!(page, "* must last {lasts_s} s");
+        }
+        let _ = writeln!(page, "* looked at {}", watched(row));
+        let wanted = (row.wanted)(&config).max(Reaction::Tell);
+        let _ = writeln!(
+            page,
+            "* reaction: {}, told as {} \"{}\"",
+            wanted.name(),
+            severity(row),
+            row.because
+        );
+        let bits: Vec<_> = row.health.iter_names().map(|(name, _)| format!("`{name}`")).collect();
+        if !bits.is_empty() {
+            let _ = writeln!(page, "* takes the health of {}", bits.join(", "));
+        }
+        let _ = writeln!(page, "* ends: {}", end(row));
+    }
+    page += "\nEvery beginning and end is also an event (`condition_begins`, `condition_ends` in \
+             `events.json`), and stands in the log with its text.\n\
+             \n## Arming checks\n\nMade in this order when a client asks to arm; the first that fails is the \
+             answer, and all of them are reported as health. Forced arming skips none. All but the board's \
+             are made again when the motors are to turn: an estimator that has lost its alignment since, a \
+             vehicle that was carried outside the fence or tipped over does not take off.\n\n\
+             | check | looks at | texts |\n|---|---|---|\n";
+    for check in ARMING_CHECKS {
+        let [name, at, texts] = check.words();
+        let _ = writeln!(page, "| {name} | {at} | {texts} |");
+    }
+    page += TAIL;
+    page
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn golden_safety_page_is_the_list() {
+        super::super::check_page("SAFETY.md", &page());
+    }
+
+    #[test]
+    fn prop_every_row_is_told_in_full() {
+        for row in &CONDITIONS {
+            assert!(!row.name.is_empty() && !row.seen_by.is_empty(), "{row:?}");
+            assert!(!row.because.is_empty(), "{row:?}");
+            for n in row.numbers {
+                assert!(!n.origin.is_empty(), "{row:?} {}", n.key);
+            }
+        }
+        for mode in Mode::ALL {
+            let shown = COLUMNS.iter().any(|(_, m)| *m == mode);
+            assert!(shown || matches!(mode, Mode::Arming | Mode::Disarming), "{mode:?}");
+        }
+    }
+}
