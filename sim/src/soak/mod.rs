@@ -65,6 +65,9 @@ const MOST_CPU: f64 = 0.05;
 const CAPACITY_MAH: f64 = 10_000.0;
 
 const ALIGN_TIMEOUT: Duration = Duration::from_secs(30);
+const LANDING: Duration = Duration::from_secs(40);
+/// Flights that may end in trouble before it is given up.
+const MOST_TROUBLE: usize = 5;
 /// One flight's way points: north, east, height, m, and the time for each.
 const ROUND: [[f64; 3]; 5] =
     [[6.0, 5.0, 1.2], [6.0, 6.0, 1.4], [5.0, 6.0, 1.0], [4.5, 5.0, 1.2], [5.0, 5.0, 1.2]];
@@ -132,6 +135,8 @@ fn vehicle_file(folder: &Path) -> Result<PathBuf> {
 #[derive(Debug, Default)]
 struct Seen {
     flights: usize,
+    /// Flights that were not flown to their end, and why.
+    trouble: Vec<String>,
     wire: Wire,
     /// Begin and end of each flight, µs.
     windows_us: Vec<[u64; 2]>,
@@ -154,32 +159,24 @@ fn fly(
     let progress = Progress::new("s", 0, end.as_secs());
     let mut seen = Seen::default();
     while began.elapsed() < end {
-        arm(&mut station)?;
-        taps.take();
-        station.takeoff(ROUND[0][2]).with_context(|| format!("take-off {}", seen.flights + 1))?;
-        let from_us = now_us();
-        'round: for [north_m, east_m, height_m] in std::iter::repeat_n(ROUND, ROUNDS).flatten() {
-            station.goto(north_m, east_m, height_m).context("a way point")?;
-            let leg = Instant::now();
-            while leg.elapsed() < LEG {
-                station.listen(Duration::from_millis(200))?;
-                progress.reach(began.elapsed().as_secs());
-                if stop.asked() {
-                    bail!("stopped by a signal");
-                }
-                seen.memory_B[2] = seen.memory_B[2].max(companion.memory_B()?);
-                if began.elapsed() >= end {
-                    break 'round;
-                }
-            }
+        if let Err(why) = one_flight(&mut station, &mut seen, companion, taps, &|| {
+            progress.reach(began.elapsed().as_secs());
+            !stop.asked() && began.elapsed() < end
+        }) {
+            // What went wrong is told in the end; the hour goes on, if the vehicle does.
+            let why = format!("after {:.0} s: {why:#}", began.elapsed().as_secs_f64());
+            tracing::warn!("{why}");
+            seen.trouble.push(why);
+            let _ = station.land();
+            let _ = station.wait_landed(LANDING);
         }
-        let to_us = now_us();
-        seen.wire.join(Wire::of(&taps.take(), from_us, to_us));
-        seen.windows_us.push([from_us, to_us]);
-        station.land().context("landing")?;
-        station.wait_landed(Duration::from_secs(40)).context("landing")?;
-        seen.flights += 1;
-        if seen.flights == 1 {
+        if stop.asked() {
+            bail!("stopped by a signal");
+        }
+        if seen.trouble.len() > MOST_TROUBLE {
+            bail!("{}", seen.trouble.join("\n"));
+        }
+        if seen.memory_B[0] == 0 {
             seen.memory_B[0] = companion.memory_B()?;
         }
     }
@@ -187,6 +184,44 @@ fn fly(
     seen.cpu = (companion.cpu_s()? - cpu_s) / began.elapsed().as_secs_f64();
     progress.end();
     Ok(seen)
+}
+
+/// Take-off, rounds of way points, landing; the rounds end when `goes_on` says so.
+fn one_flight(
+    station: &mut GroundStation,
+    seen: &mut Seen,
+    companion: &Companion,
+    taps: &Taps,
+    goes_on: &dyn Fn() -> bool,
+) -> Result<()> {
+    arm(station)?;
+    taps.take();
+    station.takeoff(ROUND[0][2]).context("take-off")?;
+    let from_us = now_us();
+    let mut airborne = || -> Result<()> {
+        for [north_m, east_m, height_m] in std::iter::repeat_n(ROUND, ROUNDS).flatten() {
+            station.goto(north_m, east_m, height_m).context("a way point")?;
+            let leg = Instant::now();
+            while leg.elapsed() < LEG {
+                station.listen(Duration::from_millis(200))?;
+                seen.memory_B[2] = seen.memory_B[2].max(companion.memory_B()?);
+                if !goes_on() {
+                    return Ok(());
+                }
+            }
+        }
+        Ok(())
+    };
+    let flown = airborne();
+    // What was seen counts, however the flight ended.
+    let to_us = now_us();
+    seen.wire.join(Wire::of(&taps.take(), from_us, to_us));
+    seen.windows_us.push([from_us, to_us]);
+    flown?;
+    station.land().context("landing")?;
+    station.wait_landed(LANDING).context("landing")?;
+    seen.flights += 1;
+    Ok(())
 }
 
 fn arm(station: &mut GroundStation) -> Result<()> {
@@ -243,6 +278,7 @@ fn tell(options: &Options, seen: &Seen, steps: &Phase, log: &Path) -> Result<boo
     let within = latency_ms.share_within(LATENCY_MS);
     let missed = gaps_ms.beyond(options.longest_gap_ms);
     let bounds: BTreeMap<&str, bool> = [
+        ("every flight flown", seen.trouble.is_empty()),
         ("no setpoint missed", missed == 0 && gaps_ms.count() > 100),
         ("latency", within >= LATENCY_SHARE),
         ("no growth of memory", growth_B <= MOST_GROWTH_B),
@@ -254,7 +290,7 @@ fn tell(options: &Options, seen: &Seen, steps: &Phase, log: &Path) -> Result<boo
     let mut out = std::io::stdout().lock();
     if options.json {
         let result = json!({
-            "ok": ok, "bounds": bounds, "flights": seen.flights, "load_threads": options.load,
+            "ok": ok, "bounds": bounds, "flights": seen.flights, "trouble": seen.trouble, "load_threads": options.load,
             "setpoints": gaps_ms.count() + seen.flights, "missed": missed,
             "gap_ms": { "median": gaps_ms.at(0.5), "p999": gaps_ms.at(0.999), "longest": gaps_ms.at(1.0) },
             "latency_ms": { "count": latency_ms.count(), "median": latency_ms.at(0.5),
@@ -307,6 +343,9 @@ fn tell(options: &Options, seen: &Seen, steps: &Phase, log: &Path) -> Result<boo
     writeln!(out, "processor time             {:.2} % of a core", 100.0 * seen.cpu)?;
     for (reason, count) in &steps.drops {
         writeln!(out, "  {reason}: {count}")?;
+    }
+    for why in &seen.trouble {
+        writeln!(out, "{why}")?;
     }
     for (bound, _) in bounds.iter().filter(|(_, kept)| !**kept) {
         writeln!(out, "BROKEN: {bound}")?;
