@@ -34,6 +34,8 @@ const FALLING_MPS2: f64 = 1.0;
 const FEEL_FILTER_S: f64 = 0.15;
 /// After a fall has begun the loops have this long to catch it, s.
 const FEEL_AGAIN_S: f64 = 0.5;
+/// After each search in vain they have so many times longer.
+const FEEL_GROWTH: f64 = 1.6;
 /// The floor is expected below this height by the estimate, m: near it multipath biases the height
 /// by up to half a metre (INTERFACES.md section 1; 0.5 m seen in lockstep).
 const TOUCH_BELOW_M: f64 = 0.8;
@@ -64,6 +66,8 @@ pub(super) struct Touch {
     pub ceiling_frac: Option<f64>,
     /// When it was found that the vehicle is in the air.
     fell_at: Option<HostTime>,
+    /// Searches in vain so far.
+    falls: i32,
     /// Specific force along body z, low-passed, m/s².
     pub acc_z_mps2: f64,
 }
@@ -72,6 +76,12 @@ impl Touch {
     /// Begun anew; the filter goes on.
     pub fn restarted(self) -> Self {
         Self { acc_z_mps2: self.acc_z_mps2, ..Self::default() }
+    }
+
+    /// How long the loops have to catch a fall, s: with every search in vain longer, or a vehicle that needs
+    /// little thrust against the wind would never sink in between.
+    fn pause_s(&self) -> f64 {
+        FEEL_AGAIN_S * FEEL_GROWTH.powi((self.falls - 1).clamp(0, 5))
     }
 
     /// Takes an IMU sample in.
@@ -237,7 +247,7 @@ impl Pilot {
         let base_frac = self.control.thrust_base_frac;
         let Some(ceiling_frac) = self.touch.ceiling_frac else {
             let early = at.seconds_since(self.mode_since) < TOUCH_NOT_BEFORE_S
-                || self.touch.fell_at.is_some_and(|t| at.seconds_since(t) < FEEL_AGAIN_S);
+                || self.touch.fell_at.is_some_and(|t| at.seconds_since(t) < self.touch.pause_s());
             if early || !reason {
                 self.touch.since = None;
             } else if at.seconds_since(*self.touch.since.get_or_insert(at)) > for_s {
@@ -249,8 +259,9 @@ impl Pilot {
         let falls = self.touch.acc_z_mps2 > FALLING_MPS2 - G_MPS2
             || sink_mps.is_some_and(|sink_mps| sink_mps > fast_mps);
         if falls {
+            let falls = self.touch.falls;
             self.touch = self.touch.restarted();
-            self.touch.fell_at = Some(at);
+            (self.touch.fell_at, self.touch.falls) = (Some(at), falls + 1);
             self.supervisor.descent.floor_not_found();
         } else if ceiling_frac < FEEL_SHARE * base_frac {
             self.fire(at, Event::TouchDown);
