@@ -21,7 +21,7 @@ fn val_smoother_finds_position_and_velocity_without_aerodynamics() {
     let mut world = Lockstep::new(scene.plant(3), scene.pilot.clone(), &scene.survey).unwrap();
     let mut trace = Trace::new(scene.survey.clone());
     let mut truths = Vec::new();
-    fly_watched(&mut world, &items, 150.0, |world| {
+    let flown = fly_watched(&mut world, &items, 150.0, |world| {
         truths.push((world.host_now(), world.truth()));
         world.pilot_mut().drain_topics(|topic| trace.take(topic));
     })
@@ -47,7 +47,7 @@ fn val_smoother_finds_position_and_velocity_without_aerodynamics() {
         "position {pos:.3} m, velocity {vel:.3} m/s, filter {:.3} m, far {far}",
         (filter2 / n).sqrt()
     );
-    assert!(n > 5000.0);
+    assert!(n > 5000.0, "{:?}", flown.texts);
     assert!(pos < 0.15, "{pos} m");
     assert!(vel < 0.12, "{vel} m/s");
 }

@@ -323,21 +323,6 @@ fn prop_the_hard_wall_ends_the_flight_inside() {
     assert!(most_m > 5.65 && north_m < 5.8, "{most_m} {north_m}");
 }
 
-/// The board does not hear us. A generic one comes down by itself, by its own failsafe; that it does not
-/// fly what it is sent is noticed before it is down.
-#[test]
-fn prop_a_board_that_does_not_hear_us_is_noticed() {
-    let (mut world, mut ground) = hovering(world(9));
-    ground.goto(&mut world, [5.0, 5.0, -4.0]);
-    fly_for(&mut world, 8.0);
-    world.plant_mut().inject(Fault::ToBoard(FaultKind::Off)).unwrap();
-    while matches!(world.pilot().mode(), Mode::Goto | Mode::Hold) {
-        assert!(world.truth().height_m > 0.5, "down, and nothing was noticed");
-        world.step();
-    }
-    assert_said(&mut world, &mut ground, "lift is not what was sent");
-}
-
 #[test]
 fn prop_a_battery_that_falls_fast_brings_it_home_in_time() {
     let world = hall(10, |_, pilot| pilot.limits.battery_low_v = 6.4);

@@ -47,7 +47,7 @@ const PUSH_MOST: f64 = 0.16;
 const SILENT_S: f64 = 0.5;
 /// Slowest descent for working out when the floor must have come, m/s, and the time to gather speed, s: a
 /// cut too early is a fall, one too late costs seconds on the floor.
-const SLOWEST_MPS: f64 = 0.4;
+const SLOWEST_MPS: f64 = 0.35;
 const START_S: f64 = 2.0;
 /// The height at its beginning may be wrong by this, m.
 const MARGIN_M: f64 = 0.3;
@@ -59,7 +59,7 @@ const BARO_SLACK: f64 = 4.0;
 const LONGEST_S: f64 = 40.0;
 /// Near the floor the ground effect can carry a small deficit. In the end thrust goes down to nothing
 /// within this time, s.
-const FADE_S: f64 = 2.0;
+const FADE_S: f64 = 3.0;
 /// Below this height by its own account the floor is felt for, m.
 const FEEL_BELOW_M: f64 = 0.8;
 
