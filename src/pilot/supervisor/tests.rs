@@ -148,14 +148,14 @@ fn prop_clients_cannot_order_what_is_milder() {
     for config in configs() {
         let mut pilot = pilot();
         pilot.config = config;
-        for n in 0..CONDITIONS.len() {
+        for (n, condition) in CONDITIONS.iter().enumerate() {
             holding(&mut pilot, &[n]);
             for mode in Mode::ALL {
                 pilot.mode = mode;
                 for event in asked {
                     let Some(to) = transition(mode, event).map(|r| r.to) else { continue };
                     // If it were granted, the next walk must have nothing to undo.
-                    let undone = CONDITIONS[n].reaction(to, &pilot.config) > Reaction::TakeOver
+                    let undone = condition.reaction(to, &pilot.config) > Reaction::TakeOver
                         && to != Mode::Disarming;
                     assert_eq!(pilot.forbids(event).is_some(), undone, "{n} {mode:?} {event:?}");
                 }
