@@ -29,8 +29,10 @@ pub(in crate::pilot) struct Discharge {
     slow_v: Option<(f64, HostTime)>,
     flying_since: Option<HostTime>,
     next: HostTime,
-    /// Low-passed voltage once a second, the oldest first.
-    samples_v: Vec<f64>,
+    /// Low-passed voltage once a second, the oldest first, and how many there are: in place, because
+    /// the control loop asks for no memory.
+    samples_v: [f64; KEPT],
+    count: usize,
 }
 
 impl Discharge {
@@ -53,23 +55,24 @@ impl Discharge {
             return;
         }
         self.next = at.offset_us((EVERY_S * 1e6) as i64);
-        if self.samples_v.len() == KEPT {
-            self.samples_v.remove(0);
+        if self.count == KEPT {
+            self.samples_v.rotate_left(1);
+            self.count -= 1;
         }
-        self.samples_v.push(slow_v);
+        self.samples_v[self.count] = slow_v;
+        self.count += 1;
     }
 
     /// Time until a voltage is reached, s: by the middle one of the three slopes of the last three
     /// times ten seconds, so that a cell that drops out at once does not count as a slope.
     pub fn time_to_s(&self, limit_v: f64) -> Option<f64> {
-        let [first, .., last] = self.samples_v.as_slice() else { return None };
-        if self.samples_v.len() < KEPT {
+        if self.count < KEPT {
             return None;
         }
+        let last = self.samples_v[KEPT - 1];
         let third = (KEPT - 1) / 3;
         let slope = |k: usize| {
-            let (a, b) = (self.samples_v.get(k * third), self.samples_v.get((k + 1) * third));
-            let (a, b) = (a.unwrap_or(first), b.unwrap_or(last));
+            let (a, b) = (self.samples_v[k * third], self.samples_v[(k + 1) * third]);
             (a - b) / (third as f64 * EVERY_S)
         };
         let mut slopes = [slope(0), slope(1), slope(2)];
