@@ -99,6 +99,21 @@ fn fly_case(seed: u64, phase: Phase, case: &Case) {
     assert_said(&mut world, &mut ground, case.words);
 }
 
+/// The board does not hear us. A generic one comes down by itself, by its own failsafe; that it does not
+/// fly what it is sent is noticed before it is down.
+#[test]
+fn prop_a_board_that_does_not_hear_us_is_noticed() {
+    let (mut world, mut ground) = hovering(world(9));
+    ground.goto(&mut world, [5.0, 5.0, -4.0]);
+    fly_for(&mut world, 8.0);
+    world.plant_mut().inject(Fault::ToBoard(FaultKind::Off)).unwrap();
+    while matches!(world.pilot().mode(), Mode::Goto | Mode::Hold) {
+        assert!(world.truth().height_m > 0.5, "down, and nothing was noticed");
+        world.step();
+    }
+    assert_said(&mut world, &mut ground, "lift is not what was sent");
+}
+
 #[test]
 fn prop_sensor_faults_are_found_and_end_on_the_floor() {
     use FaultKind as K;

@@ -141,7 +141,9 @@ impl Lift {
 
     /// Whether that is more than flying explains.
     fn differs(&self) -> bool {
-        self.off_mps2.abs() > LIFT_MOST_MPS2 + LIFT_SLOPE_MPS2 * self.away
+        // Less lift than was sent is no matter of how much was sent: more was sent because it is less.
+        let most_mps2 = LIFT_MOST_MPS2 + LIFT_SLOPE_MPS2 * self.away;
+        self.off_mps2 > LIFT_MOST_MPS2 || self.off_mps2 < -most_mps2
     }
 }
 
@@ -218,9 +220,11 @@ pub(super) const NOISE: Condition = Condition {
 pub(super) const LIFT: Condition = Condition {
     name: "lift_differs",
     seen_by: "The specific force along body z, averaged over a second, differs from the thrust that was \
-              sent (over the hover thrust that was learned) by more than 3.5 m/s², and 2 m/s² more for each tenth that was commanded away from the hover thrust: the accelerometer is \
-              wrong, the wings are damaged, or the board does not give what it is sent. Looked at above \
-              0.5 m, not in landings, and not while it leans by more than 20 degrees.",
+              sent (over the hover thrust that was learned): by more than 3.5 m/s² where there is less \
+              lift than was sent, and, where there is more, by 2 m/s² more than that for each tenth of \
+              thrust that was commanded away from the hover thrust. The accelerometer is wrong, the \
+              wings are damaged, or the board does not give what it is sent. Looked at above 0.5 m, not \
+              in landings, and not while it leans by more than 20 degrees.",
     numbers: &[Number {
         key: "",
         value: |_| LIFT_MOST_MPS2,
