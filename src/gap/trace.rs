@@ -4,7 +4,7 @@
 
 use crate::estimate::Estimate;
 use crate::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample, ReferencePose};
-use crate::pilot::Mode;
+use crate::pilot::{MISSION_LANDS, Mode};
 use crate::survey::Survey;
 use crate::time::HostTime;
 use crate::topics::{ControlRecord, HealthRecord, ModeRecord, TextRecord, Topic, UwbRecord};
@@ -27,7 +27,7 @@ pub struct MissionPart {
     pub from: HostTime,
     /// How long it was flown, s.
     pub flown_s: f64,
-    /// Whether it came to its landing.
+    /// Whether it came to its own landing; one that somebody ordered, or the supervisor, is none.
     pub whole: bool,
 }
 
@@ -91,7 +91,7 @@ impl Trace {
         let from = self.modes[begun].at;
         let next = self.modes.get(begun + 1);
         let end = next.map(|m| m.at).or(self.controls.last().map(|c| c.at))?;
-        let whole = next.is_some_and(|m| m.mode == Mode::Land.name());
+        let whole = next.is_some_and(|m| m.mode == Mode::Land.name() && m.cause == MISSION_LANDS);
         Some(MissionPart { from, flown_s: end.seconds_since(from), whole })
     }
 
@@ -145,7 +145,7 @@ mod tests {
                 at: HostTime::from_us(at_s * 1_000_000),
                 mode,
                 armed: true,
-                cause: String::new(),
+                cause: MISSION_LANDS.into(),
             });
         }
         trace.controls.push(ControlRecord {
@@ -169,5 +169,9 @@ mod tests {
         assert!(felled.came_as_far_as(Some(40.0)) && whole.came_as_far_as(None));
         assert!(!felled.came_as_far_as(Some(41.0)) && !felled.came_as_far_as(None));
         assert!(trace(&[("takeoff", 5)], 20).mission_part().is_none());
+        let mut ordered = whole;
+        ordered.modes[2].cause = "off course".into();
+        assert!(!ordered.came_as_far_as(None), "the supervisor's landing is not the mission's");
+        assert!(ordered.came_as_far_as(Some(92.0)));
     }
 }

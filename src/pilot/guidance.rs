@@ -521,7 +521,7 @@ impl Guidance {
                     || (self.carrot.has_arrived()
                         && near(self.carrot.target_E_m, 2.0 * default_radius_m));
                 if there {
-                    news.event = Some(Event::LandAsked);
+                    news.event = Some(Event::MissionLands);
                 }
                 there
             }

@@ -58,7 +58,7 @@ pub use endpoint::{
 };
 pub use excitation::Doublet;
 pub use mission::{MOST_ITEMS, Mission, MissionItem, Volume};
-pub use modes::{Event, Mode, TABLE, Transition, transition};
+pub use modes::{Event, MISSION_LANDS, Mode, TABLE, Transition, transition};
 pub use permits::Commanders;
 pub use supervisor::{Action, CONDITIONS, Condition, Number, Reaction, SupervisorConfig, Watched};
 pub use tilt_step::{Envelope, TiltStep, stopping_m};

@@ -163,8 +163,10 @@ pub enum Event {
     ReturnAsked,
     /// Over the place of take-off.
     HomeReached,
-    /// A client or the mission asks to land.
+    /// A client asks to land.
     LandAsked,
+    /// The mission has come to its landing.
+    MissionLands,
     /// The floor carries the vehicle.
     TouchDown,
     /// Armed on the floor for too long.
@@ -217,6 +219,9 @@ const ANY_ARMED: &[Mode] = &[
 ];
 
 /// Stands for the reason of the condition, which is told instead.
+/// Cause of the landing that a mission ends with, apart from every other landing: whether a mission was
+/// flown to its end is read from it.
+pub const MISSION_LANDS: &str = "the mission lands";
 const SUPERVISOR: &str = "by the supervisor";
 
 /// One row: from any of these modes, on this event, to this mode, for this reason.
@@ -262,6 +267,7 @@ pub static TABLE: &[Transition] = &[
     row(AIR, Ev::ReturnAsked, M::Return, "return asked"),
     row(&[M::Return], Ev::HomeReached, M::Land, "over home"),
     row(LANDABLE, Ev::LandAsked, M::Land, "landing asked"),
+    row(&[M::Mission], Ev::MissionLands, M::Land, MISSION_LANDS),
     row(
         &[M::Hold, M::Goto, M::Mission, M::Offboard, M::Return],
         Ev::Ordered(Reaction::TakeOver),
