@@ -63,15 +63,13 @@ def test_it_shows_the_flight_as_it_is(rig, port, station):
 
 def test_it_is_live_at_ten_hertz_or_more(rig, port):
     with WebSocket(port) as page:
-        rates = []
-        for _ in range(6):
+        page.wait(lambda m: m["k"] == "f")
+        began = time.monotonic()
+        for _ in range(30):
             page.wait(lambda m: m["k"] == "f")
-            began = time.monotonic()
-            for _ in range(10):
-                page.wait(lambda m: m["k"] == "f")
-            rates.append(10 / (time.monotonic() - began))
-        # It sends 25; the issue asks for 10. Others may keep this machine busy for a while, not always.
-        assert max(rates) > 10, rates
+        rate_hz = 30 / (time.monotonic() - began)
+        # It sends 25; the issue asks for 10.
+        assert rate_hz > 10, rate_hz
 
 
 def test_an_echo_measures_the_way(rig, port):
