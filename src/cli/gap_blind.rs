@@ -56,10 +56,9 @@ impl Blind {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let lab = Scene::lab().map_err(anyhow::Error::new)?;
         let room = self.room.room()?.unwrap_or(lab.room);
-        let mut settings = Settings { jittered: true, ..Settings::default() };
+        let mut settings = Settings::for_flights();
         if !self.set.is_empty() {
-            settings = toml::from_str(&self.set.join("\n"))?;
-            settings.jittered = true;
+            settings = toml::from_str::<Settings>(&self.set.join("\n"))?.beside_flights();
         }
         self.options.library()?;
         if !self.options.only.is_empty() {

@@ -77,7 +77,7 @@ pub(super) fn open(
         );
     }
     eprintln!("learning the bank");
-    let settings = Settings { jittered: true, ..Settings::default() };
+    let settings = Settings::for_flights();
     let attributor = workshop.learn(&references, &[], &settings)?;
     let seen = observed(flown, &workshop.nominal);
     let session = Session { scene, workshop, attributor, seen, references, reference_details };

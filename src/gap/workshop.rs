@@ -57,6 +57,19 @@ pub struct Workshop {
     pub lost: Vec<(String, usize)>,
 }
 
+impl Settings {
+    /// For flights by [`specs`], beside banks whose draws carry jitter.
+    pub fn for_flights() -> Self {
+        Self::default().beside_flights()
+    }
+
+    /// These choices for flights by [`specs`], beside banks whose draws carry jitter.
+    pub fn beside_flights(self) -> Self {
+        let resolution = specs().iter().map(|s| s.resolution).collect();
+        Self { jittered: true, resolution, ..self }
+    }
+}
+
 impl Workshop {
     /// Takes the bank from `folder`, or flies it and keeps it there. `progress`: done, of how many.
     pub fn open(

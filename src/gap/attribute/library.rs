@@ -3,6 +3,7 @@
 use nalgebra::DVector;
 use rayon::prelude::*;
 
+use super::Settings;
 use super::evidence::{Fit, Sufficient};
 use super::forest::{Forest, Row};
 use super::linear::Noise;
@@ -51,8 +52,7 @@ impl Library {
         part: Part,
         references: &[&[f64]],
         allowed: impl Fn(usize) -> bool,
-        form: f64,
-        jittered: bool,
+        settings: &Settings,
     ) -> Self {
         let teach = |rows: &'_ [Vec<f64>]| -> Vec<usize> {
             (0..rows.len()).filter(|i| part.teaches(*i)).collect()
@@ -66,13 +66,13 @@ impl Library {
             let kept = e.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i));
             kept.map(|(_, d)| d.statistics.as_slice())
         });
-        let standard = Standard::new(&nulls, draws, references, allowed);
+        let standard = Standard::new(&nulls, draws, references, &settings.resolution, allowed);
         let plain = standard.clone().without_shift();
         let spreading =
             if jitter.len() >= crate::gap::bank::LEAST_NULLS { &jitter } else { &nulls };
         let whitening = Whitening::new(standard, spreading, references);
         // Draws compare with the flights they differ from by the effect alone.
-        let base = if seeds.is_empty() || jittered { spreading } else { &seeds };
+        let base = if seeds.is_empty() || settings.jittered { spreading } else { &seeds };
         let rows: Vec<Vec<f64>> = base.iter().map(|r| compressed(&plain.raw(r))).collect();
         let base_z = whitening.apply_rows(&rows);
         let mean: DVector<f64> = base_z.row_mean().transpose();
@@ -94,7 +94,7 @@ impl Library {
                     row -= &mean.transpose();
                 }
                 let thetas: Vec<&[f64]> = kept.iter().map(|d| d.theta.as_slice()).collect();
-                Surrogate::new(&thetas, &z, &variance, form)
+                Surrogate::new(&thetas, &z, &variance, settings.form)
             })
             .collect();
         let forest = forest(bank, part, &whitening.standard, &plain, spreading, references);

@@ -62,6 +62,8 @@ pub struct Settings {
     pub polished: usize,
     /// Draws of effects carry benign jitter of their own.
     pub jittered: bool,
+    /// Smallest difference of every statistic that says anything about the vehicle, in its unit; empty: any.
+    pub resolution: Vec<f64>,
     /// Least change of every statistic that matters, in its unit; empty: everything matters.
     pub material: Vec<f64>,
 }
@@ -79,6 +81,7 @@ impl Default for Settings {
             folds: 4,
             polished: 8,
             jittered: false,
+            resolution: Vec::new(),
             material: Vec::new(),
         }
     }
@@ -240,6 +243,9 @@ impl Attributor {
         length("blocks", blocks.len())?;
         for row in references.iter().chain(calibration) {
             length("a reference flight", row.len())?;
+        }
+        if !settings.resolution.is_empty() {
+            length("resolutions", settings.resolution.len())?;
         }
         if !settings.material.is_empty() {
             length("limits of what matters", settings.material.len())?;

@@ -59,7 +59,7 @@ impl<'a> Teachers<'a> {
         allowed: impl Fn(usize) -> bool,
         settings: &Settings,
     ) -> Library {
-        Library::new(self.bank, part, references, allowed, settings.form, settings.jittered)
+        Library::new(self.bank, part, references, allowed, settings)
     }
 
     /// Blocks, from the same part.

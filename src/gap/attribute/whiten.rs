@@ -5,7 +5,8 @@
 //! sigma large weighs some forty; a 10 % error of its size stays below one sigma and cannot outvote
 //! all other statistics. `c`, `w`: median and robust sigma of the null flights. With reference flights
 //! of the airframe `shift` is what their median differs by, and their variance adds to `w²` and to
-//! the covariance: a number that wanders on healthy flights of this airframe says nothing.
+//! the covariance: a number that wanders on healthy flights of this airframe says nothing. So does the
+//! resolution of a statistic: what the recording computer adds, which a simulator does not.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -38,7 +39,7 @@ pub(super) fn expand(u: f64) -> f64 {
 }
 
 /// Centre and scale of the statistics in use.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Standard {
     /// Places of the statistics in use.
     pub columns: Vec<usize>,
@@ -46,19 +47,22 @@ pub(super) struct Standard {
     scale: Vec<f64>,
     /// What reference flights move the centre by.
     shift: Vec<f64>,
+    /// Share of the resolution in the square of the scale.
+    unresolved: Vec<f64>,
 }
 
 impl Standard {
     /// From null flights; `effects` only give a scale to statistics that never vary in a null
-    /// flight. `allowed`: which statistics may be used.
+    /// flight. `resolution`: of every statistic, or empty. `allowed`: which statistics may be used.
     pub fn new<'a>(
         nulls: &[&'a [f64]],
         effects: impl Iterator<Item = &'a [f64]> + Clone,
         references: &[&[f64]],
+        resolution: &[f64],
         allowed: impl Fn(usize) -> bool,
     ) -> Self {
         let width = nulls.first().map_or(0, |r| r.len());
-        let mut standard = Self { columns: vec![], centre: vec![], scale: vec![], shift: vec![] };
+        let mut standard = Self::default();
         for j in (0..width).filter(|j| allowed(*j)) {
             let mut known: Vec<f64> =
                 nulls.iter().map(|r| r[j]).filter(|v| v.is_finite()).collect();
@@ -74,6 +78,8 @@ impl Standard {
                 // Never moved in a null flight: an effect that moves it counts as some sigma.
                 scale = spread(&away, centre) / KNEE;
             }
+            let resolution = resolution.get(j).copied().unwrap_or(0.0);
+            scale = scale.hypot(resolution);
             let mut accepted: Vec<f64> =
                 references.iter().map(|r| r[j]).filter(|v| v.is_finite()).collect();
             let mut shift = 0.0;
@@ -92,6 +98,7 @@ impl Standard {
                 standard.centre.push(centre);
                 standard.scale.push(scale);
                 standard.shift.push(shift);
+                standard.unresolved.push((resolution / scale).powi(2));
             }
         }
         standard
@@ -168,6 +175,7 @@ impl Whitening {
             }
         }
         for k in 0..width {
+            covariance[(k, k)] += standard.unresolved[k];
             covariance[(k, k)] = covariance[(k, k)].max(LEAST_VARIANCE);
         }
         Self { w: whitener(&covariance), standard }

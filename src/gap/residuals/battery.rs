@@ -12,6 +12,10 @@ const FAST_S: f64 = 2.0;
 /// Flap rate over that of hover from which on it is high: motors of P5 saturate from 1.05 on.
 const HIGH: f64 = 1.08;
 
+/// Noise of any board's voltage, V: two steps of a converter of 12 bits over 10 V. A model that is better
+/// than that is not seen to be.
+const NOISE_V: f64 = 0.005;
+
 /// Residuals at the battery's own samples.
 #[derive(Debug, Default)]
 pub struct Rows {
@@ -75,7 +79,15 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         let (b, a, q) = (volt.solve(), current.solve(), charge.solve());
         let end = rows.volt[rows.volt.len() - 10..].iter().sum::<f64>() / 10.0;
         let start = rows.volt[..10].iter().sum::<f64>() / 10.0;
-        v = [b[0], b[1], b[2], b[3], log(moments(rows.volt.iter().copied()).std), end, start];
+        v = [
+            b[0],
+            b[1],
+            b[2],
+            b[3],
+            log(moments(rows.volt.iter().copied()).std.hypot(NOISE_V)),
+            end,
+            start,
+        ];
         let m = moments(rows.current.iter().copied());
         let high = rows.ratio.iter().filter(|r| **r > HIGH).count() >= 5;
         c = [a[0], a[1], a[2], log(m.std), m.skew, if high { a[3] } else { f64::NAN }];

@@ -53,6 +53,9 @@ pub struct StatSpec {
     pub unit: &'static str,
     /// In words.
     pub meaning: &'static str,
+    /// Smallest difference that says anything about the vehicle, in the statistic's unit; zero: any.
+    /// The simulator is exact to the last bit where a computer is not.
+    pub resolution: f64,
 }
 
 /// Statistics as they are written: what they are and how large, in one list.
@@ -74,8 +77,22 @@ impl Sheet {
         meaning: &'static str,
         value: f64,
     ) {
-        self.specs.push(StatSpec { name: name.into(), block, channel, unit, meaning });
+        self.specs.push(StatSpec {
+            name: name.into(),
+            block,
+            channel,
+            unit,
+            meaning,
+            resolution: 0.0,
+        });
         self.values.push(if value.is_finite() { value } else { f64::NAN });
+    }
+
+    /// Resolution of the statistic that was put last.
+    pub fn resolved_to(&mut self, resolution: f64) {
+        if let Some(spec) = self.specs.last_mut() {
+            spec.resolution = resolution;
+        }
     }
 }
 

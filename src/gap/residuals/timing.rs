@@ -7,6 +7,16 @@ use crate::model::effects::Block;
 /// A pause of the IMU that is a gap, s: five samples of 250 Hz.
 const GAP_S: f64 = 0.02;
 
+/// What the recording computer adds to times of arrival, s: it wakes up to so much later from one run to
+/// the next, and by so much more or less from one sample to the next (lateness in docs/REALTIME.md: median
+/// 0.06 to 0.1 ms).
+const HOST_S: f64 = 1e-4;
+
+/// Spread over what any computer has.
+fn spread(std_s: f64) -> f64 {
+    log(std_s.hypot(HOST_S))
+}
+
 /// Writes the statistics; `None` lists them.
 pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
     let mut v = [f64::NAN; 10];
@@ -31,7 +41,7 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         let imu = imu_all.iter().map(|s| s.received_at.seconds_since(s.valid_at));
         let imu = moments(imu);
         let steps =
-            moments(t.imu.windows(2).map(|w| w[1].received_at.seconds_since(w[0].received_at)));
+            moments(imu_all.windows(2).map(|w| w[1].received_at.seconds_since(w[0].received_at)));
         let gaps = imu_all
             .windows(2)
             .filter(|w| w[1].received_at.seconds_since(w[0].received_at) > GAP_S)
@@ -47,30 +57,38 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         let span_s = f.len() as f64 * crate::gap::timeline::STEP_S;
         v = [
             imu.mean,
-            log(imu.std),
-            log(steps.std),
+            spread(imu.std),
+            spread(steps.std),
             log(gaps as f64 + 0.5),
             late.mean,
-            log(late.std),
+            spread(late.std),
             attitude.mean,
             log(silence),
             clock.unwrap_or(f64::NAN),
             log(imu_all.len() as f64 / span_s),
         ];
     }
+    // In logarithms a quarter: a spread of the computer's own that is a quarter larger is no news.
     let names = [
-        ("imu_age", Block::Timing, "s", "IMU: arrival after validity"),
-        ("imu_age_std", Block::Timing, "ln", "its spread"),
-        ("imu_step_std", Block::Timing, "ln", "spread of the time between arrivals"),
-        ("imu_gaps", Block::Timing, "ln", "pauses of the IMU"),
-        ("uwb_age", Block::Timing, "s", "UWB: arrival after validity"),
-        ("uwb_age_std", Block::Timing, "ln", "its spread"),
-        ("attitude_age", Block::Timing, "s", "attitude: arrival after validity"),
-        ("uwb_silence", Block::Timing, "ln", "longest pause of UWB"),
-        ("clock", Block::Link, "s", "uncertainty of the board's clock: half the round trip"),
-        ("imu_rate", Block::Timing, "ln", "IMU samples per second"),
+        ("imu_age", Block::Timing, "s", HOST_S, "IMU: arrival after validity"),
+        ("imu_age_std", Block::Timing, "ln", 0.25, "its spread"),
+        ("imu_step_std", Block::Timing, "ln", 0.25, "spread of the time between arrivals"),
+        ("imu_gaps", Block::Timing, "ln", 0.0, "pauses of the IMU"),
+        ("uwb_age", Block::Timing, "s", HOST_S, "UWB: arrival after validity"),
+        ("uwb_age_std", Block::Timing, "ln", 0.25, "its spread"),
+        ("attitude_age", Block::Timing, "s", HOST_S, "attitude: arrival after validity"),
+        ("uwb_silence", Block::Timing, "ln", 0.0, "longest pause of UWB"),
+        (
+            "clock",
+            Block::Link,
+            "s",
+            HOST_S,
+            "uncertainty of the board's clock: half the round trip",
+        ),
+        ("imu_rate", Block::Timing, "ln", 1e-3, "IMU samples per second"),
     ];
-    for ((name, block, unit, meaning), value) in names.into_iter().zip(v) {
+    for ((name, block, unit, resolution, meaning), value) in names.into_iter().zip(v) {
         sheet.put((block, Channel::Timing), format!("timing.{name}"), unit, meaning, value);
+        sheet.resolved_to(resolution);
     }
 }

@@ -400,7 +400,11 @@ fn noise(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) {
         // Of the flight alone, as the TDOA on the grid are.
         let flown = |r: &&crate::topics::UwbRecord| f.line.place(r.tdoa.valid_at).is_some();
         let fused = f.trace.uwb.iter().filter(flown).filter(|r| r.fused).count() as f64;
-        let nis = moments(f.trace.uwb.iter().step_by(4).map(|r| {
+        // In the air: how long it stood on the floor before, where nothing moves, is no effect.
+        let clear = |r: &&crate::topics::UwbRecord| {
+            f.line.place(r.tdoa.valid_at).is_some_and(|p| f.clear[p.0])
+        };
+        let nis = moments(f.trace.uwb.iter().filter(clear).step_by(4).map(|r| {
             log((r.innovation_m.powi(2) / r.var_innovation_m2.max(1e-9)).min(50.0) + 0.1)
         }));
         let span_s = f.len() as f64 * STEP_S;
