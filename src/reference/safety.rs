@@ -95,6 +95,7 @@ fn number(config: &PilotConfig, n: &Number) -> String {
 fn watched(row: &Condition) -> &'static str {
     match row.watched {
         Watched::Always => "always",
+        Watched::Armed => "while it is armed",
         Watched::Flight => "from the spool-up on",
         Watched::Air => "from the take-off on",
         Watched::In(_) => "in the modes below that have an entry",
