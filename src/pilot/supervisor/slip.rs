@@ -74,7 +74,7 @@ pub(super) const SLIP: Condition = Condition {
         key: "",
         value: |_| SLIP_MPS,
         unit: "m/s",
-        origin: "twice the largest of 160 sound flights (0.22 m/s, `haltere-sim paths`); wind of 1 m/s has 0.42",
+        origin: "twice the largest seen in the 160 flights of `haltere-sim paths` (0.22 m/s)",
     }],
     lasts_s: |_| 0.2,
     latched: true,
