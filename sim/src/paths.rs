@@ -172,6 +172,9 @@ pub fn paths(options: &PathOptions) -> Result<bool> {
             let worst = |pick: fn(&PathScore) -> f64| scores.iter().map(pick).fold(0.0, f64::max);
             let estimate_m = average(|s| s.estimate_m);
             let touch_s = worst(|s| s.touch_s);
+            let mut touches: Vec<f64> = scores.iter().map(|s| s.touch_s).collect();
+            touches.sort_by(f64::total_cmp);
+            let share = |part: f64| touches[((touches.len() - 1) as f64 * part).round() as usize];
             let crashes = scores.iter().filter(|s| s.crashed).count();
             if version == Version::Modified {
                 ok &= estimate_m.iter().all(|e| *e <= ESTIMATE_BOUND_M);
@@ -188,6 +191,8 @@ pub fn paths(options: &PathOptions) -> Result<bool> {
                 "tracking_mae_m": average(|s| s.tracking_m),
                 "takeoff_over_m": worst(|s| s.takeoff_over_m),
                 "touch_s": touch_s,
+                "touch_median_s": share(0.5),
+                "touch_p95_s": share(0.95),
                 "crashes": crashes,
             }));
         }
@@ -197,7 +202,7 @@ pub fn paths(options: &PathOptions) -> Result<bool> {
         return Ok(ok);
     }
     println!(
-        "{:8} {:8} {:^20} {:^20} {:^20} {:^20} {:>8} {:>7} crashes",
+        "{:8} {:8} {:^20} {:^20} {:^20} {:^20} {:>8} {:>7} {:>5} {:>5} crashes",
         "version",
         "path",
         "estimate-truth m",
@@ -205,7 +210,9 @@ pub fn paths(options: &PathOptions) -> Result<bool> {
         "velocity m/s",
         "truth-setpoint m",
         "over m",
-        "touch s"
+        "touch s",
+        "95 %",
+        "50 %"
     );
     for row in &rows {
         let three = |key: &str| {
@@ -213,7 +220,7 @@ pub fn paths(options: &PathOptions) -> Result<bool> {
             AXES.iter().enumerate().map(|(i, _)| format!("{:6.3}", v(i))).collect::<String>()
         };
         println!(
-            "{:8} {:8} {:^20} {:^20} {:^20} {:^20} {:8.3} {:7.2} {}",
+            "{:8} {:8} {:^20} {:^20} {:^20} {:^20} {:8.3} {:7.2} {:5.2} {:5.2} {}",
             row["version"].as_str().unwrap_or(""),
             row["path"].as_str().unwrap_or(""),
             three("estimate_mae_m"),
@@ -222,6 +229,8 @@ pub fn paths(options: &PathOptions) -> Result<bool> {
             three("tracking_mae_m"),
             row["takeoff_over_m"].as_f64().unwrap_or(f64::NAN),
             row["touch_s"].as_f64().unwrap_or(f64::INFINITY),
+            row["touch_p95_s"].as_f64().unwrap_or(f64::INFINITY),
+            row["touch_median_s"].as_f64().unwrap_or(f64::INFINITY),
             row["crashes"],
         );
     }

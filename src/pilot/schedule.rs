@@ -61,6 +61,7 @@ impl Pilot {
         self.watch_health(at);
         self.follow_north(at, dt_s);
         self.watch_lift(dt_s);
+        self.watch_slip(at, dt_s);
         let remedies = self.estimator.counts().remedies;
         self.supervisor.evidence.note_remedies(at, remedies);
         self.supervise(at);

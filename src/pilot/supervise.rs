@@ -34,7 +34,10 @@ const FALLING_MPS2: f64 = 1.0;
 const FEEL_FILTER_S: f64 = 0.15;
 /// After a fall has begun the loops have this long to catch it, s.
 const FEEL_AGAIN_S: f64 = 0.5;
-/// After each search in vain they have so many times longer.
+/// After so many searches in vain …
+const FEEL_CALM: i32 = 3;
+/// … they have so many times longer after each. Sooner it would be the floor that waits: multipath makes a
+/// sound landing feel for it two or three times too early.
 const FEEL_GROWTH: f64 = 1.6;
 /// The floor is expected below this height by the estimate, m: near it multipath biases the height
 /// by up to half a metre (INTERFACES.md section 1; 0.5 m seen in lockstep).
@@ -78,10 +81,10 @@ impl Touch {
         Self { acc_z_mps2: self.acc_z_mps2, ..Self::default() }
     }
 
-    /// How long the loops have to catch a fall, s: with every search in vain longer, or a vehicle that needs
+    /// How long the loops have to catch a fall, s: after some searches in vain longer and longer, or a vehicle that needs
     /// little thrust against the wind would never sink in between.
     fn pause_s(&self) -> f64 {
-        FEEL_AGAIN_S * FEEL_GROWTH.powi((self.falls - 1).clamp(0, 5))
+        FEEL_AGAIN_S * FEEL_GROWTH.powi((self.falls - FEEL_CALM).clamp(0, 5))
     }
 
     /// Takes an IMU sample in.

@@ -7,6 +7,11 @@ use haltere_dialect::mav::haltere::{
 };
 use rayon::prelude::*;
 
+mod divergence;
+mod envelope;
+mod timing;
+mod walls;
+
 use super::*;
 use crate::model::faults::{Fault, FaultKind};
 use crate::pilot::{Action, Input, LinkId, Reaction};
@@ -122,7 +127,7 @@ fn prop_sensor_faults_are_found_and_end_on_the_floor() {
         case(Fault::Accelerometer(K::Stuck), Mode::Descend, 0.5, "accelerometer repeats itself"),
         case(Fault::Gyroscope(K::Stuck), Mode::Descend, 0.5, "gyroscope repeats itself"),
         case(Fault::Accelerometer(K::Garbage), Mode::Descend, 0.6, "accelerometer is noise"),
-        case(Fault::Accelerometer(K::Drift), Mode::Descend, 20.0, "no usable estimate"),
+        case(Fault::Accelerometer(K::Drift), Mode::Descend, 9.0, "vertical velocity"),
         case(Fault::Gyroscope(K::Garbage), Mode::Descend, 0.6, "gyroscope is noise"),
         case(Fault::Gyroscope(K::Drift), Mode::Descend, 30.0, "no usable estimate"),
         case(Fault::TagSilent(true), Mode::Land, 1.2, "land: no UWB measurements"),

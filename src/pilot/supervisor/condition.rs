@@ -13,6 +13,8 @@ use crate::time::HostTime;
 pub enum Watched {
     /// Always, on the floor too.
     Always,
+    /// From arming to disarming.
+    Armed,
     /// While motors may turn, or the board flies by itself.
     Flight,
     /// From the take-off on.
@@ -26,6 +28,7 @@ impl Watched {
     pub fn holds(self, mode: Mode) -> bool {
         match self {
             Watched::Always => true,
+            Watched::Armed => !matches!(mode, Mode::Disarmed | Mode::Arming | Mode::Disarming),
             Watched::Flight => mode.has_thrust() || mode == Mode::Yielded,
             Watched::Air => (mode.has_thrust() && mode != Mode::Spool) || mode == Mode::Yielded,
             Watched::In(modes) => modes.contains(&mode),

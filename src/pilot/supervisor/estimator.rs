@@ -185,7 +185,7 @@ pub(super) const DIVERGED: Condition = Condition {
     name: "estimate_diverged",
     seen_by: "More than `supervisor.divergence_share` of the UWB measurements lie beyond the gate \
               (innovation over its sigma), for `supervisor.divergence_s`: whatever the filter did to \
-              recover has not helped.",
+              recover has not helped. A landing would fly by what is in doubt.",
     numbers: &[
         Number {
             key: "supervisor.divergence_share",
@@ -202,7 +202,7 @@ pub(super) const DIVERGED: Condition = Condition {
     ],
     lasts_s: |c| c.supervisor.divergence_s,
     watched: Watched::Air,
-    wanted: |_| Reaction::Land,
+    wanted: |_| Reaction::Descend,
     because: "estimate does not fit UWB",
     over: "estimate fits UWB again",
     health: S::MAV_SYS_STATUS_AHRS,
@@ -229,7 +229,7 @@ pub(super) const UNHEALED: Condition = Condition {
         origin: "a remedy takes effect within half a second; three are all that it knows",
     }],
     watched: Watched::Air,
-    wanted: |_| Reaction::Land,
+    wanted: |_| Reaction::Descend,
     because: "estimate does not recover",
     over: "estimate has recovered",
     health: S::MAV_SYS_STATUS_AHRS,
@@ -258,7 +258,8 @@ pub(super) const CONTRADICTED: Condition = Condition {
             key: "",
             value: |_| DOUBT_SHARE,
             unit: "",
-            origin: "a tenth is usual near the floor",
+            origin: "chosen: of 76 437 measurements of a sound flight none lay beyond the gate \
+                     (`haltere-sim demo --short`)",
         },
     ],
     lasts_s: |_| 0.3,

@@ -6,6 +6,7 @@ use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
+use super::slip::SLIP;
 use crate::frames::G_MPS2;
 use crate::measure::ImuSample;
 use crate::time::HostTime;
@@ -185,7 +186,7 @@ impl Pilot {
         let c = &self.config.supervisor;
         self.imu_age_s(at) <= c.imu_loss_s
             && self.supervisor.repetition.longest_s() <= c.imu_frozen_s
-            && ![NOISE.name, LIFT.name].iter().any(|name| self.supervisor.has(name))
+            && ![NOISE.name, LIFT.name, SLIP.name].iter().any(|name| self.supervisor.has(name))
     }
 }
 

@@ -1,15 +1,16 @@
 //! The list of conditions. Its order is the order of names where several want the same.
 
 use super::condition::Condition;
-use super::{battery, envelope, estimator, imu, links, timing, uwb};
+use super::{battery, envelope, estimator, imu, links, slip, timing, uwb};
 
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
-pub static CONDITIONS: [Condition; 35] = [
+pub static CONDITIONS: [Condition; 36] = [
     links::CONTROL,
     imu::LOST,
     imu::FROZEN,
     imu::NOISE,
     imu::LIFT,
+    slip::SLIP,
     estimator::LOST,
     estimator::ATTITUDE,
     estimator::CONTRADICTED,

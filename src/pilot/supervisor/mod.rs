@@ -18,6 +18,7 @@ mod imu;
 mod links;
 mod list;
 mod reaction;
+mod slip;
 mod timing;
 mod uwb;
 
@@ -65,6 +66,7 @@ pub(super) struct Supervisor {
     pub anchors: uwb::Anchors,
     pub repetition: imu::Repetition,
     pub lift: imu::Lift,
+    pub slip: slip::Slip,
     pub evidence: estimator::Evidence,
     pub heard: links::Heard,
     pub discharge: battery::Discharge,

@@ -119,7 +119,9 @@ pub(super) const LATE: Condition = Condition {
         key: "",
         value: |_| LATE_SHARE,
         unit: "",
-        origin: "an idle computer without real-time scheduling stays below 1 %",
+        origin: "chosen: without real-time scheduling, both cores busy compiling, 1.5 % of 8016 steps were \
+                 late, 27 % of the worst second \
+                 (`haltere-sim demo --short --set timing.realtime=false`)",
     }],
     lasts_s: |_| 0.2,
     gone_s: 2.0,
@@ -146,7 +148,7 @@ pub(super) const CLOCK: Condition = Condition {
         key: "",
         value: |_| BACK_S,
         unit: "s",
-        origin: "ten times any queueing seen",
+        origin: "chosen: five control periods; a clock that works never goes back",
     }],
     latched: true,
     wanted: |_| Reaction::Land,
@@ -170,7 +172,8 @@ pub(super) const BOARD_CLOCK: Condition = Condition {
         key: "",
         value: |_| BACK_S,
         unit: "s",
-        origin: "ten times any queueing seen",
+        origin: "chosen: eight times what round trips to real firmwares take (6.5 ms at 95 %); a clock that \
+                 moved by 30 ms is followed",
     }],
     because: "the board's clock jumped",
     over: "",

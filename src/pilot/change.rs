@@ -1,0 +1,118 @@
+//! A change of mode: what it begins, what it ends, and how it is told.
+
+use crate::time::HostTime;
+use crate::topics::{ModeRecord, Topic};
+
+use super::modes::{Event, Mode, transition};
+use super::supervisor::Descent;
+use super::{Pilot, Severity, services};
+
+/// Why a mode changed: the words, how grave it is, and the number for events.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cause {
+    pub because: &'static str,
+    pub severity: Severity,
+    pub number: u8,
+}
+
+impl Cause {
+    fn of_row(from: Mode, event: Event, because: &'static str) -> Self {
+        let severity = match event {
+            Event::NotLifted | Event::SetpointsIgnored => Severity::Error,
+            _ => Severity::Info,
+        };
+        Self { because, severity, number: services::cause_number(from, event) }
+    }
+}
+
+impl Pilot {
+    /// Lets an event change the mode. `false`: there is no row for it.
+    pub(super) fn fire(&mut self, at: HostTime, event: Event) -> bool {
+        self.fire_because(at, event, None)
+    }
+
+    /// The same for a reason that is not the row's.
+    pub(super) fn fire_because(
+        &mut self,
+        at: HostTime,
+        event: Event,
+        cause: Option<Cause>,
+    ) -> bool {
+        let Some(row) = transition(self.mode, event) else { return false };
+        let from = self.mode;
+        let cause = cause.unwrap_or_else(|| Cause::of_row(from, event, row.because));
+        self.mode = row.to;
+        self.mode_since = at;
+        self.touch = self.touch.restarted();
+        self.good_since = None;
+        self.guidance.enter(row.to, &self.estimate, at);
+        match row.to {
+            Mode::Spool => {
+                self.supervisor.begin_flight(at);
+                self.controller.reset(None);
+                self.estimator.set_airborne(true);
+                self.lift_off_asked = false;
+            }
+            Mode::Disarming => {
+                // With thrust on, a board may refuse the plain order even on the floor.
+                let force = from.has_thrust() && event != Event::TouchDown;
+                self.board.command_arm(false, force, at);
+                self.insisted_at = None;
+                self.call_off_lift_off();
+            }
+            Mode::Yielded => {
+                self.land_when_back = false;
+                // What the integrators learn while nobody listens is wrong.
+                self.controller.reset(None);
+            }
+            Mode::Hold if from == Mode::Yielded => self.take_over_level(),
+            Mode::Descend => {
+                // Height and speed as they were while they could be trusted.
+                let height_m = self.height_to_descend_from_m();
+                let sink_mps = if self.imu_is_alive(at) { self.last_sink_mps } else { 0.0 };
+                self.supervisor.descent = Descent::begin(height_m, sink_mps);
+                self.supervisor.descents += 1;
+            }
+            Mode::Land => self.land_from_m = self.height_above_floor_m().max(0.0),
+            Mode::Disarmed => {
+                self.supervisor.end_flight();
+                self.estimator.set_airborne(false);
+                self.call_off_lift_off();
+                if event == Event::ArmFailed {
+                    // It may still arm on an order that is under way.
+                    self.board.command_arm(false, false, at);
+                }
+            }
+            _ => {}
+        }
+        let armed = self.board.is_armed();
+        self.record(|| {
+            Topic::Mode(ModeRecord {
+                at,
+                mode: row.to.name(),
+                armed,
+                cause: cause.because.to_owned(),
+            })
+        });
+        self.tell_transition(at, from, row.to, cause);
+        true
+    }
+
+    pub(super) fn call_off_lift_off(&mut self) {
+        self.lift_off_asked = false;
+        self.guidance.mission_waits = false;
+    }
+
+    /// The mode that clients are shown. On the floor one that waits for arming is shown as if it
+    /// were in force: clients that asked for it give up when it does not appear (GROUND.md).
+    pub(super) fn shown_mode(&self) -> Mode {
+        match self.mode {
+            Mode::Disarmed | Mode::Arming | Mode::Idle if self.guidance.mission_waits => {
+                Mode::Mission
+            }
+            Mode::Disarmed | Mode::Arming | Mode::Idle if self.lift_off_asked => Mode::Takeoff,
+            Mode::Spool | Mode::Takeoff if self.guidance.mission_waits => Mode::Mission,
+            mode => mode,
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! Vertical velocity of the estimate against its own height.
+//!
+//! In flight the filter takes its vertical velocity from the accelerometer and its height from UWB and
+//! barometer. Where both are right, one is the rate of the other. An accelerometer that errs along body z
+//! leaves a velocity that UWB has to take back from the height, sample by sample:
+//!
+//! ```text
+//! s = low-pass(dz/dt − v_z)        z, v_z of the estimate, downwards
+//! ```
+//!
+//! In a landing, which flies by velocity, s is what it climbs by instead of sinking. Horizontally there is
+//! nothing of the kind: there the filter takes the force from drag, not from the accelerometer.
+
+use super::super::{Pilot, Severity};
+use super::condition::{Condition, Number, ROW, Watched};
+use super::reaction::Reaction;
+use crate::estimate::Health;
+use crate::time::HostTime;
+
+/// Time constant of the low-pass, s: multipath near the floor moves the height by half a metre within it.
+const FILTER_S: f64 = 1.5;
+/// A step of the height counts as no faster than this, m/s: the filter may seek its position anew.
+const MOST_MPS: f64 = 2.0;
+/// Difference that no flight has, m/s.
+const SLIP_MPS: f64 = 0.45;
+/// UWB must be as new as this, s: without it the height is the integral of the velocity.
+const UWB_AGE_S: f64 = 0.3;
+/// And the accelerometer as this, s: what is missing is another condition.
+const IMU_AGE_S: f64 = 0.05;
+
+/// What the height does beyond its velocity.
+#[derive(Debug, Default)]
+pub(in crate::pilot) struct Slip {
+    last_down_m: Option<f64>,
+    /// Low-passed, downwards, m/s.
+    pub mps: f64,
+}
+
+impl Slip {
+    /// A control step of flight.
+    pub fn step(&mut self, down_m: f64, vel_down_mps: f64, dt_s: f64) {
+        let Some(was_m) = self.last_down_m.replace(down_m) else { return };
+        let slip_mps = (down_m - was_m) / dt_s - vel_down_mps;
+        if slip_mps.is_finite() {
+            let weight = dt_s / (FILTER_S + dt_s);
+            self.mps += (slip_mps.clamp(-MOST_MPS, MOST_MPS) - self.mps) * weight;
+        }
+    }
+}
+
+impl Pilot {
+    /// Follows height and vertical velocity while both are measured.
+    pub(in crate::pilot) fn watch_slip(&mut self, at: HostTime, dt_s: f64) {
+        let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
+        let measured = self.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_AGE_S);
+        if !self.mode.is_flying() {
+            self.supervisor.slip = Slip::default();
+        } else if usable && measured && self.imu_age_s(at) < IMU_AGE_S {
+            let vel_down_mps = self.estimate.vel_E_mps().z();
+            self.supervisor.slip.step(self.estimate.pos_E_m.z(), vel_down_mps, dt_s);
+        } else {
+            self.supervisor.slip.last_down_m = None;
+        }
+    }
+}
+
+/// The velocity is not that of the height.
+pub(super) const SLIP: Condition = Condition {
+    name: "climb_differs",
+    seen_by: "The estimated height changes by more than 0.45 m/s faster or slower, averaged over 1.5 s, than \
+              the estimated vertical velocity says: UWB and barometer pull the height one way and the \
+              accelerometer the other.",
+    numbers: &[Number {
+        key: "",
+        value: |_| SLIP_MPS,
+        unit: "m/s",
+        origin: "twice the largest of 160 sound flights (0.22 m/s, `haltere-sim paths`); wind of 1 m/s has 0.42",
+    }],
+    lasts_s: |_| 0.2,
+    latched: true,
+    watched: Watched::Air,
+    wanted: |_| Reaction::Descend,
+    because: "no usable estimate: vertical velocity is not that of the height",
+    over: "",
+    health: haltere_dialect::mav::haltere::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_3D_ACCEL,
+    severity: Severity::Emergency,
+    is_seen: |pilot, _| pilot.supervisor.slip.mps.abs() > SLIP_MPS,
+    words: |pilot, _| {
+        let slip_mps = -pilot.supervisor.slip.mps;
+        format!("height climbs {slip_mps:+.1} m/s faster than the vertical velocity says")
+    },
+    ..ROW
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Slip after so many seconds of steps of 10 ms, of height and velocity over time.
+    fn after(seconds: f64, down_m: impl Fn(f64) -> f64, vel_mps: impl Fn(f64) -> f64) -> f64 {
+        let mut slip = Slip::default();
+        for n in 0..(seconds * 100.0) as u32 {
+            let t = f64::from(n) * 0.01;
+            slip.step(down_m(t), vel_mps(t), 0.01);
+        }
+        slip.mps
+    }
+
+    #[test]
+    fn prop_what_moves_as_it_says_does_not_slip() {
+        assert!(after(10.0, |t| -1.2 + 0.4 * t, |_| 0.4).abs() < 1e-9);
+        let swing = after(20.0, |t| (2.0 * t).sin(), |t| 2.0 * (2.0 * t).cos());
+        assert!(swing.abs() < 0.02, "{swing}");
+    }
+
+    #[test]
+    fn prop_a_velocity_that_errs_is_found_with_its_sign() {
+        // It says that it sinks, and it stands.
+        let slip = after(6.0, |_| -1.2, |_| 0.5);
+        assert!((slip + 0.5).abs() < 0.02, "{slip}");
+    }
+
+    #[test]
+    fn prop_a_jump_of_the_height_is_no_slip() {
+        let slip = after(5.0, |t| if t < 4.9 { -1.2 } else { 3.0 }, |_| 0.0);
+        assert!(slip.abs() < 0.05, "{slip}");
+    }
+}
