@@ -27,6 +27,7 @@ mod home;
 mod hover;
 mod identity;
 mod ingest;
+mod magnetics;
 mod manual;
 mod mission;
 mod mission_items;
@@ -45,6 +46,7 @@ mod shelf;
 mod streams;
 mod supervise;
 mod supervisor;
+mod survey_check;
 mod telemetry;
 mod telemetry_counts;
 mod telemetry_estimator;
@@ -88,6 +90,7 @@ use services::{FileFault, Services};
 use shelf::Shelf;
 use supervise::Touch;
 use supervisor::{Descent, SteadyClock, Supervisor};
+use survey_check::SurveyCheck;
 use telemetry_counts::PairStats;
 
 /// Name of a link to the outside.
@@ -169,7 +172,7 @@ pub enum Input<'a> {
 }
 
 /// Every check before a flight, in its order.
-pub const ARMING_CHECKS: [ArmingCheck; 7] = ArmingCheck::ALL;
+pub const ARMING_CHECKS: [ArmingCheck; 8] = ArmingCheck::ALL;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -244,6 +247,7 @@ pub struct Pilot {
     mode_since: HostTime,
     touch: Touch,
     supervisor: Supervisor,
+    survey_check: SurveyCheck,
     clock: SteadyClock,
     lift_off_asked: bool,
     /// What was asked for while the board flew by itself: land as soon as control is back.
@@ -340,6 +344,7 @@ impl Pilot {
             mode_since: at,
             touch: Touch::default(),
             supervisor: Supervisor::default(),
+            survey_check: SurveyCheck::new(&config, &survey),
             clock: SteadyClock::default(),
             lift_off_asked: false,
             land_when_back: false,
