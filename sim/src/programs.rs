@@ -72,7 +72,7 @@ fn take(flight: &mut Flight, topic: Topic) {
         }),
         Topic::Text(x) => flight.texts.push(x),
         Topic::Health(x) => flight.health.push(x),
-        Topic::Baro(_) => {}
+        Topic::Baro(_) | Topic::Mag(_) => {}
     }
 }
 

@@ -1,10 +1,12 @@
 //! Whole flights in lockstep: what they share, and one file per kind of question.
 
+mod anchors;
 mod boards;
 mod boards_in_flight;
 mod determinism;
 mod faults;
 mod ground;
+mod heading;
 mod hostile;
 mod hover;
 mod landing;
