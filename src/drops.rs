@@ -50,6 +50,8 @@ pub enum DropReason {
     BadValue,
     /// IMU sample that came too late or twice.
     ImuOutOfOrder,
+    /// Magnetic field too far from the room's own.
+    MagDisturbed,
     /// Input queue of the pilot was full.
     InputQueueFull,
     /// Queue to a link was full.
@@ -82,7 +84,7 @@ pub enum DropReason {
 
 impl DropReason {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [DropReason; 37] = [
+    pub const ALL: [DropReason; 38] = [
         DropReason::TagGarbageByte,
         DropReason::TagBadLength,
         DropReason::TagUnknownType,
@@ -106,6 +108,7 @@ impl DropReason {
         DropReason::MavIgnored,
         DropReason::BadValue,
         DropReason::ImuOutOfOrder,
+        DropReason::MagDisturbed,
         DropReason::InputQueueFull,
         DropReason::OutputQueueFull,
         DropReason::RecorderQueueFull,
@@ -148,6 +151,7 @@ impl DropReason {
             DropReason::MavIgnored => "mav_ignored",
             DropReason::BadValue => "bad_value",
             DropReason::ImuOutOfOrder => "imu_out_of_order",
+            DropReason::MagDisturbed => "mag_disturbed",
             DropReason::InputQueueFull => "input_queue_full",
             DropReason::OutputQueueFull => "output_queue_full",
             DropReason::RecorderQueueFull => "recorder_queue_full",

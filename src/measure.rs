@@ -80,6 +80,17 @@ pub struct BaroSample {
     pub pressure_pa: f64,
 }
 
+/// Magnetic field.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MagSample {
+    /// When it was true.
+    pub valid_at: HostTime,
+    /// When its bytes came.
+    pub received_at: HostTime,
+    /// Field, body frame, as calibrated by the board, T.
+    pub field_B_tesla: Vec3<B>,
+}
+
 /// Pose from motion capture: truth for the log, fused only if configured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReferencePose {

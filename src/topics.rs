@@ -5,7 +5,9 @@ use std::sync::Arc;
 use crate::drops::Drops;
 use crate::estimate::Estimate;
 use crate::frames::{E, Vec3};
-use crate::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample, ReferencePose, Tdoa};
+use crate::measure::{
+    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, ReferencePose, Tdoa,
+};
 use crate::time::HostTime;
 
 /// One decoded record.
@@ -25,6 +27,8 @@ pub enum Topic {
     BoardAttitude(BoardAttitude),
     /// Air pressure.
     Baro(BaroSample),
+    /// Magnetic field.
+    Mag(MagSample),
     /// Motion capture.
     Reference(ReferencePose),
     /// Change of mode.

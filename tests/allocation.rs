@@ -5,11 +5,11 @@
 use std::sync::{Arc, Mutex};
 
 use haltere::live::ByHand;
-use haltere::lockstep::{Lockstep, fly};
+use haltere::lockstep::{Lockstep, fly, local_item};
 use haltere::model::{Plant, PlantConfig};
 use haltere::pilot::{Input, LinkId, Mode, PilotConfig};
 use haltere::time::HostTime;
-use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame};
+use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
 
 /// What came, and when.
 enum Came {
@@ -18,29 +18,16 @@ enum Came {
     Wake,
 }
 
-fn item(command: MavCmd, point_E_m: [f64; 3], param1: f32) -> MISSION_ITEM_INT_DATA {
-    MISSION_ITEM_INT_DATA {
-        command,
-        frame: MavFrame::MAV_FRAME_LOCAL_NED,
-        x: (point_E_m[0] * 1e4) as i32,
-        y: (point_E_m[1] * 1e4) as i32,
-        z: point_E_m[2] as f32,
-        param1,
-        param4: f32::NAN,
-        ..Default::default()
-    }
-}
-
 /// Take-off, two squares, a hover of 10 s, landing.
 fn mission() -> Vec<MISSION_ITEM_INT_DATA> {
-    let mut items = vec![item(MavCmd::MAV_CMD_NAV_TAKEOFF, [5.0, 5.0, -1.2], 0.0)];
+    let mut items = vec![local_item(MavCmd::MAV_CMD_NAV_TAKEOFF, [5.0, 5.0, -1.2], 0.0)];
     for _ in 0..2 {
         for (north, east) in [(6.0, 5.0), (6.0, 6.0), (5.0, 6.0), (5.0, 5.0)] {
-            items.push(item(MavCmd::MAV_CMD_NAV_WAYPOINT, [north, east, -1.2], 0.0));
+            items.push(local_item(MavCmd::MAV_CMD_NAV_WAYPOINT, [north, east, -1.2], 0.0));
         }
     }
-    items.push(item(MavCmd::MAV_CMD_NAV_WAYPOINT, [5.0, 5.0, -1.2], 10.0));
-    items.push(item(MavCmd::MAV_CMD_NAV_LAND, [5.0, 5.0, 0.0], 0.0));
+    items.push(local_item(MavCmd::MAV_CMD_NAV_WAYPOINT, [5.0, 5.0, -1.2], 10.0));
+    items.push(local_item(MavCmd::MAV_CMD_NAV_LAND, [5.0, 5.0, 0.0], 0.0));
     items
 }
 

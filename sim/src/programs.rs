@@ -1,5 +1,6 @@
 //! The data-collecting programs, flown in lockstep and fitted: from the mission file to the number.
 
+use crate::endpoint::truth_row;
 use haltere::config::Config;
 use haltere::fit::outcome::{Outcome, Refusal};
 use haltere::fit::programs::{Options, Program, plan};
@@ -9,7 +10,6 @@ use haltere::lockstep::{Lockstep, fly_watched};
 use haltere::model::PlantConfig;
 use haltere::pilot::{Envelope, PilotConfig};
 use haltere::report::flight::{Flight, ModeRow};
-use haltere::report::truth::TruthRow;
 use haltere::topics::Topic;
 
 fn pilot(plant: &PlantConfig) -> PilotConfig {
@@ -40,20 +40,7 @@ fn flown(program: Program, options: &Options, seed: u64) -> Source {
     let mut flight = Flight { survey: Some(survey), ..Flight::default() };
     let result = fly_watched(&mut world, &items, 900.0, |world| {
         let (truth, at) = (world.truth(), world.host_now());
-        flight.truth.push(TruthRow {
-            at,
-            t_s: world.t_us() as f64 * 1e-6,
-            pos_E_m: truth.pos_E_m,
-            vel_E_mps: truth.vel_E_mps,
-            R_EB: truth.R_EB,
-            rate_B_radps: truth.rate_B_radps,
-            flap_hz: truth.flap_hz,
-            supply_v: truth.supply_v,
-            charge_frac: truth.charge_frac,
-            thrust_n: truth.thrust_n,
-            on_ground: truth.on_ground,
-            crashed: truth.crashed,
-        });
+        flight.truth.push(truth_row(&truth, at));
         world.pilot_mut().drain_topics(|topic| take(&mut flight, topic));
     })
     .unwrap();
@@ -85,7 +72,7 @@ fn take(flight: &mut Flight, topic: Topic) {
         }),
         Topic::Text(x) => flight.texts.push(x),
         Topic::Health(x) => flight.health.push(x),
-        Topic::Baro(_) => {}
+        Topic::Baro(_) | Topic::Mag(_) => {}
     }
 }
 

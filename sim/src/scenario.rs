@@ -12,6 +12,7 @@ use haltere::frames::{E, U, Vec3, earth_from_survey, survey_from_earth};
 use haltere::measure::AnchorId;
 use haltere::model::board::{BoardSettings, Firmware, Manners, Overrides};
 use haltere::model::effects::{EffectConfig, EffectSet};
+use haltere::model::magnetometer::MagnetometerSettings;
 use haltere::model::room::Room;
 use haltere::model::tag::TagProtocol;
 use haltere::model::{Fault, PlantConfig, Vehicle};
@@ -86,6 +87,8 @@ pub struct Board {
     pub firmware: Firmware,
     /// Time since its boot at the start, s. Absent: long enough to be ready.
     pub booted_s: Option<f64>,
+    /// Its magnetometer and the room's field.
+    pub magnetometer: MagnetometerSettings,
     /// Unkind manners.
     pub manners: Manners,
     /// Parameters that are not the firmware's, by name.
@@ -217,6 +220,7 @@ impl Scenario {
     pub fn board_settings(&self) -> BoardSettings {
         let mut settings = BoardSettings {
             firmware: self.board.firmware,
+            magnetometer: self.board.magnetometer.clone(),
             manners: self.board.manners.clone(),
             parameters: self.board.parameters.clone(),
             ..BoardSettings::default()
@@ -288,6 +292,7 @@ mod tests {
         says("[board]\nnorth_offset_deg = 400.0", "board.north_offset_deg = 400");
         says("[board]\nfirmware = \"betaflight\"", "unknown variant `betaflight`");
         says("[board.manners]\nbaud = 99999999", "board.manners.baud = 99999999");
+        says("[board.magnetometer]\nwave_m = 0.0", "board.magnetometer.wave_m = 0");
         says("[board.manners]\nrude = true", "unknown field `rude`");
         says("[board.parameters]\nA_NAME_OF_TOO_MANY = 1.0", "names have 1 to 16");
         says("[[fault]]\nat_s = 1.0\npart = \"board-mode\"", "fault[0].mode is missing");

@@ -5,9 +5,9 @@
 //! does not state its window; the ratio of two versions does not depend on it much, the absolute
 //! figure is inversely proportional to it.
 
-use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame};
+use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
 
-use haltere::lockstep::{Flight, FlightError, Lockstep, Sample, fly};
+use haltere::lockstep::{Flight, FlightError, Lockstep, Sample, fly, local_item};
 
 /// Time after a step over which its error is averaged, s.
 pub const WINDOW_S: f64 = 10.0;
@@ -79,15 +79,7 @@ fn programme(centre_NE_m: [f64; 2]) -> Vec<Leg> {
 
 /// An item in the local frame.
 pub fn item(command: MavCmd, point_E_m: [f64; 3]) -> MISSION_ITEM_INT_DATA {
-    MISSION_ITEM_INT_DATA {
-        command,
-        frame: MavFrame::MAV_FRAME_LOCAL_NED,
-        x: (point_E_m[0] * 1e4).round() as i32,
-        y: (point_E_m[1] * 1e4).round() as i32,
-        z: point_E_m[2] as f32,
-        param4: f32::NAN,
-        ..Default::default()
-    }
+    local_item(command, point_E_m, 0.0)
 }
 
 /// A mission that flies points by steps, each held for the window.

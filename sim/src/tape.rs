@@ -1,7 +1,7 @@
 //! The log of a flight in lockstep: what the core was given and what it sent, as the companion writes it.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, bail};
 use haltere::config::Config;
@@ -14,15 +14,64 @@ use haltere::time::HostTime;
 /// Wall clock of the first log, µs since 1970: logs of one flight are equal byte for byte.
 const STARTED_UNIX_US: i64 = 1_790_000_000_000_000;
 
+/// A recorder that hears a world: what the core is given and what it sends, in order.
+pub struct Reels(Arc<Mutex<Reel>>);
+
 /// Recorder and the time that its outputs stand at.
-struct Reels {
+struct Reel {
     recorder: Recorder,
     at: HostTime,
 }
 
+impl Reels {
+    /// Outputs before the first input stand at `start`.
+    pub fn new(recorder: Recorder, start: HostTime) -> Self {
+        Self(Arc::new(Mutex::new(Reel { recorder, at: start })))
+    }
+
+    fn lock(reels: &Mutex<Reel>) -> MutexGuard<'_, Reel> {
+        reels.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What hears every input.
+    pub fn listener(&self) -> Listener {
+        let heard = self.0.clone();
+        Box::new(move |at, input| {
+            let mut reel = Self::lock(&heard);
+            reel.at = at;
+            if matches!(input, Input::Wake) {
+                // Before the input: what is committed is whole.
+                reel.recorder.commit(at);
+            }
+            reel.recorder.input(at, input);
+        })
+    }
+
+    /// What hears every output.
+    pub fn tap(&self) -> Tap {
+        let sent = self.0.clone();
+        Box::new(move |_, link, bytes| {
+            let mut reel = Self::lock(&sent);
+            let at = reel.at;
+            reel.recorder.output(at, link, bytes);
+        })
+    }
+
+    /// The recorder, between two inputs.
+    pub fn with<T>(&self, use_it: impl FnOnce(&mut Recorder) -> T) -> T {
+        use_it(&mut Self::lock(&self.0).recorder)
+    }
+
+    /// The recorder, once listener and tap are gone.
+    pub fn into_recorder(self) -> Result<Recorder> {
+        let reel = Arc::into_inner(self.0).context("the log is still being written")?;
+        Ok(reel.into_inner().unwrap_or_else(PoisonError::into_inner).recorder)
+    }
+}
+
 /// A log in the making.
 pub struct Tape {
-    reels: Arc<Mutex<Reels>>,
+    reels: Reels,
     path: PathBuf,
     /// The log grows here and is moved when it is whole.
     _work: tempfile::TempDir,
@@ -41,40 +90,24 @@ impl Tape {
             survey: survey.clone(),
         };
         let recorder = Recorder::start_waiting(work.path(), &session)?;
-        let reels = Arc::new(Mutex::new(Reels { recorder, at: session.pilot_started_at }));
+        let reels = Reels::new(recorder, session.pilot_started_at);
         Ok(Self { reels, path: path.to_owned(), _work: work })
     }
 
     /// What hears every input.
     pub fn listener(&self) -> Listener {
-        let heard = self.reels.clone();
-        Box::new(move |at, input| {
-            let mut reels = heard.lock().unwrap_or_else(PoisonError::into_inner);
-            reels.at = at;
-            if matches!(input, Input::Wake) {
-                // Before the input: what is committed is whole.
-                reels.recorder.commit(at);
-            }
-            reels.recorder.input(at, input);
-        })
+        self.reels.listener()
     }
 
     /// What hears every output.
     pub fn tap(&self) -> Tap {
-        let sent = self.reels.clone();
-        Box::new(move |_, link, bytes| {
-            let mut reels = sent.lock().unwrap_or_else(PoisonError::into_inner);
-            let at = reels.at;
-            reels.recorder.output(at, link, bytes);
-        })
+        self.reels.tap()
     }
 
     /// The log is whole; its length, bytes. Whoever holds listener or tap must be gone.
     pub fn end(self) -> Result<u64> {
         let path = &self.path;
-        let reels = Arc::into_inner(self.reels).context("the tape is still in use")?;
-        let reels = reels.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let summary = reels.recorder.finish();
+        let summary = self.reels.into_recorder()?.finish();
         if let Some(error) = summary.error {
             return Err(error.into());
         }

@@ -165,6 +165,11 @@ pub enum DoubletAxis {
 }
 
 impl Item {
+    /// Whether the vehicle stands on the floor when everything that it begins is over.
+    pub fn lands(&self) -> bool {
+        matches!(self.command, Command::Land | Command::Return)
+    }
+
     /// An item without any optional key.
     pub fn new(command: Command) -> Self {
         Self {

@@ -94,6 +94,16 @@ pub enum CtlError {
         /// What the vehicle said meanwhile.
         texts: Vec<String>,
     },
+    /// The vehicle was down before its mission was done.
+    #[error("the flight ended {}{}", ended_after(*reached, *items), quoted(texts))]
+    Ended {
+        /// Last item that was done.
+        reached: Option<u16>,
+        /// Items of the mission.
+        items: usize,
+        /// What the vehicle said meanwhile.
+        texts: Vec<String>,
+    },
     /// The mission file cannot be used.
     #[error("{file}: {why}")]
     MissionFile {
@@ -207,10 +217,19 @@ fn load_program(
     })
 }
 
-/// Starts the mission in force and waits for its last item.
+fn ended_after(reached: Option<u16>, items: usize) -> String {
+    let last = items.saturating_sub(1);
+    match reached {
+        Some(item) => format!("after item {item} of 0 to {last}"),
+        None => format!("before item 0 of 0 to {last}"),
+    }
+}
+
+/// Starts the mission in force and waits for its last item; with `lands`, until it stands.
 fn fly_mission(
     station: &mut GroundStation,
     items: usize,
+    lands: bool,
     say: &mut impl FnMut(&str),
 ) -> Result<(), CtlError> {
     station.set_mode(Mode::Mission)?;
@@ -219,13 +238,21 @@ fn fly_mission(
     }
     let last = items.saturating_sub(1) as u16;
     let mut told = None;
-    station.wait("the end of the mission", MISSION_TIMEOUT, |vehicle| {
+    // That it is armed may be heard after the order was answered.
+    let mut flies = false;
+    let done = station.wait("the end of the mission", MISSION_TIMEOUT, |vehicle| {
         if vehicle.reached != told {
             told = vehicle.reached;
             say(&format!("item {} done", told.unwrap_or(0)));
         }
-        (vehicle.reached >= Some(last)).then_some(())
-    })
+        flies |= vehicle.armed;
+        let is_done = vehicle.reached >= Some(last);
+        (is_done || (flies && !vehicle.armed)).then_some(is_done)
+    })?;
+    if !done {
+        return Err(CtlError::Ended { reached: told, items, texts: station.take_texts() });
+    }
+    if lands { station.wait_down() } else { Ok(()) }
 }
 
 /// Runs one action, signed where there is a key. Progress goes to `say`.
@@ -258,7 +285,8 @@ pub fn run(
             let mission = mission.unwrap_or_default();
             station.upload(&mission.items)?;
             say(&format!("{} items accepted", mission.items.len()));
-            fly_mission(&mut station, mission.items.len(), &mut say)?;
+            let lands = mission.items.last().is_some_and(|item| item.lands());
+            fly_mission(&mut station, mission.items.len(), lands, &mut say)?;
         }
         Action::Program { name } => {
             let names = program_names(&mut station)?;
@@ -267,7 +295,8 @@ pub fn run(
                 Some(name) => {
                     let items = load_program(&mut station, name, &names)?;
                     say(&format!("{name}: {items} items in force"));
-                    fly_mission(&mut station, items, &mut say)?;
+                    // All of them end on the floor.
+                    fly_mission(&mut station, items, true, &mut say)?;
                 }
             }
         }

@@ -24,8 +24,9 @@ const AUTOPILOT: u8 = 1;
 
 /// Wait for the first heartbeat, which comes once a second.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
-/// Our own heartbeat.
-const HEARTBEAT_PERIOD: Duration = Duration::from_secs(1);
+/// Our own heartbeat: several a second, because a vehicle that flies on simulated time faster than real counts
+/// its own seconds without one.
+const HEARTBEAT_PERIOD: Duration = Duration::from_millis(200);
 /// Wait for the answer to a command, and times it is sent (GROUND.md: QGroundControl's 3 times).
 const ACK_TIMEOUT: Duration = Duration::from_millis(1200);
 const ACK_TRIES: u32 = 3;
@@ -437,6 +438,11 @@ impl GroundStation {
     /// Lands and waits until the vehicle has landed and disarmed itself.
     pub fn land(&mut self) -> Result<(), CtlError> {
         self.command(MavCmd::MAV_CMD_NAV_LAND, [f32::NAN; 7])?;
+        self.wait_down()
+    }
+
+    /// Waits for a landing that has begun, as long as one takes from this height.
+    pub fn wait_down(&mut self) -> Result<(), CtlError> {
         let timeout = self.vehicle.height_m().unwrap_or(10.0).max(0.0) / SLOWEST_MPS + SLACK_S;
         self.wait_landed(Duration::from_secs_f64(timeout))
     }

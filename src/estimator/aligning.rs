@@ -148,7 +148,7 @@ impl Estimator {
     /// Level comes from rest, position from TDOA; the two need not be known at the same time, a
     /// vehicle may lift off in between.
     pub(super) fn try_align(&mut self, dt_s: f64, rate_B: &Vector3<f64>) {
-        let Some((yaw_rad, std_yaw)) = self.heading else { return };
+        let Some((yaw_rad, std_yaw)) = self.heading_to_start() else { return };
         if !self.airborne && self.rest.duration_s() >= self.config.align_s {
             self.level = Some(self.rest.attitude(yaw_rad));
         } else if dt_s > GAP_S {

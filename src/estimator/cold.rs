@@ -21,7 +21,7 @@ use super::config::{EstimatorConfig, Motion};
 use super::state::{ATT, State, VEL};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{Rot, Vec3};
-use crate::measure::{ImuSample, Tdoa};
+use crate::measure::{ImuSample, MagSample, Tdoa};
 use crate::survey::Survey;
 use crate::time::HostTime;
 use crate::topics::UwbRecord;
@@ -99,6 +99,13 @@ impl Cold {
             }
         }
         record
+    }
+
+    /// Takes a magnetic field, for those that race.
+    pub fn mag(&mut self, sample: &MagSample) {
+        for rival in self.rivals.iter_mut().take(self.racing) {
+            rival.mag(sample);
+        }
     }
 
     /// Takes an IMU sample. Says which rival is to take over, if one is.

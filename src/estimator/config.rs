@@ -119,6 +119,41 @@ impl Default for BaroConfig {
     }
 }
 
+/// Heading from the magnetic field (`magnetometer.rs`).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MagnetometerConfig {
+    /// Whether it tells the heading at the start and is fused in flight.
+    pub fuse: bool,
+    /// Magnetic north from room north, positive clockwise seen from above, deg.
+    pub north_deg: f64,
+    /// Strength of the field in the room, µT.
+    pub strength_ut: f64,
+    /// How far it points below the horizontal, deg; negative on the southern half of the Earth.
+    pub dip_deg: f64,
+    /// One sigma of a heading from an undisturbed field, deg: calibration, motors, what strength and dip
+    /// do not show.
+    pub std_deg: f64,
+    /// Time over which that error stays the same, s.
+    pub correlation_s: f64,
+    /// A field is not used when it is this far from strength and dip, as a share of the strength.
+    pub most_disturbance_frac: f64,
+}
+
+impl Default for MagnetometerConfig {
+    fn default() -> Self {
+        Self {
+            fuse: false,
+            north_deg: 0.0,
+            strength_ut: 49.0,
+            dip_deg: 66.0,
+            std_deg: 8.0,
+            correlation_s: 5.0,
+            most_disturbance_frac: 0.15,
+        }
+    }
+}
+
 /// What drives the prediction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -256,6 +291,8 @@ pub struct EstimatorConfig {
     pub process: ProcessNoise,
     /// Barometer.
     pub baro: BaroConfig,
+    /// Magnetometer.
+    pub magnetometer: MagnetometerConfig,
     /// Whether motion capture is fused; it is recorded as truth otherwise.
     pub fuse_reference: bool,
     /// One sigma of a motion-capture position, m.
@@ -290,6 +327,7 @@ impl Default for EstimatorConfig {
             gate: GateConfig::default(),
             process: ProcessNoise::default(),
             baro: BaroConfig::default(),
+            magnetometer: MagnetometerConfig::default(),
             fuse_reference: false,
             std_reference_m: 0.01,
             align_s: 1.0,
@@ -352,6 +390,13 @@ impl EstimatorConfig {
         range("process.std_pos_m_rts", p.std_pos_m_rts, 0.0, 2.0, "m/√s");
         range("baro.std_m", self.baro.std_m, 0.01, 20.0, "m");
         range("baro.correlation_s", self.baro.correlation_s, 0.0, 100.0, "s");
+        let m = &self.magnetometer;
+        range("magnetometer.north_deg", m.north_deg, -180.0, 180.0, "deg");
+        range("magnetometer.strength_ut", m.strength_ut, 15.0, 100.0, "µT");
+        range("magnetometer.dip_deg", m.dip_deg, -80.0, 80.0, "deg");
+        range("magnetometer.std_deg", m.std_deg, 1.0, 60.0, "deg");
+        range("magnetometer.correlation_s", m.correlation_s, 0.0, 100.0, "s");
+        range("magnetometer.most_disturbance_frac", m.most_disturbance_frac, 0.02, 1.0, "");
         range("std_reference_m", self.std_reference_m, 1e-4, 1.0, "m");
         range("align_s", self.align_s, 0.05, 30.0, "s");
         for [anchor, bias_m] in &self.range_bias_m {

@@ -7,6 +7,7 @@
 
 mod align;
 mod aligning;
+mod anchor_check;
 mod beat;
 mod bias;
 mod cold;
@@ -14,6 +15,7 @@ mod config;
 mod fusing;
 mod gate;
 mod height;
+mod magnetometer;
 mod noise;
 mod predict;
 mod quality;
@@ -24,11 +26,15 @@ mod update;
 mod zero_velocity;
 
 #[cfg(test)]
+mod anchor_check_tests;
+#[cfg(test)]
 mod bias_tests;
 #[cfg(test)]
 mod filter_tests;
 #[cfg(test)]
 mod jacobian_tests;
+#[cfg(test)]
+mod magnetometer_tests;
 #[cfg(test)]
 mod robust_tests;
 #[cfg(test)]
@@ -44,16 +50,19 @@ use crate::survey::Survey;
 use crate::time::HostTime;
 
 use align::{Recent, RestAverage};
+pub use anchor_check::{AnchorCheck, AnchorFit, MOST_HIDDEN_M};
 use beat::Beat;
 use bias::Wander;
 use cold::Cold;
 pub use config::{
-    AnchorBias, BaroConfig, EstimatorConfig, GateConfig, Motion, ProcessNoise, Quality,
-    SpecificForce, Tail, Unaided, UwbNoise,
+    AnchorBias, BaroConfig, EstimatorConfig, GateConfig, MagnetometerConfig, Motion, ProcessNoise,
+    Quality, SpecificForce, Tail, Unaided, UwbNoise,
 };
 use gate::Doubt;
 use height::BaroZero;
 pub use height::{standard_height_m, standard_pressure_pa};
+use magnetometer::Compass;
+pub use magnetometer::Field as MagneticField;
 use predict::{Force, Growth};
 use quality::Qualities;
 use state::{ATT, POS, State, VEL};
@@ -100,6 +109,8 @@ pub struct Counts {
     pub tdoa_fused: u64,
     /// TDOA rejected by the gate.
     pub tdoa_gated: u64,
+    /// Magnetic fields fused.
+    pub mag_fused: u64,
     /// Times the filter doubted itself and did something about it.
     pub remedies: u64,
     /// Positions found anew in the air.
@@ -152,6 +163,7 @@ pub struct Estimator {
     intervals: [(HostTime, f64); 256],
     baro_zero: BaroZero,
     baro_at: Option<HostTime>,
+    compass: Compass,
     zero_velocity_at: Option<HostTime>,
     fused_at: Option<HostTime>,
     sought_fix_at: Option<HostTime>,
@@ -204,6 +216,7 @@ impl Estimator {
             intervals: [(HostTime::default(), FIRST_INTERVAL_S); 256],
             baro_zero: BaroZero::default(),
             baro_at: None,
+            compass: Compass::default(),
             zero_velocity_at: None,
             fused_at: None,
             sought_fix_at: None,
@@ -294,7 +307,8 @@ impl Estimator {
         let Some(mut cold) = self.cold.take() else { return };
         let stands =
             self.stood_at.is_some_and(|at| self.at.seconds_since(at) < aligning::STILL_LOW_S);
-        let winner = cold.imu(sample, self.airborne, stands, &self.gyro_bias_B, self.heading);
+        let heading = self.heading_to_start();
+        let winner = cold.imu(sample, self.airborne, stands, &self.gyro_bias_B, heading);
         match winner {
             // It has done its work: what is lost later is found by `realign`.
             Some(winner) => self.adopt(winner),

@@ -215,6 +215,10 @@ fn cells(decoded: &Decoded) -> Row {
             ("received_at_us", whole(m.received_at_us)),
             ("pressure_pa", real(m.pressure_pa)),
         ]),
+        Decoded::Mag(m) => {
+            row.extend([("valid_at_us", whole(m.valid_at_us)), ("received_at_us", whole(m.received_at_us))]);
+            xyz(&mut row, ["field_B_x_tesla", "field_B_y_tesla", "field_B_z_tesla"], m.field_b_tesla);
+        }
         Decoded::Reference(m) => {
             row.extend([("valid_at_us", whole(m.valid_at_us)), ("received_at_us", whole(m.received_at_us))]);
             xyz(&mut row, ["pos_E_x_m", "pos_E_y_m", "pos_E_z_m"], m.pos_e_m);

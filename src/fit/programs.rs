@@ -166,6 +166,11 @@ pub fn plan(program: Program, envelope: &Envelope, options: &Options) -> Result<
                  {} V",
                 options.until_v
             ));
+            plan.notes.push(
+                "the companion flies home when the battery is needed for that; to empty it further, \
+                 `supervisor.battery_home = \"tell\"`, near the place of take-off"
+                    .into(),
+            );
         }
         Program::Ground => plan.ground(options)?,
         Program::Trim => plan.hover(TRIM_S),

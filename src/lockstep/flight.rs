@@ -1,7 +1,7 @@
 //! A whole flight in lockstep: align, arm, fly a mission, land, with a sample per control step.
 
 use haltere_dialect::mav::haltere::{
-    MISSION_ITEM_INT_DATA, MavCmd, MavMessage, MavMissionResult, MavResult,
+    MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult, MavResult,
 };
 
 use crate::estimate::Estimate;
@@ -44,6 +44,20 @@ pub struct Flight {
     pub texts: Vec<String>,
     /// Whether it ended disarmed on the floor.
     pub landed: bool,
+}
+
+/// A mission item at a place, Earth, m, with its first parameter; no heading is asked for.
+pub fn local_item(command: MavCmd, point_E_m: [f64; 3], param1: f32) -> MISSION_ITEM_INT_DATA {
+    MISSION_ITEM_INT_DATA {
+        command,
+        frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        x: (point_E_m[0] * 1e4).round() as i32,
+        y: (point_E_m[1] * 1e4).round() as i32,
+        z: point_E_m[2] as f32,
+        param1,
+        param4: f32::NAN,
+        ..Default::default()
+    }
 }
 
 /// Why a flight did not take place.

@@ -19,6 +19,7 @@ pub mod faults;
 pub mod gust;
 pub mod line_noise;
 pub mod link;
+pub mod magnetometer;
 pub mod plant;
 pub mod random;
 pub mod room;

@@ -18,6 +18,7 @@ use crate::model::effects::{
 use crate::model::faults::{Fault, FaultKind, LineId, SensorFault};
 use crate::model::gust::Gust;
 use crate::model::line_noise::NoisyLine;
+use crate::model::magnetometer::Magnetometer;
 use crate::model::room::Room;
 use crate::model::tag::{Anchors, Port, TagProtocol};
 use crate::model::truth::Truth;
@@ -119,6 +120,7 @@ pub struct Plant {
     supply: Supply,
     imu: ImuReading,
     imu_alive: [bool; 3],
+    magnetometer: Option<Magnetometer>,
     wind_E_mps: Vector3<f64>,
     broken: Broken,
     requests: BoardRequests,
@@ -180,6 +182,7 @@ impl Plant {
             charge_frac: vehicle.battery.charge_frac,
         };
         let mut tag_out = Vec::with_capacity(4096);
+        let magnetometer = Magnetometer::new(&board.magnetometer, seed);
         let to_board_line = SlowLine::new(board.manners.baud);
         let mut plant = Self {
             body: Body::new(pos_E_m, q_EB, Vector3::from(vehicle.body.inertia_kgm2)),
@@ -199,6 +202,7 @@ impl Plant {
                 pressure_pa: FLOOR_PRESSURE_PA,
             },
             imu_alive: [true; 3],
+            magnetometer,
             wind_E_mps: Vector3::zeros(),
             broken: Broken {
                 accelerometer: SensorFault::new(3.0, seed, "fault-acc"), // m/s²
@@ -408,8 +412,14 @@ impl Plant {
         let mut reported = Supply { volt: self.state.supply_v, ..self.supply };
         self.bank.battery_report(&self.state, &mut reported);
         self.scratch.clear();
+        let (pos_E_m, R_EB) = (self.state.pos_E_m, self.state.R_EB);
+        let field_B_ut = match &mut self.magnetometer {
+            Some(magnetometer) if imu_step => Some(magnetometer.read(&pos_E_m, &R_EB)),
+            _ => None,
+        };
         let readings = Readings {
             t_us: now_us,
+            field_B_ut,
             state: &self.state,
             imu: &self.imu,
             imu_alive: self.imu_alive,

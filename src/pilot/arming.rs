@@ -29,11 +29,13 @@ pub enum Check {
     Fence,
     /// Voltage.
     Battery,
+    /// Every anchor stands where the survey says, as far as the floor shows it.
+    Anchors,
 }
 
 impl Check {
     /// All of them, in the order in which they are made.
-    pub const ALL: [Check; 7] = [
+    pub const ALL: [Check; 8] = [
         Check::Board,
         Check::Estimate,
         Check::Imu,
@@ -41,6 +43,7 @@ impl Check {
         Check::Attitude,
         Check::Fence,
         Check::Battery,
+        Check::Anchors,
     ];
 
     /// Name, what it looks at, and the texts of refusals, for the page.
@@ -79,6 +82,15 @@ impl Check {
                 "battery",
                 "a voltage within 3 s, at least `limits.battery_low_v`",
                 "no battery voltage from the board; battery at V V, at least L V needed",
+            ],
+            Check::Anchors => [
+                "anchors",
+                "no anchor whose time differences miss those of all the others by \
+                 `supervisor.anchor_misfit_m` along its line of sight; from half of that on it is only \
+                 told. Looked at with 7 anchors or more, and not where the floor adds more than 1 m to \
+                 the low ones",
+                "anchor N does not fit the others: it reads D m too far (or too near); check its place in \
+                 the survey and its line of sight",
             ],
         }
     }
@@ -124,6 +136,7 @@ impl Pilot {
             Check::Attitude => self.check_attitude(),
             Check::Fence => self.fence_forbids().map_or(Ok(()), Err),
             Check::Battery => self.check_battery(at),
+            Check::Anchors => self.survey_check.refusal().map_or(Ok(()), Err),
         }
     }
 

@@ -135,6 +135,7 @@ impl Pilot {
             self.last_fused = Some(tdoa.received_at);
         }
         self.supervisor.anchors.note(tdoa);
+        self.survey_check.note(tdoa, self.mode);
         self.supervisor.evidence.note_uwb(&record);
         super::telemetry_counts::note_pair(&mut self.pairs, &record);
         self.record(|| Topic::Uwb(record));
@@ -202,6 +203,10 @@ impl Pilot {
                 self.estimator.baro(&sample);
                 self.watch_baro(&sample);
                 self.record(|| Topic::Baro(sample));
+            }
+            BoardNews::Mag(sample) => {
+                self.estimator.mag(&sample);
+                self.record(|| Topic::Mag(sample));
             }
             BoardNews::Reference(pose) => {
                 self.estimator.reference(&pose); // fuses only if it is configured to

@@ -31,6 +31,7 @@ mod identity;
 mod ingest;
 mod input;
 mod losses;
+mod magnetics;
 mod manual;
 mod mission;
 mod mission_items;
@@ -49,6 +50,7 @@ mod shelf;
 mod streams;
 mod supervise;
 mod supervisor;
+mod survey_check;
 mod telemetry;
 mod telemetry_counts;
 mod telemetry_estimator;
@@ -96,11 +98,12 @@ use services::Services;
 use shelf::Shelf;
 use supervise::Touch;
 use supervisor::{SteadyClock, Supervisor};
+use survey_check::SurveyCheck;
 use telemetry_counts::PairStats;
 use voice::{Echoes, Severity};
 
 /// Every check before a flight, in its order.
-pub const ARMING_CHECKS: [ArmingCheck; 7] = ArmingCheck::ALL;
+pub const ARMING_CHECKS: [ArmingCheck; 8] = ArmingCheck::ALL;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -169,6 +172,7 @@ pub struct Pilot {
     mode_since: HostTime,
     touch: Touch,
     supervisor: Supervisor,
+    survey_check: SurveyCheck,
     clock: SteadyClock,
     lift_off_asked: bool,
     /// What was asked for while the board flew by itself: land as soon as control is back.
@@ -265,6 +269,7 @@ impl Pilot {
             mode_since: at,
             touch: Touch::default(),
             supervisor: Supervisor::default(),
+            survey_check: SurveyCheck::new(&config, &survey),
             clock: SteadyClock::default(),
             lift_off_asked: false,
             land_when_back: false,

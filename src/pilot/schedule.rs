@@ -64,6 +64,7 @@ impl Pilot {
         self.watch_slip(at, dt_s);
         let remedies = self.estimator.counts().remedies;
         self.supervisor.evidence.note_remedies(at, remedies);
+        self.check_survey(at);
         self.supervise(at);
         self.control_step(at, dt_s);
         self.record_step(at);

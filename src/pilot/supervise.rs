@@ -211,6 +211,7 @@ impl Pilot {
         let (severity, text) = match (was, health) {
             (Health::NotAligned, Health::Good | Health::Degraded) => {
                 self.guidance.home_is_here(pos);
+                self.tell_magnetic_field(at);
                 (Severity::Info, format!("estimator aligned at {place}"))
             }
             (_, Health::Good) => (Severity::Info, "estimate good again".to_owned()),

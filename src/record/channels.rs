@@ -129,6 +129,7 @@ decoded! {
     Battery "/battery" received_at_us;
     BoardAttitude "/board_attitude" received_at_us;
     Baro "/baro" received_at_us;
+    Mag "/mag" received_at_us;
     Reference "/reference" received_at_us;
     Mode "/mode" at_us;
     Text "/text" at_us;

@@ -74,6 +74,11 @@ pub(super) fn decoded_from_topic(topic: &Topic) -> Decoded {
             received_at_us: baro.received_at.as_us(),
             pressure_pa: baro.pressure_pa,
         }),
+        Topic::Mag(mag) => Decoded::Mag(pb::Mag {
+            valid_at_us: mag.valid_at.as_us(),
+            received_at_us: mag.received_at.as_us(),
+            field_b_tesla: vec3(mag.field_B_tesla),
+        }),
         Topic::Reference(reference) => Decoded::Reference(pb::Reference {
             valid_at_us: reference.valid_at.as_us(),
             received_at_us: reference.received_at.as_us(),

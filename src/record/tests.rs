@@ -12,7 +12,7 @@ use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{B, E, Rot, Vec3};
 use crate::measure::{
-    AnchorId, BaroSample, BatterySample, BoardAttitude, ImuSample, ReferencePose, Tdoa,
+    AnchorId, BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, ReferencePose, Tdoa,
 };
 use crate::pilot::LinkId;
 use crate::survey::Survey;
@@ -92,6 +92,11 @@ fn topics(at: HostTime) -> Vec<Topic> {
         }),
         Topic::BoardAttitude(BoardAttitude { valid_at: at, received_at: at, attitude: R }),
         Topic::Baro(BaroSample { valid_at: at, received_at: at, pressure_pa: 101_325.0 }),
+        Topic::Mag(MagSample {
+            valid_at: at,
+            received_at: at,
+            field_B_tesla: Vec3::new(2e-5, 1e-6, 4e-5),
+        }),
         Topic::Reference(ReferencePose {
             valid_at: at,
             received_at: at,

@@ -81,7 +81,7 @@ impl Flight {
             Topic::Control(control) => self.controls.push(control),
             Topic::Battery(battery) => self.battery.push(battery),
             Topic::BoardAttitude(board) => self.board_attitudes.push(board),
-            Topic::Baro(_) => {}
+            Topic::Baro(_) | Topic::Mag(_) => {}
             Topic::Reference(reference) => self.references.push(reference),
             Topic::Mode(ModeRecord { at, mode, armed, cause }) => {
                 self.modes.push(ModeRow { at, mode: mode.to_owned(), armed, cause });
@@ -93,7 +93,7 @@ impl Flight {
 
     fn add_decoded(&mut self, decoded: Decoded) {
         match decoded {
-            Decoded::Baro(_) => {}
+            Decoded::Baro(_) | Decoded::Mag(_) => {}
             Decoded::Imu(m) => self.imu.push(ImuSample {
                 valid_at: HostTime::from_us(m.valid_at_us),
                 received_at: HostTime::from_us(m.received_at_us),

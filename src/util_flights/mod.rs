@@ -12,7 +12,9 @@
 mod airborne;
 mod cold;
 mod document;
+mod floor;
 mod ingredients;
+mod integrity;
 mod profiles;
 mod read;
 mod score;
@@ -32,7 +34,9 @@ use crate::time::HostTime;
 use airborne::Activity;
 pub use cold::{ColdReport, cold_starts, print_cold};
 pub use document::document;
+pub use floor::floor_check;
 pub use ingredients::{Ingredients, ingredients, print_ingredients};
+pub use integrity::{Integrity, integrity, print_integrity};
 pub use profiles::{
     shipped, util_nine_profile, util_profile, util_source_profile, util_start_profile,
     util_unaided_profile,

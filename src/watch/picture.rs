@@ -183,7 +183,11 @@ impl Picture {
                 newest.for_each(|event| event.severity = text.severity);
             }
             Topic::Text(text) => self.event(at, text.severity, &text.text, false),
-            Topic::Imu(_) | Topic::BoardAttitude(_) | Topic::Baro(_) | Topic::Reference(_) => {}
+            Topic::Imu(_)
+            | Topic::BoardAttitude(_)
+            | Topic::Baro(_)
+            | Topic::Mag(_)
+            | Topic::Reference(_) => {}
         }
     }
 

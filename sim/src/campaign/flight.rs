@@ -12,7 +12,7 @@ use haltere::ctl::ItemCommand;
 use haltere::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, start};
 use haltere::model::{Fault, Plant, Truth};
 use haltere::pilot::Mode;
-use haltere::report::truth::{HEADER, TruthRow};
+use haltere::report::truth::HEADER;
 use haltere::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
 
@@ -20,6 +20,7 @@ use super::draw::grain;
 use super::judge::Judge;
 use super::plan::Plan;
 use super::row::{Outcome, Row};
+use crate::endpoint::truth_row;
 use crate::faults::Phase;
 use crate::tape::Tape;
 
@@ -375,20 +376,7 @@ impl TruthCsv {
     }
 
     fn push(&mut self, truth: &Truth) -> Result<()> {
-        let row = TruthRow {
-            at: HostTime::from_us(HOST_START_US + truth.t_us),
-            t_s: seconds(truth.t_us),
-            pos_E_m: truth.pos_E_m,
-            vel_E_mps: truth.vel_E_mps,
-            R_EB: truth.R_EB,
-            rate_B_radps: truth.rate_B_radps,
-            flap_hz: truth.flap_hz,
-            supply_v: truth.supply_v,
-            charge_frac: truth.charge_frac,
-            thrust_n: truth.thrust_n,
-            on_ground: truth.on_ground,
-            crashed: truth.crashed,
-        };
+        let row = truth_row(truth, HostTime::from_us(HOST_START_US + truth.t_us));
         row.write(&mut self.out).with_context(|| self.path.display().to_string())
     }
 

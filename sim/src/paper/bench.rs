@@ -1,13 +1,13 @@
 //! What every experiment works with: the configuration, seeds, worlds, missions and the progress bar.
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use rayon::prelude::*;
 
 use haltere::control::{ControlConfig, Version};
 use haltere::frames::Vec3;
 use haltere::lockstep::{Flight, Lockstep, Sample, fly};
 use haltere::model::PlantConfig;
-use haltere::pilot::PilotConfig;
+use haltere::pilot::{Action, CONDITIONS, Mode, PilotConfig};
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
 
 use crate::compare::{CENTRE_NE_M, in_plant};
@@ -77,13 +77,29 @@ impl Bench {
         plan: &Plan,
     ) -> Result<Flight> {
         let mut world = self.world(plant, control)?;
-        Ok(fly(&mut world, &plan.items, plan.limit_s)?)
+        let flight = fly(&mut world, &plan.items, plan.limit_s)?;
+        // Half an experiment is none: its figures would be those of the landing.
+        if let Some(order) = flight.texts.iter().find(|text| is_order(text)) {
+            bail!("the supervisor ended the flight: {order}");
+        }
+        Ok(flight)
     }
 
     /// A world ready for take-off.
     pub fn world(&self, plant: PlantConfig, control: &ControlConfig) -> Result<Lockstep> {
-        in_plant(&self.pilot, control, plant)
+        let mut pilot = self.pilot.clone();
+        // The source flew batteries down at one place; the way home is none.
+        pilot.supervisor.battery_home = Action::Tell;
+        in_plant(&pilot, control, plant)
     }
+}
+
+/// Whether a text tells of a mode that the supervisor ordered.
+fn is_order(text: &str) -> bool {
+    let ordered = |mode: &str| Mode::ALL.iter().any(|m| m.name() == mode);
+    text.trim_end().split_once(": ").is_some_and(|(mode, because)| {
+        ordered(mode) && CONDITIONS.iter().any(|row| row.because == because)
+    })
 }
 
 /// A mission from the middle of the hall.

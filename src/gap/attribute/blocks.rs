@@ -46,8 +46,11 @@ impl Groups {
                     rows.iter().map(|r| places.iter().map(|k| r[*k]).collect()).collect();
                 let own = matrix(&own, places.len());
                 let (covariance, _) = shrunk_covariance(&own);
-                let floor = DMatrix::identity(places.len(), places.len()) * LEAST_VARIANCE;
-                let w = whitener(&(covariance + floor));
+                let floor = DVector::from_iterator(
+                    places.len(),
+                    places.iter().map(|k| LEAST_VARIANCE + standard.unresolved(*k)),
+                );
+                let w = whitener(&(covariance + DMatrix::from_diagonal(&floor)));
                 Group { block, places, w, mean: own.row_mean().transpose() }
             })
             .collect();

@@ -114,6 +114,11 @@ impl Standard {
         (0..self.columns.len()).map(at).collect()
     }
 
+    /// Variance of the resolution, in units of the scale.
+    pub fn unresolved(&self, k: usize) -> f64 {
+        self.unresolved[k]
+    }
+
     /// Sigma of a null flight, in units of the statistic.
     pub fn scale(&self, k: usize) -> f64 {
         self.scale[k]
@@ -175,7 +180,7 @@ impl Whitening {
             }
         }
         for k in 0..width {
-            covariance[(k, k)] += standard.unresolved[k];
+            covariance[(k, k)] += standard.unresolved(k);
             covariance[(k, k)] = covariance[(k, k)].max(LEAST_VARIANCE);
         }
         Self { w: whitener(&covariance), standard }
@@ -208,4 +213,26 @@ const LEAST_VARIANCE: f64 = 1e-2;
 /// Compressed; unknown becomes "as in a null flight".
 pub(super) fn compressed(raw: &[f64]) -> Vec<f64> {
     raw.iter().map(|x| if x.is_finite() { compress(*x) } else { 0.0 }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_what_a_computer_cannot_resolve_is_no_gap_in_any_view() {
+        // A number that is exact in the simulator: it varies by 1e-8 from flight to flight.
+        let nulls: Vec<Vec<f64>> = (0..30).map(|i| vec![f64::from(i % 5) * 1e-8]).collect();
+        let nulls: Vec<&[f64]> = nulls.iter().map(Vec::as_slice).collect();
+        let none = std::iter::empty::<&[f64]>();
+        let seen = |resolution: &[f64], off: f64| {
+            let standard = Standard::new(&nulls, none.clone(), &[], resolution, |_| true);
+            let raw = compressed(&standard.raw(&[off]));
+            Whitening::new(standard, &nulls, &[]).apply(&raw)[0]
+        };
+        assert!(seen(&[], 1e-5) > 8.0, "without a resolution it stands out");
+        assert!(seen(&[1e-4], 1e-5).abs() < 0.2, "a tenth of the resolution is nothing");
+        let ten = seen(&[1e-4], 1e-3);
+        assert!((5.0..10.5).contains(&ten), "ten times is ten sigma, compressed: {ten}");
+    }
 }

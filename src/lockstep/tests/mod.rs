@@ -1,10 +1,12 @@
 //! Whole flights in lockstep: what they share, and one file per kind of question.
 
+mod anchors;
 mod boards;
 mod boards_in_flight;
 mod determinism;
 mod faults;
 mod ground;
+mod heading;
 mod hostile;
 mod hover;
 mod landing;
@@ -15,23 +17,11 @@ mod supervisor;
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavResult};
 
+pub(super) use super::local_item as item;
 use super::{Damage, Ground, Lockstep, Tap};
 use crate::model::PlantConfig;
 use crate::model::random::Stream;
 use crate::pilot::{Mode, PilotConfig};
-
-pub(super) fn item(command: MavCmd, point_E_m: [f64; 3], param1: f32) -> MISSION_ITEM_INT_DATA {
-    MISSION_ITEM_INT_DATA {
-        command,
-        frame: MavFrame::MAV_FRAME_LOCAL_NED,
-        x: (point_E_m[0] * 1e4) as i32,
-        y: (point_E_m[1] * 1e4) as i32,
-        z: point_E_m[2] as f32,
-        param1,
-        param4: f32::NAN,
-        ..Default::default()
-    }
-}
 
 pub(super) fn pilot_config(plant: &PlantConfig) -> PilotConfig {
     let mut pilot = PilotConfig::default();

@@ -24,6 +24,7 @@ use serde::{Deserialize, Serialize};
 use crate::checks::Problems;
 use crate::model::effects::{AttitudeError, Bank, ImuReading, STEP_S, Setpoint, State, Supply};
 use crate::model::faults::Fault;
+use crate::model::magnetometer::MagnetometerSettings;
 use crate::model::vehicle::Vehicle;
 use crate::model::wings::ActuatorCommand;
 
@@ -71,6 +72,8 @@ pub struct BoardSettings {
     pub arming_delay_s: f64,
     /// Lowest supply at which it arms, V (firmware: 6.0 critical).
     pub arming_supply_v: f64,
+    /// Its magnetometer, and the field in the room.
+    pub magnetometer: MagnetometerSettings,
     /// Whether it passes on motion capture (the truth) as ATT_POS_MOCAP when asked.
     pub motion_capture: bool,
 }
@@ -96,6 +99,7 @@ impl Default for BoardSettings {
             arming_tilt_deg: 30.0,
             arming_delay_s: 0.0,
             arming_supply_v: 6.0,
+            magnetometer: MagnetometerSettings::default(),
             motion_capture: false,
         }
     }
@@ -126,6 +130,7 @@ impl BoardSettings {
         range("arming_tilt_deg", self.arming_tilt_deg, 5.0, 90.0, "deg");
         range("arming_delay_s", self.arming_delay_s, 0.0, 120.0, "s");
         range("arming_supply_v", self.arming_supply_v, 0.0, 30.0, "V");
+        self.magnetometer.check(&format!("{key}.magnetometer"), problems);
         self.manners.check(&format!("{key}.manners"), problems);
         Parameters::check(&self.parameters, &format!("{key}.parameters"), problems);
     }
@@ -352,6 +357,8 @@ pub struct Readings<'a> {
     pub imu: &'a ImuReading,
     /// Whether accelerometer, gyroscope and barometer gave anything.
     pub imu_alive: [bool; 3],
+    /// Magnetic field in body axes, µT, where the board has a magnetometer.
+    pub field_B_ut: Option<Vector3<f64>>,
     /// Battery as measured by the board.
     pub supply: &'a Supply,
 }

@@ -18,6 +18,10 @@ pub(super) const COMPONENT: u8 = 1;
 const HEARTBEAT_STEPS: u32 = 500;
 /// The barometer is read with every so many IMU samples.
 const BARO_SAMPLES: u32 = 5;
+/// The magnetometer is read with every so many IMU samples: 50 Hz.
+const MAG_SAMPLES: u32 = 5;
+/// Milligauss in a microtesla.
+const MGAUSS_PER_UT: f64 = 10.0;
 /// Version of MAVLink in the heartbeat.
 const MAVLINK_VERSION: u8 = 3;
 /// Servo pulses: middle and half travel, µs.
@@ -76,6 +80,7 @@ pub(super) struct Streams {
     every: [(u32, u32); KINDS.len()],
     heartbeat_in: u32,
     baro_in: u32,
+    mag_in: u32,
 }
 
 impl Streams {
@@ -201,6 +206,18 @@ impl Board {
             }
         }
         self.streams.baro_in -= 1;
+        let mut field_gauss = [0.0f32; 3];
+        if let Some(field_B_ut) = r.field_B_ut {
+            let gauss = field_B_ut * (1e-3 * MGAUSS_PER_UT);
+            field_gauss = [gauss.x as f32, gauss.y as f32, gauss.z as f32];
+            if self.streams.mag_in == 0 {
+                self.streams.mag_in = MAG_SAMPLES;
+                fields_updated |= Flags::HIGHRES_IMU_UPDATED_XMAG
+                    | Flags::HIGHRES_IMU_UPDATED_YMAG
+                    | Flags::HIGHRES_IMU_UPDATED_ZMAG;
+            }
+            self.streams.mag_in -= 1;
+        }
         MavMessage::HIGHRES_IMU(HIGHRES_IMU_DATA {
             time_usec: self.time_us(r.t_us),
             xacc: a.x as f32,
@@ -209,6 +226,9 @@ impl Board {
             xgyro: w.x as f32,
             ygyro: w.y as f32,
             zgyro: w.z as f32,
+            xmag: field_gauss[0],
+            ymag: field_gauss[1],
+            zmag: field_gauss[2],
             abs_pressure: (r.imu.pressure_pa * 0.01) as f32, // hPa on the wire
             fields_updated,
             ..HIGHRES_IMU_DATA::DEFAULT
@@ -224,9 +244,19 @@ impl Board {
         ([whole(a.x), whole(a.y), whole(a.z)], [whole(w.x), whole(w.y), whole(w.z)])
     }
 
+    /// Magnetic field in milligauss; zeros without magnetometer.
+    fn whole_field(r: &Readings<'_>) -> [i16; 3] {
+        let field = r.field_B_ut.unwrap_or_default() * MGAUSS_PER_UT;
+        [field.x, field.y, field.z].map(|v| v.round() as i16)
+    }
+
     fn raw_imu(&self, r: &Readings<'_>) -> MavMessage {
         let ([xacc, yacc, zacc], [xgyro, ygyro, zgyro]) = Self::integers(r);
+        let [xmag, ymag, zmag] = Self::whole_field(r);
         MavMessage::RAW_IMU(RAW_IMU_DATA {
+            xmag,
+            ymag,
+            zmag,
             time_usec: self.time_us(r.t_us),
             xacc,
             yacc,
@@ -240,7 +270,11 @@ impl Board {
 
     fn scaled_imu(&self, r: &Readings<'_>) -> MavMessage {
         let ([xacc, yacc, zacc], [xgyro, ygyro, zgyro]) = Self::integers(r);
+        let [xmag, ymag, zmag] = Self::whole_field(r);
         MavMessage::SCALED_IMU(SCALED_IMU_DATA {
+            xmag,
+            ymag,
+            zmag,
             time_boot_ms: (self.time_us(r.t_us) / 1000) as u32,
             xacc,
             yacc,

@@ -26,7 +26,9 @@ use haltere_dialect::mav::haltere::{
 use haltere_dialect::mav_stream::{HeartbeatFields, MavFrame, heartbeat_fields};
 
 use crate::drops::{DropReason, Drops};
-use crate::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample, ReferencePose};
+use crate::measure::{
+    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, ReferencePose,
+};
 use crate::time::HostTime;
 
 use super::LinkId;
@@ -70,6 +72,7 @@ pub(super) enum BoardNews {
     Attitude(BoardAttitude),
     Battery(BatterySample),
     Baro(BaroSample),
+    Mag(MagSample),
     Reference(ReferencePose),
     Found {
         system_id: u8,

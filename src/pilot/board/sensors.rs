@@ -6,7 +6,7 @@ use haltere_dialect::mav::haltere::{
 
 use crate::drops::{DropReason, Drops};
 use crate::frames::{B, G_MPS2, Rot, Vec3};
-use crate::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample};
+use crate::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample};
 use crate::time::{FcTime, HostTime};
 
 use super::{BoardLink, BoardNews};
@@ -25,6 +25,10 @@ const SUPPLY_RANGE_V: std::ops::RangeInclusive<f64> = 1.0..=60.0;
 const LAST_EVENT_SEVERITY: u8 = 4;
 /// Accelerometer and gyroscope of HIGHRES_IMU are new in a sample that has all these bits.
 const IMU_FIELDS: u16 = 0x3F;
+/// The same of its magnetometer.
+const MAG_FIELDS: u16 = 0x1C0;
+/// The wire's unit is the gauss.
+const TESLA_PER_GAUSS: f64 = 1e-4;
 
 impl BoardLink {
     pub(super) fn message(
@@ -42,11 +46,13 @@ impl BoardLink {
                 let rate = [m.xgyro, m.ygyro, m.zgyro].map(f64::from);
                 let stamp_us = u64::from(m.time_boot_ms) * 1000;
                 self.integer_imu(at, stamp_us, acc, rate, drops, news);
+                self.integer_mag(at, stamp_us, [m.xmag, m.ymag, m.zmag], news);
             }
             MavMessage::RAW_IMU(m) => {
                 let acc = [m.xacc, m.yacc, m.zacc].map(f64::from);
                 let rate = [m.xgyro, m.ygyro, m.zgyro].map(f64::from);
                 self.integer_imu(at, m.time_usec, acc, rate, drops, news);
+                self.integer_mag(at, m.time_usec, [m.xmag, m.ymag, m.zmag], news);
             }
             MavMessage::ATTITUDE_QUATERNION(m) => {
                 let valid_at = self.stamp(u64::from(m.time_boot_ms) * 1000, at);
@@ -163,6 +169,31 @@ impl BoardLink {
             } else {
                 drops.add(DropReason::BadValue, 1);
             }
+        }
+        if fields & MAG_FIELDS == MAG_FIELDS {
+            let field_gauss = Vec3::<B>::from_array([m.xmag, m.ymag, m.zmag].map(f64::from));
+            if field_gauss.is_finite() {
+                let field_B_tesla = field_gauss * TESLA_PER_GAUSS;
+                news.push(BoardNews::Mag(MagSample { valid_at, received_at: at, field_B_tesla }));
+            } else {
+                drops.add(DropReason::BadValue, 1);
+            }
+        }
+    }
+
+    /// Magnetic field of SCALED_IMU and RAW_IMU, in milligauss. A board without magnetometer sends zeros.
+    fn integer_mag(
+        &self,
+        at: HostTime,
+        stamp_us: u64,
+        field_mgauss: [i16; 3],
+        news: &mut Vec<BoardNews>,
+    ) {
+        if field_mgauss != [0; 3] {
+            let valid_at = self.stamp(stamp_us, at);
+            let field_B_tesla =
+                Vec3::<B>::from_array(field_mgauss.map(f64::from)) * (1e-3 * TESLA_PER_GAUSS);
+            news.push(BoardNews::Mag(MagSample { valid_at, received_at: at, field_B_tesla }));
         }
     }
 

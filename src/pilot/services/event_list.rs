@@ -65,6 +65,7 @@ fn words(check: Check) -> [&'static str; 3] {
         Check::Uwb => ["uwb", "Ultra-wideband", "No UWB measurements"],
         Check::Attitude => ["attitude", "Attitude", "The vehicle does not stand level"],
         Check::Fence => ["fence", "Fence", "The vehicle stands outside the fence"],
+        Check::Anchors => ["anchors", "Anchor survey", "An anchor does not fit the others"],
         Check::Battery => ["battery", "Battery", "Battery low, or no voltage from the board"],
     }
 }

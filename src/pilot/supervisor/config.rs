@@ -19,6 +19,8 @@ pub struct SupervisorConfig {
     pub anchor_silent_s: f64,
     /// Anchors that must be heard.
     pub anchors_least: u8,
+    /// Misfit of an anchor on the floor with which nothing takes off, m.
+    pub anchor_misfit_m: f64,
     /// Share of measurements beyond the gate at which the estimate counts as diverged.
     pub divergence_share: f64,
     /// How long it must be so, s.
@@ -63,6 +65,7 @@ impl Default for SupervisorConfig {
             uwb_loss_std_m: 0.8,
             anchor_silent_s: 1.0,
             anchors_least: 5,
+            anchor_misfit_m: 0.6,
             divergence_share: 0.8,
             divergence_s: 1.0,
             attitude_difference_deg: 20.0,
@@ -95,6 +98,7 @@ impl SupervisorConfig {
         range("uwb_loss_std_m", self.uwb_loss_std_m, 0.1, 2.0, "m");
         range("anchor_silent_s", self.anchor_silent_s, 0.2, 10.0, "s");
         range("anchors_least", f64::from(self.anchors_least), 4.0, 16.0, "");
+        range("anchor_misfit_m", self.anchor_misfit_m, 0.3, 100.0, "m");
         range("divergence_share", self.divergence_share, 0.3, 1.0, "");
         range("divergence_s", self.divergence_s, 0.1, 10.0, "s");
         range("attitude_difference_deg", self.attitude_difference_deg, 10.0, 90.0, "deg");

@@ -1,0 +1,119 @@
+//! The survey against the time differences of a vehicle that stands: who is told, and what forbids arming.
+
+use crate::estimator::{AnchorCheck, AnchorFit, MOST_HIDDEN_M};
+use crate::measure::{AnchorId, Tdoa};
+use crate::survey::Survey;
+use crate::time::HostTime;
+
+use super::modes::Mode;
+use super::{Pilot, PilotConfig, Severity};
+
+/// The check is made so often, s.
+const INTERVAL_S: f64 = 0.5;
+/// An anchor is named when so many checks in a row name it.
+const NAMED_TIMES: u32 = 3;
+/// It is told from this share of the refusal on.
+const TOLD_SHARE: f64 = 0.5;
+
+/// What is known about the survey.
+#[derive(Debug)]
+pub(super) struct SurveyCheck {
+    check: AnchorCheck,
+    /// Whether anything was collected since the vehicle last flew.
+    is_filled: bool,
+    checked_at: Option<HostTime>,
+    /// The anchor that was last named, how far off it reads, m, and how often in a row.
+    named: Option<(AnchorId, f64, u32)>,
+    /// Misfit that forbids arming, m.
+    most_m: f64,
+    told: Option<AnchorId>,
+    floor_told: bool,
+}
+
+impl SurveyCheck {
+    pub fn new(config: &PilotConfig, survey: &Survey) -> Self {
+        Self {
+            check: AnchorCheck::new(survey, &config.estimator.range_bias_m),
+            is_filled: false,
+            checked_at: None,
+            named: None,
+            most_m: config.supervisor.anchor_misfit_m,
+            told: None,
+            floor_told: false,
+        }
+    }
+
+    /// A measurement came.
+    pub fn note(&mut self, tdoa: &Tdoa, mode: Mode) {
+        if !mode.has_thrust() {
+            self.check.note(tdoa);
+            self.is_filled = true;
+        }
+    }
+
+    /// Why nothing may take off, if so.
+    pub fn refusal(&self) -> Option<String> {
+        let (anchor, bias_m) = self.misfit()?;
+        (bias_m.abs() >= self.most_m).then(|| words(anchor, bias_m))
+    }
+
+    /// The anchor that is told, and by how much it reads too far, m.
+    fn misfit(&self) -> Option<(AnchorId, f64)> {
+        let (anchor, bias_m, times) = self.named?;
+        (times >= NAMED_TIMES).then_some((anchor, bias_m))
+    }
+
+    fn take(&mut self, fit: Option<AnchorFit>) {
+        let found = fit.filter(|fit| fit.is_at_fault(TOLD_SHARE * self.most_m));
+        self.named = found.map(|fit| match self.named {
+            Some((anchor, _, times)) if anchor == fit.worst => {
+                (anchor, fit.range_bias_m, times.saturating_add(1))
+            }
+            _ => (fit.worst, fit.range_bias_m, 1),
+        });
+    }
+}
+
+impl Pilot {
+    /// Once a control step.
+    pub(super) fn check_survey(&mut self, at: HostTime) {
+        let Self { survey_check: all, .. } = self;
+        if self.mode.has_thrust() {
+            if std::mem::take(&mut all.is_filled) {
+                all.check.clear();
+                (all.named, all.told) = (None, None);
+            }
+            return;
+        }
+        if all.checked_at.is_some_and(|t| at.seconds_since(t) < INTERVAL_S) {
+            return;
+        }
+        all.checked_at = Some(at);
+        // A station may have changed it.
+        all.most_m = self.config.supervisor.anchor_misfit_m;
+        let fit = all.check.judge(self.config.flight.gear_height_m);
+        all.take(fit);
+        let floor_m = fit.map_or(0.0, |fit| fit.hidden_m);
+        if floor_m.abs() > MOST_HIDDEN_M && !std::mem::replace(&mut all.floor_told, true) {
+            let text = format!(
+                "the floor adds {floor_m:+.1} m to the low anchors here: the survey cannot be checked"
+            );
+            self.say(at, Severity::Info, text);
+            return;
+        }
+        if let Some((anchor, bias_m)) = all.misfit()
+            && all.told.replace(anchor) != Some(anchor)
+        {
+            self.say(at, Severity::Warning, words(anchor, bias_m));
+        }
+    }
+}
+
+fn words(anchor: AnchorId, bias_m: f64) -> String {
+    let way = if bias_m > 0.0 { "far" } else { "near" };
+    format!(
+        "anchor {anchor} does not fit the others: it reads {:.2} m too {way}; check its place in the survey \
+         and its line of sight",
+        bias_m.abs()
+    )
+}
