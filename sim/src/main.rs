@@ -1,5 +1,6 @@
 //! `haltere-sim`: the endpoint that stands in for tag and board, and the demo.
 
+mod aids;
 mod board_wire;
 mod campaign;
 mod cases;
@@ -56,6 +57,9 @@ enum Command {
     Steps(compare::StepOptions),
     /// Path shapes in lockstep over many seeds: accuracy of the estimate, take-off, landing.
     Paths(paths::PathOptions),
+    /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
+    /// docs/ESTIMATOR_SIM.md.
+    Aids(aids::Options),
     /// Search PID gains for version `raw`, as the committed ones were found.
     Tune(compare::TuneOptions),
     /// Every experiment of the source, ours beside its numbers: one HTML report with all figures, and
@@ -114,6 +118,7 @@ fn main() -> ExitCode {
         }
         Command::Steps(options) => compare::steps(&options),
         Command::Paths(options) => paths::paths(&options),
+        Command::Aids(options) => aids::run(&options),
         Command::Tune(options) => compare::tune(&options),
         Command::Paper(options) => paper::run(&options),
         Command::Cases(options) => cases::run(&options),
