@@ -120,6 +120,11 @@ fn prop_every_station_has_a_link_of_its_own() {
 }
 
 #[test]
+fn prop_answers_and_streams_keep_their_time() {
+    pytest("stations", "test_timing.py");
+}
+
+#[test]
 fn prop_setpoints_and_joystick_fly_it() {
     pytest("stations", "test_flight.py");
 }

@@ -100,14 +100,19 @@ def test_telemetry_comes_without_asking(rig, drone):
     assert "HOLD" in name(drone.mode.value), name(drone.mode.value)
 
 
-def test_rates_and_origin(rig, drone):
-    drone.telemetry.set_rate_position_velocity_ned(50.0)
+def rate_Hz(drone, asked):
+    drone.telemetry.set_rate_position_velocity_ned(asked)
     time.sleep(0.5)
     before = len(drone.local.all)
     began = time.monotonic()
-    time.sleep(4.0)
-    rate = (len(drone.local.all) - before) / (time.monotonic() - began)
-    assert abs(rate / 50 - 1) < 0.1, rate
+    time.sleep(3.0)
+    return (len(drone.local.all) - before) / (time.monotonic() - began)
+
+
+def test_rates_and_origin(rig, drone):
+    # That it takes effect, within one run; how exactly a rate is held is seen in `test_timing.py`.
+    slow, fast = rate_Hz(drone, 10.0), rate_Hz(drone, 50.0)
+    assert slow < 15 and fast > 2 * slow, (slow, fast)
     drone.telemetry.set_rate_position_velocity_ned(20.0)
     origin = drone.telemetry.get_gps_global_origin()
     assert abs(origin.latitude_deg - 0.5) < 1e-6
