@@ -8,7 +8,7 @@
 //! ```
 
 mod by_hand;
-mod clock;
+pub mod clock;
 mod core;
 mod devices;
 mod doors;

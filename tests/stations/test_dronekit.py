@@ -7,6 +7,8 @@ import pytest
 import kite
 from haltere_testing.rig import degrees, wait_until
 
+SPEED = 2
+
 
 @pytest.fixture(scope="module")
 def vehicle(rig):

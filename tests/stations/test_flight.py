@@ -10,6 +10,8 @@ import pytest
 from haltere_testing.rig import degrees, wait_until
 from haltere_testing.station import NAN, Station, local_item, mavlink
 
+SPEED = 2
+
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 

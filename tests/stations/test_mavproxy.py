@@ -5,6 +5,8 @@ import pytest
 from proxy import Proxy
 from haltere_testing.rig import degrees, wait_until
 
+SPEED = 2
+
 
 @pytest.fixture(scope="module")
 def proxy(rig):

@@ -9,6 +9,8 @@ from mavsdk.plugins import events, manual_control
 from haltere_testing.rig import wait_until
 from test_mavsdk import Drone, Newest, name
 
+SPEED = 2
+
 
 @pytest.fixture(scope="module")
 def drone(rig):

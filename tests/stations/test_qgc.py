@@ -9,6 +9,8 @@ import pytest
 from haltere_testing.rig import degrees, wait_until
 from haltere_testing.station import NAN, Station, is_armed, local_item, mavlink, of_vehicle
 
+SPEED = 2
+
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 
 

@@ -9,6 +9,8 @@ from mavsdk.plugins import component_metadata, ftp, log_files, mission_raw, para
 
 from haltere_testing.rig import wait_until
 
+SPEED = 2
+
 LOCAL_NED = 1
 
 

@@ -1,0 +1,122 @@
+//! When a processor of this computer stood still, whatever it was asked to do.
+//!
+//! A computer that is itself a guest is put aside now and then by its host: for that time nothing runs on
+//! it, the companion no more than anything else. One thread for each processor, above everything that is
+//! measured, wakes each millisecond and notes when it could not. What it cannot tell apart from the host is
+//! the kernel with interrupts off.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+
+use anyhow::{Context, Result};
+use haltere::live::clock;
+use haltere::live::realtime::insist_on_deadlines;
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+
+use crate::stop::Stop;
+
+/// Above the companion's control thread, which has 50, and below the kernel's own threads of 99.
+const PRIORITY: u8 = 80;
+const PERIOD_US: i64 = 1_000;
+/// Waking later than this is standing still, µs: ten times the 99 % of an undisturbed timer here.
+const LATE_US: u64 = 1_500;
+
+/// A time during which a processor did nothing, µs of the monotonic clock.
+pub type Stall = [u64; 2];
+
+/// The watch over all processors; ends when dropped.
+#[derive(Debug)]
+pub struct Watch {
+    stalls: Arc<Mutex<Vec<Stall>>>,
+    stop: Stop,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Watch {
+    /// Begins to watch. Without real-time scheduling it watches nothing: then it would only see that other
+    /// threads have their turn, those of the companion among them.
+    pub fn start() -> Result<Self> {
+        let mut watch = Self { stalls: Arc::default(), stop: Stop::default(), threads: Vec::new() };
+        let allowed = sched_getaffinity(None).context("the processors of this process")?;
+        for cpu in (0..CpuSet::MAX_CPU).filter(|cpu| allowed.is_set(*cpu)) {
+            let (stalls, stop) = (watch.stalls.clone(), watch.stop.clone());
+            let thread = std::thread::Builder::new().name(format!("processor {cpu}"));
+            let thread = thread.spawn(move || {
+                let mut only = CpuSet::new();
+                only.set(cpu);
+                if sched_setaffinity(None, &only).is_ok() && insist_on_deadlines(PRIORITY).is_ok() {
+                    sleep_and_note(&stalls, &stop);
+                }
+            });
+            watch.threads.push(thread.context("a thread for a processor")?);
+        }
+        Ok(watch)
+    }
+
+    /// Forgets what was noted so far, and gives it.
+    pub fn take(&self) -> Vec<Stall> {
+        std::mem::take(&mut *self.stalls.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        self.stop.ask();
+        for thread in self.threads.drain(..) {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn sleep_and_note(stalls: &Mutex<Vec<Stall>>, stop: &Stop) {
+    let mut deadline = clock::now();
+    while !stop.asked() {
+        deadline = deadline.offset_us(PERIOD_US);
+        clock::sleep_until(deadline);
+        let woke = clock::now();
+        if woke.as_us().saturating_sub(deadline.as_us()) > LATE_US {
+            let stall = [deadline.as_us(), woke.as_us()];
+            stalls.lock().unwrap_or_else(PoisonError::into_inner).push(stall);
+            deadline = woke;
+        }
+    }
+}
+
+/// How much of the time between two points any processor stood still, µs.
+pub fn stood_us(stalls: &[Stall], from_us: u64, to_us: u64) -> u64 {
+    let mut within: Vec<Stall> = stalls
+        .iter()
+        .map(|[from, to]| [(*from).max(from_us), (*to).min(to_us)])
+        .filter(|[from, to]| from < to)
+        .collect();
+    within.sort_unstable();
+    // Two processors that stand still together do so once.
+    let (mut sum_us, mut until) = (0, from_us);
+    for [from, to] in within {
+        sum_us += to.saturating_sub(from.max(until));
+        until = until.max(to);
+    }
+    sum_us
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_standing_still_counts_once_and_within() {
+        let stalls = [[50, 70], [10, 30], [20, 40]];
+        assert_eq!(stood_us(&stalls, 0, 100), 50);
+        assert_eq!(stood_us(&stalls, 25, 60), 25);
+        assert_eq!(stood_us(&stalls, 41, 49), 0);
+        assert_eq!(stood_us(&[], 0, 100), 0);
+    }
+
+    #[test]
+    fn prop_a_watch_ends() {
+        let watch = Watch::start().expect("threads");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+        let now_us = clock::now().as_us();
+        assert!(watch.take().iter().all(|[from, to]| from < to && *to <= now_us));
+    }
+}
