@@ -18,8 +18,8 @@ const LATE_US: u64 = 5_000;
 pub struct Phase {
     pub steps: u64,
     pub late: u64,
-    /// Lateness of every step, µs, sorted.
-    lateness_us: Vec<u64>,
+    /// When every step was due and when it began, µs, the most punctual first.
+    steps_us: Vec<[u64; 2]>,
     pub longest_pause_ms: f64,
     /// Bytes of stations that reached the core.
     pub input_B: u64,
@@ -36,17 +36,27 @@ impl Phase {
 
     /// Lateness that this share of the steps does not exceed, ms.
     pub fn lateness_ms(&self, share: f64) -> f64 {
-        let last = self.lateness_us.len().saturating_sub(1);
+        let last = self.steps_us.len().saturating_sub(1);
         let at = (share * last as f64).round() as usize;
-        self.lateness_us.get(at).map_or(f64::NAN, |us| *us as f64 * 1e-3)
+        self.steps_us.get(at).map_or(f64::NAN, |[due, began]| (began - due) as f64 * 1e-3)
+    }
+
+    /// Lateness of each step without what `stood_us` gives for the time from due to begun, ms.
+    pub fn lateness_without(&self, stood_us: impl Fn(u64, u64) -> u64) -> Vec<f64> {
+        let own_us = |[due, began]: &[u64; 2]| (began - due).saturating_sub(stood_us(*due, *began));
+        self.steps_us.iter().map(|step| own_us(step) as f64 * 1e-3).collect()
+    }
+
+    fn sort(&mut self) {
+        self.steps_us.sort_unstable_by_key(|[due, began]| began - due);
     }
 
     /// Both together.
     pub fn join(mut self, other: Self) -> Self {
         self.steps += other.steps;
         self.late += other.late;
-        self.lateness_us.extend(other.lateness_us);
-        self.lateness_us.sort_unstable();
+        self.steps_us.extend(other.steps_us);
+        self.sort();
         self.longest_pause_ms = self.longest_pause_ms.max(other.longest_pause_ms);
         self.input_B += other.input_B;
         self.dropped += other.dropped;
@@ -60,7 +70,7 @@ impl Phase {
         // A step that is late by more than a period has lost its grid point; the pause shows it.
         let late_us = at.as_us().wrapping_sub(start.as_us()) % PERIOD_US;
         self.steps += 1;
-        self.lateness_us.push(late_us);
+        self.steps_us.push([at.as_us().saturating_sub(late_us), at.as_us()]);
         let pause_us = self.last.map_or(0, |last| at.as_us().saturating_sub(last.as_us()));
         self.late += u64::from(late_us > LATE_US || pause_us > PERIOD_US + LATE_US);
         self.longest_pause_ms = self.longest_pause_ms.max(pause_us as f64 * 1e-3);
@@ -90,6 +100,6 @@ pub fn phases(log: &Path, windows_us: &[[u64; 2]]) -> Result<Vec<Phase>> {
             _ => {}
         }
     }
-    phases.iter_mut().for_each(|phase| phase.lateness_us.sort_unstable());
+    phases.iter_mut().for_each(Phase::sort);
     Ok(phases)
 }

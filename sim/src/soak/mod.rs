@@ -22,9 +22,9 @@ use haltere::ctl::GroundStation;
 use haltere::model::Vehicle;
 use serde_json::json;
 
-use self::stalls::{Watch, stood_us};
+use self::stalls::{Stalls, Watch};
 use self::tap::{BoardSide, Taps};
-use self::wire::Wire;
+use self::wire::{Sorted, Wire};
 use crate::demo::newest_log;
 use crate::flood::measure::{Phase, phases};
 use crate::progress::Progress;
@@ -150,6 +150,8 @@ struct Seen {
     /// For how long processors stood still in the newest flight, ms.
     stood_ms: f64,
     wire: Wire,
+    /// When processors stood still.
+    stalls: Stalls,
     /// Begin and end of each flight, µs.
     windows_us: Vec<[u64; 2]>,
     /// Memory after the first flight and at the end, and the most of all, bytes.
@@ -231,8 +233,9 @@ fn one_flight(
     // What was seen counts, however the flight ended.
     let to_us = now_us();
     let (passed, stalls) = (watched.taps.take(), watched.processors.take());
-    seen.stood_ms = stood_us(&stalls, from_us, to_us) as f64 * 1e-3;
+    seen.stood_ms = stalls.stood_us(from_us, to_us) as f64 * 1e-3;
     seen.wire.join(Wire::of(&passed, &stalls, from_us, to_us));
+    seen.stalls.join(stalls);
     seen.windows_us.push([from_us, to_us]);
     flown?;
     station.land().context("landing")?;
@@ -294,7 +297,9 @@ fn finite(ms: f64) -> f64 {
 }
 
 fn tell(options: &Options, seen: &Seen, steps: &Phase, log: &Path) -> Result<bool> {
-    let Wire { gaps_ms, own_gaps_ms, stalls_ms, latency_ms, own_latency_ms } = &seen.wire;
+    let Wire { gaps_ms, own_gaps_ms, latency_ms, own_latency_ms } = &seen.wire;
+    let stalls_ms = Sorted::of(seen.stalls.durations_ms());
+    let own_late_ms = Sorted::of(steps.lateness_without(|from, to| seen.stalls.stood_us(from, to)));
     let [first_B, last_B, most_B] = seen.memory_B;
     let growth_B = last_B.saturating_sub(first_B);
     let within = own_latency_ms.share_within(LATENCY_MS);
@@ -322,7 +327,7 @@ fn tell(options: &Options, seen: &Seen, steps: &Phase, log: &Path) -> Result<boo
                 "share_within_12_ms": within },
             "lateness_ms": { "steps": steps.steps, "median": steps.lateness_ms(0.5),
                 "p99": steps.lateness_ms(0.99), "p999": steps.lateness_ms(0.999),
-                "worst": steps.lateness_ms(1.0) },
+                "worst": steps.lateness_ms(1.0), "p999_own": own_late_ms.at(0.999) },
             "memory_kB": { "after_first_flight": first_B / 1024, "end": last_B / 1024,
                 "most": most_B / 1024, "growth": growth_B / 1024 },
             "cpu_share": seen.cpu, "drops": steps.drops, "log": log,
@@ -360,10 +365,11 @@ fn tell(options: &Options, seen: &Seen, steps: &Phase, log: &Path) -> Result<boo
     )?;
     writeln!(
         out,
-        "lateness of steps, ms      median {:.3}, 99 % {:.3}, 99.9 % {:.3}, worst {:.3}",
+        "lateness of steps, ms      median {:.3}, 99 % {:.3}, 99.9 % {:.3} ({:.3}), worst {:.3}",
         steps.lateness_ms(0.5),
         steps.lateness_ms(0.99),
         steps.lateness_ms(0.999),
+        own_late_ms.at(0.999),
         steps.lateness_ms(1.0)
     )?;
     writeln!(

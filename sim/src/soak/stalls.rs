@@ -54,8 +54,8 @@ impl Watch {
     }
 
     /// Forgets what was noted so far, and gives it.
-    pub fn take(&self) -> Vec<Stall> {
-        std::mem::take(&mut *self.stalls.lock().unwrap_or_else(PoisonError::into_inner))
+    pub fn take(&self) -> Stalls {
+        Stalls::of(std::mem::take(&mut *self.stalls.lock().unwrap_or_else(PoisonError::into_inner)))
     }
 }
 
@@ -82,21 +82,40 @@ fn sleep_and_note(stalls: &Mutex<Vec<Stall>>, stop: &Stop) {
     }
 }
 
-/// How much of the time between two points any processor stood still, µs.
-pub fn stood_us(stalls: &[Stall], from_us: u64, to_us: u64) -> u64 {
-    let mut within: Vec<Stall> = stalls
-        .iter()
-        .map(|[from, to]| [(*from).max(from_us), (*to).min(to_us)])
-        .filter(|[from, to]| from < to)
-        .collect();
-    within.sort_unstable();
-    // Two processors that stand still together do so once.
-    let (mut sum_us, mut until) = (0, from_us);
-    for [from, to] in within {
-        sum_us += to.saturating_sub(from.max(until));
-        until = until.max(to);
+/// Stalls of all processors in order of time; what stood still together did so once.
+#[derive(Debug, Default, Clone)]
+pub struct Stalls(Vec<Stall>);
+
+impl Stalls {
+    pub fn of(mut all: Vec<Stall>) -> Self {
+        all.sort_unstable();
+        let mut merged: Vec<Stall> = Vec::with_capacity(all.len());
+        for [from, to] in all {
+            match merged.last_mut() {
+                Some(last) if from <= last[1] => last[1] = last[1].max(to),
+                _ => merged.push([from, to]),
+            }
+        }
+        Self(merged)
     }
-    sum_us
+
+    /// How much of the time between two points any processor stood still, µs.
+    pub fn stood_us(&self, from_us: u64, to_us: u64) -> u64 {
+        let first = self.0.partition_point(|[_, to]| *to <= from_us);
+        let within = self.0.iter().skip(first).take_while(|[from, _]| *from < to_us);
+        within.map(|[from, to]| (*to).min(to_us).saturating_sub((*from).max(from_us))).sum()
+    }
+
+    /// Of each, ms.
+    pub fn durations_ms(&self) -> Vec<f64> {
+        self.0.iter().map(|[from, to]| to.saturating_sub(*from) as f64 * 1e-3).collect()
+    }
+
+    /// Takes others in.
+    pub fn join(&mut self, other: Self) {
+        self.0.extend(other.0);
+        *self = Self::of(std::mem::take(&mut self.0));
+    }
 }
 
 #[cfg(test)]
@@ -105,11 +124,12 @@ mod tests {
 
     #[test]
     fn prop_standing_still_counts_once_and_within() {
-        let stalls = [[50, 70], [10, 30], [20, 40]];
-        assert_eq!(stood_us(&stalls, 0, 100), 50);
-        assert_eq!(stood_us(&stalls, 25, 60), 25);
-        assert_eq!(stood_us(&stalls, 41, 49), 0);
-        assert_eq!(stood_us(&[], 0, 100), 0);
+        let stalls = Stalls::of(vec![[50, 70], [10, 30], [20, 40]]);
+        assert_eq!(stalls.stood_us(0, 100), 50);
+        assert_eq!(stalls.stood_us(25, 60), 25);
+        assert_eq!(stalls.stood_us(41, 49), 0);
+        assert_eq!(stalls.durations_ms(), [0.03, 0.02]);
+        assert_eq!(Stalls::default().stood_us(0, 100), 0);
     }
 
     #[test]
@@ -117,6 +137,6 @@ mod tests {
         let watch = Watch::start().expect("threads");
         std::thread::sleep(std::time::Duration::from_millis(5));
         let now_us = clock::now().as_us();
-        assert!(watch.take().iter().all(|[from, to]| from < to && *to <= now_us));
+        assert!(watch.take().0.iter().all(|[from, to]| from < to && *to <= now_us));
     }
 }

@@ -1,6 +1,6 @@
 //! What the taps saw, as figures: gaps between setpoints, and the way from UWB to setpoint.
 
-use super::stalls::{Stall, stood_us};
+use super::stalls::Stalls;
 use super::tap::Passed;
 
 /// Values in order of size, ms.
@@ -47,8 +47,6 @@ pub struct Wire {
     pub gaps_ms: Sorted,
     /// The same without the time for which a processor of this computer stood still.
     pub own_gaps_ms: Sorted,
-    /// How long processors stood still, ms.
-    pub stalls_ms: Sorted,
     /// From the last byte of the tag's chunk to the next setpoint, ms.
     pub latency_ms: Sorted,
     /// The same without the time for which a processor stood still.
@@ -57,24 +55,21 @@ pub struct Wire {
 
 impl Wire {
     /// Between two times, µs, in which the vehicle flew.
-    pub fn of(passed: &Passed, stalls: &[Stall], from_us: u64, to_us: u64) -> Self {
+    pub fn of(passed: &Passed, stalls: &Stalls, from_us: u64, to_us: u64) -> Self {
         let within = |all: &[u64]| -> Vec<u64> {
             all.iter().copied().filter(|t| (from_us..=to_us).contains(t)).collect()
         };
         let (tag, setpoints) = (within(&passed.tag_us), within(&passed.setpoints_us));
         let ms = |from: u64, to: u64| to.saturating_sub(from) as f64 * 1e-3;
         let gaps = setpoints.windows(2).map(|w| ms(w[0], w[1])).collect();
-        let own = |w: &[u64]| ms(w[0] + stood_us(stalls, w[0], w[1]), w[1]);
+        let own = |w: &[u64]| ms(w[0] + stalls.stood_us(w[0], w[1]), w[1]);
         let own_gaps = setpoints.windows(2).map(own).collect();
-        let flown = stalls.iter().filter(|[from, to]| *to >= from_us && *from <= to_us);
-        let stood = flown.map(|[from, to]| ms(*from, *to)).collect();
         let next = |t: u64| setpoints.get(setpoints.partition_point(|s| *s < t)).copied();
-        let way = |t: u64| next(t).map(|to| (ms(t, to), ms(t + stood_us(stalls, t, to), to)));
+        let way = |t: u64| next(t).map(|to| (ms(t, to), ms(t + stalls.stood_us(t, to), to)));
         let (latency, own_latency) = tag.iter().filter_map(|t| way(*t)).unzip();
         Self {
             gaps_ms: Sorted::of(gaps),
             own_gaps_ms: Sorted::of(own_gaps),
-            stalls_ms: Sorted::of(stood),
             latency_ms: Sorted::of(latency),
             own_latency_ms: Sorted::of(own_latency),
         }
@@ -83,7 +78,6 @@ impl Wire {
     pub fn join(&mut self, other: Self) {
         self.gaps_ms.join(other.gaps_ms);
         self.own_gaps_ms.join(other.own_gaps_ms);
-        self.stalls_ms.join(other.stalls_ms);
         self.latency_ms.join(other.latency_ms);
         self.own_latency_ms.join(other.own_latency_ms);
     }
@@ -99,10 +93,9 @@ mod tests {
             tag_us: vec![500, 10_500, 14_000, 29_000, 31_000],
             setpoints_us: vec![1_000, 11_000, 20_000, 30_000, 90_000],
         };
-        let stalls = [[12_000, 15_000], [80_000, 85_000]];
+        let stalls = Stalls::of(vec![[12_000, 15_000], [80_000, 85_000]]);
         let wire = Wire::of(&passed, &stalls, 10_000, 40_000);
         assert_eq!((wire.own_gaps_ms.at(0.0), wire.own_gaps_ms.at(1.0)), (6.0, 10.0));
-        assert_eq!((wire.stalls_ms.count(), wire.stalls_ms.at(1.0)), (1, 3.0));
         assert_eq!(wire.gaps_ms.count(), 2);
         assert_eq!((wire.gaps_ms.at(0.0), wire.gaps_ms.at(1.0)), (9.0, 10.0));
         // The last chunk is followed by no setpoint of this flight.
