@@ -32,6 +32,10 @@ pub(super) struct Replay {
     /// With --util: switch the estimator on in flight and tell it neither position nor heading.
     #[arg(long, requires = "util", conflicts_with = "document")]
     cold: bool,
+    /// With --util: break something in the middle of every flight and see whether health warns before the
+    /// estimate is wrong.
+    #[arg(long, requires = "util", conflicts_with_all = ["leave_one_out", "ingredients", "cold", "document"])]
+    faults: bool,
     /// With --util: measure all of this and write it as a page (Markdown).
     #[arg(long, requires = "util", value_name = "FILE", conflicts_with = "json")]
     document: Option<PathBuf>,
@@ -103,6 +107,22 @@ impl Replay {
                 print_json(&rows)?;
             }
             util_flights::print_ingredients(&mut table, &rows)?;
+        } else if self.faults {
+            // With and without IMU are two filters; their warnings are not added up.
+            let (with_imu, unaided): (Vec<_>, Vec<_>) =
+                flights.into_iter().partition(|f| f.has_imu());
+            let mut tell = tell;
+            let mut rows = Vec::new();
+            for kind in [with_imu, unaided].into_iter().filter(|kind| !kind.is_empty()) {
+                rows.push(util_flights::integrity(&kind, &mut tell));
+            }
+            if self.json {
+                print_json(&rows)?;
+            }
+            for kind in &rows {
+                util_flights::print_integrity(&mut table, kind)?;
+                table.push('\n');
+            }
         } else if self.cold {
             let profile = util_flights::util_profile();
             let starts = util_flights::cold_starts(&flights, &profile, tell);

@@ -71,6 +71,7 @@ impl Estimator {
         if self.config.anchor_bias.estimate {
             self.above_floor_at = self.above_floor_at.max(self.at);
         }
+        self.isolation.restart();
         let near_floor = !self.airborne || -x_E.z < self.config.anchor_bias.hidden_below_m;
         state.biases = Biases::new(&self.config.anchor_bias, &self.anchors_m, near_floor);
         self.qualities = Qualities::default();
@@ -98,6 +99,7 @@ impl Estimator {
             state.restart_attitude(STD_FIX_ATT_RAD);
             state.biases.restart(&self.config.anchor_bias, &self.anchors_m, false);
             self.qualities = Qualities::default();
+            self.isolation.clear();
             self.doubt.clear();
             self.counts.fixes += 1;
         }

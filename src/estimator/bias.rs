@@ -40,6 +40,8 @@ pub type BiasVec = [f64; MOST];
 pub struct Biases {
     /// Anchors with a bias; 0: the plain nine-state filter.
     anchors: usize,
+    /// One sigma of the wandering part of an anchor that is left out (`isolation.rs`), m; 0: it is not.
+    free_std_m: [f64; MOST_ANCHORS],
     value_m: BiasVec,
     /// Covariance with the nine states, a row for each bias.
     cross: [[f64; STATES]; MOST],
@@ -75,6 +77,7 @@ impl Default for Biases {
     fn default() -> Self {
         Self {
             anchors: 0,
+            free_std_m: [0.0; MOST_ANCHORS],
             value_m: [0.0; MOST],
             cross: [[0.0; STATES]; MOST],
             own: [[0.0; MOST]; MOST],
@@ -200,7 +203,11 @@ impl Biases {
         for (i, grown) in growth.iter_mut().enumerate().take(n) {
             let var = config.std_m * config.std_m;
             let anchor_m = step.anchors_m.get(i).copied().unwrap_or_default();
-            if step.near_floor && anchor_m < config.low_anchor_m {
+            let free_std_m = self.free_std_m[i];
+            if free_std_m > 0.0 {
+                phi[i] = quick;
+                *grown = free_std_m * free_std_m * (1.0 - quick * quick);
+            } else if step.near_floor && anchor_m < config.low_anchor_m {
                 phi[i] = quick;
                 *grown = config.hidden_std_m * config.hidden_std_m * (1.0 - quick * quick);
             } else {
@@ -244,12 +251,35 @@ impl Biases {
         }
     }
 
+    /// Leaves an anchor out: nothing is known of its bias any more, and nothing is learned from it.
+    pub fn set_free(&mut self, anchor: usize, bias_m: f64, free_std_m: f64) {
+        if anchor >= self.anchors {
+            return;
+        }
+        self.free_std_m[anchor] = free_std_m;
+        for j in 0..2 * self.anchors {
+            self.own[anchor][j] = 0.0;
+            self.own[j][anchor] = 0.0;
+        }
+        self.own[anchor][anchor] = free_std_m * free_std_m;
+        self.value_m[anchor] = bias_m;
+        self.cross[anchor].fill(0.0);
+    }
+
+    /// Takes it back: what it has too much in variance goes as it does after the floor.
+    pub fn take_back(&mut self, anchor: usize) {
+        if let Some(free_std_m) = self.free_std_m.get_mut(anchor) {
+            *free_std_m = 0.0;
+        }
+    }
+
     /// Forgets what wanders; what stays is kept.
     pub fn restart(&mut self, config: &AnchorBias, heights_m: &[f64], near_floor: bool) {
         let n = self.anchors;
         for (i, anchor_m) in heights_m.iter().take(n).enumerate() {
             let hidden = near_floor && *anchor_m < config.low_anchor_m;
             let std_m = if hidden { config.hidden_std_m } else { config.std_m };
+            let std_m = std_m.max(self.free_std_m[i]);
             for j in 0..2 * n {
                 self.own[i][j] = 0.0;
                 self.own[j][i] = 0.0;

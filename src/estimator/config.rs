@@ -221,6 +221,43 @@ impl Default for AnchorBias {
     }
 }
 
+/// Leaving out an anchor that does not fit in flight (`isolation.rs`).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Isolation {
+    /// Whether anchors are left out.
+    pub leave_out: bool,
+    /// Time over which residuals are remembered, s.
+    pub memory_s: f64,
+    /// One sigma of the range bias of an anchor that is sound, m.
+    pub std_bias_m: f64,
+    /// Doubt, in units of what is usual, from which an anchor is suspected …
+    pub doubt: f64,
+    /// … when the others without it stay below this.
+    pub others_doubt: f64,
+    /// Least range error that is worth it, m.
+    pub least_m: f64,
+    /// Time for which the suspicion must last, s.
+    pub confirm_s: f64,
+    /// Time for which one that is left out must fit before it is taken back, s.
+    pub return_s: f64,
+}
+
+impl Default for Isolation {
+    fn default() -> Self {
+        Self {
+            leave_out: false,
+            memory_s: 1.0,
+            std_bias_m: 0.3,
+            doubt: 4.0,
+            others_doubt: 2.0,
+            least_m: 0.6,
+            confirm_s: 0.3,
+            return_s: 2.0,
+        }
+    }
+}
+
 /// Quality of each anchor, learned in flight (`quality.rs`).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -259,6 +296,8 @@ pub struct EstimatorConfig {
     pub anchor_bias: AnchorBias,
     /// Quality of each anchor.
     pub quality: Quality,
+    /// Leaving out anchors that do not fit.
+    pub isolation: Isolation,
     /// Where the specific force comes from in flight.
     pub specific_force: SpecificForce,
     /// Whether the drag model is used (with `thrust_axis` only).
@@ -313,6 +352,7 @@ impl Default for EstimatorConfig {
             covariance_step_s: 0.0,
             anchor_bias: AnchorBias::default(),
             quality: Quality::default(),
+            isolation: Isolation::default(),
             specific_force: SpecificForce::ThrustAxis,
             drag: true,
             drag_per_s: [4.2, 1.8, 0.3],
@@ -376,6 +416,14 @@ impl EstimatorConfig {
         range("quality.time_s", q.time_s, 0.05, 100.0, "s");
         range("quality.least", q.least, 0.01, 1.0, "");
         range("quality.most", q.most, 1.0, 1e4, "");
+        let i = &self.isolation;
+        range("isolation.memory_s", i.memory_s, 0.1, 60.0, "s");
+        range("isolation.std_bias_m", i.std_bias_m, 0.01, 5.0, "m");
+        range("isolation.doubt", i.doubt, 0.5, 1e3, "");
+        range("isolation.others_doubt", i.others_doubt, 0.1, 1e3, "");
+        range("isolation.least_m", i.least_m, 0.05, 20.0, "m");
+        range("isolation.confirm_s", i.confirm_s, 0.0, 60.0, "s");
+        range("isolation.return_s", i.return_s, 0.0, 600.0, "s");
         range("cop_z_m", self.cop_z_m, -0.5, 0.5, "m");
         range("acc_average_s", self.acc_average_s, 0.0, 0.2, "s");
         range("std_uwb_m", self.std_uwb_m, 0.01, 5.0, "m");

@@ -8,6 +8,8 @@ use super::bias::Pair;
 use super::config::{BaroConfig, Motion, Tail};
 use super::gate::{self, Remedy};
 use super::height::standard_height_m;
+use super::isolation::{Action, FREE_M};
+use super::quality::Qualities;
 use super::state::{POS, VEL};
 use super::update::Observation;
 use super::{
@@ -119,6 +121,7 @@ impl Estimator {
         });
         if self.state.is_some() {
             self.fuse_tdoa(tdoa, a_E, b_E, ahead_s.min(FARTHEST_AHEAD_S), &mut record);
+            self.isolate();
             self.heal();
         } else if let Some(cold) = &mut self.cold {
             record = cold.tdoa(tdoa);
@@ -183,6 +186,22 @@ impl Estimator {
             self.drops.add(DropReason::UwbGated, 1);
             return;
         };
+        if c.isolation.leave_out {
+            let ranks = Pair { a: rank_a, b: rank_b };
+            // Near the floor low anchors are hidden, which is known; what was before says nothing then.
+            if near_floor {
+                self.isolation.clear();
+            } else {
+                let biases_m = pair.map_or(0.0, |pair| state.biases.difference_m(pair));
+                self.isolation.note(ranks, &o.h_pos, o.innovation + biases_m);
+            }
+            if self.isolation.is_out(rank_a) || self.isolation.is_out(rank_b) {
+                // With a bias of its own it says nothing already; without, it is noise.
+                let std_m = if biased { 0.0 } else { FREE_M };
+                var += std_m * std_m;
+                o.var = var;
+            }
+        }
         let projected = update::project(state, &o);
         let var_innovation = projected.var_predicted + var;
         let ratio2 = o.innovation * o.innovation / var_innovation;
@@ -192,7 +211,7 @@ impl Estimator {
         record.test_ratio = test_ratio;
         let beyond = test_ratio > 1.0;
         self.doubt.note(beyond, rank_a, rank_b);
-        if c.quality.learn {
+        if c.quality.learn && !(self.isolation.is_out(rank_a) || self.isolation.is_out(rank_b)) {
             for (rank, since_s) in [rank_a, rank_b].into_iter().zip(since_s) {
                 self.qualities.learn(&c.quality, rank, ratio2, since_s);
             }
@@ -214,14 +233,34 @@ impl Estimator {
     /// Variance factor of an anchor whose error stays the same for a while.
     #[inline]
     pub(super) fn worth(&mut self, anchor: u8, at: HostTime, correlation_s: f64) -> f64 {
-        if correlation_s <= 0.0 && !self.config.quality.learn {
-            return 1.0;
-        }
         let (last, interval_s) = &mut self.intervals[usize::from(anchor)];
         let newest_s = at.seconds_since(*last).clamp(0.0, LONGEST_INTERVAL_S);
         *last = at.max(*last);
         *interval_s += (newest_s - *interval_s) * INTERVAL_WEIGHT;
         noise::correlation_factor(correlation_s, *interval_s)
+    }
+
+    /// Leaves out an anchor that does not fit, or takes it back.
+    fn isolate(&mut self) {
+        let config = &self.config.isolation;
+        if !config.leave_out {
+            return;
+        }
+        let Some(action) = self.isolation.judge(config, self.at) else { return };
+        let Some(state) = &mut self.state else { return };
+        match action {
+            Action::LeaveOut { rank, bias_m, shift_E_m, std_m } => {
+                state.restart_position(state.x_E + shift_E_m, std_m);
+                // What led the position astray led the velocity astray with it.
+                state.restart_velocity(state.v_B, STD_WIDEN);
+                state.biases.restart(&self.config.anchor_bias, &self.anchors_m, false);
+                state.biases.set_free(rank, bias_m, FREE_M);
+                self.qualities = Qualities::default();
+                self.doubt.clear();
+                self.counts.left_out += 1;
+            }
+            Action::TakeBack { rank } => state.biases.take_back(rank),
+        }
     }
 
     /// Does something about a filter that is wrong.

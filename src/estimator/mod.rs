@@ -15,6 +15,7 @@ mod config;
 mod fusing;
 mod gate;
 mod height;
+mod isolation;
 mod magnetometer;
 mod noise;
 mod predict;
@@ -31,6 +32,8 @@ mod anchor_check_tests;
 mod bias_tests;
 #[cfg(test)]
 mod filter_tests;
+#[cfg(test)]
+mod isolation_tests;
 #[cfg(test)]
 mod jacobian_tests;
 #[cfg(test)]
@@ -55,12 +58,13 @@ use beat::Beat;
 use bias::Wander;
 use cold::Cold;
 pub use config::{
-    AnchorBias, BaroConfig, EstimatorConfig, GateConfig, MagnetometerConfig, Motion, ProcessNoise,
-    Quality, SpecificForce, Tail, Unaided, UwbNoise,
+    AnchorBias, BaroConfig, EstimatorConfig, GateConfig, Isolation as IsolationConfig,
+    MagnetometerConfig, Motion, ProcessNoise, Quality, SpecificForce, Tail, Unaided, UwbNoise,
 };
 use gate::Doubt;
 use height::BaroZero;
 pub use height::{standard_height_m, standard_pressure_pa};
+use isolation::Isolation;
 use magnetometer::Compass;
 pub use magnetometer::Field as MagneticField;
 use predict::{Force, Growth};
@@ -94,6 +98,8 @@ const LOST_AGE_S: f64 = 2.0;
 const DEGRADED_STD_POS_M: f64 = 0.6;
 const LOST_STD_POS_M: f64 = 2.0;
 const DEGRADED_SHARE: f64 = 0.4;
+/// An anchor is heard for so long after its newest measurement, s.
+const HEARD_S: f64 = 1.0;
 
 /// When more than this share of the anchors …
 const SUSPECT_SHARE: f64 = 0.5;
@@ -115,6 +121,8 @@ pub struct Counts {
     pub remedies: u64,
     /// Positions found anew in the air.
     pub fixes: u64,
+    /// Anchors left out in flight because they did not fit.
+    pub left_out: u64,
 }
 
 /// Steps that the state has made and the covariance not yet.
@@ -151,6 +159,7 @@ pub struct Estimator {
     range_bias_m: Box<[f64; 256]>,
     beat: Beat,
     qualities: Qualities,
+    isolation: Isolation,
     /// Steps whose covariance waits to be predicted.
     pending: Pending,
     /// Until position and heading are known, if they are not told.
@@ -194,6 +203,7 @@ impl Estimator {
             range_bias_m,
             beat: Beat::default(),
             qualities: Qualities::default(),
+            isolation: Isolation::default(),
             pending: Pending::default(),
             config,
             survey,
@@ -412,8 +422,14 @@ impl Estimator {
         }
     }
 
-    /// The state as everyone else sees it.
+    /// The state as everyone else sees it, at the time of the newest IMU sample.
     pub fn estimate(&self) -> Estimate {
+        self.estimate_at(self.at)
+    }
+
+    /// The same with health as it is at `now`: without IMU only the reader's clock tells that
+    /// measurements are missing.
+    pub fn estimate_at(&self, now: HostTime) -> Estimate {
         let Some(state) = &self.state else {
             let cold = self.cold.as_ref();
             if let Some(estimate) = cold.and_then(|cold| cold.estimate(self.at, self.rate_B)) {
@@ -442,12 +458,12 @@ impl Estimator {
             std_vel_B_mps: Vec3::from_array(state.std3(VEL)),
             std_att_B_rad: Vec3::from_array(state.std3(ATT)),
             uwb_noise_factor: noise::height_factor(self.config.uwb_noise, -state.x_E.z),
-            health: self.health(state),
+            health: self.health(state, now.max(self.at)),
         }
     }
 
-    fn health(&self, state: &State) -> Health {
-        let age_s = self.fused_at.map_or(f64::INFINITY, |at| self.at.seconds_since(at));
+    fn health(&self, state: &State, now: HostTime) -> Health {
+        let age_s = self.fused_at.map_or(f64::INFINITY, |at| now.seconds_since(at));
         let std_pos_m = state.std3(POS).into_iter().fold(0.0, f64::max);
         if age_s > LOST_AGE_S || std_pos_m > LOST_STD_POS_M {
             Health::Lost
@@ -455,12 +471,34 @@ impl Estimator {
             || std_pos_m > DEGRADED_STD_POS_M
             || self.doubt.share() > DEGRADED_SHARE
             || self.doubt.is_active()
+            || self.isolation.any_out()
+            || self.hears_too_few(now)
             || self.qualities.share_beyond(SUSPECT_FACTOR, self.anchors_m.len()) > SUSPECT_SHARE
         {
             Health::Degraded
         } else {
             Health::Good
         }
+    }
+
+    /// Whether so few anchors are heard that one that is wrong would not be found out.
+    fn hears_too_few(&self, now: HostTime) -> bool {
+        let ids = self.survey.ids();
+        let least = ids.len().min(isolation::LEAST_ANCHORS);
+        let heard_at = |id: &AnchorId| self.intervals[usize::from(id.0)].0;
+        let heard = ids.iter().filter(|id| now.seconds_since(heard_at(id)) < HEARD_S).count();
+        self.config.isolation.leave_out && heard < least
+    }
+
+    /// Whether the anchor at this place in the survey is left out because it does not fit.
+    pub fn is_left_out(&self, rank: usize) -> bool {
+        self.isolation.is_out(rank)
+    }
+
+    /// Anchors that are left out because they do not fit (`isolation.rs`).
+    pub fn left_out(&self) -> impl Iterator<Item = AnchorId> {
+        let ids = self.survey.ids().iter().enumerate();
+        ids.filter(|(rank, _)| self.isolation.is_out(*rank)).map(|(_, id)| *id)
     }
 
     /// Height above the origin's level, m; 0 before alignment.

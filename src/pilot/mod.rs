@@ -154,6 +154,8 @@ pub struct Pilot {
     /// What people were last told about it, and when.
     health_told: Health,
     health_told_at: HostTime,
+    /// Anchors that people were told are left out, by their place in the survey.
+    left_out_told: [bool; 16],
     /// Height above the floor while the estimate could be trusted, m.
     last_height_m: f64,
     /// Height at which the landing began, m.
@@ -256,6 +258,7 @@ impl Pilot {
             estimate,
             health_told: Health::NotAligned,
             health_told_at: at,
+            left_out_told: [false; 16],
             last_height_m: 0.0,
             land_from_m: 0.0,
             last_sink_mps: 0.0,

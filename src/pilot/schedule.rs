@@ -58,6 +58,7 @@ impl Pilot {
         self.flush_quiet_links(at);
         self.ask_for_binary(at);
         self.estimate = self.estimator.estimate();
+        self.watch_left_out(at);
         self.watch_health(at);
         self.follow_north(at, dt_s);
         self.watch_lift(dt_s);

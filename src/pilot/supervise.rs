@@ -193,6 +193,24 @@ impl Pilot {
         }
     }
 
+    /// Tells people which anchor is left out, and when it is heard again.
+    pub(super) fn watch_left_out(&mut self, at: HostTime) {
+        for rank in 0..self.left_out_told.len() {
+            let out = self.estimator.is_left_out(rank);
+            let Some(told) = self.left_out_told.get_mut(rank).filter(|told| **told != out) else {
+                continue;
+            };
+            *told = out;
+            let Some(id) = self.survey.ids().get(rank).map(|id| id.0) else { continue };
+            if out {
+                let text = format!("anchor {id} does not fit the others and is left out");
+                self.say(at, Severity::Warning, text);
+            } else {
+                self.say(at, Severity::Info, format!("anchor {id} is heard again"));
+            }
+        }
+    }
+
     /// Tells people when the estimate gets worse or better, calmly.
     pub(super) fn watch_health(&mut self, at: HostTime) {
         let health = self.estimate.health;

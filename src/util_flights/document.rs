@@ -167,7 +167,9 @@ if it were white nor taken for a movement. Each anchor also has a quality, a fac
 that is learned from its innovations (`quality.rs`). Nothing is thrown away by a gate: what does not
 fit keeps the weight that a Student-t tail leaves it, so that a bad start converges. When most anchors
 at once do not fit, the filter is doubted, not they: a position is found anew by least squares, and
-taken if it explains the measurements better.
+taken if it explains the measurements better. One anchor that does not fit while all the others fit one
+another is left out, the position goes to where the others have it, and health is degraded until it fits
+again (`isolation.rs`).
 
 Why this helps: on these recordings the errors of the pairs are the differences of one number for each
 anchor. On the floor each of the four low anchors reads 3 to 4 m too far; behind the metal box of
@@ -188,9 +190,8 @@ flights.";
 const ABOUT_INTEGRITY: &str = "\
 Each recording with a fault from its middle to its end, in the air. Over 1 m: for longer than 0.2 s. Warned:
 health was not good then or within the 2 s before.
-**An anchor that moves in flight is not warned of**: the filter takes it for a bias that wanders, health
-stays good, and the estimate is off by 1 to 3 m. Nor, without IMU, is a gap of UWB: nothing predicts there
-between two measurements, so age is never seen.";
+Fewer than seven anchors heard count as a warning: one that is wrong would not be found out among them.
+Health is degraded while an anchor is left out, also where the estimate is good without it.";
 const ABOUT_FLOOR: &str = "\
 What the check before take-off (docs/SAFETY.md, `anchors`) says of each recording at the moment before its
 lift-off, told nothing but the anchors. Doubt: how much of the misfit the anchor explains, in units of what

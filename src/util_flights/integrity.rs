@@ -52,7 +52,7 @@ const FAULTS: [(&str, Fault); 14] = [
 ];
 
 /// How the flights of one kind went with one fault.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Integrity {
     /// What was done.
     pub fault: &'static str,

@@ -208,7 +208,7 @@ pub fn run_traced(
             }
             Sample::Baro(baro) => estimator.baro(&baro),
             Sample::Pose(pose) => {
-                let estimate = estimator.is_aligned().then(|| estimator.estimate());
+                let estimate = estimator.is_aligned().then(|| estimator.estimate_at(event.at));
                 if let Some(estimate) = &estimate {
                     show(event.at, estimate, &pose);
                 }

@@ -2,8 +2,8 @@
 
 use super::Flight;
 use crate::estimator::{
-    AnchorBias, BaroConfig, EstimatorConfig, GateConfig, Motion, ProcessNoise, Quality,
-    SpecificForce, Tail, UwbNoise,
+    AnchorBias, BaroConfig, EstimatorConfig, GateConfig, IsolationConfig, Motion, ProcessNoise,
+    Quality, SpecificForce, Tail, UwbNoise,
 };
 
 /// Settings for the quadrotors of UTIL: one set for every flight.
@@ -36,6 +36,7 @@ pub fn util_profile() -> EstimatorConfig {
             ..AnchorBias::default()
         },
         quality: Quality { learn: true, time_s: 0.6, ..Quality::default() },
+        isolation: IsolationConfig { leave_out: true, ..IsolationConfig::default() },
         process: ProcessNoise {
             // Against motion capture 0.06 m/s² that last a second in April, 0.7 m/s² in June: the drag
             // model does not know why. Enough for the worse.
@@ -131,6 +132,7 @@ pub fn util_start_profile() -> EstimatorConfig {
             ..util.anchor_bias
         },
         quality: Quality { time_s: 1.0, ..util.quality },
+        isolation: IsolationConfig { others_doubt: 1.0, ..util.isolation },
         ..util
     }
 }

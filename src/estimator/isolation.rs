@@ -1,0 +1,295 @@
+//! An anchor that does not fit in flight is found and left out: it moved, or metal stands before it.
+//!
+//! Fault detection and exclusion on residuals. Each difference of distances gives one equation in the
+//! error δp of the estimated position and the range biases β of its two anchors,
+//!
+//! ```text
+//! r = z − (|p̂ − b| − |p̂ − a|) = h δp + β_b − β_a + noise,   h = ∂z/∂p
+//! ```
+//!
+//! with p̂ from the filter and without the biases that the filter has learned: they may have swallowed
+//! the fault. Normal equations of the last `memory_s` are kept with fading weights. For each anchor the
+//! bias is asked without its prior, and the doubt is how much it explains in units of what is usual, as
+//! in the check on the floor (`anchor_check.rs`). The worst anchor is set free; only if the others then
+//! fit one another, for `confirm_s`, is it left out: its bias becomes free in the filter, the position moves by
+//! δp, what the other biases have swallowed is forgotten. It comes back when it has fitted for a while.
+//!
+//! Below [`LEAST_ANCHORS`] nothing can be found out, and integrity is not to be had: the
+//! estimator's health is degraded then.
+//!
+//! **Symbols.** r, δp, β m, frame `E`. **Source.** Parkinson and Axelrad, "Autonomous GPS integrity monitoring
+//! using the pseudorange residual", Navigation 35(2), 1988, for snapshots; the fading window and the
+//! priors on the biases are ours. **Left out.** Two anchors that fail within the memory at once.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use super::bias::{MOST_ANCHORS, Pair};
+use super::config::Isolation as Config;
+use crate::time::HostTime;
+
+const SIZE: usize = 3 + MOST_ANCHORS;
+type Normal = SMatrix<f64, SIZE, SIZE>;
+type Unknowns = SVector<f64, SIZE>;
+
+/// Fewer anchors do not find one out: of 6 differences a position takes 3 and the suspect 1, and the
+/// two that are left must speak against every other suspect.
+pub const LEAST_ANCHORS: usize = 7;
+/// One sigma of the bias of an anchor that is left out, m: obstacles were seen to add up to 4 m.
+pub const FREE_M: f64 = 3.0;
+/// Time between two judgements, s.
+const INTERVAL_S: f64 = 0.1;
+/// One sigma of the mean of a pair over the memory, m.
+const STD_PAIR_M: f64 = 0.15;
+/// One sigma of the filter's position, m: it may be anywhere near.
+const STD_POSITION_M: f64 = 5.0;
+/// One sigma of a bias that is free, m.
+const STD_FREE_M: f64 = 30.0;
+/// Fewer equations say nothing.
+const LEAST_EQUATIONS: f64 = 20.0;
+/// Doubt below which one that is left out fits: its error is no larger than is usual.
+const FITS_DOUBT: f64 = 1.0;
+/// An anchor counts as heard with this share of an equal part of the equations.
+const HEARD_SHARE: f64 = 0.2;
+
+/// What is to be done.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Action {
+    /// An anchor is to be left out.
+    LeaveOut {
+        /// Its place in the survey.
+        rank: usize,
+        /// By how much it reads too far, m.
+        bias_m: f64,
+        /// Where the position is, minus where the filter has it, m.
+        shift_E_m: Vector3<f64>,
+        /// Largest sigma of that, m.
+        std_m: f64,
+    },
+    /// It fits again.
+    TakeBack {
+        /// Its place in the survey.
+        rank: usize,
+    },
+}
+
+/// The equations of the last while, and who is left out.
+#[derive(Debug, Clone)]
+pub struct Isolation {
+    normal: Box<Normal>,
+    right: Unknowns,
+    equations: f64,
+    judged_at: Option<HostTime>,
+    /// Who may be at fault, and since when.
+    suspect: Option<(usize, HostTime)>,
+    /// Who is left out.
+    out: [bool; MOST_ANCHORS],
+    /// Since when one that is left out fits.
+    fits_since: [Option<HostTime>; MOST_ANCHORS],
+}
+
+impl Default for Isolation {
+    fn default() -> Self {
+        Self {
+            normal: Box::new(Normal::zeros()),
+            right: Unknowns::zeros(),
+            equations: 0.0,
+            judged_at: None,
+            suspect: None,
+            out: [false; MOST_ANCHORS],
+            fits_since: [None; MOST_ANCHORS],
+        }
+    }
+}
+
+impl Isolation {
+    /// Takes an equation.
+    #[inline]
+    pub fn note(&mut self, pair: Pair, h: &Vector3<f64>, residual_m: f64) {
+        if pair.a >= MOST_ANCHORS || pair.b >= MOST_ANCHORS {
+            return;
+        }
+        let row = [(0, h.x), (1, h.y), (2, h.z), (3 + pair.a, -1.0), (3 + pair.b, 1.0)];
+        for (k, h_k) in row {
+            self.right[k] += h_k * residual_m;
+            for (l, h_l) in row {
+                self.normal[(k, l)] += h_k * h_l;
+            }
+        }
+        self.equations += 1.0;
+    }
+
+    /// Forgets the equations; who is left out stays so.
+    pub fn clear(&mut self) {
+        self.normal.fill(0.0);
+        self.right.fill(0.0);
+        self.equations = 0.0;
+        self.suspect = None;
+    }
+
+    /// Whether an anchor is left out.
+    #[inline]
+    pub fn is_out(&self, rank: usize) -> bool {
+        self.out.get(rank).copied().unwrap_or(false)
+    }
+
+    /// Whether any is.
+    pub fn any_out(&self) -> bool {
+        self.out.contains(&true)
+    }
+
+    /// Forgets everything.
+    pub fn restart(&mut self) {
+        self.clear();
+        self.judged_at = None;
+        self.out = [false; MOST_ANCHORS];
+        self.fits_since = [None; MOST_ANCHORS];
+    }
+
+    /// Judges, when it is time to.
+    #[inline]
+    pub fn judge(&mut self, config: &Config, at: HostTime) -> Option<Action> {
+        let Some(judged_at) = self.judged_at else {
+            self.judged_at = Some(at);
+            return None;
+        };
+        let since_s = at.seconds_since(judged_at);
+        if since_s < INTERVAL_S {
+            return None;
+        }
+        self.judged_at = Some(at);
+        let action = self.look(config, at);
+        let fade = (-since_s / config.memory_s).exp();
+        *self.normal *= fade;
+        self.right *= fade;
+        self.equations *= fade;
+        action
+    }
+
+    fn look(&mut self, config: &Config, at: HostTime) -> Option<Action> {
+        if self.equations < LEAST_EQUATIONS {
+            self.suspect = None;
+            return None;
+        }
+        let heard = self.heard();
+        let anchors = heard.iter().filter(|h| **h).count();
+        let first = self.fit(config, &heard, None)?;
+        if let Some(rank) = self.back(config, &first, &heard, at) {
+            self.out[rank] = false;
+            self.fits_since[rank] = None;
+            return Some(Action::TakeBack { rank });
+        }
+        let left = anchors - (0..MOST_ANCHORS).filter(|i| heard[*i] && self.out[*i]).count();
+        let worst = first.worst(None).filter(|_| left >= LEAST_ANCHORS);
+        let named = worst.filter(|w| first.doubts[*w] > config.doubt).and_then(|w| {
+            let second = self.fit(config, &heard, Some(w))?;
+            let others = second.worst(Some(w)).map_or(0.0, |o| second.doubts[o]);
+            let bias_m = second.x[3 + w];
+            let alone = others < config.others_doubt && bias_m.abs() > config.least_m;
+            alone.then_some((w, second))
+        });
+        let Some((rank, fitted)) = named else {
+            self.suspect = None;
+            return None;
+        };
+        match self.suspect {
+            Some((same, since)) if same == rank => {
+                if at.seconds_since(since) < config.confirm_s {
+                    return None;
+                }
+            }
+            _ => {
+                self.suspect = Some((rank, at));
+                return None;
+            }
+        }
+        let shift_E_m = Vector3::new(fitted.x[0], fitted.x[1], fitted.x[2]);
+        // The equations are those of the position as it will be.
+        self.right -= self.normal.fixed_columns::<3>(0) * shift_E_m;
+        self.out[rank] = true;
+        self.fits_since[rank] = None;
+        self.suspect = None;
+        let std_m = fitted.position_var.diagonal().max().max(0.0).sqrt();
+        Some(Action::LeaveOut { rank, bias_m: fitted.x[3 + rank], shift_E_m, std_m })
+    }
+
+    /// One that is left out and has fitted for long enough.
+    fn back(
+        &mut self,
+        config: &Config,
+        fitted: &Fitted,
+        heard: &[bool; MOST_ANCHORS],
+        at: HostTime,
+    ) -> Option<usize> {
+        for rank in (0..MOST_ANCHORS).filter(|i| self.out[*i] && heard[*i]) {
+            let fits = fitted.doubts[rank] < FITS_DOUBT;
+            let since = &mut self.fits_since[rank];
+            *since = if fits { since.or(Some(at)) } else { None };
+            if since.is_some_and(|since| at.seconds_since(since) >= config.return_s) {
+                return Some(rank);
+            }
+        }
+        None
+    }
+
+    fn heard(&self) -> [bool; MOST_ANCHORS] {
+        let mut heard = [false; MOST_ANCHORS];
+        let weight = |i: usize| self.normal[(3 + i, 3 + i)];
+        let known = (0..MOST_ANCHORS).filter(|i| weight(*i) > 0.0).count().max(1);
+        let least = HEARD_SHARE * 2.0 * self.equations / known as f64;
+        for (i, heard) in heard.iter_mut().enumerate() {
+            *heard = weight(i) > least;
+        }
+        heard
+    }
+
+    fn fit(
+        &self,
+        config: &Config,
+        heard: &[bool; MOST_ANCHORS],
+        free: Option<usize>,
+    ) -> Option<Fitted> {
+        let anchors = heard.iter().filter(|h| **h).count();
+        // A mean of the pairs, as many as there are anchors: errors of one pair stay for longer than the memory.
+        let scale = anchors as f64 / (self.equations * STD_PAIR_M * STD_PAIR_M);
+        let std_bias_m =
+            |i: usize| if free == Some(i) || self.out[i] { STD_FREE_M } else { config.std_bias_m };
+        let mut information = *self.normal * scale;
+        for k in 0..3 {
+            information[(k, k)] += 1.0 / (STD_POSITION_M * STD_POSITION_M);
+        }
+        for i in 0..MOST_ANCHORS {
+            let std_m = std_bias_m(i);
+            information[(3 + i, 3 + i)] += 1.0 / (std_m * std_m);
+        }
+        let covariance = information.cholesky()?.inverse();
+        let x = covariance * self.right * scale;
+        let mut doubts = [0.0; MOST_ANCHORS];
+        for i in (0..MOST_ANCHORS).filter(|i| heard[*i]) {
+            let std_m = std_bias_m(i);
+            let var = covariance[(3 + i, 3 + i)];
+            let own = 1.0 / var - 1.0 / (std_m * std_m);
+            if own > 1e-6 {
+                let bias_m = x[3 + i] / (var * own);
+                doubts[i] = bias_m * bias_m / (1.0 / own + config.std_bias_m * config.std_bias_m);
+            }
+        }
+        let position_var = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        x.iter().all(|v| v.is_finite()).then_some(Fitted { x, out: self.out, doubts, position_var })
+    }
+}
+
+struct Fitted {
+    x: Unknowns,
+    out: [bool; MOST_ANCHORS],
+    doubts: [f64; MOST_ANCHORS],
+    position_var: Matrix3<f64>,
+}
+
+impl Fitted {
+    /// The anchor of the largest doubt among those that take part, one of them left out.
+    fn worst(&self, but: Option<usize>) -> Option<usize> {
+        (0..MOST_ANCHORS)
+            .filter(|i| but != Some(*i) && !self.out[*i] && self.doubts[*i] > 0.0)
+            .max_by(|i, j| self.doubts[*i].total_cmp(&self.doubts[*j]))
+    }
+}

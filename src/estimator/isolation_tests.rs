@@ -1,0 +1,189 @@
+//! Tests of leaving out anchors: the arithmetic by exact geometry, and in the filter on a made-up flight.
+
+use nalgebra::Vector3;
+
+use super::bias::Pair;
+use super::filter_tests::{Run, middle, quiet};
+use super::isolation::{Action, Isolation};
+use super::truth::{Noise, Truth, hall};
+use super::*;
+use crate::measure::Tdoa;
+
+fn at(turn: u64) -> HostTime {
+    HostTime::from_us(1_000_000 + 20_000 * turn)
+}
+
+/// A vehicle at `p` whose filter has it `off` from there, with these range biases, for `turns` of 20 ms: ring of
+/// neighbours. What was done, and when.
+fn fly(
+    it: &mut Isolation,
+    from: u64,
+    turns: u64,
+    p: Vector3<f64>,
+    off: &mut Vector3<f64>,
+    bias_m: &[f64; 8],
+    noise: &mut Noise,
+) -> Vec<(u64, Action)> {
+    let survey = hall();
+    let config = IsolationConfig { leave_out: true, ..IsolationConfig::default() };
+    let site = |id: usize| survey.position_E_m(AnchorId(id as u8)).unwrap().raw();
+    let mut done = Vec::new();
+    for turn in from..from + turns {
+        for a in 0..8 {
+            let b = (a + 1) % 8;
+            let reads = |i: usize, p: Vector3<f64>| (p - site(i)).norm();
+            let p_hat = p + *off;
+            let z = reads(b, p) + bias_m[b] - reads(a, p) - bias_m[a] + 0.1 * noise.normal();
+            let h = (p_hat - site(b)).normalize() - (p_hat - site(a)).normalize();
+            it.note(Pair { a, b }, &h, z - (reads(b, p_hat) - reads(a, p_hat)));
+        }
+        if let Some(action) = it.judge(&config, at(turn)) {
+            if let Action::LeaveOut { shift_E_m, .. } = action {
+                *off += shift_E_m;
+            }
+            done.push((turn - from, action));
+        }
+    }
+    done
+}
+
+fn usual(noise: &mut Noise) -> [f64; 8] {
+    std::array::from_fn(|_| 0.1 * noise.normal())
+}
+
+#[test]
+fn prop_sound_anchors_are_left_alone_wherever_the_filter_is() {
+    let mut noise = Noise(7);
+    for n in 0..40 {
+        let p = middle() + noise.vector(1.5);
+        let mut off = noise.vector(0.4);
+        let done =
+            fly(&mut Isolation::default(), 0, 100, p, &mut off, &usual(&mut noise), &mut noise);
+        assert!(done.is_empty(), "{n}: {done:?}");
+    }
+}
+
+#[test]
+fn prop_one_that_is_off_is_found_wherever_it_hangs_and_comes_back() {
+    let mut noise = Noise(8);
+    for n in 0..40 {
+        let (wrong, by_m) = (n % 8, if n % 2 == 0 { 2.0 } else { -2.0 });
+        let p = middle() + noise.vector(1.0);
+        let mut off = noise.vector(0.3);
+        let mut bias_m = usual(&mut noise);
+        bias_m[wrong] += by_m;
+        let mut it = Isolation::default();
+        let done = fly(&mut it, 0, 100, p, &mut off, &bias_m, &mut noise);
+        let [(turn, Action::LeaveOut { rank, bias_m: found_m, std_m, .. })] = done[..] else {
+            panic!("{n}: at {p:?} {off:?} {bias_m:?}: {done:?}")
+        };
+        assert_eq!(rank, wrong, "{n}");
+        assert!(turn < 50, "{n}: after {turn} turns of 20 ms");
+        assert!((found_m - by_m).abs() < 0.6, "{n}: {found_m} m");
+        // The position is where the other seven have it, and known about as well as is said.
+        assert!(off.norm() < 3.0 * std_m && off.norm() < 0.6, "{n}: {off} of {std_m}");
+        assert!(it.is_out(wrong) && it.any_out());
+        bias_m[wrong] -= by_m;
+        let done = fly(&mut it, 100, 400, p, &mut off, &bias_m, &mut noise);
+        assert!(
+            matches!(done[..], [(_, Action::TakeBack { rank })] if rank == wrong),
+            "{n}: {done:?}"
+        );
+        assert!(!it.any_out());
+    }
+}
+
+#[test]
+fn prop_two_at_once_are_not_blamed_on_a_third() {
+    let mut noise = Noise(9);
+    for n in 0..40 {
+        let pair = [n % 8, (n + 3) % 8];
+        let mut bias_m = usual(&mut noise);
+        for i in pair {
+            bias_m[i] += 1.5;
+        }
+        let p = middle() + noise.vector(1.0);
+        let done =
+            fly(&mut Isolation::default(), 0, 200, p, &mut Vector3::zeros(), &bias_m, &mut noise);
+        for (_, action) in &done {
+            let Action::LeaveOut { rank, .. } = action else {
+                panic!("{n}: {pair:?} are off, {done:?}")
+            };
+            assert!(pair.contains(rank), "{n}: {pair:?} are off, {done:?}");
+        }
+    }
+}
+
+#[test]
+fn prop_without_redundancy_nobody_is_named() {
+    // Six anchors heard.
+    let mut noise = Noise(10);
+    let (survey, p) = (hall(), middle());
+    let config = IsolationConfig { leave_out: true, ..IsolationConfig::default() };
+    let site = |id: usize| survey.position_E_m(AnchorId(id as u8)).unwrap().raw();
+    let mut it = Isolation::default();
+    for turn in 0..200 {
+        for a in 0..6 {
+            let b = (a + 1) % 6;
+            let h = (p - site(b)).normalize() - (p - site(a)).normalize();
+            let wrong = |i: usize| if i == 2 { 3.0 } else { 0.0 };
+            it.note(Pair { a, b }, &h, wrong(b) - wrong(a) + 0.1 * noise.normal());
+        }
+        assert_eq!(it.judge(&config, at(turn)), None);
+    }
+}
+
+fn spoil(t: &mut Tdoa) {
+    t.distance_diff_m += if t.anchor_b.0 == 6 { 2.5 } else { 0.0 };
+    t.distance_diff_m -= if t.anchor_a.0 == 6 { 2.5 } else { 0.0 };
+}
+
+#[test]
+fn prop_the_filter_flies_on_by_the_others_and_says_so() {
+    let plain = EstimatorConfig {
+        isolation: IsolationConfig { leave_out: true, ..IsolationConfig::default() },
+        ..quiet()
+    };
+    let biased = EstimatorConfig {
+        anchor_bias: AnchorBias { estimate: true, ..AnchorBias::default() },
+        quality: Quality { learn: true, ..Quality::default() },
+        covariance_step_s: 0.004,
+        gate: GateConfig { sigma: 10.0, tail_sigma: 1.4, reject: false, ..GateConfig::default() },
+        ..plain.clone()
+    };
+    for config in [plain, biased] {
+        let mut run = Run::aligned(config, Truth::flying(middle()));
+        run.fly(3.0);
+        assert_eq!(run.estimator.estimate().health, Health::Good);
+        run.fly_spoiled(4.0, spoil);
+        assert_eq!(run.estimator.left_out().collect::<Vec<_>>(), [AnchorId(6)]);
+        assert_eq!(run.estimator.estimate().health, Health::Degraded);
+        assert_eq!(run.estimator.counts().left_out, 1);
+        assert!(run.error_m() < 0.3, "{}", run.error_m());
+        run.fly(6.0);
+        assert_eq!(run.estimator.left_out().count(), 0);
+        assert_eq!(run.estimator.estimate().health, Health::Good);
+        assert!(run.error_m() < 0.2, "{}", run.error_m());
+    }
+}
+
+#[test]
+fn prop_health_tells_that_too_few_are_heard() {
+    let config = EstimatorConfig {
+        isolation: IsolationConfig { leave_out: true, ..IsolationConfig::default() },
+        ..quiet()
+    };
+    let mut run = Run::aligned(config, Truth::flying(middle()));
+    run.fly(2.0);
+    let now = run.estimator.estimate().at;
+    assert_eq!(run.estimator.estimate_at(now.offset_us(200_000)).health, Health::Good);
+    assert_eq!(run.estimator.estimate_at(now.offset_us(400_000)).health, Health::Degraded);
+    assert_eq!(run.estimator.estimate_at(now.offset_us(2_500_000)).health, Health::Lost);
+    // A measurement of an unknown anchor is none.
+    run.fly_spoiled(2.0, |t| {
+        if [t.anchor_a.0, t.anchor_b.0].iter().any(|id| [0, 3, 5].contains(id)) {
+            t.anchor_a = AnchorId(99);
+        }
+    });
+    assert_eq!(run.estimator.estimate().health, Health::Degraded);
+}
