@@ -82,7 +82,8 @@ impl Estimator {
             self.drops.add(DropReason::UwbUnknownAnchor, 1);
             return record;
         };
-        let (a_E, b_E) = (a.raw(), b.raw());
+        let arm_E = self.level_arm_E_m();
+        let (a_E, b_E) = (a.raw() - arm_E, b.raw() - arm_E);
         let known_m = |id: AnchorId| self.range_bias_m[usize::from(id.0)];
         let measured = tdoa;
         let tdoa = &Tdoa {
@@ -129,6 +130,16 @@ impl Estimator {
             self.try_start_unaided(tdoa.valid_at);
         }
         record
+    }
+
+    /// Tag seen from the centre of mass without an IMU, m: nothing tells the attitude then, and a vehicle
+    /// that flies is nearly level. Its horizontal part turns with a heading that nobody knows.
+    fn level_arm_E_m(&self) -> Vector3<f64> {
+        let above_m = match self.config.motion {
+            Motion::Unaided => self.config.p_BT_B_m[2],
+            Motion::Inertial => 0.0,
+        };
+        Vector3::new(0.0, 0.0, above_m)
     }
 
     /// Whether it is low enough for the floor to spoil measurements.
@@ -181,7 +192,12 @@ impl Estimator {
             let b = &c.anchor_bias;
             var += 2.0 * (b.std_m * b.std_m + b.constant_std_m * b.constant_std_m);
         }
-        let geometry = tdoa::Geometry { a_E, b_E, p_BT_B: c.p_BT_B_m.into(), ahead_s };
+        let p_BT_B = match c.motion {
+            // Both anchors have been moved instead (`level_arm_E_m`).
+            Motion::Unaided => Vector3::zeros(),
+            Motion::Inertial => c.p_BT_B_m.into(),
+        };
+        let geometry = tdoa::Geometry { a_E, b_E, p_BT_B, ahead_s };
         let Some(mut o) = tdoa::observe(state, &geometry, tdoa.distance_diff_m, pair, var) else {
             self.drops.add(DropReason::UwbGated, 1);
             return;

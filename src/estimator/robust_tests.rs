@@ -112,3 +112,20 @@ fn prop_a_cold_start_in_hover_does_not_claim_a_heading() {
     assert!(run.estimator.is_located() && !run.estimator.is_aligned());
     assert!(run.error_m() < 0.5, "{}", run.error_m());
 }
+
+#[test]
+fn prop_tdoa_alone_knows_that_the_tag_is_above_the_centre() {
+    let error = |p_BT_B_m: [f64; 3]| {
+        let config = EstimatorConfig { motion: Motion::Unaided, p_BT_B_m, ..robust() };
+        let mut truth = Truth::hover(middle());
+        truth.p_BT_B = Vector3::new(0.0, 0.0, -0.3);
+        let mut run = Run::new(config, truth);
+        for _ in 0..2500 {
+            run.truth.advance(Run::DT_S);
+            run.ring(|_| {});
+        }
+        run.estimator.estimate().pos_E_m.z() - middle().z
+    };
+    assert!((error([0.0; 3]) + 0.3).abs() < 0.06, "{}", error([0.0; 3]));
+    assert!(error([0.0, 0.0, -0.3]).abs() < 0.06, "{}", error([0.0, 0.0, -0.3]));
+}

@@ -81,7 +81,8 @@ fn flies(flight: &Flight, start_s: f64) -> bool {
 }
 
 fn start(flight: &Flight, config: &EstimatorConfig, start_s: f64) -> ColdReport {
-    let mut estimator = Estimator::new(config.clone(), flight.survey.clone());
+    let config = EstimatorConfig { p_BT_B_m: flight.p_BT_B_m(), ..config.clone() };
+    let mut estimator = Estimator::new(config, flight.survey.clone());
     let mut activity = Activity::default();
     let mut report = ColdReport {
         flight: flight.name.clone(),

@@ -183,7 +183,8 @@ some 10 ms late and taken as it is stamped. Whole: from the first estimate on, f
 Airborne: above 0.5 m and more than 5 s after lift-off. NEES: mean squared error over stated variance
 per axis; NIS: mean squared innovation over stated variance, each at most 25; 1 is honest, below 1
 cautious. The filter is told the heading at the first instant when there is an IMU, and nothing else
-but the anchors.";
+but the anchors and where the tag is on the vehicle, as its authors wrote it down (June and `const`: 9 cm above
+the centre; April: unknown, taken as zero).";
 const ABOUT_INGREDIENTS: &str = "\
 All else as shipped. A variant is not tuned anew for what it lacks. Last column: median over the whole
 flights.";

@@ -167,7 +167,8 @@ pub fn run_traced(
     config: &EstimatorConfig,
     mut show: impl FnMut(HostTime, &Estimate, &ReferencePose),
 ) -> FlightReport {
-    let mut config = config.clone();
+    // Where the tag is belongs to the vehicle, whatever filter is tried on it.
+    let mut config = EstimatorConfig { p_BT_B_m: flight.p_BT_B_m(), ..config.clone() };
     if !flight.has_imu() {
         config.motion = Motion::Unaided;
     }

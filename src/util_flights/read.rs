@@ -57,7 +57,17 @@ pub struct Flight {
     pub events: Vec<Event>,
 }
 
+/// On the published vehicle of UTIL: (-0.01245, 0.00127, 0.0908) m forward, left, up.
+const PUBLISHED_TAG_B_M: [f64; 3] = [-0.01245, -0.00127, -0.0908];
+
 impl Flight {
+    /// Tag seen from the vehicle's centre, body frame, m, as its authors give it; nobody wrote it down for
+    /// the vehicle of April.
+    pub fn p_BT_B_m(&self) -> [f64; 3] {
+        let published = self.name.starts_with("jun05") || self.name.starts_with("const");
+        if published { PUBLISHED_TAG_B_M } else { [0.0; 3] }
+    }
+
     /// Whether it holds an IMU.
     pub fn has_imu(&self) -> bool {
         self.events.iter().any(|event| matches!(event.sample, Sample::Gyro(_)))
