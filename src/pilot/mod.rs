@@ -30,7 +30,6 @@ mod hover;
 mod identity;
 mod ingest;
 mod input;
-mod landing_ramp;
 mod losses;
 mod magnetics;
 mod manual;

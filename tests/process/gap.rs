@@ -98,9 +98,9 @@ fn val_a_gap_is_diagnosed_advised_shrunk_accepted_and_undone() {
     // must stand out from the effects that are not the cause.
     let channels = shrink["channels"].as_array().unwrap();
     let force = channels.iter().find(|c| c[0] == "ForceZ").unwrap();
-    assert!(force[1]["value"].as_f64().unwrap() > 0.85, "{force}");
-    let closed = shrink["whole"]["value"].as_f64().unwrap();
-    let wrong = shrink["wrong_median"].as_f64().unwrap();
+    assert!(force[1]["value"].as_f64().is_some_and(|value| value > 0.85), "{force}");
+    let number = |v: &serde_json::Value| v.as_f64().unwrap_or_else(|| panic!("{v} in {shrink:#}"));
+    let (closed, wrong) = (number(&shrink["whole"]["value"]), number(&shrink["wrong_median"]));
     assert!(closed > wrong + 0.3, "closed {closed}, by wrong effects {wrong}");
 
     // Advice from the report alone.
