@@ -97,7 +97,8 @@ impl Estimator {
                 state.q_EB = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
             }
             state.restart_attitude(STD_FIX_ATT_RAD);
-            state.biases.restart(&self.config.anchor_bias, &self.anchors_m, false);
+            let left_out = self.isolation.left_out();
+            state.biases.restart(&self.config.anchor_bias, &self.anchors_m, false, left_out);
             self.qualities = Qualities::default();
             self.isolation.clear();
             self.doubt.clear();

@@ -104,6 +104,18 @@ impl Pair {
     }
 }
 
+/// How much of a misfit an anchor alone explains, in units of what is usual (equation above): of a bias that
+/// was fitted as `fitted_m` with variance `var`, m², under a prior of `prior_std_m`, where `usual_std_m` is
+/// usual. Zero where the measurements say nothing of it.
+pub(super) fn doubt(fitted_m: f64, var: f64, prior_std_m: f64, usual_std_m: f64) -> f64 {
+    let own = 1.0 / var - 1.0 / (prior_std_m * prior_std_m);
+    if own <= 1e-6 {
+        return 0.0;
+    }
+    let bias_m = fitted_m / (var * own);
+    bias_m * bias_m / (1.0 / own + usual_std_m * usual_std_m)
+}
+
 /// Collects while the vehicle stands, and judges.
 #[derive(Debug, Clone)]
 pub struct AnchorCheck {
@@ -233,13 +245,8 @@ impl AnchorCheck {
         let covariance = information.cholesky()?.inverse();
         let mut doubts = [0.0; MOST];
         for i in (0..MOST).filter(|i| heard[*i]) {
-            let prior = 1.0 / (std_bias_m(i) * std_bias_m(i));
             let var = covariance[(BIASES + i, BIASES + i)];
-            let own = 1.0 / var - prior;
-            if own > 1e-6 {
-                let bias_m = x[BIASES + i] / (var * own);
-                doubts[i] = bias_m * bias_m / (1.0 / own + STD_BIAS_M * STD_BIAS_M);
-            }
+            doubts[i] = doubt(x[BIASES + i], var, std_bias_m(i), STD_BIAS_M);
         }
         x.iter().all(|v| v.is_finite()).then_some(Fitted { x, doubts, heard, anchors })
     }

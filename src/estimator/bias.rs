@@ -24,6 +24,7 @@
 use nalgebra::Vector3;
 
 use super::config::AnchorBias;
+use super::isolation::FREE_M;
 use super::predict::Transition;
 use super::state::{ATT, POS, STATES, StateVec, VEL};
 
@@ -40,8 +41,6 @@ pub type BiasVec = [f64; MOST];
 pub struct Biases {
     /// Anchors with a bias; 0: the plain nine-state filter.
     anchors: usize,
-    /// One sigma of the wandering part of an anchor that is left out (`isolation.rs`), m; 0: it is not.
-    free_std_m: [f64; MOST_ANCHORS],
     value_m: BiasVec,
     /// Covariance with the nine states, a row for each bias.
     cross: [[f64; STATES]; MOST],
@@ -71,13 +70,14 @@ pub struct Wander<'a> {
     pub anchors_m: &'a [f64],
     /// Variance factor of each anchor (`quality.rs`).
     pub factors: &'a [f64],
+    /// Which anchors are left out (`isolation.rs`): nothing is learned from them.
+    pub left_out: &'a [bool; MOST_ANCHORS],
 }
 
 impl Default for Biases {
     fn default() -> Self {
         Self {
             anchors: 0,
-            free_std_m: [0.0; MOST_ANCHORS],
             value_m: [0.0; MOST],
             cross: [[0.0; STATES]; MOST],
             own: [[0.0; MOST]; MOST],
@@ -203,10 +203,9 @@ impl Biases {
         for (i, grown) in growth.iter_mut().enumerate().take(n) {
             let var = config.std_m * config.std_m;
             let anchor_m = step.anchors_m.get(i).copied().unwrap_or_default();
-            let free_std_m = self.free_std_m[i];
-            if free_std_m > 0.0 {
+            if step.left_out[i] {
                 phi[i] = quick;
-                *grown = free_std_m * free_std_m * (1.0 - quick * quick);
+                *grown = FREE_M * FREE_M * (1.0 - quick * quick);
             } else if step.near_floor && anchor_m < config.low_anchor_m {
                 phi[i] = quick;
                 *grown = config.hidden_std_m * config.hidden_std_m * (1.0 - quick * quick);
@@ -251,35 +250,26 @@ impl Biases {
         }
     }
 
-    /// Leaves an anchor out: nothing is known of its bias any more, and nothing is learned from it.
-    pub fn set_free(&mut self, anchor: usize, bias_m: f64, free_std_m: f64) {
-        if anchor >= self.anchors {
-            return;
-        }
-        self.free_std_m[anchor] = free_std_m;
-        for j in 0..2 * self.anchors {
-            self.own[anchor][j] = 0.0;
-            self.own[j][anchor] = 0.0;
-        }
-        self.own[anchor][anchor] = free_std_m * free_std_m;
-        self.value_m[anchor] = bias_m;
-        self.cross[anchor].fill(0.0);
-    }
-
-    /// Takes it back: what it has too much in variance goes as it does after the floor.
-    pub fn take_back(&mut self, anchor: usize) {
-        if let Some(free_std_m) = self.free_std_m.get_mut(anchor) {
-            *free_std_m = 0.0;
+    /// The part of an anchor's bias that wanders has this value, m; how well it is known stays.
+    pub fn set_wandering(&mut self, anchor: usize, bias_m: f64) {
+        if let Some(value_m) = self.value_m.get_mut(anchor).filter(|_| anchor < self.anchors) {
+            *value_m = bias_m;
         }
     }
 
     /// Forgets what wanders; what stays is kept.
-    pub fn restart(&mut self, config: &AnchorBias, heights_m: &[f64], near_floor: bool) {
+    pub fn restart(
+        &mut self,
+        config: &AnchorBias,
+        heights_m: &[f64],
+        near_floor: bool,
+        left_out: &[bool; MOST_ANCHORS],
+    ) {
         let n = self.anchors;
         for (i, anchor_m) in heights_m.iter().take(n).enumerate() {
             let hidden = near_floor && *anchor_m < config.low_anchor_m;
             let std_m = if hidden { config.hidden_std_m } else { config.std_m };
-            let std_m = std_m.max(self.free_std_m[i]);
+            let std_m = if left_out[i] { FREE_M } else { std_m };
             for j in 0..2 * n {
                 self.own[i][j] = 0.0;
                 self.own[j][i] = 0.0;

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use super::bias::{Biases, Pair, Wander};
+use super::bias::{Biases, MOST_ANCHORS, Pair, Wander};
 use super::config::AnchorBias;
 use super::predict::{Force, Growth, linearise, propagate_covariance};
 use super::state::{ATT, POS, STATES, State, VEL};
@@ -62,7 +62,9 @@ fn prop_blocks_are_the_whole_matrix() {
     let mut noise = Noise(11);
     let heights_m = heights_m();
     let factors = [1.0, 2.0, 0.5, 1.0, 3.0, 1.0, 1.0, 10.0];
-    for near_floor in [false, true] {
+    let mut left_out = [false; MOST_ANCHORS];
+    for (near_floor, out) in [(false, false), (true, false), (false, true)] {
+        left_out[5] = out;
         let mut state = start(near_floor);
         for step in 0..200u32 {
             let (a, b) = ((step % 8) as u8, ((step * 3 + 1) % 8) as u8);
@@ -93,6 +95,7 @@ fn prop_blocks_are_the_whole_matrix() {
                 near_floor,
                 anchors_m: &heights_m,
                 factors: &factors,
+                left_out: &left_out,
             };
             let mut big = DMatrix::identity(whole.nrows(), whole.nrows());
             for (r, c, block) in [
@@ -111,6 +114,8 @@ fn prop_blocks_are_the_whole_matrix() {
                 let low = heights_m[i] < CONFIG.low_anchor_m;
                 let was = whole[(STATES + i, STATES + i)] > 4.0 * 0.04;
                 let (phi, q) = match (near_floor && low, was) {
+                    // One sigma of 3 m, whatever else holds.
+                    _ if left_out[i] => (quick, 9.0 * (1.0 - quick * quick)),
                     (true, _) => (quick, 6.25 * (1.0 - quick * quick)),
                     (false, true) => (quick.min(usual), 0.04 * factors[i] * (1.0 - usual * usual)),
                     (false, false) => (usual, 0.04 * factors[i] * (1.0 - usual * usual)),

@@ -231,9 +231,10 @@ pub struct Isolation {
     pub memory_s: f64,
     /// One sigma of the range bias of an anchor that is sound, m.
     pub std_bias_m: f64,
-    /// Doubt, in units of what is usual, from which an anchor is suspected …
+    /// Doubt, in units of what is usual, from which an anchor is suspected: twice that of the check on the
+    /// floor, chosen beforehand …
     pub doubt: f64,
-    /// … when the others without it stay below this.
+    /// … when the others without it stay below this: chosen after a look at recorded flights behind metal.
     pub others_doubt: f64,
     /// Least range error that is worth it, m.
     pub least_m: f64,

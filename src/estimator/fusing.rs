@@ -8,7 +8,7 @@ use super::bias::Pair;
 use super::config::{BaroConfig, Motion, Tail};
 use super::gate::{self, Remedy};
 use super::height::standard_height_m;
-use super::isolation::{Action, FREE_M};
+use super::isolation::FREE_M;
 use super::quality::Qualities;
 use super::state::{POS, VEL};
 use super::update::Observation;
@@ -262,21 +262,17 @@ impl Estimator {
         if !config.leave_out {
             return;
         }
-        let Some(action) = self.isolation.judge(config, self.at) else { return };
+        let Some(out) = self.isolation.judge(config, self.at) else { return };
         let Some(state) = &mut self.state else { return };
-        match action {
-            Action::LeaveOut { rank, bias_m, shift_E_m, std_m } => {
-                state.restart_position(state.x_E + shift_E_m, std_m);
-                // What led the position astray led the velocity astray with it.
-                state.restart_velocity(state.v_B, STD_WIDEN);
-                state.biases.restart(&self.config.anchor_bias, &self.anchors_m, false);
-                state.biases.set_free(rank, bias_m, FREE_M);
-                self.qualities = Qualities::default();
-                self.doubt.clear();
-                self.counts.left_out += 1;
-            }
-            Action::TakeBack { rank } => state.biases.take_back(rank),
-        }
+        state.restart_position(state.x_E + out.shift_E_m, out.std_m);
+        // What led the position astray led the velocity astray with it.
+        state.restart_velocity(state.v_B, STD_WIDEN);
+        let left_out = self.isolation.left_out();
+        state.biases.restart(&self.config.anchor_bias, &self.anchors_m, false, left_out);
+        state.biases.set_wandering(out.rank, out.bias_m);
+        self.qualities = Qualities::default();
+        self.doubt.clear();
+        self.counts.left_out += 1;
     }
 
     /// Does something about a filter that is wrong.

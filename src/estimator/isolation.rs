@@ -9,8 +9,8 @@
 //!
 //! with p̂ from the filter and without the biases that the filter has learned: they may have swallowed
 //! the fault. Normal equations of the last `memory_s` are kept with fading weights. For each anchor the
-//! bias is asked without its prior, and the doubt is how much it explains in units of what is usual, as
-//! in the check on the floor (`anchor_check.rs`). The worst anchor is set free; only if the others then
+//! bias is asked without its prior, value b and variance v, and its doubt `b² / (v + σ_β²)` is how much it
+//! explains in units of what is usual, as in the check on the floor (`anchor_check.rs`). The worst anchor is set free; only if the others then
 //! fit one another, for `confirm_s`, is it left out: its bias becomes free in the filter, the position moves by
 //! δp, what the other biases have swallowed is forgotten. It comes back when it has fitted for a while.
 //!
@@ -23,6 +23,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+use super::anchor_check::doubt;
 use super::bias::{MOST_ANCHORS, Pair};
 use super::config::Isolation as Config;
 use crate::time::HostTime;
@@ -34,42 +35,37 @@ type Unknowns = SVector<f64, SIZE>;
 /// Fewer anchors do not find one out: of 6 differences a position takes 3 and the suspect 1, and the
 /// two that are left must speak against every other suspect.
 pub const LEAST_ANCHORS: usize = 7;
-/// One sigma of the bias of an anchor that is left out, m: obstacles were seen to add up to 4 m.
+/// One sigma of the bias of an anchor that is left out, m: recorded were 2.5 m behind metal and 3 to 4 m
+/// on the floor (docs/ESTIMATOR.md).
 pub const FREE_M: f64 = 3.0;
-/// Time between two judgements, s.
+/// Time between two judgements, s: a few in the time of confirmation.
 const INTERVAL_S: f64 = 0.1;
-/// One sigma of the mean of a pair over the memory, m.
+/// One sigma of the mean of a pair over the memory, m: the wandering part of its error (`bias.rs`), which
+/// such a mean does not average away; the check on the floor has 0.1 for its medians.
 const STD_PAIR_M: f64 = 0.15;
-/// One sigma of the filter's position, m: it may be anywhere near.
+/// One sigma of the filter's position, m: chosen larger than any error that was seen before a fix.
 const STD_POSITION_M: f64 = 5.0;
-/// One sigma of a bias that is free, m.
+/// One sigma of a bias that is free in the fit, m: as good as none.
 const STD_FREE_M: f64 = 30.0;
-/// Fewer equations say nothing.
+/// Fewer equations say nothing: chosen, a twentieth of a second of TDoA2.
 const LEAST_EQUATIONS: f64 = 20.0;
 /// Doubt below which one that is left out fits: its error is no larger than is usual.
 const FITS_DOUBT: f64 = 1.0;
-/// An anchor counts as heard with this share of an equal part of the equations.
+/// An anchor counts as heard with this share of an equal part of the equations: chosen, so that one that
+/// falls silent is gone after 1.6 memories.
 const HEARD_SHARE: f64 = 0.2;
 
-/// What is to be done.
+/// An anchor is to be left out.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Action {
-    /// An anchor is to be left out.
-    LeaveOut {
-        /// Its place in the survey.
-        rank: usize,
-        /// By how much it reads too far, m.
-        bias_m: f64,
-        /// Where the position is, minus where the filter has it, m.
-        shift_E_m: Vector3<f64>,
-        /// Largest sigma of that, m.
-        std_m: f64,
-    },
-    /// It fits again.
-    TakeBack {
-        /// Its place in the survey.
-        rank: usize,
-    },
+pub struct LeaveOut {
+    /// Its place in the survey.
+    pub rank: usize,
+    /// By how much it reads too far, m.
+    pub bias_m: f64,
+    /// Where the position is, minus where the filter has it, Earth frame, m.
+    pub shift_E_m: Vector3<f64>,
+    /// Largest sigma of that, m.
+    pub std_m: f64,
 }
 
 /// The equations of the last while, and who is left out.
@@ -132,6 +128,11 @@ impl Isolation {
         self.out.get(rank).copied().unwrap_or(false)
     }
 
+    /// Who is, by their place in the survey.
+    pub fn left_out(&self) -> &[bool; MOST_ANCHORS] {
+        &self.out
+    }
+
     /// Whether any is.
     pub fn any_out(&self) -> bool {
         self.out.contains(&true)
@@ -145,9 +146,9 @@ impl Isolation {
         self.fits_since = [None; MOST_ANCHORS];
     }
 
-    /// Judges, when it is time to.
+    /// Judges, when it is time to: who is to be left out now. One that fits again is taken back here.
     #[inline]
-    pub fn judge(&mut self, config: &Config, at: HostTime) -> Option<Action> {
+    pub fn judge(&mut self, config: &Config, at: HostTime) -> Option<LeaveOut> {
         let Some(judged_at) = self.judged_at else {
             self.judged_at = Some(at);
             return None;
@@ -165,7 +166,7 @@ impl Isolation {
         action
     }
 
-    fn look(&mut self, config: &Config, at: HostTime) -> Option<Action> {
+    fn look(&mut self, config: &Config, at: HostTime) -> Option<LeaveOut> {
         if self.equations < LEAST_EQUATIONS {
             self.suspect = None;
             return None;
@@ -176,7 +177,7 @@ impl Isolation {
         if let Some(rank) = self.back(config, &first, &heard, at) {
             self.out[rank] = false;
             self.fits_since[rank] = None;
-            return Some(Action::TakeBack { rank });
+            return None;
         }
         let left = anchors - (0..MOST_ANCHORS).filter(|i| heard[*i] && self.out[*i]).count();
         let worst = first.worst(None).filter(|_| left >= LEAST_ANCHORS);
@@ -209,7 +210,7 @@ impl Isolation {
         self.fits_since[rank] = None;
         self.suspect = None;
         let std_m = fitted.position_var.diagonal().max().max(0.0).sqrt();
-        Some(Action::LeaveOut { rank, bias_m: fitted.x[3 + rank], shift_E_m, std_m })
+        Some(LeaveOut { rank, bias_m: fitted.x[3 + rank], shift_E_m, std_m })
     }
 
     /// One that is left out and has fitted for long enough.
@@ -267,11 +268,7 @@ impl Isolation {
         for i in (0..MOST_ANCHORS).filter(|i| heard[*i]) {
             let std_m = std_bias_m(i);
             let var = covariance[(3 + i, 3 + i)];
-            let own = 1.0 / var - 1.0 / (std_m * std_m);
-            if own > 1e-6 {
-                let bias_m = x[3 + i] / (var * own);
-                doubts[i] = bias_m * bias_m / (1.0 / own + config.std_bias_m * config.std_bias_m);
-            }
+            doubts[i] = doubt(x[3 + i], var, std_m, config.std_bias_m);
         }
         let position_var = covariance.fixed_view::<3, 3>(0, 0).into_owned();
         x.iter().all(|v| v.is_finite()).then_some(Fitted { x, out: self.out, doubts, position_var })

@@ -55,6 +55,7 @@ use crate::time::HostTime;
 use align::{Recent, RestAverage};
 pub use anchor_check::{AnchorCheck, AnchorFit, MOST_HIDDEN_M};
 use beat::Beat;
+pub use bias::MOST_ANCHORS;
 use bias::Wander;
 use cold::Cold;
 pub use config::{
@@ -247,6 +248,10 @@ impl Estimator {
                 }
             }
         }
+        if !airborne && self.airborne {
+            // In flight nobody hears it again any more; before the next one the check on the floor judges.
+            self.isolation.restart();
+        }
         self.airborne = airborne;
     }
 
@@ -375,6 +380,7 @@ impl Estimator {
                         near_floor,
                         anchors_m: &self.anchors_m,
                         factors: self.qualities.factors(),
+                        left_out: self.isolation.left_out(),
                     };
                     state.biases.propagate(&F, &c.anchor_bias, &step);
                     predict::propagate_covariance(&mut state.P, &F, step.dt_s, &growth);
@@ -413,6 +419,7 @@ impl Estimator {
             near_floor,
             anchors_m: &self.anchors_m,
             factors: self.qualities.factors(),
+            left_out: self.isolation.left_out(),
         };
         state.biases.propagate(&F, &c.anchor_bias, &step);
         predict::propagate_covariance(&mut state.P, &F, dt_s, &growth);

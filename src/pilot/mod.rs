@@ -76,7 +76,7 @@ use haltere_dialect::mav_stream::MavSplitter;
 use crate::control::Controller;
 use crate::drops::Drops;
 use crate::estimate::{Estimate, Health};
-use crate::estimator::Estimator;
+use crate::estimator::{Estimator, MOST_ANCHORS};
 use crate::geo::LocalOrigin;
 use crate::measure::{BatterySample, BoardAttitude, Tdoa};
 use crate::survey::Survey;
@@ -155,7 +155,7 @@ pub struct Pilot {
     health_told: Health,
     health_told_at: HostTime,
     /// Anchors that people were told are left out, by their place in the survey.
-    left_out_told: [bool; 16],
+    left_out_told: [bool; MOST_ANCHORS],
     /// Height above the floor while the estimate could be trusted, m.
     last_height_m: f64,
     /// Height at which the landing began, m.
@@ -258,7 +258,7 @@ impl Pilot {
             estimate,
             health_told: Health::NotAligned,
             health_told_at: at,
-            left_out_told: [false; 16],
+            left_out_told: [false; MOST_ANCHORS],
             last_height_m: 0.0,
             land_from_m: 0.0,
             last_sink_mps: 0.0,

@@ -57,7 +57,8 @@ pub struct Flight {
     pub events: Vec<Event>,
 }
 
-/// On the published vehicle of UTIL: (-0.01245, 0.00127, 0.0908) m forward, left, up.
+/// Tag on the published vehicle, body frame (forward, right, down), m. Its authors give (-0.01245, 0.00127,
+/// 0.0908) m forward, left, up (README of the recordings, from the dataset's own description).
 const PUBLISHED_TAG_B_M: [f64; 3] = [-0.01245, -0.00127, -0.0908];
 
 impl Flight {

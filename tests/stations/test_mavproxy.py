@@ -24,7 +24,9 @@ def test_arm_take_off_and_guided(rig, proxy):
     proxy.until("arm throttle", r"ARM_DISARM: ACCEPTED")
     proxy.do("takeoff 1.2", r"NAV_TAKEOFF: ACCEPTED")
     wait_until(lambda: rig.height() > 1.0, 25, rig)
-    proxy.expect(r"Mode HOLD", 20)
+    # Its prompt, which shows every mode; spoken of are only those that last for two seconds.
+    told, shown = r"AP: hold: take-off height reached", r"HOLD> "
+    proxy.expect(rf"{told}[\s\S]*{shown}|{shown}[\s\S]*{told}", 20)
     lat, lon = degrees(5.8, 5.4)
     proxy.do(f"guided {lat:.8f} {lon:.8f} 1.3", r"DO_REPOSITION: ACCEPTED")
     wait_until(lambda: rig.distance(5.8, 5.4) < 0.4, 25, rig)

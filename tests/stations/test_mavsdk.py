@@ -102,19 +102,14 @@ def test_telemetry_comes_without_asking(rig, drone):
     assert "HOLD" in name(drone.mode.value), name(drone.mode.value)
 
 
-def rate_Hz(drone, asked):
-    drone.telemetry.set_rate_position_velocity_ned(asked)
-    time.sleep(0.5)
-    before = len(drone.local.all)
-    began = time.monotonic()
-    time.sleep(3.0)
-    return (len(drone.local.all) - before) / (time.monotonic() - began)
-
-
 def test_rates_and_origin(rig, drone):
-    # That it takes effect, within one run; how exactly a rate is held is seen in `test_timing.py`.
-    slow, fast = rate_Hz(drone, 10.0), rate_Hz(drone, 50.0)
-    assert slow < 15 * SPEED and fast > 2 * slow, (slow, fast)
+    drone.telemetry.set_rate_position_velocity_ned(50.0)
+    time.sleep(0.5)
+    before, began = len(drone.local.all), rig.truth()["t_s"]
+    time.sleep(4.0)
+    # For a second of the vehicle's: the computer's may be longer.
+    rate = (len(drone.local.all) - before) / (rig.truth()["t_s"] - began)
+    assert abs(rate / 50 - 1) < 0.1, rate
     drone.telemetry.set_rate_position_velocity_ned(20.0)
     origin = drone.telemetry.get_gps_global_origin()
     assert abs(origin.latitude_deg - 0.5) < 1e-6

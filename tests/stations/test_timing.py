@@ -5,20 +5,11 @@ import struct
 
 import pytest
 
-from haltere_testing.rig import Rig
 from haltere_testing.station import mavlink
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
+SPEED = 0
 REPLAY = True
-
-
-@pytest.fixture(scope="module")
-def rig(tmp_path_factory):
-    rig = Rig(tmp_path_factory.mktemp("rig"), lockstep=True)
-    rig.settle()
-    yield rig
-    rig.close()
-    rig.assert_replayed()
 
 
 @pytest.fixture(scope="module")
