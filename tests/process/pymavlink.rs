@@ -2,6 +2,7 @@
 //! `target/`.
 
 use std::fs::File;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -79,6 +80,21 @@ fn dialect(python: &Path, folder: &Path) -> PathBuf {
 
 /// Runs pytest on a file or folder below `tests/`, with the packages listed in that folder.
 fn pytest(folder: &str, what: &str) {
+    if let Err(told) = attempt(folder, what) {
+        panic!("{told}");
+    }
+}
+
+/// The same for files in which a program of somebody else takes part, with threads and time limits of its own
+/// that count the computer's time: it may try once more, and what went wrong is told, past the test harness,
+/// which keeps what a green test says to itself. Our own clients and wires have one attempt.
+fn pytest_of_others(folder: &str, what: &str) {
+    let Err(told) = attempt(folder, what) else { return };
+    let _ = writeln!(std::io::stderr(), "{folder}/{what}: SECOND ATTEMPT after\n{told}");
+    pytest(folder, what);
+}
+
+fn attempt(folder: &str, what: &str) -> Result<(), String> {
     let tests = root().join("tests").join(folder);
     let python = python(&tests.join("requirements.txt"));
     let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).expect("a folder");
@@ -99,8 +115,11 @@ fn pytest(folder: &str, what: &str) {
     let output = command.output().expect("pytest starts");
     let text = String::from_utf8_lossy(&output.stdout).into_owned()
         + &String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "pytest: {}\n{text}", output.status);
+    if !output.status.success() {
+        return Err(format!("pytest: {}\n{text}", output.status));
+    }
     println!("{text}");
+    Ok(())
 }
 
 /// Whether the tests of a folder speak MAVLink themselves.
@@ -136,17 +155,17 @@ fn prop_qgroundcontrol_s_sequence_flies_it() {
 
 #[test]
 fn prop_mavsdk_flies_it() {
-    pytest("stations", "test_mavsdk.py");
+    pytest_of_others("stations", "test_mavsdk.py");
 }
 
 #[test]
 fn prop_mavsdk_reads_events_and_flies_by_joystick() {
-    pytest("stations", "test_mavsdk_events.py");
+    pytest_of_others("stations", "test_mavsdk_events.py");
 }
 
 #[test]
 fn prop_the_older_mavsdk_flies_it() {
-    pytest("mavsdk3", "");
+    pytest_of_others("mavsdk3", "");
 }
 
 #[test]
@@ -156,27 +175,27 @@ fn prop_a_bad_wire_is_survived_in_flight() {
 
 #[test]
 fn prop_mavsdk_fetches_and_stores() {
-    pytest("stations", "test_services.py");
+    pytest_of_others("stations", "test_services.py");
 }
 
 #[test]
 fn prop_mavproxy_flies_it() {
-    pytest("stations", "test_mavproxy.py");
+    pytest_of_others("stations", "test_mavproxy.py");
 }
 
 #[test]
 fn prop_dronekit_flies_it() {
-    pytest("stations", "test_dronekit.py");
+    pytest_of_others("stations", "test_dronekit.py");
 }
 
 #[test]
 fn prop_four_clients_fly_it_together_twice() {
-    pytest("stations", "test_zz_four.py");
+    pytest_of_others("stations", "test_zz_four.py");
 }
 
 #[test]
 fn prop_the_examples_fly_as_they_stand() {
-    pytest("stations", "test_examples.py");
+    pytest_of_others("stations", "test_examples.py");
 }
 
 #[test]
@@ -186,5 +205,5 @@ fn prop_a_mission_test_of_a_user_is_ten_lines() {
 
 #[test]
 fn prop_the_watch_page_shows_the_flight_and_keeps_others_out() {
-    pytest("watch", "");
+    pytest_of_others("watch", "");
 }
