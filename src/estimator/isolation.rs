@@ -133,11 +133,6 @@ impl Isolation {
         &self.out
     }
 
-    /// Whether any is.
-    pub fn any_out(&self) -> bool {
-        self.out.contains(&true)
-    }
-
     /// Forgets everything.
     pub fn restart(&mut self) {
         self.clear();

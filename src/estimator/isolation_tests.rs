@@ -80,10 +80,10 @@ fn prop_one_that_is_off_is_found_wherever_it_hangs_and_comes_back() {
         assert!((found_m - by_m).abs() < 0.6, "{n}: {found_m} m");
         // The position is where the other seven have it, and known about as well as is said.
         assert!(off.norm() < 3.0 * std_m && off.norm() < 0.6, "{n}: {off} of {std_m}");
-        assert!(it.is_out(wrong) && it.any_out());
+        assert!(it.is_out(wrong));
         bias_m[wrong] -= by_m;
         let done = fly(&mut it, 100, 400, p, &mut off, &bias_m, &mut noise);
-        assert!(done.is_empty() && !it.any_out(), "{n}: {done:?}");
+        assert!(done.is_empty() && !it.left_out().contains(&true), "{n}: {done:?}");
     }
 }
 
@@ -148,7 +148,9 @@ fn prop_the_filter_flies_on_by_the_others_and_says_so() {
         assert_eq!(run.estimator.estimate().health, Health::Good);
         run.fly_spoiled(4.0, spoil);
         assert_eq!(run.estimator.left_out().collect::<Vec<_>>(), [AnchorId(6)]);
+        let now = run.estimator.estimate().at;
         assert_eq!(run.estimator.estimate().health, Health::Degraded);
+        assert_eq!(run.estimator.misgiving(now), Some(Misgiving::LeftOut(AnchorId(6))));
         assert_eq!(run.estimator.counts().left_out, 1);
         assert!(run.error_m() < 0.3, "{}", run.error_m());
         run.fly(6.0);
@@ -193,5 +195,12 @@ fn prop_health_tells_that_too_few_are_heard() {
             t.anchor_a = AnchorId(99);
         }
     });
+    let now = run.estimator.estimate().at;
     assert_eq!(run.estimator.estimate().health, Health::Degraded);
+    let few = Misgiving::FewAnchors { heard: 4, least: 7 };
+    assert_eq!(run.estimator.misgiving(now), Some(few));
+    assert_eq!(few.to_string(), "4 anchors heard, 7 needed to find a wrong one");
+    // The gravest is told.
+    let later = now.offset_us(2_500_000);
+    assert!(matches!(run.estimator.misgiving(later), Some(Misgiving::NothingFused { .. })));
 }

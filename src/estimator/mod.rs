@@ -17,6 +17,7 @@ mod gate;
 mod height;
 mod isolation;
 mod magnetometer;
+mod misgiving;
 mod noise;
 mod predict;
 mod quality;
@@ -68,6 +69,7 @@ pub use height::{standard_height_m, standard_pressure_pa};
 use isolation::Isolation;
 use magnetometer::Compass;
 pub use magnetometer::Field as MagneticField;
+pub use misgiving::Misgiving;
 use predict::{Force, Growth};
 use quality::Qualities;
 use state::{ATT, POS, State, VEL};
@@ -93,14 +95,6 @@ const STD_TAKE_OFF_M: f64 = 0.2;
 /// Growth while resting: m/s²/√Hz and rad/s/√Hz.
 const STD_ACC_REST_MPS2_RTHZ: f64 = 0.2;
 const STD_RATE_REST_RADPS_RTHZ: f64 = 0.005;
-/// Health: age of the newest fused TDOA, s, position sigma, m, share beyond the gate.
-const DEGRADED_AGE_S: f64 = 0.3;
-const LOST_AGE_S: f64 = 2.0;
-const DEGRADED_STD_POS_M: f64 = 0.6;
-const LOST_STD_POS_M: f64 = 2.0;
-const DEGRADED_SHARE: f64 = 0.4;
-/// An anchor is heard for so long after its newest measurement, s.
-const HEARD_S: f64 = 1.0;
 
 /// When more than this share of the anchors …
 const SUSPECT_SHARE: f64 = 0.5;
@@ -467,34 +461,6 @@ impl Estimator {
             uwb_noise_factor: noise::height_factor(self.config.uwb_noise, -state.x_E.z),
             health: self.health(state, now.max(self.at)),
         }
-    }
-
-    fn health(&self, state: &State, now: HostTime) -> Health {
-        let age_s = self.fused_at.map_or(f64::INFINITY, |at| now.seconds_since(at));
-        let std_pos_m = state.std3(POS).into_iter().fold(0.0, f64::max);
-        if age_s > LOST_AGE_S || std_pos_m > LOST_STD_POS_M {
-            Health::Lost
-        } else if age_s > DEGRADED_AGE_S
-            || std_pos_m > DEGRADED_STD_POS_M
-            || self.doubt.share() > DEGRADED_SHARE
-            || self.doubt.is_active()
-            || self.isolation.any_out()
-            || self.hears_too_few(now)
-            || self.qualities.share_beyond(SUSPECT_FACTOR, self.anchors_m.len()) > SUSPECT_SHARE
-        {
-            Health::Degraded
-        } else {
-            Health::Good
-        }
-    }
-
-    /// Whether so few anchors are heard that one that is wrong would not be found out.
-    fn hears_too_few(&self, now: HostTime) -> bool {
-        let ids = self.survey.ids();
-        let least = ids.len().min(isolation::LEAST_ANCHORS);
-        let heard_at = |id: &AnchorId| self.intervals[usize::from(id.0)].0;
-        let heard = ids.iter().filter(|id| now.seconds_since(heard_at(id)) < HEARD_S).count();
-        self.config.isolation.leave_out && heard < least
     }
 
     /// Whether the anchor at this place in the survey is left out because it does not fit.

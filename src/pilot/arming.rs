@@ -62,7 +62,9 @@ impl Check {
                 "good: aligned, and within its own limits of age, sigma and doubt. At the take-off \
                  \"degraded\" is let pass",
                 "estimator not aligned: N of M anchors heard, keep the vehicle still and level; estimate \
-                 degraded; estimate lost",
+                 degraded or lost, and why: no UWB measurement used for N s; position sigma N m; anchor N does \
+                 not fit the others; N anchors heard, M needed to find a wrong one; N % of the UWB \
+                 measurements do not fit; most anchors read far worse than usual",
             ],
             Check::Imu => ["imu", "a sample within 0.5 s", "no IMU data from the board"],
             Check::Uwb => [
@@ -121,7 +123,7 @@ impl Pilot {
     pub(super) fn arming_check(&self, check: Check, at: HostTime) -> Result<(), String> {
         match check {
             Check::Board => self.check_board(at),
-            Check::Estimate => self.check_estimate(),
+            Check::Estimate => self.check_estimate(at),
             Check::Imu if !is_fresh(self.last_imu, at) => {
                 Err("no IMU data from the board".to_owned())
             }
@@ -154,7 +156,7 @@ impl Pilot {
         self.board.refusal(at).map_or(Ok(()), Err)
     }
 
-    fn check_estimate(&self) -> Result<(), String> {
+    fn check_estimate(&self, at: HostTime) -> Result<(), String> {
         match self.estimate.health {
             Health::Good => Ok(()),
             Health::NotAligned => Err(format!(
@@ -162,8 +164,11 @@ impl Pilot {
                 self.uwb.anchors_heard().count(),
                 self.survey.ids().len()
             )),
-            Health::Degraded => Err("estimate degraded".to_owned()),
-            Health::Lost => Err("estimate lost".to_owned()),
+            health => {
+                let word = if health == Health::Lost { "lost" } else { "degraded" };
+                let why = self.estimator.misgiving(at).map_or(String::new(), |w| format!(": {w}"));
+                Err(format!("estimate {word}{why}"))
+            }
         }
     }
 

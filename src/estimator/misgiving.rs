@@ -1,0 +1,124 @@
+//! Why an estimate is not good: its health, with the reason.
+
+use std::fmt;
+
+use super::isolation::LEAST_ANCHORS;
+use super::state::{POS, State};
+use super::{Estimator, SUSPECT_FACTOR, SUSPECT_SHARE};
+use crate::estimate::Health;
+use crate::measure::AnchorId;
+use crate::time::HostTime;
+
+/// Age of the newest fused TDOA, s.
+const DEGRADED_AGE_S: f64 = 0.3;
+const LOST_AGE_S: f64 = 2.0;
+/// One sigma of the position, m.
+const DEGRADED_STD_POS_M: f64 = 0.6;
+const LOST_STD_POS_M: f64 = 2.0;
+/// Share of the recent measurements beyond the gate.
+const DEGRADED_SHARE: f64 = 0.4;
+/// An anchor is heard for so long after its newest measurement, s.
+const HEARD_S: f64 = 1.0;
+
+/// What speaks against an estimate, the gravest first. Its text is what people are told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Misgiving {
+    /// No start values yet.
+    NotAligned,
+    /// Nothing has been fused for a while.
+    NothingFused {
+        /// Time since the newest measurement, s; infinite before the first.
+        age_s: f64,
+    },
+    /// The position is hardly known.
+    Uncertain {
+        /// Its largest sigma, m.
+        std_m: f64,
+    },
+    /// An anchor is left out because it does not fit the others.
+    LeftOut(AnchorId),
+    /// One that is wrong would not be found out.
+    FewAnchors {
+        /// Heard within the last second.
+        heard: usize,
+        /// Needed.
+        least: usize,
+    },
+    /// Measurements do not fit the filter, which has begun to doubt itself.
+    DoesNotFit {
+        /// Share of the recent ones beyond the gate.
+        share: f64,
+    },
+    /// Most anchors have been much worse than usual: it is more likely the filter that is wrong.
+    ManySuspects,
+}
+
+impl fmt::Display for Misgiving {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotAligned => write!(f, "not aligned"),
+            Self::NothingFused { age_s } if age_s.is_finite() => {
+                write!(f, "no UWB measurement used for {age_s:.1} s")
+            }
+            Self::NothingFused { .. } => write!(f, "no UWB measurement used yet"),
+            Self::Uncertain { std_m } => {
+                write!(f, "position sigma {std_m:.1} m, at most {DEGRADED_STD_POS_M}")
+            }
+            Self::LeftOut(id) => write!(f, "anchor {} does not fit the others", id.0),
+            Self::FewAnchors { heard, least } => {
+                write!(f, "{heard} anchors heard, {least} needed to find a wrong one")
+            }
+            Self::DoesNotFit { share } => {
+                write!(f, "{:.0} % of the UWB measurements do not fit", 100.0 * share)
+            }
+            Self::ManySuspects => write!(f, "most anchors read far worse than usual"),
+        }
+    }
+}
+
+impl Estimator {
+    /// What speaks against the estimate at `now`; `None`: it is good.
+    pub fn misgiving(&self, now: HostTime) -> Option<Misgiving> {
+        match &self.state {
+            None => Some(Misgiving::NotAligned),
+            Some(state) => self.speaks_against(state, now.max(self.at)).map(|(_, why)| why),
+        }
+    }
+
+    pub(super) fn health(&self, state: &State, now: HostTime) -> Health {
+        self.speaks_against(state, now).map_or(Health::Good, |(health, _)| health)
+    }
+
+    fn speaks_against(&self, state: &State, now: HostTime) -> Option<(Health, Misgiving)> {
+        let age_s = self.fused_at.map_or(f64::INFINITY, |at| now.seconds_since(at));
+        let std_m = state.std3(POS).into_iter().fold(0.0, f64::max);
+        let (old, uncertain) = (Misgiving::NothingFused { age_s }, Misgiving::Uncertain { std_m });
+        let lost = [(age_s > LOST_AGE_S, old), (std_m > LOST_STD_POS_M, uncertain)];
+        let degraded = [(age_s > DEGRADED_AGE_S, old), (std_m > DEGRADED_STD_POS_M, uncertain)];
+        let first = |all: [(bool, Misgiving); 2], health| {
+            all.into_iter().find(|(holds, _)| *holds).map(|(_, why)| (health, why))
+        };
+        first(lost, Health::Lost)
+            .or_else(|| first(degraded, Health::Degraded))
+            .or_else(|| self.does_not_fit(now).map(|why| (Health::Degraded, why)))
+    }
+
+    fn does_not_fit(&self, now: HostTime) -> Option<Misgiving> {
+        if let Some(id) = self.left_out().next() {
+            return Some(Misgiving::LeftOut(id));
+        }
+        let ids = self.survey.ids();
+        let heard_at = |id: &AnchorId| self.intervals[usize::from(id.0)].0;
+        let heard = ids.iter().filter(|id| now.seconds_since(heard_at(id)) < HEARD_S).count();
+        let least = ids.len().min(LEAST_ANCHORS);
+        if self.config.isolation.leave_out && heard < least {
+            return Some(Misgiving::FewAnchors { heard, least });
+        }
+        let share = self.doubt.share();
+        if share > DEGRADED_SHARE || self.doubt.is_active() {
+            return Some(Misgiving::DoesNotFit { share });
+        }
+        let suspects = self.qualities.share_beyond(SUSPECT_FACTOR, self.anchors_m.len());
+        (suspects > SUSPECT_SHARE).then_some(Misgiving::ManySuspects)
+    }
+}
