@@ -5,9 +5,9 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use super::scene::Scene;
 use super::trace::Trace;
 use crate::checks::Problems;
-use crate::lockstep::{FlightError, Lockstep, World, fly_watched};
+use crate::lockstep::{FlightError, Lockstep, SAMPLE_US, World, fly_watched};
 use crate::model::{Plant, PlantConfig};
-use crate::pilot::PilotConfig;
+use crate::pilot::{Mode, PilotConfig};
 
 /// Longest flight that is waited for, s: the diagnostic flight lasts 100 s, with a missed waypoint
 /// here and there somewhat longer.
@@ -48,14 +48,19 @@ pub fn fly_in_world<W: World>(
 ) -> Result<Trace, FlightError> {
     let mut trace = Trace::new(scene.survey.clone());
     let mut lockstep = Lockstep::in_world(world, pilot, &scene.survey, None);
-    let mut crashed = false;
+    let (mut crashed, mut carried_s) = (false, 0.0);
     // What is not looked at need not be flown.
     let limit_s = scene.until_s.map_or(LIMIT_S, |until_s| LIMIT_S.min(until_s + TO_THE_MISSION_S));
     let flight = fly_watched(&mut lockstep, items, limit_s, |lockstep| {
-        crashed |= lockstep.truth().crashed;
+        let truth = lockstep.truth();
+        crashed |= truth.crashed;
         lockstep.pilot_mut().drain_topics(|topic| trace.take(topic));
+        if truth.on_ground && trace.modes.last().is_some_and(|m| m.mode == Mode::Mission.name()) {
+            carried_s += SAMPLE_US as f64 * 1e-6;
+        }
     })?;
     trace.landed = Some(flight.landed);
     trace.crashed = Some(crashed);
+    trace.carried_s = Some(carried_s);
     Ok(trace)
 }

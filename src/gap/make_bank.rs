@@ -183,7 +183,10 @@ fn flown(
         plant.effects = with_effect(plant.effects, spec, theta).ok()?;
     }
     let trace = fly_observed(recipe.scene, recipe.items, plant, recipe.scene.pilot.clone()).ok()?;
-    if !trace.came_as_far_as(recipe.scene.until_s) {
+    // A healthy vehicle that the floor carried for a while says nothing of healthy flight. With an effect it may
+    // be the effect that set it down.
+    let carried = effect.is_none() && trace.carried_s.is_some_and(|carried_s| carried_s > 0.0);
+    if carried || !trace.came_as_far_as(recipe.scene.until_s) {
         return None;
     }
     observe(&trace, nominal).ok().map(|o| o.statistics)

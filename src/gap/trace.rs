@@ -62,6 +62,8 @@ pub struct Trace {
     pub landed: Option<bool>,
     /// Whether the vehicle broke, where somebody knows.
     pub crashed: Option<bool>,
+    /// How long the floor carried it during the mission, s, where somebody knows.
+    pub carried_s: Option<f64>,
 }
 
 impl Trace {
@@ -82,6 +84,7 @@ impl Trace {
             texts: Vec::new(),
             landed: None,
             crashed: None,
+            carried_s: None,
         }
     }
 

@@ -16,7 +16,7 @@ const ALIGN_US: u64 = 20_000_000;
 /// Time for a board to arm, µs.
 const ARM_US: u64 = 40_000_000;
 /// Time between two samples, µs: the control period.
-const SAMPLE_US: u64 = 10_000;
+pub const SAMPLE_US: u64 = 10_000;
 
 /// What was true, believed and wanted at one instant.
 #[derive(Debug, Clone, Copy)]

@@ -4,6 +4,7 @@
 pub mod attitude;
 pub mod battery;
 pub mod bias;
+mod contact;
 pub mod force;
 pub mod loops;
 pub mod timing;
@@ -171,7 +172,7 @@ impl<'a> Flight<'a> {
         let last = line.flying.iter().rposition(|f| *f).unwrap_or(0);
         let last = last.saturating_sub(margin);
         let clear = (0..line.len()).map(|k| k >= first && k <= last && line.flying[k]).collect();
-        Ok(Self {
+        let mut flight = Self {
             trace,
             nominal,
             states,
@@ -187,7 +188,12 @@ impl<'a> Flight<'a> {
             fine_response_rad,
             clear,
             line,
-        })
+        };
+        let carried = contact::carried(&flight);
+        for (clear, carried) in flight.clear.iter_mut().zip(carried) {
+            *clear &= !carried;
+        }
+        Ok(flight)
     }
 
     /// Number of points.
