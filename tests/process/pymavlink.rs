@@ -190,7 +190,7 @@ fn prop_dronekit_flies_it() {
 
 #[test]
 fn prop_four_clients_fly_it_together_twice() {
-    pytest_of_others("stations", "test_zz_four.py");
+    pytest("stations", "test_zz_four.py");
 }
 
 #[test]
