@@ -3,7 +3,7 @@
 //! minus the change of the board's attitude, rad/s.
 
 use super::{Channel, FINE, Flight, Sheet};
-use crate::gap::regress::{Ridge, autocorrelation, log, moments};
+use crate::gap::regress::{Moments, Ridge, autocorrelation, log, moments};
 use crate::gap::timeline::STEP_S;
 use crate::model::effects::Block;
 
@@ -169,16 +169,21 @@ fn shape(f: &Flight<'_>, left: &[f64], axis: usize) -> [f64; 10] {
     };
     [
         log(all.std),
-        log(still.std),
+        spread(&still),
         autocorrelation(left, 10),
         log(all.most),
         lag,
         depth,
         gain,
-        log(swing.std),
+        spread(&swing),
         small,
         bursts,
     ]
+}
+
+/// Of a second or more: one point alone has no spread, which is not a small one.
+fn spread(m: &Moments) -> f64 {
+    if m.count >= 25 { log(m.std) } else { f64::NAN }
 }
 
 /// Lag at which the nominal response fits best, s; misfit there; slope there.
