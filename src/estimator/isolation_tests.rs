@@ -124,6 +124,13 @@ fn prop_without_redundancy_nobody_is_named() {
     }
 }
 
+fn leaving_out() -> EstimatorConfig {
+    EstimatorConfig {
+        isolation: IsolationConfig { leave_out: true, ..IsolationConfig::default() },
+        ..quiet()
+    }
+}
+
 fn spoil(t: &mut Tdoa) {
     t.distance_diff_m += if t.anchor_b.0 == 6 { 2.5 } else { 0.0 };
     t.distance_diff_m -= if t.anchor_a.0 == 6 { 2.5 } else { 0.0 };
@@ -131,10 +138,7 @@ fn spoil(t: &mut Tdoa) {
 
 #[test]
 fn prop_the_filter_flies_on_by_the_others_and_says_so() {
-    let plain = EstimatorConfig {
-        isolation: IsolationConfig { leave_out: true, ..IsolationConfig::default() },
-        ..quiet()
-    };
+    let plain = leaving_out();
     let biased = EstimatorConfig {
         anchor_bias: AnchorBias { estimate: true, ..AnchorBias::default() },
         quality: Quality { learn: true, ..Quality::default() },
@@ -162,11 +166,7 @@ fn prop_the_filter_flies_on_by_the_others_and_says_so() {
 
 #[test]
 fn prop_whoever_was_left_out_is_judged_anew_on_the_floor() {
-    let config = EstimatorConfig {
-        isolation: IsolationConfig { leave_out: true, ..IsolationConfig::default() },
-        ..quiet()
-    };
-    let mut run = Run::aligned(config, Truth::flying(middle()));
+    let mut run = Run::aligned(leaving_out(), Truth::flying(middle()));
     run.fly(2.0);
     run.fly_spoiled(3.0, spoil);
     assert_eq!(run.estimator.left_out().count(), 1);
@@ -179,11 +179,7 @@ fn prop_whoever_was_left_out_is_judged_anew_on_the_floor() {
 
 #[test]
 fn prop_health_tells_that_too_few_are_heard() {
-    let config = EstimatorConfig {
-        isolation: IsolationConfig { leave_out: true, ..IsolationConfig::default() },
-        ..quiet()
-    };
-    let mut run = Run::aligned(config, Truth::flying(middle()));
+    let mut run = Run::aligned(leaving_out(), Truth::flying(middle()));
     run.fly(2.0);
     let now = run.estimator.estimate().at;
     assert_eq!(run.estimator.estimate_at(now.offset_us(200_000)).health, Health::Good);
