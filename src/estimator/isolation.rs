@@ -10,9 +10,10 @@
 //! with p̂ from the filter and without the biases that the filter has learned: they may have swallowed
 //! the fault. Normal equations of the last `memory_s` are kept with fading weights. For each anchor the
 //! bias is asked without its prior, value b and variance v, and its doubt `b² / (v + σ_β²)` is how much it
-//! explains in units of what is usual, as in the check on the floor (`anchor_check.rs`). The worst anchor is set free; only if the others then
-//! fit one another, for `confirm_s`, is it left out: its bias becomes free in the filter, the position moves by
-//! δp, what the other biases have swallowed is forgotten. It comes back when it has fitted for a while.
+//! explains in units of what is usual, as in the check on the floor (`anchor_check.rs`). The worst anchor is set
+//! free; only if the others then fit one another, for `confirm_s`, is it left out: its bias becomes free in the
+//! filter, the position moves by δp, what the other biases have swallowed is forgotten. It comes back when it has
+//! fitted for a while, or when the vehicle has landed.
 //!
 //! Below [`LEAST_ANCHORS`] nothing can be found out, and integrity is not to be had: the
 //! estimator's health is degraded then.
