@@ -42,12 +42,14 @@ pub struct KeyRing {
     /// What is on disk, for a restart.
     kept: u64,
     streams: Vec<(Stream, u64)>,
+    /// The key before this one and its streams: should it come back, what was signed with it then stays old.
+    former: Option<(SigningKey, Vec<(Stream, u64)>)>,
 }
 
 impl KeyRing {
     /// With the key in force, and the timestamp that was kept over the restart.
     pub fn new(key: Option<SigningKey>, kept: u64) -> Self {
-        Self { key, newest: kept, kept, streams: Vec::new() }
+        Self { key, newest: kept, kept, streams: Vec::new(), former: None }
     }
 
     /// Whether there is a key.
@@ -62,9 +64,18 @@ impl KeyRing {
 
     /// Another key from now on. `timestamp`: what its giver says the time is.
     pub fn change(&mut self, key: SigningKey, timestamp: u64) {
-        self.key = Some(key);
         self.newest = self.newest.max(timestamp.min(signing::LAST_TIMESTAMP));
-        // The streams stay: a frame that was signed with the old key does not verify any more.
+        if self.is_key(&key) {
+            return;
+        }
+        // A station that was ahead of its own clock, since we were after a restart, begins again by that clock:
+        // held to its old times it would be deaf for seconds. Its old frames do not verify any more.
+        let streams = match self.former.take() {
+            Some((former, streams)) if former == key => streams,
+            _ => Vec::new(),
+        };
+        let before = std::mem::replace(&mut self.streams, streams);
+        self.former = self.key.replace(key).map(|former| (former, before));
     }
 
     /// Our own time: the clock's, unless we have seen a later one.

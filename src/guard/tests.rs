@@ -163,6 +163,23 @@ fn prop_a_restart_does_not_go_back() {
 }
 
 #[test]
+fn prop_with_another_key_streams_begin_again_and_with_a_former_one_they_go_on() {
+    let mut rig = Rig::new(config(Signing::Require, KeySetup::Never), Some(key(1)));
+    let old = signed(&key(1), 0, -1.0);
+    assert!(rig.passes(&old));
+    assert!(rig.passes(&signed(&key(1), 0, 9.0)), "ahead of its clock, as we were");
+    rig.ring.change(key(2), signing::timestamp(NOW));
+    assert!(rig.passes(&signed(&key(2), 0, 0.0)), "by its clock again");
+    assert!(!rig.passes(&signed(&key(2), 0, 0.0)), "once");
+    assert!(!rig.passes(&old));
+    rig.ring.change(key(2), signing::timestamp(NOW));
+    assert!(!rig.passes(&signed(&key(2), 0, 0.0)), "the same key is no other one");
+    rig.ring.change(key(1), signing::timestamp(NOW));
+    assert!(!rig.passes(&old), "what was signed with it before stays old");
+    assert!(rig.passes(&signed(&key(1), 0, 9.1)));
+}
+
+#[test]
 fn prop_streams_are_bounded_and_none_is_forgotten_that_could_be_replayed() {
     let mut rig = Rig::new(config(Signing::Require, KeySetup::Never), Some(key(1)));
     let old = signed(&key(1), 0, -30.0);
