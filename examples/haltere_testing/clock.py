@@ -4,9 +4,15 @@ import time
 
 
 class RealTime:
-    """Time passes by itself."""
+    """Time passes by itself, also while the computer does something else."""
 
     lockstep = False
+    # How many times as long as the vehicle may take is waited for what must come: only a failure lasts
+    # longer by it. How fast the vehicle answers is measured on simulated time.
+    PATIENCE = 3
+
+    def patience(self, seconds):
+        return self.PATIENCE * seconds
 
     def now(self):
         return time.monotonic()
@@ -28,6 +34,9 @@ class Simulated:
 
     def __init__(self, run):
         self.run, self.t_s = run, 0.0
+
+    def patience(self, seconds):
+        return seconds
 
     def now(self):
         return self.t_s

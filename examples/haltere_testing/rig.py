@@ -117,7 +117,7 @@ def stop(processes, seconds=20):
 def wait_until(holds, seconds, rig=None, every=0.1):
     """Waits until something holds; says what the companion said when it does not."""
     clock = rig.clock if rig else RealTime()
-    deadline = clock.now() + seconds
+    deadline = clock.now() + clock.patience(seconds)
     while clock.now() < deadline:
         if holds():
             return
@@ -229,7 +229,7 @@ directory = "{self.folder / 'state'}"
 
     def wait(self, holds, seconds=30.0):
         """Waits until something holds, with the stations alive; fails with what the companion said."""
-        deadline = self.clock.now() + seconds
+        deadline = self.clock.now() + self.clock.patience(seconds)
         while not holds():
             if self.clock.now() >= deadline:
                 raise AssertionError(

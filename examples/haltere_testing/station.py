@@ -68,7 +68,7 @@ class Station:
 
     def said(self, words, timeout=5.0, since=0):
         """Waits for a text, one after the first `since`."""
-        deadline = self.clock.now() + timeout
+        deadline = self.clock.now() + self.clock.patience(timeout)
         while self.clock.now() < deadline:
             if any(words in text for text in self.texts[since:]):
                 return
@@ -81,7 +81,7 @@ class Station:
             if message.get_type() == name != "HEARTBEAT" and when(message):
                 self.backlog.remove(message)
                 return message
-        deadline = self.clock.now() + timeout
+        deadline = self.clock.now() + self.clock.patience(timeout)
         while self.clock.now() < deadline:
             message = self.receive()
             if message is not None and message.get_type() == name and when(message):
@@ -102,7 +102,7 @@ class Station:
 
     def _answer(self, command, timeout):
         self.backlog = []
-        deadline = self.clock.now() + timeout
+        deadline = self.clock.now() + self.clock.patience(timeout)
         while self.clock.now() < deadline:
             message = self.receive()
             if message is None:
@@ -137,7 +137,7 @@ class Station:
         return self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, main, sub)
 
     def arm(self, timeout=40.0, *more):
-        deadline = self.clock.now() + timeout
+        deadline = self.clock.now() + self.clock.patience(timeout)
         result = None
         while self.clock.now() < deadline:
             result = self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, *more)
@@ -196,7 +196,7 @@ class Station:
 
         again = announce
         again()
-        deadline = self.clock.now() + 20
+        deadline = self.clock.now() + self.clock.patience(20)
         repeat = self.clock.now() + 0.7
         while self.clock.now() < deadline:
             message = self.receive(0.1)

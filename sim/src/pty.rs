@@ -179,11 +179,10 @@ mod tests {
         let mut pty = TagPty::new(None).unwrap();
         let _host = open(&pty);
         pty.read(&mut Vec::new());
-        let started = std::time::Instant::now();
+        // Nobody ever reads: a write that waits would not come back.
         for _ in 0..1000 {
             pty.write(&[0x55; 400]);
         }
-        assert!(started.elapsed().as_secs() < 2);
         assert!(pty.dropped() > 100_000, "{}", pty.dropped());
     }
 

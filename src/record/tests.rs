@@ -396,9 +396,8 @@ fn prop_an_overflow_is_a_hole_in_the_log() {
     };
     wake(&mut recorder, 0, 1);
     stalled.recv().unwrap(); // the disk stalls in its first periodic flush
-    let before = std::time::Instant::now();
+    // The caller never waits: the disk is let go only below.
     wake(&mut recorder, 1, 4000);
-    assert!(before.elapsed().as_secs_f64() < 1.0, "the caller never waits");
     let lost = recorder.lost();
     assert!(lost > 3000, "{lost}");
     for _ in 0..100 {

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use super::support::{companion, program, sim, wait};
 
-const LIMIT: Duration = Duration::from_secs(20);
+const LIMIT: Duration = Duration::from_secs(120);
 
 /// Survey file with these heights at the corners of a square.
 fn anchors(folder: &Path, heights_m: [f64; 8]) {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::support::sim;
+use super::support::{in_real_time, sim};
 
 fn json_of(text: &str) -> serde_json::Value {
     let start = text.find("\n{").map_or(0, |at| at + 1);
@@ -12,6 +12,10 @@ fn json_of(text: &str) -> serde_json::Value {
 
 #[test]
 fn prop_a_killed_companion_takes_nothing_over() {
+    in_real_time("kills", kills);
+}
+
+fn kills() {
     let folder = tempfile::tempdir().expect("a folder");
     let args = ["kills", "--count", "2", "--jobs", "2", "--json"];
     let ended = sim(&args, folder.path(), Duration::from_secs(200));
@@ -23,6 +27,10 @@ fn prop_a_killed_companion_takes_nothing_over() {
 
 #[test]
 fn prop_a_soak_sees_setpoints_latency_and_memory() {
+    in_real_time("soak", soak);
+}
+
+fn soak() {
     let folder = tempfile::tempdir().expect("a folder");
     // How regular they are is a matter of the machine; that they are seen is not.
     let args = ["soak", "--minutes", "0.3", "--longest-gap-ms", "1000", "--json"];

@@ -2,10 +2,14 @@
 
 use std::time::Duration;
 
-use super::support::sim;
+use super::support::{in_real_time, sim};
 
 #[test]
 fn prop_a_flood_delays_no_control_step_and_fills_no_memory() {
+    in_real_time("flood", flood);
+}
+
+fn flood() {
     let folder = tempfile::tempdir().expect("a folder");
     let ended =
         sim(&["flood", "--seconds", "6", "--json"], folder.path(), Duration::from_secs(120));

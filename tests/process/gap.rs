@@ -12,7 +12,7 @@ use haltere::survey::Survey;
 use super::flights::{box_mission, record};
 use super::support::{Ended, companion, sim};
 
-const LIMIT: Duration = Duration::from_secs(300);
+const LIMIT: Duration = Duration::from_secs(900);
 /// The smallest bank that can be learned, of three effects: it tests the program, not the verdict.
 const SMALL: [&str; 12] = [
     "--banks",

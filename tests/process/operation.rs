@@ -9,7 +9,7 @@ use haltere::model::EffectSet;
 use super::flights::{box_mission, record};
 use super::support::{Ended, companion, root};
 
-const LIMIT: Duration = Duration::from_secs(60);
+const LIMIT: Duration = Duration::from_secs(180);
 
 fn run(folder: &Path, args: &[&str]) -> Ended {
     companion(args, folder, LIMIT)

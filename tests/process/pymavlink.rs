@@ -2,11 +2,10 @@
 //! `target/`.
 
 use std::fs::File;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use super::support::{program, root};
+use super::support::{in_real_time, program, root, tell};
 
 const NO_PYTHON: &str = "the pymavlink tests need Python 3.9 or later with venv and pip: on Debian \
                          or Ubuntu `apt install python3 python3-venv python3-pip`";
@@ -80,17 +79,18 @@ fn dialect(python: &Path, folder: &Path) -> PathBuf {
 
 /// Runs pytest on a file or folder below `tests/`, with the packages listed in that folder.
 fn pytest(folder: &str, what: &str) {
-    if let Err(told) = attempt(folder, what) {
-        panic!("{told}");
-    }
+    in_real_time(&format!("{folder}/{what}"), || {
+        if let Err(told) = attempt(folder, what) {
+            panic!("{told}");
+        }
+    });
 }
 
 /// The same for files in which a program of somebody else takes part, with threads and time limits of its own
-/// that count the computer's time: it may try once more, and what went wrong is told, past the test harness,
-/// which keeps what a green test says to itself. Our own clients and wires have one attempt.
+/// that count the computer's time: it may try once more in any case, and what went wrong is told.
 fn pytest_of_others(folder: &str, what: &str) {
     let Err(told) = attempt(folder, what) else { return };
-    let _ = writeln!(std::io::stderr(), "{folder}/{what}: SECOND ATTEMPT after\n{told}");
+    tell(&format!("{folder}/{what}: SECOND ATTEMPT after\n{told}"));
     pytest(folder, what);
 }
 

@@ -1,7 +1,11 @@
 //! What the process tests share: the program, and a run with a time limit.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// The simulator program, which is also the companion.
@@ -12,6 +16,65 @@ pub fn program() -> &'static Path {
 /// Root of the repository.
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("sim/ lies in the root").to_owned()
+}
+
+/// Watches how long this machine keeps somebody waiting who only wants to wake up: a thread that sleeps a little
+/// and looks how late it is. What is measured here is no matter of the program that is tested.
+struct Standstills {
+    ends: Arc<AtomicBool>,
+    thread: JoinHandle<Duration>,
+}
+
+impl Standstills {
+    /// Between two looks.
+    const PERIOD: Duration = Duration::from_millis(5);
+    /// Later than this is a standstill: several time slices of the scheduler.
+    const LATE: Duration = Duration::from_millis(30);
+    /// So much in all explains a missed time limit of a test.
+    const MANY: Duration = Duration::from_millis(300);
+
+    fn watch() -> Self {
+        let ends = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&ends);
+        let thread = std::thread::spawn(move || {
+            let mut sum = Duration::ZERO;
+            while !flag.load(Ordering::Relaxed) {
+                let began = Instant::now();
+                std::thread::sleep(Self::PERIOD);
+                let late = began.elapsed().saturating_sub(Self::PERIOD);
+                if late > Self::LATE {
+                    sum += late;
+                }
+            }
+            sum
+        });
+        Self { ends, thread }
+    }
+
+    /// The sum of them, where it is enough to explain a missed time limit.
+    fn end(self) -> Option<Duration> {
+        self.ends.store(true, Ordering::Relaxed);
+        let sum = self.thread.join().expect("the watch only sleeps");
+        (sum >= Self::MANY).then_some(sum)
+    }
+}
+
+/// Runs a test in which real time passes. Once; but a machine that stood still meanwhile has tested itself: then
+/// once more, and what went wrong is told, past the harness, which keeps to itself what a green test says.
+pub fn in_real_time(name: &str, test: impl Fn()) {
+    let standstills = Standstills::watch();
+    let first = std::panic::catch_unwind(std::panic::AssertUnwindSafe(&test));
+    let stood_still = standstills.end();
+    let Err(panic) = first else { return };
+    let Some(sum) = stood_still else { std::panic::resume_unwind(panic) };
+    let told = panic.downcast_ref::<String>().map_or("it failed", String::as_str);
+    tell(&format!("{name}: SECOND ATTEMPT, this machine stood still for {sum:.1?} during\n{told}"));
+    test();
+}
+
+/// Past the test harness.
+pub fn tell(what: &str) {
+    let _ = writeln!(std::io::stderr(), "{what}");
 }
 
 /// How a process ended.

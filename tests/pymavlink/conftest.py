@@ -6,10 +6,12 @@ import time
 
 import pytest
 
+from haltere_testing.clock import RealTime
 from haltere_testing.rig import Simulator, free_port, hall, program, stop
 from haltere_testing.station import mavlink, mavutil
 
 SIM = program()
+patience = RealTime().patience
 
 
 class World:
@@ -53,6 +55,7 @@ directory = "{folder / 'state'}"
         )
         prepare(self.link)
         self.texts = []
+        self.asked = 0
         self.start_companion()
 
     def start_companion(self):
@@ -87,7 +90,7 @@ directory = "{folder / 'state'}"
 
     def wait(self, name, timeout=5.0, when=lambda m: True):
         """The next message of that name that fits."""
-        deadline = time.monotonic() + timeout
+        deadline = time.monotonic() + patience(timeout)
         while time.monotonic() < deadline:
             message = self.receive()
             if message is not None and message.get_type() == name and when(message):
@@ -96,6 +99,28 @@ directory = "{folder / 'state'}"
             f"no {name} within {timeout} s; the vehicle said: {self.texts}; "
             f"{(self.folder / 'companion.txt').read_text()[-1500:]}"
         )
+
+    def until_answered(self, timeout=5.0):
+        """Everything up to the answer to a PING that is sent now: what was sent before has had its answer
+        then, however busy this machine is."""
+        self.asked += 1
+        self.link.mav.ping_send(0, self.asked, 0, 0)
+        deadline = time.monotonic() + patience(timeout)
+        messages = []
+        while time.monotonic() < deadline:
+            message = self.receive()
+            if message is not None:
+                if message.get_type() == "PING" and message.seq == self.asked:
+                    return messages
+                messages.append(message)
+        raise AssertionError(f"PING {self.asked} is not answered within {timeout} s; {self.texts}")
+
+    def said(self, words, timeout=5.0):
+        """Waits for a text."""
+        deadline = time.monotonic() + patience(timeout)
+        while not any(words in text for text in self.texts):
+            assert time.monotonic() < deadline, f"{words!r} was not said: {self.texts}"
+            self.receive()
 
     def drain(self, seconds):
         """Everything that comes for a while."""
@@ -118,7 +143,7 @@ directory = "{folder / 'state'}"
 
     def arm(self, timeout=30.0):
         """Arms as soon as the vehicle is ready."""
-        deadline = time.monotonic() + timeout
+        deadline = time.monotonic() + patience(timeout)
         result = None
         while time.monotonic() < deadline:
             result = self.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0)
@@ -137,7 +162,7 @@ directory = "{folder / 'state'}"
         """Uploads a mission, gives the result."""
         send = self.link.mav
         send.mission_count_send(1, 1, len(items), mavlink.MAV_MISSION_TYPE_MISSION)
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + patience(10)
         while time.monotonic() < deadline:
             message = self.receive()
             if message is None:

@@ -8,8 +8,8 @@ def test_arming_before_alignment_is_refused_with_a_reason(world):
     world.texts.clear()
     result = world.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0)
     assert result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-    world.drain(0.5)
-    assert world.texts, "no STATUSTEXT says why"
+    # The reason: what it is depends on how long the start took.
+    world.said("")
 
 
 def test_heartbeat_identity(world):
@@ -19,15 +19,17 @@ def test_heartbeat_identity(world):
     assert beat.autopilot == mavlink.MAV_AUTOPILOT_GENERIC
     assert beat.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
     assert not beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-    beats = [m for m in world.drain(3.2) if m.get_type() == "HEARTBEAT" and from_autopilot(m)]
-    assert 2 <= len(beats) <= 4
+    # One a second of the vehicle's own clock.
+    messages = [m for m in world.drain(3.2) if from_autopilot(m)]
+    stamps = [m.time_boot_ms for m in messages if m.get_type() == "ATTITUDE"]
+    beats = len([m for m in messages if m.get_type() == "HEARTBEAT"])
+    assert abs(beats - (stamps[-1] - stamps[0]) / 1000) <= 1.2, (beats, stamps[0], stamps[-1])
 
 
 def test_streams_come_unasked(world):
-    names = {m.get_type() for m in world.drain(2.5) if from_autopilot(m)}
     for name in ("ATTITUDE", "LOCAL_POSITION_NED", "SYS_STATUS", "BATTERY_STATUS",
                  "EXTENDED_SYS_STATE", "MISSION_CURRENT", "HALTERE_ESTIMATE"):
-        assert name in names, f"{name} is not among {sorted(names)}"
+        world.wait(name, 2.5, from_autopilot)
 
 
 def test_unsupported_command_is_answered(world):
@@ -40,7 +42,7 @@ def test_another_target_is_ignored(world):
     world.link.mav.command_long_send(
         7, 1, mavlink.MAV_CMD_DO_SET_ROI_LOCATION, 0, *[0.0] * 7
     )
-    assert not [m for m in world.drain(1.0) if m.get_type() == "COMMAND_ACK"]
+    assert not [m for m in world.until_answered() if m.get_type() == "COMMAND_ACK"]
 
 
 def test_damaged_frames_cost_only_themselves(world):

@@ -7,7 +7,7 @@ import time
 import pytest
 from pymavlink import mavftp
 
-from conftest import mavlink
+from conftest import mavlink, patience
 
 MISSION_FILE = """
 [[item]]
@@ -87,7 +87,7 @@ def test_logs_are_listed_and_downloaded_and_the_present_one_is_not_erased(world)
     assert Files(world).get(f"/logs/{logs[0].name}") == content
     print(f"ftp: {len(content)} bytes, {len(content) / (time.monotonic() - start) / 1000:.0f} kB/s")
     world.link.mav.log_erase_send(1, 1)
-    deadline = time.monotonic() + 3
+    deadline = time.monotonic() + patience(3)
     while logs[0].exists() and time.monotonic() < deadline:
         world.drain(0.1)
     assert not logs[0].exists() and logs[1].exists()
@@ -123,7 +123,7 @@ def test_a_mission_file_goes_up_and_down(world, loss):
     content = MISSION_FILE.encode() + b"# filler\n" * 300
     files = Files(world, loss)
     files.put("/missions/hop.toml", content)
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + patience(10)
     while Files(world).names("/missions").get("hop.toml") != len(content):
         assert time.monotonic() < deadline, world.texts
     assert Files(world, loss).get("/missions/hop.toml") == content

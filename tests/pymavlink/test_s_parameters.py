@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from conftest import mavlink
+from conftest import mavlink, patience
 
 REAL32 = mavlink.MAV_PARAM_TYPE_REAL32
 
@@ -13,8 +13,8 @@ REAL32 = mavlink.MAV_PARAM_TYPE_REAL32
 def fetch_all(world, component=1):
     world.link.mav.param_request_list_send(1, component)
     found, count = {}, None
-    deadline = time.monotonic() + 5
     start = time.monotonic()
+    deadline = start + patience(5)
     while count is None or len(found) < count:
         assert time.monotonic() < deadline, f"{len(found)} of {count}"
         message = world.receive()
@@ -35,14 +35,14 @@ def put(world, name, value, kind=REAL32):
 
 
 @pytest.mark.parametrize("component", [1, 0])
-def test_all_are_listed_at_more_than_a_thousand_a_second(world, component):
+def test_all_are_listed(world, component):
+    # How fast they come is held on simulated time (`tests/stations/test_timing.py`) and only printed here.
     found, seconds = fetch_all(world, component)
     print(f"{len(found)} parameters in {seconds:.3f} s, {len(found) / seconds:.0f} a second")
     assert sorted(found) == list(range(len(found)))
     assert len(found) > 100
     assert all(m.param_type == REAL32 and math.isfinite(m.param_value) for m in found.values())
     assert len({m.param_id for m in found.values()}) == len(found)
-    assert seconds < len(found) / 1000
 
 
 def test_one_is_read_by_name_and_by_index(world):
@@ -68,8 +68,7 @@ def test_a_bad_value_is_refused_with_name_and_range(world, name, value, error):
     answer = world.wait("PARAM_ERROR", 2)
     assert answer.error == error and answer.param_id == name.decode()
     assert world.wait("PARAM_VALUE", 2).param_value == before
-    world.drain(0.2)
-    assert any(name.decode() in text for text in world.texts), world.texts
+    world.said(name.decode())
 
 
 def test_unknown_names_are_refused(world):

@@ -80,6 +80,20 @@ def test_a_file_that_is_not_given_is_refused_at_once(rig, one):
         assert duration_s(rig, ask) < 0.5
 
 
+@pytest.mark.parametrize("component", [1, 0])
+def test_parameters_are_listed_at_more_than_a_thousand_a_second(rig, one, component):
+    found = {}
+
+    def ask():
+        one.link.mav.param_request_list_send(1, component)
+        while not found or len(found) < next(iter(found.values())).param_count:
+            m = one.wait("PARAM_VALUE", 2)
+            found[m.param_index] = m
+
+    assert duration_s(rig, ask) < len(found) / 1000
+    assert sorted(found) == list(range(len(found))) and len(found) > 100
+
+
 def test_commands_are_acknowledged_in_time_while_flying(rig, one):
     one.takeoff(1.0)
     # The aim is 99 % within 50 ms; here nothing delays any.

@@ -64,12 +64,14 @@ def test_it_shows_the_flight_as_it_is(rig, port, station):
 def test_it_is_live_at_ten_hertz_or_more(rig, port):
     with WebSocket(port) as page:
         page.wait(lambda m: m["k"] == "f")
-        began = time.monotonic()
+        began, apart_s = time.monotonic(), []
         for _ in range(30):
             page.wait(lambda m: m["k"] == "f")
-        rate_hz = 30 / (time.monotonic() - began)
-        # It sends 25; the issue asks for 10.
-        assert rate_hz > 10, rate_hz
+            apart_s.append(time.monotonic() - began)
+            began = time.monotonic()
+        # It sends 25; the issue asks for 10. The middle one: a machine that stands still for a moment is
+        # no matter of the page.
+        assert sorted(apart_s)[15] < 0.1, apart_s
 
 
 def test_an_echo_measures_the_way(rig, port):
