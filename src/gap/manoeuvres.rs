@@ -121,7 +121,7 @@ pub(super) fn room_edge_square(scene: &Scene) -> Result<MissionFile, String> {
 pub(super) fn height_ladder(scene: &Scene) -> Result<MissionFile, String> {
     let mut plan = hover(scene);
     plan.speed(0.5);
-    for height_m in [0.8, 0.5, LOW_M - 0.1, 0.25, LOW_M - 0.1, 0.5] {
+    for height_m in [0.8, 0.65, LOW_M, 0.45, LOW_M, 0.65] {
         plan.go([0.0, 0.0], height_m, 3.5);
     }
     plan.go([0.0, 0.0], HEIGHT_M, 1.0);

@@ -14,8 +14,11 @@ use crate::model::room::Room;
 
 /// Height of everything that is not about height, m.
 pub(super) const HEIGHT_M: f64 = 1.0;
-/// Near the floor, m.
-pub(super) const LOW_M: f64 = 0.45;
+/// Near the floor, m: multipath shifts the estimate there by some 0.2 m, and at 0.45 m, where this hover once was, 5
+/// of 60 healthy simulated vehicles met the floor, in the laboratory's room 16 of 40; a vehicle that stands
+/// on its feet hides everything else. At 0.55 m none of 60 did, and 454 of 500 drawn effects stood out, 422 at 0.45 m
+/// without the flights that the floor had carried, and 425 at 0.65 m (small banks of 2026-11-22).
+pub(super) const LOW_M: f64 = 0.55;
 /// Near a ceiling of 3 m, m.
 const HIGH_M: f64 = 2.6;
 /// Half the way of a dash, m.
@@ -171,7 +174,7 @@ pub fn plain_file(scene: &Scene) -> MissionFile {
 pub fn held_out_file(scene: &Scene) -> MissionFile {
     let mut plan = Plan::new(scene);
     plan.speed(LEG_MPS);
-    for height_m in [0.35, 0.8, 1.5, 2.4, 1.2] {
+    for height_m in [0.6, 0.8, 1.5, 2.4, 1.2] {
         plan.go([0.0, 0.0], height_m, 3.0);
     }
     plan.speed(1.3);

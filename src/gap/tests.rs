@@ -125,30 +125,23 @@ fn val_each_effect_moves_its_statistics() {
 }
 
 #[test]
-fn val_low_hovers_are_left_out_where_the_floor_carries_and_only_there() {
+fn val_no_standard_flight_sets_a_healthy_vehicle_on_the_floor() {
     let scene = Scene::lab().unwrap();
-    let items = missions::diagnostic(&scene);
-    let nominal = Nominal::of_scene(&scene);
-    // How long the floor carried it, s, and whether anything is said of its low hover.
-    let flights: Vec<(f64, bool)> = (1..=40_u64)
-        .into_par_iter()
-        .map(|seed| {
-            let plant = jittered(scene.plant(seed)).unwrap();
-            let trace = fly_observed(&scene, &items, plant, scene.pilot.clone()).unwrap();
-            let f = Flight::new(&trace, &nominal).unwrap();
-            let part = trace.mission_part().unwrap();
-            let landing_s = part.from.seconds_since(f.line.start) + part.flown_s;
-            let mut low = f.clear_points().filter(|k| f.height_m[*k] < 0.4);
-            (trace.carried_s.unwrap(), low.any(|k| f.line.t_s[k] < landing_s))
-        })
-        .collect();
-    let out = |carried: bool| {
-        let those = flights.iter().filter(|(carried_s, _)| (*carried_s > 0.0) == carried);
-        (those.clone().count(), those.filter(|(_, low)| !low).count())
-    };
-    let ((carried, left_out), (free, lost)) = (out(true), out(false));
-    println!("carried {carried}, of them left out {left_out}; free {free}, of them lost {lost}");
-    // A floor that carries less than a twelfth of the weight is not seen: the bank leaves such flights out by
-    // what the simulator knows.
-    assert!(left_out >= 3 && lost == 0, "{flights:?}");
+    for (name, items) in [
+        ("diagnostic", missions::diagnostic(&scene)),
+        ("held-out", missions::wire(&missions::held_out_file(&scene))),
+    ] {
+        let carried: Vec<f64> = (1..=40_u64)
+            .into_par_iter()
+            .map(|seed| {
+                let plant = jittered(scene.plant(seed)).unwrap();
+                let trace = fly_observed(&scene, &items, plant, scene.pilot.clone()).unwrap();
+                trace.carried_s.unwrap()
+            })
+            .filter(|carried_s| *carried_s > 0.0)
+            .collect();
+        println!("{name}: carried {} of 40, {carried:?} s", carried.len());
+        // At 0.45 and 0.35 m 16 and more: see `missions.rs`.
+        assert!(carried.len() <= 1, "{name}: {carried:?}");
+    }
 }

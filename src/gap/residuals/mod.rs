@@ -4,7 +4,6 @@
 pub mod attitude;
 pub mod battery;
 pub mod bias;
-mod contact;
 pub mod force;
 pub mod loops;
 pub mod timing;
@@ -172,7 +171,7 @@ impl<'a> Flight<'a> {
         let last = line.flying.iter().rposition(|f| *f).unwrap_or(0);
         let last = last.saturating_sub(margin);
         let clear = (0..line.len()).map(|k| k >= first && k <= last && line.flying[k]).collect();
-        let mut flight = Self {
+        let flight = Self {
             trace,
             nominal,
             states,
@@ -189,10 +188,6 @@ impl<'a> Flight<'a> {
             clear,
             line,
         };
-        let carried = contact::carried(&flight);
-        for (clear, carried) in flight.clear.iter_mut().zip(carried) {
-            *clear &= !carried;
-        }
         Ok(flight)
     }
 
