@@ -7,6 +7,7 @@ use crate::time::HostTime;
 
 use super::config::FlightConfig;
 use super::excitation::Doublet;
+use super::landing_ramp::LandingRamp;
 use super::mission::{Mission, MissionItem, Volume};
 use super::modes::{Event, Mode};
 use super::setpoint::Setpoint;
@@ -88,6 +89,7 @@ pub(super) struct Guidance {
     /// At or above this speed the setpoint jumps, m/s.
     jump_speed_mps: f64,
     carrot: Carrot,
+    ramp: LandingRamp,
     /// Speed on legs, m/s.
     leg_speed_mps: f64,
     yaw_rad: f64,
@@ -134,6 +136,7 @@ impl Guidance {
             envelope,
             jump_speed_mps: velocity_limit_mps,
             carrot: Carrot::resting(Vec3::zero()),
+            ramp: LandingRamp::default(),
             yaw_rad: 0.0,
             home_E_m: Vec3::zero(),
             home_is_set: false,
@@ -278,6 +281,7 @@ impl Guidance {
 
     /// Called once when a mode begins.
     pub fn enter(&mut self, mode: Mode, estimate: &Estimate, at: HostTime) {
+        self.ramp.rest();
         self.entered_at = at;
         self.arrived_at = None;
         self.tilt = None;
@@ -383,9 +387,10 @@ impl Guidance {
             Mode::Land => {
                 let height_m = -estimate.pos_E_m.z() - self.config.gear_height_m;
                 let sink_mps = if height_m > self.config.land_slow_height_m {
+                    self.ramp.rest();
                     self.config.land_speed_mps
                 } else {
-                    self.config.land_slow_speed_mps
+                    self.ramp.sink_mps(height_m, self.config.land_slow_speed_mps, dt_s)
                 };
                 let mut command = self.position_command(Vec3::zero());
                 command.axes[2] = AxisCommand::Velocity_mps(sink_mps);

@@ -30,6 +30,7 @@ mod hover;
 mod identity;
 mod ingest;
 mod input;
+mod landing_ramp;
 mod losses;
 mod magnetics;
 mod manual;
