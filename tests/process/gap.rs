@@ -134,7 +134,7 @@ fn val_a_gap_is_diagnosed_advised_shrunk_accepted_and_undone() {
 
     // A log that was cut while landing is judged by what it holds, and says so.
     let whole = fs::read(dir.join("worn.mcap")).unwrap();
-    fs::write(dir.join("landing.mcap"), &whole[..whole.len() * 6 / 10]).unwrap();
+    fs::write(dir.join("landing.mcap"), &whole[..whole.len() * 8 / 10]).unwrap();
     let ended = diagnose(dir, &["landing.mcap"]);
     assert!(matches!(ended.code, Some(10..=14)), "{ended:?}");
     assert!(ended.text.contains("log cut at byte"), "{}", ended.text);
