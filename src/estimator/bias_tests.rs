@@ -86,7 +86,11 @@ fn prop_blocks_are_the_whole_matrix() {
             // A prediction.
             let whole = state.biases.whole(&state.P);
             let (acc, rate) = (noise.vector(3.0), noise.vector(1.0));
-            let force = Force::ThrustAxis { k_per_s: [4.2, 1.8], cop_z_m: 0.03 };
+            let force = Force::ThrustAxis {
+                k_per_s: [4.2, 1.8],
+                cop_z_m: 0.03,
+                beyond_B_mps2: [0.4, -0.2],
+            };
             let F = linearise(&state, 0.01, &acc, &rate, force);
             let growth = Growth { pos: 1e-4, vel: [0.4; 3], att: 1e-4 };
             let wander = Wander {

@@ -313,6 +313,9 @@ pub struct EstimatorConfig {
     pub acc_average_s: f64,
     /// Whether the accelerometer is averaged over whole wing beats instead, the beat being tracked.
     pub acc_over_beats: bool,
+    /// Time from which on a force along body x and y counts that the drag model leaves out, such as wind, as the
+    /// accelerometer shows it, s; 0 is off (`slow_force.rs`). With `thrust_axis` only.
+    pub slow_force_s: f64,
     /// How the UWB variance depends on height.
     pub uwb_noise: UwbNoise,
     /// One sigma of a TDOA near the floor (λ = 1), m.
@@ -360,6 +363,7 @@ impl Default for EstimatorConfig {
             cop_z_m: 0.03,
             acc_average_s: 0.015,
             acc_over_beats: false,
+            slow_force_s: 0.0,
             uwb_noise: UwbNoise::HeightDependent,
             std_uwb_m: 0.15,
             uwb_correlation_s: 0.1,
@@ -400,6 +404,7 @@ impl EstimatorConfig {
         for (axis, arm) in ["x", "y", "z"].into_iter().zip(self.p_BT_B_m) {
             range(&format!("p_BT_B_m.{axis}"), arm, -1.0, 1.0, "m");
         }
+        range("slow_force_s", self.slow_force_s, 0.0, 60.0, "s");
         range("covariance_step_s", self.covariance_step_s, 0.0, 0.02, "s");
         let u = &self.unaided;
         range("unaided.std_acc_mps2_rthz", u.std_acc_mps2_rthz, 1e-3, 50.0, "m/s²/√Hz");

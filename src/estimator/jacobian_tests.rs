@@ -10,8 +10,8 @@ use super::{height, reference, tdoa, zero_velocity};
 
 const FORCES: [Force; 3] = [
     Force::Measured,
-    Force::ThrustAxis { k_per_s: [4.2, 1.8], cop_z_m: 0.03 },
-    Force::ThrustAxis { k_per_s: [0.0, 0.0], cop_z_m: 0.0 },
+    Force::ThrustAxis { k_per_s: [4.2, 1.8], cop_z_m: 0.03, beyond_B_mps2: [0.4, -0.2] },
+    Force::ThrustAxis { k_per_s: [0.0, 0.0], cop_z_m: 0.0, beyond_B_mps2: [0.0; 2] },
 ];
 
 fn random_state(noise: &mut Noise) -> State {

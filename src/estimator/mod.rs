@@ -22,6 +22,7 @@ mod noise;
 mod predict;
 mod quality;
 mod reference;
+mod slow_force;
 mod state;
 mod tdoa;
 mod update;
@@ -72,6 +73,7 @@ pub use magnetometer::Field as MagneticField;
 pub use misgiving::Misgiving;
 use predict::{Force, Growth};
 use quality::Qualities;
+use slow_force::SlowForce;
 use state::{ATT, POS, State, VEL};
 
 /// Longest step that is predicted in one piece, s: the Jacobian is of first order in it.
@@ -153,6 +155,7 @@ pub struct Estimator {
     /// Known range bias of each anchor number, m.
     range_bias_m: Box<[f64; 256]>,
     beat: Beat,
+    slow_force: SlowForce,
     qualities: Qualities,
     isolation: Isolation,
     /// Steps whose covariance waits to be predicted.
@@ -197,6 +200,7 @@ impl Estimator {
             anchors_m,
             range_bias_m,
             beat: Beat::default(),
+            slow_force: SlowForce::default(),
             qualities: Qualities::default(),
             isolation: Isolation::default(),
             pending: Pending::default(),
@@ -245,6 +249,7 @@ impl Estimator {
         if !airborne && self.airborne {
             // In flight nobody hears it again any more; before the next one the check on the floor judges.
             self.isolation.restart();
+            self.slow_force.rest();
         }
         self.airborne = airborne;
     }
@@ -329,13 +334,21 @@ impl Estimator {
         let near_floor = self.is_near_floor(self.config.anchor_bias.hidden_below_m);
         let Some(state) = &mut self.state else { return };
         let c = &self.config;
-        let force = match (self.airborne, c.specific_force) {
+        let mut force = match (self.airborne, c.specific_force) {
             (false, _) | (_, SpecificForce::Accelerometer) => Force::Measured,
             (true, SpecificForce::ThrustAxis) => Force::ThrustAxis {
                 k_per_s: if c.drag { [c.drag_per_s[0], c.drag_per_s[1]] } else { [0.0; 2] },
                 cop_z_m: c.cop_z_m,
+                beyond_B_mps2: [0.0; 2],
             },
         };
+        if let Some(drag_B_mps2) = force.drag_B_mps2(&state.v_B, &rate_B)
+            && let Force::ThrustAxis { beyond_B_mps2, .. } = &mut force
+            && c.slow_force_s > 0.0
+        {
+            let time_s = c.slow_force_s;
+            *beyond_B_mps2 = self.slow_force.follow(dt_s, time_s, &self.acc_B, drag_B_mps2);
+        }
         let p = &c.process;
         let (acc_xy, acc_z, rate) = match (self.airborne, dt_s > GAP_S) {
             (_, true) => {

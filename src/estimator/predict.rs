@@ -11,10 +11,10 @@
 //!
 //! Mueller, Hehn, D'Andrea, "Fusing ultra-wideband range measurements with accelerometers and rate
 //! gyroscopes for quadrocopter state estimation", ICRA 2015, with the turn of the body integrated
-//! exactly. In flight with `ThrustAxis`: `f = (−k_x c_x, −k_y c_y, a_z)` with `c = v + w × r` the
+//! exactly. In flight with `ThrustAxis`: `f = (−k_x c_x + b_x, −k_y c_y + b_y, a_z)` with `c = v + w × r` the
 //! velocity of the centre of pressure; without drag `f = (0, 0, a_z)`. `a_z` is measured and holds
 //! the drag along z already, so `k_z` does not appear. Linear drag is valid up to about 2 m/s on
-//! this vehicle. Left out: wind, lift of the wings sideways, bias of the accelerometer.
+//! this vehicle. `b` is zero, or what lasts beyond drag (`slow_force.rs`). Left out: gusts, bias of the accelerometer.
 //!
 //! Jacobian, blocks of x, v, d (`u = Rᵀ g`, `K = diag(k_x, k_y, 0)`, `s = v t + ½ f t²`):
 //!
@@ -40,7 +40,18 @@ pub enum Force {
         k_per_s: [f64; 2],
         /// Centre of pressure above the centre of mass, m.
         cop_z_m: f64,
+        /// Beyond drag along body x and y, m/s² (`slow_force.rs`).
+        beyond_B_mps2: [f64; 2],
     },
+}
+
+impl Force {
+    /// Drag along body x and y, m/s²; `None` where it is measured.
+    pub fn drag_B_mps2(&self, v_B: &Vector3<f64>, rate_B: &Vector3<f64>) -> Option<[f64; 2]> {
+        let Self::ThrustAxis { k_per_s: [kx, ky], cop_z_m, .. } = self else { return None };
+        let r_z = -cop_z_m;
+        Some([-kx * (v_B.x + rate_B.y * r_z), -ky * (v_B.y - rate_B.x * r_z)])
+    }
 }
 
 /// Growth of the variances per second.
@@ -132,11 +143,9 @@ fn step(
     let v = state.v_B;
     let (f, k) = match force {
         Force::Measured => (*acc_B, [0.0; 2]),
-        Force::ThrustAxis { k_per_s: [kx, ky], cop_z_m } => {
-            let r_z = -cop_z_m;
-            let c_x = v.x + rate_B.y * r_z;
-            let c_y = v.y - rate_B.x * r_z;
-            (Vector3::new(-kx * c_x, -ky * c_y, acc_B.z), [kx, ky])
+        Force::ThrustAxis { k_per_s, beyond_B_mps2: [x, y], .. } => {
+            let [drag_x, drag_y] = force.drag_B_mps2(&v, rate_B).unwrap_or_default();
+            (Vector3::new(drag_x + x, drag_y + y, acc_B.z), k_per_s)
         }
     };
     let W = quat_exp(&(rate_B * dt_s));

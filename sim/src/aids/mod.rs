@@ -1,10 +1,11 @@
-//! `haltere-sim aids`: what magnetometer, barometer and the survey check are worth, in lockstep, with
+//! `haltere-sim aids`: what magnetometer, barometer, slow force and the survey check are worth, in lockstep, with
 //! and without. The recorded flights have no magnetometer, so this is all that is known of it.
 
 mod anchors;
 mod baro;
 mod heading;
 mod shadow;
+mod wind;
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -42,9 +43,10 @@ pub fn run(options: &Options) -> Result<bool> {
     let command = format!("aids --flights {n} --document");
     let mut page = INTRODUCTION.replace("aids --document", &command);
     type Part = fn(&mut String, u64) -> Result<()>;
-    let parts: [(&str, Part); 4] = [
+    let parts: [(&str, Part); 5] = [
         ("magnetometer", heading::write),
         ("barometer", baro::write),
+        ("wind", wind::write),
         ("survey check", anchors::write),
         ("paths", paths),
     ];

@@ -431,6 +431,7 @@ pub static COMMON: &[Parameter] = &[
     switch!("EST_REJECT", estimator.gate.reject, Restart, "Whether what is beyond the gate is thrown away; if not, its tail weighs it."),
     switch!("EST_COLD", estimator.cold_start, Restart, "Whether position and heading are found by motion when nobody tells them."),
     switch!("EST_ACC_BEATS", estimator.acc_over_beats, Restart, "Whether the accelerometer is averaged over whole wing beats."),
+    number!("EST_SLOW_F_T", estimator.slow_force_s, Restart, 0.0, 60.0, "s", "Time from which on the accelerometer shows forces beyond drag, such as wind. 0: off."),
     number!("EST_COV_STEP", estimator.covariance_step_s, Restart, 0.0, 0.02, "s", "Least step in which the covariance is predicted. 0: with each IMU sample."),
     number!("EST_UNA_ACC", estimator.unaided.std_acc_mps2_rthz, Restart, 0.001, 50.0, "m/s^2/sqrt(Hz)", "Random push of a vehicle without IMU."),
     number!("EST_UNA_DECAY", estimator.unaided.decay_per_s, Restart, 0.0, 20.0, "1/s", "Decay of the velocity of a vehicle without IMU."),
