@@ -119,6 +119,24 @@ impl Default for BaroConfig {
     }
 }
 
+/// The board's vertical (`board_vertical.rs`).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BoardVerticalConfig {
+    /// Whether it is fused in flight.
+    pub fuse: bool,
+    /// One sigma of it, deg: alignment, the board's filter under acceleration.
+    pub std_deg: f64,
+    /// Time over which that error stays the same, s.
+    pub correlation_s: f64,
+}
+
+impl Default for BoardVerticalConfig {
+    fn default() -> Self {
+        Self { fuse: false, std_deg: 3.0, correlation_s: 2.0 }
+    }
+}
+
 /// Heading from the magnetic field (`magnetometer.rs`).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -336,6 +354,8 @@ pub struct EstimatorConfig {
     pub baro: BaroConfig,
     /// Magnetometer.
     pub magnetometer: MagnetometerConfig,
+    /// The board's vertical.
+    pub board_vertical: BoardVerticalConfig,
     /// Whether motion capture is fused; it is recorded as truth otherwise.
     pub fuse_reference: bool,
     /// One sigma of a motion-capture position, m.
@@ -373,6 +393,7 @@ impl Default for EstimatorConfig {
             process: ProcessNoise::default(),
             baro: BaroConfig::default(),
             magnetometer: MagnetometerConfig::default(),
+            board_vertical: BoardVerticalConfig::default(),
             fuse_reference: false,
             std_reference_m: 0.01,
             align_s: 1.0,
@@ -443,6 +464,9 @@ impl EstimatorConfig {
         range("process.std_rate_radps_rthz", p.std_rate_radps_rthz, 1e-5, 2.0, "rad/s/√Hz");
         range("process.std_pos_m_rts", p.std_pos_m_rts, 0.0, 2.0, "m/√s");
         range("baro.std_m", self.baro.std_m, 0.01, 20.0, "m");
+        let v = &self.board_vertical;
+        range("board_vertical.std_deg", v.std_deg, 0.1, 60.0, "deg");
+        range("board_vertical.correlation_s", v.correlation_s, 0.0, 100.0, "s");
         range("baro.correlation_s", self.baro.correlation_s, 0.0, 100.0, "s");
         let m = &self.magnetometer;
         range("magnetometer.north_deg", m.north_deg, -180.0, 180.0, "deg");

@@ -237,7 +237,13 @@ fn prop_mirrored_flights_are_mirrored() {
         let mut right = mirror(&start);
         let force = FORCES[case % 3];
         predict(&mut left, 0.01, &acc, &rate, force, &growth);
-        predict(&mut right, 0.01, &polar(acc), &axial(rate), force, &growth);
+        let mirrored = match force {
+            Force::ThrustAxis { k_per_s, cop_z_m, beyond_B_mps2: [x, y] } => {
+                Force::ThrustAxis { k_per_s, cop_z_m, beyond_B_mps2: [x, -y] }
+            }
+            Force::Measured => force,
+        };
+        predict(&mut right, 0.01, &polar(acc), &axial(rate), mirrored, &growth);
         let expected = mirror(&left);
         assert!(between(&expected, &right).amax() < 1e-12);
         assert!((expected.P - right.P).amax() < 1e-12);

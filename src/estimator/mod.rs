@@ -10,6 +10,7 @@ mod aligning;
 mod anchor_check;
 mod beat;
 mod bias;
+mod board_vertical;
 mod cold;
 mod config;
 mod fusing;
@@ -61,8 +62,9 @@ pub use bias::MOST_ANCHORS;
 use bias::Wander;
 use cold::Cold;
 pub use config::{
-    AnchorBias, BaroConfig, EstimatorConfig, GateConfig, Isolation as IsolationConfig,
-    MagnetometerConfig, Motion, ProcessNoise, Quality, SpecificForce, Tail, Unaided, UwbNoise,
+    AnchorBias, BaroConfig, BoardVerticalConfig, EstimatorConfig, GateConfig,
+    Isolation as IsolationConfig, MagnetometerConfig, Motion, ProcessNoise, Quality, SpecificForce,
+    Tail, Unaided, UwbNoise,
 };
 use gate::Doubt;
 use height::BaroZero;
@@ -156,6 +158,7 @@ pub struct Estimator {
     range_bias_m: Box<[f64; 256]>,
     beat: Beat,
     slow_force: SlowForce,
+    board_vertical_at: Option<HostTime>,
     qualities: Qualities,
     isolation: Isolation,
     /// Steps whose covariance waits to be predicted.
@@ -201,6 +204,7 @@ impl Estimator {
             range_bias_m,
             beat: Beat::default(),
             slow_force: SlowForce::default(),
+            board_vertical_at: None,
             qualities: Qualities::default(),
             isolation: Isolation::default(),
             pending: Pending::default(),

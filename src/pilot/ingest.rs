@@ -187,6 +187,7 @@ impl Pilot {
             }
             BoardNews::Attitude(attitude) => {
                 self.board_attitude = Some(attitude);
+                self.estimator.board_vertical(&attitude);
                 if self.estimate.health == Health::NotAligned {
                     let yaw_rad = self.north.room_yaw_rad(attitude.attitude);
                     self.estimator.set_initial_heading(yaw_rad, STD_BOARD_HEADING_RAD);
