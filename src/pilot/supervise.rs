@@ -36,6 +36,9 @@ const FEEL_FILTER_S: f64 = 0.15;
 const FEEL_AGAIN_S: f64 = 0.5;
 /// After each search in vain they have so many times longer.
 const FEEL_GROWTH: f64 = 1.6;
+/// An accelerometer that repeats itself for this long shows no fall any more, s: a dozen samples, and long before it
+/// counts as frozen.
+const FEEL_BLIND_S: f64 = 0.05;
 /// The floor is expected below this height by the estimate, m: near it multipath biases the height
 /// by up to half a metre (INTERFACES.md section 1; 0.5 m seen in lockstep).
 const TOUCH_BELOW_M: f64 = 0.8;
@@ -282,6 +285,8 @@ impl Pilot {
             self.touch = self.touch.restarted();
             (self.touch.fell_at, self.touch.falls) = (Some(at), falls + 1);
             self.supervisor.descent.floor_not_found();
+        } else if self.supervisor.repetition.accelerometer_s() > FEEL_BLIND_S {
+            // Whether it falls now nobody could say: one that stuck just here had thrust taken away at 0.5 m.
         } else if ceiling_frac < FEEL_SHARE * base_frac {
             self.fire(at, Event::TouchDown);
         } else {

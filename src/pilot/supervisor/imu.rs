@@ -112,6 +112,11 @@ impl Repetition {
         }
     }
 
+    /// How long the accelerometer has repeated itself, s.
+    pub fn accelerometer_s(&self) -> f64 {
+        self.acc_s
+    }
+
     fn longest_s(&self) -> f64 {
         self.acc_s.max(self.rate_s)
     }
