@@ -11,13 +11,12 @@
 //!
 //! with `T` = `slow_force_s`: a complementary filter, drag for what changes within `T`, the accelerometer for what
 //! lasts. A beat of 12 Hz with an amplitude of 8 m/s² is 0.05 m/s² behind `T` = 2 s. **Source.** Ours. **Left out.** A bias of
-//! the accelerometer leans the vertical by `b/g`, 0.6 degrees for 0.1 m/s²: less than any wind does. `b` is no
+//! the accelerometer leans the vertical by `b/g`, 0.6 degrees for 0.1 m/s², as a wind of 0.02 m/s would. `b` is no
 //! state and has no covariance. It is bounded by [`MOST_MPS2`]: a knock, or legs that still carry, is no wind.
 
 use nalgebra::Vector3;
 
-/// Most that is added along an axis, m/s²: drag of this vehicle in a wind of 1.2 m/s, more than it can hold
-/// against without leaning by half of what it may.
+/// Most that is added along an axis, m/s². Chosen: forward drag of this vehicle (4.2 1/s) in a wind of 1.2 m/s.
 const MOST_MPS2: f64 = 5.0;
 
 /// Force along body x and y beyond drag, m/s².
