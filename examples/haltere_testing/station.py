@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import socket
 import sys
 
 os.environ["MAVLINK20"] = "1"
@@ -27,14 +28,25 @@ def _dialect():
 
 mavlink = _dialect()
 
+#: What a vehicle sends in about half a minute; the system's usual buffer is full after two seconds.
+#: The system may allow less.
+RECEIVE_BUFFER = 4 << 20
+
+
+def with_room(link):
+    """Gives a connection a buffer that keeps answers while its program is busy elsewhere."""
+    if isinstance(getattr(link, "port", None), socket.socket):
+        link.port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+    return link
+
 
 class Station:
     """Connects as a ground station does: it speaks first, and sends a heartbeat every second."""
 
     def __init__(self, address, system=255, component=190, timeout=20, clock=None):
         self.clock = clock or RealTime()
-        self.link = mavutil.mavlink_connection(address, source_system=system,
-                                               source_component=component)
+        self.link = with_room(mavutil.mavlink_connection(address, source_system=system,
+                                                         source_component=component))
         self.texts = []
         self.chunks = ""
         self.backlog = []  # what came between the last command and its answer
