@@ -6,12 +6,12 @@
 //! own log how late its control steps were and what it threw away. Time for which the computer itself
 //! stood still is measured beside it and is not held against the companion.
 
+mod asked;
+mod report;
 mod stalls;
 mod tap;
 mod wire;
 
-use std::collections::BTreeMap;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -20,11 +20,11 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use haltere::ctl::GroundStation;
 use haltere::model::Vehicle;
-use serde_json::json;
 
+use self::asked::Asked;
 use self::stalls::{Stalls, Watch};
 use self::tap::{BoardSide, Taps};
-use self::wire::{Sorted, Wire};
+use self::wire::Wire;
 use crate::demo::newest_log;
 use crate::flood::measure::{Phase, phases};
 use crate::progress::Progress;
@@ -127,7 +127,7 @@ pub fn run(options: &Options) -> Result<bool> {
     stopped?;
     let log = newest_log(&logs)?;
     let steps = control_steps(&log, &seen.windows_us)?;
-    tell(options, &seen, &steps, &log)
+    report::tell(options, &seen, &steps, &log)
 }
 
 /// A vehicle whose battery lasts.
@@ -151,6 +151,8 @@ struct Seen {
     /// For how long processors stood still in the newest flight, ms.
     stood_ms: f64,
     wire: Wire,
+    /// What a station asked in flight, and when it had its answers.
+    asked: Asked,
     /// When processors stood still.
     stalls: Stalls,
     /// Begin and end of each flight, µs.
@@ -216,12 +218,15 @@ fn one_flight(
     watched.processors.take();
     station.takeoff(ROUND[0][2]).context("take-off")?;
     let from_us = now_us();
+    let mut asked = Asked::default();
     let mut airborne = || -> Result<()> {
+        asked.parameters(station).context("the list of parameters")?;
         for [north_m, east_m, height_m] in std::iter::repeat_n(ROUND, ROUNDS).flatten() {
             station.goto(north_m, east_m, height_m).context("a way point")?;
             let leg = Instant::now();
             while leg.elapsed() < LEG {
                 station.listen(Duration::from_millis(200))?;
+                asked.command(station)?;
                 seen.memory_B[2] = seen.memory_B[2].max(watched.companion.memory_B()?);
                 if !goes_on() {
                     return Ok(());
@@ -235,6 +240,7 @@ fn one_flight(
     let to_us = now_us();
     let (passed, stalls) = (watched.taps.take(), watched.processors.take());
     seen.stood_ms = stalls.stood_us(from_us, to_us) as f64 * 1e-3;
+    seen.asked.join(asked);
     seen.wire.join(Wire::of(&passed, &stalls, from_us, to_us));
     seen.stalls.join(stalls);
     seen.windows_us.push([from_us, to_us]);
@@ -290,118 +296,4 @@ impl Drop for Load {
             let _ = thread.join();
         }
     }
-}
-
-/// Nothing seen is no time.
-fn finite(ms: f64) -> f64 {
-    if ms.is_finite() { ms } else { 0.0 }
-}
-
-fn tell(options: &Options, seen: &Seen, steps: &Phase, log: &Path) -> Result<bool> {
-    let Wire { gaps_ms, own_gaps_ms, latency_ms, own_latency_ms } = &seen.wire;
-    let stalls_ms = Sorted::of(seen.stalls.durations_ms());
-    let own_late_ms = Sorted::of(steps.lateness_without(|from, to| seen.stalls.stood_us(from, to)));
-    let [first_B, last_B, most_B] = seen.memory_B;
-    let growth_B = last_B.saturating_sub(first_B);
-    let within = own_latency_ms.share_within(LATENCY_MS);
-    let missed = own_gaps_ms.beyond(options.longest_gap_ms);
-    let bounds: BTreeMap<&str, bool> = [
-        ("every flight flown", seen.trouble.len() == seen.disturbed),
-        ("no setpoint missed", missed == 0 && gaps_ms.count() > 100),
-        ("latency", within >= LATENCY_SHARE),
-        ("no growth of memory", growth_B <= MOST_GROWTH_B),
-        ("memory", most_B <= MOST_MEMORY_B),
-        ("processor time", seen.cpu <= MOST_CPU),
-    ]
-    .into();
-    let ok = bounds.values().all(|kept| *kept);
-    let mut out = std::io::stdout().lock();
-    if options.json {
-        let result = json!({
-            "ok": ok, "bounds": bounds, "flights": seen.flights, "trouble": seen.trouble,
-            "disturbed": seen.disturbed, "load_threads": options.load,
-            "setpoints": gaps_ms.count() + seen.flights, "missed": missed,
-            "gap_ms": { "median": gaps_ms.at(0.5), "p999": gaps_ms.at(0.999), "longest": gaps_ms.at(1.0), "longest_own": own_gaps_ms.at(1.0) },
-            "processors_stood_ms": { "times": stalls_ms.count(), "longest": finite(stalls_ms.at(1.0)) },
-            "latency_ms": { "count": latency_ms.count(), "median": latency_ms.at(0.5),
-                "p99": latency_ms.at(0.99), "p999": latency_ms.at(0.999), "longest": latency_ms.at(1.0), "longest_own": own_latency_ms.at(1.0),
-                "share_within_12_ms": within },
-            "lateness_ms": { "steps": steps.steps, "median": steps.lateness_ms(0.5),
-                "p99": steps.lateness_ms(0.99), "p999": steps.lateness_ms(0.999),
-                "worst": steps.lateness_ms(1.0), "p999_own": own_late_ms.at(0.999) },
-            "memory_kB": { "after_first_flight": first_B / 1024, "end": last_B / 1024,
-                "most": most_B / 1024, "growth": growth_B / 1024 },
-            "cpu_share": seen.cpu, "drops": steps.drops, "log": log,
-        });
-        writeln!(out, "{}", serde_json::to_string_pretty(&result)?)?;
-        return Ok(ok);
-    }
-    writeln!(out, "flights                    {}", seen.flights)?;
-    writeln!(
-        out,
-        "between setpoints, ms      median {:.2}, 99.9 % {:.2}, longest {:.2} ({:.2} without the time that a \
-         processor stood still); {} of {} beyond {} ms",
-        gaps_ms.at(0.5),
-        gaps_ms.at(0.999),
-        gaps_ms.at(1.0),
-        own_gaps_ms.at(1.0),
-        missed,
-        gaps_ms.count(),
-        options.longest_gap_ms
-    )?;
-    writeln!(
-        out,
-        "processors stood still     {} times, longest {:.2} ms",
-        stalls_ms.count(),
-        finite(stalls_ms.at(1.0))
-    )?;
-    writeln!(
-        out,
-        "UWB to setpoint, ms        median {:.2}, 99 % {:.2}, longest {:.2} ({:.2}); {:.3} % within {LATENCY_MS} ms",
-        latency_ms.at(0.5),
-        latency_ms.at(0.99),
-        latency_ms.at(1.0),
-        own_latency_ms.at(1.0),
-        100.0 * within
-    )?;
-    writeln!(
-        out,
-        "lateness of steps, ms      median {:.3}, 99 % {:.3}, 99.9 % {:.3} ({:.3}), worst {:.3}",
-        steps.lateness_ms(0.5),
-        steps.lateness_ms(0.99),
-        steps.lateness_ms(0.999),
-        own_late_ms.at(0.999),
-        steps.lateness_ms(1.0)
-    )?;
-    writeln!(
-        out,
-        "memory, kB                 {} after the first flight, {} at the end, {} at most",
-        first_B / 1024,
-        last_B / 1024,
-        most_B / 1024
-    )?;
-    writeln!(out, "processor time             {:.2} % of a core", 100.0 * seen.cpu)?;
-    for (reason, count) in &steps.drops {
-        writeln!(out, "  {reason}: {count}")?;
-    }
-    for why in &seen.trouble {
-        writeln!(out, "{why}")?;
-    }
-    if seen.disturbed > 0 {
-        writeln!(
-            out,
-            "{} of these while processors stood still for over {DISTURBED_MS} ms: not held against it",
-            seen.disturbed
-        )?;
-    }
-    for (bound, _) in bounds.iter().filter(|(_, kept)| !**kept) {
-        writeln!(out, "BROKEN: {bound}")?;
-    }
-    writeln!(
-        out,
-        "{}; log {}",
-        if ok { "within bounds" } else { "A BOUND IS BROKEN" },
-        log.display()
-    )?;
-    Ok(ok)
 }
