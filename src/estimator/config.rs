@@ -133,7 +133,7 @@ pub struct BoardVerticalConfig {
 
 impl Default for BoardVerticalConfig {
     fn default() -> Self {
-        Self { fuse: false, std_deg: 3.0, correlation_s: 2.0 }
+        Self { fuse: true, std_deg: 3.0, correlation_s: 2.0 }
     }
 }
 
@@ -410,6 +410,7 @@ impl EstimatorConfig {
             uwb_noise: UwbNoise::Constant,
             uwb_correlation_s: 0.0,
             gate: GateConfig { tail: Tail::Gaussian, ..GateConfig::default() },
+            board_vertical: BoardVerticalConfig { fuse: false, ..Default::default() },
             ..Self::default()
         }
     }
