@@ -145,4 +145,7 @@ pub struct HealthRecord {
     pub imu_age_s: Option<f64>,
     /// Offset of the board's clock is known with this uncertainty, s.
     pub std_board_clock_s: Option<f64>,
+    /// Anchors that the filter leaves out because they do not fit the others: bit n is the n-th of the survey,
+    /// ids ascending.
+    pub left_out: u16,
 }

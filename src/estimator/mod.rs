@@ -485,6 +485,12 @@ impl Estimator {
         self.isolation.is_out(rank)
     }
 
+    /// The same of all: bit n is the n-th of the survey.
+    pub fn left_out_bits(&self) -> u16 {
+        let out = self.isolation.left_out().iter().enumerate();
+        out.fold(0, |bits, (rank, out)| bits | u16::from(*out) << rank)
+    }
+
     /// Anchors that are left out because they do not fit (`isolation.rs`).
     pub fn left_out(&self) -> impl Iterator<Item = AnchorId> {
         let ids = self.survey.ids().iter().enumerate();

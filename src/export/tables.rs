@@ -242,6 +242,7 @@ fn cells(decoded: &Decoded) -> Row {
             ("uwb_age_s", Cell::Real(m.uwb_age_s)),
             ("imu_age_s", Cell::Real(m.imu_age_s)),
             ("std_board_clock_s", Cell::Real(m.std_board_clock_s)),
+            ("left_out", whole(u64::from(m.left_out))),
         ]),
         Decoded::Glue(m) => row.extend([
             ("at_us", whole(m.at_us)),

@@ -320,6 +320,7 @@ impl Pilot {
             uwb_age_s: self.last_fused.map(|t| at.seconds_since(t)),
             imu_age_s: self.last_imu.map(|t| at.seconds_since(t)),
             std_board_clock_s: self.board.clock().std_s(),
+            left_out: self.estimator.left_out_bits(),
         }));
     }
 

@@ -104,6 +104,7 @@ pub(super) fn decoded_from_topic(topic: &Topic) -> Decoded {
             uwb_age_s: health.uwb_age_s,
             imu_age_s: health.imu_age_s,
             std_board_clock_s: health.std_board_clock_s,
+            left_out: u32::from(health.left_out),
         }),
     }
 }

@@ -113,6 +113,7 @@ fn topics(at: HostTime) -> Vec<Topic> {
             uwb_age_s: None,
             imu_age_s: Some(0.002),
             std_board_clock_s: Some(1e-4),
+            left_out: 0b100,
         }),
     ]
 }

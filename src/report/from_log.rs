@@ -156,6 +156,7 @@ impl Flight {
                 uwb_age_s: m.uwb_age_s,
                 imu_age_s: m.imu_age_s,
                 std_board_clock_s: m.std_board_clock_s,
+                left_out: u16::try_from(m.left_out).unwrap_or(0),
             }),
             Decoded::Glue(m) => self.glue.push(GlueRow {
                 at: HostTime::from_us(m.at_us),

@@ -249,6 +249,7 @@ mod tests {
                     uwb_age_s: Some(0.004),
                     imu_age_s: Some(0.002 + wobble.abs() * 0.1),
                     std_board_clock_s: Some(1e-4),
+                    left_out: 0,
                 });
             }
         }

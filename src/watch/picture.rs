@@ -84,10 +84,14 @@ fn round(value: f64, digits: i32) -> f64 {
     (value * scale).round() / scale
 }
 
-fn health_shown(health: &HealthRecord) -> Value {
+fn health_shown(health: &HealthRecord, survey: &Survey) -> Value {
+    let ids = survey.ids().iter().enumerate().take(u16::BITS as usize);
+    let left_out: Vec<u8> =
+        ids.filter(|(n, _)| health.left_out >> n & 1 == 1).map(|(_, id)| id.0).collect();
     let drops: u64 = health.drops.iter().flat_map(|(_, drops)| drops.iter()).map(|(_, n)| n).sum();
     json!({ "misses": health.deadline_misses, "steps": health.control_steps, "uwb_age": health.uwb_age_s,
-            "imu_age": health.imu_age_s, "clock": health.std_board_clock_s, "drops": drops })
+            "imu_age": health.imu_age_s, "clock": health.std_board_clock_s, "drops": drops,
+            "left_out": left_out })
 }
 
 /// A change of mode in the words of the core.
@@ -172,7 +176,7 @@ impl Picture {
             }
             Topic::Control(control) => self.control = Some(*control),
             Topic::Battery(battery) => self.battery = Some(*battery),
-            Topic::Health(health) => self.health = health_shown(health),
+            Topic::Health(health) => self.health = health_shown(health, &self.survey),
             Topic::Mode(mode) => {
                 self.mode = Some(mode.clone());
                 self.event(at, SEVERITY_NOTICE, &change(mode), true);
@@ -450,6 +454,25 @@ pub(super) mod tests {
             (&json!(3), &json!(true))
         );
         assert_eq!(json(&picture.frame())["mode"], "hold");
+    }
+
+    #[test]
+    fn prop_anchors_that_are_left_out_are_told_by_their_numbers() {
+        let mut picture = picture();
+        let third = picture.survey.ids()[2].0;
+        let health = HealthRecord {
+            at: at(0),
+            drops: Vec::new().into(),
+            deadline_misses: 0,
+            control_steps: 1,
+            uwb_age_s: None,
+            imu_age_s: None,
+            std_board_clock_s: None,
+            // The last bit stands for no anchor of this survey.
+            left_out: 0b100 | 1 << 15,
+        };
+        picture.topic(at(0), &Topic::Health(health));
+        assert_eq!(json(&picture.slow(0, 1))["health"]["left_out"], json!([third]));
     }
 
     #[test]

@@ -2,10 +2,12 @@
 
 import os
 import pathlib
+import socket
 
 import pytest
 
 from browser import Browser, program
+from haltere_testing.rig import Rig, free_port
 
 pytestmark = pytest.mark.skipif(program() is None, reason="no chromium")
 
@@ -87,3 +89,24 @@ def test_what_is_old_is_said_to_be(rig, port, browser):
     assert "what is shown is old" in page.value("document.getElementById('stale').textContent")
     assert page.value("document.body.classList.contains('old')")
     page.close()
+
+
+def test_an_anchor_that_is_left_out_says_so(tmp_path, browser):
+    port = free_port(socket.SOCK_STREAM)
+    more = (f'[watch]\naddress = "tcpin:127.0.0.1:{port}"\n'
+            "[estimator.isolation]\nleave_out = true\nstd_bias_m = 0.1\nleast_m = 0.3\n")
+    with Rig(tmp_path, lockstep=True, speed=1, more=more) as rig:
+        rig.settle()
+        station = rig.station()
+        station.takeoff(1.2)
+        page = browser.open(f"http://127.0.0.1:{port}/", 1366, 850)
+        page.wait("document.querySelectorAll('#anchors tbody .bar').length === 8")
+        # Metal between anchor 3 and the whole room.
+        rig.fault("effect", effect="U5", values={"bias": 0.8, "std": 0.0, "anchor": 3, "north": 5.0,
+                                                 "east": 5.0, "size": 4.0})
+        station.said("anchor 3 does not fit the others", 20)
+        page.wait("[...document.querySelectorAll('#anchors tbody tr')].map(row => row.innerText)"
+                  ".filter(text => text.includes('left out')).map(text => text.trim()[0]).join() === '3'")
+        keep(page, tmp_path, "left-out")
+        page.close()
+        station.land()

@@ -167,7 +167,7 @@ function tables() {
     ['thrown away', String(x.drops ?? '–')],
     ['this page', state.rate + '/s, ' + (state.rtt === null ? '–' : fixed(state.rtt, 0, ' ms')) + (s.lost ? ', lost ' + s.lost : '')],
   ]);
-  const heard = new Map(s.anchors.map(a => [a.id, a]));
+  const heard = anchorsOf(s);
   $('anchors').tBodies[0].replaceChildren(...h.anchors.map(({ id }) => {
     const a = heard.get(id), row = document.createElement('tr');
     const cell = (text, kind) => {
@@ -180,7 +180,11 @@ function tables() {
     cell(id);
     cell(a ? fixed(a.hz, 0) : '0', 'n');
     const used = cell('');
-    if (a) {
+    if (a?.out) {
+      used.textContent = 'left out';
+      used.title = 'does not fit the other anchors: it moved, or something stands before it';
+      used.className = 'bad';
+    } else if (a) {
       const bar = document.createElement('span'), part = document.createElement('i');
       bar.className = 'bar ' + quality(a);
       part.style.width = Math.round(a.used * 100) + '%';
@@ -194,7 +198,14 @@ function tables() {
   }));
 }
 
-const quality = a => !a ? 'gone' : a.used < 0.5 ? 'bad' : a.used < 0.9 || a.ratio > 0.5 ? 'warn' : 'good';
+/** What the last seconds say of each anchor, by its number; those that the filter leaves out say so. */
+function anchorsOf(slow) {
+  const anchors = new Map((slow?.anchors ?? []).map(a => [a.id, a]));
+  for (const id of slow?.health?.left_out ?? []) if (anchors.has(id)) anchors.get(id).out = true;
+  return anchors;
+}
+
+const quality = a => !a ? 'gone' : a.out ? 'out' : a.used < 0.5 ? 'bad' : a.used < 0.9 || a.ratio > 0.5 ? 'warn' : 'good';
 
 function event({ t, severity, text, mode }) {
   const item = document.createElement('li'), time = document.createElement('time'), words = document.createElement('span');
@@ -304,7 +315,7 @@ function things(s, at, volume) {
   }
   g.globalAlpha = 1;
 
-  const heard = new Map((state.slow?.anchors ?? []).map(a => [a.id, a])), places = new Map();
+  const heard = anchorsOf(state.slow), places = new Map();
   for (const { id, p } of state.hello.anchors) {
     const [x, y] = px(p), key = Math.round(x / 12) + ',' + Math.round(y / 12);
     places.set(key, { x, y, ids: [...(places.get(key)?.ids ?? []), id] });
@@ -313,8 +324,14 @@ function things(s, at, volume) {
   for (const { x, y, ids } of places.values()) {
     ids.forEach((id, i) => {
       const kind = state.slow ? quality(heard.get(id)) : 'gone', at = x + (i - (ids.length - 1) / 2) * 11;
-      g.fillStyle = { good: C.good, warn: C.warn, bad: C.bad, gone: C.soft }[kind];
+      g.fillStyle = { good: C.good, warn: C.warn, bad: C.bad, out: C.bad, gone: C.soft }[kind];
       g.fillRect(at - 4.5, y - 4.5, 9, 9);
+      if (kind === 'out') {
+        g.strokeStyle = C.bg;
+        g.lineWidth = 2;
+        line(g, [[at - 4.5, y - 4.5], [at + 4.5, y + 4.5]]);
+        line(g, [[at - 4.5, y + 4.5], [at + 4.5, y - 4.5]]);
+      }
       if (kind === 'gone') { g.fillStyle = C.bg; g.fillRect(at - 3, y - 3, 6, 6); }
     });
     const right = x > s.x((s.x0 + s.x1) / 2), away = 4 + 5.5 * ids.length;
