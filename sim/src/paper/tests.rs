@@ -4,8 +4,6 @@
 use std::collections::BTreeSet;
 use std::sync::OnceLock;
 
-use haltere::pilot::PilotConfig;
-
 use super::results::{Cell, Row, Spread, Table, Verdict};
 use super::*;
 
@@ -26,7 +24,7 @@ fn flown() -> &'static (Vec<Outcome>, [u64; 2]) {
     static FLOWN: OnceLock<(Vec<Outcome>, [u64; 2])> = OnceLock::new();
     FLOWN.get_or_init(|| {
         let progress = Progress::silent(0);
-        let bench = Bench { pilot: PilotConfig::default(), repetitions: 1, progress };
+        let bench = Bench { pilot: pilot(None, &[]).unwrap(), repetitions: 1, progress };
         let all: Vec<&Experiment> = EXPERIMENTS.iter().collect();
         let told = EXPERIMENTS.iter().map(|e| (e.cost)(&bench)).sum();
         let outcomes = run_all(&all, &bench);
