@@ -89,3 +89,16 @@ fn prop_a_log_is_reproduced_and_a_second_one_is_equal() {
     assert_eq!(a.session(), b.session());
     assert!(a.entries().eq(b.entries()));
 }
+
+#[test]
+fn regress_a_healthy_vehicle_is_flown_to_the_end_of_its_mission() {
+    // Its gears shake the board so that the accelerometer was called noise at 42 s: blind descent.
+    let scene = Scene::lab().unwrap();
+    let cases = suite(&scene, 777);
+    let case = cases.iter().find(|c| c.key.id == "commissioning-19").unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let log = dir.path().join("flight.mcap");
+    let setup = case.setup(&scene, Mission::Diagnostic);
+    let outcome = flight::record(&scene, setup, Mission::Diagnostic, &log).unwrap();
+    assert!(outcome.landed && outcome.flown_s > 100.0, "{outcome:?}");
+}
