@@ -28,7 +28,7 @@ def _dialect():
 
 mavlink = _dialect()
 
-#: What a vehicle sends in about half a minute; the system's usual buffer is full after two seconds.
+#: What a vehicle sends in over half a minute; the system's usual buffer is full after two seconds.
 #: The system may allow less.
 RECEIVE_BUFFER = 4 << 20
 

@@ -18,8 +18,8 @@ const LONGEST_S: f64 = 0.1;
 const ROUGH_FILTER_S: f64 = 0.3;
 /// For how long it must look like noise, s.
 const ROUGH_LASTS_S: f64 = 0.3;
-/// Share of white noise that is noise. Over these times 25 healthy flights in the other simulator, whose gears shake
-/// the board as well, had 0.53 at most, and white noise never less than 0.86 in a minute.
+/// Share of white noise that is noise. Over these times 64 whole healthy flights in the other simulator, whose gears
+/// shake the board as well, had 0.56 at most, and white noise never less than 0.86 in two minutes.
 const ROUGH_RATIO: f64 = 0.7;
 /// Noise that matters, m/s² and rad/s, all axes together.
 const ROUGH_ACC_MPS2: f64 = 8.0;
@@ -210,7 +210,7 @@ pub(super) const NOISE: Condition = Condition {
         key: "",
         value: |_| ROUGH_RATIO,
         unit: "",
-        origin: "between the 0.53 that healthy flights of the other simulator had at most and the 0.86 that white \
+        origin: "between the 0.56 that healthy flights of the other simulator had at most and the 0.86 that white \
                  noise has at least",
     }],
     lasts_s: |_| ROUGH_LASTS_S,
