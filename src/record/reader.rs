@@ -436,6 +436,8 @@ pub(super) struct Message<'a> {
 pub(super) struct Messages<'a> {
     file: Walk<'a>,
     chunk: Option<Walk<'a>>,
+    /// The chunk was never closed, or the file ends within it: nothing follows.
+    open: bool,
     channels: BTreeMap<u16, String>,
     end: Option<LogEnd>,
 }
@@ -444,7 +446,7 @@ impl<'a> Messages<'a> {
     /// `bytes` begins with the magic.
     pub(super) fn new(bytes: &'a [u8]) -> Self {
         let file = Walk { bytes, at: mcap::MAGIC.len(), base: 0 };
-        Self { file, chunk: None, channels: BTreeMap::new(), end: None }
+        Self { file, chunk: None, open: false, channels: BTreeMap::new(), end: None }
     }
 
     /// How it ended.
@@ -471,8 +473,12 @@ impl<'a> Iterator for Messages<'a> {
             let walk = self.chunk.as_mut().unwrap_or(&mut self.file);
             let offset = walk.base + walk.at;
             let Some((opcode, body)) = walk.next() else {
-                if in_chunk {
+                if in_chunk && !self.open {
                     self.chunk = None;
+                    continue;
+                }
+                if !in_chunk && let Some(open) = self.file.open_chunk() {
+                    (self.chunk, self.open) = (Some(open), true);
                     continue;
                 }
                 return self.stop(LogEnd::Cut { offset });
@@ -550,6 +556,25 @@ struct Walk<'a> {
     at: usize,
     /// Offset of `bytes` in the file.
     base: usize,
+}
+
+/// Head of a chunk without compression: two times, length, checksum, an empty name, length.
+const CHUNK_HEAD_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 8;
+/// Where in it the length of the compression's name stands.
+const COMPRESSION_AT: usize = 8 + 8 + 8 + 4;
+
+impl<'a> Walk<'a> {
+    /// The records of a chunk that runs beyond the end of the file: one that was being written when the
+    /// power failed, or a file that was cut. There is no checksum of a part, so what was torn in
+    /// it is only noticed by its form.
+    fn open_chunk(&self) -> Option<Walk<'a>> {
+        let (opcode, rest) = self.bytes.get(self.at..)?.split_first()?;
+        let body = rest.get(8..)?;
+        let plain = body.get(COMPRESSION_AT..COMPRESSION_AT + 4)? == [0; 4];
+        let bytes = body.get(CHUNK_HEAD_BYTES..).filter(|_| *opcode == op::CHUNK && plain)?;
+        let base = self.base + self.at + RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES;
+        Some(Walk { bytes, at: 0, base })
+    }
 }
 
 impl<'a> Iterator for Walk<'a> {

@@ -213,7 +213,7 @@ impl Recorder {
         }
     }
 
-    pub(super) fn spawn<W: std::io::Write + Send + 'static>(
+    pub(super) fn spawn<W: std::io::Write + std::io::Seek + Send + 'static>(
         log: LogWriter<W>,
         depth: usize,
     ) -> Result<Self, RecordError> {
@@ -427,7 +427,7 @@ fn widen(hole: Option<pb::Hole>, items: &[(HostTime, u64, Item)]) -> pb::Hole {
 }
 
 /// Body of the recorder's thread. After a failure it goes on emptying the queue, and counts.
-fn write_all<W: std::io::Write>(log: LogWriter<W>, queue: &Queue) -> Ended {
+fn write_all<W: std::io::Write + std::io::Seek>(log: LogWriter<W>, queue: &Queue) -> Ended {
     let _deserts = Deserts(queue);
     let mut ended = Ended::default();
     let mut log = Some(log);
@@ -491,7 +491,7 @@ fn entries(batch: Option<&Batch>) -> u64 {
     batch.map_or(0, |batch| batch.items.len() as u64)
 }
 
-fn write_batch<W: std::io::Write>(
+fn write_batch<W: std::io::Write + std::io::Seek>(
     log: &mut LogWriter<W>,
     batch: &Batch,
     last: &mut Tail,

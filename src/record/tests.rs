@@ -1,6 +1,6 @@
 //! Record, read back, cut, damage, overflow.
 
-use std::io::{self, Write};
+use std::io::{self, Seek, Write};
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
@@ -172,15 +172,26 @@ fn read(bytes: &[u8]) -> Result<(Vec<Entry>, LogEnd), LogError> {
 
 /// A medium in memory.
 #[derive(Clone, Default)]
-struct Memory(Arc<Mutex<Vec<u8>>>);
+struct Memory(Arc<Mutex<io::Cursor<Vec<u8>>>>);
+
+impl Memory {
+    fn bytes(&self) -> Vec<u8> {
+        self.0.lock().unwrap().get_ref().clone()
+    }
+}
 
 impl Write for Memory {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.lock().unwrap().extend_from_slice(bytes);
-        Ok(bytes.len())
+        self.0.lock().unwrap().write(bytes)
     }
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
+    }
+}
+
+impl Seek for Memory {
+    fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+        self.0.lock().unwrap().seek(to)
     }
 }
 
@@ -225,8 +236,9 @@ fn prop_every_topic_has_a_channel() {
 
 #[test]
 fn prop_a_cut_log_is_a_prefix() {
-    // Chunks of one batch each, so that cuts fall between and inside chunks.
+    // Chunks of some batches, so that cuts fall between, inside and at the end of chunks.
     let (memory, mut log) = in_memory();
+    log.chunk_bytes = 900;
     let topics = topics(HostTime::from_us(1));
     let mut expected = Vec::new();
     for sequence in 1..=30 {
@@ -242,22 +254,22 @@ fn prop_a_cut_log_is_a_prefix() {
             log.persist().unwrap();
         }
     }
-    let open = memory.0.lock().unwrap().clone();
+    let open = memory.bytes();
     log.finish().unwrap();
-    let closed = memory.0.lock().unwrap().clone();
+    let closed = memory.bytes();
     assert_eq!(read(&closed).unwrap(), (expected.clone(), LogEnd::Complete));
     // Power loss right after a sync costs nothing.
     assert_eq!(read(&open).unwrap(), (expected.clone(), LogEnd::Cut { offset: open.len() }));
 
     let head = {
         let (memory, _log) = in_memory();
-        memory.0.lock().unwrap().len()
+        memory.bytes().len()
     };
     assert_eq!(read(&open[..head]).unwrap().0, [], "the head alone is a log");
     let mut longest = 0;
     // A stride that is prime to the record sizes visits every kind of place.
     let end = open.len() - 300;
-    for cut in (0..end).step_by(7).chain(end..open.len()) {
+    for cut in (0..end).step_by(7).chain(end..=open.len()) {
         match read(&open[..cut]) {
             Ok((got, LogEnd::Cut { offset })) => {
                 assert!(offset <= cut);
@@ -270,12 +282,48 @@ fn prop_a_cut_log_is_a_prefix() {
             Err(other) => panic!("cut at {cut}: {other}"),
         }
     }
-    assert_eq!(longest, expected.len(), "only the index of the last chunk is cut");
+    assert_eq!(longest, expected.len(), "nothing is lost in the open chunk");
+}
+
+#[test]
+fn prop_a_chunk_tells_its_length_only_when_all_of_it_is_permanent() {
+    // What a power cut leaves: the medium as it was at the last sync.
+    let memory = Memory::default();
+    let safe = Arc::new(Mutex::new(Vec::new()));
+    let (medium, saved) = (memory.clone(), safe.clone());
+    let sync = Box::new(move || {
+        *saved.lock().unwrap() = medium.bytes();
+        Ok(())
+    });
+    let mut log = LogWriter::on("memory".into(), memory.clone(), sync, &session()).unwrap();
+    log.chunk_bytes = 2000;
+    for sequence in 1..=200 {
+        let at = HostTime::from_us(sequence * 10);
+        log.raw(false, LinkId::Tag, at, sequence, &[7; 90]).unwrap();
+        if sequence % 4 == 0 {
+            log.persist().unwrap();
+        }
+        let kept = safe.lock().unwrap().clone();
+        let (got, _) = read(&kept).unwrap();
+        assert!(got.len() as u64 >= sequence / 4 * 4, "{} of {sequence}", got.len());
+        // The head of a chunk, but not what was in it, came to the disk: nothing claims to be whole.
+        let now = memory.bytes();
+        let mut torn = now[..kept.len().min(now.len())].to_vec();
+        torn.resize(now.len(), 0);
+        let (got, _) = read(&torn).unwrap();
+        assert!(got.len() as u64 >= sequence / 4 * 4, "torn: {} of {sequence}", got.len());
+    }
+    log.finish().unwrap();
+    assert_eq!(read(&memory.bytes()).unwrap().1, LogEnd::Complete);
+    let summary = mcap::Summary::read(&memory.bytes()).unwrap().unwrap();
+    // 200 messages of some 133 bytes, 16 to a chunk, and the head.
+    assert!((12..=15).contains(&summary.chunk_indexes.len()), "{}", summary.chunk_indexes.len());
 }
 
 #[test]
 fn prop_damage_ends_the_log_and_never_panics() {
     let (memory, mut log) = in_memory();
+    log.chunk_bytes = 300;
     for sequence in 1..=20 {
         let at = HostTime::from_us(sequence * 10);
         log.raw(true, LinkId::Board, at, sequence, &[sequence as u8; 25]).unwrap();
@@ -284,7 +332,7 @@ fn prop_damage_ends_the_log_and_never_panics() {
         }
     }
     log.finish().unwrap();
-    let bytes = memory.0.lock().unwrap().clone();
+    let bytes = memory.bytes();
     let (whole, _) = read(&bytes).unwrap();
     for at in (0..bytes.len()).step_by(11) {
         for flip in [0x01, 0x80, 0xff] {
@@ -366,6 +414,12 @@ struct Gate {
     head_written: bool,
 }
 
+impl Seek for Gate {
+    fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+        self.inner.seek(to)
+    }
+}
+
 impl Write for Gate {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.inner.write(bytes)
@@ -408,7 +462,7 @@ fn prop_an_overflow_is_a_hole_in_the_log() {
     let summary = recorder.finish();
     assert_eq!(summary.lost_entries, lost);
 
-    let bytes = memory.0.lock().unwrap().clone();
+    let bytes = memory.bytes();
     let (entries, end) = read(&bytes).unwrap();
     assert_eq!(end, LogEnd::Complete);
     let mut expected = 1;
@@ -464,14 +518,23 @@ fn prop_what_waits_for_a_stalled_disk_is_bounded_in_bytes_too() {
 }
 
 /// A medium that is full after some bytes.
-struct Full(usize);
+struct Full {
+    inner: Memory,
+    room: usize,
+}
+
+impl Seek for Full {
+    fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+        self.inner.seek(to)
+    }
+}
 
 impl Write for Full {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match self.0.checked_sub(bytes.len()) {
+        match self.room.checked_sub(bytes.len()) {
             Some(left) => {
-                self.0 = left;
-                Ok(bytes.len())
+                self.room = left;
+                self.inner.write(bytes)
             }
             None => Err(io::Error::from(io::ErrorKind::StorageFull)),
         }
@@ -484,13 +547,19 @@ impl Write for Full {
 #[test]
 fn prop_a_full_disk_ends_the_recording_not_the_flight() {
     let sync = Box::new(|| Ok(()));
-    let log = LogWriter::on("/logs/a.mcap".into(), Full(200_000), sync, &session()).unwrap();
+    let inner = Memory::default();
+    let full = Full { inner: inner.clone(), room: 2_000_000 };
+    let log = LogWriter::on("/logs/a.mcap".into(), full, sync, &session()).unwrap();
     let mut recorder = Recorder::spawn(log, 4096).unwrap();
     script(&mut recorder, 3000);
     let summary = recorder.finish();
     let error = summary.error.unwrap().to_string();
     assert!(error.starts_with("/logs/a.mcap: recording stopped: no storage space"), "{error}");
     assert!(summary.lost_entries > 0);
+    // What was written stays readable, though its chunk was never closed.
+    let (entries, end) = read(&inner.bytes()).unwrap();
+    assert!(matches!(end, LogEnd::Cut { .. }), "{end}");
+    assert!(entries.len() > 100, "{}", entries.len());
 }
 
 #[test]

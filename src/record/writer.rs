@@ -1,14 +1,16 @@
 //! Writes a log file: schemas, channels and messages through the MCAP writer, synced every second.
 //!
-//! Chunks without seeking make the file append-only, so that a power cut costs only what was not
-//! synced. Neither the MCAP writer nor a flush syncs: that is done here.
+//! A chunk is written as it grows. What is in it is made permanent every second, and only when all of it is,
+//! its head is told its length: so a power cut costs what was not synced, and nothing before it.
+//! The index that the MCAP writer keeps in memory to the end grows by some 500 bytes a chunk: chunks of
+//! a second would grow it by 2 MB an hour. Neither the MCAP writer nor a flush syncs: that is done here.
 
 use std::collections::BTreeMap;
-use std::io::{self, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use mcap::records::{MessageHeader, Metadata};
-use mcap::write::NoSeek;
 use mcap::{McapError, WriteOptions};
 use thiserror::Error;
 
@@ -20,8 +22,10 @@ use super::session::Session;
 use crate::pilot::LinkId;
 use crate::time::HostTime;
 
-/// Largest chunk, bytes. The flush each second makes most chunks smaller.
-const CHUNK_BYTES: u64 = 1 << 20;
+/// A chunk ends with the record that reaches this, bytes: some seconds of a flight.
+const CHUNK_BYTES: usize = 1 << 20;
+/// What a message takes in a chunk besides its data: opcode, length, channel, sequence, two times, bytes.
+const MESSAGE_HEAD_BYTES: usize = 1 + 8 + 2 + 4 + 8 + 8;
 
 /// Why a flight is not recorded, or no longer.
 #[derive(Debug, Error)]
@@ -54,11 +58,47 @@ pub enum RecordError {
 /// What makes written bytes permanent.
 pub(super) type Sync = Box<dyn FnMut() -> io::Result<()> + Send>;
 
+/// The medium: the MCAP writer holds it, and so does who flushes it in the middle of a chunk.
+struct Shared<W>(Arc<Mutex<W>>);
+
+impl<W> Clone for Shared<W> {
+    fn clone(&self) -> Self {
+        Self(self.0.clone())
+    }
+}
+
+impl<W> Shared<W> {
+    fn medium(&self) -> io::Result<MutexGuard<'_, W>> {
+        self.0.lock().map_err(|_| io::Error::other("a write before ended in a panic"))
+    }
+}
+
+impl<W: Write> Write for Shared<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.medium()?.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.medium()?.flush()
+    }
+}
+
+impl<W: Seek> Seek for Shared<W> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.medium()?.seek(to)
+    }
+}
+
 /// An open log.
-pub(super) struct LogWriter<W: Write> {
+pub(super) struct LogWriter<W: Write + Seek> {
     path: PathBuf,
-    mcap: mcap::Writer<NoSeek<W>>,
+    mcap: mcap::Writer<Shared<W>>,
+    medium: Shared<W>,
     sync: Sync,
+    /// In the open chunk, bytes.
+    open_bytes: usize,
+    /// With so many it ends.
+    pub(super) chunk_bytes: usize,
     channels: BTreeMap<String, u16>,
     buffer: Vec<u8>,
 }
@@ -74,7 +114,7 @@ impl LogWriter<io::BufWriter<std::fs::File>> {
     }
 }
 
-impl<W: Write> LogWriter<W> {
+impl<W: Write + Seek> LogWriter<W> {
     /// Begins a log on any medium.
     pub(super) fn on(
         path: PathBuf,
@@ -82,18 +122,20 @@ impl<W: Write> LogWriter<W> {
         sync: Sync,
         session: &Session,
     ) -> Result<Self, RecordError> {
+        let medium = Shared(Arc::new(Mutex::new(medium)));
         let begun = WriteOptions::new()
             .compression(None)
             .profile("haltere")
             .library(concat!("haltere/", env!("CARGO_PKG_VERSION")))
-            .chunk_size(Some(CHUNK_BYTES))
-            .disable_seeking(true)
-            .create(NoSeek::new(medium));
+            .chunk_size(None)
+            .create(medium.clone());
         let mcap = match begun {
             Ok(mcap) => mcap,
             Err(error) => return Err(RecordError::Write { path, reason: error.to_string() }),
         };
-        let mut log = Self { path, mcap, sync, channels: BTreeMap::new(), buffer: Vec::new() };
+        let (channels, buffer) = (BTreeMap::new(), Vec::new());
+        let (open_bytes, chunk_bytes) = (0, CHUNK_BYTES);
+        let mut log = Self { path, mcap, medium, sync, open_bytes, chunk_bytes, channels, buffer };
         log.begin(session).map_err(|error| log.error(&error))?;
         Ok(log)
     }
@@ -190,22 +232,31 @@ impl<W: Write> LogWriter<W> {
         #[allow(clippy::cast_possible_truncation)]
         let sequence = sequence as u32;
         let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
-        self.mcap.write_to_known_channel(&header, &self.buffer)
+        self.mcap.write_to_known_channel(&header, &self.buffer)?;
+        self.open_bytes += MESSAGE_HEAD_BYTES + self.buffer.len();
+        if self.open_bytes >= self.chunk_bytes { self.persist() } else { Ok(()) }
     }
 
-    /// Closes the open chunk and makes everything so far permanent.
+    /// Makes everything so far permanent, and then closes a chunk that is long enough.
     pub(super) fn persist(&mut self) -> Result<(), McapError> {
-        self.mcap.flush()?;
-        (self.sync)()?;
+        self.settle()?;
+        if self.open_bytes >= self.chunk_bytes {
+            self.mcap.flush()?;
+            self.open_bytes = 0;
+            self.settle()?;
+        }
         Ok(())
+    }
+
+    fn settle(&mut self) -> io::Result<()> {
+        self.medium.flush()?;
+        (self.sync)()
     }
 
     /// Writes the index. The log is complete when this returns.
     pub(super) fn finish(mut self) -> Result<(), McapError> {
+        self.settle()?;
         self.mcap.finish()?;
-        let mut medium = self.mcap.into_inner();
-        medium.flush()?;
-        (self.sync)()?;
-        Ok(())
+        Ok(self.settle()?)
     }
 }

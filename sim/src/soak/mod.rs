@@ -60,8 +60,7 @@ pub struct Options {
 /// one control period and 2 ms.
 const LATENCY_MS: f64 = 12.0;
 const LATENCY_SHARE: f64 = 0.99;
-/// Memory that may come after the first flight, bytes. Seen are 1.2 to 2.1 kB for each second, which is within
-/// it for 16 minutes and not for an hour (docs/REALTIME.md).
+/// Memory that may come after the first flight, bytes: an hour at 0.6 kB/s (docs/REALTIME.md).
 const MOST_GROWTH_B: u64 = 2 << 20;
 /// Most memory, bytes, and processor time as a share of one core.
 const MOST_MEMORY_B: u64 = 30 << 20;
