@@ -149,3 +149,10 @@ fn terminate(pid: u32) {
     assert!(status.success());
     let _ = std::io::stdout().flush();
 }
+
+#[test]
+fn prop_a_program_that_comes_to_no_end_is_ended() {
+    let mut child = std::process::Command::new("sleep").arg("600").spawn().expect("sleep starts");
+    assert_eq!(wait(&mut child, Duration::from_millis(100)), None);
+    assert!(child.try_wait().expect("a child of ours").is_some(), "it runs on");
+}

@@ -4,8 +4,9 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::time::Duration;
 
-use super::support::{in_real_time, program, root, tell};
+use super::support::{finish, in_real_time, program, root, tell};
 
 const NO_PYTHON: &str = "the pymavlink tests need Python 3.9 or later with venv and pip: on Debian \
                          or Ubuntu `apt install python3 python3-venv python3-pip`";
@@ -94,6 +95,9 @@ fn pytest_of_others(folder: &str, what: &str) {
     pytest(folder, what);
 }
 
+/// Longest run of the tests of a folder; three minutes are usual.
+const LIMIT: Duration = Duration::from_secs(720);
+
 fn attempt(folder: &str, what: &str) -> Result<(), String> {
     let tests = root().join("tests").join(folder);
     let python = python(&tests.join("requirements.txt"));
@@ -112,14 +116,15 @@ fn attempt(folder: &str, what: &str) -> Result<(), String> {
     if has_pymavlink(&tests) {
         command.env("HALTERE_TEST_DIALECT", dialect(&python, folder.path()));
     }
-    let output = command.output().expect("pytest starts");
-    let text = String::from_utf8_lossy(&output.stdout).into_owned()
-        + &String::from_utf8_lossy(&output.stderr);
-    if !output.status.success() {
-        return Err(format!("pytest: {}\n{text}", output.status));
+    let ended = finish(command, folder.path(), LIMIT);
+    match ended.code {
+        Some(0) => {
+            println!("{}", ended.text);
+            Ok(())
+        }
+        Some(code) => Err(format!("pytest: exit code {code}\n{}", ended.text)),
+        None => Err(format!("pytest: not at its end after {LIMIT:?}\n{}", ended.text)),
     }
-    println!("{text}");
-    Ok(())
 }
 
 /// Whether the tests of a folder speak MAVLink themselves.

@@ -112,7 +112,7 @@ pub fn sim(args: &[&str], folder: &Path, limit: Duration) -> Ended {
 }
 
 /// Output goes through a file: a pipe that nobody reads would stop the process.
-fn finish(mut command: Command, folder: &Path, limit: Duration) -> Ended {
+pub fn finish(mut command: Command, folder: &Path, limit: Duration) -> Ended {
     let path = folder.join("output.txt");
     let output = std::fs::File::create(&path).expect("a file for output");
     let mut child = command
@@ -125,16 +125,30 @@ fn finish(mut command: Command, folder: &Path, limit: Duration) -> Ended {
     Ended { code, text: std::fs::read_to_string(&path).unwrap_or_default() }
 }
 
-/// Exit code, or `None` after killing it at the limit.
+/// Exit code, or `None` after ending it at the limit: interrupted, so that it can say where it was and
+/// end what it has started, and then killed.
 pub fn wait(child: &mut Child, limit: Duration) -> Option<i32> {
+    if let Some(status) = ends_within(child, limit) {
+        return status.code();
+    }
+    let _ = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    if ends_within(child, INTERRUPTED).is_none() {
+        let _ = child.kill();
+        let _ = child.wait();
+    }
+    None
+}
+
+/// Time to end after an interrupt.
+const INTERRUPTED: Duration = Duration::from_secs(30);
+
+fn ends_within(child: &mut Child, limit: Duration) -> Option<std::process::ExitStatus> {
     let deadline = Instant::now() + limit;
     while Instant::now() < deadline {
         if let Some(status) = child.try_wait().expect("a child of ours") {
-            return status.code();
+            return Some(status);
         }
         std::thread::sleep(Duration::from_millis(20));
     }
-    let _ = child.kill();
-    let _ = child.wait();
     None
 }
