@@ -68,6 +68,9 @@ enum Command {
     /// The sealed suite for the diagnosis of the sim-to-real gap: flights of another world, with
     /// the key to them in a folder of its own (docs/GAP_PROTOCOL.md).
     Cases(cases::Options),
+    /// From which size on each effect of the other world shows in the diagnostic flight: what the sealed
+    /// suite is made with (docs/GAP_PROTOCOL.md).
+    Detectable(cases::detectable::Options),
     /// Many flights over distributions of a scenario, on all cores, resumable; the fault campaign
     /// (docs/CAMPAIGNS.md).
     Campaign(campaign::Options),
@@ -122,6 +125,7 @@ fn main() -> ExitCode {
         Command::Tune(options) => compare::tune(&options),
         Command::Paper(options) => paper::run(&options),
         Command::Cases(options) => cases::run(&options),
+        Command::Detectable(options) => cases::detectable::run(&options),
         Command::Flood(options) => flood::run(&options),
         Command::Campaign(options) => campaign::run(&options),
         Command::Soak(options) => soak::run(&options),

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::detectable::Detectable;
 use crate::generator::craft::Craft;
 use crate::generator::effects::{Deviations, Hall, SEVERITIES, Severity, Spec, known, unknown};
 use crate::generator::noise::Noise;
@@ -122,6 +123,8 @@ pub struct Case {
     /// Its flights.
     pub missions: Vec<Mission>,
     deviations: Deviations,
+    /// All flights of a suite are flown in one room.
+    room_seed: u64,
 }
 
 impl Case {
@@ -136,14 +139,14 @@ impl Case {
             craft,
             deviations: self.deviations.clone(),
             onset_s: onset_s.unwrap_or(0.0),
-            room_seed: seed,
+            room_seed: self.room_seed,
             ..healthy
         }
     }
 }
 
 /// Another seed for each number.
-fn mixed(seed: u64, number: u64) -> u64 {
+pub fn mixed(seed: u64, number: u64) -> u64 {
     (seed ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15)).wrapping_mul(0xd134_2543_de82_ef95) >> 11
 }
 
@@ -155,9 +158,17 @@ struct Plan {
     sudden: bool,
 }
 
+/// What all cases of a suite have in common.
+struct Place<'a> {
+    hall: Hall,
+    detectable: &'a Detectable,
+    suite_seed: u64,
+}
+
 /// The whole suite in the order of its ids; commissioning and calibration come first.
 pub fn suite(scene: &Scene, suite_seed: u64) -> Vec<Case> {
-    let hall = hall(scene);
+    let detectable = Detectable::committed();
+    let place = Place { hall: hall(scene), detectable: &detectable, suite_seed };
     let mut sealed = Vec::new();
     let mut sealed_index = BTreeMap::<Class, usize>::new();
     for plan in sealed_plans(suite_seed) {
@@ -175,16 +186,16 @@ pub fn suite(scene: &Scene, suite_seed: u64) -> Vec<Case> {
     for i in 0..COMMISSIONING {
         let plan = healthy(Class::Commissioning, false);
         let seed = mixed(suite_seed ^ 0xc0, i as u64);
-        cases.push(case(format!("commissioning-{:02}", i + 1), plan, i, seed, &hall));
+        cases.push(case(format!("commissioning-{:02}", i + 1), plan, i, seed, &place));
     }
     for i in 0..CALIBRATION {
         let plan = healthy(Class::Calibration, i % 2 == 1);
         let seed = mixed(suite_seed ^ 0xca00, i as u64);
-        cases.push(case(format!("calibration-{:02}", i + 1), plan, i, seed, &hall));
+        cases.push(case(format!("calibration-{:02}", i + 1), plan, i, seed, &place));
     }
     for (number, (plan, index)) in sealed.into_iter().enumerate() {
         let seed = mixed(suite_seed ^ 0x5ea1_0000, number as u64);
-        cases.push(case(format!("case-{:03}", number + 1), plan, index, seed, &hall));
+        cases.push(case(format!("case-{:03}", number + 1), plan, index, seed, &place));
     }
     cases
 }
@@ -253,20 +264,21 @@ fn group(spec: &Spec) -> &'static str {
     spec.id.get(..1).unwrap_or("")
 }
 
-fn case(id: String, plan: Plan, index: usize, seed: u64, hall: &Hall) -> Case {
+fn case(id: String, plan: Plan, index: usize, seed: u64, place: &Place<'_>) -> Case {
     let mut deviations = Deviations::default();
     let mut rng = Noise::new(seed, "draw");
     let effects = plan
         .effects
         .iter()
         .map(|(spec, severity)| {
-            let set = spec.apply(*severity, &mut rng, hall, &mut deviations);
+            let size = place.detectable.size(spec, severity.times());
+            let set = spec.apply(size, &mut rng, &place.hall, &mut deviations);
             KeyEffect {
                 id: spec.id,
                 name: spec.name,
                 block: spec.block,
                 severity: *severity,
-                size: spec.size(*severity),
+                size,
                 unit: spec.unit,
                 parameters: set.parameters,
                 anchor: set.anchor,
@@ -298,5 +310,5 @@ fn case(id: String, plan: Plan, index: usize, seed: u64, hall: &Hall) -> Case {
         tenth,
         lockbox,
     };
-    Case { key, missions, deviations }
+    Case { key, missions, deviations, room_seed: place.suite_seed }
 }

@@ -65,7 +65,7 @@ fn golden_the_committed_list() {
     assert_eq!(digest(&cases).unwrap(), COMMITTED_DIGEST);
 }
 
-const COMMITTED_DIGEST: &str = "1f6943b9eba574801644b2e82cfba620845d8b530952d67fb6b7c413088a1859";
+const COMMITTED_DIGEST: &str = "ec205a82cc433fe639438005b1da6ffde854e32f965cd6d6deaf579d51fa4850";
 
 #[test]
 fn prop_a_log_is_reproduced_and_a_second_one_is_equal() {

@@ -235,12 +235,16 @@ fn wall(d: &mut Deviations, w: &mut Draw<'_>) {
 
 macro_rules! spec {
     ($id:literal, $name:literal, $block:literal, $unit:literal, $range:expr, $sudden:literal, $set:path) => {
+        spec!($id, $name, $block, $unit, $range, $sudden, $set, Size)
+    };
+    ($id:literal, $name:literal, $block:literal, $unit:literal, $range:expr, $sudden:literal, $set:path, $scale:ident) => {
         Spec {
             id: $id,
             name: $name,
             block: $block,
             unit: $unit,
             range: $range,
+            scale: crate::generator::effects::Scale::$scale,
             sudden: $sudden,
             set: $set,
         }
@@ -251,7 +255,16 @@ pub(super) use spec;
 /// Entries.
 pub static SPECS: &[Spec] = &[
     spec!("A1", "drag scale", "aerodynamics", "", [0.15, 0.6], false, drag_scale),
-    spec!("A2", "drag law saturates", "aerodynamics", "m/s", [2.5, 1.5], false, saturation),
+    spec!(
+        "A2",
+        "drag law saturates",
+        "aerodynamics",
+        "m/s",
+        [2.5, 1.5],
+        false,
+        saturation,
+        Inverse
+    ),
     spec!("A3", "quadratic body drag", "aerodynamics", "1/m", [0.2, 2.0], false, quadratic),
     spec!("A4", "thrust curve", "thrust", "", [0.05, 0.2], false, expo),
     spec!("A5", "steady wind", "aerodynamics", "m/s", [0.1, 0.6], true, wind),

@@ -94,9 +94,9 @@ fn coupling(d: &mut Deviations, w: &mut Draw<'_>) {
 
 /// Entries. L3 in degrees of the dihedral: about twice the lean that GAP.md counts in.
 pub static SPECS: &[Spec] = &[
-    spec!("L1", "attitude lag", "inner_loop", "", [0.8, 0.5], false, lag),
+    spec!("L1", "attitude lag", "inner_loop", "", [0.8, 0.5], false, lag, Below),
     spec!("L3", "servo trim", "inner_loop", "deg", [1.5, 6.0], true, trim),
     spec!("L4", "backlash", "inner_loop", "deg", [0.5, 3.0], false, band),
-    spec!("L5", "tilt saturation", "inner_loop", "deg", [15.0, 8.0], false, tilt),
+    spec!("L5", "tilt saturation", "inner_loop", "deg", [15.0, 8.0], false, tilt, Inverse),
     spec!("L6", "roll-yaw coupling", "inner_loop", "", [0.1, 0.6], false, coupling),
 ];

@@ -103,6 +103,8 @@ pub struct Spec {
     pub unit: &'static str,
     /// Mild and strong end of the plausible range.
     pub range: [f64; 2],
+    /// How strength follows from size.
+    pub scale: Scale,
     /// Whether it may begin in flight: something that can break or be switched on.
     pub sudden: bool,
     /// Switches it on.
@@ -110,40 +112,74 @@ pub struct Spec {
 }
 
 impl Spec {
-    /// Size at a severity: ends and geometric middle of the range.
-    pub fn size(&self, severity: Severity) -> f64 {
-        let [mild, strong] = self.range;
-        match severity {
-            Severity::Low => mild,
-            Severity::Middle => (mild * strong).sqrt(),
-            Severity::High => strong,
+    /// Strength of a size.
+    pub fn strength(&self, size: f64) -> f64 {
+        match self.scale {
+            Scale::Size => size,
+            Scale::Inverse => 1.0 / size,
+            Scale::Below => 1.0 / size - 1.0,
+            Scale::Above => size - 1.0,
         }
     }
 
+    /// Size of a strength.
+    pub fn size(&self, strength: f64) -> f64 {
+        match self.scale {
+            Scale::Size => strength,
+            Scale::Inverse => 1.0 / strength,
+            Scale::Below => 1.0 / (1.0 + strength),
+            Scale::Above => 1.0 + strength,
+        }
+    }
+
+    /// Strength of the strong end of the range.
+    pub fn strongest(&self) -> f64 {
+        self.strength(self.range[1])
+    }
+
     /// Switches it on in `d`; draws depend on `rng` alone.
-    pub fn apply(
-        &self,
-        severity: Severity,
-        rng: &mut Noise,
-        hall: &Hall,
-        d: &mut Deviations,
-    ) -> Set {
+    pub fn apply(&self, size: f64, rng: &mut Noise, hall: &Hall, d: &mut Deviations) -> Set {
         let mut set = Set::default();
-        (self.set)(d, &mut Draw { size: self.size(severity), rng, hall, set: &mut set });
+        (self.set)(d, &mut Draw { size, rng, hall, set: &mut set });
         set
     }
+}
+
+/// How the size of an effect becomes a strength: none at 0, and twice the strength deviates about
+/// twice as far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scale {
+    /// The size itself.
+    Size,
+    /// A limit or a scale that bends a law: 1 / size.
+    Inverse,
+    /// A factor below 1: 1 / size - 1.
+    Below,
+    /// A factor above 1: size - 1.
+    Above,
 }
 
 /// How strong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Mild end.
+    /// Just detectable.
     Low,
-    /// Geometric middle.
+    /// Twice as strong.
     Middle,
-    /// Strong end.
+    /// Four times as strong.
     High,
+}
+
+impl Severity {
+    /// Times the detectable strength.
+    pub fn times(self) -> f64 {
+        match self {
+            Self::Low => 1.0,
+            Self::Middle => 2.0,
+            Self::High => 4.0,
+        }
+    }
 }
 
 /// All three.

@@ -117,6 +117,6 @@ pub static SPECS: &[Spec] = &[
     spec!("P2", "battery resistance", "battery", "Ω", [0.05, 0.22], false, resistance),
     spec!("P3", "battery capacity", "battery", "", [0.1, 0.5], false, capacity),
     spec!("P4", "thrust lag", "thrust", "s", [0.03, 0.065], false, lag),
-    spec!("P5", "motor saturation", "thrust", "", [0.35, 0.2], false, limit),
+    spec!("P5", "motor saturation", "thrust", "", [0.35, 0.2], false, limit, Inverse),
     spec!("P6", "wing asymmetry", "thrust", "", [0.01, 0.06], true, asymmetry),
 ];

@@ -198,7 +198,7 @@ fn bursts(d: &mut Deviations, w: &mut Draw<'_>) {
 
 /// Entries.
 pub static SPECS: &[Spec] = &[
-    spec!("U1", "UWB noise level", "uwb", "", [1.4, 3.0], true, noise),
+    spec!("U1", "UWB noise level", "uwb", "", [1.4, 3.0], true, noise, Above),
     spec!("U2", "anchor bias", "uwb", "m", [0.08, 0.35], true, bias),
     spec!("U3", "pose-dependent bias", "uwb", "m", [0.05, 0.25], false, lobes),
     spec!("U5", "NLOS zone", "uwb", "m", [0.15, 0.8], false, zone),
