@@ -54,6 +54,10 @@ pub struct Settings {
     pub sure: f64,
     /// Relative uncertainty of a signature: another law of the same effect.
     pub form: f64,
+    /// What another law of the same effect differs by, relative, in every statistic of the flights that the
+    /// limits of adequacy are learned from. Between the forms that GAP.md 4.1 pairs (exponential and rational
+    /// ground effect, rational and tanh drag, play and dead band) a third is usual: judgement.
+    pub law: f64,
     /// Effects whose parameters are searched; the others are screened at their draws.
     pub survivors: usize,
     /// Folds of the bank for limits.
@@ -77,6 +81,7 @@ impl Default for Settings {
             coverage: 0.9,
             sure: 0.85,
             form: 0.1,
+            law: 0.3,
             survivors: 12,
             folds: 4,
             polished: 8,

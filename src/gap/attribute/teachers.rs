@@ -5,6 +5,7 @@ use super::blocks::Groups;
 use super::library::{Library, Part};
 use crate::gap::bank::{Bank, LEAST_NULLS};
 use crate::model::effects::Block;
+use crate::model::random::Stream;
 
 /// Bank, references and blocks, with the mean of the nominal flights.
 pub(super) struct Teachers<'a> {
@@ -110,6 +111,12 @@ impl<'a> Teachers<'a> {
             .zip(reference.iter().zip(&self.mean))
             .map(|(v, (r, m))| r + share * (v - m))
             .collect()
+    }
+
+    /// A draw by another law of the same effect: what it differs by is off by `law`, relative, and
+    /// independently in every statistic.
+    pub fn bent(&self, draw: &[f64], law: f64, rng: &mut Stream) -> Vec<f64> {
+        draw.iter().zip(&self.mean).map(|(v, m)| m + (v - m) * (1.0 + law * rng.normal())).collect()
     }
 
     /// A flight with the effects of two draws.

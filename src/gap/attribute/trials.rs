@@ -19,6 +19,7 @@ use super::pairs;
 use super::{Settings, Teachers};
 use crate::gap::bank::Draw;
 use crate::model::effects::Block;
+use crate::model::random::Stream;
 
 /// Draws per effect that are judged, over all folds.
 const JUDGED_DRAWS: usize = 16;
@@ -114,7 +115,7 @@ pub(super) fn limits(
                 null(&library, &groups, &teachers.placed(s, fold + k, HALF), settings)
             }),
         );
-        let known = flights(teachers, part, &judged);
+        let known = flights(teachers, part, &judged, settings.law);
         trials.par_extend(known.par_iter().map(|k| trial(&library, settings, k)));
     }
     // Three ways to raise an alarm share the allowance.
@@ -255,11 +256,16 @@ pub(super) fn by_effect(fits: &[Fit]) -> Vec<f64> {
 }
 
 /// Held-out flights with one and with two effects.
-fn flights(teachers: &Teachers<'_>, part: Part, jitter: &[&[f64]]) -> Vec<Known> {
+///
+/// Each is flown by another law of its effect, off by `law`: flights by the library's own law are
+/// explained so well that the judge would call every other vehicle's effect unknown.
+fn flights(teachers: &Teachers<'_>, part: Part, jitter: &[&[f64]], law: f64) -> Vec<Known> {
     let folds = part.held_out.map_or(1, |(_, folds)| folds);
     let mut next = 0;
+    let mut rng = Stream::new(part.held_out.map_or(0, |(fold, _)| fold as u64), "another law");
     let mut shaken = |statistics: &[f64]| -> Vec<f64> {
         next += 1;
+        let statistics = &teachers.bent(statistics, law, &mut rng);
         if !teachers.references.is_empty() {
             return teachers.placed(statistics, next, 1.0);
         }
