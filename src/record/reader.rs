@@ -503,6 +503,12 @@ impl<'a> Iterator for Messages<'a> {
             if opcode == op::CHANNEL && body.len() > LONGEST_CHANNEL_BYTES {
                 return self.stop(damaged("a channel record of absurd length".into()));
             }
+            if opcode == op::CHUNK && !in_chunk && is_untold(body) {
+                let base = offset + RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES;
+                let bytes = body.get(CHUNK_HEAD_BYTES..).unwrap_or_default();
+                (self.chunk, self.open) = (Some(Walk { bytes, at: 0, base }), true);
+                continue;
+            }
             match mcap::read::parse_record(opcode, body) {
                 Ok(Record::Channel(channel)) => {
                     self.channels.insert(channel.id, channel.topic);
@@ -562,6 +568,13 @@ struct Walk<'a> {
 const CHUNK_HEAD_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 8;
 /// Where in it the length of the compression's name stands.
 const COMPRESSION_AT: usize = 8 + 8 + 8 + 4;
+
+/// Whether the head of a chunk was not told all about it: the disk was full or the power failed between the
+/// length of the record and that of the chunk, which is written last.
+fn is_untold(body: &[u8]) -> bool {
+    body.get(COMPRESSION_AT..CHUNK_HEAD_BYTES)
+        .is_some_and(|end| end[..4] == [0; 4] && end[4..] == u64::MAX.to_le_bytes())
+}
 
 impl<'a> Walk<'a> {
     /// The records of a chunk that runs beyond the end of the file: one that was being written when the

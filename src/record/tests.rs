@@ -544,6 +544,46 @@ impl Write for Full {
     }
 }
 
+/// Wherever the disk becomes full, between a chunk and its head too, what was written is read.
+#[test]
+fn prop_a_disk_that_is_full_at_any_byte_leaves_a_log() {
+    let mut most = 0;
+    // Head, schema of the channel, and one message.
+    let begun = {
+        let (memory, mut log) = in_memory();
+        log.raw(false, LinkId::Tag, HostTime::from_us(10), 1, &[7; 90]).unwrap();
+        log.persist().unwrap();
+        memory.bytes().len()
+    };
+    for room in begun..begun + 6000 {
+        let inner = Memory::default();
+        let full = Full { inner: inner.clone(), room };
+        let begun = LogWriter::on("memory".into(), full, Box::new(|| Ok(())), &session());
+        let Ok(mut log) = begun else { continue };
+        log.chunk_bytes = 700;
+        let mut written = 0;
+        for sequence in 1..=40 {
+            let at = HostTime::from_us(sequence * 10);
+            if log.raw(false, LinkId::Tag, at, sequence, &[7; 90]).is_err() {
+                break;
+            }
+            written = sequence as usize;
+        }
+        drop(log);
+        match read(&inner.bytes()) {
+            Ok((entries, LogEnd::Cut { .. } | LogEnd::Complete)) => {
+                assert!(entries.len() + 1 >= written, "{room}: {} of {written}", entries.len());
+                most = most.max(entries.len());
+            }
+            Ok((_, end)) => panic!("full after {room} bytes: {end}"),
+            // The head itself found no room.
+            Err(LogError::NoHead { .. }) => assert_eq!(written, 0, "{room}"),
+            Err(other) => panic!("full after {room} bytes: {other}"),
+        }
+    }
+    assert!(most > 20, "{most}");
+}
+
 #[test]
 fn prop_a_full_disk_ends_the_recording_not_the_flight() {
     let sync = Box::new(|| Ok(()));
