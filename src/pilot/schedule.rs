@@ -50,7 +50,7 @@ impl Pilot {
         let pause_s = self.last_tick.map_or(0.01, |t| at.seconds_since(t));
         let dt_s = pause_s.clamp(0.001, 0.05);
         let longest_s = self.config.supervisor.loop_gap_s;
-        self.supervisor.punctuality.step(pause_s, late_s > MISS_S, longest_s);
+        self.supervisor.punctuality.step(at, pause_s, late_s > MISS_S, longest_s);
         self.supervisor.punctuality.board_clock(at, self.board.clock().restarts());
         self.last_tick = Some(at);
         self.control_steps += 1;

@@ -189,10 +189,15 @@ impl Pilot {
         self.last_imu.map_or(f64::INFINITY, |t| at.seconds_since(t))
     }
 
+    /// For how long no sample came though we listened, s.
+    fn imu_silent_s(&self, at: HostTime) -> f64 {
+        self.imu_age_s(at) - self.supervisor.punctuality.own_silence_s(at)
+    }
+
     /// Whether the accelerometer can be asked whether the vehicle falls.
     pub(in crate::pilot) fn imu_is_alive(&self, at: HostTime) -> bool {
         let c = &self.config.supervisor;
-        self.imu_age_s(at) <= c.imu_loss_s
+        self.imu_silent_s(at) <= c.imu_loss_s
             && self.supervisor.repetition.longest_s() <= c.imu_frozen_s
             && ![NOISE.name, LIFT.name, SLIP.name].iter().any(|name| self.supervisor.has(name))
     }
@@ -272,8 +277,8 @@ pub(super) const LOST: Condition = Condition {
     over: "IMU is back",
     health: SENSORS,
     severity: Severity::Emergency,
-    is_seen: |pilot, at| pilot.imu_age_s(at) > pilot.config.supervisor.imu_loss_s,
-    words: |pilot, at| format!("no IMU for {:.1} s", pilot.imu_age_s(at).min(999.0)),
+    is_seen: |pilot, at| pilot.imu_silent_s(at) > pilot.config.supervisor.imu_loss_s,
+    words: |pilot, at| format!("no IMU for {:.1} s", pilot.imu_silent_s(at).min(999.0)),
     ..ROW
 };
 

@@ -28,7 +28,8 @@ pub(in crate::pilot) struct Heard {
 
 impl Pilot {
     fn board_silent_s(&self, at: HostTime) -> f64 {
-        self.board.silence_s(at).unwrap_or(0.0)
+        let own_s = self.supervisor.punctuality.own_silence_s(at);
+        (self.board.silence_s(at).unwrap_or(0.0) - own_s).max(0.0)
     }
 
     /// Silence of the stations, s; 0 where none takes part.
@@ -44,9 +45,10 @@ impl Pilot {
 
     fn follower_is_silent(&self, at: HostTime, manual: bool) -> bool {
         let guidance = &self.guidance;
+        let own_s = self.supervisor.punctuality.own_silence_s(at);
         let followed = if manual { &guidance.sticks } else { &guidance.setpoint };
         followed.as_ref().is_none_or(|s| {
-            at.seconds_since(s.received_at) > self.config.limits.offboard_loss_s
+            at.seconds_since(s.received_at) - own_s > self.config.limits.offboard_loss_s
                 && (manual || s.needs_stream())
         })
     }

@@ -211,6 +211,32 @@ fn prop_what_is_seen_for_a_moment_is_not_held_and_what_ends_is_told_once() {
     assert_eq!(step(1530, false), Change::None);
 }
 
+/// The readers of the wires stood still too: what came meanwhile is read only after the first step.
+#[test]
+fn prop_our_own_pause_is_not_taken_for_a_silence_of_the_imu() {
+    let lost = CONDITIONS.iter().find(|row| row.name == "imu_lost").unwrap();
+    let sees = |pauses_ms: &[u64], then_silent_ms: u64| {
+        let mut pilot = pilot();
+        let mut now_ms = 0;
+        let mut wake = |pilot: &mut Pilot, after_ms: u64| {
+            now_ms += after_ms;
+            pilot.handle(at(now_ms), crate::pilot::Input::Wake);
+            (lost.is_seen)(pilot, at(now_ms))
+        };
+        for _ in 0..5 {
+            wake(&mut pilot, 10);
+        }
+        pilot.last_imu = Some(at(50));
+        let paused = pauses_ms.iter().any(|pause_ms| wake(&mut pilot, *pause_ms));
+        paused || (0..then_silent_ms / 10).any(|_| wake(&mut pilot, 10))
+    };
+    let loss_ms = (PilotConfig::default().supervisor.imu_loss_s * 1e3) as u64;
+    assert!(!sees(&[], loss_ms - 10) && sees(&[], loss_ms + 20), "without a pause as ever");
+    assert!(!sees(&[loss_ms + 150], 30), "the samples are about to be read");
+    assert!(sees(&[loss_ms + 150], 60), "they are not: it is lost");
+    assert!(sees(&[60; 10], 0), "a loop that always pauses hides nothing");
+}
+
 #[test]
 fn prop_what_is_latched_stays_until_the_vehicle_is_disarmed() {
     let row = CONDITIONS.iter().find(|row| row.name == "battery_critical").unwrap();

@@ -12,6 +12,10 @@ const WINDOW: f64 = 50.0;
 const LATE_SHARE: f64 = 0.3;
 /// A clock that goes back by more than this has jumped, s: stamps of one moment come from several threads.
 const BACK_S: f64 = 0.05;
+/// After a pause of the loop so long that something could have come meanwhile, s …
+const DEAF_S: f64 = 0.05;
+/// … what came is taken in within this time, s: the readers stood still as well and wake at the same moment.
+const LISTEN_S: f64 = 0.05;
 /// What happened once is shown as a condition for this long, s.
 const SHOWN_S: f64 = 5.0;
 
@@ -19,6 +23,8 @@ const SHOWN_S: f64 = 5.0;
 #[derive(Debug, Default)]
 pub(in crate::pilot) struct Punctuality {
     late_share: f64,
+    /// The end of the newest long pause, and its length, s.
+    deaf: Option<(HostTime, f64)>,
     /// The longest pause in this flight, s, and the newest that was too long.
     gap_s: Option<f64>,
     /// By how much the host's clock went back in this flight, s.
@@ -30,11 +36,23 @@ pub(in crate::pilot) struct Punctuality {
 
 impl Punctuality {
     /// A control step begins, so long after the last one.
-    pub fn step(&mut self, pause_s: f64, is_late: bool, longest_s: f64) {
+    pub fn step(&mut self, at: HostTime, pause_s: f64, is_late: bool, longest_s: f64) {
+        if pause_s > DEAF_S {
+            self.deaf = Some((at, pause_s));
+        }
         self.late_share += (f64::from(u8::from(is_late)) - self.late_share) / WINDOW;
         if pause_s > longest_s {
             self.gap_s = Some(self.gap_s.map_or(pause_s, |gap_s| gap_s.max(pause_s)));
         }
+    }
+
+    /// How much of a silence that is looked at now may be our own, s: right after the loop stood still what came
+    /// meanwhile may wait to be read. Subtracted from the age, so that a loop which always pauses
+    /// does not hide a silence.
+    pub fn own_silence_s(&self, at: HostTime) -> f64 {
+        self.deaf
+            .filter(|(end, _)| at.seconds_since(*end) < LISTEN_S)
+            .map_or(0.0, |(_, pause_s)| pause_s)
     }
 
     /// The board's clock was found elsewhere so often.
