@@ -95,7 +95,7 @@ fn pytest_of_others(folder: &str, what: &str) {
     pytest(folder, what);
 }
 
-/// Longest run of the tests of a folder; three minutes are usual.
+/// Longest run of a file or folder: several times what the slowest takes.
 const LIMIT: Duration = Duration::from_secs(720);
 
 fn attempt(folder: &str, what: &str) -> Result<(), String> {
@@ -134,8 +134,63 @@ fn has_pymavlink(tests: &Path) -> bool {
 }
 
 #[test]
+fn prop_pymavlink_connects() {
+    pytest("pymavlink", "test_a_connect.py");
+}
+
+#[test]
+fn prop_pymavlink_flies_a_mission() {
+    pytest("pymavlink", "test_b_mission.py");
+}
+
+#[test]
 fn prop_pymavlink_flies_it() {
-    pytest("pymavlink", "");
+    pytest("pymavlink", "test_c_flight.py");
+}
+
+#[test]
+fn prop_pymavlink_flies_steps() {
+    pytest("pymavlink", "test_d_steps.py");
+}
+
+#[test]
+fn prop_pymavlink_signs() {
+    pytest("pymavlink", "test_k_signing.py");
+}
+
+#[test]
+fn prop_pymavlink_sets_signing_up() {
+    pytest("pymavlink", "test_l_setup_signing.py");
+}
+
+#[test]
+fn prop_pymavlink_reads_and_writes_files() {
+    pytest("pymavlink", "test_s_files.py");
+}
+
+#[test]
+fn prop_pymavlink_reads_and_sets_parameters() {
+    pytest("pymavlink", "test_s_parameters.py");
+}
+
+#[test]
+fn prop_pymavlink_loads_plans() {
+    pytest("pymavlink", "test_s_plans.py");
+}
+
+/// Each file is run by itself: what has to be repeated on a machine that stood still is short then.
+#[test]
+fn prop_no_file_is_forgotten() {
+    let here = include_str!("pymavlink.rs");
+    for folder in ["pymavlink", "stations"] {
+        for file in std::fs::read_dir(root().join("tests").join(folder)).expect("a folder of tests")
+        {
+            let name = file.expect("a file").file_name().to_string_lossy().into_owned();
+            if name.starts_with("test_") {
+                assert!(here.contains(&format!("\"{folder}\", \"{name}\"")), "{folder}/{name}");
+            }
+        }
+    }
 }
 
 #[test]
