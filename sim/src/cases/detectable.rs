@@ -1,7 +1,8 @@
 //! `haltere-sim detectable`: from which size on an effect of the generator shows in the diagnostic flight.
 //!
 //! The suite flies every effect at one, two and four times this size (GAP.md 4.2), or the mild end of its
-//! plausible range where that is larger, so it must not hang on the diagnosis that is scored. It is found by a detector that knows no effect and learns nothing:
+//! plausible range where that is larger, so it must not hang on the diagnosis that is scored. It is found by
+//! a detector that knows no effect and learns nothing:
 //!
 //! ```text
 //! z_i = (s_i - median_i) / max(1.4826 MAD_i, SD_i)      over N healthy flights
@@ -116,8 +117,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let scene = Scene::lab().map_err(|problems| anyhow!("{problems}"))?;
     let folder = tempfile::tempdir()?;
     let bench = Bench { scene: &scene, folder: folder.path(), seed: options.seed };
-    let healthy = bench.healthy(options.healthy)?;
-    let (scale, line) = healthy;
+    let (scale, line) = bench.healthy(options.healthy)?;
     let specs: Vec<&Spec> = known().chain(unknown()).collect();
     let jobs: Vec<(&Spec, u64)> =
         specs.iter().flat_map(|spec| (0..options.draws).map(move |draw| (*spec, draw))).collect();

@@ -55,8 +55,8 @@ pub struct Settings {
     /// Relative uncertainty of a signature: another law of the same effect.
     pub form: f64,
     /// What another law of the same effect differs by, relative, in every statistic of the flights that the
-    /// limits of adequacy are learned from. Between the forms that GAP.md 4.1 pairs (exponential and rational
-    /// ground effect, rational and tanh drag, play and dead band) a third is usual: judgement.
+    /// limits of adequacy are learned from. Chosen, not measured: how far apart laws of one effect are (exponential
+    /// and rational ground effect, rational and tanh drag, play and dead band) hangs on the flight.
     pub law: f64,
     /// Effects whose parameters are searched; the others are screened at their draws.
     pub survivors: usize,
