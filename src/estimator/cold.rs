@@ -3,11 +3,13 @@
 //! 1. A filter without IMU (`Motion::Unaided`) finds position and velocity from TDOA alone and is what
 //!    is shown, with a heading that is said to be unknown.
 //! 2. Once the vehicle flies, [`RIVALS`] filters start from there, each with another heading, level
-//!    but for [`STD_LEVEL_RAD`]. Heading cannot be seen in hover: all rivals then
-//!    explain the measurements equally well. In motion the wrong ones predict accelerations to the
-//!    wrong side, and their innovations grow.
-//! 3. When the best explains the measurements better than every rival that looks elsewhere by
-//!    [`MARGIN`] in log-likelihood, it takes over.
+//!    but for [`STD_LEVEL_RAD`]; one half takes the specific force across the thrust axis from the drag model, the
+//!    other from the accelerometer, since on one vehicle the one is wrong and on the next the other. Heading
+//!    cannot be seen in hover: all rivals then explain the measurements equally well. In motion the wrong ones
+//!    predict accelerations to the wrong side, and their innovations grow.
+//! 3. Each rival i has the probability `w_i ∝ exp(score_i)`, the best one's heading ψ_b therefore the variance
+//!    `Σ w_i ((ψ_i − ψ_b)² + σ_i²)`. Once its root is below [`STD_KNOWN_RAD`] the heading is known with that
+//!    sigma, and the best takes over.
 //!
 //! A rival scores `−½ Σ (ln S + (ν + 1) ln(1 + e²/(ν S)))/n` over its innovations e with variance S:
 //! Student-t with ν degrees of freedom, divided by the n samples over which the error of a pair stays.
@@ -17,7 +19,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Estimator;
-use super::config::{EstimatorConfig, Motion};
+use super::config::{EstimatorConfig, Motion, SpecificForce};
 use super::state::{ATT, State, VEL};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{Rot, Vec3};
@@ -31,10 +33,15 @@ use crate::topics::UwbRecord;
 const RACING_NOISE_FRAC: f64 = 0.25;
 /// The race begins above this, m.
 const CLEAR_OF_FLOOR_M: f64 = 0.5;
-/// What the race may have left of the heading's error beyond the rival's own sigma, rad.
+/// What the race may have left of an error of level beyond the rival's own sigma, rad.
 const STD_WON_RAD: f64 = 0.15;
+/// A heading is known that is better than this, one sigma, rad. Chosen: on recorded flights it is found after 13 to
+/// 20 s of flight then (docs/ESTIMATOR.md, *Cold starts*).
+const STD_KNOWN_RAD: f64 = 0.25;
 /// Headings that are tried.
-pub const RIVALS: usize = 8;
+const HEADINGS: usize = 8;
+/// Each by the drag model and by the accelerometer.
+const RIVALS: usize = 2 * HEADINGS;
 /// Time that the position filter runs before the rivals start, s.
 const SETTLE_S: f64 = 0.5;
 /// Level of a vehicle that flies, one sigma per axis, rad.
@@ -42,16 +49,12 @@ const STD_LEVEL_RAD: f64 = 0.15;
 /// Start values of the rivals: position m, velocity m/s.
 const STD_POS_M: f64 = 0.4;
 const STD_VEL_MPS: f64 = 0.5;
-/// Log-likelihood by which the best must lead.
-const MARGIN: f64 = 1.0;
 /// Least time of the comparison, s.
 const LEAST_S: f64 = 1.0;
 /// Measurements over which the error of a pair stays: 400 a second, correlated over 0.1 s and more.
 const SAMPLES_PER_ERROR: f64 = 40.0;
 /// Degrees of freedom of the score.
 const FREEDOM: f64 = 3.0;
-/// Rivals that look this close to the best are the same answer, rad.
-const SAME_HEADING_RAD: f64 = 0.6;
 /// One sigma of a heading of which nothing is known: uniform over the circle, rad.
 const STD_UNKNOWN_RAD: f64 = std::f64::consts::PI / 1.732_050_807_568_877_2;
 
@@ -72,10 +75,18 @@ impl Cold {
         let warm = EstimatorConfig { cold_start: false, ..config.clone() };
         let mut racing = warm.clone();
         racing.process.std_acc_xy_mps2_rthz *= RACING_NOISE_FRAC;
+        let by = |rival: usize| EstimatorConfig {
+            specific_force: match (racing.specific_force, rival < HEADINGS) {
+                (own, true) => own,
+                (SpecificForce::ThrustAxis, false) => SpecificForce::Accelerometer,
+                (SpecificForce::Accelerometer, false) => SpecificForce::ThrustAxis,
+            },
+            ..racing.clone()
+        };
         let seeking = EstimatorConfig { motion: Motion::Unaided, ..warm.clone() };
         Self {
             seeker: Estimator::new(seeking, survey.clone()),
-            rivals: vec![Estimator::new(racing, survey.clone()); RIVALS],
+            rivals: (0..RIVALS).map(|i| Estimator::new(by(i), survey.clone())).collect(),
             scores: [0.0; RIVALS],
             racing: 0,
             sought_since: None,
@@ -108,7 +119,7 @@ impl Cold {
         }
     }
 
-    /// Takes an IMU sample. Says which rival is to take over, if one is.
+    /// Takes an IMU sample. Says which rival is to take over, if one is, and one sigma of its heading, rad.
     pub fn imu(
         &mut self,
         sample: &ImuSample,
@@ -116,7 +127,7 @@ impl Cold {
         stands: bool,
         gyro_bias_B: &Vector3<f64>,
         heading: Option<(f64, f64)>,
-    ) -> Option<&Estimator> {
+    ) -> Option<(&Estimator, f64)> {
         for rival in self.rivals.iter_mut().take(self.racing) {
             rival.set_airborne(airborne);
             rival.imu(sample);
@@ -129,7 +140,8 @@ impl Cold {
         if self.racing == 0 && airborne && settled && clear {
             self.start(sample, gyro_bias_B, heading);
         }
-        self.winner(sample.valid_at, heading.is_some()).and_then(|i| self.rivals.get(i))
+        let (best, std_yaw_rad) = self.winner(sample.valid_at, heading.is_some())?;
+        Some((self.rivals.get(best)?, std_yaw_rad))
     }
 
     fn start(
@@ -144,7 +156,7 @@ impl Cold {
         self.scores = [0.0; RIVALS];
         self.raced_since = Some(sample.valid_at);
         for (i, rival) in self.rivals.iter_mut().take(self.racing).enumerate() {
-            let spacing = std::f64::consts::TAU / RIVALS as f64;
+            let spacing = std::f64::consts::TAU / HEADINGS as f64;
             let (yaw_rad, std_yaw) = heading.unwrap_or((i as f64 * spacing, 0.5 * spacing));
             let q_EB = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad);
             rival.reset(gyro_bias_B);
@@ -160,22 +172,32 @@ impl Cold {
         }
     }
 
-    fn winner(&mut self, at: HostTime, told: bool) -> Option<usize> {
+    /// The best rival and one sigma of its heading, once that is known.
+    fn winner(&self, at: HostTime, told: bool) -> Option<(usize, f64)> {
         let since = self.raced_since?;
         if told && self.racing == 1 {
-            return Some(0);
+            return Some((0, STD_WON_RAD));
         }
         if at.seconds_since(since) < LEAST_S {
             return None;
         }
         let best = self.best()?;
+        let std_yaw_rad = self.std_yaw_rad(best)?;
+        (std_yaw_rad < STD_KNOWN_RAD).then_some((best, std_yaw_rad))
+    }
+
+    /// One sigma of the best rival's heading, if the truth is one of the rivals.
+    fn std_yaw_rad(&self, best: usize) -> Option<f64> {
         let yaw = |i: usize| self.rivals.get(i).map(|r| r.estimate().R_EB.yaw_rad());
-        let leader = yaw(best)?;
-        let leads = (0..self.racing).all(|i| {
-            let apart = yaw(i).map_or(0.0, |yaw| wrapped(yaw - leader).abs());
-            apart < SAME_HEADING_RAD || self.scores[best] - self.scores[i] > MARGIN
-        });
-        leads.then_some(best)
+        let (leader, top) = (yaw(best)?, self.scores[best]);
+        let (mut sum, mut var) = (0.0, 0.0);
+        for (i, rival) in self.rivals.iter().enumerate().take(self.racing) {
+            let weight = (self.scores[i] - top).exp();
+            let std = rival.state.as_ref()?.std3(ATT)[2];
+            sum += weight;
+            var += weight * (wrapped(yaw(i)? - leader).powi(2) + std * std);
+        }
+        Some((var / sum).sqrt())
     }
 
     fn best(&self) -> Option<usize> {
@@ -215,13 +237,15 @@ impl Estimator {
         self.doubt.clear();
     }
 
-    /// Takes over what a rival has found.
-    pub(super) fn adopt(&mut self, rival: &Self) {
+    /// Takes over what a rival has found, with one sigma of its heading, rad.
+    pub(super) fn adopt(&mut self, rival: &Self, std_yaw_rad: f64) {
         self.state.clone_from(&rival.state);
         if let Some(state) = &mut self.state {
-            for i in ATT..ATT + 3 {
+            for i in ATT..ATT + 2 {
                 state.P[(i, i)] += STD_WON_RAD * STD_WON_RAD;
             }
+            let yaw = (ATT + 2, ATT + 2);
+            state.P[yaw] = state.P[yaw].max(std_yaw_rad * std_yaw_rad);
         }
         self.qualities = rival.qualities.clone();
         self.pending = rival.pending;

@@ -329,7 +329,7 @@ impl Estimator {
         let winner = cold.imu(sample, self.airborne, stands, &self.gyro_bias_B, heading);
         match winner {
             // It has done its work: what is lost later is found by `realign`.
-            Some(winner) => self.adopt(winner),
+            Some((winner, std_yaw_rad)) => self.adopt(winner, std_yaw_rad),
             None => self.cold = Some(cold),
         }
     }

@@ -16,7 +16,7 @@ const EVERY_S: f64 = 4.0;
 /// The first start in the air is this long after the beginning, s.
 const FIRST_S: f64 = 8.0;
 /// What is watched of each start in the air, s.
-const WATCHED_S: f64 = 12.0;
+const WATCHED_S: f64 = 20.0;
 /// An error below this, m …
 const CONVERGED_M: f64 = 0.6;
 /// … for this long is a converged start, s.
@@ -39,6 +39,8 @@ pub struct ColdReport {
     pub heading_after_s: Option<f64>,
     /// Error of the heading one second later, deg.
     pub heading_error_deg: Option<f64>,
+    /// One sigma that was stated with it, deg.
+    pub heading_std_deg: Option<f64>,
 }
 
 /// All cold starts of the flights with IMU.
@@ -92,6 +94,7 @@ fn start(flight: &Flight, config: &EstimatorConfig, start_s: f64) -> ColdReport 
         converged_after_s: None,
         heading_after_s: None,
         heading_error_deg: None,
+        heading_std_deg: None,
     };
     let Some(first) = flight.events.first() else { return report };
     let (mut acc_B_mps2, mut near_since_s) = (None, None);
@@ -146,6 +149,7 @@ fn start(flight: &Flight, config: &EstimatorConfig, start_s: f64) -> ColdReport 
                     {
                         let off = (truth.inverse() * estimate.R_EB).yaw_rad();
                         report.heading_error_deg = Some(off.to_degrees());
+                        report.heading_std_deg = Some(estimate.std_att_B_rad.z().to_degrees());
                     }
                 }
             }
@@ -159,9 +163,9 @@ pub fn print_cold(out: &mut impl Write, reports: &[ColdReport]) -> fmt::Result {
     writeln!(
         out,
         "| flight | starts | found after, s | peak, m: median, worst | converged after, s: median, \
-         worst | not within 12 s | heading known | after, s | its error, deg: median, worst |"
+         worst | not within {WATCHED_S} s | heading known | after, s | its error, deg: median, worst | over sigma, rms |"
     )?;
-    writeln!(out, "|---|---|---|---|---|---|---|---|---|")?;
+    writeln!(out, "|---|---|---|---|---|---|---|---|---|---|")?;
     let mut names: Vec<(&str, bool)> =
         reports.iter().map(|r| (r.flight.as_str(), r.start_s > 0.0)).collect();
     names.sort_by_key(|(_, air)| *air);
@@ -182,7 +186,7 @@ pub fn print_cold(out: &mut impl Write, reports: &[ColdReport]) -> fmt::Result {
             |get: fn(&ColdReport) -> Option<f64>| of.iter().filter_map(|r| get(r)).collect();
         writeln!(
             out,
-            "| {name}, {} | {} | {} | {} | {} | {} | {} | {} | {} |",
+            "| {name}, {} | {} | {} | {} | {} | {} | {} | {} | {} | {} |",
             if air { "in the air" } else { "on the floor" },
             of.len(),
             two(values(|r| r.found_after_s)),
@@ -192,7 +196,17 @@ pub fn print_cold(out: &mut impl Write, reports: &[ColdReport]) -> fmt::Result {
             of.iter().filter(|r| r.heading_after_s.is_some()).count(),
             two(values(|r| r.heading_after_s)),
             two(values(|r| r.heading_error_deg.map(f64::abs))),
+            over_sigma(&of).map_or("-".into(), |rms| format!("{rms:.1}")),
         )?;
     }
     Ok(())
+}
+
+/// Errors of the heading over what was stated of them, rms.
+fn over_sigma(reports: &[&ColdReport]) -> Option<f64> {
+    let squares: Vec<f64> = reports
+        .iter()
+        .filter_map(|r| Some((r.heading_error_deg? / r.heading_std_deg?).powi(2)))
+        .collect();
+    (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
 }

@@ -289,6 +289,25 @@ mod tests {
         assert!(airborne < 0.20, "{airborne}");
     }
 
+    /// Past bug: on the first of these flights it was called known to 10 degrees and was off by 72.
+    #[test]
+    fn val_a_heading_found_by_motion_is_as_good_as_it_is_said_to_be() {
+        let Some(dir) = data() else {
+            println!("skipped: no data");
+            return;
+        };
+        let mut flights = load_all(&dir.join("full")).unwrap();
+        flights.retain(|f| f.name.starts_with("jun05") || f.name.starts_with("apr26-traj02"));
+        let starts = cold_starts(&flights, &util_profile(), |_, _, _| {});
+        let known: Vec<(f64, f64)> = starts
+            .iter()
+            .filter_map(|s| Some((s.heading_error_deg?.abs(), s.heading_std_deg?)))
+            .collect();
+        // 12 of 12 were found.
+        assert!(known.len() >= 10, "{starts:?}");
+        assert!(known.iter().all(|(off, std)| *off < 3.0 * std && *std < 20.0), "{known:?}");
+    }
+
     #[test]
     fn val_recorded_flights_by_tdoa_alone() {
         let Some(dir) = data() else {
