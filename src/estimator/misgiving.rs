@@ -9,13 +9,17 @@ use crate::estimate::Health;
 use crate::measure::AnchorId;
 use crate::time::HostTime;
 
-/// Age of the newest fused TDOA, s.
+// All chosen by judgement, none fitted; how often they warn, in vain and in time, is in docs/ESTIMATOR.md
+// (*Warnings before the estimate is wrong*).
+
+/// Age of the newest fused TDOA, s: some hundred measurements missed at the usual 400 a second; after 2 s without
+/// any the recorded flights are off by 0.9 m at worst with IMU.
 const DEGRADED_AGE_S: f64 = 0.3;
 const LOST_AGE_S: f64 = 2.0;
 /// One sigma of the position, m.
 const DEGRADED_STD_POS_M: f64 = 0.6;
 const LOST_STD_POS_M: f64 = 2.0;
-/// Share of the recent measurements beyond the gate.
+/// Share of the recent measurements beyond the gate: an anchor that is wrong spoils a quarter of the pairs of eight.
 const DEGRADED_SHARE: f64 = 0.4;
 /// An anchor is heard for so long after its newest measurement, s.
 const HEARD_S: f64 = 1.0;
