@@ -33,10 +33,11 @@ use crate::topics::UwbRecord;
 const RACING_NOISE_FRAC: f64 = 0.25;
 /// The race begins above this, m.
 const CLEAR_OF_FLOOR_M: f64 = 0.5;
-/// What the race may have left of an error of level beyond the rival's own sigma, rad.
+/// What the take-over may leave of an error of level beyond the rival's own sigma, and the least sigma of a heading that
+/// was told, rad: judgement.
 const STD_WON_RAD: f64 = 0.15;
-/// A heading is known that is better than this, one sigma, rad. Chosen: on recorded flights it is found after 13 to
-/// 20 s of flight then (docs/ESTIMATOR.md, *Cold starts*).
+/// A heading is known that is better than this, one sigma, rad. Chosen on the six recorded flights on which it is
+/// judged, none held out: it is found after 13 to 20 s of flight then (docs/ESTIMATOR.md, *Cold starts*).
 const STD_KNOWN_RAD: f64 = 0.25;
 /// Headings that are tried.
 const HEADINGS: usize = 8;

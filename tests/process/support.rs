@@ -62,7 +62,8 @@ impl Standstills {
 /// Attempts at a test in which real time passes, on a machine that stands still during each of them.
 const ATTEMPTS: usize = 3;
 
-/// Tests in which real time passes run beside each other, but what is tried again runs without them.
+/// Tests in which real time passes run beside each other, but what is tried again runs without them (the first
+/// attempt at a program of somebody else does not ask).
 static ROOM: RwLock<()> = RwLock::new(());
 
 /// Runs a test in which real time passes. Once; but a machine that stood still meanwhile has tested itself: then
