@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use tokio::net::{TcpListener, UdpSocket};
+use tokio::net::TcpListener;
 
 use super::inbox::{Inbox, Shared};
 use super::mailbox::Mailbox;
-use super::{Port, realtime, tcp, udp};
+use super::{Port, datagrams, realtime, serial, tcp};
 
 /// How often it is looked whether to end.
 const LOOK: Duration = Duration::from_millis(100);
@@ -25,57 +25,60 @@ pub(super) fn hurry(urgency: Urgency) {
     }
 }
 
-/// Serves a device that is no serial line, on a thread of its own, until the companion ends.
+/// Serves tag or board until the companion ends.
 pub(super) fn spawn(
     port: Port,
     inbox: Inbox,
     output: Mailbox,
     urgency: Urgency,
     shared: Arc<Shared>,
-) -> std::io::Result<JoinHandle<()>> {
-    // A socket belongs to the runtime that it was made in: it is handed over bare.
-    let bare = match port {
-        Port::UdpIn(socket) => Bare::UdpIn(socket.into_std()?),
-        Port::TcpIn(listener) => Bare::TcpIn(listener.into_std()?),
-        other => Bare::None(other),
-    };
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+) -> std::io::Result<Vec<JoinHandle<()>>> {
     let name = format!("link-{}", inbox.link().number());
-    std::thread::Builder::new().name(name).spawn(move || {
-        hurry(urgency);
-        runtime.block_on(async move {
-            tokio::select! {
-                () = serve(bare, inbox, output) => {}
-                () = ends(&shared) => {}
-            }
-        });
-    })
-}
-
-/// A port on its way from one runtime to the other.
-enum Bare {
-    UdpIn(std::net::UdpSocket),
-    TcpIn(std::net::TcpListener),
-    None(Port),
-}
-
-async fn serve(bare: Bare, inbox: Inbox, output: Mailbox) {
-    let failed = |error: std::io::Error| {
-        tracing::error!("link {}: {error}; it stays silent", inbox.link().number());
+    let thread = std::thread::Builder::new().name(name);
+    let spawned = match port {
+        Port::Serial(device, baud) => {
+            return Ok(serial::spawn(device, baud, inbox, output, urgency)?.into());
+        }
+        Port::UdpIn(socket) => {
+            let socket = socket.into_std()?;
+            thread.spawn(move || {
+                hurry(urgency);
+                datagrams::listen(&socket, &inbox, output);
+            })
+        }
+        Port::UdpOut(to) => thread.spawn(move || {
+            hurry(urgency);
+            datagrams::send_to(&to, &inbox, output);
+        }),
+        Port::TcpIn(listener) => {
+            // A socket belongs to the runtime that it was made in: it is handed over bare.
+            let listener = listener.into_std()?;
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+            thread.spawn(move || {
+                hurry(urgency);
+                runtime.block_on(until_the_end(&shared, async {
+                    match TcpListener::from_std(listener) {
+                        Ok(listener) => tcp::serve(listener, inbox, output).await,
+                        Err(error) => tracing::error!("the board's link: {error}; it stays silent"),
+                    }
+                }));
+            })
+        }
+        Port::TcpOut(to) => {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+            thread.spawn(move || {
+                hurry(urgency);
+                runtime.block_on(until_the_end(&shared, tcp::connect(to, inbox, output)));
+            })
+        }
     };
-    match bare {
-        Bare::UdpIn(socket) => match UdpSocket::from_std(socket) {
-            Ok(socket) => udp::listen(socket, inbox, output).await,
-            Err(error) => failed(error),
-        },
-        Bare::TcpIn(listener) => match TcpListener::from_std(listener) {
-            Ok(listener) => tcp::serve(listener, inbox, output).await,
-            Err(error) => failed(error),
-        },
-        Bare::None(Port::UdpOut(to)) => udp::send_to(to, inbox, output).await,
-        Bare::None(Port::TcpOut(to)) => tcp::connect(to, inbox, output).await,
-        // Serial lines have their own threads; listening ports are in hand.
-        Bare::None(Port::Serial(..) | Port::UdpIn(_) | Port::TcpIn(_)) => {}
+    Ok(vec![spawned?])
+}
+
+async fn until_the_end(shared: &Shared, serve: impl Future<Output = ()>) {
+    tokio::select! {
+        () = serve => {}
+        () = ends(shared) => {}
     }
 }
 

@@ -3,7 +3,7 @@
 //! The pilot's end takes no lock and does not allocate: a ring of fixed length, and a pipe of the kernel
 //! as the bell that wakes whoever writes the link, be that a thread or a task.
 
-use std::os::fd::OwnedFd;
+use std::os::fd::{BorrowedFd, OwnedFd};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use std::time::Duration;
@@ -137,7 +137,24 @@ impl Mailbox {
         }
     }
 
-    /// The same for a thread.
+    /// Waits until a piece was put in or `other` can be read, but not for long; whether it can be read.
+    pub(super) fn wait_or(&mut self, other: BorrowedFd<'_>) -> bool {
+        let Ear::Own(bell) = &self.ear else {
+            std::thread::sleep(LOOK);
+            return true;
+        };
+        let patience = Timespec::try_from(PATIENCE).unwrap_or_default();
+        let mut ends =
+            [PollFd::from_borrowed_fd(other, PollFlags::IN), PollFd::new(bell, PollFlags::IN)];
+        let _ = poll(&mut ends, Some(&patience));
+        let [other, rung] = ends.map(|end| !end.revents().is_empty());
+        if rung {
+            let _ = rustix::io::read(bell, &mut [0; MOST_RINGS]);
+        }
+        other
+    }
+
+    /// The next piece, for a thread that waits for nothing else; `None`: the last slot is gone.
     pub(super) fn wait(&mut self) -> Option<Outgoing> {
         loop {
             if let Some(piece) = self.try_take().ok()? {

@@ -10,6 +10,7 @@
 mod by_hand;
 pub mod clock;
 mod core;
+mod datagrams;
 mod devices;
 mod doors;
 mod files;
@@ -359,12 +360,11 @@ fn start_link(
     let Some(inbox) = inboxes.first().cloned() else { return Ok(Vec::new()) };
     let is_ground = matches!(inbox.link(), LinkId::Ground(_));
     match port {
-        Port::Serial(device, baud) => {
-            let urgency = urgency.filter(|_| !is_ground);
-            return Ok(serial::spawn(device, baud, inbox, output, urgency)?.into());
-        }
         port if !is_ground => {
-            return Ok(vec![devices::spawn(port, inbox, output, urgency, shared.clone())?]);
+            return Ok(devices::spawn(port, inbox, output, urgency, shared.clone())?);
+        }
+        Port::Serial(device, baud) => {
+            return Ok(serial::spawn(device, baud, inbox, output, None)?.into());
         }
         Port::UdpIn(socket) => links.spawn(stations::listen(socket, inboxes, output)),
         Port::TcpIn(listener) => links.spawn(stations::serve(listener, inboxes, output)),

@@ -1,0 +1,194 @@
+//! The board over UDP, on a thread that waits in the kernel: two calls for a datagram instead of the four
+//! and the wakers of a runtime. Of all threads only the tag's wakes more often.
+
+use std::io::ErrorKind;
+use std::net::{SocketAddr, ToSocketAddrs as _, UdpSocket};
+use std::os::fd::AsFd as _;
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use super::clock;
+use super::inbox::Inbox;
+use super::mailbox::{Mailbox, Outgoing};
+use super::udp::{DATAGRAM_BYTES, RETRY, SEND_PATIENCE, any_for, is_for_many, no_address};
+use crate::config::HostPort;
+use crate::drops::DropReason;
+use crate::time::HostTime;
+
+/// A peer that was silent for so long is forgotten, s.
+const PEER_SILENCE_S: f64 = 30.0;
+/// Most peers of one socket: a stranger must not make us send without end.
+const MOST_PEERS: usize = 16;
+
+/// Those who were heard on a socket.
+#[derive(Debug, Default)]
+struct Peers(Vec<(SocketAddr, HostTime)>);
+
+impl Peers {
+    /// Whether there is room for this peer.
+    fn heard(&mut self, peer: SocketAddr, at: HostTime) -> bool {
+        if let Some((_, last)) = self.0.iter_mut().find(|(known, _)| *known == peer) {
+            *last = at;
+            return true;
+        }
+        self.forget(at);
+        if self.0.len() >= MOST_PEERS {
+            return false;
+        }
+        tracing::info!("{peer} joined");
+        self.0.push((peer, at));
+        true
+    }
+
+    fn forget(&mut self, now: HostTime) {
+        self.0.retain(|(peer, last)| {
+            let keep = now.seconds_since(*last) <= PEER_SILENCE_S;
+            if !keep {
+                tracing::info!("{peer} is silent, forgotten");
+            }
+            keep
+        });
+    }
+}
+
+/// Who is at the other end.
+#[derive(Debug)]
+enum Far {
+    /// Whoever was heard lately.
+    Heard(Peers),
+    /// One place, which may stand for many.
+    Fixed { peer: SocketAddr, many: bool },
+}
+
+/// Serves a bound socket until the output or the companion ends; answers everyone it heard lately.
+pub(super) fn listen(socket: &UdpSocket, inbox: &Inbox, output: Mailbox) {
+    talk(socket, inbox, output, Far::Heard(Peers::default()));
+}
+
+/// Serves `udpout` until the output or the companion ends; looks the name up until that works.
+pub(super) fn send_to(to: &HostPort, inbox: &Inbox, mut output: Mailbox) {
+    let mut told = false;
+    while !inbox.stopped() {
+        match open(to) {
+            Ok((socket, peer)) => {
+                return talk(&socket, inbox, output, Far::Fixed { peer, many: is_for_many(peer) });
+            }
+            Err(error) if !told => {
+                tracing::warn!("udpout:{to}: {error}; trying again until it works");
+                told = true;
+            }
+            Err(_) => {}
+        }
+        // What is due now is of no use later.
+        let resume = Instant::now() + RETRY;
+        while !inbox.stopped() && Instant::now() < resume {
+            match output.try_take() {
+                Ok(Some(_)) => inbox.lost(DropReason::LinkWriteFailed),
+                Ok(None) => std::thread::sleep(Duration::from_millis(10)),
+                Err(_) => return,
+            }
+        }
+    }
+}
+
+fn open(to: &HostPort) -> std::io::Result<(UdpSocket, SocketAddr)> {
+    let peer = (to.host.as_str(), to.port).to_socket_addrs()?.next().ok_or_else(no_address)?;
+    let socket = UdpSocket::bind(any_for(peer))?;
+    socket.set_broadcast(true)?;
+    Ok((socket, peer))
+}
+
+fn talk(socket: &UdpSocket, inbox: &Inbox, mut output: Mailbox, mut far: Far) {
+    if let Err(error) = socket.set_nonblocking(true) {
+        tracing::error!("link {}: {error}; it stays silent", inbox.link().number());
+        return;
+    }
+    inbox.up();
+    let mut buffer = vec![0; DATAGRAM_BYTES];
+    while !inbox.stopped() {
+        // Ours first: it is never much, and a flood comes without end.
+        loop {
+            match output.try_take() {
+                Ok(Some(outgoing)) => far.send(socket, inbox, outgoing),
+                Ok(None) => break,
+                Err(_) => return,
+            }
+        }
+        // An error here is about an earlier datagram of ours that nobody took.
+        if output.wait_or(socket.as_fd())
+            && let Ok((length, from)) = socket.recv_from(&mut buffer)
+        {
+            let at = clock::now();
+            far.received(inbox, at, from, buffer.get(..length).unwrap_or_default());
+        }
+    }
+}
+
+impl Far {
+    fn send(&mut self, socket: &UdpSocket, inbox: &Inbox, Outgoing { bytes, .. }: Outgoing) {
+        let bytes = inbox.seal(bytes);
+        let to_one = |peer| {
+            if !send(socket, &bytes, peer) {
+                inbox.lost(DropReason::LinkWriteFailed);
+            }
+        };
+        match self {
+            Self::Heard(peers) => {
+                peers.forget(clock::now());
+                peers.0.iter().for_each(|(peer, _)| to_one(*peer));
+            }
+            Self::Fixed { peer, .. } => to_one(*peer),
+        }
+    }
+
+    fn received(&mut self, inbox: &Inbox, at: HostTime, from: SocketAddr, bytes: &[u8]) {
+        let welcome = match self {
+            Self::Heard(peers) => {
+                let known = peers.0.iter().any(|(peer, _)| *peer == from);
+                // Who may not open the link was counted there.
+                if !known && !inbox.would_open(bytes) {
+                    return;
+                }
+                peers.heard(from, at)
+            }
+            Self::Fixed { peer, many } => *many || from.ip() == peer.ip(),
+        };
+        if welcome {
+            inbox.bytes(at, bytes);
+        } else {
+            inbox.lost(DropReason::MavWrongPeer);
+        }
+    }
+}
+
+/// Whether it went out.
+fn send(socket: &UdpSocket, bytes: &[u8], to: SocketAddr) -> bool {
+    match socket.send_to(bytes, to) {
+        Err(error) if error.kind() == ErrorKind::WouldBlock => {
+            let patience = Timespec::try_from(SEND_PATIENCE).unwrap_or_default();
+            let _ = poll(&mut [PollFd::new(socket, PollFlags::OUT)], Some(&patience));
+            socket.send_to(bytes, to).is_ok()
+        }
+        sent => sent.is_ok(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_peers_are_bounded_and_forgotten() {
+        let mut peers = Peers::default();
+        let peer = |n: u16| SocketAddr::from(([127, 0, 0, 1], 1000 + n));
+        let at = HostTime::from_us;
+        for n in 0..16 {
+            assert!(peers.heard(peer(n), at(0)));
+        }
+        assert!(!peers.heard(peer(16), at(1_000_000)), "full");
+        assert!(peers.heard(peer(3), at(20_000_000)));
+        assert!(peers.heard(peer(16), at(31_000_000)), "the silent ones made room");
+        assert_eq!(peers.0.len(), 2);
+    }
+}
