@@ -50,9 +50,14 @@ impl Pilot {
             Mode::Spool => {
                 self.supervisor.begin_flight(at);
                 self.controller.reset(None);
-                self.estimator.set_airborne(true);
+                // A real board lets its motors stand for seconds yet: until it shows thrust, the vehicle stands
+                // too, and near the floor UWB alone loses its height.
+                if !self.board.firmware().is_real() {
+                    self.estimator.set_airborne(true);
+                }
                 self.lift_off_asked = false;
             }
+            Mode::Takeoff => self.estimator.set_airborne(true),
             Mode::Disarming => {
                 // With thrust on, a board may refuse the plain order even on the floor.
                 let force = from.has_thrust() && event != Event::TouchDown;

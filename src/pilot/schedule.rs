@@ -98,6 +98,7 @@ impl Pilot {
     fn control_step(&mut self, at: HostTime, dt_s: f64) {
         let held = self.mode.has_thrust() || matches!(self.mode, Mode::Idle | Mode::Yielded);
         self.board.hold_control(held);
+        self.board.leave_to_itself(self.mode == Mode::Disarmed);
         match self.mode {
             // Nor into one that does not obey us: it would take them for our will as soon as it did.
             Mode::Yielded if !self.board.is_retaking() => {}
@@ -125,6 +126,9 @@ impl Pilot {
                     thrust_frac,
                 }));
                 self.send(at, Rot::from_euler_rad(0.0, 0.0, yaw_rad), thrust_frac);
+                if self.board.shows_our_thrust(at) {
+                    self.estimator.set_airborne(true);
+                }
                 self.end_spool(at);
             }
             Mode::Descend => {
@@ -188,7 +192,7 @@ impl Pilot {
             }
         } else if elapsed_s >= least_s && self.board.shows_our_thrust(at) {
             self.fire(at, Event::SpoolDone);
-        } else if elapsed_s > least_s + SPOOL_WAIT_S {
+        } else if elapsed_s > least_s + self.board.firmware().held_after_arming_s() + SPOOL_WAIT_S {
             self.fire(at, Event::SetpointsIgnored);
         }
     }

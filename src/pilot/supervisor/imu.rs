@@ -265,7 +265,8 @@ pub(super) const LIFT: Condition = Condition {
 /// No samples.
 pub(super) const LOST: Condition = Condition {
     name: "imu_lost",
-    seen_by: "No IMU sample came for `supervisor.imu_loss_s`.",
+    seen_by: "No IMU sample came for `supervisor.imu_loss_s`. Within 0.05 s after a pause of the \
+              companion itself that pause does not count.",
     numbers: &[Number {
         key: "supervisor.imu_loss_s",
         value: |c| c.supervisor.imu_loss_s,

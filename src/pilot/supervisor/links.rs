@@ -83,7 +83,8 @@ pub(super) const CONTROL: Condition = Condition {
 /// Nothing comes from the board.
 pub(super) const BOARD: Condition = Condition {
     name: "board_silent",
-    seen_by: "Nothing came from the board for `limits.board_loss_s`.",
+    seen_by: "Nothing came from the board for `limits.board_loss_s`. Within 0.05 s after a pause of the \
+              companion itself that pause does not count.",
     numbers: &[Number {
         key: "limits.board_loss_s",
         value: |c| c.limits.board_loss_s,
@@ -166,7 +167,8 @@ pub(super) const GROUND: Condition = Condition {
 pub(super) const CLIENT: Condition = Condition {
     name: "setpoints_stopped",
     seen_by: "The client's setpoints stopped for `limits.offboard_loss_s`, and the last one was a \
-              velocity. A position that nobody renews is held.",
+              velocity. A position that nobody renews is held. Within 0.05 s after a pause of the \
+              companion itself that pause does not count.",
     numbers: &[FOLLOWING],
     gone_s: 0.0,
     watched: Watched::In(&[Mode::Offboard]),
