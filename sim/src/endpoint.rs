@@ -20,6 +20,7 @@ use serde_json::json;
 
 use crate::board_wire::BoardWire;
 use crate::faults::happen;
+use crate::firmware::{InnerLoop, Interface};
 use crate::orders::{self, Next, Order, Orders};
 use crate::pty::{Dtr, TagPty};
 use crate::scenario::Scenario;
@@ -53,6 +54,13 @@ pub struct Options {
     /// The board's own end of its line, `udpin:HOST:PORT` or `udpout:HOST:PORT`.
     #[arg(long, value_name = "ADDR", default_value = "udpout:127.0.0.1:14600")]
     pub board: Address,
+    /// Instead of the simulated board a real firmware flies the vehicle: its physics are served on this UDP
+    /// port of the loopback, by ArduPilot's JSON interface; it speaks to the companion by itself.
+    #[arg(long, value_name = "PORT", conflicts_with = "board")]
+    pub json_physics: Option<u16>,
+    /// The same for PX4: it takes its sensors from this TCP port of the loopback.
+    #[arg(long, value_name = "PORT", conflicts_with_all = ["board", "json_physics"])]
+    pub hil_physics: Option<u16>,
     /// File for truth, 100 lines a second.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
@@ -70,8 +78,10 @@ const PRIORITY: u8 = 40;
 const REALTIME_SPEED: f64 = 2.0;
 /// Period of truth rows, µs of simulated time.
 const TRUTH_US: u64 = 10_000;
-/// A loop that is later than this gives the lost time up, µs: the computer slept.
+/// A loop that is later than this gives the lost time up, µs: the computer slept. With a firmware it does so
+/// soon, since every step to be made up for takes the firmware's time too.
 const GIVE_UP_US: u64 = 1_000_000;
+const GIVE_UP_WITH_FIRMWARE_US: u64 = 20_000;
 /// Speeds that make sense: the links and the companion live in real time.
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 
@@ -104,13 +114,24 @@ pub fn serve(options: &Options) -> Result<()> {
     let faults = scenario.fixed_faults()?;
     let mut plant = plant(options.vehicle.as_deref(), &scenario)?;
     let mut tag = TagPty::new(options.tag_link.as_deref())?;
-    let mut board = BoardWire::open(&options.board)?;
+    let interface =
+        (options.json_physics.map(Interface::Json)).or(options.hil_physics.map(Interface::Hil));
+    let mut board = match interface {
+        Some(interface) => {
+            let start_E_m = plant.truth().pos_E_m;
+            let inner = InnerLoop::listen(interface, plant.vehicle(), start_E_m)?;
+            BoardSide::Firmware(Box::new(inner))
+        }
+        None => BoardSide::Simulated(BoardWire::open(&options.board)?),
+    };
     let mut truth = options.truth.as_deref().map(TruthFile::create).transpose()?;
     let greeting = json!({
         "tag": tag.device(),
         "tag_protocol": companion_protocol(scenario.tag.protocol),
-        "board": board.companion_address().to_string(),
-        "board_own": options.board.to_string(),
+        "board": board.wire().map(|wire| wire.companion_address().to_string()),
+        "board_own": board.wire().map(|_| options.board.to_string()),
+        "json_physics": options.json_physics,
+        "hil_physics": options.hil_physics,
         "truth": options.truth,
         "seed": scenario.seed,
         "start_us": now_us(),
@@ -120,8 +141,9 @@ pub fn serve(options: &Options) -> Result<()> {
     drop(out);
     let orders = options.orders.then(Orders::listen).transpose()?;
     // Late bytes of tag and board would look like jitter of the real devices. Not at many times real
-    // time, where the loop may never sleep.
-    if options.speed <= REALTIME_SPEED
+    // time, where the loop may never sleep, nor with a firmware, which has to run as well.
+    if interface.is_none()
+        && options.speed <= REALTIME_SPEED
         && let Err(why) = insist_on_deadlines(PRIORITY)
     {
         tracing::debug!("{why}");
@@ -132,7 +154,9 @@ pub fn serve(options: &Options) -> Result<()> {
     tracing::info!(
         ticks.late,
         tag_dropped_bytes = tag.dropped(),
-        board_dropped_bytes = board.dropped(),
+        board_dropped_bytes = board.wire().map_or(0, BoardWire::dropped),
+        firmware_restarts_and_strange = ?board.restarts_and_strange(),
+        waited = ticks.waited,
         truth_lost_rows = lost_rows,
         "ended"
     );
@@ -156,12 +180,36 @@ pub fn plant(vehicle: Option<&Path>, scenario: &Scenario) -> Result<Plant> {
 #[derive(Debug, Default)]
 struct Ticks {
     late: u64,
+    /// Turns in which the world stood, because the firmware had not said what its motors do.
+    waited: u64,
+}
+
+/// Whose inner loop it is.
+enum BoardSide {
+    Simulated(BoardWire),
+    Firmware(Box<InnerLoop>),
+}
+
+impl BoardSide {
+    fn wire(&self) -> Option<&BoardWire> {
+        match self {
+            Self::Simulated(wire) => Some(wire),
+            Self::Firmware(_) => None,
+        }
+    }
+
+    fn restarts_and_strange(&self) -> (u64, u64) {
+        match self {
+            Self::Simulated(_) => (0, 0),
+            Self::Firmware(inner) => inner.restarts_and_strange(),
+        }
+    }
 }
 
 /// What leads out of the simulated world.
 struct Wires<'a> {
     tag: &'a mut TagPty,
-    board: &'a mut BoardWire,
+    board: &'a mut BoardSide,
     orders: Option<Orders>,
 }
 
@@ -182,6 +230,10 @@ fn run(
     let mut deadline_us = start_us;
     let mut truth_due_us = 0;
     let mut faults = faults.into_iter().peekable();
+    let give_up_us = match board {
+        BoardSide::Simulated(_) => GIVE_UP_US,
+        BoardSide::Firmware(_) => GIVE_UP_WITH_FIRMWARE_US,
+    };
     while !stop.asked() {
         deadline_us += TICK_US;
         sleep_until(deadline_us);
@@ -189,9 +241,16 @@ fn run(
         if late_us > TICK_US {
             ticks.late += 1;
         }
-        if late_us > GIVE_UP_US {
+        if late_us > give_up_us {
             start_us += late_us;
             deadline_us += late_us;
+        }
+        if let BoardSide::Firmware(inner) = &mut *board
+            && !inner.steer(plant, TICK_US as f64 * 1e-6 * options.speed)
+        {
+            start_us += TICK_US;
+            ticks.waited += 1;
+            continue;
         }
         let simulated_us = ((deadline_us - start_us) as f64 * options.speed) as u64;
         if options.duration.is_some_and(|s| simulated_us as f64 * 1e-6 >= s) {
@@ -213,10 +272,12 @@ fn run(
         if !from_tag.is_empty() {
             plant.tag_input(&from_tag);
         }
-        from_board.clear();
-        board.read(&mut from_board);
-        if !from_board.is_empty() {
-            plant.board_input(&from_board);
+        if let BoardSide::Simulated(wire) = &mut *board {
+            from_board.clear();
+            wire.read(&mut from_board);
+            if !from_board.is_empty() {
+                plant.board_input(&from_board);
+            }
         }
         plant.advance_to(simulated_us);
         let output = plant.tag_output();
@@ -225,9 +286,11 @@ fn run(
             tag.write(output);
         }
         output.clear();
-        let output = plant.board_output();
-        board.write(output);
-        output.clear();
+        match &mut *board {
+            BoardSide::Simulated(wire) => wire.write(plant.board_output()),
+            BoardSide::Firmware(inner) => inner.answer(plant, simulated_us),
+        }
+        plant.board_output().clear();
         if let Some(truth) = truth.as_deref_mut()
             && simulated_us >= truth_due_us
         {

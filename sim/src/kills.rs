@@ -24,6 +24,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use crate::demo::newest_log;
+use crate::firmware::Which;
 use crate::progress::Progress;
 use crate::rig::{Companion, Endpoint, Wiring, free_port, now_us};
 use crate::scenario::Scenario;
@@ -38,12 +39,14 @@ pub struct Options {
     /// How often the companion is killed.
     #[arg(long, value_name = "N", default_value_t = 10)]
     pub count: usize,
-    /// Flights at a time; each is two processes in real time.
+    /// Flights at a time; each is two processes in real time. With a real firmware always one.
     #[arg(long, value_name = "N", default_value_t = 4)]
     pub jobs: usize,
     /// Seed of the moments.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+    #[command(flatten)]
+    pub firmware: Which,
     /// Keep the logs of all flights, not only of those that went wrong.
     #[arg(long)]
     pub keep: bool,
@@ -67,6 +70,8 @@ const MOST_DRIFT_M: f64 = 2.0;
 const ALIGN_TIMEOUT: Duration = Duration::from_secs(60);
 /// Time for the board to come down and disarm, after the kill or the restart.
 const DOWN: Duration = Duration::from_secs(10);
+/// A real firmware notices after 2 s, sinks at half a metre a second and makes sure that it stands.
+const DOWN_BY_FIRMWARE: Duration = Duration::from_secs(20);
 
 /// What is drawn for a flight.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -111,6 +116,8 @@ pub fn run(options: &Options) -> Result<bool> {
     if options.count == 0 || options.jobs == 0 {
         bail!("--count and --jobs: at least 1");
     }
+    // PX4 has fixed ports, and two firmwares want more than this computer's two cores.
+    let jobs = if options.firmware.is_real() { 1 } else { options.jobs };
     let folder = std::path::absolute(&options.output).context("--output")?;
     std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
     let stop = Stop::on_signals()?;
@@ -126,14 +133,14 @@ pub fn run(options: &Options) -> Result<bool> {
     let next = AtomicUsize::new(0);
     let outcomes = Mutex::new(Vec::new());
     std::thread::scope(|scope| {
-        for _ in 0..options.jobs {
+        for _ in 0..jobs {
             scope.spawn(|| {
                 while let Some(trial) = trials.get(next.fetch_add(1, Relaxed)) {
                     if stop.asked() {
                         return;
                     }
                     let own = folder.join(format!("{:04}", trial.n));
-                    let outcome = fly(trial, &own);
+                    let outcome = fly(trial, &own, &options.firmware);
                     let tidy = !options.keep && outcome.as_ref().is_ok_and(Outcome::ok);
                     if tidy {
                         let _ = std::fs::remove_dir_all(&own);
@@ -155,26 +162,29 @@ pub fn run(options: &Options) -> Result<bool> {
     tell(options, &outcomes)
 }
 
-fn fly(trial: &Trial, folder: &Path) -> Result<Outcome> {
+fn fly(trial: &Trial, folder: &Path, which: &Which) -> Result<Outcome> {
     if folder.exists() {
         std::fs::remove_dir_all(folder).with_context(|| folder.display().to_string())?;
     }
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     let truth = folder.join("truth.csv");
     let logs = folder.join("log");
+    let between = which.between()?;
+    let [how, what] = between.arguments();
     let mut endpoint = Endpoint::start([
         "--seed".into(),
         (trial.n as u64 + 1).to_string().into(),
-        "--board".into(),
-        format!("udpout:127.0.0.1:{}", free_port()?).into(),
+        how,
+        what,
         "--truth".into(),
         truth.clone().into_os_string(),
     ])?;
+    let board = between.address(&endpoint)?;
     let ground = free_port()?;
     let wiring = Wiring {
         tag: endpoint.told("tag")?,
         tag_protocol: endpoint.told("tag_protocol")?,
-        board: endpoint.told("board")?,
+        board: &board,
         endpoints: &[format!("udpout:127.0.0.1:{ground}")],
         logs: &logs,
     };
@@ -182,6 +192,7 @@ fn fly(trial: &Trial, folder: &Path) -> Result<Outcome> {
     let ground = format!("udpin:127.0.0.1:{ground}");
 
     let mut first = Companion::start(&config, &[], folder.join("first.txt"))?;
+    let mut firmware = between.start(&folder.join("firmware"))?;
     let killed_us = {
         let mut station = GroundStation::connect(&ground)?;
         arm(&mut station).with_context(|| first.last_words())?;
@@ -198,13 +209,16 @@ fn fly(trial: &Trial, folder: &Path) -> Result<Outcome> {
     };
     std::thread::sleep(Duration::from_secs_f64(trial.restart_s));
     let mut second = Companion::start(&config, &[], folder.join("second.txt"))?;
-    std::thread::sleep(DOWN);
+    std::thread::sleep(if which.is_real() { DOWN_BY_FIRMWARE } else { DOWN });
     let asked_us = now_us();
     let arms_again = second.runs() && {
         let mut station = GroundStation::connect(&ground)?;
         arm(&mut station).and_then(|()| Ok(station.disarm()?)).is_ok()
     };
     second.stop()?;
+    if let Some(firmware) = &mut firmware {
+        firmware.stop()?;
+    }
     endpoint.stop()?;
 
     let file = std::fs::File::open(&truth).with_context(|| truth.display().to_string())?;

@@ -8,6 +8,7 @@ mod compare;
 mod demo;
 mod endpoint;
 mod faults;
+mod firmware;
 mod flood;
 mod generator;
 mod kills;

@@ -23,7 +23,7 @@ use crate::model::room::Room;
 use crate::model::tag::{Anchors, Port, TagProtocol};
 use crate::model::truth::Truth;
 use crate::model::vehicle::Vehicle;
-use crate::model::wings::Actuation;
+use crate::model::wings::{Actuation, ActuatorCommand};
 use crate::survey::Survey;
 
 /// Length of a step, µs.
@@ -124,6 +124,8 @@ pub struct Plant {
     wind_E_mps: Vector3<f64>,
     broken: Broken,
     requests: BoardRequests,
+    /// What an inner loop outside of the plant tells the actuators, where one flies it.
+    steered: Option<ActuatorCommand>,
     steps: u64,
     landed_s: f64,
     crashed: bool,
@@ -216,6 +218,7 @@ impl Plant {
                 gust: None,
             },
             requests: BoardRequests::default(),
+            steered: None,
             steps: 0,
             landed_s: LANDED_S,
             crashed: false,
@@ -318,6 +321,18 @@ impl Plant {
             armed: self.board.armed(),
             crashed: self.crashed,
         }
+    }
+
+    /// From now on another inner loop than the plant's own board flies the vehicle, such as a real firmware:
+    /// what it tells the actuators, kept until it says something else. Loops, link delays and setpoint
+    /// effects of the own board act no more.
+    pub fn steer(&mut self, command: ActuatorCommand) {
+        self.steered = Some(command);
+    }
+
+    /// What an inertial sensor read last, 250 times a second: with the effects and faults of this flight.
+    pub fn imu(&self) -> &ImuReading {
+        &self.imu
     }
 
     /// The board, for what truth there is about it.

@@ -17,6 +17,7 @@ use anyhow::{Context, Result, bail};
 use haltere::ctl::{GroundStation, Mode};
 
 use self::plan::Plan;
+use crate::firmware::Which;
 
 pub use self::processes::Processes;
 
@@ -38,6 +39,8 @@ pub struct Options {
     /// Set a configuration value of the companion, as `haltere fly --set`.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub overrides: Vec<String>,
+    #[command(flatten)]
+    pub firmware: Which,
     /// Print the result as JSON on standard output.
     #[arg(long)]
     pub json: bool,

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 
 use super::Options;
+use crate::firmware::Firmware;
 use crate::rig::{Companion, Endpoint, Wiring, free_port};
 use crate::scenario::Scenario;
 use crate::stop::Stop;
@@ -13,6 +14,7 @@ use crate::stop::Stop;
 #[derive(Debug)]
 pub struct Processes {
     endpoint: Endpoint,
+    firmware: Option<Firmware>,
     companion: Companion,
     stop: Stop,
     /// Where the ground station listens.
@@ -43,7 +45,8 @@ impl Processes {
         }
         let mut args: Vec<std::ffi::OsString> = vec!["--truth".into(), truth.clone().into()];
         args.extend(["--seed".into(), options.seed.to_string().into()]);
-        args.extend(["--board".into(), format!("udpout:127.0.0.1:{}", free_port()?).into()]);
+        let between = options.firmware.between()?;
+        args.extend(between.arguments());
         if let Some(scenario) = &options.scenario {
             args.extend(["--scenario".into(), scenario.into()]);
         }
@@ -52,18 +55,21 @@ impl Processes {
         let endpoints: Vec<String> = std::iter::once(format!("udpout:127.0.0.1:{ground_port}"))
             .chain(more_endpoints.iter().cloned())
             .collect();
+        let board = between.address(&endpoint)?;
         let wiring = Wiring {
             tag: endpoint.told("tag")?,
             tag_protocol: endpoint.told("tag_protocol")?,
-            board: endpoint.told("board")?,
+            board: &board,
             endpoints: &endpoints,
             logs: &log_directory,
         };
         let config = wiring.write(&folder, &scenario, "demo")?;
         let output = folder.join("companion.txt");
         let companion = Companion::start(&config, &options.overrides, output)?;
+        let firmware = between.start(&folder.join("firmware"))?;
         Ok(Self {
             endpoint,
+            firmware,
             companion,
             stop,
             ground: format!("udpin:127.0.0.1:{ground_port}"),
@@ -85,7 +91,8 @@ impl Processes {
     /// Asks both to end and waits for it; the companion first, so that its log shows no lost links.
     pub fn stop(&mut self) -> Result<()> {
         let companion = self.companion.stop();
+        let firmware = self.firmware.as_mut().map_or(Ok(()), Firmware::stop);
         let endpoint = self.endpoint.stop();
-        companion.and(endpoint)
+        companion.and(firmware).and(endpoint)
     }
 }

@@ -19,6 +19,7 @@ use serde_json::json;
 use self::attack::Attack;
 use self::measure::{Phase, phases};
 use crate::demo::{self, Processes, newest_log};
+use crate::firmware::Which;
 use crate::rig::{free_port, now_us};
 
 /// `haltere-sim flood`
@@ -66,6 +67,7 @@ pub fn run(options: &Options) -> Result<bool> {
         seed: 1,
         short: true,
         overrides: options.overrides.clone(),
+        firmware: Which::default(),
         json: false,
     };
     let mut processes = Processes::start_with(&demo_options, &more)?;

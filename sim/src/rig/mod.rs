@@ -9,4 +9,4 @@ mod process;
 pub use companion::Companion;
 pub use configuration::Wiring;
 pub use endpoint::Endpoint;
-pub use process::{free_port, now_us};
+pub use process::{Process, free_port, now_us};

@@ -37,7 +37,10 @@ impl Plant {
         }
         s.air_B_mps = s.R_EB.tr_mul(&(s.vel_E_mps - self.wind_E_mps));
 
-        let mut command = self.board.control(s, bank);
+        let mut command = match self.steered {
+            Some(command) => command,
+            None => self.board.control(s, bank),
+        };
         bank.command(s, &mut command);
         let wings = &self.vehicle.wings;
         let mut target = Actuation {
