@@ -107,6 +107,17 @@ impl<W: World> Lockstep<W> {
         all
     }
 
+    /// The companion dies, and another one is there at once.
+    #[cfg(test)]
+    pub(crate) fn restart_companion(&mut self, pilot: PilotConfig, survey: &Survey) {
+        let at = self.host_now();
+        self.pilot = Pilot::new(pilot, survey.clone(), at);
+        let grounds = 0..u8::try_from(self.ground_out.len()).unwrap_or(u8::MAX);
+        for link in [LinkId::Tag, LinkId::Board].into_iter().chain(grounds.map(LinkId::Ground)) {
+            self.feed(at, Input::LinkUp { link });
+        }
+    }
+
     fn feed(&mut self, at: HostTime, input: Input<'_>) {
         feed(&mut self.pilot, &mut self.listener, at, input);
     }

@@ -139,6 +139,56 @@ fn prop_each_firmware_is_recognised_and_flown_from_arming_to_disarming() {
     }
 }
 
+/// ArduCopter 4.6.3 held its motors for 2.5 s, in which an estimate that thought itself in the air rose by 0.35 m, and
+/// the take-off was begun on the floor.
+#[test]
+fn regress_the_estimate_stands_while_motors_are_held() {
+    for seed in 1..5 {
+        let mut world = board(Firmware::Ardupilot, seed, |plant, pilot| {
+            pilot.estimator.rest_height_m = Some(plant.vehicle.body.gear_m);
+        });
+        let mut ground = Ground::new();
+        let takeoff = [0.0, 0.0, 0.0, f32::NAN, f32::NAN, f32::NAN, 1.2];
+        ground.command(&mut world, MavCmd::MAV_CMD_NAV_TAKEOFF, takeoff);
+        arm_patiently(&mut world, &mut ground, 60.0);
+        until(&mut world, Mode::Spool, 5.0);
+        let began_us = world.t_us();
+        while world.pilot().mode() == Mode::Spool {
+            fly_for(&mut world, 0.01);
+            let (ours, truth) = (world.pilot().estimate().pos_E_m, world.truth().pos_E_m);
+            let held = world.truth().flap_hz == [0.0; 2];
+            assert!(!held || (ours.z() - truth.z()).abs() < 0.05, "{ours:?}");
+        }
+        assert_eq!(world.pilot().mode(), Mode::Takeoff, "{:?}", said(&mut world, &mut ground));
+        assert!(world.t_us() - began_us > 2_000_000);
+        let up_m = world.truth().pos_E_m.z() - world.pilot().estimate().pos_E_m.z();
+        assert!(up_m.abs() < 0.25, "{up_m}");
+        until(&mut world, Mode::Hold, 20.0);
+    }
+}
+
+/// A companion that comes back at once must not keep ArduPilot's failsafe from acting by its heartbeat: without
+/// setpoints the board would hold its height and drift for as long as the battery lasts.
+#[test]
+fn prop_a_companion_that_comes_back_in_flight_leaves_the_board_to_its_failsafe() {
+    for firmware in [Firmware::Generic, Firmware::Px4, Firmware::Ardupilot] {
+        let (mut world, mut ground) = in_hover(board(firmware, 3, |_, _| {}));
+        let plant = PlantConfig::hall(3);
+        world.restart_companion(pilot_config(&plant), &plant.survey);
+        let mut took_s = 0.0;
+        while !world.truth().landed || world.truth().armed {
+            pass(&mut world, &mut ground, 0.1);
+            took_s += 0.1;
+            assert!(took_s < 20.0, "{firmware:?} does not come down: {:?}", world.truth());
+        }
+        println!("{firmware:?}: on the floor after {took_s:.1} s");
+        assert!(!world.truth().crashed);
+        // And it is of use again.
+        pass(&mut world, &mut ground, 3.0);
+        arm_patiently(&mut world, &mut ground, 60.0);
+    }
+}
+
 #[test]
 fn prop_setpoints_are_what_both_firmwares_read_alike() {
     for firmware in REAL {

@@ -1,4 +1,4 @@
-//! ArduPilot's copter, as ArduCopter 4.8 was seen on the wire.
+//! ArduPilot's copter, as ArduCopter 4.6.3 and 4.8 were seen on the wire.
 //!
 //! It obeys in GUIDED_NOGPS only and says nothing about setpoints that it drops. Thrust is a climb
 //! rate unless GUID_OPTIONS says otherwise. Without setpoints it levels and holds its height, in the same
@@ -8,7 +8,7 @@ use haltere_dialect::mav::haltere::{MavMessage, MavResult, MavSeverity};
 
 use crate::model::board::parameters::Parameters;
 use crate::model::board::ways::{Act, LandDetector, Now, OwnFlight, texts};
-use crate::model::effects::Setpoint;
+use crate::model::effects::{STEP_S, Setpoint};
 
 pub(super) const STABILIZE: u32 = 0;
 const LAND: u32 = 9;
@@ -23,6 +23,9 @@ const LENGTH_TOLERANCE: f32 = 1e-3;
 const LAND_MPS: f64 = 0.5;
 /// The target that it tells follows what it is told with this time constant, s (ATC_INPUT_TC).
 pub(super) const SHAPING_S: f64 = 0.1;
+/// Motors stay off for so long after arming, s (seen with 4.6.3: thrust in force 2.5 s after arming with a spool-up
+/// of 0.5 s, in which there is none either).
+const HELD_S: f64 = 2.0;
 /// Bit of GUID_OPTIONS that makes thrust thrust.
 const THRUST_AS_THRUST: u32 = 8;
 const REASONS: [&str; 4] = [
@@ -45,6 +48,9 @@ pub(super) struct ArduPilot {
     ready_told: bool,
     refusals: usize,
     text_id: u16,
+    /// Since arming, s, and how long the motors have spooled up since then.
+    armed_for_s: f64,
+    spooled_s: f64,
 }
 
 impl ArduPilot {
@@ -59,6 +65,8 @@ impl ArduPilot {
             ready_told: false,
             refusals: 0,
             text_id: 0,
+            armed_for_s: 0.0,
+            spooled_s: 0.0,
         }
     }
 
@@ -140,8 +148,10 @@ impl ArduPilot {
         if !now.armed {
             self.own = OwnFlight::default();
             self.landed = LandDetector::default();
+            (self.armed_for_s, self.spooled_s) = (0.0, 0.0);
             return Act::Stop;
         }
+        self.armed_for_s += STEP_S;
         let mut sinking = false;
         let setpoint = match self.custom_mode {
             GUIDED_NOGPS => self.guided(now, parameters),
@@ -160,7 +170,27 @@ impl ArduPilot {
         if (sinking && self.landed.has_landed()) || tired {
             return Act::Disarm;
         }
-        setpoint.map_or(Act::Stop, Act::Fly)
+        let Some(setpoint) = setpoint else { return Act::Stop };
+        if self.motors_wait(now.state.on_ground, setpoint.thrust_frac, parameters) {
+            return Act::Wait(Setpoint { thrust_frac: 0.0, ..setpoint });
+        }
+        Act::Fly(setpoint)
+    }
+
+    /// Whether thrust does not act yet: on the floor, after arming and after each rest.
+    fn motors_wait(&mut self, on_ground: bool, thrust_frac: f64, parameters: &Parameters) -> bool {
+        let spool_s = parameters.get("MOT_SPOOL_TIME");
+        if on_ground && thrust_frac <= 0.0 {
+            self.spooled_s = 0.0;
+            return true;
+        }
+        if self.spooled_s >= spool_s {
+            return false;
+        }
+        if self.armed_for_s > HELD_S {
+            self.spooled_s += STEP_S;
+        }
+        true
     }
 
     fn guided(&mut self, now: &Now<'_>, parameters: &Parameters) -> Option<Setpoint> {

@@ -182,7 +182,8 @@ impl Board {
     pub fn new(mut settings: BoardSettings, vehicle: &Vehicle) -> Self {
         let parameters = Parameters::new(settings.firmware, &settings.parameters);
         if settings.firmware == Firmware::Ardupilot {
-            settings.spool_up_s = parameters.get("MOT_SPOOL_TIME");
+            // Its own, in which it does nothing.
+            settings.spool_up_s = 0.0;
         }
         let mut board = Self {
             persona: Persona::new(&settings, &parameters),

@@ -8,8 +8,8 @@ use crate::model::board::firmware::{Firmware, Overrides};
 /// A parameter: name, default, whether it is an integer.
 type Default = (&'static str, f64, bool);
 
-/// Of ArduCopter 4.8: what a companion cares about, as the firmware ships, except GUID_OPTIONS, GUID_TIMEOUT
-/// and the watchdog, which are as docs/BOARDS.md wants them.
+/// Of ArduCopter 4.8: what a companion cares about, as the firmware ships, except GUID_OPTIONS, GUID_TIMEOUT,
+/// ATC_ANGLE_BOOST and the watchdog, which are as docs/BOARDS.md wants them.
 const ARDUPILOT: &[Default] = &[
     ("GUID_OPTIONS", 8.0, true),
     ("GUID_TIMEOUT", 0.5, false),
@@ -18,6 +18,7 @@ const ARDUPILOT: &[Default] = &[
     ("MAV_GCS_SYSID", 1.0, true),
     ("FS_EKF_ACTION", 0.0, true),
     ("MOT_SPOOL_TIME", 0.5, false),
+    ("ATC_ANGLE_BOOST", 0.0, true),
     ("DISARM_DELAY", 10.0, true),
     ("WP_SPD_UP", 2.5, false),
     ("WP_SPD_DN", 1.5, false),

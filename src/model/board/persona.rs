@@ -10,7 +10,7 @@ use nalgebra::UnitQuaternion;
 use crate::model::board::ardupilot::{ArduPilot, READY_S, SHAPING_S};
 use crate::model::board::firmware::Firmware;
 use crate::model::board::parameters::Parameters;
-use crate::model::board::px4::Px4;
+use crate::model::board::px4::{OFFBOARD, Px4};
 use crate::model::board::streams::Kind;
 use crate::model::board::ways::{Act, Now, texts};
 use crate::model::board::{Board, BoardSettings};
@@ -105,7 +105,7 @@ impl Board {
         flown
     }
 
-    /// Keeps what ATTITUDE_TARGET says: ArduPilot's is shaped, and without thrust in the spool-up.
+    /// Keeps what ATTITUDE_TARGET says: ArduPilot's is shaped.
     fn tell_target(&mut self, set: Setpoint) {
         if self.settings.firmware != Firmware::Ardupilot {
             self.told = set;
@@ -113,9 +113,7 @@ impl Board {
         }
         let share = (STEP_S / SHAPING_S).min(1.0);
         let q = self.told.q.try_slerp(&set.q, share, 1e-9).unwrap_or(set.q);
-        let spooling = self.spool_s < self.settings.spool_up_s;
-        let thrust_frac = if spooling { 0.0 } else { set.thrust_frac };
-        self.told = Setpoint { q, thrust_frac };
+        self.told = Setpoint { q, thrust_frac: set.thrust_frac };
     }
 
     /// Whether a real firmware takes this setpoint, and what it learns from it.
@@ -261,6 +259,12 @@ impl Board {
     /// Its heartbeat; `None` for the generic board.
     pub(super) fn real_heartbeat(&self, t_us: u64) -> Option<HEARTBEAT_DATA> {
         let booting = self.time_us(t_us) as f64 * 1e-6 < READY_S;
+        // PX4 has no word for its start; it says 0 as long as the checks of its mode fail, and those of a mode that
+        // needs a position do (seen with 1.16.1).
+        let unready = match &self.persona {
+            Persona::Px4(p) => p.custom_mode != OFFBOARD,
+            _ => false,
+        };
         let (autopilot, mavtype, custom_mode) = match &self.persona {
             Persona::Generic => return None,
             Persona::Px4(p) => {
@@ -284,6 +288,7 @@ impl Board {
         }
         let system_status = match (self.armed, booting) {
             (true, _) => MavState::MAV_STATE_ACTIVE,
+            (false, _) if unready => MavState::MAV_STATE_UNINIT,
             (false, true) => MavState::MAV_STATE_BOOT,
             (false, false) => MavState::MAV_STATE_STANDBY,
         };

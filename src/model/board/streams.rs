@@ -81,6 +81,9 @@ pub(super) struct Streams {
     heartbeat_in: u32,
     baro_in: u32,
     mag_in: u32,
+    /// What ArduPilot's barometer and magnetometer showed last, hPa and microgauss.
+    shown_hpa: f32,
+    shown_field: [f32; 3],
 }
 
 impl Streams {
@@ -199,24 +202,45 @@ impl Board {
                 | Flags::HIGHRES_IMU_UPDATED_YGYRO
                 | Flags::HIGHRES_IMU_UPDATED_ZGYRO;
         }
-        if self.streams.baro_in == 0 {
-            self.streams.baro_in = BARO_SAMPLES;
-            if baro {
-                fields_updated |= Flags::HIGHRES_IMU_UPDATED_ABS_PRESSURE;
-            }
+        let streams = &mut self.streams;
+        let (mut baro_hpa, mut field_gauss) = ((r.imu.pressure_pa * 0.01) as f32, [0.0f32; 3]);
+        let read_baro = streams.baro_in == 0;
+        if read_baro {
+            streams.baro_in = BARO_SAMPLES;
         }
-        self.streams.baro_in -= 1;
-        let mut field_gauss = [0.0f32; 3];
+        streams.baro_in -= 1;
+        let mut read_mag = false;
         if let Some(field_B_ut) = r.field_B_ut {
             let gauss = field_B_ut * (1e-3 * MGAUSS_PER_UT);
             field_gauss = [gauss.x as f32, gauss.y as f32, gauss.z as f32];
-            if self.streams.mag_in == 0 {
-                self.streams.mag_in = MAG_SAMPLES;
-                fields_updated |= Flags::HIGHRES_IMU_UPDATED_XMAG
-                    | Flags::HIGHRES_IMU_UPDATED_YMAG
-                    | Flags::HIGHRES_IMU_UPDATED_ZMAG;
+            read_mag = streams.mag_in == 0;
+            if read_mag {
+                streams.mag_in = MAG_SAMPLES;
             }
-            self.streams.mag_in -= 1;
+            streams.mag_in -= 1;
+        }
+        // PX4 sends pascal (seen with 1.16.1).
+        if self.settings.firmware == Firmware::Px4 {
+            baro_hpa *= 100.0;
+        }
+        // ArduPilot says each time that both are new, and sends microgauss (seen with 4.6.3).
+        let ardupilot = self.settings.firmware == Firmware::Ardupilot;
+        if ardupilot {
+            if read_baro {
+                streams.shown_hpa = baro_hpa;
+            }
+            if read_mag {
+                streams.shown_field = field_gauss.map(|gauss| 1e6 * gauss);
+            }
+            (baro_hpa, field_gauss) = (streams.shown_hpa, streams.shown_field);
+        }
+        if baro && (read_baro || ardupilot) {
+            fields_updated |= Flags::HIGHRES_IMU_UPDATED_ABS_PRESSURE;
+        }
+        if read_mag || (ardupilot && r.field_B_ut.is_some()) {
+            fields_updated |= Flags::HIGHRES_IMU_UPDATED_XMAG
+                | Flags::HIGHRES_IMU_UPDATED_YMAG
+                | Flags::HIGHRES_IMU_UPDATED_ZMAG;
         }
         MavMessage::HIGHRES_IMU(HIGHRES_IMU_DATA {
             time_usec: self.time_us(r.t_us),
@@ -229,7 +253,7 @@ impl Board {
             xmag: field_gauss[0],
             ymag: field_gauss[1],
             zmag: field_gauss[2],
-            abs_pressure: (r.imu.pressure_pa * 0.01) as f32, // hPa on the wire
+            abs_pressure: baro_hpa,
             fields_updated,
             ..HIGHRES_IMU_DATA::DEFAULT
         })

@@ -10,6 +10,7 @@ mod checks;
 mod clock;
 mod control;
 mod encoding;
+mod events;
 mod orders;
 mod pace;
 mod profile;
@@ -40,8 +41,9 @@ use checks::Checks;
 use clock::BoardClock;
 use control::Control;
 use encoding::Encoding;
+use events::Events;
 use pace::Pace;
-use sensors::TextJoiner;
+use sensors::{SlowFields, TextJoiner};
 use streams::Streams;
 use target::TargetWatch;
 
@@ -56,6 +58,7 @@ const BOARD_COMPONENT: u8 = 1;
 const INVALID_AUTOPILOT: u8 = 8;
 /// MAV_STATE: below standby a board is still booting or calibrating.
 const STATE_STANDBY: u8 = 3;
+const STATE_UNINIT: u8 = 0;
 
 /// TIMESYNC.
 const TIMESYNC_ID: u32 = 111;
@@ -143,6 +146,10 @@ pub(super) struct BoardLink {
     streaming: Option<(HostTime, HostTime)>,
     /// We fly it: its mode must be ours.
     held: bool,
+    /// Our heartbeat is withheld, so that its own failsafe acts.
+    mute: bool,
+    slow: SlowFields,
+    events: Events,
     text: TextJoiner,
 }
 
@@ -170,6 +177,9 @@ impl BoardLink {
             arming: Arming::default(),
             streaming: None,
             held: false,
+            mute: false,
+            slow: SlowFields::default(),
+            events: Events::default(),
             text: TextJoiner::default(),
         }
     }
@@ -231,7 +241,10 @@ impl BoardLink {
                 beat.mavtype
             ));
         }
-        if beat.system_status < STATE_STANDBY {
+        // PX4 says 0 while the checks of the mode fail that it happens to be in (seen with 1.16.1: HOLD, without a
+        // position), and passes them in ours; of its start it says nothing.
+        let of_its_mode = self.firmware == Firmware::Px4 && beat.system_status == STATE_UNINIT;
+        if beat.system_status < STATE_STANDBY && !of_its_mode {
             return Some(format!("board is still starting (state {})", beat.system_status));
         }
         match self.pace.median_s() {
@@ -433,8 +446,11 @@ impl BoardLink {
         // Spoken from the first moment on: a board behind `udpout` answers only who speaks first.
         let speaker =
             Address { system_id: self.system_id.unwrap_or(1), component_id: OWN_COMPONENT };
-        if at >= self.next_heartbeat {
+        let due = at >= self.next_heartbeat;
+        if due {
             self.next_heartbeat = at.offset_us(SECOND_US);
+        }
+        if due && !self.mute {
             let beat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
                 custom_mode: 0,
                 mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,

@@ -9,7 +9,7 @@ use crate::frames::{B, E, Rot};
 use crate::time::HostTime;
 
 use super::arming::{Seen, Send};
-use super::{BOARD_COMPONENT, BoardLink, BoardNews, report};
+use super::{BOARD_COMPONENT, BoardLink, BoardNews, Firmware, report};
 use crate::pilot::LinkId;
 use crate::pilot::output::Outbox;
 
@@ -32,6 +32,16 @@ impl BoardLink {
     /// Whether an arm or disarm command still waits for its answer or its confirmation.
     pub fn is_commanding(&self) -> bool {
         self.arming.is_under_way()
+    }
+
+    /// Nobody here began this flight: an armed board is left to its own failsafe. ArduPilot lands when it hears our
+    /// heartbeat no more, so a companion that comes back in flight must not speak as if it were in charge. A
+    /// mode of a remote control is not touched by that.
+    pub fn leave_to_itself(&mut self, stranger: bool) {
+        let mode = self.control.custom_mode();
+        let in_our_mode =
+            mode.zip(self.firmware.control_mode()).is_some_and(|(n, m)| n & m.mask == m.value);
+        self.mute = stranger && self.armed && in_our_mode && self.firmware == Firmware::ArduPilot;
     }
 
     /// Whether the board flies for us from now on, so that its mode must stay ours.
@@ -73,8 +83,8 @@ impl BoardLink {
         if !self.held {
             return;
         }
-        let spool_s = self.spool_s();
-        if let Some(ignored) = self.target.tick(at, spool_s) {
+        let patience_s = self.spool_s() + self.firmware.held_after_arming_s();
+        if let Some(ignored) = self.target.tick(at, patience_s) {
             news.push(BoardNews::Ignored {
                 ignored,
                 sent_frac: self.target.sent_thrust_frac(),

@@ -116,6 +116,12 @@ impl Firmware {
         }
     }
 
+    /// Time for which motors stay off after arming, before they spool up, s. Seen with ArduCopter 4.6.3, whose source
+    /// says 2 s and no parameter changes it.
+    pub fn held_after_arming_s(self) -> f64 {
+        if self == Firmware::ArduPilot { 2.0 } else { 0.0 }
+    }
+
     /// How long arming is asked for again after refusals, s: 23 s after its start were seen until an
     /// ArduPilot's sensors had settled. Zero: a refusal is final.
     pub fn arming_patience_s(self) -> f64 {

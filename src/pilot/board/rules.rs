@@ -88,6 +88,12 @@ static ARDUPILOT: &[Rule] = &[
         Should,
         "0: a board without a position must not land because it has none",
     ),
+    rule(
+        &["ATC_ANGLE_BOOST"],
+        OneOf(&[0.0]),
+        Should,
+        "0: the companion raises thrust with tilt itself; else it is raised twice",
+    ),
     rule(&["MOT_SPOOL_TIME"], Known, Note, "time in which thrust does not act yet"),
 ];
 

@@ -9,7 +9,7 @@ use crate::frames::{B, G_MPS2, Rot, Vec3};
 use crate::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample};
 use crate::time::{FcTime, HostTime};
 
-use super::{BoardLink, BoardNews};
+use super::{BoardLink, BoardNews, Firmware};
 use crate::pilot::output::Outbox;
 use crate::pilot::reference;
 
@@ -21,6 +21,8 @@ const ACC_LIMIT_MPS2: f64 = 320.0;
 const RATE_LIMIT_RADPS: f64 = 70.0;
 /// Packs outside of this are not ours, V.
 const SUPPLY_RANGE_V: std::ops::RangeInclusive<f64> = 1.0..=60.0;
+/// What barometers can read, hPa.
+const PRESSURE_HPA: std::ops::RangeInclusive<f64> = 300.0..=1200.0;
 /// Events that are less severe than a warning are not passed on.
 const LAST_EVENT_SEVERITY: u8 = 4;
 /// Accelerometer and gyroscope of HIGHRES_IMU are new in a sample that has all these bits.
@@ -29,6 +31,10 @@ const IMU_FIELDS: u16 = 0x3F;
 const MAG_FIELDS: u16 = 0x1C0;
 /// The wire's unit is the gauss.
 const TESLA_PER_GAUSS: f64 = 1e-4;
+/// Seen with ArduCopter 4.6.3: it sends microgauss (220 000 where its RAW_IMU said 220 mG). No field that a drone
+/// flies in is as strong as this, gauss.
+const NO_FIELD_GAUSS: f64 = 1000.0;
+const GAUSS_PER_MICROGAUSS: f64 = 1e-6;
 
 impl BoardLink {
     pub(super) fn message(
@@ -113,11 +119,11 @@ impl BoardLink {
             }
             MavMessage::AUTOPILOT_VERSION(m) => self.version(at, m),
             MavMessage::EVENT(m) => {
-                // Its words are in the firmware's metadata, which we do not have. The low half is the
-                // level for people on the outside: MAV_SEVERITY.
+                // The low half is the level for people on the outside: MAV_SEVERITY.
                 let severity = m.log_levels & 0x0F;
-                if severity <= LAST_EVENT_SEVERITY {
-                    let text = format!("event {} (PX4 sends no words for it)", m.id);
+                if severity <= LAST_EVENT_SEVERITY
+                    && let Some(text) = self.events.told(at, m.id)
+                {
                     news.push(BoardNews::Text { severity, text });
                 }
             }
@@ -158,20 +164,27 @@ impl BoardLink {
             let rate_B_radps = Vec3::<B>::from_array([m.xgyro, m.ygyro, m.zgyro].map(f64::from));
             push_imu(valid_at, at, acc_B_mps2, rate_B_radps, drops, news);
         }
+        let fields = fields & self.slow.really_new(self.firmware, m);
         if fields & Fields::HIGHRES_IMU_UPDATED_ABS_PRESSURE.bits() != 0 {
-            // The field is in hPa; 300 to 1200 hPa is what such sensors can read.
-            if (300.0..=1200.0).contains(&m.abs_pressure) {
+            // The field is in hPa. PX4 sends pascal (seen with 1.16.1), which nothing in hPa comes near.
+            let raw = f64::from(m.abs_pressure);
+            let in_pa = self.firmware == Firmware::Px4 && raw > *PRESSURE_HPA.end();
+            let hpa = if in_pa { raw * 0.01 } else { raw };
+            if PRESSURE_HPA.contains(&hpa) {
                 news.push(BoardNews::Baro(BaroSample {
                     valid_at,
                     received_at: at,
-                    pressure_pa: f64::from(m.abs_pressure) * 100.0,
+                    pressure_pa: hpa * 100.0,
                 }));
             } else {
                 drops.add(DropReason::BadValue, 1);
             }
         }
         if fields & MAG_FIELDS == MAG_FIELDS {
-            let field_gauss = Vec3::<B>::from_array([m.xmag, m.ymag, m.zmag].map(f64::from));
+            let mut field_gauss = Vec3::<B>::from_array([m.xmag, m.ymag, m.zmag].map(f64::from));
+            if self.firmware == Firmware::ArduPilot && field_gauss.norm() > NO_FIELD_GAUSS {
+                field_gauss = field_gauss * GAUSS_PER_MICROGAUSS;
+            }
             if field_gauss.is_finite() {
                 let field_B_tesla = field_gauss * TESLA_PER_GAUSS;
                 news.push(BoardNews::Mag(MagSample { valid_at, received_at: at, field_B_tesla }));
@@ -234,6 +247,32 @@ impl BoardLink {
                 .contains(&remaining_percent)
                 .then(|| f64::from(remaining_percent) * 0.01),
         }));
+    }
+}
+
+/// What the slow sensors in HIGHRES_IMU showed last.
+#[derive(Debug, Default)]
+pub(super) struct SlowFields {
+    pressure: f32,
+    field: [f32; 3],
+}
+
+impl SlowFields {
+    /// Fields of a message that may be new. ArduPilot says of barometer and magnetometer each time that they are
+    /// (seen with 4.6.3, and 4.8): what is the same to the last bit was not measured again.
+    fn really_new(&mut self, firmware: Firmware, m: &HIGHRES_IMU_DATA) -> u16 {
+        let (pressure, field) = (m.abs_pressure, [m.xmag, m.ymag, m.zmag]);
+        let mut new = u16::MAX;
+        if firmware == Firmware::ArduPilot {
+            if pressure == self.pressure {
+                new &= !Fields::HIGHRES_IMU_UPDATED_ABS_PRESSURE.bits();
+            }
+            if field == self.field {
+                new &= !MAG_FIELDS;
+            }
+        }
+        (self.pressure, self.field) = (pressure, field);
+        new
     }
 }
 
