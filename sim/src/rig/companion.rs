@@ -84,6 +84,20 @@ impl Companion {
         }
     }
 
+    /// How often its threads went to sleep so far, all together: unlike seconds a number that does not depend
+    /// on what else this computer or its host does.
+    pub fn sleeps(&self) -> Result<u64> {
+        let folder = format!("/proc/{}/task", self.process.0.id());
+        let threads = std::fs::read_dir(&folder).with_context(|| folder.clone())?;
+        let of_thread = |status: String| -> Option<u64> {
+            let field = status.lines().find_map(|l| l.strip_prefix("voluntary_ctxt_switches:"));
+            field?.trim().parse().ok()
+        };
+        // A thread that ends meanwhile takes its count along.
+        let status = threads.filter_map(|t| std::fs::read_to_string(t.ok()?.path().join("status")).ok());
+        Ok(status.filter_map(of_thread).sum())
+    }
+
     fn proc(&self, file: &str) -> Result<(String, String)> {
         let name = format!("/proc/{}/{file}", self.process.0.id());
         let text = std::fs::read_to_string(&name).with_context(|| name.clone())?;

@@ -5,6 +5,7 @@
 //! was received here, which is when it was on the wire.
 
 use std::fs::{File, OpenOptions};
+use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::AsFd as _;
 use std::os::unix::fs::OpenOptionsExt as _;
@@ -110,13 +111,17 @@ impl Taps {
             back.clear();
             let dtr = near.read(&mut back);
             let _ = std::io::Write::write_all(&mut far, &back);
-            if let Ok(n) = std::io::Read::read(&mut far, &mut buffer)
-                && n > 0
-                && dtr != Dtr::Low
-            {
-                near.write(buffer.get(..n).unwrap_or_default());
-                let at = now_us();
-                passed.lock().unwrap_or_else(PoisonError::into_inner).tag_us.push(at);
+            match std::io::Read::read(&mut far, &mut buffer) {
+                Ok(n) if n > 0 && dtr != Dtr::Low => {
+                    near.write(buffer.get(..n).unwrap_or_default());
+                    let at = now_us();
+                    passed.lock().unwrap_or_else(PoisonError::into_inner).tag_us.push(at);
+                }
+                Ok(1..) => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                // The endpoint closes its end: a line that is hung up is always ready, and above the endpoint's
+                // priority looking again at once would keep it from ever closing.
+                Ok(0) | Err(_) => std::thread::sleep(LOOK),
             }
         })
     }
