@@ -94,7 +94,8 @@ impl Companion {
             field?.trim().parse().ok()
         };
         // A thread that ends meanwhile takes its count along.
-        let status = threads.filter_map(|t| std::fs::read_to_string(t.ok()?.path().join("status")).ok());
+        let status =
+            threads.filter_map(|t| std::fs::read_to_string(t.ok()?.path().join("status")).ok());
         Ok(status.filter_map(of_thread).sum())
     }
 

@@ -43,7 +43,10 @@ pub fn tell(options: &Options, seen: &Seen, steps: &Phase, log: &Path) -> Result
     let mut bounds: BTreeMap<&str, bool> = [
         ("every flight flown", seen.trouble.len() == seen.disturbed),
         ("setpoints were seen", gaps_ms.count() > 100),
-        ("middle between setpoints", (MIDDLE_GAP_MS[0]..=MIDDLE_GAP_MS[1]).contains(&middle_gap_ms)),
+        (
+            "middle between setpoints",
+            (MIDDLE_GAP_MS[0]..=MIDDLE_GAP_MS[1]).contains(&middle_gap_ms),
+        ),
         ("middle latency", latency_ms.at(0.5) <= MIDDLE_LATENCY_MS),
         ("no growth of memory", growth_B <= MOST_GROWTH_B),
         ("memory", most_B <= MOST_MEMORY_B),
