@@ -8,6 +8,7 @@ use super::state::{self, ATT, State};
 use super::{Estimator, GAP_S, Pending, align};
 use crate::drops::DropReason;
 use crate::frames::{B, E, Rot, Vec3};
+use crate::survey::Survey;
 use crate::time::HostTime;
 
 /// Start values from rest: one sigma of position m, level rad, and of velocity m/s.
@@ -40,7 +41,23 @@ const HIDDEN_M: [f64; 8] = [0.0, 0.5, 1.0, 1.5, 2.0, 2.75, 3.5, 4.25];
 /// Attempts at a fix are this far apart, s.
 const FIX_INTERVAL_S: f64 = 0.25;
 
+/// Corners of the box that holds all anchors, m.
+pub(super) fn hull_E_m(survey: &Survey) -> (Vector3<f64>, Vector3<f64>) {
+    let centre_E_m = survey.centre_E_m().raw();
+    let places = survey.ids().iter().filter_map(|id| survey.position_E_m(*id));
+    places.fold((centre_E_m, centre_E_m), |(low, high), place| {
+        (low.inf(&place.raw()), high.sup(&place.raw()))
+    })
+}
+
 impl Estimator {
+    /// Where the vehicle can be.
+    #[inline]
+    pub(super) fn volume(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let (low, high) = self.hull;
+        (low.add_scalar(-OUTSIDE_M), high.add_scalar(OUTSIDE_M))
+    }
+
     /// Starts at a told pose, at rest.
     pub fn align_at(&mut self, at: HostTime, pos_E_m: Vec3<E>, R_EB: Rot<E, B>) {
         if !pos_E_m.is_finite() {
@@ -74,6 +91,9 @@ impl Estimator {
         self.isolation.restart();
         let near_floor = !self.airborne || -x_E.z < self.config.anchor_bias.hidden_below_m;
         state.biases = Biases::new(&self.config.anchor_bias, &self.anchors_m, near_floor);
+        if self.config.gyro_bias.estimate {
+            state.biases.restart_gyro(self.config.gyro_bias.std_radps);
+        }
         self.qualities = Qualities::default();
         self.pending = Pending::default();
         self.state = Some(state);
@@ -130,22 +150,6 @@ impl Estimator {
             &HIDDEN_M[..1]
         };
         self.recent.locate(oldest, &starts, &self.volume(), height_m, tried)
-    }
-
-    pub(super) fn bounds(&self) -> (Vector3<f64>, Vector3<f64>) {
-        let mut low = self.survey.centre_E_m().raw();
-        let mut high = low;
-        for pos in self.survey.ids().iter().filter_map(|id| self.survey.position_E_m(*id)) {
-            low = low.inf(&pos.raw());
-            high = high.sup(&pos.raw());
-        }
-        (low, high)
-    }
-
-    /// Where the vehicle can be.
-    pub(super) fn volume(&self) -> (Vector3<f64>, Vector3<f64>) {
-        let (low, high) = self.bounds();
-        (low.add_scalar(-OUTSIDE_M), high.add_scalar(OUTSIDE_M))
     }
 
     /// Level comes from rest, position from TDOA; the two need not be known at the same time, a

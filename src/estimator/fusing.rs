@@ -13,7 +13,7 @@ use super::quality::Qualities;
 use super::state::{POS, VEL};
 use super::update::Observation;
 use super::{
-    Estimator, SUSPECT_FACTOR, SUSPECT_SHARE, noise, reference, tdoa, update, zero_velocity,
+    Estimator, SUSPECT_SHARE, SUSPECT_STD_M, noise, reference, tdoa, update, zero_velocity,
 };
 use crate::drops::DropReason;
 use crate::measure::{AnchorId, BaroSample, ReferencePose, Tdoa};
@@ -262,8 +262,10 @@ impl Estimator {
         if !config.leave_out {
             return;
         }
-        let Some(out) = self.isolation.judge(config, self.at) else { return };
+        let (low, high) = self.volume();
         let Some(state) = &mut self.state else { return };
+        let reach = [low - state.x_E, high - state.x_E];
+        let Some(out) = self.isolation.judge(config, self.at, &reach) else { return };
         state.restart_position(state.x_E + out.shift_E_m, out.std_m);
         // What led the position astray led the velocity astray with it.
         state.restart_velocity(state.v_B, STD_WIDEN);
@@ -275,15 +277,20 @@ impl Estimator {
         self.counts.left_out += 1;
     }
 
+    /// Whether most anchors have been much worse than usual.
+    pub(super) fn most_are_suspect(&self) -> bool {
+        let factor = (SUSPECT_STD_M / self.config.std_uwb_m).powi(2);
+        self.qualities.share_beyond(factor, self.anchors_m.len()) > SUSPECT_SHARE
+    }
+
     /// Does something about a filter that is wrong.
     pub(super) fn heal(&mut self) {
+        let most_suspect = self.most_are_suspect();
         let Some(state) = &mut self.state else { return };
         let mut seek = (0..3).any(|i| state.P[(i, i)] > STD_SEEK_FIX_M * STD_SEEK_FIX_M);
         // Quality is learned from innovations, and so swallows those of a filter that is wrong. Then
         // nearly all anchors look bad at once.
-        let suspect =
-            self.qualities.share_beyond(SUSPECT_FACTOR, self.anchors_m.len()) > SUSPECT_SHARE;
-        seek |= suspect;
+        seek |= most_suspect;
         if let Some(remedy) = self.doubt.remedy(&self.config.gate) {
             self.counts.remedies += 1;
             let std = if remedy == Remedy::Widen { STD_WIDEN } else { STD_WIDEN_MORE };

@@ -50,6 +50,9 @@ const STD_POSITION_M: f64 = 5.0;
 const STD_FREE_M: f64 = 30.0;
 /// Fewer equations say nothing: chosen, a twentieth of a second of TDoA2.
 const LEAST_EQUATIONS: f64 = 20.0;
+/// Somebody is at fault from so many times the doubt from which one is suspected, whether one can be named or not:
+/// from 1.5 to 3 times warn alike on recorded flights with a fault in them (docs/ESTIMATOR.md).
+const CONTRADICTED: f64 = 2.0;
 /// Doubt below which one that is left out fits: its error is no larger than is usual.
 const FITS_DOUBT: f64 = 1.0;
 /// An anchor counts as heard with this share of an equal part of the equations: chosen, so that one that
@@ -78,6 +81,8 @@ pub struct Isolation {
     judged_at: Option<HostTime>,
     /// Who may be at fault, and since when.
     suspect: Option<(usize, HostTime)>,
+    /// Since when somebody is, and whether for long enough.
+    contradicted: Option<(HostTime, bool)>,
     /// Who is left out.
     out: [bool; MOST_ANCHORS],
     /// Since when one that is left out fits.
@@ -92,6 +97,7 @@ impl Default for Isolation {
             equations: 0.0,
             judged_at: None,
             suspect: None,
+            contradicted: None,
             out: [false; MOST_ANCHORS],
             fits_since: [None; MOST_ANCHORS],
         }
@@ -121,6 +127,13 @@ impl Isolation {
         self.right.fill(0.0);
         self.equations = 0.0;
         self.suspect = None;
+        self.contradicted = None;
+    }
+
+    /// Whether the anchors have contradicted one another for a while, and none could be left out for it.
+    #[inline]
+    pub fn is_contradicted(&self) -> bool {
+        self.contradicted.is_some_and(|(_, lasts)| lasts)
     }
 
     /// Whether an anchor is left out.
@@ -142,9 +155,16 @@ impl Isolation {
         self.fits_since = [None; MOST_ANCHORS];
     }
 
-    /// Judges, when it is time to: who is to be left out now. One that fits again is taken back here.
+    /// Judges, when it is time to: who is to be left out now. One that fits again is taken back here. Least and
+    /// most by which the position can be elsewhere: a vehicle that has landed among hidden anchors once fitted
+    /// best 7.6 m above the floor, one of them left out.
     #[inline]
-    pub fn judge(&mut self, config: &Config, at: HostTime) -> Option<LeaveOut> {
+    pub fn judge(
+        &mut self,
+        config: &Config,
+        at: HostTime,
+        reach_E_m: &[Vector3<f64>; 2],
+    ) -> Option<LeaveOut> {
         let Some(judged_at) = self.judged_at else {
             self.judged_at = Some(at);
             return None;
@@ -154,7 +174,7 @@ impl Isolation {
             return None;
         }
         self.judged_at = Some(at);
-        let action = self.look(config, at);
+        let action = self.look(config, at, reach_E_m);
         let fade = (-since_s / config.memory_s).exp();
         *self.normal *= fade;
         self.right *= fade;
@@ -162,9 +182,15 @@ impl Isolation {
         action
     }
 
-    fn look(&mut self, config: &Config, at: HostTime) -> Option<LeaveOut> {
+    fn look(
+        &mut self,
+        config: &Config,
+        at: HostTime,
+        [least_E_m, most_E_m]: &[Vector3<f64>; 2],
+    ) -> Option<LeaveOut> {
         if self.equations < LEAST_EQUATIONS {
             self.suspect = None;
+            self.contradicted = None;
             return None;
         }
         let heard = self.heard();
@@ -175,13 +201,20 @@ impl Isolation {
             self.fits_since[rank] = None;
             return None;
         }
+        let most = first.worst(None).map_or(0.0, |w| first.doubts[w]);
+        self.contradicted = (most > CONTRADICTED * config.doubt).then(|| {
+            let since = self.contradicted.map_or(at, |(since, _)| since);
+            (since, at.seconds_since(since) >= config.confirm_s)
+        });
         let left = anchors - (0..MOST_ANCHORS).filter(|i| heard[*i] && self.out[*i]).count();
         let worst = first.worst(None).filter(|_| left >= LEAST_ANCHORS);
         let named = worst.filter(|w| first.doubts[*w] > config.doubt).and_then(|w| {
             let second = self.fit(config, &heard, Some(w))?;
             let others = second.worst(Some(w)).map_or(0.0, |o| second.doubts[o]);
             let bias_m = second.x[3 + w];
-            let alone = others < config.others_doubt && bias_m.abs() > config.least_m;
+            let shift_E_m = second.shift_E_m();
+            let within = shift_E_m >= *least_E_m && shift_E_m <= *most_E_m;
+            let alone = others < config.others_doubt && bias_m.abs() > config.least_m && within;
             alone.then_some((w, second))
         });
         let Some((rank, fitted)) = named else {
@@ -199,12 +232,13 @@ impl Isolation {
                 return None;
             }
         }
-        let shift_E_m = Vector3::new(fitted.x[0], fitted.x[1], fitted.x[2]);
+        let shift_E_m = fitted.shift_E_m();
         // The equations are those of the position as it will be.
         self.right -= self.normal.fixed_columns::<3>(0) * shift_E_m;
         self.out[rank] = true;
         self.fits_since[rank] = None;
         self.suspect = None;
+        self.contradicted = None;
         let std_m = fitted.position_var.diagonal().max().max(0.0).sqrt();
         Some(LeaveOut { rank, bias_m: fitted.x[3 + rank], shift_E_m, std_m })
     }
@@ -279,6 +313,11 @@ struct Fitted {
 }
 
 impl Fitted {
+    /// Where the position is, minus where the filter has it, m.
+    fn shift_E_m(&self) -> Vector3<f64> {
+        Vector3::new(self.x[0], self.x[1], self.x[2])
+    }
+
     /// The anchor of the largest doubt among those that take part, one of them left out.
     fn worst(&self, but: Option<usize>) -> Option<usize> {
         (0..MOST_ANCHORS)

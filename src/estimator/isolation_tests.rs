@@ -9,6 +9,9 @@ use super::truth::{Noise, Truth, hall};
 use super::*;
 use crate::measure::Tdoa;
 
+/// No bound on where the position is.
+const ANYWHERE: [Vector3<f64>; 2] = [Vector3::new(-1e3, -1e3, -1e3), Vector3::new(1e3, 1e3, 1e3)];
+
 fn at(turn: u64) -> HostTime {
     HostTime::from_us(1_000_000 + 20_000 * turn)
 }
@@ -16,6 +19,20 @@ fn at(turn: u64) -> HostTime {
 /// A vehicle at `p` whose filter has it `off` from there, with these range biases, for `turns` of 20 ms: ring of
 /// neighbours. Who was left out, and when.
 fn fly(
+    it: &mut Isolation,
+    from: u64,
+    turns: u64,
+    p: Vector3<f64>,
+    off: &mut Vector3<f64>,
+    bias_m: &[f64; 8],
+    noise: &mut Noise,
+) -> Vec<(u64, LeaveOut)> {
+    fly_within(&ANYWHERE, it, from, turns, p, off, bias_m, noise)
+}
+
+#[expect(clippy::too_many_arguments)]
+fn fly_within(
+    reach_E_m: &[Vector3<f64>; 2],
     it: &mut Isolation,
     from: u64,
     turns: u64,
@@ -37,7 +54,7 @@ fn fly(
             let h = (p_hat - site(b)).normalize() - (p_hat - site(a)).normalize();
             it.note(Pair { a, b }, &h, z - (reads(b, p_hat) - reads(a, p_hat)));
         }
-        if let Some(out) = it.judge(&config, at(turn)) {
+        if let Some(out) = it.judge(&config, at(turn), reach_E_m) {
             *off += out.shift_E_m;
             done.push((turn - from, out));
         }
@@ -106,6 +123,39 @@ fn prop_two_at_once_are_not_blamed_on_a_third() {
 }
 
 #[test]
+fn prop_anchors_that_contradict_one_another_are_told_of_though_none_can_be_named() {
+    let mut noise = Noise(11);
+    let mut unnamed = 0;
+    for n in 0..40 {
+        let mut it = Isolation::default();
+        let (sound, p) = (usual(&mut noise), middle() + noise.vector(1.0));
+        fly(&mut it, 0, 100, p, &mut Vector3::zeros(), &sound, &mut noise);
+        assert!(!it.is_contradicted(), "{n}: all are sound");
+        let mut bias_m = sound;
+        for i in [n % 8, (n + 2) % 8, (n + 5) % 8] {
+            bias_m[i] += 3.0;
+        }
+        let done = fly(&mut it, 100, 100, p, &mut Vector3::zeros(), &bias_m, &mut noise);
+        assert!(!done.is_empty() || it.is_contradicted(), "{n}: neither named nor told");
+        unnamed += usize::from(it.is_contradicted());
+    }
+    assert!(unnamed > 20, "{unnamed}");
+}
+
+#[test]
+fn prop_an_anchor_is_not_left_out_for_a_place_where_the_vehicle_cannot_be() {
+    let mut noise = Noise(12);
+    let mut bias_m = usual(&mut noise);
+    bias_m[3] += 2.0;
+    let near = [Vector3::repeat(-0.3), Vector3::repeat(0.3)];
+    let (mut it, mut off) = (Isolation::default(), Vector3::new(0.0, 0.0, 1.0));
+    let done = fly_within(&near, &mut it, 0, 100, middle(), &mut off, &bias_m, &mut noise);
+    assert!(done.is_empty() && it.is_contradicted(), "{done:?}");
+    assert_eq!(fly(&mut it, 100, 100, middle(), &mut off, &bias_m, &mut noise).len(), 1);
+    assert!(!it.is_contradicted());
+}
+
+#[test]
 fn prop_without_redundancy_nobody_is_named() {
     // Six anchors heard.
     let mut noise = Noise(10);
@@ -120,7 +170,7 @@ fn prop_without_redundancy_nobody_is_named() {
             let wrong = |i: usize| if i == 2 { 3.0 } else { 0.0 };
             it.note(Pair { a, b }, &h, wrong(b) - wrong(a) + 0.1 * noise.normal());
         }
-        assert_eq!(it.judge(&config, at(turn)), None);
+        assert_eq!(it.judge(&config, at(turn), &ANYWHERE), None);
     }
 }
 

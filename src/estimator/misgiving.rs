@@ -2,9 +2,9 @@
 
 use std::fmt;
 
+use super::Estimator;
 use super::isolation::LEAST_ANCHORS;
 use super::state::{POS, State};
-use super::{Estimator, SUSPECT_FACTOR, SUSPECT_SHARE};
 use crate::estimate::Health;
 use crate::measure::AnchorId;
 use crate::time::HostTime;
@@ -48,6 +48,8 @@ pub enum Misgiving {
         /// Needed.
         least: usize,
     },
+    /// The anchors do not fit one another, and none of them can be named that is alone at fault.
+    Contradiction,
     /// Measurements do not fit the filter, which has begun to doubt itself.
     DoesNotFit {
         /// Share of the recent ones beyond the gate.
@@ -74,6 +76,9 @@ impl fmt::Display for Misgiving {
             }
             Self::DoesNotFit { share } => {
                 write!(f, "{:.0} % of the UWB measurements do not fit", 100.0 * share)
+            }
+            Self::Contradiction => {
+                write!(f, "the anchors contradict one another, none of them alone is at fault")
             }
             Self::ManySuspects => write!(f, "most anchors read far worse than usual"),
         }
@@ -122,7 +127,9 @@ impl Estimator {
         if share > DEGRADED_SHARE || self.doubt.is_active() {
             return Some(Misgiving::DoesNotFit { share });
         }
-        let suspects = self.qualities.share_beyond(SUSPECT_FACTOR, self.anchors_m.len());
-        (suspects > SUSPECT_SHARE).then_some(Misgiving::ManySuspects)
+        if self.config.isolation.leave_out && self.isolation.is_contradicted() {
+            return Some(Misgiving::Contradiction);
+        }
+        self.most_are_suspect().then_some(Misgiving::ManySuspects)
     }
 }

@@ -102,8 +102,9 @@ const STD_RATE_REST_RADPS_RTHZ: f64 = 0.005;
 
 /// When more than this share of the anchors …
 const SUSPECT_SHARE: f64 = 0.5;
-/// … have learned a factor beyond this on their variance, it is the filter that is wrong.
-const SUSPECT_FACTOR: f64 = 9.0;
+/// … have learned that one sigma of what they say is beyond this, m, it is the filter that is wrong: chosen, three
+/// times what two anchors without obstacles differ by.
+const SUSPECT_STD_M: f64 = 0.6;
 
 /// Counters of the estimator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -152,6 +153,8 @@ pub struct Estimator {
     stood_at: Option<HostTime>,
     above_floor_at: HostTime,
     gyro_bias_B: Vector3<f64>,
+    /// Corners of the box that holds the anchors, Earth frame, m.
+    hull: (Vector3<f64>, Vector3<f64>),
     /// Heights of the anchors in the order of the survey, m.
     anchors_m: Vec<f64>,
     /// Known range bias of each anchor number, m.
@@ -200,6 +203,7 @@ impl Estimator {
         let cold = config.cold_start.then(|| Box::new(Cold::new(&config, &survey)));
         Self {
             cold,
+            hull: aligning::hull_E_m(&survey),
             anchors_m,
             range_bias_m,
             beat: Beat::default(),
