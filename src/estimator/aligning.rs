@@ -135,7 +135,7 @@ impl Estimator {
         guess: Option<Vector3<f64>>,
     ) -> Option<align::Fix> {
         let oldest = self.at.offset_us(-((window_s * 1e6) as i64));
-        let (low, high) = self.bounds();
+        let (low, high) = self.hull;
         let centre = (low + high) * 0.5;
         let half = (high - low) * 0.25;
         let mut starts = [centre; 10];

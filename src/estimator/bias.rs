@@ -30,22 +30,27 @@ use super::state::{ATT, POS, STATES, StateVec, VEL};
 
 /// Anchors that have a bias; of further ones it counts as noise.
 pub const MOST_ANCHORS: usize = 16;
-/// States at most: one that wanders and one that stays for each anchor.
-const MOST: usize = 2 * MOST_ANCHORS;
+/// States at most: one that wanders and one that stays for each anchor, and the gyroscope's (`gyro_bias.rs`).
+const MOST: usize = 2 * MOST_ANCHORS + 3;
 
 /// One number for each bias state.
 pub type BiasVec = [f64; MOST];
+/// Zero for each.
+pub const NO_BIASES: BiasVec = [0.0; MOST];
 
-/// Bias states, their covariance, and their ties to the nine.
+/// Bias states, their covariance, and their ties to the nine. Those of the gyroscope come last.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Biases {
     /// Anchors with a bias; 0: the plain nine-state filter.
     anchors: usize,
-    value_m: BiasVec,
+    /// States of the gyroscope, none or three.
+    pub(super) gyro: usize,
+    /// Values, m; of the gyroscope rad/s.
+    pub(super) value: BiasVec,
     /// Covariance with the nine states, a row for each bias.
-    cross: [[f64; STATES]; MOST],
+    pub(super) cross: [[f64; STATES]; MOST],
     /// Covariance among themselves.
-    own: [[f64; MOST]; MOST],
+    pub(super) own: [[f64; MOST]; MOST],
 }
 
 /// The two anchors of a difference, by their place in the survey.
@@ -78,7 +83,8 @@ impl Default for Biases {
     fn default() -> Self {
         Self {
             anchors: 0,
-            value_m: [0.0; MOST],
+            gyro: 0,
+            value: [0.0; MOST],
             cross: [[0.0; STATES]; MOST],
             own: [[0.0; MOST]; MOST],
         }
@@ -106,7 +112,25 @@ impl Biases {
     /// Whether there is any.
     #[inline]
     pub fn is_empty(&self) -> bool {
-        self.anchors == 0
+        self.rows() == 0
+    }
+
+    /// Whether anchors have any.
+    #[inline]
+    pub fn of_anchors(&self) -> bool {
+        self.anchors > 0
+    }
+
+    /// Number of states.
+    #[inline]
+    pub(super) fn rows(&self) -> usize {
+        2 * self.anchors + self.gyro
+    }
+
+    /// The first state of the gyroscope.
+    #[inline]
+    pub(super) fn gyro_row(&self) -> usize {
+        2 * self.anchors
     }
 
     /// Whether both anchors of a pair have one.
@@ -120,7 +144,7 @@ impl Biases {
         (anchor < self.anchors).then(|| {
             let (w, c) = (anchor, self.anchors + anchor);
             let var = self.own[w][w] + 2.0 * self.own[w][c] + self.own[c][c];
-            (self.value_m[w] + self.value_m[c], var.max(0.0).sqrt())
+            (self.value[w] + self.value[c], var.max(0.0).sqrt())
         })
     }
 
@@ -131,7 +155,7 @@ impl Biases {
             return 0.0;
         }
         let (n, Pair { a, b }) = (self.anchors, pair);
-        self.value_m[b] + self.value_m[n + b] - self.value_m[a] - self.value_m[n + a]
+        self.value[b] + self.value[n + b] - self.value[a] - self.value[n + a]
     }
 
     /// Adds their part to `P Hᵀ` of the nine, makes their own, and returns their part of `H P Hᵀ`
@@ -140,7 +164,7 @@ impl Biases {
     pub fn project(&self, pair: Pair, h: &StateVec, pht: &mut StateVec, own: &mut BiasVec) -> f64 {
         if !self.holds(pair) {
             // A measurement without biases still moves them through their ties.
-            for (slot, row) in own.iter_mut().zip(&self.cross).take(2 * self.anchors) {
+            for (slot, row) in own.iter_mut().zip(&self.cross).take(self.rows()) {
                 *slot = dot9(row, h);
             }
             return 0.0;
@@ -150,7 +174,7 @@ impl Biases {
             pht[k] +=
                 self.cross[b][k] + self.cross[n + b][k] - self.cross[a][k] - self.cross[n + a][k];
         }
-        for (i, slot) in own.iter_mut().enumerate().take(2 * n) {
+        for (i, slot) in own.iter_mut().enumerate().take(self.rows()) {
             let row = &self.own[i];
             *slot = dot9(&self.cross[i], h) + row[b] + row[n + b] - row[a] - row[n + a];
         }
@@ -160,7 +184,7 @@ impl Biases {
     /// `P ← P − (P Hᵀ)(P Hᵀ)ᵀ/S` and the correction, for the biases' part.
     #[inline]
     pub fn correct(&mut self, pht: &StateVec, own: &BiasVec, inverse: f64, innovation: f64) {
-        let n = 2 * self.anchors;
+        let n = self.rows();
         let own = &own[..n];
         for (i, p) in own.iter().enumerate() {
             let scaled = p * inverse;
@@ -171,14 +195,14 @@ impl Biases {
                 // The product of the two first, so that both halves round alike.
                 *o -= (p * x) * inverse;
             }
-            self.value_m[i] += scaled * innovation;
+            self.value[i] += scaled * innovation;
         }
     }
 
     /// Turns the ties to the attitude with it (`state.rs`).
     #[inline]
     pub fn turn(&mut self, J: &nalgebra::Matrix3<f64>) {
-        for row in self.cross.iter_mut().take(2 * self.anchors) {
+        for row in self.cross.iter_mut().take(2 * self.anchors + self.gyro) {
             let turned = J * Vector3::new(row[ATT], row[ATT + 1], row[ATT + 2]);
             row[ATT..ATT + 3].copy_from_slice(turned.as_slice());
         }
@@ -186,7 +210,7 @@ impl Biases {
 
     /// Cuts the ties to three neighbouring states.
     pub fn untie(&mut self, start: usize) {
-        for row in self.cross.iter_mut().take(2 * self.anchors) {
+        for row in self.cross.iter_mut().take(2 * self.anchors + self.gyro) {
             row[start..start + 3].fill(0.0);
         }
     }
@@ -217,7 +241,8 @@ impl Biases {
                 *grown = var * factor * (1.0 - usual * usual);
             }
         }
-        for i in 0..2 * n {
+        let rows = self.rows();
+        for i in 0..rows {
             let row = &mut self.cross[i];
             let (x, v, d) = (
                 Vector3::new(row[POS], row[POS + 1], row[POS + 2]),
@@ -231,10 +256,10 @@ impl Biases {
             row[POS..VEL].copy_from_slice(x.as_slice());
             row[VEL..ATT].copy_from_slice(v.as_slice());
             row[ATT..].copy_from_slice(d.as_slice());
-            for (o, other) in self.own[i][..2 * n].iter_mut().zip(&phi) {
+            for (o, other) in self.own[i][..rows].iter_mut().zip(&phi) {
                 *o *= f * other;
             }
-            self.value_m[i] *= f;
+            self.value[i] *= f;
         }
         for (i, grown) in growth.iter().enumerate().take(n) {
             self.own[i][i] += grown;
@@ -243,7 +268,7 @@ impl Biases {
 
     /// The anchors that the floor hides have this bias, m.
     pub fn set_hidden(&mut self, config: &AnchorBias, heights_m: &[f64], bias_m: f64) {
-        for (value_m, anchor_m) in self.value_m.iter_mut().take(self.anchors).zip(heights_m) {
+        for (value_m, anchor_m) in self.value.iter_mut().take(self.anchors).zip(heights_m) {
             if *anchor_m < config.low_anchor_m {
                 *value_m = bias_m;
             }
@@ -252,7 +277,7 @@ impl Biases {
 
     /// The part of an anchor's bias that wanders has this value, m; how well it is known stays.
     pub fn set_wandering(&mut self, anchor: usize, bias_m: f64) {
-        if let Some(value_m) = self.value_m.get_mut(anchor).filter(|_| anchor < self.anchors) {
+        if let Some(value_m) = self.value.get_mut(anchor).filter(|_| anchor < self.anchors) {
             *value_m = bias_m;
         }
     }
@@ -270,27 +295,27 @@ impl Biases {
             let hidden = near_floor && *anchor_m < config.low_anchor_m;
             let std_m = if hidden { config.hidden_std_m } else { config.std_m };
             let std_m = if left_out[i] { FREE_M } else { std_m };
-            for j in 0..2 * n {
+            for j in 0..2 * n + self.gyro {
                 self.own[i][j] = 0.0;
                 self.own[j][i] = 0.0;
             }
             self.own[i][i] = std_m * std_m;
-            self.value_m[i] = 0.0;
+            self.value[i] = 0.0;
             self.cross[i].fill(0.0);
         }
     }
 
     /// Whether every number is finite and no variance negative.
     pub fn is_sane(&self) -> bool {
-        (0..2 * self.anchors).all(|i| {
-            self.value_m[i].is_finite() && self.own[i][i].is_finite() && self.own[i][i] > -1e-9
+        (0..self.rows()).all(|i| {
+            self.value[i].is_finite() && self.own[i][i].is_finite() && self.own[i][i] > -1e-9
         })
     }
 
     /// The covariance of all states in one.
     #[cfg(test)]
     pub fn whole(&self, P: &super::state::Cov) -> nalgebra::DMatrix<f64> {
-        let n = 2 * self.anchors;
+        let n = self.rows();
         nalgebra::DMatrix::from_fn(STATES + n, STATES + n, |i, j| {
             match (i.checked_sub(STATES), j.checked_sub(STATES)) {
                 (None, None) => P[(i, j)],
@@ -304,7 +329,7 @@ impl Biases {
     /// Largest difference between the two halves of the covariance, m².
     #[cfg(test)]
     pub fn asymmetry(&self) -> f64 {
-        let n = 2 * self.anchors;
+        let n = self.rows();
         (0..n)
             .flat_map(|i| (0..n).map(move |j| (i, j)))
             .map(|(i, j)| (self.own[i][j] - self.own[j][i]).abs())

@@ -4,9 +4,10 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::bias::{Biases, MOST_ANCHORS, Pair, Wander};
 use super::config::AnchorBias;
-use super::predict::{Force, Growth, linearise, propagate_covariance};
+use super::predict::{Force, Growth, linearise, propagate_covariance, propagate_nominal};
 use super::state::{ATT, POS, STATES, State, VEL};
 use super::truth::{Noise, geometry, hall};
+use super::update::Observation;
 use super::{tdoa, update};
 
 const CONFIG: AnchorBias = AnchorBias {
@@ -34,7 +35,7 @@ fn start(near_floor: bool) -> State {
     state
 }
 
-fn observe(state: &State, a: u8, b: u8, innovation: f64) -> update::Observation {
+fn observe(state: &State, a: u8, b: u8, innovation: f64) -> Observation {
     let pair = Some(Pair { a: usize::from(a), b: usize::from(b) });
     let g = geometry(a, b, Vector3::new(0.02, 0.01, -0.1), 0.01);
     let mut o = tdoa::observe(state, &g, 0.0, pair, 0.02).unwrap();
@@ -43,12 +44,12 @@ fn observe(state: &State, a: u8, b: u8, innovation: f64) -> update::Observation 
 }
 
 /// The row of the whole Jacobian.
-fn row(o: &update::Observation, size: usize) -> DVector<f64> {
+fn row(o: &Observation, size: usize) -> DVector<f64> {
     let mut h = DVector::zeros(size);
     h.rows_mut(POS, 3).copy_from(&o.h_pos);
     h.rows_mut(VEL, 3).copy_from(&o.h_vel);
     h.rows_mut(ATT, 3).copy_from(&o.h_att);
-    let n = (size - STATES) / 2;
+    let n = heights_m().len();
     if let Some(Pair { a, b }) = o.pair {
         for (i, sign) in [(b, 1.0), (n + b, 1.0), (a, -1.0), (n + a, -1.0)] {
             h[STATES + i] += sign;
@@ -63,9 +64,14 @@ fn prop_blocks_are_the_whole_matrix() {
     let heights_m = heights_m();
     let factors = [1.0, 2.0, 0.5, 1.0, 3.0, 1.0, 1.0, 10.0];
     let mut left_out = [false; MOST_ANCHORS];
-    for (near_floor, out) in [(false, false), (true, false), (false, true)] {
+    for (near_floor, out, gyro) in
+        [(false, false, false), (true, false, false), (false, true, false), (false, false, true)]
+    {
         left_out[5] = out;
         let mut state = start(near_floor);
+        if gyro {
+            state.biases.restart_gyro(0.02);
+        }
         for step in 0..200u32 {
             let (a, b) = ((step % 8) as u8, ((step * 3 + 1) % 8) as u8);
             if a == b {
@@ -132,9 +138,14 @@ fn prop_blocks_are_the_whole_matrix() {
                 grown[VEL + i] = growth.vel[i] * 0.01;
                 grown[ATT + i] = growth.att * 0.01;
             }
+            for k in (0..3).filter(|_| gyro) {
+                big[(ATT + k, whole.nrows() - 3 + k)] = -0.01;
+                grown[whole.nrows() - 3 + k] = 0.003 * 0.003 * 0.01;
+            }
             let expected = &big * &whole * big.transpose() + DMatrix::from_diagonal(&grown);
             state.biases.propagate(&F, &CONFIG, &wander);
             propagate_covariance(&mut state.P, &F, 0.01, &growth);
+            state.biases.turn_by_gyro(&mut state.P, 0.01, 0.003);
             let off = (state.biases.whole(&state.P) - expected).amax();
             assert!(off < 1e-7, "step {step}: {off}");
         }
@@ -176,4 +187,58 @@ fn prop_an_anchor_that_is_off_is_found_out() {
     assert!(five - others > 0.6 * off_m && std < 0.2, "{five} {others} {std}");
     println!("{with_m:.3} m with biases, {without_m:.3} m without");
     assert!(with_m < without_m);
+}
+
+#[test]
+fn prop_a_gyroscope_that_is_off_is_found_out_where_the_attitude_is_seen() {
+    // A vehicle that does not turn, a gyroscope that says it does, and something that shows the attitude.
+    let off_B = Vector3::new(0.004, -0.003, 0.008);
+    let fly = |estimate: bool| {
+        let mut state = start(false);
+        state.biases = Biases::default();
+        if estimate {
+            state.biases.restart_gyro(0.01);
+        }
+        state.q_EB = nalgebra::UnitQuaternion::identity();
+        let growth = Growth { pos: 0.0, vel: [1e-4; 3], att: 1e-6 };
+        for step in 0..6000 {
+            let (rate, acc) =
+                (off_B - state.biases.gyro_B_radps(), Vector3::new(0.0, 0.0, -9.80665));
+            let F = propagate_nominal(&mut state, 0.01, &acc, &rate, Force::Measured);
+            let still = Wander {
+                dt_s: 0.01,
+                speed_mps: 0.0,
+                near_floor: false,
+                anchors_m: &[],
+                factors: &[],
+                left_out: &[false; MOST_ANCHORS],
+            };
+            state.biases.propagate(&F, &CONFIG, &still);
+            propagate_covariance(&mut state.P, &F, 0.01, &growth);
+            state.biases.turn_by_gyro(&mut state.P, 0.01, 1e-4);
+            if step % 5 == 0 {
+                // The true attitude is the identity: what the estimate is away from it is the innovation.
+                let away = -state.q_EB.scaled_axis();
+                for k in 0..3 {
+                    let h_att = Vector3::ith(k, 1.0);
+                    let none = Vector3::zeros();
+                    let (innovation, var) = (away[k], 0.05 * 0.05);
+                    let o = Observation {
+                        innovation,
+                        h_pos: none,
+                        h_vel: none,
+                        h_att,
+                        pair: None,
+                        var,
+                    };
+                    update::fuse(&mut state, &o);
+                }
+            }
+        }
+        (state.biases.gyro_B_radps(), state.q_EB.angle())
+    };
+    let (found_B, with_rad) = fly(true);
+    let (_, without_rad) = fly(false);
+    assert!((found_B - off_B).norm() < 0.1 * off_B.norm(), "{found_B} of {off_B}");
+    assert!(with_rad < 0.2 * without_rad, "{with_rad} rad with it, {without_rad} without");
 }

@@ -277,6 +277,26 @@ impl Default for Isolation {
     }
 }
 
+/// Bias of the gyroscope in flight (`gyro_bias.rs`).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GyroBias {
+    /// Whether it is estimated.
+    pub estimate: bool,
+    /// One sigma of what it has changed since the rest, rad/s.
+    pub std_radps: f64,
+    /// Its walk, rad/s/√s.
+    pub walk_radps_rts: f64,
+}
+
+impl Default for GyroBias {
+    /// Off. The sigma is the change that docs/ESTIMATOR_SIM.md tries; the walk, which was chosen, makes as much of it
+    /// in a quarter of an hour.
+    fn default() -> Self {
+        Self { estimate: false, std_radps: 0.01, walk_radps_rts: 3e-4 }
+    }
+}
+
 /// Quality of each anchor, learned in flight (`quality.rs`).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -313,6 +333,8 @@ pub struct EstimatorConfig {
     pub covariance_step_s: f64,
     /// Range bias of each anchor.
     pub anchor_bias: AnchorBias,
+    /// Bias of the gyroscope.
+    pub gyro_bias: GyroBias,
     /// Quality of each anchor.
     pub quality: Quality,
     /// Leaving out anchors that do not fit.
@@ -375,6 +397,7 @@ impl Default for EstimatorConfig {
             cold_start: false,
             covariance_step_s: 0.0,
             anchor_bias: AnchorBias::default(),
+            gyro_bias: GyroBias::default(),
             quality: Quality::default(),
             isolation: Isolation::default(),
             specific_force: SpecificForce::ThrustAxis,
@@ -440,6 +463,9 @@ impl EstimatorConfig {
         range("anchor_bias.hidden_s", b.hidden_s, 0.01, 100.0, "s");
         range("anchor_bias.hidden_below_m", b.hidden_below_m, -50.0, 5.0, "m");
         range("anchor_bias.low_anchor_m", b.low_anchor_m, -50.0, 5.0, "m");
+        let g = &self.gyro_bias;
+        range("gyro_bias.std_radps", g.std_radps, 1e-6, 0.5, "rad/s");
+        range("gyro_bias.walk_radps_rts", g.walk_radps_rts, 0.0, 0.1, "rad/s/√s");
         let q = &self.quality;
         range("quality.time_s", q.time_s, 0.05, 100.0, "s");
         range("quality.least", q.least, 0.01, 1.0, "");

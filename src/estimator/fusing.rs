@@ -165,7 +165,7 @@ impl Estimator {
         let near_floor = self.is_near_floor(FLOOR_M);
         let rank_a = usize::from(self.ranks[usize::from(tdoa.anchor_a.0)]);
         let rank_b = usize::from(self.ranks[usize::from(tdoa.anchor_b.0)]);
-        let biased = self.state.as_ref().is_some_and(|state| !state.biases.is_empty());
+        let biased = self.state.as_ref().is_some_and(|state| state.biases.of_anchors());
         let correlation_s = if near_floor && !biased {
             self.config.uwb_correlation_s.max(REST_CORRELATION_S)
         } else {

@@ -15,6 +15,7 @@ mod cold;
 mod config;
 mod fusing;
 mod gate;
+mod gyro_bias;
 mod height;
 mod isolation;
 mod magnetometer;
@@ -62,7 +63,7 @@ pub use bias::MOST_ANCHORS;
 use bias::Wander;
 use cold::Cold;
 pub use config::{
-    AnchorBias, BaroConfig, BoardVerticalConfig, EstimatorConfig, GateConfig,
+    AnchorBias, BaroConfig, BoardVerticalConfig, EstimatorConfig, GateConfig, GyroBias,
     Isolation as IsolationConfig, MagnetometerConfig, Motion, ProcessNoise, Quality, SpecificForce,
     Tail, Unaided, UwbNoise,
 };
@@ -247,7 +248,7 @@ impl Estimator {
         if airborne && !self.airborne {
             self.rest.clear();
             if let Some(state) = &mut self.state
-                && state.biases.is_empty()
+                && !state.biases.of_anchors()
             {
                 for i in POS..POS + 3 {
                     state.P[(i, i)] += STD_TAKE_OFF_M * STD_TAKE_OFF_M;
@@ -297,9 +298,14 @@ impl Estimator {
             if self.rest.duration_s() >= self.config.align_s {
                 self.stood_at = Some(self.at);
                 self.gyro_bias_B = self.rest.rate_B();
+                let gyro = self.config.gyro_bias;
+                if let Some(state) = self.state.as_mut().filter(|_| gyro.estimate) {
+                    state.biases.restart_gyro(gyro.std_radps);
+                }
             }
         }
-        let unbiased_B = rate_B - self.gyro_bias_B;
+        let learned_B = self.state.as_ref().map(|s| s.biases.gyro_B_radps()).unwrap_or_default();
+        let unbiased_B = rate_B - self.gyro_bias_B - learned_B;
         if first {
             self.acc_B = acc_B;
             self.rate_B = unbiased_B;
@@ -399,6 +405,8 @@ impl Estimator {
                     };
                     state.biases.propagate(&F, &c.anchor_bias, &step);
                     predict::propagate_covariance(&mut state.P, &F, step.dt_s, &growth);
+                    let walk = c.gyro_bias.walk_radps_rts;
+                    state.biases.turn_by_gyro(&mut state.P, step.dt_s, walk);
                     *p = Pending::default();
                 }
             }

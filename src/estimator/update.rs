@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::bias::{BiasVec, Pair};
+use super::bias::{BiasVec, NO_BIASES, Pair};
 use super::state::{ATT, POS, STATES, State, StateVec, VEL};
 
 /// What an aid says: innovation = measured − predicted, its Jacobian, its variance.
@@ -40,7 +40,7 @@ pub struct Projected {
 #[inline]
 pub fn project(state: &State, o: &Observation) -> Projected {
     let mut pht = StateVec::zeros();
-    let mut own = BiasVec::default();
+    let mut own = NO_BIASES;
     let mut add = |start: usize, h: &Vector3<f64>| {
         if *h != Vector3::zeros() {
             for k in 0..3 {
