@@ -28,8 +28,9 @@ struct Knob {
     of: fn(&mut EstimatorConfig) -> &mut f64,
 }
 
-const KNOBS: [Knob; 8] = [
+const KNOBS: [Knob; 9] = [
     Knob { name: "std_uwb_m", of: |c| &mut c.std_uwb_m },
+    Knob { name: "uwb_correlation_s", of: |c| &mut c.uwb_correlation_s },
     Knob { name: "anchor_bias.std_m", of: |c| &mut c.anchor_bias.std_m },
     Knob { name: "anchor_bias.constant_std_m", of: |c| &mut c.anchor_bias.constant_std_m },
     Knob { name: "anchor_bias.correlation_s", of: |c| &mut c.anchor_bias.correlation_s },
