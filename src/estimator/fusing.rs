@@ -159,7 +159,12 @@ impl Estimator {
         ahead_s: f64,
         record: &mut UwbRecord,
     ) {
-        if self.height_m() > FLOOR_M {
+        let floor_m = if self.config.anchor_bias.estimate {
+            self.config.anchor_bias.hidden_below_m.max(FLOOR_M)
+        } else {
+            FLOOR_M
+        };
+        if self.height_m() > floor_m {
             self.above_floor_at = self.at;
         }
         let near_floor = self.is_near_floor(FLOOR_M);
