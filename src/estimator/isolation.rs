@@ -13,7 +13,8 @@
 //! explains in units of what is usual, as in the check on the floor (`anchor_check.rs`). The worst anchor is set
 //! free; only if the others then fit one another, for `confirm_s`, is it left out: its bias becomes free in the
 //! filter, the position moves by δp, what the other biases have swallowed is forgotten. It comes back when it has
-//! fitted for a while, or when the vehicle has landed.
+//! fitted for a while, or when the vehicle has landed. Where somebody must be at fault and nobody can be left out for it, that
+//! much is told: the anchors contradict one another.
 //!
 //! Below [`LEAST_ANCHORS`] nothing can be found out, and integrity is not to be had: the
 //! estimator's health is degraded then.
