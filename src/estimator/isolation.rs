@@ -52,7 +52,7 @@ const STD_FREE_M: f64 = 30.0;
 /// Fewer equations say nothing: chosen, a twentieth of a second of TDoA2.
 const LEAST_EQUATIONS: f64 = 20.0;
 /// Somebody is at fault from so many times the doubt from which one is suspected, whether one can be named or not:
-/// from 1.5 to 3 times warn alike on recorded flights with a fault in them (docs/ESTIMATOR.md).
+/// from 1.5 to 3 times warned alike on the recorded flights with a fault in them (2026-11-23; no command repeats it).
 const CONTRADICTED: f64 = 2.0;
 /// Doubt below which one that is left out fits: its error is no larger than is usual.
 const FITS_DOUBT: f64 = 1.0;

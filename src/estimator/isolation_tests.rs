@@ -16,29 +16,27 @@ fn at(turn: u64) -> HostTime {
     HostTime::from_us(1_000_000 + 20_000 * turn)
 }
 
-/// A vehicle at `p` whose filter has it `off` from there, with these range biases, for `turns` of 20 ms: ring of
-/// neighbours. Who was left out, and when.
+/// What is tried: a vehicle at `p`, range biases, and where the position may be found.
+struct Case<'a> {
+    p: Vector3<f64>,
+    bias_m: &'a [f64; 8],
+    reach_E_m: [Vector3<f64>; 2],
+}
+
+impl<'a> Case<'a> {
+    fn new(p: Vector3<f64>, bias_m: &'a [f64; 8]) -> Self {
+        Self { p, bias_m, reach_E_m: ANYWHERE }
+    }
+}
+
+/// The vehicle's filter has it `off` from there, for `turns` of 20 ms: ring of neighbours. Who was left out, and
+/// when.
 fn fly(
     it: &mut Isolation,
     from: u64,
     turns: u64,
-    p: Vector3<f64>,
+    Case { p, bias_m, reach_E_m }: &Case<'_>,
     off: &mut Vector3<f64>,
-    bias_m: &[f64; 8],
-    noise: &mut Noise,
-) -> Vec<(u64, LeaveOut)> {
-    fly_within(&ANYWHERE, it, from, turns, p, off, bias_m, noise)
-}
-
-#[expect(clippy::too_many_arguments)]
-fn fly_within(
-    reach_E_m: &[Vector3<f64>; 2],
-    it: &mut Isolation,
-    from: u64,
-    turns: u64,
-    p: Vector3<f64>,
-    off: &mut Vector3<f64>,
-    bias_m: &[f64; 8],
     noise: &mut Noise,
 ) -> Vec<(u64, LeaveOut)> {
     let survey = hall();
@@ -49,8 +47,8 @@ fn fly_within(
         for a in 0..8 {
             let b = (a + 1) % 8;
             let reads = |i: usize, p: Vector3<f64>| (p - site(i)).norm();
-            let p_hat = p + *off;
-            let z = reads(b, p) + bias_m[b] - reads(a, p) - bias_m[a] + 0.1 * noise.normal();
+            let p_hat = *p + *off;
+            let z = reads(b, *p) + bias_m[b] - reads(a, *p) - bias_m[a] + 0.1 * noise.normal();
             let h = (p_hat - site(b)).normalize() - (p_hat - site(a)).normalize();
             it.note(Pair { a, b }, &h, z - (reads(b, p_hat) - reads(a, p_hat)));
         }
@@ -72,8 +70,9 @@ fn prop_sound_anchors_are_left_alone_wherever_the_filter_is() {
     for n in 0..40 {
         let p = middle() + noise.vector(1.5);
         let mut off = noise.vector(0.4);
+        let sound = usual(&mut noise);
         let done =
-            fly(&mut Isolation::default(), 0, 100, p, &mut off, &usual(&mut noise), &mut noise);
+            fly(&mut Isolation::default(), 0, 100, &Case::new(p, &sound), &mut off, &mut noise);
         assert!(done.is_empty(), "{n}: {done:?}");
     }
 }
@@ -88,7 +87,7 @@ fn prop_one_that_is_off_is_found_wherever_it_hangs_and_comes_back() {
         let mut bias_m = usual(&mut noise);
         bias_m[wrong] += by_m;
         let mut it = Isolation::default();
-        let done = fly(&mut it, 0, 100, p, &mut off, &bias_m, &mut noise);
+        let done = fly(&mut it, 0, 100, &Case::new(p, &bias_m), &mut off, &mut noise);
         let [(turn, LeaveOut { rank, bias_m: found_m, std_m, .. })] = done[..] else {
             panic!("{n}: at {p:?} {off:?} {bias_m:?}: {done:?}")
         };
@@ -99,7 +98,7 @@ fn prop_one_that_is_off_is_found_wherever_it_hangs_and_comes_back() {
         assert!(off.norm() < 3.0 * std_m && off.norm() < 0.6, "{n}: {off} of {std_m}");
         assert!(it.is_out(wrong));
         bias_m[wrong] -= by_m;
-        let done = fly(&mut it, 100, 400, p, &mut off, &bias_m, &mut noise);
+        let done = fly(&mut it, 100, 400, &Case::new(p, &bias_m), &mut off, &mut noise);
         assert!(done.is_empty() && !it.left_out().contains(&true), "{n}: {done:?}");
     }
 }
@@ -114,8 +113,14 @@ fn prop_two_at_once_are_not_blamed_on_a_third() {
             bias_m[i] += 1.5;
         }
         let p = middle() + noise.vector(1.0);
-        let done =
-            fly(&mut Isolation::default(), 0, 200, p, &mut Vector3::zeros(), &bias_m, &mut noise);
+        let done = fly(
+            &mut Isolation::default(),
+            0,
+            200,
+            &Case::new(p, &bias_m),
+            &mut Vector3::zeros(),
+            &mut noise,
+        );
         for (_, out) in &done {
             assert!(pair.contains(&out.rank), "{n}: {pair:?} are off, {done:?}");
         }
@@ -129,13 +134,14 @@ fn prop_anchors_that_contradict_one_another_are_told_of_though_none_can_be_named
     for n in 0..40 {
         let mut it = Isolation::default();
         let (sound, p) = (usual(&mut noise), middle() + noise.vector(1.0));
-        fly(&mut it, 0, 100, p, &mut Vector3::zeros(), &sound, &mut noise);
+        fly(&mut it, 0, 100, &Case::new(p, &sound), &mut Vector3::zeros(), &mut noise);
         assert!(!it.is_contradicted(), "{n}: all are sound");
         let mut bias_m = sound;
         for i in [n % 8, (n + 2) % 8, (n + 5) % 8] {
             bias_m[i] += 3.0;
         }
-        let done = fly(&mut it, 100, 100, p, &mut Vector3::zeros(), &bias_m, &mut noise);
+        let done =
+            fly(&mut it, 100, 100, &Case::new(p, &bias_m), &mut Vector3::zeros(), &mut noise);
         assert!(!done.is_empty() || it.is_contradicted(), "{n}: neither named nor told");
         unnamed += usize::from(it.is_contradicted());
     }
@@ -147,11 +153,15 @@ fn prop_an_anchor_is_not_left_out_for_a_place_where_the_vehicle_cannot_be() {
     let mut noise = Noise(12);
     let mut bias_m = usual(&mut noise);
     bias_m[3] += 2.0;
-    let near = [Vector3::repeat(-0.3), Vector3::repeat(0.3)];
+    let anywhere = Case::new(middle(), &bias_m);
+    let near = Case {
+        reach_E_m: [Vector3::repeat(-0.3), Vector3::repeat(0.3)],
+        ..Case::new(middle(), &bias_m)
+    };
     let (mut it, mut off) = (Isolation::default(), Vector3::new(0.0, 0.0, 1.0));
-    let done = fly_within(&near, &mut it, 0, 100, middle(), &mut off, &bias_m, &mut noise);
+    let done = fly(&mut it, 0, 100, &near, &mut off, &mut noise);
     assert!(done.is_empty() && it.is_contradicted(), "{done:?}");
-    assert_eq!(fly(&mut it, 100, 100, middle(), &mut off, &bias_m, &mut noise).len(), 1);
+    assert_eq!(fly(&mut it, 100, 100, &anywhere, &mut off, &mut noise).len(), 1);
     assert!(!it.is_contradicted());
 }
 

@@ -104,7 +104,7 @@ const STD_RATE_REST_RADPS_RTHZ: f64 = 0.005;
 /// When more than this share of the anchors …
 const SUSPECT_SHARE: f64 = 0.5;
 /// … have learned that one sigma of what they say is beyond this, m, it is the filter that is wrong: chosen, three
-/// times what two anchors without obstacles differ by.
+/// times the 0.2 m that were once reckoned with on the recorded flights.
 const SUSPECT_STD_M: f64 = 0.6;
 
 /// Counters of the estimator.

@@ -69,7 +69,7 @@ const MOST_GROWTH_B: u64 = 2 << 20;
 /// Most memory, bytes, and processor time as a share of one core.
 const MOST_MEMORY_B: u64 = 30 << 20;
 const MOST_CPU: f64 = 0.05;
-/// Most times a second that the companion's threads go to sleep: 1271 and 1318 were seen (2026-11-23), and some
+/// Most times a second that the companion's threads go to sleep: 1271 to 1422 were seen (2026-11-23), and some
 /// more. Unlike seconds it does not depend on what else a computer does; a loop that polls is seen at once.
 const MOST_SLEEPS_PER_S: f64 = 1600.0;
 /// Middle of the time between setpoints, ms: the 100 Hz of the loop, and a twentieth.
