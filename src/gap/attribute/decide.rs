@@ -9,7 +9,7 @@ use super::evidence::Fit;
 use super::library::Library;
 use super::open_set::{features, remainder, score};
 use super::pairs::{self, PairFit};
-use super::trials::by_effect;
+use super::trials::{by_effect, seen_of};
 use super::whiten::expand;
 use super::{Adequacy, Attribution, Attributor, BlockScore, Candidate, Gate, PairCandidate};
 use crate::gap::outcome::{Named, Outcome, Remainder};
@@ -20,6 +20,8 @@ const LEAST_STATISTICS: usize = 8;
 const MOSTLY: f64 = 0.9;
 /// Rivals whose distance is computed.
 const RIVALS: usize = 8;
+/// A second effect costs at least `log C(53, 2) - log 53` of choice.
+const LEAST_PAIR_GAIN: f64 = 3.3;
 /// Pairs that are reported.
 const REPORTED_PAIRS: usize = 5;
 
@@ -44,19 +46,12 @@ impl Attributor {
         let width = library.whitening.width();
         let z = library.flight(statistics).z;
         let fits = library.explain(&z, settings.survivors);
-        let (votes, seen) = library.votes(statistics);
+        let votes = library.votes(statistics);
         let posterior = limits.calibration.posterior(&by_effect(&fits), &votes);
         let case = Case { library, z, fits, posterior };
-        let null = Library::null(&case.z);
-        let best = case.fits.first().map_or(f64::NEG_INFINITY, |f| f.log_z);
         let gate = Gate {
-            gain: best - null,
-            gain_limit: limits.gain,
-            distance: score(case.z.norm_squared(), width),
-            distance_limit: limits.distance,
-            seen,
-            seen_limit: limits.seen,
             material: self.material(library, &case.z),
+            ..limits.gate.gate(&seen_of(library, &case.z, &case.fits))
         };
         let mut result = Attribution {
             outcome: Outcome::NoMaterialGap,
@@ -74,7 +69,7 @@ impl Attributor {
             result.outcome = Outcome::NotTestable { why };
             return result;
         }
-        let alarm = gate_open(&result.gate);
+        let alarm = result.gate.open();
         let pair = if alarm { self.second(&case, &mut result) } else { None };
         self.verdict(&case, alarm, pair, &mut result);
         result
@@ -99,10 +94,18 @@ impl Attributor {
             })
             .collect();
         let first = top - Library::null(&case.z);
-        found
-            .into_iter()
-            .next()
-            .filter(|p| pairs::relative(p.log_z - top, first) > self.limits.pair_gain)
+        let limits = &self.limits;
+        let inadequate = |left| {
+            limits.judge.odds(&features(left, case.z.norm_squared(), width)) > limits.adequate
+        };
+        let alone = case.fits.first().map(|f| case.library.left(&case.z, f));
+        found.into_iter().next().filter(|p| {
+            let gain = p.log_z - top;
+            // Much better than one effect, or good enough where one effect is not.
+            gain > LEAST_PAIR_GAIN
+                && (pairs::relative(gain, first) > limits.pair_gain
+                    || alone.is_some_and(inadequate) && !inadequate(p.left))
+        })
     }
 
     fn verdict(
@@ -288,11 +291,4 @@ impl Attributor {
             least.is_some_and(|least| expand(*v).abs() * standard.scale(k) >= *least)
         })
     }
-}
-
-fn gate_open(gate: &Gate) -> bool {
-    gate.material
-        && (gate.gain > gate.gain_limit
-            || gate.distance > gate.distance_limit
-            || gate.seen > gate.seen_limit)
 }

@@ -276,7 +276,7 @@ mod tests {
         let thetas: Vec<[f64; 1]> = (0..41).map(|i| [-1.0 + 0.05 * f64::from(i)]).collect();
         let z = DMatrix::from_fn(41, p, |i, j| along[j] * thetas[i][0]);
         let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
-        let s = Surrogate::new(&refs, &z, &DVector::from_element(p, 1e-4), 0.0);
+        let s = Surrogate::new(&refs, &z, &DVector::from_element(p, 1e-4), None);
         let mut rng = Stream::new(9, "evidence");
         let noise = DVector::from_fn(p, |_, _| rng.normal());
         let flight = &along * 0.4 + &noise;

@@ -8,7 +8,7 @@ use super::evidence::{Fit, Sufficient};
 use super::forest::{Forest, Row};
 use super::linear::Noise;
 use super::open_set::Left;
-use super::surrogate::Surrogate;
+use super::surrogate::{Law, Surrogate};
 use super::whiten::{Standard, Whitening, compressed};
 use crate::gap::bank::Bank;
 
@@ -45,8 +45,8 @@ pub(super) struct Library {
 }
 
 impl Library {
-    /// Learns. `allowed`: statistics that may be used, by place; `form`: relative uncertainty of
-    /// every signature; `jittered`: draws carry benign jitter themselves.
+    /// Learns. `allowed`: statistics that may be used, by place. Of `settings`: `form`, what another law of an effect may
+    /// differ by; `jittered`, draws carry benign jitter themselves.
     pub fn new(
         bank: &Bank,
         part: Part,
@@ -77,6 +77,7 @@ impl Library {
         let base_z = whitening.apply_rows(&rows);
         let mean: DVector<f64> = base_z.row_mean().transpose();
         let variance: DVector<f64> = base_z.row_variance().transpose();
+        let law = Law { form: settings.form, whitening: &whitening };
         let effects: Vec<Surrogate> = bank
             .effects
             .par_iter()
@@ -94,7 +95,7 @@ impl Library {
                     row -= &mean.transpose();
                 }
                 let thetas: Vec<&[f64]> = kept.iter().map(|d| d.theta.as_slice()).collect();
-                Surrogate::new(&thetas, &z, &variance, settings.form)
+                Surrogate::new(&thetas, &z, &variance, Some(&law))
             })
             .collect();
         let forest = forest(bank, part, &whitening.standard, &plain, spreading, references);
@@ -107,13 +108,13 @@ impl Library {
         Flight { z: self.whitening.apply(&compressed(&raw)) }
     }
 
-    /// Votes of the forest: per effect, summing to one, and the share of "some effect".
-    pub fn votes(&self, statistics: &[f64]) -> (Vec<f64>, f64) {
+    /// Votes of the forest: per effect, summing to one.
+    pub fn votes(&self, statistics: &[f64]) -> Vec<f64> {
         let x = compressed(&self.whitening.standard.raw(statistics));
         let mut votes = self.forest.votes(&x.iter().map(|v| *v as f32).collect::<Vec<_>>());
         let none = votes.pop().unwrap_or(0.0);
         let some = (1.0 - none).max(f64::MIN_POSITIVE);
-        (votes.iter().map(|v| v / some).collect(), some)
+        votes.iter().map(|v| v / some).collect()
     }
 
     /// Log likelihood of "no effect".

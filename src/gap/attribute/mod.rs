@@ -12,6 +12,7 @@ mod calibrate;
 mod decide;
 mod evidence;
 mod forest;
+mod gate;
 mod library;
 mod linear;
 mod open_set;
@@ -52,7 +53,7 @@ pub struct Settings {
     pub coverage: f64,
     /// An effect at least this probable, with no merged rival, is named alone.
     pub sure: f64,
-    /// Relative uncertainty of a signature: another law of the same effect.
+    /// Relative uncertainty of every statistic of a signature in the likelihood: another law of the same effect.
     pub form: f64,
     /// What another law of the same effect differs by, relative, in every statistic of the flights that the
     /// limits of adequacy are learned from. Chosen, not measured: how far apart laws of one effect are (exponential
@@ -150,10 +151,10 @@ pub struct Gate {
     pub distance: f64,
     /// Limit of `distance` from held-out null flights.
     pub distance_limit: f64,
-    /// Share of the forest that sees some effect, and its limit.
-    pub seen: f64,
-    /// Limit of `seen` from held-out null flights.
-    pub seen_limit: f64,
+    /// Largest evidence of an effect, in sigma of what healthy flights give that effect, and its limit.
+    pub effect: f64,
+    /// Limit of `effect` from held-out null flights.
+    pub effect_limit: f64,
     /// Whether the gap changes any statistic by more than what matters.
     pub material: bool,
 }

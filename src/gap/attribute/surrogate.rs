@@ -6,12 +6,13 @@
 //! kernel, ridge and features are chosen per effect by the leave-one-out likelihood. Residuals of
 //! left-out draws beyond the noise of seeds give the noise of the effect, `τ² (U Uᵀ + diag d)`,
 //! with `τ` the size of the signature relative to the draws: what a surrogate gets wrong grows
-//! with the effect. `d` holds also a share of the signature itself: another law of the same effect.
+//! with the effect. Both hold also a share of the signature itself: another law of the same effect ([`Law`]).
 
 use nalgebra::{DMatrix, DVector};
 
 use super::linear::{Noise, directions};
 use super::theta::Space;
+use super::whiten::Whitening;
 
 /// Directions in which kernels are compared.
 const COMPARED_DIRECTIONS: usize = 10;
@@ -73,6 +74,37 @@ impl Kernel {
     }
 }
 
+/// Another law of the same effect: every statistic of its signature is off by a share of itself,
+/// independently of the others.
+///
+/// Independent are the statistics, not the whitened numbers: an error of one statistic spreads over all of
+/// these, along one direction.
+pub(super) struct Law<'a> {
+    /// Relative error.
+    pub form: f64,
+    /// From statistics to whitened numbers.
+    pub whitening: &'a Whitening,
+}
+
+/// Errors of single statistics that are kept as directions; the others go to the diagonal.
+const MOST_LAW_DIRECTIONS: usize = 40;
+
+impl Law<'_> {
+    /// What an error of each statistic does to the whitened numbers at `τ = 1`, largest first.
+    fn columns(&self, fitted: &DMatrix<f64>, weight: f64) -> Vec<DVector<f64>> {
+        let p = fitted.ncols();
+        let mut squares = DVector::zeros(p);
+        for row in fitted.row_iter() {
+            squares += self.whitening.undo(&row.transpose()).map(|v| v * v);
+        }
+        let mut columns: Vec<DVector<f64>> = (0..p)
+            .map(|j| self.whitening.direction(j) * (self.form * f64::sqrt(squares[j] / weight)))
+            .collect();
+        columns.sort_by(|a, b| b.norm_squared().total_cmp(&a.norm_squared()));
+        columns
+    }
+}
+
 /// Signature and noise of one effect, in whitened statistics.
 #[derive(Debug, Clone)]
 pub(super) struct Surrogate {
@@ -101,12 +133,13 @@ pub(super) struct Surrogate {
 
 impl Surrogate {
     /// `z`: draws minus null, whitened (n × p). `seed_variance`: of flights that differ by the
-    /// seed alone, per whitened statistic. `form`: relative uncertainty of the signature.
+    /// seed alone, per whitened statistic. `law`: what another law of the same effect may differ by; absent:
+    /// the library's law is the only one.
     pub fn new(
         thetas: &[&[f64]],
         z: &DMatrix<f64>,
         seed_variance: &DVector<f64>,
-        form: f64,
+        law: Option<&Law<'_>>,
     ) -> Self {
         let space = Space::of(thetas);
         let units: Vec<Vec<f64>> = thetas.iter().map(|t| space.to_unit(t)).collect();
@@ -125,7 +158,7 @@ impl Surrogate {
         let q = basis.columns(0, keep).into_owned();
         let b = weights * (z * &q);
         let size2 = (fitted.norm_squared() / n as f64).max(1.0);
-        let spread = residual_noise(&left_out, &fitted, seed_variance, size2, form);
+        let spread = residual_noise(&left_out, &fitted, seed_variance, size2, law);
         let noise: Vec<Noise> = LEVELS
             .iter()
             .map(|level| Noise::new(&(&spread.0 * *level), &(&spread.1 * level.sqrt())))
@@ -275,7 +308,7 @@ fn residual_noise(
     fitted: &DMatrix<f64>,
     seed_variance: &DVector<f64>,
     size2: f64,
-    form: f64,
+    law: Option<&Law<'_>>,
 ) -> (DVector<f64>, DMatrix<f64>) {
     let (n, p) = left_out.shape();
     // Σ τ²: every draw holds τ² times the noise at τ = 1.
@@ -293,22 +326,26 @@ fn residual_noise(
             columns.push(basis.column(k) * variance.max(0.0).sqrt());
         }
     }
+    let low_rank = columns.len();
+    let law = law.map_or_else(Vec::new, |l| l.columns(fitted, weight));
+    columns.extend(law.iter().take(MOST_LAW_DIRECTIONS).cloned());
     let u = if columns.is_empty() { DMatrix::zeros(p, 0) } else { DMatrix::from_columns(&columns) };
     let beyond = |j: usize| {
         let total = left_out.column(j).norm_squared() - n as f64 * seed_variance[j];
-        total / weight - u.row(j).norm_squared()
+        total / weight - u.columns(0, low_rank).row(j).norm_squared()
     };
     let raw = DVector::from_fn(p, |j, _| beyond(j).max(0.0));
     let mean = (0..p).map(beyond).sum::<f64>().max(0.0) / p.max(1) as f64;
     // Some forty draws know a variance to a fifth: lean on the mean over the statistics.
-    let law = |j: usize| form * form * fitted.column(j).norm_squared() / weight;
-    let d = DVector::from_fn(p, |j, _| 0.5 * (raw[j] + mean) + law(j));
+    let rest = |j: usize| law.iter().skip(MOST_LAW_DIRECTIONS).map(|c| c[j].powi(2)).sum::<f64>();
+    let d = DVector::from_fn(p, |j, _| 0.5 * (raw[j] + mean) + rest(j));
     (d, u)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gap::attribute::whiten::Standard;
     use crate::model::random::Stream;
 
     fn check(law: impl Fn(f64, f64) -> f64, most: f64) {
@@ -323,7 +360,7 @@ mod tests {
             .collect();
         let z = DMatrix::from_fn(40, p, |i, j| rows[i][j]);
         let refs: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
-        let s = Surrogate::new(&refs, &z, &DVector::from_element(p, 0.49), 0.0);
+        let s = Surrogate::new(&refs, &z, &DVector::from_element(p, 0.49), None);
         let mut worst: f64 = 0.0;
         for k in 0..40 {
             let theta = [-0.9 + 1.8 * f64::from(k) / 39.0, rng.between(0.5, 6.5)];
@@ -355,9 +392,47 @@ mod tests {
             noisy[(i, 1)] += 8.0 * thetas[i][0] * rng.normal();
         }
         let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
-        let s = Surrogate::new(&refs, &noisy, &DVector::from_element(p, 0.49), 0.0);
+        let s = Surrogate::new(&refs, &noisy, &DVector::from_element(p, 0.49), None);
         let variance = |j: usize| s.spread.0[j] + s.spread.1.row(j).norm_squared();
         assert!(variance(1) > 30.0 && variance(1) < 130.0, "{}", variance(1));
         assert!(variance(5) < 2.0, "{}", variance(5));
+    }
+
+    #[test]
+    fn prop_another_law_is_an_error_of_statistics_not_of_whitened_numbers() {
+        let mut rng = Stream::new(7, "surrogate");
+        let p = 20;
+        // Null flights whose statistics move together: a whitened number is a difference of statistics.
+        let mut null = || -> Vec<f64> {
+            let common = 3.0 * rng.normal();
+            (0..p).map(|_| common + rng.normal()).collect()
+        };
+        let nulls: Vec<Vec<f64>> = (0..400).map(|_| null()).collect();
+        let nulls: Vec<&[f64]> = nulls.iter().map(Vec::as_slice).collect();
+        let standard = Standard::new(&nulls, std::iter::empty(), &[], &[], |_| true);
+        let whitening = Whitening::new(standard, &nulls, &[]);
+        // Moves the first four statistics, in proportion to θ.
+        let seen = |theta: f64, off: usize, by: f64| {
+            let at = |j: usize| if j < 4 { 5.0 * theta } else { 0.0 };
+            let u: Vec<f64> =
+                (0..p).map(|j| at(j) + if j == off { by * at(0) } else { 0.0 }).collect();
+            whitening.apply(&u)
+        };
+        let thetas: Vec<[f64; 1]> = (0..41).map(|i| [0.5 + 0.0125 * f64::from(i)]).collect();
+        let rows: Vec<_> = thetas.iter().map(|t| seen(t[0], 0, 0.0)).collect();
+        let z = DMatrix::from_fn(41, p, |i, j| rows[i][j]);
+        let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
+        let little = DVector::from_element(p, 1e-3);
+        let law = Law { form: 0.3, whitening: &whitening };
+        let left = |law: Option<&Law<'_>>, off: usize| {
+            let s = Surrogate::new(&refs, &z, &little, law);
+            let h = s.coordinates(&s.space.to_unit(&[0.8]));
+            s.noise[3].squared(&(seen(0.8, off, 0.3) - s.mean(&h)))
+        };
+        // One statistic of the signature off by 30 % is one sigma of the law; the same error of a statistic that the
+        // effect does not touch stays what it is.
+        assert!(left(Some(&law), 2) < 2.5, "{}", left(Some(&law), 2));
+        assert!(left(None, 2) > 1.8 * left(Some(&law), 2), "{}", left(None, 2));
+        assert!(left(Some(&law), 12) > 0.8 * left(None, 12), "{}", left(Some(&law), 12));
     }
 }

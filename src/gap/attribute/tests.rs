@@ -98,16 +98,15 @@ fn run(size: Size, flights: usize, foreign: bool) -> Tally {
     let found = it.attribute_all(&doubles);
     t.pairs = found.iter().zip(&want).filter(exact).count() as f64 / want.len() as f64;
     println!(
-        "learned in {learned:.1} s, {:.0} ms a flight; judged {:?}; T {} w {}; limits gain {:.1} \
-         distance {:.1} pair {:.1} adequate {:.1}",
+        "learned in {learned:.1} s, {:.0} ms a flight; judged {:?}; T {} w {}; limits pair {:.2} \
+         adequate {:.1}; {:?}",
         1e3 * each,
         it.judged(),
         it.limits.calibration.temperature,
         it.limits.calibration.weight,
-        it.limits.gain,
-        it.limits.distance,
         it.limits.pair_gain,
-        it.limits.adequate
+        it.limits.adequate,
+        it.limits.gate
     );
     println!(
         "top-1 {:.3} top-3 {:.3} false alarm {:.3} named {:.3} set {:.2} ece {:.3} unknown rejected {:.3} \
@@ -133,7 +132,9 @@ fn prop_names_rejects_and_stays_quiet_on_a_made_up_world() {
     assert!(t.alarms < 0.08, "{}", t.alarms);
     assert!(t.ece < 0.12, "{}", t.ece);
     assert!(t.rejected_known < 0.12, "{}", t.rejected_known);
-    assert!(t.rejected_seen > 0.75, "{}", t.rejected_seen);
+    // Was 0.75 while a floor hid second effects: some unknown effects are called two since it is gone.
+    assert!(t.rejected_seen > 0.7, "{}", t.rejected_seen);
+    assert!(t.pairs > 0.2, "{}", t.pairs);
 }
 
 #[test]

@@ -8,11 +8,13 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::DVector;
 use rayon::prelude::*;
 
 use super::blocks::Groups;
 use super::calibrate::{Calibration, Vote};
 use super::evidence::Fit;
+use super::gate::{Limit, Rule, Seen};
 use super::library::{Library, Part};
 use super::open_set::{Judge, features, score};
 use super::pairs;
@@ -31,18 +33,12 @@ const JUDGED_PAIRS: usize = 80;
 pub(super) const TRIAL_POLISHED: usize = 3;
 /// Folds of the reference flights.
 const REFERENCE_FOLDS: usize = 4;
-/// Sigma above the mean of held-out reference flights: 1 % of a normal distribution.
-const REFERENCE_SIGMA: f64 = 2.33;
 
 /// Everything a verdict is held against.
 #[derive(Debug, Clone)]
 pub(super) struct Limits {
-    /// Largest log evidence over that of "no effect" that a null flight reaches.
-    pub gain: f64,
-    /// Largest normal score of the squared distance that a null flight reaches.
-    pub distance: f64,
-    /// Largest share of the forest that sees some effect in a null flight.
-    pub seen: f64,
+    /// Is there a gap.
+    pub gate: Limit,
     /// What a second effect must add, [`pairs::relative`].
     pub pair_gain: f64,
     /// Judge of explanations.
@@ -66,17 +62,13 @@ pub(super) struct Limits {
 const HALF: f64 = 0.5;
 
 struct Null {
-    gain: f64,
-    distance: f64,
-    seen: f64,
+    seen: Seen,
     blocks: Vec<(Block, usize, f64)>,
 }
 
 struct Trial {
     vote: Vote,
-    gain: f64,
-    distance: f64,
-    seen: f64,
+    seen: Seen,
     /// What the best single leaves, and the best of the effects that are not the cause.
     single: [f64; 4],
     without: Option<[f64; 4]>,
@@ -118,29 +110,25 @@ pub(super) fn limits(
         let known = flights(teachers, part, &judged, settings.law);
         trials.par_extend(known.par_iter().map(|k| trial(&library, settings, k)));
     }
-    // Three ways to raise an alarm share the allowance.
-    let share = 1.0 - settings.false_alarm / 3.0;
-    let mut gain = quantile(nulls.iter().map(|n| n.gain), share);
-    let mut distance = quantile(nulls.iter().map(|n| n.distance), share);
-    let mut seen_share = quantile(nulls.iter().map(|n| n.seen), share);
     // Held-out flights of the airframe itself know better than the bank.
     let judged = match teachers.calibration {
         [] => reference_scores(teachers, settings, allowed),
         flights => calibration_scores(teachers, settings, allowed, flights),
     };
-    if judged.len() >= LEAST_JUDGED {
-        [gain, distance, seen_share] = limits_of(&judged);
-    }
-    let seen: Vec<&Trial> = trials
-        .iter()
-        .filter(|t| t.gain > gain || t.distance > distance || t.seen > seen_share)
-        .collect();
+    let gate = if judged.len() >= LEAST_JUDGED {
+        Limit::new(&judged.iter().collect::<Vec<_>>(), Rule::Few)
+    } else {
+        // Three ways to raise an alarm share the allowance.
+        let share = 1.0 - settings.false_alarm / 3.0;
+        Limit::new(&nulls.iter().map(|n| &n.seen).collect::<Vec<_>>(), Rule::Share(share))
+    };
+    let seen: Vec<&Trial> = trials.iter().filter(|t| gate.gate(&t.seen).open()).collect();
     let votes: Vec<Vote> = seen.iter().filter(|t| !t.double).map(|t| t.vote.clone()).collect();
     let calibration = Calibration::new(&votes, settings.coverage);
     let single_gains =
         seen.iter().filter(|t| !t.double).filter_map(|t| t.pair.map(|(gain, _)| gain));
     let second = 1.0 - settings.false_second;
-    let pair_gain = quantile(single_gains, second).max(pairs::relative(LEAST_PAIR_GAIN, 0.0));
+    let pair_gain = quantile(single_gains, second);
     let enough = 1.0 - settings.false_rejection;
     let singles = || seen.iter().filter(|t| !t.double);
     let known: Vec<_> = singles().map(|t| t.single).collect();
@@ -161,19 +149,7 @@ pub(super) fn limits(
     }
     let doubles = trials.iter().filter(|t| t.double).count();
     let flights = [nulls.len(), trials.len() - doubles, doubles];
-    Limits {
-        gain,
-        distance,
-        seen: seen_share,
-        pair_gain,
-        judge,
-        adequate,
-        adequate_pair,
-        widen,
-        calibration,
-        blocks,
-        flights,
-    }
+    Limits { gate, pair_gain, judge, adequate, adequate_pair, widen, calibration, blocks, flights }
 }
 
 /// Intervals that need more than this are not worth widening: the surrogate is wrong.
@@ -181,19 +157,23 @@ const MOST_WIDENED: f64 = 5.0;
 /// Least half width that an error is divided by, of the range.
 const LEAST_HALF_WIDTH: f64 = 0.01;
 
-/// A second effect costs at least `log C(53, 2) - log 53` of choice.
-const LEAST_PAIR_GAIN: f64 = 3.3;
-
 fn null(library: &Library, groups: &Groups, statistics: &[f64], settings: &Settings) -> Null {
-    let flight = library.flight(statistics);
-    let fits = library.explain(&flight.z, settings.survivors);
-    let best = fits.first().map_or(f64::NEG_INFINITY, |f| f.log_z);
-    Null {
-        gain: best - Library::null(&flight.z),
-        distance: score(flight.z.norm_squared(), library.whitening.width()),
-        seen: library.votes(statistics).1,
-        blocks: groups.scores(statistics),
+    Null { seen: seen(library, settings, statistics), blocks: groups.scores(statistics) }
+}
+
+/// What the gate sees of a flight by whitened numbers and fits.
+pub(super) fn seen_of(library: &Library, z: &DVector<f64>, fits: &[Fit]) -> Seen {
+    let null = Library::null(z);
+    Seen {
+        evidence: by_effect(fits).iter().map(|v| v - null).collect(),
+        distance: score(z.norm_squared(), library.whitening.width()),
     }
+}
+
+fn seen(library: &Library, settings: &Settings, statistics: &[f64]) -> Seen {
+    let z = library.flight(statistics).z;
+    let fits = library.explain(&z, settings.survivors);
+    seen_of(library, &z, &fits)
 }
 
 fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
@@ -230,12 +210,10 @@ fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
             .collect(),
         _ => Vec::new(),
     };
-    let (votes, seen) = library.votes(&known.statistics);
+    let votes = library.votes(&known.statistics);
     Trial {
         vote: Vote { log_z: by_effect(&fits), votes, truth: known.effect },
-        gain: top - Library::null(&flight.z),
-        distance: score(whole, width),
-        seen,
+        seen: seen_of(library, &flight.z, &fits),
         single,
         without: without.map(leaves),
         pair,
@@ -320,35 +298,16 @@ const STRIDE: usize = 37;
 /// Fewer judged flights of the airframe give no limit.
 const LEAST_JUDGED: usize = 8;
 
-/// What accepted flights reach that taught nothing, 1 % of a normal distribution.
-fn limits_of(found: &[[f64; 3]]) -> [f64; 3] {
-    [0, 1, 2].map(|pick| {
-        let n = found.len() as f64;
-        let mean = found.iter().map(|v| v[pick]).sum::<f64>() / n;
-        let variance = found.iter().map(|v| (v[pick] - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        mean + REFERENCE_SIGMA * variance.sqrt()
-    })
-}
-
-/// Gain, distance and share seen of one flight.
-fn scores_of(library: &Library, settings: &Settings, statistics: &[f64]) -> [f64; 3] {
-    let flight = library.flight(statistics);
-    let fits = library.explain(&flight.z, settings.survivors);
-    let best = fits.first().map_or(f64::NEG_INFINITY, |f| f.log_z);
-    let distance = score(flight.z.norm_squared(), library.whitening.width());
-    [best - Library::null(&flight.z), distance, library.votes(statistics).1]
-}
-
 /// Accepted flights that are kept for limits alone.
 fn calibration_scores(
     teachers: &Teachers<'_>,
     settings: &Settings,
     allowed: impl Fn(usize) -> bool + Copy + Sync,
     flights: &[Vec<f64>],
-) -> Vec<[f64; 3]> {
+) -> Vec<Seen> {
     let all = Part { held_out: None };
     let library = teachers.library(all, &teachers.reference_rows(), allowed, settings);
-    flights.par_iter().map(|s| scores_of(&library, settings, s)).collect()
+    flights.par_iter().map(|s| seen(&library, settings, s)).collect()
 }
 
 /// Reference flights, each fold judged with the others as reference.
@@ -356,7 +315,7 @@ fn reference_scores(
     teachers: &Teachers<'_>,
     settings: &Settings,
     allowed: impl Fn(usize) -> bool + Copy + Sync,
-) -> Vec<[f64; 3]> {
+) -> Vec<Seen> {
     let folds = REFERENCE_FOLDS.min(teachers.references.len());
     let mut found = Vec::new();
     for fold in 0..folds {
@@ -366,7 +325,7 @@ fn reference_scores(
         };
         let all = Part { held_out: None };
         let library = teachers.library(all, &side(false), allowed, settings);
-        found.par_extend(side(true).par_iter().map(|s| scores_of(&library, settings, s)));
+        found.par_extend(side(true).par_iter().map(|s| seen(&library, settings, s)));
     }
     found
 }

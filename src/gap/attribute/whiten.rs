@@ -201,6 +201,11 @@ impl Whitening {
         matrix(rows, self.width()) * self.w.transpose()
     }
 
+    /// What one unit of a compressed number does to the whitened ones.
+    pub fn direction(&self, k: usize) -> DVector<f64> {
+        self.w.column(k).into_owned()
+    }
+
     /// Compressed numbers of whitened ones.
     pub fn undo(&self, z: &DVector<f64>) -> DVector<f64> {
         self.w.solve_lower_triangular(z).unwrap_or_else(|| z.clone())

@@ -95,7 +95,7 @@ pub fn render(d: &Diagnosis) -> String {
         for (name, found, limit) in [
             ("Gate: log evidence of the best effect over none", gate.gain, gate.gain_limit),
             ("Gate: normal score of the whole distance", gate.distance, gate.distance_limit),
-            ("Gate: share of the forest that sees an effect", gate.seen, gate.seen_limit),
+            ("Gate: loudest effect, in sigma of healthy flights", gate.effect, gate.effect_limit),
             (
                 "Adequacy: log odds that the explanation is not the cause",
                 adequacy.score,
