@@ -58,6 +58,13 @@ pub struct Options {
     /// Writes the sizes that the suite is made with.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Writes statistics of labelled flights instead, a line of JSON each.
+    ///
+    /// Every effect at one, two and four times its committed size, and as many healthy flights as for scale and
+    /// line together, with seeds of their own: none of them is a case of the suite. They show what the statistics can
+    /// tell at all (`sim/peers/oracle.py`).
+    #[arg(long, value_name = "FILE", conflicts_with = "out")]
+    labelled: Option<PathBuf>,
 }
 
 /// The committed measurement.
@@ -117,6 +124,10 @@ pub fn run(options: &Options) -> Result<bool> {
     let scene = Scene::lab().map_err(|problems| anyhow!("{problems}"))?;
     let folder = tempfile::tempdir()?;
     let bench = Bench { scene: &scene, folder: folder.path(), seed: options.seed };
+    if let Some(path) = &options.labelled {
+        labelled::write(&bench, options, path)?;
+        return Ok(true);
+    }
     let (scale, line) = bench.healthy(options.healthy)?;
     let specs: Vec<&Spec> = known().chain(unknown()).collect();
     let jobs: Vec<(&Spec, u64)> =
@@ -214,6 +225,15 @@ fn median(values: &mut [f64]) -> f64 {
     0.5 * (values[(n - 1) / 2] + values[n / 2])
 }
 
+/// What is seen of a flight.
+struct Seen {
+    statistics: Vec<f64>,
+    /// By itself.
+    landed: bool,
+    /// The mission was flown to its end.
+    whole: bool,
+}
+
 /// Where draws are flown and looked at.
 struct Bench<'a> {
     scene: &'a Scene,
@@ -232,7 +252,7 @@ impl Bench<'_> {
                 let name = format!("healthy-{number}");
                 let seen = self.fly(&name, seed, number % 2 == 1, Deviations::default())?;
                 progress.advance(1);
-                Ok(seen.filter(|(_, landed)| *landed).map(|(statistics, _)| statistics))
+                Ok(seen.filter(|seen| seen.landed).map(|seen| seen.statistics))
             })
             .collect::<Result<_>>()?;
         progress.end();
@@ -260,9 +280,9 @@ impl Bench<'_> {
             spec.apply(size, &mut Noise::new(seed, spec.id), &hall, &mut deviations);
             let name = format!("{}-{draw}-{halves}", spec.id);
             let seen = self.fly(&name, seed, false, deviations)?;
-            not_landed += usize::from(!seen.as_ref().is_some_and(|(_, landed)| *landed));
+            not_landed += usize::from(!seen.as_ref().is_some_and(|s| s.landed));
             // What cannot be looked at, or ended early, is seen by anybody.
-            let seen = seen.is_none_or(|(s, landed)| !landed || scale.distance(&s) > line);
+            let seen = seen.is_none_or(|s| !s.landed || scale.distance(&s.statistics) > line);
             if !seen {
                 break;
             }
@@ -271,14 +291,14 @@ impl Bench<'_> {
         Ok((shows, not_landed))
     }
 
-    /// Statistics of a diagnostic flight, and whether it landed; `None`: nothing can be observed.
+    /// A diagnostic flight; `None`: nothing can be observed.
     fn fly(
         &self,
         name: &str,
         seed: u64,
         jitter: bool,
         deviations: Deviations,
-    ) -> Result<Option<(Vec<f64>, bool)>> {
+    ) -> Result<Option<Seen>> {
         let healthy = Setup::healthy(self.scene, mixed(seed, 1));
         let craft: Craft = healthy.craft.clone();
         let craft = if jitter { craft.jittered(seed) } else { craft };
@@ -288,13 +308,15 @@ impl Bench<'_> {
             .with_context(|| path.display().to_string())?;
         let flown = logs::read(&path).ok();
         std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
-        let statistics = flown.and_then(|flown| {
+        Ok(flown.and_then(|flown| {
             let scene = flown.scene(Some(self.scene.room.clone())).on_grid();
-            observe(&flown.trace, &Nominal::of_scene(&scene)).ok()
-        });
-        Ok(statistics.map(|seen| (seen.statistics, outcome.landed)))
+            let seen = observe(&flown.trace, &Nominal::of_scene(&scene)).ok()?;
+            let whole = scene.until_s.is_none();
+            Some(Seen { statistics: seen.statistics, landed: outcome.landed, whole })
+        }))
     }
 }
 
+mod labelled;
 #[cfg(test)]
 mod tests;
