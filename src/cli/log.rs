@@ -145,7 +145,9 @@ fn info(log: &LogReader) -> Info {
             }
             Entry::Decoded(decoded) => decoded.channel().to_owned(),
             Entry::Hole(hole) => {
-                lost_entries += hole.lost_raw + hole.lost_topics;
+                // A damaged log may claim any number.
+                lost_entries =
+                    hole.lost_raw.saturating_add(hole.lost_topics).saturating_add(lost_entries);
                 "hole".to_owned()
             }
             Entry::Closing(_) => continue,

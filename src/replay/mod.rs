@@ -192,33 +192,9 @@ fn replay_with(
     let build_differences = BuildIdentity::current().differences(&session.build);
     let demand = if build_differences.is_empty() { Demand::BitExact } else { Demand::Decoded };
     let start = session.pilot_started_at;
-    let mut run = Run {
-        pilot: match watch {
-            Some(_) => Pilot::new(config.pilot(), session.survey.clone(), start),
-            None => Pilot::new(config.pilot(), session.survey.clone(), start).without_topics(),
-        },
-        start,
-        last: start,
-        sequence: 0,
-        closed: false,
-        pending: VecDeque::new(),
-        report: Report {
-            log: log.path().to_owned(),
-            demand,
-            build_differences,
-            verdict: Verdict::NothingToCompare,
-            log_end: String::new(),
-            duration_s: 0.0,
-            inputs: 0,
-            outputs: 0,
-            outputs_identical: 0,
-            output_bytes: 0,
-            worst_difference: 0.0,
-            rounding_flips: 0,
-            first_difference: None,
-            holes: Vec::new(),
-        },
-    };
+    let pilot = Pilot::new(config.pilot(), session.survey.clone(), start);
+    let pilot = if watch.is_some() { pilot } else { pilot.without_topics() };
+    let mut run = Run::new(pilot, start, log.path().to_owned(), demand, build_differences);
     let mut entries = log.entries();
     for entry in entries.by_ref() {
         run.take(entry);
@@ -243,6 +219,39 @@ struct Run {
 }
 
 impl Run {
+    fn new(
+        pilot: Pilot,
+        start: HostTime,
+        log: PathBuf,
+        demand: Demand,
+        build_differences: Vec<String>,
+    ) -> Self {
+        Self {
+            pilot,
+            start,
+            last: start,
+            sequence: 0,
+            closed: false,
+            pending: VecDeque::new(),
+            report: Report {
+                log,
+                demand,
+                build_differences,
+                verdict: Verdict::NothingToCompare,
+                log_end: String::new(),
+                duration_s: 0.0,
+                inputs: 0,
+                outputs: 0,
+                outputs_identical: 0,
+                output_bytes: 0,
+                worst_difference: 0.0,
+                rounding_flips: 0,
+                first_difference: None,
+                holes: Vec::new(),
+            },
+        }
+    }
+
     fn take(&mut self, entry: Entry) {
         match entry {
             Entry::Input { sequence, at, input } => {
@@ -284,7 +293,8 @@ impl Run {
 
     /// Numbers must follow one another; a gap that the recorder did not own up to is a hole too.
     fn step(&mut self, sequence: u64, at: HostTime) {
-        let expected = self.sequence + 1;
+        // A hole may claim any number, the largest too.
+        let expected = self.sequence.saturating_add(1);
         if sequence > expected {
             self.report.holes.push(Hole {
                 from_s: self.last.seconds_since(self.start),

@@ -9,14 +9,18 @@ use crate::pilot::Input;
 use crate::record::{Recorder, Session};
 use crate::survey::Survey;
 
-/// Runs the core as the pilot's thread does, on made-up time, and records it.
-fn record(folder: &Path, build: BuildIdentity, meddle: impl Fn(u64, &mut Vec<u8>)) -> PathBuf {
+fn survey() -> Survey {
     let anchors: Vec<_> = (0..8u8)
         .map(|i| {
             let at = |bit: u8, far: f64| if i & bit != 0 { far } else { 0.1 };
             (AnchorId(i), Vec3::new(at(1, 7.7), at(2, 9.3), -at(4, 3.1)))
         })
         .collect();
+    Survey::new(&anchors).unwrap()
+}
+
+/// Runs the core as the pilot's thread does, on made-up time, and records it.
+fn record(folder: &Path, build: BuildIdentity, meddle: impl Fn(u64, &mut Vec<u8>)) -> PathBuf {
     let config = Config::default();
     let start = HostTime::from_us(7_000_123);
     let session = Session {
@@ -24,7 +28,7 @@ fn record(folder: &Path, build: BuildIdentity, meddle: impl Fn(u64, &mut Vec<u8>
         started_unix_us: 0,
         pilot_started_at: start,
         config_toml: config.to_toml(),
-        survey: Survey::new(&anchors).unwrap(),
+        survey: survey(),
     };
     let mut recorder = Recorder::start(folder, &session).unwrap();
     let mut pilot = Pilot::new(config.pilot(), session.survey.clone(), start);
@@ -175,4 +179,28 @@ fn prop_a_configuration_that_is_refused_is_told() {
     let error = replay(&recorder.finish().path.unwrap()).unwrap_err().to_string();
     assert!(error.contains("replay it with the build that wrote it"), "{error}");
     assert!(error.contains("flight.spool_s = 99, allowed 0.2 to 5 s"), "{error}");
+}
+
+/// Found by the fuzzer: a hole that ends at the largest number there is.
+#[test]
+fn regress_a_hole_up_to_the_largest_number_is_told() {
+    let config = Config::default();
+    let start = HostTime::from_us(1);
+    let pilot = Pilot::new(config.pilot(), survey(), start);
+    let mut run = Run::new(pilot, start, PathBuf::new(), Demand::BitExact, Vec::new());
+    let hole = pb::Hole {
+        from_us: u64::MAX,
+        to_us: 0,
+        first_sequence: u64::MAX,
+        last_sequence: u64::MAX,
+        lost_raw: u64::MAX,
+        lost_topics: u64::MAX,
+    };
+    run.take(Entry::Hole(hole));
+    for sequence in [u64::MAX, 0, 1] {
+        let bytes = vec![0];
+        run.take(Entry::Output { sequence, at: start, link: LinkId::Board, bytes });
+    }
+    let report = run.finish(&LogEnd::Complete);
+    assert_eq!(report.verdict, Verdict::OnlyToHole, "{report}");
 }
