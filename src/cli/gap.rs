@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use clap::{Args, Subcommand};
 
 use super::{
-    gap_accept, gap_advise, gap_balance, gap_bank, gap_blind, gap_diagnose, gap_missions,
-    gap_observe, gap_shrink, gap_sight,
+    gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_blind, gap_diagnose,
+    gap_missions, gap_observe, gap_shrink, gap_sight,
 };
 use crate::checks::Problems;
 use crate::gap::bank::LEAST_DRAWS;
@@ -35,6 +35,8 @@ pub(super) enum Gap {
     Blind(gap_blind::Blind),
     /// Prints the statistics of flights, for other methods.
     Observe(gap_observe::Observe),
+    /// Attributes flights whose statistics were observed before.
+    Attribute(gap_attribute::Attribute),
     /// Force balance of recorded flights with motion capture.
     Balance(gap_balance::Balance),
     /// Blocked lines of sight in recorded UWB flights with motion capture.
@@ -54,6 +56,7 @@ impl Gap {
             Gap::Bank(bank) => bank.run(),
             Gap::Blind(blind) => blind.run(),
             Gap::Observe(observe) => observe.run(),
+            Gap::Attribute(attribute) => attribute.run(),
             Gap::Balance(balance) => balance.run(),
             Gap::Sight(sight) => sight.run(),
             Gap::Mission(mission) => mission.run(),

@@ -12,6 +12,7 @@ mod fly;
 mod gap;
 mod gap_accept;
 mod gap_advise;
+mod gap_attribute;
 mod gap_balance;
 mod gap_bank;
 mod gap_blind;

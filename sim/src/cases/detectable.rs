@@ -65,6 +65,10 @@ pub struct Options {
     /// tell at all (`sim/peers/oracle.py`).
     #[arg(long, value_name = "FILE", conflicts_with = "out")]
     labelled: Option<PathBuf>,
+    /// Keeps the logs of the labelled flights in this folder, some 10 MB each: `haltere gap observe` says other statistics of
+    /// them.
+    #[arg(long, value_name = "DIR", requires = "labelled")]
+    logs: Option<PathBuf>,
 }
 
 /// The committed measurement.
@@ -122,8 +126,10 @@ impl Detectable {
 /// Measures and prints; `true` when something was measured.
 pub fn run(options: &Options) -> Result<bool> {
     let scene = Scene::lab().map_err(|problems| anyhow!("{problems}"))?;
-    let folder = tempfile::tempdir()?;
-    let bench = Bench { scene: &scene, folder: folder.path(), seed: options.seed };
+    let passing = tempfile::tempdir()?;
+    let folder = options.logs.as_deref().unwrap_or(passing.path());
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    let bench = Bench { scene: &scene, folder, keep: options.logs.is_some(), seed: options.seed };
     if let Some(path) = &options.labelled {
         labelled::write(&bench, options, path)?;
         return Ok(true);
@@ -238,6 +244,8 @@ struct Seen {
 struct Bench<'a> {
     scene: &'a Scene,
     folder: &'a Path,
+    /// Logs stay in the folder.
+    keep: bool,
     seed: u64,
 }
 
@@ -307,7 +315,9 @@ impl Bench<'_> {
         let outcome = flight::record(self.scene, setup, Mission::Diagnostic, &path)
             .with_context(|| path.display().to_string())?;
         let flown = logs::read(&path).ok();
-        std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
+        if !self.keep {
+            std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
+        }
         Ok(flown.and_then(|flown| {
             let scene = flown.scene(Some(self.scene.room.clone())).on_grid();
             let seen = observe(&flown.trace, &Nominal::of_scene(&scene)).ok()?;
