@@ -1,6 +1,11 @@
 //! Guidance: what the controller is asked for, from mode, mission and setpoints of clients.
 
-use crate::control::{AxisCommand, Command, HeldTilt, TiltAxis};
+mod carrot;
+mod enter;
+mod held_tilt;
+mod items;
+
+use crate::control::{AxisCommand, Command, HeldTilt};
 use crate::estimate::Estimate;
 use crate::frames::{E, Vec3, wrap_pi_rad};
 use crate::time::HostTime;
@@ -8,52 +13,16 @@ use crate::time::HostTime;
 use super::config::FlightConfig;
 use super::excitation::Doublet;
 use super::landing_ramp::LandingRamp;
-use super::mission::{Mission, MissionItem, Volume};
+use super::mission::{Mission, Volume};
 use super::modes::{Event, Mode};
 use super::setpoint::Setpoint;
-use super::tilt_step::{Envelope, Progress, TiltRun, TiltStep};
+use super::tilt_step::{Envelope, TiltRun};
+use carrot::Carrot;
 
 /// Height error at which a take-off is done, m: the size of the UWB error at that height.
 const TAKEOFF_DONE_M: f64 = 0.20;
 /// A take-off whose setpoint has arrived is over after this time in any case, s.
 const TAKEOFF_PATIENCE_S: f64 = 4.0;
-/// Voltage must be below the one that is waited for this long, s: as for an empty battery.
-const VOLTAGE_FOR_S: f64 = 2.0;
-
-/// A setpoint that moves along a straight leg with limited speed and acceleration.
-#[derive(Debug, Clone, Copy)]
-struct Carrot {
-    pos_E_m: Vec3<E>,
-    target_E_m: Vec3<E>,
-    speed_mps: f64,
-}
-
-impl Carrot {
-    fn resting(pos_E_m: Vec3<E>) -> Self {
-        Self { pos_E_m, target_E_m: pos_E_m, speed_mps: 0.0 }
-    }
-
-    fn has_arrived(&self) -> bool {
-        self.pos_E_m == self.target_E_m
-    }
-
-    /// Moves on; the velocity it moves with, Earth frame, m/s.
-    fn advance(&mut self, top_speed_mps: f64, acceleration_mps2: f64, dt_s: f64) -> Vec3<E> {
-        let way = self.target_E_m - self.pos_E_m;
-        let distance_m = way.norm();
-        let braking_mps = (2.0 * acceleration_mps2 * distance_m).sqrt();
-        let faster_mps = self.speed_mps + acceleration_mps2 * dt_s;
-        self.speed_mps = top_speed_mps.min(braking_mps).min(faster_mps);
-        let stride_m = self.speed_mps * dt_s;
-        if distance_m <= stride_m.max(1e-6) {
-            *self = Self::resting(self.target_E_m);
-            return Vec3::zero();
-        }
-        let direction = way * (1.0 / distance_m);
-        self.pos_E_m += direction * stride_m;
-        direction * self.speed_mps
-    }
-}
 
 /// What a step of guidance has to tell besides the command.
 #[derive(Debug, Default, Clone, PartialEq)]
@@ -250,24 +219,6 @@ impl Guidance {
         all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(home)
     }
 
-    /// Whether a jump is to be made once more; counts it.
-    fn may_jump(&mut self, item: u16, times: Option<u32>) -> bool {
-        let made = match self.jumps_made.iter_mut().find(|(i, _)| *i == item) {
-            Some((_, made)) => made,
-            None => {
-                self.jumps_made.push((item, 0));
-                // Bounded: there is one entry an item.
-                match self.jumps_made.last_mut() {
-                    Some((_, made)) => made,
-                    None => return false,
-                }
-            }
-        };
-        let more = times.is_none_or(|times| *made < times);
-        *made = made.saturating_add(1);
-        more
-    }
-
     /// Jumps within the mission.
     pub fn set_current_item(&mut self, index: u16) {
         if index == 0 {
@@ -277,60 +228,6 @@ impl Guidance {
         self.current_item = index;
         self.item_started = false;
         self.jumped = true;
-    }
-
-    /// Called once when a mode begins.
-    pub fn enter(&mut self, mode: Mode, estimate: &Estimate, at: HostTime) {
-        self.ramp.rest();
-        self.entered_at = at;
-        self.arrived_at = None;
-        self.tilt = None;
-        match mode {
-            Mode::Spool => {
-                let here = Vec3::new(estimate.pos_E_m.x(), estimate.pos_E_m.y(), 0.0);
-                self.home_is_here(here);
-                self.carrot = Carrot::resting(here);
-                self.yaw_rad = estimate.R_EB.yaw_rad();
-                self.set_leg_speed(None);
-            }
-            Mode::Takeoff => {
-                let mut target = self.carrot.pos_E_m.to_array();
-                target[2] = -self.takeoff_height_m;
-                self.carrot.target_E_m = Vec3::from_array(target);
-            }
-            Mode::Hold
-                // A leg that has arrived is held where it ends: no step from estimate noise.
-                if (!self.carrot.has_arrived() || self.is_far_from_carrot(estimate)) => {
-                    self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
-                }
-            Mode::Mission => {
-                self.item_started = false;
-                self.set_leg_speed(None);
-                self.start_from_here(estimate);
-            }
-            Mode::Goto => self.start_from_here(estimate),
-            Mode::Return => {
-                self.set_leg_speed(None);
-                let present = self.carrot.pos_E_m.z().min(estimate.pos_E_m.z());
-                let height = present.min(-self.config.return_height_m);
-                self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
-                let [north, east] = self.nearest_refuge_NE_m(estimate.pos_E_m);
-                self.fly_to(Vec3::new(north, east, height), None);
-            }
-            Mode::Land
-                if (self.is_far_from_carrot(estimate) || !self.carrot.has_arrived()) => {
-                    // Outside of the walls it comes down inside.
-                    self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
-                }
-            _ => {}
-        }
-    }
-
-    /// A leg that begins after a landing or a disturbance begins where the vehicle is.
-    fn start_from_here(&mut self, estimate: &Estimate) {
-        if self.is_far_from_carrot(estimate) {
-            self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
-        }
     }
 
     /// Distance from the point that is held or that moves along its leg, m. `None` where the setpoint
@@ -434,186 +331,6 @@ impl Guidance {
             ],
             vel_ff_E_mps,
             yaw_rad: self.yaw_rad,
-        }
-    }
-
-    /// Works on the item in force: one item a step.
-    fn mission_step(&mut self, mission: &Mission, now: &Now<'_>, news: &mut News) {
-        let Now { estimate, at, .. } = *now;
-        let Some(stored) = mission.items.get(usize::from(self.current_item)) else {
-            news.event = Some(Event::MissionDone);
-            return;
-        };
-        let first_look = !self.item_started;
-        self.item_started = true;
-        if std::mem::take(&mut self.jumped) && !self.carrot.has_arrived() {
-            self.carrot = Carrot::resting(self.carrot.pos_E_m);
-        }
-        let near = |target: Vec3<E>, radius_m: f64| (estimate.pos_E_m - target).norm() < radius_m;
-        let default_radius_m = self.config.acceptance_radius_m;
-        let done = match stored.item {
-            MissionItem::Takeoff { height_m } => {
-                if first_look {
-                    let here = self.carrot.pos_E_m;
-                    self.fly_to(Vec3::new(here.x(), here.y(), -height_m), None);
-                }
-                self.carrot.has_arrived() && near(self.carrot.target_E_m, default_radius_m)
-            }
-            MissionItem::Waypoint { pos_E_m, hold_s, acceptance_m, yaw_rad } => {
-                if first_look {
-                    self.fly_to(pos_E_m, yaw_rad);
-                }
-                let radius_m = acceptance_m.unwrap_or(default_radius_m);
-                let there = self.arrived_at.is_some()
-                    || (self.carrot.has_arrived() && near(self.carrot.target_E_m, radius_m));
-                if there && self.arrived_at.is_none() {
-                    news.reached = Some(self.current_item);
-                }
-                there && self.arrived_since_s(at) >= hold_s
-            }
-            MissionItem::Delay { duration_s } => {
-                if first_look {
-                    self.arrived_at = None;
-                }
-                self.arrived_since_s(at) >= duration_s
-            }
-            MissionItem::Speed { speed_mps } => {
-                self.set_leg_speed(speed_mps);
-                true
-            }
-            MissionItem::Yaw { yaw_rad, relative } => {
-                let base_rad = if relative { self.yaw_rad } else { 0.0 };
-                self.yaw_rad = wrap_pi_rad(base_rad + yaw_rad);
-                true
-            }
-            MissionItem::Home => true,
-            MissionItem::Jump { to, times } => {
-                if self.may_jump(self.current_item, times) {
-                    self.current_item = to;
-                    self.item_started = false;
-                    self.arrived_at = None;
-                    return;
-                }
-                true
-            }
-            MissionItem::Doublet(doublet) => {
-                if first_look {
-                    self.arrived_at = None;
-                }
-                let elapsed_s = self.arrived_since_s(at);
-                news.doublet = Some((doublet, elapsed_s));
-                elapsed_s >= doublet.length_s()
-            }
-            MissionItem::Tilt(step) => {
-                if first_look {
-                    self.tilt = None;
-                }
-                self.tilt_step(&step, now, news)
-            }
-            MissionItem::UntilVoltage { supply_v, limit_s } => {
-                self.wait_for_voltage(supply_v, limit_s, first_look, now, news)
-            }
-            MissionItem::Return => {
-                news.event = Some(Event::ReturnAsked);
-                true
-            }
-            MissionItem::Land { pos_E_m } => {
-                if first_look && let Some(pos) = pos_E_m {
-                    let height = self.carrot.pos_E_m.z();
-                    self.fly_to(Vec3::new(pos.x(), pos.y(), height), None);
-                }
-                let there = pos_E_m.is_none()
-                    || (self.carrot.has_arrived()
-                        && near(self.carrot.target_E_m, 2.0 * default_radius_m));
-                if there {
-                    news.event = Some(Event::MissionLands);
-                }
-                there
-            }
-        };
-        if done {
-            let told = matches!(stored.item, MissionItem::Waypoint { .. });
-            // A step that was refused was not reached.
-            if !told && !std::mem::take(&mut self.refused) {
-                news.reached = Some(self.current_item);
-            }
-            self.current_item += 1;
-            self.item_started = false;
-            self.arrived_at = None;
-        }
-    }
-
-    /// The command of a held tilt: along its axis the vehicle goes as it goes, across it the line is
-    /// kept on which the step began.
-    fn keep_line(&self, command: &mut Command, held: HeldTilt, estimate: &Estimate) {
-        let Some([north, east]) = self.tilt.as_ref().and_then(TiltRun::start_NE_m) else { return };
-        let (sin_yaw, cos_yaw) = estimate.R_EB.yaw_rad().sin_cos();
-        let along = match held.axis {
-            TiltAxis::Pitch => [cos_yaw, sin_yaw],
-            TiltAxis::Roll => [-sin_yaw, cos_yaw],
-        };
-        let pos = estimate.pos_E_m;
-        let gone_m = (pos.x() - north) * along[0] + (pos.y() - east) * along[1];
-        command.axes[0] = AxisCommand::Position_m(north + gone_m * along[0]);
-        command.axes[1] = AxisCommand::Position_m(east + gone_m * along[1]);
-        let vel = estimate.vel_E_mps();
-        let speed_mps = vel.x() * along[0] + vel.y() * along[1];
-        command.vel_ff_E_mps = Vec3::new(speed_mps * along[0], speed_mps * along[1], 0.0);
-    }
-
-    /// An angle step; `true` when it is over.
-    fn tilt_step(&mut self, step: &TiltStep, now: &Now<'_>, news: &mut News) -> bool {
-        let run = self.tilt.get_or_insert_with(|| TiltRun::new(now.at));
-        let (progress, because) =
-            run.step(step, &self.envelope, now.estimate, now.supply_v, now.at);
-        let item = self.current_item;
-        news.warning = because.map(|why| format!("item {item}: {} {why}", step.name()));
-        match progress {
-            Progress::Wait => false,
-            Progress::Hold(stop_E_m) => {
-                self.carrot = Carrot::resting(stop_E_m);
-                news.held = Some(HeldTilt { axis: step.axis, angle_rad: step.angle_rad });
-                false
-            }
-            Progress::Brake(stop_E_m) => {
-                self.carrot = Carrot::resting(stop_E_m);
-                false
-            }
-            Progress::Done => true,
-            Progress::Refused(why) => {
-                news.warning = Some(format!("item {item}: {} refused: {why}", step.name()));
-                self.refused = true;
-                true
-            }
-        }
-    }
-
-    /// Stays until the battery is down to a voltage; `true` when it is, or when the time is over.
-    fn wait_for_voltage(
-        &mut self,
-        wanted_v: f64,
-        limit_s: f64,
-        first_look: bool,
-        now: &Now<'_>,
-        news: &mut News,
-    ) -> bool {
-        if first_look {
-            self.wait_since = now.at;
-            self.arrived_at = None;
-        }
-        let item = self.current_item;
-        if now.at.seconds_since(self.wait_since) > limit_s {
-            let found = now.supply_v.map_or("no voltage".to_owned(), |v| format!("{v:.2} V"));
-            news.warning =
-                Some(format!("item {item}: {found} after {limit_s:.0} s, wanted {wanted_v:.2} V"));
-            return true;
-        }
-        match now.supply_v {
-            Some(v) if v <= wanted_v => self.arrived_since_s(now.at) >= VOLTAGE_FOR_S,
-            _ => {
-                self.arrived_at = None;
-                false
-            }
         }
     }
 }
