@@ -41,6 +41,9 @@ that stands first in the list gives its name.
 Forced disarming and harder orders are always taken.
 * When a condition ends, the mode that it brought about stays; a client may then order another. Only a \
 **descend** becomes a landing by itself, once nothing asks for it and the estimate has been good for 0.3 s.
+* A silence is judged only after listening. When two control steps were more than 0.05 s apart, that time is taken \
+off the age of IMU, board and client for 0.05 s: the threads that read for us stood still as well, and what came \
+meanwhile may wait to be read. Only the newest pause is taken off: a loop that always pauses hides no silence.
 * In the spool-up the floor still carries the vehicle: every reaction from **hold** on is **disarm** there.
 
 What the reactions are:
