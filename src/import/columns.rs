@@ -20,6 +20,7 @@ use flate2::read::GzDecoder;
 use nalgebra::UnitQuaternion;
 
 use super::recording::{Error, Recording, Row, Skipped};
+use crate::checks::bounded::Bounded;
 use crate::frames::{B, E, Rot, Vec3, attitude_from_flu_enu, body_from_flu, earth_from_survey};
 
 /// First line.
@@ -72,9 +73,9 @@ impl Signs {
 pub fn read(path: &Path) -> Result<Recording, Error> {
     let file = File::open(path).map_err(|source| Error::Io { path: path.into(), source })?;
     if path.extension().is_some_and(|e| e == "gz") {
-        parse(BufReader::new(GzDecoder::new(file)), path)
+        parse(BufReader::new(Bounded::new(GzDecoder::new(file))), path)
     } else {
-        parse(BufReader::new(file), path)
+        parse(BufReader::new(Bounded::new(file)), path)
     }
 }
 

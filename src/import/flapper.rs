@@ -13,6 +13,7 @@ use std::path::Path;
 use flate2::read::GzDecoder;
 
 use super::recording::{Error, Recording, Row, Skipped};
+use crate::checks::bounded::Bounded;
 use crate::frames::{B, G_MPS2, Vec3, attitude_from_heading_ccw, body_from_flu, earth_from_survey};
 
 /// Full scale of the thrust command, counts (README of the recordings).
@@ -26,7 +27,7 @@ const SUPPLY_V: std::ops::RangeInclusive<f64> = 5.0..=9.0;
 pub fn read(path: &Path) -> Result<Recording, Error> {
     let io = |source| Error::Io { path: path.into(), source };
     let file = File::open(path).map_err(io)?;
-    parse(BufReader::new(GzDecoder::new(file)), path)
+    parse(BufReader::new(Bounded::new(GzDecoder::new(file))), path)
 }
 
 const NEEDED: [&str; 11] = [

@@ -9,6 +9,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use super::recording::Error;
+use crate::checks::bounded::Bounded;
 use crate::frames::G_MPS2;
 
 /// Full scale of the command, counts (README of the tables).
@@ -39,7 +40,7 @@ pub struct Stand {
 /// Reads a table.
 pub fn read(path: &Path) -> Result<Stand, Error> {
     let file = File::open(path).map_err(|source| Error::Io { path: path.into(), source })?;
-    parse(BufReader::new(file), path)
+    parse(BufReader::new(Bounded::new(file)), path)
 }
 
 /// Reads the text of a table; `path` is for its name and for errors.

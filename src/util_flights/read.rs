@@ -11,6 +11,7 @@ use flate2::read::GzDecoder;
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use super::Error;
+use crate::checks::bounded::Bounded;
 use crate::estimator::standard_pressure_pa;
 use crate::frames::{B, G_MPS2, Vec3, attitude_from_flu_enu, body_from_flu, earth_from_survey};
 use crate::measure::{AnchorId, BaroSample, ReferencePose, Tdoa};
@@ -143,7 +144,8 @@ enum Needs {
 /// A flight; `None` when the recording does not hold what is needed.
 fn load_flight(path: &Path, anchors: &Path, needs: Needs) -> Result<Option<Flight>, Error> {
     let io = |source| Error::Io { path: path.into(), source };
-    let mut lines = BufReader::new(GzDecoder::new(File::open(path).map_err(io)?)).lines();
+    let packed = File::open(path).map_err(io)?;
+    let mut lines = BufReader::new(Bounded::new(GzDecoder::new(packed))).lines();
     let header = lines.next().transpose().map_err(io)?.unwrap_or_default();
     let columns: Vec<&str> = header.trim().split(',').collect();
     let streams: Vec<(Stream, usize)> = Stream::ALL
