@@ -26,6 +26,8 @@ pub const LEAST_LINE_HZ: f64 = 5.0;
 const STANDS_OUT: f64 = 6.0;
 /// Length of a piece, s: a resolution of 0.5 Hz.
 const PIECE_S: f64 = 2.0;
+/// Fewest samples in a piece: at 2 Hz nothing above [`LEAST_LINE_HZ`] can be seen.
+const LEAST_SIZE: usize = 4;
 /// Least rest, s.
 pub const LEAST_REST_S: f64 = 2.0;
 /// Longest time over which the noise of a sensor at rest lasts, s: its filters. What wanders over
@@ -87,7 +89,11 @@ pub fn vibration(rate_hz: f64, values: &[f64]) -> Option<Vibration> {
     if !(rate_hz > 0.0 && length_s >= LEAST_FLIGHT_S) || values.iter().any(|v| !v.is_finite()) {
         return None;
     }
+    // Samples so far apart that a piece holds none show no vibration.
     let size = ((PIECE_S * rate_hz) as usize).next_power_of_two();
+    if size < LEAST_SIZE {
+        return None;
+    }
     let window: Vec<f64> =
         (0..size).map(|i| 0.5 - 0.5 * (2.0 * PI * i as f64 / size as f64).cos()).collect();
     let power = window.iter().map(|w| w * w).sum::<f64>();
@@ -151,4 +157,18 @@ fn line(mean: &[f64], pieces: &[Vec<f64>], bin_hz: f64) -> Option<Line> {
     let rms = (lobe.map(|k| mean[k]).sum::<f64>() * bin_hz).sqrt();
     let dof = (0.5 * n - 1.0).max(1.0);
     Some(Line { hz: Value { value: hz, std, dof }, rms, stands_out })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A row each few seconds: a piece of two seconds held no sample, and pieces did not advance.
+    #[test]
+    fn regress_samples_seconds_apart_show_no_vibration() {
+        for rate_hz in [0.01, 0.2, 0.5, 0.9] {
+            assert_eq!(vibration(rate_hz, &[1.0; 40]), None, "{rate_hz} Hz");
+        }
+        assert!(vibration(20.0, &[1.0; 400]).is_some());
+    }
 }

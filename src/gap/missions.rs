@@ -74,7 +74,9 @@ impl Plan {
     pub(super) fn inside(&self, off_NE_m: [f64; 2]) -> [f64; 2] {
         let away = |at: f64, [low, high]: [f64; 2]| {
             let margin_m = WALL_MARGIN_M.min(0.5 * (high - low));
-            at.clamp(low + margin_m, high - margin_m)
+            // Not `clamp`: in a room narrower than both margins the two ends are one, but for the last bit,
+            // and may stand the wrong way round.
+            at.max(low + margin_m).min(high - margin_m)
         };
         let [north, east] = self.middle_NE_m;
         [away(north + off_NE_m[0], self.room.north_m), away(east + off_NE_m[1], self.room.east_m)]
@@ -216,6 +218,23 @@ pub(super) fn wire(mission: &MissionFile) -> Vec<MISSION_ITEM_INT_DATA> {
 mod tests {
     use super::*;
     use crate::lockstep::{Lockstep, fly};
+
+    /// A cage narrower than both margins: the ends of what is left stood the wrong way round by a bit.
+    #[test]
+    fn regress_a_narrow_room_has_a_middle() {
+        let mut scene = Scene::lab().unwrap();
+        scene.start_NE_m = [0.2, 0.7];
+        let mut reversed = 0;
+        for n in 1..60_u32 {
+            let wall_m = [0.1, 0.1 + 0.01 * f64::from(n)];
+            let half_m = 0.5 * (wall_m[1] - wall_m[0]);
+            reversed += u32::from(wall_m[0] + half_m > wall_m[1] - half_m);
+            scene.room.north_m = wall_m;
+            let [north_m, _] = Plan::new(&scene).inside([3.0, 0.0]);
+            assert!((wall_m[0]..=wall_m[1]).contains(&north_m), "{north_m} in {wall_m:?}");
+        }
+        assert!(reversed > 0, "none of these rooms shows it");
+    }
 
     #[test]
     fn val_every_standard_flight_is_flown_to_its_end() {

@@ -417,7 +417,8 @@ fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
 /// Channel u16, then the length in bytes u32 of what follows.
 fn is_message_index(body: &[u8]) -> bool {
     let length = body.get(2..6).and_then(|b| b.first_chunk::<4>()).map(|b| u32::from_le_bytes(*b));
-    length.is_some_and(|length| body.len() == 6 + length as usize)
+    // Not 6 and the length: where addresses have 32 bits the sum may not fit.
+    length.is_some_and(|length| body.len().checked_sub(6) == usize::try_from(length).ok())
 }
 
 /// One message of any channel.

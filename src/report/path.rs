@@ -7,6 +7,8 @@ use std::fmt::Write as _;
 
 /// Finer than a pixel, so that a page that is zoomed in still shows what was there.
 const COLUMNS_PER_PX: f64 = 3.0;
+/// Farthest place, tenths of a pixel: far outside of every drawing.
+const FARTHEST: f64 = 1e12;
 /// Points of a map closer together than this are merged, pixels.
 const MERGE_PX: f64 = 0.6;
 
@@ -44,7 +46,9 @@ impl Pen {
     }
 
     fn step(&mut self, p: [f64; 2], command: &str) {
-        let to = p.map(|v| (v * 10.0).round() as i64);
+        // Half of the range and less, so that the difference of two places fits: an axis of no length
+        // puts points at infinity.
+        let to = p.map(|v| (v * 10.0).round().clamp(-FARTHEST, FARTHEST) as i64);
         let [x, y] = self.at.unwrap_or_default();
         self.data.push_str(if self.at.is_none() { "M" } else { command });
         let (dx, dy) = (to[0] - x, to[1] - y);
@@ -143,6 +147,17 @@ mod tests {
         pen.dot([0.0, 7.0]);
         // 12.34, 12.68, 13.02 round to 12.3, 12.7, 13.0.
         assert_eq!(pen.data(), "M12 3l.3-.2 .4-.2 .3-.2m-13 4.6h0");
+    }
+
+    /// An axis of no length: points at both infinities, whose difference has no number.
+    #[test]
+    fn regress_places_at_infinity_can_be_drawn() {
+        let mut pen = Pen::default();
+        pen.move_to([f64::NEG_INFINITY, f64::MAX]);
+        pen.line_to([f64::INFINITY, f64::MIN]);
+        pen.line_to([f64::NAN, 0.0]);
+        let data = pen.data();
+        assert!(data.starts_with("M-100000000000 100000000000l200000000000-2"), "{data}");
     }
 
     #[test]

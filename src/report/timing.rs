@@ -65,15 +65,13 @@ pub(super) fn periods(steps: &[HostTime]) -> Option<Histogram> {
 /// How late the core was woken for its steps. They are due on a grid from its start; a wake-up before
 /// the next due time is none for a step.
 pub(super) fn lateness(start: HostTime, wakes: &[HostTime]) -> Option<Histogram> {
-    let mut due_us = start.as_us() + PERIOD_US;
+    // A damaged log may claim any time, the largest too: behind it nothing is due.
+    let mut due_us = start.as_us().checked_add(PERIOD_US);
     let mut values = Vec::new();
     for wake in wakes.iter().map(|wake| wake.as_us()).filter(|wake| *wake >= start.as_us()) {
-        if wake < due_us {
-            continue;
-        }
-        let late_us = wake - due_us;
+        let Some(late_us) = due_us.and_then(|due_us| wake.checked_sub(due_us)) else { continue };
         values.push(late_us as f64 * 1e-3);
-        due_us = wake + PERIOD_US - late_us % PERIOD_US;
+        due_us = wake.checked_add(PERIOD_US - late_us % PERIOD_US);
     }
     // Of a part of a log the first wake-up is no lateness.
     let first = values.first().copied();
@@ -97,6 +95,17 @@ mod tests {
         assert_eq!(found.percentiles_ms, [0.1, 12.0, 12.0]);
         assert_eq!(found.counts.iter().sum::<u64>(), 5);
         assert_eq!(lateness(at(0), &[]), None);
+    }
+
+    /// A damaged log may claim any time: the next due time lay beyond the largest.
+    #[test]
+    fn regress_nothing_is_due_behind_the_largest_time() {
+        let at = HostTime::from_us;
+        assert_eq!(lateness(at(u64::MAX), &[at(u64::MAX)]), None);
+        let found = lateness(at(0), &[at(u64::MAX - 1), at(u64::MAX)]);
+        assert_eq!(found, None, "the first wake-up of a part is no lateness");
+        let found = lateness(at(u64::MAX - 25_000), &[at(u64::MAX - 14_000), at(u64::MAX)]);
+        assert_eq!(found.map(|f| f.total), Some(2));
     }
 
     #[test]

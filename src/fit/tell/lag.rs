@@ -18,6 +18,8 @@ const MOST_S: f64 = 60.0;
 const AROUND_S: f64 = 0.7;
 /// The setpoint moves when it changes by more than this within a tenth of a second, rad.
 const MOVES_RAD: f64 = 0.04;
+/// A recording that is silent for longer goes on where it speaks again, s.
+const GAP_S: f64 = 1.0;
 /// Length of the plot, s.
 const SHOWN_S: f64 = 8.0;
 
@@ -95,6 +97,12 @@ fn gather(source: &Source, columns: &mut Columns) -> Result<(), Refusal> {
                 if next.t_s <= t_s {
                     last = **next;
                     rows.next();
+                    continue;
+                }
+                // What is not recorded is not made up, nor is a grid of whatever length a stamp claims. At
+                // stamps so large that a step is lost in them the grid would never arrive.
+                if next.t_s - t_s > GAP_S || t_s + STEP_S <= t_s {
+                    t_s = next.t_s;
                     continue;
                 }
                 let [roll, pitch, _] = last.R_EB.euler_rad();

@@ -82,7 +82,9 @@ fn losses(flight: &Flight, clock: &Clock) -> String {
     for health in &flight.health {
         let mut sums: BTreeMap<&'static str, u64> = BTreeMap::new();
         for (reason, n) in health.drops.iter().flat_map(|(_, drops)| drops.iter()) {
-            *sums.entry(reason.name()).or_default() += n;
+            // Of several links; a damaged log may claim any number.
+            let sum = sums.entry(reason.name()).or_default();
+            *sum = sum.saturating_add(n);
         }
         for (reason, n) in sums {
             lines.entry(reason).or_default().push([clock.s(health.at), n as f64]);
