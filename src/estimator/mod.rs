@@ -47,7 +47,7 @@ mod robust_tests;
 #[cfg(test)]
 mod truth;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
@@ -512,6 +512,11 @@ impl Estimator {
     /// Height above the origin's level, m; 0 before alignment.
     pub fn height_m(&self) -> f64 {
         self.state.as_ref().map_or(0.0, |state| -state.x_E.z)
+    }
+
+    /// Covariance of the position, Earth frame, m², once there are start values.
+    pub fn cov_pos_E_m2(&self) -> Option<Matrix3<f64>> {
+        self.state.as_ref().map(|state| state.P.fixed_view::<3, 3>(POS, POS).into_owned())
     }
 
     /// Whether it has start values.

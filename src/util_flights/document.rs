@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 
 use super::{
-    ColdReport, Flight, FlightReport, Ingredients, Integrity, LeftOut, cold_starts, floor_check,
-    ingredients, integrity, leave_one_out, print_cold, print_ingredients, print_integrity,
-    print_left_out, run_flight, shipped, table, util_profile,
+    ColdReport, Consistency, Flight, FlightReport, Ingredients, Integrity, LeftOut, cold_starts,
+    floor_check, ingredients, integrity, leave_one_out, print_cold, print_ingredients,
+    print_integrity, print_left_out, run_flight, shipped, table, util_profile,
 };
 
 /// Measures everything and writes the page. `tell` is told how far it is: done, of how many, what.
@@ -38,6 +38,7 @@ fn page(
     let _ = (|| -> std::fmt::Result {
         writeln!(out, "\n## Every flight\n\n{ABOUT_FLIGHTS}\n")?;
         flights_table(&mut out, reports)?;
+        outside(&mut out, reports)?;
         writeln!(out, "\n## Every ingredient on and off\n\n{ABOUT_INGREDIENTS}\n")?;
         let aided = |aided: bool| -> Vec<Ingredients> {
             let keep = |r: &&FlightReport| r.aided_by_imu == aided;
@@ -118,7 +119,6 @@ fn flights_table(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result
         let [n, e, d] = r.bias_m;
         let anchors: Vec<String> =
             r.doubted_by_anchor.iter().map(|(id, count)| format!("{id}: {count}")).collect();
-        let number = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.2}"));
         writeln!(
             out,
             "| {}{} | {} | {} | {} | {} | {} | {} | {n:.2}, {e:.2}, {d:.2} | {} | {} | {:.1}, {:.1} | {} |",
@@ -130,8 +130,8 @@ fn flights_table(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result
             table::metres(r.median_m),
             table::metres(r.p95_m),
             table::metres(r.worst_m),
-            number(r.nees_per_axis),
-            number(r.nis),
+            table::consistency(r.nees_band),
+            table::consistency(r.nis_band),
             r.warned_s,
             r.unwarned_s,
             anchors.join(", "),
@@ -147,6 +147,31 @@ fn flights_table(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result
                 table::metres(table::median(of().map(|r| r.rmse_3d_airborne_m))),
             )?;
         }
+    }
+    Ok(())
+}
+
+/// Which flights are outside the bands, and on which side.
+fn outside(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result {
+    let side = |of: fn(&FlightReport) -> Option<Consistency>, is: fn(&Consistency) -> bool| {
+        let names: Vec<String> = reports
+            .iter()
+            .filter(|r| of(r).is_some_and(|c| is(&c)))
+            .map(|r| format!("`{}`", r.flight))
+            .collect();
+        if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+    };
+    writeln!(out, "\nOutside:\n")?;
+    let figures: [(&str, fn(&FlightReport) -> Option<Consistency>); 2] =
+        [("NEES", |r| r.nees_band), ("NIS", |r| r.nis_band)];
+    for (name, of) in figures {
+        let known = reports.iter().filter_map(of).count();
+        writeln!(
+            out,
+            "* {name} of {known} flights: below, cautious: {}; above, overconfident: {}.",
+            side(of, Consistency::is_cautious),
+            side(of, Consistency::is_overconfident)
+        )?;
     }
     Ok(())
 }
@@ -178,16 +203,20 @@ differ by -0.1 to +0.1 m that stay for days, and wander by some 0.2 m over half 
 
 ";
 const ABOUT_FLIGHTS: &str = "\
-One set of parameters for the flights with IMU and one for those without (`profiles.rs`), causal. 3D errors in m against motion capture, which is stamped
-some 10 ms late and taken as it is stamped. Whole: from the first estimate on, floor included.
-Airborne: above 0.5 m and more than 5 s after lift-off. NEES: mean squared error over stated variance
-per axis; NIS: mean squared innovation over stated variance, each at most 25; 1 is honest, below 1
-cautious. Errors that stay for some 1 s leave of a flight about 60 independent ones on three axes, so 95 % of
-honest filters are between 0.8 and 1.2. What the UWB errors are was taken from the ranges in the README of the
-recordings, and within them by NEES and NIS of these flights; the accuracy hardly changes within them. The filter is
-told the heading at the first instant when there is an IMU, and nothing else
-but the anchors and where the tag is on the vehicle, as its authors wrote it down (June and `const`: 9 cm above
-the centre; April: unknown, taken as zero).";
+One set of parameters for the flights with IMU and one for those without (`profiles.rs`), causal. 3D errors
+in m against motion capture, which is stamped some 10 ms late and taken as it is stamped. Whole: from the first
+estimate on, floor included. Airborne: above 0.5 m and more than 5 s after lift-off. NEES: mean squared error
+over stated covariance per axis; NIS: mean squared innovation over stated variance, each at most 25; 1 is
+honest, below 1 cautious. In brackets the values between which 95 % of honest filters are, from χ² of the
+effective number n of independent errors in the flight (`consistency.rs`): χ² after Bar-Shalom, Li, Kirubarajan,
+Estimation with applications to tracking and navigation, 2001, section 5.4; n from the autocorrelation of the
+flight's own errors after Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8(2), 1946, up to where Geyer,
+Statistical Science 7(4), 1992, ends it. Errors of position last, and innovations share anchors: n is far below
+the number of poses and of measurements. Of 20 figures of honest filters one is outside by chance. What the UWB
+errors are was taken from the ranges in the README of the recordings, and within them by NEES and NIS of these
+flights; the accuracy hardly changes within them. The filter is told the heading at the first instant when there
+is an IMU, and nothing else but the anchors and where the tag is on the vehicle, as its authors wrote it down
+(June and `const`: 9 cm above the centre; April: unknown, taken as zero).";
 const ABOUT_INGREDIENTS: &str = "\
 All else as shipped. A variant is not tuned anew for what it lacks. Last column: median over the whole
 flights.";
@@ -212,3 +241,34 @@ position nor heading. Peak: largest error from the first position that is offere
 0.6 m for a second. Until the heading is known, health is `Lost`: a position to look at, not to fly on.
 Known: when one sigma of the best of sixteen filters that race (`src/estimator/cold.rs`) is below 14 deg. The last
 column is the error over the sigma stated with it; 1 is honest.";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_the_page_names_what_is_outside_and_on_which_side() {
+        let report = |flight: &str, nees, nis| FlightReport {
+            flight: flight.into(),
+            nees_band: nees,
+            nis_band: nis,
+            ..FlightReport::default()
+        };
+        let band = |mean| Some(Consistency { mean, independent: 25.0, low: 0.52, high: 1.63 });
+        let reports = [
+            report("a", band(0.4), band(1.0)),
+            report("b", band(1.0), None),
+            report("c", band(2.0), None),
+        ];
+        let mut out = String::new();
+        flights_table(&mut out, &reports).unwrap();
+        outside(&mut out, &reports).unwrap();
+        for says in [
+            "| 0.40 (0.52 to 1.63, n 25) outside | 1.00 (0.52 to 1.63, n 25) |",
+            "* NEES of 3 flights: below, cautious: `a`; above, overconfident: `c`.",
+            "* NIS of 1 flights: below, cautious: none; above, overconfident: none.",
+        ] {
+            assert!(out.contains(says), "{out}");
+        }
+    }
+}

@@ -11,6 +11,7 @@
 
 mod airborne;
 mod cold;
+mod consistency;
 mod document;
 mod floor;
 mod ingredients;
@@ -33,6 +34,7 @@ use crate::measure::{ImuSample, ReferencePose};
 use crate::time::HostTime;
 use airborne::Activity;
 pub use cold::{ColdReport, cold_starts, print_cold};
+pub use consistency::Consistency;
 pub use document::document;
 pub use floor::floor_check;
 pub use ingredients::{Ingredients, ingredients, print_ingredients};
@@ -88,7 +90,7 @@ pub enum Error {
 }
 
 /// How one flight went.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct FlightReport {
     /// Name of the file.
     pub flight: String,
@@ -114,12 +116,16 @@ pub struct FlightReport {
     pub impossible: u64,
     /// Times the filter doubted itself.
     pub remedies: u64,
-    /// Mean squared error over its stated variance per axis, airborne: 1 is honest.
+    /// Mean squared error over its stated covariance per axis, airborne: 1 is honest.
     pub nees_per_axis: Option<f64>,
+    /// The same with the band of an honest filter.
+    pub nees_band: Option<Consistency>,
     /// Rms of the error of tilt and heading while airborne, deg.
     pub attitude_deg: Option<[f64; 2]>,
     /// Mean squared innovation over its stated variance, airborne, each at most 25: 1 is honest.
     pub nis: Option<f64>,
+    /// The same with the band of an honest filter.
+    pub nis_band: Option<Consistency>,
     /// TDOA that were rejected or more than 3 sigma off, by anchor; each counts for both of its anchors.
     pub doubted_by_anchor: Vec<(u8, u64)>,
     /// Time with an error above 1 m during which health was not good, s.
@@ -213,7 +219,7 @@ pub fn run_traced(
                 if let Some(estimate) = &estimate {
                     show(event.at, estimate, &pose);
                 }
-                score.add(event.at, &pose, estimate);
+                score.add(event.at, &pose, estimate.zip(estimator.cov_pos_E_m2()));
             }
         }
     }
@@ -232,9 +238,11 @@ pub fn run_traced(
         rejected: tdoa_gated,
         impossible: estimator.drops().count(DropReason::UwbImpossible),
         remedies,
-        nees_per_axis: summary.nees_per_axis,
+        nees_per_axis: summary.nees.map(|c| c.mean),
+        nees_band: summary.nees,
         attitude_deg: summary.attitude_deg,
-        nis: summary.nis,
+        nis: summary.nis.map(|c| c.mean),
+        nis_band: summary.nis,
         doubted_by_anchor: summary.doubted_by_anchor,
         warned_s: summary.warned_s,
         unwarned_s: summary.unwarned_s,

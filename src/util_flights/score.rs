@@ -1,7 +1,8 @@
 //! Score of an estimate against motion capture.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
+use super::consistency::{self, Consistency};
 use crate::estimate::{Estimate, Health};
 use crate::measure::ReferencePose;
 use crate::time::HostTime;
@@ -30,13 +31,15 @@ pub struct Score {
     errors_m: Vec<f64>,
     airborne_m: Vec<f64>,
     sum: Vector3<f64>,
-    nees: f64,
+    /// Time since the first pose, s, and whitened error.
+    whitened: Vec<(f64, [f64; 3])>,
+    first_at: Option<HostTime>,
     floor_z: Option<f64>,
     lifted_at: Option<HostTime>,
     tilt: f64,
     heading: f64,
-    squares: f64,
-    innovations: f64,
+    /// Time since the first pose, s, and squared innovation over its variance.
+    squares: Vec<(f64, f64)>,
     doubted: std::collections::BTreeMap<u8, u64>,
     settled: bool,
     last_at: Option<HostTime>,
@@ -63,12 +66,12 @@ pub struct Summary {
     pub bias_m: [f64; 3],
     /// Whether it diverged.
     pub diverged: bool,
-    /// Mean squared error over stated variance, per axis, airborne.
-    pub nees_per_axis: Option<f64>,
+    /// Squared error over stated covariance, per axis, airborne.
+    pub nees: Option<Consistency>,
     /// Rms of tilt and heading error while airborne, deg.
     pub attitude_deg: Option<[f64; 2]>,
-    /// Mean squared innovation over its variance, airborne.
-    pub nis: Option<f64>,
+    /// Squared innovation over its variance, airborne.
+    pub nis: Option<Consistency>,
     /// TDOA that were rejected or more than 3 sigma off, by anchor.
     pub doubted_by_anchor: Vec<(u8, u64)>,
     /// Time with an error above 1 m, s: health was not good, or was.
@@ -85,8 +88,8 @@ impl Score {
         }
         let ratio2 = record.innovation_m * record.innovation_m / record.var_innovation_m2;
         if self.settled {
-            self.squares += ratio2.min(MOST_RATIO2);
-            self.innovations += 1.0;
+            let since_s = self.first_at.map_or(0.0, |at| record.tdoa.valid_at.seconds_since(at));
+            self.squares.push((since_s, ratio2.min(MOST_RATIO2)));
         }
         if !record.fused || ratio2 > DOUBTED_SIGMA * DOUBTED_SIGMA {
             for anchor in [record.tdoa.anchor_a, record.tdoa.anchor_b] {
@@ -95,14 +98,21 @@ impl Score {
         }
     }
 
-    /// Takes a true pose and the estimate at that time, if there is one.
-    pub fn add(&mut self, at: HostTime, pose: &ReferencePose, estimate: Option<Estimate>) {
+    /// Takes a true pose and the estimate at that time with the covariance of its position (Earth frame,
+    /// m²), if there is one.
+    pub fn add(
+        &mut self,
+        at: HostTime,
+        pose: &ReferencePose,
+        estimate: Option<(Estimate, Matrix3<f64>)>,
+    ) {
+        let first_at = *self.first_at.get_or_insert(at);
         let z = pose.pos_E_m.z();
         let floor_z = *self.floor_z.get_or_insert(z);
         if self.lifted_at.is_none() && floor_z - z > LIFT_M {
             self.lifted_at = Some(at);
         }
-        let Some(estimate) = estimate else { return };
+        let Some((estimate, cov_E_m2)) = estimate else { return };
         let error = (estimate.pos_E_m - pose.pos_E_m).raw();
         let error_m = error.norm();
         self.sum += error;
@@ -124,8 +134,8 @@ impl Score {
                 self.tilt += roll * roll + pitch * pitch;
                 self.heading += yaw * yaw;
             }
-            self.nees +=
-                (0..3).map(|i| (error[i] / estimate.std_pos_E_m[i]).powi(2)).sum::<f64>() / 3.0;
+            let whitened = cov_E_m2.cholesky().and_then(|c| c.l().solve_lower_triangular(&error));
+            self.whitened.extend(whitened.map(|w| (at.seconds_since(first_at), w.into())));
         }
         // Written so that a NaN counts as far.
         if error_m <= DIVERGED_M {
@@ -150,11 +160,11 @@ impl Score {
             worst_m: self.errors_m.last().copied(),
             bias_m: (self.sum / (n.max(1) as f64)).into(),
             diverged: self.diverged,
-            nees_per_axis: (airborne_n > 0.0).then(|| self.nees / airborne_n),
+            nees: consistency::of_errors(&self.whitened),
             attitude_deg: (self.tilt > 0.0).then(|| {
                 [self.tilt, self.heading].map(|sum| (sum / airborne_n).sqrt().to_degrees())
             }),
-            nis: (self.innovations > 0.0).then(|| self.squares / self.innovations),
+            nis: consistency::of_innovations(&self.squares),
             doubted_by_anchor: self.doubted.into_iter().collect(),
             warned_s: self.warned_s,
             unwarned_s: self.unwarned_s,

@@ -2,14 +2,14 @@
 
 use std::fmt::{self, Write};
 
-use super::FlightReport;
+use super::{Consistency, FlightReport};
 
 /// Writes one line per flight, the medians of the whole-flight and airborne figures with and without
-/// IMU, and what was doubted by anchor.
+/// IMU, whether the stated errors are honest, and what was doubted by anchor.
 pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Result {
     writeln!(
         out,
-        "{:<26} {:>6} {:>8} {:>6} {:>6} {:>6}  {:>20} {:>10} {:>5} {:>5} {:>8} {:>7} {:>6} {:>6} {:>5} {:>6}",
+        "{:<26} {:>6} {:>8} {:>6} {:>6} {:>6}  {:>20} {:>10} {:>8} {:>7} {:>6} {:>6} {:>5} {:>6}",
         "flight",
         "rmse_m",
         "airborne",
@@ -18,8 +18,6 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
         "worst",
         "bias N E D",
         "tilt yaw",
-        "nees",
-        "nis",
         "updates",
         "reject",
         "absurd",
@@ -31,7 +29,7 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
         let [n, e, d] = r.bias_m;
         writeln!(
             out,
-            "{:<26} {:>6} {:>8} {:>6} {:>6} {:>6}  {n:>6.3} {e:>6.3} {d:>6.3} {:>10} {:>5} {:>5} {:>8} \
+            "{:<26} {:>6} {:>8} {:>6} {:>6} {:>6}  {n:>6.3} {e:>6.3} {d:>6.3} {:>10} {:>8} \
              {:>7} {:>6} {:>6} {:>5.0} {:>6}",
             r.flight,
             metres(r.rmse_3d_m),
@@ -40,8 +38,6 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
             metres(r.p95_m),
             metres(r.worst_m),
             r.attitude_deg.map_or("-".into(), |[tilt, yaw]| format!("{tilt:.1} {yaw:.1}")),
-            r.nees_per_axis.map_or("-".into(), |v| format!("{v:.1}")),
-            r.nis.map_or("-".into(), |v| format!("{v:.1}")),
             r.updates,
             r.rejected,
             r.impossible,
@@ -61,6 +57,11 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
             )?;
         }
     }
+    writeln!(out, "{:<26} {:<36} nis, as nees", "", "nees (95 % of honest, independent)")?;
+    for r in reports {
+        let [nees, nis] = [r.nees_band, r.nis_band].map(consistency);
+        writeln!(out, "{:<26} {nees:<36} {nis}", r.flight)?;
+    }
     writeln!(out, "{:<26} rejected or more than 3 sigma off, by anchor", "")?;
     for r in reports {
         let anchors: Vec<String> =
@@ -68,6 +69,11 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
         writeln!(out, "{:<26} {}", r.flight, anchors.join(", "))?;
     }
     Ok(())
+}
+
+/// With band and effective number, and whether it is outside.
+pub(super) fn consistency(value: Option<Consistency>) -> String {
+    value.map_or("-".into(), |v| v.to_string())
 }
 
 pub(super) fn metres(value: Option<f64>) -> String {
