@@ -241,10 +241,11 @@ mod tests {
     fn innovations(seed: u64, rounds: usize, phi: f64) -> Option<Consistency> {
         let mut normal = Normal::new(seed + 1);
         let anchors = [(); PAIRS].map(|()| normal.lasting(rounds, phi));
+        let of = |anchor: usize, round: usize| anchors[anchor % PAIRS][round];
         let mut squares = Vec::new();
         for round in 0..rounds {
             for pair in 0..PAIRS {
-                let differ = anchors[(pair + 1) % PAIRS][round] - anchors[pair][round];
+                let differ = of(pair + 1, round) - of(pair, round);
                 squares.push(((squares.len() as f64 + 0.5) * BETWEEN_S, differ * differ / 2.0));
             }
         }

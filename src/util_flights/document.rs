@@ -162,8 +162,8 @@ fn outside(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result {
         if names.is_empty() { "none".to_owned() } else { names.join(", ") }
     };
     writeln!(out, "\nOutside:\n")?;
-    let figures: [(&str, fn(&FlightReport) -> Option<Consistency>); 2] =
-        [("NEES", |r| r.nees_band), ("NIS", |r| r.nis_band)];
+    type Figure = fn(&FlightReport) -> Option<Consistency>;
+    let figures: [(&str, Figure); 2] = [("NEES", |r| r.nees_band), ("NIS", |r| r.nis_band)];
     for (name, of) in figures {
         let known = reports.iter().filter_map(of).count();
         writeln!(
