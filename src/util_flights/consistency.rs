@@ -39,6 +39,8 @@ const ERROR_STEP_S: f64 = 0.05;
 /// Steps into which innovations are gathered, s: a round of the eight pairs of TDoA2 takes 0.02 s, the
 /// 56 of TDoA3 0.2 to 0.3 s.
 const INNOVATION_STEP_S: f64 = 0.3;
+/// Most steps, so that a stamp that jumps does not fill the memory: a day of the shorter ones.
+const MOST_STEPS: usize = 1_728_000;
 /// A band narrower than this is written with three digits.
 const NARROW: f64 = 0.2;
 /// Quantile of the normal distribution with 2.5 % beyond it.
@@ -122,7 +124,8 @@ impl Steps {
     fn new(times_s: impl Iterator<Item = f64> + Clone, step_s: f64) -> Option<Self> {
         let first_s = times_s.clone().reduce(f64::min)?;
         let last_s = times_s.reduce(f64::max)?;
-        Some(Self { first_s, step_s, count: ((last_s - first_s) / step_s) as usize + 1 })
+        let count = ((last_s - first_s) / step_s) as usize;
+        (count < MOST_STEPS).then_some(Self { first_s, step_s, count: count + 1 })
     }
 
     /// What `of` makes of sum and number in each step; nothing where there is nothing.
@@ -332,5 +335,13 @@ mod tests {
         let narrow = Consistency::new(0.94, 2820.0).to_string();
         assert_eq!(narrow, "0.940 (0.948 to 1.053, n 2820) outside");
         assert!(Consistency::new(1.7, 25.0).is_overconfident());
+    }
+
+    /// Steps for all the time between two stamps a century apart would fill the memory.
+    #[test]
+    fn regress_a_stamp_that_jumps_gives_no_band() {
+        let u = [1.0, -1.0, 0.5];
+        assert_eq!(of_errors(&[(0.0, u), (0.05, u), (3e9, u)]), None);
+        assert_eq!(of_innovations(&[(0.0, 1.0), (0.3, 2.0), (3e9, 1.0)]), None);
     }
 }
