@@ -75,6 +75,8 @@ pub struct Wander<'a> {
     pub anchors_m: &'a [f64],
     /// Variance factor of each anchor (`quality.rs`).
     pub factors: &'a [f64],
+    /// The slow one (`bias_level.rs`).
+    pub levels: &'a [f64; MOST_ANCHORS],
     /// Which anchors are left out (`isolation.rs`): nothing is learned from them.
     pub left_out: &'a [bool; MOST_ANCHORS],
 }
@@ -237,7 +239,7 @@ impl Biases {
                 // What the floor did is gone as soon as the floor is.
                 let was_hidden = self.own[i][i] > MUCH_MORE * var;
                 phi[i] = if was_hidden { quick.min(usual) } else { usual };
-                let factor = step.factors.get(i).copied().unwrap_or(1.0);
+                let factor = step.factors.get(i).copied().unwrap_or(1.0) * step.levels[i];
                 *grown = var * factor * (1.0 - usual * usual);
             }
         }
@@ -264,6 +266,23 @@ impl Biases {
         for (i, grown) in growth.iter().enumerate().take(n) {
             self.own[i][i] += grown;
         }
+    }
+
+    /// `ŵ²` and `V − P` of what wanders of an anchor's bias, m²: what is found of it, and what is said to be found.
+    /// Nothing for one that is left out, or that is less known than usual.
+    #[inline]
+    pub fn wandering_m2(
+        &self,
+        config: &AnchorBias,
+        step: &Wander<'_>,
+        anchor: usize,
+    ) -> Option<(f64, f64)> {
+        if anchor >= self.anchors || step.left_out[anchor] {
+            return None;
+        }
+        let factor = step.factors.get(anchor).copied().unwrap_or(1.0) * step.levels[anchor];
+        let known_m2 = config.std_m * config.std_m * factor - self.own[anchor][anchor];
+        (known_m2 > 0.0).then(|| (self.value[anchor] * self.value[anchor], known_m2))
     }
 
     /// The anchors that the floor hides have this bias, m.

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::bias::{Biases, MOST_ANCHORS, Pair, Wander};
+use super::bias_level::BiasLevel;
 use super::config::AnchorBias;
 use super::predict::{Force, Growth, linearise, propagate_covariance, propagate_nominal};
 use super::state::{ATT, POS, STATES, State, VEL};
@@ -15,6 +16,7 @@ const CONFIG: AnchorBias = AnchorBias {
     std_m: 0.2,
     correlation_s: 8.0,
     correlation_m: 0.6,
+    level_s: 0.0,
     constant_std_m: 0.1,
     hidden_std_m: 2.5,
     hidden_s: 0.5,
@@ -105,6 +107,7 @@ fn prop_blocks_are_the_whole_matrix() {
                 near_floor,
                 anchors_m: &heights_m,
                 factors: &factors,
+                levels: &[1.0; MOST_ANCHORS],
                 left_out: &left_out,
             };
             let mut big = DMatrix::identity(whole.nrows(), whole.nrows());
@@ -211,6 +214,7 @@ fn prop_a_gyroscope_that_is_off_is_found_out_where_the_attitude_is_seen() {
                 near_floor: false,
                 anchors_m: &[],
                 factors: &[],
+                levels: &[1.0; MOST_ANCHORS],
                 left_out: &[false; MOST_ANCHORS],
             };
             state.biases.propagate(&F, &CONFIG, &still);
@@ -241,4 +245,97 @@ fn prop_a_gyroscope_that_is_off_is_found_out_where_the_attitude_is_seen() {
     let (_, without_rad) = fly(false);
     assert!((found_B - off_B).norm() < 0.1 * off_B.norm(), "{found_B} of {off_B}");
     assert!(with_rad < 0.2 * without_rad, "{with_rad} rad with it, {without_rad} without");
+}
+
+/// Mean factor that is learned where the biases wander by this, m, and are said to wander by 0.2 m.
+fn learned_level(wanders_m: f64, seed: u64) -> f64 {
+    const STEP_S: f64 = 0.02;
+    const RING: u32 = 8;
+    let config = AnchorBias { level_s: 7.0, constant_std_m: 0.0, ..CONFIG };
+    let mut noise = Noise(seed);
+    let mut state = start(false);
+    state.biases = Biases::new(&config, &heights_m(), false);
+    state.q_EB = nalgebra::UnitQuaternion::identity();
+    state.v_B = Vector3::zeros();
+    state.restart_velocity(Vector3::zeros(), 1e-6);
+    state.restart_attitude(1e-9);
+    state.restart_position(state.x_E, 1e-6);
+    let keeps = (-STEP_S / config.correlation_s).exp();
+    let mut truth_m = [(); 8].map(|()| wanders_m * noise.normal());
+    let mut level = BiasLevel::default();
+    let (mut sum, mut count) = (0.0, 0.0);
+    for step in 0..20_000u32 {
+        for bias_m in &mut truth_m {
+            *bias_m = *bias_m * keeps + wanders_m * (1.0 - keeps * keeps).sqrt() * noise.normal();
+        }
+        let levels = level.factors();
+        let wander = Wander {
+            dt_s: STEP_S,
+            speed_mps: 0.0,
+            near_floor: false,
+            anchors_m: &heights_m(),
+            factors: &[],
+            levels: &levels,
+            left_out: &[false; MOST_ANCHORS],
+        };
+        let still = (Vector3::new(0.0, 0.0, -9.80665), Vector3::zeros());
+        let F = linearise(&state, STEP_S, &still.0, &still.1, Force::Measured);
+        state.biases.propagate(&F, &config, &wander);
+        level.learn(&state.biases, &config, &wander);
+        let (a, b) = ((step % RING) as usize, ((step + 1 + step / RING % 6) % RING) as usize);
+        if a != b {
+            let g = geometry(a as u8, b as u8, Vector3::zeros(), 0.0);
+            let distance = |from: Vector3<f64>| (state.x_E - from).norm();
+            let measured = distance(g.b_E) + truth_m[b] - distance(g.a_E) - truth_m[a];
+            let measured = measured + 0.05 * noise.normal();
+            let o = tdoa::observe(&state, &g, measured, Some(Pair { a, b }), 0.05 * 0.05).unwrap();
+            update::fuse(&mut state, &o);
+        }
+        if step > 5000 {
+            sum += level.factors()[..8].iter().sum::<f64>() / 8.0;
+            count += 1.0;
+        }
+    }
+    sum / count
+}
+
+#[test]
+fn prop_how_much_biases_wander_is_learned_from_above_and_from_below() {
+    for (wanders_m, seed) in [(0.1, 1), (0.2, 2), (0.35, 3)] {
+        let (found, expected) = (learned_level(wanders_m, seed), (wanders_m / 0.2f64).powi(2));
+        println!("{wanders_m} m: factor {found:.2}, true {expected:.2}");
+        assert!((0.6..1.5).contains(&(found / expected)), "{wanders_m}: {found} {expected}");
+    }
+}
+
+#[test]
+fn prop_nothing_is_learned_where_the_floor_hides_anchors_from_one_left_out_or_if_not_asked() {
+    let mut state = start(false);
+    state.biases.set_hidden(&AnchorBias { low_anchor_m: 50.0, ..CONFIG }, &heights_m(), 3.0);
+    let mut left_out = [false; MOST_ANCHORS];
+    left_out[1] = true;
+    // What is found is 3 m where 0.2 m are expected; each has been measured.
+    for (a, b) in (0..7).map(|a| (a, a + 1)) {
+        let o = observe(&state, a, b, 0.0);
+        update::fuse(&mut state, &o);
+    }
+    let learn = |level_s: f64, near_floor: bool| {
+        let mut level = BiasLevel::default();
+        let wander = Wander {
+            dt_s: 0.02,
+            speed_mps: 0.0,
+            near_floor,
+            anchors_m: &heights_m(),
+            factors: &[],
+            levels: &level.factors(),
+            left_out: &left_out,
+        };
+        level.learn(&state.biases, &AnchorBias { level_s, ..CONFIG }, &wander);
+        level.factors()
+    };
+    let learned = learn(7.0, false);
+    assert!(learned[0] > 1.0 && learned[2] > 1.0, "{learned:?}");
+    assert_eq!(learned[1], 1.0);
+    assert_eq!(learn(7.0, true), [1.0; MOST_ANCHORS]);
+    assert_eq!(learn(0.0, false), [1.0; MOST_ANCHORS]);
 }

@@ -211,6 +211,8 @@ pub struct AnchorBias {
     pub correlation_s: f64,
     /// Distance flown over which it stays, m.
     pub correlation_m: f64,
+    /// Time in which it is learned how much each wanders (`bias_level.rs`), s; 0: as much as `std_m` says.
+    pub level_s: f64,
     /// One sigma of the part that stays, m.
     pub constant_std_m: f64,
     /// One sigma of the bias of an anchor that the floor hides, m.
@@ -230,6 +232,7 @@ impl Default for AnchorBias {
             std_m: 0.2,
             correlation_s: 8.0,
             correlation_m: 0.6,
+            level_s: 0.0,
             constant_std_m: 0.1,
             hidden_std_m: 2.5,
             hidden_s: 0.5,
@@ -458,6 +461,7 @@ impl EstimatorConfig {
         range("anchor_bias.std_m", b.std_m, 1e-4, 5.0, "m");
         range("anchor_bias.correlation_s", b.correlation_s, 0.01, 1e5, "s");
         range("anchor_bias.correlation_m", b.correlation_m, 0.01, 1e5, "m");
+        range("anchor_bias.level_s", b.level_s, 0.0, 1e4, "s");
         range("anchor_bias.constant_std_m", b.constant_std_m, 0.0, 5.0, "m");
         range("anchor_bias.hidden_std_m", b.hidden_std_m, 1e-4, 10.0, "m");
         range("anchor_bias.hidden_s", b.hidden_s, 0.01, 100.0, "s");

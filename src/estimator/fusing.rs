@@ -32,6 +32,8 @@ const LONGEST_INTERVAL_S: f64 = 0.5;
 const INTERVAL_WEIGHT: f64 = 0.05;
 /// On and near the floor errors of the UWB stay the same for as long as the vehicle is there, s.
 const REST_CORRELATION_S: f64 = 5.0;
+/// The same with range biases that the floor hides: what is left of it after them.
+const HIDDEN_CORRELATION_S: f64 = 0.1;
 /// Near the floor is below this, m: the height of the low anchors, which it hides …
 const FLOOR_M: f64 = 0.3;
 /// … for at most this long in flight, s: an estimate that is too low must not hold itself there.
@@ -173,6 +175,8 @@ impl Estimator {
         let biased = self.state.as_ref().is_some_and(|state| state.biases.of_anchors());
         let correlation_s = if near_floor && !biased {
             self.config.uwb_correlation_s.max(REST_CORRELATION_S)
+        } else if biased && self.is_near_floor(floor_m) {
+            self.config.uwb_correlation_s.max(HIDDEN_CORRELATION_S)
         } else {
             self.config.uwb_correlation_s
         };

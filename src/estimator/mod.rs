@@ -10,6 +10,7 @@ mod aligning;
 mod anchor_check;
 mod beat;
 mod bias;
+mod bias_level;
 mod board_vertical;
 mod cold;
 mod config;
@@ -61,6 +62,7 @@ pub use anchor_check::{AnchorCheck, AnchorFit, MOST_HIDDEN_M};
 use beat::Beat;
 pub use bias::MOST_ANCHORS;
 use bias::Wander;
+use bias_level::BiasLevel;
 use cold::Cold;
 pub use config::{
     AnchorBias, BaroConfig, BoardVerticalConfig, EstimatorConfig, GateConfig, GyroBias,
@@ -164,6 +166,7 @@ pub struct Estimator {
     slow_force: SlowForce,
     board_vertical_at: Option<HostTime>,
     qualities: Qualities,
+    bias_level: BiasLevel,
     isolation: Isolation,
     /// Steps whose covariance waits to be predicted.
     pending: Pending,
@@ -211,6 +214,7 @@ impl Estimator {
             slow_force: SlowForce::default(),
             board_vertical_at: None,
             qualities: Qualities::default(),
+            bias_level: BiasLevel::default(),
             isolation: Isolation::default(),
             pending: Pending::default(),
             config,
@@ -395,15 +399,18 @@ impl Estimator {
                 if p.dt_s >= c.covariance_step_s {
                     let (acc_B, rate_B) = (p.acc_B / p.dt_s, p.rate_B / p.dt_s);
                     let F = predict::linearise(state, p.dt_s, &acc_B, &rate_B, force);
+                    let levels = self.bias_level.factors();
                     let step = Wander {
                         dt_s: p.dt_s,
                         speed_mps: state.v_B.norm(),
                         near_floor,
                         anchors_m: &self.anchors_m,
                         factors: self.qualities.factors(),
+                        levels: &levels,
                         left_out: self.isolation.left_out(),
                     };
                     state.biases.propagate(&F, &c.anchor_bias, &step);
+                    self.bias_level.learn(&state.biases, &c.anchor_bias, &step);
                     predict::propagate_covariance(&mut state.P, &F, step.dt_s, &growth);
                     let walk = c.gyro_bias.walk_radps_rts;
                     state.biases.turn_by_gyro(&mut state.P, step.dt_s, walk);
@@ -436,15 +443,18 @@ impl Estimator {
             vel: [acc * acc; 3],
             att: 0.0,
         };
+        let levels = self.bias_level.factors();
         let step = Wander {
             dt_s,
             speed_mps: state.v_B.norm(),
             near_floor,
             anchors_m: &self.anchors_m,
             factors: self.qualities.factors(),
+            levels: &levels,
             left_out: self.isolation.left_out(),
         };
         state.biases.propagate(&F, &c.anchor_bias, &step);
+        self.bias_level.learn(&state.biases, &c.anchor_bias, &step);
         predict::propagate_covariance(&mut state.P, &F, dt_s, &growth);
         self.counts.predicted += 1;
         if !state.is_sane() {

@@ -185,16 +185,17 @@ of this repository. † diverged (more than 2 m for more than 1 s), or found no 
 
 ## The filter
 
-The nine states of the source (position, velocity, attitude) stay as they are. Beside them, each of
-up to 16 anchors has a range bias in two parts, one that wanders with time and distance flown and one
-that stays (`src/estimator/bias.rs`), so that what an obstacle does to one path is neither averaged as
-if it were white nor taken for a movement. Each anchor also has a quality, a factor on its variance
-that is learned from its innovations (`quality.rs`). Nothing is thrown away by a gate: what does not
-fit keeps the weight that a Student-t tail leaves it, so that a bad start converges. When most anchors
-at once do not fit, the filter is doubted, not they: a position is found anew by least squares, and
-taken if it explains the measurements better. One anchor that does not fit while all the others fit one
-another is left out, the position goes to where the others have it, and health is degraded until it fits
-again (`isolation.rs`). It is degraded as well when they contradict one another and none can be named.
+The nine states of the source (position, velocity, attitude) stay as they are. Beside them, each of up to 16
+anchors has a range bias in two parts, one that wanders with time and distance flown and one that stays
+(`src/estimator/bias.rs`), so that what an obstacle does to one path is neither averaged as if it were white nor
+taken for a movement. How much each wanders is learned in flight, within seconds (`bias_level.rs`): what is
+found of a bias and what is not known of it must add up to what it is said to be. Each anchor also has a
+quality, a factor on its variance that is learned from its innovations (`quality.rs`). Nothing is thrown away by
+a gate: what does not fit keeps the weight that a Student-t tail leaves it, so that a bad start converges. When
+most anchors at once do not fit, the filter is doubted, not they: a position is found anew by least squares, and
+taken if it explains the measurements better. One anchor that does not fit while all the others fit one another
+is left out, the position goes to where the others have it, and health is degraded until it fits again
+(`isolation.rs`). It is degraded as well when they contradict one another and none can be named.
 
 Why this helps: on these recordings the errors of the pairs are the differences of one number for each
 anchor. On the floor each of the four low anchors reads 3 to 4 m too far; behind the metal box of

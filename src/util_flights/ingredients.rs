@@ -16,12 +16,13 @@ struct Variant {
 }
 
 /// The whole first, then each ingredient taken out or exchanged, then the older filters.
-const VARIANTS: [Variant; 18] = [
+const VARIANTS: [Variant; 19] = [
     Variant { name: "**all, as shipped**", change: |_| {} },
     Variant { name: "without wandering biases", change: |c| c.anchor_bias.std_m = 1e-4 },
     Variant { name: "without constant biases", change: |c| c.anchor_bias.constant_std_m = 0.0 },
     Variant { name: "without any biases", change: |c| c.anchor_bias.estimate = false },
     Variant { name: "biases wander in time only", change: |c| c.anchor_bias.correlation_m = 1e5 },
+    Variant { name: "how much they wander is set", change: |c| c.anchor_bias.level_s = 0.0 },
     Variant { name: "floor hides no anchors", change: |c| c.anchor_bias.low_anchor_m = -50.0 },
     Variant { name: "without learned quality", change: |c| c.quality.learn = false },
     Variant { name: "no anchor left out", change: |c| c.isolation.leave_out = false },

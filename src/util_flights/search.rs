@@ -28,13 +28,14 @@ struct Knob {
     of: fn(&mut EstimatorConfig) -> &mut f64,
 }
 
-const KNOBS: [Knob; 9] = [
+const KNOBS: [Knob; 10] = [
     Knob { name: "std_uwb_m", of: |c| &mut c.std_uwb_m },
     Knob { name: "uwb_correlation_s", of: |c| &mut c.uwb_correlation_s },
     Knob { name: "anchor_bias.std_m", of: |c| &mut c.anchor_bias.std_m },
     Knob { name: "anchor_bias.constant_std_m", of: |c| &mut c.anchor_bias.constant_std_m },
     Knob { name: "anchor_bias.correlation_s", of: |c| &mut c.anchor_bias.correlation_s },
     Knob { name: "anchor_bias.correlation_m", of: |c| &mut c.anchor_bias.correlation_m },
+    Knob { name: "anchor_bias.level_s", of: |c| &mut c.anchor_bias.level_s },
     Knob { name: "quality.time_s", of: |c| &mut c.quality.time_s },
     Knob { name: "isolation.others_doubt", of: |c| &mut c.isolation.others_doubt },
     Knob { name: "gate.tail_sigma", of: |c| &mut c.gate.tail_sigma },

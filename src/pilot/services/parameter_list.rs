@@ -442,6 +442,7 @@ pub static COMMON: &[Parameter] = &[
     number!("EST_BIA_STD", estimator.anchor_bias.std_m, Restart, 0.0001, 5.0, "m", "One sigma of the part of that bias that wanders."),
     number!("EST_BIA_CORR_T", estimator.anchor_bias.correlation_s, Restart, 0.01, 100000.0, "s", "Time over which that part stays."),
     number!("EST_BIA_CORR_L", estimator.anchor_bias.correlation_m, Restart, 0.01, 100000.0, "m", "Distance flown over which that part stays."),
+    number!("EST_BIA_LVL_T", estimator.anchor_bias.level_s, Restart, 0.0, 10000.0, "s", "Time in which it is learned how much each wanders; 0: as much as EST_BIA_STD says."),
     number!("EST_BIA_CONST", estimator.anchor_bias.constant_std_m, Restart, 0.0, 5.0, "m", "One sigma of the part of that bias that stays."),
     number!("EST_BIA_HID", estimator.anchor_bias.hidden_std_m, Restart, 0.0001, 10.0, "m", "One sigma of the bias of an anchor that the floor hides."),
     number!("EST_BIA_HID_T", estimator.anchor_bias.hidden_s, Restart, 0.01, 100.0, "s", "Time over which that stays."),
