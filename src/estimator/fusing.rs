@@ -49,6 +49,11 @@ const STD_WIDEN: f64 = 0.5;
 const STD_WIDEN_MORE: f64 = 1.5;
 /// Position uncertainty beyond which linear updates are not trusted and a fix is sought, m.
 const STD_SEEK_FIX_M: f64 = 3.0;
+/// One sigma of the height from which a vehicle without IMU may have left the floor unnoticed, m: chosen, four times
+/// what it has in the air …
+const STD_FALSE_FLOOR_M: f64 = 0.4;
+/// … and has when all anchors together have it so far above where the floor hides some, m: chosen.
+const LEAST_RISE_M: f64 = 0.2;
 
 impl Estimator {
     pub(super) fn standing_aids(&mut self) {
@@ -292,6 +297,16 @@ impl Estimator {
         self.qualities.share_beyond(factor, self.anchors_m.len()) > SUSPECT_SHARE
     }
 
+    /// Whether it may have left the floor without noticing. Without IMU only the estimated height says that the floor
+    /// hides the low anchors; with their biases free a height that is too low fits as well as the true one.
+    fn may_be_above_floor(&self) -> bool {
+        let Some(state) = &self.state else { return false };
+        self.config.motion == Motion::Unaided
+            && state.biases.of_anchors()
+            && state.P[(POS + 2, POS + 2)] > STD_FALSE_FLOOR_M * STD_FALSE_FLOOR_M
+            && self.is_near_floor(self.config.anchor_bias.hidden_below_m)
+    }
+
     /// Does something about a filter that is wrong.
     pub(super) fn heal(&mut self) {
         let most_suspect = self.most_are_suspect();
@@ -308,15 +323,18 @@ impl Estimator {
             }
             seek |= remedy == Remedy::Relocate;
         }
+        let false_floor = self.may_be_above_floor();
+        seek |= false_floor;
         if !(seek && self.config.gate.recover && self.airborne && self.fix_is_due()) {
             return;
         }
         let Some(state) = &self.state else { return };
         let oldest = self.at.offset_us(-((FIX_WINDOW_S * 1e6) as i64));
         let present_m = self.recent.median_residual_m(oldest, &state.x_E, 0.0);
-        let better = self
-            .locate(FIX_WINDOW_S, None, Some(state.x_E))
-            .is_some_and(|fix| fix.median_m < FIX_BETTER_FRAC * present_m);
+        let risen_m = self.config.anchor_bias.hidden_below_m + LEAST_RISE_M;
+        let better = self.locate(FIX_WINDOW_S, None, Some(state.x_E)).is_some_and(|fix| {
+            fix.median_m < FIX_BETTER_FRAC * present_m && (!false_floor || -fix.x_E.z > risen_m)
+        });
         if better {
             self.realign();
         }

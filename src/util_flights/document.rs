@@ -195,7 +195,9 @@ a gate: what does not fit keeps the weight that a Student-t tail leaves it, so t
 most anchors at once do not fit, the filter is doubted, not they: a position is found anew by least squares, and
 taken if it explains the measurements better. One anchor that does not fit while all the others fit one another
 is left out, the position goes to where the others have it, and health is degraded until it fits again
-(`isolation.rs`). It is degraded as well when they contradict one another and none can be named.
+(`isolation.rs`). It is degraded as well when they contradict one another and none can be named. Without IMU
+nothing but the height says that the floor hides the low anchors, and with their biases free a height that is
+too low fits as well as the true one: as long as the height is uncertain there, a position is sought anew.
 
 Why this helps: on these recordings the errors of the pairs are the differences of one number for each
 anchor. On the floor each of the four low anchors reads 3 to 4 m too far; behind the metal box of
