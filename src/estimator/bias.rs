@@ -23,6 +23,7 @@
 
 use nalgebra::Vector3;
 
+use super::arrival::{Arrivals, SLOTS, Slot};
 use super::config::AnchorBias;
 use super::isolation::FREE_M;
 use super::predict::Transition;
@@ -30,21 +31,24 @@ use super::state::{ATT, POS, STATES, StateVec, VEL};
 
 /// Anchors that have a bias; of further ones it counts as noise.
 pub const MOST_ANCHORS: usize = 16;
-/// States at most: one that wanders and one that stays for each anchor, and the gyroscope's (`gyro_bias.rs`).
-const MOST: usize = 2 * MOST_ANCHORS + 3;
+/// States at most: one that wanders and one that stays for each anchor, the gyroscope's (`gyro_bias.rs`), and the errors
+/// of the newest arrivals (`arrival.rs`).
+const MOST: usize = 2 * MOST_ANCHORS + 3 + SLOTS;
 
 /// One number for each bias state.
 pub type BiasVec = [f64; MOST];
 /// Zero for each.
 pub const NO_BIASES: BiasVec = [0.0; MOST];
 
-/// Bias states, their covariance, and their ties to the nine. Those of the gyroscope come last.
+/// Bias states, their covariance, and their ties to the nine: of the anchors, of the gyroscope, of arrivals.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Biases {
     /// Anchors with a bias; 0: the plain nine-state filter.
     anchors: usize,
     /// States of the gyroscope, none or three.
     pub(super) gyro: usize,
+    /// Which arrivals have a state; none: each measurement's error is its own.
+    pub(super) arrivals: Option<[Slot; SLOTS]>,
     /// Values, m; of the gyroscope rad/s.
     pub(super) value: BiasVec,
     /// Covariance with the nine states, a row for each bias.
@@ -86,6 +90,7 @@ impl Default for Biases {
         Self {
             anchors: 0,
             gyro: 0,
+            arrivals: None,
             value: [0.0; MOST],
             cross: [[0.0; STATES]; MOST],
             own: [[0.0; MOST]; MOST],
@@ -126,7 +131,13 @@ impl Biases {
     /// Number of states.
     #[inline]
     pub(super) fn rows(&self) -> usize {
-        2 * self.anchors + self.gyro
+        2 * self.anchors + self.gyro + if self.arrivals.is_some() { SLOTS } else { 0 }
+    }
+
+    /// Anchors with a bias.
+    #[inline]
+    pub(super) fn anchors_held(&self) -> usize {
+        self.anchors
     }
 
     /// The first state of the gyroscope.
@@ -163,24 +174,46 @@ impl Biases {
     /// Adds their part to `P Hᵀ` of the nine, makes their own, and returns their part of `H P Hᵀ`
     /// that is not in the nine's. `h` is the Jacobian to the nine.
     #[inline]
-    pub fn project(&self, pair: Pair, h: &StateVec, pht: &mut StateVec, own: &mut BiasVec) -> f64 {
-        if !self.holds(pair) {
-            // A measurement without biases still moves them through their ties.
-            for (slot, row) in own.iter_mut().zip(&self.cross).take(self.rows()) {
-                *slot = dot9(row, h);
+    pub fn project(
+        &self,
+        pair: Option<Pair>,
+        arrivals: Arrivals,
+        h: &StateVec,
+        pht: &mut StateVec,
+        own: &mut BiasVec,
+    ) -> f64 {
+        let (n, rows) = (self.anchors, self.rows());
+        // A measurement without biases still moves them through their ties.
+        for (slot, row) in own.iter_mut().zip(&self.cross).take(rows) {
+            *slot = dot9(row, h);
+        }
+        let mut var = 0.0;
+        // A pair without biases is one that none has: of further anchors than there are states.
+        if let Some(Pair { a, b }) = pair.filter(|pair| self.holds(*pair)) {
+            for k in 0..STATES {
+                pht[k] += self.cross[b][k] + self.cross[n + b][k]
+                    - self.cross[a][k]
+                    - self.cross[n + a][k];
             }
-            return 0.0;
+            for (slot, row) in own.iter_mut().zip(&self.own).take(rows) {
+                *slot += row[b] + row[n + b] - row[a] - row[n + a];
+            }
         }
-        let (n, Pair { a, b }) = (self.anchors, pair);
-        for k in 0..STATES {
-            pht[k] +=
-                self.cross[b][k] + self.cross[n + b][k] - self.cross[a][k] - self.cross[n + a][k];
+        for (row, sign) in self.arrival_rows(arrivals) {
+            for k in 0..STATES {
+                pht[k] += sign * self.cross[row][k];
+            }
+            for (slot, of) in own.iter_mut().zip(&self.own).take(rows) {
+                *slot += sign * of[row];
+            }
         }
-        for (i, slot) in own.iter_mut().enumerate().take(self.rows()) {
-            let row = &self.own[i];
-            *slot = dot9(&self.cross[i], h) + row[b] + row[n + b] - row[a] - row[n + a];
+        if let Some(Pair { a, b }) = pair.filter(|pair| self.holds(*pair)) {
+            var += own[b] + own[n + b] - own[a] - own[n + a];
         }
-        own[b] + own[n + b] - own[a] - own[n + a]
+        for (row, sign) in self.arrival_rows(arrivals) {
+            var += sign * own[row];
+        }
+        var
     }
 
     /// `P ← P − (P Hᵀ)(P Hᵀ)ᵀ/S` and the correction, for the biases' part.
@@ -204,7 +237,8 @@ impl Biases {
     /// Turns the ties to the attitude with it (`state.rs`).
     #[inline]
     pub fn turn(&mut self, J: &nalgebra::Matrix3<f64>) {
-        for row in self.cross.iter_mut().take(2 * self.anchors + self.gyro) {
+        let rows = self.rows();
+        for row in self.cross.iter_mut().take(rows) {
             let turned = J * Vector3::new(row[ATT], row[ATT + 1], row[ATT + 2]);
             row[ATT..ATT + 3].copy_from_slice(turned.as_slice());
         }
@@ -212,7 +246,8 @@ impl Biases {
 
     /// Cuts the ties to three neighbouring states.
     pub fn untie(&mut self, start: usize) {
-        for row in self.cross.iter_mut().take(2 * self.anchors + self.gyro) {
+        let rows = self.rows();
+        for row in self.cross.iter_mut().take(rows) {
             row[start..start + 3].fill(0.0);
         }
     }
@@ -314,7 +349,7 @@ impl Biases {
             let hidden = near_floor && *anchor_m < config.low_anchor_m;
             let std_m = if hidden { config.hidden_std_m } else { config.std_m };
             let std_m = if left_out[i] { FREE_M } else { std_m };
-            for j in 0..2 * n + self.gyro {
+            for j in 0..self.rows() {
                 self.own[i][j] = 0.0;
                 self.own[j][i] = 0.0;
             }

@@ -366,6 +366,9 @@ pub struct EstimatorConfig {
     /// Time over which the error of an anchor stays the same, s; 0 is white noise. A measurement
     /// is then fused with the variance of the independent samples it is worth.
     pub uwb_correlation_s: f64,
+    /// Share of a TDOA's variance that is the error of one of its two arrivals, which it has in common with its
+    /// neighbours (`arrival.rs`); 0: errors of neighbours are independent.
+    pub uwb_arrival_frac: f64,
     /// Range biases that are known beforehand: number of the anchor and its bias, m, as `haltere fit
     /// anchors` prints them. They are taken off before anything else.
     pub range_bias_m: Vec<[f64; 2]>,
@@ -413,6 +416,7 @@ impl Default for EstimatorConfig {
             uwb_noise: UwbNoise::HeightDependent,
             std_uwb_m: 0.15,
             uwb_correlation_s: 0.1,
+            uwb_arrival_frac: 0.0,
             range_bias_m: Vec::new(),
             p_BT_B_m: [0.0; 3],
             gate: GateConfig::default(),
@@ -486,6 +490,7 @@ impl EstimatorConfig {
         range("acc_average_s", self.acc_average_s, 0.0, 0.2, "s");
         range("std_uwb_m", self.std_uwb_m, 0.01, 5.0, "m");
         range("uwb_correlation_s", self.uwb_correlation_s, 0.0, 10.0, "s");
+        range("uwb_arrival_frac", self.uwb_arrival_frac, 0.0, 0.45, "");
         range("gate.sigma", self.gate.sigma, 2.0, 100.0, "sigma");
         range("gate.tail_sigma", self.gate.tail_sigma, 0.5, 100.0, "sigma");
         range("gate.doubt_frac", self.gate.doubt_frac, 0.1, 0.95, "");

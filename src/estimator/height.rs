@@ -5,6 +5,7 @@
 
 use nalgebra::Vector3;
 
+use super::arrival::Arrivals;
 use super::state::State;
 use super::update::Observation;
 
@@ -58,6 +59,7 @@ impl BaroZero {
             h_vel: Vector3::zeros(),
             h_att: Vector3::zeros(),
             pair: None,
+            arrivals: Arrivals::default(),
             var,
         }
     }

@@ -23,6 +23,7 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+use super::arrival::Arrivals;
 use super::config::{MagnetometerConfig, Motion};
 use super::state::{ATT, State};
 use super::update::Observation;
@@ -123,6 +124,7 @@ pub fn observe(
         h_vel: Vector3::zeros(),
         h_att: down_B,
         pair: None,
+        arrivals: Arrivals::default(),
         var: var_heading + var_tilt,
     })
 }

@@ -8,6 +8,7 @@
 mod align;
 mod aligning;
 mod anchor_check;
+mod arrival;
 mod beat;
 mod bias;
 mod bias_level;

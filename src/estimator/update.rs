@@ -6,6 +6,7 @@
 
 use nalgebra::Vector3;
 
+use super::arrival::Arrivals;
 use super::bias::{BiasVec, NO_BIASES, Pair};
 use super::state::{ATT, POS, STATES, State, StateVec, VEL};
 
@@ -22,6 +23,8 @@ pub struct Observation {
     pub h_att: Vector3<f64>,
     /// Anchors whose range biases are in it.
     pub pair: Option<Pair>,
+    /// Arrivals whose errors have a state.
+    pub arrivals: Arrivals,
     /// Variance of the measurement.
     pub var: f64,
 }
@@ -60,9 +63,7 @@ pub fn project(state: &State, o: &Observation) -> Projected {
         h.fixed_rows_mut::<3>(POS).copy_from(&o.h_pos);
         h.fixed_rows_mut::<3>(VEL).copy_from(&o.h_vel);
         h.fixed_rows_mut::<3>(ATT).copy_from(&o.h_att);
-        // A pair without biases is one that none has: of further anchors than there are states.
-        let pair = o.pair.unwrap_or(Pair { a: usize::MAX, b: usize::MAX });
-        var_biases = state.biases.project(pair, &h, &mut pht, &mut own);
+        var_biases = state.biases.project(o.pair, o.arrivals, &h, &mut pht, &mut own);
     }
     let dot = |start: usize, h: &Vector3<f64>| {
         pht[start] * h.x + pht[start + 1] * h.y + pht[start + 2] * h.z

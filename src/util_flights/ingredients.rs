@@ -16,7 +16,7 @@ struct Variant {
 }
 
 /// The whole first, then each ingredient taken out or exchanged, then the older filters.
-const VARIANTS: [Variant; 19] = [
+const VARIANTS: [Variant; 20] = [
     Variant { name: "**all, as shipped**", change: |_| {} },
     Variant { name: "without wandering biases", change: |c| c.anchor_bias.std_m = 1e-4 },
     Variant { name: "without constant biases", change: |c| c.anchor_bias.constant_std_m = 0.0 },
@@ -42,6 +42,7 @@ const VARIANTS: [Variant; 19] = [
     },
     Variant { name: "what lasts beyond drag", change: |c| c.slow_force_s = 2.0 },
     Variant { name: "with the gyroscope's bias", change: |c| c.gyro_bias.estimate = true },
+    Variant { name: "neighbours share arrivals", change: |c| c.uwb_arrival_frac = 0.17 },
     Variant { name: "with barometer", change: |c| c.baro.fuse = true },
     Variant { name: "nine states, errors that last, tails", change: |c| *c = util_nine_profile() },
     Variant { name: "nine states of the source", change: |c| *c = util_source_profile() },

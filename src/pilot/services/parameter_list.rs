@@ -381,6 +381,7 @@ pub static COMMON: &[Parameter] = &[
     },
     number!("EST_UWB_STD", estimator.std_uwb_m, Restart, 0.01, 5.0, "m", "One sigma of a time difference near the floor."),
     number!("EST_UWB_CORR_T", estimator.uwb_correlation_s, Restart, 0.0, 10.0, "s", "Time over which the error of an anchor stays the same. 0: white noise."),
+    number!("EST_UWB_ARR", estimator.uwb_arrival_frac, Restart, 0.0, 0.45, "", "Share of a TDOA's variance that is the error of one of its arrivals, which its neighbours have too."),
     entry!("EST_TAG_X", estimator.p_BT_B_m, 0, Restart, -1.0, 1.0, "m", "Tag antenna seen from the centre of mass, body x."),
     entry!("EST_TAG_Y", estimator.p_BT_B_m, 1, Restart, -1.0, 1.0, "m", "Tag antenna seen from the centre of mass, body y."),
     entry!("EST_TAG_Z", estimator.p_BT_B_m, 2, Restart, -1.0, 1.0, "m", "Tag antenna seen from the centre of mass, body z."),
