@@ -3,6 +3,10 @@
 #[path = "../fuzz/src/targets/mod.rs"]
 mod targets;
 
+#[path = "corpus/logs.rs"]
+mod logs;
+#[path = "corpus/recordings.rs"]
+mod recordings;
 #[path = "corpus/seed.rs"]
 mod seed;
 
@@ -57,6 +61,32 @@ fn regress_every_kept_input_is_harmless() {
         total <= MOST_KEPT_B,
         "{total} bytes are kept, allowed {MOST_KEPT_B}; fuzz/run --minimise"
     );
+}
+
+/// Logs whose records claim anything: what the fuzzer of logs takes long to find its way to.
+#[test]
+fn prop_no_claim_of_a_log_is_too_much() {
+    for seed in 0..400 {
+        println!("mixed {seed}");
+        targets::log(&logs::any(seed, 40, None, false));
+    }
+    for kind in 0..logs::KINDS {
+        println!("many of kind {kind}");
+        targets::log(&logs::any(kind as u64, 60, Some(kind), false));
+        targets::log(&logs::any(kind as u64, 3000, Some(kind), true));
+    }
+}
+
+/// The same of recordings of others. A stamp that claimed another year filled the memory with a grid up to it.
+#[test]
+fn regress_no_claim_of_a_recording_is_too_much() {
+    for seed in 0..30 {
+        for (rows, step_s) in [(3, 4.0), (40, 1.5), (200, 0.5), (600, 0.01)] {
+            println!("{seed}: {rows} rows, {step_s} s apart");
+            recordings::through(&recordings::ours(seed, rows, step_s, true));
+        }
+    }
+    recordings::through(&recordings::ours(1, 3000, 0.01, false));
 }
 
 #[test]

@@ -6,7 +6,7 @@ pub mod parquet;
 mod tables;
 mod tlog;
 
-use std::io;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
@@ -65,12 +65,21 @@ pub fn write_table(
     let path = directory.join(format!("{}.{}", table.name, form.ending()));
     let failed = |source| ExportError::Write { path: path.clone(), source };
     let file = create(&path, overwrite)?;
-    let out = io::BufWriter::new(file);
-    match form {
-        Form::Csv => csv::write(table, out).map_err(failed)?,
-        Form::Parquet => parquet::write(table, &about(log), out).map_err(failed)?,
-    }
+    put_table(log, table, form, io::BufWriter::new(file)).map_err(failed)?;
     Ok(path)
+}
+
+/// Writes one table of a log anywhere.
+pub fn put_table(
+    log: &LogReader,
+    table: &Table,
+    form: Form,
+    out: impl Write + Send,
+) -> io::Result<()> {
+    match form {
+        Form::Csv => csv::write(table, out),
+        Form::Parquet => parquet::write(table, &about(log), out),
+    }
 }
 
 /// A new file; an old one of that name only goes if that was asked for.

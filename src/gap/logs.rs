@@ -66,13 +66,17 @@ pub struct ParameterDifference {
 
 /// Reads and replays a log.
 pub fn read(path: &Path) -> Result<Flown, ReplayError> {
-    let log = LogReader::open(path)?;
+    read_log(&LogReader::open(path)?)
+}
+
+/// Replays a log that is read already.
+pub fn read_log(log: &LogReader) -> Result<Flown, ReplayError> {
     let session = log.session();
     let mut trace = Trace::new(session.survey.clone());
-    let (replay, mission) = replay_observed(&log, |topic| trace.take(topic))?;
-    let config = recorded_config(&log)?;
+    let (replay, mission) = replay_observed(log, |topic| trace.take(topic))?;
+    let config = recorded_config(log)?;
     let mut flown = Flown {
-        path: path.to_owned(),
+        path: log.path().to_owned(),
         parameters: differences(&config, &Config::default()),
         mission: mission.items.iter().map(|item| item.wire.clone()).collect(),
         replay,

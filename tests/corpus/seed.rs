@@ -142,6 +142,23 @@ pub fn write() -> std::io::Result<()> {
         b"[[item]]\ncommand = \"takeoff\"\nheight_m = 1.0\n\n[[item]]\ncommand = \"waypoint\"\nposition_m = [1.0, 2.0, 1.5]\n\n[[item]]\ncommand = \"land\"\n",
     )?;
 
+    let mut hole = super::logs::Maker::new(1_000_000, 0);
+    let largest = haltere::record::pb::Hole {
+        from_us: u64::MAX,
+        first_sequence: u64::MAX,
+        last_sequence: u64::MAX,
+        lost_raw: u64::MAX,
+        lost_topics: u64::MAX,
+        ..Default::default()
+    };
+    hole.put("/hole", u64::MAX, &largest);
+    let wake = haltere::record::pb::Wake { sequence: u64::MAX, host_time_us: u64::MAX };
+    hole.put("/wake", u64::MAX, &wake);
+    write("log", "largest-numbers", &hole.finish())?;
+    for seed in 0..8 {
+        write("log", &format!("claims-{seed}"), &super::logs::any(seed, 30, None, seed & 1 > 0))?;
+    }
+
     // A short log of a core that hears noise.
     let folder = tempfile::tempdir()?;
     let at = HostTime::from_us(1_000_000);

@@ -2,9 +2,15 @@
 
 use haltere::config::{Config, parse_anchors, stored};
 use haltere::ctl::MissionFile;
+use haltere::export::{self, Form};
+use haltere::fit::source::Source;
+use haltere::fit::tell;
+use haltere::gap;
 use haltere::pilot::services::{decode_plan, encode_plan};
 use haltere::pilot::{Input, Pilot};
 use haltere::record::LogReader;
+use haltere::report::flight::Flight;
+use haltere::report::{Page, from_log};
 use haltere::time::HostTime;
 
 /// A mission file as text, and a stored plan as bytes.
@@ -23,14 +29,55 @@ pub fn mission_file(data: &[u8]) {
     }
 }
 
-/// A flight log: every entry is read, and a replay of what is in it is tried.
+/// A flight log: every entry is read, a replay of what is in it is tried, and everything is made of it that
+/// `haltere log`, `report`, `fit` and the first step of `gap` make.
 pub fn log(data: &[u8]) {
     let Ok(log) = LogReader::from_bytes("fuzz.mcap".into(), data.to_vec()) else { return };
     let mut entries = log.entries();
     let count = entries.by_ref().count();
     assert!(count <= data.len().max(1) * 64, "{count} entries in {} bytes", data.len());
     let _ = entries.end();
-    let _ = haltere::replay::replay_log(&log);
+    exported(&log);
+    let flight = shown(&log);
+    if let Ok(flown) = gap::logs::read_log(&log) {
+        let _ = flown.scene(None);
+        let _ = gap::timeline::Timeline::new(&flown.trace, None);
+        // A flight that was truly flown does not fit into an input; the fits refuse most of the rest.
+        let config = Box::new(flown.config);
+        let name = "fuzz".to_owned();
+        fitted(&[Source::Log { name, flight: Box::new(flight), config }]);
+    }
+}
+
+fn exported(log: &LogReader) {
+    let (tables, _) = export::tables(log);
+    for table in &tables {
+        for form in [Form::Csv, Form::Parquet] {
+            export::put_table(log, table, form, std::io::sink()).expect("a sink takes everything");
+        }
+    }
+    for link in export::links(log).into_keys() {
+        export::write_tlog(log, link, std::io::sink()).expect("a sink takes everything");
+    }
+}
+
+fn shown(log: &LogReader) -> Flight {
+    let (mut flight, _) = from_log::read(log);
+    flight.facts = from_log::facts(log, &flight);
+    let _ = haltere::replay::changed_parameters(log);
+    let page =
+        Page { title: "", subtitle: "", checks: &[], errors: &[], paths: &[], flight: &flight };
+    let _ = page.render();
+    flight
+}
+
+fn fitted(sources: &[Source]) {
+    let _ = tell::drag::fit(sources, false);
+    let _ = tell::thrust::fit(sources);
+    let _ = tell::ground::fit(sources, -1.0, false);
+    let _ = tell::lag::fit(sources);
+    let _ = tell::imu::fit(sources);
+    let _ = tell::anchors::fit(sources, false);
 }
 
 /// A configuration that is not refused flies: nothing that the checks allow may panic the core. And
