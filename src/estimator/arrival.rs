@@ -78,7 +78,7 @@ impl Biases {
 
     #[inline]
     fn arrival_row(&self, slot: usize) -> usize {
-        2 * self.anchors_held() + self.gyro + slot
+        self.gyro_row() + self.gyro + slot
     }
 
     /// The rows of arrivals in a measurement, with their signs.

@@ -134,12 +134,6 @@ impl Biases {
         2 * self.anchors + self.gyro + if self.arrivals.is_some() { SLOTS } else { 0 }
     }
 
-    /// Anchors with a bias.
-    #[inline]
-    pub(super) fn anchors_held(&self) -> usize {
-        self.anchors
-    }
-
     /// The first state of the gyroscope.
     #[inline]
     pub(super) fn gyro_row(&self) -> usize {

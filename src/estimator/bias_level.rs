@@ -21,9 +21,9 @@
 use super::bias::{Biases, MOST_ANCHORS, Wander};
 use super::config::AnchorBias;
 
-/// Longest step of learning, as a share of τ.
+/// Longest step of learning, as a share of τ: chosen, so that a pause is not a lesson.
 const LONGEST_STEP: f64 = 0.02;
-/// Most that a ratio says.
+/// Most that a ratio says: chosen, two sigma; what is beyond is an obstacle's, and quick (`quality.rs`).
 const MOST_RATIO: f64 = 4.0;
 /// Bounds of a factor: a third of the configured sigma (0.04 m of wandering in the stillest layout of the recordings
 /// where their README has 0.15 m in another), and twice it.

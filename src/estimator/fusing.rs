@@ -26,7 +26,8 @@ const OLDEST_TDOA_S: f64 = 0.3;
 const FARTHEST_AHEAD_S: f64 = 0.1;
 /// A TDOA may exceed the separation of its anchors by noise and bias, m; beyond it is impossible.
 const IMPOSSIBLE_MARGIN_M: f64 = 0.5;
-/// What of a TDOA's variance is at least its own, whatever its arrivals share with others.
+/// What of a TDOA's variance is at least its own, whatever its arrivals share with others: keeps it positive where the
+/// quality of an anchor has fallen since; chosen.
 const LEAST_OWN_FRAC: f64 = 0.1;
 /// Longest interval that counts, s: after a pause an anchor's error is new.
 const LONGEST_INTERVAL_S: f64 = 0.5;
@@ -34,7 +35,8 @@ const LONGEST_INTERVAL_S: f64 = 0.5;
 const INTERVAL_WEIGHT: f64 = 0.05;
 /// On and near the floor errors of the UWB stay the same for as long as the vehicle is there, s.
 const REST_CORRELATION_S: f64 = 5.0;
-/// The same with range biases that the floor hides: what is left of it after them.
+/// The same with range biases that the floor hides, for what is left of it after them: chosen, what the recorded flights
+/// were fused with everywhere before their white part was taken to be shorter.
 const HIDDEN_CORRELATION_S: f64 = 0.1;
 /// Near the floor is below this, m: the height of the low anchors, which it hides …
 const FLOOR_M: f64 = 0.3;

@@ -236,8 +236,8 @@ the low anchors nothing is concluded. The two that are refused have a metal box 
 const ABOUT_LEFT_OUT: &str = "\
 For each flight the parameters of the UWB errors were searched on the five others, from round numbers
 that no result of ours has shaped, and then judged on the flight that was left out. Drag and process
-noise are the vehicle's: they were set from its IMU and motion capture and are not searched. Nor is
-`quality.least`, which is as shipped.";
+noise are the vehicle's: they were set from its IMU and motion capture, within that the noise of the horizontal
+acceleration by the NEES of all flights, and are not searched. Nor is `quality.least`, which is as shipped.";
 const ABOUT_COLD: &str = "\
 Switched on every 4 s of a flight, in the air, or at its beginning on the floor, and told neither
 position nor heading. Peak: largest error from the first position that is offered. Converged: below
