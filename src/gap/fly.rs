@@ -5,7 +5,7 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use super::scene::Scene;
 use super::trace::Trace;
 use crate::checks::Problems;
-use crate::lockstep::{FlightError, Lockstep, SAMPLE_US, World, fly_watched};
+use crate::lockstep::{FlightError, Lockstep, SAMPLE_US, World, fly_unsampled};
 use crate::model::{Plant, PlantConfig};
 use crate::pilot::{Mode, PilotConfig};
 
@@ -51,7 +51,7 @@ pub fn fly_in_world<W: World>(
     let (mut crashed, mut carried_s) = (false, 0.0);
     // What is not looked at need not be flown.
     let limit_s = scene.until_s.map_or(LIMIT_S, |until_s| LIMIT_S.min(until_s + TO_THE_MISSION_S));
-    let flight = fly_watched(&mut lockstep, items, limit_s, |lockstep| {
+    let landed = fly_unsampled(&mut lockstep, items, limit_s, |lockstep| {
         let truth = lockstep.truth();
         crashed |= truth.crashed;
         lockstep.pilot_mut().drain_topics(|topic| trace.take(topic));
@@ -59,7 +59,7 @@ pub fn fly_in_world<W: World>(
             carried_s += SAMPLE_US as f64 * 1e-6;
         }
     })?;
-    trace.landed = Some(flight.landed);
+    trace.landed = Some(landed);
     trace.crashed = Some(crashed);
     trace.carried_s = Some(carried_s);
     Ok(trace)

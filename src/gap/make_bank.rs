@@ -15,7 +15,7 @@ use super::fly::fly_observed;
 use super::library;
 use super::nominal::Nominal;
 use super::scene::Scene;
-use super::statistics::{observe, specs};
+use super::statistics::{specs, statistics_of};
 use crate::checks::Problems;
 use crate::frames::Vec3;
 use crate::model::PlantConfig;
@@ -189,7 +189,7 @@ fn flown(
     if carried || !trace.came_as_far_as(recipe.scene.until_s) {
         return None;
     }
-    observe(&trace, nominal).ok().map(|o| o.statistics)
+    statistics_of(&trace, nominal).ok()
 }
 
 /// An effect on, with all its values.

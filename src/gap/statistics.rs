@@ -38,6 +38,15 @@ pub fn specs() -> &'static [StatSpec] {
     })
 }
 
+/// The statistics of a flight alone, which is all that a bank keeps of it.
+pub fn statistics_of(trace: &Trace, nominal: &Nominal) -> Result<Vec<f64>, NotObservable> {
+    let flight = Flight::new(trace, nominal)?;
+    let rows = uwb::residuals(&flight);
+    let mut sheet = Sheet::default();
+    fill(Some((&flight, &rows)), &mut sheet);
+    Ok(sheet.values)
+}
+
 /// Observes a flight.
 pub fn observe(trace: &Trace, nominal: &Nominal) -> Result<Observation, NotObservable> {
     let flight = Flight::new(trace, nominal)?;

@@ -142,11 +142,43 @@ pub fn fly_watched<W: World>(
     world: &mut Lockstep<W>,
     items: &[MISSION_ITEM_INT_DATA],
     limit_s: f64,
-    mut watch: impl FnMut(&mut Lockstep<W>),
+    watch: impl FnMut(&mut Lockstep<W>),
 ) -> Result<Flight, FlightError> {
+    let mut samples = Vec::with_capacity((limit_s * 100.0) as usize + 1000);
+    let (landed, texts) = flown(world, items, limit_s, watch, |world, reached| {
+        samples.push(Sample {
+            t_us: world.t_us(),
+            mode: world.pilot().mode(),
+            reached,
+            truth: world.truth(),
+            estimate: *world.pilot().estimate(),
+            control: *world.pilot().control_record(),
+        });
+    })?;
+    Ok(Flight { samples, texts, landed })
+}
+
+/// The same without samples, for flights by the thousand; whether it ended disarmed on the floor.
+pub fn fly_unsampled<W: World>(
+    world: &mut Lockstep<W>,
+    items: &[MISSION_ITEM_INT_DATA],
+    limit_s: f64,
+    watch: impl FnMut(&mut Lockstep<W>),
+) -> Result<bool, FlightError> {
+    flown(world, items, limit_s, watch, |_, _| {}).map(|(landed, _)| landed)
+}
+
+/// Whether it landed, and texts; `sample` hears of every control step when its messages have been read, with the
+/// number of items reached.
+fn flown<W: World>(
+    world: &mut Lockstep<W>,
+    items: &[MISSION_ITEM_INT_DATA],
+    limit_s: f64,
+    mut watch: impl FnMut(&mut Lockstep<W>),
+    mut sample: impl FnMut(&Lockstep<W>, u16),
+) -> Result<(bool, Vec<String>), FlightError> {
     let mut ground = Ground::new();
     start(world, &mut ground, items)?;
-    let mut samples = Vec::with_capacity((limit_s * 100.0) as usize + 1000);
     let mut reached = 0;
     let start_us = world.t_us();
     let end_us = start_us + (limit_s * 1e6) as u64;
@@ -164,15 +196,8 @@ pub fn fly_watched<W: World>(
         while let Some(seq) = ground.take(count) {
             reached = seq;
         }
+        sample(world, reached);
         let mode = world.pilot().mode();
-        samples.push(Sample {
-            t_us: world.t_us(),
-            mode,
-            reached,
-            truth: world.truth(),
-            estimate: *world.pilot().estimate(),
-            control: *world.pilot().control_record(),
-        });
         airborne |= mode.is_flying();
         if airborne && mode == Mode::Disarmed {
             break true;
@@ -181,5 +206,5 @@ pub fn fly_watched<W: World>(
             break false;
         }
     };
-    Ok(Flight { samples, texts: ground.texts, landed })
+    Ok((landed, ground.texts))
 }

@@ -14,7 +14,9 @@ mod world;
 #[cfg(test)]
 mod tests;
 
-pub use flight::{Flight, FlightError, SAMPLE_US, Sample, fly, fly_watched, local_item, start};
+pub use flight::{
+    Flight, FlightError, SAMPLE_US, Sample, fly, fly_unsampled, fly_watched, local_item, start,
+};
 pub use ground::Ground;
 pub use world::World;
 
