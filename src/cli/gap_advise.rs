@@ -12,6 +12,7 @@ use super::gap_report::Report;
 use super::gap_session::{Opened, open};
 use super::{print, print_json};
 use crate::gap::advise::{Advice, Effort, Hypothesis, Remaining, advise, after_flight};
+use crate::gap::archive::Shelf;
 use crate::gap::diagnosis::{Diagnosis, observed};
 use crate::gap::experiments::{EXPERIMENTS, Means, find};
 use crate::gap::library::whole;
@@ -104,7 +105,9 @@ impl Advise {
             return Ok(ExitCode::SUCCESS);
         }
         let progress = Progress::new("trying the experiments");
-        let advice = advise(&scene, &remaining, Effort::All, |done, of| progress.at(done, of));
+        let shelf = Shelf::in_folder(&self.options.folder());
+        let tell = |done, of| progress.at(done, of);
+        let advice = advise(&scene, &remaining, Effort::All, &shelf, tell);
         let written = match &self.out {
             Some(folder) => write_missions(folder, &scene, &advice)?,
             None => Vec::new(),

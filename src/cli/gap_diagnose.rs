@@ -11,6 +11,7 @@ use super::gap_advise::remaining;
 use super::gap_session::{Opened, Session, open, same_survey};
 use super::{print, print_json};
 use crate::gap::advise::{Effort, advise};
+use crate::gap::archive::Shelf;
 use crate::gap::details::details;
 use crate::gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
 use crate::gap::held_out::{Explanation, measure};
@@ -107,7 +108,9 @@ impl Diagnose {
             Vec::new()
         } else {
             let progress = Progress::new("advice");
-            advise(&session.scene, &open, Effort::Listed, |done, of| progress.at(done, of))
+            let shelf = Shelf::in_folder(&self.options.folder());
+            let tell = |done, of| progress.at(done, of);
+            advise(&session.scene, &open, Effort::Listed, &shelf, tell)
         };
         diagnosis.advice = Some(Advised {
             open: open.candidates.iter().map(|h| (h.spec.id.to_owned(), h.probability)).collect(),

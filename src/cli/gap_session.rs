@@ -76,9 +76,9 @@ pub(super) fn open(
             references.len()
         );
     }
-    eprintln!("learning the bank");
     let settings = Settings::for_flights();
-    let attributor = workshop.learn(&references, &[], &settings)?;
+    let long = || eprintln!("learning the bank");
+    let attributor = workshop.learn(&references, &[], &settings, long)?;
     let seen = observed(flown, &workshop.nominal);
     let session = Session { scene, workshop, attributor, seen, references, reference_details };
     Ok(Opened::Ready(Box::new(session)))

@@ -13,18 +13,14 @@ use std::sync::atomic::{AtomicUsize, Ordering as Memory};
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use nalgebra::DMatrix;
-use rayon::prelude::*;
 use serde::Serialize;
 
+use super::archive::{self, Archive, Job, Shelf};
 use super::discriminate::{Clouds, correct};
 use super::experiments::{EXPERIMENTS, Experiment, Means, Reading};
-use super::fly::fly_observed;
-use super::make_bank::{jittered, with_effect};
+use super::library;
 use super::missions::wire;
-use super::nominal::Nominal;
 use super::scene::Scene;
-use super::statistics::observe;
-use crate::ctl::MissionFile;
 use crate::model::effects::EffectSpec;
 use crate::model::random::Stream;
 
@@ -169,11 +165,13 @@ pub enum Effort {
     Listed,
 }
 
-/// All experiments, best first; those that cannot be done last.
+/// All experiments, best first; those that cannot be done last. `shelf`: where flights are kept that do not hang
+/// on what is open.
 pub fn advise(
     scene: &Scene,
     remaining: &Remaining,
     effort: Effort,
+    shelf: &Shelf,
     progress: impl Fn(usize, usize) + Sync,
 ) -> Vec<Advice> {
     let tried: Vec<&Experiment> = EXPERIMENTS
@@ -187,7 +185,7 @@ pub fn advise(
     let done = AtomicUsize::new(0);
     let tick = || progress(done.fetch_add(1, Memory::Relaxed) + 1, of);
     let mut all: Vec<Advice> =
-        tried.iter().map(|e| predicted(scene, remaining, e, &tick)).collect();
+        tried.iter().map(|e| predicted(scene, remaining, e, shelf, &tick)).collect();
     let rank = |a: &Advice| (a.value() / ALIKE).round();
     all.sort_by(|a, b| {
         let possible = a.not_possible.is_some().cmp(&b.not_possible.is_some());
@@ -200,6 +198,7 @@ fn predicted(
     scene: &Scene,
     remaining: &Remaining,
     experiment: &Experiment,
+    shelf: &Shelf,
     tick: &(impl Fn() + Sync),
 ) -> Advice {
     let open = |id: &str| {
@@ -231,7 +230,13 @@ fn predicted(
                 advice.not_possible = Some(why);
                 return advice;
             }
-            Ok(mission) => flown(scene, remaining, &mission, &mut advice, tick),
+            Ok(mission) => {
+                let items = wire(&mission);
+                let mut archive = shelf.open(scene, &items);
+                let distances = flown(scene, remaining, &items, &mut archive, &mut advice, tick);
+                archive.keep();
+                distances
+            }
         },
         Means::Bench(readings) => {
             advice.would_show = shown_on_the_bench(remaining, readings);
@@ -261,26 +266,26 @@ fn predicted(
 fn flown(
     scene: &Scene,
     remaining: &Remaining,
-    mission: &MissionFile,
+    items: &[MISSION_ITEM_INT_DATA],
+    archive: &mut Archive<'_>,
     advice: &mut Advice,
     tick: &(impl Fn() + Sync),
 ) -> Option<DMatrix<f64>> {
-    let items = wire(mission);
-    let nulls = fly(scene, &items, NULLS, SEED, |_, _| None, tick);
+    let nulls = archive.fly(&healthy(SEED), tick);
     let classes: Vec<Vec<Vec<f64>>> = remaining
         .candidates
         .iter()
         .enumerate()
-        .map(|(k, h)| of_hypothesis(scene, &items, h, FLIGHTS, SEED + 1000 * (k as u64 + 1), tick))
+        .map(|(k, h)| fly(scene, items, &h.flights(FLIGHTS, SEED + 1000 * (k as u64 + 1)), tick))
         .collect();
     let untested: Vec<Vec<Vec<f64>>> = remaining
         .untested
         .iter()
-        .enumerate()
-        .map(|(k, spec)| {
-            let h = middle(spec, scene);
-            let seed = SEED + 100_000 + 1000 * k as u64;
-            of_hypothesis(scene, &items, &h, UNTESTED_FLIGHTS, seed, tick)
+        .map(|spec| {
+            // Of the effect alone, so that its flights are the same whatever else is open.
+            let place = library::whole().iter().position(|s| s.id == spec.id).unwrap_or(0);
+            let seed = SEED + 100_000 + 1000 * place as u64;
+            archive.fly(&middle(spec, scene).flights(UNTESTED_FLIGHTS, seed), tick)
         })
         .collect();
     if !untested.is_empty() {
@@ -297,19 +302,31 @@ fn flown(
     Clouds::new(&nulls, &classes).map(|c| c.distances())
 }
 
-/// Flights of one hypothesis, each with its own draw of the parameters.
-fn of_hypothesis(
+/// Flights of the healthy vehicle.
+fn healthy(seed: u64) -> Vec<Job> {
+    (0..NULLS as u64).map(|k| Job { seed: seed + k, effect: None }).collect()
+}
+
+/// Statistics of flights that hang on what is open: nobody will ask for them again.
+fn fly(
     scene: &Scene,
     items: &[MISSION_ITEM_INT_DATA],
-    h: &Hypothesis,
-    count: usize,
-    seed: u64,
+    jobs: &[Job],
     tick: &(impl Fn() + Sync),
 ) -> Vec<Vec<f64>> {
-    fly(scene, items, count, seed, |seed, k| Some((h.spec, h.draw(seed, k))), tick)
+    archive::fly(scene, items, jobs, tick).into_iter().flatten().collect()
 }
 
 impl Hypothesis {
+    /// Flights, each with its own draw of the parameters.
+    fn flights(&self, count: usize, seed: u64) -> Vec<Job> {
+        let one = |k: usize| {
+            let seed = seed + k as u64;
+            Job { seed, effect: Some((self.spec, self.draw(seed, k))) }
+        };
+        (0..count).map(one).collect()
+    }
+
     /// Parameters of one flight: the best ones first, then from the interval.
     fn draw(&self, seed: u64, k: usize) -> Vec<f64> {
         let mut rng = Stream::new(seed, "advise");
@@ -344,34 +361,6 @@ fn middle(spec: &'static EffectSpec, scene: &Scene) -> Hypothesis {
         .collect();
     let theta_90 = theta.iter().map(|v| [*v, *v]).collect();
     Hypothesis { spec, probability: 0.0, theta, theta_90 }
-}
-
-/// Statistics of flights with benign jitter; lost ones are left out.
-fn fly(
-    scene: &Scene,
-    items: &[MISSION_ITEM_INT_DATA],
-    count: usize,
-    seed: u64,
-    effect: impl Fn(u64, usize) -> Option<(&'static EffectSpec, Vec<f64>)> + Sync,
-    tick: &(impl Fn() + Sync),
-) -> Vec<Vec<f64>> {
-    let nominal = Nominal::of_scene(scene);
-    (0..count)
-        .into_par_iter()
-        .filter_map(|k| {
-            let seed = seed + k as u64;
-            let row = (|| {
-                let mut plant = jittered(scene.plant(seed)).ok()?;
-                if let Some((spec, theta)) = effect(seed, k) {
-                    plant.effects = with_effect(plant.effects, spec, &theta).ok()?;
-                }
-                let trace = fly_observed(scene, items, plant, scene.pilot.clone()).ok()?;
-                observe(&trace, &nominal).ok().map(|o| o.statistics)
-            })();
-            tick();
-            row
-        })
-        .collect()
 }
 
 /// What an instrument shows under these parameters.
@@ -503,14 +492,14 @@ pub(super) fn judge(
     let tick = || progress(done.fetch_add(1, Memory::Relaxed) + 1, of);
     // Seeds of their own: what chose an experiment must not judge it.
     let seed = SEED + 500_000;
-    let nulls = fly(scene, items, NULLS, seed, |_, _| None, &tick);
+    let nulls = fly(scene, items, &healthy(seed), &tick);
     let classes: Vec<Vec<Vec<f64>>> = remaining
         .candidates
         .iter()
         .enumerate()
         .map(|(k, h)| {
             let seed = seed + 1000 * (k as u64 + 1);
-            of_hypothesis(scene, items, h, JUDGING_FLIGHTS, seed, &tick)
+            fly(scene, items, &h.flights(JUDGING_FLIGHTS, seed), &tick)
         })
         .collect();
     Clouds::new(&nulls, &classes)

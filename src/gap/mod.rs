@@ -4,6 +4,7 @@
 pub mod accept;
 pub mod accepted;
 pub mod advise;
+pub mod archive;
 pub mod attribute;
 pub mod balance;
 pub mod bank;
@@ -16,6 +17,7 @@ pub mod discriminate;
 pub mod experiments;
 pub mod fly;
 pub mod held_out;
+pub mod kept_file;
 pub mod library;
 pub mod lines_of_sight;
 pub mod logs;

@@ -10,6 +10,7 @@
 use serde::Serialize;
 
 use super::advise::{Effort, Hypothesis, Remaining, advise, judge};
+use super::archive::Shelf;
 use super::experiments::{EXPERIMENTS, Means};
 use super::fly::fly_observed;
 use super::library::draws;
@@ -184,7 +185,7 @@ fn one(scene: &Scene, k: usize) -> Option<Case> {
     if open.candidates.len() < 2 || open.correct_now() > OPEN {
         return None;
     }
-    let advice = advise(scene, &open, Effort::All, |_, _| {});
+    let advice = advise(scene, &open, Effort::All, &Shelf::none(), |_, _| {});
     let recommended = advice.iter().find(|a| a.flight && a.not_possible.is_none())?;
     let prior: Vec<f64> = open.candidates.iter().map(|h| h.probability).collect();
     let right = |id: &str| -> Option<bool> {

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-use super::attribute::{AttributeError, Attributor, Settings};
+use super::attribute::{AttributeError, Attributor, Learned, Settings};
 use super::bank::Bank;
 use super::bank_file::{self, BankFileError};
+use super::kept_file::{self, Kind};
 use super::make_bank::{self, BankSize, Recipe};
 use super::nominal::Nominal;
 use super::scene::Scene;
@@ -18,6 +19,8 @@ use crate::record::BuildIdentity;
 
 /// Seed of the banks that a diagnosis uses.
 pub const BANK_SEED: u64 = 20_211_117;
+
+const LEARNED: Kind = Kind { what: "learned limits", magic: b"HALTLRND", version: 1 };
 
 /// Why there is no workshop.
 #[derive(Debug, thiserror::Error)]
@@ -55,6 +58,8 @@ pub struct Workshop {
     pub bank_hash: u64,
     /// Flights that could not be flown for it, by effect; empty when it came from disk.
     pub lost: Vec<(String, usize)>,
+    /// Where what is learned from it is kept; `None`: nowhere.
+    pub folder: Option<PathBuf>,
 }
 
 impl Settings {
@@ -94,24 +99,64 @@ impl Workshop {
             let hash = bank_file::write(&path, &made.bank)?;
             (made.bank, hash, made.lost)
         };
-        Ok(Self { scene, items, library, nominal, bank, bank_hash, lost })
+        let folder = Some(folder.to_owned());
+        Ok(Self { scene, items, library, nominal, bank, bank_hash, lost, folder })
     }
 
-    /// Learns the bank. `references`: statistics of accepted flights of this airframe on this mission;
-    /// `calibration`: more of them, for the limits of the gate alone.
+    /// Learns the bank, or takes from disk what was learned from the same flights before. `references`: statistics
+    /// of accepted flights of this airframe on this mission; `calibration`: more of them, for the limits of the
+    /// gate alone. `long` is called before what takes half a minute.
     pub fn learn(
         &self,
         references: &[Vec<f64>],
         calibration: &[Vec<f64>],
         settings: &Settings,
+        long: impl FnOnce(),
     ) -> Result<Attributor, AttributeError> {
         let blocks: Vec<Block> = specs().iter().map(|s| s.block).collect();
-        Attributor::new(&self.bank, references, calibration, &blocks, settings)
+        // Debug output of numbers is exact.
+        let from = format!(
+            "{:016x} {references:?} {calibration:?} {settings:?} {}",
+            self.bank_hash,
+            BuildIdentity::current().source_hash
+        );
+        let name = format!("{:016x}.learned", kept_file::fnv(from.as_bytes()));
+        let path = self.folder.as_ref().map(|folder| folder.join(name));
+        let there = path.as_deref().filter(|path| path.exists());
+        let kept = there.map(|path| kept_file::read::<Learned>(LEARNED, path));
+        let kept = kept.and_then(|read| {
+            read.inspect_err(|error| tracing::warn!("{error}; learned anew")).ok()
+        });
+        let learned = kept.map(|(learned, _)| learned);
+        let new = learned.is_none();
+        if new {
+            long();
+        }
+        let attributor =
+            Attributor::with(&self.bank, references, calibration, &blocks, settings, learned)?;
+        if let Some(path) = path.filter(|_| new) {
+            keep(&path, &attributor.learned());
+        }
+        Ok(attributor)
     }
 
     /// The specification of an effect of the library.
     pub fn spec(&self, id: &str) -> Option<&'static EffectSpec> {
         self.library.iter().copied().find(|spec| spec.id == id)
+    }
+}
+
+/// Writes what was learned. A full disk costs the next diagnosis half a minute and this one nothing.
+fn keep(path: &Path, learned: &Learned) {
+    // Limits without flights behind them are infinite, which JSON does not know: those are learned again.
+    let whole = serde_json::to_string(learned)
+        .and_then(|text| serde_json::from_str::<Learned>(&text))
+        .is_ok();
+    if !whole {
+        return;
+    }
+    if let Err(error) = kept_file::write(LEARNED, path, learned) {
+        tracing::warn!("{error}; this will be learned again next time");
     }
 }
 
@@ -123,6 +168,11 @@ fn key(
     size: BankSize,
 ) -> String {
     let ids: Vec<&str> = library.iter().map(|spec| spec.id).collect();
+    mission_key(scene, items, &format!("{ids:?} {size:?} {BANK_SEED}"))
+}
+
+/// Hash of everything that flights of a mission depend on, and of what else tells files apart.
+pub(super) fn mission_key(scene: &Scene, items: &[MISSION_ITEM_INT_DATA], rest: &str) -> String {
     let build = BuildIdentity::current();
     // Items are told apart from how they were addressed.
     let items: Vec<_> = items
@@ -131,10 +181,10 @@ fn key(
         .collect();
     // Debug output of numbers is exact; NaN has one spelling.
     let text = format!(
-        "{:?} {:?} {:?} {:?} {:?} {items:?} {ids:?} {size:?} {BANK_SEED} {}",
+        "{:?} {:?} {:?} {:?} {:?} {items:?} {rest} {}",
         scene.room, scene.survey, scene.start_NE_m, scene.until_s, scene.pilot, build.source_hash
     );
-    format!("{:016x}", bank_file::fnv(text.as_bytes()))
+    format!("{:016x}", kept_file::fnv(text.as_bytes()))
 }
 
 /// Where banks are kept unless the user says otherwise: the user's cache.

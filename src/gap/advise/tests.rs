@@ -59,7 +59,7 @@ fn val_a_scale_tells_mass_from_thrust_as_its_resolution_says() {
 #[test]
 fn val_the_scale_is_recommended_for_mass_against_thrust() {
     let scene = Scene::lab().unwrap();
-    let all = advise(&scene, &mass_or_thrust(), Effort::All, |_, _| {});
+    let all = advise(&scene, &mass_or_thrust(), Effort::All, &Shelf::none(), |_, _| {});
     assert_eq!(all.len(), EXPERIMENTS.len());
     for a in &all {
         println!("{} {:?} {:?}", a.experiment, a.correct_after, a.hardest);

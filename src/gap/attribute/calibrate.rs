@@ -3,6 +3,8 @@
 //! `p ∝ (1 - w) softmax(log Z / T) + w votes`; `T` and `w` minimise the log loss of held-out draws,
 //! then an isotonic map (pool adjacent violators) of the largest `p` to the share of right names.
 
+use serde::{Deserialize, Serialize};
+
 /// Temperatures and weights that are tried.
 const TEMPERATURES: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0, 16.0, 25.0];
 const WEIGHTS: [f64; 6] = [0.0, 0.05, 0.1, 0.2, 0.35, 0.5];
@@ -23,7 +25,8 @@ pub(super) struct Vote {
 }
 
 /// Map from evidences to probabilities.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Calibration {
     /// Temperature of the evidences.
     pub temperature: f64,

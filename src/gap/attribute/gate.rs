@@ -9,6 +9,8 @@
 //! own than others will be: sixteen let every fifth other healthy flight raise an alarm. So spreads lean on
 //! what is usual among the effects, and each flight is held against those of the others.
 
+use serde::{Deserialize, Serialize};
+
 use super::Gate;
 use super::trials::quantile;
 
@@ -41,7 +43,8 @@ pub(super) enum Rule {
 }
 
 /// The limits.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Limit {
     gain: f64,
     distance: f64,

@@ -195,6 +195,16 @@ pub struct Attribution {
     pub unknown: Vec<String>,
 }
 
+impl Attribution {
+    /// What a second effect would add, relative to the first, as [`Attribution::pair_limit`] is; `None`: not
+    /// searched for.
+    pub fn second_effect(&self) -> Option<f64> {
+        let evidence = self.candidates.iter().map(|c| c.log_evidence);
+        let first = evidence.fold(f64::NEG_INFINITY, f64::max);
+        self.pairs.first().map(|pair| pairs::relative(pair.gain, first))
+    }
+}
+
 /// Why there is no attributor.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AttributeError {
@@ -212,6 +222,13 @@ pub enum AttributeError {
         expected: usize,
     },
 }
+
+/// What flights that taught nothing say about verdicts: by far the longest part of learning, so it can be kept.
+///
+/// It belongs to its bank, references, calibration and settings; [`Attributor::with`] cannot tell.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Learned(Limits);
 
 /// A bank, learned.
 #[derive(Debug, Clone)]
@@ -235,6 +252,18 @@ impl Attributor {
         calibration: &[Vec<f64>],
         blocks: &[Block],
         settings: &Settings,
+    ) -> Result<Self, AttributeError> {
+        Self::with(bank, references, calibration, blocks, settings, None)
+    }
+
+    /// The same, where the limits were learned before from the same things.
+    pub fn with(
+        bank: &Bank,
+        references: &[Vec<f64>],
+        calibration: &[Vec<f64>],
+        blocks: &[Block],
+        settings: &Settings,
+        learned: Option<Learned>,
     ) -> Result<Self, AttributeError> {
         bank.check()?;
         let expected = bank.names.len();
@@ -264,7 +293,10 @@ impl Attributor {
             return Err(BankError::NothingUsable { names: expected }.into());
         }
         let groups = teachers.groups(all, &library);
-        let limits = trials::limits(&teachers, settings, |_| true);
+        let limits = match learned {
+            Some(Learned(limits)) => limits,
+            None => trials::limits(&teachers, settings, |_| true),
+        };
         Ok(Self {
             library,
             groups,
@@ -303,6 +335,11 @@ impl Attributor {
     /// Explains many flights, in their order, on all cores.
     pub fn attribute_all(&self, flights: &[Vec<f64>]) -> Vec<Attribution> {
         flights.par_iter().map(|s| self.attribute(s)).collect()
+    }
+
+    /// What took long to learn, to be kept for the next time.
+    pub fn learned(&self) -> Learned {
+        Learned(self.limits.clone())
     }
 
     /// Flights behind the limits: nulls, singles, pairs.

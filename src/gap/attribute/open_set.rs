@@ -5,6 +5,7 @@
 //! out: what the best of the other effects leaves is what an unknown effect looks like.
 
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
 use super::library::Library;
 use crate::gap::outcome::Remainder;
@@ -42,12 +43,13 @@ pub(super) fn features(left: Left, whole: f64, width: usize) -> [f64; FEATURES] 
 }
 
 /// Log odds that an explanation is not the cause.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Judge {
     mean: [f64; FEATURES],
     scale: [f64; FEATURES],
     /// Constant last.
-    weights: DVector<f64>,
+    weights: [f64; FEATURES + 1],
 }
 
 /// Ridge of the regression, per flight.
@@ -66,30 +68,32 @@ impl Judge {
             let variance = all().map(|f| (f[k] - mean[k]).powi(2)).sum::<f64>() / n;
             scale[k] = variance.sqrt().max(1e-6);
         }
-        let mut judge = Self { mean, scale, weights: DVector::zeros(FEATURES + 1) };
+        let mut judge = Self { mean, scale, weights: [0.0; FEATURES + 1] };
         // Without examples of one kind: the residual alone.
         if known.is_empty() || unknown.is_empty() {
             judge.weights[0] = 1.0;
             return judge;
         }
         let share = |count: usize| 0.5 / count as f64;
+        let mut weights = DVector::zeros(FEATURES + 1);
         for _ in 0..STEPS {
-            let mut gradient = &judge.weights * -RIDGE;
+            let mut gradient = &weights * -RIDGE;
             let mut curvature = DMatrix::identity(FEATURES + 1, FEATURES + 1) * RIDGE;
             let sides = [(known, 0.0, share(known.len())), (unknown, 1.0, share(unknown.len()))];
             for (rows, truth, weight) in sides {
                 for row in rows {
                     let x = judge.row(row);
-                    let p = 1.0 / (1.0 + (-judge.weights.dot(&x)).exp());
+                    let p = 1.0 / (1.0 + (-weights.dot(&x)).exp());
                     gradient += &x * (weight * (truth - p));
                     curvature += &x * x.transpose() * (weight * p * (1.0 - p));
                 }
             }
             match curvature.cholesky() {
-                Some(c) => judge.weights += c.solve(&gradient),
+                Some(c) => weights += c.solve(&gradient),
                 None => break,
             }
         }
+        judge.weights.copy_from_slice(weights.as_slice());
         judge
     }
 
@@ -102,7 +106,7 @@ impl Judge {
 
     /// Log odds of "not the cause".
     pub fn odds(&self, features: &[f64; FEATURES]) -> f64 {
-        self.weights.dot(&self.row(features))
+        self.row(features).iter().zip(&self.weights).map(|(x, w)| x * w).sum()
     }
 }
 

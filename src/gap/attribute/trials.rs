@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::DVector;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::blocks::Groups;
 use super::calibrate::{Calibration, Vote};
@@ -35,7 +36,8 @@ pub(super) const TRIAL_POLISHED: usize = 3;
 const REFERENCE_FOLDS: usize = 4;
 
 /// Everything a verdict is held against.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Limits {
     /// Is there a gap.
     pub gate: Limit,

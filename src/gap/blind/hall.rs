@@ -77,8 +77,8 @@ impl Hall<'_> {
         };
         let references = accepted(&self.suite.commissioning);
         let calibration = accepted(&self.suite.calibration);
-        tell(format!("learning, {} reference flights", references.len()));
-        let attributor = workshop.learn(&references, &calibration, &self.choice.settings)?;
+        let long = || tell(format!("learning, {} reference flights", references.len()));
+        let attributor = workshop.learn(&references, &calibration, &self.choice.settings, long)?;
         Ok(Bench { workshop, attributor, references, calibration })
     }
 

@@ -1,7 +1,7 @@
 //! The diagnosis on a bank made of numbers: what is loud, what could not be seen, what faults say.
 
 use super::*;
-use crate::gap::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate};
+use crate::gap::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate, Settings};
 use crate::gap::bank::{Bank, Draw, EffectDraws};
 use crate::gap::library::standard;
 use crate::gap::nominal::Nominal;
@@ -42,6 +42,7 @@ fn workshop(moved: usize) -> Workshop {
         },
         bank_hash: 7,
         lost: Vec::new(),
+        folder: None,
     }
 }
 
@@ -134,4 +135,31 @@ fn prop_a_log_that_cannot_be_read_has_a_whole_report() {
         assert!(json.get(key).is_some(), "{key} is missing");
     }
     assert_eq!(json["faults"][0], "byte 3: not a log");
+}
+
+#[test]
+fn prop_what_was_learned_is_kept_for_the_same_references_and_no_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let workshop = Workshop { folder: Some(folder.path().to_owned()), ..workshop(0) };
+    let learn = |references: &[Vec<f64>]| {
+        let mut anew = false;
+        let settings = Settings::for_flights();
+        let attributor = workshop.learn(references, &[], &settings, || anew = true).unwrap();
+        (attributor, anew)
+    };
+    let flight = workshop.bank.effects[0].draws[0].statistics.clone();
+    let (first, anew) = learn(&[]);
+    assert!(anew);
+    let (second, anew) = learn(&[]);
+    assert!(!anew, "learned twice");
+    // NaN differs from itself: compare as text.
+    let text = |a: &Attributor| format!("{:?}", a.attribute(&flight));
+    assert_eq!(text(&first), text(&second));
+    let references = workshop.bank.jitter[..12].to_vec();
+    assert!(learn(&references).1 && !learn(&references).1);
+    // A damaged file is learned anew and replaced.
+    for entry in std::fs::read_dir(folder.path()).unwrap() {
+        std::fs::write(entry.unwrap().path(), b"HALTLRND").unwrap();
+    }
+    assert!(learn(&[]).1 && !learn(&[]).1);
 }

@@ -101,7 +101,11 @@ pub fn render(d: &Diagnosis) -> String {
                 adequacy.score,
                 adequacy.limit,
             ),
-            ("Second effect: evidence relative to the first", f64::NAN, attribution.pair_limit),
+            (
+                "Second effect: evidence relative to the first",
+                attribution.second_effect().unwrap_or(f64::NAN),
+                attribution.pair_limit,
+            ),
         ] {
             let found = if found.is_finite() { format!("{found:.2}") } else { "not tried".into() };
             let _ = write!(

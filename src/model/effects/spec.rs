@@ -8,7 +8,10 @@ use crate::model::room::Room;
 use crate::model::vehicle::Vehicle;
 
 /// Block of the chain that an effect lives in; names of INTERFACES.md.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
+)]
+#[serde(rename_all = "snake_case")]
 #[allow(missing_docs)] // the names are the meaning
 pub enum Block {
     Mission,
