@@ -67,6 +67,8 @@ impl Gap {
 /// Sizes of a bank.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum Size {
+    /// For the surest verdicts.
+    Large,
     /// For verdicts.
     Full,
     /// For a first look.
@@ -81,8 +83,8 @@ pub(super) struct BankOptions {
     /// Folder of the banks; the user's cache by default.
     #[arg(long, value_name = "DIR")]
     pub banks: Option<PathBuf>,
-    /// Size of a bank: `full` for verdicts, `small` (an eighth) for a first look, `smallest` for tests
-    /// of the program: verdicts from it mean nothing.
+    /// Size of a bank: `full` for verdicts, `large` (more than twice as many flights) for the surest ones,
+    /// `small` (an eighth) for a first look, `smallest` for tests of the program: verdicts from it mean nothing.
     #[arg(long, value_name = "SIZE", default_value = "full")]
     pub size: Size,
     /// Nominal flights in a bank.
@@ -109,6 +111,7 @@ impl BankOptions {
 
     pub fn size(&self) -> BankSize {
         let base = match self.size {
+            Size::Large => BankSize { seeds: 120, jitter: 1440, draws: 80 },
             Size::Full => BankSize::default(),
             Size::Small => BankSize { seeds: 20, jitter: 60, draws: 10 },
             Size::Smallest => BankSize { seeds: 4, jitter: 12, draws: LEAST_DRAWS },
