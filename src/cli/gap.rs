@@ -67,7 +67,7 @@ impl Gap {
 /// Sizes of a bank.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum Size {
-    /// For the surest verdicts.
+    /// For two effects at once, and effects that the library does not have.
     Large,
     /// For verdicts.
     Full,
@@ -83,8 +83,9 @@ pub(super) struct BankOptions {
     /// Folder of the banks; the user's cache by default.
     #[arg(long, value_name = "DIR")]
     pub banks: Option<PathBuf>,
-    /// Size of a bank: `full` for verdicts, `large` (more than twice as many flights) for the surest ones,
-    /// `small` (an eighth) for a first look, `smallest` for tests of the program: verdicts from it mean nothing.
+    /// Size of a bank: `full` for verdicts, `large` (more than twice as many flights) to tell two effects and
+    /// unknown ones a little better (docs/GAP_SCORES.md, run 32), `small` (an eighth) for a first look, `smallest`
+    /// for tests of the program: verdicts from it mean nothing.
     #[arg(long, value_name = "SIZE", default_value = "full")]
     pub size: Size,
     /// Nominal flights in a bank.
