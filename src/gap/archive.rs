@@ -62,11 +62,8 @@ impl Shelf {
             .folder
             .as_ref()
             .map(|folder| folder.join(format!("{}.flights", mission_key(scene, items, "archive"))));
-        let kept = path.as_deref().filter(|path| path.exists()).and_then(|path| {
-            let read = kept_file::read::<OnDisk>(KIND, path);
-            read.inspect_err(|error| tracing::warn!("{error}; flown anew")).ok()
-        });
-        let rows: Rows = kept.map_or_else(Rows::new, |(disk, _)| {
+        let kept = path.as_deref().and_then(|path| kept_file::recall::<OnDisk>(KIND, path));
+        let rows: Rows = kept.map_or_else(Rows::new, |disk| {
             disk.flights.into_iter().map(|(key, row)| (key, row.map(from_disk))).collect()
         });
         Archive { scene, items, path, rows, grown: false }
@@ -104,13 +101,7 @@ impl Archive<'_> {
         let Some(path) = self.path.as_deref().filter(|_| self.grown) else { return };
         let flights = self.rows.iter().map(|(k, row)| (k.clone(), row.as_deref().map(to_disk)));
         let disk = OnDisk { flights: flights.collect() };
-        if let Some(folder) = path.parent() {
-            // Where it cannot be made, writing says why.
-            let _ = std::fs::create_dir_all(folder);
-        }
-        if let Err(error) = kept_file::write(KIND, path, &disk) {
-            tracing::warn!("{error}; these flights will be flown again next time");
-        }
+        kept_file::remember(KIND, path, &disk);
     }
 }
 

@@ -17,7 +17,7 @@ use super::scene::Scene;
 use super::shrink::{
     Paired, Shrink, by_channel, efficiency, medians, scales, shrink, wrong_effects,
 };
-use super::statistics::{observe, specs};
+use super::statistics::{specs, statistics_of};
 use crate::model::effects::EffectSpec;
 use crate::model::room::Room;
 
@@ -251,7 +251,7 @@ impl<'a> HeldOut<'a> {
                 let plant = jittered(self.scene.plant(BENIGN_SEED + k)).ok()?;
                 let pilot = self.scene.pilot.clone();
                 let trace = fly_observed(self.scene, self.items, plant, pilot).ok()?;
-                observe(&trace, &self.nominal).ok().map(|o| o.statistics)
+                statistics_of(&trace, &self.nominal).ok()
             })
             .collect()
     }
@@ -267,7 +267,7 @@ impl<'a> HeldOut<'a> {
                 }
                 let pilot = self.scene.pilot.clone();
                 let trace = fly_observed(self.scene, self.items, plant, pilot).ok()?;
-                observe(&trace, &self.nominal).ok().map(|o| o.statistics)
+                statistics_of(&trace, &self.nominal).ok()
             })
             .collect()
     }

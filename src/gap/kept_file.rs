@@ -169,6 +169,26 @@ pub(super) fn read<T: DeserializeOwned>(
     Ok((contents, found))
 }
 
+/// What a cache holds; a file that is not there is as none, and so is one that cannot be read, which is said.
+pub(super) fn recall<T: DeserializeOwned>(kind: Kind, path: &Path) -> Option<T> {
+    if !path.exists() {
+        return None;
+    }
+    let read = read(kind, path).inspect_err(|error| tracing::warn!("{error}; computed anew"));
+    read.ok().map(|(contents, _)| contents)
+}
+
+/// Puts into a cache. What cannot be written costs time the next time and nothing now, and is said.
+pub(super) fn remember(kind: Kind, path: &Path, contents: &impl Serialize) {
+    if let Some(folder) = path.parent() {
+        // Where it cannot be made, writing says why.
+        let _ = std::fs::create_dir_all(folder);
+    }
+    if let Err(error) = write(kind, path, contents) {
+        tracing::warn!("{error}; this will be computed again next time");
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -41,20 +41,22 @@ pub fn specs() -> &'static [StatSpec] {
 /// The statistics of a flight alone, which is all that a bank keeps of it.
 pub fn statistics_of(trace: &Trace, nominal: &Nominal) -> Result<Vec<f64>, NotObservable> {
     let flight = Flight::new(trace, nominal)?;
-    let rows = uwb::residuals(&flight);
-    let mut sheet = Sheet::default();
-    fill(Some((&flight, &rows)), &mut sheet);
-    Ok(sheet.values)
+    Ok(filled(&flight, &uwb::residuals(&flight)).0)
 }
 
 /// Observes a flight.
 pub fn observe(trace: &Trace, nominal: &Nominal) -> Result<Observation, NotObservable> {
     let flight = Flight::new(trace, nominal)?;
     let rows = uwb::residuals(&flight);
-    let mut sheet = Sheet::default();
-    let anchors = fill(Some((&flight, &rows)), &mut sheet);
+    let (statistics, anchors) = filled(&flight, &rows);
     let span_s = flight.clear_points().count() as f64 * STEP_S;
-    Ok(Observation { statistics: sheet.values, anchors, cells: cells(&flight, &rows), span_s })
+    Ok(Observation { statistics, anchors, cells: cells(&flight, &rows), span_s })
+}
+
+fn filled(flight: &Flight<'_>, rows: &uwb::Rows) -> (Vec<f64>, Vec<AnchorId>) {
+    let mut sheet = Sheet::default();
+    let anchors = fill(Some((flight, rows)), &mut sheet);
+    (sheet.values, anchors)
 }
 
 fn fill(f: Option<(&Flight<'_>, &uwb::Rows)>, sheet: &mut Sheet) -> Vec<AnchorId> {

@@ -19,7 +19,7 @@ use super::missions::{HEIGHT_M, LEG_MPS, Plan, wire};
 use super::nominal::Nominal;
 use super::scene::Scene;
 use super::score::Share;
-use super::statistics::observe;
+use super::statistics::statistics_of;
 use crate::model::effects::{ALL, EffectSpec, ParameterSpec};
 use crate::model::random::Stream;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
@@ -142,7 +142,7 @@ fn one(scene: &Scene, k: usize) -> Option<Case> {
         let mut plant = jittered(scene.plant(seed)).ok()?;
         plant.effects = with_effect(plant.effects, truth, &theta).ok()?;
         let trace = fly_observed(scene, items, plant, scene.pilot.clone()).ok()?;
-        observe(&trace, &Nominal::of_scene(scene)).ok().map(|o| o.statistics)
+        statistics_of(&trace, &Nominal::of_scene(scene)).ok()
     };
     let seed = SEED + 10_000 * (k as u64 + 1);
     let mut hover = Plan::new(scene);

@@ -122,12 +122,7 @@ impl Workshop {
         );
         let name = format!("{:016x}.learned", kept_file::fnv(from.as_bytes()));
         let path = self.folder.as_ref().map(|folder| folder.join(name));
-        let there = path.as_deref().filter(|path| path.exists());
-        let kept = there.map(|path| kept_file::read::<Learned>(LEARNED, path));
-        let kept = kept.and_then(|read| {
-            read.inspect_err(|error| tracing::warn!("{error}; learned anew")).ok()
-        });
-        let learned = kept.map(|(learned, _)| learned);
+        let learned = path.as_deref().and_then(|path| kept_file::recall(LEARNED, path));
         let new = learned.is_none();
         if new {
             long();
@@ -135,7 +130,11 @@ impl Workshop {
         let attributor =
             Attributor::with(&self.bank, references, calibration, &blocks, settings, learned)?;
         if let Some(path) = path.filter(|_| new) {
-            keep(&path, &attributor.learned());
+            let learned = attributor.learned();
+            // Limits without flights behind them are infinite, which JSON does not know: those are learned again.
+            if readable(&learned) {
+                kept_file::remember(LEARNED, &path, &learned);
+            }
         }
         Ok(attributor)
     }
@@ -146,18 +145,9 @@ impl Workshop {
     }
 }
 
-/// Writes what was learned. A full disk costs the next diagnosis half a minute and this one nothing.
-fn keep(path: &Path, learned: &Learned) {
-    // Limits without flights behind them are infinite, which JSON does not know: those are learned again.
-    let whole = serde_json::to_string(learned)
-        .and_then(|text| serde_json::from_str::<Learned>(&text))
-        .is_ok();
-    if !whole {
-        return;
-    }
-    if let Err(error) = kept_file::write(LEARNED, path, learned) {
-        tracing::warn!("{error}; this will be learned again next time");
-    }
+fn readable(learned: &Learned) -> bool {
+    let text = serde_json::to_string(learned);
+    text.and_then(|text| serde_json::from_str::<Learned>(&text)).is_ok()
 }
 
 /// Name of a bank: hash of everything that its flights depend on.
