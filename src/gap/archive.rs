@@ -11,12 +11,13 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::bank_file::{Row, from_disk, to_disk};
-use super::fly::fly_observed;
+use super::fly::fly_observed_into;
 use super::kept_file::{self, Kind};
 use super::make_bank::{jittered, with_effect};
 use super::nominal::Nominal;
 use super::scene::Scene;
 use super::statistics::statistics_of;
+use super::trace::Trace;
 use super::workshop::mission_key;
 use crate::model::effects::EffectSpec;
 
@@ -114,18 +115,21 @@ pub fn fly(
 ) -> Vec<Option<Vec<f64>>> {
     let nominal = Nominal::of_scene(scene);
     jobs.par_iter()
-        .map(|job| {
-            let row = (|| {
-                let mut plant = jittered(scene.plant(job.seed)).ok()?;
-                if let Some((spec, theta)) = &job.effect {
-                    plant.effects = with_effect(plant.effects, spec, theta).ok()?;
-                }
-                let trace = fly_observed(scene, items, plant, scene.pilot.clone()).ok()?;
-                statistics_of(&trace, &nominal).ok()
-            })();
-            tick();
-            row
-        })
+        .map_init(
+            || Trace::new(scene.survey.clone()),
+            |trace, job| {
+                let row = (|| {
+                    let mut plant = jittered(scene.plant(job.seed)).ok()?;
+                    if let Some((spec, theta)) = &job.effect {
+                        plant.effects = with_effect(plant.effects, spec, theta).ok()?;
+                    }
+                    fly_observed_into(trace, scene, items, plant, scene.pilot.clone()).ok()?;
+                    statistics_of(trace, &nominal).ok()
+                })();
+                tick();
+                row
+            },
+        )
         .collect()
 }
 

@@ -35,8 +35,21 @@ pub fn fly_observed(
     plant: PlantConfig,
     pilot: PilotConfig,
 ) -> Result<Trace, NotFlown> {
+    let mut trace = Trace::new(scene.survey.clone());
+    fly_observed_into(&mut trace, scene, items, plant, pilot)?;
+    Ok(trace)
+}
+
+/// The same into a trace that is there, for flights by the thousand; what it held is gone.
+pub fn fly_observed_into(
+    trace: &mut Trace,
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    plant: PlantConfig,
+    pilot: PilotConfig,
+) -> Result<(), NotFlown> {
     let plant = Plant::new(plant).map_err(NotFlown::Plant)?;
-    Ok(fly_in_world(scene, items, plant, pilot)?)
+    Ok(fly_into(trace, scene, items, plant, pilot)?)
 }
 
 /// Flies in any world.
@@ -47,6 +60,19 @@ pub fn fly_in_world<W: World>(
     pilot: PilotConfig,
 ) -> Result<Trace, FlightError> {
     let mut trace = Trace::new(scene.survey.clone());
+    fly_into(&mut trace, scene, items, world, pilot)?;
+    Ok(trace)
+}
+
+fn fly_into<W: World>(
+    trace: &mut Trace,
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    world: W,
+    pilot: PilotConfig,
+) -> Result<(), FlightError> {
+    trace.clear();
+    trace.survey.clone_from(&scene.survey);
     let mut lockstep = Lockstep::in_world(world, pilot, &scene.survey, None);
     let (mut crashed, mut carried_s) = (false, 0.0);
     // What is not looked at need not be flown.
@@ -62,5 +88,5 @@ pub fn fly_in_world<W: World>(
     trace.landed = Some(landed);
     trace.crashed = Some(crashed);
     trace.carried_s = Some(carried_s);
-    Ok(trace)
+    Ok(())
 }

@@ -11,11 +11,12 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use rayon::prelude::*;
 
 use super::bank::{Bank, Draw, EffectDraws};
-use super::fly::fly_observed;
+use super::fly::fly_observed_into;
 use super::library;
 use super::nominal::Nominal;
 use super::scene::Scene;
 use super::statistics::{specs, statistics_of};
+use super::trace::Trace;
 use crate::checks::Problems;
 use crate::frames::Vec3;
 use crate::model::PlantConfig;
@@ -94,11 +95,14 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
     let done = AtomicUsize::new(0);
     let rows: Vec<Option<(Vec<f64>, f64)>> = jobs
         .par_iter()
-        .map(|(seed, kind)| {
-            let row = fly(recipe, &nominal, *seed, kind);
-            progress(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
-            row
-        })
+        .map_init(
+            || Trace::new(recipe.scene.survey.clone()),
+            |trace, (seed, kind)| {
+                let row = fly(recipe, &nominal, *seed, kind, trace);
+                progress(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
+                row
+            },
+        )
         .collect();
     let mut bank =
         Bank { names: specs().iter().map(|s| s.name.clone()).collect(), ..Bank::default() };
@@ -153,9 +157,15 @@ fn jobs(recipe: &Recipe<'_>) -> Vec<(u64, Kind)> {
 /// A flight that is diagnosed came to its landing, or is looked at as far as it came. So must those of the
 /// bank: a vehicle on its side has statistics too, and they are the same for every effect that fells it. An
 /// effect too strong for the mission is drawn weaker until it is flown.
-fn fly(recipe: &Recipe<'_>, nominal: &Nominal, seed: u64, kind: &Kind) -> Option<(Vec<f64>, f64)> {
+fn fly(
+    recipe: &Recipe<'_>,
+    nominal: &Nominal,
+    seed: u64,
+    kind: &Kind,
+    trace: &mut Trace,
+) -> Option<(Vec<f64>, f64)> {
     let Kind::Effect { place, theta } = kind else {
-        return flown(recipe, nominal, seed, kind, None).map(|row| (row, 1.0));
+        return flown(recipe, nominal, seed, kind, None, trace).map(|row| (row, 1.0));
     };
     let spec = recipe.library[*place];
     SHARES.iter().find_map(|share| {
@@ -163,7 +173,7 @@ fn fly(recipe: &Recipe<'_>, nominal: &Nominal, seed: u64, kind: &Kind) -> Option
             1.0 => theta.clone(),
             _ => library::at_share(spec, theta, *share),
         };
-        flown(recipe, nominal, seed, kind, Some((spec, &theta))).map(|row| (row, *share))
+        flown(recipe, nominal, seed, kind, Some((spec, &theta)), trace).map(|row| (row, *share))
     })
 }
 
@@ -173,6 +183,7 @@ fn flown(
     seed: u64,
     kind: &Kind,
     effect: Option<(&EffectSpec, &[f64])>,
+    trace: &mut Trace,
 ) -> Option<Vec<f64>> {
     let mut plant = recipe.scene.plant(seed);
     // Every flight of the bank but the seeds has jitter: an effect does not come on a perfect vehicle.
@@ -182,14 +193,15 @@ fn flown(
     if let Some((spec, theta)) = effect {
         plant.effects = with_effect(plant.effects, spec, theta).ok()?;
     }
-    let trace = fly_observed(recipe.scene, recipe.items, plant, recipe.scene.pilot.clone()).ok()?;
+    let pilot = recipe.scene.pilot.clone();
+    fly_observed_into(trace, recipe.scene, recipe.items, plant, pilot).ok()?;
     // A healthy vehicle that the floor carried for a while says nothing of healthy flight. With an effect it may
     // be the effect that set it down.
     let carried = effect.is_none() && trace.carried_s.is_some_and(|carried_s| carried_s > 0.0);
     if carried || !trace.came_as_far_as(recipe.scene.until_s) {
         return None;
     }
-    statistics_of(&trace, nominal).ok()
+    statistics_of(trace, nominal).ok()
 }
 
 /// An effect on, with all its values.

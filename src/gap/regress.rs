@@ -30,12 +30,14 @@ impl Ridge {
             return;
         }
         for i in 0..self.n {
-            if x[i] == 0.0 {
+            let xi = x[i];
+            if xi == 0.0 {
                 continue;
             }
-            self.right[i] += x[i] * y;
-            for j in 0..=i {
-                self.normal[i * self.n + j] += x[i] * x[j];
+            self.right[i] += xi * y;
+            let lower = &mut self.normal[i * self.n..=i * self.n + i];
+            for (sum, xj) in lower.iter_mut().zip(x) {
+                *sum += xi * xj;
             }
         }
     }

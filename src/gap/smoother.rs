@@ -16,6 +16,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 use super::timeline::{STEP_S, Timeline};
 use super::trace::Trace;
 use crate::frames::G_MPS2;
+use crate::topics::UwbRecord;
 
 /// Number of states: p, v, b, β.
 const N: usize = 10;
@@ -59,12 +60,10 @@ pub struct Smoothed {
     pub bias_B_mps2: Vector3<f64>,
     /// Angle from room north to the board's north, rad.
     pub north_rad: f64,
-    /// Variances of p, v, b, β.
-    pub var: [f64; N],
 }
 
 /// One TDOA on the grid.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct GridTdoa {
     /// Point of the grid at or before it, and share of the step.
     pub k: usize,
@@ -87,25 +86,33 @@ pub enum Positions {
     Reference,
 }
 
-/// TDOA of known anchors on the grid, in order of time.
+/// TDOA of known anchors on the grid, point by point; within one in the order in which they came.
 pub fn grid_tdoa(trace: &Trace, line: &Timeline) -> Vec<GridTdoa> {
     let ids = trace.survey.ids();
     let mut index = [usize::MAX; 256];
     for (i, id) in ids.iter().enumerate() {
         index[usize::from(id.0)] = i;
     }
-    let mut all: Vec<GridTdoa> = trace
-        .uwb
-        .iter()
-        .filter_map(|r| {
-            let (k, share) = line.place(r.tdoa.valid_at)?;
-            let a = index[usize::from(r.tdoa.anchor_a.0)];
-            let b = index[usize::from(r.tdoa.anchor_b.0)];
-            let known = a < ids.len() && b < ids.len() && r.tdoa.distance_diff_m.is_finite();
-            known.then_some(GridTdoa { k, share, a, b, z_m: r.tdoa.distance_diff_m })
-        })
-        .collect();
-    all.sort_by_key(|m| m.k);
+    let known = |r: &UwbRecord| {
+        let (k, share) = line.place(r.tdoa.valid_at)?;
+        let a = index[usize::from(r.tdoa.anchor_a.0)];
+        let b = index[usize::from(r.tdoa.anchor_b.0)];
+        let known = a < ids.len() && b < ids.len() && r.tdoa.distance_diff_m.is_finite();
+        known.then_some(GridTdoa { k, share, a, b, z_m: r.tdoa.distance_diff_m })
+    };
+    // They come nearly in order: counted per point and put in place, twice through a list that is long.
+    let mut next = vec![0; line.len() + 1];
+    for m in trace.uwb.iter().filter_map(known) {
+        next[m.k + 1] += 1;
+    }
+    for k in 1..next.len() {
+        next[k] += next[k - 1];
+    }
+    let mut all = vec![GridTdoa::default(); next[line.len()]];
+    for m in trace.uwb.iter().filter_map(known) {
+        all[next[m.k]] = m;
+        next[m.k] += 1;
+    }
     all
 }
 
@@ -123,26 +130,25 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// By how much the smoothed position would move at each point if every TDOA changed; `right` is
-    /// the sum of weight times gradient times change over a step's measurements.
-    pub fn respond(&self, right: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    /// By how much the smoothed position would move at each point if every TDOA changed, for `M` changes at
+    /// once; a column of `right` is the sum of weight times gradient times change over a step's measurements.
+    pub fn respond<const M: usize>(&self, right: &[SMatrix<f64, 3, M>]) -> Vec<SMatrix<f64, 3, M>> {
         let n = right.len().min(self.gain.len());
-        let (mut prior, mut post) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        let mut x = Vec10::zeros();
+        let mut post = Vec::with_capacity(n);
+        let mut x = SMatrix::<f64, N, M>::zeros();
         for (k, right) in right.iter().take(n).enumerate() {
             if k > 0 {
-                x = self.step[k - 1] * x;
+                x = apply(&self.step[k - 1], &x);
             }
-            prior.push(x);
             if let Some((gain, inverse)) = &self.gain[k] {
                 x += gain * (inverse * right - x.fixed_rows::<3>(0));
             }
             post.push(x);
         }
-        let mut out = vec![Vector3::zeros(); n];
+        let mut out = vec![SMatrix::zeros(); n];
         for k in (0..n).rev() {
             if k + 1 < n {
-                x = post[k] + self.back[k] * (x - prior[k + 1]);
+                x = post[k] + self.back[k] * (x - apply(&self.step[k], &post[k]));
             }
             out[k] = x.fixed_rows::<3>(0).into_owned();
         }
@@ -172,16 +178,25 @@ pub fn smooth(
     let mut P = Mat::from_diagonal(&Vec10::from_fn(|i, _| std(i).powi(2)));
     let mut prior = Vec::with_capacity(n);
     let mut post = Vec::with_capacity(n);
-    let mut gains = Gains { weight: vec![0.0; tdoa.len()], ..Gains::default() };
+    let mut gains = Gains {
+        step: Vec::with_capacity(n),
+        gain: Vec::with_capacity(n),
+        back: Vec::with_capacity(n),
+        weight: vec![0.0; tdoa.len()],
+    };
     let by_air_z_m = heights_by_air(trace, line, rest_z_m);
     let references = reference_points(trace, line, positions);
     let mut m = 0;
     for k in 0..n {
         if k > 0 {
+            let P_post = P;
             let F = predict(&mut x, &mut P, line, k - 1);
+            // C = P_post Fᵀ P_prior⁻¹
+            let back = P.cholesky().map(|chol| chol.solve(&apply(&F, &P_post)).transpose());
+            gains.back.push(back.unwrap_or_else(Mat::zeros));
             gains.step.push(F);
         }
-        prior.push((x, P));
+        prior.push(x);
         if positions == Positions::Reference {
             if let Some(p) = references[k] {
                 update(&mut x, &mut P, Matrix3::identity() / STD_REFERENCE_M.powi(2), p);
@@ -197,9 +212,9 @@ pub fn smooth(
             let found = gather(&mut x, &mut P, &tdoa[first..m], sites_E_m, by_air_z_m[k], weights);
             gains.gain.push(found);
         }
-        post.push((x, P));
+        post.push(x);
     }
-    let states = backward(&prior, &post, &mut gains);
+    let states = backward(&prior, &post, &gains);
     (states, gains)
 }
 
@@ -266,9 +281,9 @@ fn predict(x: &mut Vec10, P: &mut Mat, line: &Timeline, k: usize) -> Mat {
 }
 
 /// `F M`, knowing which entries of the transition are not those of the identity.
-fn apply(F: &Mat, M: &Mat) -> Mat {
+fn apply<const C: usize>(F: &Mat, M: &SMatrix<f64, N, C>) -> SMatrix<f64, N, C> {
     let mut out = *M;
-    for c in 0..N {
+    for c in 0..C {
         for i in 0..3 {
             let (mut p, mut v) = (F[(i, 3 + i)] * M[(3 + i, c)], 0.0);
             for j in 6..N {
@@ -350,28 +365,20 @@ fn update(
     Some(K)
 }
 
-fn backward(prior: &[(Vec10, Mat)], post: &[(Vec10, Mat)], gains: &mut Gains) -> Vec<Smoothed> {
+fn backward(prior: &[Vec10], post: &[Vec10], gains: &Gains) -> Vec<Smoothed> {
     let n = post.len();
     let mut out = vec![Smoothed::default(); n];
-    let Some(&(mut x, mut P)) = post.last() else { return out };
-    gains.back = vec![Mat::zeros(); n];
+    let mut x = Vec10::zeros();
     for k in (0..n).rev() {
-        if k + 1 < n {
-            let (x_post, P_post) = &post[k];
-            let (x_prior, P_prior) = &prior[k + 1];
-            // C = P_post Fᵀ P_prior⁻¹
-            let Some(chol) = P_prior.cholesky() else { continue };
-            let C = chol.solve(&apply(&gains.step[k], P_post)).transpose();
-            gains.back[k] = C;
-            x = x_post + C * (x - x_prior);
-            P = P_post + C * (P - P_prior) * C.transpose();
-        }
+        x = match (gains.back.get(k), prior.get(k + 1)) {
+            (Some(C), Some(x_prior)) => post[k] + C * (x - x_prior),
+            _ => post[k],
+        };
         out[k] = Smoothed {
             pos_E_m: x.fixed_rows::<3>(0).into_owned(),
             vel_E_mps: x.fixed_rows::<3>(3).into_owned(),
             bias_B_mps2: x.fixed_rows::<3>(6).into_owned(),
             north_rad: x[9],
-            var: std::array::from_fn(|i| P[(i, i)]),
         };
     }
     out

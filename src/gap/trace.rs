@@ -88,6 +88,23 @@ impl Trace {
         }
     }
 
+    /// Empties it for the next flight. The memory stays: a flight fills tens of megabytes, and to have them from the
+    /// system anew for each of thousands costs as much time as a stage of the diagnosis.
+    pub fn clear(&mut self) {
+        self.imu.clear();
+        self.uwb.clear();
+        self.estimates.clear();
+        self.controls.clear();
+        self.batteries.clear();
+        self.attitudes.clear();
+        self.baros.clear();
+        self.modes.clear();
+        self.references.clear();
+        self.health.clear();
+        self.texts.clear();
+        (self.landed, self.crashed, self.carried_s) = (None, None, None);
+    }
+
     /// How much of the mission was flown; `None`: there was none.
     pub fn mission_part(&self) -> Option<MissionPart> {
         let begun = self.modes.iter().position(|m| m.mode == Mode::Mission.name())?;

@@ -5,7 +5,7 @@
 //! how much each anchor's own error would explain: as a constant, a displacement, a ramp, an error
 //! near the floor, or in one place.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{Channel, Flight, Sheet};
 use crate::gap::regress::{Ridge, cholesky_solve, log, moments};
@@ -108,19 +108,25 @@ pub fn put(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) -> Vec<AnchorId> 
     anchors
 }
 
-/// Sums of one window: `UᵀU`, `Uᵀr`, `UᵀJ`.
+/// Sums of one window: `UᵀU`, `Uᵀr`, and `UᵀJ` of each anchor.
 struct Window {
     uu: Matrix3<f64>,
     ur: Vector3<f64>,
-    uj: Vec<Vector3<f64>>,
+    uj: Vec<[Vector3<f64>; COLUMNS]>,
+}
+
+/// Normal equations of one anchor, which is asked alone: lower triangle and right side.
+#[derive(Clone, Copy, Default)]
+struct Normal {
+    jj: [[f64; COLUMNS]; COLUMNS],
+    jr: [f64; COLUMNS],
 }
 
 fn scan(f: &Flight<'_>, rows: &Rows) -> Scan {
-    let columns = COLUMNS * f.sites_E_m.len();
-    let mut normal = vec![0.0; columns * columns];
-    let mut right = vec![0.0; columns];
-    let mut w =
-        Window { uu: Matrix3::zeros(), ur: Vector3::zeros(), uj: vec![Vector3::zeros(); columns] };
+    let anchors = f.sites_E_m.len();
+    let mut normal = vec![Normal::default(); anchors];
+    let uj = vec![[Vector3::zeros(); COLUMNS]; anchors];
+    let mut w = Window { uu: Matrix3::zeros(), ur: Vector3::zeros(), uj };
     let mut window = usize::MAX;
     for (i, m) in f.tdoa.iter().enumerate() {
         let r = rows.r_m[i];
@@ -129,7 +135,7 @@ fn scan(f: &Flight<'_>, rows: &Rows) -> Scan {
             continue;
         }
         if m.k / WINDOW != window {
-            close(&mut w, &mut normal, &mut right);
+            close(&mut w, &mut normal);
             window = m.k / WINDOW;
         }
         let (h, p) = (rows.h[i], rows.p[i]);
@@ -139,43 +145,40 @@ fn scan(f: &Flight<'_>, rows: &Rows) -> Scan {
         w.ur += h * (r * weight);
         let t_min = f.line.t_s[m.k] / 60.0 - 0.75;
         let low = (1.0 - f.height_m[m.k] / LOW_M).clamp(0.0, 1.0);
-        let mut x = [[0.0; COLUMNS]; 2];
-        for (x, (n, sign)) in x.iter_mut().zip([(m.a, -1.0), (m.b, 1.0)]) {
+        for (n, sign) in [(m.a, -1.0), (m.b, 1.0)] {
             let d = p - f.sites_E_m[n];
             let u = d / d.norm().max(0.05);
             let low = if -f.sites_E_m[n].z < LOW_ANCHOR_M { low } else { 0.0 };
-            *x = [sign, -sign * u.x, -sign * u.y, -sign * u.z, sign * t_min, sign * low];
-        }
-        let (a, b) = (m.a * COLUMNS, m.b * COLUMNS);
-        for c in 0..COLUMNS {
-            right[a + c] += x[0][c] * r * weight;
-            right[b + c] += x[1][c] * r * weight;
-            w.uj[a + c] += h * (x[0][c] * weight);
-            w.uj[b + c] += h * (x[1][c] * weight);
-            // Only the blocks on the diagonal are read: an anchor is asked alone.
-            for e in 0..COLUMNS {
-                normal[(a + c) * columns + a + e] += x[0][c] * x[0][e] * weight;
-                normal[(b + c) * columns + b + e] += x[1][c] * x[1][e] * weight;
+            let x: [f64; COLUMNS] =
+                [sign, -sign * u.x, -sign * u.y, -sign * u.z, sign * t_min, sign * low];
+            let (normal, uj) = (&mut normal[n], &mut w.uj[n]);
+            for c in 0..COLUMNS {
+                let weighted = x[c] * weight;
+                normal.jr[c] += weighted * r;
+                uj[c] += h * weighted;
+                for (sum, x) in normal.jj[c].iter_mut().zip(&x[..=c]) {
+                    *sum += weighted * x;
+                }
             }
         }
     }
-    close(&mut w, &mut normal, &mut right);
+    close(&mut w, &mut normal);
     let kinds = std::array::from_fn(|kind| {
         let range = KINDS[kind].1.clone();
-        let mut found: Vec<_> = (0..f.sites_E_m.len())
-            .map(|n| {
-                let size = range.len();
+        let (first, size) = (range.start, range.len());
+        let mut found: Vec<_> = normal
+            .iter()
+            .enumerate()
+            .map(|(n, normal)| {
                 let mut a = vec![0.0; size * size];
-                let mut g = vec![0.0; size];
-                for (i, c) in range.clone().enumerate() {
-                    let row = n * COLUMNS + c;
-                    g[i] = right[row];
-                    for (j, e) in range.clone().enumerate() {
-                        a[i * size + j] = normal[row * columns + n * COLUMNS + e];
+                for i in 0..size {
+                    for j in 0..=i {
+                        a[i * size + j] = normal.jj[first + i][first + j];
                     }
-                    a[i * size + i] += PRIOR[c].powi(-2);
+                    a[i * size + i] += PRIOR[first + i].powi(-2);
                 }
-                let b = cholesky_solve(size, &a, &g).unwrap_or_else(|| vec![0.0; size]);
+                let g = &normal.jr[range.clone()];
+                let b = cholesky_solve(size, &a, g).unwrap_or_else(|| vec![0.0; size]);
                 let gain = g.iter().zip(&b).map(|(g, b)| g * b).sum::<f64>();
                 let size =
                     if size == 1 { b[0] } else { b.iter().map(|b| b * b).sum::<f64>().sqrt() };
@@ -193,21 +196,21 @@ fn scan(f: &Flight<'_>, rows: &Rows) -> Scan {
 }
 
 /// Takes the window's free position out of the normal equations, and empties it.
-fn close(w: &mut Window, normal: &mut [f64], right: &mut [f64]) {
-    let n = right.len();
+fn close(w: &mut Window, normal: &mut [Normal]) {
     let Some(inverse) = (w.uu + Matrix3::identity() * 1e-3).try_inverse() else { return };
     let shift = inverse * w.ur;
-    for c in 0..n {
-        right[c] -= w.uj[c].dot(&shift);
-        let block = c / COLUMNS * COLUMNS;
-        let moved = inverse * w.uj[c];
-        for e in block..block + COLUMNS {
-            normal[c * n + e] -= moved.dot(&w.uj[e]);
+    for (normal, uj) in normal.iter_mut().zip(&mut w.uj) {
+        for c in 0..COLUMNS {
+            normal.jr[c] -= uj[c].dot(&shift);
+            let moved = inverse * uj[c];
+            for (sum, uj) in normal.jj[c].iter_mut().zip(&uj[..=c]) {
+                *sum -= moved.dot(uj);
+            }
         }
+        *uj = [Vector3::zeros(); COLUMNS];
     }
     w.uu = Matrix3::zeros();
     w.ur = Vector3::zeros();
-    w.uj.fill(Vector3::zeros());
 }
 
 /// Voxel of the floor plan.
@@ -268,13 +271,13 @@ fn whole(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) {
     if let Some((f, rows)) = f {
         let x = global_regressors(f, rows);
         // What of each error would be left after the smoother had bent the position to it.
-        let mut right = vec![vec![Vector3::zeros(); f.len()]; GLOBALS];
+        let mut right = vec![SMatrix::<f64, 3, GLOBALS>::zeros(); f.len()];
         for ((m, x), (h, w)) in f.tdoa.iter().zip(&x).zip(rows.h.iter().zip(f.gains.weights())) {
-            for (right, x) in right.iter_mut().zip(x) {
-                right[m.k] += h * (w * x);
+            for (mut right, x) in right[m.k].column_iter_mut().zip(x) {
+                right += h * (w * x);
             }
         }
-        let moved: Vec<_> = right.iter().map(|right| f.gains.respond(right)).collect();
+        let moved = f.gains.respond(&right);
         let prior: Vec<f64> = NAMES.iter().map(|n| n.4).collect();
         let mut fit = Ridge::new(&prior, 1.0);
         for (i, (m, x)) in f.tdoa.iter().zip(&x).enumerate() {
@@ -282,8 +285,9 @@ fn whole(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) {
             if i % 2 == 1 || !f.clear[m.k] {
                 continue;
             }
+            let moved = &moved[m.k];
             let left: [f64; GLOBALS] =
-                std::array::from_fn(|j| x[j] - rows.h[i].dot(&moved[j][m.k]));
+                std::array::from_fn(|j| x[j] - rows.h[i].dot(&moved.column(j)));
             fit.row(&left, rows.r_m[i].clamp(-0.6, 0.6));
         }
         b = fit.solve();
