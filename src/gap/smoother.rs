@@ -8,7 +8,8 @@
 //! board's north (rad). TDOA enter with Huber weights, gathered per step: they see the position
 //! alone, so a step's measurements are one 3-vector. Near the floor the paths of low anchors are bent
 //! (effect N17) and count little; air pressure, from the rest before the flight, then holds the
-//! height. Forward filter, then Rauch-Tung-Striebel.
+//! height. Forward filter, then Rauch-Tung-Striebel (AIAA Journal 3, 1965) for the states alone:
+//! `x_k = x⁺_k + C_k (x_k+1 - x⁻_k+1)`, `C_k = P⁺_k Fᵀ (P⁻_k+1)⁻¹`; nobody reads the smoothed covariance.
 //! Units of noise below; valid for whatever the IMU can follow.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
@@ -191,7 +192,7 @@ pub fn smooth(
         if k > 0 {
             let P_post = P;
             let F = predict(&mut x, &mut P, line, k - 1);
-            // C = P_post Fᵀ P_prior⁻¹
+            // C; where the prior is not positive, the later state says nothing about this one.
             let back = P.cholesky().map(|chol| chol.solve(&apply(&F, &P_post)).transpose());
             gains.back.push(back.unwrap_or_else(Mat::zeros));
             gains.step.push(F);

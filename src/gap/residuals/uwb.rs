@@ -195,7 +195,8 @@ fn scan(f: &Flight<'_>, rows: &Rows) -> Scan {
     scan
 }
 
-/// Takes the window's free position out of the normal equations, and empties it.
+/// Takes the window's free position out of the normal equations, and empties it: with `U` its columns (Schur
+/// complement) `JᵀJ - JᵀU (UᵀU)⁻¹ UᵀJ` and `Jᵀr - JᵀU (UᵀU)⁻¹ Uᵀr`.
 fn close(w: &mut Window, normal: &mut [Normal]) {
     let Some(inverse) = (w.uu + Matrix3::identity() * 1e-3).try_inverse() else { return };
     let shift = inverse * w.ur;
