@@ -140,9 +140,7 @@ pub fn edit_scenario(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<Str
     let table = format!("effects.on.{}", spec.id);
     let mut new = text.to_owned();
     for (p, value) in spec.parameters.iter().zip(theta) {
-        let whole = p.name == "anchor" || p.name == "wall";
-        let value = if whole { value.round() } else { *value };
-        new = set_key(&new, &table, p.name, &number(value))?;
+        new = set_key(&new, &table, p.name, &number(p.told(*value)))?;
     }
     // Read as the simulator reads it.
     let parsed: toml::Table = toml::from_str(&new).map_err(|e| EditError::Parse(e.to_string()))?;

@@ -335,10 +335,9 @@ impl Hypothesis {
             .iter()
             .zip(self.theta.iter().zip(&self.theta_90))
             .map(|(p, (best, [low, high]))| {
-                let choice = p.name == "anchor" || p.name == "wall";
                 // An interval that is none, or not known, has no inside.
-                if k == 0 || choice || high.partial_cmp(low) != Some(Ordering::Greater) {
-                    return if choice { best.round() } else { *best };
+                if k == 0 || p.is_choice() || high.partial_cmp(low) != Some(Ordering::Greater) {
+                    return p.told(*best);
                 }
                 rng.between(*low, *high)
             })

@@ -320,9 +320,9 @@ fn effect(workshop: &Workshop, named: &Named) -> Effect {
             .zip(named.theta.iter().zip(&named.theta_90))
             .map(|(p, (value, [low, high]))| Parameter {
                 name: p.name.to_owned(),
-                value: *value,
-                low: *low,
-                high: *high,
+                value: p.told(*value),
+                low: p.told(*low),
+                high: p.told(*high),
                 unit: p.unit.to_owned(),
             })
             .collect(),

@@ -98,6 +98,16 @@ impl ParameterSpec {
         Self { name, unit, off, default, low, high, doc, source: Source::List }
     }
 
+    /// Whether it says which one, as the place of an anchor in the survey does, and not how much.
+    pub fn is_choice(&self) -> bool {
+        matches!(self.name, "anchor" | "wall")
+    }
+
+    /// `value` as it is told and written down: there is nothing between two choices.
+    pub fn told(&self, value: f64) -> f64 {
+        if self.is_choice() { value.round() } else { value }
+    }
+
     /// The parameter is a number of the vehicle file.
     pub const fn of_vehicle(mut self, field: fn(&mut Vehicle) -> &mut f64) -> Self {
         self.source = Source::Vehicle(field);
@@ -146,5 +156,23 @@ pub struct EffectSpec {
 impl std::fmt::Debug for EffectSpec {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} {}", self.id, self.name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::model::effects::ALL;
+
+    /// A verdict of two effects said "anchor = 0.52", and what was accepted of it was anchor 1.
+    #[test]
+    fn bug_a_choice_was_told_as_a_number_between_two() {
+        let mut choices = 0;
+        for p in ALL.iter().flat_map(|spec| spec.parameters) {
+            let which = p.doc.contains("ascending id") || p.name == "wall";
+            assert_eq!(p.is_choice(), which, "{}: {}", p.name, p.doc);
+            assert_eq!(p.told(0.52), if which { 1.0 } else { 0.52 });
+            choices += usize::from(which);
+        }
+        assert!(choices >= 5, "{choices}");
     }
 }
