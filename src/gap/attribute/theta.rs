@@ -1,10 +1,16 @@
-//! Parameters of an effect on the unit cube: log-uniform where the range asks for it, and the
-//! features that signatures depend on.
+//! Parameters of an effect on the unit cube: log-uniform where the range asks for it, whole numbers where draws have no
+//! others (which anchor, which wall), and the features that signatures depend on.
 
 use crate::model::random::Stream;
 
 /// A positive range at least this wide, as a ratio, is drawn and searched on a logarithmic scale.
 const LOG_RATIO: f64 = 3.0;
+
+/// A parameter that is a whole number in every draw and has fewer values than this is a choice: more anchors than a room has.
+const MOST_CHOICES: f64 = 32.0;
+/// Feature of a choice that is made. Of the others it is zero: two choices are as far apart as the ends of a range and
+/// half as much again, whichever they are.
+const CHOSEN: f64 = 2.0;
 
 /// Range of one parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -12,14 +18,20 @@ pub(super) struct Range {
     low: f64,
     high: f64,
     log: bool,
+    /// A choice of one of some: nothing lies between two of them, and the next one is no nearer than the last.
+    choice: bool,
 }
 
 impl Range {
     /// Range of the parameter in the draws.
-    fn of(values: impl Iterator<Item = f64>) -> Self {
-        let (low, high) =
-            values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
-        Self { low, high, log: low > 0.0 && high > LOG_RATIO * low }
+    fn of(values: impl Iterator<Item = f64> + Clone) -> Self {
+        let (low, high) = values
+            .clone()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        let width = high - low;
+        let mut values = values;
+        let choice = width > 0.0 && width < MOST_CHOICES && values.all(|v| v.fract() == 0.0);
+        Self { low, high, log: !choice && low > 0.0 && high > LOG_RATIO * low, choice }
     }
 
     fn to_unit(self, value: f64) -> f64 {
@@ -37,10 +49,15 @@ impl Range {
 
     fn value(self, unit: f64) -> f64 {
         if self.log {
-            self.low * (self.high / self.low).powf(unit)
-        } else {
-            self.low + (self.high - self.low) * unit
+            return self.low * (self.high / self.low).powf(unit);
         }
+        let value = self.low + (self.high - self.low) * unit;
+        if self.choice { value.round() } else { value }
+    }
+
+    /// Choices that there are.
+    fn choices(self) -> usize {
+        if self.choice { (self.high - self.low) as usize + 1 } else { 0 }
     }
 
     /// Place of "no effect" when the range lies on both sides of it.
@@ -79,10 +96,19 @@ impl Space {
         self.ranges.iter().zip(unit).map(|(r, u)| r.value(*u)).collect()
     }
 
-    /// Features: each parameter on -1 to 1; where zero lies inside the range, its size as well
+    /// Features: each parameter on -1 to 1; a choice by one feature for each that there is; where zero lies inside the range, its size as well
     /// (slots sorted by size depend on it); for two or more of those, their length.
     pub fn features(&self, unit: &[f64]) -> Vec<f64> {
-        let mut out: Vec<f64> = unit.iter().map(|u| 2.0 * u - 1.0).collect();
+        let mut out = Vec::new();
+        for (r, u) in self.ranges.iter().zip(unit) {
+            let chosen = r.value(*u) - r.low;
+            match r.choices() {
+                0 => out.push(2.0 * u - 1.0),
+                count => {
+                    out.extend((0..count).map(|k| if k as f64 == chosen { CHOSEN } else { 0.0 }))
+                }
+            }
+        }
         let mut squares = Vec::new();
         for (r, u) in self.ranges.iter().zip(unit) {
             if let Some(zero) = r.zero() {
@@ -132,6 +158,22 @@ mod tests {
         let back = space.to_unit(&space.value(&[0.3, 0.7]));
         assert!((back[0] - 0.3).abs() < 1e-12 && (back[1] - 0.7).abs() < 1e-12);
         assert_eq!(space.features(&[0.5, 0.4])[2], -1.0, "size of a zero parameter");
+    }
+
+    #[test]
+    fn prop_choices_are_whole_and_equally_far_apart() {
+        let thetas = [[0.0, 0.1], [5.0, 0.2], [7.0, 0.9]];
+        let space = Space::of(&[&thetas[0], &thetas[1], &thetas[2]]);
+        for theta in &thetas {
+            assert_eq!(space.value(&space.to_unit(theta))[0], theta[0]);
+        }
+        assert_eq!(space.value(&[0.49, 0.5])[0], 3.0);
+        let apart = |a: f64, b: f64| -> f64 {
+            let [a, b] = [a, b].map(|v| space.features(&space.to_unit(&[v, 0.5])));
+            a.iter().zip(&b).map(|(x, y)| (x - y).powi(2)).sum()
+        };
+        assert_eq!(apart(0.0, 1.0), apart(0.0, 7.0));
+        assert_eq!((apart(3.0, 3.0), apart(2.0, 6.0)), (0.0, 2.0 * CHOSEN * CHOSEN));
     }
 
     #[test]
