@@ -26,6 +26,7 @@ mod manoeuvres;
 pub mod matrix;
 pub mod missions;
 pub mod nominal;
+mod normal;
 pub mod onset;
 pub mod outcome;
 pub mod outside;

@@ -11,6 +11,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::normal;
 use crate::model::random::Stream;
 
 /// Resamples of an interval.
@@ -225,7 +226,7 @@ fn bca(parts: &[[f64; 3]], statistic: impl Fn(&[[f64; 3]]) -> f64, seed: u64) ->
     drawn.sort_by(f64::total_cmp);
     let below = drawn.iter().filter(|v| **v < whole).count() as f64;
     let m = drawn.len() as f64;
-    let bias = normal_quantile((below / m).clamp(0.5 / m, 1.0 - 0.5 / m));
+    let bias = normal::quantile((below / m).clamp(0.5 / m, 1.0 - 0.5 / m));
     let left_out: Vec<f64> = (0..n)
         .map(|i| {
             let rows: Vec<[f64; 3]> =
@@ -241,35 +242,10 @@ fn bca(parts: &[[f64; 3]], statistic: impl Fn(&[[f64; 3]]) -> f64, seed: u64) ->
     let bend = if sums.1 > 0.0 { sums.0 / (6.0 * sums.1.powf(1.5)) } else { 0.0 };
     let end = |z: f64| {
         let moved = bias + (bias + z) / (1.0 - bend * (bias + z));
-        let rank = (normal_share(moved) * m) as usize;
+        let rank = (normal::share(moved) * m) as usize;
         drawn.get(rank.min(drawn.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
     };
     [end(-1.959_964), end(1.959_964)]
-}
-
-/// Φ(z), Abramowitz & Stegun 26.2.17, error below 7.5e-8.
-fn normal_share(z: f64) -> f64 {
-    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let poly = t
-        * (0.319_381_530
-            + t * (-0.356_563_782
-                + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
-    let tail = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() * poly;
-    if z >= 0.0 { 1.0 - tail } else { tail }
-}
-
-/// Φ⁻¹(p) by bisection.
-fn normal_quantile(p: f64) -> f64 {
-    let (mut low, mut high) = (-8.0, 8.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if normal_share(middle) < p {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    0.5 * (low + high)
 }
 
 #[cfg(test)]

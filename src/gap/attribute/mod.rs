@@ -76,7 +76,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            false_alarm: 0.03,
+            false_alarm: 0.02,
             false_rejection: 0.05,
             false_second: 0.03,
             coverage: 0.9,
@@ -143,10 +143,6 @@ pub struct BlockScore {
 /// No-gap gate.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Gate {
-    /// Best log evidence over "no effect", and its limit.
-    pub gain: f64,
-    /// Limit of `gain` from held-out null flights.
-    pub gain_limit: f64,
     /// Normal score of the whole distance, and its limit.
     pub distance: f64,
     /// Limit of `distance` from held-out null flights.

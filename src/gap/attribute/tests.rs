@@ -182,7 +182,7 @@ fn prop_order_units_and_a_noise_statistic_change_nothing() {
         let blocks: Vec<_> = (0..width).map(|j| blocks[j.min(23)]).collect();
         Attributor::new(&b, &[], &[], &blocks, &settings).unwrap().attribute(&f)
     };
-    let best = |a: &Attribution| (a.candidates[0].id.clone(), a.gate.gain);
+    let best = |a: &Attribution| (a.candidates[0].id.clone(), a.candidates[0].log_evidence);
     let (id, gain) = best(&plain);
     for (what, other, slack) in [
         ("units", changed(&|r, _| r.iter_mut().for_each(|v| *v *= -1e3)), 0.02),

@@ -117,11 +117,11 @@ pub(super) fn limits(
         [] => reference_scores(teachers, settings, allowed),
         flights => calibration_scores(teachers, settings, allowed, flights),
     };
+    // Two ways to raise an alarm share the allowance.
+    let share = 1.0 - settings.false_alarm / 2.0;
     let gate = if judged.len() >= LEAST_JUDGED {
-        Limit::new(&judged.iter().collect::<Vec<_>>(), Rule::Few)
+        Limit::new(&judged.iter().collect::<Vec<_>>(), Rule::Few(share))
     } else {
-        // Three ways to raise an alarm share the allowance.
-        let share = 1.0 - settings.false_alarm / 3.0;
         Limit::new(&nulls.iter().map(|n| &n.seen).collect::<Vec<_>>(), Rule::Share(share))
     };
     let seen: Vec<&Trial> = trials.iter().filter(|t| gate.gate(&t.seen).open()).collect();

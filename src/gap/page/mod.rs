@@ -93,7 +93,6 @@ pub fn render(d: &Diagnosis) -> String {
         );
         let (gate, adequacy) = (&attribution.gate, &attribution.adequacy);
         for (name, found, limit) in [
-            ("Gate: log evidence of the best effect over none", gate.gain, gate.gain_limit),
             ("Gate: normal score of the whole distance", gate.distance, gate.distance_limit),
             ("Gate: loudest effect, in sigma of healthy flights", gate.effect, gate.effect_limit),
             (
