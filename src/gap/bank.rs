@@ -10,6 +10,9 @@ pub struct Draw {
     pub theta: Vec<f64>,
     /// Seed of the flight.
     pub seed: u64,
+    /// Place in [`Bank::jitter`] of its twin: the same vehicle, noise and start, without the effect. What the two
+    /// differ by is the effect's alone. `None`: there is none, and only the mean over flights compares.
+    pub twin: Option<usize>,
     /// Statistics; NaN where the flight could not say.
     pub statistics: Vec<f64>,
 }
@@ -60,6 +63,18 @@ pub enum BankError {
         found: Vec<f64>,
         /// Length of the first draw.
         expected: usize,
+    },
+    /// A twin that the bank does not hold.
+    #[error("effect {id}: draw {draw}: twin {twin}, the bank holds {nulls} flights with jitter")]
+    Twin {
+        /// Effect.
+        id: String,
+        /// Place of the draw.
+        draw: usize,
+        /// Place of the twin.
+        twin: usize,
+        /// Flights with jitter.
+        nulls: usize,
     },
     /// Too little to estimate anything from.
     #[error("{what}: {found}, at least {least} needed")]
@@ -130,6 +145,10 @@ impl Bank {
                     let (id, found) = (id.clone(), d.theta.clone());
                     return Err(BankError::Theta { id, draw, found, expected });
                 }
+                if let Some(twin) = d.twin.filter(|twin| *twin >= self.jitter.len()) {
+                    let (id, nulls) = (id.clone(), self.jitter.len());
+                    return Err(BankError::Twin { id, draw, twin, nulls });
+                }
             }
         }
         Ok(())
@@ -142,7 +161,12 @@ mod tests {
 
     #[test]
     fn prop_a_bank_says_what_is_wrong_with_it() {
-        let draw = |v: f64| Draw { theta: vec![v], seed: 1, statistics: vec![0.0, f64::NAN] };
+        let draw = |v: f64| Draw {
+            theta: vec![v],
+            seed: 1,
+            twin: Some(0),
+            statistics: vec![0.0, f64::NAN],
+        };
         let good = Bank {
             names: vec!["a".into(), "b".into()],
             seeds: vec![vec![0.0; 2]; 8],

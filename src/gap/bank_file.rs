@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::bank::{Bank, BankError, Draw, EffectDraws};
 use super::kept_file::{self, KeptFileError, Kind};
 
-const KIND: Kind = Kind { what: "bank", magic: b"HALTBANK", version: 1 };
+const KIND: Kind = Kind { what: "bank", magic: b"HALTBANK", version: 2 };
 
 /// What can be wrong with a bank file.
 #[derive(Debug, thiserror::Error)]
@@ -43,8 +43,8 @@ struct OnDisk {
 #[serde(deny_unknown_fields)]
 struct EffectOnDisk {
     id: String,
-    /// θ, seed, statistics.
-    draws: Vec<(Vec<f64>, u64, Row)>,
+    /// θ, seed, twin, statistics.
+    draws: Vec<(Vec<f64>, u64, Option<usize>, Row)>,
 }
 
 pub(super) fn to_disk(rows: &[f64]) -> Row {
@@ -59,7 +59,11 @@ fn contents(bank: &Bank) -> OnDisk {
     let rows = |rows: &[Vec<f64>]| rows.iter().map(|r| to_disk(r)).collect();
     let effects = bank.effects.iter().map(|e| EffectOnDisk {
         id: e.id.clone(),
-        draws: e.draws.iter().map(|d| (d.theta.clone(), d.seed, to_disk(&d.statistics))).collect(),
+        draws: e
+            .draws
+            .iter()
+            .map(|d| (d.theta.clone(), d.seed, d.twin, to_disk(&d.statistics)))
+            .collect(),
     });
     OnDisk {
         names: bank.names.clone(),
@@ -88,7 +92,7 @@ pub fn read(path: &Path) -> Result<(Bank, u64), BankFileError> {
         draws: e
             .draws
             .into_iter()
-            .map(|(theta, seed, row)| Draw { theta, seed, statistics: from_disk(row) })
+            .map(|(theta, seed, twin, row)| Draw { theta, seed, twin, statistics: from_disk(row) })
             .collect(),
     });
     let bank = Bank {
@@ -106,8 +110,12 @@ mod tests {
     use super::*;
 
     fn bank() -> Bank {
-        let draw =
-            Draw { theta: vec![0.1 + 0.2], seed: u64::MAX, statistics: vec![1e-300, f64::NAN] };
+        let draw = Draw {
+            theta: vec![0.1 + 0.2],
+            seed: u64::MAX,
+            twin: Some(3),
+            statistics: vec![1e-300, f64::NAN],
+        };
         Bank {
             names: vec!["a".into(), "b".into()],
             seeds: vec![vec![1.0 / 3.0, -0.0]; 12],

@@ -77,7 +77,12 @@ pub struct Recipe<'a> {
 enum Kind {
     Seed,
     Jitter,
-    Effect { place: usize, theta: Vec<f64> },
+    /// `twin`: place among the flights with jitter of the one with the same seed.
+    Effect {
+        place: usize,
+        theta: Vec<f64>,
+        twin: Option<usize>,
+    },
 }
 
 /// A bank, and what could not be flown for it.
@@ -111,12 +116,17 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
         bank.effects.push(EffectDraws { id: spec.id.to_owned(), draws: Vec::new() });
     }
     let mut lost: Vec<(String, usize)> = Vec::new();
+    // Where the flights with jitter went, of those that were flown.
+    let mut kept: Vec<Option<usize>> = Vec::new();
     for ((seed, kind), row) in jobs.into_iter().zip(rows) {
         let Some((statistics, share)) = row else {
             let id = match &kind {
                 Kind::Effect { place, .. } => recipe.library[*place].id,
                 _ => "",
             };
+            if matches!(kind, Kind::Jitter) {
+                kept.push(None);
+            }
             match lost.iter_mut().find(|(of, _)| of == id) {
                 Some((_, count)) => *count += 1,
                 None => lost.push((id.to_owned(), 1)),
@@ -125,33 +135,51 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
         };
         match kind {
             Kind::Seed => bank.seeds.push(statistics),
-            Kind::Jitter => bank.jitter.push(statistics),
-            Kind::Effect { place, theta } => {
+            Kind::Jitter => {
+                kept.push(Some(bank.jitter.len()));
+                bank.jitter.push(statistics);
+            }
+            Kind::Effect { place, theta, twin } => {
                 let theta = match share {
                     1.0 => theta,
                     _ => library::at_share(recipe.library[place], &theta, share),
                 };
-                bank.effects[place].draws.push(Draw { theta, seed, statistics });
+                let twin = twin.and_then(|twin| kept.get(twin).copied().flatten());
+                bank.effects[place].draws.push(Draw { theta, seed, twin, statistics });
             }
         }
     }
     Made { bank, lost }
 }
 
+/// Seeds and flights. A flight with jitter comes before those that it is the twin of.
+///
+/// **Twins.** What an effect does is far less than what jitter and noise do, until it is large. A flight with an effect has
+/// the seed of a flight without one, so that both have the same constants, noise and start (common random numbers;
+/// Glasserman and Yao 1992), and differ by the effect alone.
 fn jobs(recipe: &Recipe<'_>) -> Vec<(u64, Kind)> {
     let BankSize { seeds, jitter, draws } = recipe.size;
-    let mut kinds = vec![Kind::Seed; seeds];
-    kinds.resize(seeds + jitter, Kind::Jitter);
+    // Far apart, so that neighbouring banks share no seed.
+    let first = recipe.seed.wrapping_mul(1_000_003);
+    let seed = |k: usize| first.wrapping_add(k as u64);
+    let mut jobs: Vec<(u64, Kind)> = (0..seeds).map(|k| (seed(k), Kind::Seed)).collect();
+    jobs.extend((0..jitter).map(|k| (seed(seeds + k), Kind::Jitter)));
     let anchors = recipe.scene.survey.ids().len();
+    let twins = jitter - jitter % FOLDS;
     for (place, spec) in recipe.library.iter().enumerate() {
         let mut rng = Stream::new(recipe.seed, spec.id);
         let thetas = library::draws(spec, &recipe.scene.room, anchors, draws, &mut rng);
-        kinds.extend(thetas.into_iter().map(|theta| Kind::Effect { place, theta }));
+        for (k, theta) in thetas.into_iter().enumerate() {
+            let twin = (place * draws.next_multiple_of(FOLDS) + k).checked_rem(twins);
+            let of = twin.map_or_else(|| jobs.len(), |twin| seeds + twin);
+            jobs.push((seed(of), Kind::Effect { place, theta, twin }));
+        }
     }
-    // Far apart, so that neighbouring banks share no seed.
-    let first = recipe.seed.wrapping_mul(1_000_003);
-    kinds.into_iter().enumerate().map(|(k, kind)| (first.wrapping_add(k as u64), kind)).collect()
+    jobs
 }
+
+/// Twins fall into the same fold when flights are held out by any of 2, 3 and 4 folds.
+const FOLDS: usize = 12;
 
 /// Flies one flight of the bank: its statistics, and at what share of the drawn size.
 ///
@@ -165,7 +193,7 @@ fn fly(
     kind: &Kind,
     trace: &mut Trace,
 ) -> Option<(Vec<f64>, f64)> {
-    let Kind::Effect { place, theta } = kind else {
+    let Kind::Effect { place, theta, .. } = kind else {
         return flown(recipe, nominal, seed, kind, None, trace).map(|row| (row, 1.0));
     };
     let spec = recipe.library[*place];

@@ -6,11 +6,11 @@ use rayon::prelude::*;
 use super::Settings;
 use super::evidence::{Fit, Sufficient};
 use super::forest::{Forest, Row};
-use super::linear::Noise;
+use super::linear::{Noise, matrix};
 use super::open_set::Left;
 use super::surrogate::{Law, Surrogate};
-use super::whiten::{Standard, Whitening, compressed};
-use crate::gap::bank::Bank;
+use super::whiten::{Standard, Whitening, compress, compressed};
+use crate::gap::bank::{Bank, Draw};
 
 /// Which flights of a bank teach: all, or all but one fold.
 #[derive(Debug, Clone, Copy)]
@@ -73,29 +73,31 @@ impl Library {
         let whitening = Whitening::new(standard, spreading, references);
         // Draws compare with the flights they differ from by the effect alone.
         let base = if seeds.is_empty() || settings.jittered { spreading } else { &seeds };
-        let rows: Vec<Vec<f64>> = base.iter().map(|r| compressed(&plain.raw(r))).collect();
-        let base_z = whitening.apply_rows(&rows);
-        let mean: DVector<f64> = base_z.row_mean().transpose();
-        let variance: DVector<f64> = base_z.row_variance().transpose();
+        let null = |row: &[f64]| compressed(&plain.raw(row));
+        let base: Vec<Vec<f64>> = base.iter().map(|r| null(r)).collect();
+        let mean: Vec<f64> = matrix(&base, whitening.width()).row_mean().iter().copied().collect();
+        let variance: DVector<f64> = whitening.apply_rows(&base).row_variance().transpose();
         let law = Law { form: settings.form, whitening: &whitening };
         let effects: Vec<Surrogate> = bank
             .effects
             .par_iter()
             .map(|effect| {
-                let kept: Vec<_> = effect
+                let kept: Vec<&Draw> = effect
                     .draws
                     .iter()
                     .enumerate()
                     .filter(|(i, _)| part.teaches(*i))
                     .map(|(_, d)| d)
                     .collect();
-                let raw: Vec<Vec<f64>> = kept.iter().map(|d| plain.raw(&d.statistics)).collect();
-                let mut z = whitening.apply_rows(&filled(raw));
-                for mut row in z.row_iter_mut() {
-                    row -= &mean.transpose();
-                }
+                let off = |d: &&Draw| {
+                    let twin = d.twin.and_then(|twin| bank.jitter.get(twin)).map(|t| plain.raw(t));
+                    difference(&plain.raw(&d.statistics), twin.as_deref(), &mean)
+                };
+                let z = whitening.apply_rows(&filled(kept.iter().map(off).collect()));
                 let thetas: Vec<&[f64]> = kept.iter().map(|d| d.theta.as_slice()).collect();
-                Surrogate::new(&thetas, &z, &variance, Some(&law))
+                let alone = kept.iter().all(|d| d.twin.is_some());
+                let noise = if alone { variance.map(|_| 0.0) } else { variance.clone() };
+                Surrogate::new(&thetas, &z, &noise, Some(&law))
             })
             .collect();
         let forest = forest(bank, part, &whitening.standard, &plain, spreading, references);
@@ -189,16 +191,25 @@ fn forest(
     Forest::new(&rows, bank.effects.len() + 1)
 }
 
+/// Compressed, what a draw differs by from its twin, or from the mean without one; NaN where either is unknown.
+fn difference(draw: &[f64], twin: Option<&[f64]>, mean: &[f64]) -> Vec<f64> {
+    let base = |k: usize| match twin {
+        Some(twin) => compress(twin[k]),
+        None => mean[k],
+    };
+    draw.iter().enumerate().map(|(k, v)| compress(*v) - base(k)).collect()
+}
+
 /// Unknown statistics of a draw become the mean of the effect's other draws.
-fn filled(mut raw: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
-    let width = raw.first().map_or(0, Vec::len);
+fn filled(mut rows: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    let width = rows.first().map_or(0, Vec::len);
     for k in 0..width {
-        let known: Vec<f64> = raw.iter().map(|r| r[k]).filter(|v| v.is_finite()).collect();
+        let known: Vec<f64> = rows.iter().map(|r| r[k]).filter(|v| v.is_finite()).collect();
         let mean =
             if known.is_empty() { 0.0 } else { known.iter().sum::<f64>() / known.len() as f64 };
-        for row in raw.iter_mut().filter(|r| !r[k].is_finite()) {
+        for row in rows.iter_mut().filter(|r| !r[k].is_finite()) {
             row[k] = mean;
         }
     }
-    raw.iter().map(|r| compressed(r)).collect()
+    rows
 }

@@ -3,7 +3,7 @@
 use super::Settings;
 use super::blocks::Groups;
 use super::library::{Library, Part};
-use crate::gap::bank::{Bank, LEAST_NULLS};
+use crate::gap::bank::{Bank, Draw, LEAST_NULLS};
 use crate::model::effects::Block;
 use crate::model::random::Stream;
 
@@ -32,8 +32,9 @@ impl<'a> Teachers<'a> {
             let mean = known.iter().sum::<f64>() / n;
             (mean, known.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n)
         };
-        let base = if bank.seeds.is_empty() { &bank.jitter } else { &bank.seeds };
-        let mean = (0..width).map(|j| moments(base, j).0).collect();
+        // Jitter is even to both sides: together they know the middle best.
+        let nulls: Vec<Vec<f64>> = bank.seeds.iter().chain(&bank.jitter).cloned().collect();
+        let mean = (0..width).map(|j| moments(&nulls, j).0).collect();
         // A draw holds the noise of its seed; jitter holds that and more.
         let (mut sum, mut count) = (0.0_f64, 0.0_f64);
         for j in 0..width {
@@ -90,15 +91,6 @@ impl<'a> Teachers<'a> {
         kept.map(|(_, r)| r.as_slice()).collect()
     }
 
-    /// A draw with the jitter of a null flight.
-    pub fn shaken(&self, draw: &[f64], null: &[f64]) -> Vec<f64> {
-        let off = |j: usize| {
-            let off = self.lacking * (null[j] - self.mean[j]);
-            if off.is_finite() { off } else { 0.0 }
-        };
-        draw.iter().enumerate().map(|(j, v)| v + off(j)).collect()
-    }
-
     /// A flight of the bank as the airframe of the reference flights would have flown it: what it
     /// differs by from a nominal flight, by `share`, on a reference flight. Without references: as
     /// it is.
@@ -113,14 +105,33 @@ impl<'a> Teachers<'a> {
             .collect()
     }
 
-    /// A draw by another law of the same effect: what it differs by is off by `law`, relative, and
+    /// What a draw differs by from the same flight without the effect, by another law of it: off by `law`, relative, and
     /// independently in every statistic.
-    pub fn bent(&self, draw: &[f64], law: f64, rng: &mut Stream) -> Vec<f64> {
-        draw.iter().zip(&self.mean).map(|(v, m)| m + (v - m) * (1.0 + law * rng.normal())).collect()
+    pub fn effect(&self, draw: &Draw, law: f64, rng: &mut Stream) -> Vec<f64> {
+        let twin = draw.twin.and_then(|twin| self.bank.jitter.get(twin));
+        let base = twin.unwrap_or(&self.mean);
+        let bent = |(v, b): (&f64, &f64)| (v - b) * (1.0 + law * rng.normal());
+        draw.statistics.iter().zip(base).map(bent).collect()
     }
 
-    /// A flight with the effects of two draws.
-    pub fn sum(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
-        a.iter().zip(b).zip(&self.mean).map(|((a, b), m)| a + b - m).collect()
+    /// The flight that draws would have been without their effects. `which`: of the references; `null`: a null flight, for
+    /// draws without a twin.
+    pub fn without_effect(&self, draw: &Draw, which: usize, null: Option<&[f64]>) -> Vec<f64> {
+        match draw.twin.and_then(|twin| self.bank.jitter.get(twin)) {
+            Some(twin) => self.placed(twin, which, HALF),
+            // The noise of its seed is in what such a draw differs by: only what jitter does is missing.
+            None if !self.references.is_empty() => self.placed(&self.mean, which, 0.0),
+            None => {
+                let null = null.unwrap_or(&self.mean);
+                let off = |(v, m): (&f64, &f64)| {
+                    m + Some(self.lacking * (v - m)).filter(|o| o.is_finite()).unwrap_or(0.0)
+                };
+                null.iter().zip(&self.mean).map(off).collect()
+            }
+        }
     }
 }
+
+/// A null flight of the bank, placed on the airframe, keeps this much of its own deviation: the
+/// airframe has its constants already.
+pub(super) const HALF: f64 = 0.5;

@@ -166,11 +166,25 @@ impl Toy {
                     .map(|k| {
                         let theta = self.theta(e);
                         let statistics = self.flight(&[(e, theta.clone())], false, false);
-                        Draw { theta, seed: k as u64, statistics }
+                        Draw { theta, seed: k as u64, twin: None, statistics }
                     })
                     .collect(),
             })
             .collect();
         Bank { names, seeds, jitter, effects }
+    }
+
+    /// The same bank, its draws flown as twins of its flights with jitter.
+    pub fn twinned(&self, bank: &Bank) -> Bank {
+        let mut bank = bank.clone();
+        for (e, effect) in bank.effects.iter_mut().enumerate() {
+            for (k, draw) in effect.draws.iter_mut().enumerate() {
+                let twin = (e * self.size.draws + k) % bank.jitter.len();
+                let off = self.out(&self.signature(e, &draw.theta, false));
+                draw.twin = Some(twin);
+                draw.statistics = bank.jitter[twin].iter().zip(off).map(|(v, o)| v + o).collect();
+            }
+        }
+        bank
     }
 }

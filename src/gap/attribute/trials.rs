@@ -19,6 +19,7 @@ use super::gate::{Limit, Rule, Seen};
 use super::library::{Library, Part};
 use super::open_set::{Judge, features, score};
 use super::pairs;
+use super::teachers::HALF;
 use super::{Settings, Teachers};
 use crate::gap::bank::Draw;
 use crate::model::effects::Block;
@@ -58,10 +59,6 @@ pub(super) struct Limits {
     /// Flights that the limits come from: nulls, singles, pairs.
     pub flights: [usize; 3],
 }
-
-/// A null flight of the bank, placed on the airframe, keeps this much of its own deviation: the
-/// airframe has its constants already.
-const HALF: f64 = 0.5;
 
 struct Null {
     seen: Seen,
@@ -243,16 +240,16 @@ fn flights(teachers: &Teachers<'_>, part: Part, jitter: &[&[f64]], law: f64) -> 
     let folds = part.held_out.map_or(1, |(_, folds)| folds);
     let mut next = 0;
     let mut rng = Stream::new(part.held_out.map_or(0, |(fold, _)| fold as u64), "another law");
-    let mut shaken = |statistics: &[f64]| -> Vec<f64> {
+    let mut flown = |draws: &[&Draw]| -> Vec<f64> {
         next += 1;
-        let statistics = &teachers.bent(statistics, law, &mut rng);
-        if !teachers.references.is_empty() {
-            return teachers.placed(statistics, next, 1.0);
+        let null = jitter.get(next % jitter.len().max(1)).copied();
+        let mut flight =
+            draws.first().map_or_else(Vec::new, |d| teachers.without_effect(d, next, null));
+        for draw in draws {
+            let effect = teachers.effect(draw, law, &mut rng);
+            flight.iter_mut().zip(effect).for_each(|(v, off)| *v += off);
         }
-        match jitter.get(next % jitter.len().max(1)) {
-            Some(row) => teachers.shaken(statistics, row),
-            None => statistics.to_vec(),
-        }
+        flight
     };
     let held: Vec<Vec<&Draw>> = teachers
         .bank
@@ -269,7 +266,7 @@ fn flights(teachers: &Teachers<'_>, part: Part, jitter: &[&[f64]], law: f64) -> 
             known.push(Known {
                 effect,
                 theta: draw.theta.clone(),
-                statistics: shaken(&draw.statistics),
+                statistics: flown(&[draw]),
                 search: (k + effect).is_multiple_of(PAIRED_ONE_IN),
                 double: false,
             });
@@ -285,7 +282,7 @@ fn flights(teachers: &Teachers<'_>, part: Part, jitter: &[&[f64]], law: f64) -> 
             known.push(Known {
                 effect: a,
                 theta: x.theta.clone(),
-                statistics: shaken(&teachers.sum(&x.statistics, &y.statistics)),
+                statistics: flown(&[x, y]),
                 search: true,
                 double: true,
             });

@@ -25,7 +25,9 @@ fn workshop(moved: usize) -> Workshop {
     let jitter = (0..60).map(|_| row(0.0)).collect();
     let mut effect = |id: &str, shift: f64| EffectDraws {
         id: id.to_owned(),
-        draws: (0..8).map(|seed| Draw { theta: vec![0.1], seed, statistics: row(shift) }).collect(),
+        draws: (0..8)
+            .map(|seed| Draw { theta: vec![0.1], seed, twin: None, statistics: row(shift) })
+            .collect(),
     };
     let effects = vec![effect("P1", 30.0), effect("A9", 0.0)];
     let scene = Scene::lab().unwrap();
