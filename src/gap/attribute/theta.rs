@@ -1,6 +1,7 @@
 //! Parameters of an effect on the unit cube: log-uniform where the range asks for it, whole numbers where draws have no
 //! others (which anchor, which wall), and the features that signatures depend on.
 
+use crate::gap::bank::LEAST_DRAWS;
 use crate::model::random::Stream;
 
 /// A positive range at least this wide, as a ratio, is drawn and searched on a logarithmic scale.
@@ -11,6 +12,9 @@ const MOST_CHOICES: f64 = 32.0;
 /// Feature of a choice that is made. Of the others it is zero: two choices are as far apart as the ends of a range and
 /// half as much again, whichever they are.
 const CHOSEN: f64 = 2.0;
+
+/// Of a range of one sign, the end near zero is at least this share of the least draw.
+const LEAST_SHARE: f64 = 0.5;
 
 /// Range of one parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,15 +27,22 @@ pub(super) struct Range {
 }
 
 impl Range {
-    /// Range of the parameter in the draws.
+    /// Range that draws of a parameter come from. Draws are stratified, one in each of `count` equal parts: the ends lie up to
+    /// one part beyond the outermost. Without that, a size at the end of what is plausible is outside of every interval.
     fn of(values: impl Iterator<Item = f64> + Clone) -> Self {
+        let count = values.clone().count();
         let (low, high) = values
             .clone()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         let width = high - low;
-        let mut values = values;
-        let choice = width > 0.0 && width < MOST_CHOICES && values.all(|v| v.fract() == 0.0);
-        Self { low, high, log: !choice && low > 0.0 && high > LOG_RATIO * low, choice }
+        let choice =
+            width > 0.0 && width < MOST_CHOICES && values.clone().all(|v| v.fract() == 0.0);
+        let log = !choice && low > 0.0 && high > LOG_RATIO * low;
+        let part = if choice || count < LEAST_DRAWS { 0.0 } else { width / (count as f64 - 1.0) };
+        // A size has one sign.
+        let low = if low > 0.0 { (low - part).max(LEAST_SHARE * low) } else { low - part };
+        let high = if high < 0.0 { (high + part).min(LEAST_SHARE * high) } else { high + part };
+        Self { low, high, log, choice }
     }
 
     fn to_unit(self, value: f64) -> f64 {
@@ -74,7 +85,7 @@ pub(super) struct Space {
 }
 
 impl Space {
-    /// As wide as the draws.
+    /// As wide as what the draws come from.
     pub fn of(thetas: &[&[f64]]) -> Self {
         let d = thetas.first().map_or(0, |t| t.len());
         let range = |k: usize| Range::of(thetas.iter().filter_map(|t| t.get(k).copied()));
@@ -158,6 +169,25 @@ mod tests {
         let back = space.to_unit(&space.value(&[0.3, 0.7]));
         assert!((back[0] - 0.3).abs() < 1e-12 && (back[1] - 0.7).abs() < 1e-12);
         assert_eq!(space.features(&[0.5, 0.4])[2], -1.0, "size of a zero parameter");
+    }
+
+    /// Sizes at the ends of what is plausible were outside of every interval: 40 draws of 0.05 to 0.22 began at 0.054.
+    #[test]
+    fn bug_the_ends_of_what_is_drawn_lie_inside() {
+        let inside = |low: f64, high: f64| {
+            let draws: Vec<[f64; 1]> =
+                (0..40).map(|k| [low + (high - low) * (f64::from(k) + 0.5) / 40.0]).collect();
+            let refs: Vec<&[f64]> = draws.iter().map(|d| d.as_slice()).collect();
+            let space = Space::of(&refs);
+            let ends = [space.value(&[0.0])[0], space.value(&[1.0])[0]];
+            let most = 0.03 * (high - low);
+            assert!(ends[0] <= low && ends[0] > low - most, "{ends:?} of {low} to {high}");
+            assert!(ends[1] >= high && ends[1] < high + most, "{ends:?} of {low} to {high}");
+            ends
+        };
+        inside(0.05, 0.22);
+        inside(-3.0, 2.0);
+        assert!(inside(0.001, 10.0)[0] > 0.0 && inside(-10.0, -0.001)[1] < 0.0, "one sign");
     }
 
     #[test]
