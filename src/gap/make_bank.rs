@@ -50,7 +50,7 @@ pub struct BankSize {
 
 impl Default for BankSize {
     /// Some 2200 flights with the standard library: four to five minutes on two cores, where GAP.md 2.8 allows
-    /// three. What fewer and more of them are worth: docs/GAP_SCORES.md, run 32. GAP.md asks for 200 seeds (2.3);
+    /// three. What fewer and more of them are worth: docs/GAP_SCORES.md, runs 32 to 34. GAP.md asks for 200 seeds (2.3);
     /// seeds and jitter together are 480 here, and jitter is what limits rest on.
     fn default() -> Self {
         Self { seeds: 120, jitter: 360, draws: 40 }

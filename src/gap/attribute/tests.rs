@@ -144,7 +144,8 @@ fn prop_another_law_bends_what_an_effect_does_and_nothing_else() {
     let (bank, blocks) = (toy.bank(), toy.blocks());
     let teachers = super::teachers::Teachers::new(&bank, &[], &blocks);
     let mut rng = crate::model::random::Stream::new(17, "other law");
-    let nominal = |j: usize| bank.seeds.iter().map(|s| s[j]).sum::<f64>() / bank.seeds.len() as f64;
+    let nulls = || bank.seeds.iter().chain(&bank.jitter);
+    let nominal = |j: usize| nulls().map(|s| s[j]).sum::<f64>() / nulls().count() as f64;
     let mut squares = Vec::new();
     for draw in bank.effects.iter().flat_map(|e| &e.draws) {
         let off: Vec<f64> =

@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn prop_unit_and_value_are_inverse_and_log_ranges_are_log() {
-        let (a, b) = ([0.1, -2.0], [10.0, 3.0]);
+        let (a, b) = ([0.1, -2.2], [10.0, 3.3]);
         let space = Space::of(&[&a, &b]);
         assert!((space.value(&[0.5, 0.4])[0] - 1.0).abs() < 1e-12);
         let back = space.to_unit(&space.value(&[0.3, 0.7]));
@@ -183,11 +183,13 @@ mod tests {
             let most = 0.03 * (high - low);
             assert!(ends[0] <= low && ends[0] > low - most, "{ends:?} of {low} to {high}");
             assert!(ends[1] >= high && ends[1] < high + most, "{ends:?} of {low} to {high}");
-            ends
         };
         inside(0.05, 0.22);
         inside(-3.0, 2.0);
-        assert!(inside(0.001, 10.0)[0] > 0.0 && inside(-10.0, -0.001)[1] < 0.0, "one sign");
+        // A size keeps its sign, and a logarithmic range does not begin at nothing.
+        let wide: Vec<[f64; 1]> = (0..40).map(|k| [0.1 + 0.25 * f64::from(k)]).collect();
+        let refs: Vec<&[f64]> = wide.iter().map(|d| d.as_slice()).collect();
+        assert!((Space::of(&refs).value(&[0.0])[0] - 0.05).abs() < 1e-12);
     }
 
     #[test]
