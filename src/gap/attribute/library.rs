@@ -71,7 +71,7 @@ impl Library {
         let spreading =
             if jitter.len() >= crate::gap::bank::LEAST_NULLS { &jitter } else { &nulls };
         let whitening = Whitening::new(standard, spreading, references);
-        // Draws compare with the flights they differ from by the effect alone.
+        // Draws without a twin compare with the flights that they differ from by the effect and the seed.
         let base = if seeds.is_empty() || settings.jittered { spreading } else { &seeds };
         let null = |row: &[f64]| compressed(&plain.raw(row));
         let base: Vec<Vec<f64>> = base.iter().map(|r| null(r)).collect();
@@ -82,21 +82,24 @@ impl Library {
             .effects
             .par_iter()
             .map(|effect| {
-                let kept: Vec<&Draw> = effect
-                    .draws
-                    .iter()
-                    .enumerate()
-                    .filter(|(i, _)| part.teaches(*i))
-                    .map(|(_, d)| d)
-                    .collect();
+                let teaches = effect.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i));
+                let mut kept: Vec<&Draw> = teaches.map(|(_, d)| d).collect();
+                // A twin that could not be flown leaves a draw that differs by its noise as well: one of many.
+                let twins = kept.iter().filter(|d| d.twin.is_some()).count();
+                let paired = twins >= LEAST_TWINS.max(kept.len().div_ceil(2));
+                kept.retain(|d| !paired || d.twin.is_some());
                 let off = |d: &&Draw| {
-                    let twin = d.twin.and_then(|twin| bank.jitter.get(twin)).map(|t| plain.raw(t));
+                    let twin = d
+                        .twin
+                        .filter(|_| paired)
+                        .and_then(|twin| bank.jitter.get(twin))
+                        .map(|t| plain.raw(t));
                     difference(&plain.raw(&d.statistics), twin.as_deref(), &mean)
                 };
                 let z = whitening.apply_rows(&filled(kept.iter().map(off).collect()));
                 let thetas: Vec<&[f64]> = kept.iter().map(|d| d.theta.as_slice()).collect();
-                let alone = kept.iter().all(|d| d.twin.is_some());
-                let noise = if alone { variance.map(|_| 0.0) } else { variance.clone() };
+                // What twins differ by holds no noise of seeds.
+                let noise = if paired { variance.map(|_| 0.0) } else { variance.clone() };
                 Surrogate::new(&thetas, &z, &noise, Some(&law))
             })
             .collect();
@@ -149,6 +152,9 @@ impl Library {
         Left { squared: noise.squared(&residual), peak: noise.peak(&residual) }
     }
 }
+
+/// Fewer draws with a twin say less than all draws without.
+const LEAST_TWINS: usize = 4;
 
 /// Rows of a draw in the forest, each with the deviation of another accepted flight.
 const COPIES: usize = 3;
