@@ -20,6 +20,7 @@ use super::discriminate::{Clouds, correct};
 use super::experiments::{EXPERIMENTS, Experiment, Means, Reading};
 use super::library;
 use super::missions::wire;
+use super::normal;
 use super::scene::Scene;
 use crate::model::effects::EffectSpec;
 use crate::model::random::Stream;
@@ -292,7 +293,7 @@ fn flown(
         for (spec, rows) in remaining.untested.iter().zip(untested) {
             let pair = vec![rows, nulls.clone()];
             let shown = Clouds::new(&nulls, &pair)
-                .map_or(0.0, |c| share_above(c.squared(0, 1).sqrt() - ALARM_SIGMA));
+                .map_or(0.0, |c| normal::share(c.squared(0, 1).sqrt() - ALARM_SIGMA));
             advice.would_show.push((spec.id.to_owned(), shown));
         }
     }
@@ -443,21 +444,11 @@ fn shown_on_the_bench(remaining: &Remaining, readings: &[Reading]) -> Vec<(Strin
             let theta: Vec<f64> = spec.parameters.iter().map(|p| p.default).collect();
             let squared: f64 =
                 readings.iter().map(|r| (shows(r, spec, &theta) / r.resolution).powi(2)).sum();
-            let seen = if squared > 0.0 { share_above(squared.sqrt() - ALARM_SIGMA) } else { 0.0 };
+            let seen =
+                if squared > 0.0 { normal::share(squared.sqrt() - ALARM_SIGMA) } else { 0.0 };
             (spec.id.to_owned(), seen)
         })
         .collect()
-}
-
-/// Φ(z), Abramowitz & Stegun 26.2.17.
-fn share_above(z: f64) -> f64 {
-    let t = 1.0 / (1.0 + 0.231_641_9 * z.abs());
-    let poly = t
-        * (0.319_381_530
-            + t * (-0.356_563_782
-                + t * (1.781_477_937 + t * (-1.821_255_978 + t * 1.330_274_429))));
-    let tail = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() * poly;
-    if z >= 0.0 { 1.0 - tail } else { tail }
 }
 
 /// Flights per candidate when a flown experiment is judged: a centre must be known better than for a

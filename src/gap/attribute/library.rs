@@ -153,7 +153,7 @@ impl Library {
     }
 }
 
-/// Fewer draws with a twin say less than all draws without.
+/// Fewer draws with a twin say less than all draws without: two for each parameter of a line (judgement).
 const LEAST_TWINS: usize = 4;
 
 /// Rows of a draw in the forest, each with the deviation of another accepted flight.

@@ -53,10 +53,11 @@ pub struct Settings {
     pub coverage: f64,
     /// An effect at least this probable, with no merged rival, is named alone.
     pub sure: f64,
-    /// Relative uncertainty of every statistic of a signature in the likelihood: another law of the same effect.
+    /// Relative uncertainty of every statistic of a signature in the likelihood: another law of the same effect. Chosen
+    /// with `law` on labelled flights of another world (docs/GAP_PROTOCOL.md, Development).
     pub form: f64,
     /// What another law of the same effect differs by, relative, in every statistic of the flights that the
-    /// limits of adequacy are learned from. Chosen, not measured: how far apart laws of one effect are (exponential
+    /// limits of adequacy are learned from. Chosen there, not measured: how far apart laws of one effect are (exponential
     /// and rational ground effect, rational and tanh drag, play and dead band) hangs on the flight.
     pub law: f64,
     /// Effects whose parameters are searched; the others are screened at their draws.

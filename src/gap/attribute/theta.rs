@@ -9,11 +9,12 @@ const LOG_RATIO: f64 = 3.0;
 
 /// A parameter that is a whole number in every draw and has fewer values than this is a choice: more anchors than a room has.
 const MOST_CHOICES: f64 = 32.0;
-/// Feature of a choice that is made. Of the others it is zero: two choices are as far apart as the ends of a range and
-/// half as much again, whichever they are.
+/// Feature of a choice that is made. Of the others it is zero: any two choices are 1.4 times as far apart as the ends of
+/// a range, so that a smooth kernel at its short lengths learns each by itself (judgement).
 const CHOSEN: f64 = 2.0;
 
-/// Of a range of one sign, the end near zero is at least this share of the least draw.
+/// Of a range of one sign, the end near zero is at least this share of the least draw: a logarithmic range does not
+/// begin at nothing (judgement).
 const LEAST_SHARE: f64 = 0.5;
 
 /// Range of one parameter.
@@ -107,7 +108,8 @@ impl Space {
         self.ranges.iter().zip(unit).map(|(r, u)| r.value(*u)).collect()
     }
 
-    /// Features: each parameter on -1 to 1; a choice by one feature for each that there is; where zero lies inside the range, its size as well
+    /// Features: each parameter on -1 to 1; a choice by one feature for each that there is; where zero lies inside the
+    /// range, its size as well
     /// (slots sorted by size depend on it); for two or more of those, their length.
     pub fn features(&self, unit: &[f64]) -> Vec<f64> {
         let mut out = Vec::new();
