@@ -1,13 +1,12 @@
-//! From evidences and votes to probabilities that mean what they say.
+//! From evidences to probabilities that mean what they say.
 //!
-//! `p ∝ (1 - w) softmax(log Z / T) + w votes`; `T` and `w` minimise the log loss of held-out draws,
+//! `p ∝ exp(log Z / T)`; `T` minimises the log loss of held-out draws,
 //! then an isotonic map (pool adjacent violators) of the largest `p` to the share of right names.
 
 use serde::{Deserialize, Serialize};
 
-/// Temperatures and weights that are tried.
+/// Temperatures that are tried.
 const TEMPERATURES: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0, 16.0, 25.0];
-const WEIGHTS: [f64; 6] = [0.0, 0.05, 0.1, 0.2, 0.35, 0.5];
 /// Flights of prior weight in every step of the isotonic map: half right.
 const STEP_PRIOR: f64 = 1.0;
 /// Least and largest probability of a name.
@@ -15,11 +14,9 @@ const MOST_SURE: f64 = 0.995;
 
 /// One held-out flight with one known effect.
 #[derive(Debug, Clone)]
-pub(super) struct Vote {
+pub(super) struct Judged {
     /// Log evidence per effect.
     pub log_z: Vec<f64>,
-    /// Votes of the forest per effect.
-    pub votes: Vec<f64>,
     /// The right effect.
     pub truth: usize,
 }
@@ -30,8 +27,6 @@ pub(super) struct Vote {
 pub(super) struct Calibration {
     /// Temperature of the evidences.
     pub temperature: f64,
-    /// Weight of the forest.
-    pub weight: f64,
     /// Steps of the isotonic map: probability before, after; rising.
     steps: Vec<(f64, f64)>,
     /// Conformal limit: cumulated probability up to and with the truth, at the asked coverage.
@@ -40,38 +35,35 @@ pub(super) struct Calibration {
 
 impl Calibration {
     /// Learns from held-out flights. `coverage`: of the set.
-    pub fn new(flights: &[Vote], coverage: f64) -> Self {
-        let mut best = (f64::INFINITY, 3.0, 0.1);
+    pub fn new(flights: &[Judged], coverage: f64) -> Self {
+        let mut best = (f64::INFINITY, 3.0);
         for temperature in TEMPERATURES {
-            for weight in WEIGHTS {
-                let loss: f64 = flights
-                    .iter()
-                    .map(|f| {
-                        let p = mixed(&f.log_z, &f.votes, temperature, weight);
-                        -p.get(f.truth).copied().unwrap_or(0.0).max(1e-6).ln()
-                    })
-                    .sum();
-                if loss < best.0 {
-                    best = (loss, temperature, weight);
-                }
+            let loss: f64 = flights
+                .iter()
+                .map(|f| {
+                    let p = cooled(&f.log_z, temperature);
+                    -p.get(f.truth).copied().unwrap_or(0.0).max(1e-6).ln()
+                })
+                .sum();
+            if loss < best.0 {
+                best = (loss, temperature);
             }
         }
-        let (_, temperature, weight) = best;
+        let (_, temperature) = best;
         let mut tops: Vec<(f64, f64)> = flights
             .iter()
             .map(|f| {
-                let p = mixed(&f.log_z, &f.votes, temperature, weight);
+                let p = cooled(&f.log_z, temperature);
                 let (top, value) = largest(&p);
                 (value, if top == f.truth { 1.0 } else { 0.0 })
             })
             .collect();
         tops.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut calibration =
-            Self { temperature, weight, steps: isotonic(&tops), conformal: coverage };
+        let mut calibration = Self { temperature, steps: isotonic(&tops), conformal: coverage };
         let mut reached: Vec<f64> = flights
             .iter()
             .map(|f| {
-                let p = calibration.posterior(&f.log_z, &f.votes);
+                let p = calibration.posterior(&f.log_z);
                 let own = p.get(f.truth).copied().unwrap_or(0.0);
                 // Sum down to the truth, without it: a set holds it from there on.
                 p.iter().filter(|v| **v > own).sum()
@@ -86,8 +78,8 @@ impl Calibration {
     }
 
     /// Calibrated probabilities.
-    pub fn posterior(&self, log_z: &[f64], votes: &[f64]) -> Vec<f64> {
-        let mut p = mixed(log_z, votes, self.temperature, self.weight);
+    pub fn posterior(&self, log_z: &[f64]) -> Vec<f64> {
+        let mut p = cooled(log_z, self.temperature);
         let (top, before) = largest(&p);
         let after = self.map(before);
         let rest = 1.0 - before;
@@ -134,12 +126,11 @@ impl Calibration {
     }
 }
 
-fn mixed(log_z: &[f64], votes: &[f64], temperature: f64, weight: f64) -> Vec<f64> {
+fn cooled(log_z: &[f64], temperature: f64) -> Vec<f64> {
     let top = log_z.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let raw: Vec<f64> = log_z.iter().map(|v| ((v - top) / temperature).exp()).collect();
     let total: f64 = raw.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-    let vote = |e: usize| votes.get(e).copied().unwrap_or(0.0);
-    raw.iter().enumerate().map(|(e, v)| (1.0 - weight) * v / total + weight * vote(e)).collect()
+    raw.iter().map(|v| v / total).collect()
 }
 
 fn largest(p: &[f64]) -> (usize, f64) {
@@ -177,14 +168,14 @@ mod tests {
     #[test]
     fn prop_overconfident_evidence_is_cooled_and_sets_cover() {
         let mut rng = Stream::new(3, "calibrate");
-        let mut flights = |count: usize| -> Vec<Vote> {
+        let mut flights = |count: usize| -> Vec<Judged> {
             let one = |rng: &mut Stream| {
                 let truth = (rng.uniform() * 8.0) as usize;
                 // Honest log odds times six: a Gaussian score of the truth, two sigma up.
                 let log_z = (0..8)
                     .map(|e| 12.0 * (rng.normal() + if e == truth { 2.0 } else { 0.0 }))
                     .collect();
-                Vote { log_z, votes: vec![0.125; 8], truth }
+                Judged { log_z, truth }
             };
             (0..count).map(|_| one(&mut rng)).collect()
         };
@@ -193,7 +184,7 @@ mod tests {
         let (mut gap, mut covered, mut size) = (0.0, 0, 0);
         let test = flights(2000);
         for f in &test {
-            let p = calibration.posterior(&f.log_z, &f.votes);
+            let p = calibration.posterior(&f.log_z);
             let (top, value) = largest(&p);
             gap += value - if top == f.truth { 1.0 } else { 0.0 };
             let set = calibration.set(&p);

@@ -46,8 +46,7 @@ impl Attributor {
         let width = library.whitening.width();
         let z = library.flight(statistics).z;
         let fits = library.explain(&z, settings.survivors);
-        let votes = library.votes(statistics);
-        let posterior = limits.calibration.posterior(&by_effect(&fits), &votes);
+        let posterior = limits.calibration.posterior(&by_effect(&fits));
         let case = Case { library, z, fits, posterior };
         let gate = Gate {
             material: self.material(library, &case.z),

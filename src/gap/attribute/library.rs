@@ -1,11 +1,10 @@
-//! Everything learned from one part of a bank: whitening, signatures, forest.
+//! Everything learned from one part of a bank: whitening, signatures.
 
 use nalgebra::DVector;
 use rayon::prelude::*;
 
 use super::Settings;
 use super::evidence::{Fit, Sufficient};
-use super::forest::{Forest, Row};
 use super::linear::{Noise, matrix};
 use super::open_set::Left;
 use super::surrogate::{Law, Surrogate};
@@ -40,8 +39,6 @@ pub(super) struct Library {
     pub whitening: Whitening,
     /// One per effect of the bank, in its order.
     pub effects: Vec<Surrogate>,
-    /// Second voter.
-    pub forest: Forest,
 }
 
 impl Library {
@@ -103,23 +100,13 @@ impl Library {
                 Surrogate::new(&thetas, &z, &noise, Some(&law))
             })
             .collect();
-        let forest = forest(bank, part, &whitening.standard, &plain, spreading, references);
-        Self { whitening, effects, forest }
+        Self { whitening, effects }
     }
 
     /// Standardises, compresses and whitens one flight.
     pub fn flight(&self, statistics: &[f64]) -> Flight {
         let raw = self.whitening.standard.raw(statistics);
         Flight { z: self.whitening.apply(&compressed(&raw)) }
-    }
-
-    /// Votes of the forest: per effect, summing to one.
-    pub fn votes(&self, statistics: &[f64]) -> Vec<f64> {
-        let x = compressed(&self.whitening.standard.raw(statistics));
-        let mut votes = self.forest.votes(&x.iter().map(|v| *v as f32).collect::<Vec<_>>());
-        let none = votes.pop().unwrap_or(0.0);
-        let some = (1.0 - none).max(f64::MIN_POSITIVE);
-        votes.iter().map(|v| v / some).collect()
     }
 
     /// Log likelihood of "no effect".
@@ -155,47 +142,6 @@ impl Library {
 
 /// Fewer draws with a twin say less than all draws without: two for each parameter of a line (judgement).
 const LEAST_TWINS: usize = 4;
-
-/// Rows of a draw in the forest, each with the deviation of another accepted flight.
-const COPIES: usize = 3;
-/// The same of a null flight: together they are about a third of all rows.
-const NULL_COPIES: usize = 6;
-
-/// Grows the forest: draws of every effect, and null flights as the last class.
-fn forest(
-    bank: &Bank,
-    part: Part,
-    standard: &Standard,
-    plain: &Standard,
-    nulls: &[&[f64]],
-    references: &[&[f64]],
-) -> Forest {
-    let off: Vec<Vec<f64>> = references.iter().map(|r| standard.raw(r)).collect();
-    let mut next = 0;
-    let mut row = |raw: &[f64], class: usize| -> Row {
-        next += 1;
-        let other = off.get(next % off.len().max(1));
-        let at = |k: usize| {
-            let add = other.and_then(|o| o.get(k)).copied().filter(|v| v.is_finite());
-            raw[k] + add.unwrap_or(0.0)
-        };
-        let moved: Vec<f64> = (0..raw.len()).map(at).collect();
-        (compressed(&moved).iter().map(|v| *v as f32).collect(), class as u16)
-    };
-    let copies = if references.is_empty() { 1 } else { COPIES };
-    let mut rows = Vec::new();
-    for (class, effect) in bank.effects.iter().enumerate() {
-        for (_, draw) in effect.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i)) {
-            let raw = plain.raw(&draw.statistics);
-            rows.extend((0..copies).map(|_| row(&raw, class)));
-        }
-    }
-    for null in nulls {
-        let raw = plain.raw(null);
-        rows.extend((0..NULL_COPIES).map(|_| row(&raw, bank.effects.len())));
-    }
-    Forest::new(&rows, bank.effects.len() + 1)
-}
 
 /// Compressed, what a draw differs by from its twin, or from the mean without one; NaN where either is unknown.
 fn difference(draw: &[f64], twin: Option<&[f64]>, mean: &[f64]) -> Vec<f64> {

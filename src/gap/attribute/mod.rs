@@ -3,7 +3,7 @@
 //!
 //! Synthetic likelihood on statistics that are standardised, compressed and whitened with the
 //! covariance of benign jitter (`whiten`); a surrogate per effect (`surrogate`) and its
-//! evidence (`evidence`); pairs (`pairs`); a second voter (`forest`). Every limit comes
+//! evidence (`evidence`); pairs (`pairs`). Every limit comes
 //! from held-out flights (`trials`).
 
 mod ambiguity;
@@ -11,7 +11,6 @@ mod blocks;
 mod calibrate;
 mod decide;
 mod evidence;
-mod forest;
 mod gate;
 mod library;
 mod linear;

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::blocks::Groups;
-use super::calibrate::{Calibration, Vote};
+use super::calibrate::{Calibration, Judged};
 use super::evidence::Fit;
 use super::gate::{Limit, Rule, Seen};
 use super::library::{Library, Part};
@@ -66,7 +66,7 @@ struct Null {
 }
 
 struct Trial {
-    vote: Vote,
+    judged: Judged,
     seen: Seen,
     /// What the best single leaves, and the best of the effects that are not the cause.
     single: [f64; 4],
@@ -122,8 +122,8 @@ pub(super) fn limits(
         Limit::new(&nulls.iter().map(|n| &n.seen).collect::<Vec<_>>(), Rule::Share(share))
     };
     let seen: Vec<&Trial> = trials.iter().filter(|t| gate.gate(&t.seen).open()).collect();
-    let votes: Vec<Vote> = seen.iter().filter(|t| !t.double).map(|t| t.vote.clone()).collect();
-    let calibration = Calibration::new(&votes, settings.coverage);
+    let named: Vec<Judged> = seen.iter().filter(|t| !t.double).map(|t| t.judged.clone()).collect();
+    let calibration = Calibration::new(&named, settings.coverage);
     let single_gains =
         seen.iter().filter(|t| !t.double).filter_map(|t| t.pair.map(|(gain, _)| gain));
     let second = 1.0 - settings.false_second;
@@ -209,9 +209,8 @@ fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
             .collect(),
         _ => Vec::new(),
     };
-    let votes = library.votes(&known.statistics);
     Trial {
-        vote: Vote { log_z: by_effect(&fits), votes, truth: known.effect },
+        judged: Judged { log_z: by_effect(&fits), truth: known.effect },
         seen: seen_of(library, &flight.z, &fits),
         single,
         without: without.map(leaves),
