@@ -3,6 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::axis::Axis;
+
 /// One simulated flight under an effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Draw {
@@ -22,6 +24,8 @@ pub struct Draw {
 pub struct EffectDraws {
     /// Id of GAP.md section 3.
     pub id: String,
+    /// What its parameters range over, in the order of the effect's specification.
+    pub axes: Vec<Axis>,
     /// The flights.
     pub draws: Vec<Draw>,
 }
@@ -61,8 +65,30 @@ pub enum BankError {
         draw: usize,
         /// What is there.
         found: Vec<f64>,
-        /// Length of the first draw.
+        /// Parameters of the effect.
         expected: usize,
+    },
+    /// An axis that is no range.
+    #[error("effect {id}: parameter {parameter} ranges over {axis:?}")]
+    Axis {
+        /// Effect.
+        id: String,
+        /// Place of the parameter.
+        parameter: usize,
+        /// What it ranges over.
+        axis: Axis,
+    },
+    /// An axis that does not hold its draws.
+    #[error("effect {id}: parameter {parameter} ranges over {axis:?}, a draw has {value}")]
+    Range {
+        /// Effect.
+        id: String,
+        /// Place of the parameter.
+        parameter: usize,
+        /// What it ranges over.
+        axis: Axis,
+        /// Value of a draw.
+        value: f64,
     },
     /// A twin that the bank does not hold.
     #[error("effect {id}: draw {draw}: twin {twin}, the bank holds {nulls} flights with jitter")]
@@ -138,12 +164,22 @@ impl Bank {
                 let what = format!("draws of effect {id}");
                 return Err(BankError::TooFew { what, found, least: LEAST_DRAWS });
             }
-            let expected = effect.draws.first().map_or(0, |d| d.theta.len());
+            if let Some(parameter) = effect.axes.iter().position(|axis| !axis.is_sound()) {
+                let (id, axis) = (id.clone(), effect.axes[parameter]);
+                return Err(BankError::Axis { id, parameter, axis });
+            }
+            let expected = effect.axes.len();
             for (draw, d) in effect.draws.iter().enumerate() {
                 row(format!("effect {id}, draw {draw}"), &d.statistics)?;
                 if d.theta.len() != expected || d.theta.iter().any(|v| !v.is_finite()) {
                     let (id, found) = (id.clone(), d.theta.clone());
                     return Err(BankError::Theta { id, draw, found, expected });
+                }
+                for (parameter, (axis, value)) in effect.axes.iter().zip(&d.theta).enumerate() {
+                    if !(axis.low..=axis.high).contains(value) {
+                        let (id, axis, value) = (id.clone(), *axis, *value);
+                        return Err(BankError::Range { id, parameter, axis, value });
+                    }
                 }
                 if let Some(twin) = d.twin.filter(|twin| *twin >= self.jitter.len()) {
                     let (id, nulls) = (id.clone(), self.jitter.len());
@@ -171,7 +207,11 @@ mod tests {
             names: vec!["a".into(), "b".into()],
             seeds: vec![vec![0.0; 2]; 8],
             jitter: vec![vec![0.0; 2]; 8],
-            effects: vec![EffectDraws { id: "A1".into(), draws: vec![draw(1.0); 6] }],
+            effects: vec![EffectDraws {
+                id: "A1".into(),
+                axes: vec![Axis::over([0.0, 1.5].into_iter())],
+                draws: vec![draw(1.0); 6],
+            }],
         };
         assert_eq!(good.check(), Ok(()));
         let mut bad = good.clone();
@@ -183,6 +223,12 @@ mod tests {
         let mut bad = good.clone();
         bad.effects.push(bad.effects[0].clone());
         assert!(matches!(bad.check(), Err(BankError::Twice { .. })));
+        let mut bad = good.clone();
+        bad.effects[0].axes[0].high = f64::NAN;
+        assert!(matches!(bad.check(), Err(BankError::Axis { parameter: 0, .. })));
+        let mut bad = good.clone();
+        bad.effects[0].draws[3].theta[0] = 2.0;
+        assert!(matches!(bad.check(), Err(BankError::Range { value: 2.0, .. })));
         let mut bad = good;
         bad.seeds.clear();
         assert!(matches!(bad.check(), Err(BankError::TooFew { found: 8, .. })));

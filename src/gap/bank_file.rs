@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::axis::Axis;
 use super::bank::{Bank, BankError, Draw, EffectDraws};
 use super::kept_file::{self, KeptFileError, Kind};
 
-const KIND: Kind = Kind { what: "bank", magic: b"HALTBANK", version: 2 };
+const KIND: Kind = Kind { what: "bank", magic: b"HALTBANK", version: 3 };
 
 /// What can be wrong with a bank file.
 #[derive(Debug, thiserror::Error)]
@@ -43,6 +44,7 @@ struct OnDisk {
 #[serde(deny_unknown_fields)]
 struct EffectOnDisk {
     id: String,
+    axes: Vec<Axis>,
     /// θ, seed, twin, statistics.
     draws: Vec<(Vec<f64>, u64, Option<usize>, Row)>,
 }
@@ -59,6 +61,7 @@ fn contents(bank: &Bank) -> OnDisk {
     let rows = |rows: &[Vec<f64>]| rows.iter().map(|r| to_disk(r)).collect();
     let effects = bank.effects.iter().map(|e| EffectOnDisk {
         id: e.id.clone(),
+        axes: e.axes.clone(),
         draws: e
             .draws
             .iter()
@@ -89,6 +92,7 @@ pub fn read(path: &Path) -> Result<(Bank, u64), BankFileError> {
     let (disk, found): (OnDisk, u64) = kept_file::read(KIND, path)?;
     let effects = disk.effects.into_iter().map(|e| EffectDraws {
         id: e.id,
+        axes: e.axes,
         draws: e
             .draws
             .into_iter()
@@ -120,7 +124,11 @@ mod tests {
             names: vec!["a".into(), "b".into()],
             seeds: vec![vec![1.0 / 3.0, -0.0]; 12],
             jitter: vec![vec![f64::NAN, 2.0]; 12],
-            effects: vec![EffectDraws { id: "A1".into(), draws: vec![draw; 6] }],
+            effects: vec![EffectDraws {
+                id: "A1".into(),
+                axes: vec![Axis::over([0.0, 1.0].into_iter())],
+                draws: vec![draw; 6],
+            }],
         }
     }
 

@@ -7,6 +7,7 @@
 //! components (the axes of a bias, the servos that are out of trim) has one of them alone: that is how
 //! such things come, and a loud component would otherwise hide what a quiet one looks like.
 
+use super::axis::{Axis, Size};
 use crate::model::effects::{ALL, EffectSpec, ParameterSpec, Role};
 use crate::model::random::Stream;
 use crate::model::room::Room;
@@ -65,6 +66,16 @@ pub fn draws(
     (0..count).map(row).collect()
 }
 
+/// What draws of the parameters of an effect range over, in their order.
+pub fn axes(spec: &EffectSpec, room: &Room, anchors: usize) -> Vec<Axis> {
+    let axis = |p: &ParameterSpec| {
+        let [a, b] = [0.0, 1.0].map(|share| value(spec, p, room, anchors, share));
+        let size = is_size(p).then_some(if is_far(p) { Size::Inverse } else { Size::From(p.off) });
+        Axis { low: a.min(b), high: a.max(b), choice: p.is_choice(), size }
+    };
+    spec.parameters.iter().map(axis).collect()
+}
+
 /// Whether a parameter is a component of a vector: it can deviate to both sides of "off".
 fn is_component(p: &ParameterSpec) -> bool {
     !is_shape(p) && !NOT_A_SIZE.contains(&p.name) && p.low < p.off && p.off < p.high
@@ -106,12 +117,21 @@ fn is_shape(p: &ParameterSpec) -> bool {
     p.off == p.default && !(p.off == 0.0 && p.low < 0.0)
 }
 
+/// Whether a parameter says how much.
+fn is_size(p: &ParameterSpec) -> bool {
+    !is_shape(p) && !NOT_A_SIZE.contains(&p.name)
+}
+
+/// Whether "off" is at infinity.
+fn is_far(p: &ParameterSpec) -> bool {
+    !p.off.is_finite() || p.off.abs() > FAR * p.high.abs().max(p.low.abs())
+}
+
 fn sized(p: &ParameterSpec, value: f64, share: f64) -> f64 {
-    if is_shape(p) || NOT_A_SIZE.contains(&p.name) {
+    if !is_size(p) {
         return value;
     }
-    let far = !p.off.is_finite() || p.off.abs() > FAR * p.high.abs().max(p.low.abs());
-    if far { value / share } else { p.off + share * (value - p.off) }
+    if is_far(p) { value / share } else { p.off + share * (value - p.off) }
 }
 
 /// 0 to `count` in random order.

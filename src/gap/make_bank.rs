@@ -113,7 +113,8 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
     let mut bank =
         Bank { names: specs().iter().map(|s| s.name.clone()).collect(), ..Bank::default() };
     for spec in recipe.library {
-        bank.effects.push(EffectDraws { id: spec.id.to_owned(), draws: Vec::new() });
+        let axes = library::axes(spec, &recipe.scene.room, anchors(recipe.scene));
+        bank.effects.push(EffectDraws { id: spec.id.to_owned(), axes, draws: Vec::new() });
     }
     let mut lost: Vec<(String, usize)> = Vec::new();
     // Where the flights with jitter went, of those that were flown.
@@ -145,7 +146,12 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
                     _ => library::at_share(recipe.library[place], &theta, share),
                 };
                 let twin = twin.and_then(|twin| kept.get(twin).copied().flatten());
-                bank.effects[place].draws.push(Draw { theta, seed, twin, statistics });
+                let effect = &mut bank.effects[place];
+                // What was drawn weaker to be flown may lie beyond what is plausible.
+                for (axis, value) in effect.axes.iter_mut().zip(&theta) {
+                    *axis = axis.with(*value);
+                }
+                effect.draws.push(Draw { theta, seed, twin, statistics });
             }
         }
     }
@@ -164,7 +170,7 @@ fn jobs(recipe: &Recipe<'_>) -> Vec<(u64, Kind)> {
     let seed = |k: usize| first.wrapping_add(k as u64);
     let mut jobs: Vec<(u64, Kind)> = (0..seeds).map(|k| (seed(k), Kind::Seed)).collect();
     jobs.extend((0..jitter).map(|k| (seed(seeds + k), Kind::Jitter)));
-    let anchors = recipe.scene.survey.ids().len();
+    let anchors = anchors(recipe.scene);
     let twins = jitter - jitter % FOLDS;
     for (place, spec) in recipe.library.iter().enumerate() {
         let mut rng = Stream::new(recipe.seed, spec.id);
@@ -176,6 +182,10 @@ fn jobs(recipe: &Recipe<'_>) -> Vec<(u64, Kind)> {
         }
     }
     jobs
+}
+
+fn anchors(scene: &Scene) -> usize {
+    scene.survey.ids().len()
 }
 
 /// Twins fall into the same fold when flights are held out by any of 2, 3 and 4 folds.

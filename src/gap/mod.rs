@@ -6,6 +6,7 @@ pub mod accepted;
 pub mod advise;
 pub mod archive;
 pub mod attribute;
+pub mod axis;
 pub mod balance;
 pub mod bank;
 pub mod bank_file;

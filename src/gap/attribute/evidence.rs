@@ -266,6 +266,7 @@ pub(super) fn climb(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gap::axis::{Axis, Size};
     use crate::model::random::Stream;
 
     /// A linear effect in known noise: evidence and interval have closed forms.
@@ -276,7 +277,13 @@ mod tests {
         let thetas: Vec<[f64; 1]> = (0..41).map(|i| [-1.0 + 0.05 * f64::from(i)]).collect();
         let z = DMatrix::from_fn(41, p, |i, j| along[j] * thetas[i][0]);
         let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
-        let s = Surrogate::new(&refs, &z, &DVector::from_element(p, 1e-4), None);
+        let s = Surrogate::new(
+            &[Axis { low: -1.0, high: 1.0, choice: false, size: Some(Size::From(0.0)) }],
+            &refs,
+            &z,
+            &DVector::from_element(p, 1e-4),
+            None,
+        );
         let mut rng = Stream::new(9, "evidence");
         let noise = DVector::from_fn(p, |_, _| rng.normal());
         let flight = &along * 0.4 + &noise;

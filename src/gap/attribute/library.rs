@@ -97,7 +97,7 @@ impl Library {
                 let thetas: Vec<&[f64]> = kept.iter().map(|d| d.theta.as_slice()).collect();
                 // What twins differ by holds no noise of seeds.
                 let noise = if paired { variance.map(|_| 0.0) } else { variance.clone() };
-                Surrogate::new(&thetas, &z, &noise, Some(&law))
+                Surrogate::new(&effect.axes, &thetas, &z, &noise, Some(&law))
             })
             .collect();
         Self { whitening, effects }

@@ -3,7 +3,8 @@
 //! `m(θ) = Q h(θ)`, `h(θ) = Bᵀ k(θ)`: a kernel ridge regression on features of θ, in whitened
 //! statistics, as the difference to the null. The kernel is linear, quadratic or smooth (Gaussian,
 //! at a short length a nearest-draw mean, which is what effects with a place or an anchor need);
-//! kernel, ridge and features are chosen per effect by the leave-one-out likelihood. Residuals of
+//! kernel, ridge and features are chosen per effect by the leave-one-out likelihood. An effect of no size does nothing:
+//! kernels are multiplied by the sizes of both draws, so that every signature vanishes there. Residuals of
 //! left-out draws beyond the noise of seeds give the noise of the effect, `τ² (U Uᵀ + diag d)`,
 //! with `τ` the size of the signature relative to the draws: what a surrogate gets wrong grows
 //! with the effect. Both hold also a share of the signature itself: another law of the same effect ([`Law`]).
@@ -13,6 +14,7 @@ use nalgebra::{DMatrix, DVector};
 use super::linear::{Noise, directions};
 use super::theta::Space;
 use super::whiten::Whitening;
+use crate::gap::axis::Axis;
 
 /// Directions in which kernels are compared.
 const COMPARED_DIRECTIONS: usize = 10;
@@ -61,11 +63,11 @@ impl Kernel {
         }
     }
 
-    fn gram(self, x: &[Vec<f64>]) -> DMatrix<f64> {
+    fn gram(self, x: &[Vec<f64>], sizes: &[f64]) -> DMatrix<f64> {
         let mut gram = DMatrix::zeros(x.len(), x.len());
         for i in 0..x.len() {
             for j in 0..=i {
-                let k = self.of(&x[i], &x[j]);
+                let k = self.of(&x[i], &x[j]) * sizes[i] * sizes[j];
                 gram[(i, j)] = k;
                 gram[(j, i)] = k;
             }
@@ -113,8 +115,9 @@ pub(super) struct Surrogate {
     kernel: Kernel,
     /// Features in use.
     used: Vec<usize>,
-    /// Features of the draws.
+    /// Features of the draws, and their sizes.
     x: Vec<Vec<f64>>,
+    sizes: Vec<f64>,
     /// Kernel weights to coordinates, n × r.
     b: DMatrix<f64>,
     /// Directions of the signature, p × r.
@@ -132,22 +135,25 @@ pub(super) struct Surrogate {
 }
 
 impl Surrogate {
-    /// `z`: draws minus null, whitened (n × p). `seed_variance`: of flights that differ by the
+    /// `axes`: of the parameters; `thetas`: of the draws. `z`: draws minus null, whitened (n × p).
+    /// `seed_variance`: of flights that differ by the
     /// seed alone, per whitened statistic. `law`: what another law of the same effect may differ by; absent:
     /// the library's law is the only one.
     pub fn new(
+        axes: &[Axis],
         thetas: &[&[f64]],
         z: &DMatrix<f64>,
         seed_variance: &DVector<f64>,
         law: Option<&Law<'_>>,
     ) -> Self {
-        let space = Space::of(thetas);
+        let space = Space::of(axes);
+        let sizes: Vec<f64> = thetas.iter().map(|t| space.size(t)).collect();
         let units: Vec<Vec<f64>> = thetas.iter().map(|t| space.to_unit(t)).collect();
         let full: Vec<Vec<f64>> = units.iter().map(|u| space.features(u)).collect();
-        let (kernel, ridge, used) = choose(&full, z, seed_variance.mean());
+        let (kernel, ridge, used) = choose(&full, &sizes, z, seed_variance.mean());
         let x: Vec<Vec<f64>> = full.iter().map(|f| pick(f, &used)).collect();
         let n = x.len();
-        let (smoother, weights) = smoother(kernel, ridge, &x);
+        let (smoother, weights) = smoother(kernel, ridge, &x, &sizes);
         let fitted = &smoother * z;
         let mut left_out = z - &fitted;
         for i in 0..n {
@@ -176,8 +182,20 @@ impl Surrogate {
                 (q.tr_mul(&solved), solved)
             })
             .collect();
-        let mut surrogate =
-            Self { space, kernel, used, x, b, q, starts: vec![], size2, noise, solved, spread };
+        let mut surrogate = Self {
+            space,
+            kernel,
+            used,
+            x,
+            sizes,
+            b,
+            q,
+            starts: vec![],
+            size2,
+            noise,
+            solved,
+            spread,
+        };
         surrogate.starts =
             units.into_iter().map(|u| (u.clone(), surrogate.coordinates(&u))).collect();
         surrogate
@@ -186,9 +204,10 @@ impl Surrogate {
     /// Coordinates of the signature at a point of the unit cube.
     pub fn coordinates(&self, unit: &[f64]) -> DVector<f64> {
         let features = pick(&self.space.features(unit), &self.used);
+        let size = self.space.size(&self.space.value(unit));
         let mut h = DVector::zeros(self.q.ncols());
         for (i, x) in self.x.iter().enumerate() {
-            let k = self.kernel.of(&features, x);
+            let k = self.kernel.of(&features, x) * size * self.sizes[i];
             for (to, weight) in h.iter_mut().zip(self.b.row(i).iter()) {
                 *to += k * weight;
             }
@@ -215,8 +234,13 @@ fn pick(features: &[f64], used: &[usize]) -> Vec<f64> {
 }
 
 /// `H = K (K + λ)⁻¹` and `(K + λ)⁻¹`.
-fn smoother(kernel: Kernel, ridge: f64, x: &[Vec<f64>]) -> (DMatrix<f64>, DMatrix<f64>) {
-    let gram = kernel.gram(x);
+fn smoother(
+    kernel: Kernel,
+    ridge: f64,
+    x: &[Vec<f64>],
+    sizes: &[f64],
+) -> (DMatrix<f64>, DMatrix<f64>) {
+    let gram = kernel.gram(x, sizes);
     let n = x.len();
     let scale = ridge * gram.trace() / n.max(1) as f64;
     let padded = &gram + DMatrix::identity(n, n) * scale;
@@ -242,18 +266,23 @@ fn enough(values: &[f64], total: f64) -> usize {
 
 /// Kernel, ridge and features with the best leave-one-out likelihood, features by backward
 /// elimination.
-fn choose(full: &[Vec<f64>], z: &DMatrix<f64>, noise: f64) -> (Kernel, f64, Vec<usize>) {
+fn choose(
+    full: &[Vec<f64>],
+    sizes: &[f64],
+    z: &DMatrix<f64>,
+    noise: f64,
+) -> (Kernel, f64, Vec<usize>) {
     let (_, basis) = directions(z, COMPARED_DIRECTIONS);
     let y = z * basis;
     let width = full.first().map_or(0, Vec::len);
     let mut used: Vec<usize> = (0..width).collect();
-    let mut best = best_of(full, &y, &used, noise, &KERNELS, &RIDGES);
+    let mut best = best_of(full, sizes, &y, &used, noise, &KERNELS, &RIDGES);
     while used.len() > 1 {
         let mut trials = (0..used.len()).map(|k| {
             let mut fewer = used.clone();
             fewer.remove(k);
             let kernels = [best.1, Kernel::Smooth(0.7)];
-            (best_of(full, &y, &fewer, noise, &kernels, &[best.2]), fewer)
+            (best_of(full, sizes, &y, &fewer, noise, &kernels, &[best.2]), fewer)
         });
         let first = trials.next();
         let Some(better) = trials.fold(first, |a, b| match a {
@@ -267,13 +296,14 @@ fn choose(full: &[Vec<f64>], z: &DMatrix<f64>, noise: f64) -> (Kernel, f64, Vec<
         }
         (best, used) = better;
     }
-    best = best_of(full, &y, &used, noise, &KERNELS, &RIDGES);
+    best = best_of(full, sizes, &y, &used, noise, &KERNELS, &RIDGES);
     (best.1, best.2, used)
 }
 
 /// Minus log likelihood of left-out draws, kernel, ridge.
 fn best_of(
     full: &[Vec<f64>],
+    sizes: &[f64],
     y: &DMatrix<f64>,
     used: &[usize],
     noise: f64,
@@ -285,7 +315,7 @@ fn best_of(
     let mut best = (f64::INFINITY, Kernel::Linear, RIDGES[RIDGES.len() - 1]);
     for kernel in kernels {
         for ridge in ridges {
-            let (h, _) = smoother(*kernel, *ridge, &x);
+            let (h, _) = smoother(*kernel, *ridge, &x, sizes);
             let residual = y - &h * y;
             let mut cost = 0.0;
             for j in 0..y.ncols() {
@@ -346,7 +376,12 @@ fn residual_noise(
 mod tests {
     use super::*;
     use crate::gap::attribute::whiten::Standard;
+    use crate::gap::axis::Size;
     use crate::model::random::Stream;
+
+    fn axes(thetas: &[&[f64]]) -> Vec<Axis> {
+        (0..thetas[0].len()).map(|k| Axis::over(thetas.iter().map(|t| t[k]))).collect()
+    }
 
     fn check(law: impl Fn(f64, f64) -> f64, most: f64) {
         let mut rng = Stream::new(5, "surrogate");
@@ -360,7 +395,7 @@ mod tests {
             .collect();
         let z = DMatrix::from_fn(40, p, |i, j| rows[i][j]);
         let refs: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
-        let s = Surrogate::new(&refs, &z, &DVector::from_element(p, 0.49), None);
+        let s = Surrogate::new(&axes(&refs), &refs, &z, &DVector::from_element(p, 0.49), None);
         let mut worst: f64 = 0.0;
         for k in 0..40 {
             let theta = [-0.9 + 1.8 * f64::from(k) / 39.0, rng.between(0.5, 6.5)];
@@ -379,6 +414,31 @@ mod tests {
         check(|a, b| 5.0 * a + b, 1.2);
     }
 
+    /// Few draws, none of them weak: that nothing is left at no size tells what weak ones do.
+    #[test]
+    fn prop_a_signature_vanishes_where_its_effect_is_off() {
+        let mut rng = Stream::new(11, "surrogate");
+        let p = 30;
+        let along = DVector::from_fn(p, |_, _| rng.normal());
+        let thetas: Vec<[f64; 1]> = (0..10).map(|k| [1.0 + 0.1 * f64::from(k)]).collect();
+        let rows: Vec<_> = thetas
+            .iter()
+            .map(|t| &along * (3.0 * t[0]) + DVector::from_fn(p, |_, _| rng.normal()))
+            .collect();
+        let z = DMatrix::from_fn(10, p, |i, j| rows[i][j]);
+        let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
+        let at = |size: Option<Size>, theta: f64| {
+            let axis = Axis { low: 0.0, high: 2.0, choice: false, size };
+            let s = Surrogate::new(&[axis], &refs, &z, &DVector::from_element(p, 1.0), None);
+            let found = s.mean(&s.coordinates(&s.space.to_unit(&[theta])));
+            (found - &along * (3.0 * theta)).norm() / (p as f64).sqrt()
+        };
+        let size = Some(Size::From(0.0));
+        assert_eq!(at(size, 0.0), 0.0);
+        let [with, without] = [at(size, 0.3), at(None, 0.3)];
+        assert!(with < 0.25 && without > 2.0 * with, "{with} sigma, {without} without");
+    }
+
     #[test]
     fn prop_noise_that_depends_on_the_effect_is_found() {
         let mut rng = Stream::new(6, "surrogate");
@@ -392,7 +452,7 @@ mod tests {
             noisy[(i, 1)] += 8.0 * thetas[i][0] * rng.normal();
         }
         let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
-        let s = Surrogate::new(&refs, &noisy, &DVector::from_element(p, 0.49), None);
+        let s = Surrogate::new(&axes(&refs), &refs, &noisy, &DVector::from_element(p, 0.49), None);
         let variance = |j: usize| s.spread.0[j] + s.spread.1.row(j).norm_squared();
         assert!(variance(1) > 30.0 && variance(1) < 130.0, "{}", variance(1));
         assert!(variance(5) < 2.0, "{}", variance(5));
@@ -425,7 +485,7 @@ mod tests {
         let little = DVector::from_element(p, 1e-3);
         let law = Law { form: 0.3, whitening: &whitening };
         let left = |law: Option<&Law<'_>>, off: usize| {
-            let s = Surrogate::new(&refs, &z, &little, law);
+            let s = Surrogate::new(&axes(&refs), &refs, &z, &little, law);
             let h = s.coordinates(&s.space.to_unit(&[0.8]));
             s.noise[3].squared(&(seen(0.8, off, 0.3) - s.mean(&h)))
         };

@@ -1,21 +1,15 @@
-//! Parameters of an effect on the unit cube: log-uniform where the range asks for it, whole numbers where draws have no
-//! others (which anchor, which wall), and the features that signatures depend on.
+//! Parameters of an effect on the unit cube: log-uniform where the range asks for it, whole numbers for choices
+//! (which anchor, which wall); and the features that signatures depend on.
 
-use crate::gap::bank::LEAST_DRAWS;
+use crate::gap::axis::Axis;
 use crate::model::random::Stream;
 
-/// A positive range at least this wide, as a ratio, is drawn and searched on a logarithmic scale.
+/// A positive range at least this wide, as a ratio, is searched on a logarithmic scale.
 const LOG_RATIO: f64 = 3.0;
 
-/// A parameter that is a whole number in every draw and has fewer values than this is a choice: more anchors than a room has.
-const MOST_CHOICES: f64 = 32.0;
 /// Feature of a choice that is made. Of the others it is zero: any two choices are 1.4 times as far apart as the ends of
 /// a range, so that a smooth kernel at its short lengths learns each by itself (judgement).
 const CHOSEN: f64 = 2.0;
-
-/// Of a range of one sign, the end near zero is at least this share of the least draw: a logarithmic range does not
-/// begin at nothing (judgement).
-const LEAST_SHARE: f64 = 0.5;
 
 /// Range of one parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,27 +17,13 @@ pub(super) struct Range {
     low: f64,
     high: f64,
     log: bool,
-    /// A choice of one of some: nothing lies between two of them, and the next one is no nearer than the last.
     choice: bool,
 }
 
 impl Range {
-    /// Range that draws of a parameter come from. Draws are stratified, one in each of `count` equal parts: the ends lie up to
-    /// one part beyond the outermost. Without that, a size at the end of what is plausible is outside of every interval.
-    fn of(values: impl Iterator<Item = f64> + Clone) -> Self {
-        let count = values.clone().count();
-        let (low, high) = values
-            .clone()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
-        let width = high - low;
-        let choice =
-            width > 0.0 && width < MOST_CHOICES && values.clone().all(|v| v.fract() == 0.0);
-        let log = !choice && low > 0.0 && high > LOG_RATIO * low;
-        let part = if choice || count < LEAST_DRAWS { 0.0 } else { width / (count as f64 - 1.0) };
-        // A size has one sign.
-        let low = if low > 0.0 { (low - part).max(LEAST_SHARE * low) } else { low - part };
-        let high = if high < 0.0 { (high + part).min(LEAST_SHARE * high) } else { high + part };
-        Self { low, high, log, choice }
+    fn of(axis: &Axis) -> Self {
+        let Axis { low, high, choice, .. } = *axis;
+        Self { low, high, choice, log: !choice && low > 0.0 && high > LOG_RATIO * low }
     }
 
     fn to_unit(self, value: f64) -> f64 {
@@ -82,15 +62,22 @@ impl Range {
 /// Parameter space of one effect.
 #[derive(Debug, Clone)]
 pub(super) struct Space {
+    axes: Vec<Axis>,
     ranges: Vec<Range>,
 }
 
 impl Space {
-    /// As wide as what the draws come from.
-    pub fn of(thetas: &[&[f64]]) -> Self {
-        let d = thetas.first().map_or(0, |t| t.len());
-        let range = |k: usize| Range::of(thetas.iter().filter_map(|t| t.get(k).copied()));
-        Self { ranges: (0..d).map(range).collect() }
+    /// The space of these parameters.
+    pub fn of(axes: &[Axis]) -> Self {
+        Self { axes: axes.to_vec(), ranges: axes.iter().map(Range::of).collect() }
+    }
+
+    /// Size of the effect: none at 0, about 1 at its strong end. Where several parameters say how much, the root of
+    /// the mean of their squares; 1 where none does.
+    pub fn size(&self, theta: &[f64]) -> f64 {
+        let shares = self.axes.iter().zip(theta).filter_map(|(axis, value)| axis.share(*value));
+        let (sum, count) = shares.fold((0.0, 0.0), |(sum, n), s| (sum + s * s, n + 1.0));
+        if count > 0.0 { f64::sqrt(sum / count) } else { 1.0 }
     }
 
     /// Number of parameters.
@@ -162,43 +149,35 @@ pub(super) fn normals(count: usize, d: usize) -> Vec<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gap::axis::Size;
+
+    fn range(low: f64, high: f64) -> Axis {
+        Axis { low, high, choice: false, size: None }
+    }
 
     #[test]
     fn prop_unit_and_value_are_inverse_and_log_ranges_are_log() {
-        let (a, b) = ([0.1, -2.2], [10.0, 3.3]);
-        let space = Space::of(&[&a, &b]);
+        let space = Space::of(&[range(0.1, 10.0), range(-2.2, 3.3)]);
         assert!((space.value(&[0.5, 0.4])[0] - 1.0).abs() < 1e-12);
         let back = space.to_unit(&space.value(&[0.3, 0.7]));
         assert!((back[0] - 0.3).abs() < 1e-12 && (back[1] - 0.7).abs() < 1e-12);
         assert_eq!(space.features(&[0.5, 0.4])[2], -1.0, "size of a zero parameter");
     }
 
-    /// Sizes at the ends of what is plausible were outside of every interval: 40 draws of 0.05 to 0.22 began at 0.054.
     #[test]
-    fn bug_the_ends_of_what_is_drawn_lie_inside() {
-        let inside = |low: f64, high: f64| {
-            let draws: Vec<[f64; 1]> =
-                (0..40).map(|k| [low + (high - low) * (f64::from(k) + 0.5) / 40.0]).collect();
-            let refs: Vec<&[f64]> = draws.iter().map(|d| d.as_slice()).collect();
-            let space = Space::of(&refs);
-            let ends = [space.value(&[0.0])[0], space.value(&[1.0])[0]];
-            let most = 0.03 * (high - low);
-            assert!(ends[0] <= low && ends[0] > low - most, "{ends:?} of {low} to {high}");
-            assert!(ends[1] >= high && ends[1] < high + most, "{ends:?} of {low} to {high}");
-        };
-        inside(0.05, 0.22);
-        inside(-3.0, 2.0);
-        // A size keeps its sign, and a logarithmic range does not begin at nothing.
-        let wide: Vec<[f64; 1]> = (0..40).map(|k| [0.1 + 0.25 * f64::from(k)]).collect();
-        let refs: Vec<&[f64]> = wide.iter().map(|d| d.as_slice()).collect();
-        assert!((Space::of(&refs).value(&[0.0])[0] - 0.05).abs() < 1e-12);
+    fn prop_the_size_is_that_of_the_parameters_that_say_how_much() {
+        let sized = |axis: Axis| Axis { size: Some(Size::From(0.0)), ..axis };
+        let space = Space::of(&[sized(range(-2.0, 2.0)), sized(range(-3.0, 6.0)), range(5.0, 9.0)]);
+        assert_eq!(space.size(&[0.0, 0.0, 7.0]), 0.0);
+        assert_eq!(space.size(&[-2.0, 6.0, 5.0]), 1.0);
+        assert!((space.size(&[-2.0, 0.0, 5.0]) - 0.5_f64.sqrt()).abs() < 1e-12);
+        assert_eq!(Space::of(&[range(5.0, 9.0)]).size(&[5.0]), 1.0);
     }
 
     #[test]
     fn prop_choices_are_whole_and_equally_far_apart() {
-        let thetas = [[0.0, 0.1], [5.0, 0.2], [7.0, 0.9]];
-        let space = Space::of(&[&thetas[0], &thetas[1], &thetas[2]]);
-        for theta in &thetas {
+        let space = Space::of(&[Axis { choice: true, ..range(0.0, 7.0) }, range(0.1, 0.9)]);
+        for theta in &[[0.0, 0.1], [5.0, 0.2], [7.0, 0.9]] {
             assert_eq!(space.value(&space.to_unit(theta))[0], theta[0]);
         }
         assert_eq!(space.value(&[0.49, 0.5])[0], 3.0);
@@ -212,8 +191,7 @@ mod tests {
 
     #[test]
     fn prop_spread_points_fill_the_cube() {
-        let (a, b) = ([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]);
-        let points = Space::of(&[&a, &b]).spread(512);
+        let points = Space::of(&[range(0.0, 1.0); 3]).spread(512);
         for octant in 0..8 {
             let inside = |p: &&Vec<f64>| (0..3).all(|i| (p[i] > 0.5) == (octant >> i & 1 == 1));
             let count = points.iter().filter(inside).count();

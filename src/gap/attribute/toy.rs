@@ -3,6 +3,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::gap::axis::{Axis, Size as AxisSize};
 use crate::gap::bank::{Bank, Draw, EffectDraws};
 use crate::model::effects::Block;
 use crate::model::random::Stream;
@@ -106,6 +107,20 @@ impl Toy {
         }
     }
 
+    /// What θ ranges over.
+    fn axes(&self, e: usize) -> Vec<Axis> {
+        let axis = |low, high, size| Axis { low, high, choice: false, size };
+        let size = Some(AxisSize::From(0.0));
+        let positive = axis(0.35, 1.4, size);
+        let signed = axis(-1.4, 1.4, size);
+        match self.laws[e].kind {
+            0 => vec![positive],
+            1 => vec![signed],
+            2 => vec![positive, axis(0.0, 7.0, None)],
+            _ => vec![signed, axis(-1.0, 1.0, None)],
+        }
+    }
+
     /// Mean of effect `e` at θ; `foreign` bends the law as another simulator would.
     fn signature(&self, e: usize, theta: &[f64], foreign: bool) -> DVector<f64> {
         let law = &self.laws[e];
@@ -162,6 +177,7 @@ impl Toy {
         let effects = (0..size.effects)
             .map(|e| EffectDraws {
                 id: format!("E{e}"),
+                axes: self.axes(e),
                 draws: (0..size.draws)
                     .map(|k| {
                         let theta = self.theta(e);

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::gap::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate, Settings};
+use crate::gap::axis::Axis;
 use crate::gap::bank::{Bank, Draw, EffectDraws};
 use crate::gap::library::standard;
 use crate::gap::nominal::Nominal;
@@ -25,6 +26,7 @@ fn workshop(moved: usize) -> Workshop {
     let jitter = (0..60).map(|_| row(0.0)).collect();
     let mut effect = |id: &str, shift: f64| EffectDraws {
         id: id.to_owned(),
+        axes: vec![Axis::over([0.05, 0.2].into_iter())],
         draws: (0..8)
             .map(|seed| Draw { theta: vec![0.1], seed, twin: None, statistics: row(shift) })
             .collect(),
