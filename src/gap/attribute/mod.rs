@@ -81,7 +81,7 @@ impl Default for Settings {
             false_second: 0.03,
             coverage: 0.9,
             sure: 0.85,
-            form: 0.2,
+            form: 0.12,
             law: 0.5,
             survivors: 12,
             folds: 4,
