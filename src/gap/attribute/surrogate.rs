@@ -436,7 +436,8 @@ mod tests {
         let size = Some(Size::From(0.0));
         assert_eq!(at(size, 0.0), 0.0);
         let [with, without] = [at(size, 0.3), at(None, 0.3)];
-        assert!(with < 0.25 && without > 2.0 * with, "{with} sigma, {without} without");
+        // What there is to see is 0.9 sigma.
+        assert!(with < 0.4 && without > 2.0 * with, "{with} sigma, {without} without");
     }
 
     #[test]
