@@ -78,7 +78,7 @@ pub fn axes(spec: &EffectSpec, room: &Room, anchors: usize) -> Vec<Axis> {
 
 /// Whether a parameter is a component of a vector: it can deviate to both sides of "off".
 fn is_component(p: &ParameterSpec) -> bool {
-    !is_shape(p) && !NOT_A_SIZE.contains(&p.name) && p.low < p.off && p.off < p.high
+    is_size(p) && p.low < p.off && p.off < p.high
 }
 
 /// The value at this share of the range of a parameter.
@@ -175,9 +175,20 @@ mod tests {
         let room = Room { north_m: [0.0, 6.0], east_m: [-1.0, 5.0], ceiling_m: 3.0 };
         for spec in whole() {
             let rows = draws(spec, &room, 8, 40, &mut Stream::new(3, spec.id));
+            let axes = axes(spec, &room, 8);
             for (k, p) in spec.parameters.iter().enumerate() {
                 let column: Vec<f64> = rows.iter().map(|r| r[k]).collect();
                 assert!(column.iter().all(|v| (p.low..=p.high).contains(v) || p.name == "east"));
+                // The axis holds them all, and goes on for no more than a part that a draw is spread over.
+                let axis = axes[k];
+                let (low, high) = column
+                    .iter()
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |e, v| (e.0.min(*v), e.1.max(*v)));
+                let part = (axis.high - axis.low) / 40.0;
+                assert!(axis.is_sound() && axis.low <= low && high <= axis.high, "{}", spec.id);
+                // Of a vector every other draw has one component alone: ends may be missing.
+                let ends = low - axis.low <= part && axis.high - high <= part;
+                assert!(ends || is_component(p), "{} {}", spec.id, p.name);
                 if p.name == "anchor" {
                     assert!(column.iter().all(|v| v.fract() == 0.0 && *v < 8.0));
                     assert!((0..8).all(|a| column.contains(&f64::from(a))), "{column:?}");

@@ -4,7 +4,8 @@
 //! statistics, as the difference to the null. The kernel is linear, quadratic or smooth (Gaussian,
 //! at a short length a nearest-draw mean, which is what effects with a place or an anchor need);
 //! kernel, ridge and features are chosen per effect by the leave-one-out likelihood. An effect of no size does nothing:
-//! kernels are multiplied by the sizes of both draws, so that every signature vanishes there. Residuals of
+//! kernels are multiplied by the sizes of both draws, `k(θ, θ') = s(θ) s(θ') k₀(x, x')` with `s` of [`Space::size`] and `x` the
+//! features (a product of kernels is one: Rasmussen and Williams 2006, 4.2.4), so that every signature vanishes there. Residuals of
 //! left-out draws beyond the noise of seeds give the noise of the effect, `τ² (U Uᵀ + diag d)`,
 //! with `τ` the size of the signature relative to the draws: what a surrogate gets wrong grows
 //! with the effect. Both hold also a share of the signature itself: another law of the same effect ([`Law`]).

@@ -73,7 +73,7 @@ impl Space {
     }
 
     /// Size of the effect: none at 0, about 1 at its strong end. Where several parameters say how much, the root of
-    /// the mean of their squares; 1 where none does.
+    /// the mean of their squares, `s² = mean (t_i / max t_i)²` with `t_i` of [`Axis::share`], without a unit; 1 where none does.
     pub fn size(&self, theta: &[f64]) -> f64 {
         let shares = self.axes.iter().zip(theta).filter_map(|(axis, value)| axis.share(*value));
         let (sum, count) = shares.fold((0.0, 0.0), |(sum, n), s| (sum + s * s, n + 1.0));

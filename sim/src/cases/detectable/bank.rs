@@ -20,7 +20,8 @@ use crate::generator::hall;
 use crate::generator::noise::Noise;
 use crate::progress::Progress;
 
-/// Shares of the drawn strength that are tried, largest first, until the mission is flown.
+/// Shares of the drawn strength that are tried, largest first, until the mission is flown: steps of 0.7 as in the diagnosis' own
+/// bank, down to a third (judgement).
 const SHARES: [f64; 4] = [1.0, 0.7, 0.5, 0.35];
 
 /// Flies as many flights as the diagnosis' own bank has, with twins as there, and writes the bank.
