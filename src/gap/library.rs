@@ -111,6 +111,22 @@ pub fn at_share(spec: &EffectSpec, theta: &[f64], share: f64) -> Vec<f64> {
     spec.parameters.iter().zip(theta).map(|(p, value)| sized(p, *value, share)).collect()
 }
 
+/// Parameters whose sizes are halfway from what they are to the strong ends of their axes. What is "off" stays so.
+pub fn louder(theta: &[f64], axes: &[Axis]) -> Vec<f64> {
+    let one = |(value, axis): (&f64, &Axis)| {
+        let end = match axis.size {
+            None => *value,
+            Some(Size::Inverse) if axis.low.abs() < axis.high.abs() => axis.low,
+            Some(Size::Inverse) => axis.high,
+            Some(Size::From(off)) if *value == off => *value,
+            Some(Size::From(off)) if *value > off => axis.high,
+            Some(Size::From(_)) => axis.low,
+        };
+        value + 0.5 * (end - value)
+    };
+    theta.iter().zip(axes).map(one).collect()
+}
+
 /// Where "off" is also the default, the parameter is a shape, unless zero lies within its range: then it is
 /// a component of a vector.
 fn is_shape(p: &ParameterSpec) -> bool {
@@ -168,6 +184,17 @@ mod tests {
         assert_eq!((alone("M1", 0.0, 3), alone("L3", 0.0, 2), alone("A1", 1.0, 2)), (6, 6, 6));
         assert!(rows("A6").iter().all(|r| r[1] != 5.0), "places are no components");
         assert!(rows("T3").iter().all(|r| r.iter().all(|v| *v > 0.0)));
+    }
+
+    #[test]
+    fn prop_louder_goes_to_the_strong_end_and_leaves_what_is_off() {
+        let axis = |low, high, size| Axis { low, high, choice: false, size };
+        let about_zero = axis(-4.0, 8.0, Some(Size::From(0.0)));
+        assert_eq!(louder(&[2.0, -2.0, 0.0], &[about_zero; 3]), [5.0, -3.0, 0.0]);
+        let limit = axis(1.0, 3.0, Some(Size::Inverse));
+        let factor = axis(0.2, 0.8, Some(Size::From(1.0)));
+        assert_eq!(louder(&[2.0, 0.6], &[limit, factor]), [1.5, 0.4]);
+        assert_eq!(louder(&[3.0], &[axis(0.0, 7.0, None)]), [3.0], "which anchor is not how much");
     }
 
     #[test]

@@ -5,16 +5,19 @@
 //! ±1 %, the height of the ground effect within ±15 %, and the start up to 10 cm and 5 degrees off.
 //! Without it every flight of a real vehicle is a gap (GAP.md section 0, measured there).
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use rayon::prelude::*;
 
+use super::axis::Axis;
 use super::bank::{Bank, Draw, EffectDraws};
 use super::fly::fly_observed_into;
 use super::library;
 use super::nominal::Nominal;
 use super::scene::Scene;
+use super::shrink::scales;
 use super::statistics::{specs, statistics_of};
 use super::trace::Trace;
 use crate::checks::Problems;
@@ -36,6 +39,13 @@ const JITTER_START_RAD: f64 = 0.087;
 /// Shares of the drawn size that are tried, largest first, until the mission is flown: steps of 0.7, down to
 /// where A2 flies (its weakest plausible draw at 0.2 to 0.5; judgement).
 const SHARES: [f64; 8] = [1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08];
+/// Where the mission bears no plausible size at all, draws are spread over these shares of what it bears: another law of the
+/// same effect may do as little at a size that is plausible.
+const SPREAD: [f64; 4] = [1.0, 0.85, 0.7, 0.55];
+/// An effect that moves all statistics together by less than this, in sigma of benign jitter, teaches nothing.
+const SILENT: f64 = 1.0;
+/// Times that a silent draw is made stronger.
+const LOUDER: usize = 2;
 
 /// How many flights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,17 +82,24 @@ pub struct Recipe<'a> {
     pub seed: u64,
 }
 
-/// One flight of a bank.
+/// One flight without effect.
+#[derive(Debug, Clone, Copy)]
+struct Null {
+    seed: u64,
+    jitter: bool,
+}
+
+/// One flight with an effect.
 #[derive(Debug, Clone)]
-enum Kind {
-    Seed,
-    Jitter,
-    /// `twin`: place among the flights with jitter of the one with the same seed.
-    Effect {
-        place: usize,
-        theta: Vec<f64>,
-        twin: Option<usize>,
-    },
+struct Drawn {
+    seed: u64,
+    /// Place of the effect in the library.
+    place: usize,
+    theta: Vec<f64>,
+    /// Place among the draws of the effect.
+    number: usize,
+    /// Place among the flights with jitter of the one with the same seed.
+    twin: Option<usize>,
 }
 
 /// A bank, and what could not be flown for it.
@@ -96,92 +113,101 @@ pub struct Made {
 
 /// Flies the whole bank on all cores. `progress` hears of every flight: done, of how many.
 pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made {
-    let jobs = jobs(recipe);
-    let nominal = Nominal::of_scene(recipe.scene);
+    let (nulls, drawn) = (nulls(recipe), drawn(recipe));
     let done = AtomicUsize::new(0);
-    let rows: Vec<Option<(Vec<f64>, f64)>> = jobs
+    let tell = || {
+        progress(done.fetch_add(1, Ordering::Relaxed) + 1, nulls.len() + drawn.len());
+    };
+    let hand = Hand { recipe, nominal: Nominal::of_scene(recipe.scene) };
+    let trace = || Trace::new(recipe.scene.survey.clone());
+
+    let rows: Vec<Option<Vec<f64>>> = nulls
         .par_iter()
-        .map_init(
-            || Trace::new(recipe.scene.survey.clone()),
-            |trace, (seed, kind)| {
-                let row = fly(recipe, &nominal, *seed, kind, trace);
-                progress(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
-                row
-            },
-        )
+        .map_init(trace, |trace, null| {
+            let row = hand.fly(null.seed, null.jitter, None, trace);
+            tell();
+            row
+        })
         .collect();
     let mut bank =
         Bank { names: specs().iter().map(|s| s.name.clone()).collect(), ..Bank::default() };
+    // Where the flights with jitter went, of those that were flown.
+    let mut kept: Vec<Option<usize>> = Vec::new();
+    let mut lost: BTreeMap<String, usize> = BTreeMap::new();
+    for (null, row) in nulls.iter().zip(rows) {
+        if null.jitter {
+            kept.push(row.as_ref().map(|_| bank.jitter.len()));
+        }
+        match row {
+            Some(row) if null.jitter => bank.jitter.push(row),
+            Some(row) => bank.seeds.push(row),
+            None => *lost.entry(String::new()).or_default() += 1,
+        }
+    }
+
     for spec in recipe.library {
         let axes = library::axes(spec, &recipe.scene.room, anchors(recipe.scene));
         bank.effects.push(EffectDraws { id: spec.id.to_owned(), axes, draws: Vec::new() });
     }
-    let mut lost: Vec<(String, usize)> = Vec::new();
-    // Where the flights with jitter went, of those that were flown.
-    let mut kept: Vec<Option<usize>> = Vec::new();
-    for ((seed, kind), row) in jobs.into_iter().zip(rows) {
-        let Some((statistics, share)) = row else {
-            let id = match &kind {
-                Kind::Effect { place, .. } => recipe.library[*place].id,
-                _ => "",
-            };
-            if matches!(kind, Kind::Jitter) {
-                kept.push(None);
-            }
-            match lost.iter_mut().find(|(of, _)| of == id) {
-                Some((_, count)) => *count += 1,
-                None => lost.push((id.to_owned(), 1)),
-            }
+    let sigmas = scales(&bank.jitter);
+    let twin_of = |drawn: &Drawn| drawn.twin.and_then(|twin| kept.get(twin).copied().flatten());
+    let draws: Vec<Option<Draw>> = drawn
+        .par_iter()
+        .map_init(trace, |trace, drawn| {
+            let twin = twin_of(drawn);
+            let silence = twin.map(|twin| Silence { row: &bank.jitter[twin], sigmas: &sigmas });
+            let flown = hand.draw(drawn, &bank.effects[drawn.place].axes, silence, trace);
+            tell();
+            let (theta, statistics) = flown?;
+            Some(Draw { theta, seed: drawn.seed, twin, statistics })
+        })
+        .collect();
+    for (drawn, draw) in drawn.iter().zip(draws) {
+        let effect = &mut bank.effects[drawn.place];
+        let Some(draw) = draw else {
+            *lost.entry(effect.id.clone()).or_default() += 1;
             continue;
         };
-        match kind {
-            Kind::Seed => bank.seeds.push(statistics),
-            Kind::Jitter => {
-                kept.push(Some(bank.jitter.len()));
-                bank.jitter.push(statistics);
-            }
-            Kind::Effect { place, theta, twin } => {
-                let theta = match share {
-                    1.0 => theta,
-                    _ => library::at_share(recipe.library[place], &theta, share),
-                };
-                let twin = twin.and_then(|twin| kept.get(twin).copied().flatten());
-                let effect = &mut bank.effects[place];
-                // What was drawn weaker to be flown may lie beyond what is plausible.
-                for (axis, value) in effect.axes.iter_mut().zip(&theta) {
-                    *axis = axis.with(*value);
-                }
-                effect.draws.push(Draw { theta, seed, twin, statistics });
-            }
+        // What was drawn weaker to be flown may lie beyond what is plausible.
+        for (axis, value) in effect.axes.iter_mut().zip(&draw.theta) {
+            *axis = axis.with(*value);
         }
+        effect.draws.push(draw);
     }
-    Made { bank, lost }
+    Made { bank, lost: lost.into_iter().collect() }
 }
 
-/// Seeds and flights. A flight with jitter comes before those that it is the twin of.
+/// Seed of the flight at a place of the bank. Far apart, so that neighbouring banks share no seed.
+fn seed(recipe: &Recipe<'_>, place: usize) -> u64 {
+    recipe.seed.wrapping_mul(1_000_003).wrapping_add(place as u64)
+}
+
+fn nulls(recipe: &Recipe<'_>) -> Vec<Null> {
+    let BankSize { seeds, jitter, .. } = recipe.size;
+    let null = |k: usize| Null { seed: seed(recipe, k), jitter: k >= seeds };
+    (0..seeds + jitter).map(null).collect()
+}
+
+/// Flights with an effect.
 ///
 /// **Twins.** What an effect does is far less than what jitter and noise do, until it is large. A flight with an effect has
 /// the seed of a flight without one, so that both have the same constants, noise and start (common random numbers;
 /// Glasserman and Yao 1992), and differ by the effect alone.
-fn jobs(recipe: &Recipe<'_>) -> Vec<(u64, Kind)> {
+fn drawn(recipe: &Recipe<'_>) -> Vec<Drawn> {
     let BankSize { seeds, jitter, draws } = recipe.size;
-    // Far apart, so that neighbouring banks share no seed.
-    let first = recipe.seed.wrapping_mul(1_000_003);
-    let seed = |k: usize| first.wrapping_add(k as u64);
-    let mut jobs: Vec<(u64, Kind)> = (0..seeds).map(|k| (seed(k), Kind::Seed)).collect();
-    jobs.extend((0..jitter).map(|k| (seed(seeds + k), Kind::Jitter)));
     let anchors = anchors(recipe.scene);
     let twins = jitter - jitter % FOLDS;
+    let mut all: Vec<Drawn> = Vec::new();
     for (place, spec) in recipe.library.iter().enumerate() {
         let mut rng = Stream::new(recipe.seed, spec.id);
         let thetas = library::draws(spec, &recipe.scene.room, anchors, draws, &mut rng);
         for (k, theta) in thetas.into_iter().enumerate() {
             let twin = (place * draws.next_multiple_of(FOLDS) + k).checked_rem(twins);
-            let of = twin.map_or_else(|| jobs.len(), |twin| seeds + twin);
-            jobs.push((seed(of), Kind::Effect { place, theta, twin }));
+            let of = twin.map_or_else(|| seeds + jitter + all.len(), |twin| seeds + twin);
+            all.push(Drawn { seed: seed(recipe, of), place, theta, number: k, twin });
         }
     }
-    jobs
+    all
 }
 
 fn anchors(scene: &Scene) -> usize {
@@ -191,56 +217,97 @@ fn anchors(scene: &Scene) -> usize {
 /// Twins fall into the same fold when flights are held out by any of 2, 3 and 4 folds.
 const FOLDS: usize = 12;
 
-/// Flies one flight of the bank: its statistics, and at what share of the drawn size.
-///
-/// A flight that is diagnosed came to its landing, or is looked at as far as it came. So must those of the
-/// bank: a vehicle on its side has statistics too, and they are the same for every effect that fells it. An
-/// effect too strong for the mission is drawn weaker until it is flown.
-fn fly(
-    recipe: &Recipe<'_>,
-    nominal: &Nominal,
-    seed: u64,
-    kind: &Kind,
-    trace: &mut Trace,
-) -> Option<(Vec<f64>, f64)> {
-    let Kind::Effect { place, theta, .. } = kind else {
-        return flown(recipe, nominal, seed, kind, None, trace).map(|row| (row, 1.0));
-    };
-    let spec = recipe.library[*place];
-    SHARES.iter().find_map(|share| {
-        let theta = match share {
-            1.0 => theta.clone(),
-            _ => library::at_share(spec, theta, *share),
-        };
-        flown(recipe, nominal, seed, kind, Some((spec, &theta)), trace).map(|row| (row, *share))
-    })
+/// A flight without the effect, and sigma of every statistic in benign jitter.
+#[derive(Debug, Clone, Copy)]
+struct Silence<'a> {
+    row: &'a [f64],
+    sigmas: &'a [f64],
 }
 
-fn flown(
-    recipe: &Recipe<'_>,
-    nominal: &Nominal,
-    seed: u64,
-    kind: &Kind,
-    effect: Option<(&EffectSpec, &[f64])>,
-    trace: &mut Trace,
-) -> Option<Vec<f64>> {
-    let mut plant = recipe.scene.plant(seed);
-    // Every flight of the bank but the seeds has jitter: an effect does not come on a perfect vehicle.
-    if !matches!(kind, Kind::Seed) {
-        plant = jittered(plant).ok()?;
+impl Silence<'_> {
+    /// Whether a flight with the effect is the same, to less than anybody could see.
+    fn holds(&self, statistics: &[f64]) -> bool {
+        let off = statistics.iter().zip(self.row).zip(self.sigmas);
+        let squares = off.map(|((a, b), sigma)| ((a - b) / sigma).powi(2));
+        squares.filter(|v| v.is_finite()).sum::<f64>() < SILENT * SILENT
     }
-    if let Some((spec, theta)) = effect {
-        plant.effects = with_effect(plant.effects, spec, theta).ok()?;
+}
+
+/// Who flies.
+struct Hand<'a> {
+    recipe: &'a Recipe<'a>,
+    nominal: Nominal,
+}
+
+impl Hand<'_> {
+    /// Flies a draw: the parameters that were flown, and the statistics.
+    ///
+    /// A flight that is diagnosed came to its landing, or is looked at as far as it came. So must those of the
+    /// bank: a vehicle on its side has statistics too, and they are the same for every effect that fells it. An
+    /// effect too strong for the mission is drawn weaker until it is flown, and one that does nothing is drawn stronger.
+    fn draw(
+        &self,
+        drawn: &Drawn,
+        axes: &[Axis],
+        silence: Option<Silence<'_>>,
+        trace: &mut Trace,
+    ) -> Option<(Vec<f64>, Vec<f64>)> {
+        let spec = self.recipe.library[drawn.place];
+        let mut fly = |theta: &[f64]| self.fly(drawn.seed, true, Some((spec, theta)), trace);
+        let sized = |share: f64| match share {
+            1.0 => drawn.theta.clone(),
+            _ => library::at_share(spec, &drawn.theta, share),
+        };
+        let (share, mut row) =
+            SHARES.iter().find_map(|share| Some((*share, fly(&sized(*share))?)))?;
+        let mut theta = sized(share);
+        let plausible = axes.iter().zip(&theta).all(|(axis, value)| axis.with(*value) == *axis);
+        let part = SPREAD[drawn.number % SPREAD.len()];
+        if !plausible && part < 1.0 {
+            let weaker = sized(share * part);
+            if let Some(other) = fly(&weaker) {
+                (theta, row) = (weaker, other);
+            }
+        }
+        for _ in 0..LOUDER {
+            if !silence.is_some_and(|silence| silence.holds(&row)) {
+                break;
+            }
+            let louder = library::louder(&theta, axes);
+            match fly(&louder) {
+                Some(stronger) => (theta, row) = (louder, stronger),
+                None => break,
+            }
+        }
+        Some((theta, row))
     }
-    let pilot = recipe.scene.pilot.clone();
-    fly_observed_into(trace, recipe.scene, recipe.items, plant, pilot).ok()?;
-    // A healthy vehicle that the floor carried for a while says nothing of healthy flight. With an effect it may
-    // be the effect that set it down.
-    let carried = effect.is_none() && trace.carried_s.is_some_and(|carried_s| carried_s > 0.0);
-    if carried || !trace.came_as_far_as(recipe.scene.until_s) {
-        return None;
+
+    /// Flies one flight. `jitter`: every flight of the bank but the seeds has it: an effect does not come on a perfect
+    /// vehicle.
+    fn fly(
+        &self,
+        seed: u64,
+        jitter: bool,
+        effect: Option<(&EffectSpec, &[f64])>,
+        trace: &mut Trace,
+    ) -> Option<Vec<f64>> {
+        let Recipe { scene, items, .. } = *self.recipe;
+        let mut plant = scene.plant(seed);
+        if jitter {
+            plant = jittered(plant).ok()?;
+        }
+        if let Some((spec, theta)) = effect {
+            plant.effects = with_effect(plant.effects, spec, theta).ok()?;
+        }
+        fly_observed_into(trace, scene, items, plant, scene.pilot.clone()).ok()?;
+        // A healthy vehicle that the floor carried for a while says nothing of healthy flight. With an effect it may
+        // be the effect that set it down.
+        let carried = effect.is_none() && trace.carried_s.is_some_and(|carried_s| carried_s > 0.0);
+        if carried || !trace.came_as_far_as(scene.until_s) {
+            return None;
+        }
+        statistics_of(trace, &self.nominal).ok()
     }
-    statistics_of(trace, nominal).ok()
 }
 
 /// An effect on, with all its values.
@@ -300,6 +367,36 @@ mod tests {
         let plain = scene.plant(5);
         assert!((one.vehicle.body.mass_kg / plain.vehicle.body.mass_kg - 1.0).abs() <= JITTER_MASS);
         assert_ne!(one.effects, plain.effects);
+    }
+
+    #[test]
+    fn prop_a_flight_is_silent_when_no_statistic_moves_and_unknown_ones_do_not_count() {
+        let silence = Silence { row: &[1.0, 2.0, f64::NAN], sigmas: &[0.1, 0.0, 1.0] };
+        assert!(silence.holds(&[1.09, 2.0, 7.0]));
+        assert!(!silence.holds(&[1.11, 2.0, 7.0]));
+        assert!(!Silence { sigmas: &[0.1; 3], ..silence }.holds(&[1.08, 2.08, 7.0]), "together");
+    }
+
+    #[test]
+    fn regress_a_bank_holds_few_flights_on_which_nothing_happens() {
+        // Motors that never meet their limit: two thirds of the draws of P5 were the same flight as their twin, so
+        // that little was known of the others, and P5 was said of whatever nothing else explained.
+        let scene = Scene::lab().unwrap();
+        let items = missions::diagnostic(&scene);
+        let library: Vec<_> = library::standard().into_iter().filter(|s| s.id == "P5").collect();
+        let size = BankSize { seeds: 0, jitter: 12, draws: 3 };
+        let recipe = Recipe { scene: &scene, items: &items, library: &library, size, seed: 1 };
+        let made = make(&recipe, |_, _| {});
+        let drawn: Vec<Vec<f64>> = drawn(&recipe).into_iter().map(|d| d.theta).collect();
+        let flown: Vec<Vec<f64>> =
+            made.bank.effects[0].draws.iter().map(|d| d.theta.clone()).collect();
+        assert!(drawn.iter().any(|t| t[0] > 1.2), "one does nothing: {drawn:?}");
+        let sigmas = scales(&made.bank.jitter);
+        for draw in &made.bank.effects[0].draws {
+            let row = &made.bank.jitter[draw.twin.unwrap()];
+            let silent = Silence { row, sigmas: &sigmas }.holds(&draw.statistics);
+            assert!(!silent, "{:?}: drawn {drawn:?}, flown {flown:?}", draw.theta);
+        }
     }
 
     #[test]
