@@ -59,9 +59,9 @@ pub struct BankSize {
 }
 
 impl Default for BankSize {
-    /// Some 2060 flights with the standard library: three to four and a half minutes on two cores, where GAP.md 2.8 allows
-    /// three. What fewer and more of them are worth: docs/GAP_SCORES.md, runs 32 to 37. GAP.md asks for 200 seeds (2.3):
-    /// flights with jitter are what limits rest on, and 24 seeds serve as well as 120.
+    /// Some 2060 flights with the standard library: GAP.md 2.8 allows three minutes on two cores. What fewer and more of them are
+    /// worth, and how long they take: docs/GAP_SCORES.md, runs 32 to 40. GAP.md asks for 200 seeds (2.3): flights with
+    /// jitter are what limits rest on, and 24 seeds serve as well as 120.
     fn default() -> Self {
         Self { seeds: 24, jitter: 360, draws: 40 }
     }
