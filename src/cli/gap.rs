@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use clap::builder::RangedU64ValueParser;
 use clap::{Args, Subcommand};
 
 use super::{
@@ -10,7 +11,7 @@ use super::{
     gap_missions, gap_observe, gap_shrink, gap_sight,
 };
 use crate::checks::Problems;
-use crate::gap::bank::LEAST_DRAWS;
+use crate::gap::bank::{LEAST_DRAWS, LEAST_NULLS};
 use crate::gap::make_bank::BankSize;
 use crate::gap::workshop::default_folder;
 use crate::model::effects::EffectSpec;
@@ -92,10 +93,10 @@ pub(super) struct BankOptions {
     #[arg(long, value_name = "N")]
     pub seeds: Option<usize>,
     /// Flights with benign jitter in a bank.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = at_least(LEAST_NULLS))]
     pub jitter: Option<usize>,
     /// Flights per effect in a bank.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = at_least(LEAST_DRAWS))]
     pub draws: Option<usize>,
     /// Only these effects in the library.
     #[arg(long, value_name = "ID", conflicts_with = "without")]
@@ -103,6 +104,11 @@ pub(super) struct BankOptions {
     /// Effects that are left out of the library.
     #[arg(long, value_name = "ID")]
     pub without: Vec<String>,
+}
+
+/// What a bank needs is refused before it is flown.
+fn at_least(count: usize) -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(count as u64..)
 }
 
 impl BankOptions {
@@ -115,7 +121,7 @@ impl BankOptions {
             Size::Large => BankSize { seeds: 24, jitter: 1440, draws: 80 },
             Size::Full => BankSize::default(),
             Size::Small => BankSize { seeds: 20, jitter: 60, draws: 10 },
-            Size::Smallest => BankSize { seeds: 4, jitter: 12, draws: LEAST_DRAWS },
+            Size::Smallest => BankSize { seeds: 4, jitter: 16, draws: LEAST_DRAWS },
         };
         BankSize {
             seeds: self.seeds.unwrap_or(base.seeds),

@@ -13,8 +13,8 @@ pub struct Draw {
     /// Seed of the flight.
     pub seed: u64,
     /// Place in [`Bank::jitter`] of its twin: the same vehicle, noise and start, without the effect. What the two
-    /// differ by is the effect's alone. `None`: there is none, and only the mean over flights compares.
-    pub twin: Option<usize>,
+    /// differ by is the effect's alone.
+    pub twin: usize,
     /// Statistics; NaN where the flight could not say.
     pub statistics: Vec<f64>,
 }
@@ -126,7 +126,7 @@ pub enum BankError {
     },
 }
 
-/// Fewest null flights: below this not even the scale of a statistic is known to 20 %.
+/// Fewest flights with jitter: below this not even the scale of a statistic is known to 20 %.
 pub const LEAST_NULLS: usize = 12;
 /// Fewest draws of an effect: three folds of two.
 pub const LEAST_DRAWS: usize = 6;
@@ -149,10 +149,10 @@ impl Bank {
         for (i, s) in self.jitter.iter().enumerate() {
             row(format!("jitter flight {i}"), s)?;
         }
-        let nulls = self.seeds.len() + self.jitter.len();
-        if nulls < LEAST_NULLS {
-            let what = "null flights (seeds and jitter)".to_string();
-            return Err(BankError::TooFew { what, found: nulls, least: LEAST_NULLS });
+        let found = self.jitter.len();
+        if found < LEAST_NULLS {
+            let what = "flights with jitter".to_string();
+            return Err(BankError::TooFew { what, found, least: LEAST_NULLS });
         }
         for (place, effect) in self.effects.iter().enumerate() {
             let id = &effect.id;
@@ -181,8 +181,8 @@ impl Bank {
                         return Err(BankError::Range { id, parameter, axis, value });
                     }
                 }
-                if let Some(twin) = d.twin.filter(|twin| *twin >= self.jitter.len()) {
-                    let (id, nulls) = (id.clone(), self.jitter.len());
+                if d.twin >= self.jitter.len() {
+                    let (id, twin, nulls) = (id.clone(), d.twin, self.jitter.len());
                     return Err(BankError::Twin { id, draw, twin, nulls });
                 }
             }
@@ -197,16 +197,12 @@ mod tests {
 
     #[test]
     fn prop_a_bank_says_what_is_wrong_with_it() {
-        let draw = |v: f64| Draw {
-            theta: vec![v],
-            seed: 1,
-            twin: Some(0),
-            statistics: vec![0.0, f64::NAN],
-        };
+        let draw =
+            |v: f64| Draw { theta: vec![v], seed: 1, twin: 0, statistics: vec![0.0, f64::NAN] };
         let good = Bank {
             names: vec!["a".into(), "b".into()],
             seeds: vec![vec![0.0; 2]; 8],
-            jitter: vec![vec![0.0; 2]; 8],
+            jitter: vec![vec![0.0; 2]; 12],
             effects: vec![EffectDraws {
                 id: "A1".into(),
                 axes: vec![Axis::over([0.0, 1.5].into_iter())],
@@ -229,8 +225,11 @@ mod tests {
         let mut bad = good.clone();
         bad.effects[0].draws[3].theta[0] = 2.0;
         assert!(matches!(bad.check(), Err(BankError::Range { value: 2.0, .. })));
+        let mut bad = good.clone();
+        bad.effects[0].draws[2].twin = 12;
+        assert!(matches!(bad.check(), Err(BankError::Twin { draw: 2, twin: 12, nulls: 12, .. })));
         let mut bad = good;
-        bad.seeds.clear();
-        assert!(matches!(bad.check(), Err(BankError::TooFew { found: 8, .. })));
+        bad.jitter.truncate(11);
+        assert!(matches!(bad.check(), Err(BankError::TooFew { found: 11, .. })));
     }
 }

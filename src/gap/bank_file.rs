@@ -10,7 +10,7 @@ use super::axis::Axis;
 use super::bank::{Bank, BankError, Draw, EffectDraws};
 use super::kept_file::{self, KeptFileError, Kind};
 
-const KIND: Kind = Kind { what: "bank", magic: b"HALTBANK", version: 3 };
+const KIND: Kind = Kind { what: "bank", magic: b"HALTBANK", version: 4 };
 
 /// What can be wrong with a bank file.
 #[derive(Debug, thiserror::Error)]
@@ -19,7 +19,7 @@ pub enum BankFileError {
     #[error(transparent)]
     File(#[from] KeptFileError),
     /// Contents contradict themselves.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}; delete it, and it is flown anew", path.display())]
     Bank {
         /// File.
         path: PathBuf,
@@ -46,7 +46,7 @@ struct EffectOnDisk {
     id: String,
     axes: Vec<Axis>,
     /// θ, seed, twin, statistics.
-    draws: Vec<(Vec<f64>, u64, Option<usize>, Row)>,
+    draws: Vec<(Vec<f64>, u64, usize, Row)>,
 }
 
 pub(super) fn to_disk(rows: &[f64]) -> Row {
@@ -117,7 +117,7 @@ mod tests {
         let draw = Draw {
             theta: vec![0.1 + 0.2],
             seed: u64::MAX,
-            twin: Some(3),
+            twin: 3,
             statistics: vec![1e-300, f64::NAN],
         };
         Bank {

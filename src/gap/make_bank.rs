@@ -98,8 +98,8 @@ struct Drawn {
     theta: Vec<f64>,
     /// Place among the draws of the effect.
     number: usize,
-    /// Place among the flights with jitter of the one with the same seed.
-    twin: Option<usize>,
+    /// Place among the flown flights with jitter of the one with the same seed.
+    twin: usize,
 }
 
 /// A bank, and what could not be flown for it.
@@ -113,11 +113,10 @@ pub struct Made {
 
 /// Flies the whole bank on all cores. `progress` hears of every flight: done, of how many.
 pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made {
-    let (nulls, drawn) = (nulls(recipe), drawn(recipe));
+    let nulls = nulls(recipe);
+    let total = nulls.len() + recipe.library.len() * recipe.size.draws;
     let done = AtomicUsize::new(0);
-    let tell = || {
-        progress(done.fetch_add(1, Ordering::Relaxed) + 1, nulls.len() + drawn.len());
-    };
+    let tell = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
     let hand = Hand { recipe, nominal: Nominal::of_scene(recipe.scene) };
     let trace = || Trace::new(recipe.scene.survey.clone());
 
@@ -131,15 +130,15 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
         .collect();
     let mut bank =
         Bank { names: specs().iter().map(|s| s.name.clone()).collect(), ..Bank::default() };
-    // Where the flights with jitter went, of those that were flown.
-    let mut kept: Vec<Option<usize>> = Vec::new();
+    // Of the flown flights with jitter.
+    let mut seeds: Vec<u64> = Vec::new();
     let mut lost: BTreeMap<String, usize> = BTreeMap::new();
     for (null, row) in nulls.iter().zip(rows) {
-        if null.jitter {
-            kept.push(row.as_ref().map(|_| bank.jitter.len()));
-        }
         match row {
-            Some(row) if null.jitter => bank.jitter.push(row),
+            Some(row) if null.jitter => {
+                seeds.push(null.seed);
+                bank.jitter.push(row);
+            }
             Some(row) => bank.seeds.push(row),
             None => *lost.entry(String::new()).or_default() += 1,
         }
@@ -150,16 +149,15 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
         bank.effects.push(EffectDraws { id: spec.id.to_owned(), axes, draws: Vec::new() });
     }
     let sigmas = scales(&bank.jitter);
-    let twin_of = |drawn: &Drawn| drawn.twin.and_then(|twin| kept.get(twin).copied().flatten());
+    let drawn = drawn(recipe, &seeds);
     let draws: Vec<Option<Draw>> = drawn
         .par_iter()
         .map_init(trace, |trace, drawn| {
-            let twin = twin_of(drawn);
-            let silence = twin.map(|twin| Silence { row: &bank.jitter[twin], sigmas: &sigmas });
+            let silence = Silence { row: &bank.jitter[drawn.twin], sigmas: &sigmas };
             let flown = hand.draw(drawn, &bank.effects[drawn.place].axes, silence, trace);
             tell();
             let (theta, statistics) = flown?;
-            Some(Draw { theta, seed: drawn.seed, twin, statistics })
+            Some(Draw { theta, seed: drawn.seed, twin: drawn.twin, statistics })
         })
         .collect();
     for (drawn, draw) in drawn.iter().zip(draws) {
@@ -177,14 +175,11 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
     Made { bank, lost: lost.into_iter().collect() }
 }
 
-/// Seed of the flight at a place of the bank. Far apart, so that neighbouring banks share no seed.
-fn seed(recipe: &Recipe<'_>, place: usize) -> u64 {
-    recipe.seed.wrapping_mul(1_000_003).wrapping_add(place as u64)
-}
-
 fn nulls(recipe: &Recipe<'_>) -> Vec<Null> {
     let BankSize { seeds, jitter, .. } = recipe.size;
-    let null = |k: usize| Null { seed: seed(recipe, k), jitter: k >= seeds };
+    // Far apart, so that neighbouring banks share no seed.
+    let first = recipe.seed.wrapping_mul(1_000_003);
+    let null = |k: usize| Null { seed: first.wrapping_add(k as u64), jitter: k >= seeds };
     (0..seeds + jitter).map(null).collect()
 }
 
@@ -192,19 +187,20 @@ fn nulls(recipe: &Recipe<'_>) -> Vec<Null> {
 ///
 /// **Twins.** What an effect does is far less than what jitter and noise do, until it is large. A flight with an effect has
 /// the seed of a flight without one, so that both have the same constants, noise and start (common random numbers;
-/// Glasserman and Yao 1992), and differ by the effect alone.
-fn drawn(recipe: &Recipe<'_>) -> Vec<Drawn> {
-    let BankSize { seeds, jitter, draws } = recipe.size;
+/// Glasserman and Yao 1992), and differ by the effect alone. `seeds`: of the flown flights with jitter.
+fn drawn(recipe: &Recipe<'_>, seeds: &[u64]) -> Vec<Drawn> {
+    let draws = recipe.size.draws;
     let anchors = anchors(recipe.scene);
-    let twins = jitter - jitter % FOLDS;
+    let twins = if seeds.len() < FOLDS { seeds.len() } else { seeds.len() - seeds.len() % FOLDS };
     let mut all: Vec<Drawn> = Vec::new();
     for (place, spec) in recipe.library.iter().enumerate() {
         let mut rng = Stream::new(recipe.seed, spec.id);
         let thetas = library::draws(spec, &recipe.scene.room, anchors, draws, &mut rng);
         for (k, theta) in thetas.into_iter().enumerate() {
-            let twin = (place * draws.next_multiple_of(FOLDS) + k).checked_rem(twins);
-            let of = twin.map_or_else(|| seeds + jitter + all.len(), |twin| seeds + twin);
-            all.push(Drawn { seed: seed(recipe, of), place, theta, number: k, twin });
+            let Some(twin) = (place * draws.next_multiple_of(FOLDS) + k).checked_rem(twins) else {
+                return all;
+            };
+            all.push(Drawn { seed: seeds[twin], place, theta, number: k, twin });
         }
     }
     all
@@ -249,7 +245,7 @@ impl Hand<'_> {
         &self,
         drawn: &Drawn,
         axes: &[Axis],
-        silence: Option<Silence<'_>>,
+        silence: Silence<'_>,
         trace: &mut Trace,
     ) -> Option<(Vec<f64>, Vec<f64>)> {
         let spec = self.recipe.library[drawn.place];
@@ -270,7 +266,7 @@ impl Hand<'_> {
             }
         }
         for _ in 0..LOUDER {
-            if !silence.is_some_and(|silence| silence.holds(&row)) {
+            if !silence.holds(&row) {
                 break;
             }
             let louder = library::louder(&theta, axes);
@@ -387,13 +383,13 @@ mod tests {
         let size = BankSize { seeds: 0, jitter: 12, draws: 3 };
         let recipe = Recipe { scene: &scene, items: &items, library: &library, size, seed: 1 };
         let made = make(&recipe, |_, _| {});
-        let drawn: Vec<Vec<f64>> = drawn(&recipe).into_iter().map(|d| d.theta).collect();
+        let drawn: Vec<Vec<f64>> = drawn(&recipe, &[0]).into_iter().map(|d| d.theta).collect();
         let flown: Vec<Vec<f64>> =
             made.bank.effects[0].draws.iter().map(|d| d.theta.clone()).collect();
         assert!(drawn.iter().any(|t| t[0] > 1.2), "one does nothing: {drawn:?}");
         let sigmas = scales(&made.bank.jitter);
         for draw in &made.bank.effects[0].draws {
-            let row = &made.bank.jitter[draw.twin.unwrap()];
+            let row = &made.bank.jitter[draw.twin];
             let silent = Silence { row, sigmas: &sigmas }.holds(&draw.statistics);
             assert!(!silent, "{:?}: drawn {drawn:?}, flown {flown:?}", draw.theta);
         }
@@ -427,7 +423,7 @@ mod tests {
         let scene = Scene::lab().unwrap();
         let items = missions::diagnostic(&scene);
         let library: Vec<_> = library::standard().into_iter().filter(|s| s.id == "A2").collect();
-        let size = BankSize { seeds: 0, jitter: 0, draws: 3 };
+        let size = BankSize { seeds: 0, jitter: 3, draws: 3 };
         let recipe = Recipe { scene: &scene, items: &items, library: &library, size, seed: 1 };
         let made = make(&recipe, |_, _| {});
         assert!(made.lost.is_empty(), "{:?}", made.lost);

@@ -63,15 +63,15 @@ pub struct Workshop {
 }
 
 impl Settings {
-    /// For flights by [`specs`], beside banks whose draws carry jitter.
+    /// For flights by [`specs`].
     pub fn for_flights() -> Self {
         Self::default().beside_flights()
     }
 
-    /// These choices for flights by [`specs`], beside banks whose draws carry jitter.
+    /// These choices for flights by [`specs`].
     pub fn beside_flights(self) -> Self {
         let resolution = specs().iter().map(|s| s.resolution).collect();
-        Self { jittered: true, resolution, ..self }
+        Self { resolution, ..self }
     }
 }
 

@@ -281,7 +281,6 @@ mod tests {
             &[Axis { low: -1.0, high: 1.0, choice: false, size: Some(Size::From(0.0)) }],
             &refs,
             &z,
-            &DVector::from_element(p, 1e-4),
             None,
         );
         let mut rng = Stream::new(9, "evidence");

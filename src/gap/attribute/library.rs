@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::Settings;
 use super::evidence::{Fit, Sufficient};
-use super::linear::{Noise, matrix};
+use super::linear::Noise;
 use super::open_set::Left;
 use super::surrogate::{Law, Surrogate};
 use super::whiten::{Standard, Whitening, compress, compressed};
@@ -43,7 +43,7 @@ pub(super) struct Library {
 
 impl Library {
     /// Learns. `allowed`: statistics that may be used, by place. Of `settings`: `form`, what another law of an effect may
-    /// differ by; `jittered`, draws carry benign jitter themselves.
+    /// differ by.
     pub fn new(
         bank: &Bank,
         part: Part,
@@ -65,39 +65,20 @@ impl Library {
         });
         let standard = Standard::new(&nulls, draws, references, &settings.resolution, allowed);
         let plain = standard.clone().without_shift();
-        let spreading =
-            if jitter.len() >= crate::gap::bank::LEAST_NULLS { &jitter } else { &nulls };
-        let whitening = Whitening::new(standard, spreading, references);
-        // Draws without a twin compare with the flights that they differ from by the effect and the seed.
-        let base = if seeds.is_empty() || settings.jittered { spreading } else { &seeds };
-        let null = |row: &[f64]| compressed(&plain.raw(row));
-        let base: Vec<Vec<f64>> = base.iter().map(|r| null(r)).collect();
-        let mean: Vec<f64> = matrix(&base, whitening.width()).row_mean().iter().copied().collect();
-        let variance: DVector<f64> = whitening.apply_rows(&base).row_variance().transpose();
+        let whitening = Whitening::new(standard, &jitter, references);
         let law = Law { form: settings.form, whitening: &whitening };
         let effects: Vec<Surrogate> = bank
             .effects
             .par_iter()
             .map(|effect| {
                 let teaches = effect.draws.iter().enumerate().filter(|(i, _)| part.teaches(*i));
-                let mut kept: Vec<&Draw> = teaches.map(|(_, d)| d).collect();
-                // A twin that could not be flown leaves a draw that differs by its noise as well: one of many.
-                let twins = kept.iter().filter(|d| d.twin.is_some()).count();
-                let paired = twins >= LEAST_TWINS.max(kept.len().div_ceil(2));
-                kept.retain(|d| !paired || d.twin.is_some());
+                let kept: Vec<&Draw> = teaches.map(|(_, d)| d).collect();
                 let off = |d: &&Draw| {
-                    let twin = d
-                        .twin
-                        .filter(|_| paired)
-                        .and_then(|twin| bank.jitter.get(twin))
-                        .map(|t| plain.raw(t));
-                    difference(&plain.raw(&d.statistics), twin.as_deref(), &mean)
+                    difference(&plain.raw(&d.statistics), &plain.raw(&bank.jitter[d.twin]))
                 };
                 let z = whitening.apply_rows(&filled(kept.iter().map(off).collect()));
                 let thetas: Vec<&[f64]> = kept.iter().map(|d| d.theta.as_slice()).collect();
-                // What twins differ by holds no noise of seeds.
-                let noise = if paired { variance.map(|_| 0.0) } else { variance.clone() };
-                Surrogate::new(&effect.axes, &thetas, &z, &noise, Some(&law))
+                Surrogate::new(&effect.axes, &thetas, &z, Some(&law))
             })
             .collect();
         Self { whitening, effects }
@@ -140,16 +121,9 @@ impl Library {
     }
 }
 
-/// Fewer draws with a twin say less than all draws without: two for each parameter of a line (judgement).
-const LEAST_TWINS: usize = 4;
-
-/// Compressed, what a draw differs by from its twin, or from the mean without one; NaN where either is unknown.
-fn difference(draw: &[f64], twin: Option<&[f64]>, mean: &[f64]) -> Vec<f64> {
-    let base = |k: usize| match twin {
-        Some(twin) => compress(twin[k]),
-        None => mean[k],
-    };
-    draw.iter().enumerate().map(|(k, v)| compress(*v) - base(k)).collect()
+/// Compressed, what a draw differs by from its twin; NaN where either is unknown.
+fn difference(draw: &[f64], twin: &[f64]) -> Vec<f64> {
+    draw.iter().zip(twin).map(|(v, t)| compress(*v) - compress(*t)).collect()
 }
 
 /// Unknown statistics of a draw become the mean of the effect's other draws.

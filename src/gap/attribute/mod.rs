@@ -65,8 +65,6 @@ pub struct Settings {
     pub folds: usize,
     /// Pairs that are fitted jointly.
     pub polished: usize,
-    /// Draws of effects carry benign jitter of their own.
-    pub jittered: bool,
     /// Smallest difference of every statistic that says anything about the vehicle, in its unit; empty: any.
     pub resolution: Vec<f64>,
     /// Least change of every statistic that matters, in its unit; empty: everything matters.
@@ -86,7 +84,6 @@ impl Default for Settings {
             survivors: 12,
             folds: 4,
             polished: 8,
-            jittered: false,
             resolution: Vec::new(),
             material: Vec::new(),
         }

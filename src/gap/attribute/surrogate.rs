@@ -6,7 +6,7 @@
 //! kernel, ridge and features are chosen per effect by the leave-one-out likelihood. An effect of no size does nothing:
 //! kernels are multiplied by the sizes of both draws, `k(θ, θ') = s(θ) s(θ') k₀(x, x')` with `s` of [`Space::size`] and `x` the
 //! features (a product of kernels is one: Rasmussen and Williams 2006, 4.2.4), so that every signature vanishes there. Residuals of
-//! left-out draws beyond the noise of seeds give the noise of the effect, `τ² (U Uᵀ + diag d)`,
+//! left-out draws give the noise of the effect, `τ² (U Uᵀ + diag d)`,
 //! with `τ` the size of the signature relative to the draws: what a surrogate gets wrong grows
 //! with the effect. Both hold also a share of the signature itself: another law of the same effect ([`Law`]).
 
@@ -24,8 +24,6 @@ const MOST_DIRECTIONS: usize = 8;
 const KEPT_SHARE: f64 = 0.999;
 /// Directions of residual noise that are kept.
 const MOST_NOISE_DIRECTIONS: usize = 6;
-/// A direction of residual noise counts when this many times above the edge of pure noise.
-const EDGE_MARGIN: f64 = 1.3;
 /// Levels of `τ²` at which the noise is prepared; between them the likelihood is interpolated.
 pub(super) const LEVELS: [f64; 5] = [0.015_625, 0.0625, 0.25, 1.0, 4.0];
 
@@ -136,22 +134,14 @@ pub(super) struct Surrogate {
 }
 
 impl Surrogate {
-    /// `axes`: of the parameters; `thetas`: of the draws. `z`: draws minus null, whitened (n × p).
-    /// `seed_variance`: of flights that differ by the
-    /// seed alone, per whitened statistic. `law`: what another law of the same effect may differ by; absent:
-    /// the library's law is the only one.
-    pub fn new(
-        axes: &[Axis],
-        thetas: &[&[f64]],
-        z: &DMatrix<f64>,
-        seed_variance: &DVector<f64>,
-        law: Option<&Law<'_>>,
-    ) -> Self {
+    /// `axes`: of the parameters; `thetas`: of the draws. `z`: draws minus their twins, whitened (n × p). `law`: what another
+    /// law of the same effect may differ by; absent: the library's law is the only one.
+    pub fn new(axes: &[Axis], thetas: &[&[f64]], z: &DMatrix<f64>, law: Option<&Law<'_>>) -> Self {
         let space = Space::of(axes);
         let sizes: Vec<f64> = thetas.iter().map(|t| space.size(t)).collect();
         let units: Vec<Vec<f64>> = thetas.iter().map(|t| space.to_unit(t)).collect();
         let full: Vec<Vec<f64>> = units.iter().map(|u| space.features(u)).collect();
-        let (kernel, ridge, used) = choose(&full, &sizes, z, seed_variance.mean());
+        let (kernel, ridge, used) = choose(&full, &sizes, z);
         let x: Vec<Vec<f64>> = full.iter().map(|f| pick(f, &used)).collect();
         let n = x.len();
         let (smoother, weights) = smoother(kernel, ridge, &x, &sizes);
@@ -165,7 +155,7 @@ impl Surrogate {
         let q = basis.columns(0, keep).into_owned();
         let b = weights * (z * &q);
         let size2 = (fitted.norm_squared() / n as f64).max(1.0);
-        let spread = residual_noise(&left_out, &fitted, seed_variance, size2, law);
+        let spread = residual_noise(&left_out, &fitted, size2, law);
         let noise: Vec<Noise> = LEVELS
             .iter()
             .map(|level| Noise::new(&(&spread.0 * *level), &(&spread.1 * level.sqrt())))
@@ -267,23 +257,18 @@ fn enough(values: &[f64], total: f64) -> usize {
 
 /// Kernel, ridge and features with the best leave-one-out likelihood, features by backward
 /// elimination.
-fn choose(
-    full: &[Vec<f64>],
-    sizes: &[f64],
-    z: &DMatrix<f64>,
-    noise: f64,
-) -> (Kernel, f64, Vec<usize>) {
+fn choose(full: &[Vec<f64>], sizes: &[f64], z: &DMatrix<f64>) -> (Kernel, f64, Vec<usize>) {
     let (_, basis) = directions(z, COMPARED_DIRECTIONS);
     let y = z * basis;
     let width = full.first().map_or(0, Vec::len);
     let mut used: Vec<usize> = (0..width).collect();
-    let mut best = best_of(full, sizes, &y, &used, noise, &KERNELS, &RIDGES);
+    let mut best = best_of(full, sizes, &y, &used, &KERNELS, &RIDGES);
     while used.len() > 1 {
         let mut trials = (0..used.len()).map(|k| {
             let mut fewer = used.clone();
             fewer.remove(k);
             let kernels = [best.1, Kernel::Smooth(0.7)];
-            (best_of(full, sizes, &y, &fewer, noise, &kernels, &[best.2]), fewer)
+            (best_of(full, sizes, &y, &fewer, &kernels, &[best.2]), fewer)
         });
         let first = trials.next();
         let Some(better) = trials.fold(first, |a, b| match a {
@@ -297,9 +282,12 @@ fn choose(
         }
         (best, used) = better;
     }
-    best = best_of(full, sizes, &y, &used, noise, &KERNELS, &RIDGES);
+    best = best_of(full, sizes, &y, &used, &KERNELS, &RIDGES);
     (best.1, best.2, used)
 }
+
+/// Mean square residual, in null sigma, below which fits are equally good.
+const LEAST_RESIDUAL: f64 = 1e-3;
 
 /// Minus log likelihood of left-out draws, kernel, ridge.
 fn best_of(
@@ -307,7 +295,6 @@ fn best_of(
     sizes: &[f64],
     y: &DMatrix<f64>,
     used: &[usize],
-    noise: f64,
     kernels: &[Kernel],
     ridges: &[f64],
 ) -> (f64, Kernel, f64) {
@@ -323,7 +310,7 @@ fn best_of(
                 let square =
                     |i: usize| (residual[(i, j)] / (1.0 - h[(i, i)]).max(LEAST_FREEDOM)).powi(2);
                 let mean = (0..y.nrows()).map(square).sum::<f64>() / n;
-                cost += 0.5 * n * (noise.max(1e-3) + mean).ln();
+                cost += 0.5 * n * (LEAST_RESIDUAL + mean).ln();
             }
             if cost < best.0 {
                 best = (cost, *kernel, *ridge);
@@ -333,36 +320,28 @@ fn best_of(
     best
 }
 
-/// Diagonal and low-rank part of what residuals hold beyond the noise of seeds, at `τ = 1`.
+/// Diagonal and low-rank part of what residuals hold, at `τ = 1`.
 fn residual_noise(
     left_out: &DMatrix<f64>,
     fitted: &DMatrix<f64>,
-    seed_variance: &DVector<f64>,
     size2: f64,
     law: Option<&Law<'_>>,
 ) -> (DVector<f64>, DMatrix<f64>) {
-    let (n, p) = left_out.shape();
+    let p = left_out.ncols();
     // Σ τ²: every draw holds τ² times the noise at τ = 1.
     let weight: f64 = fitted
         .row_iter()
         .map(|r| (r.norm_squared() / size2).clamp(LEVELS[0], LEVELS[LEVELS.len() - 1]))
         .sum();
-    let seed = seed_variance.mean();
     let (values, basis) = directions(left_out, MOST_NOISE_DIRECTIONS);
-    let edge = seed * ((n as f64).sqrt() + (p as f64).sqrt()).powi(2);
-    let mut columns = Vec::new();
-    for (k, value) in values.iter().enumerate() {
-        if *value > EDGE_MARGIN * edge {
-            let variance = (value - seed * (n + p) as f64) / weight;
-            columns.push(basis.column(k) * variance.max(0.0).sqrt());
-        }
-    }
+    let column = |(k, value): (usize, &f64)| basis.column(k) * (value / weight).sqrt();
+    let mut columns: Vec<DVector<f64>> = values.iter().enumerate().map(column).collect();
     let low_rank = columns.len();
     let law = law.map_or_else(Vec::new, |l| l.columns(fitted, weight));
     columns.extend(law.iter().take(MOST_LAW_DIRECTIONS).cloned());
     let u = if columns.is_empty() { DMatrix::zeros(p, 0) } else { DMatrix::from_columns(&columns) };
     let beyond = |j: usize| {
-        let total = left_out.column(j).norm_squared() - n as f64 * seed_variance[j];
+        let total = left_out.column(j).norm_squared();
         total / weight - u.columns(0, low_rank).row(j).norm_squared()
     };
     let raw = DVector::from_fn(p, |j, _| beyond(j).max(0.0));
@@ -396,7 +375,7 @@ mod tests {
             .collect();
         let z = DMatrix::from_fn(40, p, |i, j| rows[i][j]);
         let refs: Vec<&[f64]> = thetas.iter().map(Vec::as_slice).collect();
-        let s = Surrogate::new(&axes(&refs), &refs, &z, &DVector::from_element(p, 0.49), None);
+        let s = Surrogate::new(&axes(&refs), &refs, &z, None);
         let mut worst: f64 = 0.0;
         for k in 0..40 {
             let theta = [-0.9 + 1.8 * f64::from(k) / 39.0, rng.between(0.5, 6.5)];
@@ -430,7 +409,7 @@ mod tests {
         let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
         let at = |size: Option<Size>, theta: f64| {
             let axis = Axis { low: 0.0, high: 2.0, choice: false, size };
-            let s = Surrogate::new(&[axis], &refs, &z, &DVector::from_element(p, 1.0), None);
+            let s = Surrogate::new(&[axis], &refs, &z, None);
             let found = s.mean(&s.coordinates(&s.space.to_unit(&[theta])));
             (found - &along * (3.0 * theta)).norm() / (p as f64).sqrt()
         };
@@ -454,7 +433,7 @@ mod tests {
             noisy[(i, 1)] += 8.0 * thetas[i][0] * rng.normal();
         }
         let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
-        let s = Surrogate::new(&axes(&refs), &refs, &noisy, &DVector::from_element(p, 0.49), None);
+        let s = Surrogate::new(&axes(&refs), &refs, &noisy, None);
         let variance = |j: usize| s.spread.0[j] + s.spread.1.row(j).norm_squared();
         assert!(variance(1) > 30.0 && variance(1) < 130.0, "{}", variance(1));
         assert!(variance(5) < 2.0, "{}", variance(5));
@@ -484,10 +463,9 @@ mod tests {
         let rows: Vec<_> = thetas.iter().map(|t| seen(t[0], 0, 0.0)).collect();
         let z = DMatrix::from_fn(41, p, |i, j| rows[i][j]);
         let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
-        let little = DVector::from_element(p, 1e-3);
         let law = Law { form: 0.3, whitening: &whitening };
         let left = |law: Option<&Law<'_>>, off: usize| {
-            let s = Surrogate::new(&axes(&refs), &refs, &z, &little, law);
+            let s = Surrogate::new(&axes(&refs), &refs, &z, law);
             let h = s.coordinates(&s.space.to_unit(&[0.8]));
             s.noise[3].squared(&(seen(0.8, off, 0.3) - s.mean(&h)))
         };

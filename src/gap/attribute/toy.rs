@@ -169,38 +169,27 @@ impl Toy {
         self.flight(&[(e, theta)], true, false)
     }
 
+    /// A bank, its draws flown as twins of its flights with jitter.
     pub fn bank(&mut self) -> Bank {
         let size = self.size;
         let names = (0..size.statistics).map(|j| format!("s{j}")).collect();
         let seeds = (0..size.seeds).map(|_| self.flight(&[], false, false)).collect();
-        let jitter = (0..size.jitter).map(|_| self.flight(&[], true, false)).collect();
-        let effects = (0..size.effects)
-            .map(|e| EffectDraws {
-                id: format!("E{e}"),
-                axes: self.axes(e),
-                draws: (0..size.draws)
-                    .map(|k| {
-                        let theta = self.theta(e);
-                        let statistics = self.flight(&[(e, theta.clone())], false, false);
-                        Draw { theta, seed: k as u64, twin: None, statistics }
-                    })
-                    .collect(),
-            })
-            .collect();
+        let jitter: Vec<_> = (0..size.jitter).map(|_| self.flight(&[], true, false)).collect();
+        let mut draw = |e: usize, k: usize| {
+            let theta = self.theta(e);
+            let off = self.out(&self.signature(e, &theta, false));
+            let twin = (e * size.draws + k) % jitter.len();
+            let statistics = jitter[twin].iter().zip(off).map(|(v, o)| v + o).collect();
+            Draw { theta, seed: k as u64, twin, statistics }
+        };
+        let draws: Vec<Vec<Draw>> =
+            (0..size.effects).map(|e| (0..size.draws).map(|k| draw(e, k)).collect()).collect();
+        let effects = draws.into_iter().enumerate().map(|(e, draws)| EffectDraws {
+            id: format!("E{e}"),
+            axes: self.axes(e),
+            draws,
+        });
+        let effects = effects.collect();
         Bank { names, seeds, jitter, effects }
-    }
-
-    /// The same bank, its draws flown as twins of its flights with jitter.
-    pub fn twinned(&self, bank: &Bank) -> Bank {
-        let mut bank = bank.clone();
-        for (e, effect) in bank.effects.iter_mut().enumerate() {
-            for (k, draw) in effect.draws.iter_mut().enumerate() {
-                let twin = (e * self.size.draws + k) % bank.jitter.len();
-                let off = self.out(&self.signature(e, &draw.theta, false));
-                draw.twin = Some(twin);
-                draw.statistics = bank.jitter[twin].iter().zip(off).map(|(v, o)| v + o).collect();
-            }
-        }
-        bank
     }
 }

@@ -1,9 +1,7 @@
 //! Limits from flights that taught nothing: the bank is split into folds, each is judged by what
 //! the others teach (GAP.md 2.3: an in-sample limit gave 93 % false alarms, a split one 1.3 %).
 //!
-//! Held-out null flights give the gate and the ranks of the blocks. Held-out draws, with the jitter
-//! of held-out null flights added so that they look like flights of an airframe that is not the
-//! nominal one, give calibration, the limit of a second effect and the limit of adequacy. Pairs are
+//! Held-out null flights give the gate and the ranks of the blocks. Held-out draws, as flights of the airframe, give calibration, the limit of a second effect and the limit of adequacy. Pairs are
 //! sums of two held-out draws.
 
 use std::collections::BTreeMap;
@@ -106,7 +104,7 @@ pub(super) fn limits(
                 null(&library, &groups, &teachers.placed(s, fold + k, HALF), settings)
             }),
         );
-        let known = flights(teachers, part, &judged, settings.law);
+        let known = flights(teachers, part, settings.law);
         trials.par_extend(known.par_iter().map(|k| trial(&library, settings, k)));
     }
     // Held-out flights of the airframe itself know better than the bank.
@@ -235,15 +233,14 @@ pub(super) fn by_effect(fits: &[Fit]) -> Vec<f64> {
 ///
 /// Each is flown by another law of its effect, off by `law`: flights by the library's own law are
 /// explained so well that the judge would call every other vehicle's effect unknown.
-fn flights(teachers: &Teachers<'_>, part: Part, jitter: &[&[f64]], law: f64) -> Vec<Known> {
+fn flights(teachers: &Teachers<'_>, part: Part, law: f64) -> Vec<Known> {
     let folds = part.held_out.map_or(1, |(_, folds)| folds);
     let mut next = 0;
     let mut rng = Stream::new(part.held_out.map_or(0, |(fold, _)| fold as u64), "another law");
     let mut flown = |draws: &[&Draw]| -> Vec<f64> {
         next += 1;
-        let null = jitter.get(next % jitter.len().max(1)).copied();
         let mut flight =
-            draws.first().map_or_else(Vec::new, |d| teachers.without_effect(d, next, null));
+            draws.first().map_or_else(Vec::new, |draw| teachers.without_effect(draw, next));
         for draw in draws {
             let effect = teachers.effect(draw, law, &mut rng);
             flight.iter_mut().zip(effect).for_each(|(v, off)| *v += off);

@@ -28,7 +28,7 @@ fn workshop(moved: usize) -> Workshop {
         id: id.to_owned(),
         axes: vec![Axis::over([0.05, 0.2].into_iter())],
         draws: (0..8)
-            .map(|seed| Draw { theta: vec![0.1], seed, twin: None, statistics: row(shift) })
+            .map(|seed| Draw { theta: vec![0.1], seed, twin: 0, statistics: row(shift) })
             .collect(),
     };
     let effects = vec![effect("P1", 30.0), effect("A9", 0.0)];

@@ -47,9 +47,10 @@ pub(super) fn write(bench: &Bench<'_>, path: &Path) -> Result<()> {
         .par_iter()
         .map(|(place, k)| {
             let twin = (place * draws + k) % jitter;
-            let found = draw(bench, specs_known[*place], *k, draws, seed(seeds + twin))?;
+            let part = [*k, draws];
+            let found = draw(bench, specs_known[*place], part, twin, seed(seeds + twin))?;
             progress.advance(1);
-            Ok(found.map(|draw| Draw { twin: Some(twin), ..draw }))
+            Ok(found)
         })
         .collect::<Result<_>>()?;
     progress.end();
@@ -64,9 +65,8 @@ pub(super) fn write(bench: &Bench<'_>, path: &Path) -> Result<()> {
         list.extend(row);
     }
     for (spec, flights) in specs_known.iter().zip(flown.chunks(draws)) {
-        let place = |draw: &Draw| draw.twin.and_then(|twin| places[twin]);
-        let draws: Vec<Draw> =
-            flights.iter().flatten().map(|d| Draw { twin: place(d), ..d.clone() }).collect();
+        let placed = |d: &Draw| Some(Draw { twin: places[d.twin]?, ..d.clone() });
+        let draws: Vec<Draw> = flights.iter().flatten().filter_map(placed).collect();
         let parameters = draws.first().map_or(0, |d| d.theta.len());
         let axis = |k: usize| Axis::over(draws.iter().map(move |d| d.theta[k]));
         let axes = (0..parameters).map(axis).collect();
@@ -76,8 +76,15 @@ pub(super) fn write(bench: &Bench<'_>, path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// One flight with an effect, weaker until it is flown to its end, by what was set.
-fn draw(bench: &Bench<'_>, spec: &Spec, k: usize, of: usize, seed: u64) -> Result<Option<Draw>> {
+/// One flight with an effect, weaker until it is flown to its end, by what was set. `twin`: place of the flight without it
+/// among those with jitter.
+fn draw(
+    bench: &Bench<'_>,
+    spec: &Spec,
+    [k, of]: [usize; 2],
+    twin: usize,
+    seed: u64,
+) -> Result<Option<Draw>> {
     let number = spec.id[1..].parse::<u64>()?;
     let own = mixed(bench.seed ^ 0xba9d, k as u64) ^ number;
     let [mild, strong] = spec.range.map(|size| spec.strength(size));
@@ -93,7 +100,7 @@ fn draw(bench: &Bench<'_>, spec: &Spec, k: usize, of: usize, seed: u64) -> Resul
         if let Some(seen) = seen.filter(|seen| seen.landed && seen.whole) {
             let mut theta: Vec<f64> = set.parameters.values().copied().collect();
             theta.extend(set.place_NE_m.into_iter().flatten());
-            return Ok(Some(Draw { theta, seed, twin: None, statistics: seen.statistics }));
+            return Ok(Some(Draw { theta, seed, twin, statistics: seen.statistics }));
         }
     }
     Ok(None)
