@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use anyhow::Context as _;
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, Subcommand};
 
@@ -13,7 +14,9 @@ use super::{
 use crate::checks::Problems;
 use crate::gap::bank::{LEAST_DRAWS, LEAST_NULLS};
 use crate::gap::make_bank::BankSize;
+use crate::gap::scene::Told;
 use crate::gap::workshop::default_folder;
+use crate::model::Vehicle;
 use crate::model::effects::EffectSpec;
 use crate::model::room::Room;
 
@@ -154,6 +157,33 @@ pub(super) struct RoomOptions {
     /// anchors.
     #[arg(long, value_name = "N0,N1,E0,E1,H", value_delimiter = ',', allow_hyphen_values = true)]
     room: Option<Vec<f64>>,
+}
+
+/// What is said of a flight beside its log.
+#[derive(Debug, Clone, Args)]
+pub(super) struct SceneOptions {
+    #[command(flatten)]
+    room: RoomOptions,
+    /// Vehicle file (TOML) of the nominal simulator; without it the Flapper.
+    #[arg(long, value_name = "FILE")]
+    vehicle: Option<PathBuf>,
+}
+
+impl SceneOptions {
+    pub fn told(&self) -> anyhow::Result<Told> {
+        Ok(Told { room: self.room.room()?, vehicle: self.vehicle()? })
+    }
+
+    fn vehicle(&self) -> anyhow::Result<Vehicle> {
+        let Some(path) = &self.vehicle else { return Ok(Vehicle::default()) };
+        let name = || path.display().to_string();
+        let text = std::fs::read_to_string(path).with_context(name)?;
+        let vehicle: Vehicle = toml::from_str(&text).with_context(name)?;
+        let mut problems = Problems::new();
+        vehicle.check("vehicle", &mut problems);
+        problems.into_result().map_err(anyhow::Error::new).with_context(name)?;
+        Ok(vehicle)
+    }
 }
 
 impl RoomOptions {

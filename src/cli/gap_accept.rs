@@ -14,6 +14,7 @@ use crate::frames::Vec3;
 use crate::gap::accept::{by_hand, edit_anchor, edit_scenario, edit_vehicle, number, set_key};
 use crate::gap::accepted::{self, LineChange, lines_changed};
 use crate::gap::logs;
+use crate::gap::scene::Told;
 use crate::gap::trim::{Trim, trim};
 use crate::measure::AnchorId;
 use crate::model::effects::EffectSpec;
@@ -182,7 +183,8 @@ impl Accept {
         effects: &[(&'static EffectSpec, Vec<f64>)],
     ) -> anyhow::Result<Trim> {
         let flown = logs::read(&self.behind(report)?)?;
-        let scene = flown.scene(self.room.room()?).on_grid();
+        let told = Told { room: self.room.room()?, ..Told::default() };
+        let scene = flown.scene(&told).on_grid();
         let named: Vec<_> = effects.iter().map(|(spec, theta)| (*spec, &theta[..])).collect();
         let progress = Progress::new("flying for the trim");
         let found = trim(&scene, &flown.mission, &named, |done, of| progress.at(done, of));

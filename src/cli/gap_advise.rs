@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::{BankOptions, Progress, RoomOptions};
+use super::gap::{BankOptions, Progress, SceneOptions};
 use super::gap_report::Report;
 use super::gap_session::{Opened, open};
 use super::{print, print_json};
@@ -46,7 +46,7 @@ pub(super) struct Advise {
     #[arg(long, value_name = "LOG")]
     flown: Option<PathBuf>,
     #[command(flatten)]
-    room: RoomOptions,
+    told: SceneOptions,
     #[command(flatten)]
     options: BankOptions,
     /// Only lists the catalogue.
@@ -79,7 +79,7 @@ impl Advise {
             [report] if report.extension().is_some_and(|e| e == "json") => {
                 self.report_of(report)?
             }
-            [first, ..] => match open(first, &self.reference, &self.room, &self.options)? {
+            [first, ..] => match open(first, &self.reference, &self.told, &self.options)? {
                 Opened::Fault(diagnosis) => {
                     anyhow::bail!("{}: {}", diagnosis.log, diagnosis.verdict)
                 }
@@ -91,7 +91,7 @@ impl Advise {
             },
             [] => anyhow::bail!("no report and no log"),
         };
-        let scene = flown.scene(self.room.room()?).on_grid();
+        let scene = flown.scene(&self.told.told()?).on_grid();
         if let Some(path) = &self.flown {
             return self.judge_flown(path, &flown, &scene, &remaining);
         }

@@ -8,7 +8,7 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::{BankOptions, Progress, RoomOptions};
+use super::gap::{BankOptions, Progress, SceneOptions};
 use super::{print, print_json};
 use crate::gap::logs;
 use crate::gap::missions;
@@ -23,7 +23,7 @@ pub(super) struct BankCommand {
     /// A flight of the mission.
     log: Option<PathBuf>,
     #[command(flatten)]
-    room: RoomOptions,
+    told: SceneOptions,
     #[command(flatten)]
     options: BankOptions,
     /// Writes the bank as JSON too, for other methods.
@@ -36,14 +36,15 @@ pub(super) struct BankCommand {
 
 impl BankCommand {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
-        let room = self.room.room()?;
+        let told = self.told.told()?;
         let (scene, items) = match &self.log {
             Some(log) => {
                 let flown = logs::read(log)?;
-                (flown.scene(room).on_grid(), flown.mission)
+                (flown.scene(&told).on_grid(), flown.mission)
             }
             None => {
-                let scene = Scene::lab().map_err(anyhow::Error::new)?;
+                let lab = Scene::lab().map_err(anyhow::Error::new)?;
+                let scene = Scene { vehicle: told.vehicle, ..lab };
                 let items = missions::diagnostic(&scene);
                 (scene, items)
             }

@@ -5,11 +5,11 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use super::gap::{BankOptions, RoomOptions};
+use super::gap::{BankOptions, SceneOptions};
 use super::{print, print_json};
 use crate::gap::attribute::Settings;
 use crate::gap::blind::{BlindResult, Choice, run};
-use crate::gap::scene::Scene;
+use crate::gap::scene::{Scene, Told};
 use crate::gap::score::Score;
 
 /// Scores a sealed suite of flights (`haltere-sim cases`) against its key, which is opened only when
@@ -41,7 +41,7 @@ pub(super) struct Blind {
     #[arg(long, value_name = "SCORE=SHARE", value_parser = demand)]
     demand: Vec<(String, f64)>,
     #[command(flatten)]
-    room: RoomOptions,
+    told: SceneOptions,
     #[command(flatten)]
     options: BankOptions,
     /// Choices of the attribution, key=value in TOML, for experiments.
@@ -55,7 +55,8 @@ pub(super) struct Blind {
 impl Blind {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let lab = Scene::lab().map_err(anyhow::Error::new)?;
-        let room = self.room.room()?.unwrap_or(lab.room);
+        let told = self.told.told()?;
+        let told = Told { room: told.room.or(Some(lab.room)), ..told };
         let mut settings = Settings::for_flights();
         if !self.set.is_empty() {
             settings = toml::from_str::<Settings>(&self.set.join("\n"))?.beside_flights();
@@ -79,7 +80,7 @@ impl Blind {
         let tell = |line: String| eprintln!("{line}");
         if self.withhold_each {
             let folder = self.options.folder();
-            let result = crate::gap::withheld::run(&self.dir, &folder, &room, &choice, &tell)?;
+            let result = crate::gap::withheld::run(&self.dir, &folder, &told, &choice, &tell)?;
             if self.json {
                 print_json(&result)?;
             } else {
@@ -87,7 +88,7 @@ impl Blind {
             }
             return Ok(ExitCode::SUCCESS);
         }
-        let result = run(&self.dir, &self.options.folder(), &room, &choice, &tell)?;
+        let result = run(&self.dir, &self.options.folder(), &told, &choice, &tell)?;
         if self.json {
             print_json(&result)?;
         } else {

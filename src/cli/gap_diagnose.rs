@@ -1,17 +1,20 @@
 //! `haltere gap diagnose`: one flight against the nominal simulator.
 
+use std::fs::File;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context as _;
 use clap::Args;
 
-use super::gap::{BankOptions, Progress, RoomOptions};
+use super::gap::{BankOptions, Progress, SceneOptions};
 use super::gap_advise::remaining;
 use super::gap_session::{Opened, Session, open, same_survey};
 use super::{print, print_json};
 use crate::gap::advise::{Effort, advise};
 use crate::gap::archive::Shelf;
+use crate::gap::beside_truth::{BesideTruth, TruePoint, beside_truth};
 use crate::gap::details::details;
 use crate::gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
 use crate::gap::held_out::{Explanation, measure};
@@ -20,6 +23,7 @@ use crate::gap::page;
 use crate::gap::picture::picture;
 use crate::gap::seal::digest;
 use crate::model::effects::EffectSpec;
+use crate::report::truth;
 
 /// Says where a flight differs from the nominal simulator, which effect causes it, and how far the
 /// gap shrinks once that effect is added.
@@ -41,9 +45,13 @@ pub(super) struct Diagnose {
     #[arg(long, value_name = "LOG")]
     held_out_reference: Vec<PathBuf>,
     #[command(flatten)]
-    room: RoomOptions,
+    told: SceneOptions,
     #[command(flatten)]
     options: BankOptions,
+    /// Says how far the estimate lay from the truth: motion capture in the log, or a truth file of the flight
+    /// (`haltere-sim serve --truth`). Nothing else needs it.
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    truth: Option<Option<PathBuf>>,
     /// Writes the report as one HTML page, and the same as JSON beside it.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
@@ -58,19 +66,23 @@ pub(super) struct Diagnose {
 impl Diagnose {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let [first, others @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
-        let session = match open(first, &self.reference, &self.room, &self.options)? {
+        // Before anything long: files that do not hold what they should.
+        let truth = self.truth_file()?;
+        let session = match open(first, &self.reference, &self.told, &self.options)? {
             Opened::Ready(session) => session,
             Opened::Fault(mut diagnosis) => {
                 diagnosis.made_with.log_sha256 = hash_of(first);
                 return self.answer(&diagnosis);
             }
         };
-        // Before anything long: flights that cannot stand beside this one.
+        // And flights that cannot stand beside this one.
         for path in others {
             same_survey(&logs::read(path)?, &session.seen.flown)?;
         }
+        let truth = self.beside_truth(&session, truth)?;
         let mut diagnosis = session.judge();
         diagnosis.made_with.log_sha256 = hash_of(first);
+        diagnosis.truth = truth;
         if !others.is_empty() && !diagnosis.effects.is_empty() {
             self.shrink(&session, others, &mut diagnosis)?;
         }
@@ -78,6 +90,34 @@ impl Diagnose {
             self.draw(&session, &mut diagnosis);
         }
         self.answer(&diagnosis)
+    }
+
+    /// Truth of a file, and its name.
+    fn truth_file(&self) -> anyhow::Result<Option<(Vec<TruePoint>, String)>> {
+        let Some(Some(path)) = &self.truth else { return Ok(None) };
+        let name = || path.display().to_string();
+        let file = File::open(path).with_context(name)?;
+        let rows = truth::read(BufReader::new(file)).with_context(name)?;
+        Ok(Some((rows.iter().map(|row| (row.at, row.pos_E_m)).collect(), name())))
+    }
+
+    /// The estimate beside the truth, where that is asked for.
+    fn beside_truth(
+        &self,
+        session: &Session,
+        file: Option<(Vec<TruePoint>, String)>,
+    ) -> anyhow::Result<Option<BesideTruth>> {
+        let flown = &session.seen.flown;
+        let (points, source) = match (&self.truth, file) {
+            (None, _) => return Ok(None),
+            (Some(_), Some(file)) => file,
+            (Some(_), None) => {
+                let captured = flown.trace.references.iter();
+                let points = captured.map(|r| (r.valid_at, r.pos_E_m)).collect();
+                (points, format!("motion capture in {}", flown.path.display()))
+            }
+        };
+        Ok(Some(beside_truth(&flown.trace, &points, &source)?))
     }
 
     /// What the page shows beyond the verdict.
@@ -178,8 +218,8 @@ impl Diagnose {
         let all = std::iter::once(&mut named).chain(&mut rivals);
         session.resize(&mut all.collect::<Vec<_>>());
         let progress = Progress::new("shrink");
-        let room = self.room.room()?;
-        let r = measure(&flights, &accepted, room, &named, &rivals, |done, of| {
+        let told = self.told.told()?;
+        let r = measure(&flights, &accepted, &told, &named, &rivals, |done, of| {
             progress.at(done, of);
         })?;
         for (k, rung) in diagnosis.ladder.iter_mut().enumerate() {
@@ -247,6 +287,9 @@ fn text(d: &Diagnosis) -> String {
     let _ = writeln!(out, "VERDICT     {}", d.verdict);
     for fault in d.faults.iter().chain(&d.remarks) {
         let _ = writeln!(out, "            {fault}");
+    }
+    for line in d.truth.iter().flat_map(BesideTruth::words) {
+        let _ = writeln!(out, "TRUTH       {line}");
     }
     for place in &d.places {
         let anchor = place.anchor.map_or(String::new(), |a| format!(", anchor {a}"));

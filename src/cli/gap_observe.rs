@@ -7,7 +7,7 @@ use clap::Args;
 use rayon::prelude::*;
 use serde_json::json;
 
-use super::gap::RoomOptions;
+use super::gap::SceneOptions;
 use super::print;
 use crate::gap::diagnosis::observed;
 use crate::gap::logs;
@@ -24,12 +24,12 @@ pub(super) struct Observe {
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     #[command(flatten)]
-    room: RoomOptions,
+    told: SceneOptions,
 }
 
 impl Observe {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
-        let room = self.room.room()?;
+        let told = self.told.told()?;
         let names: Vec<&str> = specs().iter().map(|s| s.name.as_str()).collect();
         let blocks: Vec<&str> = specs().iter().map(|s| s.block.name()).collect();
         print(&(json!({ "names": names, "blocks": blocks }).to_string() + "\n"));
@@ -40,7 +40,7 @@ impl Observe {
                 let line = match logs::read(path) {
                     Err(error) => json!({ "log": path, "fault": error.to_string() }),
                     Ok(flown) => {
-                        let nominal = Nominal::of_scene(&flown.scene(room.clone()).on_grid());
+                        let nominal = Nominal::of_scene(&flown.scene(&told).on_grid());
                         let seen = observed(flown, &nominal);
                         match &seen.observation {
                             Err(why) => json!({ "log": path, "fault": why }),

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::gap::{BankOptions, Progress, RoomOptions};
+use super::gap::{BankOptions, Progress, SceneOptions};
 use crate::gap::attribute::{Attributor, Settings};
 use crate::gap::details::{Details, details};
 use crate::gap::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
@@ -40,10 +40,10 @@ pub(super) enum Opened {
 pub(super) fn open(
     log: &Path,
     references: &[PathBuf],
-    room: &RoomOptions,
+    told: &SceneOptions,
     options: &BankOptions,
 ) -> anyhow::Result<Opened> {
-    let room = room.room()?;
+    let told = told.told()?;
     let library = options.library()?;
     let name = log.display().to_string();
     let fault = |why: String| Ok(Opened::Fault(Box::new(unreadable(name.clone(), why))));
@@ -59,7 +59,7 @@ pub(super) fn open(
             "{name}: no mission in this log; only a flight that can be flown again can be compared"
         );
     }
-    let scene = flown.scene(room).on_grid();
+    let scene = flown.scene(&told).on_grid();
     let progress = Progress::new("bank");
     let workshop = Workshop::open(
         &options.folder(),

@@ -6,13 +6,14 @@ use std::process::ExitCode;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::{BankOptions, Progress, RoomOptions};
+use super::gap::{BankOptions, Progress, SceneOptions};
 use super::gap_session::{Opened, Session, open, same_survey};
 use super::{print, print_json};
 use crate::gap::diagnosis::observed;
 use crate::gap::held_out::{Explanation, Measured, SHRINK_FLIGHTS, measure};
 use crate::gap::library::whole;
 use crate::gap::logs::{self, Flown};
+use crate::gap::scene::Told;
 use crate::model::effects::EffectSpec;
 
 /// Adds one effect to the simulator and says how far the gap closes on other flights, closed loop.
@@ -35,7 +36,7 @@ pub(super) struct Shrink {
     #[arg(long, value_name = "LOG")]
     held_out_reference: Vec<PathBuf>,
     #[command(flatten)]
-    room: RoomOptions,
+    told: SceneOptions,
     #[command(flatten)]
     options: BankOptions,
     /// Prints as JSON.
@@ -66,7 +67,7 @@ impl Shrink {
                         spec.id
                     );
                 }
-                let session = match open(first, &self.reference, &self.room, &self.options)? {
+                let session = match open(first, &self.reference, &self.told, &self.options)? {
                     Opened::Ready(session) => session,
                     Opened::Fault(d) => anyhow::bail!("{}: {}", d.log, d.verdict),
                 };
@@ -81,7 +82,7 @@ impl Shrink {
                 (own, others, flown)
             }
         };
-        let room = self.room.room()?;
+        let told = self.told.told()?;
         let mut accepted = Vec::new();
         for path in &self.held_out_reference {
             accepted.push(logs::read(path)?);
@@ -89,7 +90,7 @@ impl Shrink {
         // No parameters: the effect helps at no size.
         let theta = asked.effects.first().map_or(&[][..], |(_, theta)| theta);
         let progress = Progress::new("shrink");
-        let result = measure(&judged_on, &accepted, room, &asked, &others, |done, of| {
+        let result = measure(&judged_on, &accepted, &told, &asked, &others, |done, of| {
             progress.at(done, of);
         })?;
         if self.json {
@@ -109,11 +110,12 @@ impl Shrink {
     }
 
     fn judged(&self, paths: &[PathBuf]) -> anyhow::Result<Vec<Flown>> {
-        paths.iter().map(|path| sound(path)).collect()
+        let told = self.told.told()?;
+        paths.iter().map(|path| sound(path, &told)).collect()
     }
 }
 
-fn sound(path: &Path) -> anyhow::Result<Flown> {
+fn sound(path: &Path, told: &Told) -> anyhow::Result<Flown> {
     let flown = logs::read(path)?;
     if let Some(fault) = flown.faults.first() {
         anyhow::bail!("{}: {fault}", path.display());
@@ -121,7 +123,7 @@ fn sound(path: &Path) -> anyhow::Result<Flown> {
     if flown.mission.is_empty() {
         anyhow::bail!("{}: no mission in this log", path.display());
     }
-    let nominal = crate::gap::nominal::Nominal::of_scene(&flown.scene(None));
+    let nominal = crate::gap::nominal::Nominal::of_scene(&flown.scene(told));
     if let Err(why) = observed(flown.clone(), &nominal).observation {
         anyhow::bail!("{}: {why}", path.display());
     }

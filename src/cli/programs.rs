@@ -12,6 +12,7 @@ use crate::ctl::MissionFile;
 use crate::fit::programs::{Options, Program, plan};
 use crate::gap::missions;
 use crate::gap::scene::Scene;
+use crate::model::Vehicle;
 use crate::model::room::Room;
 use crate::pilot::Envelope;
 use crate::pilot::services::{Judgement, encode_plan};
@@ -59,6 +60,7 @@ impl BuiltIn {
             },
             start_NE_m: [middle(volume.north_m), middle(volume.east_m)],
             survey: loaded.survey.clone(),
+            vehicle: Vehicle::default(),
             pilot: pilot.clone(),
             until_s: None,
         };

@@ -19,7 +19,7 @@ pub enum BankFileError {
     #[error(transparent)]
     File(#[from] KeptFileError),
     /// Contents contradict themselves.
-    #[error("{}: {source}; delete it, and it is flown anew", path.display())]
+    #[error("{}: no bank to learn from; delete it, and it is flown anew", path.display())]
     Bank {
         /// File.
         path: PathBuf,

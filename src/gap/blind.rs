@@ -9,12 +9,12 @@ use serde::{Deserialize, Serialize};
 use super::attribute::{AttributeError, Attribution, Settings};
 use super::library;
 use super::make_bank::BankSize;
+use super::scene::Told;
 use super::score::{Case, Score, Truth, score};
 use super::seal;
 use super::shrink::Shrink;
 use super::workshop::WorkshopError;
 use crate::model::effects::EffectSpec;
-use crate::model::room::Room;
 use crate::replay::ReplayError;
 
 pub(super) mod hall;
@@ -184,7 +184,7 @@ pub(super) fn read<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<(T, Vec<
 pub fn run(
     dir: &Path,
     banks: &Path,
-    room: &Room,
+    told: &Told,
     choice: &Choice,
     tell: &(impl Fn(String) + Sync),
 ) -> Result<BlindResult, BlindError> {
@@ -208,7 +208,7 @@ pub fn run(
     let given = match &choice.outside {
         Some(file) => outside(file, &chosen)?,
         None => {
-            let hall = Hall { dir, banks, room, choice, suite: &suite, library: &library };
+            let hall = Hall { dir, banks, told, choice, suite: &suite, library: &library };
             own(&hall, &chosen, tell)?
         }
     };
@@ -217,7 +217,7 @@ pub fn run(
     // From here on the keys are open.
     let keys: Vec<Key> = chosen.iter().map(|case| open(dir, case)).collect::<Result<_, _>>()?;
     let held_out = if choice.shrink {
-        Some(shrunk(dir, room, &suite.commissioning, &chosen, &keys, &answers, &seen, tell)?)
+        Some(shrunk(dir, told, &suite.commissioning, &chosen, &keys, &answers, &seen, tell)?)
     } else {
         None
     };

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::advise::Advice;
 use super::attribute::{Attribution, Attributor};
+use super::beside_truth::BesideTruth;
 use super::logs::{Flown, ParameterDifference};
 use super::outcome::{Named, Outcome};
 use super::picture::Picture;
@@ -84,6 +85,9 @@ pub struct Diagnosis {
     pub faults: Vec<String>,
     /// Oddities of the log.
     pub remarks: Vec<String>,
+    /// The estimate beside the truth, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth: Option<BesideTruth>,
     /// Keys of the configuration that are not at their default.
     pub parameters_changed: Vec<ParameterDifference>,
     /// Hash of the bank.
@@ -215,6 +219,7 @@ pub fn unreadable(log: String, why: String) -> Diagnosis {
         replay: "not_possible".to_owned(),
         faults: vec![why],
         remarks: Vec::new(),
+        truth: None,
         parameters_changed: Vec::new(),
         bank: String::new(),
         made_with: MadeWith::default(),
@@ -246,6 +251,7 @@ pub fn judge(
         replay: format!("{:?}", flown.replay.verdict).to_lowercase(),
         faults: flown.faults.clone(),
         remarks: flown.remarks.clone(),
+        truth: None,
         parameters_changed: flown.parameters.clone(),
         bank: format!("{:016x}", workshop.bank_hash),
         made_with: made_with(workshop),

@@ -13,13 +13,13 @@ use super::logs::Flown;
 use super::make_bank::{jittered, with_effect};
 use super::nominal::Nominal;
 use super::resize::resize;
-use super::scene::Scene;
+use super::scene::{Scene, Told};
 use super::shrink::{
     Paired, Shrink, by_channel, efficiency, medians, scales, shrink, wrong_effects,
 };
 use super::statistics::{specs, statistics_of};
+use crate::model::Vehicle;
 use crate::model::effects::EffectSpec;
-use crate::model::room::Room;
 
 /// Seed of intervals by channel.
 const SEED: u64 = 2;
@@ -104,7 +104,7 @@ pub enum NotMeasured {
 pub fn measure(
     held_out: &[Flown],
     accepted: &[Flown],
-    room: Option<Room>,
+    told: &Told,
     asked: &Explanation,
     others: &[Explanation],
     progress: impl Fn(usize, usize),
@@ -115,7 +115,7 @@ pub fn measure(
     let of = held_out.len() * (2 + others.len());
     let mut done = 0;
     for flown in held_out {
-        let scene = flown.scene(room.clone()).on_grid();
+        let scene = flown.scene(told).on_grid();
         let nominal = Nominal::of_scene(&scene);
         let real = match observed(flown.clone(), &nominal).observation {
             Ok(seen) => seen.statistics,
@@ -270,6 +270,11 @@ impl<'a> HeldOut<'a> {
                 statistics_of(&trace, &self.nominal).ok()
             })
             .collect()
+    }
+
+    /// The vehicle that is flown.
+    pub fn vehicle(&self) -> &Vehicle {
+        &self.scene.vehicle
     }
 
     /// Sigma of every statistic.

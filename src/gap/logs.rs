@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::Serialize;
 
-use super::scene::Scene;
+use super::scene::{Scene, Told};
 use super::trace::Trace;
 use crate::config::Config;
 use crate::model::room::Room;
@@ -146,9 +146,9 @@ impl Flown {
     }
 
     /// The scene of this flight. The room is told, or the extent of its anchors is taken for it.
-    pub fn scene(&self, room: Option<Room>) -> Scene {
+    pub fn scene(&self, told: &Told) -> Scene {
         let survey = self.trace.survey.clone();
-        let room = room.unwrap_or_else(|| room_of(&survey));
+        let room = told.room.clone().unwrap_or_else(|| room_of(&survey));
         let start = self
             .trace
             .estimates
@@ -171,7 +171,8 @@ impl Flown {
             store: false,
             ..self.config.pilot()
         };
-        Scene { room, survey, start_NE_m, pilot, until_s }
+        let vehicle = told.vehicle.clone();
+        Scene { room, survey, start_NE_m, vehicle, pilot, until_s }
     }
 }
 

@@ -10,6 +10,7 @@ pub mod axis;
 pub mod balance;
 pub mod bank;
 pub mod bank_file;
+pub mod beside_truth;
 pub mod blind;
 pub mod cells;
 pub mod details;

@@ -30,10 +30,10 @@ pub struct Nominal {
 }
 
 impl Nominal {
-    /// The default vehicle and board in this scene.
+    /// The vehicle of this scene with the default board.
     pub fn of_scene(scene: &Scene) -> Self {
         Self {
-            vehicle: Vehicle::default(),
+            vehicle: scene.vehicle.clone(),
             board: BoardSettings::default(),
             room: scene.room.clone(),
             until_s: scene.until_s,

@@ -50,7 +50,7 @@ pub struct Retuning {
 impl Retuning {
     /// Flies the differences. `progress`: done, of how many.
     pub fn learn(model: &HeldOut<'_>, progress: impl Fn(usize, usize)) -> Self {
-        let constants = constants();
+        let constants = constants(model.vehicle());
         let clean = |row: Vec<f64>| {
             let known = |v: f64| if v.is_finite() { v.clamp(-LARGEST, LARGEST) } else { 0.0 };
             DVector::from_iterator(row.len(), row.into_iter().map(known))
@@ -106,8 +106,8 @@ pub fn borrowed(values: &Values) -> Vec<(&EffectSpec, &[f64])> {
 }
 
 /// Every constant of every nominal effect that has a size.
-fn constants() -> Vec<Constant> {
-    let mut vehicle = Vehicle::default();
+fn constants(vehicle: &Vehicle) -> Vec<Constant> {
+    let mut vehicle = vehicle.clone();
     let mut found = Vec::new();
     for spec in ALL.iter().filter(|s| s.role == Role::Nominal) {
         for (place, p) in spec.parameters.iter().enumerate() {
@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn prop_no_change_is_the_nominal_model_and_a_change_moves_one_constant() {
-        let constants = constants();
+        let constants = constants(model.vehicle());
         assert!(constants.len() > 30, "{}", constants.len());
         let same = values(&constants, &vec![0.0; constants.len()]);
         let flat = |v: &Values| v.iter().flat_map(|(_, theta)| theta.clone()).collect::<Vec<_>>();

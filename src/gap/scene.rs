@@ -16,11 +16,29 @@ pub struct Scene {
     pub survey: Survey,
     /// Place of take-off, north and east, m.
     pub start_NE_m: [f64; 2],
+    /// The vehicle that the nominal simulator flies.
+    pub vehicle: Vehicle,
     /// The companion.
     pub pilot: PilotConfig,
     /// How far into the mission flights are looked at, s; `None`: to their landing. A flight that ended early
     /// stands beside the same part of the bank's flights.
     pub until_s: Option<f64>,
+}
+
+/// What the user says of a flight beside its log.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Told {
+    /// Floor, walls and ceiling; `None`: the box of the anchors.
+    pub room: Option<Room>,
+    /// The vehicle that the nominal simulator flies.
+    pub vehicle: Vehicle,
+}
+
+impl Told {
+    /// The usual vehicle in this room.
+    pub fn of_room(room: &Room) -> Self {
+        Self { room: Some(room.clone()), ..Self::default() }
+    }
 }
 
 /// Side of the laboratory, m, and height of its ceiling, m: a room in which wall and ceiling are
@@ -41,10 +59,12 @@ impl Scene {
             ceiling_m: LAB_CEILING_M,
         };
         let survey = Survey::new(&room.corner_anchors())?;
+        let vehicle = Vehicle::default();
         let mut pilot = PilotConfig::default();
-        pilot.flight.gear_height_m = Vehicle::default().body.gear_m;
+        pilot.flight.gear_height_m = vehicle.body.gear_m;
         pilot.flight.cruise_acceleration_mps2 = LEG_ACCELERATION_MPS2;
-        Ok(Self { room, survey, start_NE_m: [0.5 * LAB_SIDE_M; 2], pilot, until_s: None })
+        let start_NE_m = [0.5 * LAB_SIDE_M; 2];
+        Ok(Self { room, survey, start_NE_m, vehicle, pilot, until_s: None })
     }
 
     /// The same with the start on a grid of a quarter of a metre: estimates of one start differ by
@@ -57,6 +77,7 @@ impl Scene {
     /// The nominal plant in this room.
     pub fn plant(&self, seed: u64) -> PlantConfig {
         let mut plant = PlantConfig::new(self.survey.clone(), seed);
+        plant.vehicle = self.vehicle.clone();
         plant.room = self.room.clone();
         plant.start_E_m = Vec3::new(self.start_NE_m[0], self.start_NE_m[1], 0.0);
         plant

@@ -14,10 +14,10 @@ use super::blind::hall::{Bench, Hall, statistics};
 use super::blind::{BlindError, Choice, Entry, Key, Suite, open, read};
 use super::library;
 use super::outcome::Outcome;
+use super::scene::Told;
 use super::score::Share;
 use super::statistics::specs;
 use crate::model::effects::Block;
-use crate::model::room::Room;
 
 /// Flights of one effect, diagnosed by a library without it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -49,7 +49,7 @@ pub struct WithheldResult {
 pub fn run(
     dir: &Path,
     banks: &Path,
-    room: &Room,
+    told: &Told,
     choice: &Choice,
     tell: &(impl Fn(String) + Sync),
 ) -> Result<WithheldResult, BlindError> {
@@ -71,7 +71,7 @@ pub fn run(
         return Err(BlindError::Empty(dir.to_owned()));
     };
     let library = library::standard();
-    let hall = Hall { dir, banks, room, choice, suite: &suite, library: &library };
+    let hall = Hall { dir, banks, told, choice, suite: &suite, library: &library };
     let Bench { workshop, references, calibration, .. } = hall.bench(first, None, tell)?;
     let blocks: Vec<Block> = specs().iter().map(|s| s.block).collect();
     let started = std::time::Instant::now();

@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 use super::attribute::{AttributeError, Attributor, Learned, Settings};
-use super::bank::Bank;
+use super::bank::{Bank, LEAST_NULLS};
 use super::bank_file::{self, BankFileError};
+use super::fly::LIMIT_S;
 use super::kept_file::{self, Kind};
 use super::make_bank::{self, BankSize, Recipe};
 use super::nominal::Nominal;
@@ -35,6 +36,17 @@ pub enum WorkshopError {
         path: PathBuf,
         /// What the system says.
         source: std::io::Error,
+    },
+    /// The simulator does not fly this mission to its end.
+    #[error(
+        "{flown} of {of} simulated flights of this mission came to its end within {LIMIT_S} s, at least {LEAST_NULLS} are \
+         needed: the mission is too long, or its room or vehicle is another one (--room, --vehicle)"
+    )]
+    NotFlown {
+        /// Flights that did.
+        flown: usize,
+        /// Flights that were tried.
+        of: usize,
     },
     /// Nothing can be learned from the bank.
     #[error(transparent)]
@@ -96,6 +108,10 @@ impl Workshop {
             let recipe =
                 Recipe { scene: &scene, items: &items, library: &library, size, seed: BANK_SEED };
             let made = make_bank::make(&recipe, progress);
+            let flown = made.bank.jitter.len();
+            if flown < LEAST_NULLS {
+                return Err(WorkshopError::NotFlown { flown, of: size.jitter });
+            }
             let hash = bank_file::write(&path, &made.bank)?;
             (made.bank, hash, made.lost)
         };
@@ -171,8 +187,14 @@ pub(super) fn mission_key(scene: &Scene, items: &[MISSION_ITEM_INT_DATA], rest: 
         .collect();
     // Debug output of numbers is exact; NaN has one spelling.
     let text = format!(
-        "{:?} {:?} {:?} {:?} {:?} {items:?} {rest} {}",
-        scene.room, scene.survey, scene.start_NE_m, scene.until_s, scene.pilot, build.source_hash
+        "{:?} {:?} {:?} {:?} {:?} {:?} {items:?} {rest} {}",
+        scene.room,
+        scene.survey,
+        scene.start_NE_m,
+        scene.until_s,
+        scene.vehicle,
+        scene.pilot,
+        build.source_hash
     );
     format!("{:016x}", kept_file::fnv(text.as_bytes()))
 }

@@ -83,6 +83,34 @@ fn val_a_gap_is_diagnosed_advised_shrunk_accepted_and_undone() {
     let page = fs::read_to_string(dir.join("r.html")).unwrap();
     assert!(page.ends_with("</html>") && !page.contains("http") && !page.contains("NaN"));
 
+    // Beside its truth: the same verdict, and how far the estimate was off.
+    let beside = diagnose(dir, &["worn.mcap", "--truth", "worn.csv", "--report", "t.html"]);
+    assert_eq!(beside.code, ended.code, "{beside:?}");
+    assert!(
+        beside.text.contains("TRUTH       beside worn.csv: estimate off by"),
+        "{}",
+        beside.text
+    );
+    let errors = json(&dir.join("t.json"))["truth"]["errors"].clone();
+    let rms_m = errors[0]["rms_m"].as_f64().unwrap();
+    assert!((0.01..0.3).contains(&rms_m) && errors.as_array().unwrap().len() >= 3, "{errors}");
+    assert!(fs::read_to_string(dir.join("t.html")).unwrap().contains("estimate off by"));
+    diagnose(dir, &["worn.mcap", "--truth"]).refused(&["worn.mcap", "holds no truth"]);
+    diagnose(dir, &["worn.mcap", "--truth", "r.json"]).refused(&["r.json", "line 1"]);
+
+    // Another nominal vehicle is another simulator.
+    fs::write(dir.join("heavy.toml"), "[body]\nmass_kg = 0.108\n").unwrap();
+    let heavy = diagnose(dir, &["worn.mcap", "--vehicle", "heavy.toml", "--report", "h.html"]);
+    assert!(matches!(heavy.code, Some(10..=14)), "{heavy:?}");
+    let other = json(&dir.join("h.json"));
+    assert_ne!(other["bank"], report["bank"]);
+    fs::write(dir.join("lead.toml"), "[body]\nmass_kg = 102.0\n").unwrap();
+    diagnose(dir, &["worn.mcap", "--vehicle", "lead.toml"]).refused(&[
+        "lead.toml",
+        "body.mass_kg",
+        "102",
+    ]);
+
     // The effect with given values closes the gap on the other flight; its opposite does not.
     let args =
         ["gap", "shrink", "--effect", "P1=0.15", "again.mcap", "--room", "0,6,0,6,3", "--json"];

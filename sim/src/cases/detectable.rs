@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow};
 use haltere::gap::logs;
 use haltere::gap::nominal::Nominal;
-use haltere::gap::scene::Scene;
+use haltere::gap::scene::{Scene, Told};
 use haltere::gap::statistics::observe;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -327,7 +327,7 @@ impl Bench<'_> {
             std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
         }
         Ok(flown.and_then(|flown| {
-            let scene = flown.scene(Some(self.scene.room.clone())).on_grid();
+            let scene = flown.scene(&Told::of_room(&self.scene.room)).on_grid();
             let seen = observe(&flown.trace, &Nominal::of_scene(&scene)).ok()?;
             let whole = scene.until_s.is_none();
             Some(Seen { statistics: seen.statistics, landed: outcome.landed, whole })

@@ -11,10 +11,10 @@ use crate::gap::bank::LEAST_NULLS;
 use crate::gap::diagnosis::{Observed, observed};
 use crate::gap::logs::{self, Flown};
 use crate::gap::make_bank::BankSize;
+use crate::gap::scene::Told;
 use crate::gap::statistics::ANCHOR_SLOTS;
 use crate::gap::workshop::Workshop;
 use crate::model::effects::EffectSpec;
-use crate::model::room::Room;
 
 /// What flights of one mission, or of one part of it, are judged by.
 pub(in crate::gap) struct Bench {
@@ -29,7 +29,7 @@ pub(in crate::gap) struct Bench {
 pub(in crate::gap) struct Hall<'a> {
     pub dir: &'a Path,
     pub banks: &'a Path,
-    pub room: &'a Room,
+    pub told: &'a Told,
     pub choice: &'a Choice,
     pub suite: &'a Suite,
     pub library: &'a [&'static EffectSpec],
@@ -44,7 +44,7 @@ impl Hall<'_> {
         tell: &(impl Fn(String) + Sync),
     ) -> Result<Bench, BlindError> {
         let flown = logs::read(&self.dir.join(&first.log))?;
-        let mut scene = flown.scene(Some(self.room.clone())).on_grid();
+        let mut scene = flown.scene(self.told).on_grid();
         scene.until_s = until_s;
         let part = until_s.map_or(String::new(), |s| format!(", its first {s:.0} s"));
         tell(format!("bank of the {} mission{part}", first.mission));
@@ -130,7 +130,7 @@ pub(super) fn own(
                         judged[*k] = Some(Judged { answer, seen: None });
                     }
                     Ok(flown) => {
-                        let own_part = flown.scene(Some(hall.room.clone())).until_s;
+                        let own_part = flown.scene(hall.told).until_s;
                         if own_part == until_s || !flown.faults.is_empty() {
                             judged[*k] = Some(hall.judge(&bench, case, flown));
                         } else {

@@ -13,10 +13,9 @@ use crate::gap::logs;
 use crate::gap::nominal::Nominal;
 use crate::gap::resize::resize;
 use crate::gap::retune::{Retuning, borrowed};
-use crate::gap::scene::Scene;
+use crate::gap::scene::{Scene, Told};
 use crate::gap::shrink::{Paired, Shrink};
 use crate::model::effects::EffectSpec;
-use crate::model::room::Room;
 
 /// Scene and mission of a log.
 struct Stage {
@@ -28,12 +27,12 @@ struct Stage {
 impl Stage {
     fn new(
         dir: &Path,
-        room: &Room,
+        told: &Told,
         log: &str,
         healthy: impl Iterator<Item = String>,
     ) -> Result<Self, BlindError> {
         let flown = logs::read(&dir.join(log))?;
-        let scene = flown.scene(Some(room.clone())).on_grid();
+        let scene = flown.scene(told).on_grid();
         let nominal = Nominal::of_scene(&scene);
         let references = healthy
             .filter_map(|log| {
@@ -63,7 +62,7 @@ pub(super) struct Shrunk {
 #[allow(clippy::too_many_arguments)] // one caller, and every part is another thing
 pub(super) fn shrunk(
     dir: &Path,
-    room: &Room,
+    told: &Told,
     public: &[Public],
     chosen: &[Entry],
     keys: &[Key],
@@ -76,8 +75,8 @@ pub(super) fn shrunk(
         return Err(BlindError::Empty(dir.to_owned()));
     };
     let log = first.held_out_log.clone().unwrap_or_default();
-    let held_out = Stage::new(dir, room, &log, public.iter().map(|c| c.held_out.clone()))?;
-    let fitted_on = Stage::new(dir, room, &first.log, public.iter().map(|c| c.diagnostic.clone()))?;
+    let held_out = Stage::new(dir, told, &log, public.iter().map(|c| c.held_out.clone()))?;
+    let fitted_on = Stage::new(dir, told, &first.log, public.iter().map(|c| c.diagnostic.clone()))?;
     let (model, fit) = (held_out.model(), fitted_on.model());
     let spec = |id: &str| library::standard().into_iter().find(|s| s.id == id);
     tell("shrink: what the constants of the model do".to_owned());

@@ -62,7 +62,8 @@ pub fn render(d: &Diagnosis) -> String {
         escape(&d.replay),
     );
     summary(&mut html, d);
-    list(&mut html, d.faults.iter().chain(&d.remarks));
+    let truth: Vec<String> = d.truth.iter().flat_map(|truth| truth.words()).collect();
+    list(&mut html, d.faults.iter().chain(&d.remarks).chain(&truth));
     if d.attribution.is_some() {
         html.push_str("<h2>Where</h2>");
         chain(&mut html, d);
