@@ -44,7 +44,8 @@ impl BankCommand {
             }
             None => {
                 let lab = Scene::lab().map_err(anyhow::Error::new)?;
-                let scene = Scene { vehicle: told.vehicle, ..lab };
+                let room = told.room.unwrap_or_else(|| lab.room.clone());
+                let scene = Scene { room, vehicle: told.vehicle, ..lab };
                 let items = missions::diagnostic(&scene);
                 (scene, items)
             }

@@ -3,9 +3,13 @@
 //! Truth is motion capture that the companion recorded, or the file that the simulated endpoint writes. It is not
 //! needed: where a gap lies and which effect causes it is found without it, by the same statistics for every flight. What it adds is the
 //! figure that a smoother on the same radio cannot give: an error that all anchors share moves both.
+//!
+//! `e = x̂ + R̂ v̂ (t - t̂) - x`: `x` true position at `t`, `x̂` the nearest estimate, of `t̂`, both `E` m; `v̂` its velocity, `B` m/s;
+//! `R̂` its attitude, from `B` to `E`. Truth is that of a marker or of the centre of mass: the arm between the two is left out.
 
 use serde::Serialize;
 
+use super::smoother::LOW_TAG_M;
 use super::trace::Trace;
 use crate::frames::{E, Vec3};
 use crate::time::HostTime;
@@ -13,19 +17,45 @@ use crate::time::HostTime;
 /// Position of the vehicle at a time, Earth frame, m.
 pub type TruePoint = (HostTime, Vec3<E>);
 
-/// An estimate this far from a point of truth does not stand beside it, s: two periods of the slowest filter that is
-/// recorded (100 Hz; judgement).
+/// An estimate this far from a point of truth does not stand beside it, s: two periods of the filter, which is recorded at 100 Hz
+/// (judgement).
 const FARTHEST_S: f64 = 0.02;
-/// Below this height the floor hides low anchors, m (effect N17).
-const LOW_M: f64 = 0.65;
-/// From this speed on, m/s, the estimate leans on drag (judgement: half of the speed of a leg).
+/// Lower than this it may stand, m: half of a vehicle of 0.3 m, on which a marker sits somewhere (judgement).
+const ON_FLOOR_M: f64 = 0.15;
+/// From this speed on it is under way, m/s: more than half of that of the legs of the standard flights, 0.8 m/s (judgement).
 const FAST_MPS: f64 = 0.5;
+
+/// Where errors are looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Regime {
+    /// In the air.
+    All,
+    /// Where the floor hides low anchors.
+    Low,
+    /// Above that, and slow.
+    Slow,
+    /// Above that, and under way.
+    Fast,
+}
+
+impl Regime {
+    fn holds(self, height_m: f64, speed_mps: f64) -> bool {
+        let (low, fast) = (height_m < LOW_TAG_M, speed_mps >= FAST_MPS);
+        match self {
+            Self::All => true,
+            Self::Low => low,
+            Self::Slow => !low && !fast,
+            Self::Fast => !low && fast,
+        }
+    }
+}
 
 /// Error of the estimate in one regime.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct TruthError {
-    /// "all", "low", "slow" or "fast".
-    pub regime: &'static str,
+pub struct RegimeError {
+    /// Where.
+    pub regime: Regime,
     /// Points of truth.
     pub points: usize,
     /// Root of the mean squared distance, m.
@@ -42,7 +72,7 @@ pub struct BesideTruth {
     /// Where the truth comes from.
     pub source: String,
     /// Regimes; the whole flight first.
-    pub errors: Vec<TruthError>,
+    pub errors: Vec<RegimeError>,
 }
 
 /// Why there is nothing to say.
@@ -90,28 +120,21 @@ pub fn beside_truth(
         let error = there_m - pos_E_m.raw();
         off.push((error.into(), height_m, vel_E_mps.raw().norm()));
     }
-    let regime = |name: &'static str, of: &dyn Fn(f64, f64) -> bool| -> Option<TruthError> {
+    let error = |regime: Regime| -> Option<RegimeError> {
         let kept: Vec<[f64; 3]> =
-            off.iter().filter(|(_, h, v)| of(*h, *v)).map(|(e, ..)| *e).collect();
+            off.iter().filter(|(_, h, v)| regime.holds(*h, *v)).map(|(e, ..)| *e).collect();
         let n = kept.len() as f64;
         let length = |e: &[f64; 3]| e.iter().map(|v| v * v).sum::<f64>().sqrt();
-        (!kept.is_empty()).then(|| TruthError {
-            regime: name,
+        (!kept.is_empty()).then(|| RegimeError {
+            regime,
             points: kept.len(),
             rms_m: (kept.iter().map(|e| length(e).powi(2)).sum::<f64>() / n).sqrt(),
             mean_NED_m: std::array::from_fn(|k| kept.iter().map(|e| e[k]).sum::<f64>() / n),
             worst_m: kept.iter().map(length).fold(0.0, f64::max),
         })
     };
-    let errors: Vec<TruthError> = [
-        regime("all", &|_, _| true),
-        regime("low", &|h, _| h < LOW_M),
-        regime("slow", &|h, v| h >= LOW_M && v < FAST_MPS),
-        regime("fast", &|h, v| h >= LOW_M && v >= FAST_MPS),
-    ]
-    .into_iter()
-    .flatten()
-    .collect();
+    let regimes = [Regime::All, Regime::Low, Regime::Slow, Regime::Fast];
+    let errors: Vec<RegimeError> = regimes.into_iter().filter_map(error).collect();
     if errors.is_empty() {
         let (place, points) = (source.to_owned(), truth.len());
         return Err(NoTruth { place, points, beside: off.len() });
@@ -119,19 +142,16 @@ pub fn beside_truth(
     Ok(BesideTruth { source: source.to_owned(), errors })
 }
 
-/// Lower than this it may stand, m: a marker sits somewhere on a vehicle of 0.3 m.
-const ON_FLOOR_M: f64 = 0.15;
-
 impl BesideTruth {
     /// One line for each regime.
     pub fn words(&self) -> Vec<String> {
-        let line = |e: &TruthError| {
+        let line = |e: &RegimeError| {
             let [north, east, down] = e.mean_NED_m.map(|v| 100.0 * v);
             let name = match e.regime {
-                "low" => format!("below {LOW_M} m"),
-                "slow" => format!("slower than {FAST_MPS} m/s"),
-                "fast" => format!("from {FAST_MPS} m/s on"),
-                _ => format!("beside {}", self.source),
+                Regime::Low => format!("below {LOW_TAG_M} m"),
+                Regime::Slow => format!("slower than {FAST_MPS} m/s"),
+                Regime::Fast => format!("from {FAST_MPS} m/s on"),
+                Regime::All => format!("beside {}", self.source),
             };
             format!(
                 "{name}: estimate off by {:.1} cm rms, mean N {north:+.1} E {east:+.1} D {down:+.1}, worst {:.1} cm ({} points)",

@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn prop_no_change_is_the_nominal_model_and_a_change_moves_one_constant() {
-        let constants = constants(model.vehicle());
+        let constants = constants(&Vehicle::default());
         assert!(constants.len() > 30, "{}", constants.len());
         let same = values(&constants, &vec![0.0; constants.len()]);
         let flat = |v: &Values| v.iter().flat_map(|(_, theta)| theta.clone()).collect::<Vec<_>>();

@@ -34,11 +34,9 @@ const NORTH_WALK: f64 = 0.002;
 const STD_TDOA_M: f64 = 0.11;
 /// Huber's limit in sigmas.
 const HUBER: f64 = 2.0;
-/// One sigma of a motion-capture position, m.
-const STD_REFERENCE_M: f64 = 0.01;
 /// Anchors below this, and an antenna below that, m: such paths count by this factor.
 const LOW_ANCHOR_M: f64 = 1.0;
-const LOW_TAG_M: f64 = 0.65;
+pub(super) const LOW_TAG_M: f64 = 0.65;
 const LOW_WEIGHT: f64 = 0.01;
 /// One sigma of the height by air pressure over one step, m: white part 0.15 m, and its wander.
 const STD_BARO_M: f64 = 0.4;
@@ -76,15 +74,6 @@ pub struct GridTdoa {
     pub b: usize,
     /// Measured, m.
     pub z_m: f64,
-}
-
-/// Flies through the trace with motion capture instead of TDOA.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Positions {
-    /// TDOA.
-    Uwb,
-    /// Motion capture; TDOA stay a tested channel.
-    Reference,
 }
 
 /// TDOA of known anchors on the grid, point by point; within one in the order in which they came.
@@ -169,7 +158,6 @@ pub fn smooth(
     tdoa: &[GridTdoa],
     sites_E_m: &[Vector3<f64>],
     rest_z_m: f64,
-    positions: Positions,
 ) -> (Vec<Smoothed>, Gains) {
     let n = line.len();
     let mut x = Vec10::zeros();
@@ -186,9 +174,8 @@ pub fn smooth(
         weight: vec![0.0; tdoa.len()],
     };
     let by_air_z_m = heights_by_air(trace, line, rest_z_m);
-    let references = reference_points(trace, line, positions);
     let mut m = 0;
-    for k in 0..n {
+    for (k, by_air_z_m) in by_air_z_m.iter().enumerate() {
         if k > 0 {
             let P_post = P;
             let F = predict(&mut x, &mut P, line, k - 1);
@@ -198,21 +185,13 @@ pub fn smooth(
             gains.step.push(F);
         }
         prior.push(x);
-        if positions == Positions::Reference {
-            if let Some(p) = references[k] {
-                update(&mut x, &mut P, Matrix3::identity() / STD_REFERENCE_M.powi(2), p);
-            }
-            gains.gain.push(None);
-        }
         let first = m;
         while m < tdoa.len() && tdoa[m].k <= k {
             m += 1;
         }
-        if positions == Positions::Uwb {
-            let weights = &mut gains.weight[first..m];
-            let found = gather(&mut x, &mut P, &tdoa[first..m], sites_E_m, by_air_z_m[k], weights);
-            gains.gain.push(found);
-        }
+        let weights = &mut gains.weight[first..m];
+        let found = gather(&mut x, &mut P, &tdoa[first..m], sites_E_m, *by_air_z_m, weights);
+        gains.gain.push(found);
         post.push(x);
     }
     let states = backward(&prior, &post, &gains);
@@ -383,20 +362,4 @@ fn backward(prior: &[Vec10], post: &[Vec10], gains: &Gains) -> Vec<Smoothed> {
         };
     }
     out
-}
-
-fn reference_points(
-    trace: &Trace,
-    line: &Timeline,
-    positions: Positions,
-) -> Vec<Option<Vector3<f64>>> {
-    let mut points = vec![None; line.len()];
-    if positions == Positions::Reference {
-        for r in &trace.references {
-            if let Some((k, share)) = line.place(r.valid_at) {
-                points[if share < 0.5 { k } else { k + 1 }] = Some(r.pos_E_m.raw());
-            }
-        }
-    }
-    points
 }

@@ -7,10 +7,10 @@ use haltere::config::Config;
 use haltere::ctl::{Item, ItemCommand, MissionFile};
 use haltere::gap::scene::Scene;
 use haltere::lockstep::{HOST_START_US, Listener, Lockstep, Tap, fly};
-use haltere::model::{EffectSet, Plant, Truth};
+use haltere::model::{EffectSet, Plant};
 use haltere::pilot::Input;
 use haltere::record::{BuildIdentity, Recorder, Session};
-use haltere::report::truth::{HEADER, TruthRow};
+use haltere::report::truth::HEADER;
 use haltere::time::HostTime;
 
 /// A hover and a small box, some 25 s.
@@ -27,7 +27,7 @@ pub fn box_mission() -> MissionFile {
     MissionFile { items }
 }
 
-/// Flies a mission in the laboratory and writes the log, and the truth beside it (`.csv`).
+/// Flies a mission in the laboratory and writes the log, and time and position of the truth beside it (`.csv`).
 pub fn record(scene: &Scene, mission: &MissionFile, effects: EffectSet, seed: u64, path: &Path) {
     let pilot = &scene.pilot;
     let mut config = Config {
@@ -82,27 +82,13 @@ pub fn record(scene: &Scene, mission: &MissionFile, effects: EffectSet, seed: u6
     assert!(summary.error.is_none() && summary.lost_entries == 0);
     let written: PathBuf = summary.path.unwrap();
     std::fs::rename(&written, path).unwrap();
-    let mut truth = format!("{HEADER}\n").into_bytes();
+    let mut truth = format!("{HEADER}\n");
     for sample in &flight.samples {
         let at = HostTime::from_us(HOST_START_US + sample.truth.t_us);
-        row(&sample.truth, at).write(&mut truth).unwrap();
+        let [north_m, east_m, down_m] = sample.truth.pos_E_m.to_array();
+        let rest = ["0"; 17].join(",");
+        let (at_us, t_s) = (at.as_us(), sample.truth.t_us as f64 * 1e-6);
+        truth += &format!("{at_us},{t_s},{north_m},{east_m},{down_m},{rest}\n");
     }
     std::fs::write(path.with_extension("csv"), truth).unwrap();
-}
-
-fn row(truth: &Truth, at: HostTime) -> TruthRow {
-    TruthRow {
-        at,
-        t_s: truth.t_us as f64 * 1e-6,
-        pos_E_m: truth.pos_E_m,
-        vel_E_mps: truth.vel_E_mps,
-        R_EB: truth.R_EB,
-        rate_B_radps: truth.rate_B_radps,
-        flap_hz: truth.flap_hz,
-        supply_v: truth.supply_v,
-        charge_frac: truth.charge_frac,
-        thrust_n: truth.thrust_n,
-        on_ground: truth.on_ground,
-        crashed: truth.crashed,
-    }
 }

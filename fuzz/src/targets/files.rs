@@ -40,7 +40,7 @@ pub fn log(data: &[u8]) {
     exported(&log);
     let flight = shown(&log);
     if let Ok(flown) = gap::logs::read_log(&log) {
-        let _ = flown.scene(None);
+        let _ = flown.scene(&gap::scene::Told::default());
         let _ = gap::timeline::Timeline::new(&flown.trace, None);
         // A flight that was truly flown does not fit into an input; the fits refuse most of the rest.
         let config = Box::new(flown.config);

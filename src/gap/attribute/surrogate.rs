@@ -286,7 +286,7 @@ fn choose(full: &[Vec<f64>], sizes: &[f64], z: &DMatrix<f64>) -> (Kernel, f64, V
     (best.1, best.2, used)
 }
 
-/// Mean square residual, in null sigma, below which fits are equally good.
+/// Mean square residual, in null sigma, below which fits are equally good: a thirtieth of a sigma (judgement).
 const LEAST_RESIDUAL: f64 = 1e-3;
 
 /// Minus log likelihood of left-out draws, kernel, ridge.

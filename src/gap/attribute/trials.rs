@@ -1,7 +1,8 @@
 //! Limits from flights that taught nothing: the bank is split into folds, each is judged by what
 //! the others teach (GAP.md 2.3: an in-sample limit gave 93 % false alarms, a split one 1.3 %).
 //!
-//! Held-out null flights give the gate and the ranks of the blocks. Held-out draws, as flights of the airframe, give calibration, the limit of a second effect and the limit of adequacy. Pairs are
+//! Held-out null flights give the gate and the ranks of the blocks. Held-out draws, as flights of the
+//! airframe, give calibration, the limit of a second effect and the limit of adequacy. Pairs are
 //! sums of two held-out draws.
 
 use std::collections::BTreeMap;

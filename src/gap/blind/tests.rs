@@ -81,8 +81,8 @@ fn prop_a_suite_without_flights_is_told_and_no_key_is_opened_before_an_answer() 
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();
     let banks = dir.join("banks");
-    let room = crate::gap::scene::Scene::lab().unwrap().room;
-    let go = |lockbox: bool| run(dir, &banks, &room, &choice(lockbox), &|_| {}).unwrap_err();
+    let told = Told::default();
+    let go = |lockbox: bool| run(dir, &banks, &told, &choice(lockbox), &|_| {}).unwrap_err();
     assert!(go(false).to_string().contains("cases.json"));
     let suite = |lockbox: bool| {
         format!(

@@ -12,7 +12,7 @@ pub mod uwb;
 use nalgebra::Vector3;
 
 use super::nominal::{Nominal, RESPONSE_STEP_S};
-use super::smoother::{Gains, GridTdoa, Positions, Smoothed, grid_tdoa, smooth};
+use super::smoother::{Gains, GridTdoa, Smoothed, grid_tdoa, smooth};
 use super::timeline::{NotObservable, STEP_S, Timeline};
 use super::trace::Trace;
 use crate::frames::G_MPS2;
@@ -145,7 +145,7 @@ impl<'a> Flight<'a> {
             ids.iter().filter_map(|id| trace.survey.position_E_m(*id)).map(|p| p.raw()).collect();
         let tdoa = grid_tdoa(trace, &line);
         let gear_m = nominal.vehicle.body.gear_m;
-        let (states, gains) = smooth(trace, &line, &tdoa, &sites_E_m, -gear_m, Positions::Uwb);
+        let (states, gains) = smooth(trace, &line, &tdoa, &sites_E_m, -gear_m);
         let height_m: Vec<f64> = states.iter().map(|s| -s.pos_E_m.z - gear_m).collect();
         let turn = |k: usize| {
             nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), states[k].north_rad)
