@@ -111,13 +111,12 @@ impl State {
     /// `P ← T P Tᵀ` with `T = diag(I, I, J)`.
     #[inline]
     fn turn_attitude_covariance(&mut self, J: &Matrix3<f64>) {
-        for i in 0..ATT {
-            let row = Vector3::new(self.P[(ATT, i)], self.P[(ATT + 1, i)], self.P[(ATT + 2, i)]);
-            let turned = J * row;
-            for k in 0..3 {
-                self.P[(ATT + k, i)] = turned[k];
-                self.P[(i, ATT + k)] = turned[k];
-            }
+        let [nine @ .., c6, c7, c8] = &mut self.P.data.0;
+        for (i, column) in nine.iter_mut().enumerate() {
+            let [.., d6, d7, d8] = column;
+            let turned = J * Vector3::new(*d6, *d7, *d8);
+            [*d6, *d7, *d8] = turned.into();
+            [c6[i], c7[i], c8[i]] = turned.into();
         }
         let block: Matrix3<f64> = self.P.fixed_view::<3, 3>(ATT, ATT).into_owned();
         let turned = J * block * J.transpose();

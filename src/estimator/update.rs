@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 
 use super::arrival::Arrivals;
 use super::bias::{BiasVec, NO_BIASES, Pair};
-use super::state::{ATT, POS, STATES, State, StateVec, VEL};
+use super::state::{ATT, POS, State, StateVec, VEL};
 
 /// What an aid says: innovation = measured − predicted, its Jacobian, its variance.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,8 +33,8 @@ pub struct Observation {
 #[derive(Debug, Clone, Copy)]
 pub struct Projected {
     pht: StateVec,
-    /// The biases' part of `P Hᵀ`.
-    own: BiasVec,
+    /// The biases' part of `P Hᵀ`, where there are any.
+    own: Option<BiasVec>,
     /// Variance of the prediction, `H P Hᵀ`.
     pub var_predicted: f64,
 }
@@ -43,28 +43,28 @@ pub struct Projected {
 #[inline]
 pub fn project(state: &State, o: &Observation) -> Projected {
     let mut pht = StateVec::zeros();
-    let mut own = NO_BIASES;
-    let mut add = |start: usize, h: &Vector3<f64>| {
+    let [sums] = &mut pht.data.0;
+    let (columns, _) = state.P.data.0.as_chunks::<3>();
+    // Blocks of three columns: position, velocity, attitude.
+    for (block, h) in columns.iter().zip([&o.h_pos, &o.h_vel, &o.h_att]) {
         if *h != Vector3::zeros() {
-            for k in 0..3 {
-                let column = state.P.fixed_columns::<1>(start + k);
-                for i in 0..STATES {
-                    pht[i] += column[i] * h[k];
+            for (column, h) in block.iter().zip(h.iter()) {
+                for (sum, p) in sums.iter_mut().zip(column) {
+                    *sum += p * h;
                 }
             }
         }
-    };
-    add(POS, &o.h_pos);
-    add(VEL, &o.h_vel);
-    add(ATT, &o.h_att);
+    }
     let mut var_biases = 0.0;
-    if !state.biases.is_empty() {
+    let own = (!state.biases.is_empty()).then(|| {
+        let mut own = NO_BIASES;
         let mut h = StateVec::zeros();
         h.fixed_rows_mut::<3>(POS).copy_from(&o.h_pos);
         h.fixed_rows_mut::<3>(VEL).copy_from(&o.h_vel);
         h.fixed_rows_mut::<3>(ATT).copy_from(&o.h_att);
         var_biases = state.biases.project(o.pair, o.arrivals, &h, &mut pht, &mut own);
-    }
+        own
+    });
     let dot = |start: usize, h: &Vector3<f64>| {
         pht[start] * h.x + pht[start + 1] * h.y + pht[start + 2] * h.z
     };
@@ -83,14 +83,15 @@ pub fn fuse_projected(state: &mut State, o: &Observation, projected: &Projected)
     let inverse = 1.0 / s;
     let pht = &projected.pht;
     let gain = pht * inverse;
-    for j in 0..STATES {
-        for i in 0..STATES {
-            // `pht[i] * pht[j]` first: the product commutes, so P stays symmetric to the last bit.
-            state.P[(i, j)] -= (pht[i] * pht[j]) * inverse;
+    let [rows] = &pht.data.0;
+    for (column, j) in state.P.data.0.iter_mut().zip(rows) {
+        for (p, i) in column.iter_mut().zip(rows) {
+            // The product of the two first: it commutes, so P stays symmetric to the last bit.
+            *p -= (i * j) * inverse;
         }
     }
-    if !state.biases.is_empty() {
-        state.biases.correct(pht, &projected.own, inverse, o.innovation);
+    if let Some(own) = &projected.own {
+        state.biases.correct(pht, own, inverse, o.innovation);
     }
     state.inject(&(gain * o.innovation));
     true

@@ -357,21 +357,25 @@ fn noise(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) {
     let mut v = [f64::NAN; 14];
     if let Some((f, rows)) = f {
         let anchors = f.sites_E_m.len();
-        let clear = |i: usize| f.clear[f.tdoa[i].k];
-        let all = moments((0..rows.r_m.len()).filter(|i| clear(*i)).map(|i| rows.r_m[i]));
-        let is_low = |i: usize| clear(i) && f.height_m[f.tdoa[i].k] < LOW_M;
-        let low = moments((0..rows.r_m.len()).filter(|i| is_low(*i)).map(|i| rows.r_m[i]));
+        // In the air, and of those near the floor; gathered once, for moments go twice through what they are given.
+        let mut clear = Vec::with_capacity(rows.r_m.len());
+        let mut below = Vec::new();
+        for (m, r) in f.tdoa.iter().zip(&rows.r_m).filter(|(m, _)| f.clear[m.k]) {
+            clear.push(*r);
+            if f.height_m[m.k] < LOW_M {
+                below.push(*r);
+            }
+        }
+        let all = moments(clear.iter().copied());
+        let low = moments(below.iter().copied());
         // White part: change between two measurements of one pair in short order.
         let mut last = vec![(f64::NAN, 0usize); anchors * anchors];
-        let mut steps = Vec::with_capacity(rows.r_m.len());
+        let mut steps = Vec::with_capacity(clear.len());
         let mut by_anchor = vec![[0.0; 2]; anchors];
         let mut outliers = vec![[0.0; 2]; f.len() / WINDOW + 1];
         let (mut wild, mut count) = (0.0f64, 0.0f64);
-        for (i, m) in f.tdoa.iter().enumerate() {
-            if !clear(i) {
-                continue;
-            }
-            let r = rows.r_m[i];
+        for (m, r) in f.tdoa.iter().zip(&rows.r_m).filter(|(m, _)| f.clear[m.k]) {
+            let r = *r;
             let (was, k) = std::mem::replace(&mut last[m.a * anchors + m.b], (r, m.k));
             if was.is_finite() && m.k - k < 6 {
                 let step = (r - was) * std::f64::consts::FRAC_1_SQRT_2;
@@ -409,9 +413,11 @@ fn noise(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) {
         let clear = |r: &&crate::topics::UwbRecord| {
             f.line.place(r.tdoa.valid_at).is_some_and(|p| f.clear[p.0])
         };
-        let nis = moments(f.trace.uwb.iter().filter(clear).step_by(4).map(|r| {
+        let nis = |r: &crate::topics::UwbRecord| {
             log((r.innovation_m.powi(2) / r.var_innovation_m2.max(1e-9)).min(50.0) + 0.1)
-        }));
+        };
+        let nis: Vec<f64> = f.trace.uwb.iter().filter(clear).step_by(4).map(nis).collect();
+        let nis = moments(nis.into_iter());
         let span_s = f.len() as f64 * STEP_S;
         v = [
             log(all.std),

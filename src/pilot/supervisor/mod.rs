@@ -168,7 +168,7 @@ impl Pilot {
         for (index, row) in CONDITIONS.iter().enumerate() {
             let watched = row.watched.holds(self.mode);
             let seen = watched && (row.is_seen)(self, at);
-            let lasts_s = (row.lasts_s)(&self.config);
+            let lasts_s = if seen { (row.lasts_s)(&self.config) } else { 0.0 };
             let state = &mut self.supervisor.states.0[index];
             let change = proceed(state, row, seen, watched, at, lasts_s);
             if state.holds || (seen && row.health != MavSysStatusSensor::empty() && lasts_s == 0.0)
