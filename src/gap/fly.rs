@@ -5,13 +5,18 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use super::scene::Scene;
 use super::trace::Trace;
 use crate::checks::Problems;
+use crate::frames::Vec3;
 use crate::lockstep::{FlightError, Lockstep, SAMPLE_US, World, fly_unsampled};
 use crate::model::{Plant, PlantConfig};
-use crate::pilot::{Mode, PilotConfig};
+use crate::pilot::{Mission, Mode, PilotConfig};
 
-/// Longest flight that is waited for, s: the diagnostic flight lasts 100 s, with a missed waypoint
+/// Any flight is waited for that long, s: the diagnostic flight lasts 100 s, with a missed waypoint
 /// here and there somewhat longer.
-pub const LIMIT_S: f64 = 150.0;
+const LEAST_LIMIT_S: f64 = 150.0;
+/// A longer mission for this many times its length as planned.
+const PATIENCE: f64 = 1.2;
+/// And none longer than that, s: a pack of 300 mAh lasts four to six minutes (GAP.md 3.0).
+pub const MOST_LIMIT_S: f64 = 600.0;
 
 /// From the start of a flight to the first item of its mission, s: spool-up and climb take 4 s.
 const TO_THE_MISSION_S: f64 = 20.0;
@@ -64,6 +69,15 @@ pub fn fly_in_world<W: World>(
     Ok(trace)
 }
 
+/// How long a flight is waited for, s.
+fn limit_s(scene: &Scene, mission: &Mission) -> f64 {
+    let [north_m, east_m] = scene.start_NE_m;
+    let length_s = mission.length_s(Vec3::new(north_m, east_m, 0.0), &scene.pilot.flight);
+    let whole_s = (PATIENCE * length_s).clamp(LEAST_LIMIT_S, MOST_LIMIT_S);
+    // What is not looked at need not be flown.
+    scene.until_s.map_or(whole_s, |until_s| whole_s.min(until_s + TO_THE_MISSION_S))
+}
+
 fn fly_into<W: World>(
     trace: &mut Trace,
     scene: &Scene,
@@ -73,10 +87,9 @@ fn fly_into<W: World>(
 ) -> Result<(), FlightError> {
     trace.clear();
     trace.survey.clone_from(&scene.survey);
-    let mut lockstep = Lockstep::in_world(world, pilot, &scene.survey, None);
+    let mut lockstep = Lockstep::in_world(world, pilot, &scene.survey, None).without_streams();
     let (mut crashed, mut carried_s) = (false, 0.0);
-    // What is not looked at need not be flown.
-    let limit_s = scene.until_s.map_or(LIMIT_S, |until_s| LIMIT_S.min(until_s + TO_THE_MISSION_S));
+    let limit_s = |mission: &Mission| limit_s(scene, mission);
     let landed = fly_unsampled(&mut lockstep, items, limit_s, |lockstep| {
         let truth = lockstep.truth();
         crashed |= truth.crashed;

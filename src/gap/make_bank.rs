@@ -60,11 +60,11 @@ pub struct BankSize {
 }
 
 impl Default for BankSize {
-    /// Some 2060 flights with the standard library: GAP.md 2.8 allows three minutes on two cores. What fewer and more of them are
+    /// Some 1900 flights with the standard library: GAP.md 2.8 allows three minutes on two cores. What fewer and more of them are
     /// worth, and how long they take: docs/GAP_SCORES.md, runs 32 to 40. GAP.md asks for 200 seeds (2.3): flights with
     /// jitter are what limits rest on, and 24 seeds serve as well as 120.
     fn default() -> Self {
-        Self { seeds: 24, jitter: 360, draws: 40 }
+        Self { seeds: 24, jitter: 360, draws: 36 }
     }
 }
 
@@ -151,27 +151,37 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
     }
     let sigmas = scales(&bank.jitter);
     let drawn = drawn(recipe, &seeds);
-    let draws: Vec<Option<Draw>> = drawn
+    // One effect after the other on each core: its later draws know what its earlier ones came to.
+    let flown: Vec<Vec<Option<Draw>>> = bank
+        .effects
         .par_iter()
-        .map_init(trace, |trace, drawn| {
-            let silence = Silence { row: &bank.jitter[drawn.twin], sigmas: &sigmas };
-            let flown = hand.draw(drawn, &bank.effects[drawn.place].axes, silence, trace);
-            tell();
-            let (theta, statistics) = flown?;
-            Some(Draw { theta, seed: drawn.seed, twin: drawn.twin, statistics })
+        .with_max_len(1)
+        .enumerate()
+        .map_init(trace, |trace, (place, effect)| {
+            let mut heard = Heard::NOTHING;
+            let of_effect = drawn.iter().filter(|drawn| drawn.place == place);
+            let fly = |drawn: &Drawn| {
+                let silence = Silence { row: &bank.jitter[drawn.twin], sigmas: &sigmas };
+                let flown = hand.draw(drawn, &effect.axes, silence, &mut heard, trace);
+                tell();
+                let (theta, statistics) = flown?;
+                Some(Draw { theta, seed: drawn.seed, twin: drawn.twin, statistics })
+            };
+            of_effect.map(fly).collect()
         })
         .collect();
-    for (drawn, draw) in drawn.iter().zip(draws) {
-        let effect = &mut bank.effects[drawn.place];
-        let Some(draw) = draw else {
-            *lost.entry(effect.id.clone()).or_default() += 1;
-            continue;
-        };
-        // What was drawn weaker to be flown may lie beyond what is plausible.
-        for (axis, value) in effect.axes.iter_mut().zip(&draw.theta) {
-            *axis = axis.with(*value);
+    for (effect, draws) in bank.effects.iter_mut().zip(flown) {
+        for draw in draws {
+            let Some(draw) = draw else {
+                *lost.entry(effect.id.clone()).or_default() += 1;
+                continue;
+            };
+            // What was drawn weaker to be flown may lie beyond what is plausible.
+            for (axis, value) in effect.axes.iter_mut().zip(&draw.theta) {
+                *axis = axis.with(*value);
+            }
+            effect.draws.push(draw);
         }
-        effect.draws.push(draw);
     }
     Made { bank, lost: lost.into_iter().collect() }
 }
@@ -230,6 +240,38 @@ impl Silence<'_> {
     }
 }
 
+/// How strong an effect is at these parameters: the largest of its sizes as a share of its axis; `None` where nothing says how much.
+fn size(theta: &[f64], axes: &[Axis]) -> Option<f64> {
+    axes.iter().zip(theta).filter_map(|(axis, value)| axis.share(*value)).reduce(f64::max)
+}
+
+/// At which sizes an effect has done something so far, and at which it has not, whatever its other parameters.
+#[derive(Debug, Clone, Copy)]
+struct Heard {
+    /// Largest size of a flight on which nothing happened.
+    silent_at: f64,
+    /// Smallest size of one on which something did.
+    loud_at: f64,
+}
+
+impl Heard {
+    const NOTHING: Self = Self { silent_at: 0.0, loud_at: f64::INFINITY };
+
+    fn note(&mut self, size: Option<f64>, silent: bool) {
+        let Some(size) = size else { return };
+        if silent {
+            self.silent_at = self.silent_at.max(size);
+        } else {
+            self.loud_at = self.loud_at.min(size);
+        }
+    }
+
+    /// Nothing happened at this size or a larger one, and nowhere did anything at a smaller one.
+    fn foretells_silence(&self, size: Option<f64>) -> bool {
+        size.is_some_and(|size| size <= self.silent_at && size < self.loud_at)
+    }
+}
+
 /// Who flies.
 struct Hand<'a> {
     recipe: &'a Recipe<'a>,
@@ -242,41 +284,52 @@ impl Hand<'_> {
     /// A flight that is diagnosed came to its landing, or is looked at as far as it came. So must those of the
     /// bank: a vehicle on its side has statistics too, and they are the same for every effect that fells it. An
     /// effect too strong for the mission is drawn weaker until it is flown, and one that does nothing is drawn stronger.
+    /// `heard`: of earlier draws of this effect; what is silent by them is not flown.
     fn draw(
         &self,
         drawn: &Drawn,
         axes: &[Axis],
         silence: Silence<'_>,
+        heard: &mut Heard,
         trace: &mut Trace,
     ) -> Option<(Vec<f64>, Vec<f64>)> {
         let spec = self.recipe.library[drawn.place];
         let mut fly = |theta: &[f64]| self.fly(drawn.seed, true, Some((spec, theta)), trace);
+        let mut theta = drawn.theta.clone();
+        let mut left = LOUDER;
+        while left > 0 && heard.foretells_silence(size(&theta, axes)) {
+            theta = library::louder(&theta, axes);
+            left -= 1;
+        }
         let sized = |share: f64| match share {
-            1.0 => drawn.theta.clone(),
-            _ => library::at_share(spec, &drawn.theta, share),
+            1.0 => theta.clone(),
+            _ => library::at_share(spec, &theta, share),
         };
         let (share, mut row) =
             SHARES.iter().find_map(|share| Some((*share, fly(&sized(*share))?)))?;
-        let mut theta = sized(share);
-        let plausible = axes.iter().zip(&theta).all(|(axis, value)| axis.with(*value) == *axis);
+        let mut flown = sized(share);
+        let plausible = axes.iter().zip(&flown).all(|(axis, value)| axis.with(*value) == *axis);
         let part = SPREAD[drawn.number % SPREAD.len()];
         if !plausible && part < 1.0 {
             let weaker = sized(share * part);
             if let Some(other) = fly(&weaker) {
-                (theta, row) = (weaker, other);
+                (flown, row) = (weaker, other);
             }
         }
-        for _ in 0..LOUDER {
-            if !silence.holds(&row) {
+        loop {
+            let silent = silence.holds(&row);
+            heard.note(size(&flown, axes), silent);
+            if !silent || left == 0 {
                 break;
             }
-            let louder = library::louder(&theta, axes);
+            left -= 1;
+            let louder = library::louder(&flown, axes);
             match fly(&louder) {
-                Some(stronger) => (theta, row) = (louder, stronger),
+                Some(stronger) => (flown, row) = (louder, stronger),
                 None => break,
             }
         }
-        Some((theta, row))
+        Some((flown, row))
     }
 
     /// Flies one flight. `jitter`: every flight of the bank but the seeds has it: an effect does not come on a perfect
@@ -372,6 +425,18 @@ mod tests {
         assert!(silence.holds(&[1.09, 2.0, 7.0]));
         assert!(!silence.holds(&[1.11, 2.0, 7.0]));
         assert!(!Silence { sigmas: &[0.1; 3], ..silence }.holds(&[1.08, 2.08, 7.0]), "together");
+    }
+
+    #[test]
+    fn prop_silence_is_foretold_below_what_was_silent_and_never_above_what_was_heard() {
+        let mut heard = Heard::NOTHING;
+        assert!(!heard.foretells_silence(Some(0.1)), "nothing was flown");
+        heard.note(Some(0.4), true);
+        assert!(heard.foretells_silence(Some(0.4)) && !heard.foretells_silence(Some(0.5)));
+        assert!(!heard.foretells_silence(None), "an effect without a size");
+        heard.note(Some(0.2), false);
+        assert!(heard.foretells_silence(Some(0.1)));
+        assert!(!heard.foretells_silence(Some(0.3)), "weaker ones were heard elsewhere");
     }
 
     #[test]

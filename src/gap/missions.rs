@@ -217,6 +217,7 @@ pub(super) fn wire(mission: &MissionFile) -> Vec<MISSION_ITEM_INT_DATA> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frames::Vec3;
     use crate::lockstep::{Lockstep, fly};
 
     /// A cage narrower than both margins: the ends of what is left stood the wrong way round by a bit.
@@ -249,14 +250,17 @@ mod tests {
                 .without_topics();
             let flight = fly(&mut world, &items, 200.0).unwrap();
             let flown_s = flight.samples.len() as f64 * 0.01;
+            let start_E_m = Vec3::new(scene.start_NE_m[0], scene.start_NE_m[1], 0.0);
+            let planned_s = world.pilot().mission().length_s(start_E_m, &scene.pilot.flight);
             println!(
-                "{name}: {flown_s:.1} s, reached {:?}, {:?}",
+                "{name}: planned {planned_s:.1} s, flown {flown_s:.1} s, reached {:?}, {:?}",
                 flight.samples.last().map(|s| s.reached),
                 flight.texts
             );
             assert!(flight.landed, "{name}");
             assert!(flight.samples.iter().all(|s| !s.truth.crashed), "{name}");
             assert!((50.0..130.0).contains(&flown_s), "{name}: {flown_s} s");
+            assert!((planned_s / flown_s - 1.0).abs() < 0.15, "{name}: {planned_s} s");
         }
     }
 }

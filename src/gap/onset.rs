@@ -244,7 +244,6 @@ fn louder(standards: &[Standard], t0: usize) -> f64 {
 mod tests {
     use super::*;
     use crate::gap::details::{details, fly_nulls};
-    use crate::gap::fly::LIMIT_S;
     use crate::gap::library;
     use crate::gap::make_bank::jittered;
     use crate::gap::missions;
@@ -267,7 +266,7 @@ mod tests {
         let mut lockstep = Lockstep::new(plant, scene.pilot.clone(), &scene.survey).unwrap();
         let mut trace = Trace::new(scene.survey.clone());
         let mut began_s = f64::NAN;
-        fly_watched(&mut lockstep, &missions::plain(scene), LIMIT_S, |l| {
+        fly_watched(&mut lockstep, &missions::plain(scene), 150.0, |l| {
             l.pilot_mut().drain_topics(|topic| trace.take(topic));
             let Some(first) = trace.controls.first() else { return };
             let since_s = l.host_now().seconds_since(first.at);

@@ -9,7 +9,7 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use super::attribute::{AttributeError, Attributor, Learned, Settings};
 use super::bank::{Bank, LEAST_NULLS};
 use super::bank_file::{self, BankFileError};
-use super::fly::LIMIT_S;
+use super::fly::MOST_LIMIT_S;
 use super::kept_file::{self, Kind};
 use super::make_bank::{self, BankSize, Recipe};
 use super::nominal::Nominal;
@@ -39,8 +39,8 @@ pub enum WorkshopError {
     },
     /// The simulator does not fly this mission to its end.
     #[error(
-        "{flown} of {of} simulated flights of this mission came to its end within {LIMIT_S} s, at least {LEAST_NULLS} are \
-         needed: the mission is too long, or its room or vehicle is another one (--room, --vehicle)"
+        "{flown} of {of} simulated flights of this mission came to its end, at least {LEAST_NULLS} are needed: it lasts \
+         more than {MOST_LIMIT_S} s, or its room or vehicle is another one (--room, --vehicle)"
     )]
     NotFlown {
         /// Flights that did.

@@ -6,7 +6,7 @@ use haltere_dialect::mav::haltere::{
 
 use crate::estimate::Estimate;
 use crate::model::Truth;
-use crate::pilot::Mode;
+use crate::pilot::{Mission, Mode};
 use crate::topics::ControlRecord;
 
 use super::{Ground, Lockstep, World};
@@ -145,24 +145,31 @@ pub fn fly_watched<W: World>(
     watch: impl FnMut(&mut Lockstep<W>),
 ) -> Result<Flight, FlightError> {
     let mut samples = Vec::with_capacity((limit_s * 100.0) as usize + 1000);
-    let (landed, texts) = flown(world, items, limit_s, watch, |world, reached| {
-        samples.push(Sample {
-            t_us: world.t_us(),
-            mode: world.pilot().mode(),
-            reached,
-            truth: world.truth(),
-            estimate: *world.pilot().estimate(),
-            control: *world.pilot().control_record(),
-        });
-    })?;
+    let (landed, texts) = flown(
+        world,
+        items,
+        |_| limit_s,
+        watch,
+        |world, reached| {
+            samples.push(Sample {
+                t_us: world.t_us(),
+                mode: world.pilot().mode(),
+                reached,
+                truth: world.truth(),
+                estimate: *world.pilot().estimate(),
+                control: *world.pilot().control_record(),
+            });
+        },
+    )?;
     Ok(Flight { samples, texts, landed })
 }
 
-/// The same without samples, for flights by the thousand; whether it ended disarmed on the floor.
+/// The same without samples, for flights by the thousand; whether it ended disarmed on the floor. `limit_s`: how long
+/// is waited for the mission, as the core understood it.
 pub fn fly_unsampled<W: World>(
     world: &mut Lockstep<W>,
     items: &[MISSION_ITEM_INT_DATA],
-    limit_s: f64,
+    limit_s: impl FnOnce(&Mission) -> f64,
     watch: impl FnMut(&mut Lockstep<W>),
 ) -> Result<bool, FlightError> {
     flown(world, items, limit_s, watch, |_, _| {}).map(|(landed, _)| landed)
@@ -173,7 +180,7 @@ pub fn fly_unsampled<W: World>(
 fn flown<W: World>(
     world: &mut Lockstep<W>,
     items: &[MISSION_ITEM_INT_DATA],
-    limit_s: f64,
+    limit_s: impl FnOnce(&Mission) -> f64,
     mut watch: impl FnMut(&mut Lockstep<W>),
     mut sample: impl FnMut(&Lockstep<W>, u16),
 ) -> Result<(bool, Vec<String>), FlightError> {
@@ -181,7 +188,7 @@ fn flown<W: World>(
     start(world, &mut ground, items)?;
     let mut reached = 0;
     let start_us = world.t_us();
-    let end_us = start_us + (limit_s * 1e6) as u64;
+    let end_us = start_us + (limit_s(world.pilot().mission()) * 1e6) as u64;
     let mut airborne = false;
     let mut next_us = start_us;
     let landed = loop {

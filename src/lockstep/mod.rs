@@ -130,6 +130,12 @@ impl<W: World> Lockstep<W> {
         self
     }
 
+    /// Switches the streams to stations off: nothing flies by them.
+    pub fn without_streams(mut self) -> Self {
+        self.pilot = self.pilot.without_streams();
+        self
+    }
+
     /// Damages what arrives, or listens to it.
     pub fn with_damage(mut self, damage: Damage) -> Self {
         self.damage = Some(damage);

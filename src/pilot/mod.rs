@@ -36,6 +36,7 @@ mod magnetics;
 mod manual;
 mod mission;
 mod mission_items;
+mod mission_length;
 mod mission_transfer;
 mod modes;
 mod orders;
@@ -304,6 +305,14 @@ impl Pilot {
     pub fn without_topics(mut self) -> Self {
         self.with_topics = false;
         self.topics.clear();
+        self
+    }
+
+    /// Streams to stations off until somebody asks for one: lockstep runs whose station reads answers alone.
+    pub fn without_streams(mut self) -> Self {
+        for ground in &mut self.grounds {
+            ground.streams.silence();
+        }
         self
     }
 

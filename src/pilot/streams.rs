@@ -140,6 +140,13 @@ impl Streams {
         true
     }
 
+    /// Switches all streams off, but for the heartbeat.
+    pub fn silence(&mut self) {
+        for stream in self.streams.iter_mut().filter(|s| s.msg_id != HEARTBEAT_ID) {
+            stream.interval_us = None;
+        }
+    }
+
     /// Changes all streams of a group of ArduPilot's, Hz. `false`: none belongs to it.
     pub fn set_group(&mut self, group: Group, rate_hz: f64, start: bool, at: HostTime) -> bool {
         let interval_us = if start && rate_hz > 0.0 { 1e6 / rate_hz } else { -1.0 };
