@@ -153,7 +153,11 @@ fn value_like(default: Option<&Value>, text: &str) -> Value {
         format!("value = {text}").parse::<Table>().ok().and_then(|mut table| table.remove("value"))
     };
     match default {
-        Some(Value::String(_)) => Value::String(text.to_owned()),
+        // In quotes as in a file, so that "" is nothing, or as it stands.
+        Some(Value::String(_)) => {
+            let quoted = parsed().filter(Value::is_str);
+            quoted.unwrap_or_else(|| Value::String(text.to_owned()))
+        }
         Some(Value::Array(items)) if !text.trim_start().starts_with('[') => Value::Array(
             text.split(',')
                 .map(str::trim)

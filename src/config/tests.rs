@@ -264,6 +264,22 @@ fn prop_environment_and_overrides_are_as_strict_as_files() {
 }
 
 #[test]
+fn regress_quotes_on_the_command_line_are_those_of_a_file() {
+    // `haltere-sim lockstep` sets store.directory="" and kept missions in a folder called `""`.
+    let directory = |text: &str| {
+        let config = load("", &[], &[text]).unwrap();
+        config.store.directory.to_str().unwrap().to_owned()
+    };
+    assert_eq!(directory("store.directory=\"\""), "");
+    assert_eq!(directory("store.directory="), "");
+    assert_eq!(directory("store.directory=\"a b\""), "a b");
+    assert_eq!(directory("store.directory='a'"), "a");
+    for plain in ["a", "12", "2026-11-25", "a \"b\"", "true", "[x]", "a\"b"] {
+        assert_eq!(directory(&format!("store.directory={plain}")), plain);
+    }
+}
+
+#[test]
 fn prop_a_missing_file_says_where_a_sample_is() {
     let sources = Sources { files: vec!["/nowhere/x.toml".into()], ..Sources::default() };
     let error = Loaded::load(&sources).unwrap_err().to_string();

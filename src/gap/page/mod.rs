@@ -7,7 +7,7 @@ mod plan;
 
 use std::fmt::Write as _;
 
-use super::attribute::Candidate;
+use super::attribute::{Candidate, Settings};
 use super::diagnosis::{Diagnosis, ShrinkResult};
 use crate::model::effects::Block;
 use crate::report::html;
@@ -62,8 +62,7 @@ pub fn render(d: &Diagnosis) -> String {
         escape(&d.replay),
     );
     summary(&mut html, d);
-    let truth: Vec<String> = d.truth.iter().flat_map(|truth| truth.words()).collect();
-    list(&mut html, d.faults.iter().chain(&d.remarks).chain(&truth));
+    list(&mut html, d.faults.iter().chain(&d.remarks));
     if d.attribution.is_some() {
         html.push_str("<h2>Where</h2>");
         chain(&mut html, d);
@@ -117,10 +116,11 @@ pub fn render(d: &Diagnosis) -> String {
             html,
             "</table><p class=\"note\">Gate: above any limit a gap is said to be there. Limits come from \
              held-out flights without a gap; {} statistics in use, {} unknown on this flight. One report asks \
-             about {} effects: limits are such that 3 of 100 flights without a gap are given a name.</p>",
+             about {} effects: limits are such that {:.0} of 100 flights without a gap are given a name.</p>",
             attribution.used,
             attribution.unknown.len(),
-            attribution.candidates.len()
+            attribution.candidates.len(),
+            100.0 * Settings::for_flights().false_alarm
         );
     }
     if !d.parameters_changed.is_empty() {
@@ -188,6 +188,8 @@ fn summary(html: &mut String, d: &Diagnosis) {
             )
         },
     );
+    let truth: Vec<String> = d.truth.iter().flat_map(|truth| truth.words()).collect();
+    row("Truth", truth.iter().map(|line| escape(line)).collect::<Vec<_>>().join("<br>"));
     row("Do next", next::first(d));
     html.push_str(&rows);
     html.push_str("</table>");
