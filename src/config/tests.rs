@@ -268,7 +268,7 @@ fn regress_quotes_on_the_command_line_are_those_of_a_file() {
     // `haltere-sim lockstep` sets store.directory="" and kept missions in a folder called `""`.
     let directory = |text: &str| {
         let config = load("", &[], &[text]).unwrap();
-        config.store.directory.to_str().unwrap().to_owned()
+        config.config.store.directory.to_str().unwrap().to_owned()
     };
     assert_eq!(directory("store.directory=\"\""), "");
     assert_eq!(directory("store.directory="), "");
