@@ -26,7 +26,7 @@ pub(super) struct Ctl {
 
 impl Ctl {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
-        let status = self.action == Action::Status;
+        let status = matches!(self.action, Action::Status { .. });
         let key = self.signing_key.as_deref().map(read_key).transpose()?;
         ctl::run(&self.to, key, &self.action, |line| {
             if status {

@@ -170,7 +170,11 @@ pub enum Action {
     /// Lands and waits until it has landed.
     Land,
     /// Prints what the vehicle tells about itself.
-    Status,
+    Status {
+        /// Prints as JSON.
+        #[arg(long)]
+        json: bool,
+    },
 }
 
 /// Longest flight of a mission, s: the battery lasts 4 to 6 minutes (VEHICLE.md).
@@ -301,7 +305,7 @@ pub fn run(
             }
         }
         Action::Judge => station.judge(&mut say)?,
-        Action::Status => {
+        Action::Status { json } => {
             // One round of the slow streams, and of every link and loss in turn.
             station.set_interval(HALTERE_LINK_ID, ROUND_US)?;
             station.set_interval(HALTERE_DROPS_ID, ROUND_US)?;
@@ -309,8 +313,12 @@ pub fn run(
             for id in [HALTERE_LINK_ID, HALTERE_DROPS_ID] {
                 station.set_interval(id, 0.0)?;
             }
-            for line in station.vehicle().lines() {
-                say(&line);
+            if *json {
+                let mut told = station.vehicle().json();
+                told["texts"] = station.take_texts().into();
+                say(&format!("{told:#}"));
+            } else {
+                station.vehicle().lines().iter().for_each(|line| say(line));
             }
         }
     }

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::json;
+
 use haltere_dialect::mav::haltere::{HALTERE_LINK_DATA, MavMessage, MavModeFlag};
 
 pub use haltere_dialect::mav::haltere::MavLandedState as LandedState;
@@ -65,11 +67,10 @@ impl Vehicle {
         }
     }
 
-    /// For people.
-    pub fn lines(&self) -> Vec<String> {
-        let known = |value: Option<String>| value.unwrap_or_else(|| "not told".into());
+    /// Name of the mode in force.
+    fn mode(&self) -> String {
         let main = self.custom_mode >> 16 & 0xFF;
-        let mode = match (main, self.custom_mode >> 24) {
+        match (main, self.custom_mode >> 24) {
             (4, 2) => "takeoff".to_string(),
             (4, 3) => "hold".to_string(),
             (4, 4) => "mission".to_string(),
@@ -77,7 +78,53 @@ impl Vehicle {
             (4, 6) => "land".to_string(),
             (6, _) => "offboard".to_string(),
             (main, sub) => format!("main {main} sub {sub}"),
-        };
+        }
+    }
+
+    /// For scripts: what [`Vehicle::lines`] says. What was not told is null.
+    pub fn json(&self) -> serde_json::Value {
+        let links: Vec<_> = self
+            .links
+            .iter()
+            .map(|(number, link)| {
+                json!({
+                    "link": number,
+                    "endpoint": link.endpoint,
+                    "own": link.own == 1,
+                    "received": link.received,
+                    "received_bytes": link.received_bytes,
+                    "lost": link.lost,
+                    "sent": link.sent,
+                    "sent_bytes": link.sent_bytes,
+                    "passed_on": link.routed,
+                    "waited": link.delayed,
+                })
+            })
+            .collect();
+        let drops: Vec<_> = self
+            .drops
+            .iter()
+            .map(|((number, reason), count)| {
+                json!({ "link": link_name(*number), "reason": reason, "count": count })
+            })
+            .collect();
+        json!({
+            "armed": self.armed,
+            "mode": self.mode(),
+            "state": landed_name(self.landed),
+            "position_NED_m": self.position_m,
+            "velocity_NED_mps": self.velocity_mps,
+            "battery_v": self.supply_v,
+            "mission_item": self.current,
+            "links": links,
+            "drops": drops,
+        })
+    }
+
+    /// For people.
+    pub fn lines(&self) -> Vec<String> {
+        let known = |value: Option<String>| value.unwrap_or_else(|| "not told".into());
+        let mode = self.mode();
         let point = self
             .position_m
             .map(|[n, e, d]| format!("north {n:.2} m, east {e:.2} m, height {:.2} m", -d));
@@ -105,15 +152,19 @@ impl Vehicle {
             ));
         }
         for ((number, reason), count) in &self.drops {
-            let link = match *number {
-                0 => "tag".to_owned(),
-                1 => "board".to_owned(),
-                u8::MAX => "core".to_owned(),
-                number => format!("link {number}"),
-            };
-            lines.push(format!("lost on {link}: {reason} {count}"));
+            lines.push(format!("lost on {}: {reason} {count}", link_name(*number)));
         }
         lines
+    }
+}
+
+/// What the numbers of links in counts of losses stand for.
+fn link_name(number: u8) -> String {
+    match number {
+        0 => "tag".to_owned(),
+        1 => "board".to_owned(),
+        u8::MAX => "core".to_owned(),
+        number => format!("link {number}"),
     }
 }
 
@@ -124,5 +175,35 @@ fn landed_name(state: LandedState) -> &'static str {
         LandedState::MAV_LANDED_STATE_IN_AIR => "in the air",
         LandedState::MAV_LANDED_STATE_TAKEOFF => "taking off",
         LandedState::MAV_LANDED_STATE_LANDING => "landing",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_scripts_are_told_what_people_are_and_null_where_nothing_was() {
+        let silent = Vehicle::default().json();
+        assert!(silent["position_NED_m"].is_null() && silent["battery_v"].is_null(), "{silent}");
+        let mut told = Vehicle {
+            custom_mode: 4 << 16 | 3 << 24,
+            position_m: Some([1.0, 2.0, -1.5]),
+            landed: LandedState::MAV_LANDED_STATE_IN_AIR,
+            ..Vehicle::default()
+        };
+        told.drops.insert((1, "bad_checksum".into()), 3);
+        told.links.insert(0, HALTERE_LINK_DATA { own: 1, sent: 7, ..Default::default() });
+        let json = told.json();
+        assert_eq!(json["mode"], "hold");
+        assert_eq!(json["state"], "in the air");
+        assert_eq!(json["position_NED_m"], json!([1.0, 2.0, -1.5]));
+        assert_eq!(json["links"][0]["sent"], 7);
+        assert_eq!(json["links"][0]["own"], true);
+        assert_eq!(
+            json["drops"],
+            json!([{ "link": "board", "reason": "bad_checksum", "count": 3 }])
+        );
+        assert!(told.lines().contains(&"lost on board: bad_checksum 3".to_owned()));
     }
 }
