@@ -213,3 +213,15 @@ fn prop_full_size() {
     run(super::toy::FULL, 318, false);
     run(super::toy::FULL, 318, true);
 }
+
+#[test]
+fn prop_a_small_bank_is_quiet_on_healthy_flights() {
+    let size = Size { statistics: 200, effects: 20, draws: 10, seeds: 20, jitter: 60 };
+    let mut toy = Toy::new(size, 5);
+    let bank = toy.bank();
+    let it = Attributor::new(&bank, &[], &[], &toy.blocks(), &Settings::default()).unwrap();
+    let healthy: Vec<_> = (0..200).map(|_| toy.flight(&[], true, false)).collect();
+    let judged = it.attribute_all(&healthy);
+    let alarms = judged.iter().filter(|a| a.outcome != Outcome::NoMaterialGap).count();
+    assert!(alarms < 20, "{alarms} of 200");
+}
