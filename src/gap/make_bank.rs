@@ -221,7 +221,7 @@ fn anchors(scene: &Scene) -> usize {
     scene.survey.ids().len()
 }
 
-/// Twins fall into the same fold when flights are held out by any of 2, 3 and 4 folds.
+/// Twins fall into the same fold when flights are held out by any of 2, 3, 4, 6 and 12 folds.
 const FOLDS: usize = 12;
 
 /// A flight without the effect, and sigma of every statistic in benign jitter.

@@ -170,7 +170,18 @@ impl Default for FlightConfig {
     }
 }
 
+/// Divisor in place of a speed that is nearly none, m/s: times stay finite whatever is configured.
+pub(super) const LEAST_SPEED_MPS: f64 = 0.05;
+
 impl FlightConfig {
+    /// Time of a landing from this height, s: `(h − h_s) / v + h_s / v_s` with `h_s = min(h, land_slow_height_m)`, `h` m,
+    /// speeds `v` above and `v_s` below that height, m/s (`[flight]`). The ramp before the floor is left out.
+    pub(super) fn landing_s(&self, height_m: f64) -> f64 {
+        let slow_m = height_m.min(self.land_slow_height_m);
+        (height_m - slow_m) / self.land_speed_mps.max(LEAST_SPEED_MPS)
+            + slow_m / self.land_slow_speed_mps.max(LEAST_SPEED_MPS)
+    }
+
     /// Adds what is out of range to `problems`; `key` is the name of the section.
     pub fn check(&self, key: &str, problems: &mut Problems) {
         let mut range = |name: &str, value, low, high, unit| {

@@ -1,16 +1,20 @@
-//! How long a mission takes as planned.
+//! How long a mission takes as planned, by what its setpoint does.
+//!
+//! A leg of `d` m from rest to rest with speed at most `v` m/s and acceleration `a` m/s² (`guidance/carrot.rs`) takes `d/v + v/a`, or
+//! `2 √(d/a)` where `d < v²/a` is too short for `v`. Left out: turns on the spot, corners that are cut, what an
+//! effect delays. Elementary kinematics.
 
 use crate::frames::{E, Vec3};
 
 use super::config::FlightConfig;
 use super::mission::{Mission, MissionItem};
 
-/// A setpoint that jumps is followed at about this speed, m/s.
+/// A setpoint that jumps is followed at about this speed, m/s (judgement).
 const JUMP_MPS: f64 = 1.0;
 /// From a setpoint that has arrived to a vehicle that has, s: with it the standard flights of the diagnosis last as long
 /// as planned to a tenth (`gap::missions`, tests).
 const SETTLE_S: f64 = 0.2;
-/// Items after which a mission that jumps back is taken for endless.
+/// Items after which a mission that jumps back is taken for endless: a hundred times `MOST_ITEMS`.
 const MOST_STEPS: usize = 100_000;
 
 impl Mission {
@@ -18,7 +22,12 @@ impl Mission {
     /// at their limit. Infinite where the mission waits or jumps for ever. `start_E_m`: where the
     /// vehicle stands.
     pub fn length_s(&self, start_E_m: Vec3<E>, flight: &FlightConfig) -> f64 {
-        let mut plan = Walk { at_E_m: start_E_m, speed_mps: flight.cruise_speed_mps, flight };
+        let mut plan = Walk {
+            home_E_m: start_E_m,
+            at_E_m: start_E_m,
+            speed_mps: flight.cruise_speed_mps,
+            flight,
+        };
         let mut total_s = flight.spool_s;
         let mut jumps_made = vec![0_u32; self.items.len()];
         let mut current = 0;
@@ -47,6 +56,8 @@ impl Mission {
 
 /// Where the setpoint is, and how fast it goes.
 struct Walk<'a> {
+    /// Where it took off, and returns to.
+    home_E_m: Vec3<E>,
     at_E_m: Vec3<E>,
     speed_mps: f64,
     flight: &'a FlightConfig,
@@ -69,13 +80,8 @@ impl Walk<'_> {
             MissionItem::Doublet(doublet) => doublet.length_s(),
             MissionItem::Tilt(step) => step.duration_s + SETTLE_S,
             MissionItem::UntilVoltage { limit_s, .. } => limit_s,
-            MissionItem::Land { pos_E_m } => {
-                let over = pos_E_m.unwrap_or(self.at_E_m);
-                let above = Vec3::new(over.x(), over.y(), self.at_E_m.z());
-                self.leg_s(above) + self.landing_s()
-            }
-            // Home is not told here: at most as far as the mission has come is a leg of it.
-            MissionItem::Return => SETTLE_S + self.landing_s(),
+            MissionItem::Land { pos_E_m } => self.land_s(pos_E_m.unwrap_or(self.at_E_m)),
+            MissionItem::Return => self.land_s(self.home_E_m),
             MissionItem::Yaw { .. } | MissionItem::Home | MissionItem::Jump { .. } => 0.0,
         }
     }
@@ -93,12 +99,11 @@ impl Walk<'_> {
         travel_s + SETTLE_S
     }
 
-    fn landing_s(&self) -> f64 {
+    /// Over a place at the height it has, and down.
+    fn land_s(&mut self, over_E_m: Vec3<E>) -> f64 {
         let height_m = (-self.at_E_m.z()).max(0.0);
-        let slow_m = height_m.min(self.flight.land_slow_height_m);
-        (height_m - slow_m) / self.flight.land_speed_mps
-            + slow_m / self.flight.land_slow_speed_mps
-            + SETTLE_S
+        let leg_s = self.leg_s(Vec3::new(over_E_m.x(), over_E_m.y(), self.at_E_m.z()));
+        leg_s + self.flight.landing_s(height_m) + SETTLE_S
     }
 }
 
@@ -157,6 +162,12 @@ mod tests {
     #[test]
     fn val_nothing_after_a_landing_counts() {
         let land = MissionItem::Land { pos_E_m: None };
+        let home = MissionItem::Land { pos_E_m: Some(Vec3::zero()) };
+        assert_eq!(
+            length_s(&[UP, to(2.0, 0.0), MissionItem::Return]),
+            length_s(&[UP, to(2.0, 0.0), home])
+        );
+        assert!(length_s(&[UP, to(2.0, 0.0), home]) > length_s(&[UP, to(2.0, 0.0), land]) + 4.0);
         assert_eq!(length_s(&[UP, land]), length_s(&[UP, land, to(2.0, 100.0)]));
         assert!(length_s(&[UP, to(1.0, f64::INFINITY), land]).is_infinite());
     }

@@ -87,9 +87,9 @@ struct Known {
     double: bool,
 }
 
-/// Banks with fewer flights with jitter are small …
+/// Banks with fewer flights with jitter are small: twice those of `--size small`, a third of the full ones (judgement) …
 const FEW: usize = 120;
-/// … and held out in this many parts.
+/// … and held out in this many parts: the most in which draws stay with their twins (`make_bank::FOLDS`).
 const FOLDS_OF_FEW: usize = 12;
 
 /// In how many parts a bank is held out. What judges a flight that is held out has learned less than what judges the next

@@ -2,6 +2,7 @@
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
+use super::super::config::LEAST_SPEED_MPS;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
@@ -100,10 +101,8 @@ impl Pilot {
         let [north_m, east_m] = self.guidance.nearest_refuge_NE_m(pos);
         let away_m = (pos.x() - north_m).hypot(pos.y() - east_m);
         let height_m = self.height_above_floor_m().max(flight.return_height_m).max(0.0);
-        let slow_m = height_m.min(flight.land_slow_height_m);
-        HOME_SHARE * away_m / flight.cruise_speed_mps.max(0.05)
-            + (height_m - slow_m) / flight.land_speed_mps.max(0.05)
-            + slow_m / flight.land_slow_speed_mps.max(0.05)
+        HOME_SHARE * away_m / flight.cruise_speed_mps.max(LEAST_SPEED_MPS)
+            + flight.landing_s(height_m)
     }
 
     fn is_home_due(&self) -> bool {
