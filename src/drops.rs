@@ -80,11 +80,13 @@ pub enum DropReason {
     TextLimited,
     /// Queue of the watch page was full.
     WatchQueueFull,
+    /// Line for people on standard error that nobody read.
+    OutputLineLost,
 }
 
 impl DropReason {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [DropReason; 38] = [
+    pub const ALL: [DropReason; 39] = [
         DropReason::TagGarbageByte,
         DropReason::TagBadLength,
         DropReason::TagUnknownType,
@@ -123,6 +125,7 @@ impl DropReason {
         DropReason::RateLimited,
         DropReason::TextLimited,
         DropReason::WatchQueueFull,
+        DropReason::OutputLineLost,
     ];
 
     /// Name in logs, reports and messages.
@@ -166,6 +169,7 @@ impl DropReason {
             DropReason::RateLimited => "rate_limited",
             DropReason::TextLimited => "text_limited",
             DropReason::WatchQueueFull => "watch_queue_full",
+            DropReason::OutputLineLost => "output_line_lost",
         }
     }
 }

@@ -1,16 +1,19 @@
 //! `haltere fly`.
 
+use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::anyhow;
 use clap::Args;
 
+use super::FAILED;
 use super::programs::BuiltIn;
-use super::{print, print_json};
 use crate::checks::Problems;
 use crate::config::{Loaded, Sources};
-use crate::live;
+use crate::live::console::{self, Console};
+use crate::live::signals::{ENDED_ARMED, Signals};
+use crate::live::{self, RunSummary};
 
 /// Where the configuration comes from.
 #[derive(Debug, Args)]
@@ -48,7 +51,25 @@ pub(super) struct Fly {
 }
 
 impl Fly {
-    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+    pub(super) fn run(self, nice: Option<i32>) -> ExitCode {
+        // Before any other thread begins: all of them are to leave signals alone.
+        let held = Signals::hold();
+        let console = Console::start();
+        super::be_nice(nice);
+        let code = match held.map_err(anyhow::Error::from).and_then(|signals| self.fly(signals)) {
+            Ok(code) => code,
+            Err(error) => {
+                console::say_last(std::io::stderr(), format!("haltere: {error:#}\n"));
+                ExitCode::from(FAILED)
+            }
+        };
+        drop(console);
+        code
+    }
+
+    fn fly(self, signals: Signals) -> anyhow::Result<ExitCode> {
+        let stop = live::Stop::default();
+        signals.serve(stop.clone())?;
         let loaded = self.configuration.load()?;
         for file in &loaded.files {
             tracing::info!("read {}", file.display());
@@ -57,25 +78,35 @@ impl Fly {
             tracing::warn!("{note}");
         }
         let programs = Box::new(BuiltIn::new(&loaded)?);
-        let summary = live::run_with(&loaded, &live::Stop::default(), programs)?;
-        if self.json {
-            print_json(&summary)?;
+        let summary = live::run_with(&loaded, &stop, programs)?;
+        let told = if self.json {
+            serde_json::to_string_pretty(&summary)? + "\n"
         } else {
-            let log = summary.log.as_ref().map(|path| path.display().to_string());
-            print(&format!("log: {}\n", log.as_deref().unwrap_or("none")));
-            print(&format!(
-                "wake-ups: {}, late by more than 5 ms: {}, worst {:.1} ms\n",
-                summary.wake_ups,
-                summary.late_wake_ups,
-                summary.worst_lateness_s * 1e3
-            ));
-            for (link, reason, count) in &summary.drops {
-                print(&format!("lost on link {link}: {reason} {count}\n"));
-            }
+            in_words(&summary)
+        };
+        console::say_last(std::io::stdout(), told);
+        if summary.ended_armed {
+            tracing::error!("ended while armed: the board's own failsafe is in charge");
+            return Ok(ExitCode::from(ENDED_ARMED));
         }
         match summary.recording_error {
             Some(error) => Err(anyhow!(error)),
             None => Ok(ExitCode::SUCCESS),
         }
     }
+}
+
+fn in_words(summary: &RunSummary) -> String {
+    let log = summary.log.as_ref().map(|path| path.display().to_string());
+    let mut words = format!(
+        "log: {}\nwake-ups: {}, late by more than 5 ms: {}, worst {:.1} ms\n",
+        log.as_deref().unwrap_or("none"),
+        summary.wake_ups,
+        summary.late_wake_ups,
+        summary.worst_lateness_s * 1e3
+    );
+    for (link, reason, count) in &summary.drops {
+        let _ = writeln!(words, "lost on link {link}: {reason} {count}");
+    }
+    words
 }

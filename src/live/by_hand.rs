@@ -10,7 +10,7 @@ use super::core::{Core, Rounds};
 use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Shared, input_queues};
 use super::mailbox::{Mailbox, mailbox};
 use super::pool::Pool;
-use super::{LiveError, NEWS_QUEUE, OUT_BYTES, SPARE_CHUNKS, files};
+use super::{LiveError, NEWS_QUEUE, OUT_BYTES, SPARE_CHUNKS, Stop, files};
 use crate::pilot::{LinkId, Mode, Pilot, PilotConfig};
 use crate::record::{BuildIdentity, Recorder, Session};
 use crate::survey::Survey;
@@ -72,6 +72,7 @@ impl ByHand {
             pool: Pool::new(ready, ready, OUT_BYTES),
             news: tell,
             files,
+            stop: Stop::default(),
             shared,
         };
         Ok(Self { core, rounds: Rounds::beginning(began), inboxes, boxes, news })

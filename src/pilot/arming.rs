@@ -4,6 +4,7 @@ use crate::estimate::Health;
 use crate::time::HostTime;
 
 use super::Pilot;
+use super::ending::ENDS;
 use super::modes::Mode;
 
 /// Tilt beyond which the vehicle does not stand on its gear, rad.
@@ -101,6 +102,9 @@ impl Check {
 impl Pilot {
     /// Whether arming may be asked of the board; the error is the first reason why not.
     pub(super) fn may_arm(&self, at: HostTime) -> Result<(), String> {
+        if self.ending.is_some() {
+            return Err(ENDS.to_owned());
+        }
         if self.mode != Mode::Disarmed {
             return Err(format!("already {}", self.mode.name()));
         }

@@ -18,7 +18,7 @@ pub(super) struct Cause {
 impl Cause {
     fn of_row(from: Mode, event: Event, because: &'static str) -> Self {
         let severity = match event {
-            Event::NotLifted | Event::SetpointsIgnored => Severity::Error,
+            Event::NotLifted | Event::SetpointsIgnored | Event::LandingOverdue => Severity::Error,
             _ => Severity::Info,
         };
         Self { because, severity, number: services::cause_number(from, event) }

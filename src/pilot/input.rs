@@ -78,6 +78,8 @@ pub enum Input<'a> {
         /// Since 1970-01-01 UTC, µs.
         unix_us: i64,
     },
+    /// Whoever runs the program wants it to end. What flies is landed first: [`super::Pilot::may_end`].
+    EndAsked,
     /// The deadline came, or something wants the core to look at the time.
     Wake,
 }

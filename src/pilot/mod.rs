@@ -6,6 +6,7 @@
 //!
 //! One idea per file: `schedule` the control step and what is due beside it, `supervisor` what
 //! can go wrong and what is then done, `supervise` how a flight ends, `modes` the table of transitions,
+//! `ending` how a program ends that flies,
 //! `change` what a transition does, `guidance` what the controller is asked for, `voice` what people are
 //! told, `losses` what was thrown away, `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
 //! what they fetch and store: parameters, plans, files and logs.
@@ -20,6 +21,7 @@ mod change;
 mod clients;
 mod commands;
 mod config;
+mod ending;
 mod endpoint;
 mod excitation;
 mod ground;
@@ -90,6 +92,7 @@ use board::{BoardLink, BoardNews, LinkConfig};
 use calendar::Calendar;
 use change::Cause;
 use commands::Asker;
+use ending::Ending;
 use ground::GroundLink;
 use guidance::Guidance;
 use heading::BoardNorth;
@@ -181,6 +184,8 @@ pub struct Pilot {
     lift_off_asked: bool,
     /// What was asked for while the board flew by itself: land as soon as control is back.
     land_when_back: bool,
+    /// The program was asked to end.
+    ending: Option<Ending>,
     arm_askers: Vec<Asker>,
     /// When people were last told that the board does not disarm.
     insisted_at: Option<HostTime>,
@@ -189,6 +194,8 @@ pub struct Pilot {
     mode_told: Option<(u32, bool)>,
     /// When people were last told that a station found no place.
     full_told_at: Option<HostTime>,
+    /// Whether people were told that nobody reads what the program prints.
+    output_lost_told: bool,
     /// What a client last asked for, by number; 0: nothing yet.
     intended_mode: u32,
     refused_setpoint_told: bool,
@@ -278,11 +285,13 @@ impl Pilot {
             clock: SteadyClock::default(),
             lift_off_asked: false,
             land_when_back: false,
+            ending: None,
             arm_askers: Vec::new(),
             insisted_at: None,
             text_id: 0,
             mode_told: None,
             full_told_at: None,
+            output_lost_told: false,
             intended_mode: 0,
             refused_setpoint_told: false,
             refused_told_at: None,
@@ -336,6 +345,7 @@ impl Pilot {
             Input::LinkDown { link } => self.link_down(at, link),
             Input::Lost { link, reason, count } => self.glue_lost(at, link, reason, count),
             Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
+            Input::EndAsked => self.end_asked(at),
             Input::Wake => self.wake(at),
         }
     }

@@ -4,6 +4,7 @@
 //! changes nothing. What the supervisor orders comes in as one event for each reaction; which condition of
 //! its list orders it is told as the reason.
 
+use super::ending::ENDS;
 use super::supervisor::Reaction;
 
 /// What the vehicle is doing.
@@ -179,6 +180,10 @@ pub enum Event {
     ControlBack,
     /// The board does not fly what it is sent.
     SetpointsIgnored,
+    /// Whoever runs the program wants it to end.
+    EndAsked,
+    /// The landing before the end takes far too long.
+    LandingOverdue,
 }
 
 use Event as Ev;
@@ -298,6 +303,9 @@ pub static TABLE: &[Transition] = &[
     row(&[M::Yielded], Ev::ControlBack, M::Hold, "board obeys again"),
     row(&[M::Descend], Ev::EstimateBack, M::Land, "estimate is back"),
     row(&[M::Land, M::Descend], Ev::TouchDown, M::Disarming, "on the floor"),
+    row(&[M::Arming, M::Idle, M::Spool], Ev::EndAsked, M::Disarming, ENDS),
+    row(AIR, Ev::EndAsked, M::Land, ENDS),
+    row(&[M::Land], Ev::LandingOverdue, M::Descend, "the landing takes too long"),
 ];
 
 /// The row that holds, if any.

@@ -177,6 +177,15 @@ impl Pilot {
         Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
 
+    fn refuse_while_ending(&self, what: &str) -> Answer {
+        match self.ending_forbids(Mode::Takeoff) {
+            None => Ok(MavResult::MAV_RESULT_ACCEPTED),
+            Some(why) => {
+                refuse(MavResult::MAV_RESULT_TEMPORARILY_REJECTED, format!("{what} refused: {why}"))
+            }
+        }
+    }
+
     fn ask_takeoff(&mut self, at: HostTime, height_m: f64) -> Answer {
         let top_m = self.guidance.volume().height_m;
         if !(0.3..=top_m).contains(&height_m) {
@@ -185,6 +194,7 @@ impl Pilot {
                 format!("take-off height = {height_m:.2}, allowed 0.3 to {top_m:.1} m"),
             );
         }
+        self.refuse_while_ending("take-off")?;
         match self.mode {
             Mode::Disarmed | Mode::Arming | Mode::Idle => {
                 self.guidance.set_takeoff_height(height_m);
@@ -217,6 +227,7 @@ impl Pilot {
         if usize::from(self.guidance.current_item) >= self.mission.items.len() {
             self.guidance.set_current_item(0);
         }
+        self.refuse_while_ending("mission")?;
         match self.mode {
             Mode::Disarmed | Mode::Arming | Mode::Idle => {
                 let height_m =

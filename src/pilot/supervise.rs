@@ -108,6 +108,7 @@ impl Pilot {
                 self.fire(at, Event::IdleTooLong);
             }
         }
+        self.pursue_end(at);
         self.walk_conditions(at);
         if !self.mode.has_thrust() {
             return;

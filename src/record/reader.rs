@@ -161,6 +161,8 @@ pub enum RawInput {
         /// Since 1970-01-01 UTC, µs.
         unix_us: i64,
     },
+    /// See [`Input::EndAsked`].
+    EndAsked,
     /// See [`Input::Wake`].
     Wake,
 }
@@ -179,6 +181,7 @@ impl RawInput {
                 Input::File { ticket: *ticket, result: fault.map_or(Ok(()), Err), bytes }
             }
             RawInput::Calendar { unix_us } => Input::Calendar { unix_us: *unix_us },
+            RawInput::EndAsked => Input::EndAsked,
             RawInput::Wake => Input::Wake,
         }
     }
@@ -373,6 +376,13 @@ fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
             sequence: calendar.sequence,
             at: HostTime::from_us(calendar.host_time_us),
             input: RawInput::Calendar { unix_us: calendar.unix_us },
+        }
+    } else if channel == channels::END_ASKED.0 {
+        let asked = pb::EndAsked::decode(data)?;
+        Entry::Input {
+            sequence: asked.sequence,
+            at: HostTime::from_us(asked.host_time_us),
+            input: RawInput::EndAsked,
         }
     } else if channel == channels::EVENT.0 {
         let event = pb::LinkEvent::decode(data)?;

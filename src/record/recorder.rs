@@ -56,6 +56,7 @@ enum Item {
     Lost { link: LinkId, reason: DropReason, count: u64 },
     File { ticket: u32, fault: u8, start: usize, end: usize },
     Calendar { unix_us: i64 },
+    EndAsked,
     Wake,
     Topic(Topic),
     Glue(Decoded),
@@ -261,6 +262,7 @@ impl Recorder {
                 self.raw(at, Item::File { ticket, fault, start, end });
             }
             Input::Calendar { unix_us } => self.raw(at, Item::Calendar { unix_us }),
+            Input::EndAsked => self.raw(at, Item::EndAsked),
             Input::Wake => self.raw(at, Item::Wake),
         }
     }
@@ -544,6 +546,10 @@ fn write_batch<W: std::io::Write + std::io::Seek>(
             Item::Calendar { unix_us } => {
                 let message = pb::Calendar { sequence, host_time_us, unix_us: *unix_us };
                 log.put(channels::CALENDAR, at, sequence, &message)?;
+            }
+            Item::EndAsked => {
+                let message = pb::EndAsked { sequence, host_time_us };
+                log.put(channels::END_ASKED, at, sequence, &message)?;
             }
             Item::Wake => {
                 log.put(channels::WAKE, at, sequence, &pb::Wake { sequence, host_time_us })?;

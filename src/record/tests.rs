@@ -136,6 +136,7 @@ fn script(recorder: &mut Recorder, cycles: u64) -> Vec<Entry> {
             RawInput::LinkDown { link: LinkId::Ground(3) },
             RawInput::Lost { link: LinkId::Board, reason: DropReason::InputQueueFull, count: 3 },
             RawInput::Calendar { unix_us: 1_795_000_000_000_000 },
+            RawInput::EndAsked,
             RawInput::File { ticket: 7, fault: None, bytes: vec![1, 2, 3] },
             RawInput::File {
                 ticket: 8,

@@ -56,6 +56,8 @@ fn event_words(event: Event) -> &'static str {
         Event::EstimateBack => "the estimate has been good again for a while",
         Event::ControlBack => "the board is in that mode again",
         Event::SetpointsIgnored => "the board does not fly what it is sent",
+        Event::EndAsked => "the program is asked to end (SIGINT, SIGTERM, the system goes down)",
+        Event::LandingOverdue => "the landing before that end takes far too long",
         Event::Ordered(Reaction::TakeOver) => "the supervisor orders: manual",
         Event::Ordered(Reaction::Hold) => "the supervisor orders: hold",
         Event::Ordered(Reaction::Return) => "the supervisor orders: return",

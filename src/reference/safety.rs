@@ -28,7 +28,7 @@ const HEAD: &str = "\
 
 Generated from `pilot::CONDITIONS`; do not edit. In every control step (100 Hz) the supervisor walks this \
 list. What it finds is told, and the hardest reaction to all that holds is flown. Nothing else ends a flight \
-but the orders of clients and the mission itself ([MODES.md](MODES.md)). Defaults below are those of \
+but the orders of clients, the mission itself ([MODES.md](MODES.md)) and the end of the program (below). Defaults below are those of \
 `config/haltere.toml`; a station may change most of them ([PARAMETERS.md](PARAMETERS.md), `SUP_` and `LIM_`).
 
 ## How several conditions go together
@@ -63,6 +63,35 @@ is alive; without one thrust fades out when the floor must have come |
 ";
 
 const TAIL: &str = "
+## When the program is to end
+
+Signals, terminals and whoever reads the output do not end a flight (`src/live/signals.rs`, `console.rs`, \
+`src/pilot/ending.rs`):
+
+| what | while the vehicle is armed | disarmed |
+|---|---|---|
+| SIGINT (Ctrl-C), SIGTERM (`systemctl stop`, the system goes down), SIGQUIT | it lands here, disarms, closes its log and \
+ends; stations hear \"haltere is asked to end: it lands first\" | ends |
+| two of these 0.5 to 2 s apart, whenever they come | ends at once; the board's own failsafe is in charge (exit code 130) | ends \
+at once |
+| SIGXCPU (a limit on processor time) | as SIGTERM, once | ends |
+| SIGHUP (the terminal or ssh is gone), SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR, SIGSTKFLT | \
+nothing | ends |
+| SIGTSTP (Ctrl-Z) | nothing | the program stands still until SIGCONT |
+| SIGXFSZ (a limit on the size of files) | the write fails as on a full disk: the flight goes on without a log | the same |
+| SIGTTOU, SIGTTIN, SIGPIPE | nothing | nothing |
+| output that nobody reads (a stopped terminal, a full pipe), or whose reader is gone | lines are lost, counted as \
+`output_line_lost`, told to stations once and in the output where the gap is | the same |
+
+* On the way to its end the program takes no order that is milder than a landing: no hold, no point, no mission, no \
+arming. Who wants the vehicle elsewhere flies it there first. Landing, disarming and termination are taken, and what the \
+supervisor orders.
+* A landing that takes longer than twice its time and 10 s becomes a descent. A board that does not disarm within \
+6 s, or that flies by itself for longer than 30 s, is left to its own failsafe.
+* The service is given 150 s to stop, and asks for more while it lands. The package is neither updated nor removed while \
+the vehicle is armed.
+* SIGKILL and a program that was paused for longer than the board waits leave the vehicle to the board's failsafe.
+
 ## What is deliberately not covered
 
 * A board that flies itself into a wall: inner loops, their sensors and the motors' failsafe are the board's. \

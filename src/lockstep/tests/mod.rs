@@ -4,6 +4,7 @@ mod anchors;
 mod boards;
 mod boards_in_flight;
 mod determinism;
+mod ending;
 mod faults;
 mod ground;
 mod heading;

@@ -56,7 +56,7 @@ const HIGH_M: f64 = 0.6;
 /// With such a barometer it may take so many times longer.
 const BARO_SLACK: f64 = 4.0;
 /// Longest descent, s: 15 m at the slowest.
-const LONGEST_S: f64 = 40.0;
+pub(in crate::pilot) const LONGEST_S: f64 = 40.0;
 /// Near the floor the ground effect can carry a small deficit. In the end thrust goes down to nothing
 /// within this time, s.
 const FADE_S: f64 = 3.0;

@@ -30,7 +30,7 @@ pub use config::SupervisorConfig;
 pub use list::CONDITIONS;
 pub use reaction::{Action, Reaction};
 
-pub(super) use descent::Descent;
+pub(super) use descent::{Descent, LONGEST_S as LONGEST_DESCENT_S};
 pub(super) use timing::SteadyClock;
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor;
@@ -220,6 +220,9 @@ impl Pilot {
     /// Why a client may not have a mode now: something holds that wants more.
     pub(super) fn forbids(&self, event: Event) -> Option<&'static str> {
         let to = transition(self.mode, event)?.to;
+        if let Some(why) = self.ending_forbids(to) {
+            return Some(why);
+        }
         let wanted = |row: &Condition| {
             if row.watched.holds(to) { row.reaction(to, &self.config) } else { Reaction::Nothing }
         };
