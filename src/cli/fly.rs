@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::anyhow;
+use anyhow::{Error, anyhow};
 use clap::Args;
 
 use super::FAILED;
@@ -13,7 +13,7 @@ use crate::checks::Problems;
 use crate::config::{Loaded, Sources};
 use crate::live::console::{self, Console};
 use crate::live::signals::{ENDED_ARMED, Signals};
-use crate::live::{self, RunSummary};
+use crate::live::{self, RunSummary, realtime};
 
 /// Where the configuration comes from.
 #[derive(Debug, Args)]
@@ -52,47 +52,52 @@ pub(super) struct Fly {
 
 impl Fly {
     pub(super) fn run(self, nice: Option<i32>) -> ExitCode {
-        // Before any other thread begins: all of them are to leave signals alone.
+        // Before any other thread begins: all of them are to leave signals alone, and the stacks of those that
+        // come later are not read in whole.
         let held = Signals::hold();
+        let loaded = self.configuration.load();
+        let locked = loaded
+            .as_ref()
+            .is_ok_and(|loaded| loaded.config.timing.lock_memory)
+            .then(realtime::lock_memory);
         let console = Console::start();
         super::be_nice(nice);
-        let code = match held.map_err(anyhow::Error::from).and_then(|signals| self.fly(signals)) {
-            Ok(code) => code,
-            Err(error) => {
-                console::say_last(std::io::stderr(), format!("haltere: {error:#}\n"));
-                ExitCode::from(FAILED)
-            }
-        };
+        match locked {
+            Some(Ok(())) => tracing::info!("memory locked"),
+            Some(Err(why)) => tracing::warn!("{why}"),
+            None => {}
+        }
+        let ended = held.map_err(Error::from).and_then(|signals| fly(signals, loaded?, self.json));
+        let code = ended.unwrap_or_else(|error| {
+            console::say_last(std::io::stderr(), format!("haltere: {error:#}\n"));
+            ExitCode::from(FAILED)
+        });
         drop(console);
         code
     }
+}
 
-    fn fly(self, signals: Signals) -> anyhow::Result<ExitCode> {
-        let stop = live::Stop::default();
-        signals.serve(stop.clone())?;
-        let loaded = self.configuration.load()?;
-        for file in &loaded.files {
-            tracing::info!("read {}", file.display());
-        }
-        for note in &loaded.notes {
-            tracing::warn!("{note}");
-        }
-        let programs = Box::new(BuiltIn::new(&loaded)?);
-        let summary = live::run_with(&loaded, &stop, programs)?;
-        let told = if self.json {
-            serde_json::to_string_pretty(&summary)? + "\n"
-        } else {
-            in_words(&summary)
-        };
-        console::say_last(std::io::stdout(), told);
-        if summary.ended_armed {
-            tracing::error!("ended while armed: the board's own failsafe is in charge");
-            return Ok(ExitCode::from(ENDED_ARMED));
-        }
-        match summary.recording_error {
-            Some(error) => Err(anyhow!(error)),
-            None => Ok(ExitCode::SUCCESS),
-        }
+fn fly(signals: Signals, loaded: Loaded, as_json: bool) -> anyhow::Result<ExitCode> {
+    let stop = live::Stop::default();
+    signals.serve(stop.clone())?;
+    for file in &loaded.files {
+        tracing::info!("read {}", file.display());
+    }
+    for note in &loaded.notes {
+        tracing::warn!("{note}");
+    }
+    let programs = Box::new(BuiltIn::new(&loaded)?);
+    let summary = live::run_with(&loaded, &stop, programs)?;
+    let told =
+        if as_json { serde_json::to_string_pretty(&summary)? + "\n" } else { in_words(&summary) };
+    console::say_last(std::io::stdout(), told);
+    if summary.ended_armed {
+        tracing::error!("ended while armed: the board's own failsafe is in charge");
+        return Ok(ExitCode::from(ENDED_ARMED));
+    }
+    match summary.recording_error {
+        Some(error) => Err(anyhow!(error)),
+        None => Ok(ExitCode::SUCCESS),
     }
 }
 

@@ -16,7 +16,7 @@ use tracing_subscriber::EnvFilter;
 /// Lines that may wait: what is told in many flights, some 200 kB.
 const WAITING_LINES: usize = 1024;
 /// For the last words people are waited for no longer than this: the vehicle stands and the log is closed.
-const PATIENCE: Duration = Duration::from_millis(1500);
+const PATIENCE: Duration = Duration::from_millis(700);
 
 /// Lines that found no room in the queue.
 static NO_ROOM: OnceLock<ErrorCounter> = OnceLock::new();

@@ -185,13 +185,6 @@ async fn fly(
     let pool = Pool::new(out_chunks, out_chunks, OUT_BYTES);
     let (news, mut read_news) = mpsc::channel(NEWS_QUEUE);
     let started = clock::now();
-    // Before any other thread has its stack.
-    if loaded.config.timing.lock_memory {
-        match realtime::lock_memory() {
-            Ok(()) => tracing::info!("memory locked"),
-            Err(why) => tracing::warn!("{why}"),
-        }
-    }
     let recorder = begin_recording(loaded, started)?;
     let pilot = Pilot::new(loaded.config.pilot(), loaded.survey.clone(), started);
     let (files, file_thread) = start_files(loaded, &recorder, programs, &shared)?;
