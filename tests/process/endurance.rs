@@ -33,7 +33,7 @@ fn regress_signals_and_output_end_no_flight() {
 fn kinds() {
     let folder = tempfile::tempdir().expect("a folder");
     let kinds = ["hang-up", "terminate", "output-blocked", "output-closed"];
-    let chosen = kinds.iter().flat_map(|kind| ["--kind", kind]);
+    let chosen = kinds.iter().flat_map(|kind| ["--kind", *kind]);
     let args = ["kills", "--phase", "hover", "--count", "1", "--jobs", "4", "--json"];
     let args: Vec<&str> = args.into_iter().chain(chosen).collect();
     let ended = sim(&args, folder.path(), Duration::from_secs(200));

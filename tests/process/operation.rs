@@ -1,6 +1,7 @@
 //! Setting up, looking, handling logs, and ending, with the real program.
 
 use std::io::Write as _;
+use std::net::UdpSocket;
 use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
@@ -86,8 +87,9 @@ fn prop_logs_are_listed_cut_converted_and_drawn() {
 /// A companion that has neither tag nor board, in a folder of its own.
 fn idle(dir: &Path) -> Command {
     let anchors = root().join("config/anchors.toml").display().to_string();
+    let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let config = format!(
-        "[tag]\nport = \"{0}/no-tag\"\n[board]\naddress = \"udpin:127.0.0.1:0\"\n[ground]\nendpoints = []\n\
+        "[tag]\nport = \"{0}/no-tag\"\n[board]\naddress = \"udpin:{free}\"\n[ground]\nendpoints = []\n\
          [anchors]\nfile = \"{anchors}\"\n[record]\ndirectory = \"{0}/log\"\n[store]\ndirectory = \"\"\n",
         dir.display()
     );
