@@ -172,7 +172,7 @@ pub fn plant(vehicle: Option<&Path>, scenario: &Scenario) -> Result<Plant> {
         Some(path) => {
             let name = path.display();
             let text = std::fs::read_to_string(path).with_context(|| format!("{name}"))?;
-            toml::from_str(&text).with_context(|| format!("{name}"))?
+            Vehicle::from_toml(&text).with_context(|| format!("{name}"))?
         }
         None => Vehicle::default(),
     };

@@ -10,6 +10,7 @@ use thiserror::Error;
 use super::channels::{self, Decoded};
 use super::pb;
 use super::session::Session;
+use crate::checks::schema::NotReadable;
 use crate::drops::DropReason;
 use crate::pilot::services::FileFault;
 use crate::pilot::{Input, LinkId};
@@ -76,6 +77,21 @@ pub enum LogError {
         to_s: f64,
         /// Where the log ends, s.
         end_s: f64,
+    },
+    /// A log of a newer build.
+    #[error(
+        "{}: {why}, or read it with the build that wrote it (haltere {version}, source {source_hash})",
+        path.display()
+    )]
+    Newer {
+        /// Which file.
+        path: PathBuf,
+        /// Version that wrote it.
+        version: String,
+        /// Source that wrote it.
+        source_hash: String,
+        /// Which version of the schema.
+        why: NotReadable,
     },
     /// An MCAP file of another program.
     #[error("{}: byte {offset}: {why}; it was not written by haltere", path.display())]
@@ -252,12 +268,15 @@ impl LogReader {
         let session = match messages.next() {
             Some(message) if message.channel == channels::CONFIG.0 => {
                 let offset = message.offset;
-                pb::Session::decode(message.data)
-                    .map_err(|error| error.to_string())
-                    .and_then(|session| {
-                        Session::from_message(session).map_err(|problems| problems.to_string())
-                    })
-                    .map_err(|why| LogError::Foreign { path: path.clone(), offset, why })?
+                let foreign = |why| LogError::Foreign { path: path.clone(), offset, why };
+                let head = pb::Session::decode(message.data).map_err(|e| foreign(e.to_string()))?;
+                Session::check_schema(&head).map_err(|why| LogError::Newer {
+                    path: path.clone(),
+                    version: head.program_version.clone(),
+                    source_hash: head.source_hash.clone(),
+                    why,
+                })?;
+                Session::from_message(head).map_err(|problems| foreign(problems.to_string()))?
             }
             Some(message) => {
                 let why = format!(

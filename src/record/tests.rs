@@ -383,6 +383,40 @@ fn prop_other_files_are_refused_with_place_and_way_out() {
 }
 
 #[test]
+fn prop_the_log_of_a_newer_build_is_refused_with_the_way_out() {
+    let newest = crate::checks::schema::Schema::LOG.newest();
+    let of_version = |schema_version: u32| {
+        let head = pb::Session { schema_version, ..session().message() };
+        let mut log = mcap::WriteOptions::new()
+            .compression(None)
+            .create(io::Cursor::new(Vec::new()))
+            .unwrap();
+        let channel = log.add_channel(0, "/config", "protobuf", &Default::default()).unwrap();
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: 0,
+            log_time: 0,
+            publish_time: 0,
+        };
+        log.write_to_known_channel(&header, &prost::Message::encode_to_vec(&head)).unwrap();
+        log.finish().unwrap();
+        log.into_inner().into_inner()
+    };
+    assert_eq!(session().message().schema_version, newest);
+    // 0 is what a log says that was written before there were versions.
+    for known in [0, 1, newest] {
+        read(&of_version(known)).unwrap();
+    }
+    let error = read(&of_version(newest + 1)).unwrap_err().to_string();
+    let says = format!("test.mcap: schema version {} of the log, this build (", newest + 1);
+    assert!(error.starts_with(&says), "{error}");
+    assert!(
+        error.contains("install that one, or read it with the build that wrote it (haltere "),
+        "{error}"
+    );
+}
+
+#[test]
 fn prop_recovery_completes_a_cut_log() {
     let directory = tempfile::tempdir().unwrap();
     let mut recorder = Recorder::start(directory.path(), &session()).unwrap();

@@ -134,7 +134,7 @@ impl Campaign {
             .context("scenario")
             .with_context(told)?;
         scenario.seed = seed;
-        let vehicle: Vehicle = toml::from_str(&self.base.vehicle).context("vehicle")?;
+        let vehicle = Vehicle::from_toml(&self.base.vehicle).context("vehicle")?;
         let config = companion(&config, &scenario, &vehicle).with_context(told)?;
         let mission = MissionFile::parse(&toml::to_string(&mission)?)
             .map_err(|why| anyhow::anyhow!("mission: {why}"))
