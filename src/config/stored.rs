@@ -14,8 +14,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::Loaded;
 use super::layers::Layers;
+use super::{Loaded, Note};
 use crate::checks::Problems;
 use crate::pilot::services::{crc32, find_parameter};
 
@@ -73,7 +73,8 @@ pub(super) fn apply(loaded: &mut Loaded, layers: &Layers) {
         Ok(text) => text,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return,
         Err(error) => {
-            loaded.notes.push(format!("{name}: not used: cannot be read: {error}"));
+            let text = format!("{name}: not used: cannot be read: {error}");
+            loaded.notes.push(Note::not_used(text));
             return;
         }
     };
@@ -81,19 +82,20 @@ pub(super) fn apply(loaded: &mut Loaded, layers: &Layers) {
         Ok(values) => {
             for (parameter, value) in &values {
                 if let Err(why) = apply_one(loaded, layers, parameter, *value) {
-                    loaded.notes.push(format!("{name}: {parameter} = {value} not used: {why}"));
+                    let text = format!("{name}: {parameter} = {value} not used: {why}");
+                    loaded.notes.push(Note::not_used(text));
                 }
             }
             if !values.is_empty() {
                 let text = format!("{name}: {} parameters set by a ground station", values.len());
-                loaded.notes.push(text);
+                loaded.notes.push(Note::in_force(text));
             }
             loaded.files.push(path);
         }
-        Err(why) => loaded.notes.push(format!(
+        Err(why) => loaded.notes.push(Note::not_used(format!(
             "{name}: not used, the configuration files hold: {why}; remove it, or set the \
              parameters again"
-        )),
+        ))),
     }
 }
 
