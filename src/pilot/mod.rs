@@ -350,6 +350,12 @@ impl Pilot {
         }
     }
 
+    /// Replay of a log of another build: the vehicle was in the air or on the floor whatever this core would have
+    /// done, and its filter must know.
+    pub fn set_airborne_as_flown(&mut self, airborne: bool) {
+        self.estimator.set_airborne(airborne);
+    }
+
     /// When the core wants to be woken next.
     pub fn next_deadline(&self) -> HostTime {
         self.clock.outside(self.next_tick)

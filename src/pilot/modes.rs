@@ -84,6 +84,11 @@ impl Mode {
         }
     }
 
+    /// The mode of a name, as in logs. `None`: no mode of this build.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|mode| mode.name() == name)
+    }
+
     /// PX4's numbers, which most clients decode (GROUND.md): main mode << 16 | sub mode << 24.
     pub fn custom_mode(self) -> u32 {
         let auto = |sub: u32| 4 << 16 | sub << 24;
@@ -225,7 +230,7 @@ const ANY_ARMED: &[Mode] = &[
 
 /// Stands for the reason of the condition, which is told instead.
 /// Cause of the landing that a mission ends with, apart from every other landing: whether a mission was
-/// flown to its end is read from it.
+/// flown to its end is read from it, in logs of other builds too.
 pub const MISSION_LANDS: &str = "the mission lands";
 const SUPERVISOR: &str = "by the supervisor";
 
