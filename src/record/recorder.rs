@@ -277,6 +277,12 @@ impl Recorder {
         self.push(at, 0, Item::Topic(topic));
     }
 
+    /// A record that is decoded already, of another log.
+    #[cfg(test)]
+    pub(crate) fn decoded(&mut self, at: HostTime, decoded: Decoded) {
+        self.push(at, 0, Item::Glue(decoded));
+    }
+
     /// State of the glue.
     pub fn glue(&mut self, at: HostTime, state: &GlueState) {
         self.push(at, 0, Item::Glue(Decoded::from_glue(at, state)));

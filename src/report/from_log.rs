@@ -201,7 +201,8 @@ fn estimate(m: &pb::Estimate) -> Estimate {
     }
 }
 
-fn control(m: &pb::Control) -> ControlRecord {
+/// A control step out of its disk form.
+pub fn control(m: &pb::Control) -> ControlRecord {
     ControlRecord {
         at: HostTime::from_us(m.at_us),
         pos_setpoint_E_m: [m.pos_setpoint_north_m, m.pos_setpoint_east_m, m.pos_setpoint_down_m],
