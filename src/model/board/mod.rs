@@ -4,6 +4,7 @@
 mod ardupilot;
 mod commands;
 mod firmware;
+mod lies;
 mod line;
 mod loops;
 mod parameters;
@@ -175,6 +176,7 @@ pub struct Board {
     told: Setpoint,
     echoes: u32,
     line: Option<SlowLine>,
+    lies: lies::Lies,
 }
 
 impl Board {
@@ -209,6 +211,7 @@ impl Board {
             output: ActuatorCommand::default(),
             losses: 0,
             rebooted_us: None,
+            lies: lies::Lies::default(),
             settings,
         };
         board.stream_defaults();
@@ -218,6 +221,11 @@ impl Board {
     /// Whether motors may run.
     pub fn armed(&self) -> bool {
         self.armed
+    }
+
+    /// What it was built with.
+    pub fn settings(&self) -> &BoardSettings {
+        &self.settings
     }
 
     /// Cuts the motors: the airframe is broken.
@@ -265,7 +273,8 @@ impl Board {
     /// Takes the errors of its attitude estimate, 50 times a second.
     pub fn set_attitude_error(&mut self, error: AttitudeError) {
         self.error = error;
-        self.north = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -error.north_rad);
+        self.error.north_rad += self.lies.heading_off_rad();
+        self.north = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -self.error.north_rad);
         self.lean = UnitQuaternion::from_scaled_axis(error.tilt_B_rad);
     }
 

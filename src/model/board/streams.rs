@@ -99,6 +99,11 @@ impl Streams {
         }
         self.every[kind as usize] = (steps, steps);
     }
+
+    /// The next heartbeat comes in the next step.
+    pub(super) fn beat_now(&mut self) {
+        self.heartbeat_in = 0;
+    }
 }
 
 impl Board {
@@ -106,7 +111,9 @@ impl Board {
     pub fn send(&mut self, r: &Readings<'_>, imu_step: bool, out: &mut Vec<u8>) {
         if self.streams.heartbeat_in == 0 {
             self.streams.heartbeat_in = HEARTBEAT_STEPS;
-            self.post(r.t_us, &self.heartbeat(r.t_us), out);
+            let beat = self.heartbeat(r.t_us);
+            let beat = MavMessage::HEARTBEAT(self.said_beat(beat));
+            self.post(r.t_us, &beat, out);
         }
         self.streams.heartbeat_in -= 1;
         for message in std::mem::take(&mut self.says) {
@@ -132,9 +139,12 @@ impl Board {
                 Kind::Target => self.attitude_target(r),
                 Kind::RawImu => self.raw_imu(r),
                 Kind::ScaledImu => self.scaled_imu(r),
-                Kind::Heartbeat => self.heartbeat(r.t_us),
+                Kind::Heartbeat => MavMessage::HEARTBEAT(self.heartbeat(r.t_us)),
             };
             self.post(r.t_us, &message, out);
+            if let Some(second) = self.second_pack(&message) {
+                self.post(r.t_us, &second, out);
+            }
         }
     }
 
@@ -163,9 +173,9 @@ impl Board {
         self.sequence = self.sequence.wrapping_add(1);
     }
 
-    fn heartbeat(&self, t_us: u64) -> MavMessage {
+    fn heartbeat(&self, t_us: u64) -> HEARTBEAT_DATA {
         if let Some(beat) = self.real_heartbeat(t_us) {
-            return MavMessage::HEARTBEAT(beat);
+            return beat;
         }
         let mut base_mode = MavModeFlag::MAV_MODE_FLAG_STABILIZE_ENABLED
             | MavModeFlag::MAV_MODE_FLAG_GUIDED_ENABLED;
@@ -177,14 +187,14 @@ impl Board {
             (true, None) => MavState::MAV_STATE_ACTIVE,
             (true, Some(_)) => MavState::MAV_STATE_CRITICAL,
         };
-        MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+        HEARTBEAT_DATA {
             custom_mode: 0,
             mavtype: MavType::MAV_TYPE_FLAPPING_WING,
             autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
             base_mode,
             system_status,
             mavlink_version: MAVLINK_VERSION,
-        })
+        }
     }
 
     fn imu(&mut self, r: &Readings<'_>) -> MavMessage {

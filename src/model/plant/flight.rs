@@ -13,6 +13,8 @@ use crate::model::wings::{Actuation, Wrench, flap_target_hz, thrust_wrench, wing
 const FRICTION: f64 = 0.6;
 /// Half width of the landing gear, m: holds a tilting moment of the normal force times this.
 const GEAR_HALF_WIDTH_M: f64 = 0.06;
+/// Half widths from the legs that are left to the weight, of a gear that has lost one: more than it holds.
+const BROKEN_LEG_ARMS: f64 = 1.5;
 /// The gear brings the vehicle upright with this time constant, s.
 const GEAR_UPRIGHT_S: f64 = 0.08;
 /// Speed into the floor that breaks the vehicle, m/s.
@@ -101,6 +103,10 @@ impl Plant {
                 self.body.restart();
             }
             let held_nm = mass_kg * push_mps2 * GEAR_HALF_WIDTH_M;
+            if self.broken.gear_leg {
+                // It stands on the other legs: the weight turns it to the side that nothing holds up.
+                torque_B.x += BROKEN_LEG_ARMS * held_nm;
+            }
             if torque_B.xy().norm() <= held_nm {
                 let up_B = R_EB.tr_mul(&Vector3::z());
                 // Turning about this axis at this rate brings body z to the vertical.
