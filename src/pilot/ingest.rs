@@ -16,6 +16,9 @@ use super::{LinkId, Pilot, Severity};
 const SNIFFER_BINARY: &[u8] = b"b";
 /// Without a measurement for so long it is sent again, s.
 const TAG_SILENCE_S: f64 = 0.4;
+/// Higher than this by our height the vehicle is in the air, m: from there it falls at 1.4 m/s, and as much more as
+/// the height is wrong by near the floor is still no more than 2 m/s.
+const AIR_M: f64 = 0.1;
 /// Heading of the board at alignment, one sigma, rad: a compass indoors.
 const STD_BOARD_HEADING_RAD: f64 = 0.1;
 
@@ -221,15 +224,17 @@ impl Pilot {
             }
             BoardNews::Armed(true) => {
                 if !self.fire(at, Event::BoardArmed) && self.mode == Mode::Disarmed {
-                    // Somebody else armed it, or we were restarted in flight. We send no setpoint
-                    // into a flight that we did not start: the board's own failsafe holds.
-                    let text = "board is armed, but not by us: no setpoints are sent";
-                    self.say(at, Severity::Critical, text.to_owned());
+                    self.tell_armed_by_others(at);
                 }
             }
             BoardNews::Armed(false) => {
                 self.fire(at, Event::BoardDisarmed);
             }
+            BoardNews::Doubt => {
+                let text = "board says that it is disarmed: flown on unless it says so again";
+                self.say(at, Severity::Warning, text.to_owned());
+            }
+            BoardNews::ArmedAgain { denials } => self.board_armed_again(at, denials),
             BoardNews::ArmAnswer { arm, accepted, why } => {
                 self.answer_arm_askers(arm, accepted);
                 if accepted {
@@ -269,6 +274,43 @@ impl Pilot {
                 }
             }
         }
+    }
+
+    /// Somebody else armed it, or we were restarted in flight. We send no setpoint into a flight that we did
+    /// not start: the board's own failsafe holds.
+    fn tell_armed_by_others(&mut self, at: HostTime) {
+        let text = "board is armed, but not by us: no setpoints are sent";
+        self.say(at, Severity::Critical, text.to_owned());
+    }
+
+    /// The board denied to be armed and says again that it is. One word that was wrong is forgiven in the air, where
+    /// to stop is a fall. Else a person's switch may be behind it, who stands beside the vehicle by now.
+    fn board_armed_again(&mut self, at: HostTime, denials: u32) {
+        let told_to = self.board.was_told_to_disarm();
+        if told_to || matches!(self.mode, Mode::Disarmed | Mode::Disarming) {
+            return; // It is being disarmed, which goes on.
+        }
+        let flies = self.mode.has_thrust() && self.mode != Mode::Spool && self.is_in_the_air();
+        if flies && denials <= 1 && !self.board.is_away() {
+            let text = "board says that it is armed after all: flown on";
+            self.say(at, Severity::Warning, text.to_owned());
+        } else if flies || self.mode == Mode::Yielded {
+            self.fire(at, Event::BoardDisarmed);
+            self.tell_armed_by_others(at);
+        } else {
+            let text = "board was disarmed on the floor and is armed again, not by us";
+            self.say(at, Severity::Critical, text.to_owned());
+            self.fire(at, Event::DisarmAsked);
+        }
+    }
+
+    /// Whether the vehicle is off the floor by our height.
+    fn is_in_the_air(&self) -> bool {
+        let height_m = match self.mode {
+            Mode::Descend => self.supervisor.descent.height_m(),
+            _ => self.height_above_floor_m(),
+        };
+        height_m > AIR_M
     }
 
     fn board_mode_changed(&mut self, at: HostTime, change: Change) {

@@ -5,6 +5,7 @@
 //! force compared with the one that was sent. What differs between firmwares is in `profile` and
 //! `rules`; docs/BOARDS.md says what was seen of them.
 
+mod armed;
 mod arming;
 mod checks;
 mod clock;
@@ -36,6 +37,7 @@ use super::LinkId;
 use super::config::BoardProfile;
 use super::output::{Address, Outbox};
 
+use armed::{ArmedWord, Said};
 use arming::{Arming, Outcome};
 use checks::Checks;
 use clock::BoardClock;
@@ -82,6 +84,12 @@ pub(super) enum BoardNews {
         firmware: Firmware,
     },
     Armed(bool),
+    /// It said for the first time that it is disarmed, which nobody asked for: one word may be wrong.
+    Doubt,
+    /// It says again that it is armed, after so many heartbeats that denied it.
+    ArmedAgain {
+        denials: u32,
+    },
     /// The board's answer to our arm or disarm command.
     ArmAnswer {
         arm: bool,
@@ -127,7 +135,7 @@ pub(super) struct BoardLink {
     firmware: Firmware,
     /// The newest heartbeat.
     beat: Option<HeartbeatFields>,
-    armed: bool,
+    armed: ArmedWord,
     last_heard: Option<HostTime>,
     last_sequence: Option<u8>,
     clock: BoardClock,
@@ -160,7 +168,7 @@ impl BoardLink {
             system_id: None,
             firmware: Firmware::Generic,
             beat: None,
-            armed: false,
+            armed: ArmedWord::default(),
             last_heard: None,
             last_sequence: None,
             clock: BoardClock::default(),
@@ -199,8 +207,20 @@ impl BoardLink {
         msg_id == TIMESYNC_ID || (msg_id != 0 && self.streams.is_ours(msg_id))
     }
 
+    /// Whether it is taken for armed: one heartbeat that denies it changes nothing yet.
     pub fn is_armed(&self) -> bool {
-        self.armed
+        self.armed.is_armed()
+    }
+
+    /// Whether somebody here has asked it to disarm since it was last asked to arm.
+    pub fn was_told_to_disarm(&self) -> bool {
+        self.armed.was_told_to_disarm()
+    }
+
+    /// Whether the newest heartbeat says that it is armed.
+    fn says_armed(&self) -> bool {
+        let armed = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits();
+        self.beat.is_some_and(|beat| beat.base_mode & armed != 0)
     }
 
     pub fn clock(&self) -> &BoardClock {
@@ -294,7 +314,7 @@ impl BoardLink {
     /// The link was opened again: whatever the board knew of us is gone. Unless it flies, it may
     /// even be another board.
     pub fn restart(&mut self, at: HostTime) {
-        if !self.armed {
+        if !self.is_armed() {
             self.system_id = None;
         }
         self.last_sequence = None;
@@ -406,16 +426,19 @@ impl BoardLink {
 
     fn heartbeat(&mut self, at: HostTime, beat: HeartbeatFields, news: &mut Vec<BoardNews>) {
         self.beat = Some(beat);
-        let armed = beat.base_mode & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0;
-        if armed != self.armed {
-            self.armed = armed;
-            news.push(BoardNews::Armed(armed));
+        let armed = self.says_armed();
+        match self.armed.heartbeat(at, armed) {
+            Some(Said::Armed) => news.push(BoardNews::Armed(true)),
+            Some(Said::Disarmed) => news.push(BoardNews::Armed(false)),
+            Some(Said::Doubt) if !self.was_told_to_disarm() => news.push(BoardNews::Doubt),
+            Some(Said::ArmedAgain { denials }) => news.push(BoardNews::ArmedAgain { denials }),
+            Some(Said::Doubt) | None => {}
         }
         if let Some(mode) = self.firmware.control_mode() {
             let change = self.control.heartbeat(at, mode, beat.custom_mode, self.held);
             news.extend(change.map(BoardNews::Mode));
         }
-        let outcome = self.arming.heartbeat(at, self.armed);
+        let outcome = self.arming.heartbeat(at, armed);
         report(outcome, news);
     }
 
@@ -425,8 +448,13 @@ impl BoardLink {
                 self.streams.answered(at, m.result == MavResult::MAV_RESULT_ACCEPTED);
             }
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
-                let outcome = self.arming.answer(at, m.result, self.armed);
+                let disarms = self.arming.is_disarming();
+                let outcome = self.arming.answer(at, m.result, self.says_armed());
                 report(outcome, news);
+                let accepted = m.result == MavResult::MAV_RESULT_ACCEPTED;
+                if disarms && accepted && self.armed.disarm_acknowledged() {
+                    news.push(BoardNews::Armed(false));
+                }
             }
             // The answer to a mode command is no sign of anything.
             _ => {}
@@ -469,7 +497,7 @@ impl BoardLink {
         }
         if self.firmware.is_real() {
             self.ask_version(at, out);
-            if let Some(request) = self.checks.ask(at, self.armed, news) {
+            if let Some(request) = self.checks.ask(at, self.is_armed(), news) {
                 out.message(LinkId::Board, own, &request);
             }
         }

@@ -90,6 +90,11 @@ impl Descent {
         Self { height_m, sink_mps, from_m: height_m, baro_age_s: f64::INFINITY, ..Self::default() }
     }
 
+    /// Height above the floor, m, by its own account.
+    pub fn height_m(&self) -> f64 {
+        self.height_m
+    }
+
     /// A barometric height, m, from any zero.
     pub fn baro(&mut self, height_m: f64, dt_s: f64) {
         // A sensor that works never says the same to the last bit for long.
