@@ -31,7 +31,8 @@ const COMMAND_AT: usize = 28;
 const GUIDED_POINT: u8 = 2;
 const GUIDED_HEIGHT: u8 = 3;
 
-fn is_command(msg_id: u32) -> bool {
+/// Whether a message of this id carries a command.
+pub(super) fn is_command(msg_id: u32) -> bool {
     matches!(msg_id, COMMAND_LONG_ID | COMMAND_INT_ID)
 }
 

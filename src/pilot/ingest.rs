@@ -1,5 +1,7 @@
 //! What comes in from tag and board, and its way to the estimator.
 
+use haltere_dialect::mav::haltere::MavResult;
+
 use crate::drops::DropReason;
 use crate::estimate::Health;
 use crate::measure::Tdoa;
@@ -8,6 +10,7 @@ use crate::topics::Topic;
 use crate::uwb::from_uwb_tdoa;
 
 use super::board::{BoardNews, Change};
+use super::commands::Awaits;
 use super::config::TagProtocol;
 use super::modes::{Event, Mode};
 use super::{LinkId, Pilot, Severity};
@@ -76,7 +79,7 @@ impl Pilot {
         let counts = ground.counts;
         let link = ground.link;
         ground.close(at);
-        self.arm_askers.retain(|asker| asker.link != link);
+        self.askers.retain(|asker| asker.link != link);
         self.say(
             at,
             Severity::Info,
@@ -236,7 +239,12 @@ impl Pilot {
             }
             BoardNews::ArmedAgain { denials } => self.board_armed_again(at, denials),
             BoardNews::ArmAnswer { arm, accepted, why } => {
-                self.answer_arm_askers(arm, accepted);
+                let result = if accepted {
+                    MavResult::MAV_RESULT_ACCEPTED
+                } else {
+                    MavResult::MAV_RESULT_FAILED
+                };
+                self.answer_askers(Awaits::arming(arm), result);
                 if accepted {
                 } else if arm {
                     self.say(at, Severity::Error, format!("arming failed: {why}"));
@@ -248,6 +256,7 @@ impl Pilot {
                     self.say(at, Severity::Error, format!("disarming failed: {why}"));
                 }
             }
+            BoardNews::PassedOnAnswer(result) => self.answer_askers(Awaits::PassedOn, result),
             BoardNews::Notice { warning, text } => {
                 let severity = if warning { Severity::Warning } else { Severity::Info };
                 self.say(at, severity, text);

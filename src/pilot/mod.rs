@@ -186,7 +186,7 @@ pub struct Pilot {
     land_when_back: bool,
     /// The program was asked to end.
     ending: Option<Ending>,
-    arm_askers: Vec<Asker>,
+    askers: Vec<Asker>,
     /// When people were last told that the board does not disarm.
     insisted_at: Option<HostTime>,
     text_id: u16,
@@ -286,7 +286,7 @@ impl Pilot {
             lift_off_asked: false,
             land_when_back: false,
             ending: None,
-            arm_askers: Vec::new(),
+            askers: Vec::new(),
             insisted_at: None,
             text_id: 0,
             mode_told: None,

@@ -6,7 +6,7 @@ use crate::estimate::Health;
 use crate::frames::Vec3;
 use crate::time::HostTime;
 
-use super::commands::{Answer, Request, refuse};
+use super::commands::{Answer, Awaits, Request, refuse};
 use super::identity::SHOWN_MODES;
 use super::mission::LOWEST_M;
 use super::modes::{Event, Mode};
@@ -39,7 +39,7 @@ impl Pilot {
         if arm {
             if self.mode == Mode::Arming {
                 // Asked again before the board has answered.
-                self.wait_for_board(at, request, true);
+                self.wait_for_board(at, request, Awaits::Arm);
                 return Ok(R::MAV_RESULT_IN_PROGRESS);
             }
             let ours = !matches!(self.mode, Mode::Disarmed | Mode::Disarming);
@@ -55,7 +55,7 @@ impl Pilot {
                 );
             }
             self.board.command_arm(true, false, at);
-            self.wait_for_board(at, request, true);
+            self.wait_for_board(at, request, Awaits::Arm);
             self.fire(at, Event::ArmAsked);
             return Ok(R::MAV_RESULT_IN_PROGRESS);
         }
@@ -80,7 +80,7 @@ impl Pilot {
             return Ok(R::MAV_RESULT_ACCEPTED);
         }
         if self.mode == Mode::Disarming && !forced && self.board.is_commanding() {
-            self.wait_for_board(at, request, false);
+            self.wait_for_board(at, request, Awaits::Disarm);
             return Ok(R::MAV_RESULT_IN_PROGRESS);
         }
         // In the spool-up the floor still carries the vehicle.
@@ -91,7 +91,7 @@ impl Pilot {
                 "disarming in the air refused: land, or force it with 21196",
             );
         }
-        self.wait_for_board(at, request, false);
+        self.wait_for_board(at, request, Awaits::Disarm);
         if !self.fire(at, Event::DisarmAsked) || forced {
             self.board.command_arm(false, forced, at);
         }

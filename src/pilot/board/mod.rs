@@ -96,6 +96,8 @@ pub(super) enum BoardNews {
         accepted: bool,
         why: String,
     },
+    /// The board's answer to a command that was passed on.
+    PassedOnAnswer(MavResult),
     Text {
         severity: u8,
         text: String,
@@ -455,6 +457,9 @@ impl BoardLink {
                 if disarms && accepted && self.armed.disarm_acknowledged() {
                     news.push(BoardNews::Armed(false));
                 }
+            }
+            MavCmd::MAV_CMD_INJECT_FAILURE if m.result != MavResult::MAV_RESULT_IN_PROGRESS => {
+                news.push(BoardNews::PassedOnAnswer(m.result));
             }
             // The answer to a mode command is no sign of anything.
             _ => {}

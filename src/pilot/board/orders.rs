@@ -186,7 +186,7 @@ impl BoardLink {
         out.message(LinkId::Board, own, &target);
     }
 
-    /// Passes a fault injection on to a board that understands it (the simulator's does).
+    /// Passes a client's command on.
     pub fn send_command(&self, command: MavCmd, params: [f32; 7], out: &mut Outbox) {
         let Some(own) = self.own_address() else { return };
         out.message(LinkId::Board, own, &command_long(own.system_id, command, params, 0));
