@@ -4,6 +4,7 @@
 //! through a queue to another thread.
 
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::sync::Arc;
 
 use tokio::sync::mpsc::Sender;
@@ -60,6 +61,8 @@ pub(super) struct Core {
     pub files: FileDesk,
     pub stop: Stop,
     pub shared: Arc<Shared>,
+    /// Who spoke last on the board's link, if that has many ends.
+    pub board_peer: Option<SocketAddr>,
 }
 
 /// What the flight came to, seen from the glue.
@@ -168,7 +171,12 @@ impl Core {
         }
     }
 
-    fn take(&mut self, Arrival { at, link, what }: Arrival) {
+    fn take(&mut self, Arrival { from, at, link, what }: Arrival) {
+        if let Some(address) = from
+            && self.board_peer.replace(address) != Some(address)
+        {
+            self.feed(at, Input::Peer { link, address });
+        }
         match what {
             What::Bytes(bytes, _share) => self.feed(at, Input::Bytes { link, bytes: &bytes }),
             What::Up => self.feed(at, Input::LinkUp { link }),
@@ -200,11 +208,13 @@ impl Core {
 
     fn send_outputs(&mut self, now: HostTime) {
         let Self { pilot, recorder, outputs, pool, shared, .. } = self;
+        let board = pilot.board_address();
         pilot.drain_output(|link, bytes| {
             recorder.output(now, link, bytes);
             let Some(output) = outputs.get(usize::from(link.number())) else { return };
             let piece = pool.lend(bytes).ok_or(Refused::Full);
-            match piece.and_then(|bytes| output.put(Outgoing { link, bytes })) {
+            let to = board.filter(|_| link == LinkId::Board);
+            match piece.and_then(|bytes| output.put(Outgoing { link, to, bytes })) {
                 Ok(()) => {}
                 Err(Refused::Full) => shared.lost(link, DropReason::OutputQueueFull),
                 Err(Refused::Gone) => shared.lost(link, DropReason::LinkWriteFailed),

@@ -202,6 +202,7 @@ async fn fly(
         files,
         stop: stop.clone(),
         shared: shared.clone(),
+        board_peer: None,
     };
 
     let key_file = loaded.config.signing.key_file.clone();

@@ -157,6 +157,11 @@ impl Pilot {
             }
             Some(_) => {}
         }
+        if let Some(second) = self.second_board(at) {
+            return Err(format!(
+                "{second}: give each vehicle a port or a number of its own, or switch one off"
+            ));
+        }
         self.board.refusal(at).map_or(Ok(()), Err)
     }
 

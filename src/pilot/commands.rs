@@ -151,9 +151,8 @@ impl Pilot {
 
     /// A board that does not know a command need not answer it.
     fn give_up_passed_on(&mut self, at: HostTime) {
-        let late = |a: &Asker| {
-            a.awaits == Awaits::PassedOn && at.seconds_since(a.since) > PASSED_ON_FOR_S
-        };
+        let late =
+            |a: &Asker| a.awaits == Awaits::PassedOn && at.seconds_since(a.since) > PASSED_ON_FOR_S;
         if self.askers.iter().any(late) {
             self.answer_askers(Awaits::PassedOn, MavResult::MAV_RESULT_FAILED);
             self.say(at, Severity::Warning, "board does not answer a command".to_owned());

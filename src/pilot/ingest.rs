@@ -9,7 +9,7 @@ use crate::time::HostTime;
 use crate::topics::Topic;
 use crate::uwb::from_uwb_tdoa;
 
-use super::board::{BoardNews, Change};
+use super::board::{BoardNews, Change, speaks_as_board};
 use super::commands::Awaits;
 use super::config::TagProtocol;
 use super::modes::{Event, Mode};
@@ -43,6 +43,9 @@ impl Pilot {
                 self.board_splitter.flush();
                 self.board_frames(at);
                 self.board.restart(at);
+                if self.board.system_id().is_none() {
+                    self.board_peers.forget();
+                }
             }
             LinkId::Ground(n) => {
                 let n = usize::from(n);
@@ -147,12 +150,6 @@ impl Pilot {
         self.record(|| Topic::Uwb(record));
     }
 
-    pub(super) fn board_bytes(&mut self, at: HostTime, bytes: &[u8]) {
-        self.board_bytes_at = at;
-        self.board_splitter.push(bytes);
-        self.board_frames(at);
-    }
-
     pub(super) fn board_frames(&mut self, at: HostTime) {
         let mut news = std::mem::take(&mut self.board_news);
         // Taken out while the frames are passed on by the rest of the core.
@@ -161,6 +158,9 @@ impl Pilot {
             let drops = &mut self.drops[usize::from(LinkId::Board.number())];
             super::clients::count_frame(drops, &next);
             if let Ok(frame) = next {
+                if speaks_as_board(&frame, self.board.system_id()) {
+                    self.board_peers.board_spoke(at, &frame);
+                }
                 self.board.frame(at, &frame, &mut self.out, drops, &mut news);
                 self.route_from_board(&frame);
             }

@@ -1,5 +1,7 @@
 //! What can happen to the core: its links by name, and the one type of all that comes in.
 
+use std::net::SocketAddr;
+
 use crate::drops::DropReason;
 
 use super::services::FileFault;
@@ -44,6 +46,13 @@ pub enum Input<'a> {
         link: LinkId,
         /// In any chunking.
         bytes: &'a [u8],
+    },
+    /// What comes next on a link that many can speak on comes from this address, until another one is told.
+    Peer {
+        /// Which link.
+        link: LinkId,
+        /// Who speaks.
+        address: SocketAddr,
     },
     /// A link was opened, or opened again.
     LinkUp {

@@ -48,6 +48,7 @@ mod place;
 mod reference;
 mod routing;
 mod schedule;
+mod second_board;
 pub mod services;
 mod setpoint;
 mod shelf;
@@ -88,7 +89,7 @@ use crate::time::HostTime;
 use crate::topics::{ControlRecord, Topic};
 use crate::uwb::{MavTag, TdoaEngine};
 
-use board::{BoardLink, BoardNews, LinkConfig};
+use board::{BoardLink, BoardNews, LinkConfig, Peers};
 use calendar::Calendar;
 use change::Cause;
 use commands::Asker;
@@ -148,6 +149,7 @@ pub struct Pilot {
 
     board: BoardLink,
     board_splitter: MavSplitter,
+    board_peers: Peers,
     board_bytes_at: HostTime,
     board_news: Vec<BoardNews>,
     board_attitude: Option<BoardAttitude>,
@@ -258,6 +260,7 @@ impl Pilot {
                 at,
             ),
             board_splitter: MavSplitter::new(),
+            board_peers: Peers::default(),
             board_bytes_at: at,
             board_news: Vec::new(),
             board_attitude: None,
@@ -338,6 +341,9 @@ impl Pilot {
             Input::Bytes { link: LinkId::Tag, bytes } => self.tag_bytes(at, bytes),
             Input::Bytes { link: LinkId::Board, bytes } => self.board_bytes(at, bytes),
             Input::Bytes { link: LinkId::Ground(n), bytes } => self.ground_bytes(at, n, bytes),
+            Input::Peer { link: LinkId::Board, address } => self.board_peers.sender(address),
+            // Each station has a link of its own, and the tag a line.
+            Input::Peer { .. } => {}
             Input::Calendar { unix_us } => {
                 self.calendar = Some(Calendar { told_at: at, told_unix_us: unix_us });
             }

@@ -39,6 +39,7 @@ pub(super) fn link_from_name(name: &str) -> Option<LinkId> {
 /// Channels that are no raw bytes, beside the decoded ones.
 pub(super) const CONFIG: (&str, &str) = ("/config", "haltere.Session");
 pub(super) const EVENT: (&str, &str) = ("/in/event", "haltere.LinkEvent");
+pub(super) const PEER: (&str, &str) = ("/in/peer", "haltere.LinkPeer");
 pub(super) const LOST: (&str, &str) = ("/in/lost", "haltere.Lost");
 pub(super) const FILE: (&str, &str) = ("/in/file", "haltere.FileAnswer");
 pub(super) const CALENDAR: (&str, &str) = ("/in/calendar", "haltere.Calendar");
@@ -47,8 +48,8 @@ pub(super) const WAKE: (&str, &str) = ("/wake", "haltere.Wake");
 pub(super) const HOLE: (&str, &str) = ("/hole", "haltere.Hole");
 pub(super) const CLOSING: (&str, &str) = ("/closing", "haltere.Closing");
 /// All of them.
-pub(super) const FIXED: [(&str, &str); 9] =
-    [CONFIG, EVENT, LOST, FILE, CALENDAR, END_ASKED, WAKE, HOLE, CLOSING];
+pub(super) const FIXED: [(&str, &str); 10] =
+    [CONFIG, EVENT, PEER, LOST, FILE, CALENDAR, END_ASKED, WAKE, HOLE, CLOSING];
 /// Message type of raw bytes.
 pub(super) const RAW_BYTES: &str = "haltere.RawBytes";
 

@@ -1,6 +1,7 @@
 //! Reads a log: whole, cut by a power loss, or damaged; to the last complete record, never further.
 
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use mcap::records::{Record, op};
@@ -154,6 +155,13 @@ pub enum RawInput {
         /// Which.
         link: LinkId,
     },
+    /// See [`Input::Peer`].
+    Peer {
+        /// Which link.
+        link: LinkId,
+        /// Who speaks.
+        address: SocketAddr,
+    },
     /// See [`Input::Lost`].
     Lost {
         /// On which link.
@@ -190,6 +198,7 @@ impl RawInput {
             RawInput::Bytes { link, bytes } => Input::Bytes { link: *link, bytes },
             RawInput::LinkUp { link } => Input::LinkUp { link: *link },
             RawInput::LinkDown { link } => Input::LinkDown { link: *link },
+            RawInput::Peer { link, address } => Input::Peer { link: *link, address: *address },
             RawInput::Lost { link, reason, count } => {
                 Input::Lost { link: *link, reason: *reason, count: *count }
             }
@@ -413,6 +422,13 @@ fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
             pb::link_event::Kind::Unknown => return Ok(None),
         };
         Entry::Input { sequence: event.sequence, at: HostTime::from_us(event.host_time_us), input }
+    } else if channel == channels::PEER.0 {
+        let peer = pb::LinkPeer::decode(data)?;
+        let (Ok(number), Ok(address)) = (u8::try_from(peer.link), peer.address.parse()) else {
+            return Ok(None);
+        };
+        let input = RawInput::Peer { link: LinkId::from_number(number), address };
+        Entry::Input { sequence: peer.sequence, at: HostTime::from_us(peer.host_time_us), input }
     } else if channel == channels::LOST.0 {
         let lost = pb::Lost::decode(data)?;
         let reason = DropReason::ALL.into_iter().find(|reason| reason.name() == lost.reason);

@@ -4,6 +4,7 @@
 //! a bounded queue. When that queue is full (the disk stalls) the batch is thrown away, counted,
 //! and the hole is written into the log, so that a replay can say where it ends to be exact.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed, Ordering::SeqCst};
@@ -53,6 +54,7 @@ const PERSIST_PERIOD: Duration = Duration::from_secs(1);
 enum Item {
     Bytes { out: bool, link: LinkId, start: usize, end: usize },
     Event { link: LinkId, kind: pb::link_event::Kind },
+    Peer { link: LinkId, address: SocketAddr },
     Lost { link: LinkId, reason: DropReason, count: u64 },
     File { ticket: u32, fault: u8, start: usize, end: usize },
     Calendar { unix_us: i64 },
@@ -248,6 +250,7 @@ impl Recorder {
             Input::LinkDown { link } => {
                 self.raw(at, Item::Event { link, kind: pb::link_event::Kind::Down });
             }
+            Input::Peer { link, address } => self.raw(at, Item::Peer { link, address }),
             Input::Lost { link, reason, count } => {
                 self.raw(at, Item::Lost { link, reason, count });
             }
@@ -527,6 +530,15 @@ fn write_batch<W: std::io::Write + std::io::Seek>(
                     kind: (*kind).into(),
                 };
                 log.put(channels::EVENT, at, sequence, &message)?;
+            }
+            Item::Peer { link, address } => {
+                let message = pb::LinkPeer {
+                    sequence,
+                    host_time_us,
+                    link: u32::from(link.number()),
+                    address: address.to_string(),
+                };
+                log.put(channels::PEER, at, sequence, &message)?;
             }
             Item::Lost { link, reason, count } => {
                 let message = pb::Lost {

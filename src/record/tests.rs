@@ -130,6 +130,10 @@ fn script(recorder: &mut Recorder, cycles: u64) -> Vec<Entry> {
         let at = HostTime::from_us(5_000_000 + cycle * 10_000);
         let inputs = [
             RawInput::LinkUp { link: LinkId::Tag },
+            RawInput::Peer {
+                link: LinkId::Board,
+                address: std::net::SocketAddr::from(([10, 0, 0, 7], 14_550)),
+            },
             RawInput::Bytes { link: LinkId::Tag, bytes: vec![cycle as u8; 33] },
             RawInput::Bytes { link: LinkId::Board, bytes: vec![0xfd, 0, cycle as u8] },
             RawInput::Bytes { link: LinkId::Ground(3), bytes: vec![] },
@@ -217,7 +221,7 @@ fn prop_what_is_recorded_is_read_back() {
     let mut got: Vec<_> = entries.by_ref().collect();
     assert_eq!(entries.end(), LogEnd::Complete);
     let Some(Entry::Closing(closing)) = got.pop() else { panic!("closing missing") };
-    assert_eq!(closing.last_sequence, 200 * 13);
+    assert_eq!(closing.last_sequence, 200 * 14);
     assert_eq!(closing.lost_entries, 0);
     assert!(got == expected);
 }

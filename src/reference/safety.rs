@@ -62,6 +62,28 @@ is alive; without one thrust fades out when the floor must have come |
 | disarm | motors off |
 ";
 
+/// Between conditions and arming checks.
+const BOARD: &str = "
+## What is believed of the board
+
+* **Disarmed** is believed when two heartbeats say so that are at least 0.5 s apart, or one after the board has \
+acknowledged a disarm command of ours. Until then setpoints go on: a single heartbeat may be damaged, or a \
+stranger's with the board's number. When the board then says that it is armed after all, it is flown on only in the \
+air (more than 0.1 m by our height), in the mode in which it obeys, after a single denial, and if nobody asked it to \
+disarm; on the floor it is disarmed. Two denials end the flight for good: a person's kill switch wins, and only arming \
+through us begins another one.
+* **One board** is heard and spoken to: [second_board](#second_board).
+* **The flight pack** is chosen among several batteries, on the floor: one whose `battery_function` is all or \
+propulsion before one that does not say, that before one for something else, then the lowest id. The choice is told and \
+stays in flight; the others are recorded (`/other_battery`) and shown, not flown on. Of inertial sensors, barometers and \
+magnetometers with an instance id the first healthy one is used; another one takes its place on the floor only, when \
+that is silent for 2 s.
+* **MAV_CMD_INJECT_FAILURE** is passed on to a board that stands disarmed only, and answered with its answer. Give a \
+simulator that flies its faults at an endpoint of its own (`haltere-sim serve --orders`).
+* **Frames that are routed to the board** (`ground.routing = \"board\"`) while we are in control: of commands those that \
+ask for messages, and for streams that we do not fly by. Every other command is kept back, known or not.
+";
+
 const TAIL: &str = "
 ## When the program is to end
 
@@ -205,8 +227,9 @@ pub fn page() -> String {
         let _ = writeln!(page, "* ends: {}", end(row));
     }
     page += "\nEvery beginning and end is also an event (`condition_begins`, `condition_ends` in \
-             `events.json`), and stands in the log with its text.\n\
-             \n## Arming checks\n\nMade in this order when a client asks to arm; the first that fails is the \
+             `events.json`), and stands in the log with its text.\n";
+    page += BOARD;
+    page += "\n## Arming checks\n\nMade in this order when a client asks to arm; the first that fails is the \
              answer, and all of them are reported as health. Forced arming skips none. All but the board's \
              are made again when the motors are to turn: an estimator that has lost its alignment since, a \
              vehicle that was carried outside the fence or tipped over does not take off.\n\n\

@@ -14,6 +14,7 @@ mod hover;
 mod landing;
 mod news;
 mod programs;
+mod second_board;
 mod services;
 mod supervisor;
 

@@ -14,6 +14,7 @@ mod encoding;
 mod events;
 mod orders;
 mod pace;
+mod peers;
 mod profile;
 mod rules;
 mod sensors;
@@ -50,6 +51,7 @@ use streams::Streams;
 use target::TargetWatch;
 
 pub(super) use control::Change;
+pub(super) use peers::Peers;
 pub(super) use profile::Firmware;
 
 /// Component id of an onboard computer (MAV_COMP_ID_ONBOARD_COMPUTER).
@@ -221,8 +223,7 @@ impl BoardLink {
 
     /// Whether the newest heartbeat says that it is armed.
     fn says_armed(&self) -> bool {
-        let armed = MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits();
-        self.beat.is_some_and(|beat| beat.base_mode & armed != 0)
+        self.beat.is_some_and(|beat| says_armed(&beat))
     }
 
     pub fn clock(&self) -> &BoardClock {
@@ -325,6 +326,14 @@ impl BoardLink {
         self.next_sync = at;
         self.next_heartbeat = at;
         self.streams.restart(at);
+    }
+
+    /// It is gone, and another one speaks.
+    pub fn replaced(&mut self, at: HostTime) {
+        self.armed = ArmedWord::default();
+        self.beat = None;
+        self.restart(at);
+        self.streams.forget(at);
     }
 
     /// The board has restarted: it forgot what it was asked for, and may have other parameters.
@@ -518,6 +527,18 @@ impl BoardLink {
             self.send_numbers(MavCmd::MAV_CMD_REQUEST_MESSAGE, [148.0, 0.0], 0, out);
         }
     }
+}
+
+/// Whether a frame is one of a board: its heartbeat, or anything else of the board with this system id.
+pub(super) fn speaks_as_board(frame: &MavFrame<'_>, system_id: Option<u8>) -> bool {
+    let is_one = |beat: HeartbeatFields| beat.autopilot != INVALID_AUTOPILOT;
+    frame.header.component_id == BOARD_COMPONENT
+        && heartbeat_fields(frame).map_or(system_id == Some(frame.header.system_id), is_one)
+}
+
+/// Whether a heartbeat says that its sender is armed.
+pub(super) fn says_armed(beat: &HeartbeatFields) -> bool {
+    beat.base_mode & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0
 }
 
 fn report(outcome: Option<Outcome>, news: &mut Vec<BoardNews>) {

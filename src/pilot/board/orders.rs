@@ -43,7 +43,8 @@ impl BoardLink {
         let mode = self.control.custom_mode();
         let in_our_mode =
             mode.zip(self.firmware.control_mode()).is_some_and(|(n, m)| n & m.mask == m.value);
-        self.mute = stranger && self.is_armed() && in_our_mode && self.firmware == Firmware::ArduPilot;
+        self.mute =
+            stranger && self.is_armed() && in_our_mode && self.firmware == Firmware::ArduPilot;
     }
 
     /// Whether the board flies for us from now on, so that its mode must stay ours.

@@ -195,6 +195,9 @@ impl Pilot {
 
     /// For how long no sample came though we listened, s.
     fn imu_silent_s(&self, at: HostTime) -> f64 {
+        if self.board_is_moving(at) {
+            return 0.0;
+        }
         self.imu_age_s(at) - self.supervisor.punctuality.own_silence_s(at)
     }
 
@@ -272,7 +275,8 @@ pub(super) const LIFT: Condition = Condition {
 pub(super) const LOST: Condition = Condition {
     name: "imu_lost",
     seen_by: "No IMU sample came for `supervisor.imu_loss_s`. Within 0.05 s after a pause of the \
-              companion itself that pause does not count.",
+              companion itself that pause does not count, nor do the 0.3 s in which a board that changed its port \
+              is not heard yet ([second_board](#second_board)).",
     numbers: &[Number {
         key: "supervisor.imu_loss_s",
         value: |c| c.supervisor.imu_loss_s,

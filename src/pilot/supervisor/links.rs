@@ -125,6 +125,26 @@ pub(super) const BOARD_GAP: Condition = Condition {
     ..ROW
 };
 
+/// Two boards with one number on one port.
+pub(super) const SECOND: Condition = Condition {
+    name: "second_board",
+    seen_by: "A board with the system id of ours speaks on the same link from another UDP address, while ours \
+              speaks from its own or has been silent for 3 s. It is not heard and nothing is sent to it. Ours \
+              is bound to its address; when that is silent for 0.3 s and the time since boot (SYSTEM_TIME, \
+              `time_boot_ms`) goes on at another one within 0.25 s, it is the same board behind a router that \
+              changed its port: it is followed there, and that is told.",
+    watched: Watched::Always,
+    because: "a second board speaks",
+    over: "the second board is silent",
+    severity: Severity::Critical,
+    is_seen: |pilot, at| pilot.second_board(at).is_some(),
+    words: |pilot, at| {
+        let what = pilot.second_board(at).unwrap_or_default();
+        format!("{what}: it is not heard, nothing is sent to it")
+    },
+    ..ROW
+};
+
 /// The board does not fly our setpoints.
 pub(super) const IGNORED: Condition = Condition {
     name: "setpoints_ignored",

@@ -4,7 +4,7 @@ use super::condition::Condition;
 use super::{battery, envelope, estimator, imu, links, slip, timing, uwb};
 
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
-pub static CONDITIONS: [Condition; 36] = [
+pub static CONDITIONS: [Condition; 37] = [
     links::CONTROL,
     imu::LOST,
     imu::FROZEN,
@@ -41,4 +41,5 @@ pub static CONDITIONS: [Condition; 36] = [
     estimator::HEIGHT,
     timing::LATE,
     timing::BOARD_CLOCK,
+    links::SECOND,
 ];
