@@ -82,6 +82,8 @@ pub enum DropReason {
     WatchQueueFull,
     /// Line for people on standard error that nobody read.
     OutputLineLost,
+    /// Sample of a sensor of which the board has several, and another one is flown on.
+    OtherInstance,
 }
 
 impl DropReason {
@@ -126,6 +128,7 @@ impl DropReason {
         DropReason::TextLimited,
         DropReason::WatchQueueFull,
         DropReason::OutputLineLost,
+        DropReason::OtherInstance,
     ];
 
     /// Name in logs, reports and messages.
@@ -154,6 +157,7 @@ impl DropReason {
             DropReason::MavIgnored => "mav_ignored",
             DropReason::BadValue => "bad_value",
             DropReason::ImuOutOfOrder => "imu_out_of_order",
+            DropReason::OtherInstance => "other_instance",
             DropReason::MagDisturbed => "mag_disturbed",
             DropReason::InputQueueFull => "input_queue_full",
             DropReason::OutputQueueFull => "output_queue_full",

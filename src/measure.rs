@@ -69,6 +69,17 @@ pub struct BatterySample {
     pub remaining_frac: Option<f64>,
 }
 
+/// A battery of the board that is not flown on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OtherBattery {
+    /// Its instance id.
+    pub id: u8,
+    /// What it is for, MAV_BATTERY_FUNCTION.
+    pub function: u8,
+    /// What it reads.
+    pub sample: BatterySample,
+}
+
 /// Height from air pressure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BaroSample {

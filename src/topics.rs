@@ -6,7 +6,8 @@ use crate::drops::Drops;
 use crate::estimate::Estimate;
 use crate::frames::{E, Vec3};
 use crate::measure::{
-    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, ReferencePose, Tdoa,
+    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ReferencePose,
+    Tdoa,
 };
 use crate::time::HostTime;
 
@@ -23,6 +24,8 @@ pub enum Topic {
     Control(ControlRecord),
     /// Battery.
     Battery(BatterySample),
+    /// A battery that is not flown on.
+    OtherBattery(OtherBattery),
     /// The board's own attitude.
     BoardAttitude(BoardAttitude),
     /// Air pressure.

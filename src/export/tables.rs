@@ -205,6 +205,14 @@ fn cells(decoded: &Decoded) -> Row {
             ("current_a", Cell::Real(m.current_a)),
             ("remaining_frac", Cell::Real(m.remaining_frac)),
         ]),
+        Decoded::OtherBattery(m) => row.extend([
+            ("received_at_us", whole(m.received_at_us)),
+            ("id", whole(u64::from(m.id))),
+            ("function", whole(u64::from(m.function))),
+            ("supply_v", real(m.supply_v)),
+            ("current_a", Cell::Real(m.current_a)),
+            ("remaining_frac", Cell::Real(m.remaining_frac)),
+        ]),
         Decoded::BoardAttitude(m) => {
             row.extend([("valid_at_us", whole(m.valid_at_us)), ("received_at_us", whole(m.received_at_us))]);
             wxyz(&mut row, ["q_board_w", "q_board_x", "q_board_y", "q_board_z"], m.q_board);

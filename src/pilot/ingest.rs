@@ -206,6 +206,7 @@ impl Pilot {
                 self.supervisor.discharge.note(at, sample.supply_v, flies);
                 self.record(|| Topic::Battery(sample));
             }
+            BoardNews::OtherBattery(other) => self.record(|| Topic::OtherBattery(other)),
             BoardNews::Baro(sample) => {
                 self.estimator.baro(&sample);
                 self.watch_baro(&sample);

@@ -129,6 +129,7 @@ decoded! {
     Estimate "/estimate" at_us;
     Control "/control" at_us;
     Battery "/battery" received_at_us;
+    OtherBattery "/other_battery" received_at_us;
     BoardAttitude "/board_attitude" received_at_us;
     Baro "/baro" received_at_us;
     Mag "/mag" received_at_us;

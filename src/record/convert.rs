@@ -58,6 +58,14 @@ pub(super) fn decoded_from_topic(topic: &Topic) -> Decoded {
             current_a: battery.current_a,
             remaining_frac: battery.remaining_frac,
         }),
+        Topic::OtherBattery(other) => Decoded::OtherBattery(pb::OtherBattery {
+            received_at_us: other.sample.received_at.as_us(),
+            id: u32::from(other.id),
+            function: u32::from(other.function),
+            supply_v: other.sample.supply_v,
+            current_a: other.sample.current_a,
+            remaining_frac: other.sample.remaining_frac,
+        }),
         Topic::BoardAttitude(board) => {
             let [roll_rad, pitch_rad, yaw_rad] = board.attitude.euler_rad();
             Decoded::BoardAttitude(pb::BoardAttitude {

@@ -12,7 +12,8 @@ use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{B, E, Rot, Vec3};
 use crate::measure::{
-    AnchorId, BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, ReferencePose, Tdoa,
+    AnchorId, BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery,
+    ReferencePose, Tdoa,
 };
 use crate::pilot::LinkId;
 use crate::survey::Survey;
@@ -89,6 +90,16 @@ fn topics(at: HostTime) -> Vec<Topic> {
             supply_v: 7.9,
             current_a: None,
             remaining_frac: Some(0.8),
+        }),
+        Topic::OtherBattery(OtherBattery {
+            id: 3,
+            function: 4,
+            sample: BatterySample {
+                received_at: at,
+                supply_v: 8.3,
+                current_a: Some(0.1),
+                remaining_frac: None,
+            },
         }),
         Topic::BoardAttitude(BoardAttitude { valid_at: at, received_at: at, attitude: R }),
         Topic::Baro(BaroSample { valid_at: at, received_at: at, pressure_pa: 101_325.0 }),

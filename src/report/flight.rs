@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use crate::drops::Drops;
 use crate::estimate::Estimate;
-use crate::measure::{AnchorId, BatterySample, BoardAttitude, ImuSample, ReferencePose};
+use crate::measure::{
+    AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose,
+};
 use crate::report::svg::Limit;
 use crate::report::truth::TruthRow;
 use crate::survey::Survey;
@@ -24,6 +26,8 @@ pub struct Flight {
     pub imu: Vec<ImuSample>,
     /// Battery.
     pub battery: Vec<BatterySample>,
+    /// Batteries that were not flown on.
+    pub other_batteries: Vec<OtherBattery>,
     /// The board's own attitude.
     pub board_attitudes: Vec<BoardAttitude>,
     /// Motion capture.
@@ -84,6 +88,17 @@ impl Flight {
         ];
         let known = || times.iter().flatten().copied();
         Some((known().min()?, known().max()?))
+    }
+
+    /// Batteries that were not flown on: id, least and greatest voltage, V.
+    pub fn other_packs(&self) -> BTreeMap<u8, [f64; 2]> {
+        let mut packs: BTreeMap<u8, [f64; 2]> = BTreeMap::new();
+        for other in &self.other_batteries {
+            let v = other.sample.supply_v;
+            let span = packs.entry(other.id).or_insert([v, v]);
+            *span = [span[0].min(v), span[1].max(v)];
+        }
+        packs
     }
 
     /// Losses at the end of the log, all links together.

@@ -3,7 +3,9 @@
 use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{B, E, Rot, Vec3};
-use crate::measure::{AnchorId, BatterySample, BoardAttitude, ImuSample, ReferencePose, Tdoa};
+use crate::measure::{
+    AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose, Tdoa,
+};
 use crate::record::{Decoded, Entry, LogEnd, LogReader, RawInput, pb, utc_text};
 use crate::report::flight::{Flight, GlueRow, ModeRow};
 use crate::time::HostTime;
@@ -48,6 +50,10 @@ pub fn facts(log: &LogReader, flight: &Flight) -> Vec<(String, String)> {
             format!("{} to {}, least {}", volts(first), volts(last), volts(least.unwrap_or(last))),
         );
     }
+    for (id, [least_v, most_v]) in flight.other_packs() {
+        let name = format!("battery {id}, not flown on");
+        add(&name, format!("{least_v:.2} to {most_v:.2} V"));
+    }
     let rejected = flight.judged().filter(|r| !r.fused).count();
     if !flight.uwb.is_empty() {
         let share = 100.0 * rejected as f64 / flight.judged().count().max(1) as f64;
@@ -80,6 +86,7 @@ impl Flight {
             Topic::Estimate(estimate) => self.estimates.push(estimate),
             Topic::Control(control) => self.controls.push(control),
             Topic::Battery(battery) => self.battery.push(battery),
+            Topic::OtherBattery(other) => self.other_batteries.push(other),
             Topic::BoardAttitude(board) => self.board_attitudes.push(board),
             Topic::Baro(_) | Topic::Mag(_) => {}
             Topic::Reference(reference) => self.references.push(reference),
@@ -121,6 +128,16 @@ impl Flight {
                 supply_v: m.supply_v,
                 current_a: m.current_a,
                 remaining_frac: m.remaining_frac,
+            }),
+            Decoded::OtherBattery(m) => self.other_batteries.push(OtherBattery {
+                id: u8::try_from(m.id).unwrap_or(u8::MAX),
+                function: u8::try_from(m.function).unwrap_or(0),
+                sample: BatterySample {
+                    received_at: HostTime::from_us(m.received_at_us),
+                    supply_v: m.supply_v,
+                    current_a: m.current_a,
+                    remaining_frac: m.remaining_frac,
+                },
             }),
             Decoded::BoardAttitude(m) => {
                 if let Some(attitude) = rotation(m.q_board) {

@@ -11,6 +11,7 @@ mod ground;
 mod heading;
 mod hostile;
 mod hover;
+mod instances;
 mod landing;
 mod news;
 mod programs;

@@ -12,6 +12,7 @@ mod clock;
 mod control;
 mod encoding;
 mod events;
+mod instances;
 mod orders;
 mod pace;
 mod peers;
@@ -30,7 +31,7 @@ use haltere_dialect::mav_stream::{HeartbeatFields, MavFrame, heartbeat_fields};
 
 use crate::drops::{DropReason, Drops};
 use crate::measure::{
-    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, ReferencePose,
+    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ReferencePose,
 };
 use crate::time::HostTime;
 
@@ -45,8 +46,9 @@ use clock::BoardClock;
 use control::Control;
 use encoding::Encoding;
 use events::Events;
+use instances::{Instances, Kind};
 use pace::Pace;
-use sensors::{SlowFields, TextJoiner};
+use sensors::{SLOW_SETS, SlowFields, TextJoiner};
 use streams::Streams;
 use target::TargetWatch;
 
@@ -78,6 +80,8 @@ pub(super) enum BoardNews {
     Imu(ImuSample),
     Attitude(BoardAttitude),
     Battery(BatterySample),
+    /// Of a pack that is not flown on.
+    OtherBattery(OtherBattery),
     Baro(BaroSample),
     Mag(MagSample),
     Reference(ReferencePose),
@@ -160,7 +164,9 @@ pub(super) struct BoardLink {
     held: bool,
     /// Our heartbeat is withheld, so that its own failsafe acts.
     mute: bool,
-    slow: SlowFields,
+    slow: [SlowFields; SLOW_SETS],
+    /// Which of several are flown on, by [`Kind`].
+    instances: [Instances; Kind::COUNT],
     events: Events,
     text: TextJoiner,
 }
@@ -190,7 +196,8 @@ impl BoardLink {
             streaming: None,
             held: false,
             mute: false,
-            slow: SlowFields::default(),
+            slow: Default::default(),
+            instances: Default::default(),
             events: Events::default(),
             text: TextJoiner::default(),
         }
@@ -417,6 +424,7 @@ impl BoardLink {
         news: &mut Vec<BoardNews>,
     ) {
         self.system_id = Some(system_id);
+        self.instances = Default::default();
         let firmware = Firmware::in_force(self.config.profile, beat.autopilot);
         if firmware != self.firmware {
             self.firmware = firmware;

@@ -128,6 +128,12 @@ fn battery(flight: &Flight, clock: &Clock) -> String {
             series("told by the board", Tone::Estimate, Mark::Line, told),
         ],
     );
+    for (tone, id) in (0..).zip(flight.other_packs().into_keys()) {
+        let others = flight.other_batteries.iter().filter(|other| other.id == id);
+        let others = others.map(|o| [clock.s(o.sample.received_at), o.sample.supply_v]);
+        let name = format!("battery {id}, not flown on");
+        plot.series.push(series(&name, Tone::Family(tone), Mark::Dashed, others.collect()));
+    }
     plot.limits = flight.battery_limits.clone();
     plot.least_height = 0.4;
     plot.render()
