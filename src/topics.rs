@@ -7,7 +7,7 @@ use crate::estimate::Estimate;
 use crate::frames::{E, Vec3};
 use crate::measure::{
     BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ReferencePose,
-    Tdoa,
+    ServoOutput, Tdoa,
 };
 use crate::time::HostTime;
 
@@ -26,6 +26,8 @@ pub enum Topic {
     Battery(BatterySample),
     /// A battery that is not flown on.
     OtherBattery(OtherBattery),
+    /// What the board told motors and servos.
+    Servos(ServoOutput),
     /// The board's own attitude.
     BoardAttitude(BoardAttitude),
     /// Air pressure.

@@ -112,6 +112,18 @@ pub fn tables(log: &LogReader) -> (Vec<Table>, LogEnd) {
                 add("drops", at_us, row);
             }
         }
+        if let Decoded::Servos(servos) = &decoded {
+            for (n, value) in (1..).zip(&servos.output) {
+                let row = vec![
+                    ("received_at_us", whole(at_us)),
+                    ("port", whole(u64::from(servos.port))),
+                    ("output", whole(n)),
+                    ("told", real(f64::from(*value))),
+                ];
+                add("servos", at_us, row);
+            }
+            continue;
+        }
         add(decoded.channel().trim_start_matches('/'), at_us, cells(&decoded));
     }
     (found.into_values().collect(), entries.end())
@@ -213,6 +225,8 @@ fn cells(decoded: &Decoded) -> Row {
             ("current_a", Cell::Real(m.current_a)),
             ("remaining_frac", Cell::Real(m.remaining_frac)),
         ]),
+        // A row for each output: boards differ in their number.
+        Decoded::Servos(_) => {}
         Decoded::BoardAttitude(m) => {
             row.extend([("valid_at_us", whole(m.valid_at_us)), ("received_at_us", whole(m.received_at_us))]);
             wxyz(&mut row, ["q_board_w", "q_board_x", "q_board_y", "q_board_z"], m.q_board);

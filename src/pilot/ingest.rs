@@ -207,6 +207,10 @@ impl Pilot {
                 self.record(|| Topic::Battery(sample));
             }
             BoardNews::OtherBattery(other) => self.record(|| Topic::OtherBattery(other)),
+            BoardNews::Servos(servos) => {
+                self.servos = Some(servos);
+                self.record(|| Topic::Servos(servos));
+            }
             BoardNews::Baro(sample) => {
                 self.estimator.baro(&sample);
                 self.watch_baro(&sample);

@@ -83,7 +83,7 @@ use crate::drops::Drops;
 use crate::estimate::{Estimate, Health};
 use crate::estimator::{Estimator, MOST_ANCHORS};
 use crate::geo::LocalOrigin;
-use crate::measure::{BatterySample, BoardAttitude, Tdoa};
+use crate::measure::{BatterySample, BoardAttitude, ServoOutput, Tdoa};
 use crate::survey::Survey;
 use crate::time::HostTime;
 use crate::topics::{ControlRecord, Topic};
@@ -154,6 +154,8 @@ pub struct Pilot {
     board_news: Vec<BoardNews>,
     board_attitude: Option<BoardAttitude>,
     battery: Option<BatterySample>,
+    /// What the board last told motors and servos.
+    servos: Option<ServoOutput>,
     north: BoardNorth,
 
     estimator: Estimator,
@@ -265,6 +267,7 @@ impl Pilot {
             board_news: Vec::new(),
             board_attitude: None,
             battery: None,
+            servos: None,
             north: BoardNorth::new(config.board_north_offset_rad),
             estimator,
             estimate,

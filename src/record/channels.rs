@@ -130,6 +130,7 @@ decoded! {
     Control "/control" at_us;
     Battery "/battery" received_at_us;
     OtherBattery "/other_battery" received_at_us;
+    Servos "/servos" received_at_us;
     BoardAttitude "/board_attitude" received_at_us;
     Baro "/baro" received_at_us;
     Mag "/mag" received_at_us;

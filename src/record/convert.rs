@@ -66,6 +66,11 @@ pub(super) fn decoded_from_topic(topic: &Topic) -> Decoded {
             current_a: other.sample.current_a,
             remaining_frac: other.sample.remaining_frac,
         }),
+        Topic::Servos(servos) => Decoded::Servos(pb::Servos {
+            received_at_us: servos.received_at.as_us(),
+            port: u32::from(servos.port),
+            output: servos.outputs().to_vec(),
+        }),
         Topic::BoardAttitude(board) => {
             let [roll_rad, pitch_rad, yaw_rad] = board.attitude.euler_rad();
             Decoded::BoardAttitude(pb::BoardAttitude {

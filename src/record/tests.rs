@@ -13,7 +13,7 @@ use crate::estimate::{Estimate, Health};
 use crate::frames::{B, E, Rot, Vec3};
 use crate::measure::{
     AnchorId, BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery,
-    ReferencePose, Tdoa,
+    ReferencePose, ServoOutput, Tdoa,
 };
 use crate::pilot::LinkId;
 use crate::survey::Survey;
@@ -101,6 +101,7 @@ fn topics(at: HostTime) -> Vec<Topic> {
                 remaining_frac: None,
             },
         }),
+        Topic::Servos(ServoOutput::new(at, 1, [1500.0, 1100.0, 1900.0])),
         Topic::BoardAttitude(BoardAttitude { valid_at: at, received_at: at, attitude: R }),
         Topic::Baro(BaroSample { valid_at: at, received_at: at, pressure_pa: 101_325.0 }),
         Topic::Mag(MagSample {

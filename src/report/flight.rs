@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use crate::drops::Drops;
 use crate::estimate::Estimate;
 use crate::measure::{
-    AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose,
+    AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose, ServoOutput,
 };
 use crate::report::svg::Limit;
 use crate::report::truth::TruthRow;
@@ -28,6 +28,8 @@ pub struct Flight {
     pub battery: Vec<BatterySample>,
     /// Batteries that were not flown on.
     pub other_batteries: Vec<OtherBattery>,
+    /// What the board told motors and servos.
+    pub servos: Vec<ServoOutput>,
     /// The board's own attitude.
     pub board_attitudes: Vec<BoardAttitude>,
     /// Motion capture.
@@ -99,6 +101,17 @@ impl Flight {
             *span = [span[0].min(v), span[1].max(v)];
         }
         packs
+    }
+
+    /// Outputs of the board by port and number, both as the board counts them (outputs from 1): what each was told.
+    pub fn outputs(&self) -> BTreeMap<(u8, usize), Vec<(HostTime, f32)>> {
+        let mut all: BTreeMap<_, Vec<_>> = BTreeMap::new();
+        for servos in &self.servos {
+            for (n, value) in (1..).zip(servos.outputs()).filter(|(_, value)| value.is_finite()) {
+                all.entry((servos.port, n)).or_default().push((servos.received_at, *value));
+            }
+        }
+        all
     }
 
     /// Losses at the end of the log, all links together.

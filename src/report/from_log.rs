@@ -4,7 +4,8 @@ use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{B, E, Rot, Vec3};
 use crate::measure::{
-    AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose, Tdoa,
+    AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose, ServoOutput,
+    Tdoa,
 };
 use crate::record::{Decoded, Entry, LogEnd, LogReader, RawInput, pb, utc_text};
 use crate::report::flight::{Flight, GlueRow, ModeRow};
@@ -87,6 +88,7 @@ impl Flight {
             Topic::Control(control) => self.controls.push(control),
             Topic::Battery(battery) => self.battery.push(battery),
             Topic::OtherBattery(other) => self.other_batteries.push(other),
+            Topic::Servos(servos) => self.servos.push(servos),
             Topic::BoardAttitude(board) => self.board_attitudes.push(board),
             Topic::Baro(_) | Topic::Mag(_) => {}
             Topic::Reference(reference) => self.references.push(reference),
@@ -139,6 +141,11 @@ impl Flight {
                     remaining_frac: m.remaining_frac,
                 },
             }),
+            Decoded::Servos(m) => self.servos.push(ServoOutput::new(
+                HostTime::from_us(m.received_at_us),
+                u8::try_from(m.port).unwrap_or(u8::MAX),
+                m.output,
+            )),
             Decoded::BoardAttitude(m) => {
                 if let Some(attitude) = rotation(m.q_board) {
                     self.board_attitudes.push(BoardAttitude {

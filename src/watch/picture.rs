@@ -11,7 +11,7 @@ use super::anchors::Anchors;
 use super::dilution::{self, Box3};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{E, Vec3, survey_from_earth};
-use crate::measure::{AnchorId, BatterySample, OtherBattery};
+use crate::measure::{AnchorId, BatterySample, OtherBattery, ServoOutput};
 use crate::pilot::{Envelope, PilotConfig};
 use crate::record::GlueState;
 use crate::survey::Survey;
@@ -32,7 +32,7 @@ const MARGIN_M: f64 = 0.5;
 const CUT_M: f64 = 0.5;
 /// Height of the cut while no position is known, m.
 const CUT_DEFAULT_M: f64 = 1.0;
-/// Batteries that are not flown on are shown while they are as new as this, s.
+/// Batteries that are not flown on, and what motors were told, are shown while they are as new as this, s.
 const OTHERS_S: f64 = 5.0;
 /// Severity of a change of mode among texts: notice.
 const SEVERITY_NOTICE: u8 = 5;
@@ -59,6 +59,7 @@ pub(super) struct Picture {
     control: Option<ControlRecord>,
     battery: Option<BatterySample>,
     other_batteries: Vec<OtherBattery>,
+    servos: Option<ServoOutput>,
     mode: Option<ModeRecord>,
     /// What is shown of losses and timing. The record itself goes back to the core.
     health: Value,
@@ -150,6 +151,7 @@ impl Picture {
             control: None,
             battery: None,
             other_batteries: Vec::new(),
+            servos: None,
             mode: None,
             health: Value::Null,
             glue: GlueState::default(),
@@ -191,6 +193,7 @@ impl Picture {
                 newest.for_each(|event| event.severity = text.severity);
             }
             Topic::Text(text) => self.event(at, text.severity, &text.text, false),
+            Topic::Servos(servos) => self.servos = Some(*servos),
             Topic::OtherBattery(other) => self.take_other_battery(other),
             Topic::Imu(_)
             | Topic::BoardAttitude(_)
@@ -301,11 +304,15 @@ impl Picture {
         let others = self.other_batteries.iter().filter(|o| age(o.sample.received_at) < OTHERS_S);
         let others: Vec<Value> =
             others.map(|o| json!({ "id": o.id, "v": round(o.sample.supply_v, 2) })).collect();
+        let servos = self.servos.filter(|s| age(s.received_at) < OTHERS_S).map(|s| {
+            s.outputs().iter().map(|told| round(f64::from(*told), 1)).collect::<Vec<f64>>()
+        });
         json!({
             "k": "s",
             "anchors": self.anchors.quality(),
             "battery": battery,
             "others": others,
+            "servos": servos,
             "health": self.health,
             "late": { "worst": round(self.glue.worst_lateness_s, 4), "n": self.glue.late_wake_ups,
                       "of": self.glue.wake_ups },

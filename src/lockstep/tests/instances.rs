@@ -1,4 +1,4 @@
-//! Several devices of a kind on one board.
+//! Several devices of a kind on one board, and what the board tells of its motors and servos.
 
 use haltere_dialect::mav::haltere::{
     BATTERY_STATUS_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags, MavBatteryFunction, MavMessage,
@@ -6,8 +6,9 @@ use haltere_dialect::mav::haltere::{
 };
 use haltere_dialect::mav_stream::{self, MavSplitter};
 
-use super::boards::{assert_said, land, pass, said};
+use super::boards::{arm_patiently, assert_said, board, land, pass, said};
 use super::*;
+use crate::model::board::Firmware;
 use crate::model::faults::Fault;
 use crate::pilot::LinkId;
 use crate::topics::Topic;
@@ -139,5 +140,38 @@ fn regress_another_imu_or_barometer_is_not_mixed_with_the_first() {
             }
             land(&mut world, &mut ground);
         }
+    }
+}
+
+#[test]
+fn prop_each_firmware_tells_what_its_motors_are_told() {
+    for firmware in [Firmware::Generic, Firmware::Px4, Firmware::Ardupilot] {
+        let mut world = board(firmware, 54, |_, _| {});
+        let mut ground = Ground::new();
+        pass(&mut world, &mut ground, 8.0);
+        arm_patiently(&mut world, &mut ground, 60.0);
+        let takeoff = [0.0, 0.0, 0.0, f32::NAN, f32::NAN, f32::NAN, 1.2];
+        ground.command(&mut world, MavCmd::MAV_CMD_NAV_TAKEOFF, takeoff);
+        until(&mut world, Mode::Hold, 30.0);
+        let all = records(&mut world, 2.0);
+        let told: Vec<&[f32]> = all
+            .iter()
+            .filter_map(|t| match t {
+                Topic::Servos(servos) => Some(servos.outputs()),
+                _ => None,
+            })
+            .collect();
+        assert!((18..=42).contains(&told.len()), "{firmware:?}: {} in 2 s", told.len());
+        // Dihedral servo, left wing, yaw servo, right wing: the wings beat, the servos stand near their middle.
+        for outputs in told {
+            assert!(outputs.len() == 4, "{outputs:?}");
+            assert!(outputs[1] > 1300.0 && outputs[3] > 1300.0, "{outputs:?}");
+            assert!((outputs[0] - 1500.0).abs() < 300.0, "{outputs:?}");
+        }
+        // A station that asks is told the same.
+        let ask = [36.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let answer = ground.command(&mut world, MavCmd::MAV_CMD_REQUEST_MESSAGE, ask);
+        assert_eq!(answer, Some(MavResult::MAV_RESULT_ACCEPTED));
+        land(&mut world, &mut ground);
     }
 }

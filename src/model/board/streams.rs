@@ -55,6 +55,12 @@ const KINDS: [Kind; 9] = [
 ];
 
 impl Kind {
+    /// Sent in the steps in which the IMU is read. What motors are told goes with it, so that a flight in which it is
+    /// asked for has no delivery more than one in which it is not, and the same noise.
+    fn with_imu(self) -> bool {
+        matches!(self, Kind::Imu | Kind::RawImu | Kind::ScaledImu | Kind::Servos)
+    }
+
     /// By message id; what the generic board does not have is of the real ones.
     pub(super) fn of(firmware: Firmware, id: u32) -> Option<Self> {
         let real = firmware != Firmware::Generic;
@@ -90,7 +96,7 @@ impl Streams {
     /// Sets an interval, µs; 0 or less: off.
     pub(super) fn set(&mut self, kind: Kind, interval_us: f64) {
         let mut steps = (interval_us * 1e-6 / STEP_S).round().clamp(0.0, 1e6) as u32;
-        if matches!(kind, Kind::Imu | Kind::RawImu | Kind::ScaledImu) {
+        if kind.with_imu() {
             // The IMU is read at every second step: intervals are whole multiples of that.
             steps = (steps / 2) * 2;
             if steps == 0 && interval_us > 0.0 {
@@ -125,8 +131,7 @@ impl Board {
                 continue;
             }
             *wait = wait.saturating_sub(1);
-            let of_imu = matches!(kind, Kind::Imu | Kind::RawImu | Kind::ScaledImu);
-            if *wait > 0 || (of_imu && !imu_step) {
+            if *wait > 0 || (kind.with_imu() && !imu_step) {
                 continue;
             }
             *wait = *period;

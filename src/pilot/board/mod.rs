@@ -32,6 +32,7 @@ use haltere_dialect::mav_stream::{HeartbeatFields, MavFrame, heartbeat_fields};
 use crate::drops::{DropReason, Drops};
 use crate::measure::{
     BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ReferencePose,
+    ServoOutput,
 };
 use crate::time::HostTime;
 
@@ -82,6 +83,7 @@ pub(super) enum BoardNews {
     Battery(BatterySample),
     /// Of a pack that is not flown on.
     OtherBattery(OtherBattery),
+    Servos(ServoOutput),
     Baro(BaroSample),
     Mag(MagSample),
     Reference(ReferencePose),
@@ -213,9 +215,11 @@ impl BoardLink {
         self.firmware
     }
 
-    /// Whether a message is one that we asked the board for, or part of our talk with it.
+    /// Whether a message is one that we fly by and asked the board for, or part of our talk with it. What motors are
+    /// told is for people as well.
     pub fn is_own_stream(&self, msg_id: u32) -> bool {
-        msg_id == TIMESYNC_ID || (msg_id != 0 && self.streams.is_ours(msg_id))
+        msg_id == TIMESYNC_ID
+            || (msg_id != 0 && !streams::is_servos(msg_id) && self.streams.is_ours(msg_id))
     }
 
     /// Whether it is taken for armed: one heartbeat that denies it changes nothing yet.

@@ -2,12 +2,13 @@
 
 use haltere_dialect::mav::haltere::{
     BATTERY_STATUS_DATA, HIGHRES_IMU_DATA, HighresImuUpdatedFlags as Fields, MavMessage,
+    SERVO_OUTPUT_RAW_DATA,
 };
 
 use crate::drops::{DropReason, Drops};
 use crate::frames::{B, G_MPS2, Rot, Vec3};
 use crate::measure::{
-    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery,
+    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ServoOutput,
 };
 use crate::time::{FcTime, HostTime};
 
@@ -110,6 +111,15 @@ impl BoardLink {
                     Some(sample) => news.push(BoardNews::Battery(sample)),
                     None => drops.add(DropReason::BadValue, 1),
                 }
+            }
+            MavMessage::SERVO_OUTPUT_RAW(m) => {
+                news.push(BoardNews::Servos(servo_output(at, m)));
+            }
+            MavMessage::ACTUATOR_OUTPUT_STATUS(m) => {
+                let active = |n: usize| m.active.checked_shr(n as u32).unwrap_or(0) & 1 == 1;
+                let told = m.actuator.iter().enumerate();
+                let told = told.map(|(n, value)| if active(n) { *value } else { f32::NAN });
+                news.push(BoardNews::Servos(ServoOutput::new(at, 0, told)));
             }
             MavMessage::TIMESYNC(m) => self.timesync(at, m, out, drops, news),
             MavMessage::COMMAND_ACK(m) => self.ack(at, m, news),
@@ -317,6 +327,31 @@ impl BoardLink {
             BoardNews::OtherBattery(OtherBattery { id: m.id, function, sample })
         });
     }
+}
+
+/// An output that is not in use reads 0, or all ones.
+fn servo_output(at: HostTime, m: &SERVO_OUTPUT_RAW_DATA) -> ServoOutput {
+    let told = [
+        m.servo1_raw,
+        m.servo2_raw,
+        m.servo3_raw,
+        m.servo4_raw,
+        m.servo5_raw,
+        m.servo6_raw,
+        m.servo7_raw,
+        m.servo8_raw,
+        m.servo9_raw,
+        m.servo10_raw,
+        m.servo11_raw,
+        m.servo12_raw,
+        m.servo13_raw,
+        m.servo14_raw,
+        m.servo15_raw,
+        m.servo16_raw,
+    ];
+    let in_use = |pulse_us: u16| !matches!(pulse_us, 0 | u16::MAX);
+    let told = told.map(|pulse| if in_use(pulse) { f32::from(pulse) } else { f32::NAN });
+    ServoOutput::new(at, m.port, told)
 }
 
 /// A battery as the board tells it; `None`: that is no pack of ours.
