@@ -26,6 +26,7 @@ use crate::survey::Survey;
 
 use broken::Broken;
 
+use contact::Contact;
 /// Length of a step, µs.
 pub const STEP_US: u64 = (STEP_S * 1e6) as u64;
 const ATTITUDE_STEPS: u64 = (ATTITUDE_PERIOD_S / STEP_S) as u64;
@@ -116,6 +117,9 @@ pub struct Plant {
     steps: u64,
     landed_s: f64,
     crashed: bool,
+    /// Too broken for motors to run.
+    wrecked: bool,
+    contact: Contact,
     /// Bytes that were produced in this step.
     scratch: Vec<u8>,
     from_tag: NoisyLine,
@@ -200,6 +204,8 @@ impl Plant {
             steps: 0,
             landed_s: LANDED_S,
             crashed: false,
+            wrecked: false,
+            contact: Contact::new(&vehicle),
             scratch: Vec::with_capacity(4096),
             from_tag: NoisyLine::new(seed, "fault-from-tag"),
             from_board: NoisyLine::new(seed, "fault-from-board"),
@@ -414,6 +420,7 @@ impl Plant {
 }
 
 mod broken;
+mod contact;
 mod flight;
 mod second_board;
 mod wires;
