@@ -142,6 +142,7 @@ impl Pilot {
         let record = self.estimator.tdoa(tdoa);
         if record.fused {
             self.last_fused = Some(tdoa.received_at);
+            self.resumption.uwb(tdoa.valid_at);
         }
         self.supervisor.anchors.note(tdoa);
         self.survey_check.note(tdoa, self.mode);
@@ -283,6 +284,7 @@ impl Pilot {
             }
             BoardNews::Back { silent_s } => {
                 let flies = self.mode.has_thrust() || self.mode == Mode::Yielded;
+                self.note_pause(at, silent_s);
                 if silent_s > self.config.limits.board_loss_s && flies {
                     self.supervisor.heard.board_gap_s = Some(silent_s);
                 }

@@ -46,6 +46,7 @@ mod output;
 mod permits;
 mod place;
 mod reference;
+mod resume;
 mod routing;
 mod schedule;
 mod second_board;
@@ -101,6 +102,7 @@ use hover::HoverThrust;
 use losses::losses_of;
 use output::{Address, Outbox};
 use services::Services;
+use resume::Resumption;
 use shelf::Shelf;
 use supervise::Touch;
 use supervisor::{SteadyClock, Supervisor};
@@ -182,6 +184,7 @@ pub struct Pilot {
     mode: Mode,
     mode_since: HostTime,
     touch: Touch,
+    resumption: Resumption,
     supervisor: Supervisor,
     survey_check: SurveyCheck,
     clock: SteadyClock,
@@ -286,6 +289,7 @@ impl Pilot {
             mode: Mode::Disarmed,
             mode_since: at,
             touch: Touch::default(),
+            resumption: Resumption::default(),
             supervisor: Supervisor::default(),
             survey_check: SurveyCheck::new(&config, &survey),
             clock: SteadyClock::default(),

@@ -51,6 +51,7 @@ impl Pilot {
         let dt_s = pause_s.clamp(0.001, 0.05);
         let longest_s = self.config.supervisor.loop_gap_s;
         self.supervisor.punctuality.step(at, pause_s, late_s > MISS_S, longest_s);
+        self.note_pause(at, pause_s);
         self.supervisor.punctuality.board_clock(at, self.board.clock().restarts());
         self.last_tick = Some(at);
         self.control_steps += 1;
@@ -68,6 +69,7 @@ impl Pilot {
         self.check_survey(at);
         self.supervise(at);
         self.control_step(at, dt_s);
+        self.touch.sent(self.control.thrust_frac, dt_s);
         self.record_step(at);
 
         let mut news = std::mem::take(&mut self.board_news);
@@ -143,8 +145,8 @@ impl Pilot {
                 // Level in the board's own frame: our attitude is what cannot be trusted.
                 let yaw_rad = self.board_attitude.map_or(0.0, |a| a.attitude.yaw_rad());
                 let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
-                let thrust_frac = self.hover_thrust_frac() * share;
-                let thrust_frac = thrust_frac.min(self.touch.ceiling_frac.unwrap_or(1.0));
+                let share = share.min(self.most_share(at));
+                let thrust_frac = self.touch.bounded(self.hover_thrust_frac() * share);
                 self.control.thrust_frac = thrust_frac;
                 self.board.send_setpoint(at, level, thrust_frac, &mut self.out);
             }
@@ -268,7 +270,7 @@ impl Pilot {
             height_above_ground_m: height_m,
             dt_s,
             integrators_frozen,
-            thrust_ceiling_frac: self.touch.ceiling_frac.unwrap_or(1.0),
+            thrust_ceiling_frac: self.touch.bounded(1.0),
             held,
         })
     }

@@ -44,6 +44,12 @@ Forced disarming and harder orders are always taken.
 * A silence is judged only after listening. When two control steps were more than 0.05 s apart, that time is taken \
 off the age of IMU, board and client for 0.05 s: the threads that read for us stood still as well, and what came \
 meanwhile may wait to be read. Only the newest pause is taken off: a loop that always pauses hides no silence.
+* Down is down. A landing that turns into a descent, or the other way round, is one way down: what was found of the \
+floor holds, and only an accelerometer that shows a fall takes it back. Where thrust is below 62 % of the base and the \
+specific force is gravity's all the same, near the floor by estimate or barometer, the floor carries: thrust is lowered \
+from there to none, whatever the estimate says, and no order to fly is taken any more. A landing near the \
+floor whose estimate is not measured any more, or that becomes a descent, goes on with no more thrust than it had; \
+without an accelerometer it is lowered from there, and the motors are off after 2.5 s.
 * In the spool-up the floor still carries the vehicle: every reaction from **hold** on is **disarm** there.
 
 What the reactions are:
@@ -56,7 +62,8 @@ What the reactions are:
 | return | flies home (or to a rally point that is nearer) and lands |
 | land | lands here under position control, by dead reckoning if need be; from outside the walls back inside |
 | descend | level by the board's attitude, down on thrust model and barometer (0.8 m/s, below 1.2 m 0.45 m/s); \
-without a barometer at 92 % of the hover thrust. The floor is felt for with the accelerometer where the IMU \
+without a barometer at 92 % of the hover thrust. Near the floor by its own account, by the barometer's, or where \
+something holds it up for 1 s, the floor is felt for, with the accelerometer where the IMU \
 is alive; without one thrust fades out when the floor must have come |
 | yield | the board flies by itself; no setpoint is sent that it could take for our will |
 | disarm | motors off |

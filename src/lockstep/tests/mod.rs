@@ -14,10 +14,12 @@ mod hover;
 mod instances;
 mod landing;
 mod news;
+mod pauses;
 mod programs;
 mod second_board;
 mod services;
 mod supervisor;
+mod touch_down;
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavResult};
 

@@ -325,6 +325,13 @@ impl BoardLink {
         told.filter(|s| (0.0..=5.0).contains(s)).unwrap_or(self.firmware.spool_s())
     }
 
+    /// How long the board goes on with the last setpoint, s, before it flies by itself: as its parameter says, else as
+    /// usual.
+    pub fn gives_up_s(&self) -> f64 {
+        let told = rules::TIMEOUT_NAMES.iter().find_map(|name| self.checks.value(name));
+        told.filter(|s| (0.05..=5.0).contains(s)).unwrap_or(self.firmware.gives_up_s())
+    }
+
     /// The link was opened again: whatever the board knew of us is gone. Unless it flies, it may
     /// even be another board.
     pub fn restart(&mut self, at: HostTime) {

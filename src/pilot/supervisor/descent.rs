@@ -62,6 +62,10 @@ pub(in crate::pilot) const LONGEST_S: f64 = 40.0;
 const FADE_S: f64 = 3.0;
 /// Below this height by its own account the floor is felt for, m.
 const FEEL_BELOW_M: f64 = 0.8;
+/// With less than this share of the hover thrust, and slower than this, m/s, floor or ground effect carry: 0.9 leave
+/// 1 m/s², which drag alone holds up at 1.2 m/s.
+const HELD_UP_SHARE: f64 = 0.9;
+const HELD_UP_MPS: f64 = 0.2;
 
 /// A descent under way.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -147,6 +151,16 @@ impl Descent {
         let high = self.baro_age_s < SILENT_S && self.height_m > HIGH_M;
         let slack = if high { BARO_SLACK } else { 1.0 };
         (((self.from_m + MARGIN_M) / SLOWEST_MPS + START_S) * slack).min(LONGEST_S)
+    }
+
+    /// Height above the floor, m, and sinking speed, m/s, by its own account.
+    pub fn height_and_sink(&self) -> (f64, f64) {
+        (self.height_m, self.sink_mps)
+    }
+
+    /// Whether something carries it that a descent in free air has not: with so little thrust it would sink faster.
+    pub fn is_held_up(&self, share: f64) -> bool {
+        self.baro_age_s < SILENT_S && share < HELD_UP_SHARE && self.sink_mps < HELD_UP_MPS
     }
 
     /// The floor was felt for and the vehicle began to fall.

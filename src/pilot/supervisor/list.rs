@@ -6,6 +6,7 @@ use super::{battery, envelope, estimator, imu, links, slip, timing, uwb};
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
 pub static CONDITIONS: [Condition; 37] = [
     links::CONTROL,
+    timing::PAUSED,
     imu::LOST,
     imu::FROZEN,
     imu::NOISE,

@@ -223,6 +223,9 @@ impl Pilot {
         if let Some(why) = self.ending_forbids(to) {
             return Some(why);
         }
+        if self.touch.stands() && to.is_flying() {
+            return Some("the floor carries already");
+        }
         let wanted = |row: &Condition| {
             if row.watched.holds(to) { row.reaction(to, &self.config) } else { Reaction::Nothing }
         };
