@@ -189,6 +189,9 @@ impl Pilot {
                 self.touch.acc_z(sample.acc_B_mps2.z(), dt_s);
                 self.last_imu = Some(sample.valid_at);
                 self.supervisor.repetition.note(&sample);
+                if let Some(board) = &self.board_attitude {
+                    self.supervisor.lying.imu(&sample, &board.attitude);
+                }
                 self.estimator.imu(&sample);
                 self.record(|| Topic::Imu(sample));
             }

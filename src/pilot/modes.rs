@@ -305,6 +305,8 @@ pub static TABLE: &[Transition] = &[
         "board does not give the thrust it is sent",
     ),
     row(FLYING_OR_DESCENDING, Ev::Ordered(Reaction::Yield), M::Yielded, SUPERVISOR),
+    // It lies there already.
+    row(FLYING_OR_DESCENDING, Ev::Ordered(Reaction::Disarm), M::Disarming, SUPERVISOR),
     row(&[M::Yielded], Ev::ControlBack, M::Hold, "board obeys again"),
     row(&[M::Descend], Ev::EstimateBack, M::Land, "estimate is back"),
     row(&[M::Land, M::Descend], Ev::TouchDown, M::Disarming, "on the floor"),

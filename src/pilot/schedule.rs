@@ -67,6 +67,7 @@ impl Pilot {
         let remedies = self.estimator.counts().remedies;
         self.supervisor.evidence.note_remedies(at, remedies);
         self.check_survey(at);
+        self.watch_lying(at, dt_s);
         self.supervise(at);
         self.control_step(at, dt_s);
         self.touch.sent(self.control.thrust_frac, dt_s);
@@ -148,6 +149,7 @@ impl Pilot {
                 let share = share.min(self.most_share(at));
                 let thrust_frac = self.touch.bounded(self.hover_thrust_frac() * share);
                 self.control.thrust_frac = thrust_frac;
+                self.supervisor.lying.asked(&level);
                 self.board.send_setpoint(at, level, thrust_frac, &mut self.out);
             }
             _ => {
@@ -293,6 +295,7 @@ impl Pilot {
         self.control.yaw_board_offset_rad = self.north.offset_rad();
         self.control.hover_factor = self.hover.factor();
         self.control.thrust_frac = thrust_frac;
+        self.supervisor.lying.asked(&attitude);
         let for_board = self.north.setpoint_for_board(attitude);
         self.board.send_setpoint(at, for_board, thrust_frac, &mut self.out);
     }

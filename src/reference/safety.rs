@@ -66,7 +66,7 @@ without a barometer at 92 % of the hover thrust. Near the floor by its own accou
 something holds it up for 1 s, the floor is felt for, with the accelerometer where the IMU \
 is alive; without one thrust fades out when the floor must have come |
 | yield | the board flies by itself; no setpoint is sent that it could take for our will |
-| disarm | motors off |
+| disarm | motors off; in the air only of a vehicle that lies on the floor (`tipped_over`) |
 ";
 
 /// Between conditions and arming checks.

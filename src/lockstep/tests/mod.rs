@@ -19,6 +19,7 @@ mod programs;
 mod second_board;
 mod services;
 mod supervisor;
+mod tipped;
 mod touch_down;
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavResult};

@@ -1,11 +1,12 @@
 //! The list of conditions. Its order is the order of names where several want the same.
 
 use super::condition::Condition;
-use super::{battery, envelope, estimator, imu, links, slip, timing, uwb};
+use super::{battery, envelope, estimator, imu, links, lying, slip, timing, uwb};
 
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
-pub static CONDITIONS: [Condition; 37] = [
+pub static CONDITIONS: [Condition; 38] = [
     links::CONTROL,
+    lying::LIES,
     timing::PAUSED,
     imu::LOST,
     imu::FROZEN,

@@ -17,6 +17,7 @@ mod estimator;
 mod imu;
 mod links;
 mod list;
+mod lying;
 mod reaction;
 mod slip;
 mod timing;
@@ -67,6 +68,7 @@ pub(super) struct Supervisor {
     pub repetition: imu::Repetition,
     pub lift: imu::Lift,
     pub slip: slip::Slip,
+    pub lying: lying::Lying,
     pub evidence: estimator::Evidence,
     pub heard: links::Heard,
     pub discharge: battery::Discharge,
