@@ -74,7 +74,7 @@ fn take(flight: &mut Flight, topic: Topic) {
         Topic::Health(x) => flight.health.push(x),
         Topic::Servos(x) => flight.servos.push(x),
         Topic::OtherBattery(x) => flight.other_batteries.push(x),
-        Topic::Baro(_) | Topic::Mag(_) => {}
+        Topic::Baro(_) | Topic::Mag(_) | Topic::Shadow(_) => {}
     }
 }
 

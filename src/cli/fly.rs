@@ -45,13 +45,21 @@ impl Configuration {
 pub(super) struct Fly {
     #[command(flatten)]
     configuration: Configuration,
+    /// Watch beside somebody else who flies: estimate, record what would be sent, send nothing that arms or
+    /// moves (flight.shadow = true).
+    #[arg(long)]
+    shadow: bool,
     /// Print the summary at the end as JSON.
     #[arg(long)]
     json: bool,
 }
 
 impl Fly {
-    pub(super) fn run(self, nice: Option<i32>) -> ExitCode {
+    pub(super) fn run(mut self, nice: Option<i32>) -> ExitCode {
+        if self.shadow {
+            // The last word counts, whatever files and other values say.
+            self.configuration.set.push("flight.shadow=true".to_owned());
+        }
         // Before any other thread begins: all of them are to leave signals alone, and the stacks of those that
         // come later are not read in whole.
         let held = Signals::hold();

@@ -273,6 +273,11 @@ impl Estimator {
         self.airborne = airborne;
     }
 
+    /// How long the IMU has rested, s, while the vehicle is not said to fly.
+    pub fn rested_s(&self) -> f64 {
+        self.rest.duration_s()
+    }
+
     /// Heading at the start, which rest cannot show: without it there is no start from rest.
     pub fn set_initial_heading(&mut self, yaw_rad: f64, std_rad: f64) {
         if yaw_rad.is_finite() && std_rad.is_finite() && std_rad > 0.0 {

@@ -36,6 +36,13 @@ const PART_GRID_S: f64 = 20.0;
 /// Least part of a mission that says anything, s: climb and the first hover.
 const LEAST_PART_S: f64 = 20.0;
 
+/// What is said of a shadow's log: a block is judged against simulated flights of the same commands, and these are
+/// somebody else's.
+const SHADOW_LOG: &str = "a shadow's log (flight.shadow): somebody else flew. mission, controller, link, inner_loop, \
+     thrust, aerodynamics and actuators cannot be judged, their commands are not in it; imu, uwb, estimator, battery \
+     and timing can be looked at with `haltere report`, and what we would have commanded beside what the board \
+     flew to with `haltere log export --topic shadow`";
+
 /// A log that was read and replayed.
 #[derive(Debug, Clone)]
 pub struct Flown {
@@ -102,6 +109,10 @@ impl Flown {
             self.examine_replay();
         } else {
             self.examine_replay_of_another();
+        }
+        if self.config.flight.shadow {
+            self.faults.push(SHADOW_LOG.to_owned());
+            return;
         }
         let Some(air_s) = air_s(&self.trace) else {
             self.faults.push("the vehicle was never in the air".to_owned());
@@ -299,6 +310,31 @@ mod tests {
         assert_eq!(comparable_s(40.5), Some(20.0), "the last second is left out");
         assert_eq!(comparable_s(15.0), None);
         assert_eq!(comparable_s(f64::NAN), None);
+    }
+
+    #[test]
+    fn prop_of_a_shadow_s_log_every_block_is_named_once() {
+        for block in [
+            "mission",
+            "controller",
+            "link",
+            "inner_loop",
+            "thrust",
+            "aerodynamics",
+            "battery",
+            "imu",
+            "uwb",
+            "estimator",
+            "timing",
+            "actuators",
+        ] {
+            let words = |text: &str| {
+                text.split(|c: char| !(c.is_alphanumeric() || c == '_'))
+                    .filter(|w| *w == block)
+                    .count()
+            };
+            assert_eq!(words(SHADOW_LOG), 1, "{block}");
+        }
     }
 
     #[test]

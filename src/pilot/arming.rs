@@ -13,6 +13,9 @@ const ARM_TILT_RAD: f64 = 0.35;
 const ARM_AGE_S: f64 = 0.5;
 const ARM_BATTERY_AGE_S: f64 = 3.0;
 
+/// What is answered to whoever wants a shadow to fly.
+pub(super) const SHADOW_WORDS: &str = "haltere only watches (flight.shadow): arm by whoever flies";
+
 /// What a check looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Check {
@@ -32,11 +35,13 @@ pub enum Check {
     Battery,
     /// Every anchor stands where the survey says, as far as the floor shows it.
     Anchors,
+    /// We are to fly at all.
+    Shadow,
 }
 
 impl Check {
     /// All of them, in the order in which they are made.
-    pub const ALL: [Check; 8] = [
+    pub const ALL: [Check; 9] = [
         Check::Board,
         Check::Estimate,
         Check::Imu,
@@ -45,6 +50,7 @@ impl Check {
         Check::Fence,
         Check::Battery,
         Check::Anchors,
+        Check::Shadow,
     ];
 
     /// Name, what it looks at, and the texts of refusals, for the page.
@@ -95,6 +101,11 @@ impl Check {
                 "anchor N does not fit the others: it reads D m too far (or too near); check its place in \
                  the survey and its line of sight",
             ],
+            Check::Shadow => [
+                "shadow",
+                "`flight.shadow` is off: a shadow watches and never flies",
+                "haltere only watches (flight.shadow): arm by whoever flies",
+            ],
         }
     }
 }
@@ -143,6 +154,8 @@ impl Pilot {
             Check::Fence => self.fence_forbids().map_or(Ok(()), Err),
             Check::Battery => self.check_battery(at),
             Check::Anchors => self.survey_check.refusal().map_or(Ok(()), Err),
+            Check::Shadow if self.config.flight.shadow => Err(SHADOW_WORDS.to_owned()),
+            Check::Shadow => Ok(()),
         }
     }
 

@@ -98,17 +98,14 @@ impl Pilot {
             }
             _ => {}
         }
-        let armed = self.board.is_armed();
-        self.record(|| {
-            Topic::Mode(ModeRecord {
-                at,
-                mode: row.to.name(),
-                armed,
-                cause: cause.because.to_owned(),
-            })
-        });
+        self.record_mode(at, row.to.name(), cause.because);
         self.tell_transition(at, from, row.to, cause);
         true
+    }
+
+    pub(super) fn record_mode(&mut self, at: HostTime, mode: &'static str, because: &str) {
+        let armed = self.board.is_armed();
+        self.record(|| Topic::Mode(ModeRecord { at, mode, armed, cause: because.to_owned() }));
     }
 
     pub(super) fn call_off_lift_off(&mut self) {

@@ -6,9 +6,11 @@ use haltere_dialect::mav::haltere::{
 
 use crate::time::HostTime;
 
+use super::arming::SHADOW_WORDS;
 use super::identity::{SHOWN_MODES, available_mode, standard_mode};
 use super::modes::{Event, Mode};
 use super::place::Location;
+use super::shadow;
 use super::{LinkId, OWN, Pilot, Severity};
 
 /// AVAILABLE_MODES and MESSAGE_INTERVAL, which REQUEST_MESSAGE asks for with a second number.
@@ -192,6 +194,9 @@ impl Pilot {
     fn command(&mut self, at: HostTime, request: &Request) -> Answer {
         use MavResult as R;
         let p = request.params.map(f64::from);
+        if self.config.flight.shadow && shadow::refuses(request.command) {
+            return refuse(R::MAV_RESULT_DENIED, format!("refused: {SHADOW_WORDS}"));
+        }
         match request.command {
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => self.arm_disarm(at, request),
             MavCmd::MAV_CMD_DO_FLIGHTTERMINATION => self.terminate(at, request),

@@ -149,6 +149,9 @@ pub struct FlightConfig {
     pub gear_height_m: f64,
     /// Time armed on the floor without take-off after which the vehicle disarms, s.
     pub idle_disarm_s: f64,
+    /// Watch a vehicle that somebody else flies: estimate, record what would be sent, send nothing that arms or
+    /// moves.
+    pub shadow: bool,
 }
 
 impl Default for FlightConfig {
@@ -166,6 +169,7 @@ impl Default for FlightConfig {
             return_height_m: 0.0,
             gear_height_m: 0.0,
             idle_disarm_s: 15.0,
+            shadow: false,
         }
     }
 }

@@ -145,7 +145,9 @@ impl Pilot {
             self.resumption.uwb(tdoa.valid_at);
         }
         self.supervisor.anchors.note(tdoa);
-        self.survey_check.note(tdoa, self.mode);
+        if self.is_standing() || self.mode != Mode::Disarmed {
+            self.survey_check.note(tdoa, self.mode);
+        }
         self.supervisor.evidence.note_uwb(&record);
         super::telemetry_counts::note_pair(&mut self.pairs, &record);
         self.record(|| Topic::Uwb(record));
@@ -235,7 +237,10 @@ impl Pilot {
                 self.check_board_id(at, system_id);
             }
             BoardNews::Armed(true) => {
-                if !self.fire(at, Event::BoardArmed) && self.mode == Mode::Disarmed {
+                if !self.fire(at, Event::BoardArmed)
+                    && self.mode == Mode::Disarmed
+                    && !self.config.flight.shadow
+                {
                     self.tell_armed_by_others(at);
                 }
             }

@@ -52,6 +52,7 @@ mod schedule;
 mod second_board;
 pub mod services;
 mod setpoint;
+mod shadow;
 mod shelf;
 mod streams;
 mod supervise;
@@ -103,6 +104,7 @@ use losses::losses_of;
 use output::{Address, Outbox};
 use services::Services;
 use resume::Resumption;
+use shadow::Shadow;
 use shelf::Shelf;
 use supervise::Touch;
 use supervisor::{SteadyClock, Supervisor};
@@ -111,7 +113,7 @@ use telemetry_counts::PairStats;
 use voice::{Echoes, Severity};
 
 /// Every check before a flight, in its order.
-pub const ARMING_CHECKS: [ArmingCheck; 8] = ArmingCheck::ALL;
+pub const ARMING_CHECKS: [ArmingCheck; 9] = ArmingCheck::ALL;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -176,6 +178,7 @@ pub struct Pilot {
     /// Since when the estimate is good again in a blind descent.
     good_since: Option<HostTime>,
     controller: Controller,
+    shadow: Shadow,
     control: ControlRecord,
     hover: HoverThrust,
     guidance: Guidance,
@@ -242,7 +245,7 @@ impl Pilot {
             last_tick: None,
             control_steps: 0,
             deadline_misses: 0,
-            out: Outbox::default(),
+            out: Outbox::of_shadow(config.flight.shadow),
             topics: Vec::new(),
             with_topics: true,
             drops: vec![Drops::default(); 3 + grounds.len()],
@@ -260,7 +263,8 @@ impl Pilot {
             board: BoardLink::new(
                 LinkConfig {
                     profile: config.board_profile,
-                    set_parameters: config.board_set_parameters,
+                    set_parameters: config.board_set_parameters && !config.flight.shadow,
+                    shadow: config.flight.shadow,
                 },
                 at,
             ),
@@ -282,6 +286,7 @@ impl Pilot {
             last_sink_mps: 0.0,
             good_since: None,
             controller: Controller::new(config.control.clone()),
+            shadow: Shadow::default(),
             control: ControlRecord::default(),
             hover: HoverThrust::default(),
             guidance: Guidance::new(config.flight.clone(), envelope, velocity_limit_mps, at),
@@ -317,6 +322,9 @@ impl Pilot {
             survey,
         };
         pilot.say(at, Severity::Info, "haltere started, waiting for tag and board".to_owned());
+        if pilot.config.flight.shadow {
+            pilot.say(at, Severity::Warning, arming::SHADOW_WORDS.to_owned());
+        }
         pilot
     }
 

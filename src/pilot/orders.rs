@@ -6,6 +6,7 @@ use crate::estimate::Health;
 use crate::frames::Vec3;
 use crate::time::HostTime;
 
+use super::arming::SHADOW_WORDS;
 use super::commands::{Answer, Awaits, Request, refuse};
 use super::identity::SHOWN_MODES;
 use super::mission::LOWEST_M;
@@ -259,6 +260,9 @@ impl Pilot {
 
     /// A mode by PX4's number, from any of the ways to ask for one.
     pub(super) fn set_custom_mode(&mut self, at: HostTime, custom_mode: u32) -> Answer {
+        if self.config.flight.shadow {
+            return refuse(MavResult::MAV_RESULT_DENIED, format!("refused: {SHADOW_WORDS}"));
+        }
         let asked = SHOWN_MODES.iter().map(|m| m.mode).find(|m| m.custom_mode() == custom_mode);
         let answer = match asked {
             Some(Mode::Hold) => self.ask(at, Event::HoldAsked, &[Mode::Hold]),

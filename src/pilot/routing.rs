@@ -11,6 +11,7 @@ use haltere_dialect::signing::SIGNATURE_BYTES;
 use crate::drops::DropReason;
 use crate::time::HostTime;
 
+use super::arming::SHADOW_WORDS;
 use super::clients::is_command;
 use super::endpoint::Routing;
 use super::modes::Mode;
@@ -87,16 +88,14 @@ impl Pilot {
             self.drops_of(link).add(DropReason::NotPermitted, 1);
             return;
         }
-        if self.is_kept_from_board(frame, message) {
+        let shadow = self.config.flight.shadow;
+        if shadow || self.is_kept_from_board(frame, message) {
             // What is for everyone is for us first.
             if target.0 == board {
                 self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, 1);
-                self.refuse_setpoint(
-                    at,
-                    self.grounds[index].link,
-                    "a command for the board was not passed on: the companion is in control"
-                        .to_owned(),
-                );
+                let why = if shadow { SHADOW_WORDS } else { "the companion is in control" };
+                let text = format!("a frame for the board was not passed on: {why}");
+                self.refuse_setpoint(at, self.grounds[index].link, text);
             }
             return;
         }

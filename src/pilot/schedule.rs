@@ -1,6 +1,7 @@
 //! The schedule: the control step at 100 Hz, and what is due beside it.
 
 use crate::control::{Command, ControlInput, Handover, HeldTilt};
+use crate::drops::DropReason;
 use crate::estimate::Health;
 use crate::frames::{B, E, Rot};
 use crate::time::HostTime;
@@ -10,7 +11,7 @@ use super::guidance::Now;
 use super::hover;
 use super::modes::{Event, Mode};
 use super::streams::Streams;
-use super::{Pilot, Severity};
+use super::{LinkId, Pilot, Severity};
 
 /// Period of the control step, µs: 100 Hz as in the source.
 pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
@@ -76,6 +77,8 @@ impl Pilot {
         let mut news = std::mem::take(&mut self.board_news);
         self.board.tick(at, &mut self.out, &mut news);
         self.take_board_news(at, news);
+        let withheld = self.out.take_withheld();
+        self.drops_of(LinkId::Board).add(DropReason::NotPermitted, withheld);
         self.serve_grounds(at);
         self.service_tick(at);
         if at >= self.next_health {
@@ -91,7 +94,8 @@ impl Pilot {
         // Before take-off the board's heading is the frame of the command, whatever ours says; the
         // generic board has always been followed slowly.
         let standing = self.board.firmware().is_real()
-            && matches!(self.mode, Mode::Disarmed | Mode::Arming | Mode::Idle);
+            && matches!(self.mode, Mode::Disarmed | Mode::Arming | Mode::Idle)
+            && self.is_standing();
         if usable && self.north.follow(self.estimate.R_EB, board.attitude, dt_s, standing) {
             let text = "board heading jumped against ours: setpoints follow slowly";
             self.say(at, Severity::Warning, text.to_owned());
@@ -112,6 +116,7 @@ impl Pilot {
                 self.send(at, output.R_EB, output.thrust_frac);
             }
             // No setpoints into a board that we have not armed.
+            Mode::Disarmed if self.config.flight.shadow => self.shadow_step(at, dt_s),
             Mode::Disarmed => {}
             Mode::Arming | Mode::Idle | Mode::Disarming => self.send_idle(at),
             Mode::Spool => {
@@ -254,7 +259,7 @@ impl Pilot {
         Command::hold(self.estimate.pos_E_m, self.estimate.R_EB.yaw_rad())
     }
 
-    fn run_controller(
+    pub(super) fn run_controller(
         &mut self,
         at: HostTime,
         command: &Command,

@@ -275,7 +275,7 @@ impl Pilot {
 
     /// Air pressure for whoever does not trust the estimate.
     pub(super) fn watch_baro(&mut self, sample: &BaroSample) {
-        let standing = !self.mode.has_thrust() && self.mode != Mode::Yielded;
+        let standing = self.is_standing();
         if standing && self.estimate.health == Health::NotAligned {
             return;
         }

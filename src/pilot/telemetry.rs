@@ -225,7 +225,9 @@ impl Pilot {
             (Mode::Descend, _) => MavState::MAV_STATE_EMERGENCY,
             (_, Health::Lost) => MavState::MAV_STATE_CRITICAL,
             (_, Health::NotAligned) => MavState::MAV_STATE_BOOT,
-            (mode, _) if mode.has_thrust() => MavState::MAV_STATE_ACTIVE,
+            (mode, _) if mode.has_thrust() || self.shadow.is_airborne() => {
+                MavState::MAV_STATE_ACTIVE
+            }
             _ => MavState::MAV_STATE_STANDBY,
         };
         MavMessage::HEARTBEAT(HEARTBEAT_DATA {
@@ -359,6 +361,7 @@ impl Pilot {
 
     fn landed_state(&self) -> MavLandedState {
         match self.mode {
+            Mode::Disarmed if self.shadow.is_airborne() => MavLandedState::MAV_LANDED_STATE_IN_AIR,
             Mode::Disarmed | Mode::Arming | Mode::Idle | Mode::Disarming => {
                 MavLandedState::MAV_LANDED_STATE_ON_GROUND
             }

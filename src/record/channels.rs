@@ -128,6 +128,7 @@ decoded! {
     Uwb "/uwb" received_at_us;
     Estimate "/estimate" at_us;
     Control "/control" at_us;
+    Shadow "/shadow" at_us;
     Battery "/battery" received_at_us;
     OtherBattery "/other_battery" received_at_us;
     Servos "/servos" received_at_us;

@@ -52,6 +52,23 @@ pub(super) fn decoded_from_topic(topic: &Topic) -> Decoded {
             thrust_cut_high: control.saturation.thrust_high,
             thrust_cut_low: control.saturation.thrust_low,
         }),
+        Topic::Shadow(shadow) => {
+            let [roll_rad, pitch_rad, yaw_rad] = shadow.attitude.euler_rad();
+            let theirs = shadow.theirs.map(|(attitude, _)| attitude.euler_rad());
+            Decoded::Shadow(pb::Shadow {
+                at_us: shadow.at.as_us(),
+                q_board: quaternion(shadow.attitude),
+                roll_rad,
+                pitch_rad,
+                yaw_rad,
+                thrust_frac: shadow.thrust_frac,
+                place_e_m: vec3(shadow.place_E_m),
+                theirs_roll_rad: theirs.map(|e| e[0]),
+                theirs_pitch_rad: theirs.map(|e| e[1]),
+                theirs_yaw_rad: theirs.map(|e| e[2]),
+                theirs_thrust_frac: shadow.theirs.map(|(_, frac)| frac),
+            })
+        }
         Topic::Battery(battery) => Decoded::Battery(pb::Battery {
             received_at_us: battery.received_at.as_us(),
             supply_v: battery.supply_v,

@@ -19,7 +19,7 @@ use crate::pilot::LinkId;
 use crate::survey::Survey;
 use crate::time::HostTime;
 use crate::topics::{
-    ControlRecord, HealthRecord, ModeRecord, Saturation, TextRecord, Topic, UwbRecord,
+    ControlRecord, HealthRecord, ModeRecord, Saturation, ShadowRecord, TextRecord, Topic, UwbRecord,
 };
 
 pub(crate) fn session() -> Session {
@@ -84,6 +84,13 @@ fn topics(at: HostTime) -> Vec<Topic> {
             thrust_frac: 0.6,
             saturation: Saturation { tilt: true, ..Saturation::default() },
             ..ControlRecord::default()
+        }),
+        Topic::Shadow(ShadowRecord {
+            at,
+            place_E_m: v(2.0),
+            attitude: R,
+            thrust_frac: 0.55,
+            theirs: Some((R, 0.6)),
         }),
         Topic::Battery(BatterySample {
             received_at: at,

@@ -90,7 +90,7 @@ impl Flight {
             Topic::OtherBattery(other) => self.other_batteries.push(other),
             Topic::Servos(servos) => self.servos.push(servos),
             Topic::BoardAttitude(board) => self.board_attitudes.push(board),
-            Topic::Baro(_) | Topic::Mag(_) => {}
+            Topic::Baro(_) | Topic::Mag(_) | Topic::Shadow(_) => {}
             Topic::Reference(reference) => self.references.push(reference),
             Topic::Mode(ModeRecord { at, mode, armed, cause }) => {
                 self.modes.push(ModeRow { at, mode: mode.to_owned(), armed, cause });
@@ -102,7 +102,7 @@ impl Flight {
 
     fn add_decoded(&mut self, decoded: Decoded) {
         match decoded {
-            Decoded::Baro(_) | Decoded::Mag(_) => {}
+            Decoded::Baro(_) | Decoded::Mag(_) | Decoded::Shadow(_) => {}
             Decoded::Imu(m) => self.imu.push(ImuSample {
                 valid_at: HostTime::from_us(m.valid_at_us),
                 received_at: HostTime::from_us(m.received_at_us),

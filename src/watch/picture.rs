@@ -199,7 +199,8 @@ impl Picture {
             | Topic::BoardAttitude(_)
             | Topic::Baro(_)
             | Topic::Mag(_)
-            | Topic::Reference(_) => {}
+            | Topic::Reference(_)
+            | Topic::Shadow(_) => {}
         }
     }
 

@@ -18,6 +18,7 @@ mod pauses;
 mod programs;
 mod second_board;
 mod services;
+mod shadow;
 mod supervisor;
 mod tipped;
 mod touch_down;

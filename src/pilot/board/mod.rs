@@ -30,6 +30,7 @@ use haltere_dialect::mav::haltere::{
 use haltere_dialect::mav_stream::{HeartbeatFields, MavFrame, heartbeat_fields};
 
 use crate::drops::{DropReason, Drops};
+use crate::frames::{B, E, Rot};
 use crate::measure::{
     BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ReferencePose,
     ServoOutput,
@@ -59,6 +60,8 @@ pub(super) use profile::Firmware;
 
 /// Component id of an onboard computer (MAV_COMP_ID_ONBOARD_COMPUTER).
 const OWN_COMPONENT: u8 = 191;
+/// The same of a second one (MAV_COMP_ID_ONBOARD_COMPUTER2): a shadow stands beside the companion that flies.
+const SHADOW_COMPONENT: u8 = 192;
 /// Component id of an autopilot (MAV_COMP_ID_AUTOPILOT1).
 const BOARD_COMPONENT: u8 = 1;
 /// MAV_AUTOPILOT_INVALID: a component that is no autopilot.
@@ -135,6 +138,8 @@ pub(super) struct LinkConfig {
     pub profile: BoardProfile,
     /// Whether wrong parameters of the board may be set.
     pub set_parameters: bool,
+    /// Whether we only watch beside another companion.
+    pub shadow: bool,
 }
 
 /// State of the link.
@@ -312,6 +317,11 @@ impl BoardLink {
         [self.target.sent_thrust_frac(), self.target.board_thrust_frac]
     }
 
+    /// The setpoint that the board tells it flies to, whoever sent it: attitude in its own frame, and thrust.
+    pub fn target_in_force(&self, at: HostTime) -> Option<(Rot<E, B>, f64)> {
+        self.target.in_force(at)
+    }
+
     /// Whether thrust that was sent has come back in its ATTITUDE_TARGET; always for a board that has
     /// none.
     pub fn shows_our_thrust(&self, at: HostTime) -> bool {
@@ -376,8 +386,12 @@ impl BoardLink {
         self.own_address() == Some(Address { system_id, component_id })
     }
 
+    fn own_component(&self) -> u8 {
+        if self.config.shadow { SHADOW_COMPONENT } else { OWN_COMPONENT }
+    }
+
     fn own_address(&self) -> Option<Address> {
-        self.system_id.map(|system_id| Address { system_id, component_id: OWN_COMPONENT })
+        self.system_id.map(|system_id| Address { system_id, component_id: self.own_component() })
     }
 
     /// One frame from the board.
@@ -506,7 +520,7 @@ impl BoardLink {
         self.streams.measure(at);
         // Spoken from the first moment on: a board behind `udpout` answers only who speaks first.
         let speaker =
-            Address { system_id: self.system_id.unwrap_or(1), component_id: OWN_COMPONENT };
+            Address { system_id: self.system_id.unwrap_or(1), component_id: self.own_component() };
         let due = at >= self.next_heartbeat;
         if due {
             self.next_heartbeat = at.offset_us(SECOND_US);

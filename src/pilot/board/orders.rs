@@ -43,8 +43,9 @@ impl BoardLink {
         let mode = self.control.custom_mode();
         let in_our_mode =
             mode.zip(self.firmware.control_mode()).is_some_and(|(n, m)| n & m.mask == m.value);
-        self.mute =
-            stranger && self.is_armed() && in_our_mode && self.firmware == Firmware::ArduPilot;
+        // A shadow's heartbeat must not stand for that of the companion that flies, whatever the mode.
+        let watched = in_our_mode || self.config.shadow;
+        self.mute = stranger && self.is_armed() && watched && self.firmware == Firmware::ArduPilot;
     }
 
     /// Whether the board flies for us from now on, so that its mode must stay ours.
