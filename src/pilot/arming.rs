@@ -35,13 +35,15 @@ pub enum Check {
     Battery,
     /// Every anchor stands where the survey says, as far as the floor shows it.
     Anchors,
+    /// Gains and limits of the controller, as a set.
+    Gains,
     /// We are to fly at all.
     Shadow,
 }
 
 impl Check {
     /// All of them, in the order in which they are made.
-    pub const ALL: [Check; 9] = [
+    pub const ALL: [Check; 10] = [
         Check::Board,
         Check::Estimate,
         Check::Imu,
@@ -50,6 +52,7 @@ impl Check {
         Check::Fence,
         Check::Battery,
         Check::Anchors,
+        Check::Gains,
         Check::Shadow,
     ];
 
@@ -100,6 +103,14 @@ impl Check {
                  the low ones",
                 "anchor N does not fit the others: it reads D m too far (or too near); check its place in \
                  the survey and its line of sight",
+            ],
+            Check::Gains => [
+                "gains",
+                "gains and limits as a set: each loop of the linear model in `control::margins` is stable, with \
+                 6 dB and 30 deg to spare, and holds a place, at full and at empty battery; thrust can climb and \
+                 sink. In the air a parameter that would break this is refused",
+                "control.gains.NAME = V (default D): the forward (sideways, vertical) loop is unstable, has too \
+                 small a margin, or does not hold a place; control.limits.thrust_max_frac (thrust_min_frac) = V",
             ],
             Check::Shadow => [
                 "shadow",
@@ -154,6 +165,7 @@ impl Pilot {
             Check::Fence => self.fence_forbids().map_or(Ok(()), Err),
             Check::Battery => self.check_battery(at),
             Check::Anchors => self.survey_check.refusal().map_or(Ok(()), Err),
+            Check::Gains => self.gains_refusal.clone().map_or(Ok(()), Err),
             Check::Shadow if self.config.flight.shadow => Err(SHADOW_WORDS.to_owned()),
             Check::Shadow => Ok(()),
         }

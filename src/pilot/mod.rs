@@ -80,7 +80,7 @@ pub use tilt_step::{Envelope, TiltStep, stopping_m};
 
 use haltere_dialect::mav_stream::MavSplitter;
 
-use crate::control::Controller;
+use crate::control::{Controller, margins};
 use crate::drops::Drops;
 use crate::estimate::{Estimate, Health};
 use crate::estimator::{Estimator, MOST_ANCHORS};
@@ -113,7 +113,7 @@ use telemetry_counts::PairStats;
 use voice::{Echoes, Severity};
 
 /// Every check before a flight, in its order.
-pub const ARMING_CHECKS: [ArmingCheck; 9] = ArmingCheck::ALL;
+pub const ARMING_CHECKS: [ArmingCheck; 10] = ArmingCheck::ALL;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -179,6 +179,8 @@ pub struct Pilot {
     good_since: Option<HostTime>,
     controller: Controller,
     shadow: Shadow,
+    /// Why nothing may fly with the gains in force.
+    gains_refusal: Option<String>,
     control: ControlRecord,
     hover: HoverThrust,
     guidance: Guidance,
@@ -287,6 +289,7 @@ impl Pilot {
             good_since: None,
             controller: Controller::new(config.control.clone()),
             shadow: Shadow::default(),
+            gains_refusal: margins::refusal(&config.control),
             control: ControlRecord::default(),
             hover: HoverThrust::default(),
             guidance: Guidance::new(config.flight.clone(), envelope, velocity_limit_mps, at),

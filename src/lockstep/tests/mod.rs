@@ -7,6 +7,7 @@ mod boards_in_flight;
 mod determinism;
 mod ending;
 mod faults;
+mod gains;
 mod ground;
 mod heading;
 mod hostile;
