@@ -136,6 +136,9 @@ impl Pilot {
     /// Whether the motors may turn: armed, and everything still holds that armed it. Between arming and
     /// take-off a vehicle may be carried away, or lose what it knows.
     pub(super) fn may_lift_off(&self, at: HostTime) -> Result<(), String> {
+        if self.board.lateness().is_late() {
+            return Err("link to the board is late".to_owned());
+        }
         Check::ALL.into_iter().filter(|check| !matches!(check, Check::Board)).try_for_each(
             |check| match check {
                 // For a moment it may be less than good; it may not be none.

@@ -410,6 +410,11 @@ impl Pilot {
         &self.control
     }
 
+    /// How long after a tilt was asked for the board's attitude shows it, s, where that can be told.
+    pub fn response_lag_s(&self) -> Option<f64> {
+        self.board.response_lag_s()
+    }
+
     /// The mode in force.
     pub fn mode(&self) -> Mode {
         self.mode

@@ -384,6 +384,12 @@ impl Pilot {
         }
     }
 
+    /// How fast thrust may be taken away, share of the base per second: with a fall that is seen later it is
+    /// to be no larger when it is seen.
+    fn feel_per_s(&self) -> f64 {
+        FEEL_PER_S * FEEL_FILTER_S / (FEEL_FILTER_S + self.board.lateness().latency_s())
+    }
+
     /// Takes thrust away as soon as there has been a reason for so long. `sink_mps`: where it is known.
     fn feel_for_floor(&mut self, at: HostTime, reason: bool, for_s: f64, sink_mps: Option<f64>) {
         let base_frac = self.control.thrust_base_frac;
@@ -440,7 +446,7 @@ impl Pilot {
         if ceiling_frac < FEEL_SHARE * base_frac {
             self.fire(at, Event::TouchDown);
         } else {
-            let lower_frac = FEEL_PER_S * base_frac * CONTROL_PERIOD_US as f64 * 1e-6;
+            let lower_frac = self.feel_per_s() * base_frac * CONTROL_PERIOD_US as f64 * 1e-6;
             self.touch.ceiling_frac = Some(ceiling_frac - lower_frac);
         }
     }

@@ -14,6 +14,7 @@ mod hostile;
 mod hover;
 mod instances;
 mod landing;
+mod late;
 mod news;
 mod pauses;
 mod programs;

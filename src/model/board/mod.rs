@@ -5,6 +5,7 @@ mod ardupilot;
 mod commands;
 mod firmware;
 mod lies;
+mod last_second;
 mod line;
 mod loops;
 mod parameters;
@@ -28,6 +29,8 @@ use crate::model::faults::Fault;
 use crate::model::magnetometer::MagnetometerSettings;
 use crate::model::vehicle::Vehicle;
 use crate::model::wings::ActuatorCommand;
+
+use last_second::LastSecond;
 
 use parameters::Parameters;
 use persona::Persona;
@@ -160,7 +163,7 @@ pub struct Board {
     setpoint: Option<Setpoint>,
     setpoint_age_s: f64,
     /// Thrust it flew with, over the last second.
-    thrust_mean_frac: f64,
+    flown: LastSecond,
     /// Level attitude with the heading that it had when setpoints stopped.
     hold: Option<UnitQuaternion<f64>>,
     spool_s: f64,
@@ -205,7 +208,7 @@ impl Board {
             believed: UnitQuaternion::identity(),
             setpoint: None,
             setpoint_age_s: 0.0,
-            thrust_mean_frac: 0.0,
+            flown: LastSecond::default(),
             hold: None,
             spool_s: 0.0,
             output: ActuatorCommand::default(),
@@ -306,8 +309,7 @@ impl Board {
         let late_s = self.setpoint_age_s - self.settings.setpoint_timeout_s;
         if late_s < 0.0 {
             self.hold = None;
-            // One-second mean, for the descent after a loss.
-            self.thrust_mean_frac += STEP_S * (setpoint.thrust_frac - self.thrust_mean_frac);
+            self.flown.add(setpoint.thrust_frac);
             return Some(setpoint);
         }
         if late_s > self.settings.descend_s {
@@ -320,7 +322,7 @@ impl Board {
             UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw)
         });
         let thrust_frac = if setpoint.thrust_frac > 0.0 {
-            self.settings.descend_factor * self.thrust_mean_frac
+            self.settings.descend_factor * self.flown.mean_frac()
         } else {
             0.0
         };
@@ -353,7 +355,7 @@ impl Board {
         self.armed = false;
         self.setpoint = None;
         self.hold = None;
-        self.thrust_mean_frac = 0.0;
+        self.flown.clear();
     }
 }
 

@@ -13,10 +13,12 @@ mod control;
 mod encoding;
 mod events;
 mod instances;
+mod lateness;
 mod orders;
 mod pace;
 mod peers;
 mod profile;
+mod response;
 mod rules;
 mod sensors;
 mod streams;
@@ -49,13 +51,16 @@ use control::Control;
 use encoding::Encoding;
 use events::Events;
 use instances::{Instances, Kind};
+use lateness::Lateness;
 use pace::Pace;
+use response::Response;
 use sensors::{SLOW_SETS, SlowFields, TextJoiner};
 use streams::Streams;
 use target::TargetWatch;
 
 pub(super) use control::Change;
 pub(super) use peers::Peers;
+pub(super) use lateness::LATE_S;
 pub(super) use profile::Firmware;
 
 /// Component id of an onboard computer (MAV_COMP_ID_ONBOARD_COMPUTER).
@@ -70,8 +75,9 @@ const INVALID_AUTOPILOT: u8 = 8;
 const STATE_STANDBY: u8 = 3;
 const STATE_UNINIT: u8 = 0;
 
-/// TIMESYNC.
+/// TIMESYNC, and questions that an answer may still come to: 1.6 s of them at 10 Hz.
 const TIMESYNC_ID: u32 = 111;
+const SYNC_KEPT: usize = 16;
 
 const SECOND_US: i64 = 1_000_000;
 /// The capability word is asked for so often, µs, and so many times; then the firmware's habit holds.
@@ -155,8 +161,11 @@ pub(super) struct BoardLink {
     last_sequence: Option<u8>,
     clock: BoardClock,
     pace: Pace,
-    sync_sent_us: [u64; 8],
+    lateness: Lateness,
+    response: Response,
+    sync_sent_us: [u64; SYNC_KEPT],
     next_sync: HostTime,
+    last_sync: HostTime,
     next_heartbeat: HostTime,
     streams: Streams,
     checks: Checks,
@@ -190,8 +199,11 @@ impl BoardLink {
             last_sequence: None,
             clock: BoardClock::default(),
             pace: Pace::default(),
-            sync_sent_us: [0; 8],
+            lateness: Lateness::default(),
+            response: Response::default(),
+            sync_sent_us: [0; SYNC_KEPT],
             next_sync: at,
+            last_sync: at,
             next_heartbeat: at,
             streams: Streams::new(Firmware::Generic, at),
             checks: Checks::new(Firmware::Generic, 1, false, at),
@@ -246,6 +258,16 @@ impl BoardLink {
         &self.clock
     }
 
+    /// How long after a tilt was asked for its attitude shows it, s, where that can be told.
+    pub fn response_lag_s(&self) -> Option<f64> {
+        self.response.lag_s()
+    }
+
+    /// How late its link is.
+    pub fn lateness(&self) -> &Lateness {
+        &self.lateness
+    }
+
     /// Time since anything came from the board, s.
     pub fn silence_s(&self, at: HostTime) -> Option<f64> {
         self.last_heard.map(|t| at.seconds_since(t))
@@ -257,7 +279,7 @@ impl BoardLink {
             return Some(slow);
         }
         if !self.firmware.is_real() {
-            return None;
+            return self.too_slow(LATE_S);
         }
         let beat = self.beat?;
         let claimed = Firmware::from_autopilot(beat.autopilot);
@@ -286,15 +308,17 @@ impl BoardLink {
         if beat.system_status < STATE_STANDBY && !of_its_mode {
             return Some(format!("board is still starting (state {})", beat.system_status));
         }
-        match self.pace.median_s() {
-            Some(s) if s > pace::SLOW_S => Some(format!(
-                "board answers after {:.0} ms, at most {:.0}: its line is too slow for what it \
-                 carries, 921600 baud are needed",
-                s * 1e3,
-                pace::SLOW_S * 1e3
-            )),
-            _ => None,
-        }
+        self.too_slow(pace::SLOW_S)
+    }
+
+    fn too_slow(&self, most_s: f64) -> Option<String> {
+        let median_s = self.pace.median_s().filter(|s| *s > most_s)?;
+        Some(format!(
+            "board answers after {:.0} ms, at most {:.0}: its line is too slow for what it \
+             carries, 921600 baud are needed",
+            median_s * 1e3,
+            most_s * 1e3
+        ))
     }
 
     /// Whether the board is in the mode in which it obeys, and flies what we send.
@@ -351,6 +375,8 @@ impl BoardLink {
         self.last_sequence = None;
         self.clock = BoardClock::default();
         self.pace = Pace::default();
+        self.lateness = Lateness::default();
+        self.response = Response::default();
         self.next_sync = at;
         self.next_heartbeat = at;
         self.streams.restart(at);
@@ -518,6 +544,7 @@ impl BoardLink {
     /// Work that is due at this time: heartbeat, time, streams, checks, repeated commands.
     pub fn tick(&mut self, at: HostTime, out: &mut Outbox, news: &mut Vec<BoardNews>) {
         self.streams.measure(at);
+        self.lateness.tick(at);
         // Spoken from the first moment on: a board behind `udpout` answers only who speaks first.
         let speaker =
             Address { system_id: self.system_id.unwrap_or(1), component_id: self.own_component() };

@@ -167,6 +167,7 @@ impl BoardLink {
             _ => at,
         };
         self.streaming = Some((since, at));
+        self.response.asked(at, attitude, thrust_frac);
         if self.firmware.is_real() {
             self.target.sent(at, attitude, thrust_frac);
         }

@@ -6,7 +6,7 @@ use haltere_dialect::mav::haltere::{
 };
 
 use crate::drops::{DropReason, Drops};
-use crate::frames::{B, G_MPS2, Rot, Vec3};
+use crate::frames::{B, E, G_MPS2, Rot, Vec3};
 use crate::measure::{
     BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ServoOutput,
 };
@@ -73,24 +73,20 @@ impl BoardLink {
             }
             MavMessage::SCALED_IMU(_) | MavMessage::RAW_IMU(_) => {} // another message carries it
             MavMessage::ATTITUDE_QUATERNION(m) => {
+                self.note_age(u64::from(m.time_boot_ms) * 1000, at);
                 let valid_at = self.stamp(u64::from(m.time_boot_ms) * 1000, at);
                 match Rot::from_wxyz([m.q1, m.q2, m.q3, m.q4].map(f64::from)) {
-                    Some(attitude) => news.push(BoardNews::Attitude(BoardAttitude {
-                        valid_at,
-                        received_at: at,
-                        attitude,
-                    })),
+                    Some(attitude) => self.attitude(at, valid_at, attitude, news),
                     None => drops.add(DropReason::BadValue, 1),
                 }
             }
             MavMessage::ATTITUDE(m) => {
                 let euler = [m.roll, m.pitch, m.yaw].map(f64::from);
                 if euler.iter().all(|a| a.is_finite()) {
-                    news.push(BoardNews::Attitude(BoardAttitude {
-                        valid_at: self.stamp(u64::from(m.time_boot_ms) * 1000, at),
-                        received_at: at,
-                        attitude: Rot::from_euler_rad(euler[0], euler[1], euler[2]),
-                    }));
+                    self.note_age(u64::from(m.time_boot_ms) * 1000, at);
+                    let valid_at = self.stamp(u64::from(m.time_boot_ms) * 1000, at);
+                    let attitude = Rot::from_euler_rad(euler[0], euler[1], euler[2]);
+                    self.attitude(at, valid_at, attitude, news);
                 } else {
                     drops.add(DropReason::BadValue, 1);
                 }
@@ -155,6 +151,17 @@ impl BoardLink {
         }
     }
 
+    fn attitude(
+        &mut self,
+        received_at: HostTime,
+        valid_at: HostTime,
+        attitude: Rot<E, B>,
+        news: &mut Vec<BoardNews>,
+    ) {
+        self.response.seen(received_at, attitude);
+        news.push(BoardNews::Attitude(BoardAttitude { valid_at, received_at, attitude }));
+    }
+
     /// Host time of a board stamp; the time of arrival while the clock is not known or when the
     /// stamp is absurd against it.
     fn stamp(&self, board_us: u64, received_at: HostTime) -> HostTime {
@@ -167,6 +174,15 @@ impl BoardLink {
         }
     }
 
+    /// A sample tells by its stamp how late it is.
+    fn note_age(&mut self, board_us: u64, received_at: HostTime) {
+        let known =
+            self.clock().is_locked().then(|| self.clock().to_host(FcTime::from_us(board_us)));
+        if let Some(valid_at) = known.flatten() {
+            self.lateness.sample(received_at, received_at.seconds_since(valid_at));
+        }
+    }
+
     fn highres_imu(
         &mut self,
         at: HostTime,
@@ -174,6 +190,7 @@ impl BoardLink {
         drops: &mut Drops,
         news: &mut Vec<BoardNews>,
     ) {
+        self.note_age(m.time_usec, at);
         let valid_at = self.stamp(m.time_usec, at);
         let fields = m.fields_updated.bits();
         if fields & IMU_FIELDS == IMU_FIELDS && self.carries_imu(HIGHRES_IMU_ID, at, drops, news) {
@@ -248,6 +265,7 @@ impl BoardLink {
         drops: &mut Drops,
         news: &mut Vec<BoardNews>,
     ) {
+        self.note_age(stamp_us, at);
         let valid_at = self.stamp(stamp_us, at);
         let acc_B_mps2 = Vec3::<B>::from_array(acc_mg) * (1e-3 * G_MPS2);
         let rate_B_radps = Vec3::<B>::from_array(rate_mradps) * 1e-3;

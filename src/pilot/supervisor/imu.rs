@@ -193,12 +193,13 @@ impl Pilot {
         self.last_imu.map_or(f64::INFINITY, |t| at.seconds_since(t))
     }
 
-    /// For how long no sample came though we listened, s.
+    /// For how long no sample came though we listened, s. What comes late is not silent.
     fn imu_silent_s(&self, at: HostTime) -> f64 {
         if self.board_is_moving(at) {
             return 0.0;
         }
-        self.imu_age_s(at) - self.supervisor.punctuality.own_silence_s(at)
+        let own_s = self.supervisor.punctuality.own_silence_s(at);
+        self.imu_age_s(at) - own_s - self.board.lateness().age_s()
     }
 
     /// Whether the accelerometer can be asked whether the vehicle falls.

@@ -18,6 +18,8 @@ pub static CONDITIONS: [Condition; 38] = [
     estimator::CONTRADICTED,
     envelope::TILT,
     links::BOARD,
+    links::BOARD_LATE,
+    links::RESPONSE,
     uwb::LOST,
     uwb::ANCHORS,
     estimator::DIVERGED,
