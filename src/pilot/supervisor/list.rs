@@ -4,7 +4,7 @@ use super::condition::Condition;
 use super::{battery, envelope, estimator, imu, links, lying, slip, timing, uwb};
 
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
-pub static CONDITIONS: [Condition; 38] = [
+pub static CONDITIONS: [Condition; 41] = [
     links::CONTROL,
     lying::LIES,
     timing::PAUSED,
