@@ -20,6 +20,7 @@ impl Cause {
     fn of_row(from: Mode, event: Event, because: &'static str) -> Self {
         let severity = match event {
             Event::NotLifted | Event::SetpointsIgnored | Event::LandingOverdue => Severity::Error,
+            Event::NoWayHome => Severity::Warning,
             _ => Severity::Info,
         };
         Self { because, severity, number: services::cause_number(from, event) }
@@ -46,7 +47,7 @@ impl Pilot {
         self.mode_since = at;
         self.touch = self.touch.in_mode(from, row.to, at);
         self.good_since = None;
-        self.guidance.enter(row.to, &self.estimate, at);
+        self.guidance.enter(row.to, &self.estimate, &self.services.plans.fence, at);
         match row.to {
             Mode::Spool => {
                 self.supervisor.begin_flight(at);

@@ -90,6 +90,9 @@ pub struct Volume {
 /// position loop is closed, and nothing would notice: landing is what goes lower.
 pub const LOWEST_M: f64 = 0.2;
 
+/// From the point that is tracked to the ends of the wings, m: half the span of 0.49 m (VEHICLE.md).
+pub(super) const RADIUS_M: f64 = 0.25;
+
 impl Volume {
     /// Whether a position lies inside.
     pub fn contains(&self, pos_E_m: Vec3<E>) -> bool {

@@ -169,6 +169,8 @@ pub enum Event {
     ReturnAsked,
     /// Over the place of take-off.
     HomeReached,
+    /// The fence bars every straight way to a place to return to, or the one that is flown.
+    NoWayHome,
     /// A client asks to land.
     LandAsked,
     /// The mission has come to its landing.
@@ -276,6 +278,7 @@ pub static TABLE: &[Transition] = &[
     row(CALM, Ev::ManualAsked, M::Manual, "joystick asked"),
     row(AIR, Ev::ReturnAsked, M::Return, "return asked"),
     row(&[M::Return], Ev::HomeReached, M::Land, "over home"),
+    row(&[M::Return], Ev::NoWayHome, M::Land, "the fence bars the way home"),
     row(LANDABLE, Ev::LandAsked, M::Land, "landing asked"),
     row(&[M::Mission], Ev::MissionLands, M::Land, MISSION_LANDS),
     row(

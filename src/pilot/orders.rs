@@ -12,6 +12,7 @@ use super::identity::SHOWN_MODES;
 use super::mission::LOWEST_M;
 use super::modes::{Event, Mode};
 use super::place::{Kind, Wanted};
+use super::services::fence::KEEP_M;
 use super::setpoint::Setpoint;
 use super::{Pilot, Severity};
 
@@ -229,6 +230,11 @@ impl Pilot {
             self.guidance.set_current_item(0);
         }
         self.refuse_while_ending("mission")?;
+        if self.mode != Mode::Mission
+            && let Some(why) = self.first_leg_is_barred()
+        {
+            return refuse(MavResult::MAV_RESULT_DENIED, why);
+        }
         match self.mode {
             Mode::Disarmed | Mode::Arming | Mode::Idle => {
                 let height_m =
@@ -412,15 +418,31 @@ impl Pilot {
                 ),
             );
         }
-        if !self.services.plans.fence.contains([north_m, east_m]) {
-            let text = format!("N {north_m:.2} E {east_m:.2} m is outside the fence");
-            return refuse(R::MAV_RESULT_DENIED, text);
+        if horizontal_m.is_some()
+            && let Some(why) = self.fence_bars([north_m, east_m])
+        {
+            return refuse(R::MAV_RESULT_DENIED, why);
         }
         let answer = self.ask(at, Event::GotoAsked, &[Mode::Goto])?;
         if self.mode == Mode::Goto {
             self.guidance.fly_to(point, yaw_rad);
         }
         Ok(answer)
+    }
+
+    /// Why the vehicle may not fly straight to a point.
+    fn fence_bars(&self, point: [f64; 2]) -> Option<String> {
+        let fence = &self.services.plans.fence;
+        let here = self.estimate.pos_E_m;
+        let [north_m, east_m] = point;
+        if !fence.allows(point) {
+            return Some(format!(
+                "N {north_m:.2} E {east_m:.2} m is outside the fence, or within {KEEP_M} m of its border"
+            ));
+        }
+        let way_is_free = fence.allows_way([here.x(), here.y()], point);
+        (!way_is_free)
+            .then(|| format!("the fence bars the straight way to N {north_m:.2} E {east_m:.2} m"))
     }
 }
 

@@ -159,7 +159,9 @@ impl Pilot {
                 self.board.send_setpoint(at, level, thrust_frac, &mut self.out);
             }
             _ => {
-                let now = Now { estimate: &self.estimate, supply_v: self.supply_v(at), at, dt_s };
+                let fence = &self.services.plans.fence;
+                let supply_v = self.supply_v(at);
+                let now = Now { estimate: &self.estimate, supply_v, at, dt_s, fence };
                 let (mut command, news) = self.guidance.step(self.mode, &self.mission, &now);
                 self.keep_inside_fence(at, &mut command);
                 // Nor while the board flies something else.

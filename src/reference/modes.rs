@@ -49,6 +49,9 @@ fn event_words(event: Event) -> &'static str {
         Event::ManualAsked => "a client asks to fly by its joystick, which speaks",
         Event::ReturnAsked => "a client or the mission asks to come back",
         Event::HomeReached => "over the place of take-off",
+        Event::NoWayHome => {
+            "the fence bars every straight way to home and rally points, or has held the return back for 3 s"
+        }
         Event::LandAsked => "a client asks to land",
         Event::MissionLands => "the mission has come to its landing",
         Event::TouchDown => "the floor carries the vehicle",

@@ -8,6 +8,7 @@ mod determinism;
 mod ending;
 mod faults;
 mod gains;
+mod fence;
 mod ground;
 mod heading;
 mod hostile;

@@ -174,7 +174,7 @@ fn prop_what_would_jump_waits_for_the_floor_and_the_rest_fades() {
 
 // ---- plans ----
 
-fn upload_as(
+pub(super) fn upload_as(
     world: &mut Lockstep,
     ground: &mut Ground,
     mission_type: MavMissionType,
@@ -228,7 +228,7 @@ fn fence() -> Vec<MISSION_ITEM_INT_DATA> {
         .to_vec()
 }
 
-const ACCEPTED: Option<MavMissionResult> = Some(MavMissionResult::MAV_MISSION_ACCEPTED);
+pub(super) const ACCEPTED: Option<MavMissionResult> = Some(MavMissionResult::MAV_MISSION_ACCEPTED);
 
 fn download(
     world: &mut Lockstep,

@@ -53,6 +53,7 @@ use events::Events;
 pub(super) use events::SEQUENCE_ID as EVENT_SEQUENCE_ID;
 use fence_status::FenceWatch;
 use files::FileDesk;
+use fence::Guarded;
 use ftp::Ftp;
 use judge::Judge;
 use logs::Logs;
@@ -72,6 +73,12 @@ const STORAGE_READ_WRITE: [f32; 2] = [0.0, 1.0];
 #[derive(Debug)]
 enum Purpose {
     Parameter(&'static str),
+/// The fence has let go when it did not hold the vehicle back for this long, s: at the border that comes and
+/// goes with the noise of the estimate.
+const HELD_OVER_S: f64 = 1.0;
+/// A return that is held back for this long lands, s: before it has lost its course over it.
+const HELD_LANDS_S: f64 = 3.0;
+
     Forget(Client),
     SavePlan(Plan),
     LoadPlan(Plan),
@@ -342,14 +349,19 @@ impl Pilot {
         self.services.buckets.retain(|(l, _)| *l != link);
     }
 
-    /// The fence has the last word on what the controller is asked for.
+    /// The fence has the last word on what the controller is asked for. A leg that it bars ends in Hold; a
+    /// return, on which somebody relies to come down, lands when it has hung there for a while.
     pub(super) fn keep_inside_fence(&mut self, at: HostTime, command: &mut Command) {
         let plans = &mut self.services.plans;
-        if !plans.fence.guard(command, &self.estimate, plans.refuge_m) {
-            plans.fence_told = false;
+        let guarded = plans.fence.guard(command, &self.estimate, plans.refuge_m);
+        let follows = matches!(self.mode, Mode::Offboard | Mode::Manual);
+        if guarded != Some(Guarded::HeldBack) && !(follows && guarded.is_some()) {
+            let is_over = |last| at.seconds_since(last) > HELD_OVER_S;
+            plans.held_back = plans.held_back.filter(|(_, last)| !is_over(*last));
             return;
         }
-        if !std::mem::replace(&mut plans.fence_told, true) {
+        let (since, _) = plans.held_back.unwrap_or((at, at));
+        if plans.held_back.replace((since, at)).is_none() {
             let pos = self.estimate.pos_E_m;
             let text = format!("held back by the fence at N {:.2} E {:.2} m", pos.x(), pos.y());
             self.say(at, Severity::Warning, text);
@@ -366,3 +378,5 @@ impl Pilot {
         (!inside).then(|| format!("outside the fence at N {:.2} E {:.2} m", pos.x(), pos.y()))
     }
 }
+        } else if at.seconds_since(since) > HELD_LANDS_S {
+            self.fire(at, Event::NoWayHome);

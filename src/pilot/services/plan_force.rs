@@ -9,7 +9,7 @@ use super::super::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
 use super::super::mission_items::{Refusal, Room, from_wire, is_global, place_E_m};
 use super::super::{Pilot, Severity};
 use super::Purpose;
-use super::fence::Fence;
+use super::fence::{Fence, KEEP_M};
 use super::files::{FileFault, FileTask, Plan};
 use super::plan_file;
 use super::plans::{name_of, type_of};
@@ -23,6 +23,28 @@ impl Pilot {
     }
 
     /// Checks a list whole and puts it in force.
+    /// What a fence that came later has taken from the places to return to.
+    pub(super) fn warn_of_lost_refuges(&mut self, at: HostTime) {
+        let fence = &self.services.plans.fence;
+        let names = std::iter::once("home".to_owned())
+            .chain((0..).map(|seq: usize| format!("rally point {seq}")));
+        // On the floor home is wherever the next take-off will be, unless it was set by hand.
+        let is_home_open = !self.guidance.home_is_set() && !self.mode.has_thrust();
+        let forbidden: Vec<String> = names
+            .zip(self.guidance.refuges_NE_m())
+            .skip(usize::from(is_home_open))
+            .filter(|(_, place)| !fence.contains(*place))
+            .map(|(name, [north_m, east_m])| {
+                format!(
+                    "no return to {name}, N {north_m:.2} E {east_m:.2} m: the fence forbids it"
+                )
+            })
+            .collect();
+        for text in forbidden {
+            self.say(at, Severity::Warning, text);
+        }
+    }
+
     pub(super) fn take_plan(
         &mut self,
         plan: Plan,
@@ -42,7 +64,10 @@ impl Pilot {
                     .collect::<Result<Vec<_>, _>>()?;
                 check_jumps(&stored)?;
                 if let Some(seq) = leg_outside(&stored, &self.services.plans.fence) {
-                    let why = format!("item {seq}: it, or the way to it, is outside the fence");
+                    let why = format!(
+                        "item {seq}: it, or the way to it, is outside the fence, or within \
+                         {KEEP_M} m of its border"
+                    );
                     return Err((MavMissionResult::MAV_MISSION_INVALID, why));
                 }
                 self.mission.replace(stored);
@@ -93,6 +118,17 @@ impl Pilot {
     }
 
     /// The room has moved on the globe: items given in global frames are elsewhere in it.
+    /// Why the mission cannot begin here: the fence lies between the vehicle and its first place.
+    pub(in super::super) fn first_leg_is_barred(&self) -> Option<String> {
+        let mut rest = self.mission.items.iter().skip(usize::from(self.guidance.current_item));
+        let (seq, first) = rest.find_map(|item| Some((item.wire.seq, place(item)?)))?;
+        let pos = self.estimate.pos_E_m;
+        let is_free = self.services.plans.fence.allows_way([pos.x(), pos.y()], first);
+        (!is_free).then(|| {
+            format!("mission refused: the fence bars the straight way from here to item {seq}")
+        })
+    }
+
     pub(super) fn derive_anew(&mut self, at: HostTime) {
         for plan in [Plan::Fence, Plan::Rally, Plan::Mission] {
             let items = self.plan_items(plan);
@@ -129,7 +165,8 @@ impl Pilot {
 
     /// Asks for what was kept.
     pub(super) fn restore_plans(&mut self, at: HostTime) {
-        for plan in [Plan::Fence, Plan::Rally, Plan::Mission] {
+        // Rally points first: a fence that came later does not undo them, it leaves them out.
+        for plan in [Plan::Rally, Plan::Fence, Plan::Mission] {
             // Nothing kept, nothing restored.
             let _ = self.services.desk.ask(FileTask::LoadPlan(plan), Purpose::LoadPlan(plan), at);
         }
@@ -147,6 +184,9 @@ impl Pilot {
                 let text = format!("{} of {} items restored", name_of(plan), self.plan_len(plan));
                 self.say(at, Severity::Info, text);
             }
+                if plan == Plan::Fence {
+                    self.warn_of_lost_refuges(at);
+                }
             Err(why) => {
                 let text = format!("{} not restored: {why}", name_of(plan));
                 self.say(at, Severity::Warning, text);
@@ -210,17 +250,21 @@ fn check_jumps(items: &[StoredItem]) -> Result<(), Refusal> {
     }
     Ok(())
 }
+/// Where an item leads to, N and E, m.
+fn place(stored: &StoredItem) -> Option<[f64; 2]> {
+    match stored.item {
+        MissionItem::Waypoint { pos_E_m, .. } => Some([pos_E_m.x(), pos_E_m.y()]),
+        MissionItem::Land { pos_E_m } => pos_E_m.map(|pos| [pos.x(), pos.y()]),
+        _ => None,
+    }
+}
+
 
 /// The first item that lies outside the fence, or to which the straight way leaves it.
 fn leg_outside(items: &[StoredItem], fence: &Fence) -> Option<u16> {
     if fence.is_empty() {
         return None;
     }
-    let place = |stored: &StoredItem| match stored.item {
-        MissionItem::Waypoint { pos_E_m, .. } => Some([pos_E_m.x(), pos_E_m.y()]),
-        MissionItem::Land { pos_E_m } => pos_E_m.map(|pos| [pos.x(), pos.y()]),
-        _ => None,
-    };
     let mut before: Option<[f64; 2]> = None;
     for stored in items {
         let next = match stored.item {
@@ -229,7 +273,7 @@ fn leg_outside(items: &[StoredItem], fence: &Fence) -> Option<u16> {
             _ => place(stored),
         };
         let Some(next) = next else { continue };
-        if fence.is_left_between(before.unwrap_or(next), next) {
+        if !fence.allows(next) || !fence.allows_way(before.unwrap_or(next), next) {
             return Some(stored.wire.seq);
         }
         if !matches!(stored.item, MissionItem::Jump { .. }) {

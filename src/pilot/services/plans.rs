@@ -51,8 +51,8 @@ pub(in super::super) struct Plans {
     pub mission_is_barred: Option<String>,
     /// Where the vehicle was last inside the fence, N and E, m.
     pub refuge_m: [f64; 2],
-    /// People know that the fence holds it back.
-    pub fence_told: bool,
+    /// Since when the fence holds the vehicle back, and when it last did.
+    pub held_back: Option<(HostTime, HostTime)>,
 }
 
 impl Plans {
@@ -68,7 +68,7 @@ impl Plans {
             origin,
             mission_is_barred: None,
             refuge_m: [0.0; 2],
-            fence_told: false,
+            held_back: None,
         }
     }
 
@@ -407,6 +407,9 @@ impl Pilot {
                 self.warn_of_barred_mission(at);
                 answer
             }
+                if plan == Plan::Fence {
+                    self.warn_of_lost_refuges(at);
+                }
             Err((result, why)) => {
                 self.refuse_plan(at, upload.client, upload.mission_type, result, &why)
             }
