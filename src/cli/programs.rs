@@ -150,7 +150,7 @@ mod tests {
         let anchors = concat!(env!("CARGO_MANIFEST_DIR"), "/config/anchors.toml");
         let survey = crate::config::read_anchors(anchors.as_ref()).unwrap();
         let loaded =
-            Loaded { config: Config::default(), survey, files: Vec::new(), notes: Vec::new() };
+            Loaded { config: Config::default(), survey, files: Vec::new(), notes: Vec::new(), lost: None };
         let programs = BuiltIn::new(&loaded).unwrap();
         assert_eq!(programs.names().len(), 10);
         for name in programs.names() {

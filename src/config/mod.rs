@@ -96,6 +96,8 @@ pub struct Loaded {
     pub files: Vec<PathBuf>,
     /// What people should know: retired keys, parameters that a station had set.
     pub notes: Vec<Note>,
+    /// Why what a station has set is not in force, the first reason.
+    pub lost: Option<String>,
 }
 
 /// Where a configuration comes from.
@@ -139,7 +141,7 @@ impl Loaded {
         let survey = anchors::read(&anchor_file)?;
         let mut files = layers.files();
         files.push(anchor_file);
-        let mut loaded = Self { config, survey, files, notes };
+        let mut loaded = Self { config, survey, files, notes, lost: None };
         stored::apply(&mut loaded, &layers);
         Ok(loaded)
     }

@@ -57,7 +57,7 @@ impl ByHand {
         }
         let ready = SPARE_CHUNKS + links * OUTPUT_QUEUE_CHUNKS;
         let (tell, news) = channel(NEWS_QUEUE);
-        let (files, _) = files::start(None, shared.clone())?;
+        let (files, _) = files::start(None, None, shared.clone())?;
         let inbox = |n| {
             let link = LinkId::from_number(u8::try_from(n).unwrap_or(u8::MAX));
             Inbox::new(link, &entrance, None, shared.clone())

@@ -320,7 +320,7 @@ fn start_files(
         let (directory, logs) = (&config.store.directory, &config.record.directory);
         Store::new(directory, logs, recorder.path(), programs)
     });
-    Ok(files::start(store, shared.clone())?)
+    Ok(files::start(store, loaded.lost.as_deref(), shared.clone())?)
 }
 
 fn begin_recording(loaded: &Loaded, started: crate::time::HostTime) -> Result<Recorder, LiveError> {

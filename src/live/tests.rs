@@ -28,7 +28,7 @@ fn loaded(folder: &std::path::Path, tag: String, board: String, ground: Vec<Stri
     config.timing.lock_memory = false;
     let anchors = concat!(env!("CARGO_MANIFEST_DIR"), "/config/anchors.toml");
     let survey = crate::config::read_anchors(anchors.as_ref()).unwrap();
-    Loaded { config, survey, files: Vec::new(), notes: Vec::new() }
+    Loaded { config, survey, files: Vec::new(), notes: Vec::new(), lost: None }
 }
 
 /// A heartbeat of a station.

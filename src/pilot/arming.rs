@@ -39,11 +39,13 @@ pub enum Check {
     Gains,
     /// We are to fly at all.
     Shadow,
+    /// What was kept over the restart could be read back.
+    Kept,
 }
 
 impl Check {
     /// All of them, in the order in which they are made.
-    pub const ALL: [Check; 10] = [
+    pub const ALL: [Check; 11] = [
         Check::Board,
         Check::Estimate,
         Check::Imu,
@@ -54,6 +56,7 @@ impl Check {
         Check::Anchors,
         Check::Gains,
         Check::Shadow,
+        Check::Kept,
     ];
 
     /// Name, what it looks at, and the texts of refusals, for the page.
@@ -117,6 +120,14 @@ impl Check {
                 "`flight.shadow` is off: a shadow watches and never flies",
                 "haltere only watches (flight.shadow): arm by whoever flies",
             ],
+            Check::Kept => [
+                "kept",
+                "fence, rally points, mission and parameters that were kept over the restart are whole: a \
+                 file that is damaged or empty is not none. What is missing is told to every station that \
+                 comes",
+                "fence (rally points, mission) not restored: why; upload it, or clear it. parameters not \
+                 restored: why; set them, or reset them",
+            ],
         }
     }
 }
@@ -171,6 +182,7 @@ impl Pilot {
             Check::Gains => self.gains_refusal.clone().map_or(Ok(()), Err),
             Check::Shadow if self.config.flight.shadow => Err(SHADOW_WORDS.to_owned()),
             Check::Shadow => Ok(()),
+            Check::Kept => self.lost_forbids().map_or(Ok(()), Err),
         }
     }
 

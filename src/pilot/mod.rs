@@ -113,7 +113,7 @@ use telemetry_counts::PairStats;
 use voice::{Echoes, Severity};
 
 /// Every check before a flight, in its order.
-pub const ARMING_CHECKS: [ArmingCheck; 10] = ArmingCheck::ALL;
+pub const ARMING_CHECKS: [ArmingCheck; 11] = ArmingCheck::ALL;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);

@@ -128,7 +128,13 @@ fn configuration(options: &Options, scenario: &Scenario) -> Result<Loaded> {
         ];
         overrides.extend(options.set.iter().cloned());
         let config = Config::load(&Sources::new(Vec::new(), overrides)).map_err(refused)?;
-        Loaded { config, survey: scenario.told_survey()?, files: Vec::new(), notes: Vec::new() }
+        Loaded {
+            config,
+            survey: scenario.told_survey()?,
+            files: Vec::new(),
+            notes: Vec::new(),
+            lost: None,
+        }
     } else {
         Loaded::load(&Sources::new(options.config.clone(), options.set.clone())).map_err(refused)?
     };

@@ -14,6 +14,7 @@ mod heading;
 mod hostile;
 mod hover;
 mod instances;
+mod kept;
 mod landing;
 mod late;
 mod news;

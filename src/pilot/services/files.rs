@@ -11,6 +11,10 @@ const MOST_PENDING: usize = 32;
 /// A request without an answer for so long has failed, s: a disk that stalls longer is broken.
 const PATIENCE_S: f64 = 5.0;
 
+/// Ticket of what glue tells unasked, before anything else: whether the parameters that were kept, which are
+/// part of the configuration the core was made with, could be read back; if not, the bytes say why.
+pub const PARAMETERS_TICKET: u32 = 0;
+
 /// Most bytes of one read.
 pub const MOST_READ_BYTES: u32 = 16 * 1024;
 /// Most bytes of a mission file.

@@ -16,6 +16,7 @@ mod ftp_path;
 mod ftp_stream;
 pub(super) mod ftp_wire;
 mod judge;
+mod kept;
 mod logs;
 mod metadata;
 mod param_pack;
@@ -32,7 +33,9 @@ mod rally;
 pub(super) use event_list::cause_number;
 
 pub use crc32::crc32;
-pub use files::{FileFault, FileName, FileRequest, FileTask, Folder, MOST_MISSION_BYTES, Plan};
+pub use files::{
+    FileFault, FileName, FileRequest, FileTask, Folder, MOST_MISSION_BYTES, PARAMETERS_TICKET, Plan,
+};
 pub use judge::{Judgement, Told};
 pub use metadata::markdown as parameter_page;
 pub use parameter_table::{Parameter, all as all_parameters, find as find_parameter};
@@ -50,12 +53,13 @@ use super::{LinkId, OWN, Pilot, Severity};
 
 use budget::Bucket;
 use events::Events;
+use fence::Guarded;
 pub(super) use events::SEQUENCE_ID as EVENT_SEQUENCE_ID;
 use fence_status::FenceWatch;
 use files::FileDesk;
-use fence::Guarded;
 use ftp::Ftp;
 use judge::Judge;
+use kept::{Kept, Lost};
 use logs::Logs;
 use metadata::Metadata;
 use parameters::Parameters;
@@ -69,16 +73,16 @@ const STORAGE_RESET: f32 = 2.0;
 /// Param1 of the same: read, write. Every value is kept as soon as it is set.
 const STORAGE_READ_WRITE: [f32; 2] = [0.0, 1.0];
 
-/// What an answer of the disk is for.
-#[derive(Debug)]
-enum Purpose {
-    Parameter(&'static str),
 /// The fence has let go when it did not hold the vehicle back for this long, s: at the border that comes and
 /// goes with the noise of the estimate.
 const HELD_OVER_S: f64 = 1.0;
 /// A return that is held back for this long lands, s: before it has lost its course over it.
 const HELD_LANDS_S: f64 = 3.0;
 
+/// What an answer of the disk is for.
+#[derive(Debug)]
+enum Purpose {
+    Parameter(&'static str),
     Forget(Client),
     SavePlan(Plan),
     LoadPlan(Plan),
@@ -102,6 +106,7 @@ pub(super) struct Services {
     events: Events,
     fence_watch: FenceWatch,
     judge: Judge,
+    lost: Lost,
     has_begun: bool,
 }
 
@@ -118,6 +123,7 @@ impl Services {
             events: Events::default(),
             fence_watch: FenceWatch::default(),
             judge: Judge::default(),
+            lost: Lost::default(),
             has_begun: false,
         }
     }
@@ -292,7 +298,9 @@ impl Pilot {
         result: Result<(), FileFault>,
         bytes: &[u8],
     ) {
-        if let Some(purpose) = self.services.desk.take(ticket) {
+        if ticket == PARAMETERS_TICKET {
+            self.parameters_told(at, result, bytes);
+        } else if let Some(purpose) = self.services.desk.take(ticket) {
             self.take_answer(at, purpose, result, bytes);
         }
     }
@@ -305,10 +313,15 @@ impl Pilot {
         bytes: &[u8],
     ) {
         match (purpose, result) {
-            (Purpose::Parameter(_) | Purpose::SavePlan(_), Ok(())) => {}
+            // The file was begun anew, whatever was wrong with it.
+            (Purpose::Parameter(_), Ok(())) => self.services.lost.settle(Kept::Parameters),
+            (Purpose::SavePlan(_), Ok(())) => {}
             (Purpose::Parameter(name), Err(fault)) => self.parameter_not_kept(at, name, fault),
             (Purpose::SavePlan(plan), Err(fault)) => self.plan_not_kept(at, plan, fault),
             (Purpose::Forget(client), result) => {
+                if result.is_ok() {
+                    self.services.lost.settle(Kept::Parameters);
+                }
                 let (answer, text) = match result {
                     Ok(()) => (
                         MavResult::MAV_RESULT_ACCEPTED,
@@ -322,11 +335,10 @@ impl Pilot {
             (Purpose::LoadPlan(plan), Ok(())) => self.plan_restored(at, plan, bytes),
             // Nothing was kept.
             (Purpose::LoadPlan(_), Err(FileFault::NotFound | FileFault::Off)) => {}
-            // Nobody answers: glue that has no disk, or a replay of a flight that had none.
-            (Purpose::LoadPlan(_), Err(FileFault::TimedOut)) => {}
             (Purpose::LoadPlan(plan), Err(fault)) => {
-                let text = format!("{plan:?} not restored: {}", fault.words());
-                self.say(at, Severity::Warning, text);
+                let why = String::from_utf8_lossy(bytes);
+                let why = if why.is_empty() { fault.words().into() } else { why };
+                self.note_lost(at, Kept::Plan(plan), &why);
             }
             (Purpose::Ftp(job), result) => self.ftp_answer(at, job, result, bytes),
             (Purpose::Logs(job), result) => self.log_answer(at, job, result, bytes),
@@ -368,6 +380,8 @@ impl Pilot {
         }
         if matches!(self.mode, Mode::Mission | Mode::Goto) {
             self.fire(at, Event::HoldAsked);
+        } else if at.seconds_since(since) > HELD_LANDS_S {
+            self.fire(at, Event::NoWayHome);
         }
     }
 
@@ -378,5 +392,3 @@ impl Pilot {
         (!inside).then(|| format!("outside the fence at N {:.2} E {:.2} m", pos.x(), pos.y()))
     }
 }
-        } else if at.seconds_since(since) > HELD_LANDS_S {
-            self.fire(at, Event::NoWayHome);

@@ -11,6 +11,7 @@ use super::super::{Pilot, Severity};
 use super::Purpose;
 use super::fence::{Fence, KEEP_M};
 use super::files::{FileFault, FileTask, Plan};
+use super::kept::Kept;
 use super::plan_file;
 use super::plans::{name_of, type_of};
 use super::rally;
@@ -22,7 +23,6 @@ impl Pilot {
         }
     }
 
-    /// Checks a list whole and puts it in force.
     /// What a fence that came later has taken from the places to return to.
     pub(super) fn warn_of_lost_refuges(&mut self, at: HostTime) {
         let fence = &self.services.plans.fence;
@@ -45,6 +45,7 @@ impl Pilot {
         }
     }
 
+    /// Checks a list whole and puts it in force.
     pub(super) fn take_plan(
         &mut self,
         plan: Plan,
@@ -117,7 +118,6 @@ impl Pilot {
             .map(|seq| format!("mission barred: item {seq} or the way to it is outside the fence"));
     }
 
-    /// The room has moved on the globe: items given in global frames are elsewhere in it.
     /// Why the mission cannot begin here: the fence lies between the vehicle and its first place.
     pub(in super::super) fn first_leg_is_barred(&self) -> Option<String> {
         let mut rest = self.mission.items.iter().skip(usize::from(self.guidance.current_item));
@@ -129,6 +129,7 @@ impl Pilot {
         })
     }
 
+    /// The room has moved on the globe: items given in global frames are elsewhere in it.
     pub(super) fn derive_anew(&mut self, at: HostTime) {
         for plan in [Plan::Fence, Plan::Rally, Plan::Mission] {
             let items = self.plan_items(plan);
@@ -183,14 +184,11 @@ impl Pilot {
             Ok(()) => {
                 let text = format!("{} of {} items restored", name_of(plan), self.plan_len(plan));
                 self.say(at, Severity::Info, text);
-            }
                 if plan == Plan::Fence {
                     self.warn_of_lost_refuges(at);
                 }
-            Err(why) => {
-                let text = format!("{} not restored: {why}", name_of(plan));
-                self.say(at, Severity::Warning, text);
             }
+            Err(why) => self.note_lost(at, Kept::Plan(plan), &why),
         }
     }
 
@@ -207,6 +205,7 @@ impl Pilot {
             return Err(format!("{} items, at most {MOST_ITEMS} allowed", items.len()));
         }
         self.take_plan(Plan::Mission, items).map_err(|(_, why)| why)?;
+        self.services.lost.settle(Kept::Plan(Plan::Mission));
         self.keep_plan(at, Plan::Mission);
         Ok(self.mission.items.len())
     }
@@ -250,6 +249,7 @@ fn check_jumps(items: &[StoredItem]) -> Result<(), Refusal> {
     }
     Ok(())
 }
+
 /// Where an item leads to, N and E, m.
 fn place(stored: &StoredItem) -> Option<[f64; 2]> {
     match stored.item {
@@ -258,7 +258,6 @@ fn place(stored: &StoredItem) -> Option<[f64; 2]> {
         _ => None,
     }
 }
-
 
 /// The first item that lies outside the fence, or to which the straight way leaves it.
 fn leg_outside(items: &[StoredItem], fence: &Fence) -> Option<u16> {

@@ -18,6 +18,7 @@ use super::super::{LinkId, OWN, Pilot, Severity};
 use super::budget::Budget;
 use super::fence::{Fence, MOST_CORNERS};
 use super::files::Plan;
+use super::kept::Kept;
 use super::plan_wire::{to_float, to_int};
 use super::rally;
 
@@ -398,6 +399,7 @@ impl Pilot {
         let Client { link, peer } = upload.client;
         let answer = match result {
             Ok(()) => {
+                self.services.lost.settle(Kept::Plan(plan));
                 let accepted = MavMissionResult::MAV_MISSION_ACCEPTED;
                 let answer = ack(peer, upload.mission_type, accepted, self.plan_id(plan));
                 self.out.message(link, OWN, &answer);
@@ -405,11 +407,11 @@ impl Pilot {
                 self.say(at, Severity::Info, text);
                 self.keep_plan(at, plan);
                 self.warn_of_barred_mission(at);
-                answer
-            }
                 if plan == Plan::Fence {
                     self.warn_of_lost_refuges(at);
                 }
+                answer
+            }
             Err((result, why)) => {
                 self.refuse_plan(at, upload.client, upload.mission_type, result, &why)
             }
@@ -428,6 +430,7 @@ impl Pilot {
             return;
         }
         for plan in plans {
+            self.services.lost.settle(Kept::Plan(plan));
             if self.plan_len(plan) > 0 && self.take_plan(plan, Vec::new()).is_ok() {
                 self.say(at, Severity::Info, format!("{} cleared", name_of(plan)));
             }
