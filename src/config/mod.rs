@@ -240,10 +240,18 @@ impl Config {
         self.control = pilot.control;
     }
 
-    /// The whole configuration as a TOML file, for the log.
+    /// The whole configuration as a TOML file.
     pub fn to_toml(&self) -> String {
         // Plain tables of plain values: there is nothing that TOML cannot hold.
         toml::to_string(self).unwrap_or_default()
+    }
+
+    /// The same for the log of a flight, with the volume that was flown in: what a build makes of the anchors
+    /// may change.
+    pub fn to_log(&self, survey: &Survey) -> String {
+        let mut flown = self.clone();
+        flown.limits.resolve(survey);
+        flown.to_toml()
     }
 
     /// From a TOML file of a user in memory. `name` stands in messages.

@@ -333,7 +333,7 @@ fn begin_recording(loaded: &Loaded, started: crate::time::HostTime) -> Result<Re
         build: BuildIdentity::current(),
         started_unix_us: clock::unix_us(),
         pilot_started_at: started,
-        config_toml: loaded.config.to_toml(),
+        config_toml: loaded.config.to_log(&loaded.survey),
         survey: loaded.survey.clone(),
     };
     let recorder = Recorder::start(&record.directory, &session)?;

@@ -271,6 +271,8 @@ impl Pilot {
             Ok(m) => Setpoint::from_wire(&m, &self.estimate, last, at),
             Err(why) => Err(why),
         };
+        let volume = self.guidance.volume();
+        let checked = checked.and_then(|setpoint| setpoint.check(volume).map(|()| setpoint));
         match checked {
             Ok(mut setpoint) => {
                 setpoint.owner = Some(from);

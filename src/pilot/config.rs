@@ -9,7 +9,7 @@ use crate::survey::Survey;
 use crate::uwb::UwbConfig;
 
 use super::endpoint::{Endpoint, MOST_GROUND_LINKS, OriginConfig, Routing};
-use super::mission::Volume;
+use super::mission::{RADIUS_M, Volume};
 use super::supervisor::SupervisorConfig;
 
 /// Everything the pilot core is told at start. The files layer builds it; a replay rebuilds it.
@@ -210,11 +210,11 @@ impl FlightConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LimitsConfig {
-    /// Lowest and highest room-north coordinate of a setpoint, m. Absent: the anchors' extent.
+    /// Lowest and highest room-north coordinate of a setpoint, m. Absent: 0.45 m inside the anchors' extent.
     pub north_m: Option<[f64; 2]>,
-    /// Lowest and highest room-east coordinate of a setpoint, m. Absent: the anchors' extent.
+    /// Lowest and highest room-east coordinate of a setpoint, m. Absent: 0.45 m inside the anchors' extent.
     pub east_m: Option<[f64; 2]>,
-    /// Highest height of a setpoint above the floor, m. Absent: the highest anchor.
+    /// Highest height of a setpoint above the floor, m. Absent: 0.35 m below the highest anchor.
     pub height_m: Option<f64>,
     /// Voltage below which a warning is sent, V. 6.4 V for two cells (VEHICLE.md).
     pub battery_low_v: f64,
@@ -246,29 +246,52 @@ impl Default for LimitsConfig {
 /// Lowest ceiling of the flight volume, m: a survey with all anchors on the floor still flies.
 const LEAST_CEILING_M: f64 = 1.0;
 
+/// What is kept between the point that is tracked and a wall or ceiling that anchors hang on, m: the wings
+/// (half a wing span, or what stands above the point) and the way to stop from cruise speed, 0.5 m/s
+/// (`stopping_m`: 0.2 m; 0.1 to 0.25 m beyond the setpoint were flown).
+const WALL_KEEP_M: f64 = RADIUS_M + 0.2;
+const CEILING_KEEP_M: f64 = 0.15 + 0.2;
+/// In a room that is small for that the half in the middle is left.
+const MOST_KEEP_SHARE: f64 = 0.25;
+
 impl LimitsConfig {
     /// Writes down what was left to the anchors.
     pub fn resolve(&mut self, survey: &Survey) {
-        let Volume { north_m, east_m, height_m } = self.volume(survey);
+        self.fix(self.volume(survey));
+    }
+
+    /// The same for the log of a build whose default was the very box of the anchors, and left the volume
+    /// unsaid: later ones write it down.
+    pub fn resolve_to_anchors(&mut self, survey: &Survey) {
+        self.fix(self.or_box(anchor_box(survey)));
+    }
+
+    fn fix(&mut self, Volume { north_m, east_m, height_m }: Volume) {
         self.north_m = Some(north_m);
         self.east_m = Some(east_m);
         self.height_m = Some(height_m);
     }
 
-    /// The volume that setpoints may not leave: as configured, else the extent of the anchors.
+    /// The volume that setpoints may not leave: as configured, else inside of the anchors by what the
+    /// vehicle needs, since anchors hang on walls.
     pub(super) fn volume(&self, survey: &Survey) -> Volume {
-        let extent = |axis: usize| {
-            let of = |id| survey.position_E_m(id).map_or(0.0, |p| p[axis]);
-            let ids = || survey.ids().iter().copied();
-            [
-                ids().map(of).fold(f64::INFINITY, f64::min),
-                ids().map(of).fold(-f64::INFINITY, f64::max),
-            ]
+        let Volume { north_m, east_m, height_m } = anchor_box(survey);
+        let inside = |[low, high]: [f64; 2]| {
+            let keep_m = WALL_KEEP_M.min(MOST_KEEP_SHARE * (high - low));
+            [low + keep_m, high - keep_m]
         };
+        self.or_box(Volume {
+            north_m: inside(north_m),
+            east_m: inside(east_m),
+            height_m: (height_m - CEILING_KEEP_M).max(LEAST_CEILING_M),
+        })
+    }
+
+    fn or_box(&self, default: Volume) -> Volume {
         Volume {
-            north_m: self.north_m.unwrap_or_else(|| extent(0)),
-            east_m: self.east_m.unwrap_or_else(|| extent(1)),
-            height_m: self.height_m.unwrap_or_else(|| (-extent(2)[0]).max(LEAST_CEILING_M)),
+            north_m: self.north_m.unwrap_or(default.north_m),
+            east_m: self.east_m.unwrap_or(default.east_m),
+            height_m: self.height_m.unwrap_or(default.height_m),
         }
     }
 
@@ -297,4 +320,18 @@ impl LimitsConfig {
         range("board_loss_s", self.board_loss_s, 0.2, 10.0, "s");
         range("offboard_loss_s", self.offboard_loss_s, 0.1, 5.0, "s");
     }
+}
+
+/// The smallest box around all anchors, from the floor.
+fn anchor_box(survey: &Survey) -> Volume {
+    let extent = |axis: usize| {
+        let of = |id| survey.position_E_m(id).map_or(0.0, |p| p[axis]);
+        let ids = || survey.ids().iter().copied();
+        [
+            ids().map(of).fold(f64::INFINITY, f64::min),
+            ids().map(of).fold(-f64::INFINITY, f64::max),
+        ]
+    };
+    let height_m = (-extent(2)[0]).max(LEAST_CEILING_M);
+    Volume { north_m: extent(0), east_m: extent(1), height_m }
 }

@@ -86,7 +86,8 @@ pub fn replay_observed(
 pub fn recorded_config(log: &LogReader) -> Result<Config, ReplayError> {
     let session = log.session();
     Config::as_recorded("recorded configuration", &session.config_toml)
-        .and_then(|config| {
+        .and_then(|mut config| {
+            config.limits.resolve_to_anchors(&session.survey);
             let mut problems = Problems::new();
             config.check(&mut problems);
             problems.into_result().map(|()| config)

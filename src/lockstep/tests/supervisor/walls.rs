@@ -7,7 +7,7 @@ use super::*;
 enum Way {
     /// A client's velocity.
     Velocity,
-    /// A client's position, far outside.
+    /// A client's position at the wall; one outside is refused.
     Position,
     /// A leg to a point at the wall.
     Goto,
@@ -100,11 +100,7 @@ fn fly_at_wall(run: Run) -> f64 {
                 let vel = [n, e, -up].map(|d| (d * speed_mps) as f32);
                 velocity(&mut ground, &mut world, vel);
             }
-            Way::Position => position(
-                &mut ground,
-                &mut world,
-                [start[0] + 30.0 * n, start[1] + 30.0 * e, -1.2 - 20.0 * up],
-            ),
+            Way::Position => position(&mut ground, &mut world, [edge[0], edge[1], edge_down]),
             Way::Manual => {
                 // Body axes: the vehicle looks north.
                 let stick = |share: f64| (share.clamp(-1.0, 1.0) * 1000.0) as i16;
