@@ -126,7 +126,7 @@ impl Check {
                  file that is damaged or empty is not none. What is missing is told to every station that \
                  comes",
                 "fence (rally points, mission) not restored: why; upload it, or clear it. parameters not \
-                 restored: why; set them, or reset them",
+                 restored: why; set them, or reset them. fence, rally points and mission are still being read",
             ],
         }
     }

@@ -78,9 +78,13 @@ impl Pilot {
             count_frame(self.drops_of(link), &next);
             let Ok(frame) = next else { continue };
             let header = frame.header;
+            let heard_before = self.grounds[index].has_heard(header.system_id, header.component_id);
             let missing =
                 self.grounds[index].missing(header.system_id, header.component_id, header.sequence);
             self.drops_of(link).add(DropReason::MavSequenceGap, missing);
+            if !heard_before {
+                self.tell_lost(at, link);
+            }
             let peer = (header.system_id, header.component_id);
             let decoded = frame.decode();
             let target = match &decoded {

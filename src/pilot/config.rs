@@ -327,10 +327,7 @@ fn anchor_box(survey: &Survey) -> Volume {
     let extent = |axis: usize| {
         let of = |id| survey.position_E_m(id).map_or(0.0, |p| p[axis]);
         let ids = || survey.ids().iter().copied();
-        [
-            ids().map(of).fold(f64::INFINITY, f64::min),
-            ids().map(of).fold(-f64::INFINITY, f64::max),
-        ]
+        [ids().map(of).fold(f64::INFINITY, f64::min), ids().map(of).fold(-f64::INFINITY, f64::max)]
     };
     let height_m = (-extent(2)[0]).max(LEAST_CEILING_M);
     Volume { north_m: extent(0), east_m: extent(1), height_m }

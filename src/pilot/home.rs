@@ -21,7 +21,6 @@ const ALTITUDE_M: std::ops::RangeInclusive<f64> = -500.0..=9000.0;
 impl Pilot {
     /// What only a new station must know: everybody else heard it.
     pub(super) fn greet(&mut self, at: HostTime, link: LinkId) {
-        self.tell_lost(at, link);
         if self.origin == OriginConfig::default().in_force()
             && self.endpoint_on(link).gps != GpsClaim::None
         {

@@ -197,7 +197,8 @@ impl Setpoint {
             let Axis::Position(x) = axis else { continue };
             let x = sign * x;
             if !(low - ROUNDED_M..=high + ROUNDED_M).contains(&x) {
-                let from = if low.is_finite() { format!("{low:.2} to ") } else { "up to ".to_owned() };
+                let from =
+                    if low.is_finite() { format!("{low:.2} to ") } else { "up to ".to_owned() };
                 return Err(format!(
                     "setpoint refused: {name} {x:.2} m is outside the limits, allowed {from}{high:.2} m"
                 ));

@@ -353,7 +353,10 @@ impl TiltStep {
         let supply_v = supply_v.ok_or("no battery voltage: thrust reserve unknown")?;
         self.check_thrust(envelope, supply_v)?;
         let towards = self.direction(estimate.R_EB.yaw_rad());
-        self.check_from(envelope, way_to_fence_m(&envelope.volume, fence, estimate.pos_E_m, towards))
+        self.check_from(
+            envelope,
+            way_to_fence_m(&envelope.volume, fence, estimate.pos_E_m, towards),
+        )
     }
 
     /// Direction of flight in the room for a heading, north and east.
@@ -369,12 +372,7 @@ impl TiltStep {
 
 /// Way along a horizontal direction to the edge of the volume or to what the fence forbids, m; infinite
 /// without a direction.
-fn way_to_fence_m(
-    volume: &Volume,
-    fence: &Fence,
-    pos_E_m: Vec3<E>,
-    towards: [f64; 2],
-) -> f64 {
+fn way_to_fence_m(volume: &Volume, fence: &Fence, pos_E_m: Vec3<E>, towards: [f64; 2]) -> f64 {
     let length = towards[0].hypot(towards[1]);
     if length.is_nan() || length <= 1e-6 {
         return f64::INFINITY;

@@ -52,7 +52,11 @@ fn draw(world: &mut Lockstep, ground: &mut Ground, fence: &[MISSION_ITEM_INT_DAT
     assert_eq!(upload_as(world, ground, T::MAV_MISSION_TYPE_FENCE, fence), ACCEPTED);
 }
 
-fn rally(world: &mut Lockstep, ground: &mut Ground, [north, east]: [f64; 2]) -> Option<MavMissionResult> {
+fn rally(
+    world: &mut Lockstep,
+    ground: &mut Ground,
+    [north, east]: [f64; 2],
+) -> Option<MavMissionResult> {
     let point = item(MavCmd::MAV_CMD_NAV_RALLY_POINT, [north, east, 0.0], 0.0);
     upload_as(world, ground, T::MAV_MISSION_TYPE_RALLY, &[point])
 }

@@ -1,7 +1,9 @@
 //! What was kept over a restart and cannot be read back: told to whoever comes, and nothing arms until somebody
 //! has put it right.
 
-use haltere_dialect::mav::haltere::{MISSION_CLEAR_ALL_DATA, MavMessage, MavMissionType};
+use haltere_dialect::mav::haltere::{
+    HEARTBEAT_DATA, MISSION_CLEAR_ALL_DATA, MavMessage, MavMissionType,
+};
 
 use super::services::{ACCEPTED, upload_as};
 use super::*;
@@ -28,6 +30,7 @@ fn newcomer(mut world: Lockstep) -> (Lockstep, Ground) {
     world.clear_ground_out();
     world.input(Input::LinkUp { link: LinkId::Ground(0) });
     let mut ground = Ground::new();
+    ground.send(&mut world, &MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()));
     fly_for(&mut world, 0.1);
     ground.listen(&mut world);
     (world, ground)

@@ -212,7 +212,9 @@ impl Fence {
         let inclusions = self.inclusions.iter().map(|(_, s)| (s, true));
         inclusions
             .chain(self.exclusions.iter().map(|s| (s, false)))
-            .filter(|(shape, inside)| shape.depth_m(p) * (if *inside { 1.0 } else { -1.0 }) < KEEP_M)
+            .filter(|(shape, inside)| {
+                shape.depth_m(p) * (if *inside { 1.0 } else { -1.0 }) < KEEP_M
+            })
             .map(|(shape, inside)| shape.beside(p, inside))
             .filter(|q| self.clearance_m(*q) >= clear_m.max(0.0))
             .min_by(|a, b| distance(*a, p).total_cmp(&distance(*b, p)))
@@ -363,8 +365,12 @@ mod tests {
         assert!(fence.allows_way([-1.5, -1.5], [1.5, -1.5]));
         assert!(!fence.allows_way([1.5, 1.5], [1.5, 2.5]));
         // Beside the circle: as near as the wings are wide, or as the way begins.
-        assert!(fence.allows_way([0.0, 0.9], [1.6, 0.9]) && !fence.allows_way([0.0, 0.8], [1.6, 0.8]));
-        assert!(fence.allows_way([1.0, 0.6], [1.0, 1.5]) && fence.allows_way([1.0, 1.5], [1.0, 0.6]));
+        assert!(
+            fence.allows_way([0.0, 0.9], [1.6, 0.9]) && !fence.allows_way([0.0, 0.8], [1.6, 0.8])
+        );
+        assert!(
+            fence.allows_way([1.0, 0.6], [1.0, 1.5]) && fence.allows_way([1.0, 1.5], [1.0, 0.6])
+        );
         assert!(fence.allows([1.7, 1.7]) && !fence.allows([1.8, 1.7]));
         assert!((fence.way_m([0.0, 0.0], [1.0, 0.0], 9.0) - 0.5).abs() < STRIDE_M);
         assert_eq!(fence.way_m([0.0, 0.0], [0.0, 1.0], 1.5), 1.5);

@@ -219,6 +219,11 @@ impl<P> FileDesk<P> {
         Some(self.pending.remove(index).2)
     }
 
+    /// Whether an answer for such a purpose is still to come.
+    pub fn waits_for(&self, is_it: impl Fn(&P) -> bool) -> bool {
+        self.pending.iter().any(|(.., purpose)| is_it(purpose))
+    }
+
     /// One whose answer is overdue.
     pub fn overdue(&mut self, at: HostTime) -> Option<P> {
         let late = |(_, asked, _): &(u32, HostTime, P)| at.seconds_since(*asked) > PATIENCE_S;

@@ -5,6 +5,7 @@
 use crate::time::HostTime;
 
 use super::super::{LinkId, Pilot, Severity};
+use super::Purpose;
 use super::files::{FileFault, Plan};
 use super::plans::name_of;
 
@@ -67,16 +68,21 @@ impl Pilot {
         }
     }
 
-    /// For a station that was not there when it was told.
+    /// For a station that speaks for the first time: it was not there when it was told.
     pub(in super::super) fn tell_lost(&mut self, at: HostTime, link: LinkId) {
         let texts: Vec<String> = self.services.lost.texts().collect();
         for text in texts {
-            self.say_to(at, link, Severity::Warning, &text);
+            if self.may_echo(at) {
+                self.say_to(at, link, Severity::Warning, &text);
+            }
         }
     }
 
     /// Why nothing is armed with what is left.
     pub(in super::super) fn lost_forbids(&self) -> Option<String> {
+        if self.services.desk.waits_for(|purpose| matches!(purpose, Purpose::LoadPlan(_))) {
+            return Some("fence, rally points and mission are still being read".to_owned());
+        }
         let text = self.services.lost.texts().next()?;
         let (kept, _) = self.services.lost.0.first()?;
         let way_out = match kept {

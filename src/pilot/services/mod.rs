@@ -53,8 +53,8 @@ use super::{LinkId, OWN, Pilot, Severity};
 
 use budget::Bucket;
 use events::Events;
-use fence::Guarded;
 pub(super) use events::SEQUENCE_ID as EVENT_SEQUENCE_ID;
+use fence::Guarded;
 use fence_status::FenceWatch;
 use files::FileDesk;
 use ftp::Ftp;

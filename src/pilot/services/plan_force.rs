@@ -35,9 +35,7 @@ impl Pilot {
             .skip(usize::from(is_home_open))
             .filter(|(_, place)| !fence.contains(*place))
             .map(|(name, [north_m, east_m])| {
-                format!(
-                    "no return to {name}, N {north_m:.2} E {east_m:.2} m: the fence forbids it"
-                )
+                format!("no return to {name}, N {north_m:.2} E {east_m:.2} m: the fence forbids it")
             })
             .collect();
         for text in forbidden {
