@@ -5,6 +5,7 @@ use crate::topics::{ModeRecord, Topic};
 
 use super::modes::{Event, Mode, transition};
 use super::resume::Resumption;
+use super::push::TakeoffPush;
 use super::supervisor::Descent;
 use super::{Pilot, Severity, services};
 
@@ -59,7 +60,10 @@ impl Pilot {
                 }
                 self.lift_off_asked = false;
             }
-            Mode::Takeoff => self.estimator.set_airborne(true),
+            Mode::Takeoff => {
+                self.estimator.set_airborne(true);
+                self.push = TakeoffPush::default();
+            }
             Mode::Disarming => {
                 // With thrust on, a board may refuse the plain order even on the floor.
                 let force = from.has_thrust() && event != Event::TouchDown;

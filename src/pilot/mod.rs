@@ -45,6 +45,7 @@ mod orders;
 mod output;
 mod permits;
 mod place;
+mod push;
 mod reference;
 mod resume;
 mod routing;
@@ -102,6 +103,7 @@ use heading::BoardNorth;
 use hover::HoverThrust;
 use losses::losses_of;
 use output::{Address, Outbox};
+use push::TakeoffPush;
 use services::Services;
 use resume::Resumption;
 use shadow::Shadow;
@@ -184,6 +186,7 @@ pub struct Pilot {
     control: ControlRecord,
     hover: HoverThrust,
     guidance: Guidance,
+    push: TakeoffPush,
     mission: Mission,
 
     mode: Mode,
@@ -293,6 +296,7 @@ impl Pilot {
             control: ControlRecord::default(),
             hover: HoverThrust::default(),
             guidance: Guidance::new(config.flight.clone(), envelope, velocity_limit_mps, at),
+            push: TakeoffPush::default(),
             mission: Mission::default(),
             mode: Mode::Disarmed,
             mode_since: at,

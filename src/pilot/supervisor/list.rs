@@ -1,21 +1,28 @@
 //! The list of conditions. Its order is the order of names where several want the same.
 
 use super::condition::Condition;
-use super::{battery, envelope, estimator, imu, links, lying, slip, timing, uwb};
+use super::{
+    battery, envelope, estimator, imu, lead, links, lying, scale, slip, timing, uwb,
+};
 
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
-pub static CONDITIONS: [Condition; 41] = [
+pub static CONDITIONS: [Condition; 47] = [
     links::CONTROL,
     lying::LIES,
     timing::PAUSED,
     imu::LOST,
     imu::FROZEN,
     imu::NOISE,
+    scale::SCALE,
     imu::LIFT,
     slip::SLIP,
+    lead::ROOM,
+    lead::RISE,
     estimator::LOST,
     estimator::ATTITUDE,
     estimator::CONTRADICTED,
+    estimator::BAROMETER,
+    envelope::LEAP,
     envelope::TILT,
     links::BOARD,
     links::BOARD_LATE,
@@ -30,6 +37,7 @@ pub static CONDITIONS: [Condition; 41] = [
     timing::CLOCK,
     envelope::HARD,
     envelope::SPEED,
+    envelope::ASTRAY,
     envelope::COURSE,
     battery::HOME,
     links::GROUND,
