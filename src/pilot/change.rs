@@ -4,8 +4,8 @@ use crate::time::HostTime;
 use crate::topics::{ModeRecord, Topic};
 
 use super::modes::{Event, Mode, transition};
-use super::resume::Resumption;
 use super::push::TakeoffPush;
+use super::resume::Resumption;
 use super::supervisor::Descent;
 use super::{Pilot, Severity, services};
 

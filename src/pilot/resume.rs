@@ -87,7 +87,8 @@ impl Pilot {
     pub(super) fn note_pause(&mut self, at: HostTime, pause_s: f64) {
         let alone_s = pause_s - self.board.gives_up_s();
         // Our own pause and the board's silence are one, and are found one after the other.
-        let known = |(end, s): (HostTime, f64)| at.seconds_since(end) < SAME_S && pause_s < s + SAME_S;
+        let known =
+            |(end, s): (HostTime, f64)| at.seconds_since(end) < SAME_S && pause_s < s + SAME_S;
         if !self.mode.has_thrust() || alone_s < 0.0 || self.resumption.pause.is_some_and(known) {
             return;
         }
@@ -129,9 +130,7 @@ impl Pilot {
     /// goes on from there.
     pub(super) fn resume_at_height(&mut self, valid_at: HostTime, height_m: f64) {
         let after = self.resumption.pause.is_some_and(|(end, _)| valid_at > end);
-        if after
-            && self.resumption.baro_m.replace(height_m).is_none()
-            && self.mode == Mode::Descend
+        if after && self.resumption.baro_m.replace(height_m).is_none() && self.mode == Mode::Descend
         {
             self.supervisor.descent = Descent::begin(height_m, self.resumption.sink_mps);
         }

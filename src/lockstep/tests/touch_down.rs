@@ -14,7 +14,11 @@ use crate::pilot::LinkId;
 const STANDS_S: f64 = 3.5;
 
 /// Flies on to the end. How high it was after it had touched the floor, m, and how long it stood armed, s.
-fn end_of(world: &mut Lockstep, ground: &mut Ground, mut each: impl FnMut(&mut Lockstep)) -> [f64; 2] {
+fn end_of(
+    world: &mut Lockstep,
+    ground: &mut Ground,
+    mut each: impl FnMut(&mut Lockstep),
+) -> [f64; 2] {
     let (mut touched, mut lifted_m, mut stood_s) = (false, 0.0_f64, 0.0);
     let end_us = world.t_us() + 60_000_000;
     while world.pilot().mode() != Mode::Disarmed && world.t_us() < end_us {
@@ -31,7 +35,12 @@ fn end_of(world: &mut Lockstep, ground: &mut Ground, mut each: impl FnMut(&mut L
     [lifted_m, stood_s]
 }
 
-fn check(name: &str, [lifted_m, stood_s]: [f64; 2], world: &Lockstep, ground: &Ground) -> Option<String> {
+fn check(
+    name: &str,
+    [lifted_m, stood_s]: [f64; 2],
+    world: &Lockstep,
+    ground: &Ground,
+) -> Option<String> {
     println!("{name}: lifted {lifted_m:.2} m, stood {stood_s:.1} s");
     let truth = world.truth();
     let down = truth.on_ground && !truth.armed && !truth.crashed;
@@ -94,7 +103,13 @@ fn swap(bytes: &mut [u8], [a, b]: [u8; 2]) {
             continue;
         }
         let source = &mut bytes[at + 6];
-        *source = if *source == a { b } else if *source == b { a } else { *source };
+        *source = if *source == a {
+            b
+        } else if *source == b {
+            a
+        } else {
+            *source
+        };
         let payload = &mut bytes[at + 10..at + 10 + length];
         for (start, size) in [(1, 1), (9, 4), (41, 2)] {
             for byte in 0..size {

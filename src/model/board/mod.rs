@@ -4,8 +4,8 @@
 mod ardupilot;
 mod commands;
 mod firmware;
-mod lies;
 mod last_second;
+mod lies;
 mod line;
 mod loops;
 mod parameters;

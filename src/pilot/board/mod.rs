@@ -59,8 +59,8 @@ use streams::Streams;
 use target::TargetWatch;
 
 pub(super) use control::Change;
-pub(super) use peers::Peers;
 pub(super) use lateness::LATE_S;
+pub(super) use peers::Peers;
 pub(super) use profile::Firmware;
 
 /// Component id of an onboard computer (MAV_COMP_ID_ONBOARD_COMPUTER).

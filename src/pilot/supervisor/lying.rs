@@ -93,14 +93,7 @@ impl Lying {
     }
 
     /// A step of a flight: the board's attitude, the height, m, and whether it is near the floor.
-    fn step(
-        &mut self,
-        dt_s: f64,
-        attitude: &Rot<E, B>,
-        most_rad: f64,
-        height_m: f64,
-        near: bool,
-    ) {
+    fn step(&mut self, dt_s: f64, attitude: &Rot<E, B>, most_rad: f64, height_m: f64, near: bool) {
         let down_B = down_B(attitude);
         let carried = (self.down_mps2 + G_MPS2).abs() < CARRIED_MPS2;
         let dot: f64 = down_B.iter().zip(self.asked_down_B).map(|(a, b)| a * b).sum();

@@ -77,8 +77,6 @@ const UWB: Reaction = Exists("dead reckoning, then landing");
 const LINES: Reaction = Exists("checksums, sequence numbers, asking again, silence limits");
 const LATE: Reaction = Exists("a descent by nothing that is faster than the link");
 const BOARD: Reaction = Exists("the board's failsafe: level, sink, cut");
-/// Shared with the families.
-const LATE: Reaction = Exists("latency is measured; open-loop descent");
 const ATTITUDE: Reaction = Exists("the controller");
 
 /// Faults that are named one by one: name, group, fields of each `[[fault]]`, reaction.
@@ -254,8 +252,6 @@ const KINDS: [(&str, &str, &str); 5] = [
 ];
 /// Shares.
 const SHARES: [(f64, &str); 3] = [(0.001, "0.1 %"), (0.01, "1 %"), (0.1, "10 %")];
-/// From this delay on the flight is ended (`board_late`), s.
-const LATE_S: f64 = 0.1;
 /// Delays of everything on a line, s.
 const DELAYS_S: [(f64, &str); 5] =
     [(0.05, "50 ms"), (0.1, "100 ms"), (0.2, "200 ms"), (0.3, "300 ms"), (0.4, "400 ms")];
