@@ -18,20 +18,41 @@ const WAITING_LINES: usize = 1024;
 /// For the last words people are waited for no longer than this: the vehicle stands and the log is closed.
 const PATIENCE: Duration = Duration::from_millis(700);
 
-/// Lines that found no room in the queue.
-static NO_ROOM: OnceLock<ErrorCounter> = OnceLock::new();
-/// Lines that were lost elsewhere: no reader is left, or they did not come so far.
-static LOST: AtomicUsize = AtomicUsize::new(0);
+/// Lines that were lost.
+#[derive(Debug)]
+struct Losses {
+    /// Those that found no room in the queue.
+    no_room: OnceLock<ErrorCounter>,
+    /// Others: no reader is left, or they did not come so far.
+    others: AtomicUsize,
+}
+
+impl Losses {
+    const fn none() -> Self {
+        Self { no_room: OnceLock::new(), others: AtomicUsize::new(0) }
+    }
+
+    fn one_more(&self) {
+        self.others.fetch_add(1, Relaxed);
+    }
+
+    fn count(&self) -> u64 {
+        let no_room = self.no_room.get().map_or(0, ErrorCounter::dropped_lines);
+        no_room.saturating_add(self.others.load(Relaxed)) as u64
+    }
+}
+
+/// Of this program, which has one standard error.
+static LOSSES: Losses = Losses::none();
 
 /// Lines for people that were lost so far.
 pub fn lost_lines() -> u64 {
-    let no_room = NO_ROOM.get().map_or(0, ErrorCounter::dropped_lines);
-    no_room.saturating_add(LOST.load(Relaxed)) as u64
+    LOSSES.count()
 }
 
 /// A line was lost on its way here.
 pub(super) fn lose_line() {
-    LOST.fetch_add(1, Relaxed);
+    LOSSES.one_more();
 }
 
 /// The thread that writes them, until it is dropped.
@@ -46,8 +67,8 @@ impl Console {
             .buffered_lines_limit(WAITING_LINES)
             .lossy(true)
             .thread_name("console")
-            .finish(Teller { out: std::io::stderr(), told: 0 });
-        let _ = NO_ROOM.set(lines.error_counter());
+            .finish(Teller { out: std::io::stderr(), told: 0, losses: &LOSSES });
+        let _ = LOSSES.no_room.set(lines.error_counter());
         tracing_subscriber::fmt()
             .with_env_filter(filter())
             .with_writer(lines)
@@ -101,11 +122,12 @@ struct Teller<W> {
     out: W,
     /// Lost lines that people were told of.
     told: u64,
+    losses: &'static Losses,
 }
 
 impl<W: Write> Write for Teller<W> {
     fn write(&mut self, line: &[u8]) -> std::io::Result<usize> {
-        let lost = lost_lines();
+        let lost = self.losses.count();
         let missing = lost.saturating_sub(self.told);
         let gap = if missing > 0 {
             writeln!(self.out, "({missing} lines of this output were lost: nobody read it)")
@@ -114,7 +136,7 @@ impl<W: Write> Write for Teller<W> {
         };
         match gap.and_then(|()| self.out.write_all(line)) {
             Ok(()) => self.told = lost,
-            Err(_) => lose_line(),
+            Err(_) => self.losses.one_more(),
         }
         Ok(line.len())
     }
@@ -153,13 +175,13 @@ mod tests {
     #[test]
     fn prop_a_closed_stream_is_survived_and_the_gap_is_told() {
         let pipe = Pipe::default();
-        let mut teller = Teller { out: pipe.clone(), told: lost_lines() };
+        let losses: &'static Losses = Box::leak(Box::new(Losses::none()));
+        let mut teller = Teller { out: pipe.clone(), told: 0, losses };
         teller.write_all(b"one\n").unwrap();
         pipe.0.lock().unwrap().1 = true;
-        let before = lost_lines();
         teller.write_all(b"two\n").unwrap();
         teller.write_all(b"three\n").unwrap();
-        assert_eq!(lost_lines() - before, 2);
+        assert_eq!(losses.count(), 2);
         pipe.0.lock().unwrap().1 = false;
         teller.write_all(b"four\n").unwrap();
         teller.write_all(b"five\n").unwrap();

@@ -1,6 +1,7 @@
 //! One flight: take-off, what befalls the companion in it, and the way down.
 
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
@@ -40,6 +41,9 @@ const AT_ONCE: Duration = Duration::from_millis(1200);
 const ALONE: Duration = Duration::from_millis(1500);
 const REFUSED_POINTS: usize = 30;
 
+/// Held while a flight takes its ports.
+static PORTS: Mutex<()> = Mutex::new(());
+
 /// Programs of a flight, and the station that looks on.
 struct Rig {
     companion: Companion,
@@ -58,6 +62,8 @@ pub fn fly(trial: &Trial, folder: &Path, which: &Which) -> Result<Outcome> {
     let logs = folder.join("log");
     let between = which.between()?;
     let [how, what] = between.arguments();
+    // A port that is free now need not be when a program opens it: one flight at a time takes its own.
+    let ports = PORTS.lock().unwrap_or_else(PoisonError::into_inner);
     let mut endpoint = Endpoint::start([
         "--seed".into(),
         (trial.n as u64 + 1).to_string().into(),
@@ -79,11 +85,15 @@ pub fn fly(trial: &Trial, folder: &Path, which: &Which) -> Result<Outcome> {
     let (companion, output) = start(trial.kind, &config, folder)?;
     let firmware = between.start(&folder.join("firmware"))?;
     let ground = format!("udpin:127.0.0.1:{port}");
+    let mut station = GroundStation::connect(&ground).with_context(|| companion.last_words())?;
+    drop(ports);
     let mut rig = Rig { companion, output, firmware, ground };
 
     let mut seen = Seen::default();
-    let struck = strike(trial, &mut rig, &mut seen);
+    let struck = strike(trial, &mut rig, &mut station, &mut seen);
     struck.with_context(|| rig.companion.last_words())?;
+    // Its port is wanted again.
+    drop(station);
     if trial.kind == Kind::Killed {
         std::thread::sleep(Duration::from_secs_f64(trial.lasts_s));
         rig.companion = Companion::start(&config, &[], folder.join("second.txt"))?;
@@ -128,28 +138,32 @@ fn start(kind: Kind, config: &Path, folder: &Path) -> Result<(Companion, Option<
 }
 
 /// Flies to the moment, does it, and follows the companion to its landing where it still flies.
-fn strike(trial: &Trial, rig: &mut Rig, seen: &mut Seen) -> Result<()> {
-    let mut station = GroundStation::connect(&rig.ground)?;
-    arm(&mut station)?;
+fn strike(
+    trial: &Trial,
+    rig: &mut Rig,
+    station: &mut GroundStation,
+    seen: &mut Seen,
+) -> Result<()> {
+    arm(station)?;
     // Nobody waits for the height: the order stands as soon as it is answered.
     let ordered = Instant::now();
-    take_off(&mut station, trial.height_m)?;
-    await_words(rig, &mut station, Phase::Spool.begins_with())?;
+    take_off(station, trial.height_m)?;
+    await_words(rig, station, Phase::Spool.begins_with())?;
     if trial.phase == Phase::Landing {
-        await_words(rig, &mut station, Phase::Hover.begins_with())?;
-        listen(rig, &mut station, Duration::from_secs(1))?;
+        await_words(rig, station, Phase::Hover.begins_with())?;
+        listen(rig, station, Duration::from_secs(1))?;
         station.set_mode(Mode::Land)?;
     }
     if !matches!(trial.phase, Phase::Spool | Phase::Any) {
-        await_words(rig, &mut station, trial.phase.begins_with())?;
+        await_words(rig, station, trial.phase.begins_with())?;
     }
     if trial.phase == Phase::Any {
-        tour(trial, rig, &mut station, ordered)?;
+        tour(trial, rig, station, ordered)?;
     } else {
-        listen(rig, &mut station, Duration::from_secs_f64(trial.at_s))?;
+        listen(rig, station, Duration::from_secs_f64(trial.at_s))?;
     }
     seen.struck_us = now_us();
-    befall(trial, rig, &mut station, seen)
+    befall(trial, rig, station, seen)
 }
 
 fn befall(
