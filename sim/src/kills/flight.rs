@@ -36,6 +36,8 @@ const DOWN_BY_FIRMWARE: Duration = Duration::from_secs(20);
 const END_TIMEOUT: Duration = Duration::from_secs(30);
 /// What is asked twice ends within this.
 const AT_ONCE: Duration = Duration::from_millis(1200);
+/// A signal is heard within this.
+const HEARD: Duration = Duration::from_millis(300);
 /// After a fault that leaves it flying it is left alone for so long, then given orders that make it say
 /// something, and then told to land.
 const ALONE: Duration = Duration::from_millis(1500);
@@ -224,15 +226,15 @@ fn follow_to_end(
         seen.ends_when_asked = rig.companion.ends_within(AT_ONCE)?.is_some();
         return Ok(());
     }
+    // An order that comes before the signal is heard is granted.
     station.take_texts();
+    station.listen(HEARD)?;
+    seen.told = station.take_texts().iter().any(|text| text.contains("asked to end"));
     let until = Instant::now() + END_TIMEOUT;
     while Instant::now() < until && rig.companion.runs() {
         set_mode(station, Mode::Hold)?;
         station.listen(Duration::from_millis(200))?;
-        for text in station.take_texts() {
-            seen.told |= text.contains("asked to end");
-            seen.held_back |= text.starts_with("hold: ");
-        }
+        seen.held_back |= station.take_texts().iter().any(|text| text.starts_with("hold: "));
     }
     let status = rig.companion.ends_within(Duration::ZERO)?;
     seen.ends_when_asked = status.is_some_and(|status| status.success());
