@@ -83,6 +83,9 @@ fn prop_a_broken_leg_shows_where_it_stands() {
     let lean = |rig: &Rig| rig.plant.truth().R_EB.raw().to_rotation_matrix().matrix()[(2, 2)];
     assert!(lean(&rig) > 0.999);
     rig.plant.inject(Fault::GearLeg(true)).unwrap();
-    rig.run(1.0);
-    assert!(lean(&rig) < 0.7, "{}", lean(&rig));
+    let least = (0..50).fold(1.0, |least: f64, _| {
+        rig.run(0.02);
+        least.min(lean(&rig))
+    });
+    assert!(least < 0.7, "{least}");
 }
