@@ -72,7 +72,7 @@ const KINDS: [Kind; 31] = [
     Kind(2, 1.0, EXTRA3),     // SYSTEM_TIME
     Kind(162, 1.0, STATUS),   // FENCE_STATUS
     Kind(411, 0.5, None),     // CURRENT_EVENT_SEQUENCE
-    Kind(36, 0.0, None),      // SERVO_OUTPUT_RAW, as the board told it: for who asks
+    Kind(36, 1.0, None),      // SERVO_OUTPUT_RAW, as the board told it
 ];
 
 #[derive(Debug, Clone, Copy)]
