@@ -337,7 +337,9 @@ impl BoardLink {
         news: &mut Vec<BoardNews>,
     ) {
         let rank = battery_rank(m.battery_function, m.id);
-        let flown = self.flies_on(Kind::Battery, at, (m.id, rank), news);
+        // A board that does not send these as asked is flown on SYS_STATUS, which tells of its main pack.
+        let flown = self.flies_on(Kind::Battery, at, (m.id, rank), news)
+            && !self.streams.is_ours(SYS_STATUS_ID);
         news.push(if flown {
             BoardNews::Battery(sample)
         } else {
