@@ -14,6 +14,7 @@ mod encoding;
 mod events;
 mod instances;
 mod lateness;
+mod news;
 mod orders;
 mod pace;
 mod peers;
@@ -33,10 +34,6 @@ use haltere_dialect::mav_stream::{HeartbeatFields, MavFrame, heartbeat_fields};
 
 use crate::drops::{DropReason, Drops};
 use crate::frames::{B, E, Rot};
-use crate::measure::{
-    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ReferencePose,
-    ServoOutput,
-};
 use crate::time::HostTime;
 
 use super::LinkId;
@@ -60,6 +57,7 @@ use target::TargetWatch;
 
 pub(super) use control::Change;
 pub(super) use lateness::LATE_S;
+pub(super) use news::BoardNews;
 pub(super) use peers::Peers;
 pub(super) use profile::Firmware;
 
@@ -83,60 +81,6 @@ const SECOND_US: i64 = 1_000_000;
 /// The capability word is asked for so often, µs, and so many times; then the firmware's habit holds.
 const VERSION_RETRY_US: i64 = 700_000;
 const VERSION_TRIES: u32 = 6;
-
-/// What the board link has to tell the core.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum BoardNews {
-    Imu(ImuSample),
-    Attitude(BoardAttitude),
-    Battery(BatterySample),
-    /// Of a pack that is not flown on.
-    OtherBattery(OtherBattery),
-    Servos(ServoOutput),
-    Baro(BaroSample),
-    Mag(MagSample),
-    Reference(ReferencePose),
-    Found {
-        system_id: u8,
-        firmware: Firmware,
-    },
-    Armed(bool),
-    /// It said for the first time that it is disarmed, which nobody asked for: one word may be wrong.
-    Doubt,
-    /// It says again that it is armed, after so many heartbeats that denied it.
-    ArmedAgain {
-        denials: u32,
-    },
-    /// The board's answer to our arm or disarm command.
-    ArmAnswer {
-        arm: bool,
-        accepted: bool,
-        why: String,
-    },
-    /// The board's answer to a command that was passed on.
-    PassedOnAnswer(MavResult),
-    Text {
-        severity: u8,
-        text: String,
-    },
-    /// Something that the link itself has to tell people.
-    Notice {
-        warning: bool,
-        text: String,
-    },
-    /// The board left our mode, or came back to it.
-    Mode(Change),
-    /// It flies another setpoint than ours, or ours again.
-    Ignored {
-        ignored: bool,
-        sent_frac: f64,
-        board_frac: f64,
-    },
-    /// The board was silent for so long, s, and is back.
-    Back {
-        silent_s: f64,
-    },
-}
 
 /// How the link is to be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
