@@ -190,9 +190,13 @@ impl Pilot {
                     return;
                 }
                 let dt_s = self.last_imu.map_or(0.0, |t| sample.valid_at.seconds_since(t));
-                self.touch.acc_z(sample.acc_B_mps2.z(), dt_s);
                 self.last_imu = Some(sample.valid_at);
                 self.supervisor.repetition.note(&sample);
+                // What repeats itself says nothing new, and what waited in a pause is over.
+                let repeats = self.supervisor.repetition.accelerometer_s() > 0.0;
+                if !repeats && !self.resumption.is_before_its_end(sample.valid_at) {
+                    self.touch.acc_z(sample.acc_B_mps2.z(), dt_s);
+                }
                 if let Some(board) = &self.board_attitude {
                     self.supervisor.lying.imu(&sample, &board.attitude);
                 }

@@ -29,7 +29,7 @@ const STANDING_SHARE: f64 = 0.75;
 const LOW_SHARE: f64 = 0.82;
 /// … within this time, s.
 const FLIES_S: f64 = 0.3;
-/// The velocity is known again when one sigma of it is below this, m/s: a third of what nothing known is.
+/// The vertical velocity is known again when one sigma of it is below this, m/s: a third of what nothing known is.
 const STD_VEL_MPS: f64 = 0.5;
 /// What ends within this time of a pause and is no longer than it by more is the same one, s.
 const SAME_S: f64 = 0.2;
@@ -71,6 +71,11 @@ impl Resumption {
             && self.baro_m.is_none_or(|m| m < BARO_SAYS_AIR_M)
     }
 
+    /// Whether something was measured before or in the pause from which it has just come back.
+    pub fn is_before_its_end(&self, valid_at: HostTime) -> bool {
+        self.pause.is_some_and(|(end, _)| valid_at <= end)
+    }
+
     /// A measurement was fused that was true at this time.
     pub fn uwb(&mut self, valid_at: HostTime) {
         self.uwb_at = self.uwb_at.max(Some(valid_at));
@@ -105,7 +110,7 @@ impl Pilot {
             uwb_at: self.resumption.uwb_at,
             ..Resumption::default()
         };
-        self.touch.fell_at = None;
+        self.touch.forget_fall();
         if self.mode == Mode::Descend {
             self.supervisor.descent = Descent::begin(known_m, self.resumption.sink_mps);
         }
@@ -118,7 +123,7 @@ impl Pilot {
         let heard = new(self.resumption.uwb_at)
             && new(self.last_imu)
             && self.estimate.health == Health::Good
-            && self.estimate.std_vel_B_mps.to_array().iter().all(|std| *std < STD_VEL_MPS);
+            && self.estimate.std_vel_B_mps.z() < STD_VEL_MPS;
         if !heard {
             self.resumption.heard_since = None;
         } else if at.seconds_since(*self.resumption.heard_since.get_or_insert(at)) > HEARD_FOR_S {

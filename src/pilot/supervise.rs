@@ -47,8 +47,8 @@ const HELD_UP_FOR_S: f64 = 1.0;
 /// Specific force that is this much short of gravity says that the vehicle falls, m/s². Three
 /// times what low-passed flapping leaves.
 const FALLING_MPS2: f64 = 1.0;
-/// … or this much, where the estimate says that it sinks fast: twice what low-passed flapping leaves.
-const SINKING_MPS2: f64 = 0.6;
+/// … or this much, where the estimate says that it sinks fast: what low-passed flapping leaves.
+const SINKING_MPS2: f64 = 0.3;
 /// Time constant of that low-pass, s: two wing beats.
 const FEEL_FILTER_S: f64 = 0.15;
 /// A longer interval between two samples is a gap, s.
@@ -139,6 +139,11 @@ impl Touch {
         thrust_frac.min(most(self.ceiling_frac)).min(most(self.turn_frac))
     }
 
+    /// What was felt of a fall is from before a pause.
+    pub fn forget_fall(&mut self) {
+        (self.fell_at, self.acc_z_mps2) = (None, -G_MPS2);
+    }
+
     /// Takes the thrust of a control step in.
     pub fn sent(&mut self, thrust_frac: f64, dt_s: f64) {
         self.thrust_frac += (thrust_frac - self.thrust_frac) * (dt_s / (FEEL_FILTER_S + dt_s));
@@ -211,8 +216,7 @@ impl Pilot {
 
     /// In a descent without an estimate: whether the floor is there, and whether the estimate is back.
     fn watch_descent(&mut self, at: HostTime) {
-        let fresh = self.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_BACK_S);
-        if self.needs_descent() || !fresh || self.estimate.health != Health::Good {
+        if self.needs_descent() || !self.is_uwb_fresh(at) || self.estimate.health != Health::Good {
             self.good_since = None;
         } else if at.seconds_since(*self.good_since.get_or_insert(at)) > self.back_for_s() {
             self.fire(at, Event::EstimateBack);
@@ -251,6 +255,10 @@ impl Pilot {
         if turn_frac.is_some_and(|frac| frac < FEEL_SHARE * base_frac) {
             self.fire(at, Event::TouchDown);
         }
+    }
+
+    fn is_uwb_fresh(&self, at: HostTime) -> bool {
+        self.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_BACK_S)
     }
 
     /// Whether estimate or barometer say that the floor is near.
@@ -364,7 +372,7 @@ impl Pilot {
     fn watch_touch_down(&mut self, at: HostTime) {
         // Near the floor an estimate that nothing measures, or that flies by a sample that repeats itself, is not climbed by.
         let repeats = self.supervisor.repetition.accelerometer_s() > FEEL_BLIND_S;
-        if repeats || self.last_fused.is_none_or(|t| at.seconds_since(t) > UWB_BACK_S) {
+        if repeats || !self.is_uwb_fresh(at) {
             self.hold_thrust_near_floor(at);
         }
         // The shares were tuned on the configured base. With the learned one the floor was found up to 4 s
@@ -406,12 +414,12 @@ impl Pilot {
             return;
         }
         let fast_mps = 2.0 * self.config.flight.land_slow_speed_mps;
-        // A speed by the estimate counts where the accelerometer leans the same way: on the floor it says what it likes,
-        // and whoever believed it then took off again.
+        // A speed by the estimate counts where the accelerometer leans the same way, and not after the estimate was once
+        // lost: on the floor it says what it likes, and whoever believed it took off again.
+        let believed = self.supervisor.descents == 0 && self.is_uwb_fresh(at);
+        let sinks = believed && sink_mps.is_some_and(|sink_mps| sink_mps > fast_mps);
         let short_mps2 = self.touch.acc_z_mps2 + G_MPS2;
-        let falls = short_mps2 > FALLING_MPS2
-            || (short_mps2 > SINKING_MPS2 && sink_mps.is_some_and(|sink_mps| sink_mps > fast_mps));
-        if falls {
+        if short_mps2 > FALLING_MPS2 || (short_mps2 > SINKING_MPS2 && sinks) {
             let falls = self.touch.falls;
             self.touch = self.touch.restarted();
             (self.touch.fell_at, self.touch.falls) = (Some(at), falls + 1);

@@ -35,12 +35,11 @@ fn regress_a_vehicle_that_tips_over_at_touch_down_has_its_motors_cut() {
     let wing = |gain| Fault::WingThrust { wing: Some(0), gain };
     let cases: Vec<(f64, Vec<Fault>)> = vec![
         (0.10, vec![wing(0.0)]),
-        (0.05, vec![wing(0.2)]),
         (0.20, vec![wing(0.2)]),
-        (0.05, vec![wing(0.4), Fault::Servos(FaultKind::Stuck)]),
+        (0.20, vec![wing(0.3), Fault::Servos(FaultKind::Stuck)]),
     ];
     let flights: Vec<_> =
-        (0..6u64).flat_map(|seed| cases.iter().map(move |case| (seed, case))).collect();
+        (0..8u64).flat_map(|seed| cases.iter().map(move |case| (seed, case))).collect();
     let tipped: Vec<f64> = flights
         .into_par_iter()
         .map(|(seed, (height_m, faults))| {

@@ -97,7 +97,8 @@ impl Repetition {
             let same = |now: [f64; 3], was: [f64; 3]| now == was;
             let acc = same(sample.acc_B_mps2.to_array(), last.acc_B_mps2.to_array());
             let rate = same(sample.rate_B_radps.to_array(), last.rate_B_radps.to_array());
-            if dt_s > 0.0 {
+            // Across a gap neighbours differ as those of noise do.
+            if dt_s > 0.0 && dt_s < LONGEST_S {
                 self.interval_s += (dt_s - self.interval_s) * INTERVAL_WEIGHT;
                 let (now, was) = (sample.acc_B_mps2.to_array(), last.acc_B_mps2.to_array());
                 self.rough_acc.note(now, was, dt_s);
