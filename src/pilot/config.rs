@@ -332,3 +332,36 @@ fn anchor_box(survey: &Survey) -> Volume {
     let height_m = (-extent(2)[0]).max(LEAST_CEILING_M);
     Volume { north_m: extent(0), east_m: extent(1), height_m }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frames::Vec3;
+    use crate::measure::AnchorId;
+
+    fn room(side_m: f64, ceiling_m: f64) -> Survey {
+        let at = |i: u8, bit: u8, far: f64| if i & bit != 0 { far } else { 0.0 };
+        let corner = |i: u8| Vec3::new(at(i, 1, side_m), at(i, 2, side_m), -at(i, 4, ceiling_m));
+        let anchors: Vec<_> = (0..8).map(|i| (AnchorId(i), corner(i))).collect();
+        Survey::new(&anchors).unwrap()
+    }
+
+    /// The default was the box of the anchors, which hang on the walls.
+    #[test]
+    fn regress_the_default_volume_keeps_the_wings_off_the_walls() {
+        let check = |survey: &Survey, side: [f64; 2], height_m: f64| {
+            let mut limits = LimitsConfig::default();
+            limits.resolve(survey);
+            let found = [limits.north_m, limits.east_m].map(|range| range.unwrap());
+            let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
+            assert!(found.iter().all(|r| near(r[0], side[0]) && near(r[1], side[1])), "{found:?}");
+            assert!(near(limits.height_m.unwrap(), height_m), "{limits:?}");
+        };
+        check(&room(10.0, 7.0), [0.45, 9.55], 6.65);
+        check(&room(1.6, 2.0), [0.4, 1.2], 1.65);
+        check(&room(3.0, 0.9), [0.45, 2.55], LEAST_CEILING_M);
+        let mut old = LimitsConfig { height_m: Some(2.0), ..LimitsConfig::default() };
+        old.resolve_to_anchors(&room(10.0, 7.0));
+        assert_eq!((old.north_m, old.height_m), (Some([0.0, 10.0]), Some(2.0)));
+    }
+}

@@ -75,6 +75,17 @@ pub enum MissionItem {
     },
 }
 
+impl MissionItem {
+    /// Where it leads to, N and E, m.
+    pub(super) fn place_NE_m(&self) -> Option<[f64; 2]> {
+        match self {
+            MissionItem::Waypoint { pos_E_m, .. }
+            | MissionItem::Land { pos_E_m: Some(pos_E_m) } => Some([pos_E_m.x(), pos_E_m.y()]),
+            _ => None,
+        }
+    }
+}
+
 /// Volume that positions must lie in, Earth frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Volume {

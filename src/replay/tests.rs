@@ -27,7 +27,7 @@ fn record(folder: &Path, build: BuildIdentity, meddle: impl Fn(u64, &mut Vec<u8>
         build,
         started_unix_us: 0,
         pilot_started_at: start,
-        config_toml: config.to_toml(),
+        config_toml: config.to_log(&survey()),
         survey: survey(),
     };
     let mut recorder = Recorder::start(folder, &session).unwrap();
@@ -244,4 +244,27 @@ fn regress_a_hole_up_to_the_largest_number_is_told() {
     }
     let report = run.finish(&LogEnd::Complete);
     assert_eq!(report.verdict, Verdict::OnlyToHole, "{report}");
+}
+
+/// Logs of builds whose default volume was the box of the anchors say nothing of it.
+#[test]
+fn regress_a_log_without_a_volume_was_flown_in_the_box_of_the_anchors() {
+    let folder = tempfile::tempdir().unwrap();
+    let read = |name: &str, config_toml: String| {
+        let session = Session {
+            build: BuildIdentity::current(),
+            started_unix_us: 0,
+            pilot_started_at: HostTime::from_us(1),
+            config_toml,
+            survey: survey(),
+        };
+        let folder = folder.path().join(name);
+        let recorder = Recorder::start(&folder, &session).unwrap();
+        let path = recorder.finish().path.unwrap();
+        recorded_config(&LogReader::open(&path).unwrap()).unwrap().limits
+    };
+    let old = read("old", Config::default().to_toml());
+    assert_eq!((old.north_m, old.height_m), (Some([0.1, 7.7]), Some(3.1)));
+    let new = read("new", Config::default().to_log(&survey()));
+    assert!(new.north_m.unwrap()[0] > 0.5 && new.height_m.unwrap() < 2.8, "{new:?}");
 }

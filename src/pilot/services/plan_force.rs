@@ -7,6 +7,7 @@ use crate::time::HostTime;
 
 use super::super::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
 use super::super::mission_items::{Refusal, Room, from_wire, is_global, place_E_m};
+use super::super::modes::{Event, Mode};
 use super::super::{Pilot, Severity};
 use super::Purpose;
 use super::fence::{Fence, KEEP_M};
@@ -23,8 +24,27 @@ impl Pilot {
         }
     }
 
-    /// What a fence that came later has taken from the places to return to.
-    pub(super) fn warn_of_lost_refuges(&mut self, at: HostTime) {
+    /// Another fence is in force: what it leaves of a leg under way, and of the places to return to.
+    pub(super) fn heed_fence(&mut self, at: HostTime) {
+        self.warn_of_lost_refuges(at);
+        let Self { guidance, services, estimate, .. } = self;
+        let [here, goal] = [estimate.pos_E_m, guidance.goal_E_m()].map(|p| [p.x(), p.y()]);
+        let fence = &services.plans.fence;
+        if fence.allows_way(here, goal) {
+            return;
+        }
+        match self.mode {
+            Mode::Goto => {
+                self.say(at, Severity::Warning, "the fence bars the rest of the leg".to_owned());
+                self.fire(at, Event::HoldAsked);
+            }
+            // To another place, if there is one.
+            Mode::Return => guidance.enter(Mode::Return, estimate, fence, at),
+            _ => {}
+        }
+    }
+
+    fn warn_of_lost_refuges(&mut self, at: HostTime) {
         let fence = &self.services.plans.fence;
         let names = std::iter::once("home".to_owned())
             .chain((0..).map(|seq: usize| format!("rally point {seq}")));
@@ -119,7 +139,7 @@ impl Pilot {
     /// Why the mission cannot begin here: the fence lies between the vehicle and its first place.
     pub(in super::super) fn first_leg_is_barred(&self) -> Option<String> {
         let mut rest = self.mission.items.iter().skip(usize::from(self.guidance.current_item));
-        let (seq, first) = rest.find_map(|item| Some((item.wire.seq, place(item)?)))?;
+        let (seq, first) = rest.find_map(|item| Some((item.wire.seq, item.item.place_NE_m()?)))?;
         let pos = self.estimate.pos_E_m;
         let is_free = self.services.plans.fence.allows_way([pos.x(), pos.y()], first);
         (!is_free).then(|| {
@@ -183,7 +203,7 @@ impl Pilot {
                 let text = format!("{} of {} items restored", name_of(plan), self.plan_len(plan));
                 self.say(at, Severity::Info, text);
                 if plan == Plan::Fence {
-                    self.warn_of_lost_refuges(at);
+                    self.heed_fence(at);
                 }
             }
             Err(why) => self.note_lost(at, Kept::Plan(plan), &why),
@@ -248,15 +268,6 @@ fn check_jumps(items: &[StoredItem]) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// Where an item leads to, N and E, m.
-fn place(stored: &StoredItem) -> Option<[f64; 2]> {
-    match stored.item {
-        MissionItem::Waypoint { pos_E_m, .. } => Some([pos_E_m.x(), pos_E_m.y()]),
-        MissionItem::Land { pos_E_m } => pos_E_m.map(|pos| [pos.x(), pos.y()]),
-        _ => None,
-    }
-}
-
 /// The first item that lies outside the fence, or to which the straight way leaves it.
 fn leg_outside(items: &[StoredItem], fence: &Fence) -> Option<u16> {
     if fence.is_empty() {
@@ -266,8 +277,10 @@ fn leg_outside(items: &[StoredItem], fence: &Fence) -> Option<u16> {
     for stored in items {
         let next = match stored.item {
             // Where the jump leads: the next place from there on.
-            MissionItem::Jump { to, .. } => items.iter().skip(usize::from(to)).find_map(place),
-            _ => place(stored),
+            MissionItem::Jump { to, .. } => {
+                items.iter().skip(usize::from(to)).find_map(|next| next.item.place_NE_m())
+            }
+            _ => stored.item.place_NE_m(),
         };
         let Some(next) = next else { continue };
         if !fence.allows(next) || !fence.allows_way(before.unwrap_or(next), next) {

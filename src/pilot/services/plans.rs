@@ -408,7 +408,7 @@ impl Pilot {
                 self.keep_plan(at, plan);
                 self.warn_of_barred_mission(at);
                 if plan == Plan::Fence {
-                    self.warn_of_lost_refuges(at);
+                    self.heed_fence(at);
                 }
                 answer
             }
