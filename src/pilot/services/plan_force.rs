@@ -2,6 +2,7 @@
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavMissionResult};
 
+use crate::estimate::Health;
 use crate::geo::LocalOrigin;
 use crate::time::HostTime;
 
@@ -140,6 +141,10 @@ impl Pilot {
     pub(in super::super) fn first_leg_is_barred(&self) -> Option<String> {
         let mut rest = self.mission.items.iter().skip(usize::from(self.guidance.current_item));
         let (seq, first) = rest.find_map(|item| Some((item.wire.seq, item.item.place_NE_m()?)))?;
+        // Nobody knows yet where it stands: the leg is looked at when it begins.
+        if self.estimate.health == Health::NotAligned {
+            return None;
+        }
         let pos = self.estimate.pos_E_m;
         let is_free = self.services.plans.fence.allows_way([pos.x(), pos.y()], first);
         (!is_free).then(|| {
