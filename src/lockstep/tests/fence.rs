@@ -1,8 +1,8 @@
 //! What a fence forbids is not flown through, whoever flies and wherever home lies: judged by the truth.
 
 use haltere_dialect::mav::haltere::{
-    HEARTBEAT_DATA, MANUAL_CONTROL_DATA, MavMessage, MavMissionResult, MavMissionType,
-    PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
+    COMMAND_INT_DATA, HEARTBEAT_DATA, MANUAL_CONTROL_DATA, MavMessage, MavMissionResult,
+    MavMissionType, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 
 use super::services::{ACCEPTED, upload_as};
@@ -272,12 +272,11 @@ fn regress_nobody_returns_to_where_the_fence_forbids() {
     fly_for(&mut world, 16.0);
     draw(&mut world, &mut ground, &[circle([4.0, 2.5], 1.2)]);
     // The fence came first: refused, and home stays where it was.
-    let home_there = [0.0, 0.0, 0.0, 0.0, 4.0, 2.5, 0.0];
-    let message = haltere_dialect::mav::haltere::COMMAND_INT_DATA {
+    let message = COMMAND_INT_DATA {
         command: MavCmd::MAV_CMD_DO_SET_HOME,
-        frame: haltere_dialect::mav::haltere::MavFrame::MAV_FRAME_LOCAL_NED,
-        x: (home_there[4] * 1e4) as i32,
-        y: (home_there[5] * 1e4) as i32,
+        frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        x: 40_000,
+        y: 25_000,
         target_system: 1,
         target_component: 1,
         ..Default::default()

@@ -149,11 +149,10 @@ impl Fence {
 
     /// How far a point is from what is forbidden, m; negative where it is.
     fn clearance_m(&self, p: Point) -> f64 {
-        let least = |a: f64, b: f64| a.min(b);
-        let clear_m = self.exclusions.iter().map(|s| -s.depth_m(p)).fold(f64::INFINITY, least);
+        let clear_m = self.exclusions.iter().map(|s| -s.depth_m(p)).fold(f64::INFINITY, f64::min);
         let groups = self.inclusions.chunk_by(|a, b| a.0 == b.0);
         let depth_m = |group: &[(u8, Shape)]| {
-            group.iter().map(|(_, s)| s.depth_m(p)).fold(f64::INFINITY, least)
+            group.iter().map(|(_, s)| s.depth_m(p)).fold(f64::INFINITY, f64::min)
         };
         groups.map(depth_m).reduce(f64::max).map_or(clear_m, |inside_m| clear_m.min(inside_m))
     }
