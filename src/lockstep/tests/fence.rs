@@ -317,6 +317,7 @@ fn regress_a_fence_that_comes_later_ends_the_leg_that_it_bars() {
     fly_for(&mut world, 1.0);
     draw(&mut world, &mut ground, &pillar.items());
     fly_for(&mut world, 0.1);
+    ground.listen(&mut world);
     assert_eq!(world.pilot().mode(), Mode::Hold);
     assert!(said(&ground, "the fence bars the rest of the leg"), "{:#?}", ground.texts);
     draw(&mut world, &mut ground, &[]);
