@@ -33,8 +33,9 @@ pub(super) struct SurveyCheck {
     /// Misfit that forbids arming, m.
     most_m: f64,
     told: Option<AnchorId>,
-    /// What the floor adds to the low anchors, m.
+    /// What the floor adds to the low anchors, m, and how often in a row too much.
     floor_m: f64,
+    floor_times: u32,
     floor_told: bool,
     twins_at: Option<HostTime>,
     twin_told: Option<AnchorId>,
@@ -50,6 +51,7 @@ impl SurveyCheck {
             most_m: config.supervisor.anchor_misfit_m,
             told: None,
             floor_m: 0.0,
+            floor_times: 0,
             floor_told: false,
             twins_at: None,
             twin_told: None,
@@ -66,7 +68,7 @@ impl SurveyCheck {
 
     /// Why nothing may take off, if so.
     pub fn refusal(&self) -> Option<String> {
-        if self.floor_m.abs() > MOST_FLOOR_M {
+        if self.floor_times >= NAMED_TIMES {
             return Some(words_of_floor(self.floor_m));
         }
         let (anchor, bias_m) = self.misfit()?;
@@ -86,6 +88,8 @@ impl SurveyCheck {
 
     fn take(&mut self, fit: Option<AnchorFit>) {
         self.floor_m = fit.map_or(0.0, |fit| fit.hidden_m);
+        let too_much = self.floor_m.abs() > MOST_FLOOR_M;
+        self.floor_times = if too_much { self.floor_times.saturating_add(1) } else { 0 };
         let found = fit.filter(|fit| fit.is_at_fault(TOLD_SHARE * self.most_m));
         self.named = found.map(|fit| match self.named {
             Some((anchor, _, times)) if anchor == fit.worst => {
@@ -103,7 +107,8 @@ impl Pilot {
         if self.mode.has_thrust() {
             if std::mem::take(&mut all.is_filled) {
                 all.check.clear();
-                (all.named, all.told, all.floor_m) = (None, None, 0.0);
+                (all.named, all.told) = (None, None);
+                (all.floor_m, all.floor_times) = (0.0, 0);
             }
             return;
         }

@@ -325,7 +325,8 @@ fn regress_a_room_that_is_mirrored_or_turned_is_found_in_the_take_off() {
 #[test]
 fn regress_floor_and_ceiling_exchanged_do_not_fly() {
     let (out, texts) = in_room(1, 0.0, |p| Vec3::new(p.x(), p.y(), -7.0 - p.z()));
-    assert!(out.is_none() && texts.iter().any(|t| t.contains("2.5 m at most")), "{texts:#?}");
+    assert!(out.is_none_or(|out| out.highest_m < 0.1), "{out:?} {texts:#?}");
+    assert!(texts.iter().any(|t| t.contains("2.5 m at most")), "{texts:#?}");
     // In a low room what the exchange adds is what a floor may add.
     for seed in 0..4 {
         let (out, texts) = in_a_room(seed, 2.5, 0.0, |p| Vec3::new(p.x(), p.y(), -2.5 - p.z()));

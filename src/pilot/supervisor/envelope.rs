@@ -5,7 +5,7 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
-use super::lead::Verdict;
+use super::leads::Verdict;
 use super::reaction::Reaction;
 use crate::estimate::Health;
 use crate::time::HostTime;

@@ -4,8 +4,8 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
-use super::lead::RISE;
 use super::reaction::Reaction;
+use super::room::RISE;
 use super::slip::SLIP_MPS;
 use crate::estimate::Health;
 use crate::estimator::standard_height_m;

@@ -1,7 +1,7 @@
 //! The list of conditions. Its order is the order of names where several want the same.
 
 use super::condition::Condition;
-use super::{battery, envelope, estimator, imu, lead, links, lying, scale, slip, timing, uwb};
+use super::{battery, envelope, estimator, imu, links, lying, room, scale, slip, timing, uwb};
 
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
 pub static CONDITIONS: [Condition; 47] = [
@@ -14,8 +14,8 @@ pub static CONDITIONS: [Condition; 47] = [
     scale::SCALE,
     imu::LIFT,
     slip::SLIP,
-    lead::ROOM,
-    lead::RISE,
+    room::ROOM,
+    room::RISE,
     estimator::LOST,
     estimator::ATTITUDE,
     estimator::CONTRADICTED,

@@ -16,10 +16,12 @@ mod envelope;
 mod estimator;
 mod imu;
 mod lead;
+mod leads;
 mod links;
 mod list;
 mod lying;
 mod reaction;
+mod room;
 mod scale;
 mod slip;
 mod timing;
@@ -34,7 +36,7 @@ pub use list::CONDITIONS;
 pub use reaction::{Action, Reaction};
 
 pub(super) use descent::{Descent, LONGEST_S as LONGEST_DESCENT_S};
-pub(super) use lead::Verdict;
+pub(super) use leads::Verdict;
 pub(super) use timing::SteadyClock;
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor;
