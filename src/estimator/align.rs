@@ -59,11 +59,6 @@ impl RestAverage {
         self.rate_B
     }
 
-    /// Mean specific force, m/s².
-    pub fn acc_B(&self) -> Vector3<f64> {
-        self.acc_B
-    }
-
     /// Roll and pitch from the mean specific force, with a heading.
     pub fn attitude(&self, yaw_rad: f64) -> UnitQuaternion<f64> {
         let f = self.acc_B;

@@ -543,12 +543,6 @@ impl Estimator {
         ids.filter(|(rank, _)| self.isolation.is_out(*rank)).map(|(_, id)| *id)
     }
 
-    /// Mean specific force while it stands, m/s²; `None` until it has stood long enough.
-    pub fn rest_force_mps2(&self) -> Option<f64> {
-        let rested = !self.airborne && self.rest.duration_s() >= self.config.align_s;
-        rested.then(|| self.rest.acc_B().norm())
-    }
-
     /// Height above the origin's level, m; 0 before alignment.
     pub fn height_m(&self) -> f64 {
         self.state.as_ref().map_or(0.0, |state| -state.x_E.z)

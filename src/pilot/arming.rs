@@ -1,7 +1,6 @@
 //! What must hold before a flight begins: every check with its reason, for people and as a list.
 
 use crate::estimate::Health;
-use crate::frames::G_MPS2;
 use crate::time::HostTime;
 
 use super::Pilot;
@@ -13,9 +12,6 @@ const ARM_TILT_RAD: f64 = 0.35;
 /// Newest UWB, IMU and battery may be this old to arm, s.
 const ARM_AGE_S: f64 = 0.5;
 const ARM_BATTERY_AGE_S: f64 = 3.0;
-/// Specific force of a vehicle at rest may differ from gravity by this, m/s²: a scale that is off by a tenth, a bias of
-/// 0.5 m/s², and a third of both.
-const REST_FORCE_MPS2: f64 = 2.0;
 
 /// What is answered to whoever wants a shadow to fly.
 pub(super) const SHADOW_WORDS: &str = "haltere only watches (flight.shadow): arm by whoever flies";
@@ -83,12 +79,7 @@ impl Check {
                  not fit the others; N anchors heard, M needed to find a wrong one; N % of the UWB \
                  measurements do not fit; most anchors read far worse than usual",
             ],
-            Check::Imu => [
-                "imu",
-                "a sample within 0.5 s; at rest a specific force within 2 m/s² of gravity",
-                "no IMU data from the board; accelerometer reads N m/s2 at rest, 7.8 to 11.8 allowed: \
-                 calibrate it on the board",
-            ],
+            Check::Imu => ["imu", "a sample within 0.5 s", "no IMU data from the board"],
             Check::Uwb => [
                 "uwb",
                 "a fused measurement within 0.5 s, `supervisor.anchors_least` anchors",
@@ -112,10 +103,9 @@ impl Check {
                 "no anchor whose time differences miss those of all the others by \
                  `supervisor.anchor_misfit_m` along its line of sight; from half of that on it is only \
                  told. Looked at with 7 anchors or more, and not where the floor adds more than 1 m to \
-                 the low ones, which is told; more than 2.5 m is no floor",
+                 the low ones",
                 "anchor N does not fit the others: it reads D m too far (or too near); check its place in \
-                 the survey and its line of sight; the floor adds N m to the low anchors, 2.5 m at most: check \
-                 which anchors are low",
+                 the survey and its line of sight",
             ],
             Check::Gains => [
                 "gains",
@@ -177,7 +167,6 @@ impl Pilot {
             Check::Imu if !is_fresh(self.last_imu, at) => {
                 Err("no IMU data from the board".to_owned())
             }
-            Check::Imu => self.check_rest_force(),
             Check::Uwb if !is_fresh(self.last_fused, at) => Err("no UWB measurements".to_owned()),
             Check::Uwb if self.anchors_alive(at) < self.anchors_needed() => Err(format!(
                 "{} of {} anchors heard, {} needed",
@@ -185,7 +174,7 @@ impl Pilot {
                 self.survey.ids().len(),
                 self.anchors_needed()
             )),
-            Check::Uwb => Ok(()),
+            Check::Imu | Check::Uwb => Ok(()),
             Check::Attitude => self.check_attitude(),
             Check::Fence => self.fence_forbids().map_or(Ok(()), Err),
             Check::Battery => self.check_battery(at),
@@ -229,18 +218,6 @@ impl Pilot {
                 let why = self.estimator.misgiving(at).map_or(String::new(), |w| format!(": {w}"));
                 Err(format!("estimate {word}{why}"))
             }
-        }
-    }
-
-    /// A vehicle that stands feels gravity: another scale is found before it flies.
-    fn check_rest_force(&self) -> Result<(), String> {
-        let [least, most] = [G_MPS2 - REST_FORCE_MPS2, G_MPS2 + REST_FORCE_MPS2];
-        match self.estimator.rest_force_mps2() {
-            Some(force) if !(least..=most).contains(&force) => Err(format!(
-                "accelerometer reads {force:.1} m/s2 at rest, {least:.1} to {most:.1} allowed: calibrate it \
-                 on the board"
-            )),
-            _ => Ok(()),
         }
     }
 

@@ -4,7 +4,6 @@ use crate::time::HostTime;
 use crate::topics::{ModeRecord, Topic};
 
 use super::modes::{Event, Mode, transition};
-use super::push::TakeoffPush;
 use super::resume::Resumption;
 use super::supervisor::Descent;
 use super::{Pilot, Severity, services};
@@ -60,10 +59,7 @@ impl Pilot {
                 }
                 self.lift_off_asked = false;
             }
-            Mode::Takeoff => {
-                self.estimator.set_airborne(true);
-                self.push = TakeoffPush::default();
-            }
+            Mode::Takeoff => self.estimator.set_airborne(true),
             Mode::Disarming => {
                 // With thrust on, a board may refuse the plain order even on the floor.
                 let force = from.has_thrust() && event != Event::TouchDown;

@@ -46,8 +46,6 @@ pub(super) struct Now<'a> {
     pub estimate: &'a Estimate,
     /// Battery voltage, if a fresh one is known, V.
     pub supply_v: Option<f64>,
-    /// Height beyond which a take-off does not climb yet, m.
-    pub climb_to_m: Option<f64>,
     pub at: HostTime,
     pub dt_s: f64,
     /// Where the vehicle may be.
@@ -145,11 +143,6 @@ impl Guidance {
     /// Height of the take-off that is under way or comes next, m.
     pub fn takeoff_height_m(&self) -> f64 {
         self.takeoff_height_m
-    }
-
-    /// Whether the setpoint of a take-off is at this height, m, or at its end.
-    pub fn takeoff_waits(&self, height_m: f64) -> bool {
-        -self.carrot.pos_E_m.z() >= height_m || self.carrot.has_arrived()
     }
 
     /// Starts a leg to a point.
@@ -270,14 +263,10 @@ impl Guidance {
 
     /// One control step: the command, and what happened.
     pub fn step(&mut self, mode: Mode, mission: &Mission, now: &Now<'_>) -> (Command, News) {
-        let Now { estimate, climb_to_m, at, dt_s, .. } = *now;
+        let Now { estimate, at, dt_s, .. } = *now;
         let mut news = News::default();
         match mode {
             Mode::Takeoff => {
-                if climb_to_m.is_some_and(|height_m| self.takeoff_waits(height_m)) {
-                    self.carrot.pause();
-                    return (self.position_command(Vec3::zero()), news);
-                }
                 let vel = self.carrot.advance(self.config.takeoff_speed_mps, 1.0, dt_s);
                 if self.carrot.has_arrived() {
                     let since = self.arrived_since_s(at);

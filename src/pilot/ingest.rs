@@ -30,7 +30,6 @@ impl Pilot {
         match link {
             LinkId::Tag => {
                 self.uwb.reconnected();
-                self.mav_tag.reconnected();
                 self.tag_splitter.flush();
                 self.tag_is_up = true;
                 self.tag_asked_at = at;
@@ -146,7 +145,6 @@ impl Pilot {
             self.resumption.uwb(tdoa.valid_at);
         }
         self.supervisor.anchors.note(tdoa);
-        self.supervisor.lead.note(tdoa, &self.survey);
         if self.is_standing() || self.mode != Mode::Disarmed {
             self.survey_check.note(tdoa, self.mode);
         }

@@ -8,7 +8,6 @@ use crate::frames::{E, Vec3};
 
 use super::config::FlightConfig;
 use super::mission::{Mission, MissionItem};
-use super::push::PUSH_S;
 
 /// A setpoint that jumps is followed at about this speed, m/s (judgement).
 const JUMP_MPS: f64 = 1.0;
@@ -70,7 +69,7 @@ impl Walk<'_> {
             MissionItem::Takeoff { height_m } => {
                 let climb_m = height_m + self.at_E_m.z();
                 self.at_E_m = Vec3::new(self.at_E_m.x(), self.at_E_m.y(), -height_m);
-                climb_m.abs() / self.flight.takeoff_speed_mps + SETTLE_S + PUSH_S
+                climb_m.abs() / self.flight.takeoff_speed_mps + SETTLE_S
             }
             MissionItem::Waypoint { pos_E_m, hold_s, .. } => self.leg_s(pos_E_m) + hold_s,
             MissionItem::Delay { duration_s } => duration_s,

@@ -45,7 +45,6 @@ mod orders;
 mod output;
 mod permits;
 mod place;
-mod push;
 mod reference;
 mod resume;
 mod routing;
@@ -103,7 +102,6 @@ use heading::BoardNorth;
 use hover::HoverThrust;
 use losses::losses_of;
 use output::{Address, Outbox};
-use push::TakeoffPush;
 use resume::Resumption;
 use services::Services;
 use shadow::Shadow;
@@ -186,7 +184,6 @@ pub struct Pilot {
     control: ControlRecord,
     hover: HoverThrust,
     guidance: Guidance,
-    push: TakeoffPush,
     mission: Mission,
 
     mode: Mode,
@@ -296,7 +293,6 @@ impl Pilot {
             control: ControlRecord::default(),
             hover: HoverThrust::default(),
             guidance: Guidance::new(config.flight.clone(), envelope, velocity_limit_mps, at),
-            push: TakeoffPush::default(),
             mission: Mission::default(),
             mode: Mode::Disarmed,
             mode_since: at,

@@ -65,14 +65,10 @@ impl Pilot {
         self.follow_north(at, dt_s);
         self.watch_lift(dt_s);
         self.watch_slip(at, dt_s);
-        self.watch_scale(dt_s);
-        self.watch_speed();
-        self.watch_lead(at, dt_s);
         let remedies = self.estimator.counts().remedies;
         self.supervisor.evidence.note_remedies(at, remedies);
         self.check_survey(at);
         self.watch_lying(at, dt_s);
-        self.watch_twins(at);
         self.supervise(at);
         self.control_step(at, dt_s);
         self.touch.sent(self.control.thrust_frac, dt_s);
@@ -163,14 +159,10 @@ impl Pilot {
                 self.board.send_setpoint(at, level, thrust_frac, &mut self.out);
             }
             _ => {
-                let pushed = if self.mode == Mode::Takeoff { self.push_step(at) } else { None };
-                let gear_m = self.config.flight.gear_height_m;
-                let climb_to_m = self.push.climb_to_m().map(|m| m + gear_m);
                 let fence = &self.services.plans.fence;
                 let supply_v = self.supply_v(at);
-                let now = Now { estimate: &self.estimate, supply_v, climb_to_m, at, dt_s, fence };
-                let (mut command, mut news) = self.guidance.step(self.mode, &self.mission, &now);
-                news.held = news.held.or(pushed);
+                let now = Now { estimate: &self.estimate, supply_v, at, dt_s, fence };
+                let (mut command, news) = self.guidance.step(self.mode, &self.mission, &now);
                 self.keep_inside_fence(at, &mut command);
                 // Nor while the board flies something else.
                 let frozen =

@@ -15,12 +15,6 @@ const NAMED_TIMES: u32 = 3;
 /// It is told from this share of the refusal on.
 const TOLD_SHARE: f64 = 0.5;
 
-/// A floor that adds more than this to the low anchors is none, m: recorded were metres on one floor, and they went
-/// with the first half metre of height; a survey with floor and ceiling exchanged has six in a hall.
-const MOST_FLOOR_M: f64 = 2.5;
-/// Anchors that are heard twice are looked for so often, s.
-const TWINS_INTERVAL_S: f64 = 1.0;
-
 /// What is known about the survey.
 #[derive(Debug)]
 pub(super) struct SurveyCheck {
@@ -33,12 +27,7 @@ pub(super) struct SurveyCheck {
     /// Misfit that forbids arming, m.
     most_m: f64,
     told: Option<AnchorId>,
-    /// What the floor adds to the low anchors, m, and how often in a row too much.
-    floor_m: f64,
-    floor_times: u32,
     floor_told: bool,
-    twins_at: Option<HostTime>,
-    twin_told: Option<AnchorId>,
 }
 
 impl SurveyCheck {
@@ -50,11 +39,7 @@ impl SurveyCheck {
             named: None,
             most_m: config.supervisor.anchor_misfit_m,
             told: None,
-            floor_m: 0.0,
-            floor_times: 0,
             floor_told: false,
-            twins_at: None,
-            twin_told: None,
         }
     }
 
@@ -68,9 +53,6 @@ impl SurveyCheck {
 
     /// Why nothing may take off, if so.
     pub fn refusal(&self) -> Option<String> {
-        if self.floor_times >= NAMED_TIMES {
-            return Some(words_of_floor(self.floor_m));
-        }
         let (anchor, bias_m) = self.misfit()?;
         (bias_m.abs() >= self.most_m).then(|| words(anchor, bias_m))
     }
@@ -81,15 +63,7 @@ impl SurveyCheck {
         (times >= NAMED_TIMES).then_some((anchor, bias_m))
     }
 
-    /// What people who come later are told as well.
-    pub fn doubt(&self) -> Option<String> {
-        (self.floor_m.abs() > MOST_HIDDEN_M).then(|| words_of_floor(self.floor_m))
-    }
-
     fn take(&mut self, fit: Option<AnchorFit>) {
-        self.floor_m = fit.map_or(0.0, |fit| fit.hidden_m);
-        let too_much = self.floor_m.abs() > MOST_FLOOR_M;
-        self.floor_times = if too_much { self.floor_times.saturating_add(1) } else { 0 };
         let found = fit.filter(|fit| fit.is_at_fault(TOLD_SHARE * self.most_m));
         self.named = found.map(|fit| match self.named {
             Some((anchor, _, times)) if anchor == fit.worst => {
@@ -108,7 +82,6 @@ impl Pilot {
             if std::mem::take(&mut all.is_filled) {
                 all.check.clear();
                 (all.named, all.told) = (None, None);
-                (all.floor_m, all.floor_times) = (0.0, 0);
             }
             return;
         }
@@ -120,10 +93,12 @@ impl Pilot {
         all.most_m = self.config.supervisor.anchor_misfit_m;
         let fit = all.check.judge(self.config.flight.gear_height_m);
         all.take(fit);
-        if let Some(text) = all.doubt()
-            && !std::mem::replace(&mut all.floor_told, true)
-        {
-            self.say(at, Severity::Warning, text);
+        let floor_m = fit.map_or(0.0, |fit| fit.hidden_m);
+        if floor_m.abs() > MOST_HIDDEN_M && !std::mem::replace(&mut all.floor_told, true) {
+            let text = format!(
+                "the floor adds {floor_m:+.1} m to the low anchors here: the survey cannot be checked"
+            );
+            self.say(at, Severity::Info, text);
             return;
         }
         if let Some((anchor, bias_m)) = all.misfit()
@@ -132,36 +107,6 @@ impl Pilot {
             self.say(at, Severity::Warning, words(anchor, bias_m));
         }
     }
-}
-
-impl Pilot {
-    /// Once a control step: whether two anchors speak under one number.
-    pub(super) fn watch_twins(&mut self, at: HostTime) {
-        let all = &mut self.survey_check;
-        if all.twins_at.is_some_and(|t| at.seconds_since(t) < TWINS_INTERVAL_S) {
-            return;
-        }
-        all.twins_at = Some(at);
-        let Some(anchor) = self.uwb.twin(at) else { return };
-        if all.twin_told.replace(anchor).is_none() {
-            let text = format!(
-                "anchor {anchor} is heard twice, with two clocks: another set of anchors with our numbers is on the air"
-            );
-            self.say(at, Severity::Warning, text);
-        }
-    }
-}
-
-fn words_of_floor(floor_m: f64) -> String {
-    if floor_m.abs() > MOST_FLOOR_M {
-        return format!(
-            "the floor adds {floor_m:+.1} m to the low anchors, {MOST_FLOOR_M} m at most: check which anchors are low"
-        );
-    }
-    format!(
-        "the floor adds {floor_m:+.1} m to the low anchors here: the survey cannot be checked, the push of the \
-         take-off decides"
-    )
 }
 
 fn words(anchor: AnchorId, bias_m: f64) -> String {

@@ -11,10 +11,7 @@ fn mode_words(mode: Mode) -> &'static str {
         Mode::Arming => "Arming was asked of the board; waits for its heartbeat to say so.",
         Mode::Idle => "Armed on the floor, no thrust.",
         Mode::Spool => "Thrust rises to just below hover (`flight.spool_s`).",
-        Mode::Takeoff => {
-            "Climbs over its place (`flight.takeoff_speed_mps`). At 0.4 m it leans for a moment along each axis, and UWB \
-             has to follow (SAFETY.md, room_differs)."
-        }
+        Mode::Takeoff => "Climbs over its place (`flight.takeoff_speed_mps`).",
         Mode::Hold => "Stays where it is.",
         Mode::Goto => "Flies to a point that was asked for.",
         Mode::Mission => "Flies the uploaded mission.",

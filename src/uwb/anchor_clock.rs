@@ -49,7 +49,7 @@ const SETTLED: u32 = 4;
 /// Consecutive arrivals that contradict the clock but not one another: then the clock is wrong.
 const RESTART_AFTER: u32 = 3;
 
-/// So many packets of two clocks in turn, less those that are not, are two anchors: a third of a second.
+/// So many packets of another clock in a row, with fitting ones between, are another anchor: a third of a second.
 const RIVALS: u32 = 20;
 
 /// One sigma of an arrival, m (DW1000, line of sight, received power not corrected for).
@@ -98,9 +98,8 @@ pub struct AnchorClock {
     var: [f64; 3],
     suspect: Option<Stamp>,
     suspects: u32,
-    /// The last two that were heard, whatever became of them, the newest first.
-    heard: [Option<Stamp>; 2],
-    /// How many fitted the one before the last, and not the last, more than others.
+    /// The last one that contradicted it, and how many before it fitted one another meanwhile.
+    rival: Option<Stamp>,
     rivals: u32,
 }
 
@@ -120,9 +119,10 @@ impl AnchorClock {
         self.last.map(|last| last.t)
     }
 
-    /// Whether another clock speaks under the same number, in turn with this one.
+    /// Whether another clock speaks under the same number: packets that contradict this one and fit one another,
+    /// while others still fit.
     pub fn has_rival(&self) -> bool {
-        self.rivals >= RIVALS
+        self.rivals >= RIVALS && self.settled()
     }
 
     /// Forgets everything.
@@ -133,22 +133,6 @@ impl AnchorClock {
     /// Judges a packet that arrived at `t` and was sent at `x`, and takes it in if it fits.
     pub fn observe(&mut self, t: i64, x: u32, gate_ticks: f64) -> Fit {
         let now = Stamp { t, x };
-        let [last, before] = self.heard.map(|stamp| stamp.is_some_and(|s| self.follows(s, now)));
-        let rivals = if before && !last { self.rivals + 1 } else { self.rivals.saturating_sub(1) };
-        let heard = [Some(now), self.heard[0]];
-        let fit = self.judge(now, gate_ticks);
-        (self.heard, self.rivals) = (heard, rivals.min(2 * RIVALS));
-        fit
-    }
-
-    /// Whether two packets can come from one clock.
-    fn follows(&self, from: Stamp, to: Stamp) -> bool {
-        let dt = to.t - from.t;
-        dt > 0 && dt <= MAX_GAP_TICKS && plausible(dt, self.sent_between(from, to), 0.0)
-    }
-
-    fn judge(&mut self, now: Stamp, gate_ticks: f64) -> Fit {
-        let t = now.t;
         let Some(last) = self.last.filter(|last| t - last.t <= MAX_GAP_TICKS) else {
             self.start(now);
             return Fit::Fits;
@@ -222,6 +206,12 @@ impl AnchorClock {
     /// Remembers packets that do not fit: when several in a row fit one another, the clock is
     /// wrong, not they. So no state, however wrong, locks an anchor out.
     fn contradicted(&mut self, now: Stamp) -> Fit {
+        let agrees = self.rival.is_some_and(|rival| {
+            let dt = now.t - rival.t;
+            dt > 0 && dt <= MAX_GAP_TICKS && plausible(dt, self.sent_between(rival, now), 0.0)
+        });
+        self.rivals = if agrees { self.rivals.saturating_add(1) } else { 0 };
+        self.rival = Some(now);
         let fits_last_suspect = self.suspect.and_then(|suspect| {
             let dt = now.t - suspect.t;
             let dx = self.sent_between(suspect, now);

@@ -17,7 +17,6 @@ mod instances;
 mod kept;
 mod landing;
 mod late;
-mod liars;
 mod news;
 mod pauses;
 mod programs;

@@ -23,11 +23,6 @@ impl Carrot {
         self.pos_E_m == self.target_E_m
     }
 
-    /// Stays where it is; the leg goes on later, from rest.
-    pub fn pause(&mut self) {
-        self.speed_mps = 0.0;
-    }
-
     /// Moves on; the velocity it moves with, Earth frame, m/s.
     pub fn advance(&mut self, top_speed_mps: f64, acceleration_mps2: f64, dt_s: f64) -> Vec3<E> {
         let way = self.target_E_m - self.pos_E_m;

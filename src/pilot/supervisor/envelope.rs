@@ -5,7 +5,6 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
-use super::leads::Verdict;
 use super::reaction::Reaction;
 use crate::estimate::Health;
 use crate::time::HostTime;
@@ -13,45 +12,7 @@ use crate::time::HostTime;
 /// The board's attitude may be this old to be asked for the tilt, s.
 const ATTITUDE_AGE_S: f64 = 0.2;
 
-/// Time over which a gain of speed is looked at, as control steps: 0.3 s.
-const LEAP_STEPS: usize = 30;
-/// Speed that no such vehicle gains in that time, m/s: free fall gains 2.9, full thrust upwards as much.
-const LEAP_MPS: f64 = 4.0;
-
-/// Estimated speeds of the last steps of flight.
-#[derive(Debug, Default)]
-pub(in crate::pilot) struct Speed {
-    last_mps: [f64; LEAP_STEPS],
-    steps: usize,
-    /// Gained over them, m/s.
-    gained_mps: f64,
-}
-
-impl Speed {
-    fn step(&mut self, speed_mps: f64) {
-        let slot = &mut self.last_mps[self.steps % LEAP_STEPS];
-        let was_mps = std::mem::replace(slot, speed_mps);
-        self.gained_mps = if self.steps < LEAP_STEPS { 0.0 } else { speed_mps - was_mps };
-        self.steps = self.steps.wrapping_add(1);
-    }
-}
-
 impl Pilot {
-    /// Follows the estimated speed in flight.
-    pub(in crate::pilot) fn watch_speed(&mut self) {
-        if self.mode.is_flying() {
-            self.supervisor.speed.step(self.estimate.vel_B_mps.norm());
-        } else {
-            self.supervisor.speed = Speed::default();
-        }
-    }
-
-    /// How far the vehicle is from where it should be where nothing has shown that UWB leads right, m.
-    fn astray_m(&self) -> Option<f64> {
-        let known = self.supervisor.lead.verdict == Verdict::Right;
-        if known { None } else { self.guidance.off_course_m(&self.estimate) }
-    }
-
     fn is_placed(&self) -> bool {
         matches!(self.estimate.health, Health::Good | Health::Degraded)
     }
@@ -176,61 +137,6 @@ pub(super) const SPEED: Condition = Condition {
     severity: Severity::Critical,
     is_seen: |pilot, _| pilot.estimate.vel_B_mps.norm() > pilot.config.supervisor.speed_most_mps,
     words: |pilot, _| format!("speed {:.1} m/s", pilot.estimate.vel_B_mps.norm()),
-    ..ROW
-};
-
-/// A speed that cannot be.
-pub(super) const LEAP: Condition = Condition {
-    name: "speed_leaps",
-    seen_by: "The estimated speed has grown by more than such a vehicle gains in 0.3 s: the estimate is wrong, and no \
-              landing is flown by it.",
-    numbers: &[Number {
-        key: "",
-        value: |_| LEAP_MPS,
-        unit: "m/s",
-        origin: "derived: free fall, and full thrust upwards, gain 2.9 m/s in that time",
-    }],
-    watched: Watched::Air,
-    wanted: |_| Reaction::Descend,
-    because: "no usable estimate: a speed that cannot be",
-    over: "",
-    latched: true,
-    health: S::MAV_SYS_STATUS_AHRS,
-    severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.supervisor.speed.gained_mps > LEAP_MPS,
-    words: |pilot, _| {
-        format!("speed grew by {:.1} m/s in 0.3 s", pilot.supervisor.speed.gained_mps)
-    },
-    ..ROW
-};
-
-/// Led away by a loop that nothing has proved.
-pub(super) const ASTRAY: Condition = Condition {
-    name: "driven_away",
-    seen_by: "The vehicle is farther than half of `supervisor.off_course_m` from where it should be, and no take-off has \
-              shown that UWB leads where it is pushed: the loop itself may drive it, and a landing would fly by it.",
-    numbers: &[Number {
-        key: "supervisor.off_course_m",
-        value: |c| c.supervisor.off_course_m,
-        unit: "m",
-        origin: "four times the lag at cruise speed",
-    }],
-    lasts_s: |_| 0.3,
-    watched: Watched::In(&[Mode::Takeoff, Mode::Hold, Mode::Goto, Mode::Mission, Mode::Return]),
-    wanted: |_| Reaction::Descend,
-    because: "the loop drives it away",
-    over: "",
-    latched: true,
-    severity: Severity::Emergency,
-    is_seen: |pilot, _| {
-        pilot.astray_m().is_some_and(|m| m > 0.5 * pilot.config.supervisor.off_course_m)
-    },
-    words: |pilot, _| {
-        format!(
-            "{:.1} m away, and UWB is not known to lead right",
-            pilot.astray_m().unwrap_or_default()
-        )
-    },
     ..ROW
 };
 

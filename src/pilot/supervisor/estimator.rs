@@ -5,8 +5,6 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use super::room::RISE;
-use super::slip::SLIP_MPS;
 use crate::estimate::Health;
 use crate::estimator::standard_height_m;
 use crate::measure::BaroSample;
@@ -30,8 +28,6 @@ const BARO_AGE_S: f64 = 0.5;
 const MOST_REMEDIES: usize = 5;
 /// … in this time show that they do not help, s.
 const REMEDIES_S: f64 = 8.0;
-/// The barometer alone ends a flight after this time, s.
-const BARO_ALONE_S: f64 = 3.0;
 /// Share beyond the gate with which a barometer that contradicts is believed.
 const DOUBT_SHARE: f64 = 0.15;
 
@@ -122,16 +118,6 @@ impl Pilot {
         let most_m = 0.5 * self.config.supervisor.height_difference_m;
         self.supervisor.evidence.beyond_share > DOUBT_SHARE
             || self.height_difference_m(at).is_some_and(|m| m.abs() > most_m)
-    }
-
-    /// Whether something beside the barometer says that the height is not the estimate's: UWB itself, or the
-    /// accelerometer, by the velocity that the estimate has from it.
-    fn has_second_witness(&self, height_difference_m: f64) -> bool {
-        // Where the barometer is above, UWB draws the height down faster than the velocity sinks.
-        let slips = -self.supervisor.slip.mps * height_difference_m.signum() > SLIP_MPS;
-        slips
-            || self.supervisor.evidence.beyond_share > DOUBT_SHARE
-            || self.supervisor.has(RISE.name)
     }
 
     /// Estimated minus barometric height, m.
@@ -262,8 +248,7 @@ pub(super) const UNHEALED: Condition = Condition {
 pub(super) const CONTRADICTED: Condition = Condition {
     name: "estimate_contradicted",
     seen_by: "Estimated and barometric height differ by more than `supervisor.height_difference_m`, and \
-              a second witness agrees: more than 15 % of the UWB measurements lie beyond the gate, or the \
-              height changes otherwise than the accelerometer's velocity, by 0.6 m/s and towards the estimate.",
+              more than 15 % of the UWB measurements lie beyond the gate.",
     numbers: &[
         Number {
             key: "supervisor.height_difference_m",
@@ -282,15 +267,14 @@ pub(super) const CONTRADICTED: Condition = Condition {
     lasts_s: |_| 0.3,
     watched: Watched::Air,
     wanted: |_| Reaction::Descend,
-    because: "no usable estimate: barometer and another contradict it",
+    because: "no usable estimate: barometer and UWB contradict it",
     over: "estimate is not contradicted any more",
     health: POSITION,
     severity: Severity::Emergency,
     is_seen: |pilot, at| {
         let most_m = pilot.config.supervisor.height_difference_m;
-        pilot
-            .height_difference_m(at)
-            .is_some_and(|m| m.abs() > most_m && pilot.has_second_witness(m))
+        pilot.supervisor.evidence.beyond_share > DOUBT_SHARE
+            && pilot.height_difference_m(at).is_some_and(|m| m.abs() > most_m)
     },
     words: |pilot, at| {
         let by_m = pilot.height_difference_m(at).unwrap_or_default();
@@ -301,36 +285,6 @@ pub(super) const CONTRADICTED: Condition = Condition {
         )
     },
     ..ROW
-};
-
-/// The barometer alone says another height, and goes on saying so.
-pub(super) const BAROMETER: Condition = Condition {
-    name: "height_contradicted",
-    seen_by: "Estimated and barometric height differ by more than `supervisor.height_difference_m` for longer than a \
-              door that opens takes, whatever else says.",
-    numbers: &[
-        Number {
-            key: "supervisor.height_difference_m",
-            value: |c| c.supervisor.height_difference_m,
-            unit: "m",
-            origin: "three sigma of the barometer as the filter takes it",
-        },
-        Number {
-            key: "",
-            value: |_| BARO_ALONE_S,
-            unit: "s",
-            origin: "chosen: a door moves the pressure of a room for a moment",
-        },
-    ],
-    lasts_s: |_| BARO_ALONE_S,
-    watched: Watched::Air,
-    wanted: |_| Reaction::Descend,
-    because: "no usable estimate: barometer contradicts it",
-    over: "",
-    latched: true,
-    health: POSITION,
-    severity: Severity::Emergency,
-    ..HEIGHT
 };
 
 /// The barometer says another height.

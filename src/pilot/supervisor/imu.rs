@@ -6,8 +6,6 @@ use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use super::room::RISE;
-use super::scale::SCALE;
 use super::slip::SLIP;
 use crate::frames::G_MPS2;
 use crate::measure::ImuSample;
@@ -37,8 +35,6 @@ const LIFT_MOST_MPS2: f64 = 3.5;
 /// … and so much more for each share of the hover thrust that it was commanded away from it, m/s²: in fast
 /// climbs and descents drag and the bend of the thrust curve are in the difference.
 const LIFT_SLOPE_MPS2: f64 = 20.0;
-/// … up to this share of it: a loop that cuts the thrust because the reading is wrong must not buy tolerance by it.
-const LIFT_AWAY_MOST: f64 = 0.25;
 /// It is looked at below this angle, 20 degrees, and so long after a larger one, s: the
 /// speed that it brought decays by drag and by the position loop.
 const LIFT_LEVEL_COS: f64 = 0.94;
@@ -160,7 +156,7 @@ impl Lift {
     /// Whether that is more than flying explains.
     fn differs(&self) -> bool {
         // Less lift than was sent is no matter of how much was sent: more was sent because it is less.
-        let most_mps2 = LIFT_MOST_MPS2 + LIFT_SLOPE_MPS2 * self.away.min(LIFT_AWAY_MOST);
+        let most_mps2 = LIFT_MOST_MPS2 + LIFT_SLOPE_MPS2 * self.away;
         self.off_mps2 > LIFT_MOST_MPS2 || self.off_mps2 < -most_mps2
     }
 }
@@ -212,10 +208,7 @@ impl Pilot {
         let c = &self.config.supervisor;
         self.imu_silent_s(at) <= c.imu_loss_s
             && self.supervisor.repetition.longest_s() <= c.imu_frozen_s
-            && ![NOISE, LIFT, SLIP, SCALE, RISE]
-                .iter()
-                .map(|row| row.name)
-                .any(|name| self.supervisor.has(name))
+            && ![NOISE.name, LIFT.name, SLIP.name].iter().any(|name| self.supervisor.has(name))
     }
 }
 
@@ -255,7 +248,7 @@ pub(super) const LIFT: Condition = Condition {
     seen_by: "The specific force along body z, averaged over a second, differs from the thrust that was \
               sent (over the hover thrust that was learned): by more than 3.5 m/s² where there is less \
               lift than was sent, and, where there is more, by 2 m/s² more than that for each tenth of \
-              thrust that was commanded away from the hover thrust, up to a quarter of it. The accelerometer is wrong, the \
+              thrust that was commanded away from the hover thrust. The accelerometer is wrong, the \
               wings are damaged, or the board does not give what it is sent. Looked at above 0.5 m, not \
               in landings, and not while it leans by more than 20 degrees.",
     numbers: &[Number {

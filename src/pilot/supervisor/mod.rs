@@ -15,14 +15,10 @@ mod descent;
 mod envelope;
 mod estimator;
 mod imu;
-mod lead;
-mod leads;
 mod links;
 mod list;
 mod lying;
 mod reaction;
-mod room;
-mod scale;
 mod slip;
 mod timing;
 mod uwb;
@@ -36,7 +32,6 @@ pub use list::CONDITIONS;
 pub use reaction::{Action, Reaction};
 
 pub(super) use descent::{Descent, LONGEST_S as LONGEST_DESCENT_S};
-pub(super) use leads::Verdict;
 pub(super) use timing::SteadyClock;
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor;
@@ -74,9 +69,6 @@ pub(super) struct Supervisor {
     pub lift: imu::Lift,
     pub slip: slip::Slip,
     pub lying: lying::Lying,
-    pub scale: scale::Scale,
-    pub lead: lead::Lead,
-    pub speed: envelope::Speed,
     pub evidence: estimator::Evidence,
     pub heard: links::Heard,
     pub discharge: battery::Discharge,
