@@ -9,13 +9,18 @@
 //! XFSZ TTOU TTIN                     nothing ever: the write that is too long fails as on a full disk, and one
 //!                                    from the background goes through
 //! ```
-//! They are blocked in every thread, so that no write of a flying thread is cut short by one, and waited for
-//! by a thread that nothing else can hold up. They must be held back before the first other thread begins.
+//! They are blocked in every thread but one, so that no call of a flying thread is cut short by one. Blocking is not
+//! enough: a serial line is polled with a mask of its own that lets all of them in (`ppoll`), and what came then
+//! ended the program. So each has a handler as well, whose only deed is to wake that one thread.
 
 use std::collections::VecDeque;
+use std::future::poll_fn;
+use std::task::Poll;
 use std::time::{Duration, Instant};
 
 use nix::sys::signal::{SigSet, Signal as S};
+use tokio::runtime::Runtime;
+use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::stop::Stop;
 
@@ -47,9 +52,13 @@ const AT_REST: [S; 9] = [
 ];
 const NEVER: [S; 3] = [S::SIGXFSZ, S::SIGTTOU, S::SIGTTIN];
 
-/// Signals that were held back, and wait for somebody who takes them.
+/// Signals that have their handlers, and wait for somebody who takes them.
 #[derive(Debug)]
-pub struct Signals(SigSet);
+pub struct Signals {
+    waited: SigSet,
+    runtime: Runtime,
+    streams: Vec<(S, Signal)>,
+}
 
 impl Signals {
     /// Holds them back in this thread and in all that it starts. What whoever started us has switched off
@@ -57,21 +66,42 @@ impl Signals {
     pub fn hold() -> std::io::Result<Self> {
         let ignored = ignored();
         let heeded = |signal: &S| ignored >> (*signal as u32 - 1) & 1 == 0;
-        let mut waited = SigSet::empty();
         let others = AT_REST.into_iter().chain([S::SIGTSTP]).filter(heeded);
-        ENDS.into_iter().chain(LANDS).chain(others).for_each(|signal| waited.add(signal));
-        let mut held = waited;
-        NEVER.into_iter().for_each(|signal| held.add(signal));
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let inside = runtime.enter();
+        let streams = ENDS
+            .into_iter()
+            .chain(LANDS)
+            .chain(others)
+            .map(|which| Ok((which, signal(SignalKind::from_raw(which as i32))?)))
+            .collect::<std::io::Result<Vec<_>>>()?;
+        for which in NEVER {
+            // The handler stays when nobody looks for what it has seen.
+            drop(signal(SignalKind::from_raw(which as i32))?);
+        }
+        let waited: SigSet = streams.iter().map(|(which, _)| *which).collect();
+        let held: SigSet = waited.iter().chain(NEVER).collect();
         held.thread_block()?;
-        Ok(Self(waited))
+        drop(inside);
+        Ok(Self { waited, runtime, streams })
     }
 
     /// Takes them from now on, on a thread of its own.
-    pub fn serve(self, stop: Stop) -> std::io::Result<()> {
+    pub fn serve(mut self, stop: Stop) -> std::io::Result<()> {
         let serve = move || {
+            if let Err(error) = self.waited.thread_unblock() {
+                tracing::error!("signals cannot be heard: {error}");
+            }
             let mut wishes = Wishes::default();
-            // An error is a defect of the set: nothing could be done about it here.
-            while let Ok(signal) = self.0.wait() {
+            loop {
+                let next = poll_fn(|context| {
+                    let mut come = self.streams.iter_mut();
+                    match come.find(|(_, stream)| stream.poll_recv(context).is_ready()) {
+                        Some((which, _)) => Poll::Ready(*which),
+                        None => Poll::Pending,
+                    }
+                });
+                let signal = self.runtime.block_on(next);
                 take(signal, &mut wishes, &stop);
             }
         };
