@@ -95,11 +95,10 @@ impl Signals {
             let mut wishes = Wishes::default();
             loop {
                 let next = poll_fn(|context| {
-                    let mut come = self.streams.iter_mut();
-                    match come.find(|(_, stream)| stream.poll_recv(context).is_ready()) {
-                        Some((which, _)) => Poll::Ready(*which),
-                        None => Poll::Pending,
-                    }
+                    let come = self.streams.iter_mut().find_map(|(which, stream)| {
+                        stream.poll_recv(context).is_ready().then_some(*which)
+                    });
+                    come.map_or(Poll::Pending, Poll::Ready)
                 });
                 let signal = self.runtime.block_on(next);
                 take(signal, &mut wishes, &stop);
