@@ -141,8 +141,9 @@ mod tests {
 
     #[test]
     fn prop_what_does_not_come_to_an_end_is_ended() {
-        let landing_s = longest_landing_s(&FlightConfig::default(), 7.0);
-        let end_s = longest_end_s(&FlightConfig::default(), 7.0);
+        let high_m = pilot(Mode::Land).0.guidance.volume().height_m;
+        let landing_s = longest_landing_s(&FlightConfig::default(), high_m);
+        let end_s = longest_end_s(&FlightConfig::default(), high_m);
         for (mode, elapsed_s, then) in [
             (Mode::Land, landing_s - 1.0, (Mode::Land, false)),
             (Mode::Land, landing_s + 1.0, (Mode::Descend, false)),

@@ -26,9 +26,9 @@ pub(super) struct Inputs {
     newest_input: HostTime,
     /// Sequence number of our newest frame to the board.
     to_board: Option<u8>,
-    /// Control steps as told, and wake-ups since.
-    steps: Option<u64>,
-    wakes: u64,
+    /// Control steps as told, by time, and the times of wake-ups: what is decoded may stand behind or before them.
+    steps: Vec<(HostTime, u64)>,
+    wakes: Vec<HostTime>,
     told: Vec<String>,
     more: u64,
 }
@@ -41,8 +41,8 @@ impl Inputs {
             last_wake: start,
             newest_input: start,
             to_board: None,
-            steps: None,
-            wakes: 0,
+            steps: Vec::new(),
+            wakes: Vec::new(),
             told: Vec::new(),
             more: 0,
         }
@@ -69,7 +69,8 @@ impl Inputs {
             // What is missing is told by the replay.
             Entry::Hole(hole) => {
                 self.sequence = self.sequence.max(hole.last_sequence);
-                (self.to_board, self.steps) = (None, None);
+                self.to_board = None;
+                self.count_steps();
             }
             Entry::Closing(closing) => {
                 if closing.last_sequence != self.sequence {
@@ -83,6 +84,7 @@ impl Inputs {
 
     /// What does not fit, for people.
     pub fn end(mut self) -> Vec<String> {
+        self.count_steps();
         if self.more > 0 {
             self.told.push(format!("and {} contradictions more", self.more));
         }
@@ -98,7 +100,7 @@ impl Inputs {
     }
 
     fn wake(&mut self, at: HostTime) {
-        self.wakes += 1;
+        self.wakes.push(at);
         let at_s = self.seconds(at);
         if at < self.last_wake {
             let by_s = self.last_wake.seconds_since(at);
@@ -133,18 +135,24 @@ impl Inputs {
         }
     }
 
-    /// No more control steps than wake-ups: otherwise wake-ups are missing.
     fn health(&mut self, health: &pb::Health) {
-        let wakes = std::mem::take(&mut self.wakes);
-        let steps = self.steps.replace(health.control_steps);
-        let Some(since) = steps.map(|before| health.control_steps.saturating_sub(before)) else {
-            return;
-        };
-        if since > wakes {
-            let at_s = self.seconds(HostTime::from_us(health.at_us));
-            self.say(format!(
-                "at {at_s:.2} s: {since} control steps were counted, and {wakes} wake-ups recorded"
-            ));
+        self.steps.push((HostTime::from_us(health.at_us), health.control_steps));
+    }
+
+    /// No more control steps than wake-ups: otherwise wake-ups are missing. Looked at up to a hole, or the end.
+    fn count_steps(&mut self) {
+        let (steps, wakes) = (std::mem::take(&mut self.steps), std::mem::take(&mut self.wakes));
+        for pair in steps.windows(2) {
+            let [(from, before), (to, now)] = pair else { continue };
+            let since = now.saturating_sub(*before);
+            let woken =
+                wakes.partition_point(|at| at <= to) - wakes.partition_point(|at| at <= from);
+            if since > woken as u64 {
+                let at_s = self.seconds(*to);
+                self.say(format!(
+                    "at {at_s:.2} s: {since} control steps were counted, and {woken} wake-ups recorded"
+                ));
+            }
         }
     }
 
