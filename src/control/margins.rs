@@ -242,7 +242,7 @@ impl Loop {
     }
 
     /// Lean or thrust over the velocity setpoint.
-    fn from_setpoint(&self, s: C) -> C {
+    fn of_setpoint(&self, s: C) -> C {
         let [p, i, _] = self.vel;
         let low_pass = |time_s: f64| (s * time_s + 1.0).inv();
         low_pass(self.expected_s) / s * i + low_pass(self.ff_filter_s) * self.ff_rad_per_mps + p
@@ -254,14 +254,14 @@ impl Loop {
         let [p, i, d] = self.vel;
         let w = (s.inv() * ki + kp) / s + kd;
         let own = s.inv() * i + p + s * d / (s * self.d_filter_s + 1.0);
-        self.vehicle(s) * (self.from_setpoint(s) * w + own)
+        self.vehicle(s) * (self.of_setpoint(s) * w + own)
     }
 
     /// Position over a commanded one, by size.
     fn follows(&self, w_radps: f64) -> f64 {
         let s = C::new(0.0, w_radps);
         let [kp, ki, _] = self.pos;
-        let ahead = self.vehicle(s) / s * (s.inv() * ki + kp) * self.from_setpoint(s);
+        let ahead = self.vehicle(s) / s * (s.inv() * ki + kp) * self.of_setpoint(s);
         (ahead / (self.open(s) + 1.0)).norm()
     }
 
@@ -372,9 +372,11 @@ mod tests {
         assert!(said.contains("control.gains.") && said.contains("unstable"), "{said}");
     }
 
+    type Change = fn(&mut ControlGains);
+
     #[test]
     fn prop_the_gain_that_spoils_it_is_named() {
-        let cases: [(&str, fn(&mut ControlGains)); 6] = [
+        let cases: [(&str, Change); 6] = [
             ("vel_x_p_rad_per_mps = 1 ", |g| g.vel_x_p_rad_per_mps = 1.0),
             ("vel_y_p_rad_per_mps = 0.9 ", |g| g.vel_y_p_rad_per_mps = 0.9),
             ("pos_y_p_per_s = 6 ", |g| g.pos_y_p_per_s = 6.0),

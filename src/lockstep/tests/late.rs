@@ -255,7 +255,8 @@ fn response_of(seed: u64, effects: &[(&str, &str, f64)]) -> (f64, bool, Mode, Ve
 #[test]
 fn regress_a_board_that_obeys_late_is_found_by_its_attitude() {
     // What must be found; `None`: between what flies and what does not, printed.
-    let cases: [(&str, &[(&str, &str, f64)], Option<bool>); 8] = [
+    type Effect = (&'static str, &'static str, f64);
+    let cases: [(&str, &[Effect], Option<bool>); 8] = [
         ("nominal", &[], Some(false)),
         ("loop at 0.6", &[("L1", "factor", 0.6)], Some(false)),
         ("board 60 ms", &[("L2", "delay", 60.0)], Some(false)),

@@ -265,7 +265,7 @@ mod tests {
         let messages = [MavMessage::ATTITUDE_QUATERNION(attitude), MavMessage::SYSTEM_TIME(clock)];
         let mut splitter = MavSplitter::new();
         let mut bytes = Vec::new();
-        mav_stream::encode(&mut bytes, 1, 1, 0, &messages[usize::from(ms % 20 == 0)]);
+        mav_stream::encode(&mut bytes, 1, 1, 0, &messages[usize::from(ms.is_multiple_of(20))]);
         splitter.push(&bytes);
         while let Some(frame) = splitter.next() {
             hear(&frame.unwrap());
