@@ -1,6 +1,6 @@
 //! What can happen to the core: its links by name, and the one type of all that comes in.
 
-use std::net::SocketAddr;
+use core::net::SocketAddr;
 
 use crate::drops::DropReason;
 

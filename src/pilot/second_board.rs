@@ -1,7 +1,7 @@
 //! Bytes on the board's link by their sender: the board's own, those of a second one, and the way from one address
 //! to another.
 
-use std::net::SocketAddr;
+use core::net::SocketAddr;
 
 use haltere_dialect::mav_stream::{MavFrame, MavSplitter, heartbeat_fields};
 

@@ -1,6 +1,6 @@
 //! Two boards with the factory's number on one port, and one board behind a router that changes its port.
 
-use std::net::SocketAddr;
+use core::net::SocketAddr;
 
 use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream;

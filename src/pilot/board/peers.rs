@@ -4,7 +4,7 @@
 //! flies at once, and what is meant for one would move both. A router that changes its port is no second board:
 //! the old address falls silent, and the time since boot goes on at the new one.
 
-use std::net::SocketAddr;
+use core::net::SocketAddr;
 
 use haltere_dialect::mav_stream::{MavFrame, MavSplitter};
 
