@@ -49,9 +49,6 @@ const SETTLED: u32 = 4;
 /// Consecutive arrivals that contradict the clock but not one another: then the clock is wrong.
 const RESTART_AFTER: u32 = 3;
 
-/// So many packets of another clock in a row, with fitting ones between, are another anchor: a third of a second.
-const RIVALS: u32 = 20;
-
 /// One sigma of an arrival, m (DW1000, line of sight, received power not corrected for).
 const STD_ARRIVAL_M: f64 = 0.05;
 
@@ -98,9 +95,6 @@ pub struct AnchorClock {
     var: [f64; 3],
     suspect: Option<Stamp>,
     suspects: u32,
-    /// The last one that contradicted it, and how many before it fitted one another meanwhile.
-    rival: Option<Stamp>,
-    rivals: u32,
 }
 
 impl AnchorClock {
@@ -117,12 +111,6 @@ impl AnchorClock {
     /// Arrival of the last packet that fitted, tag ticks.
     pub fn last_arrival(&self) -> Option<i64> {
         self.last.map(|last| last.t)
-    }
-
-    /// Whether another clock speaks under the same number: packets that contradict this one and fit one another,
-    /// while others still fit.
-    pub fn has_rival(&self) -> bool {
-        self.rivals >= RIVALS && self.settled()
     }
 
     /// Forgets everything.
@@ -206,12 +194,6 @@ impl AnchorClock {
     /// Remembers packets that do not fit: when several in a row fit one another, the clock is
     /// wrong, not they. So no state, however wrong, locks an anchor out.
     fn contradicted(&mut self, now: Stamp) -> Fit {
-        let agrees = self.rival.is_some_and(|rival| {
-            let dt = now.t - rival.t;
-            dt > 0 && dt <= MAX_GAP_TICKS && plausible(dt, self.sent_between(rival, now), 0.0)
-        });
-        self.rivals = if agrees { self.rivals.saturating_add(1) } else { 0 };
-        self.rival = Some(now);
         let fits_last_suspect = self.suspect.and_then(|suspect| {
             let dt = now.t - suspect.t;
             let dx = self.sent_between(suspect, now);

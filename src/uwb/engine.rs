@@ -208,13 +208,6 @@ impl TdoaEngine {
         })
     }
 
-    /// An anchor that is heard with two clocks: another one speaks under its number.
-    pub fn twin(&self, at: HostTime) -> Option<AnchorId> {
-        let heard = |a: &Anchor| a.clock.has_rival() && at.seconds_since(a.last_heard) < 1.0;
-        let mut all = (0..=u8::MAX).zip(self.anchors.iter());
-        all.find(|(_, a)| heard(a)).map(|(id, _)| AnchorId(id))
-    }
-
     /// The map from the tag's time to ours.
     pub fn tag_clock(&self) -> &TagClock {
         &self.tag_clock

@@ -259,24 +259,6 @@ fn regress_a_stream_that_is_played_again_gives_nothing() {
     }
 }
 
-/// Another set of anchors on the air: number 3 of both is heard.
-#[test]
-fn regress_an_anchor_that_is_heard_twice_is_named() {
-    let mut air = Air::new(40e-6, 19);
-    let heard = air.run(0.0..4.0);
-    let mut alone = Run::new();
-    let at = alone.hear(&heard).out.last().unwrap().received_at;
-    assert_eq!(alone.engine.twin(at), None);
-    let mut others = Air { tag: air.tag, ..Air::new(40e-6, 20) };
-    let mut both: Vec<_> = others.run(0.0..4.0).into_iter().filter(|h| h.source == 3).collect();
-    both.extend(heard);
-    both.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
-    let mut run = Run::new();
-    run.hear(&both);
-    assert_eq!(run.engine.twin(at), Some(AnchorId(3)));
-    assert!(run.worst_m(&air) < WRONG_M, "{}", run.worst_m(&air));
-}
-
 #[test]
 fn prop_a_lost_byte_costs_its_packet() {
     let mut air = Air::new(40e-6, 12);
