@@ -145,8 +145,9 @@ impl Inputs {
         for pair in steps.windows(2) {
             let [(from, before), (to, now)] = pair else { continue };
             let since = now.saturating_sub(*before);
-            let woken =
-                wakes.partition_point(|at| at <= to) - wakes.partition_point(|at| at <= from);
+            // Times of a damaged log may be in any order.
+            let until = |end: &HostTime| wakes.partition_point(|at| at <= end);
+            let woken = until(to).saturating_sub(until(from));
             if since > woken as u64 {
                 let at_s = self.seconds(*to);
                 self.say(format!(
