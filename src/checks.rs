@@ -1,6 +1,7 @@
 //! Checks of values that come from outside: every refusal names key, value, allowed range, unit.
 
 pub mod bounded;
+pub mod schema;
 
 use std::fmt::{Display, Write as _};
 use std::ops::RangeInclusive;

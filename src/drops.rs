@@ -80,11 +80,15 @@ pub enum DropReason {
     TextLimited,
     /// Queue of the watch page was full.
     WatchQueueFull,
+    /// Line for people on standard error that nobody read.
+    OutputLineLost,
+    /// Sample of a sensor of which the board has several, and another one is flown on.
+    OtherInstance,
 }
 
 impl DropReason {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [DropReason; 38] = [
+    pub const ALL: [DropReason; 40] = [
         DropReason::TagGarbageByte,
         DropReason::TagBadLength,
         DropReason::TagUnknownType,
@@ -123,6 +127,8 @@ impl DropReason {
         DropReason::RateLimited,
         DropReason::TextLimited,
         DropReason::WatchQueueFull,
+        DropReason::OutputLineLost,
+        DropReason::OtherInstance,
     ];
 
     /// Name in logs, reports and messages.
@@ -151,6 +157,7 @@ impl DropReason {
             DropReason::MavIgnored => "mav_ignored",
             DropReason::BadValue => "bad_value",
             DropReason::ImuOutOfOrder => "imu_out_of_order",
+            DropReason::OtherInstance => "other_instance",
             DropReason::MagDisturbed => "mag_disturbed",
             DropReason::InputQueueFull => "input_queue_full",
             DropReason::OutputQueueFull => "output_queue_full",
@@ -166,6 +173,7 @@ impl DropReason {
             DropReason::RateLimited => "rate_limited",
             DropReason::TextLimited => "text_limited",
             DropReason::WatchQueueFull => "watch_queue_full",
+            DropReason::OutputLineLost => "output_line_lost",
         }
     }
 }

@@ -69,6 +69,52 @@ pub struct BatterySample {
     pub remaining_frac: Option<f64>,
 }
 
+/// A battery of the board that is not flown on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OtherBattery {
+    /// Its instance id.
+    pub id: u8,
+    /// What it is for, MAV_BATTERY_FUNCTION.
+    pub function: u8,
+    /// What it reads.
+    pub sample: BatterySample,
+}
+
+/// What the board told motors and servos.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ServoOutput {
+    /// When its bytes came.
+    pub received_at: HostTime,
+    /// Set of outputs, from 0.
+    pub port: u8,
+    /// As the board tells them: pulse widths, µs, or what its driver takes. NaN: an output that is not in use.
+    outputs: [f32; Self::MOST],
+    count: u8,
+}
+
+impl ServoOutput {
+    /// Most outputs of a set: those of ACTUATOR_OUTPUT_STATUS.
+    pub const MOST: usize = 32;
+
+    /// What was told of each output, in order. Those at the end that are not in use (NaN) are left out, and what is
+    /// beyond [`ServoOutput::MOST`].
+    pub fn new(received_at: HostTime, port: u8, told: impl IntoIterator<Item = f32>) -> Self {
+        let mut all = Self { received_at, port, outputs: [f32::NAN; Self::MOST], count: 0 };
+        for (n, (slot, value)) in (1..).zip(all.outputs.iter_mut().zip(told)) {
+            *slot = value;
+            if value.is_finite() {
+                all.count = n;
+            }
+        }
+        all
+    }
+
+    /// From the first output on.
+    pub fn outputs(&self) -> &[f32] {
+        self.outputs.get(..usize::from(self.count)).unwrap_or(&[])
+    }
+}
+
 /// Height from air pressure.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BaroSample {

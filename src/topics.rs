@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use crate::drops::Drops;
 use crate::estimate::Estimate;
-use crate::frames::{E, Vec3};
+use crate::frames::{B, E, Rot, Vec3};
 use crate::measure::{
-    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, ReferencePose, Tdoa,
+    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ReferencePose,
+    ServoOutput, Tdoa,
 };
 use crate::time::HostTime;
 
@@ -21,8 +22,14 @@ pub enum Topic {
     Estimate(Estimate),
     /// Inside of the control step.
     Control(ControlRecord),
+    /// What a shadow would have sent.
+    Shadow(ShadowRecord),
     /// Battery.
     Battery(BatterySample),
+    /// A battery that is not flown on.
+    OtherBattery(OtherBattery),
+    /// What the board told motors and servos.
+    Servos(ServoOutput),
     /// The board's own attitude.
     BoardAttitude(BoardAttitude),
     /// Air pressure.
@@ -89,6 +96,21 @@ pub struct ControlRecord {
     pub yaw_board_offset_rad: f64,
     /// Limits that were touched.
     pub saturation: Saturation,
+}
+
+/// What a shadow would have sent to the board in a control step, beside what the board says it flies to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShadowRecord {
+    /// When.
+    pub at: HostTime,
+    /// The place that would have been held, Earth frame, m.
+    pub place_E_m: Vec3<E>,
+    /// Attitude setpoint in the board's own frame.
+    pub attitude: Rot<E, B>,
+    /// Thrust, 0 to 1.
+    pub thrust_frac: f64,
+    /// Attitude and thrust that the board flies to, sent by whoever flies; `None`: it does not tell.
+    pub theirs: Option<(Rot<E, B>, f64)>,
 }
 
 /// Limits that were touched in a control step.

@@ -116,6 +116,11 @@ pub fn id_of_name(name: &str) -> Option<u32> {
     MavMessage::message_id_from_name(name)
 }
 
+/// Name of a message by its id.
+pub fn name_of_id(msg_id: u32) -> Option<&'static str> {
+    MavMessage::default_message_from_id(msg_id).map(|message| message.message_name())
+}
+
 /// System and component that a message is addressed to; 0 is everyone.
 pub fn target(message: &MavMessage) -> (u8, u8) {
     (message.target_system_id().unwrap_or(0), message.target_component_id().unwrap_or(0))

@@ -99,7 +99,7 @@ class Simulator:
         return self.order(truth=True)["truth"]
 
 
-def stop(processes, seconds=20):
+def stop(processes, seconds=40):
     """Ends processes by a signal; gives their exit codes."""
     codes = []
     for process in processes:
@@ -275,7 +275,8 @@ directory = "{self.folder / 'state'}"
         for station in self.stations:
             station.close()
         processes = [p for p in (self.companion, self.simulator.process) if p]
-        codes = stop(processes)
+        # The companion first: what still flies is landed, which needs the simulated vehicle.
+        codes = [code for process in processes for code in stop([process])]
         said = self.said()
         assert "panicked" not in said, said
         assert codes == [0] * len(processes), f"exit codes {codes}: {said}"

@@ -121,7 +121,8 @@ fn fly(
 pub fn pilot_config(file: Option<&std::path::Path>, set: &[String]) -> Result<PilotConfig> {
     let files = file.map(std::path::Path::to_path_buf).into_iter().collect();
     let config = Config::load(&Sources::new(files, set.to_vec()))?;
-    Ok(config.pilot())
+    // Nobody here answers for a disk.
+    Ok(PilotConfig { store: false, ..config.pilot() })
 }
 
 /// Flies and prints. `false`: a target is missed.

@@ -139,6 +139,9 @@ pub fn serve(options: &Options) -> Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(out, "{greeting}").and_then(|()| out.flush()).context("standard output")?;
     drop(out);
+    if options.orders {
+        orders::answer_without_waiting()?;
+    }
     let orders = options.orders.then(Orders::listen).transpose()?;
     // Late bytes of tag and board would look like jitter of the real devices. Not at many times real
     // time, where the loop may never sleep, nor with a firmware, which has to run as well.
@@ -169,7 +172,7 @@ pub fn plant(vehicle: Option<&Path>, scenario: &Scenario) -> Result<Plant> {
         Some(path) => {
             let name = path.display();
             let text = std::fs::read_to_string(path).with_context(|| format!("{name}"))?;
-            toml::from_str(&text).with_context(|| format!("{name}"))?
+            Vehicle::from_toml(&text).with_context(|| format!("{name}"))?
         }
         None => Vehicle::default(),
     };

@@ -33,6 +33,7 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::Parser;
+use haltere::live::console::Console;
 
 /// Simulated tag, board and vehicle for the haltere companion.
 #[derive(Debug, Parser)]
@@ -105,7 +106,8 @@ fn main() -> ExitCode {
             return haltere::cli::run(std::iter::once(OsString::from("haltere")).chain(args));
         }
         Command::Serve(options) => {
-            log_to_stderr();
+            // The board must not wait for who reads its log.
+            let _console = Console::start();
             endpoint::serve(&options).map(|()| true)
         }
         Command::Lockstep(options) => {

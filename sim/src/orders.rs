@@ -5,7 +5,8 @@
 //! the script keeps it. When standard input ends, so does the simulator: none outlives its script.
 
 use std::io::{BufRead as _, Read as _, Write as _};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, sync_channel};
+use std::sync::OnceLock;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::time::Duration;
 
 use anyhow::{Context as _, Result, anyhow};
@@ -19,7 +20,7 @@ use crate::faults::FaultAt;
 
 /// Longest line, bytes.
 const LINE_BYTES: u64 = 4096;
-/// Orders that may wait.
+/// Orders, and answers, that may wait.
 const WAITING: usize = 64;
 /// Most simulated time in one order, s.
 const MOST_RUN_S: f64 = 3600.0;
@@ -141,11 +142,36 @@ impl Orders {
     }
 }
 
+/// Where answers go that no loop may wait for.
+static QUEUE: OnceLock<SyncSender<String>> = OnceLock::new();
+
+/// From now on answers are written by a thread: time passes, whether the script reads or not. What finds no
+/// room is not answered.
+pub fn answer_without_waiting() -> Result<()> {
+    let (queue, lines) = sync_channel::<String>(WAITING);
+    let write = move || lines.into_iter().for_each(|line| say(&line));
+    let thread = std::thread::Builder::new().name("answers".into()).spawn(write);
+    thread.context("no thread for --orders")?;
+    let _ = QUEUE.set(queue);
+    Ok(())
+}
+
 /// Answers an order.
 pub fn answer(answer: &Value) {
+    match QUEUE.get() {
+        None => say(&answer.to_string()),
+        Some(queue) => {
+            if queue.try_send(answer.to_string()).is_err() {
+                tracing::warn!("the script does not read: an order is not answered");
+            }
+        }
+    }
+}
+
+fn say(line: &str) {
     let mut out = std::io::stdout().lock();
     // A script that does not read any more is about to end.
-    let _ = writeln!(out, "{answer}").and_then(|()| out.flush());
+    let _ = writeln!(out, "{line}").and_then(|()| out.flush());
 }
 
 /// Answers that it cannot be obeyed.

@@ -72,7 +72,9 @@ fn take(flight: &mut Flight, topic: Topic) {
         }),
         Topic::Text(x) => flight.texts.push(x),
         Topic::Health(x) => flight.health.push(x),
-        Topic::Baro(_) | Topic::Mag(_) => {}
+        Topic::Servos(x) => flight.servos.push(x),
+        Topic::OtherBattery(x) => flight.other_batteries.push(x),
+        Topic::Baro(_) | Topic::Mag(_) | Topic::Shadow(_) => {}
     }
 }
 

@@ -19,7 +19,7 @@ use haltere::model::{Fault, PlantConfig, Vehicle};
 use haltere::survey::Survey;
 use serde::{Deserialize, Serialize};
 
-use crate::faults::FaultAt;
+use crate::faults::{FaultAt, Told};
 
 /// Effect that turns the board's north from room north.
 const HEADING_EFFECT: &str = "N13";
@@ -44,12 +44,17 @@ pub struct Scenario {
     pub board: Board,
     /// Physical effects.
     pub effects: EffectConfig,
+    /// What the companion is told that is not so.
+    pub told: Told,
     /// Failures while flying.
     #[serde(rename = "fault")]
     pub faults: Vec<FaultAt>,
     /// Anchors, once resolved.
     #[serde(skip)]
     survey: Option<Survey>,
+    /// Anchors as the companion is told.
+    #[serde(skip)]
+    told_survey: Option<Survey>,
 }
 
 /// `[start]`
@@ -105,8 +110,10 @@ impl Default for Scenario {
             tag: Tag::default(),
             board: Board::default(),
             effects: EffectConfig::default(),
+            told: Told::default(),
             faults: Vec::new(),
             survey: None,
+            told_survey: None,
         }
     }
 }
@@ -190,8 +197,9 @@ impl Scenario {
         }
         self.board_settings().check("board", &mut problems);
         for (i, fault) in self.faults.iter().enumerate() {
-            fault.to_fault(&format!("fault[{i}]"), &mut problems);
+            fault.to_mishap(&format!("fault[{i}]"), &mut problems);
         }
+        self.told.check("told", &mut problems);
         self.faults.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         if let Err(more) = EffectSet::from_config(&self.effects) {
             more.lines().iter().for_each(|line| problems.say(line.clone()));
@@ -199,16 +207,23 @@ impl Scenario {
         if !problems.is_empty() {
             bail!(problems);
         }
-        self.survey = Some(match &self.anchors_file {
+        let survey = match &self.anchors_file {
             Some(file) => read_anchors(&folder.join(file))?,
             None => Survey::new(&corners(&self.room))?,
-        });
+        };
+        self.told_survey = Some(self.told.survey(&survey)?);
+        self.survey = Some(survey);
         Ok(self)
     }
 
     /// Anchors.
     pub fn survey(&self) -> Result<Survey> {
         self.survey.clone().context("scenario without anchors")
+    }
+
+    /// Anchors as the companion is told.
+    pub fn told_survey(&self) -> Result<Survey> {
+        self.told_survey.clone().context("scenario without anchors")
     }
 
     /// Effects that are on.
@@ -234,7 +249,7 @@ impl Scenario {
     /// The anchors as a survey file for the companion.
     pub fn anchors_toml(&self) -> String {
         let mut text = String::from("frame = \"enu\"\n");
-        let survey = self.survey.iter();
+        let survey = self.told_survey.iter();
         for (id, pos) in
             survey.flat_map(|s| s.ids().iter().filter_map(|id| Some((id, s.position_E_m(*id)?))))
         {

@@ -86,7 +86,7 @@ impl Tape {
             build: BuildIdentity::current(),
             started_unix_us: STARTED_UNIX_US,
             pilot_started_at: HostTime::from_us(HOST_START_US),
-            config_toml: config.to_toml(),
+            config_toml: config.to_log(survey),
             survey: survey.clone(),
         };
         let recorder = Recorder::start_waiting(work.path(), &session)?;

@@ -191,7 +191,7 @@ impl Files {
                     "no log of ours; for other files say --import csv, flapper or stand",
                 )?;
                 let config =
-                    Config::from_toml("configuration in the log", &reader.session().config_toml)?;
+                    Config::as_recorded("configuration in the log", &reader.session().config_toml)?;
                 let (mut flight, _) = from_log::read(&reader);
                 if let Some(path) = &self.truth {
                     let name = || path.display().to_string();
@@ -210,7 +210,7 @@ fn trims(log: &Path, json: bool) -> anyhow::Result<ExitCode> {
     let name = log.display().to_string();
     let reader = LogReader::open(log)?;
     // The drag law that was flown with: it takes the lean of a drift off.
-    let config = Config::from_toml("configuration in the log", &reader.session().config_toml)?;
+    let config = Config::as_recorded("configuration in the log", &reader.session().config_toml)?;
     let (flight, _) = from_log::read(&reader);
     let trims = trim::fit(&flight, &config.control.drag).context(name)?;
     if json {

@@ -178,7 +178,7 @@ impl SceneOptions {
         let Some(path) = &self.vehicle else { return Ok(Vehicle::default()) };
         let name = || path.display().to_string();
         let text = std::fs::read_to_string(path).with_context(name)?;
-        let vehicle: Vehicle = toml::from_str(&text).with_context(name)?;
+        let vehicle = Vehicle::from_toml(&text).with_context(name)?;
         let mut problems = Problems::new();
         vehicle.check("vehicle", &mut problems);
         problems.into_result().map_err(anyhow::Error::new).with_context(name)?;

@@ -31,6 +31,9 @@ use crate::report::truth;
 /// The first log is diagnosed; the others, on the same or another mission, are flights that the fit
 /// does not see and that the shrink is measured on.
 ///
+/// A log of another build is judged too: where this one would have sent the board other setpoints, those recorded
+/// count, and the report says so with the largest difference.
+///
 /// Exit codes: 0 no gap, 10 named, 11 one of a set, 12 several, 13 not in the library, 14 named with
 /// a remainder, 20 not testable, 30 log or replay fault.
 #[derive(Debug, Args)]

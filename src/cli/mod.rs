@@ -41,6 +41,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use serde::Serialize;
 
+use crate::live::console;
+
 /// Something failed; the sentence is on standard error.
 const FAILED: u8 = 1;
 
@@ -97,14 +99,13 @@ pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
     let args: Vec<std::ffi::OsString> = args.into_iter().collect();
     judge::started_with(&args);
     let cli = Cli::parse_from(args);
-    start_logging();
-    if let Some(nice) = cli.nice
-        && let Err(error) = rustix::process::nice(nice)
-    {
-        tracing::warn!("--nice {nice}: {error}");
+    if !matches!(cli.command, Command::Fly(_)) {
+        start_logging();
+        be_nice(cli.nice);
     }
     let result = match cli.command {
-        Command::Fly(fly) => fly.run(),
+        // Logs and ends in a way of its own: nothing that flies waits for who reads.
+        Command::Fly(fly) => return fly.run(cli.nice),
         Command::Replay(replay) => replay.run(),
         Command::Log(log) => log.run(),
         Command::Fit(fit) => fit.run(),
@@ -127,15 +128,23 @@ pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
     }
 }
 
-/// Logs to standard error; `RUST_LOG` chooses what, everything from `info` up by default.
+fn be_nice(nice: Option<i32>) {
+    if let Some(nice) = nice
+        && let Err(error) = rustix::process::nice(nice)
+    {
+        tracing::warn!("--nice {nice}: {error}");
+    }
+}
+
+/// Logs to standard error.
 fn start_logging() {
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("info"));
     tracing_subscriber::fmt()
-        .with_env_filter(filter)
+        .with_env_filter(console::filter())
         .with_writer(std::io::stderr)
         .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
         .with_target(false)
+        // Nor does a reader that went away end a command.
+        .log_internal_errors(false)
         .init();
 }
 

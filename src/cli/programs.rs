@@ -149,8 +149,13 @@ mod tests {
     fn prop_every_program_that_fits_the_room_is_a_plan() {
         let anchors = concat!(env!("CARGO_MANIFEST_DIR"), "/config/anchors.toml");
         let survey = crate::config::read_anchors(anchors.as_ref()).unwrap();
-        let loaded =
-            Loaded { config: Config::default(), survey, files: Vec::new(), notes: Vec::new() };
+        let loaded = Loaded {
+            config: Config::default(),
+            survey,
+            files: Vec::new(),
+            notes: Vec::new(),
+            lost: None,
+        };
         let programs = BuiltIn::new(&loaded).unwrap();
         assert_eq!(programs.names().len(), 10);
         for name in programs.names() {

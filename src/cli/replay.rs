@@ -10,6 +10,13 @@ use super::progress::Progress;
 use super::{FAILED, print, print_json};
 use crate::{replay, util_flights};
 
+/// Lives through flights again and says whether the same goes out.
+///
+/// The build that wrote a log must send every byte of it again. For a log of another build each message is looked
+/// for among those of its link and kind, numbers within a tolerance, so that one message more does not move the
+/// rest. Either way it is said whether the setpoints for the board differ, or only other traffic does: `gap
+/// diagnose` rests on the setpoints alone, and judges those recorded where another build flew.
+///
 /// Exit codes: 0 reproduced; 1 a log cannot be replayed; 3 outputs differ (--util: a flight
 /// diverged); 4 the log has a hole or no outputs, so that not all could be checked.
 #[derive(Debug, Args)]

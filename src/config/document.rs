@@ -10,7 +10,7 @@ pub const SAMPLE: &str = include_str!("../../config/haltere.toml");
 /// One key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DocumentedKey {
-    /// Section, such as `control.gains`.
+    /// Section, such as `control.gains`; empty: above every section.
     pub section: String,
     /// Name in it.
     pub name: String,
@@ -68,14 +68,23 @@ pub fn configuration_page() -> String {
          between sections too, such as `HALTERE_CONTROL__LIMITS__TILT_DEG=25`; `--set \
          section.key=value`. Parameters that a station has set (`docs/PARAMETERS.md`) lie over files and \
          under the last two. Unknown keys and values out of range are refused with file, line, key, value \
-         and range; `haltere check` tells all that is wrong at once.\n",
+         and range; `haltere check` tells all that is wrong at once.\n\n\
+         A key that an update has retired is not unknown. One that is called otherwise now gives its value to \
+         the key of today; one that has no effect any more is left out. `haltere check` and `haltere fly` tell both, the \
+         second only where it was not at its last default. In `limits`, `supervisor`, `flight` and `board` a key \
+         without effect is refused with what serves its purpose now: nobody shall believe in a limit that is \
+         none. Logs of older builds are read with the keys of their time.\n",
         keys.len()
     );
-    let mut section = "";
+    let mut section = None;
     for key in &keys {
-        if key.section != section {
-            section = &key.section;
-            let _ = write!(page, "\n## `[{section}]`\n\n| key | default | |\n|---|---|---|\n");
+        if section != Some(&key.section) {
+            section = Some(&key.section);
+            let title = match key.section.as_str() {
+                "" => "Above every section".to_owned(),
+                name => format!("`[{name}]`"),
+            };
+            let _ = write!(page, "\n## {title}\n\n| key | default | |\n|---|---|---|\n");
         }
         let value = key.value.replace('|', "\\|");
         let shown = if key.absent {
@@ -111,7 +120,8 @@ mod tests {
         assert_eq!(keys.iter().filter(|k| !k.absent).count(), set);
         assert!(keys.iter().any(|k| k.name == "height_m" && k.absent));
         for key in &keys {
-            assert!(!key.text.is_empty() && !key.section.is_empty(), "{key:?}");
+            let above = key.name == crate::checks::schema::Schema::KEY;
+            assert!(!key.text.is_empty() && key.section.is_empty() == above, "{key:?}");
         }
     }
 }

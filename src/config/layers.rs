@@ -7,10 +7,13 @@
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
-use toml::{Table, Value};
+use toml::de::DeTable;
+use toml::{Spanned, Table, Value};
 
-use super::{Config, DEFAULT_FILE, Sources};
+use super::retired::{self, Author, Retired};
+use super::{Config, DEFAULT_FILE, Note, Sources};
 use crate::checks::Problems;
+use crate::checks::schema::Schema;
 
 /// What begins the name of every environment variable that is a configuration key.
 const ENVIRONMENT_PREFIX: &str = "HALTERE_";
@@ -27,19 +30,23 @@ struct Layer {
 
 /// All origins, in the order of their authority.
 #[derive(Debug)]
-pub(super) struct Layers(Vec<Layer>);
+pub(super) struct Layers {
+    layers: Vec<Layer>,
+    /// What people should know of retired keys.
+    pub notes: Vec<Note>,
+}
 
 impl Layers {
-    /// Reads every origin and refuses what cannot be typed.
-    pub(super) fn read(sources: &Sources) -> Result<Self, Problems> {
+    /// Reads every origin and refuses what cannot be typed. `gone`: the table of retired keys.
+    pub(super) fn read(sources: &Sources, gone: &[Retired]) -> Result<Self, Problems> {
         let mut problems = Problems::new();
-        let mut layers = Vec::new();
+        let (mut layers, mut notes) = (Vec::new(), Vec::new());
         let mut files = sources.files.clone();
         if files.is_empty() && Path::new(DEFAULT_FILE).exists() {
             files.push(DEFAULT_FILE.into());
         }
         for path in files {
-            match read_file(&path) {
+            match read_file(&path, gone, &mut notes) {
                 Ok(layer) => layers.push(layer),
                 Err(found) => found.lines().iter().for_each(|line| problems.say(line)),
             }
@@ -58,19 +65,19 @@ impl Layers {
             None => (format!("--set {text}"), String::new(), ""),
         });
         for (name, key, value) in variables.chain(overrides) {
-            match single(&name, &key, value) {
+            match single(&name, &key, value, gone, &mut notes) {
                 Ok(table) => layers.push(Layer { name, path: None, table }),
                 Err(found) => found.lines().iter().for_each(|line| problems.say(line)),
             }
         }
         problems.into_result()?;
-        Ok(Self(layers))
+        Ok(Self { layers, notes })
     }
 
     /// One typed configuration out of all of them.
     pub(super) fn merged(&self) -> Result<Config, Problems> {
         let mut builder = config::Config::builder();
-        for layer in &self.0 {
+        for layer in &self.layers {
             let text = layer.table.to_string();
             builder = builder.add_source(config::File::from_str(&text, config::FileFormat::Toml));
         }
@@ -98,7 +105,7 @@ impl Layers {
         // A default has no file of its own: the last file is meant.
         let base = match self.origin(key) {
             Some(layer) => layer.path.as_deref(),
-            None => self.0.iter().rev().find_map(|layer| layer.path.as_deref()),
+            None => self.layers.iter().rev().find_map(|layer| layer.path.as_deref()),
         };
         base.and_then(Path::parent).map_or_else(|| path.to_owned(), |folder| folder.join(path))
     }
@@ -110,15 +117,15 @@ impl Layers {
 
     /// Files among the origins.
     pub(super) fn files(&self) -> Vec<PathBuf> {
-        self.0.iter().filter_map(|layer| layer.path.clone()).collect()
+        self.layers.iter().filter_map(|layer| layer.path.clone()).collect()
     }
 
     fn origin(&self, key: &str) -> Option<&Layer> {
-        self.0.iter().rev().find(|layer| lookup(&layer.table, key).is_some())
+        self.layers.iter().rev().find(|layer| lookup(&layer.table, key).is_some())
     }
 }
 
-fn read_file(path: &Path) -> Result<Layer, Problems> {
+fn read_file(path: &Path, gone: &[Retired], notes: &mut Vec<Note>) -> Result<Layer, Problems> {
     let name = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| {
         one(format!(
@@ -126,25 +133,32 @@ fn read_file(path: &Path) -> Result<Layer, Problems> {
              `haltere init` writes one"
         ))
     })?;
-    parse_strictly::<Config>(&name, &text)?;
-    let table = text.parse::<Table>().map_err(|error| one(format!("{name}: {error}")))?;
-    Ok(Layer { name, path: Some(path.to_owned()), table })
+    let read = read_config(&name, &text, gone, Author::User)?;
+    notes.extend(read.notes);
+    Ok(Layer { name, path: Some(path.to_owned()), table: read.table })
 }
 
 /// A layer of one key.
-fn single(name: &str, key: &str, text: &str) -> Result<Table, Problems> {
+fn single(
+    name: &str,
+    key: &str,
+    text: &str,
+    gone: &[Retired],
+    notes: &mut Vec<Note>,
+) -> Result<Table, Problems> {
     let parts: Vec<_> = key.split('.').collect();
     if parts.len() < 2 || parts.iter().any(|part| part.is_empty()) {
         return Err(one(format!("{name}: write it as section.key=value")));
     }
     let defaults = Table::try_from(Config::default()).unwrap_or_default();
-    let mut value = value_like(lookup(&defaults, key), text);
+    let mut value = value_like(lookup(&defaults, retired::present_name(gone, key)), text);
     for part in parts.iter().rev() {
         value = Value::Table(Table::from_iter([((*part).to_owned(), value)]));
     }
     let Value::Table(table) = value else { return Ok(Table::new()) };
-    parse_strictly::<Config>(name, &table.to_string())?;
-    Ok(table)
+    let read = read_config(name, &table.to_string(), gone, Author::User)?;
+    notes.extend(read.notes);
+    Ok(read.table)
 }
 
 /// Text from a command line, typed like the default of its key.
@@ -189,25 +203,83 @@ fn lookup<'t>(table: &'t Table, key: &str) -> Option<&'t Value> {
     }
 }
 
+/// A configuration that was read from one text.
+#[derive(Debug)]
+pub(super) struct Read {
+    /// Typed, what is absent at its default.
+    pub config: Config,
+    /// As it stands there, under today's names.
+    pub table: Table,
+    /// What people should know of retired keys.
+    pub notes: Vec<Note>,
+}
+
+/// Reads one text of a configuration, under the names of its time.
+pub(super) fn read_config(
+    name: &str,
+    text: &str,
+    gone: &[Retired],
+    author: Author,
+) -> Result<Read, Problems> {
+    let mut root = parse(name, text)?;
+    check_schema(name, &mut root)?;
+    let found = retired::apply(root.get_mut(), gone, author);
+    let place = |at: &std::ops::Range<usize>| place(name, text, at.start);
+    let mut refused = Problems::new();
+    for (at, why) in &found.refused {
+        refused.say(format!("{}{why}", place(at)));
+    }
+    refused.into_result()?;
+    let told = found.told.iter().map(|(at, what)| Note::retired(format!("{}{what}", place(at))));
+    let notes = told.collect();
+    let table = typed(name, text, root.clone())?;
+    Ok(Read { config: typed(name, text, root)?, table, notes })
+}
+
+/// Takes the version out of a text, and refuses a newer one before any key of it is judged.
+fn check_schema(name: &str, root: &mut Spanned<DeTable<'_>>) -> Result<(), Problems> {
+    let Some(version) = root.get_mut().remove(Schema::KEY) else { return Ok(()) };
+    let shown = version.get_ref().as_integer().map_or("no whole number", |v| v.as_str());
+    Schema::CONFIGURATION.check_text(shown).map_err(|error| one(format!("{name}: {error}")))
+}
+
 /// Typed content of a TOML text; a refusal names file, line, key, and what is allowed.
 pub(super) fn parse_strictly<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, Problems> {
-    let line_of = |error: &toml::de::Error| {
-        let start = error.span().map_or(0, |span| span.start);
-        1 + text.bytes().take(start).filter(|byte| *byte == b'\n').count()
-    };
-    let parsed = toml::Deserializer::parse(text)
-        .map_err(|e| one(format!("{name}: line {}: {}", line_of(&e), e.message().trim())))?;
-    serde_path_to_error::deserialize(parsed).map_err(|error| {
+    typed(name, text, parse(name, text)?)
+}
+
+fn parse<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problems> {
+    DeTable::parse(text).map_err(|e| {
+        let line = line_of(text, e.span().map_or(0, |span| span.start));
+        one(format!("{name}: line {line}: {}", e.message().trim()))
+    })
+}
+
+fn typed<T: DeserializeOwned>(
+    name: &str,
+    text: &str,
+    root: Spanned<DeTable<'_>>,
+) -> Result<T, Problems> {
+    serde_path_to_error::deserialize(toml::Deserializer::from(root)).map_err(|error| {
         let path = error.path().to_string();
         let inner = error.into_inner();
         let key = if path == "." { String::new() } else { format!("{path}: ") };
-        let place = if text.contains('\n') && name.ends_with(".toml") {
-            format!("line {}: ", line_of(&inner))
-        } else {
-            String::new()
-        };
-        one(format!("{name}: {place}{key}{}", in_words(inner.message())))
+        let place = place(name, text, inner.span().map_or(0, |span| span.start));
+        one(format!("{place}{key}{}", in_words(inner.message())))
     })
+}
+
+/// Where in a text something stands, for people. A text of one key has no lines.
+fn place(name: &str, text: &str, at: usize) -> String {
+    if text.contains('\n') && name.ends_with(".toml") {
+        format!("{name}: line {}: ", line_of(text, at))
+    } else {
+        format!("{name}: ")
+    }
+}
+
+fn line_of(text: &str, at: usize) -> usize {
+    1 + text.bytes().take(at).filter(|byte| *byte == b'\n').count()
 }
 
 /// The parser's words for types, in words for people.

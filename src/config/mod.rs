@@ -10,6 +10,8 @@ mod document;
 mod ground;
 mod key_file;
 mod layers;
+mod note;
+mod retired;
 mod sections;
 mod signing;
 pub mod stored;
@@ -26,6 +28,7 @@ pub use differences::Difference;
 pub use document::{DocumentedKey, configuration_page, reference};
 pub use ground::{EndpointConfig, GroundConfig};
 pub use key_file::{KeyFileError, read_key, read_time, time_file};
+pub use note::Note;
 pub use sections::{
     AnchorsConfig, BankSizeName, BoardConfig, DiagnosisConfig, RecordConfig, StoreConfig,
     TagConfig, TagPort, TimingConfig,
@@ -33,6 +36,7 @@ pub use sections::{
 pub use signing::{Doors, SigningConfig};
 pub use watch::{Token, TokenError, WatchAddress, WatchConfig};
 
+use self::retired::{Author, RETIRED, Retired};
 use crate::checks::Problems;
 use crate::control::ControlConfig;
 use crate::estimator::EstimatorConfig;
@@ -90,8 +94,10 @@ pub struct Loaded {
     pub survey: Survey,
     /// Files that were read, for the user to see.
     pub files: Vec<PathBuf>,
-    /// What people should know about the parameters that a station had set.
-    pub notes: Vec<String>,
+    /// What people should know: retired keys, parameters that a station had set.
+    pub notes: Vec<Note>,
+    /// Why what a station has set is not in force, the first reason.
+    pub lost: Option<String>,
 }
 
 /// Where a configuration comes from.
@@ -119,7 +125,12 @@ impl Sources {
 impl Loaded {
     /// Reads and checks everything; refuses with all that is wrong.
     pub fn load(sources: &Sources) -> Result<Self, Problems> {
-        let (mut config, layers) = Config::load_layers(sources)?;
+        Self::load_by(sources, RETIRED)
+    }
+
+    fn load_by(sources: &Sources, gone: &[Retired]) -> Result<Self, Problems> {
+        let (mut config, mut layers) = Config::load_layers(sources, gone)?;
+        let notes = std::mem::take(&mut layers.notes);
         if !config.watch.token_file.as_os_str().is_empty() {
             config.watch.token_file = layers.beside("watch.token_file", &config.watch.token_file);
         }
@@ -130,7 +141,7 @@ impl Loaded {
         let survey = anchors::read(&anchor_file)?;
         let mut files = layers.files();
         files.push(anchor_file);
-        let mut loaded = Self { config, survey, files, notes: Vec::new() };
+        let mut loaded = Self { config, survey, files, notes, lost: None };
         stored::apply(&mut loaded, &layers);
         Ok(loaded)
     }
@@ -140,11 +151,14 @@ impl Config {
     /// Reads and checks all keys, without the anchor file: for tools that bring a survey of
     /// their own.
     pub fn load(sources: &Sources) -> Result<Self, Problems> {
-        Self::load_layers(sources).map(|(config, _)| config)
+        Self::load_layers(sources, RETIRED).map(|(config, _)| config)
     }
 
-    fn load_layers(sources: &Sources) -> Result<(Self, layers::Layers), Problems> {
-        let layers = layers::Layers::read(sources)?;
+    fn load_layers(
+        sources: &Sources,
+        gone: &[Retired],
+    ) -> Result<(Self, layers::Layers), Problems> {
+        let layers = layers::Layers::read(sources, gone)?;
         let config = layers.merged()?;
         let mut problems = Problems::new();
         config.check(&mut problems);
@@ -226,15 +240,29 @@ impl Config {
         self.control = pilot.control;
     }
 
-    /// The whole configuration as a TOML file, for the log.
+    /// The whole configuration as a TOML file.
     pub fn to_toml(&self) -> String {
         // Plain tables of plain values: there is nothing that TOML cannot hold.
         toml::to_string(self).unwrap_or_default()
     }
 
-    /// From a TOML file in memory, as a log holds it. `name` stands in messages.
+    /// The same for the log of a flight, with the volume that was flown in: what a build makes of the anchors
+    /// may change.
+    pub fn to_log(&self, survey: &Survey) -> String {
+        let mut flown = self.clone();
+        flown.limits.resolve(survey);
+        flown.to_toml()
+    }
+
+    /// From a TOML file of a user in memory. `name` stands in messages.
     pub fn from_toml(name: &str, text: &str) -> Result<Self, Problems> {
-        layers::parse_strictly(name, text)
+        layers::read_config(name, text, RETIRED, Author::User).map(|read| read.config)
+    }
+
+    /// As it stands in the head of a log, which may be of an older build: keys that are no more are read
+    /// without a word. `name` stands in messages.
+    pub fn as_recorded(name: &str, text: &str) -> Result<Self, Problems> {
+        layers::read_config(name, text, RETIRED, Author::Recorder).map(|read| read.config)
     }
 }
 

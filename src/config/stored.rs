@@ -14,8 +14,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::Loaded;
 use super::layers::Layers;
+use super::{Loaded, Note};
 use crate::checks::Problems;
 use crate::pilot::services::{crc32, find_parameter};
 
@@ -73,38 +73,70 @@ pub(super) fn apply(loaded: &mut Loaded, layers: &Layers) {
         Ok(text) => text,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return,
         Err(error) => {
-            loaded.notes.push(format!("{name}: not used: cannot be read: {error}"));
+            let why = format!("cannot be read: {error}");
+            lose(loaded, format!("{name}: not used: {why}"), why);
             return;
         }
     };
     match from_text(&text) {
         Ok(values) => {
             for (parameter, value) in &values {
-                if let Err(why) = apply_one(loaded, layers, parameter, *value) {
-                    loaded.notes.push(format!("{name}: {parameter} = {value} not used: {why}"));
+                match apply_one(loaded, layers, parameter, *value) {
+                    Ok(()) => {}
+                    Err(Unused::ByHand(key)) => loaded.notes.push(Note::not_used(format!(
+                        "{name}: {parameter} = {value} not used: {key} is set by hand"
+                    ))),
+                    Err(Unused::Refused(why)) => {
+                        let why = format!("{parameter} = {value} not used: {why}");
+                        lose(loaded, format!("{name}: {why}"), why);
+                    }
                 }
             }
             if !values.is_empty() {
                 let text = format!("{name}: {} parameters set by a ground station", values.len());
-                loaded.notes.push(text);
+                loaded.notes.push(Note::in_force(text));
             }
             loaded.files.push(path);
         }
-        Err(why) => loaded.notes.push(format!(
-            "{name}: not used, the configuration files hold: {why}; remove it, or set the \
-             parameters again"
-        )),
+        Err(why) => lose(
+            loaded,
+            format!(
+                "{name}: not used, the configuration files hold: {why}; remove it, or set the \
+                 parameters again"
+            ),
+            why,
+        ),
     }
 }
 
-fn apply_one(loaded: &mut Loaded, layers: &Layers, name: &str, value: f64) -> Result<(), String> {
+/// Somebody has set what is not in force now: people at stations are told, not only who reads the output.
+fn lose(loaded: &mut Loaded, note: String, why: String) {
+    loaded.notes.push(Note::not_used(note));
+    loaded.lost.get_or_insert(why);
+}
+
+/// Why a value is not in force.
+enum Unused {
+    /// Whoever types a value means it: the key.
+    ByHand(String),
+    /// This build does not take it.
+    Refused(String),
+}
+
+impl From<String> for Unused {
+    fn from(why: String) -> Self {
+        Unused::Refused(why)
+    }
+}
+
+fn apply_one(loaded: &mut Loaded, layers: &Layers, name: &str, value: f64) -> Result<(), Unused> {
     let Some((_, parameter)) = find_parameter(name) else {
-        return Err("no such parameter".to_owned());
+        return Err(Unused::Refused("no such parameter".to_owned()));
     };
     let key = parameter.key_text();
     let key = key.split('[').next().unwrap_or_default();
     if layers.is_set_by_hand(key) {
-        return Err(format!("{key} is set by hand"));
+        return Err(Unused::ByHand(key.to_owned()));
     }
     let mut pilot = loaded.config.pilot();
     if key.starts_with("limits.") {
@@ -121,7 +153,7 @@ fn apply_one(loaded: &mut Loaded, layers: &Layers, name: &str, value: f64) -> Re
     };
     let before = check(&loaded.config);
     if let Some(line) = check(&changed).lines().iter().find(|line| !before.lines().contains(line)) {
-        return Err(line.clone());
+        return Err(Unused::Refused(line.clone()));
     }
     loaded.config = changed;
     Ok(())
@@ -133,6 +165,34 @@ mod tests {
 
     fn values() -> Values {
         [("FLT_TKO_HGT", 1.2), ("GAN_VEL_X_P", 0.3)].map(|(n, v)| (n.to_owned(), v)).into()
+    }
+
+    /// A file that is damaged or empty was told in the output alone.
+    #[test]
+    fn regress_what_is_not_in_force_is_passed_on_to_stations() {
+        let folder = tempfile::tempdir().unwrap();
+        let here = |name: &str| folder.path().join(name);
+        std::fs::write(here("anchors.toml"), include_str!("../../config/anchors.toml")).unwrap();
+        let text = format!("[store]\ndirectory = {:?}\n", folder.path().to_str().unwrap());
+        std::fs::write(here("haltere.toml"), text).unwrap();
+        let lost = |stored: Option<&str>, by_hand: &[&str]| {
+            let _ = std::fs::remove_file(here(FILE));
+            if let Some(text) = stored {
+                std::fs::write(here(FILE), text).unwrap();
+            }
+            let overrides = by_hand.iter().map(|text| (*text).to_owned()).collect();
+            let files = vec![here("haltere.toml")];
+            let sources = super::super::Sources { files, environment: Vec::new(), overrides };
+            Loaded::load(&sources).unwrap().lost
+        };
+        assert_eq!(lost(None, &[]), None);
+        assert_eq!(lost(Some(&to_text(&values())), &[]), None);
+        assert_eq!(lost(Some(&to_text(&values())), &["flight.takeoff_height_m=2.0"]), None);
+        assert!(lost(Some(""), &[]).unwrap().contains("no first line"));
+        let cut = to_text(&values());
+        assert!(lost(Some(&cut[..cut.len() - 3]), &[]).unwrap().contains("crc32"));
+        let beyond = to_text(&[("FLT_TKO_HGT".to_owned(), 99.0)].into());
+        assert!(lost(Some(&beyond), &[]).unwrap().contains("FLT_TKO_HGT = 99 not used"));
     }
 
     #[test]

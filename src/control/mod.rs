@@ -17,6 +17,7 @@ pub mod drag;
 pub mod filter;
 pub mod gains;
 pub mod ground;
+pub mod margins;
 pub mod trim;
 pub mod voltage;
 

@@ -23,6 +23,8 @@ pub struct Vehicle {
     pub velocity_mps: Option<[f64; 3]>,
     /// Pack voltage, V.
     pub supply_v: Option<f64>,
+    /// What the board told the first eight motors and servos, µs; 0: not in use.
+    pub outputs_us: Option<[u16; 8]>,
     /// Mission item in force.
     pub current: Option<u16>,
     /// Last mission item that was reached.
@@ -53,6 +55,18 @@ impl Vehicle {
             }
             MavMessage::SYS_STATUS(status) if status.voltage_battery != u16::MAX => {
                 self.supply_v = Some(f64::from(status.voltage_battery) * 1e-3);
+            }
+            MavMessage::SERVO_OUTPUT_RAW(m) if m.port == 0 => {
+                self.outputs_us = Some([
+                    m.servo1_raw,
+                    m.servo2_raw,
+                    m.servo3_raw,
+                    m.servo4_raw,
+                    m.servo5_raw,
+                    m.servo6_raw,
+                    m.servo7_raw,
+                    m.servo8_raw,
+                ]);
             }
             MavMessage::MISSION_CURRENT(current) => self.current = Some(current.seq),
             MavMessage::MISSION_ITEM_REACHED(reached) => self.reached = Some(reached.seq),
@@ -115,6 +129,7 @@ impl Vehicle {
             "position_NED_m": self.position_m,
             "velocity_NED_mps": self.velocity_mps,
             "battery_v": self.supply_v,
+            "outputs_us": self.outputs_us,
             "mission_item": self.current,
             "links": links,
             "drops": drops,
@@ -134,6 +149,7 @@ impl Vehicle {
             format!("state:    {}", landed_name(self.landed)),
             format!("position: {}", known(point)),
             format!("battery:  {}", known(self.supply_v.map(|v| format!("{v:.2} V")))),
+            format!("outputs:  {}", known(self.outputs_us.map(outputs))),
             format!("mission:  item {}", known(self.current.map(|n| n.to_string()))),
         ];
         for (number, link) in &self.links {
@@ -156,6 +172,13 @@ impl Vehicle {
         }
         lines
     }
+}
+
+/// Those that are in use, in their order.
+fn outputs(told_us: [u16; 8]) -> String {
+    let used = told_us.iter().rposition(|told| *told != 0).map_or(0, |last| last + 1);
+    let shown: Vec<String> = told_us.iter().take(used).map(u16::to_string).collect();
+    format!("{} us", shown.join(", "))
 }
 
 /// What the numbers of links in counts of losses stand for.
@@ -190,6 +213,7 @@ mod tests {
             custom_mode: 4 << 16 | 3 << 24,
             position_m: Some([1.0, 2.0, -1.5]),
             landed: LandedState::MAV_LANDED_STATE_IN_AIR,
+            outputs_us: Some([1500, 1640, 1490, 1640, 0, 0, 0, 0]),
             ..Vehicle::default()
         };
         told.drops.insert((1, "bad_checksum".into()), 3);
@@ -197,6 +221,8 @@ mod tests {
         let json = told.json();
         assert_eq!(json["mode"], "hold");
         assert_eq!(json["state"], "in the air");
+        assert_eq!(json["outputs_us"][1], 1640);
+        assert!(told.lines().contains(&"outputs:  1500, 1640, 1490, 1640 us".to_owned()));
         assert_eq!(json["position_NED_m"], json!([1.0, 2.0, -1.5]));
         assert_eq!(json["links"][0]["sent"], 7);
         assert_eq!(json["links"][0]["own"], true);

@@ -53,7 +53,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
-use crate::frames::{B, Rot, Vec3};
+use crate::frames::{B, G_MPS2, Rot, Vec3};
 use crate::measure::{AnchorId, ImuSample};
 use crate::survey::Survey;
 use crate::time::HostTime;
@@ -89,6 +89,11 @@ const LONGEST_STEP_S: f64 = 0.02;
 const LONGEST_GAP_S: f64 = 1.0;
 /// A gap in the IMU beyond this adds unknown acceleration, s.
 const GAP_S: f64 = 0.1;
+/// After a gap beyond this the velocity is not the one before it, s: a board whose companion was silent for so long
+/// sinks by itself and may have been stopped by the floor, so that how far it came says nothing of how fast it is.
+const FORGET_GAP_S: f64 = 0.5;
+/// One sigma of the velocity after such a gap, m/s: of a board that sinks by itself.
+const STD_VEL_FORGOTTEN_MPS: f64 = 1.5;
 /// Acceleration that may have happened in a gap, m/s²/√Hz.
 const STD_ACC_GAP_MPS2_RTHZ: f64 = 4.0;
 /// Largest specific force an IMU of this class reports, m/s² (16 g and some).
@@ -268,6 +273,11 @@ impl Estimator {
         self.airborne = airborne;
     }
 
+    /// How long the IMU has rested, s, while the vehicle is not said to fly.
+    pub fn rested_s(&self) -> f64 {
+        self.rest.duration_s()
+    }
+
     /// Heading at the start, which rest cannot show: without it there is no start from rest.
     pub fn set_initial_heading(&mut self, yaw_rad: f64, std_rad: f64) {
         if yaw_rad.is_finite() && std_rad.is_finite() && std_rad > 0.0 {
@@ -350,8 +360,18 @@ impl Estimator {
     }
 
     fn predict(&mut self, dt_s: f64, rate_B: Vector3<f64>) {
+        let forgets = self.airborne && dt_s > FORGET_GAP_S;
+        // Nor did it turn or push all the while as in the last moment: it stays, and may be elsewhere.
+        let (acc_B, rate_B) = if forgets {
+            (Vector3::new(0.0, 0.0, -G_MPS2), Vector3::zeros())
+        } else {
+            (self.acc_B, rate_B)
+        };
         let near_floor = self.is_near_floor(self.config.anchor_bias.hidden_below_m);
         let Some(state) = &mut self.state else { return };
+        if forgets {
+            state.v_B = Vector3::zeros();
+        }
         let c = &self.config;
         let mut force = match (self.airborne, c.specific_force) {
             (false, _) | (_, SpecificForce::Accelerometer) => Force::Measured,
@@ -366,7 +386,7 @@ impl Estimator {
             && c.slow_force_s > 0.0
         {
             let time_s = c.slow_force_s;
-            *beyond_B_mps2 = self.slow_force.follow(dt_s, time_s, &self.acc_B, drag_B_mps2);
+            *beyond_B_mps2 = self.slow_force.follow(dt_s, time_s, &acc_B, drag_B_mps2);
         }
         let p = &c.process;
         let (acc_xy, acc_z, rate) = match (self.airborne, dt_s > GAP_S) {
@@ -387,15 +407,15 @@ impl Estimator {
         let pieces = (dt_s / LONGEST_STEP_S).ceil().max(1.0);
         if c.covariance_step_s == 0.0 && state.biases.is_empty() {
             for _ in 0..pieces as u32 {
-                predict::predict(state, dt_s / pieces, &self.acc_B, &rate_B, force, &growth);
+                predict::predict(state, dt_s / pieces, &acc_B, &rate_B, force, &growth);
             }
         } else {
             for _ in 0..pieces as u32 {
                 let dt_s = dt_s / pieces;
-                predict::propagate_nominal(state, dt_s, &self.acc_B, &rate_B, force);
+                predict::propagate_nominal(state, dt_s, &acc_B, &rate_B, force);
                 let p = &mut self.pending;
                 p.dt_s += dt_s;
-                p.acc_B += self.acc_B * dt_s;
+                p.acc_B += acc_B * dt_s;
                 p.rate_B += rate_B * dt_s;
                 if p.dt_s >= c.covariance_step_s {
                     let (acc_B, rate_B) = (p.acc_B / p.dt_s, p.rate_B / p.dt_s);
@@ -418,6 +438,9 @@ impl Estimator {
                     *p = Pending::default();
                 }
             }
+        }
+        if forgets {
+            state.restart_velocity(Vector3::zeros(), STD_VEL_FORGOTTEN_MPS);
         }
         self.counts.predicted += 1;
         if !state.is_sane() {

@@ -112,6 +112,18 @@ pub fn tables(log: &LogReader) -> (Vec<Table>, LogEnd) {
                 add("drops", at_us, row);
             }
         }
+        if let Decoded::Servos(servos) = &decoded {
+            for (n, value) in (1..).zip(&servos.output) {
+                let row = vec![
+                    ("received_at_us", whole(at_us)),
+                    ("port", whole(u64::from(servos.port))),
+                    ("output", whole(n)),
+                    ("told", real(f64::from(*value))),
+                ];
+                add("servos", at_us, row);
+            }
+            continue;
+        }
         add(decoded.channel().trim_start_matches('/'), at_us, cells(&decoded));
     }
     (found.into_values().collect(), entries.end())
@@ -199,12 +211,39 @@ fn cells(decoded: &Decoded) -> Row {
                 ("thrust_cut_low", Cell::Flag(m.thrust_cut_low)),
             ]);
         }
+        Decoded::Shadow(m) => {
+            row.push(("at_us", whole(m.at_us)));
+            wxyz(&mut row, ["q_board_w", "q_board_x", "q_board_y", "q_board_z"], m.q_board);
+            row.extend([
+                ("roll_rad", real(m.roll_rad)),
+                ("pitch_rad", real(m.pitch_rad)),
+                ("yaw_rad", real(m.yaw_rad)),
+                ("thrust_frac", real(m.thrust_frac)),
+            ]);
+            xyz(&mut row, ["place_E_x_m", "place_E_y_m", "place_E_z_m"], m.place_e_m);
+            row.extend([
+                ("theirs_roll_rad", Cell::Real(m.theirs_roll_rad)),
+                ("theirs_pitch_rad", Cell::Real(m.theirs_pitch_rad)),
+                ("theirs_yaw_rad", Cell::Real(m.theirs_yaw_rad)),
+                ("theirs_thrust_frac", Cell::Real(m.theirs_thrust_frac)),
+            ]);
+        }
         Decoded::Battery(m) => row.extend([
             ("received_at_us", whole(m.received_at_us)),
             ("supply_v", real(m.supply_v)),
             ("current_a", Cell::Real(m.current_a)),
             ("remaining_frac", Cell::Real(m.remaining_frac)),
         ]),
+        Decoded::OtherBattery(m) => row.extend([
+            ("received_at_us", whole(m.received_at_us)),
+            ("id", whole(u64::from(m.id))),
+            ("function", whole(u64::from(m.function))),
+            ("supply_v", real(m.supply_v)),
+            ("current_a", Cell::Real(m.current_a)),
+            ("remaining_frac", Cell::Real(m.remaining_frac)),
+        ]),
+        // A row for each output: boards differ in their number.
+        Decoded::Servos(_) => {}
         Decoded::BoardAttitude(m) => {
             row.extend([("valid_at_us", whole(m.valid_at_us)), ("received_at_us", whole(m.received_at_us))]);
             wxyz(&mut row, ["q_board_w", "q_board_x", "q_board_y", "q_board_z"], m.q_board);

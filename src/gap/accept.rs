@@ -153,7 +153,7 @@ pub fn edit_scenario(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<Str
 
 /// Changes the numbers of a vehicle file that an effect changes.
 pub fn edit_vehicle(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<String, EditError> {
-    let before: Vehicle = toml::from_str(text).map_err(|e| EditError::Parse(e.to_string()))?;
+    let before = Vehicle::from_toml(text).map_err(|e| EditError::Parse(e.to_string()))?;
     let mut after = before.clone();
     let set = super::make_bank::with_effect(EffectSet::none(), spec, theta)
         .map_err(|e| EditError::Value(e.to_string()))?;
@@ -184,7 +184,7 @@ pub fn edit_vehicle(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<Stri
     if !changed {
         return Err(EditError::NotOfTheVehicle { id: spec.id, name: spec.name });
     }
-    let vehicle: Vehicle = toml::from_str(&new).map_err(|e| EditError::Parse(e.to_string()))?;
+    let vehicle = Vehicle::from_toml(&new).map_err(|e| EditError::Parse(e.to_string()))?;
     let mut problems = crate::checks::Problems::new();
     vehicle.check("vehicle", &mut problems);
     problems.into_result().map_err(|e| EditError::Value(e.to_string()))?;
@@ -363,11 +363,11 @@ mod tests {
     #[test]
     fn val_a_vehicle_file_gets_the_numbers_that_the_effect_makes() {
         let heavier = edit_vehicle("name = \"own\"\n", spec("I1"), &[6.0]).unwrap();
-        let vehicle: Vehicle = toml::from_str(&heavier).unwrap();
+        let vehicle = Vehicle::from_toml(&heavier).unwrap();
         assert!((vehicle.body.mass_kg - Vehicle::default().body.mass_kg - 0.006).abs() < 1e-7);
         assert_eq!(vehicle.name, "own");
         let rough = edit_vehicle("", spec("A1"), &[1.3, 1.0, 1.0]).unwrap();
-        let vehicle: Vehicle = toml::from_str(&rough).unwrap();
+        let vehicle = Vehicle::from_toml(&rough).unwrap();
         let (now, was) = (vehicle.drag.k_ns_per_m_hz[0], Vehicle::default().drag.k_ns_per_m_hz[0]);
         assert!((now / was - 1.3).abs() < 1e-4, "{rough}");
         let said = edit_vehicle("", spec("U2"), &[0.2, 3.0]).unwrap_err();

@@ -12,6 +12,7 @@ use super::shrink::{medians, scales};
 use super::statistics::{ANCHOR_SLOTS, Observation, observe, specs};
 use super::workshop::Workshop;
 use crate::gap::nominal::Nominal;
+use crate::replay::{Differs, Report};
 
 /// Blocks below this many sigma are not shown as places of the gap.
 const LOUD_SIGMA: f64 = 3.0;
@@ -248,7 +249,7 @@ pub fn judge(
         set: Vec::new(),
         not_testable: Vec::new(),
         shrink: None,
-        replay: format!("{:?}", flown.replay.verdict).to_lowercase(),
+        replay: replay_word(&flown.replay),
         faults: flown.faults.clone(),
         remarks: flown.remarks.clone(),
         truth: None,
@@ -283,6 +284,15 @@ pub fn judge(
         workshop.spec(id).map_or_else(|| id.to_owned(), |spec| format!("{} {}", spec.id, spec.name))
     });
     result
+}
+
+/// What the replay came to in one word: which of both differs where another build flew.
+fn replay_word(replay: &Report) -> String {
+    match replay.differs {
+        Some(Differs::OtherTraffic) if !replay.same_source => "other_traffic_differs".to_owned(),
+        Some(Differs::Setpoints) if !replay.same_source => "setpoints_differ".to_owned(),
+        _ => format!("{:?}", replay.verdict).to_lowercase(),
+    }
 }
 
 fn made_with(workshop: &Workshop) -> MadeWith {

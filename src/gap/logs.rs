@@ -1,21 +1,25 @@
-//! Gate 0: a log is a flight of ours only when replaying it sends the same bytes again.
+//! Gate 0: a log is a flight of ours only when what was flown is known.
 //!
-//! Everything behind this gate rests on "each block's logged inputs": a lost input, another version
-//! or another parameter looks like a gap in the physics and is none (GAP.md 2.0). So the replay is
-//! not only checked, it also is where the trace comes from.
+//! Everything behind this gate rests on "each block's logged inputs": a lost input or another
+//! parameter looks like a gap in the physics and is none (GAP.md 2.0). So the replay is
+//! not only checked, it also is where the trace comes from. A log of the same source must send the same bytes
+//! again. One of another source outlives it: what the diagnosis rests on are the setpoints for the board, and
+//! where this build would have sent others, those recorded are judged. Its inputs must fit one another then,
+//! since that is all that can still be asked.
 
 use std::path::{Path, PathBuf};
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::Serialize;
 
+use super::as_flown::AsFlown;
 use super::scene::{Scene, Told};
 use super::trace::Trace;
 use crate::config::Config;
 use crate::model::room::Room;
 use crate::pilot::{Mode, PilotConfig};
 use crate::record::LogReader;
-use crate::replay::{ReplayError, Report, Verdict, recorded_config, replay_observed};
+use crate::replay::{Differs, ReplayError, Report, Verdict, recorded_config, replay_observed};
 use crate::survey::Survey;
 
 /// Fewest IMU samples, board attitudes and TDOA a second in the air with which a flight is judged.
@@ -31,6 +35,13 @@ const LAST_MOMENTS_S: f64 = 1.0;
 const PART_GRID_S: f64 = 20.0;
 /// Least part of a mission that says anything, s: climb and the first hover.
 const LEAST_PART_S: f64 = 20.0;
+
+/// What is said of a shadow's log: a block is judged against simulated flights of the same commands, and these are
+/// somebody else's.
+const SHADOW_LOG: &str = "a shadow's log (flight.shadow): somebody else flew. mission, controller, link, inner_loop, \
+     thrust, aerodynamics and actuators cannot be judged, their commands are not in it; imu, uwb, estimator, battery \
+     and timing can be looked at with `haltere report`, and what we would have commanded beside what the board \
+     flew to with `haltere log export --topic shadow`";
 
 /// A log that was read and replayed.
 #[derive(Debug, Clone)]
@@ -74,6 +85,9 @@ pub fn read_log(log: &LogReader) -> Result<Flown, ReplayError> {
     let session = log.session();
     let mut trace = Trace::new(session.survey.clone());
     let (replay, mission) = replay_observed(log, |topic| trace.take(topic))?;
+    if !replay.same_source && replay.differs == Some(Differs::Setpoints) {
+        AsFlown::of(log).put_into(&mut trace);
+    }
     let config = recorded_config(log)?;
     let mut flown = Flown {
         path: log.path().to_owned(),
@@ -91,22 +105,14 @@ pub fn read_log(log: &LogReader) -> Result<Flown, ReplayError> {
 
 impl Flown {
     fn examine(&mut self) {
-        match self.replay.verdict {
-            Verdict::Identical | Verdict::WithinTolerance => {}
-            Verdict::OnlyToHole => self.faults.push(format!(
-                "the log has a hole at {:.1} s; what lies behind cannot be replayed",
-                self.replay.holes.first().map_or(0.0, |h| h.from_s)
-            )),
-            Verdict::NothingToCompare => {
-                self.faults.push("the log holds no output to compare the replay with".to_owned());
-            }
-            Verdict::Different => self.faults.push(match &self.replay.first_difference {
-                Some(d) => format!(
-                    "the replay does not send what was flown, from {:.2} s on: {}",
-                    d.time_s, d.what
-                ),
-                None => "the replay does not send what was flown".to_owned(),
-            }),
+        if self.replay.same_source {
+            self.examine_replay();
+        } else {
+            self.examine_replay_of_another();
+        }
+        if self.config.flight.shadow {
+            self.faults.push(SHADOW_LOG.to_owned());
+            return;
         }
         let Some(air_s) = air_s(&self.trace) else {
             self.faults.push("the vehicle was never in the air".to_owned());
@@ -142,6 +148,53 @@ impl Flown {
         }
         if !self.replay.log_end.starts_with("complete") {
             self.remarks.push(format!("log {}", self.replay.log_end));
+        }
+    }
+
+    /// The same source sends the same bytes, or the log is not what was flown.
+    fn examine_replay(&mut self) {
+        match self.replay.verdict {
+            Verdict::Identical | Verdict::WithinTolerance => {}
+            Verdict::OnlyToHole | Verdict::NothingToCompare => self.examine_extent(),
+            Verdict::Different => self.faults.push(match &self.replay.first_difference {
+                Some(d) => format!(
+                    "the replay does not send what was flown, from {:.2} s on: {}",
+                    d.time_s, d.what
+                ),
+                None => "the replay does not send what was flown".to_owned(),
+            }),
+        }
+    }
+
+    fn examine_replay_of_another(&mut self) {
+        self.examine_extent();
+        let replay = &self.replay;
+        let faults = replay.input_faults.iter();
+        self.faults.extend(faults.map(|why| format!("the inputs do not fit one another: {why}")));
+        if replay.differs == Some(Differs::Setpoints) {
+            self.remarks.push(format!(
+                "another build flew this, and this one would have sent other setpoints: {}; those recorded \
+                 are judged, the estimate is what this build computes",
+                replay.setpoints
+            ));
+        }
+        if let Some(words) = replay.other_traffic_words() {
+            self.remarks.push(format!(
+                "another build flew this, and this one would have sent other messages beside the setpoints, on \
+                 which nothing here rests: {words}"
+            ));
+        }
+    }
+
+    /// Holes, and logs without an output.
+    fn examine_extent(&mut self) {
+        if let Some(hole) = self.replay.holes.first() {
+            self.faults.push(format!(
+                "the log has a hole at {:.1} s; what lies behind cannot be replayed",
+                hole.from_s
+            ));
+        } else if self.replay.outputs == 0 {
+            self.faults.push("the log holds no output to compare the replay with".to_owned());
         }
     }
 
@@ -245,6 +298,9 @@ fn flatten(key: &str, value: &toml::Value, rows: &mut Vec<(String, String)>) {
 }
 
 #[cfg(test)]
+mod other_builds;
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -254,6 +310,31 @@ mod tests {
         assert_eq!(comparable_s(40.5), Some(20.0), "the last second is left out");
         assert_eq!(comparable_s(15.0), None);
         assert_eq!(comparable_s(f64::NAN), None);
+    }
+
+    #[test]
+    fn prop_of_a_shadow_s_log_every_block_is_named_once() {
+        for block in [
+            "mission",
+            "controller",
+            "link",
+            "inner_loop",
+            "thrust",
+            "aerodynamics",
+            "battery",
+            "imu",
+            "uwb",
+            "estimator",
+            "timing",
+            "actuators",
+        ] {
+            let words = |text: &str| {
+                text.split(|c: char| !(c.is_alphanumeric() || c == '_'))
+                    .filter(|w| *w == block)
+                    .count()
+            };
+            assert_eq!(words(SHADOW_LOG), 1, "{block}");
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@ pub mod accept;
 pub mod accepted;
 pub mod advise;
 pub mod archive;
+mod as_flown;
 pub mod attribute;
 pub mod axis;
 pub mod balance;

@@ -145,8 +145,8 @@ impl Trace {
             Topic::Battery(r) => self.batteries.push(r),
             Topic::BoardAttitude(r) => self.attitudes.push(r),
             Topic::Baro(r) => self.baros.push(r),
-            // The diagnosis has no use for it.
-            Topic::Mag(_) => {}
+            // The diagnosis has no use for these.
+            Topic::Mag(_) | Topic::OtherBattery(_) | Topic::Servos(_) | Topic::Shadow(_) => {}
             Topic::Reference(r) => self.references.push(r),
             Topic::Mode(r) => self.modes.push(r),
             Topic::Text(r) => self.texts.push(r),

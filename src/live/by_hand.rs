@@ -10,7 +10,7 @@ use super::core::{Core, Rounds};
 use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Shared, input_queues};
 use super::mailbox::{Mailbox, mailbox};
 use super::pool::Pool;
-use super::{LiveError, NEWS_QUEUE, OUT_BYTES, SPARE_CHUNKS, files};
+use super::{LiveError, NEWS_QUEUE, OUT_BYTES, SPARE_CHUNKS, Stop, files};
 use crate::pilot::{LinkId, Mode, Pilot, PilotConfig};
 use crate::record::{BuildIdentity, Recorder, Session};
 use crate::survey::Survey;
@@ -57,13 +57,14 @@ impl ByHand {
         }
         let ready = SPARE_CHUNKS + links * OUTPUT_QUEUE_CHUNKS;
         let (tell, news) = channel(NEWS_QUEUE);
-        let (files, _) = files::start(None, shared.clone())?;
+        let (files, _) = files::start(None, None, shared.clone())?;
         let inbox = |n| {
             let link = LinkId::from_number(u8::try_from(n).unwrap_or(u8::MAX));
             Inbox::new(link, &entrance, None, shared.clone())
         };
         let inboxes = (0..links).map(inbox).collect();
         let core = Core {
+            board_peer: None,
             pilot: Pilot::new(config, survey.clone(), began),
             recorder: Recorder::start(logs, &session)?,
             watch: Feed::unserved(),
@@ -72,6 +73,7 @@ impl ByHand {
             pool: Pool::new(ready, ready, OUT_BYTES),
             news: tell,
             files,
+            stop: Stop::default(),
             shared,
         };
         Ok(Self { core, rounds: Rounds::beginning(began), inboxes, boxes, news })

@@ -4,17 +4,20 @@
 //! through a queue to another thread.
 
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::sync::Arc;
 
 use tokio::sync::mpsc::Sender;
 
 use super::clock;
+use super::console;
 use super::files::FileDesk;
 use super::inbox::{Arrival, Arrivals, Shared, What};
 use super::mailbox::{Outgoing, Refused, Slot};
 use super::pool::Pool;
+use super::stop::Stop;
 use crate::drops::DropReason;
-use crate::pilot::{Input, LinkId, Pilot};
+use crate::pilot::{Input, LinkId, Mode, Pilot};
 use crate::record::{GlueState, Recorder, RecorderSummary};
 use crate::time::HostTime;
 use crate::topics::Topic;
@@ -56,7 +59,10 @@ pub(super) struct Core {
     /// What people should read.
     pub news: Sender<Topic>,
     pub files: FileDesk,
+    pub stop: Stop,
     pub shared: Arc<Shared>,
+    /// Who spoke last on the board's link, if that has many ends.
+    pub board_peer: Option<SocketAddr>,
 }
 
 /// What the flight came to, seen from the glue.
@@ -74,6 +80,7 @@ pub(super) struct Rounds {
     losses: Losses,
     glue_due: HostTime,
     calendar_due: HostTime,
+    end_asked: bool,
 }
 
 impl Rounds {
@@ -83,6 +90,7 @@ impl Rounds {
             losses: Losses::new(),
             glue_due: now.offset_us(GLUE_PERIOD_US),
             calendar_due: now,
+            end_asked: false,
         }
     }
 
@@ -97,14 +105,15 @@ impl Rounds {
 type Losses = BTreeMap<(LinkId, DropReason), u64>;
 
 impl Core {
-    /// Runs until asked to stop, then closes the log.
+    /// Runs until the core has ended what it was asked to end, or must stop at once; then closes the log.
     pub(super) fn run(mut self) -> CoreSummary {
         let mut rounds = Rounds::beginning(clock::now());
-        while !self.shared.stopped() {
+        while !self.shared.stopped() && !self.pilot.may_end() {
             let deadline = self.pilot.next_deadline();
             clock::sleep_until(deadline.min(clock::now().offset_us(LONGEST_SLEEP_US)));
             self.round(&mut rounds, deadline, clock::now);
         }
+        self.shared.stop();
         let Rounds { glue, mut losses, .. } = rounds;
         self.report_losses(&mut losses);
         self.recorder.glue(clock::now(), &glue);
@@ -124,6 +133,9 @@ impl Core {
         self.report_losses(&mut rounds.losses);
 
         let now = now();
+        if self.stop.is_asked() && !std::mem::replace(&mut rounds.end_asked, true) {
+            self.feed(now, Input::EndAsked);
+        }
         if now >= rounds.calendar_due {
             rounds.calendar_due = now.offset_us(CALENDAR_PERIOD_US);
             self.feed(now, Input::Calendar { unix_us: clock::unix_us() });
@@ -140,6 +152,7 @@ impl Core {
             self.watch.glue(now, &rounds.glue);
         }
         self.recorder.commit(now);
+        self.stop.set_armed(self.pilot.mode() != Mode::Disarmed);
         self.shared.step();
     }
 
@@ -158,7 +171,12 @@ impl Core {
         }
     }
 
-    fn take(&mut self, Arrival { at, link, what }: Arrival) {
+    fn take(&mut self, Arrival { from, at, link, what }: Arrival) {
+        if let Some(address) = from
+            && self.board_peer.replace(address) != Some(address)
+        {
+            self.feed(at, Input::Peer { link, address });
+        }
         match what {
             What::Bytes(bytes, _share) => self.feed(at, Input::Bytes { link, bytes: &bytes }),
             What::Up => self.feed(at, Input::LinkUp { link }),
@@ -190,11 +208,13 @@ impl Core {
 
     fn send_outputs(&mut self, now: HostTime) {
         let Self { pilot, recorder, outputs, pool, shared, .. } = self;
+        let board = pilot.board_address();
         pilot.drain_output(|link, bytes| {
             recorder.output(now, link, bytes);
             let Some(output) = outputs.get(usize::from(link.number())) else { return };
             let piece = pool.lend(bytes).ok_or(Refused::Full);
-            match piece.and_then(|bytes| output.put(Outgoing { link, bytes })) {
+            let to = board.filter(|_| link == LinkId::Board);
+            match piece.and_then(|bytes| output.put(Outgoing { link, to, bytes })) {
                 Ok(()) => {}
                 Err(Refused::Full) => shared.lost(link, DropReason::OutputQueueFull),
                 Err(Refused::Gone) => shared.lost(link, DropReason::LinkWriteFailed),
@@ -207,20 +227,23 @@ impl Core {
         pilot.drain_topics(|topic| {
             if matches!(topic, Topic::Text(_) | Topic::Mode(_)) {
                 // Only for reading along; the log has it all.
-                let _ = news.try_send(topic.clone());
+                if news.try_send(topic.clone()).is_err() {
+                    console::lose_line();
+                }
             }
             watch.topic(now, &topic);
             recorder.topic(now, topic);
         });
     }
 
-    /// Tells the core what was lost since it was last told. Losses of recorder and watch page
-    /// belong to no link; they stand with the tag's.
+    /// Tells the core what was lost since it was last told. Losses of recorder, watch page and lines for
+    /// people belong to no link; they stand with the tag's.
     fn report_losses(&mut self, told: &mut Losses) {
         let recorder = (LinkId::Tag, DropReason::RecorderQueueFull, self.recorder.lost());
         let watch = (LinkId::Tag, DropReason::WatchQueueFull, self.watch.lost());
+        let lines = (LinkId::Tag, DropReason::OutputLineLost, console::lost_lines());
         let shared = self.shared.clone();
-        for (link, reason, total) in shared.losses().chain([recorder, watch]) {
+        for (link, reason, total) in shared.losses().chain([recorder, watch, lines]) {
             let before = told.get(&(link, reason)).copied().unwrap_or(0);
             if total > before {
                 told.insert((link, reason), total);

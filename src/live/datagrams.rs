@@ -61,7 +61,8 @@ enum Far {
     Fixed { peer: SocketAddr, many: bool },
 }
 
-/// Serves a bound socket until the output or the companion ends; answers everyone it heard lately.
+/// Serves a bound socket until the output or the companion ends; answers whom the core means, of those it heard
+/// lately, and all of them while that knows none.
 pub(super) fn listen(socket: &UdpSocket, inbox: &Inbox, output: Mailbox) {
     talk(socket, inbox, output, Far::Heard(Peers::default()));
 }
@@ -126,7 +127,7 @@ fn talk(socket: &UdpSocket, inbox: &Inbox, mut output: Mailbox, mut far: Far) {
 }
 
 impl Far {
-    fn send(&mut self, socket: &UdpSocket, inbox: &Inbox, Outgoing { bytes, .. }: Outgoing) {
+    fn send(&mut self, socket: &UdpSocket, inbox: &Inbox, Outgoing { bytes, to, .. }: Outgoing) {
         let bytes = inbox.seal(bytes);
         let to_one = |peer| {
             if !send(socket, &bytes, peer) {
@@ -136,9 +137,12 @@ impl Far {
         match self {
             Self::Heard(peers) => {
                 peers.forget(clock::now());
-                peers.0.iter().for_each(|(peer, _)| to_one(*peer));
+                let meant = |peer: &SocketAddr| to.is_none_or(|to| to == *peer);
+                peers.0.iter().map(|(peer, _)| *peer).filter(meant).for_each(to_one);
             }
-            Self::Fixed { peer, .. } => to_one(*peer),
+            // What stands for many is left as soon as the core knows whom it means.
+            Self::Fixed { peer, many: true } => to_one(to.unwrap_or(*peer)),
+            Self::Fixed { peer, many: false } => to_one(*peer),
         }
     }
 
@@ -155,7 +159,7 @@ impl Far {
             Self::Fixed { peer, many } => *many || from.ip() == peer.ip(),
         };
         if welcome {
-            inbox.bytes(at, bytes);
+            inbox.bytes_from(at, Some(from), bytes);
         } else {
             inbox.lost(DropReason::MavWrongPeer);
         }
@@ -190,5 +194,39 @@ mod tests {
         assert!(peers.heard(peer(3), at(20_000_000)));
         assert!(peers.heard(peer(16), at(31_000_000)), "the silent ones made room");
         assert_eq!(peers.0.len(), 2);
+    }
+
+    #[test]
+    fn regress_what_is_meant_for_one_board_reaches_no_other() {
+        use super::super::inbox::{Shared, input_queues};
+        use super::super::pool::Pool;
+        use crate::pilot::LinkId;
+
+        let (entrance, _arrivals) = input_queues();
+        let inbox =
+            Inbox::new(LinkId::Board, &entrance, None, std::sync::Arc::new(Shared::default()));
+        let pool = Pool::new(8, 8, 4);
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let boards = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+        boards.iter().for_each(|board| board.set_nonblocking(true).unwrap());
+        let addresses = [0, 1].map(|i: usize| boards[i].local_addr().unwrap());
+        let mut heard = Peers::default();
+        addresses.iter().for_each(|address| assert!(heard.heard(*address, clock::now())));
+        let mut buffer = [0; 8];
+        let mut got = |far: &mut Far, to| {
+            let outgoing = Outgoing { link: LinkId::Board, to, bytes: pool.lend(&[7]).unwrap() };
+            far.send(&socket, &inbox, outgoing);
+            std::thread::sleep(Duration::from_millis(20));
+            [0, 1].map(|i: usize| boards[i].recv_from(&mut buffer).is_ok())
+        };
+        let mut far = Far::Heard(heard);
+        assert_eq!(got(&mut far, None), [true, true]);
+        assert_eq!(got(&mut far, Some(addresses[1])), [false, true]);
+        // Of a broadcast or multicast address one is left.
+        let mut far = Far::Fixed { peer: addresses[0], many: true };
+        assert_eq!(got(&mut far, None), [true, false]);
+        assert_eq!(got(&mut far, Some(addresses[1])), [false, true]);
+        let mut far = Far::Fixed { peer: addresses[0], many: false };
+        assert_eq!(got(&mut far, Some(addresses[1])), [true, false]);
     }
 }

@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::inbox::Shared;
-use crate::pilot::services::{FileFault, FileRequest};
+use crate::pilot::services::{FileFault, FileRequest, PARAMETERS_TICKET};
 use crate::store::{Answer, Store};
 
 /// Tasks that may wait: as many as the core has under way at most.
@@ -43,9 +43,11 @@ impl FileDesk {
     }
 }
 
-/// Starts the thread. Without a store there is none, and every task is refused.
+/// Starts the thread. Without a store there is none, and every task is refused. `lost`: why parameters that
+/// were kept are not in force.
 pub(super) fn start(
     store: Option<Store>,
+    lost: Option<&str>,
     shared: Arc<Shared>,
 ) -> std::io::Result<(FileDesk, Option<JoinHandle<()>>)> {
     let (tasks, todo) = sync_channel::<FileRequest>(QUEUE_TASKS);
@@ -71,5 +73,7 @@ pub(super) fn start(
             let _ = done.try_send((ticket, answer));
         }
     })?;
-    Ok((FileDesk { tasks: Some(tasks), answers, own: Vec::new() }, Some(thread)))
+    let told = lost.map(|why| (FileFault::Nonsense, why.as_bytes().to_vec()));
+    let own = told.map(|lost| (PARAMETERS_TICKET, Err(lost))).into_iter().collect();
+    Ok((FileDesk { tasks: Some(tasks), answers, own }, Some(thread)))
 }

@@ -3,6 +3,7 @@
 //! Tag and board have a queue of their own: whatever stations send, it cannot take its room. And of
 //! their queue each station has a share, so that one cannot take that of another.
 
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -118,6 +119,8 @@ impl Shared {
 /// Something that came from a link.
 #[derive(Debug)]
 pub(super) struct Arrival {
+    /// Address of the sender, on a link of many ends.
+    pub from: Option<SocketAddr>,
     pub at: HostTime,
     pub link: LinkId,
     pub what: What,
@@ -230,6 +233,11 @@ impl Inbox {
     /// Bytes that were read at `at`. What may not pass, or finds no room, is lost and counted.
     /// `false`: nothing passed.
     pub(super) fn bytes(&self, at: HostTime, bytes: &[u8]) -> bool {
+        self.bytes_from(at, None, bytes)
+    }
+
+    /// The same from one of many ends.
+    pub(super) fn bytes_from(&self, at: HostTime, from: Option<SocketAddr>, bytes: &[u8]) -> bool {
         let mut chunk = self.pool.make();
         match &self.gate {
             Some(gate) => gate.admit(self.link, at, bytes, chunk.buffer(), &self.shared),
@@ -246,7 +254,7 @@ impl Inbox {
             self.lost(DropReason::InputQueueFull);
             return true;
         };
-        let arrival = Arrival { at, link: self.link, what: What::Bytes(chunk, share) };
+        let arrival = Arrival { from, at, link: self.link, what: What::Bytes(chunk, share) };
         if let Err(TrySendError::Full(_)) = self.queue.try_send(arrival) {
             self.lost(DropReason::InputQueueFull);
         }
@@ -280,12 +288,16 @@ impl Inbox {
         if let Some(gate) = &self.gate {
             gate.reopen();
         }
-        let _ = self.queue.send(Arrival { at: clock::now(), link: self.link, what: What::Up });
+        self.event(What::Up);
     }
 
     /// The link is closed. Waits for room: this must not be lost.
     pub(super) fn down(&self) {
-        let _ = self.queue.send(Arrival { at: clock::now(), link: self.link, what: What::Down });
+        self.event(What::Down);
+    }
+
+    fn event(&self, what: What) {
+        let _ = self.queue.send(Arrival { from: None, at: clock::now(), link: self.link, what });
     }
 
     pub(super) fn lost(&self, reason: DropReason) {

@@ -3,6 +3,7 @@
 //! The pilot's end takes no lock and does not allocate: a ring of fixed length, and a pipe of the kernel
 //! as the bell that wakes whoever writes the link, be that a thread or a task.
 
+use std::net::SocketAddr;
 use std::os::fd::{BorrowedFd, OwnedFd};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
@@ -20,6 +21,8 @@ use crate::pilot::LinkId;
 #[derive(Debug)]
 pub(super) struct Outgoing {
     pub link: LinkId,
+    /// Who is meant, on a link of many ends. `None`: all of them.
+    pub to: Option<SocketAddr>,
     pub bytes: Chunk,
 }
 
@@ -191,7 +194,7 @@ mod tests {
     use super::*;
 
     fn piece(pool: &Pool, n: u32) -> Outgoing {
-        Outgoing { link: LinkId::Board, bytes: pool.lend(&n.to_le_bytes()).unwrap() }
+        Outgoing { link: LinkId::Board, to: None, bytes: pool.lend(&n.to_le_bytes()).unwrap() }
     }
 
     fn number(piece: &Outgoing) -> u32 {

@@ -1,4 +1,4 @@
-//! Live: the pilot core on a thread of its own, links, recorder, signals.
+//! Live: the pilot core on a thread of its own, links, recorder, signals, and lines for people.
 //!
 //! ```text
 //! threads of tag and board ─► bounded queue ┐
@@ -9,6 +9,7 @@
 
 mod by_hand;
 pub mod clock;
+pub mod console;
 mod core;
 mod datagrams;
 mod devices;
@@ -21,7 +22,9 @@ mod notify;
 mod pool;
 pub mod realtime;
 mod serial;
+pub mod signals;
 mod stations;
+mod stop;
 mod tcp;
 #[cfg(test)]
 mod tests;
@@ -29,19 +32,18 @@ mod udp;
 pub mod usb;
 
 pub use by_hand::ByHand;
+pub use stop::Stop;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::Duration;
 
 use haltere_dialect::mav_stream;
 use serde::Serialize;
 use thiserror::Error;
 use tokio::net::{TcpListener, UdpSocket};
-use tokio::signal::unix::{SignalKind, signal};
-use tokio::sync::{Notify, mpsc, oneshot};
+use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinSet;
 
 use self::core::{Core, CoreSummary};
@@ -64,6 +66,14 @@ const SPARE_CHUNKS: usize = 256;
 
 /// News for people that may wait to be printed.
 const NEWS_QUEUE: usize = 256;
+
+/// The core made a step. The status is what the package's scripts look at (`packaging/debian`).
+const ALIVE: &str = "WATCHDOG=1\nSTATUS=disarmed";
+const ALIVE_ARMED: &str = "WATCHDOG=1\nSTATUS=armed";
+/// It was asked to end, and systemd waits for the landing: 10 s from now on, ten feeds.
+const MORE_TIME: &str = "STOPPING=1\nEXTEND_TIMEOUT_USEC=10000000";
+/// A core that has not made a step between so many feeds hangs.
+const MOST_IDLE_FEEDS: u32 = 3;
 
 /// MAVLink severity up to which a text is an error, and a warning.
 const SEVERITY_ERROR: u8 = 3;
@@ -91,23 +101,15 @@ pub enum LiveError {
     /// The page cannot be served as it was asked for.
     #[error(transparent)]
     Watch(#[from] WatchError),
-    /// Threads, signals.
-    #[error("the system refuses a thread or a signal handler: {0}")]
+    /// Threads.
+    #[error("the system refuses a thread: {0}")]
     System(#[from] std::io::Error),
+    /// The pilot's thread makes no step and does not end: a defect.
+    #[error("the pilot's thread hangs; the board's own failsafe is in charge")]
+    PilotHangs,
     /// The pilot's thread ended by itself: a defect.
     #[error("the pilot's thread ended unexpectedly; the board's own failsafe is in charge")]
     PilotEnded,
-}
-
-/// Ends a running companion from another thread.
-#[derive(Debug, Clone, Default)]
-pub struct Stop(Arc<Notify>);
-
-impl Stop {
-    /// Asks it to end.
-    pub fn stop(&self) {
-        self.0.notify_one();
-    }
 }
 
 /// What a run came to.
@@ -127,6 +129,8 @@ pub struct RunSummary {
     pub worst_lateness_s: f64,
     /// Losses around the core: link number, reason, count.
     pub drops: Vec<(u8, &'static str, u64)>,
+    /// It ended while the vehicle was armed: the board's own failsafe is in charge.
+    pub ended_armed: bool,
 }
 
 /// A link's glue, ready to run.
@@ -138,7 +142,7 @@ enum Port {
     TcpOut(HostPort),
 }
 
-/// Runs the companion until a signal, `stop`, or a defect ends it.
+/// Runs the companion until `stop` or a defect ends it.
 pub fn run(loaded: &Loaded, stop: &Stop) -> Result<RunSummary, LiveError> {
     run_with(loaded, stop, Box::new(NoPrograms))
 }
@@ -160,8 +164,6 @@ async fn fly(
     stop: &Stop,
     programs: Box<dyn Programs>,
 ) -> Result<RunSummary, LiveError> {
-    let mut interrupt = signal(SignalKind::interrupt())?;
-    let mut terminate = signal(SignalKind::terminate())?;
     let keys = Keys::load(&loaded.config)?;
     let ports = open_ports(loaded).await?;
     let host_us = i64::try_from(clock::now().as_us()).unwrap_or(0);
@@ -183,13 +185,6 @@ async fn fly(
     let pool = Pool::new(out_chunks, out_chunks, OUT_BYTES);
     let (news, mut read_news) = mpsc::channel(NEWS_QUEUE);
     let started = clock::now();
-    // Before any other thread has its stack.
-    if loaded.config.timing.lock_memory {
-        match realtime::lock_memory() {
-            Ok(()) => tracing::info!("memory locked"),
-            Err(why) => tracing::warn!("{why}"),
-        }
-    }
     let recorder = begin_recording(loaded, started)?;
     let pilot = Pilot::new(loaded.config.pilot(), loaded.survey.clone(), started);
     let (files, file_thread) = start_files(loaded, &recorder, programs, &shared)?;
@@ -205,12 +200,14 @@ async fn fly(
         pool,
         news,
         files,
+        stop: stop.clone(),
         shared: shared.clone(),
+        board_peer: None,
     };
 
     let key_file = loaded.config.signing.key_file.clone();
     let key_thread = doors::keep(keys.clone(), key_file, shared.clone())?;
-    let (pilot_thread, ended) = start_pilot(loaded, core)?;
+    let (pilot_thread, mut ended) = start_pilot(loaded, core)?;
     let mut links = JoinSet::new();
     let mut threads: Vec<_> =
         file_thread.into_iter().chain(key_thread).chain(watch_thread).collect();
@@ -227,29 +224,9 @@ async fn fly(
     }
     drop(entrance);
 
-    let notify = Systemd::from_environment();
-    notify.say("READY=1");
-    let mut progress = Progress::new(shared.clone());
-    // Without a watchdog the branch below is off, and the period is any.
-    let watched = notify.watchdog_period();
-    let mut feed = tokio::time::interval(watched.unwrap_or(Duration::from_secs(1)));
-    feed.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-    tokio::pin!(ended);
-    loop {
-        tokio::select! {
-            _ = feed.tick(), if watched.is_some() => {
-                if progress.was_made() {
-                    notify.say("WATCHDOG=1");
-                }
-            }
-            _ = interrupt.recv() => break tracing::info!("interrupted: closing the log"),
-            _ = terminate.recv() => break tracing::info!("terminated: closing the log"),
-            () = stop.0.notified() => break,
-            _ = &mut ended => break,
-            Some(topic) = read_news.recv() => tell(&topic),
-        }
+    if attend(stop, &mut read_news, &mut ended, Progress::new(shared.clone())).await == End::Hangs {
+        return Err(LiveError::PilotHangs);
     }
-    notify.say("STOPPING=1");
     let died = pilot_thread.is_finished() && !shared.stopped();
     shared.stop();
     // Off this thread, so that the links can still take what the core sends last.
@@ -261,9 +238,60 @@ async fn fly(
         let _ = tokio::task::spawn_blocking(move || thread.join()).await;
     }
     match summary {
-        Ok(Ok(summary)) if !died => Ok(summarise(summary)),
+        Ok(Ok(summary)) if !died => Ok(summarise(summary, stop.is_armed())),
         _ => Err(LiveError::PilotEnded),
     }
+}
+
+/// Why nothing is attended to any more.
+#[derive(Debug, PartialEq, Eq)]
+enum End {
+    /// The pilot's thread has ended, or must at once.
+    Now,
+    /// It should, and does not move.
+    Hangs,
+}
+
+/// Reads aloud what is news and tells systemd how it goes, until the end.
+async fn attend(
+    stop: &Stop,
+    news: &mut mpsc::Receiver<Topic>,
+    ended: &mut oneshot::Receiver<()>,
+    mut progress: Progress,
+) -> End {
+    let systemd = Systemd::from_environment();
+    systemd.say("READY=1");
+    let mut feed = tokio::time::interval(systemd.period());
+    feed.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut ending = false;
+    let mut idle_feeds = 0;
+    let end = loop {
+        tokio::select! {
+            _ = feed.tick() => {
+                if progress.was_made() {
+                    idle_feeds = 0;
+                    systemd.say(if stop.is_armed() { ALIVE_ARMED } else { ALIVE });
+                    systemd.say(if ending { MORE_TIME } else { "" });
+                } else {
+                    idle_feeds += 1;
+                }
+                if ending && idle_feeds > MOST_IDLE_FEEDS {
+                    break End::Hangs;
+                }
+            }
+            () = stop.changed() => {
+                if stop.is_at_once() {
+                    break End::Now;
+                }
+                ending = true;
+                systemd.say(MORE_TIME);
+            }
+            _ = &mut *ended => break End::Now,
+            Some(topic) = news.recv() => tell(&topic),
+        }
+    };
+    systemd.say("STOPPING=1");
+    end
 }
 
 /// The gates by link number. Stations of one endpoint each have their own.
@@ -292,7 +320,7 @@ fn start_files(
         let (directory, logs) = (&config.store.directory, &config.record.directory);
         Store::new(directory, logs, recorder.path(), programs)
     });
-    Ok(files::start(store, shared.clone())?)
+    Ok(files::start(store, loaded.lost.as_deref(), shared.clone())?)
 }
 
 fn begin_recording(loaded: &Loaded, started: crate::time::HostTime) -> Result<Recorder, LiveError> {
@@ -305,7 +333,7 @@ fn begin_recording(loaded: &Loaded, started: crate::time::HostTime) -> Result<Re
         build: BuildIdentity::current(),
         started_unix_us: clock::unix_us(),
         pilot_started_at: started,
-        config_toml: loaded.config.to_toml(),
+        config_toml: loaded.config.to_log(&loaded.survey),
         survey: loaded.survey.clone(),
     };
     let recorder = Recorder::start(&record.directory, &session)?;
@@ -408,7 +436,8 @@ fn tell(topic: &Topic) {
     }
 }
 
-fn summarise(CoreSummary { recording, glue, losses }: CoreSummary) -> RunSummary {
+fn summarise(summary: CoreSummary, ended_armed: bool) -> RunSummary {
+    let CoreSummary { recording, glue, losses } = summary;
     RunSummary {
         log: recording.path,
         recording_error: recording.error.map(|error| error.to_string()),
@@ -420,5 +449,6 @@ fn summarise(CoreSummary { recording, glue, losses }: CoreSummary) -> RunSummary
             .into_iter()
             .map(|((link, reason), count)| (link.number(), reason.name(), count))
             .collect(),
+        ended_armed,
     }
 }

@@ -1,4 +1,5 @@
-//! What systemd is told: that we are ready, that we stop, and that the control core still works.
+//! What systemd is told: that we are ready, whether the vehicle is armed, that we stop and how much longer that
+//! takes, and that the control core still works.
 //!
 //! The protocol is sd_notify(3): words in a datagram to the socket that `NOTIFY_SOCKET` names; nothing
 //! happens without it. The watchdog is fed from the progress of the core (its wake-ups), not from a
@@ -36,21 +37,18 @@ impl Systemd {
 
     /// Says it; nobody listens without a socket.
     pub(super) fn say(&self, words: &str) {
-        if let Some(socket) = &self.socket {
+        if let Some(socket) = self.socket.as_ref().filter(|_| !words.is_empty()) {
             // systemd that is gone cannot be told.
             let _ = socket.send(words.as_bytes());
         }
     }
 
-    /// How often the watchdog must be fed: twice in the time that systemd gives, and at least each
-    /// second. `None`: nobody asks.
-    pub(super) fn watchdog_period(&self) -> Option<Duration> {
-        self.socket.as_ref()?;
+    /// How often it is told how it goes: twice in the time that its watchdog gives, and at least each second.
+    pub(super) fn period(&self) -> Duration {
         let ours = |pid: String| pid.parse() == Ok(std::process::id());
-        if !std::env::var("WATCHDOG_PID").ok().is_none_or(ours) {
-            return None;
-        }
-        period(&std::env::var("WATCHDOG_USEC").ok()?)
+        let watched = std::env::var("WATCHDOG_PID").ok().is_none_or(ours);
+        let usec = std::env::var("WATCHDOG_USEC").ok().filter(|_| watched);
+        usec.and_then(|usec| period(&usec)).unwrap_or(LONGEST)
     }
 }
 

@@ -104,7 +104,7 @@ pub(super) async fn listen(socket: UdpSocket, inboxes: Vec<Inbox>, mut output: M
             // Ours first: it is never much, and a flood comes without end.
             biased;
             outgoing = output.recv() => {
-                let Some(Outgoing { link, bytes }) = outgoing else { return };
+                let Some(Outgoing { link, bytes, .. }) = outgoing else { return };
                 let Some(n) = inboxes.iter().position(|i| i.link() == link) else { continue };
                 // Somebody who left meanwhile misses nothing.
                 let (Some(peer), Some(inbox)) = (places.peer(n), inboxes.get(n)) else { continue };

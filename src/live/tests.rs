@@ -28,7 +28,7 @@ fn loaded(folder: &std::path::Path, tag: String, board: String, ground: Vec<Stri
     config.timing.lock_memory = false;
     let anchors = concat!(env!("CARGO_MANIFEST_DIR"), "/config/anchors.toml");
     let survey = crate::config::read_anchors(anchors.as_ref()).unwrap();
-    Loaded { config, survey, files: Vec::new(), notes: Vec::new() }
+    Loaded { config, survey, files: Vec::new(), notes: Vec::new(), lost: None }
 }
 
 /// A heartbeat of a station.
@@ -108,7 +108,7 @@ fn prop_bytes_of_every_kind_of_link_reach_the_log() {
 
     let log = LogReader::open(log).unwrap();
     let mut bytes: std::collections::BTreeMap<LinkId, Vec<u8>> = Default::default();
-    let (mut ups, mut downs, mut last, mut garbage) = (0, 0, 0, 0);
+    let (mut ups, mut downs, mut last, mut garbage, mut peers) = (0, 0, 0, 0, 0);
     let mut entries = log.entries();
     for entry in entries.by_ref() {
         if let Entry::Input { sequence, input, .. } = entry {
@@ -116,6 +116,10 @@ fn prop_bytes_of_every_kind_of_link_reach_the_log() {
             last = sequence;
             match input {
                 RawInput::Bytes { link, bytes: new } => bytes.entry(link).or_default().extend(new),
+                RawInput::Peer { link, address } => {
+                    assert_eq!((link, address), (LinkId::Board, board.local_addr().unwrap()));
+                    peers += 1;
+                }
                 RawInput::LinkUp { .. } => ups += 1,
                 RawInput::LinkDown { .. } => downs += 1,
                 RawInput::Lost { link, reason, count } => {
@@ -123,6 +127,7 @@ fn prop_bytes_of_every_kind_of_link_reach_the_log() {
                     garbage += count;
                 }
                 RawInput::File { .. } | RawInput::Calendar { .. } | RawInput::Wake => {}
+                RawInput::EndAsked => panic!("nobody asked"),
             }
         }
     }
@@ -131,6 +136,7 @@ fn prop_bytes_of_every_kind_of_link_reach_the_log() {
     assert_eq!(bytes[&LinkId::Board], b"board bytes");
     assert_eq!(bytes[&LinkId::Ground(0)], first);
     assert_eq!(garbage, 5);
+    assert_eq!(peers, 1, "who speaks to the board's port is in the log");
     // The server of the first endpoint has eight places.
     assert_eq!(bytes[&LinkId::Ground(8)], [second, third].concat());
     assert_eq!((ups, downs), (6, 1), "tag, board, three stations, and the server twice");

@@ -277,6 +277,15 @@ impl<W: World> Lockstep<W> {
         }
     }
 
+    /// The same where little of what arrives finds room: the first so many bytes of tag and board are kept.
+    pub fn stall_until_with_room(&mut self, t_us: u64, most_bytes: usize) {
+        while self.t_us < t_us {
+            self.stall_until(self.t_us + STEP_US);
+            self.plant.tag_output().truncate(most_bytes);
+            self.plant.board_output().truncate(most_bytes);
+        }
+    }
+
     /// Steps until this simulated time, µs.
     pub fn run_until(&mut self, t_us: u64) {
         while self.t_us < t_us {

@@ -94,6 +94,38 @@ pub enum Fault {
     },
     /// A gust begins.
     Gust(Gust),
+    /// The accelerometer reads so many times what it should, by body axis.
+    AccelerometerScale([f64; 3]),
+    /// The tag says what it heard in the last so many seconds again and again; `None`: what it hears.
+    TagReplay(Option<TagReplay>),
+    /// So many of the board's next heartbeats, the first of them at once, say that it is disarmed.
+    FalseBeats(u32),
+    /// A second board with the system id of ours is on the line: it stands on the floor, disarmed.
+    SecondBoard(Option<SecondVoice>),
+    /// The board tells a second pack of this voltage beside the one it flies on, V.
+    SecondPack(Option<f64>),
+    /// The board's heading is off by this angle, clockwise, and stays so, rad.
+    HeadingOff(f64),
+    /// A leg of the gear is broken: where it stands on the floor, it falls over to its right.
+    GearLeg(bool),
+}
+
+/// What a tag says again.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TagReplay {
+    /// Length of the stretch, s.
+    pub window_s: f64,
+    /// Whether its receive times go on, or come again as well.
+    pub times_go_on: bool,
+}
+
+/// How much a second board says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SecondVoice {
+    /// Its heartbeat.
+    Heartbeat,
+    /// All that ours says.
+    Everything,
 }
 
 /// Voltage that a broken cell takes away, V. Half of a loaded pack of two.
@@ -152,9 +184,17 @@ impl Fault {
             Fault::LineNoise { line, .. } => {
                 Fault::LineNoise { line: *line, noise: LineNoise::default() }
             }
-            Fault::EffectOff(_) | Fault::BoardReboot | Fault::BoardMode(_) | Fault::Gust(_) => {
-                return None;
-            }
+            Fault::AccelerometerScale(_) => Fault::AccelerometerScale([1.0; 3]),
+            Fault::TagReplay(_) => Fault::TagReplay(None),
+            Fault::SecondBoard(_) => Fault::SecondBoard(None),
+            Fault::SecondPack(_) => Fault::SecondPack(None),
+            Fault::HeadingOff(_) => Fault::HeadingOff(0.0),
+            Fault::GearLeg(_) => Fault::GearLeg(false),
+            Fault::EffectOff(_)
+            | Fault::BoardReboot
+            | Fault::BoardMode(_)
+            | Fault::FalseBeats(_)
+            | Fault::Gust(_) => return None,
         })
     }
 
@@ -201,6 +241,8 @@ pub struct SensorFault {
     kind: FaultKind,
     since_s: f64,
     held: Vector3<f64>,
+    /// Times the true value by axis, whatever else is wrong.
+    gain: Vector3<f64>,
     /// Size of a typical error, unit of the sensor.
     scale: f64,
     /// Axes that carry a value, the first ones.
@@ -215,6 +257,7 @@ impl SensorFault {
             kind: FaultKind::Healthy,
             since_s: 0.0,
             held: Vector3::zeros(),
+            gain: Vector3::repeat(1.0),
             scale,
             axes: 3,
             rng: Stream::new(seed, name),
@@ -233,10 +276,16 @@ impl SensorFault {
         self.since_s = t_s;
     }
 
+    /// It reads so many times the true value, by axis.
+    pub fn set_gain(&mut self, gain: [f64; 3]) {
+        self.gain = gain.into();
+    }
+
     /// What it reads for the value `y`; `false`: nothing new.
     #[inline]
     pub fn apply(&mut self, t_s: f64, y: &mut Vector3<f64>) -> bool {
         let age_s = t_s - self.since_s;
+        y.component_mul_assign(&self.gain);
         match self.kind {
             FaultKind::Healthy => {
                 self.held = *y;
@@ -295,6 +344,20 @@ mod tests {
         assert_eq!(read(FaultKind::Drift, 20.0).1.x, 3.0);
         assert!(!read(FaultKind::Intermittent, 10.5).0 && read(FaultKind::Intermittent, 11.5).0);
         assert_eq!(read(FaultKind::Healthy, 30.0).1.z, -9.8);
+    }
+
+    #[test]
+    fn prop_a_gain_acts_on_its_axis_whatever_else_is_wrong() {
+        let mut sensor = SensorFault::new(2.0, 1, "test");
+        sensor.set_gain([1.0, 1.0, 3.0]);
+        let mut read = |kind| {
+            sensor.set(kind, 0.0);
+            let mut y = Vector3::new(1.0, 0.5, -9.8);
+            sensor.apply(0.0, &mut y);
+            y
+        };
+        assert_eq!(read(FaultKind::Healthy), Vector3::new(1.0, 0.5, -9.8 * 3.0));
+        assert_eq!(read(FaultKind::Wrong).z, -9.8 * 3.0 + 2.0);
     }
 
     #[test]

@@ -15,8 +15,6 @@ use crate::model::effects::{
     ATTITUDE_PERIOD_S, AttitudeError, Bank, CLOCK_PERIOD_S, Cargo, Delivery, EffectSet, ImuReading,
     STEP_S, State, Supply,
 };
-use crate::model::faults::{Fault, FaultKind, LineId, SensorFault};
-use crate::model::gust::Gust;
 use crate::model::line_noise::NoisyLine;
 use crate::model::magnetometer::Magnetometer;
 use crate::model::room::Room;
@@ -26,6 +24,9 @@ use crate::model::vehicle::Vehicle;
 use crate::model::wings::{Actuation, ActuatorCommand};
 use crate::survey::Survey;
 
+use broken::Broken;
+
+use contact::Contact;
 /// Length of a step, µs.
 pub const STEP_US: u64 = (STEP_S * 1e6) as u64;
 const ATTITUDE_STEPS: u64 = (ATTITUDE_PERIOD_S / STEP_S) as u64;
@@ -88,20 +89,6 @@ impl PlantConfig {
     }
 }
 
-/// Parts that may be broken.
-struct Broken {
-    accelerometer: SensorFault,
-    gyroscope: SensorFault,
-    barometer: SensorFault,
-    wing_gain: [f64; 2],
-    servos: (FaultKind, f64),
-    battery_drop_v: f64,
-    board_link: (FaultKind, f64),
-    to_board: (FaultKind, f64),
-    /// A gust and its begin, s.
-    gust: Option<(Gust, f64)>,
-}
-
 /// Vehicle, board, tag and room.
 pub struct Plant {
     vehicle: Vehicle,
@@ -126,9 +113,13 @@ pub struct Plant {
     requests: BoardRequests,
     /// What an inner loop outside of the plant tells the actuators, where one flies it.
     steered: Option<ActuatorCommand>,
+    seed: u64,
     steps: u64,
     landed_s: f64,
     crashed: bool,
+    /// Too broken for motors to run.
+    wrecked: bool,
+    contact: Contact,
     /// Bytes that were produced in this step.
     scratch: Vec<u8>,
     from_tag: NoisyLine,
@@ -206,22 +197,15 @@ impl Plant {
             imu_alive: [true; 3],
             magnetometer,
             wind_E_mps: Vector3::zeros(),
-            broken: Broken {
-                accelerometer: SensorFault::new(3.0, seed, "fault-acc"), // m/s²
-                gyroscope: SensorFault::new(0.3, seed, "fault-gyro"),    // rad/s
-                barometer: SensorFault::new(20.0, seed, "fault-baro").of_one_axis(), // Pa
-                wing_gain: [1.0; 2],
-                servos: (FaultKind::Healthy, 0.0),
-                battery_drop_v: 0.0,
-                board_link: (FaultKind::Healthy, 0.0),
-                to_board: (FaultKind::Healthy, 0.0),
-                gust: None,
-            },
+            broken: Broken::new(seed),
             requests: BoardRequests::default(),
             steered: None,
+            seed,
             steps: 0,
             landed_s: LANDED_S,
             crashed: false,
+            wrecked: false,
+            contact: Contact::new(&vehicle),
             scratch: Vec::with_capacity(4096),
             from_tag: NoisyLine::new(seed, "fault-from-tag"),
             from_board: NoisyLine::new(seed, "fault-from-board"),
@@ -345,68 +329,6 @@ impl Plant {
         &self.vehicle
     }
 
-    /// Breaks or heals something, now.
-    pub fn inject(&mut self, fault: Fault) -> Result<(), Problems> {
-        let t_s = self.state.t_s;
-        let mut problems = Problems::new();
-        match fault {
-            Fault::Accelerometer(kind) => self.broken.accelerometer.set(kind, t_s),
-            Fault::Gyroscope(kind) => self.broken.gyroscope.set(kind, t_s),
-            Fault::Barometer(kind) => self.broken.barometer.set(kind, t_s),
-            Fault::WingThrust { wing, gain } => {
-                problems.range("fault.gain", gain, 0.0..=2.0, "");
-                if problems.is_empty() {
-                    for (i, g) in self.broken.wing_gain.iter_mut().enumerate() {
-                        if wing.is_none_or(|wing| wing == i) {
-                            *g = gain;
-                        }
-                    }
-                }
-            }
-            Fault::Servos(kind) => self.broken.servos = (kind, t_s),
-            Fault::BatteryDrop(volt) => {
-                problems.range("fault.volt", volt, 0.0..=30.0, "V");
-                if problems.is_empty() {
-                    self.broken.battery_drop_v = volt;
-                }
-            }
-            Fault::BoardLink(kind) => self.broken.board_link = (kind, t_s),
-            Fault::TagSilent(silent) => self.port.silent = silent,
-            Fault::AnchorSilent { anchor, silent } => {
-                match self.ids.iter().position(|id| *id == anchor) {
-                    Some(i) => self.anchors.silent[i] = silent,
-                    None => problems.say(format!("fault: anchor {anchor} is not in the survey")),
-                }
-            }
-            Fault::EffectOn { id, values } => {
-                let values: Vec<_> = values.iter().map(|(k, v)| (k.as_str(), *v)).collect();
-                let sites = &self.surveyed_E_m;
-                self.bank.switch_on(&id, &values, &self.vehicle, &self.room, sites)?;
-            }
-            Fault::EffectOff(id) => self.bank.switch_off(&id),
-            Fault::BoardReboot => self.board.reboot(self.t_us()),
-            Fault::BoardMode(mode) => self.board.take_over(mode),
-            Fault::ToBoard(kind) => self.broken.to_board = (kind, t_s),
-            Fault::LineNoise { line, noise } => {
-                noise.check("fault", &mut problems);
-                if problems.is_empty() {
-                    match line {
-                        LineId::FromTag => self.from_tag.set(noise),
-                        LineId::FromBoard => self.from_board.set(noise),
-                        LineId::ToBoard => self.to_board.set(noise),
-                    }
-                }
-            }
-            Fault::Gust(gust) => {
-                gust.check("fault", &mut problems);
-                if problems.is_empty() {
-                    self.broken.gust = Some((gust, t_s));
-                }
-            }
-        }
-        problems.into_result()
-    }
-
     fn step(&mut self) {
         let start_us = self.t_us();
         self.steps += 1;
@@ -442,6 +364,11 @@ impl Plant {
         };
         self.board.send(&readings, imu_step, &mut self.scratch);
         self.post_from_board(now_us);
+        if let Some(second) = &mut self.broken.second_board {
+            self.scratch.clear();
+            second.send(now_us, imu_step, &mut self.scratch);
+            self.post_from_board(now_us);
+        }
 
         self.scratch.clear();
         let (anchors, port, scratch) = (&mut self.anchors, &mut self.port, &mut self.scratch);
@@ -492,9 +419,14 @@ impl Plant {
     }
 }
 
+mod broken;
+mod contact;
 mod flight;
+mod second_board;
 mod wires;
 
+#[cfg(test)]
+mod lies_tests;
 #[cfg(test)]
 pub(crate) mod rig;
 #[cfg(test)]

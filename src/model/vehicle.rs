@@ -5,8 +5,10 @@
 //! firmware, \[D\] derived here.
 
 use serde::{Deserialize, Serialize};
+use toml::de::DeTable;
 
 use crate::checks::Problems;
+use crate::checks::schema::Schema;
 use crate::frames::G_MPS2;
 
 /// Everything about the vehicle.
@@ -218,6 +220,27 @@ impl Vehicle {
         (self.hover_hz() - self.wings.flap_offset_hz) / self.wings.flap_hz_per_v
     }
 
+    /// From the text of a vehicle file; what it may not hold is refused, a newer one before anything in it.
+    pub fn from_toml(text: &str) -> Result<Self, Problems> {
+        let refused = |why: String| {
+            let mut problems = Problems::new();
+            problems.say(why);
+            problems
+        };
+        let mut root = DeTable::parse(text).map_err(|e| refused(e.to_string()))?;
+        if let Some(version) = root.get_mut().remove(Schema::KEY) {
+            let shown = version.get_ref().as_integer().map_or("no whole number", |v| v.as_str());
+            Schema::VEHICLE.check_text(shown).map_err(|e| refused(e.to_string()))?;
+        }
+        // With its place in the text, which the table alone does not know.
+        let told = |e: toml::de::Error| {
+            let start = e.span().map_or(0, |span| span.start);
+            let line = 1 + text.bytes().take(start).filter(|byte| *byte == b'\n').count();
+            refused(format!("line {line}: {}", e.message()))
+        };
+        Self::deserialize(toml::Deserializer::from(root)).map_err(told)
+    }
+
     /// Refuses what cannot fly; every reason at once.
     pub fn check(&self, key: &str, problems: &mut Problems) {
         let mut range = |name: &str, value: f64, low: f64, high: f64, unit: &str| {
@@ -289,14 +312,26 @@ mod tests {
         v.check("vehicle", &mut problems);
         assert_eq!(problems.lines(), [] as [&str; 0]);
         let text = toml::to_string(&v).unwrap();
-        assert_eq!(toml::from_str::<Vehicle>(&text).unwrap(), v);
-        assert_eq!(toml::from_str::<Vehicle>("").unwrap(), v);
+        assert_eq!(Vehicle::from_toml(&text).unwrap(), v);
+        assert_eq!(Vehicle::from_toml("").unwrap(), v);
+        assert_eq!(Vehicle::from_toml("schema_version = 1").unwrap(), v);
+    }
+
+    #[test]
+    fn prop_a_newer_file_is_refused_before_its_keys_are() {
+        let refused = |text: &str| Vehicle::from_toml(text).unwrap_err().to_string();
+        let newer = refused("schema_version = 2\n[tail]\narea_m2 = 0.01");
+        assert!(newer.contains("schema version 2 of the vehicle file"), "{newer}");
+        assert!(newer.contains("a newer haltere") && !newer.contains("tail"), "{newer}");
+        assert!(refused("schema_version = \"one\"").contains("no whole number"));
+        let slip = refused("schema_version = 1\n[body]\nmas_kg = 0.1");
+        assert!(slip.contains("line 3: ") && slip.contains("mas_kg"), "{slip}");
     }
 
     #[test]
     fn prop_slips_are_named() {
-        assert!(toml::from_str::<Vehicle>("[body]\nmas_kg = 0.1").is_err());
-        let v: Vehicle = toml::from_str("[body]\nmass_kg = 102.0").unwrap();
+        assert!(Vehicle::from_toml("[body]\nmas_kg = 0.1").is_err());
+        let v = Vehicle::from_toml("[body]\nmass_kg = 102.0").unwrap();
         let mut problems = Problems::new();
         v.check("vehicle", &mut problems);
         assert_eq!(problems.lines(), ["vehicle.body.mass_kg = 102, allowed 0.01 to 2 kg"]);

@@ -4,6 +4,7 @@ use crate::estimate::Health;
 use crate::time::HostTime;
 
 use super::Pilot;
+use super::ending::ENDS;
 use super::modes::Mode;
 
 /// Tilt beyond which the vehicle does not stand on its gear, rad.
@@ -11,6 +12,9 @@ const ARM_TILT_RAD: f64 = 0.35;
 /// Newest UWB, IMU and battery may be this old to arm, s.
 const ARM_AGE_S: f64 = 0.5;
 const ARM_BATTERY_AGE_S: f64 = 3.0;
+
+/// What is answered to whoever wants a shadow to fly.
+pub(super) const SHADOW_WORDS: &str = "haltere only watches (flight.shadow): arm by whoever flies";
 
 /// What a check looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,11 +35,17 @@ pub enum Check {
     Battery,
     /// Every anchor stands where the survey says, as far as the floor shows it.
     Anchors,
+    /// Gains and limits of the controller, as a set.
+    Gains,
+    /// We are to fly at all.
+    Shadow,
+    /// What was kept over the restart could be read back.
+    Kept,
 }
 
 impl Check {
     /// All of them, in the order in which they are made.
-    pub const ALL: [Check; 8] = [
+    pub const ALL: [Check; 11] = [
         Check::Board,
         Check::Estimate,
         Check::Imu,
@@ -44,6 +54,9 @@ impl Check {
         Check::Fence,
         Check::Battery,
         Check::Anchors,
+        Check::Gains,
+        Check::Shadow,
+        Check::Kept,
     ];
 
     /// Name, what it looks at, and the texts of refusals, for the page.
@@ -94,6 +107,27 @@ impl Check {
                 "anchor N does not fit the others: it reads D m too far (or too near); check its place in \
                  the survey and its line of sight",
             ],
+            Check::Gains => [
+                "gains",
+                "gains and limits as a set: each loop of the linear model in `control::margins` is stable, with \
+                 6 dB and 30 deg to spare, and holds a place, at full and at empty battery; thrust can climb and \
+                 sink. In the air a parameter that would break this is refused",
+                "control.gains.NAME = V (default D): the forward (sideways, vertical) loop is unstable, has too \
+                 small a margin, or does not hold a place; control.limits.thrust_max_frac (thrust_min_frac) = V",
+            ],
+            Check::Shadow => [
+                "shadow",
+                "`flight.shadow` is off: a shadow watches and never flies",
+                "haltere only watches (flight.shadow): arm by whoever flies",
+            ],
+            Check::Kept => [
+                "kept",
+                "fence, rally points, mission and parameters that were kept over the restart are whole: a \
+                 file that is damaged or empty is not none. What is missing is told to every station that \
+                 comes",
+                "fence (rally points, mission) not restored: why; upload it, or clear it. parameters not \
+                 restored: why; set them, or reset them. fence, rally points and mission are still being read",
+            ],
         }
     }
 }
@@ -101,6 +135,9 @@ impl Check {
 impl Pilot {
     /// Whether arming may be asked of the board; the error is the first reason why not.
     pub(super) fn may_arm(&self, at: HostTime) -> Result<(), String> {
+        if self.ending.is_some() {
+            return Err(ENDS.to_owned());
+        }
         if self.mode != Mode::Disarmed {
             return Err(format!("already {}", self.mode.name()));
         }
@@ -110,6 +147,9 @@ impl Pilot {
     /// Whether the motors may turn: armed, and everything still holds that armed it. Between arming and
     /// take-off a vehicle may be carried away, or lose what it knows.
     pub(super) fn may_lift_off(&self, at: HostTime) -> Result<(), String> {
+        if self.board.lateness().is_late() {
+            return Err("link to the board is late".to_owned());
+        }
         Check::ALL.into_iter().filter(|check| !matches!(check, Check::Board)).try_for_each(
             |check| match check {
                 // For a moment it may be less than good; it may not be none.
@@ -139,6 +179,10 @@ impl Pilot {
             Check::Fence => self.fence_forbids().map_or(Ok(()), Err),
             Check::Battery => self.check_battery(at),
             Check::Anchors => self.survey_check.refusal().map_or(Ok(()), Err),
+            Check::Gains => self.gains_refusal.clone().map_or(Ok(()), Err),
+            Check::Shadow if self.config.flight.shadow => Err(SHADOW_WORDS.to_owned()),
+            Check::Shadow => Ok(()),
+            Check::Kept => self.lost_forbids().map_or(Ok(()), Err),
         }
     }
 
@@ -152,6 +196,11 @@ impl Pilot {
                 return Err(format!("board silent for {s:.1} s"));
             }
             Some(_) => {}
+        }
+        if let Some(second) = self.second_board(at) {
+            return Err(format!(
+                "{second}: give each vehicle a port or a number of its own, or switch one off"
+            ));
         }
         self.board.refusal(at).map_or(Ok(()), Err)
     }

@@ -4,6 +4,7 @@ use crate::time::HostTime;
 use crate::topics::{ModeRecord, Topic};
 
 use super::modes::{Event, Mode, transition};
+use super::resume::Resumption;
 use super::supervisor::Descent;
 use super::{Pilot, Severity, services};
 
@@ -18,7 +19,8 @@ pub(super) struct Cause {
 impl Cause {
     fn of_row(from: Mode, event: Event, because: &'static str) -> Self {
         let severity = match event {
-            Event::NotLifted | Event::SetpointsIgnored => Severity::Error,
+            Event::NotLifted | Event::SetpointsIgnored | Event::LandingOverdue => Severity::Error,
+            Event::NoWayHome => Severity::Warning,
             _ => Severity::Info,
         };
         Self { because, severity, number: services::cause_number(from, event) }
@@ -43,9 +45,9 @@ impl Pilot {
         let cause = cause.unwrap_or_else(|| Cause::of_row(from, event, row.because));
         self.mode = row.to;
         self.mode_since = at;
-        self.touch = self.touch.restarted();
+        self.touch = self.touch.in_mode(from, row.to, at);
         self.good_since = None;
-        self.guidance.enter(row.to, &self.estimate, at);
+        self.guidance.enter(row.to, &self.estimate, &self.services.plans.fence, at);
         match row.to {
             Mode::Spool => {
                 self.supervisor.begin_flight(at);
@@ -72,14 +74,21 @@ impl Pilot {
             }
             Mode::Hold if from == Mode::Yielded => self.take_over_level(),
             Mode::Descend => {
-                // Height and speed as they were while they could be trusted.
-                let height_m = self.height_to_descend_from_m();
+                // Height and speed as they were while they could be trusted, or as measured after a pause.
                 let sink_mps = if self.imu_is_alive(at) { self.last_sink_mps } else { 0.0 };
+                let (height_m, sink_mps) = self
+                    .resumption
+                    .descends_from(self.last_height_m)
+                    .unwrap_or((self.height_to_descend_from_m(), sink_mps));
                 self.supervisor.descent = Descent::begin(height_m, sink_mps);
                 self.supervisor.descents += 1;
+                if from == Mode::Land {
+                    self.hold_thrust_near_floor(at);
+                }
             }
             Mode::Land => self.land_from_m = self.height_above_floor_m().max(0.0),
             Mode::Disarmed => {
+                self.resumption = Resumption::default();
                 self.supervisor.end_flight();
                 self.estimator.set_airborne(false);
                 self.call_off_lift_off();
@@ -90,17 +99,14 @@ impl Pilot {
             }
             _ => {}
         }
-        let armed = self.board.is_armed();
-        self.record(|| {
-            Topic::Mode(ModeRecord {
-                at,
-                mode: row.to.name(),
-                armed,
-                cause: cause.because.to_owned(),
-            })
-        });
+        self.record_mode(at, row.to.name(), cause.because);
         self.tell_transition(at, from, row.to, cause);
         true
+    }
+
+    pub(super) fn record_mode(&mut self, at: HostTime, mode: &'static str, because: &str) {
+        let armed = self.board.is_armed();
+        self.record(|| Topic::Mode(ModeRecord { at, mode, armed, cause: because.to_owned() }));
     }
 
     pub(super) fn call_off_lift_off(&mut self) {

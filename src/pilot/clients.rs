@@ -31,7 +31,8 @@ const COMMAND_AT: usize = 28;
 const GUIDED_POINT: u8 = 2;
 const GUIDED_HEIGHT: u8 = 3;
 
-fn is_command(msg_id: u32) -> bool {
+/// Whether a message of this id carries a command.
+pub(super) fn is_command(msg_id: u32) -> bool {
     matches!(msg_id, COMMAND_LONG_ID | COMMAND_INT_ID)
 }
 
@@ -77,9 +78,13 @@ impl Pilot {
             count_frame(self.drops_of(link), &next);
             let Ok(frame) = next else { continue };
             let header = frame.header;
+            let heard_before = self.grounds[index].has_heard(header.system_id, header.component_id);
             let missing =
                 self.grounds[index].missing(header.system_id, header.component_id, header.sequence);
             self.drops_of(link).add(DropReason::MavSequenceGap, missing);
+            if !heard_before {
+                self.tell_lost(at, link);
+            }
             let peer = (header.system_id, header.component_id);
             let decoded = frame.decode();
             let target = match &decoded {
@@ -270,6 +275,8 @@ impl Pilot {
             Ok(m) => Setpoint::from_wire(&m, &self.estimate, last, at),
             Err(why) => Err(why),
         };
+        let volume = self.guidance.volume();
+        let checked = checked.and_then(|setpoint| setpoint.check(volume).map(|()| setpoint));
         match checked {
             Ok(mut setpoint) => {
                 setpoint.owner = Some(from);

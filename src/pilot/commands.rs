@@ -6,9 +6,11 @@ use haltere_dialect::mav::haltere::{
 
 use crate::time::HostTime;
 
+use super::arming::SHADOW_WORDS;
 use super::identity::{SHOWN_MODES, available_mode, standard_mode};
 use super::modes::{Event, Mode};
 use super::place::Location;
+use super::shadow;
 use super::{LinkId, OWN, Pilot, Severity};
 
 /// AVAILABLE_MODES and MESSAGE_INTERVAL, which REQUEST_MESSAGE asks for with a second number.
@@ -22,8 +24,25 @@ const IN_PROGRESS_AFTER_S: f64 = 0.25;
 /// … and again so often, s: a board whose sensors settle takes half a minute, and our own client waits
 /// 20 s for the next word.
 const IN_PROGRESS_AGAIN_S: f64 = 5.0;
+/// A command that was passed on is answered for the board after this time, s: most clients ask again or give up by then.
+const PASSED_ON_FOR_S: f64 = 3.0;
 /// Most clients that wait for the board's answer at once.
 const MOST_ASKERS: usize = 8;
+
+/// What the board has to answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Awaits {
+    Arm,
+    Disarm,
+    /// A command that was passed on.
+    PassedOn,
+}
+
+impl Awaits {
+    pub fn arming(arm: bool) -> Self {
+        if arm { Self::Arm } else { Self::Disarm }
+    }
+}
 
 /// Who waits for the answer of the board.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,7 +51,7 @@ pub(super) struct Asker {
     pub peer: (u8, u8),
     /// What is answered.
     pub command: MavCmd,
-    pub arm: bool,
+    pub awaits: Awaits,
     pub since: HostTime,
     /// How often it was told that it takes its time.
     pub words: u32,
@@ -87,26 +106,58 @@ impl Pilot {
     }
 
     /// A client waits for the board. Asked again it waits once.
-    pub(super) fn wait_for_board(&mut self, at: HostTime, request: &Request, arm: bool) {
+    pub(super) fn wait_for_board(&mut self, at: HostTime, request: &Request, awaits: Awaits) {
         let Request { link, peer, command, .. } = *request;
-        self.arm_askers.retain(|a| (a.link, a.peer) != (link, peer) || a.arm != arm);
-        if self.arm_askers.len() < MOST_ASKERS {
-            let asker = Asker { link, peer, command, arm, since: at, words: 0 };
-            self.arm_askers.push(asker);
+        self.askers.retain(|a| (a.link, a.peer) != (link, peer) || a.awaits != awaits);
+        if self.askers.len() < MOST_ASKERS {
+            let asker = Asker { link, peer, command, awaits, since: at, words: 0 };
+            self.askers.push(asker);
         }
     }
 
-    /// The board has answered an arm or disarm command that clients wait for.
-    pub(super) fn answer_arm_askers(&mut self, arm: bool, accepted: bool) {
-        let result =
-            if accepted { MavResult::MAV_RESULT_ACCEPTED } else { MavResult::MAV_RESULT_FAILED };
-        let askers = std::mem::take(&mut self.arm_askers);
+    /// The board has answered what clients wait for.
+    pub(super) fn answer_askers(&mut self, awaits: Awaits, result: MavResult) {
+        let askers = std::mem::take(&mut self.askers);
         for asker in askers {
-            if asker.arm == arm {
+            if asker.awaits == awaits {
                 self.send_ack(asker.link, asker.peer, asker.command, result);
             } else {
-                self.arm_askers.push(asker);
+                self.askers.push(asker);
             }
+        }
+    }
+
+    /// MAV_CMD_INJECT_FAILURE: passed on to a board that stands disarmed, whose answer is the answer. What flies, who
+    /// ever flies it, is not broken through us: a simulator has an endpoint of its own for that.
+    fn inject_failure(&mut self, at: HostTime, request: &Request) -> Answer {
+        let rejected = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
+        if self.mode != Mode::Disarmed || self.board.is_armed() {
+            let why = "failure injection refused: the board is armed; a simulator takes it at its own \
+                       endpoint";
+            return refuse(rejected, why);
+        }
+        if self.board.system_id().is_none() {
+            return refuse(rejected, "failure injection refused: no board found on its link");
+        }
+        if self.askers.iter().any(|asker| asker.awaits == Awaits::PassedOn) {
+            return refuse(rejected, "failure injection refused: the last one is not answered yet");
+        }
+        let [unit, kind, instance, other] = request.params;
+        let params = [unit, kind, instance, other, 0.0, 0.0, 0.0];
+        self.board.send_command(request.command, params, &mut self.out);
+        let text = format!("failure passed on to the board: unit {unit} type {kind}");
+        self.say(at, Severity::Warning, text);
+        self.wait_for_board(at, request, Awaits::PassedOn);
+        Ok(MavResult::MAV_RESULT_IN_PROGRESS)
+    }
+
+    /// A board that does not know a command need not answer it.
+    fn give_up_passed_on(&mut self, at: HostTime) {
+        let late =
+            |a: &Asker| a.awaits == Awaits::PassedOn && at.seconds_since(a.since) > PASSED_ON_FOR_S;
+        if self.askers.iter().any(late) {
+            self.answer_askers(Awaits::PassedOn, MavResult::MAV_RESULT_FAILED);
+            self.say(at, Severity::Warning, "board does not answer a command".to_owned());
         }
     }
 
@@ -117,10 +168,10 @@ impl Pilot {
             return;
         }
         let is_theirs = |a: &Asker| (a.link, a.peer, a.command) == (link, peer, command);
-        let Some(index) = self.arm_askers.iter().position(is_theirs) else { return };
-        let asker = self.arm_askers.remove(index);
+        let Some(index) = self.askers.iter().position(is_theirs) else { return };
+        let asker = self.askers.remove(index);
         // An order to stop the motors stands: nobody can want it half done.
-        if asker.arm && self.mode == Mode::Arming {
+        if asker.awaits == Awaits::Arm && self.mode == Mode::Arming {
             self.fire(at, Event::DisarmAsked);
         }
         self.send_ack(link, peer, command, MavResult::MAV_RESULT_CANCELLED);
@@ -128,11 +179,12 @@ impl Pilot {
 
     /// Tells clients that wait that they have to.
     pub(super) fn soothe_askers(&mut self, at: HostTime) {
-        for i in 0..self.arm_askers.len() {
-            let asker = self.arm_askers[i];
+        self.give_up_passed_on(at);
+        for i in 0..self.askers.len() {
+            let asker = self.askers[i];
             let due_s = IN_PROGRESS_AFTER_S + IN_PROGRESS_AGAIN_S * f64::from(asker.words);
             if at.seconds_since(asker.since) > due_s {
-                self.arm_askers[i].words += 1;
+                self.askers[i].words += 1;
                 let result = MavResult::MAV_RESULT_IN_PROGRESS;
                 self.send_ack(asker.link, asker.peer, asker.command, result);
             }
@@ -142,6 +194,9 @@ impl Pilot {
     fn command(&mut self, at: HostTime, request: &Request) -> Answer {
         use MavResult as R;
         let p = request.params.map(f64::from);
+        if self.config.flight.shadow && shadow::refuses(request.command) {
+            return refuse(R::MAV_RESULT_DENIED, format!("refused: {SHADOW_WORDS}"));
+        }
         match request.command {
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => self.arm_disarm(at, request),
             MavCmd::MAV_CMD_DO_FLIGHTTERMINATION => self.terminate(at, request),
@@ -231,17 +286,7 @@ impl Pilot {
                 self.send_telemetry(at, request.link, ON_REQUEST_IDS[0]);
                 Ok(R::MAV_RESULT_ACCEPTED)
             }
-            MavCmd::MAV_CMD_INJECT_FAILURE => {
-                let q = request.params;
-                let params = [q[0], q[1], q[2], q[3], 0.0, 0.0, 0.0];
-                self.board.send_command(request.command, params, &mut self.out);
-                self.say(
-                    at,
-                    Severity::Warning,
-                    format!("failure injected: unit {} type {}", p[0], p[1]),
-                );
-                Ok(R::MAV_RESULT_ACCEPTED)
-            }
+            MavCmd::MAV_CMD_INJECT_FAILURE => self.inject_failure(at, request),
             _ => Ok(R::MAV_RESULT_UNSUPPORTED),
         }
     }

@@ -9,7 +9,7 @@ use crate::survey::Survey;
 use crate::uwb::UwbConfig;
 
 use super::endpoint::{Endpoint, MOST_GROUND_LINKS, OriginConfig, Routing};
-use super::mission::Volume;
+use super::mission::{RADIUS_M, Volume};
 use super::supervisor::SupervisorConfig;
 
 /// Everything the pilot core is told at start. The files layer builds it; a replay rebuilds it.
@@ -149,6 +149,9 @@ pub struct FlightConfig {
     pub gear_height_m: f64,
     /// Time armed on the floor without take-off after which the vehicle disarms, s.
     pub idle_disarm_s: f64,
+    /// Watch a vehicle that somebody else flies: estimate, record what would be sent, send nothing that arms or
+    /// moves.
+    pub shadow: bool,
 }
 
 impl Default for FlightConfig {
@@ -166,6 +169,7 @@ impl Default for FlightConfig {
             return_height_m: 0.0,
             gear_height_m: 0.0,
             idle_disarm_s: 15.0,
+            shadow: false,
         }
     }
 }
@@ -206,11 +210,11 @@ impl FlightConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LimitsConfig {
-    /// Lowest and highest room-north coordinate of a setpoint, m. Absent: the anchors' extent.
+    /// Lowest and highest room-north coordinate of a setpoint, m. Absent: 0.45 m inside the anchors' extent.
     pub north_m: Option<[f64; 2]>,
-    /// Lowest and highest room-east coordinate of a setpoint, m. Absent: the anchors' extent.
+    /// Lowest and highest room-east coordinate of a setpoint, m. Absent: 0.45 m inside the anchors' extent.
     pub east_m: Option<[f64; 2]>,
-    /// Highest height of a setpoint above the floor, m. Absent: the highest anchor.
+    /// Highest height of a setpoint above the floor, m. Absent: 0.35 m below the highest anchor.
     pub height_m: Option<f64>,
     /// Voltage below which a warning is sent, V. 6.4 V for two cells (VEHICLE.md).
     pub battery_low_v: f64,
@@ -242,29 +246,52 @@ impl Default for LimitsConfig {
 /// Lowest ceiling of the flight volume, m: a survey with all anchors on the floor still flies.
 const LEAST_CEILING_M: f64 = 1.0;
 
+/// What is kept between the point that is tracked and a wall or ceiling that anchors hang on, m: the wings
+/// (half a wing span, or what stands above the point) and the way to stop from cruise speed, 0.5 m/s
+/// (`stopping_m`: 0.2 m; 0.1 to 0.25 m beyond the setpoint were flown).
+const WALL_KEEP_M: f64 = RADIUS_M + 0.2;
+const CEILING_KEEP_M: f64 = 0.15 + 0.2;
+/// In a room that is small for that the half in the middle is left.
+const MOST_KEEP_SHARE: f64 = 0.25;
+
 impl LimitsConfig {
     /// Writes down what was left to the anchors.
     pub fn resolve(&mut self, survey: &Survey) {
-        let Volume { north_m, east_m, height_m } = self.volume(survey);
+        self.fix(self.volume(survey));
+    }
+
+    /// The same for the log of a build whose default was the very box of the anchors, and left the volume
+    /// unsaid: later ones write it down.
+    pub fn resolve_to_anchors(&mut self, survey: &Survey) {
+        self.fix(self.or_box(anchor_box(survey)));
+    }
+
+    fn fix(&mut self, Volume { north_m, east_m, height_m }: Volume) {
         self.north_m = Some(north_m);
         self.east_m = Some(east_m);
         self.height_m = Some(height_m);
     }
 
-    /// The volume that setpoints may not leave: as configured, else the extent of the anchors.
+    /// The volume that setpoints may not leave: as configured, else inside of the anchors by what the
+    /// vehicle needs, since anchors hang on walls.
     pub(super) fn volume(&self, survey: &Survey) -> Volume {
-        let extent = |axis: usize| {
-            let of = |id| survey.position_E_m(id).map_or(0.0, |p| p[axis]);
-            let ids = || survey.ids().iter().copied();
-            [
-                ids().map(of).fold(f64::INFINITY, f64::min),
-                ids().map(of).fold(-f64::INFINITY, f64::max),
-            ]
+        let Volume { north_m, east_m, height_m } = anchor_box(survey);
+        let inside = |[low, high]: [f64; 2]| {
+            let keep_m = WALL_KEEP_M.min(MOST_KEEP_SHARE * (high - low));
+            [low + keep_m, high - keep_m]
         };
+        self.or_box(Volume {
+            north_m: inside(north_m),
+            east_m: inside(east_m),
+            height_m: (height_m - CEILING_KEEP_M).max(LEAST_CEILING_M),
+        })
+    }
+
+    fn or_box(&self, default: Volume) -> Volume {
         Volume {
-            north_m: self.north_m.unwrap_or_else(|| extent(0)),
-            east_m: self.east_m.unwrap_or_else(|| extent(1)),
-            height_m: self.height_m.unwrap_or_else(|| (-extent(2)[0]).max(LEAST_CEILING_M)),
+            north_m: self.north_m.unwrap_or(default.north_m),
+            east_m: self.east_m.unwrap_or(default.east_m),
+            height_m: self.height_m.unwrap_or(default.height_m),
         }
     }
 
@@ -292,5 +319,49 @@ impl LimitsConfig {
         range("uwb_loss_land_s", self.uwb_loss_land_s, 0.2, 10.0, "s");
         range("board_loss_s", self.board_loss_s, 0.2, 10.0, "s");
         range("offboard_loss_s", self.offboard_loss_s, 0.1, 5.0, "s");
+    }
+}
+
+/// The smallest box around all anchors, from the floor.
+fn anchor_box(survey: &Survey) -> Volume {
+    let extent = |axis: usize| {
+        let of = |id| survey.position_E_m(id).map_or(0.0, |p| p[axis]);
+        let ids = || survey.ids().iter().copied();
+        [ids().map(of).fold(f64::INFINITY, f64::min), ids().map(of).fold(-f64::INFINITY, f64::max)]
+    };
+    let height_m = (-extent(2)[0]).max(LEAST_CEILING_M);
+    Volume { north_m: extent(0), east_m: extent(1), height_m }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frames::Vec3;
+    use crate::measure::AnchorId;
+
+    fn room(side_m: f64, ceiling_m: f64) -> Survey {
+        let at = |i: u8, bit: u8, far: f64| if i & bit != 0 { far } else { 0.0 };
+        let corner = |i: u8| Vec3::new(at(i, 1, side_m), at(i, 2, side_m), -at(i, 4, ceiling_m));
+        let anchors: Vec<_> = (0..8).map(|i| (AnchorId(i), corner(i))).collect();
+        Survey::new(&anchors).unwrap()
+    }
+
+    /// The default was the box of the anchors, which hang on the walls.
+    #[test]
+    fn regress_the_default_volume_keeps_the_wings_off_the_walls() {
+        let check = |survey: &Survey, side: [f64; 2], height_m: f64| {
+            let mut limits = LimitsConfig::default();
+            limits.resolve(survey);
+            let found = [limits.north_m, limits.east_m].map(|range| range.unwrap());
+            let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
+            assert!(found.iter().all(|r| near(r[0], side[0]) && near(r[1], side[1])), "{found:?}");
+            assert!(near(limits.height_m.unwrap(), height_m), "{limits:?}");
+        };
+        check(&room(10.0, 7.0), [0.45, 9.55], 6.65);
+        check(&room(1.6, 2.0), [0.4, 1.2], 1.65);
+        check(&room(3.0, 0.9), [0.45, 2.55], LEAST_CEILING_M);
+        let mut old = LimitsConfig { height_m: Some(2.0), ..LimitsConfig::default() };
+        old.resolve_to_anchors(&room(10.0, 7.0));
+        assert_eq!((old.north_m, old.height_m), (Some([0.0, 10.0]), Some(2.0)));
     }
 }

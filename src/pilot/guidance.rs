@@ -15,6 +15,7 @@ use super::excitation::Doublet;
 use super::landing_ramp::LandingRamp;
 use super::mission::{Mission, Volume};
 use super::modes::{Event, Mode};
+use super::services::fence::Fence;
 use super::setpoint::Setpoint;
 use super::tilt_step::{Envelope, TiltRun};
 use carrot::Carrot;
@@ -47,6 +48,8 @@ pub(super) struct Now<'a> {
     pub supply_v: Option<f64>,
     pub at: HostTime,
     pub dt_s: f64,
+    /// Where the vehicle may be.
+    pub fence: &'a Fence,
 }
 
 /// Guidance state.
@@ -83,6 +86,8 @@ pub(super) struct Guidance {
     refused: bool,
     /// Places to return to beside home, N and E, m.
     rally_NE_m: Vec<[f64; 2]>,
+    /// The return that began found no place to go to.
+    no_way_home: bool,
     /// Jumps of the mission that were made: index of the item, how often.
     jumps_made: Vec<(u16, u32)>,
     /// What a client wants in Offboard mode.
@@ -119,6 +124,7 @@ impl Guidance {
             wait_since: at,
             refused: false,
             rally_NE_m: Vec::new(),
+            no_way_home: false,
             jumps_made: Vec::new(),
             setpoint: None,
             sticks: None,
@@ -168,6 +174,11 @@ impl Guidance {
         self.home_is_set = true;
     }
 
+    /// Whether home was set by hand.
+    pub fn home_is_set(&self) -> bool {
+        self.home_is_set
+    }
+
     /// Home is where the vehicle stands, unless it was set by hand.
     pub fn home_is_here(&mut self, pos_E_m: Vec3<E>) {
         if !self.home_is_set {
@@ -211,12 +222,21 @@ impl Guidance {
         self.set_current_item(0);
     }
 
-    /// Home, or the rally point that is nearer, N and E, m.
-    pub fn nearest_refuge_NE_m(&self, from_E_m: Vec3<E>) -> [f64; 2] {
-        let home = [self.home_E_m.x(), self.home_E_m.y()];
-        let far = |p: &[f64; 2]| (p[0] - from_E_m.x()).hypot(p[1] - from_E_m.y());
-        let all = std::iter::once(home).chain(self.rally_NE_m.iter().copied());
-        all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(home)
+    /// Of home and the rally points the nearest to which a straight way leads that the fence allows, N and E,
+    /// m. `None`: there is none.
+    pub fn nearest_refuge_NE_m(&self, from_E_m: Vec3<E>, fence: &Fence) -> Option<[f64; 2]> {
+        let from = [from_E_m.x(), from_E_m.y()];
+        let far = |[north, east]: [f64; 2]| (north - from[0]).hypot(east - from[1]);
+        self.refuges_NE_m().fold(None, |nearest, place| {
+            let is_nearer = nearest.is_none_or(|found| far(place) < far(found));
+            if is_nearer && fence.allows_way(from, place) { Some(place) } else { nearest }
+        })
+    }
+
+    /// Home and the rally points, N and E, m; a vehicle that stood outside of the volume returns to its edge.
+    pub fn refuges_NE_m(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        let home = self.envelope.volume.clamp(self.home_E_m);
+        std::iter::once([home.x(), home.y()]).chain(self.rally_NE_m.iter().copied())
     }
 
     /// Jumps within the mission.
@@ -276,7 +296,9 @@ impl Guidance {
             Mode::Return => {
                 let vel = self.advance_leg(dt_s);
                 let over_home = self.carrot.has_arrived() && !self.is_far_from_carrot(estimate);
-                if over_home && self.arrived_since_s(at) > 1.0 {
+                if self.no_way_home {
+                    news.event = Some(Event::NoWayHome);
+                } else if over_home && self.arrived_since_s(at) > 1.0 {
                     news.event = Some(Event::HomeReached);
                 }
                 (self.position_command(vel), news)

@@ -88,10 +88,14 @@ impl Pilot {
     /// Sets home by hand: it stays until it is set again, take-offs do not move it.
     pub(super) fn set_home(&mut self, at: HostTime, [north_m, east_m]: [f64; 2]) -> Answer {
         let home = Vec3::new(north_m, east_m, 0.0);
-        if !home.is_finite() || !self.guidance.volume().contains_over(home) {
+        let is_inside = self.guidance.volume().contains_over(home)
+            && self.services.plans.fence.contains([north_m, east_m]);
+        if !home.is_finite() || !is_inside {
             return refuse(
                 MavResult::MAV_RESULT_DENIED,
-                format!("home refused: N {north_m:.2} E {east_m:.2} m is outside the limits"),
+                format!(
+                    "home refused: N {north_m:.2} E {east_m:.2} m is outside the limits or the fence"
+                ),
             );
         }
         self.guidance.set_home(home);

@@ -1,5 +1,7 @@
 //! What comes in from tag and board, and its way to the estimator.
 
+use haltere_dialect::mav::haltere::MavResult;
+
 use crate::drops::DropReason;
 use crate::estimate::Health;
 use crate::measure::Tdoa;
@@ -7,7 +9,8 @@ use crate::time::HostTime;
 use crate::topics::Topic;
 use crate::uwb::from_uwb_tdoa;
 
-use super::board::{BoardNews, Change};
+use super::board::{BoardNews, Change, speaks_as_board};
+use super::commands::Awaits;
 use super::config::TagProtocol;
 use super::modes::{Event, Mode};
 use super::{LinkId, Pilot, Severity};
@@ -16,6 +19,9 @@ use super::{LinkId, Pilot, Severity};
 const SNIFFER_BINARY: &[u8] = b"b";
 /// Without a measurement for so long it is sent again, s.
 const TAG_SILENCE_S: f64 = 0.4;
+/// Higher than this by our height the vehicle is in the air, m: from there it falls at 1.4 m/s, and as much more as
+/// the height is wrong by near the floor is still no more than 2 m/s.
+const AIR_M: f64 = 0.1;
 /// Heading of the board at alignment, one sigma, rad: a compass indoors.
 const STD_BOARD_HEADING_RAD: f64 = 0.1;
 
@@ -37,6 +43,9 @@ impl Pilot {
                 self.board_splitter.flush();
                 self.board_frames(at);
                 self.board.restart(at);
+                if self.board.system_id().is_none() {
+                    self.board_peers.forget();
+                }
             }
             LinkId::Ground(n) => {
                 let n = usize::from(n);
@@ -73,7 +82,7 @@ impl Pilot {
         let counts = ground.counts;
         let link = ground.link;
         ground.close(at);
-        self.arm_askers.retain(|asker| asker.link != link);
+        self.askers.retain(|asker| asker.link != link);
         self.say(
             at,
             Severity::Info,
@@ -133,18 +142,15 @@ impl Pilot {
         let record = self.estimator.tdoa(tdoa);
         if record.fused {
             self.last_fused = Some(tdoa.received_at);
+            self.resumption.uwb(tdoa.valid_at);
         }
         self.supervisor.anchors.note(tdoa);
-        self.survey_check.note(tdoa, self.mode);
+        if self.is_standing() || self.mode != Mode::Disarmed {
+            self.survey_check.note(tdoa, self.mode);
+        }
         self.supervisor.evidence.note_uwb(&record);
         super::telemetry_counts::note_pair(&mut self.pairs, &record);
         self.record(|| Topic::Uwb(record));
-    }
-
-    pub(super) fn board_bytes(&mut self, at: HostTime, bytes: &[u8]) {
-        self.board_bytes_at = at;
-        self.board_splitter.push(bytes);
-        self.board_frames(at);
     }
 
     pub(super) fn board_frames(&mut self, at: HostTime) {
@@ -155,6 +161,9 @@ impl Pilot {
             let drops = &mut self.drops[usize::from(LinkId::Board.number())];
             super::clients::count_frame(drops, &next);
             if let Ok(frame) = next {
+                if speaks_as_board(&frame, self.board.system_id()) {
+                    self.board_peers.board_spoke(at, &frame);
+                }
                 self.board.frame(at, &frame, &mut self.out, drops, &mut news);
                 self.route_from_board(&frame);
             }
@@ -179,9 +188,16 @@ impl Pilot {
                     return;
                 }
                 let dt_s = self.last_imu.map_or(0.0, |t| sample.valid_at.seconds_since(t));
-                self.touch.acc_z(sample.acc_B_mps2.z(), dt_s);
                 self.last_imu = Some(sample.valid_at);
                 self.supervisor.repetition.note(&sample);
+                // What repeats itself says nothing new, and what waited in a pause is over.
+                let repeats = self.supervisor.repetition.accelerometer_s() > 0.0;
+                if !repeats && !self.resumption.is_before_its_end(sample.valid_at) {
+                    self.touch.acc_z(sample.acc_B_mps2.z(), dt_s);
+                }
+                if let Some(board) = &self.board_attitude {
+                    self.supervisor.lying.imu(&sample, &board.attitude);
+                }
                 self.estimator.imu(&sample);
                 self.record(|| Topic::Imu(sample));
             }
@@ -199,6 +215,11 @@ impl Pilot {
                 let flies = self.mode.has_thrust() && self.mode != Mode::Spool;
                 self.supervisor.discharge.note(at, sample.supply_v, flies);
                 self.record(|| Topic::Battery(sample));
+            }
+            BoardNews::OtherBattery(other) => self.record(|| Topic::OtherBattery(other)),
+            BoardNews::Servos(servos) => {
+                self.servos = Some(servos);
+                self.record(|| Topic::Servos(servos));
             }
             BoardNews::Baro(sample) => {
                 self.estimator.baro(&sample);
@@ -220,18 +241,28 @@ impl Pilot {
                 self.check_board_id(at, system_id);
             }
             BoardNews::Armed(true) => {
-                if !self.fire(at, Event::BoardArmed) && self.mode == Mode::Disarmed {
-                    // Somebody else armed it, or we were restarted in flight. We send no setpoint
-                    // into a flight that we did not start: the board's own failsafe holds.
-                    let text = "board is armed, but not by us: no setpoints are sent";
-                    self.say(at, Severity::Critical, text.to_owned());
+                if !self.fire(at, Event::BoardArmed)
+                    && self.mode == Mode::Disarmed
+                    && !self.config.flight.shadow
+                {
+                    self.tell_armed_by_others(at);
                 }
             }
             BoardNews::Armed(false) => {
                 self.fire(at, Event::BoardDisarmed);
             }
+            BoardNews::Doubt => {
+                let text = "board says that it is disarmed: flown on unless it says so again";
+                self.say(at, Severity::Warning, text.to_owned());
+            }
+            BoardNews::ArmedAgain { denials } => self.board_armed_again(at, denials),
             BoardNews::ArmAnswer { arm, accepted, why } => {
-                self.answer_arm_askers(arm, accepted);
+                let result = if accepted {
+                    MavResult::MAV_RESULT_ACCEPTED
+                } else {
+                    MavResult::MAV_RESULT_FAILED
+                };
+                self.answer_askers(Awaits::arming(arm), result);
                 if accepted {
                 } else if arm {
                     self.say(at, Severity::Error, format!("arming failed: {why}"));
@@ -243,6 +274,7 @@ impl Pilot {
                     self.say(at, Severity::Error, format!("disarming failed: {why}"));
                 }
             }
+            BoardNews::PassedOnAnswer(result) => self.answer_askers(Awaits::PassedOn, result),
             BoardNews::Notice { warning, text } => {
                 let severity = if warning { Severity::Warning } else { Severity::Info };
                 self.say(at, severity, text);
@@ -264,11 +296,49 @@ impl Pilot {
             }
             BoardNews::Back { silent_s } => {
                 let flies = self.mode.has_thrust() || self.mode == Mode::Yielded;
+                self.note_pause(at, silent_s);
                 if silent_s > self.config.limits.board_loss_s && flies {
                     self.supervisor.heard.board_gap_s = Some(silent_s);
                 }
             }
         }
+    }
+
+    /// Somebody else armed it, or we were restarted in flight. We send no setpoint into a flight that we did
+    /// not start: the board's own failsafe holds.
+    fn tell_armed_by_others(&mut self, at: HostTime) {
+        let text = "board is armed, but not by us: no setpoints are sent";
+        self.say(at, Severity::Critical, text.to_owned());
+    }
+
+    /// The board denied to be armed and says again that it is. One word that was wrong is forgiven in the air, where
+    /// to stop is a fall. Else a person's switch may be behind it, who stands beside the vehicle by now.
+    fn board_armed_again(&mut self, at: HostTime, denials: u32) {
+        let told_to = self.board.was_told_to_disarm();
+        if told_to || matches!(self.mode, Mode::Disarmed | Mode::Disarming) {
+            return; // It is being disarmed, which goes on.
+        }
+        let flies = self.mode.has_thrust() && self.mode != Mode::Spool && self.is_in_the_air();
+        if flies && denials <= 1 && !self.board.is_away() {
+            let text = "board says that it is armed after all: flown on";
+            self.say(at, Severity::Warning, text.to_owned());
+        } else if flies || self.mode == Mode::Yielded {
+            self.fire(at, Event::BoardDisarmed);
+            self.tell_armed_by_others(at);
+        } else {
+            let text = "board was disarmed on the floor and is armed again, not by us";
+            self.say(at, Severity::Critical, text.to_owned());
+            self.fire(at, Event::DisarmAsked);
+        }
+    }
+
+    /// Whether the vehicle is off the floor by our height.
+    fn is_in_the_air(&self) -> bool {
+        let height_m = match self.mode {
+            Mode::Descend => self.supervisor.descent.height_m(),
+            _ => self.height_above_floor_m(),
+        };
+        height_m > AIR_M
     }
 
     fn board_mode_changed(&mut self, at: HostTime, change: Change) {

@@ -1,5 +1,7 @@
 //! What can happen to the core: its links by name, and the one type of all that comes in.
 
+use core::net::SocketAddr;
+
 use crate::drops::DropReason;
 
 use super::services::FileFault;
@@ -45,6 +47,13 @@ pub enum Input<'a> {
         /// In any chunking.
         bytes: &'a [u8],
     },
+    /// What comes next on a link that many can speak on comes from this address, until another one is told.
+    Peer {
+        /// Which link.
+        link: LinkId,
+        /// Who speaks.
+        address: SocketAddr,
+    },
     /// A link was opened, or opened again.
     LinkUp {
         /// Which.
@@ -78,6 +87,8 @@ pub enum Input<'a> {
         /// Since 1970-01-01 UTC, µs.
         unix_us: i64,
     },
+    /// Whoever runs the program wants it to end. What flies is landed first: [`super::Pilot::may_end`].
+    EndAsked,
     /// The deadline came, or something wants the core to look at the time.
     Wake,
 }

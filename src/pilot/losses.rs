@@ -44,6 +44,12 @@ impl Pilot {
             );
             self.say(at, Severity::Warning, text);
         }
+        if reason == DropReason::OutputLineLost
+            && !std::mem::replace(&mut self.output_lost_told, true)
+        {
+            let text = "nobody reads what haltere prints: lines are lost, the log has them";
+            self.say(at, Severity::Warning, text.to_owned());
+        }
         self.tell_kept_out(at, link, reason);
     }
 }

@@ -75,6 +75,17 @@ pub enum MissionItem {
     },
 }
 
+impl MissionItem {
+    /// Where it leads to, N and E, m.
+    pub(super) fn place_NE_m(&self) -> Option<[f64; 2]> {
+        match self {
+            MissionItem::Waypoint { pos_E_m, .. }
+            | MissionItem::Land { pos_E_m: Some(pos_E_m) } => Some([pos_E_m.x(), pos_E_m.y()]),
+            _ => None,
+        }
+    }
+}
+
 /// Volume that positions must lie in, Earth frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Volume {
@@ -89,6 +100,9 @@ pub struct Volume {
 /// Lowest height of a point to fly to, m. Below it the floor may carry the vehicle while the
 /// position loop is closed, and nothing would notice: landing is what goes lower.
 pub const LOWEST_M: f64 = 0.2;
+
+/// From the point that is tracked to the ends of the wings, m: half the span of 0.49 m (VEHICLE.md).
+pub(super) const RADIUS_M: f64 = 0.25;
 
 impl Volume {
     /// Whether a position lies inside.

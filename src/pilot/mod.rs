@@ -6,6 +6,7 @@
 //!
 //! One idea per file: `schedule` the control step and what is due beside it, `supervisor` what
 //! can go wrong and what is then done, `supervise` how a flight ends, `modes` the table of transitions,
+//! `ending` how a program ends that flies,
 //! `change` what a transition does, `guidance` what the controller is asked for, `voice` what people are
 //! told, `losses` what was thrown away, `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
 //! what they fetch and store: parameters, plans, files and logs.
@@ -20,6 +21,7 @@ mod change;
 mod clients;
 mod commands;
 mod config;
+mod ending;
 mod endpoint;
 mod excitation;
 mod ground;
@@ -44,10 +46,13 @@ mod output;
 mod permits;
 mod place;
 mod reference;
+mod resume;
 mod routing;
 mod schedule;
+mod second_board;
 pub mod services;
 mod setpoint;
+mod shadow;
 mod shelf;
 mod streams;
 mod supervise;
@@ -75,28 +80,31 @@ pub use tilt_step::{Envelope, TiltStep, stopping_m};
 
 use haltere_dialect::mav_stream::MavSplitter;
 
-use crate::control::Controller;
+use crate::control::{Controller, margins};
 use crate::drops::Drops;
 use crate::estimate::{Estimate, Health};
 use crate::estimator::{Estimator, MOST_ANCHORS};
 use crate::geo::LocalOrigin;
-use crate::measure::{BatterySample, BoardAttitude, Tdoa};
+use crate::measure::{BatterySample, BoardAttitude, ServoOutput, Tdoa};
 use crate::survey::Survey;
 use crate::time::HostTime;
 use crate::topics::{ControlRecord, Topic};
 use crate::uwb::{MavTag, TdoaEngine};
 
-use board::{BoardLink, BoardNews, LinkConfig};
+use board::{BoardLink, BoardNews, LinkConfig, Peers};
 use calendar::Calendar;
 use change::Cause;
 use commands::Asker;
+use ending::Ending;
 use ground::GroundLink;
 use guidance::Guidance;
 use heading::BoardNorth;
 use hover::HoverThrust;
 use losses::losses_of;
 use output::{Address, Outbox};
+use resume::Resumption;
 use services::Services;
+use shadow::Shadow;
 use shelf::Shelf;
 use supervise::Touch;
 use supervisor::{SteadyClock, Supervisor};
@@ -105,7 +113,7 @@ use telemetry_counts::PairStats;
 use voice::{Echoes, Severity};
 
 /// Every check before a flight, in its order.
-pub const ARMING_CHECKS: [ArmingCheck; 8] = ArmingCheck::ALL;
+pub const ARMING_CHECKS: [ArmingCheck; 11] = ArmingCheck::ALL;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -145,10 +153,13 @@ pub struct Pilot {
 
     board: BoardLink,
     board_splitter: MavSplitter,
+    board_peers: Peers,
     board_bytes_at: HostTime,
     board_news: Vec<BoardNews>,
     board_attitude: Option<BoardAttitude>,
     battery: Option<BatterySample>,
+    /// What the board last told motors and servos.
+    servos: Option<ServoOutput>,
     north: BoardNorth,
 
     estimator: Estimator,
@@ -167,6 +178,9 @@ pub struct Pilot {
     /// Since when the estimate is good again in a blind descent.
     good_since: Option<HostTime>,
     controller: Controller,
+    shadow: Shadow,
+    /// Why nothing may fly with the gains in force.
+    gains_refusal: Option<String>,
     control: ControlRecord,
     hover: HoverThrust,
     guidance: Guidance,
@@ -175,13 +189,16 @@ pub struct Pilot {
     mode: Mode,
     mode_since: HostTime,
     touch: Touch,
+    resumption: Resumption,
     supervisor: Supervisor,
     survey_check: SurveyCheck,
     clock: SteadyClock,
     lift_off_asked: bool,
     /// What was asked for while the board flew by itself: land as soon as control is back.
     land_when_back: bool,
-    arm_askers: Vec<Asker>,
+    /// The program was asked to end.
+    ending: Option<Ending>,
+    askers: Vec<Asker>,
     /// When people were last told that the board does not disarm.
     insisted_at: Option<HostTime>,
     text_id: u16,
@@ -189,6 +206,8 @@ pub struct Pilot {
     mode_told: Option<(u32, bool)>,
     /// When people were last told that a station found no place.
     full_told_at: Option<HostTime>,
+    /// Whether people were told that nobody reads what the program prints.
+    output_lost_told: bool,
     /// What a client last asked for, by number; 0: nothing yet.
     intended_mode: u32,
     refused_setpoint_told: bool,
@@ -228,7 +247,7 @@ impl Pilot {
             last_tick: None,
             control_steps: 0,
             deadline_misses: 0,
-            out: Outbox::default(),
+            out: Outbox::of_shadow(config.flight.shadow),
             topics: Vec::new(),
             with_topics: true,
             drops: vec![Drops::default(); 3 + grounds.len()],
@@ -246,15 +265,18 @@ impl Pilot {
             board: BoardLink::new(
                 LinkConfig {
                     profile: config.board_profile,
-                    set_parameters: config.board_set_parameters,
+                    set_parameters: config.board_set_parameters && !config.flight.shadow,
+                    shadow: config.flight.shadow,
                 },
                 at,
             ),
             board_splitter: MavSplitter::new(),
+            board_peers: Peers::default(),
             board_bytes_at: at,
             board_news: Vec::new(),
             board_attitude: None,
             battery: None,
+            servos: None,
             north: BoardNorth::new(config.board_north_offset_rad),
             estimator,
             estimate,
@@ -266,6 +288,8 @@ impl Pilot {
             last_sink_mps: 0.0,
             good_since: None,
             controller: Controller::new(config.control.clone()),
+            shadow: Shadow::default(),
+            gains_refusal: margins::refusal(&config.control),
             control: ControlRecord::default(),
             hover: HoverThrust::default(),
             guidance: Guidance::new(config.flight.clone(), envelope, velocity_limit_mps, at),
@@ -273,16 +297,19 @@ impl Pilot {
             mode: Mode::Disarmed,
             mode_since: at,
             touch: Touch::default(),
+            resumption: Resumption::default(),
             supervisor: Supervisor::default(),
             survey_check: SurveyCheck::new(&config, &survey),
             clock: SteadyClock::default(),
             lift_off_asked: false,
             land_when_back: false,
-            arm_askers: Vec::new(),
+            ending: None,
+            askers: Vec::new(),
             insisted_at: None,
             text_id: 0,
             mode_told: None,
             full_told_at: None,
+            output_lost_told: false,
             intended_mode: 0,
             refused_setpoint_told: false,
             refused_told_at: None,
@@ -298,6 +325,9 @@ impl Pilot {
             survey,
         };
         pilot.say(at, Severity::Info, "haltere started, waiting for tag and board".to_owned());
+        if pilot.config.flight.shadow {
+            pilot.say(at, Severity::Warning, arming::SHADOW_WORDS.to_owned());
+        }
         pilot
     }
 
@@ -329,6 +359,9 @@ impl Pilot {
             Input::Bytes { link: LinkId::Tag, bytes } => self.tag_bytes(at, bytes),
             Input::Bytes { link: LinkId::Board, bytes } => self.board_bytes(at, bytes),
             Input::Bytes { link: LinkId::Ground(n), bytes } => self.ground_bytes(at, n, bytes),
+            Input::Peer { link: LinkId::Board, address } => self.board_peers.sender(address),
+            // Each station has a link of its own, and the tag a line.
+            Input::Peer { .. } => {}
             Input::Calendar { unix_us } => {
                 self.calendar = Some(Calendar { told_at: at, told_unix_us: unix_us });
             }
@@ -336,8 +369,15 @@ impl Pilot {
             Input::LinkDown { link } => self.link_down(at, link),
             Input::Lost { link, reason, count } => self.glue_lost(at, link, reason, count),
             Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
+            Input::EndAsked => self.end_asked(at),
             Input::Wake => self.wake(at),
         }
+    }
+
+    /// Replay of a log of another build: the vehicle was in the air or on the floor whatever this core would have
+    /// done, and its filter must know.
+    pub fn set_airborne_as_flown(&mut self, airborne: bool) {
+        self.estimator.set_airborne(airborne);
     }
 
     /// When the core wants to be woken next.
@@ -368,6 +408,11 @@ impl Pilot {
     /// Inside of the newest control step.
     pub fn control_record(&self) -> &ControlRecord {
         &self.control
+    }
+
+    /// How long after a tilt was asked for the board's attitude shows it, s, where that can be told.
+    pub fn response_lag_s(&self) -> Option<f64> {
+        self.board.response_lag_s()
     }
 
     /// The mode in force.

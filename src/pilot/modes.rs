@@ -4,6 +4,7 @@
 //! changes nothing. What the supervisor orders comes in as one event for each reaction; which condition of
 //! its list orders it is told as the reason.
 
+use super::ending::ENDS;
 use super::supervisor::Reaction;
 
 /// What the vehicle is doing.
@@ -81,6 +82,11 @@ impl Mode {
             Mode::Yielded => "yielded",
             Mode::Disarming => "disarming",
         }
+    }
+
+    /// The mode of a name, as in logs. `None`: no mode of this build.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|mode| mode.name() == name)
     }
 
     /// PX4's numbers, which most clients decode (GROUND.md): main mode << 16 | sub mode << 24.
@@ -163,6 +169,8 @@ pub enum Event {
     ReturnAsked,
     /// Over the place of take-off.
     HomeReached,
+    /// The fence bars every straight way to a place to return to, or the one that is flown.
+    NoWayHome,
     /// A client asks to land.
     LandAsked,
     /// The mission has come to its landing.
@@ -179,6 +187,10 @@ pub enum Event {
     ControlBack,
     /// The board does not fly what it is sent.
     SetpointsIgnored,
+    /// Whoever runs the program wants it to end.
+    EndAsked,
+    /// The landing before the end takes far too long.
+    LandingOverdue,
 }
 
 use Event as Ev;
@@ -220,7 +232,7 @@ const ANY_ARMED: &[Mode] = &[
 
 /// Stands for the reason of the condition, which is told instead.
 /// Cause of the landing that a mission ends with, apart from every other landing: whether a mission was
-/// flown to its end is read from it.
+/// flown to its end is read from it, in logs of other builds too.
 pub const MISSION_LANDS: &str = "the mission lands";
 const SUPERVISOR: &str = "by the supervisor";
 
@@ -266,6 +278,7 @@ pub static TABLE: &[Transition] = &[
     row(CALM, Ev::ManualAsked, M::Manual, "joystick asked"),
     row(AIR, Ev::ReturnAsked, M::Return, "return asked"),
     row(&[M::Return], Ev::HomeReached, M::Land, "over home"),
+    row(&[M::Return], Ev::NoWayHome, M::Land, "the fence bars the way home"),
     row(LANDABLE, Ev::LandAsked, M::Land, "landing asked"),
     row(&[M::Mission], Ev::MissionLands, M::Land, MISSION_LANDS),
     row(
@@ -295,9 +308,14 @@ pub static TABLE: &[Transition] = &[
         "board does not give the thrust it is sent",
     ),
     row(FLYING_OR_DESCENDING, Ev::Ordered(Reaction::Yield), M::Yielded, SUPERVISOR),
+    // It lies there already.
+    row(FLYING_OR_DESCENDING, Ev::Ordered(Reaction::Disarm), M::Disarming, SUPERVISOR),
     row(&[M::Yielded], Ev::ControlBack, M::Hold, "board obeys again"),
     row(&[M::Descend], Ev::EstimateBack, M::Land, "estimate is back"),
     row(&[M::Land, M::Descend], Ev::TouchDown, M::Disarming, "on the floor"),
+    row(&[M::Arming, M::Idle, M::Spool], Ev::EndAsked, M::Disarming, ENDS),
+    row(AIR, Ev::EndAsked, M::Land, ENDS),
+    row(&[M::Land], Ev::LandingOverdue, M::Descend, "the landing takes too long"),
 ];
 
 /// The row that holds, if any.

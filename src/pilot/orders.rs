@@ -6,11 +6,13 @@ use crate::estimate::Health;
 use crate::frames::Vec3;
 use crate::time::HostTime;
 
-use super::commands::{Answer, Request, refuse};
+use super::arming::SHADOW_WORDS;
+use super::commands::{Answer, Awaits, Request, refuse};
 use super::identity::SHOWN_MODES;
 use super::mission::LOWEST_M;
 use super::modes::{Event, Mode};
 use super::place::{Kind, Wanted};
+use super::services::fence::KEEP_M;
 use super::setpoint::Setpoint;
 use super::{Pilot, Severity};
 
@@ -39,7 +41,7 @@ impl Pilot {
         if arm {
             if self.mode == Mode::Arming {
                 // Asked again before the board has answered.
-                self.wait_for_board(at, request, true);
+                self.wait_for_board(at, request, Awaits::Arm);
                 return Ok(R::MAV_RESULT_IN_PROGRESS);
             }
             let ours = !matches!(self.mode, Mode::Disarmed | Mode::Disarming);
@@ -55,7 +57,7 @@ impl Pilot {
                 );
             }
             self.board.command_arm(true, false, at);
-            self.wait_for_board(at, request, true);
+            self.wait_for_board(at, request, Awaits::Arm);
             self.fire(at, Event::ArmAsked);
             return Ok(R::MAV_RESULT_IN_PROGRESS);
         }
@@ -80,7 +82,7 @@ impl Pilot {
             return Ok(R::MAV_RESULT_ACCEPTED);
         }
         if self.mode == Mode::Disarming && !forced && self.board.is_commanding() {
-            self.wait_for_board(at, request, false);
+            self.wait_for_board(at, request, Awaits::Disarm);
             return Ok(R::MAV_RESULT_IN_PROGRESS);
         }
         // In the spool-up the floor still carries the vehicle.
@@ -91,7 +93,7 @@ impl Pilot {
                 "disarming in the air refused: land, or force it with 21196",
             );
         }
-        self.wait_for_board(at, request, false);
+        self.wait_for_board(at, request, Awaits::Disarm);
         if !self.fire(at, Event::DisarmAsked) || forced {
             self.board.command_arm(false, forced, at);
         }
@@ -177,6 +179,15 @@ impl Pilot {
         Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
 
+    fn refuse_while_ending(&self, what: &str) -> Answer {
+        match self.ending_forbids(Mode::Takeoff) {
+            None => Ok(MavResult::MAV_RESULT_ACCEPTED),
+            Some(why) => {
+                refuse(MavResult::MAV_RESULT_TEMPORARILY_REJECTED, format!("{what} refused: {why}"))
+            }
+        }
+    }
+
     fn ask_takeoff(&mut self, at: HostTime, height_m: f64) -> Answer {
         let top_m = self.guidance.volume().height_m;
         if !(0.3..=top_m).contains(&height_m) {
@@ -185,6 +196,7 @@ impl Pilot {
                 format!("take-off height = {height_m:.2}, allowed 0.3 to {top_m:.1} m"),
             );
         }
+        self.refuse_while_ending("take-off")?;
         match self.mode {
             Mode::Disarmed | Mode::Arming | Mode::Idle => {
                 self.guidance.set_takeoff_height(height_m);
@@ -217,6 +229,12 @@ impl Pilot {
         if usize::from(self.guidance.current_item) >= self.mission.items.len() {
             self.guidance.set_current_item(0);
         }
+        self.refuse_while_ending("mission")?;
+        if self.mode != Mode::Mission
+            && let Some(why) = self.first_leg_is_barred()
+        {
+            return refuse(MavResult::MAV_RESULT_DENIED, why);
+        }
         match self.mode {
             Mode::Disarmed | Mode::Arming | Mode::Idle => {
                 let height_m =
@@ -248,6 +266,9 @@ impl Pilot {
 
     /// A mode by PX4's number, from any of the ways to ask for one.
     pub(super) fn set_custom_mode(&mut self, at: HostTime, custom_mode: u32) -> Answer {
+        if self.config.flight.shadow {
+            return refuse(MavResult::MAV_RESULT_DENIED, format!("refused: {SHADOW_WORDS}"));
+        }
         let asked = SHOWN_MODES.iter().map(|m| m.mode).find(|m| m.custom_mode() == custom_mode);
         let answer = match asked {
             Some(Mode::Hold) => self.ask(at, Event::HoldAsked, &[Mode::Hold]),
@@ -397,15 +418,31 @@ impl Pilot {
                 ),
             );
         }
-        if !self.services.plans.fence.contains([north_m, east_m]) {
-            let text = format!("N {north_m:.2} E {east_m:.2} m is outside the fence");
-            return refuse(R::MAV_RESULT_DENIED, text);
+        if horizontal_m.is_some()
+            && let Some(why) = self.fence_bars([north_m, east_m])
+        {
+            return refuse(R::MAV_RESULT_DENIED, why);
         }
         let answer = self.ask(at, Event::GotoAsked, &[Mode::Goto])?;
         if self.mode == Mode::Goto {
             self.guidance.fly_to(point, yaw_rad);
         }
         Ok(answer)
+    }
+
+    /// Why the vehicle may not fly straight to a point.
+    fn fence_bars(&self, point: [f64; 2]) -> Option<String> {
+        let fence = &self.services.plans.fence;
+        let here = self.estimate.pos_E_m;
+        let [north_m, east_m] = point;
+        if !fence.allows(point) {
+            return Some(format!(
+                "N {north_m:.2} E {east_m:.2} m is outside the fence, or within {KEEP_M} m of its border"
+            ));
+        }
+        let way_is_free = fence.allows_way([here.x(), here.y()], point);
+        (!way_is_free)
+            .then(|| format!("the fence bars the straight way to N {north_m:.2} E {east_m:.2} m"))
     }
 }
 

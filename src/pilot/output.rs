@@ -4,6 +4,7 @@ use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream;
 
 use super::LinkId;
+use super::shadow::only_asks;
 
 /// Most bytes for stations that one drain can find, and pieces: what a client asks for in one burst must
 /// not become memory without end. Far above what everything due in one step takes.
@@ -40,12 +41,33 @@ pub(super) struct Outbox {
     /// Link and end of its piece in `bytes`.
     pieces: Vec<(LinkId, usize)>,
     links: Vec<PerLink>,
+    /// Only what asks goes to the board.
+    shadow: bool,
+    /// What was kept from it.
+    withheld: u64,
 }
 
 impl Outbox {
+    /// Of a shadow: whatever the rest of the core wants, nothing goes to the board that arms or moves.
+    pub fn of_shadow(shadow: bool) -> Self {
+        Self { shadow, ..Self::default() }
+    }
+
+    /// Whether a frame is kept from the board; it is counted.
+    fn withholds(&mut self, link: LinkId, asks: bool) -> bool {
+        let withheld = self.shadow && link == LinkId::Board && !asks;
+        self.withheld += u64::from(withheld);
+        withheld
+    }
+
+    /// Frames that were kept from the board since the last call.
+    pub fn take_withheld(&mut self) -> u64 {
+        std::mem::take(&mut self.withheld)
+    }
+
     /// Queues bytes as they are.
     pub fn raw(&mut self, link: LinkId, bytes: &[u8]) {
-        if self.is_full(link) {
+        if self.withholds(link, false) || self.is_full(link) {
             return;
         }
         self.bytes.extend_from_slice(bytes);
@@ -54,7 +76,7 @@ impl Outbox {
 
     /// Queues a message as a MAVLink 2 frame.
     pub fn message(&mut self, link: LinkId, from: Address, message: &MavMessage) {
-        if self.is_full(link) {
+        if self.withholds(link, only_asks(message)) || self.is_full(link) {
             return;
         }
         let sequence = self.next_sequence(link);
@@ -65,7 +87,7 @@ impl Outbox {
 
     /// Queues a payload that the dialect has no type for.
     pub fn payload(&mut self, link: LinkId, from: Address, msg_id: u32, payload: &[u8]) {
-        if self.is_full(link) {
+        if self.withholds(link, false) || self.is_full(link) {
             return;
         }
         let sequence = self.next_sequence(link);
@@ -140,6 +162,23 @@ impl Outbox {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn prop_nothing_of_a_shadow_arms_or_moves_and_what_is_kept_back_is_counted() {
+        let mut out = Outbox::of_shadow(true);
+        let from = Address { system_id: 2, component_id: 192 };
+        out.raw(LinkId::Board, &[1, 2, 3]);
+        out.payload(LinkId::Board, from, 31_337, &[1]);
+        out.message(LinkId::Board, from, &MavMessage::SET_ATTITUDE_TARGET(Default::default()));
+        out.drain(|link, bytes| panic!("{link:?} {bytes:?}"));
+        assert_eq!((out.take_withheld(), out.take_withheld()), (3, 0));
+        out.message(LinkId::Board, from, &MavMessage::HEARTBEAT(Default::default()));
+        out.raw(LinkId::Ground(0), &[1]);
+        out.raw(LinkId::Tag, b"b");
+        let mut went = 0;
+        out.drain(|_, _| went += 1);
+        assert_eq!((went, out.take_withheld()), (3, 0));
+    }
 
     #[test]
     fn prop_what_waits_for_stations_is_bounded_and_the_board_goes_first() {

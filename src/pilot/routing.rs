@@ -11,55 +11,35 @@ use haltere_dialect::signing::SIGNATURE_BYTES;
 use crate::drops::DropReason;
 use crate::time::HostTime;
 
+use super::arming::SHADOW_WORDS;
+use super::clients::is_command;
 use super::endpoint::Routing;
 use super::modes::Mode;
 use super::{LinkId, OWN, Pilot, Severity};
 
-/// Whether a message steers: such are kept from the board while we do.
+/// Whether a message steers, or changes what the board streams to us: such are kept from the board while we steer.
 fn steers(message: &MavMessage) -> bool {
-    let command = match message {
-        MavMessage::COMMAND_LONG(m) => m.command,
-        MavMessage::COMMAND_INT(m) => m.command,
-        MavMessage::SET_MODE(_)
-        | MavMessage::SET_ATTITUDE_TARGET(_)
-        | MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)
-        | MavMessage::SET_POSITION_TARGET_GLOBAL_INT(_)
-        | MavMessage::SET_ACTUATOR_CONTROL_TARGET(_)
-        | MavMessage::MANUAL_CONTROL(_)
-        | MavMessage::RC_CHANNELS_OVERRIDE(_)
-        | MavMessage::MISSION_SET_CURRENT(_) => return true,
-        _ => return false,
-    };
     matches!(
-        command,
-        MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
-            | MavCmd::MAV_CMD_RUN_PREARM_CHECKS
-            | MavCmd::MAV_CMD_DO_SET_MODE
-            | MavCmd::MAV_CMD_DO_SET_STANDARD_MODE
-            | MavCmd::MAV_CMD_DO_FLIGHTTERMINATION
-            | MavCmd::MAV_CMD_DO_MOTOR_TEST
-            | MavCmd::MAV_CMD_DO_SET_ACTUATOR
-            | MavCmd::MAV_CMD_DO_SET_SERVO
-            | MavCmd::MAV_CMD_ACTUATOR_TEST
-            | MavCmd::MAV_CMD_DO_REPOSITION
-            | MavCmd::MAV_CMD_DO_CHANGE_SPEED
-            | MavCmd::MAV_CMD_DO_PAUSE_CONTINUE
-            | MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT
-            | MavCmd::MAV_CMD_CONDITION_YAW
-            | MavCmd::MAV_CMD_MISSION_START
-            | MavCmd::MAV_CMD_NAV_TAKEOFF
-            | MavCmd::MAV_CMD_NAV_TAKEOFF_LOCAL
-            | MavCmd::MAV_CMD_NAV_VTOL_TAKEOFF
-            | MavCmd::MAV_CMD_NAV_LAND
-            | MavCmd::MAV_CMD_NAV_LAND_LOCAL
-            | MavCmd::MAV_CMD_NAV_VTOL_LAND
-            | MavCmd::MAV_CMD_DO_LAND_START
-            | MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH
-            | MavCmd::MAV_CMD_NAV_LOITER_UNLIM
-            | MavCmd::MAV_CMD_OVERRIDE_GOTO
-            | MavCmd::MAV_CMD_PREFLIGHT_CALIBRATION
-            | MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+        message,
+        MavMessage::SET_MODE(_)
+            | MavMessage::SET_ATTITUDE_TARGET(_)
+            | MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)
+            | MavMessage::SET_POSITION_TARGET_GLOBAL_INT(_)
+            | MavMessage::SET_ACTUATOR_CONTROL_TARGET(_)
+            | MavMessage::MANUAL_CONTROL(_)
+            | MavMessage::RC_CHANNELS_OVERRIDE(_)
+            | MavMessage::MISSION_SET_CURRENT(_)
+            | MavMessage::REQUEST_DATA_STREAM(_)
     )
+}
+
+/// Command and first parameter; `None`: no command. `Some(None)`: one that the dialect does not know.
+fn command_of(frame: &MavFrame<'_>, message: Option<&MavMessage>) -> Option<Option<(MavCmd, f32)>> {
+    match message {
+        Some(MavMessage::COMMAND_LONG(m)) => Some(Some((m.command, m.param1))),
+        Some(MavMessage::COMMAND_INT(m)) => Some(Some((m.command, m.param1))),
+        _ => is_command(frame.header.msg_id).then_some(None),
+    }
 }
 
 impl Pilot {
@@ -108,20 +88,52 @@ impl Pilot {
             self.drops_of(link).add(DropReason::NotPermitted, 1);
             return;
         }
-        if message.is_some_and(steers) && self.mode != Mode::Disarmed {
+        let shadow = self.config.flight.shadow;
+        if shadow || self.is_kept_from_board(frame, message) {
             // What is for everyone is for us first.
             if target.0 == board {
                 self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, 1);
-                self.refuse_setpoint(
-                    at,
-                    self.grounds[index].link,
-                    "a command for the board was not passed on: the companion is in control"
-                        .to_owned(),
-                );
+                let why = if shadow { SHADOW_WORDS } else { "the companion is in control" };
+                let text = format!("a frame for the board was not passed on: {why}");
+                self.refuse_setpoint(at, self.grounds[index].link, text);
             }
             return;
         }
         self.out.raw(LinkId::Board, frame.raw);
+    }
+
+    /// Whether a frame must not reach the board now. Of commands only those pass, while we steer, that ask for
+    /// something: one that nobody thought of is kept back. What breaks the board never reaches one that is armed.
+    fn is_kept_from_board(&self, frame: &MavFrame<'_>, message: Option<&MavMessage>) -> bool {
+        let command = command_of(frame, message);
+        if let Some(Some((MavCmd::MAV_CMD_INJECT_FAILURE, _))) = command
+            && self.board.is_armed()
+        {
+            return true;
+        }
+        if self.mode == Mode::Disarmed {
+            return false;
+        }
+        match command {
+            Some(Some((command, param1))) => !self.only_asks(command, param1),
+            Some(None) => true,
+            None => message.is_some_and(steers),
+        }
+    }
+
+    fn only_asks(&self, command: MavCmd, param1: f32) -> bool {
+        match command {
+            MavCmd::MAV_CMD_REQUEST_MESSAGE
+            | MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL
+            | MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES
+            | MavCmd::MAV_CMD_REQUEST_PROTOCOL_VERSION
+            | MavCmd::MAV_CMD_GET_HOME_POSITION => true,
+            // The cast saturates; NaN is 0, the heartbeat, which nobody may slow either.
+            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
+                param1 > 0.0 && !self.board.is_own_stream(param1 as u32)
+            }
+            _ => false,
+        }
     }
 
     /// Passes on a frame from the board's line, unless it is one of those we asked for.
@@ -181,22 +193,11 @@ mod tests {
     use super::*;
     use haltere_dialect::mav::haltere::{COMMAND_LONG_DATA, PARAM_REQUEST_LIST_DATA};
 
-    #[test]
-    fn prop_what_steers_is_known() {
-        let command =
-            |command| MavMessage::COMMAND_LONG(COMMAND_LONG_DATA { command, ..Default::default() });
-        assert!(steers(&command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM)));
-        assert!(steers(&command(MavCmd::MAV_CMD_DO_SET_MODE)));
-        assert!(!steers(&command(MavCmd::MAV_CMD_REQUEST_MESSAGE)));
-        assert!(steers(&MavMessage::RC_CHANNELS_OVERRIDE(Default::default())));
-        assert!(!steers(&MavMessage::PARAM_REQUEST_LIST(PARAM_REQUEST_LIST_DATA::default())));
-    }
-
     use crate::frames::Vec3;
     use crate::measure::AnchorId;
     use crate::pilot::{Endpoint, Input, PilotConfig};
     use crate::survey::Survey;
-    use haltere_dialect::mav::haltere::HEARTBEAT_DATA;
+    use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavModeFlag};
     use haltere_dialect::mav_stream;
 
     fn pilot(routing: Routing) -> Pilot {
@@ -238,13 +239,19 @@ mod tests {
     }
 
     fn beat(autopilot_id: u8) -> Vec<u8> {
-        frame(autopilot_id, 1, &MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()))
+        let base_mode = MavModeFlag::empty();
+        let beat = HEARTBEAT_DATA { base_mode, ..Default::default() };
+        frame(autopilot_id, 1, &MavMessage::HEARTBEAT(beat))
     }
 
     fn arm(system: u8) -> Vec<u8> {
+        command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0, system)
+    }
+
+    fn command(command: MavCmd, param1: f32, system: u8) -> Vec<u8> {
         let message = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
-            param1: 1.0,
+            command,
+            param1,
             target_system: system,
             target_component: 1,
             ..Default::default()
@@ -302,5 +309,50 @@ mod tests {
         assert!(to_board(&mut pilot, &unknown(255, 190)));
         // What is for us stays with us.
         assert!(!to_board(&mut pilot, &arm(1)));
+    }
+
+    #[test]
+    fn regress_while_we_steer_no_command_reaches_the_board_but_those_that_ask() {
+        use MavCmd as C;
+        let mut pilot = pilot(Routing::Board);
+        pass(&mut pilot, LinkId::Board, &beat(2));
+        pilot.mode = Mode::Hold;
+        let to_board = |pilot: &mut Pilot, bytes: &[u8]| {
+            let went = pass(pilot, LinkId::Ground(0), bytes);
+            went.contains(&(LinkId::Board, bytes.to_vec()))
+        };
+        for kept in [
+            C::MAV_CMD_INJECT_FAILURE,
+            C::MAV_CMD_DO_SET_MODE,
+            C::MAV_CMD_DO_FLIGHTTERMINATION,
+            C::MAV_CMD_DO_MOTOR_TEST,
+            C::MAV_CMD_ACTUATOR_TEST,
+            C::MAV_CMD_DO_PARACHUTE,
+            C::MAV_CMD_DO_SET_RELAY,
+            C::MAV_CMD_PREFLIGHT_STORAGE,
+            C::MAV_CMD_PREFLIGHT_CALIBRATION,
+            C::MAV_CMD_PREFLIGHT_SET_SENSOR_OFFSETS,
+            C::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
+        ] {
+            assert!(!to_board(&mut pilot, &command(kept, 1.0, 2)), "{kept:?}");
+        }
+        // A number that the dialect has no name for.
+        let mut payload = [0; 33];
+        payload[28..32].copy_from_slice(&[0x35, 0xED, 2, 1]);
+        let mut bytes = Vec::new();
+        mav_stream::encode_payload(&mut bytes, 255, 190, 7, 76, &payload);
+        assert!(!to_board(&mut pilot, &bytes));
+        assert!(to_board(&mut pilot, &command(C::MAV_CMD_REQUEST_MESSAGE, 148.0, 2)));
+        // Not the streams that we fly by: 105 is the IMU, 24 the satellite receiver.
+        assert!(!to_board(&mut pilot, &command(C::MAV_CMD_SET_MESSAGE_INTERVAL, 105.0, 2)));
+        assert!(to_board(&mut pilot, &command(C::MAV_CMD_SET_MESSAGE_INTERVAL, 24.0, 2)));
+        let list = PARAM_REQUEST_LIST_DATA { target_system: 2, target_component: 1 };
+        assert!(to_board(&mut pilot, &frame(255, 190, &MavMessage::PARAM_REQUEST_LIST(list))));
+        let fast = MavMessage::RC_CHANNELS_OVERRIDE(Default::default());
+        assert!(!to_board(&mut pilot, &frame(255, 190, &fast)));
+        // On the floor it is anybody's again.
+        pilot.mode = Mode::Disarmed;
+        assert!(to_board(&mut pilot, &command(C::MAV_CMD_PREFLIGHT_CALIBRATION, 1.0, 2)));
+        assert!(to_board(&mut pilot, &command(C::MAV_CMD_INJECT_FAILURE, 1.0, 2)));
     }
 }

@@ -1,6 +1,7 @@
 //! The schedule: the control step at 100 Hz, and what is due beside it.
 
 use crate::control::{Command, ControlInput, Handover, HeldTilt};
+use crate::drops::DropReason;
 use crate::estimate::Health;
 use crate::frames::{B, E, Rot};
 use crate::time::HostTime;
@@ -10,7 +11,7 @@ use super::guidance::Now;
 use super::hover;
 use super::modes::{Event, Mode};
 use super::streams::Streams;
-use super::{Pilot, Severity};
+use super::{LinkId, Pilot, Severity};
 
 /// Period of the control step, µs: 100 Hz as in the source.
 pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
@@ -51,6 +52,7 @@ impl Pilot {
         let dt_s = pause_s.clamp(0.001, 0.05);
         let longest_s = self.config.supervisor.loop_gap_s;
         self.supervisor.punctuality.step(at, pause_s, late_s > MISS_S, longest_s);
+        self.note_pause(at, pause_s);
         self.supervisor.punctuality.board_clock(at, self.board.clock().restarts());
         self.last_tick = Some(at);
         self.control_steps += 1;
@@ -66,13 +68,17 @@ impl Pilot {
         let remedies = self.estimator.counts().remedies;
         self.supervisor.evidence.note_remedies(at, remedies);
         self.check_survey(at);
+        self.watch_lying(at, dt_s);
         self.supervise(at);
         self.control_step(at, dt_s);
+        self.touch.sent(self.control.thrust_frac, dt_s);
         self.record_step(at);
 
         let mut news = std::mem::take(&mut self.board_news);
         self.board.tick(at, &mut self.out, &mut news);
         self.take_board_news(at, news);
+        let withheld = self.out.take_withheld();
+        self.drops_of(LinkId::Board).add(DropReason::NotPermitted, withheld);
         self.serve_grounds(at);
         self.service_tick(at);
         if at >= self.next_health {
@@ -88,7 +94,8 @@ impl Pilot {
         // Before take-off the board's heading is the frame of the command, whatever ours says; the
         // generic board has always been followed slowly.
         let standing = self.board.firmware().is_real()
-            && matches!(self.mode, Mode::Disarmed | Mode::Arming | Mode::Idle);
+            && matches!(self.mode, Mode::Disarmed | Mode::Arming | Mode::Idle)
+            && self.is_standing();
         if usable && self.north.follow(self.estimate.R_EB, board.attitude, dt_s, standing) {
             let text = "board heading jumped against ours: setpoints follow slowly";
             self.say(at, Severity::Warning, text.to_owned());
@@ -109,6 +116,7 @@ impl Pilot {
                 self.send(at, output.R_EB, output.thrust_frac);
             }
             // No setpoints into a board that we have not armed.
+            Mode::Disarmed if self.config.flight.shadow => self.shadow_step(at, dt_s),
             Mode::Disarmed => {}
             Mode::Arming | Mode::Idle | Mode::Disarming => self.send_idle(at),
             Mode::Spool => {
@@ -135,6 +143,7 @@ impl Pilot {
                 let command = self.stay_command();
                 let output = self.run_controller(at, &command, dt_s, true, None);
                 self.control = output.record;
+                self.supervisor.descent.over_late_link(self.board.lateness().is_late());
                 let Some(share) = self.supervisor.descent.step(dt_s) else {
                     self.fire(at, Event::TouchDown);
                     self.send_idle(at);
@@ -143,13 +152,16 @@ impl Pilot {
                 // Level in the board's own frame: our attitude is what cannot be trusted.
                 let yaw_rad = self.board_attitude.map_or(0.0, |a| a.attitude.yaw_rad());
                 let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
-                let thrust_frac = self.hover_thrust_frac() * share;
-                let thrust_frac = thrust_frac.min(self.touch.ceiling_frac.unwrap_or(1.0));
+                let share = share.min(self.most_share(at));
+                let thrust_frac = self.touch.bounded(self.hover_thrust_frac() * share);
                 self.control.thrust_frac = thrust_frac;
+                self.supervisor.lying.asked(&level);
                 self.board.send_setpoint(at, level, thrust_frac, &mut self.out);
             }
             _ => {
-                let now = Now { estimate: &self.estimate, supply_v: self.supply_v(at), at, dt_s };
+                let fence = &self.services.plans.fence;
+                let supply_v = self.supply_v(at);
+                let now = Now { estimate: &self.estimate, supply_v, at, dt_s, fence };
                 let (mut command, news) = self.guidance.step(self.mode, &self.mission, &now);
                 self.keep_inside_fence(at, &mut command);
                 // Nor while the board flies something else.
@@ -250,7 +262,7 @@ impl Pilot {
         Command::hold(self.estimate.pos_E_m, self.estimate.R_EB.yaw_rad())
     }
 
-    fn run_controller(
+    pub(super) fn run_controller(
         &mut self,
         at: HostTime,
         command: &Command,
@@ -268,7 +280,7 @@ impl Pilot {
             height_above_ground_m: height_m,
             dt_s,
             integrators_frozen,
-            thrust_ceiling_frac: self.touch.ceiling_frac.unwrap_or(1.0),
+            thrust_ceiling_frac: self.touch.bounded(1.0),
             held,
         })
     }
@@ -291,6 +303,7 @@ impl Pilot {
         self.control.yaw_board_offset_rad = self.north.offset_rad();
         self.control.hover_factor = self.hover.factor();
         self.control.thrust_frac = thrust_frac;
+        self.supervisor.lying.asked(&attitude);
         let for_board = self.north.setpoint_for_board(attitude);
         self.board.send_setpoint(at, for_board, thrust_frac, &mut self.out);
     }

@@ -18,6 +18,8 @@ use super::place::{self, Above, Kind};
 /// A velocity towards the edge of the volume is cut so that the vehicle can stop there with this
 /// deceleration, m/s²: half of what a tilt of 15 degrees gives, since the loops lag.
 const EDGE_BRAKE_MPS2: f64 = 0.7;
+/// A point this far beyond a limit was rounded on its way, m.
+const ROUNDED_M: f64 = 0.01;
 /// Fastest turn that is passed on, rad/s: what the yaw servo of this class can follow.
 const YAW_RATE_LIMIT_RADPS: f64 = 2.0;
 
@@ -181,6 +183,28 @@ impl Setpoint {
         });
         let yaw = if yaw_rate_radps == 0.0 { Yaw::Keep } else { Yaw::Rate(yaw_rate_radps) };
         Self { received_at, owner: None, axes, feed_mps: [0.0; 3], body_velocity: true, yaw }
+    }
+
+    /// Whether the point that it names lies within the walls and under the ceiling. Below the floor's own
+    /// margin it is not refused: many clients begin with a height of zero, and the floor is no wall.
+    pub fn check(&self, volume: &Volume) -> Result<(), String> {
+        let ranges = [
+            ("N", volume.north_m, 1.0),
+            ("E", volume.east_m, 1.0),
+            ("height", [-f64::INFINITY, volume.height_m], -1.0),
+        ];
+        for (axis, (name, [low, high], sign)) in self.axes.iter().zip(ranges) {
+            let Axis::Position(x) = axis else { continue };
+            let x = sign * x;
+            if !(low - ROUNDED_M..=high + ROUNDED_M).contains(&x) {
+                let from =
+                    if low.is_finite() { format!("{low:.2} to ") } else { "up to ".to_owned() };
+                return Err(format!(
+                    "setpoint refused: {name} {x:.2} m is outside the limits, allowed {from}{high:.2} m"
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// Whether silence must end it: a velocity that nobody renews would fly on for ever, and one

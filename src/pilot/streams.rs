@@ -41,7 +41,7 @@ const EXTRA3: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTRA3);
 
 /// Everything that can be streamed. Silent clients wait for these (GROUND.md, "telemetry by
 /// default").
-const KINDS: [Kind; 30] = [
+const KINDS: [Kind; 31] = [
     Kind(0, 1.0, None),       // HEARTBEAT
     Kind(1, 2.0, STATUS),     // SYS_STATUS
     Kind(24, 2.0, STATUS),    // GPS_RAW_INT
@@ -72,6 +72,7 @@ const KINDS: [Kind; 30] = [
     Kind(2, 1.0, EXTRA3),     // SYSTEM_TIME
     Kind(162, 1.0, STATUS),   // FENCE_STATUS
     Kind(411, 0.5, None),     // CURRENT_EVENT_SEQUENCE
+    Kind(36, 1.0, None),      // SERVO_OUTPUT_RAW, as the board told it
 ];
 
 #[derive(Debug, Clone, Copy)]

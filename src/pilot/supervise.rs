@@ -27,11 +27,32 @@ const FEEL_PER_S: f64 = 0.45;
 /// … down to this share of the base. Ground effect carries with no less than 0.7 (the model's
 /// limit of 0.8 on the thrust, and its root, plus the error of the base).
 const FEEL_SHARE: f64 = 0.55;
+/// With less thrust than this share of the base, low-passed as the specific force is, nothing in the air is carried
+/// near the floor: the ground effect adds a fifth, and drag a tenth at 1.5 m/s.
+const CARRIED_SHARE: f64 = 0.62;
+/// The floor carries if the specific force is then gravity's to within this, m/s²: an accelerometer that is off by
+/// a third is none to tell.
+const CARRIED_MPS2: f64 = 1.5;
+/// … for this long, s.
+const CARRIED_FOR_S: f64 = 0.1;
+/// A landing near the floor that cannot believe its estimate any more, or becomes a descent, goes on with the thrust
+/// that it had, but no less than this share of the base: with the ground effect it does not lift off, and in free air it
+/// sinks with 1.4 m/s at most from the height where the floor is expected.
+const TURN_SHARE: f64 = 0.8;
+/// Without an accelerometer to feel for the floor with, so much of the base is taken from it per second: from half a metre
+/// it is down after 1.2 s, and the motors are off after 2.5 s.
+const TURN_PER_S: f64 = 0.15;
+/// Something holds a descent up for this long before the floor is felt for, s.
+const HELD_UP_FOR_S: f64 = 1.0;
 /// Specific force that is this much short of gravity says that the vehicle falls, m/s². Three
 /// times what low-passed flapping leaves.
 const FALLING_MPS2: f64 = 1.0;
+/// … or this much, where the estimate says that it sinks fast: what low-passed flapping leaves.
+const SINKING_MPS2: f64 = 0.3;
 /// Time constant of that low-pass, s: two wing beats.
 const FEEL_FILTER_S: f64 = 0.15;
+/// A longer interval between two samples is a gap, s.
+const GAP_S: f64 = 0.1;
 /// After a fall has begun the loops have this long to catch it, s.
 const FEEL_AGAIN_S: f64 = 0.5;
 /// After each search in vain they have so many times longer.
@@ -60,25 +81,78 @@ const INSIST_TELL_S: f64 = 5.0;
 /// A change between good and degraded is told at most this often, s.
 const HEALTH_TELL_S: f64 = 2.0;
 
-/// State of the search for the floor.
+/// State of the search for the floor. It belongs to the way down, not to a mode: what was found of the floor in a landing
+/// holds in the descent that it turns into, and the other way round. Only an accelerometer that shows a fall takes
+/// it back.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Touch {
+    /// When the way down began.
+    down_since: Option<HostTime>,
     /// Since when there is a reason to feel for the floor.
     since: Option<HostTime>,
     /// Thrust is held below this while it is felt for.
     pub ceiling_frac: Option<f64>,
+    /// Thrust is held below this since a landing near the floor lost its estimate.
+    turn_frac: Option<f64>,
     /// When it was found that the vehicle is in the air.
-    fell_at: Option<HostTime>,
+    pub fell_at: Option<HostTime>,
     /// Searches in vain so far.
     falls: i32,
+    /// Since when the floor seems to carry.
+    carried_since: Option<HostTime>,
+    /// The floor carries.
+    stands: bool,
     /// Specific force along body z, low-passed, m/s².
     pub acc_z_mps2: f64,
+    /// Thrust that was sent, low-passed alike.
+    thrust_frac: f64,
 }
 
 impl Touch {
-    /// Begun anew; the filter goes on.
+    /// Begun anew; the filters and the way down go on.
     pub fn restarted(self) -> Self {
-        Self { acc_z_mps2: self.acc_z_mps2, ..Self::default() }
+        Self {
+            down_since: self.down_since,
+            acc_z_mps2: self.acc_z_mps2,
+            thrust_frac: self.thrust_frac,
+            ..Self::default()
+        }
+    }
+
+    /// At a change of mode.
+    pub fn in_mode(self, from: Mode, to: Mode, at: HostTime) -> Self {
+        let is_down = |mode| matches!(mode, Mode::Land | Mode::Descend);
+        if is_down(from) && is_down(to) {
+            return self;
+        }
+        Self { down_since: is_down(to).then_some(at), ..self.restarted() }
+    }
+
+    /// Whether the floor carries.
+    pub fn stands(&self) -> bool {
+        self.stands
+    }
+
+    /// A thrust, held below what was found.
+    pub fn bounded(&self, thrust_frac: f64) -> f64 {
+        let most = |bound: Option<f64>| bound.unwrap_or(1.0);
+        thrust_frac.min(most(self.ceiling_frac)).min(most(self.turn_frac))
+    }
+
+    /// What was felt of a fall is from before a pause.
+    pub fn forget_fall(&mut self) {
+        (self.fell_at, self.acc_z_mps2) = (None, -G_MPS2);
+    }
+
+    /// Takes the thrust of a control step in.
+    pub fn sent(&mut self, thrust_frac: f64, dt_s: f64) {
+        self.thrust_frac += (thrust_frac - self.thrust_frac) * (dt_s / (FEEL_FILTER_S + dt_s));
+    }
+
+    /// Whether the floor carries, by thrust and specific force alone.
+    fn is_carried(&self, base_frac: f64) -> bool {
+        self.thrust_frac < CARRIED_SHARE * base_frac
+            && (self.acc_z_mps2 + G_MPS2).abs() < CARRIED_MPS2
     }
 
     /// How long the loops have to catch a fall, s: with every search in vain longer, or a vehicle that needs
@@ -89,6 +163,8 @@ impl Touch {
 
     /// Takes an IMU sample in.
     pub fn acc_z(&mut self, acc_z_mps2: f64, dt_s: f64) {
+        // The first sample after a gap stands for nothing: wing beats shake it by ten times the limit.
+        let dt_s = if dt_s < GAP_S { dt_s } else { 0.0 };
         let weight = (dt_s / (FEEL_FILTER_S + dt_s)).clamp(0.0, 1.0);
         self.acc_z_mps2 += (acc_z_mps2 - self.acc_z_mps2) * weight;
     }
@@ -108,6 +184,8 @@ impl Pilot {
                 self.fire(at, Event::IdleTooLong);
             }
         }
+        self.pursue_end(at);
+        self.watch_resumption(at);
         self.walk_conditions(at);
         if !self.mode.has_thrust() {
             return;
@@ -138,19 +216,63 @@ impl Pilot {
 
     /// In a descent without an estimate: whether the floor is there, and whether the estimate is back.
     fn watch_descent(&mut self, at: HostTime) {
-        let fresh = self.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_BACK_S);
-        if self.needs_descent() || !fresh || self.estimate.health != Health::Good {
+        if self.needs_descent() || !self.is_uwb_fresh(at) || self.estimate.health != Health::Good {
             self.good_since = None;
         } else if at.seconds_since(*self.good_since.get_or_insert(at)) > self.back_for_s() {
             self.fire(at, Event::EstimateBack);
             return;
         }
         if self.imu_is_alive(at) {
-            let low = self.supervisor.descent.is_low();
-            self.feel_for_floor(at, low, TOUCH_FOR_S, None);
+            if self.touch.fell_at.is_none() && self.touch.ceiling_frac.is_none() {
+                self.touch.ceiling_frac = self.standing_ceiling_frac();
+            }
+            let share = self.control.thrust_frac / self.hover_thrust_frac().max(0.05);
+            let low = self.supervisor.descent.is_low() || self.is_low_by_baro(at);
+            let held_up = self.supervisor.descent.is_held_up(share);
+            let for_s = if low { TOUCH_FOR_S } else { HELD_UP_FOR_S };
+            self.feel_for_floor(at, low || held_up, for_s, None);
+        } else if self.touch.stands {
+            self.lower_thrust(at);
         } else {
-            self.touch = self.touch.restarted();
+            self.sink_blindly(at);
         }
+    }
+
+    /// Near the floor a landing goes on with no more thrust than it had.
+    pub(super) fn hold_thrust_near_floor(&mut self, at: HostTime) {
+        if self.touch.turn_frac.is_none() && self.is_near_floor(at) {
+            let least_frac = TURN_SHARE * self.control.thrust_base_frac;
+            self.touch.turn_frac = Some(self.touch.thrust_frac.max(least_frac));
+        }
+    }
+
+    /// No accelerometer tells of the floor.
+    fn sink_blindly(&mut self, at: HostTime) {
+        let base_frac = self.control.thrust_base_frac;
+        let lower_frac = TURN_PER_S * base_frac * CONTROL_PERIOD_US as f64 * 1e-6;
+        let turn_frac = self.touch.turn_frac.map(|frac| frac - lower_frac);
+        self.touch = Touch { turn_frac, ..self.touch.restarted() };
+        if turn_frac.is_some_and(|frac| frac < FEEL_SHARE * base_frac) {
+            self.fire(at, Event::TouchDown);
+        }
+    }
+
+    fn is_uwb_fresh(&self, at: HostTime) -> bool {
+        self.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_BACK_S)
+    }
+
+    /// Whether estimate or barometer say that the floor is near.
+    pub(super) fn is_near_floor(&self, at: HostTime) -> bool {
+        self.is_low_by_estimate() || self.is_low_by_baro(at)
+    }
+
+    fn is_low_by_estimate(&self) -> bool {
+        self.height_above_floor_m() < TOUCH_BELOW_M
+    }
+
+    /// Whether the barometer, whose zero was the floor, says that it is near.
+    fn is_low_by_baro(&self, at: HostTime) -> bool {
+        self.baro_above_floor_m(at).is_some_and(|m| m < TOUCH_BELOW_M)
     }
 
     /// How long an estimate must be good to be flown on again, s: what comes and goes would otherwise keep
@@ -161,17 +283,18 @@ impl Pilot {
 
     /// Air pressure for whoever does not trust the estimate.
     pub(super) fn watch_baro(&mut self, sample: &BaroSample) {
-        let standing = !self.mode.has_thrust() && self.mode != Mode::Yielded;
+        let standing = self.is_standing();
         if standing && self.estimate.health == Health::NotAligned {
             return;
         }
         let on_floor_at_m = standing.then(|| -self.estimate.pos_E_m.z());
         let dt_s = self.baro_at.map_or(0.0, |t| sample.valid_at.seconds_since(t));
         self.baro_at = Some(sample.valid_at);
-        let height_m = self.supervisor.evidence.note_baro(sample, on_floor_at_m);
-        if self.mode == Mode::Descend
-            && let Some(height_m) = height_m
-        {
+        let Some(height_m) = self.supervisor.evidence.note_baro(sample, on_floor_at_m) else {
+            return;
+        };
+        self.resume_at_height(sample.valid_at, height_m - self.config.flight.gear_height_m);
+        if self.mode == Mode::Descend {
             self.supervisor.descent.baro(height_m, dt_s);
         }
     }
@@ -247,13 +370,18 @@ impl Pilot {
     /// does: it carries. When the vehicle seems to sink too slowly, thrust is taken away; in the
     /// air the accelerometer shows at once that it falls, on the floor it shows nothing.
     fn watch_touch_down(&mut self, at: HostTime) {
+        // Near the floor an estimate that nothing measures, or that flies by a sample that repeats itself, is not climbed by.
+        let repeats = self.supervisor.repetition.accelerometer_s() > FEEL_BLIND_S;
+        if repeats || !self.is_uwb_fresh(at) {
+            self.hold_thrust_near_floor(at);
+        }
         // The shares were tuned on the configured base. With the learned one the floor was found up to 4 s
         // late where that is smaller, and felt for in mid-air where a load had been set down (X2).
         let base_frac = self.control.thrust_base_frac;
         let sink_mps = self.estimate.vel_E_mps().z();
         let light = self.control.thrust_frac < TOUCH_THRUST_SHARE * base_frac;
         let slow = sink_mps < TOUCH_SPEED_SHARE * self.config.flight.land_slow_speed_mps;
-        let low = self.height_above_floor_m() < TOUCH_BELOW_M;
+        let low = self.is_near_floor(at);
         let for_s = if low { TOUCH_FOR_S } else { TOUCH_ANYWHERE_FOR_S };
         let flight = &self.config.flight;
         let longest_s = self.land_from_m / flight.land_slow_speed_mps.max(0.05) + OVERDUE_S;
@@ -264,11 +392,19 @@ impl Pilot {
         }
     }
 
+    /// How fast thrust may be taken away, share of the base per second: with a fall that is seen later it is
+    /// to be no larger when it is seen.
+    fn feel_per_s(&self) -> f64 {
+        FEEL_PER_S * FEEL_FILTER_S / (FEEL_FILTER_S + self.board.lateness().latency_s())
+    }
+
     /// Takes thrust away as soon as there has been a reason for so long. `sink_mps`: where it is known.
     fn feel_for_floor(&mut self, at: HostTime, reason: bool, for_s: f64, sink_mps: Option<f64>) {
         let base_frac = self.control.thrust_base_frac;
-        let Some(ceiling_frac) = self.touch.ceiling_frac else {
-            let early = at.seconds_since(self.mode_since) < TOUCH_NOT_BEFORE_S
+        self.watch_contact(at, base_frac);
+        if self.touch.ceiling_frac.is_none() {
+            let began = self.touch.down_since.unwrap_or(self.mode_since);
+            let early = at.seconds_since(began) < TOUCH_NOT_BEFORE_S
                 || self.touch.fell_at.is_some_and(|t| at.seconds_since(t) < self.touch.pause_s());
             if early || !reason {
                 self.touch.since = None;
@@ -276,21 +412,49 @@ impl Pilot {
                 self.touch.ceiling_frac = Some(self.control.thrust_frac);
             }
             return;
-        };
+        }
         let fast_mps = 2.0 * self.config.flight.land_slow_speed_mps;
-        let falls = self.touch.acc_z_mps2 > FALLING_MPS2 - G_MPS2
-            || sink_mps.is_some_and(|sink_mps| sink_mps > fast_mps);
-        if falls {
+        // A speed by the estimate counts where the accelerometer leans the same way, and not after the estimate was once
+        // lost: on the floor it says what it likes, and whoever believed it took off again.
+        let believed = self.supervisor.descents == 0 && self.is_uwb_fresh(at);
+        let sinks = believed && sink_mps.is_some_and(|sink_mps| sink_mps > fast_mps);
+        let short_mps2 = self.touch.acc_z_mps2 + G_MPS2;
+        if short_mps2 > FALLING_MPS2 || (short_mps2 > SINKING_MPS2 && sinks) {
             let falls = self.touch.falls;
             self.touch = self.touch.restarted();
             (self.touch.fell_at, self.touch.falls) = (Some(at), falls + 1);
             self.supervisor.descent.floor_not_found();
-        } else if self.supervisor.repetition.accelerometer_s() > FEEL_BLIND_S {
-            // Whether it falls now nobody could say: one that stuck just here had thrust taken away at 0.5 m.
-        } else if ceiling_frac < FEEL_SHARE * base_frac {
+        } else if self.supervisor.repetition.accelerometer_s() <= FEEL_BLIND_S || self.touch.stands
+        {
+            self.lower_thrust(at);
+        }
+        // Else nobody could say whether it falls now: one that stuck just here had thrust taken away at 0.5 m.
+    }
+
+    /// Whether the floor carries already, whatever the estimate says of height and speed.
+    fn watch_contact(&mut self, at: HostTime, base_frac: f64) {
+        let near = self.is_near_floor(at);
+        let blind = self.supervisor.repetition.accelerometer_s() > FEEL_BLIND_S;
+        if !near || blind || !self.touch.is_carried(base_frac) {
+            self.touch.carried_since = None;
+            return;
+        }
+        let since = *self.touch.carried_since.get_or_insert(at);
+        if at.seconds_since(since) >= CARRIED_FOR_S && !self.touch.stands {
+            self.touch.stands = true;
+            let most_frac = CARRIED_SHARE * base_frac;
+            self.touch.ceiling_frac = Some(self.touch.bounded(most_frac));
+        }
+    }
+
+    /// A step less thrust, down to none.
+    fn lower_thrust(&mut self, at: HostTime) {
+        let base_frac = self.control.thrust_base_frac;
+        let Some(ceiling_frac) = self.touch.ceiling_frac else { return };
+        if ceiling_frac < FEEL_SHARE * base_frac {
             self.fire(at, Event::TouchDown);
         } else {
-            let lower_frac = FEEL_PER_S * base_frac * CONTROL_PERIOD_US as f64 * 1e-6;
+            let lower_frac = self.feel_per_s() * base_frac * CONTROL_PERIOD_US as f64 * 1e-6;
             self.touch.ceiling_frac = Some(ceiling_frac - lower_frac);
         }
     }

@@ -7,7 +7,7 @@ use haltere_dialect::mav::haltere::{
     MavBatteryChargeState, MavBatteryFault, MavBatteryFunction, MavBatteryMode, MavBatteryType,
     MavLandedState, MavMessage, MavModeFlag, MavSeverity, MavState, MavSysStatusSensor,
     MavSysStatusSensorExtended, MavType, MavVtolState, MissionState, NAMED_VALUE_FLOAT_DATA,
-    STATUSTEXT_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    SERVO_OUTPUT_RAW_DATA, STATUSTEXT_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
 use crate::estimate::Health;
@@ -176,6 +176,7 @@ impl Pilot {
             85 if self.mode.is_flying() => self.position_target(at),
             141 if aligned => self.altitude(at),
             147 => self.battery_status()?,
+            36 => self.servo_output()?,
             148 => identity::autopilot_version(endpoint.identity),
             193 if gps => self.ekf_status(endpoint.gps),
             230 if aligned => self.estimator_status(at, endpoint.gps),
@@ -224,7 +225,9 @@ impl Pilot {
             (Mode::Descend, _) => MavState::MAV_STATE_EMERGENCY,
             (_, Health::Lost) => MavState::MAV_STATE_CRITICAL,
             (_, Health::NotAligned) => MavState::MAV_STATE_BOOT,
-            (mode, _) if mode.has_thrust() => MavState::MAV_STATE_ACTIVE,
+            (mode, _) if mode.has_thrust() || self.shadow.is_airborne() => {
+                MavState::MAV_STATE_ACTIVE
+            }
             _ => MavState::MAV_STATE_STANDBY,
         };
         MavMessage::HEARTBEAT(HEARTBEAT_DATA {
@@ -329,8 +332,36 @@ impl Pilot {
         }))
     }
 
+    /// What the board told motors and servos, where it is a pulse width.
+    fn servo_output(&self) -> Option<MavMessage> {
+        let servos = self.servos?;
+        // The casts saturate; NaN, an output that is not in use, is 0 as it should be.
+        let told = |n: usize| servos.outputs().get(n).map_or(0, |value| *value as u16);
+        Some(MavMessage::SERVO_OUTPUT_RAW(SERVO_OUTPUT_RAW_DATA {
+            time_usec: servos.received_at.as_us() as u32, // the field is 32 bits wide
+            servo1_raw: told(0),
+            servo2_raw: told(1),
+            servo3_raw: told(2),
+            servo4_raw: told(3),
+            servo5_raw: told(4),
+            servo6_raw: told(5),
+            servo7_raw: told(6),
+            servo8_raw: told(7),
+            port: servos.port,
+            servo9_raw: told(8),
+            servo10_raw: told(9),
+            servo11_raw: told(10),
+            servo12_raw: told(11),
+            servo13_raw: told(12),
+            servo14_raw: told(13),
+            servo15_raw: told(14),
+            servo16_raw: told(15),
+        }))
+    }
+
     fn landed_state(&self) -> MavLandedState {
         match self.mode {
+            Mode::Disarmed if self.shadow.is_airborne() => MavLandedState::MAV_LANDED_STATE_IN_AIR,
             Mode::Disarmed | Mode::Arming | Mode::Idle | Mode::Disarming => {
                 MavLandedState::MAV_LANDED_STATE_ON_GROUND
             }

@@ -13,12 +13,14 @@ use crate::control::TiltAxis;
 use crate::control::config::ControlConfig;
 use crate::control::drag::{DragConfig, TESTED_LEAN_DEG};
 use crate::control::voltage::{BaseThrust, HIGHEST_V};
-use crate::estimate::{Estimate, Health};
+use crate::estimate::Health;
 use crate::frames::{E, G_MPS2, Vec3};
 use crate::time::HostTime;
 
 use super::config::PilotConfig;
+use super::guidance::Now;
 use super::mission::Volume;
+use super::services::fence::Fence;
 
 /// Least angle of a step, degrees: below it the loops' own wander is larger.
 const LEAST_DEG: f64 = 1.0;
@@ -274,10 +276,9 @@ impl TiltRun {
         &mut self,
         step: &TiltStep,
         envelope: &Envelope,
-        estimate: &Estimate,
-        supply_v: Option<f64>,
-        at: HostTime,
+        now: &Now<'_>,
     ) -> (Progress, EndedBecause) {
+        let Now { estimate, at, fence, .. } = *now;
         let vel = estimate.vel_E_mps();
         let speed_mps = vel.x().hypot(vel.y());
         let pos = estimate.pos_E_m;
@@ -301,7 +302,7 @@ impl TiltRun {
                     }
                     return (Progress::Wait, None);
                 }
-                if let Err(why) = step.may_begin(envelope, estimate, supply_v) {
+                if let Err(why) = step.may_begin(envelope, now) {
                     return (Progress::Refused(why), None);
                 }
                 self.phase = Phase::Hold { since: at, from_E_m: pos };
@@ -310,7 +311,7 @@ impl TiltRun {
             Phase::Hold { since, from_E_m } => {
                 let gone = pos - from_E_m;
                 let gone_m = gone.x().hypot(gone.y());
-                let way_m = way_to_fence_m(&envelope.volume, pos, [vel.x(), vel.y()]);
+                let way_m = way_to_fence_m(&envelope.volume, fence, pos, [vel.x(), vel.y()]);
                 let because = if at.seconds_since(since) >= step.duration_s
                     || step.distance_m.is_some_and(|most_m| gone_m >= most_m)
                 {
@@ -346,17 +347,16 @@ impl TiltRun {
 }
 
 impl TiltStep {
-    fn may_begin(
-        &self,
-        envelope: &Envelope,
-        estimate: &Estimate,
-        supply_v: Option<f64>,
-    ) -> Result<(), String> {
+    fn may_begin(&self, envelope: &Envelope, now: &Now<'_>) -> Result<(), String> {
+        let Now { estimate, supply_v, fence, .. } = *now;
         self.check_limit(envelope)?;
         let supply_v = supply_v.ok_or("no battery voltage: thrust reserve unknown")?;
         self.check_thrust(envelope, supply_v)?;
         let towards = self.direction(estimate.R_EB.yaw_rad());
-        self.check_from(envelope, way_to_fence_m(&envelope.volume, estimate.pos_E_m, towards))
+        self.check_from(
+            envelope,
+            way_to_fence_m(&envelope.volume, fence, estimate.pos_E_m, towards),
+        )
     }
 
     /// Direction of flight in the room for a heading, north and east.
@@ -370,8 +370,9 @@ impl TiltStep {
     }
 }
 
-/// Way along a horizontal direction to the edge of the volume, m; infinite without a direction.
-fn way_to_fence_m(volume: &Volume, pos_E_m: Vec3<E>, towards: [f64; 2]) -> f64 {
+/// Way along a horizontal direction to the edge of the volume or to what the fence forbids, m; infinite
+/// without a direction.
+fn way_to_fence_m(volume: &Volume, fence: &Fence, pos_E_m: Vec3<E>, towards: [f64; 2]) -> f64 {
     let length = towards[0].hypot(towards[1]);
     if length.is_nan() || length <= 1e-6 {
         return f64::INFINITY;
@@ -383,5 +384,5 @@ fn way_to_fence_m(volume: &Volume, pos_E_m: Vec3<E>, towards: [f64; 2]) -> f64 {
             way_m = way_m.min(volume.way_to_edge_m(axis, pos_E_m[axis], part) / share);
         }
     }
-    way_m
+    fence.way_m([pos_E_m.x(), pos_E_m.y()], towards.map(|part| part / length), way_m)
 }

@@ -3,6 +3,7 @@
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
+use crate::checks::schema::Schema;
 use crate::config::{
     Address, Config, RecordConfig, StoreConfig, TagPort, parse_anchors, reference,
 };
@@ -99,6 +100,7 @@ fn configuration(answers: &Answers) -> String {
     let quoted = |text: String| toml::Value::String(text).to_string();
     let list = answers.ground.iter().map(|a| quoted(a.to_string())).collect::<Vec<_>>().join(", ");
     let set = [
+        ("", Schema::KEY, Schema::CONFIGURATION.newest().to_string()),
         ("tag", "port", quoted(String::from(answers.tag.clone()))),
         ("tag", "protocol", plain(&answers.tag_protocol)),
         ("board", "address", quoted(answers.board.to_string())),
@@ -114,7 +116,7 @@ fn configuration(answers: &Answers) -> String {
     let mut text = String::from(
         "# Configuration of the companion, made by `haltere init`. Only what differs from the defaults\n\
          # need stand here; docs/CONFIGURATION.md (or config/haltere.toml of the sources) tells every key.\n\
-         # `haltere check` examines it, with --live also what tag and board really send.\n",
+         # `haltere check` examines it, with --live also what tag and board really send.\n\n",
     );
     let mut section = "";
     let keys = reference();

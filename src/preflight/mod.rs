@@ -96,11 +96,10 @@ pub fn examine(loaded: &Loaded) -> Vec<Finding> {
     let files: Vec<_> = loaded.files.iter().map(|f| f.display().to_string()).collect();
     findings.push(Finding::ok("configuration", files.join(", ")));
     for note in &loaded.notes {
-        let way_out = "see docs/SERVICES.md; remove the file to fly by the configuration alone";
-        findings.push(if note.contains("not used") {
-            Finding::warning("parameters", note, way_out)
+        findings.push(if note.way_out.is_empty() {
+            Finding::ok(note.subject, &note.text)
         } else {
-            Finding::ok("parameters", note)
+            Finding::warning(note.subject, &note.text, note.way_out)
         });
     }
     findings.extend(survey::examine(loaded));

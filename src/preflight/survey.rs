@@ -13,7 +13,7 @@ const LOWEST_M: f64 = 0.3;
 /// errors grow fast.
 const OUTSIDE_M: f64 = 0.5;
 
-/// The limits, or the anchors' extent from 0.3 m above the floor.
+/// The flight volume, from 0.3 m above the floor.
 pub fn examine(loaded: &Loaded) -> Vec<Finding> {
     let survey = &loaded.survey;
     let anchors = || survey.ids().iter().filter_map(|id| survey.position_E_m(*id));
@@ -33,7 +33,8 @@ pub fn examine(loaded: &Loaded) -> Vec<Finding> {
             size(2)
         ),
     )];
-    let limits = &loaded.config.limits;
+    let mut limits = loaded.config.limits.clone();
+    limits.resolve(survey);
     let north = limits.north_m.unwrap_or(extent(0));
     let east = limits.east_m.unwrap_or(extent(1));
     let top_m = limits.height_m.unwrap_or(-extent(2)[0]);

@@ -39,15 +39,17 @@ pub(super) fn link_from_name(name: &str) -> Option<LinkId> {
 /// Channels that are no raw bytes, beside the decoded ones.
 pub(super) const CONFIG: (&str, &str) = ("/config", "haltere.Session");
 pub(super) const EVENT: (&str, &str) = ("/in/event", "haltere.LinkEvent");
+pub(super) const PEER: (&str, &str) = ("/in/peer", "haltere.LinkPeer");
 pub(super) const LOST: (&str, &str) = ("/in/lost", "haltere.Lost");
 pub(super) const FILE: (&str, &str) = ("/in/file", "haltere.FileAnswer");
 pub(super) const CALENDAR: (&str, &str) = ("/in/calendar", "haltere.Calendar");
+pub(super) const END_ASKED: (&str, &str) = ("/in/end", "haltere.EndAsked");
 pub(super) const WAKE: (&str, &str) = ("/wake", "haltere.Wake");
 pub(super) const HOLE: (&str, &str) = ("/hole", "haltere.Hole");
 pub(super) const CLOSING: (&str, &str) = ("/closing", "haltere.Closing");
 /// All of them.
-pub(super) const FIXED: [(&str, &str); 8] =
-    [CONFIG, EVENT, LOST, FILE, CALENDAR, WAKE, HOLE, CLOSING];
+pub(super) const FIXED: [(&str, &str); 10] =
+    [CONFIG, EVENT, PEER, LOST, FILE, CALENDAR, END_ASKED, WAKE, HOLE, CLOSING];
 /// Message type of raw bytes.
 pub(super) const RAW_BYTES: &str = "haltere.RawBytes";
 
@@ -126,7 +128,10 @@ decoded! {
     Uwb "/uwb" received_at_us;
     Estimate "/estimate" at_us;
     Control "/control" at_us;
+    Shadow "/shadow" at_us;
     Battery "/battery" received_at_us;
+    OtherBattery "/other_battery" received_at_us;
+    Servos "/servos" received_at_us;
     BoardAttitude "/board_attitude" received_at_us;
     Baro "/baro" received_at_us;
     Mag "/mag" received_at_us;

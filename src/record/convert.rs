@@ -52,11 +52,41 @@ pub(super) fn decoded_from_topic(topic: &Topic) -> Decoded {
             thrust_cut_high: control.saturation.thrust_high,
             thrust_cut_low: control.saturation.thrust_low,
         }),
+        Topic::Shadow(shadow) => {
+            let [roll_rad, pitch_rad, yaw_rad] = shadow.attitude.euler_rad();
+            let theirs = shadow.theirs.map(|(attitude, _)| attitude.euler_rad());
+            Decoded::Shadow(pb::Shadow {
+                at_us: shadow.at.as_us(),
+                q_board: quaternion(shadow.attitude),
+                roll_rad,
+                pitch_rad,
+                yaw_rad,
+                thrust_frac: shadow.thrust_frac,
+                place_e_m: vec3(shadow.place_E_m),
+                theirs_roll_rad: theirs.map(|e| e[0]),
+                theirs_pitch_rad: theirs.map(|e| e[1]),
+                theirs_yaw_rad: theirs.map(|e| e[2]),
+                theirs_thrust_frac: shadow.theirs.map(|(_, frac)| frac),
+            })
+        }
         Topic::Battery(battery) => Decoded::Battery(pb::Battery {
             received_at_us: battery.received_at.as_us(),
             supply_v: battery.supply_v,
             current_a: battery.current_a,
             remaining_frac: battery.remaining_frac,
+        }),
+        Topic::OtherBattery(other) => Decoded::OtherBattery(pb::OtherBattery {
+            received_at_us: other.sample.received_at.as_us(),
+            id: u32::from(other.id),
+            function: u32::from(other.function),
+            supply_v: other.sample.supply_v,
+            current_a: other.sample.current_a,
+            remaining_frac: other.sample.remaining_frac,
+        }),
+        Topic::Servos(servos) => Decoded::Servos(pb::Servos {
+            received_at_us: servos.received_at.as_us(),
+            port: u32::from(servos.port),
+            output: servos.outputs().to_vec(),
         }),
         Topic::BoardAttitude(board) => {
             let [roll_rad, pitch_rad, yaw_rad] = board.attitude.euler_rad();

@@ -9,6 +9,7 @@
 //! | `/config` | [`pb::Session`], first message of the file |
 //! | `/in/tag` `/in/board` `/in/ground/N` | bytes as handed to the core |
 //! | `/in/event` | links that came up or went down |
+//! | `/in/peer` | whose bytes come next on a link of many ends |
 //! | `/in/lost` | losses around the core, as told to it |
 //! | `/in/file` | what the disk answered to the core |
 //! | `/wake` | wake-ups of the core |

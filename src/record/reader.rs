@@ -1,6 +1,7 @@
 //! Reads a log: whole, cut by a power loss, or damaged; to the last complete record, never further.
 
 use std::collections::BTreeMap;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use mcap::records::{Record, op};
@@ -10,6 +11,7 @@ use thiserror::Error;
 use super::channels::{self, Decoded};
 use super::pb;
 use super::session::Session;
+use crate::checks::schema::NotReadable;
 use crate::drops::DropReason;
 use crate::pilot::services::FileFault;
 use crate::pilot::{Input, LinkId};
@@ -77,6 +79,21 @@ pub enum LogError {
         /// Where the log ends, s.
         end_s: f64,
     },
+    /// A log of a newer build.
+    #[error(
+        "{}: {why}, or read it with the build that wrote it (haltere {version}, source {source_hash})",
+        path.display()
+    )]
+    Newer {
+        /// Which file.
+        path: PathBuf,
+        /// Version that wrote it.
+        version: String,
+        /// Source that wrote it.
+        source_hash: String,
+        /// Which version of the schema.
+        why: NotReadable,
+    },
     /// An MCAP file of another program.
     #[error("{}: byte {offset}: {why}; it was not written by haltere", path.display())]
     Foreign {
@@ -138,6 +155,13 @@ pub enum RawInput {
         /// Which.
         link: LinkId,
     },
+    /// See [`Input::Peer`].
+    Peer {
+        /// Which link.
+        link: LinkId,
+        /// Who speaks.
+        address: SocketAddr,
+    },
     /// See [`Input::Lost`].
     Lost {
         /// On which link.
@@ -161,6 +185,8 @@ pub enum RawInput {
         /// Since 1970-01-01 UTC, µs.
         unix_us: i64,
     },
+    /// See [`Input::EndAsked`].
+    EndAsked,
     /// See [`Input::Wake`].
     Wake,
 }
@@ -172,6 +198,7 @@ impl RawInput {
             RawInput::Bytes { link, bytes } => Input::Bytes { link: *link, bytes },
             RawInput::LinkUp { link } => Input::LinkUp { link: *link },
             RawInput::LinkDown { link } => Input::LinkDown { link: *link },
+            RawInput::Peer { link, address } => Input::Peer { link: *link, address: *address },
             RawInput::Lost { link, reason, count } => {
                 Input::Lost { link: *link, reason: *reason, count: *count }
             }
@@ -179,6 +206,7 @@ impl RawInput {
                 Input::File { ticket: *ticket, result: fault.map_or(Ok(()), Err), bytes }
             }
             RawInput::Calendar { unix_us } => Input::Calendar { unix_us: *unix_us },
+            RawInput::EndAsked => Input::EndAsked,
             RawInput::Wake => Input::Wake,
         }
     }
@@ -249,12 +277,15 @@ impl LogReader {
         let session = match messages.next() {
             Some(message) if message.channel == channels::CONFIG.0 => {
                 let offset = message.offset;
-                pb::Session::decode(message.data)
-                    .map_err(|error| error.to_string())
-                    .and_then(|session| {
-                        Session::from_message(session).map_err(|problems| problems.to_string())
-                    })
-                    .map_err(|why| LogError::Foreign { path: path.clone(), offset, why })?
+                let foreign = |why| LogError::Foreign { path: path.clone(), offset, why };
+                let head = pb::Session::decode(message.data).map_err(|e| foreign(e.to_string()))?;
+                Session::check_schema(&head).map_err(|why| LogError::Newer {
+                    path: path.clone(),
+                    version: head.program_version.clone(),
+                    source_hash: head.source_hash.clone(),
+                    why,
+                })?;
+                Session::from_message(head).map_err(|problems| foreign(problems.to_string()))?
             }
             Some(message) => {
                 let why = format!(
@@ -374,6 +405,13 @@ fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
             at: HostTime::from_us(calendar.host_time_us),
             input: RawInput::Calendar { unix_us: calendar.unix_us },
         }
+    } else if channel == channels::END_ASKED.0 {
+        let asked = pb::EndAsked::decode(data)?;
+        Entry::Input {
+            sequence: asked.sequence,
+            at: HostTime::from_us(asked.host_time_us),
+            input: RawInput::EndAsked,
+        }
     } else if channel == channels::EVENT.0 {
         let event = pb::LinkEvent::decode(data)?;
         let Ok(number) = u8::try_from(event.link) else { return Ok(None) };
@@ -384,6 +422,13 @@ fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
             pb::link_event::Kind::Unknown => return Ok(None),
         };
         Entry::Input { sequence: event.sequence, at: HostTime::from_us(event.host_time_us), input }
+    } else if channel == channels::PEER.0 {
+        let peer = pb::LinkPeer::decode(data)?;
+        let (Ok(number), Ok(address)) = (u8::try_from(peer.link), peer.address.parse()) else {
+            return Ok(None);
+        };
+        let input = RawInput::Peer { link: LinkId::from_number(number), address };
+        Entry::Input { sequence: peer.sequence, at: HostTime::from_us(peer.host_time_us), input }
     } else if channel == channels::LOST.0 {
         let lost = pb::Lost::decode(data)?;
         let reason = DropReason::ALL.into_iter().find(|reason| reason.name() == lost.reason);

@@ -4,6 +4,7 @@
 //! a bounded queue. When that queue is full (the disk stalls) the batch is thrown away, counted,
 //! and the hole is written into the log, so that a replay can say where it ends to be exact.
 
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed, Ordering::SeqCst};
@@ -53,9 +54,11 @@ const PERSIST_PERIOD: Duration = Duration::from_secs(1);
 enum Item {
     Bytes { out: bool, link: LinkId, start: usize, end: usize },
     Event { link: LinkId, kind: pb::link_event::Kind },
+    Peer { link: LinkId, address: SocketAddr },
     Lost { link: LinkId, reason: DropReason, count: u64 },
     File { ticket: u32, fault: u8, start: usize, end: usize },
     Calendar { unix_us: i64 },
+    EndAsked,
     Wake,
     Topic(Topic),
     Glue(Decoded),
@@ -247,6 +250,7 @@ impl Recorder {
             Input::LinkDown { link } => {
                 self.raw(at, Item::Event { link, kind: pb::link_event::Kind::Down });
             }
+            Input::Peer { link, address } => self.raw(at, Item::Peer { link, address }),
             Input::Lost { link, reason, count } => {
                 self.raw(at, Item::Lost { link, reason, count });
             }
@@ -261,6 +265,7 @@ impl Recorder {
                 self.raw(at, Item::File { ticket, fault, start, end });
             }
             Input::Calendar { unix_us } => self.raw(at, Item::Calendar { unix_us }),
+            Input::EndAsked => self.raw(at, Item::EndAsked),
             Input::Wake => self.raw(at, Item::Wake),
         }
     }
@@ -273,6 +278,12 @@ impl Recorder {
     /// A decoded record. `at` is the time of the wake-up that yielded it.
     pub fn topic(&mut self, at: HostTime, topic: Topic) {
         self.push(at, 0, Item::Topic(topic));
+    }
+
+    /// A record that is decoded already, of another log.
+    #[cfg(test)]
+    pub(crate) fn decoded(&mut self, at: HostTime, decoded: Decoded) {
+        self.push(at, 0, Item::Glue(decoded));
     }
 
     /// State of the glue.
@@ -520,6 +531,15 @@ fn write_batch<W: std::io::Write + std::io::Seek>(
                 };
                 log.put(channels::EVENT, at, sequence, &message)?;
             }
+            Item::Peer { link, address } => {
+                let message = pb::LinkPeer {
+                    sequence,
+                    host_time_us,
+                    link: u32::from(link.number()),
+                    address: address.to_string(),
+                };
+                log.put(channels::PEER, at, sequence, &message)?;
+            }
             Item::Lost { link, reason, count } => {
                 let message = pb::Lost {
                     sequence,
@@ -544,6 +564,10 @@ fn write_batch<W: std::io::Write + std::io::Seek>(
             Item::Calendar { unix_us } => {
                 let message = pb::Calendar { sequence, host_time_us, unix_us: *unix_us };
                 log.put(channels::CALENDAR, at, sequence, &message)?;
+            }
+            Item::EndAsked => {
+                let message = pb::EndAsked { sequence, host_time_us };
+                log.put(channels::END_ASKED, at, sequence, &message)?;
             }
             Item::Wake => {
                 log.put(channels::WAKE, at, sequence, &pb::Wake { sequence, host_time_us })?;

@@ -4,6 +4,7 @@ use super::convert::vec3;
 use super::identity::BuildIdentity;
 use super::pb;
 use crate::checks::Problems;
+use crate::checks::schema::{NotReadable, Schema};
 use crate::frames::Vec3;
 use crate::measure::AnchorId;
 use crate::survey::Survey;
@@ -28,6 +29,7 @@ impl Session {
     pub(super) fn message(&self) -> pb::Session {
         let build = self.build.clone();
         pb::Session {
+            schema_version: Schema::LOG.newest(),
             program_version: build.program_version,
             git_commit: build.git_commit,
             source_hash: build.source_hash,
@@ -45,6 +47,15 @@ impl Session {
                 .filter_map(|id| Some((id, self.survey.position_E_m(*id)?)))
                 .map(|(id, pos)| pb::SurveyedAnchor { id: u32::from(id.0), pos_e_m: vec3(pos) })
                 .collect(),
+        }
+    }
+
+    /// Refuses a log whose version this build does not know.
+    pub(super) fn check_schema(message: &pb::Session) -> Result<(), NotReadable> {
+        match message.schema_version {
+            // A log from before it was written.
+            0 => Ok(()),
+            found => Schema::LOG.check(found),
         }
     }
 

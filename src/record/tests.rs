@@ -12,13 +12,14 @@ use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{B, E, Rot, Vec3};
 use crate::measure::{
-    AnchorId, BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, ReferencePose, Tdoa,
+    AnchorId, BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery,
+    ReferencePose, ServoOutput, Tdoa,
 };
 use crate::pilot::LinkId;
 use crate::survey::Survey;
 use crate::time::HostTime;
 use crate::topics::{
-    ControlRecord, HealthRecord, ModeRecord, Saturation, TextRecord, Topic, UwbRecord,
+    ControlRecord, HealthRecord, ModeRecord, Saturation, ShadowRecord, TextRecord, Topic, UwbRecord,
 };
 
 pub(crate) fn session() -> Session {
@@ -84,12 +85,30 @@ fn topics(at: HostTime) -> Vec<Topic> {
             saturation: Saturation { tilt: true, ..Saturation::default() },
             ..ControlRecord::default()
         }),
+        Topic::Shadow(ShadowRecord {
+            at,
+            place_E_m: v(2.0),
+            attitude: R,
+            thrust_frac: 0.55,
+            theirs: Some((R, 0.6)),
+        }),
         Topic::Battery(BatterySample {
             received_at: at,
             supply_v: 7.9,
             current_a: None,
             remaining_frac: Some(0.8),
         }),
+        Topic::OtherBattery(OtherBattery {
+            id: 3,
+            function: 4,
+            sample: BatterySample {
+                received_at: at,
+                supply_v: 8.3,
+                current_a: Some(0.1),
+                remaining_frac: None,
+            },
+        }),
+        Topic::Servos(ServoOutput::new(at, 1, [1500.0, 1100.0, 1900.0])),
         Topic::BoardAttitude(BoardAttitude { valid_at: at, received_at: at, attitude: R }),
         Topic::Baro(BaroSample { valid_at: at, received_at: at, pressure_pa: 101_325.0 }),
         Topic::Mag(MagSample {
@@ -130,12 +149,17 @@ fn script(recorder: &mut Recorder, cycles: u64) -> Vec<Entry> {
         let at = HostTime::from_us(5_000_000 + cycle * 10_000);
         let inputs = [
             RawInput::LinkUp { link: LinkId::Tag },
+            RawInput::Peer {
+                link: LinkId::Board,
+                address: std::net::SocketAddr::from(([10, 0, 0, 7], 14_550)),
+            },
             RawInput::Bytes { link: LinkId::Tag, bytes: vec![cycle as u8; 33] },
             RawInput::Bytes { link: LinkId::Board, bytes: vec![0xfd, 0, cycle as u8] },
             RawInput::Bytes { link: LinkId::Ground(3), bytes: vec![] },
             RawInput::LinkDown { link: LinkId::Ground(3) },
             RawInput::Lost { link: LinkId::Board, reason: DropReason::InputQueueFull, count: 3 },
             RawInput::Calendar { unix_us: 1_795_000_000_000_000 },
+            RawInput::EndAsked,
             RawInput::File { ticket: 7, fault: None, bytes: vec![1, 2, 3] },
             RawInput::File {
                 ticket: 8,
@@ -216,7 +240,7 @@ fn prop_what_is_recorded_is_read_back() {
     let mut got: Vec<_> = entries.by_ref().collect();
     assert_eq!(entries.end(), LogEnd::Complete);
     let Some(Entry::Closing(closing)) = got.pop() else { panic!("closing missing") };
-    assert_eq!(closing.last_sequence, 200 * 13);
+    assert_eq!(closing.last_sequence, 200 * 15);
     assert_eq!(closing.lost_entries, 0);
     assert!(got == expected);
 }
@@ -379,6 +403,40 @@ fn prop_other_files_are_refused_with_place_and_way_out() {
     foreign.finish().unwrap();
     let bytes = foreign.into_inner().into_inner();
     check(&bytes, "the first message is on channel /chatter, not on /config");
+}
+
+#[test]
+fn prop_the_log_of_a_newer_build_is_refused_with_the_way_out() {
+    let newest = crate::checks::schema::Schema::LOG.newest();
+    let of_version = |schema_version: u32| {
+        let head = pb::Session { schema_version, ..session().message() };
+        let mut log = mcap::WriteOptions::new()
+            .compression(None)
+            .create(io::Cursor::new(Vec::new()))
+            .unwrap();
+        let channel = log.add_channel(0, "/config", "protobuf", &Default::default()).unwrap();
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: 0,
+            log_time: 0,
+            publish_time: 0,
+        };
+        log.write_to_known_channel(&header, &prost::Message::encode_to_vec(&head)).unwrap();
+        log.finish().unwrap();
+        log.into_inner().into_inner()
+    };
+    assert_eq!(session().message().schema_version, newest);
+    // 0 is what a log says that was written before there were versions.
+    for known in [0, 1, newest] {
+        read(&of_version(known)).unwrap();
+    }
+    let error = read(&of_version(newest + 1)).unwrap_err().to_string();
+    let says = format!("test.mcap: schema version {} of the log, this build (", newest + 1);
+    assert!(error.starts_with(&says), "{error}");
+    assert!(
+        error.contains("install that one, or read it with the build that wrote it (haltere "),
+        "{error}"
+    );
 }
 
 #[test]

@@ -49,6 +49,9 @@ fn event_words(event: Event) -> &'static str {
         Event::ManualAsked => "a client asks to fly by its joystick, which speaks",
         Event::ReturnAsked => "a client or the mission asks to come back",
         Event::HomeReached => "over the place of take-off",
+        Event::NoWayHome => {
+            "the fence bars every straight way to home and rally points, or has held the return back for 3 s"
+        }
         Event::LandAsked => "a client asks to land",
         Event::MissionLands => "the mission has come to its landing",
         Event::TouchDown => "the floor carries the vehicle",
@@ -56,6 +59,8 @@ fn event_words(event: Event) -> &'static str {
         Event::EstimateBack => "the estimate has been good again for a while",
         Event::ControlBack => "the board is in that mode again",
         Event::SetpointsIgnored => "the board does not fly what it is sent",
+        Event::EndAsked => "the program is asked to end (SIGINT, SIGTERM, the system goes down)",
+        Event::LandingOverdue => "the landing before that end takes far too long",
         Event::Ordered(Reaction::TakeOver) => "the supervisor orders: manual",
         Event::Ordered(Reaction::Hold) => "the supervisor orders: hold",
         Event::Ordered(Reaction::Return) => "the supervisor orders: return",

@@ -28,7 +28,7 @@ const HEAD: &str = "\
 
 Generated from `pilot::CONDITIONS`; do not edit. In every control step (100 Hz) the supervisor walks this \
 list. What it finds is told, and the hardest reaction to all that holds is flown. Nothing else ends a flight \
-but the orders of clients and the mission itself ([MODES.md](MODES.md)). Defaults below are those of \
+but the orders of clients, the mission itself ([MODES.md](MODES.md)) and the end of the program (below). Defaults below are those of \
 `config/haltere.toml`; a station may change most of them ([PARAMETERS.md](PARAMETERS.md), `SUP_` and `LIM_`).
 
 ## How several conditions go together
@@ -44,6 +44,12 @@ Forced disarming and harder orders are always taken.
 * A silence is judged only after listening. When two control steps were more than 0.05 s apart, that time is taken \
 off the age of IMU, board and client for 0.05 s: the threads that read for us stood still as well, and what came \
 meanwhile may wait to be read. Only the newest pause is taken off: a loop that always pauses hides no silence.
+* Down is down. A landing that turns into a descent, or the other way round, is one way down: what was found of the \
+floor holds, and only an accelerometer that shows a fall takes it back. Where thrust is below 62 % of the base and the \
+specific force is gravity's all the same, near the floor by estimate or barometer, the floor carries: thrust is lowered \
+from there to none, whatever the estimate says, and no order to fly is taken any more. A landing near the \
+floor whose estimate is not measured any more, or that becomes a descent, goes on with no more thrust than it had; \
+without an accelerometer it is lowered from there, and the motors are off after 2.5 s.
 * In the spool-up the floor still carries the vehicle: every reaction from **hold** on is **disarm** there.
 
 What the reactions are:
@@ -56,13 +62,65 @@ What the reactions are:
 | return | flies home (or to a rally point that is nearer) and lands |
 | land | lands here under position control, by dead reckoning if need be; from outside the walls back inside |
 | descend | level by the board's attitude, down on thrust model and barometer (0.8 m/s, below 1.2 m 0.45 m/s); \
-without a barometer at 92 % of the hover thrust. The floor is felt for with the accelerometer where the IMU \
+without a barometer at 92 % of the hover thrust. Near the floor by its own account, by the barometer's, or where \
+something holds it up for 1 s, the floor is felt for, with the accelerometer where the IMU \
 is alive; without one thrust fades out when the floor must have come |
 | yield | the board flies by itself; no setpoint is sent that it could take for our will |
-| disarm | motors off |
+| disarm | motors off; in the air only of a vehicle that lies on the floor (`tipped_over`) |
+";
+
+/// Between conditions and arming checks.
+const BOARD: &str = "
+## What is believed of the board
+
+* **Disarmed** is believed when two heartbeats say so that are at least 0.5 s apart, or one after the board has \
+acknowledged a disarm command of ours. Until then setpoints go on: a single heartbeat may be damaged, or a \
+stranger's with the board's number. When the board then says that it is armed after all, it is flown on only in the \
+air (more than 0.1 m by our height), in the mode in which it obeys, after a single denial, and if nobody asked it to \
+disarm; on the floor it is disarmed. Two denials end the flight for good: a person's kill switch wins, and only arming \
+through us begins another one.
+* **One board** is heard and spoken to: [second_board](#second_board).
+* **The flight pack** is chosen among several batteries, on the floor: one whose `battery_function` is all or \
+propulsion before one that does not say, that before one for something else, then the lowest id. The choice is told and \
+stays in flight; the others are recorded (`/other_battery`) and shown, not flown on. Of inertial sensors, barometers and \
+magnetometers with an instance id the first healthy one is used; another one takes its place on the floor only, when \
+that is silent for 2 s.
+* **MAV_CMD_INJECT_FAILURE** is passed on to a board that stands disarmed only, and answered with its answer. Give a \
+simulator that flies its faults at an endpoint of its own (`haltere-sim serve --orders`).
+* **Frames that are routed to the board** (`ground.routing = \"board\"`) while we are in control: of commands those that \
+ask for messages, and for streams that we do not fly by. Every other command is kept back, known or not.
 ";
 
 const TAIL: &str = "
+## When the program is to end
+
+Signals, terminals and whoever reads the output do not end a flight (`src/live/signals.rs`, `console.rs`, \
+`src/pilot/ending.rs`):
+
+| what | while the vehicle is armed | disarmed |
+|---|---|---|
+| SIGINT (Ctrl-C), SIGTERM (`systemctl stop`, the system goes down), SIGQUIT | it lands here, disarms, closes its log and \
+ends; stations hear \"haltere is asked to end: it lands first\" | ends |
+| two of these 0.5 to 2 s apart, whenever they come | ends at once; the board's own failsafe is in charge (exit code 130) | ends \
+at once |
+| SIGXCPU (a limit on processor time) | as SIGTERM, once | ends |
+| SIGHUP (the terminal or ssh is gone), SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR, SIGSTKFLT | \
+nothing | ends |
+| SIGTSTP (Ctrl-Z) | nothing | the program stands still until SIGCONT |
+| SIGXFSZ (a limit on the size of files) | the write fails as on a full disk: the flight goes on without a log | the same |
+| SIGTTOU, SIGTTIN, SIGPIPE | nothing | nothing |
+| output that nobody reads (a stopped terminal, a full pipe), or whose reader is gone | lines are lost, counted as \
+`output_line_lost`, told to stations once and in the output where the gap is | the same |
+
+* On the way to its end the program takes no order that is milder than a landing: no hold, no point, no mission, no \
+arming. Who wants the vehicle elsewhere flies it there first. Landing, disarming and termination are taken, and what the \
+supervisor orders.
+* A landing that takes longer than twice its time and 10 s becomes a descent. A board that does not disarm within \
+6 s, or that flies by itself for longer than 30 s, is left to its own failsafe.
+* The service is given 150 s to stop, and asks for more while it lands. The package is neither updated nor removed while \
+the vehicle is armed.
+* SIGKILL and a program that was paused for longer than the board waits leave the vehicle to the board's failsafe.
+
 ## What is deliberately not covered
 
 * A board that flies itself into a wall: inner loops, their sensors and the motors' failsafe are the board's. \
@@ -176,8 +234,9 @@ pub fn page() -> String {
         let _ = writeln!(page, "* ends: {}", end(row));
     }
     page += "\nEvery beginning and end is also an event (`condition_begins`, `condition_ends` in \
-             `events.json`), and stands in the log with its text.\n\
-             \n## Arming checks\n\nMade in this order when a client asks to arm; the first that fails is the \
+             `events.json`), and stands in the log with its text.\n";
+    page += BOARD;
+    page += "\n## Arming checks\n\nMade in this order when a client asks to arm; the first that fails is the \
              answer, and all of them are reported as health. Forced arming skips none. All but the board's \
              are made again when the motors are to turn: an estimator that has lost its alignment since, a \
              vehicle that was carried outside the fence or tipped over does not take off.\n\n\

@@ -46,6 +46,16 @@ pub(super) fn without_signatures(bytes: &[u8]) -> Vec<u8> {
 
 /// Compares two outputs of the same link.
 pub(super) fn compare(recorded: &[u8], replayed: &[u8]) -> Agreement {
+    compare_texts(recorded, replayed, true)
+}
+
+/// The same for two builds: their sequence numbers differ for good where one has sent a message more.
+pub(super) fn compare_messages(recorded: &[u8], replayed: &[u8]) -> Agreement {
+    compare_texts(recorded, replayed, false)
+}
+
+fn compare_texts(recorded: &[u8], replayed: &[u8], numbered: bool) -> Agreement {
+    let texts = |bytes| texts(bytes, numbered);
     let (Some(recorded_texts), Some(replayed_texts)) = (texts(recorded), texts(replayed)) else {
         return Agreement::None(format!(
             "recorded {recorded:02x?}, replayed {replayed:02x?}, which are no MAVLink messages"
@@ -72,8 +82,8 @@ pub(super) fn compare(recorded: &[u8], replayed: &[u8]) -> Agreement {
     Agreement::Numbers { worst, rounding_flips, what }
 }
 
-/// Every message written out; `None` when something else is among them.
-fn texts(bytes: &[u8]) -> Option<Vec<String>> {
+/// Every message written out, `numbered` with its sequence number; `None` when something else is among them.
+fn texts(bytes: &[u8], numbered: bool) -> Option<Vec<String>> {
     let mut frames = MavSplitter::new();
     frames.push(bytes);
     let mut texts = Vec::new();
@@ -81,10 +91,8 @@ fn texts(bytes: &[u8]) -> Option<Vec<String>> {
         let frame = found.ok()?;
         let message = frame.decode().ok()?;
         let header = frame.header;
-        texts.push(format!(
-            "{}/{} #{} {message:?}",
-            header.system_id, header.component_id, header.sequence
-        ));
+        let number = if numbered { header.sequence } else { 0 };
+        texts.push(format!("{}/{} #{number} {message:?}", header.system_id, header.component_id));
     }
     (frames.pending() == 0 && !texts.is_empty()).then_some(texts)
 }

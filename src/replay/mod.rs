@@ -3,29 +3,41 @@
 //! The core is built from the recorded configuration and survey and fed with the recorded inputs,
 //! losses and wake-ups in their order. With the same build on the same processor every outgoing
 //! byte must be the same (signatures excluded: keys are never stored). With another build decoded
-//! messages must agree within [`TOLERANCE`].
+//! messages must agree within [`TOLERANCE`], each with one of its link and kind. Either way it is said whether
+//! the setpoints for the board agree, which a diagnosis rests on, or something else that was sent differs.
 
+mod airborne;
 mod compare;
+mod in_order;
+mod inputs;
 mod parameters;
+mod report;
+mod setpoints;
 #[cfg(test)]
 mod tests;
+mod traffic;
 
-use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
 use thiserror::Error;
 
-use self::compare::{Agreement, compare, without_signatures};
+use self::airborne::Airborne;
+use self::in_order::InOrder;
+use self::inputs::Inputs;
+use self::setpoints::Setpoints;
+use self::traffic::Traffic;
 use crate::checks::Problems;
 use crate::config::Config;
 use crate::pilot::{LinkId, Mission, Pilot};
-use crate::record::{BuildIdentity, Entry, LogEnd, LogError, LogReader, pb};
+use crate::record::{BuildIdentity, Entry, LogEnd, LogError, LogReader, RawInput, pb};
 use crate::time::HostTime;
 use crate::topics::Topic;
 
 pub use compare::TOLERANCE;
 pub use parameters::{ParameterChange, changed_parameters};
+pub use report::{Demand, Difference, Differs, Hole, Report, Verdict};
+pub use setpoints::{Setpoint, SetpointReport, setpoint_of};
+pub use traffic::OtherTraffic;
 
 /// Why a log cannot be replayed at all.
 #[derive(Debug, Error)]
@@ -48,102 +60,6 @@ pub enum ReplayError {
         /// What is refused.
         problems: Problems,
     },
-}
-
-/// What must agree.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Demand {
-    /// Same build, same processor: every byte.
-    BitExact,
-    /// Another build or processor: decoded messages, within [`TOLERANCE`].
-    Decoded,
-}
-
-/// What came of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// Every byte is the same.
-    Identical,
-    /// Another build, and decoded messages agree.
-    WithinTolerance,
-    /// Outputs differ by more than the demand allows.
-    Different,
-    /// The same up to a hole in the log; behind it nothing can be said.
-    OnlyToHole,
-    /// The log holds no output to compare with.
-    NothingToCompare,
-}
-
-/// First place where outputs differ.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Difference {
-    /// Place in the order of the log.
-    pub sequence: u64,
-    /// Time since the start of the core, s.
-    pub time_s: f64,
-    /// Number of the link: 0 tag, 1 board, 2 and up ground endpoints.
-    pub link: u8,
-    /// What was recorded, what was replayed.
-    pub what: String,
-}
-
-/// A hole in the log.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Hole {
-    /// Time since the start of the core, s.
-    pub from_s: f64,
-    /// Time since the start of the core, s.
-    pub to_s: f64,
-    /// Inputs and outputs that are missing.
-    pub lost_raw: u64,
-    /// Decoded records that are missing.
-    pub lost_topics: u64,
-}
-
-/// Result of one log.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Report {
-    /// The log.
-    pub log: PathBuf,
-    /// What must agree.
-    pub demand: Demand,
-    /// Why the demand is not `bit_exact`.
-    pub build_differences: Vec<String>,
-    /// What came of it.
-    pub verdict: Verdict,
-    /// How the log ends: `complete`, `cut at byte …`, `damaged at byte …`.
-    pub log_end: String,
-    /// Recorded time, s.
-    pub duration_s: f64,
-    /// Inputs fed, wake-ups included.
-    pub inputs: u64,
-    /// Outputs compared.
-    pub outputs: u64,
-    /// Of these, the same bytes.
-    pub outputs_identical: u64,
-    /// Bytes compared.
-    pub output_bytes: u64,
-    /// Largest difference of a decoded number, relative where it exceeds 1.
-    pub worst_difference: f64,
-    /// Whole numbers that differ by one: a value rounded the other way.
-    pub rounding_flips: u64,
-    /// First difference that breaks the demand.
-    pub first_difference: Option<Difference>,
-    /// Holes. Nothing is compared behind the first.
-    pub holes: Vec<Hole>,
-}
-
-impl Report {
-    /// 0 reproduced, 3 different, 4 only partly checked.
-    pub fn exit_code(&self) -> u8 {
-        match self.verdict {
-            Verdict::Identical | Verdict::WithinTolerance => 0,
-            Verdict::Different => 3,
-            Verdict::OnlyToHole | Verdict::NothingToCompare => 4,
-        }
-    }
 }
 
 /// Replays one log.
@@ -169,8 +85,9 @@ pub fn replay_observed(
 /// The configuration that was flown.
 pub fn recorded_config(log: &LogReader) -> Result<Config, ReplayError> {
     let session = log.session();
-    Config::from_toml("recorded configuration", &session.config_toml)
-        .and_then(|config| {
+    Config::as_recorded("recorded configuration", &session.config_toml)
+        .and_then(|mut config| {
+            config.limits.resolve_to_anchors(&session.survey);
             let mut problems = Problems::new();
             config.check(&mut problems);
             problems.into_result().map(|()| config)
@@ -189,12 +106,16 @@ fn replay_with(
 ) -> Result<(Report, Mission), ReplayError> {
     let session = log.session();
     let config = recorded_config(log)?;
-    let build_differences = BuildIdentity::current().differences(&session.build);
+    let here = BuildIdentity::current();
+    let build_differences = here.differences(&session.build);
+    let same_source = here.source_hash == session.build.source_hash;
     let demand = if build_differences.is_empty() { Demand::BitExact } else { Demand::Decoded };
     let start = session.pilot_started_at;
     let pilot = Pilot::new(config.pilot(), session.survey.clone(), start);
     let pilot = if watch.is_some() { pilot } else { pilot.without_topics() };
-    let mut run = Run::new(pilot, start, log.path().to_owned(), demand, build_differences);
+    let report = Report::new(log.path().to_owned(), demand, build_differences, same_source);
+    let airborne = if same_source { Airborne::default() } else { Airborne::flown(log) };
+    let mut run = Run::new(pilot, start, report, airborne);
     let mut entries = log.entries();
     for entry in entries.by_ref() {
         run.take(entry);
@@ -210,58 +131,45 @@ struct Run {
     pilot: Pilot,
     start: HostTime,
     last: HostTime,
+    last_output: HostTime,
     sequence: u64,
     /// The recorder said that this is all.
     closed: bool,
-    /// Replayed, and not recorded yet.
-    pending: VecDeque<(LinkId, Vec<u8>)>,
+    airborne: Airborne,
+    inputs: Inputs,
+    /// Of the same build alone.
+    in_order: Option<InOrder>,
+    setpoints: Setpoints,
+    traffic: Traffic,
     report: Report,
 }
 
 impl Run {
-    fn new(
-        pilot: Pilot,
-        start: HostTime,
-        log: PathBuf,
-        demand: Demand,
-        build_differences: Vec<String>,
-    ) -> Self {
+    fn new(pilot: Pilot, start: HostTime, report: Report, airborne: Airborne) -> Self {
+        let exact = report.demand == Demand::BitExact;
         Self {
             pilot,
             start,
             last: start,
+            last_output: start,
             sequence: 0,
             closed: false,
-            pending: VecDeque::new(),
-            report: Report {
-                log,
-                demand,
-                build_differences,
-                verdict: Verdict::NothingToCompare,
-                log_end: String::new(),
-                duration_s: 0.0,
-                inputs: 0,
-                outputs: 0,
-                outputs_identical: 0,
-                output_bytes: 0,
-                worst_difference: 0.0,
-                rounding_flips: 0,
-                first_difference: None,
-                holes: Vec::new(),
-            },
+            airborne,
+            inputs: Inputs::new(start),
+            in_order: exact.then(InOrder::default),
+            setpoints: Setpoints::new(start, exact),
+            traffic: Traffic::default(),
+            report,
         }
     }
 
     fn take(&mut self, entry: Entry) {
+        self.inputs.take(&entry);
         match entry {
             Entry::Input { sequence, at, input } => {
                 self.step(sequence, at);
                 if self.report.holes.is_empty() {
-                    self.pilot.handle(at, input.as_input());
-                    self.report.inputs += 1;
-                    let pending = &mut self.pending;
-                    self.pilot
-                        .drain_output(|link, bytes| pending.push_back((link, bytes.to_vec())));
+                    self.input(sequence, at, &input);
                 }
             }
             Entry::Output { sequence, at, link, bytes } => {
@@ -307,39 +215,36 @@ impl Run {
         self.last = self.last.max(at);
     }
 
-    fn output(&mut self, sequence: u64, at: HostTime, link: LinkId, recorded: &[u8]) {
-        self.report.outputs += 1;
-        self.report.output_bytes += recorded.len() as u64;
-        let differs = match self.pending.pop_front() {
-            None => Some("recorded, but the replay sends nothing".to_owned()),
-            Some((replayed_link, _)) if replayed_link != link => {
-                Some(format!("the replay sends on link {} instead", replayed_link.number()))
+    fn input(&mut self, sequence: u64, at: HostTime, input: &RawInput) {
+        let wakes = *input == RawInput::Wake;
+        if let Some(airborne) = self.airborne.told(at).filter(|_| wakes) {
+            self.pilot.set_airborne_as_flown(airborne);
+        }
+        self.pilot.handle(at, input.as_input());
+        self.report.inputs += 1;
+        let Self { pilot, in_order, setpoints, traffic, .. } = self;
+        pilot.drain_output(|link, bytes| {
+            if let Some(in_order) = in_order {
+                in_order.replayed(link, bytes);
             }
-            Some((_, replayed)) if replayed == recorded => {
-                self.report.outputs_identical += 1;
-                None
+            if !setpoints.replayed(sequence, at, link, bytes) {
+                traffic.replayed(sequence, at, link, bytes);
             }
-            Some((_, replayed)) => self.judge(link, recorded, &replayed),
-        };
-        if let Some(what) = differs {
-            self.differ(sequence, at, link, what);
+        });
+        if wakes {
+            self.traffic.settle(at);
         }
     }
 
-    /// Bytes that are not the same: `Some` with the reason when the demand is not met.
-    fn judge(&mut self, link: LinkId, recorded: &[u8], replayed: &[u8]) -> Option<String> {
-        if link != LinkId::Tag && without_signatures(recorded) == without_signatures(replayed) {
-            self.report.outputs_identical += 1;
-            return None;
+    fn output(&mut self, sequence: u64, at: HostTime, link: LinkId, recorded: &[u8]) {
+        self.report.outputs += 1;
+        self.report.output_bytes += recorded.len() as u64;
+        self.last_output = at;
+        if let Some(differs) = self.in_order.as_mut().and_then(|o| o.recorded(link, recorded)) {
+            self.differ(sequence, at, link, differs);
         }
-        match compare(recorded, replayed) {
-            Agreement::Numbers { worst, rounding_flips, what } => {
-                self.report.worst_difference = self.report.worst_difference.max(worst);
-                self.report.rounding_flips += rounding_flips;
-                let met = self.report.demand == Demand::Decoded && worst <= TOLERANCE;
-                (!met).then_some(what)
-            }
-            Agreement::None(what) => Some(what),
+        if !self.setpoints.recorded(sequence, at, link, recorded) {
+            self.traffic.recorded(sequence, at, link, recorded);
         }
     }
 
@@ -357,17 +262,25 @@ impl Run {
         // A log that was closed holds every output; one that was cut ends anywhere.
         // So may the recovered copy of one, and a part of a log: these do not hold the recorder's
         // last word.
-        if *end == LogEnd::Complete
-            && self.closed
-            && self.report.holes.is_empty()
-            && let Some((link, bytes)) = self.pending.pop_front()
-        {
-            let what = format!(
-                "the replay sends {} bytes more than were recorded, in {} pieces",
-                bytes.len(),
-                1 + self.pending.len()
-            );
-            self.differ(self.sequence, self.last, link, what);
+        let whole = *end == LogEnd::Complete && self.closed && self.report.holes.is_empty();
+        // What is sent between two wake-ups is recorded at the second, which may be the one that was cut.
+        let until = if whole {
+            HostTime::from_us(u64::MAX)
+        } else {
+            self.last_output.offset_us(-traffic::SAME_US)
+        };
+        self.setpoints.end(until);
+        self.traffic.end(until);
+        match self.in_order.take() {
+            Some(in_order) => {
+                if let Some((link, what)) = in_order.left().filter(|_| whole) {
+                    self.differ(self.sequence, self.last, link, what);
+                }
+                self.report.outputs_identical = in_order.identical;
+                self.report.worst_difference = in_order.worst;
+                self.report.rounding_flips = in_order.rounding_flips;
+            }
+            None => self.judge_by_kind(),
         }
         let report = &mut self.report;
         report.log_end = end.to_string();
@@ -383,59 +296,26 @@ impl Run {
         } else {
             Verdict::WithinTolerance
         };
+        if report.verdict == Verdict::Different {
+            let other = self.setpoints.report.agree();
+            report.differs = Some(if other { Differs::OtherTraffic } else { Differs::Setpoints });
+        }
+        report.setpoints = self.setpoints.report;
+        report.other_traffic = self.traffic.left_over();
+        report.input_faults = self.inputs.end();
         self.report
     }
-}
 
-impl std::fmt::Display for Report {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let verdict = match self.verdict {
-            Verdict::Identical => "reproduced bit for bit",
-            Verdict::WithinTolerance => "reproduced within the tolerance for another build",
-            Verdict::Different => "NOT reproduced",
-            Verdict::OnlyToHole => "reproduced up to a hole in the log, not checked behind it",
-            Verdict::NothingToCompare => "not checked: the log holds no output",
-        };
-        writeln!(f, "{}: {verdict}", self.log.display())?;
-        match self.demand {
-            Demand::BitExact => writeln!(f, "  demand: same build and processor, every byte")?,
-            Demand::Decoded => writeln!(
-                f,
-                "  demand: decoded messages within {TOLERANCE:e} ({})",
-                self.build_differences.join("; ")
-            )?,
+    /// Another build: each message beside one of its kind.
+    fn judge_by_kind(&mut self) {
+        self.report.outputs_identical = self.setpoints.identical + self.traffic.identical;
+        self.report.worst_difference = self.setpoints.worst.max(self.traffic.worst);
+        self.report.rounding_flips = self.traffic.rounding_flips;
+        let board = self.setpoints.first.take().map(|odd| (LinkId::Board, odd));
+        let both = board.into_iter().chain(self.traffic.first.take());
+        if let Some((link, (sequence, at, what))) = both.min_by_key(|(_, (sequence, ..))| *sequence)
+        {
+            self.differ(sequence, at, link, what);
         }
-        writeln!(
-            f,
-            "  {:.3} s, log {}; {} inputs fed, {} outputs compared ({} bytes), {} identical",
-            self.duration_s,
-            self.log_end,
-            self.inputs,
-            self.outputs,
-            self.output_bytes,
-            self.outputs_identical
-        )?;
-        if self.worst_difference > 0.0 || self.rounding_flips > 0 {
-            writeln!(
-                f,
-                "  worst decoded difference {:.3e}, {} whole numbers rounded the other way",
-                self.worst_difference, self.rounding_flips
-            )?;
-        }
-        for hole in &self.holes {
-            writeln!(
-                f,
-                "  hole from {:.3} to {:.3} s: {} inputs and outputs are missing",
-                hole.from_s, hole.to_s, hole.lost_raw
-            )?;
-        }
-        if let Some(difference) = &self.first_difference {
-            writeln!(
-                f,
-                "  first difference at {:.6} s, link {}, entry {}: {}",
-                difference.time_s, difference.link, difference.sequence, difference.what
-            )?;
-        }
-        Ok(())
     }
 }

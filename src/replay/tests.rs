@@ -27,7 +27,7 @@ fn record(folder: &Path, build: BuildIdentity, meddle: impl Fn(u64, &mut Vec<u8>
         build,
         started_unix_us: 0,
         pilot_started_at: start,
-        config_toml: config.to_toml(),
+        config_toml: config.to_log(&survey()),
         survey: survey(),
     };
     let mut recorder = Recorder::start(folder, &session).unwrap();
@@ -170,6 +170,46 @@ fn prop_a_cut_log_is_replayed_to_its_last_record() {
 }
 
 #[test]
+fn prop_a_cut_log_of_another_build_differs_by_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = record(folder.path(), other_build(), |_, _| ());
+    let bytes = std::fs::read(&path).unwrap();
+    for cut in (bytes.len() / 4..bytes.len()).step_by(bytes.len() / 40) {
+        let Ok(log) = LogReader::from_bytes(path.clone(), bytes[..cut].to_vec()) else { continue };
+        let report = replay_log(&log).unwrap();
+        assert!(report.first_difference.is_none() && report.differs.is_none(), "{report}");
+        assert_eq!(report.input_faults, [] as [&str; 0], "{report}");
+    }
+}
+
+#[test]
+fn prop_a_message_of_another_build_is_looked_for_among_its_kind() {
+    // The fourth output is damaged: it is missing, and a message that nobody knows is there instead.
+    let folder = tempfile::tempdir().unwrap();
+    let path = record(folder.path(), other_build(), |n, bytes| {
+        if n == 4 {
+            bytes[0] ^= 0x40;
+        }
+    });
+    let report = replay(&path).unwrap();
+    assert_eq!(report.differs, Some(Differs::OtherTraffic), "{report}");
+    let odd: u64 = report.other_traffic.iter().map(OtherTraffic::count).sum();
+    assert_eq!(report.outputs_identical + 1, report.outputs, "{report}");
+    assert!((1..=2).contains(&odd), "{report}");
+    assert!(report.setpoints.agree(), "{report}");
+    let text = report.to_string();
+    assert!(text.contains("no setpoints: the vehicle was never armed"), "{text}");
+    assert!(text.contains("other traffic differs: "), "{text}");
+    let json = serde_json::to_value(&report).unwrap();
+    // Keys that scripts rely on, and what was added.
+    for key in
+        ["verdict", "demand", "outputs_identical", "first_difference", "differs", "setpoints"]
+    {
+        assert!(json.get(key).is_some(), "{key} is missing");
+    }
+}
+
+#[test]
 fn prop_a_configuration_that_is_refused_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let path = record(folder.path(), BuildIdentity::current(), |_, _| ());
@@ -187,7 +227,8 @@ fn regress_a_hole_up_to_the_largest_number_is_told() {
     let config = Config::default();
     let start = HostTime::from_us(1);
     let pilot = Pilot::new(config.pilot(), survey(), start);
-    let mut run = Run::new(pilot, start, PathBuf::new(), Demand::BitExact, Vec::new());
+    let report = Report::new(PathBuf::new(), Demand::BitExact, Vec::new(), true);
+    let mut run = Run::new(pilot, start, report, Airborne::default());
     let hole = pb::Hole {
         from_us: u64::MAX,
         to_us: 0,
@@ -203,4 +244,27 @@ fn regress_a_hole_up_to_the_largest_number_is_told() {
     }
     let report = run.finish(&LogEnd::Complete);
     assert_eq!(report.verdict, Verdict::OnlyToHole, "{report}");
+}
+
+/// Logs of builds whose default volume was the box of the anchors say nothing of it.
+#[test]
+fn regress_a_log_without_a_volume_was_flown_in_the_box_of_the_anchors() {
+    let folder = tempfile::tempdir().unwrap();
+    let read = |name: &str, config_toml: String| {
+        let session = Session {
+            build: BuildIdentity::current(),
+            started_unix_us: 0,
+            pilot_started_at: HostTime::from_us(1),
+            config_toml,
+            survey: survey(),
+        };
+        let folder = folder.path().join(name);
+        let recorder = Recorder::start(&folder, &session).unwrap();
+        let path = recorder.finish().path.unwrap();
+        recorded_config(&LogReader::open(&path).unwrap()).unwrap().limits
+    };
+    let old = read("old", Config::default().to_toml());
+    assert_eq!((old.north_m, old.height_m), (Some([0.1, 7.7]), Some(3.1)));
+    let new = read("new", Config::default().to_log(&survey()));
+    assert!(new.north_m.unwrap()[0] > 0.5 && new.height_m.unwrap() < 2.8, "{new:?}");
 }

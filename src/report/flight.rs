@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use crate::drops::Drops;
 use crate::estimate::Estimate;
-use crate::measure::{AnchorId, BatterySample, BoardAttitude, ImuSample, ReferencePose};
+use crate::measure::{
+    AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose, ServoOutput,
+};
 use crate::report::svg::Limit;
 use crate::report::truth::TruthRow;
 use crate::survey::Survey;
@@ -24,6 +26,10 @@ pub struct Flight {
     pub imu: Vec<ImuSample>,
     /// Battery.
     pub battery: Vec<BatterySample>,
+    /// Batteries that were not flown on.
+    pub other_batteries: Vec<OtherBattery>,
+    /// What the board told motors and servos.
+    pub servos: Vec<ServoOutput>,
     /// The board's own attitude.
     pub board_attitudes: Vec<BoardAttitude>,
     /// Motion capture.
@@ -84,6 +90,28 @@ impl Flight {
         ];
         let known = || times.iter().flatten().copied();
         Some((known().min()?, known().max()?))
+    }
+
+    /// Batteries that were not flown on: id, least and greatest voltage, V.
+    pub fn other_packs(&self) -> BTreeMap<u8, [f64; 2]> {
+        let mut packs: BTreeMap<u8, [f64; 2]> = BTreeMap::new();
+        for other in &self.other_batteries {
+            let v = other.sample.supply_v;
+            let span = packs.entry(other.id).or_insert([v, v]);
+            *span = [span[0].min(v), span[1].max(v)];
+        }
+        packs
+    }
+
+    /// Outputs of the board by port and number, both as the board counts them (outputs from 1): what each was told.
+    pub fn outputs(&self) -> BTreeMap<(u8, usize), Vec<(HostTime, f32)>> {
+        let mut all: BTreeMap<_, Vec<_>> = BTreeMap::new();
+        for servos in &self.servos {
+            for (n, value) in (1..).zip(servos.outputs()).filter(|(_, value)| value.is_finite()) {
+                all.entry((servos.port, n)).or_default().push((servos.received_at, *value));
+            }
+        }
+        all
     }
 
     /// Losses at the end of the log, all links together.

@@ -3,7 +3,10 @@
 use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{B, E, Rot, Vec3};
-use crate::measure::{AnchorId, BatterySample, BoardAttitude, ImuSample, ReferencePose, Tdoa};
+use crate::measure::{
+    AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose, ServoOutput,
+    Tdoa,
+};
 use crate::record::{Decoded, Entry, LogEnd, LogReader, RawInput, pb, utc_text};
 use crate::report::flight::{Flight, GlueRow, ModeRow};
 use crate::time::HostTime;
@@ -48,6 +51,10 @@ pub fn facts(log: &LogReader, flight: &Flight) -> Vec<(String, String)> {
             format!("{} to {}, least {}", volts(first), volts(last), volts(least.unwrap_or(last))),
         );
     }
+    for (id, [least_v, most_v]) in flight.other_packs() {
+        let name = format!("battery {id}, not flown on");
+        add(&name, format!("{least_v:.2} to {most_v:.2} V"));
+    }
     let rejected = flight.judged().filter(|r| !r.fused).count();
     if !flight.uwb.is_empty() {
         let share = 100.0 * rejected as f64 / flight.judged().count().max(1) as f64;
@@ -80,8 +87,10 @@ impl Flight {
             Topic::Estimate(estimate) => self.estimates.push(estimate),
             Topic::Control(control) => self.controls.push(control),
             Topic::Battery(battery) => self.battery.push(battery),
+            Topic::OtherBattery(other) => self.other_batteries.push(other),
+            Topic::Servos(servos) => self.servos.push(servos),
             Topic::BoardAttitude(board) => self.board_attitudes.push(board),
-            Topic::Baro(_) | Topic::Mag(_) => {}
+            Topic::Baro(_) | Topic::Mag(_) | Topic::Shadow(_) => {}
             Topic::Reference(reference) => self.references.push(reference),
             Topic::Mode(ModeRecord { at, mode, armed, cause }) => {
                 self.modes.push(ModeRow { at, mode: mode.to_owned(), armed, cause });
@@ -93,7 +102,7 @@ impl Flight {
 
     fn add_decoded(&mut self, decoded: Decoded) {
         match decoded {
-            Decoded::Baro(_) | Decoded::Mag(_) => {}
+            Decoded::Baro(_) | Decoded::Mag(_) | Decoded::Shadow(_) => {}
             Decoded::Imu(m) => self.imu.push(ImuSample {
                 valid_at: HostTime::from_us(m.valid_at_us),
                 received_at: HostTime::from_us(m.received_at_us),
@@ -122,6 +131,21 @@ impl Flight {
                 current_a: m.current_a,
                 remaining_frac: m.remaining_frac,
             }),
+            Decoded::OtherBattery(m) => self.other_batteries.push(OtherBattery {
+                id: u8::try_from(m.id).unwrap_or(u8::MAX),
+                function: u8::try_from(m.function).unwrap_or(0),
+                sample: BatterySample {
+                    received_at: HostTime::from_us(m.received_at_us),
+                    supply_v: m.supply_v,
+                    current_a: m.current_a,
+                    remaining_frac: m.remaining_frac,
+                },
+            }),
+            Decoded::Servos(m) => self.servos.push(ServoOutput::new(
+                HostTime::from_us(m.received_at_us),
+                u8::try_from(m.port).unwrap_or(u8::MAX),
+                m.output,
+            )),
             Decoded::BoardAttitude(m) => {
                 if let Some(attitude) = rotation(m.q_board) {
                     self.board_attitudes.push(BoardAttitude {
@@ -201,7 +225,8 @@ fn estimate(m: &pb::Estimate) -> Estimate {
     }
 }
 
-fn control(m: &pb::Control) -> ControlRecord {
+/// A control step out of its disk form.
+pub fn control(m: &pb::Control) -> ControlRecord {
     ControlRecord {
         at: HostTime::from_us(m.at_us),
         pos_setpoint_E_m: [m.pos_setpoint_north_m, m.pos_setpoint_east_m, m.pos_setpoint_down_m],

@@ -87,6 +87,11 @@ fn io(error: &std::io::Error) -> (FileFault, Vec<u8>) {
     (fault, error.to_string().into_bytes())
 }
 
+fn empty(path: &Path) -> (FileFault, Vec<u8>) {
+    let name = path.file_name().unwrap_or_default().display();
+    (FileFault::Nonsense, format!("{name} is empty").into_bytes())
+}
+
 fn fault(fault: FileFault) -> (FileFault, Vec<u8>) {
     (fault, Vec::new())
 }
@@ -114,6 +119,8 @@ impl Store {
             FileTask::ForgetParameters => remove_if_there(&stored::path(&self.directory)),
             FileTask::LoadPlan(plan) => match fs::metadata(self.plan(*plan)) {
                 Ok(meta) if meta.len() > MOST_PLAN_BYTES => Err(fault(FileFault::Full)),
+                // What a power cut leaves on many cards. A list that is cleared has no file.
+                Ok(meta) if meta.len() == 0 => Err(empty(&self.plan(*plan))),
                 Ok(_) => fs::read(self.plan(*plan)).map_err(|e| io(&e)),
                 Err(error) if error.kind() == ErrorKind::NotFound => Ok(Vec::new()),
                 Err(error) => Err(io(&error)),

@@ -61,6 +61,11 @@ fn prop_no_cut_and_no_flipped_bit_is_taken_for_content() {
         fs::write(&path, &plans[1][..end]).unwrap();
         assert!(load().is_err(), "cut behind byte {end}");
     }
+    // Empty is what many cards leave after a power cut; no file is what clearing leaves.
+    fs::write(&path, b"").unwrap();
+    let answer = store.work(&FileTask::LoadPlan(Plan::Mission));
+    assert_eq!(answer, Err((FileFault::Nonsense, b"mission.plan is empty".to_vec())));
+    assert_eq!(store.work(&FileTask::LoadPlan(Plan::Fence)), Ok(Vec::new()));
     for bit in 0..8 * plans[1].len() {
         let mut bytes = plans[1].clone();
         bytes[bit / 8] ^= 1 << (bit % 8);

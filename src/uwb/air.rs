@@ -59,6 +59,17 @@ impl Heard {
     pub fn received_at(&self) -> HostTime {
         HostTime::from_us(7_000_000 + ((self.t_s + READ_DELAY_S) * 1e6) as u64)
     }
+
+    /// The same packet so much later, with a receive time that somebody has moved, s.
+    pub fn played_again(&self, by_s: f64, grow_s: f64) -> Self {
+        let mut bytes = self.bytes.clone();
+        let mut rx = [0; 8];
+        rx[..5].copy_from_slice(&bytes[1..6]);
+        let grow_ticks = (grow_s * TICKS_PER_S).round() as u64;
+        let moved = u64::from_le_bytes(rx).wrapping_add(grow_ticks).to_le_bytes();
+        bytes[1..6].copy_from_slice(&moved[..5]);
+        Self { t_s: self.t_s + by_s, source: self.source, bytes }
+    }
 }
 
 pub struct Air {

@@ -23,6 +23,9 @@
 //! * Both packets must fit their anchor's clock. One that does not is neither paired nor kept for
 //!   the next packet to pair with, else it would spoil two measurements.
 //! * |d| may not exceed the distance between the anchors.
+//! * The tag's time goes forward. It may begin elsewhere only where the tag may have rebooted: after it was
+//!   connected anew, or was silent for as long as that takes. And a payload that was heard before, at times that its
+//!   anchor's clock contradicts, is an echo ([`super::echo`]). Both are what a stream looks like that is played again.
 //!
 //! Every packet ends in at least one TDOA or in exactly one counted reason.
 
@@ -32,7 +35,8 @@ use haltere_dialect::lps::tdoa3::{MAX_REMOTES, Remote, Tdoa3Packet};
 use haltere_dialect::lps::{RX_BITS, TICK_HZ, TICK_M};
 
 use super::anchor_clock::{AnchorClock, Fit, MAX_GAP_TICKS};
-use super::{TagClock, UwbConfig};
+use super::echo::Echo;
+use super::{REBOOT_SILENCE_S, TagClock, UwbConfig};
 use crate::drops::{DropReason, Drops};
 use crate::frames::{E, Vec3};
 use crate::measure::{AnchorId, Tdoa};
@@ -114,6 +118,13 @@ pub struct TdoaEngine {
     now: Option<(i64, HostTime)>,
     /// Tag time of a packet that contradicts `now`, raw.
     suspect: Option<u64>,
+    /// When a packet was last heard, whatever became of it.
+    heard_at: Option<HostTime>,
+    /// Whether the tag may have rebooted since the last packet that fitted.
+    may_be_elsewhere: bool,
+    /// Whether the newest packet's time was before the stream's.
+    backwards: bool,
+    echo: Echo,
     /// Anchor clocks that started anew in a row, with no packet between that fitted an old one.
     restarts: u32,
 }
@@ -134,6 +145,10 @@ impl TdoaEngine {
             tag_clock: TagClock::new(),
             now: None,
             suspect: None,
+            heard_at: None,
+            may_be_elsewhere: false,
+            backwards: false,
+            echo: Echo::new(),
             restarts: 0,
         }
     }
@@ -171,6 +186,13 @@ impl TdoaEngine {
     /// Clocks go on if the tag did not lose power.
     pub fn reconnected(&mut self) {
         self.decoder.flush();
+        self.may_be_elsewhere = true;
+        self.echo.end();
+    }
+
+    /// Whether the tag's time runs backwards, or its packets were heard before: nothing of it is used.
+    pub fn is_played_again(&self) -> bool {
+        self.echo.sounds() || self.backwards
     }
 
     /// The anchors that were heard.
@@ -209,11 +231,23 @@ impl TdoaEngine {
         anchor.positions_sent += u64::from(packet.tells_position);
         anchor.last_heard = received_at;
         let pos_n = anchor.pos_E_m.ok_or(DropReason::UwbUnknownAnchor)?;
-        let t_n = self.unwrap(frame.rx_ticks, received_at).ok_or(DropReason::UwbClockJump)?;
+        let silent_s = self.heard_at.replace(received_at).map(|t| received_at.seconds_since(t));
+        self.may_be_elsewhere |= silent_s.is_none_or(|s| s >= REBOOT_SILENCE_S);
+        let known = self.echo.hear(frame.payload);
+        if self.echo.sounds() {
+            return Err(DropReason::UwbDuplicate);
+        }
+        let t_n = self.unwrap(frame.rx_ticks, received_at);
+        self.backwards = t_n.is_none() && !self.may_be_elsewhere;
+        let t_n = t_n.ok_or(DropReason::UwbClockJump)?;
         let anchor = &mut self.anchors[usize::from(packet.source)];
         match anchor.clock.observe(t_n, packet.tx, gate_ticks) {
             Fit::Fits => {}
             Fit::Repeated => return Err(DropReason::UwbDuplicate),
+            Fit::Jump if known => {
+                self.echo.begin();
+                return Err(DropReason::UwbDuplicate);
+            }
             Fit::Jump => {
                 // A clock that has just started anew stands on this packet.
                 if anchor.clock.last_arrival() == Some(t_n) {
@@ -230,6 +264,7 @@ impl TdoaEngine {
         anchor.counter = packet.counter;
         let clock_n = anchor.clock;
         self.now = Some((t_n, received_at));
+        self.may_be_elsewhere = false;
         self.tag_clock.observe(tag_time(t_n), received_at);
         if !clock_n.settled() {
             return Err(DropReason::UwbClockUnsettled);
@@ -296,7 +331,7 @@ impl TdoaEngine {
     }
 
     /// Unwraps a 40-bit tag time. `None` if it contradicts the stream so far; two packets that
-    /// contradict it but not one another begin a new stream.
+    /// contradict it but not one another begin a new stream, where the tag may have rebooted.
     fn unwrap(&mut self, raw: u64, received_at: HostTime) -> Option<i64> {
         const WRAP: i64 = 1 << RX_BITS;
         let raw_ticks = raw.cast_signed();
@@ -316,15 +351,19 @@ impl TdoaEngine {
             return None;
         }
         self.suspect = None;
-        for anchor in self.anchors.iter_mut() {
-            anchor.clock.reset();
-        }
         // As many wraps as the host's clock says; if the map agrees, the tag ran on.
         let ticks_passed = pause_us * (TICK_HZ * 1e-6);
         let wraps = ((ticks_passed - ahead as f64) / WRAP as f64).round().max(0.0);
         let t = now + ahead + wraps as i64 * WRAP;
         let late_s = self.tag_clock.host(tag_time(t)).map(|at| received_at.seconds_since(at));
-        if !late_s.is_some_and(|late_s| SAME_TIME_S.contains(&late_s)) {
+        let ran_on = late_s.is_some_and(|late_s| SAME_TIME_S.contains(&late_s));
+        if !ran_on && !self.may_be_elsewhere {
+            return None;
+        }
+        for anchor in self.anchors.iter_mut() {
+            anchor.clock.reset();
+        }
+        if !ran_on {
             self.tag_clock.reset();
         }
         Some(t)

@@ -2,7 +2,7 @@
 
 use haltere_dialect::mav::haltere::UWB_TDOA_DATA;
 
-use super::{TagClock, UwbConfig};
+use super::{REBOOT_SILENCE_S, TagClock, UwbConfig};
 use crate::drops::{DropReason, Drops};
 use crate::measure::{AnchorId, Tdoa};
 use crate::survey::Survey;
@@ -22,6 +22,11 @@ const LATEST_US: u64 = 1 << 53;
 pub struct MavTag {
     clock: TagClock,
     last: Option<(u16, u64)>,
+    heard_at: Option<HostTime>,
+    /// Whether the tag may have rebooted since the last message that was taken.
+    may_be_elsewhere: bool,
+    /// Whether the newest message's time or number was before the stream's.
+    backwards: bool,
 }
 
 impl MavTag {
@@ -35,24 +40,46 @@ impl MavTag {
         &self.clock
     }
 
-    /// Counts what the tag produced and we did not get; `Err` for a repeated message.
+    /// The tag was connected anew: its time and numbers may begin elsewhere.
+    pub fn reconnected(&mut self) {
+        self.may_be_elsewhere = true;
+    }
+
+    /// Whether its time or numbers run backwards though it cannot have rebooted: nothing of it is used.
+    pub fn is_played_again(&self) -> bool {
+        self.backwards
+    }
+
+    /// Counts what the tag produced and we did not get; `Err` for a repeated message, and for a stream that goes
+    /// backwards. Time and number of a tag go forward together, but where it has rebooted.
     fn follow(
         &mut self,
         sequence: u16,
         time_us: Option<u64>,
+        received_at: HostTime,
         drops: &mut Drops,
     ) -> Result<(), DropReason> {
+        let silent_s = self.heard_at.replace(received_at).map(|t| received_at.seconds_since(t));
+        self.may_be_elsewhere |= silent_s.is_none_or(|s| s >= REBOOT_SILENCE_S);
         let (last_sequence, last_us) = self.last.unwrap_or((sequence.wrapping_sub(1), 0));
         let time_us = time_us.unwrap_or(last_us);
-        if last_us.saturating_sub(time_us) > REBOOT_US {
-            self.clock.reset();
-        } else {
-            let steps = sequence.wrapping_sub(last_sequence);
-            if steps == 0 || (steps > u16::MAX - REORDERED && time_us <= last_us) {
-                return Err(DropReason::UwbDuplicate);
-            }
-            drops.add(DropReason::MavSequenceGap, u64::from(steps - 1));
+        let steps = sequence.wrapping_sub(last_sequence);
+        let back = steps > u16::MAX / 2;
+        let rebooted = self.may_be_elsewhere && last_us.saturating_sub(time_us) > REBOOT_US;
+        let reordered = steps > u16::MAX - REORDERED && time_us <= last_us;
+        if !rebooted && (steps == 0 || reordered) {
+            return Err(DropReason::UwbDuplicate);
         }
+        self.backwards = (time_us < last_us || back) && !self.may_be_elsewhere;
+        if self.backwards {
+            return Err(DropReason::UwbClockJump);
+        }
+        if rebooted {
+            self.clock.reset();
+        } else if !back {
+            drops.add(DropReason::MavSequenceGap, u64::from(steps.saturating_sub(1)));
+        }
+        self.may_be_elsewhere = false;
         self.last = Some((sequence, time_us));
         Ok(())
     }
@@ -69,7 +96,8 @@ pub fn from_uwb_tdoa(
     drops: &mut Drops,
 ) -> Result<Tdoa, DropReason> {
     let sane_time = message.time_usec <= LATEST_US;
-    tag.follow(message.sequence, sane_time.then_some(message.time_usec), drops)?;
+    let time_us = sane_time.then_some(message.time_usec);
+    tag.follow(message.sequence, time_us, received_at, drops)?;
     let distance_diff_m = f64::from(message.distance_diff);
     let std_m = Some(f64::from(message.std)).filter(|std_m| !std_m.is_nan());
     let bad_std = std_m.is_some_and(|std_m| !(std_m > 0.0 && std_m.is_finite()));
@@ -143,7 +171,39 @@ mod tests {
         check(&|m| m.distance_diff = 99.0, Err(DropReason::UwbImpossible));
         // Gap of ten, then a reboot: no gap.
         check(&|m| m.sequence += 10, Ok(()));
-        check(&|m| (m.sequence, m.time_usec) = (0, 100), Ok(()));
+        check(&|m| (m.sequence, m.time_usec) = (0, 100), Err(DropReason::UwbDuplicate));
         assert_eq!(drops.count(DropReason::MavSequenceGap), 10);
+    }
+
+    /// Replayed bytes: the same messages again, with and without times that somebody makes to grow.
+    #[test]
+    fn regress_a_stream_that_is_played_again_is_not_taken() {
+        for (times_grow, numbers_grow) in [(false, false), (true, false), (false, true)] {
+            let (config, survey) = (UwbConfig::default(), air::survey());
+            let (mut tag, mut drops) = (MavTag::new(), Drops::default());
+            let mut take = |tag: &mut MavTag, n: u64, lap: u64, host_ms: u64| {
+                let again = |grow: bool| if grow { lap * 500 } else { 0 };
+                let message = UWB_TDOA_DATA {
+                    time_usec: 9_000_000 + 2_000 * (n + again(times_grow)),
+                    distance_diff: 0.5,
+                    std: f32::NAN,
+                    sequence: (n + again(numbers_grow)) as u16,
+                    anchor_a: 0,
+                    anchor_b: 7,
+                };
+                let at = HostTime::from_us(1_000_000 + 1_000 * host_ms);
+                from_uwb_tdoa(tag, &config, &survey, at, &message, &mut drops).is_ok()
+            };
+            assert!((0..500).all(|n| take(&mut tag, n, 0, 2 * n)));
+            for lap in 1..4 {
+                let taken =
+                    (0..400).filter(|n| take(&mut tag, *n, lap, 1_000 * lap + 2 * n)).count();
+                assert_eq!(taken, 0, "times grow {times_grow}, numbers grow {numbers_grow}");
+                assert!(tag.is_played_again());
+            }
+            // A tag that was connected anew may begin anywhere.
+            tag.reconnected();
+            assert!(take(&mut tag, 0, 0, 4_500));
+        }
     }
 }

@@ -4,6 +4,7 @@
 //! tag that does so on board. Both put the tag's time on the host's clock with [`TagClock`].
 
 mod anchor_clock;
+mod echo;
 mod engine;
 mod mav_tag;
 mod tag_clock;
@@ -20,6 +21,10 @@ use crate::checks::Problems;
 pub use engine::{AnchorHeard, TdoaEngine};
 pub use mav_tag::{MavTag, from_uwb_tdoa};
 pub use tag_clock::TagClock;
+
+/// A tag that reboots is silent for at least so long, s: USB enumerates anew, and its text needs the command that asks
+/// for binary. A time that goes back within a shorter pause is not that of a tag.
+const REBOOT_SILENCE_S: f64 = 0.3;
 
 /// Section `[uwb]` of the configuration.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -228,6 +228,37 @@ fn prop_pauses_of_any_length_are_survived() {
     }
 }
 
+/// Bytes of the last seconds played again and again, as they were and with receive times that go on.
+#[test]
+fn regress_a_stream_that_is_played_again_gives_nothing() {
+    for tdoa3 in [false, true] {
+        for (window_s, times_grow) in
+            [(1.0, false), (3.0, false), (8.0, false), (1.0, true), (3.0, true), (8.0, true)]
+        {
+            let mut air = Air { tdoa3, ..Air::new(40e-6, 18) };
+            let heard = air.run(0.0..10.0);
+            let mut run = Run::new();
+            run.hear(&heard);
+            let first = heard.iter().position(|h| h.t_s > 10.0 - window_s).unwrap();
+            let before = run.out.len();
+            for lap in 1..4 {
+                for packet in &heard[first..] {
+                    let by_s = window_s * f64::from(lap);
+                    let grow_s = if times_grow { by_s } else { 0.0 };
+                    run.hear(&[packet.played_again(by_s, grow_s)]);
+                }
+            }
+            let fused = run.out.len() - before;
+            assert_eq!(fused, 0, "tdoa3 {tdoa3} window {window_s} s, times grow {times_grow}");
+            assert!(run.engine.is_played_again());
+            // What is live again is heard again.
+            let passed_s = 10.0 + 3.0 * window_s;
+            run.hear(&air.run(passed_s..passed_s + 1.0));
+            assert!(run.out.len() > before + 100 && !run.engine.is_played_again());
+        }
+    }
+}
+
 #[test]
 fn prop_a_lost_byte_costs_its_packet() {
     let mut air = Air::new(40e-6, 12);

@@ -11,7 +11,7 @@ use super::anchors::Anchors;
 use super::dilution::{self, Box3};
 use crate::estimate::{Estimate, Health};
 use crate::frames::{E, Vec3, survey_from_earth};
-use crate::measure::{AnchorId, BatterySample};
+use crate::measure::{AnchorId, BatterySample, OtherBattery, ServoOutput};
 use crate::pilot::{Envelope, PilotConfig};
 use crate::record::GlueState;
 use crate::survey::Survey;
@@ -32,6 +32,8 @@ const MARGIN_M: f64 = 0.5;
 const CUT_M: f64 = 0.5;
 /// Height of the cut while no position is known, m.
 const CUT_DEFAULT_M: f64 = 1.0;
+/// Batteries that are not flown on, and what motors were told, are shown while they are as new as this, s.
+const OTHERS_S: f64 = 5.0;
 /// Severity of a change of mode among texts: notice.
 const SEVERITY_NOTICE: u8 = 5;
 
@@ -56,6 +58,8 @@ pub(super) struct Picture {
     estimate: Option<Estimate>,
     control: Option<ControlRecord>,
     battery: Option<BatterySample>,
+    other_batteries: Vec<OtherBattery>,
+    servos: Option<ServoOutput>,
     mode: Option<ModeRecord>,
     /// What is shown of losses and timing. The record itself goes back to the core.
     health: Value,
@@ -146,6 +150,8 @@ impl Picture {
             estimate: None,
             control: None,
             battery: None,
+            other_batteries: Vec::new(),
+            servos: None,
             mode: None,
             health: Value::Null,
             glue: GlueState::default(),
@@ -187,11 +193,14 @@ impl Picture {
                 newest.for_each(|event| event.severity = text.severity);
             }
             Topic::Text(text) => self.event(at, text.severity, &text.text, false),
+            Topic::Servos(servos) => self.servos = Some(*servos),
+            Topic::OtherBattery(other) => self.take_other_battery(other),
             Topic::Imu(_)
             | Topic::BoardAttitude(_)
             | Topic::Baro(_)
             | Topic::Mag(_)
-            | Topic::Reference(_) => {}
+            | Topic::Reference(_)
+            | Topic::Shadow(_) => {}
         }
     }
 
@@ -199,6 +208,14 @@ impl Picture {
     pub(super) fn glue(&mut self, at: HostTime, glue: GlueState) {
         self.now = self.now.max(at);
         self.glue = glue;
+    }
+
+    /// The newest of each pack; ids are of one byte, so there is an end to them.
+    fn take_other_battery(&mut self, other: &OtherBattery) {
+        match self.other_batteries.iter_mut().find(|known| known.id == other.id) {
+            Some(known) => *known = *other,
+            None => self.other_batteries.push(*other),
+        }
     }
 
     fn take_estimate(&mut self, at: HostTime, estimate: &Estimate) {
@@ -285,10 +302,18 @@ impl Picture {
             json!({ "v": round(b.supply_v, 2), "a": b.current_a.map(|a| round(a, 2)),
                     "left": b.remaining_frac.map(|f| round(f, 3)), "age": age(b.received_at) })
         });
+        let others = self.other_batteries.iter().filter(|o| age(o.sample.received_at) < OTHERS_S);
+        let others: Vec<Value> =
+            others.map(|o| json!({ "id": o.id, "v": round(o.sample.supply_v, 2) })).collect();
+        let servos = self.servos.filter(|s| age(s.received_at) < OTHERS_S).map(|s| {
+            s.outputs().iter().map(|told| round(f64::from(*told), 1)).collect::<Vec<f64>>()
+        });
         json!({
             "k": "s",
             "anchors": self.anchors.quality(),
             "battery": battery,
+            "others": others,
+            "servos": servos,
             "health": self.health,
             "late": { "worst": round(self.glue.worst_lateness_s, 4), "n": self.glue.late_wake_ups,
                       "of": self.glue.wake_ups },

@@ -1,4 +1,4 @@
-//! Killed in flight, and flown for a while: short forms of `haltere-sim kills` and `soak`.
+//! Killed in flight or disturbed otherwise, and flown for a while: short forms of `haltere-sim kills` and `soak`.
 
 use std::time::Duration;
 
@@ -23,6 +23,23 @@ fn kills() {
     assert_eq!(ended.code, Some(0), "{json:#}");
     assert_eq!((&json["landed"], &json["recaptured"]), (&2.into(), &0.into()), "{json:#}");
     assert_eq!(json["arm_again"], 2, "{json:#}");
+}
+
+#[test]
+fn regress_signals_and_output_end_no_flight() {
+    in_real_time("kinds", kinds);
+}
+
+fn kinds() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let kinds = ["hang-up", "terminate", "output-blocked", "output-closed"];
+    let chosen = kinds.iter().flat_map(|kind| ["--kind", *kind]);
+    let args = ["kills", "--phase", "hover", "--count", "1", "--jobs", "4", "--json"];
+    let args: Vec<&str> = args.into_iter().chain(chosen).collect();
+    let ended = sim(&args, folder.path(), Duration::from_secs(200));
+    let json = json_of(&ended.text);
+    assert_eq!(ended.code, Some(0), "{json:#}");
+    assert_eq!((&json["landed"], &json["hard"]), (&4.into(), &0.into()), "{json:#}");
 }
 
 #[test]

@@ -46,7 +46,7 @@ pub fn record(scene: &Scene, mission: &MissionFile, effects: EffectSet, seed: u6
         build: BuildIdentity::current(),
         started_unix_us: 1_790_000_000_000_000,
         pilot_started_at: HostTime::from_us(HOST_START_US),
-        config_toml: config.to_toml(),
+        config_toml: config.to_log(&scene.survey),
         survey: scene.survey.clone(),
     };
     let recorder = Recorder::start_waiting(work.path(), &session).unwrap();

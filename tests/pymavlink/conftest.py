@@ -75,7 +75,8 @@ directory = "{folder / 'state'}"
         self.start_companion()
 
     def close(self):
-        codes = stop([self.companion, self.sim.process], 15)
+        # The companion first: what still flies is landed, which needs the simulated vehicle.
+        codes = stop([self.companion]) + stop([self.sim.process])
         self.link.close()
         said = (self.folder / "companion.txt").read_text()
         assert "panicked" not in said, said

@@ -1,16 +1,15 @@
 //! `haltere-sim campaign faults`: every fault of the catalogue in every part of a flight, as a table.
 
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use serde_json::json;
 
 use super::catalogue::{self, Reaction};
+use super::fault_tables::Report;
 use super::file::Campaign;
-use super::row::{Outcome, Row};
-use super::store::{Identity, write_whole};
+use super::row::Row;
+use super::store::write_whole;
 use super::{Run, again_alone, fly_all, print_outcomes, write_results};
 
 /// `haltere-sim campaign faults`
@@ -22,10 +21,15 @@ pub struct Options {
     #[arg(long, value_name = "FILE")]
     doc: Option<PathBuf>,
     /// Only a fixed share: every fault in this many of the parts of a flight, every part equally often.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=6))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=7))]
     sample: Option<u64>,
+    /// Only faults of these names or groups, or whose name holds this: `replayed_ranging`, `"servos limp"`. Every
+    /// part of the flight and every repetition, or the share that --sample leaves.
+    #[arg(long, value_name = "NAME", num_args = 1..)]
+    only: Vec<String>,
     /// Exit code 1 only where a fault is not safe that was safe in all flights of this earlier result (the
-    /// JSON beside docs/FAULTS.md), or a flight panics.
+    /// JSON beside docs/FAULTS.md), or a flight panics. A fault that it does not know is new, and judged by the
+    /// bounds alone.
     #[arg(long, value_name = "FILE")]
     against: Option<PathBuf>,
     /// Print the catalogue; nothing is flown.
@@ -52,9 +56,9 @@ pub fn run(options: &Options) -> Result<bool> {
     if again_alone(&campaign, run)? {
         return Ok(true);
     }
-    let sample = options.sample.map(|n| sample(&campaign, n));
+    let sample = selected(&campaign, options)?;
     if sample.is_some() && run.shard.0 != [1, 1] {
-        bail!("--sample: it is small, and flown in one piece: leave --shard out");
+        bail!("--sample, --only: it is small, and flown in one piece: leave --shard out");
     }
     let (identity, rows) = fly_all(&campaign, run, sample.as_deref())?;
     let rows: Vec<&Row> = rows.values().collect();
@@ -75,9 +79,35 @@ pub fn run(options: &Options) -> Result<bool> {
     let Some(earlier) = &options.against else { return Ok(report.target_is_met()) };
     let text = std::fs::read_to_string(earlier).with_context(|| earlier.display().to_string())?;
     let earlier = serde_json::from_str(&text).with_context(|| earlier.display().to_string())?;
+    let new = report.new_since(&earlier);
+    if !new.is_empty() {
+        eprintln!("new, judged by the bounds: {}", new.join("; "));
+    }
     let worse = report.worse_than(&earlier);
     worse.iter().for_each(|line| eprintln!("{line}"));
     Ok(worse.is_empty())
+}
+
+/// The flights that --sample and --only leave; `None`: all.
+fn selected(campaign: &Campaign, options: &Options) -> Result<Option<Vec<u64>>> {
+    if options.only.is_empty() {
+        return Ok(options.sample.map(|n| sample(campaign, n)));
+    }
+    for word in &options.only {
+        if !campaign.faults.iter().any(|entry| entry.is_named(word)) {
+            bail!("--only {word}: no fault and no group of that name; --list prints them");
+        }
+    }
+    let wanted = |i: &u64| {
+        let place = campaign.fault_place(*i);
+        let entry = place.and_then(|(fault, _, _)| campaign.faults.get(fault));
+        entry.is_some_and(|entry| options.only.iter().any(|word| entry.is_named(word)))
+    };
+    let all: Vec<u64> = match options.sample {
+        Some(n) => sample(campaign, n),
+        None => (0..campaign.flights).collect(),
+    };
+    Ok(Some(all.into_iter().filter(wanted).collect()))
 }
 
 /// Every fault in `n` phases; over the faults each phase comes equally often. Of the first repetition.
@@ -106,322 +136,11 @@ fn list() -> String {
     text
 }
 
-struct Report<'a> {
-    campaign: &'a Campaign,
-    identity: &'a Identity,
-    rows: &'a [&'a Row],
-    again: &'a str,
-}
-
-/// Flights of a fault in a phase.
-#[derive(Debug, Clone, Copy, Default)]
-struct Cell {
-    flights: u64,
-    left: u64,
-    crashed: u64,
-    other: u64,
-}
-
-impl Cell {
-    fn add(&mut self, row: &Row) {
-        self.flights += 1;
-        match row.outcome {
-            Outcome::Landed | Outcome::NotTakenOff => {}
-            Outcome::Left => self.left += 1,
-            Outcome::Crashed => self.crashed += 1,
-            Outcome::Unfinished | Outcome::Panicked => self.other += 1,
-        }
-    }
-
-    fn text(&self) -> String {
-        if self.flights == 0 {
-            return "–".to_owned();
-        }
-        let mut text = (self.flights - self.left - self.crashed - self.other).to_string();
-        for (count, letter) in [(self.left, 'L'), (self.crashed, 'C'), (self.other, 'U')] {
-            if count > 0 {
-                let _ = write!(text, " {count}{letter}");
-            }
-        }
-        text
-    }
-}
-
-impl Report<'_> {
-    fn reaction(&self, row: &Row) -> Option<Reaction> {
-        let (fault, _, _) = self.campaign.fault_place(row.index)?;
-        Some(self.campaign.faults.get(fault)?.reaction)
-    }
-
-    fn has_reaction(&self, row: &Row) -> bool {
-        !matches!(self.reaction(row), Some(Reaction::None(_)))
-    }
-
-    /// What the target forbids.
-    fn is_failure(&self, row: &Row) -> bool {
-        match row.outcome {
-            Outcome::Landed | Outcome::NotTakenOff => false,
-            Outcome::Left => true,
-            Outcome::Crashed => self.has_reaction(row) || row.left(),
-            Outcome::Unfinished | Outcome::Panicked => true,
-        }
-    }
-
-    fn target_is_met(&self) -> bool {
-        !self.rows.iter().any(|r| self.is_failure(r))
-    }
-
-    /// Flights that are not safe under a fault that was safe in every flight of an earlier result.
-    fn worse_than(&self, earlier: &serde_json::Value) -> Vec<String> {
-        let unsafe_before = |name: &str| {
-            let faults = earlier["faults"].as_array().into_iter().flatten();
-            let cells = faults.filter(|f| f["fault"] == name).flat_map(|f| {
-                f["phases"].as_object().into_iter().flat_map(|phases| phases.values())
-            });
-            cells.filter(|c| c["flights"] != c["safe"]).count() > 0
-        };
-        let worse = |row: &&&Row| {
-            let known = self
-                .campaign
-                .fault_place(row.index)
-                .and_then(|(fault, _, _)| self.campaign.faults.get(fault))
-                .is_some_and(|entry| unsafe_before(&entry.name));
-            row.outcome == Outcome::Panicked || (self.is_failure(row) && !known)
-        };
-        self.rows
-            .iter()
-            .filter(worse)
-            .map(|row| {
-                let fault = row.drawn.get(super::plan::FAULT).map(super::table::plain);
-                format!(
-                    "worse than before: flight {}, {}: {}, {}",
-                    row.index,
-                    fault.unwrap_or_default(),
-                    row.outcome.name(),
-                    detail(row)
-                )
-            })
-            .collect()
-    }
-
-    fn cells(&self) -> Vec<Vec<Cell>> {
-        let mut cells =
-            vec![vec![Cell::default(); self.campaign.phases.len()]; self.campaign.faults.len()];
-        for row in self.rows {
-            if let Some((fault, phase, _)) = self.campaign.fault_place(row.index)
-                && let Some(cell) = cells.get_mut(fault).and_then(|line| line.get_mut(phase))
-            {
-                cell.add(row);
-            }
-        }
-        cells
-    }
-
-    fn table(&self) -> String {
-        let mut text = String::from("| fault |");
-        for phase in &self.campaign.phases {
-            let _ = write!(text, " {} |", phase.name());
-        }
-        text.push_str(" reaction |\n|---|");
-        text.push_str(&"---|".repeat(self.campaign.phases.len() + 1));
-        text.push('\n');
-        let cells = self.cells();
-        for (entry, line) in self.campaign.faults.iter().zip(&cells) {
-            let _ = write!(text, "| {} |", entry.name);
-            for cell in line {
-                let _ = write!(text, " {} |", cell.text());
-            }
-            let known = if matches!(entry.reaction, Reaction::Exists(_)) { "yes" } else { "no" };
-            let _ = writeln!(text, " {known} |");
-        }
-        let mut sums = vec![Cell::default(); self.campaign.phases.len()];
-        for (phase, cell) in cells.iter().flat_map(|line| line.iter().enumerate()) {
-            let Some(all) = sums.get_mut(phase) else { continue };
-            all.flights += cell.flights;
-            all.left += cell.left;
-            all.crashed += cell.crashed;
-            all.other += cell.other;
-        }
-        text.push_str("| **all** |");
-        sums.iter().for_each(|cell| {
-            let _ = write!(text, " {} |", cell.text());
-        });
-        text.push_str("  |\n");
-        text
-    }
-
-    /// Every crash, every leaving, every flight that did not end.
-    fn failures(&self) -> String {
-        let bad = |r: &&&Row| !matches!(r.outcome, Outcome::Landed | Outcome::NotTakenOff);
-        let mut text = String::new();
-        for (with, title) in
-            [(true, "Where a reaction exists"), (false, "Where no reaction exists")]
-        {
-            let rows: Vec<_> =
-                self.rows.iter().filter(bad).filter(|r| self.has_reaction(r) == with).collect();
-            let _ = writeln!(text, "\n### {title}: {} flights\n", rows.len());
-            if rows.is_empty() {
-                text.push_str("None.\n");
-                continue;
-            }
-            text.push_str("| flight | fault | phase | outcome | what happened | modes |\n|---|---|---|---|---|---|\n");
-            for row in rows {
-                let drawn =
-                    |key: &str| row.drawn.get(key).map(super::table::plain).unwrap_or_default();
-                let _ = writeln!(
-                    text,
-                    "| {} | {} | {} + {} s | {} | {} | {} |",
-                    row.index,
-                    drawn(super::plan::FAULT),
-                    drawn(super::plan::PHASE),
-                    drawn("fault_at_s"),
-                    row.outcome.name(),
-                    detail(row),
-                    row.modes.replace('>', " › ")
-                );
-            }
-        }
-        text
-    }
-
-    fn counts(&self) -> BTreeMap<&'static str, usize> {
-        let of = |o: Outcome| self.rows.iter().filter(|r| r.outcome == o).count();
-        Outcome::ALL.into_iter().map(|o| (o.name(), of(o))).collect()
-    }
-
-    /// Flights whose fault never came: the flight ended before.
-    fn missed(&self) -> usize {
-        self.rows.iter().filter(|r| r.fault_s.is_none()).count()
-    }
-
-    fn markdown(&self) -> String {
-        let (date, counts) = (today(), self.counts());
-        let bad = |o: Outcome, with: bool| {
-            self.rows.iter().filter(|r| r.outcome == o && self.has_reaction(r) == with).count()
-        };
-        let mut text = format!(
-            "# The fault campaign\n\nWritten by `{}`{}. Do not edit.\n\n\
-             {} flights, {date}, commit {}, campaign {:.12}. Every fault of the catalogue \
-             (`haltere-sim campaign faults --list`) comes in every part of a flight: spool (thrust rises on the \
-             floor), climb, hover, waypoints, return, landing. Flight, fault and judge: `sim/campaigns/faults.toml`, \
-             `sim/src/campaign/catalogue.rs`, `sim/src/campaign/judge.rs`; how campaigns work: CAMPAIGNS.md.\n\n\
-             Judged by the truth of the simulator. **Left** (L): the centre of mass was outside the fence by any \
-             amount. **Crashed** (C): tumbled, or met the floor sinking faster than 2 m/s, sliding faster than \
-             1.5 m/s or leaning by more than 45°. **U**: still armed or in the air at the limit, or the program \
-             panicked. The first of these counts. All others are safe: landed whole and inside, or never off the \
-             floor. A fault has no reaction where nothing on board could help; the list of the catalogue says why.\n\n",
-            "haltere-sim campaign faults --doc docs/FAULTS.md",
-            if self.identity.sample { " (a sample)" } else { "" },
-            self.rows.len(),
-            self.identity.program.commit,
-            self.identity.digest,
-        );
-        text.push_str("| outcome | flights | of these no reaction exists |\n|---|---|---|\n");
-        for outcome in Outcome::ALL {
-            let _ = writeln!(
-                text,
-                "| {} | {} | {} |",
-                outcome.name(),
-                counts.get(outcome.name()).copied().unwrap_or_default(),
-                bad(outcome, false)
-            );
-        }
-        let _ = writeln!(
-            text,
-            "\nTarget: no flight leaves the fence, no crash where a reaction exists: **{}**. In {} flights the fault \
-             did not come, because the flight was over before.\n\n## By fault and part of the flight\n\nFlights \
-             that were safe, and those that were not.\n\n{}",
-            if self.target_is_met() { "met" } else { "missed" },
-            self.missed(),
-            self.table()
-        );
-        let _ = write!(
-            text,
-            "\n## Flights that were not safe\n\n`{} --fly FLIGHT --log flight.mcap` flies one again and keeps its log \
-             and its truth.\n{}",
-            self.again,
-            self.failures()
-        );
-        text
-    }
-
-    fn json(&self) -> serde_json::Value {
-        let cells = self.cells();
-        let faults: Vec<_> = self
-            .campaign
-            .faults
-            .iter()
-            .zip(&cells)
-            .map(|(entry, line)| {
-                let phases: BTreeMap<_, _> = self
-                    .campaign
-                    .phases
-                    .iter()
-                    .zip(line)
-                    .map(|(phase, c)| {
-                        let safe = c.flights - c.left - c.crashed - c.other;
-                        let cell = json!({ "flights": c.flights, "safe": safe, "left": c.left,
-                            "crashed": c.crashed, "unfinished": c.other });
-                        (phase.name(), cell)
-                    })
-                    .collect();
-                json!({
-                    "fault": entry.name,
-                    "group": entry.group,
-                    "reaction": matches!(entry.reaction, Reaction::Exists(_)),
-                    "phases": phases,
-                })
-            })
-            .collect();
-        let bad: Vec<_> = self
-            .rows
-            .iter()
-            .filter(|r| !matches!(r.outcome, Outcome::Landed | Outcome::NotTakenOff))
-            .map(|r| {
-                json!({
-                    "flight": r.index, "seed": r.seed, "drawn": r.drawn, "outcome": r.outcome.name(),
-                    "what": detail(r), "modes": r.modes, "said": r.said,
-                    "reaction": self.has_reaction(r),
-                    "command": format!("{} --fly {i} --log flight-{i}.mcap", self.again, i = r.index),
-                })
-            })
-            .collect();
-        json!({
-            "date": today(),
-            "commit": self.identity.program.commit,
-            "digest": self.identity.digest,
-            "flights": self.rows.len(),
-            "sample": self.identity.sample,
-            "target_met": self.target_is_met(),
-            "outcomes": self.counts(),
-            "fault_did_not_come": self.missed(),
-            "faults": faults,
-            "not_safe": bad,
-        })
-    }
-}
-
-fn detail(row: &Row) -> String {
-    let mut text = row.why.clone();
-    if row.outcome == Outcome::Left && row.crashed() {
-        text.push_str(", then crashed");
-    } else if row.outcome == Outcome::Crashed && row.left() {
-        let _ = write!(text, ", then {:.2} m outside", row.outside_m);
-    }
-    text
-}
-
-/// Date of today, UTC.
-fn today() -> String {
-    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-    let us = now.map_or(0, |d| i64::try_from(d.as_micros()).unwrap_or(0));
-    let text = haltere::record::utc_text(us);
-    text.chars().take(10).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::campaign::row::Outcome;
+    use crate::campaign::store::Identity;
 
     fn campaign() -> Campaign {
         Campaign::parse(CAMPAIGN, Path::new("."), None, "faults").unwrap()
@@ -430,15 +149,17 @@ mod tests {
     #[test]
     fn prop_the_committed_campaign_is_large_enough() {
         let c = campaign();
-        assert!(c.flights >= 2000, "{}", c.flights);
+        assert!(c.flights >= 3000, "{}", c.flights);
+        let default = (0..c.flights).filter(|i| c.in_default_volume(*i));
+        assert!(default.count() >= 300);
         assert_eq!(c.faults.len(), catalogue::all().len());
-        assert_eq!(c.phases.len(), 6);
+        assert_eq!(c.phases.len(), 7);
     }
 
     #[test]
     fn prop_a_sample_has_every_fault_and_every_phase() {
         let c = campaign();
-        for n in 1..=6 {
+        for n in 1..=7 {
             let sample = sample(&c, n);
             assert_eq!(sample.len() as u64, n * c.faults.len() as u64);
             let places: Vec<_> = sample.iter().filter_map(|i| c.fault_place(*i)).collect();
@@ -474,7 +195,51 @@ mod tests {
             (0, 1, 0)
         );
         assert_eq!(worse(&panicked, &bad), 1);
-        assert_eq!(worse(&crashed, &serde_json::json!({})), 1, "an empty result excuses nothing");
+        let nothing = serde_json::json!({});
+        assert_eq!(worse(&crashed, &nothing), 1, "an empty result excuses nothing");
+        let (of_bad, of_good) = ([&crashed], [&landed]);
+        let (new, old) = (report(&c, &identity, &of_bad), report(&c, &identity, &of_good));
+        assert!(new.worse_than(&nothing)[0].starts_with("new, and not safe"));
+        assert_eq!(new.new_since(&nothing), [c.faults[0].name.as_str()]);
+        assert!(old.worse_than(&nothing).is_empty() && old.new_since(&good).is_empty());
+    }
+
+    #[test]
+    fn prop_only_flies_what_is_named() {
+        let c = campaign();
+        let options = |arguments: &[&str]| {
+            #[derive(clap::Parser)]
+            struct Parsed {
+                #[command(flatten)]
+                options: Options,
+            }
+            let arguments = ["faults"].iter().chain(arguments);
+            <Parsed as clap::Parser>::try_parse_from(arguments).unwrap().options
+        };
+        let count = |arguments: &[&str]| {
+            selected(&c, &options(arguments)).map(|s| s.map_or(0, |s| s.len()))
+        };
+        assert_eq!(count(&[]).unwrap(), 0, "all, not a selection");
+        assert_eq!(count(&["--only", "replayed_ranging"]).unwrap(), 8 * 28);
+        assert_eq!(count(&["--only", "servos limp", "servos stuck", "--sample", "7"]).unwrap(), 14);
+        let refused = format!("{:#}", count(&["--only", "gremlins"]).unwrap_err());
+        assert!(refused.contains("no fault and no group"), "{refused}");
+    }
+
+    #[test]
+    fn prop_what_is_there_from_the_start_has_a_column_of_its_own() {
+        let c = campaign();
+        let identity = Identity::new(&c, [1, 1], true);
+        let place = c.faults.iter().position(|e| e.is_from_start()).unwrap() as u64;
+        let plan = c.plan(place).unwrap();
+        let row = Row { outcome: Outcome::Again, ..Row::blank(place, plan.seed, plan.drawn) };
+        let rows = [&row];
+        let report = Report { campaign: &c, identity: &identity, rows: &rows, again: "x" };
+        let json = report.json();
+        assert_eq!(json["faults"].as_array().unwrap().len(), 1);
+        assert_eq!(json["faults"][0]["phases"]["start"]["again"], 1);
+        assert!(report.table().contains("| 0 1A | – | – |"), "{}", report.table());
+        assert!(!report.target_is_met());
     }
 
     #[test]

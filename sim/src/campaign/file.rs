@@ -73,11 +73,13 @@ pub struct FaultGrid {
     pub phases: Vec<Phase>,
     /// Flights of each fault in each phase.
     pub repeats: u64,
+    /// Every so-manieth flight is flown in the companion's default volume, and judged by the room; 0: none.
+    pub default_volume_every: u64,
 }
 
 impl Default for FaultGrid {
     fn default() -> Self {
-        Self { names: Vec::new(), phases: Vec::new(), repeats: 1 }
+        Self { names: Vec::new(), phases: Vec::new(), repeats: 1, default_volume_every: 0 }
     }
 }
 
@@ -88,7 +90,7 @@ fn limit_s() -> f64 {
 /// Most flights of a campaign.
 const MOST_FLIGHTS: u64 = 10_000_000;
 /// Changes whenever the same file would mean other flights.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// A campaign with all files that it names.
 #[derive(Debug, Clone)]

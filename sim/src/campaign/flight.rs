@@ -1,4 +1,7 @@
 //! Flies one planned flight in lockstep, brings its faults in, and looks at the truth at every step.
+//!
+//! A fault is brought in where it belongs: the plant breaks, the companion's computer stands still, or somebody
+//! at the station orders something.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -8,9 +11,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context, Result, anyhow, bail};
 use haltere::checks::Problems;
-use haltere::ctl::ItemCommand;
+use haltere::ctl::{Item, ItemCommand};
 use haltere::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, start};
-use haltere::model::{Fault, Plant, Truth};
+use haltere::model::{Plant, Truth};
 use haltere::pilot::Mode;
 use haltere::report::truth::HEADER;
 use haltere::time::HostTime;
@@ -18,16 +21,19 @@ use haltere_dialect::mav::haltere::MavMessage;
 
 use super::draw::grain;
 use super::judge::Judge;
+use super::operator::{Operator, Scene};
 use super::plan::Plan;
 use super::row::{Outcome, Row};
 use crate::endpoint::truth_row;
-use crate::faults::Phase;
+use crate::faults::{Mishap, Part, Phase, Told};
 use crate::tape::Tape;
 
 /// On the floor and disarmed for this long: it is over, µs.
 const REST_US: u64 = 1_000_000;
 /// So long after a crash it is over, µs.
 const AFTER_CRASH_US: u64 = 1_500_000;
+/// So long a companion is watched after a pause, µs.
+const AFTER_PAUSE_US: u64 = 5_000_000;
 /// A vehicle that is so far outside is not waited for, m.
 const FAR_OUTSIDE_M: f64 = 30.0;
 /// Steps between two looks at estimate and setpoint: the control period.
@@ -36,6 +42,9 @@ const CONTROL_STEPS: u64 = 5;
 const TEXTS: usize = 6;
 /// Off the floor by so much the climb has begun, m.
 const CLIMB_M: f64 = 0.1;
+
+/// In a landing below this the touch-down has begun, m.
+const TOUCHDOWN_M: f64 = 0.15;
 
 /// Where the log and the truth of a flight go.
 pub struct Keep<'a> {
@@ -48,14 +57,14 @@ struct Waiting {
     phase: Phase,
     at_s: f64,
     for_s: Option<f64>,
-    fault: Fault,
+    mishap: Mishap,
 }
 
 /// Flies it. An error is something that no flight should come to: a plan that cannot be built.
 pub fn fly(plan: &Plan, keep: Option<&Keep<'_>>) -> Result<Row> {
     let plant = Plant::new(plan.scenario.plant(plan.vehicle.clone())?)
         .map_err(|problems| anyhow!("{problems}"))?;
-    let survey = plan.scenario.survey()?;
+    let survey = plan.scenario.told_survey()?;
     let mut tape = keep.map(|keep| Tape::begin(keep.log, &plan.config, &survey)).transpose()?;
     let listener = tape.as_ref().map(Tape::listener);
     let mut world = Lockstep::in_world(plant, plan.config.pilot(), &survey, listener);
@@ -93,7 +102,13 @@ struct Flight<'a> {
     row: Row,
     waiting: Vec<Waiting>,
     /// Faults of a phase that has begun: time (µs of simulated time) and fault.
-    due: VecDeque<(u64, Fault)>,
+    due: VecDeque<(u64, Mishap)>,
+    /// The companion's computer stands still until then, µs of simulated time.
+    paused_until_us: u64,
+    /// The flight is not over before this time, µs.
+    awaited_until_us: u64,
+    /// Where it stood at the start, room north and east, m.
+    home: [f64; 2],
     /// When the first fault with a fixed time comes, µs of simulated time.
     first_timed_us: Option<u64>,
     start_us: u64,
@@ -139,17 +154,25 @@ impl<'a> Flight<'a> {
             .iter()
             .filter_map(|entry| {
                 let phase = entry.phase?;
-                let fault = entry.to_fault("fault", &mut Problems::new())?;
-                Some(Waiting { phase, at_s: entry.at_s, for_s: entry.for_s, fault })
+                let mishap = entry.to_mishap("fault", &mut Problems::new())?;
+                Some(Waiting { phase, at_s: entry.at_s, for_s: entry.for_s, mishap })
             })
             .collect();
-        let row = Row::blank(plan.index, plan.seed, plan.drawn.clone());
+        // What was told wrongly is there from the start.
+        let told_s = (plan.scenario.told != Told::default()).then_some(0.0);
+        let blank = Row::blank(plan.index, plan.seed, plan.drawn.clone());
+        let row = Row { fault_s: told_s, ..blank };
+        let of_takeoff = |item: &&Item| item.command == ItemCommand::Takeoff;
+        let takeoffs = plan.mission.items.iter().filter(of_takeoff).count();
         Self {
             plan,
-            judge: Judge::default(),
+            judge: Judge::new(takeoffs, plan.scenario.faults.iter().any(|f| f.part == Part::Gear)),
             row,
             waiting,
             due: VecDeque::new(),
+            paused_until_us: 0,
+            awaited_until_us: 0,
+            home: plan.scenario.start.position_m,
             first_timed_us: plan
                 .scenario
                 .timed_faults()
@@ -180,20 +203,29 @@ impl<'a> Flight<'a> {
             self.row.said = last(&ground.texts);
             return Ok(self.row);
         }
+        let mut operator = Operator::new(ground);
         self.start_us = world.t_us();
         self.row.lowest_supply_v = world.truth().supply_v;
         let end_us = self.start_us + (self.plan.limit_s * 1e6) as u64;
         let mut finished = false;
         for step in 1.. {
-            self.inject(world)?;
-            world.step();
+            self.inject(world, &mut operator)?;
+            if world.t_us() < self.paused_until_us {
+                world.stall_until(world.t_us() + STEP_US);
+            } else {
+                world.step();
+            }
             let truth = world.truth();
             self.judge.see(&self.plan.fence, &truth);
             self.row.lowest_supply_v = self.row.lowest_supply_v.min(truth.supply_v);
             self.watch_modes(world, &truth);
             if step % CONTROL_STEPS == 0 {
-                ground.listen(world);
-                while let Some(seq) = ground.take(|m| match m {
+                // Nobody reads a station while the companion's computer stands still.
+                if world.t_us() >= self.paused_until_us {
+                    let taken = operator.act(world, &self.scene(&truth));
+                    self.judge.forbidden.extend(taken);
+                }
+                while let Some(seq) = operator.ground.take(|m| match m {
                     MavMessage::MISSION_ITEM_REACHED(r) => Some(r.seq + 1),
                     _ => None,
                 }) {
@@ -212,8 +244,8 @@ impl<'a> Flight<'a> {
                 break;
             }
         }
-        ground.listen(world);
-        Ok(self.result(world, finished, &ground.texts))
+        operator.ground.listen(world);
+        Ok(self.result(world, finished, &operator.ground.texts))
     }
 
     /// The first fault that comes in the flight; one from before counts as there at its begin.
@@ -227,17 +259,35 @@ impl<'a> Flight<'a> {
     }
 
     /// Brings in what is due now.
-    fn inject(&mut self, world: &mut Lockstep) -> Result<()> {
+    fn inject(&mut self, world: &mut Lockstep, operator: &mut Operator) -> Result<()> {
         let now_us = world.t_us();
         if self.first_timed_us.is_some_and(|at_us| at_us <= now_us) {
             self.note_fault(world);
         }
         while let Some(place) = self.due.iter().position(|(at_us, _)| *at_us <= now_us) {
-            let Some((_, fault)) = self.due.remove(place) else { break };
+            let Some((_, mishap)) = self.due.remove(place) else { break };
             self.note_fault(world);
-            world.plant_mut().inject(fault).map_err(|why| anyhow!("fault refused: {why}"))?;
+            match mishap {
+                Mishap::Plant(fault) => {
+                    world
+                        .plant_mut()
+                        .inject(fault)
+                        .map_err(|why| anyhow!("fault refused: {why}"))?;
+                }
+                Mishap::Pause(length_s) => {
+                    self.paused_until_us = now_us + (length_s * 1e6) as u64;
+                    self.awaited_until_us = self.paused_until_us + AFTER_PAUSE_US;
+                }
+                Mishap::Order(order) => operator.order(order),
+            }
         }
         Ok(())
+    }
+
+    fn scene<'s>(&'s self, truth: &'s Truth) -> Scene<'s> {
+        let Plan { fence, mission, .. } = self.plan;
+        let (reached, home) = (self.reached, self.home);
+        Scene { truth, volume: fence, mission: &mission.items, reached, home }
     }
 
     fn phase(&self, mode: Mode, truth: &Truth) -> Option<Phase> {
@@ -254,6 +304,9 @@ impl<'a> Flight<'a> {
             }
             Mode::Goto => Phase::Waypoints,
             Mode::Return => Phase::Return,
+            Mode::Land | Mode::Descend if self.judge.has_flown && truth.height_m < TOUCHDOWN_M => {
+                Phase::Touchdown
+            }
             Mode::Land => Phase::Landing,
             _ => return None,
         })
@@ -278,10 +331,11 @@ impl<'a> Flight<'a> {
         let (now, later) =
             std::mem::take(&mut self.waiting).into_iter().partition(|w| w.phase == phase);
         self.waiting = later;
-        for Waiting { at_s, for_s, fault, .. } in now {
+        for Waiting { at_s, for_s, mishap, .. } in now {
             let at_us = truth.t_us + (at_s * 1e6) as u64;
-            let end = for_s.and_then(|for_s| Some((at_us + (for_s * 1e6) as u64, fault.mended()?)));
-            self.due.push_back((at_us, fault));
+            let end =
+                for_s.and_then(|for_s| Some((at_us + (for_s * 1e6) as u64, mishap.mended()?)));
+            self.due.push_back((at_us, mishap));
             self.due.extend(end);
         }
     }
@@ -306,7 +360,9 @@ impl<'a> Flight<'a> {
         {
             return true;
         }
-        let rests = truth.on_ground && !truth.armed;
+        // What a paused companion does when it goes on belongs to the flight.
+        let awaited = truth.t_us < self.awaited_until_us;
+        let rests = truth.on_ground && !truth.armed && !awaited;
         if !rests {
             self.rest_since_us = None;
         }
@@ -320,6 +376,7 @@ impl<'a> Flight<'a> {
         let (judge, row) = (&self.judge, &mut self.row);
         row.left_s = judge.left_us.and_then(after);
         row.crashed_s = judge.crash.as_ref().and_then(|(us, _)| after(*us));
+        row.again_s = judge.again_us.and_then(after);
         row.outside_m = grain(judge.outside_m);
         row.flown_s = grain(seconds(world.t_us() - self.start_us));
         row.airborne_s = grain(seconds(judge.airborne_steps * STEP_US));
@@ -336,14 +393,24 @@ impl<'a> Flight<'a> {
             }
         }
         row.said = last(texts);
-        let left_first = match (row.left_s, row.crashed_s) {
-            (Some(left), Some(crashed)) => left <= crashed,
-            (left, _) => left.is_some(),
-        };
-        (row.outcome, row.why) = if left_first {
-            (Outcome::Left, format!("{:.2} m outside at worst", row.outside_m))
-        } else if let Some((_, how)) = &judge.crash {
-            (Outcome::Crashed, how.clone())
+        // What came first counts.
+        let mut went_wrong = vec![
+            (row.left_s, Outcome::Left, format!("{:.2} m outside at worst", row.outside_m)),
+            (
+                row.again_s,
+                Outcome::Again,
+                format!("up to {:.2} m again after touch-down", judge.again_m),
+            ),
+        ];
+        if let Some((_, how)) = &judge.crash {
+            went_wrong.push((row.crashed_s, Outcome::Crashed, how.clone()));
+        }
+        let first = went_wrong
+            .into_iter()
+            .filter_map(|(at_s, outcome, how)| Some((at_s?, outcome, how)))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        (row.outcome, row.why) = if let Some((_, outcome, how)) = first {
+            (outcome, how)
         } else if !finished {
             let mode = world.pilot().mode().name();
             (Outcome::Unfinished, format!("still {mode} after {:.0} s", row.flown_s))

@@ -6,10 +6,12 @@
 mod catalogue;
 mod draw;
 mod fault_report;
+mod fault_tables;
 mod file;
 mod flight;
 mod judge;
 mod merge;
+mod operator;
 mod page;
 mod plan;
 mod row;
@@ -49,7 +51,7 @@ enum Command {
     /// Put the shards of a campaign together.
     Merge(merge::Options),
     /// Every fault of the catalogue in every part of a flight; writes docs/FAULTS.md's table. Exit code 1
-    /// when a flight leaves the fence, or crashes where a reaction exists.
+    /// when a flight leaves the fence, or leaves the floor again or crashes where a reaction exists.
     Faults(fault_report::Options),
 }
 

@@ -12,12 +12,13 @@ use haltere::model::random::Stream;
 use haltere::model::tag::TagProtocol;
 use haltere::pilot::TagProtocol as CompanionProtocol;
 use sha2::{Digest, Sha256};
-use toml::Value;
+use toml::{Table, Value};
 
+use super::catalogue::Parts;
 use super::draw::{grain, set};
 use super::file::Campaign;
 use super::judge::Fence;
-use crate::faults::Phase;
+use crate::faults::{FaultAt, Phase};
 use crate::scenario::Scenario;
 
 /// A flight before it is flown.
@@ -47,7 +48,11 @@ pub struct Plan {
 pub const FAULT: &str = "fault";
 pub const PHASE: &str = "phase";
 const REPEAT: &str = "repeat";
-const FAULT_AT: &str = "fault_at_s";
+pub const FAULT_AT: &str = "fault_at_s";
+/// Volume that the companion is told; `default`: none.
+pub const VOLUME: &str = "volume";
+/// Phase of a fault that is there before the flight begins.
+pub const FROM_START: &str = "start";
 
 /// When in a phase a fault comes, s from its begin. The phases of the committed mission last longer.
 fn span_s(phase: Phase) -> [f64; 2] {
@@ -58,6 +63,8 @@ fn span_s(phase: Phase) -> [f64; 2] {
         Phase::Waypoints => [0.5, 10.0],
         Phase::Return => [0.3, 3.0],
         Phase::Landing => [0.2, 2.5],
+        // From 0.15 m at 0.25 m/s: before the floor, on it, and while the wings stop.
+        Phase::Touchdown => [0.0, 1.4],
     }
 }
 
@@ -90,32 +97,59 @@ impl Campaign {
         Some((usize::try_from(fault).ok()?, usize::try_from(phase).ok()?, repeat))
     }
 
+    /// Whether this flight has the companion's default volume.
+    pub fn in_default_volume(&self, index: u64) -> bool {
+        let every = self.file.faults.as_ref().map_or(0, |grid| grid.default_volume_every);
+        // Diagonal, so that each fault and each phase has its share of both volumes.
+        every > 0
+            && self.fault_place(index).is_some_and(|(fault, phase, repeat)| {
+                ((fault + phase) as u64 + repeat).is_multiple_of(every)
+            })
+    }
+
+    /// Brings the fault of this flight in, if the campaign has a catalogue. What is left of the number counts the
+    /// other grids.
+    fn place_fault(
+        &self,
+        index: u64,
+        seed: u64,
+        scenario: &mut Table,
+        config: &mut Table,
+        drawn: &mut BTreeMap<String, serde_json::Value>,
+    ) -> Result<u64> {
+        let (Some((fault, phase, repeat)), Some(grid)) =
+            (self.fault_place(index), self.file.faults.as_ref())
+        else {
+            return Ok(index);
+        };
+        if self.in_default_volume(index) {
+            forget_volume(config);
+            drawn.insert(VOLUME.to_owned(), "default".into());
+        }
+        let (entry, phase) = (&self.faults[fault], self.phases[phase]);
+        let Parts { fault: faults, told } = entry.parts()?;
+        if let Some(told) = told {
+            set(scenario, "told", Value::Table(told))?;
+            drawn.insert(PHASE.to_owned(), FROM_START.into());
+        } else {
+            let [low_s, high_s] = span_s(phase);
+            let at_s = grain(Stream::new(seed, FAULT_AT).between(low_s, high_s));
+            add_faults(scenario, faults, phase, at_s)?;
+            drawn.insert(PHASE.to_owned(), phase.name().into());
+            drawn.insert(FAULT_AT.to_owned(), at_s.into());
+        }
+        drawn.insert(FAULT.to_owned(), entry.name.clone().into());
+        drawn.insert(REPEAT.to_owned(), (repeat % grid.repeats).into());
+        Ok(repeat / grid.repeats)
+    }
+
     fn try_plan(&self, index: u64) -> Result<Plan> {
         let seed = seed_of(&self.digest, index);
         let mut drawn = BTreeMap::new();
         let mut scenario = self.base.scenario.clone();
         let mut mission = self.base.mission.clone();
         let mut config = self.base.config.clone();
-        let mut place = index;
-        if let Some((fault, phase, repeat)) = self.fault_place(index) {
-            let repeats = self.file.faults.as_ref().map_or(1, |grid| grid.repeats);
-            place = repeat / repeats;
-            let (entry, phase) = (&self.faults[fault], self.phases[phase]);
-            let [low_s, high_s] = span_s(phase);
-            let at_s = grain(Stream::new(seed, FAULT_AT).between(low_s, high_s));
-            let mut list = scenario.get("fault").cloned().unwrap_or(Value::Array(Vec::new()));
-            for mut one in entry.faults()? {
-                one.at_s = at_s;
-                one.phase = Some(phase);
-                let many = list.as_array_mut().context("fault: not a list")?;
-                many.push(Value::try_from(&one)?);
-            }
-            set(&mut scenario, "fault", list)?;
-            drawn.insert(FAULT.to_owned(), entry.name.clone().into());
-            drawn.insert(PHASE.to_owned(), phase.name().into());
-            drawn.insert(REPEAT.to_owned(), (repeat % repeats).into());
-            drawn.insert(FAULT_AT.to_owned(), at_s.into());
-        }
+        let mut place = self.place_fault(index, seed, &mut scenario, &mut config, &mut drawn)?;
         for (key, draw) in &self.file.vary {
             let size = draw.grid_size();
             let mut rng = Stream::new(seed, key);
@@ -134,21 +168,46 @@ impl Campaign {
             .context("scenario")
             .with_context(told)?;
         scenario.seed = seed;
-        let vehicle: Vehicle = toml::from_str(&self.base.vehicle).context("vehicle")?;
+        let vehicle = Vehicle::from_toml(&self.base.vehicle).context("vehicle")?;
         let config = companion(&config, &scenario, &vehicle).with_context(told)?;
         let mission = MissionFile::parse(&toml::to_string(&mission)?)
             .map_err(|why| anyhow::anyhow!("mission: {why}"))
             .with_context(told)?;
-        let fence = self.file.fence.unwrap_or(Fence::of_room(&scenario.room));
+        let room = Fence::of_room(&scenario.room);
+        let fence = match self.file.fence {
+            Some(fence) if !drawn.contains_key(VOLUME) => fence,
+            _ => room,
+        };
         let limit_s = self.file.limit_s;
         Ok(Plan { index, seed, drawn, scenario, vehicle, config, mission, fence, limit_s })
     }
 }
 
+/// Adds the faults of an entry: in this phase, so long after its begin, s.
+fn add_faults(scenario: &mut Table, faults: Vec<FaultAt>, phase: Phase, at_s: f64) -> Result<()> {
+    let mut list = scenario.get("fault").cloned().unwrap_or(Value::Array(Vec::new()));
+    let many = list.as_array_mut().context("fault: not a list")?;
+    for one in faults {
+        many.push(Value::try_from(FaultAt { at_s, phase: Some(phase), ..one })?);
+    }
+    set(scenario, "fault", list)
+}
+
+/// The companion is told no volume: it takes its own.
+fn forget_volume(config: &mut Table) {
+    if let Some(Value::Table(limits)) = config.get_mut("limits") {
+        ["north_m", "east_m", "height_m"].iter().for_each(|key| {
+            limits.remove(*key);
+        });
+    }
+}
+
 /// The companion's configuration, fitted to tag and vehicle as a user would have to.
-fn companion(table: &toml::Table, scenario: &Scenario, vehicle: &Vehicle) -> Result<Config> {
+fn companion(table: &Table, scenario: &Scenario, vehicle: &Vehicle) -> Result<Config> {
     let mut config = Config::from_toml("config", &toml::to_string(table)?)?;
     config.flight.gear_height_m = vehicle.body.gear_m;
+    let north_deg = config.board.north_offset_deg;
+    config.board.north_offset_deg = scenario.told.north_offset_deg(north_deg);
     config.tag.protocol = match scenario.tag.protocol {
         TagProtocol::Tdoa2 | TagProtocol::Tdoa3 => CompanionProtocol::LpsSniffer,
         TagProtocol::Mavlink => CompanionProtocol::Mavlink,
@@ -241,7 +300,7 @@ mod tests {
     fn prop_the_fault_grid_has_every_fault_in_every_phase() {
         let text = "name = 'x'\n[[item]]\ncommand = 'land'\n[faults]\nrepeats = 2\n";
         let c = campaign(text, None).unwrap();
-        assert_eq!(c.flights, 2 * 6 * c.faults.len() as u64);
+        assert_eq!(c.flights, 2 * 7 * c.faults.len() as u64);
         let mut seen: Vec<_> = (0..c.flights).filter_map(|i| c.fault_place(i)).collect();
         seen.sort_unstable();
         seen.dedup();
@@ -249,5 +308,37 @@ mod tests {
         let plan = c.plan(5).unwrap();
         assert_eq!(plan.drawn[FAULT], c.faults[5].name.as_str());
         assert!(plan.scenario.faults.iter().all(|f| f.phase == Some(Phase::Spool)));
+    }
+
+    #[test]
+    fn prop_what_is_told_wrongly_is_there_from_the_start() {
+        let text = "name = 'x'\n[[item]]\ncommand = 'land'\n\
+             [faults]\nnames = ['survey: x and y exchanged', 'heading told -90° off']\n";
+        let c = campaign(text, None).unwrap();
+        let [survey, heading] = [0, 1].map(|i| c.plan(i).unwrap());
+        assert_eq!(survey.drawn[PHASE], FROM_START);
+        assert!(survey.scenario.faults.is_empty() && !survey.drawn.contains_key(FAULT_AT));
+        let (truth, told) =
+            (survey.scenario.survey().unwrap(), survey.scenario.told_survey().unwrap());
+        assert_ne!(truth, told);
+        assert_eq!(heading.scenario.survey().unwrap(), heading.scenario.told_survey().unwrap());
+        assert_eq!(heading.config.board.north_offset_deg, -90.0);
+    }
+
+    #[test]
+    fn prop_a_share_of_each_fault_is_flown_in_the_default_volume() {
+        let text = "name = 'x'\nset = ['limits.height_m=4.0']\n[[item]]\ncommand = 'land'\n\
+             [fence]\nnorth_m = [1.0, 9.0]\neast_m = [1.0, 9.0]\nheight_m = 4.0\n\
+             [faults]\nrepeats = 4\ndefault_volume_every = 4\n";
+        let c = campaign(text, None).unwrap();
+        let mut shares = vec![0; c.faults.len()];
+        for i in 0..c.flights {
+            let plan = c.plan(i).unwrap();
+            let default = plan.drawn.contains_key(VOLUME);
+            assert_eq!(plan.config.limits.height_m, if default { None } else { Some(4.0) });
+            assert_eq!(plan.fence.height_m, if default { 7.0 } else { 4.0 });
+            shares[c.fault_place(i).unwrap().0] += u32::from(default);
+        }
+        assert!(shares.iter().all(|n| *n == 7), "of 28 each: {shares:?}");
     }
 }

@@ -14,6 +14,8 @@ pub enum Outcome {
     NotTakenOff,
     /// Outside the fence before anything else went wrong.
     Left,
+    /// Off the floor again after it was down.
+    Again,
     /// Hit the floor too fast or leaning, or tumbled.
     Crashed,
     /// Still armed or in the air at the limit.
@@ -24,11 +26,12 @@ pub enum Outcome {
 
 impl Outcome {
     /// Every one, best first.
-    pub const ALL: [Outcome; 6] = [
+    pub const ALL: [Outcome; 7] = [
         Outcome::Landed,
         Outcome::NotTakenOff,
         Outcome::Unfinished,
         Outcome::Left,
+        Outcome::Again,
         Outcome::Crashed,
         Outcome::Panicked,
     ];
@@ -39,6 +42,7 @@ impl Outcome {
             Outcome::Landed => "landed",
             Outcome::NotTakenOff => "did not take off",
             Outcome::Left => "left the volume",
+            Outcome::Again => "left the floor again",
             Outcome::Crashed => "crashed",
             Outcome::Unfinished => "unfinished",
             Outcome::Panicked => "panicked",
@@ -64,6 +68,8 @@ pub struct Row {
     pub crashed_s: Option<f64>,
     /// When it left the fence.
     pub left_s: Option<f64>,
+    /// When it left the floor again after it was down.
+    pub again_s: Option<f64>,
     /// Farthest outside the fence, m.
     pub outside_m: f64,
     /// When the fault came.
@@ -111,6 +117,11 @@ impl Row {
         self.crashed_s.is_some()
     }
 
+    /// Whether it left the floor again, whatever came first.
+    pub fn left_floor_again(&self) -> bool {
+        self.again_s.is_some()
+    }
+
     /// A flight whose program panicked.
     pub fn panicked(
         index: u64,
@@ -131,6 +142,7 @@ impl Row {
             why: String::new(),
             crashed_s: None,
             left_s: None,
+            again_s: None,
             outside_m: 0.0,
             fault_s: None,
             fault_mode: String::new(),

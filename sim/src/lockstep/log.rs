@@ -31,7 +31,7 @@ impl Tape {
                 build: BuildIdentity::current(),
                 started_unix_us: i64::try_from(unix.as_micros()).unwrap_or(i64::MAX),
                 pilot_started_at: start,
-                config_toml: loaded.config.to_toml(),
+                config_toml: loaded.config.to_log(&loaded.survey),
                 survey: loaded.survey.clone(),
             };
             Recorder::start_waiting(&record.directory, &session)?

@@ -124,10 +124,17 @@ fn configuration(options: &Options, scenario: &Scenario) -> Result<Loaded> {
             format!("flight.gear_height_m={gear_m:?}"),
             format!("estimator.rest_height_m={gear_m:?}"),
             "store.directory=\"\"".to_owned(),
+            format!("board.north_offset_deg={:?}", scenario.told.north_offset_deg(0.0)),
         ];
         overrides.extend(options.set.iter().cloned());
         let config = Config::load(&Sources::new(Vec::new(), overrides)).map_err(refused)?;
-        Loaded { config, survey: scenario.survey()?, files: Vec::new(), notes: Vec::new() }
+        Loaded {
+            config,
+            survey: scenario.told_survey()?,
+            files: Vec::new(),
+            notes: Vec::new(),
+            lost: None,
+        }
     } else {
         Loaded::load(&Sources::new(options.config.clone(), options.set.clone())).map_err(refused)?
     };

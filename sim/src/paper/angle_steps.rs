@@ -110,6 +110,8 @@ pub fn fly_step(
     let mut pilot = bench.pilot.clone();
     // Quickly, while the battery is full: 52° needs 1.62 of the hover thrust, and that is all there is.
     pilot.flight.takeoff_speed_mps = 1.0;
+    // The steps need all of the hall, up to its anchors.
+    pilot.limits.resolve_to_anchors(&plant.survey);
     let mut control = bench.version(Version::Modified);
     control.limits.thrust_max_frac = 1.0;
     let mut world = in_plant(&pilot, &control, plant)?;

@@ -28,7 +28,7 @@ pub fn cost(bench: &Bench) -> u64 {
 
 /// Both vehicles.
 fn vehicles() -> Result<[Vehicle; 2]> {
-    Ok([Vehicle::default(), toml::from_str(NIMBLE).context("vehicles/delfly-nimble.toml")?])
+    Ok([Vehicle::default(), Vehicle::from_toml(NIMBLE).context("vehicles/delfly-nimble.toml")?])
 }
 
 /// Drag over mass at the flap rate of hover, along a body axis, 1/s: what the law must begin with.

@@ -2,9 +2,11 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use rustix::process::Signal;
 
 use super::process::{Process, told};
 
@@ -18,8 +20,19 @@ pub struct Companion {
 impl Companion {
     /// Starts it; what it says goes to the file `output`.
     pub fn start(config: &Path, overrides: &[String], output: PathBuf) -> Result<Self> {
-        let program = std::env::current_exe().context("this program's own path")?;
         let file = File::create(&output).with_context(|| output.display().to_string())?;
+        let second = file.try_clone().with_context(|| output.display().to_string())?;
+        Self::start_into(config, overrides, output, [file.into(), second.into()])
+    }
+
+    /// The same with standard output and standard error of somebody else, who keeps them in the file `output`.
+    pub fn start_into(
+        config: &Path,
+        overrides: &[String],
+        output: PathBuf,
+        [out, err]: [Stdio; 2],
+    ) -> Result<Self> {
+        let program = std::env::current_exe().context("this program's own path")?;
         let mut command = Command::new(program);
         command.args(["companion", "fly", "--config"]).arg(config);
         for setting in overrides {
@@ -27,8 +40,8 @@ impl Companion {
         }
         let child = command
             .stdin(Stdio::null())
-            .stdout(file.try_clone().with_context(|| output.display().to_string())?)
-            .stderr(file)
+            .stdout(out)
+            .stderr(err)
             .spawn()
             .context("starting the companion")?;
         Ok(Self { process: Process(child), output })
@@ -39,6 +52,16 @@ impl Companion {
         self.process.0.kill().context("killing the companion")?;
         self.process.0.wait().context("waiting for the companion")?;
         Ok(())
+    }
+
+    /// Sends it a signal.
+    pub fn signal(&self, signal: Signal) -> Result<()> {
+        self.process.signal(signal)
+    }
+
+    /// How it ended, if it has within this time.
+    pub fn ends_within(&mut self, limit: Duration) -> Result<Option<ExitStatus>> {
+        self.process.ends_within(limit)
     }
 
     /// Asks it to end and waits; its log is closed then.

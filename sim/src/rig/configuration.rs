@@ -45,7 +45,7 @@ impl Wiring<'_> {
             self.tag,
             self.tag_protocol,
             self.board,
-            scenario.board.north_offset_deg.unwrap_or(0.0),
+            scenario.told.north_offset_deg(scenario.board.north_offset_deg.unwrap_or(0.0)),
             self.endpoints,
             self.logs.display(),
         );

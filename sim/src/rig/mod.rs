@@ -4,9 +4,11 @@
 mod companion;
 mod configuration;
 mod endpoint;
+mod output;
 mod process;
 
 pub use companion::Companion;
 pub use configuration::Wiring;
 pub use endpoint::Endpoint;
+pub use output::Output;
 pub use process::{Process, free_port, now_us};

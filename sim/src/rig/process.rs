@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// Time to close a log after a signal.
-const CLOSE_TIMEOUT: Duration = Duration::from_secs(10);
+/// Time to land and to close a log after a signal.
+const CLOSE_TIMEOUT: Duration = Duration::from_secs(40);
 
 /// A child that dies with us.
 #[derive(Debug)]
@@ -18,23 +18,34 @@ pub struct Process(pub Child);
 impl Process {
     /// SIGTERM, then patience.
     pub fn end(&mut self) -> Result<ExitStatus> {
-        let child = &mut self.0;
-        if let Some(status) = child.try_wait().context("waiting for a process")? {
+        if let Some(status) = self.ends_within(Duration::ZERO)? {
             return Ok(status);
         }
-        let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
-        if let Some(pid) = pid {
-            kill_process(pid, Signal::TERM).context("ending a process")?;
+        self.signal(Signal::TERM)?;
+        if let Some(status) = self.ends_within(CLOSE_TIMEOUT)? {
+            return Ok(status);
         }
-        let deadline = Instant::now() + CLOSE_TIMEOUT;
-        while Instant::now() < deadline {
-            if let Some(status) = child.try_wait().context("waiting for a process")? {
+        let _ = self.0.kill();
+        self.0.wait().context("waiting for a process")
+    }
+
+    /// Sends a signal.
+    pub fn signal(&self, signal: Signal) -> Result<()> {
+        let pid = i32::try_from(self.0.id()).ok().and_then(Pid::from_raw);
+        let pid = pid.context("the number of a process")?;
+        kill_process(pid, signal).with_context(|| format!("sending {signal:?}"))
+    }
+
+    /// How it ended, if it has within this time.
+    pub fn ends_within(&mut self, limit: Duration) -> Result<Option<ExitStatus>> {
+        let deadline = Instant::now() + limit;
+        loop {
+            let status = self.0.try_wait().context("waiting for a process")?;
+            if status.is_some() || Instant::now() >= deadline {
                 return Ok(status);
             }
             std::thread::sleep(Duration::from_millis(20));
         }
-        let _ = child.kill();
-        child.wait().context("waiting for a process")
     }
 }
 

@@ -9,6 +9,7 @@ use crate::gap::nominal::Nominal;
 use crate::gap::scene::Scene;
 use crate::measure::AnchorId;
 use crate::model::random::Stream;
+use crate::replay::{Demand, Verdict};
 
 /// Place of a statistic.
 fn place(name: &str) -> usize {
@@ -139,6 +140,23 @@ fn prop_a_log_that_cannot_be_read_has_a_whole_report() {
         assert!(json.get(key).is_some(), "{key} is missing");
     }
     assert_eq!(json["faults"][0], "byte 3: not a log");
+}
+
+#[test]
+fn prop_what_another_build_would_have_sent_stands_on_the_page() {
+    let mut d = unreadable("x.mcap".into(), "byte 3: not a log".into());
+    d.faults.clear();
+    d.remarks.push("another build flew this: 3 of 9000, by up to 2.00 deg".into());
+    let page = crate::gap::page::render(&d);
+    assert!(page.contains("another build flew this: 3 of 9000, by up to 2.00 deg"));
+    let report = |same_source, differs| {
+        let mut report = Report::new("x.mcap".into(), Demand::Decoded, Vec::new(), same_source);
+        (report.verdict, report.differs) = (Verdict::Different, Some(differs));
+        replay_word(&report)
+    };
+    assert_eq!(report(true, Differs::Setpoints), "different");
+    assert_eq!(report(false, Differs::Setpoints), "setpoints_differ");
+    assert_eq!(report(false, Differs::OtherTraffic), "other_traffic_differs");
 }
 
 #[test]

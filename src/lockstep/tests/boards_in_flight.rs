@@ -139,3 +139,40 @@ fn prop_a_slow_land_detector_is_waited_for_and_not_forced() {
         assert!(disarms.iter().all(|d| d.1 == 0.0), "{firmware:?}: {disarms:?}");
     }
 }
+
+/// A station that asked for it got a flying vehicle's motors stopped, and an answer before the board had one.
+#[test]
+fn regress_no_failure_is_injected_into_a_board_that_is_armed_and_the_answer_is_the_boards() {
+    const INJECT: MavCmd = MavCmd::MAV_CMD_INJECT_FAILURE;
+    // MAV_FAILURE_UNIT and MAV_FAILURE_TYPE: all motors off, barometer off, gps off; healthy again.
+    let [motors, baro, gps] =
+        [101.0, 3.0, 4.0].map(|unit| [unit, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0_f32]);
+    let healthy = [3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let sent = Sent::default();
+    let (world, mut ground) = hovering(world(36));
+    let mut world = world.with_tap(tap(&sent));
+    let answer = ground.command(&mut world, INJECT, motors);
+    assert_eq!(answer, Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED));
+    assert_said(&mut world, &mut ground, &["failure injection refused", "armed"]);
+    pass(&mut world, &mut ground, 2.0);
+    assert_eq!(world.pilot().mode(), Mode::Hold);
+    land(&mut world, &mut ground);
+    let passed_on = || {
+        let command = |m: &(u64, MavMessage)| matches!(&m.1, MavMessage::COMMAND_LONG(c) if c.command == INJECT);
+        to_board(&sent).into_iter().filter(command).count()
+    };
+    assert_eq!(passed_on(), 0);
+    // On the floor the board answers, and is waited for.
+    for (params, answer) in [
+        (baro, MavResult::MAV_RESULT_ACCEPTED),
+        (healthy, MavResult::MAV_RESULT_ACCEPTED),
+        (gps, MavResult::MAV_RESULT_UNSUPPORTED),
+    ] {
+        assert_eq!(ground.command(&mut world, INJECT, params), Some(answer));
+    }
+    assert_eq!(passed_on(), 3);
+    // A line on which nothing comes back.
+    world.plant_mut().inject(Fault::ToBoard(FaultKind::Off)).unwrap();
+    assert_eq!(ground.command(&mut world, INJECT, baro), Some(MavResult::MAV_RESULT_FAILED));
+    assert_said(&mut world, &mut ground, &["board does not answer"]);
+}

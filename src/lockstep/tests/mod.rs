@@ -1,19 +1,31 @@
 //! Whole flights in lockstep: what they share, and one file per kind of question.
 
 mod anchors;
+mod board_word;
 mod boards;
 mod boards_in_flight;
 mod determinism;
+mod ending;
 mod faults;
+mod fence;
+mod gains;
 mod ground;
 mod heading;
 mod hostile;
 mod hover;
+mod instances;
+mod kept;
 mod landing;
+mod late;
 mod news;
+mod pauses;
 mod programs;
+mod second_board;
 mod services;
+mod shadow;
 mod supervisor;
+mod tipped;
+mod touch_down;
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavResult};
 

@@ -92,9 +92,9 @@ fn prop_one_is_read_by_index_and_by_name_and_unknown_ones_are_refused() {
     let by_name = value(&mut world, &mut ground, "FLT_TKO_HGT").unwrap();
     ground.send(&mut world, &ask(by_name.param_index as i16, ""));
     assert_eq!(value(&mut world, &mut ground, "FLT_TKO_HGT"), Some(by_name));
-    // The volume is that of the anchors.
+    // The volume is that of the anchors, less what wings and stopping take.
     ground.send(&mut world, &ask(-1, "LIM_NORTH_MAX"));
-    assert_eq!(value(&mut world, &mut ground, "LIM_NORTH_MAX").unwrap().param_value, 10.0);
+    assert_eq!(value(&mut world, &mut ground, "LIM_NORTH_MAX").unwrap().param_value, 9.55);
     for (index, name) in [(-1, "NO_SUCH"), (5000, ""), (-1, "MIS_TAKEOFF_ALT")] {
         ground.send(&mut world, &ask(index, name));
         let found = error(&mut world, &mut ground);
@@ -174,7 +174,7 @@ fn prop_what_would_jump_waits_for_the_floor_and_the_rest_fades() {
 
 // ---- plans ----
 
-fn upload_as(
+pub(super) fn upload_as(
     world: &mut Lockstep,
     ground: &mut Ground,
     mission_type: MavMissionType,
@@ -228,7 +228,7 @@ fn fence() -> Vec<MISSION_ITEM_INT_DATA> {
         .to_vec()
 }
 
-const ACCEPTED: Option<MavMissionResult> = Some(MavMissionResult::MAV_MISSION_ACCEPTED);
+pub(super) const ACCEPTED: Option<MavMissionResult> = Some(MavMissionResult::MAV_MISSION_ACCEPTED);
 
 fn download(
     world: &mut Lockstep,

@@ -4,6 +4,8 @@
 mod ardupilot;
 mod commands;
 mod firmware;
+mod last_second;
+mod lies;
 mod line;
 mod loops;
 mod parameters;
@@ -27,6 +29,8 @@ use crate::model::faults::Fault;
 use crate::model::magnetometer::MagnetometerSettings;
 use crate::model::vehicle::Vehicle;
 use crate::model::wings::ActuatorCommand;
+
+use last_second::LastSecond;
 
 use parameters::Parameters;
 use persona::Persona;
@@ -159,7 +163,7 @@ pub struct Board {
     setpoint: Option<Setpoint>,
     setpoint_age_s: f64,
     /// Thrust it flew with, over the last second.
-    thrust_mean_frac: f64,
+    flown: LastSecond,
     /// Level attitude with the heading that it had when setpoints stopped.
     hold: Option<UnitQuaternion<f64>>,
     spool_s: f64,
@@ -175,6 +179,7 @@ pub struct Board {
     told: Setpoint,
     echoes: u32,
     line: Option<SlowLine>,
+    lies: lies::Lies,
 }
 
 impl Board {
@@ -203,12 +208,13 @@ impl Board {
             believed: UnitQuaternion::identity(),
             setpoint: None,
             setpoint_age_s: 0.0,
-            thrust_mean_frac: 0.0,
+            flown: LastSecond::default(),
             hold: None,
             spool_s: 0.0,
             output: ActuatorCommand::default(),
             losses: 0,
             rebooted_us: None,
+            lies: lies::Lies::default(),
             settings,
         };
         board.stream_defaults();
@@ -218,6 +224,11 @@ impl Board {
     /// Whether motors may run.
     pub fn armed(&self) -> bool {
         self.armed
+    }
+
+    /// What it was built with.
+    pub fn settings(&self) -> &BoardSettings {
+        &self.settings
     }
 
     /// Cuts the motors: the airframe is broken.
@@ -265,7 +276,8 @@ impl Board {
     /// Takes the errors of its attitude estimate, 50 times a second.
     pub fn set_attitude_error(&mut self, error: AttitudeError) {
         self.error = error;
-        self.north = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -error.north_rad);
+        self.error.north_rad += self.lies.heading_off_rad();
+        self.north = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -self.error.north_rad);
         self.lean = UnitQuaternion::from_scaled_axis(error.tilt_B_rad);
     }
 
@@ -297,8 +309,7 @@ impl Board {
         let late_s = self.setpoint_age_s - self.settings.setpoint_timeout_s;
         if late_s < 0.0 {
             self.hold = None;
-            // One-second mean, for the descent after a loss.
-            self.thrust_mean_frac += STEP_S * (setpoint.thrust_frac - self.thrust_mean_frac);
+            self.flown.add(setpoint.thrust_frac);
             return Some(setpoint);
         }
         if late_s > self.settings.descend_s {
@@ -311,7 +322,7 @@ impl Board {
             UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw)
         });
         let thrust_frac = if setpoint.thrust_frac > 0.0 {
-            self.settings.descend_factor * self.thrust_mean_frac
+            self.settings.descend_factor * self.flown.mean_frac()
         } else {
             0.0
         };
@@ -344,7 +355,7 @@ impl Board {
         self.armed = false;
         self.setpoint = None;
         self.hold = None;
-        self.thrust_mean_frac = 0.0;
+        self.flown.clear();
     }
 }
 

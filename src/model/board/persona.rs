@@ -316,6 +316,13 @@ impl Board {
         }
     }
 
+    /// Streams what the companion asks of a board, at its rates: somebody has asked before.
+    pub fn say_everything(&mut self) {
+        for (kind, hz) in [(Kind::Imu, 250.0), (Kind::Attitude, 100.0), (Kind::Battery, 10.0)] {
+            self.streams.set(kind, 1e6 / hz);
+        }
+    }
+
     /// The command to ask for a mode exists with the real firmwares only.
     pub(super) fn knows(&self, command: MavCmd) -> bool {
         self.settings.firmware != Firmware::Generic

@@ -55,6 +55,12 @@ const KINDS: [Kind; 9] = [
 ];
 
 impl Kind {
+    /// Sent in the steps in which the IMU is read. What motors are told goes with it, so that a flight in which it is
+    /// asked for has no delivery more than one in which it is not, and the same noise.
+    fn with_imu(self) -> bool {
+        matches!(self, Kind::Imu | Kind::RawImu | Kind::ScaledImu | Kind::Servos)
+    }
+
     /// By message id; what the generic board does not have is of the real ones.
     pub(super) fn of(firmware: Firmware, id: u32) -> Option<Self> {
         let real = firmware != Firmware::Generic;
@@ -90,7 +96,7 @@ impl Streams {
     /// Sets an interval, µs; 0 or less: off.
     pub(super) fn set(&mut self, kind: Kind, interval_us: f64) {
         let mut steps = (interval_us * 1e-6 / STEP_S).round().clamp(0.0, 1e6) as u32;
-        if matches!(kind, Kind::Imu | Kind::RawImu | Kind::ScaledImu) {
+        if kind.with_imu() {
             // The IMU is read at every second step: intervals are whole multiples of that.
             steps = (steps / 2) * 2;
             if steps == 0 && interval_us > 0.0 {
@@ -99,6 +105,11 @@ impl Streams {
         }
         self.every[kind as usize] = (steps, steps);
     }
+
+    /// The next heartbeat comes in the next step.
+    pub(super) fn beat_now(&mut self) {
+        self.heartbeat_in = 0;
+    }
 }
 
 impl Board {
@@ -106,7 +117,9 @@ impl Board {
     pub fn send(&mut self, r: &Readings<'_>, imu_step: bool, out: &mut Vec<u8>) {
         if self.streams.heartbeat_in == 0 {
             self.streams.heartbeat_in = HEARTBEAT_STEPS;
-            self.post(r.t_us, &self.heartbeat(r.t_us), out);
+            let beat = self.heartbeat(r.t_us);
+            let beat = MavMessage::HEARTBEAT(self.said_beat(beat));
+            self.post(r.t_us, &beat, out);
         }
         self.streams.heartbeat_in -= 1;
         for message in std::mem::take(&mut self.says) {
@@ -118,8 +131,7 @@ impl Board {
                 continue;
             }
             *wait = wait.saturating_sub(1);
-            let of_imu = matches!(kind, Kind::Imu | Kind::RawImu | Kind::ScaledImu);
-            if *wait > 0 || (of_imu && !imu_step) {
+            if *wait > 0 || (kind.with_imu() && !imu_step) {
                 continue;
             }
             *wait = *period;
@@ -132,9 +144,12 @@ impl Board {
                 Kind::Target => self.attitude_target(r),
                 Kind::RawImu => self.raw_imu(r),
                 Kind::ScaledImu => self.scaled_imu(r),
-                Kind::Heartbeat => self.heartbeat(r.t_us),
+                Kind::Heartbeat => MavMessage::HEARTBEAT(self.heartbeat(r.t_us)),
             };
             self.post(r.t_us, &message, out);
+            if let Some(second) = self.second_pack(&message) {
+                self.post(r.t_us, &second, out);
+            }
         }
     }
 
@@ -163,9 +178,9 @@ impl Board {
         self.sequence = self.sequence.wrapping_add(1);
     }
 
-    fn heartbeat(&self, t_us: u64) -> MavMessage {
+    fn heartbeat(&self, t_us: u64) -> HEARTBEAT_DATA {
         if let Some(beat) = self.real_heartbeat(t_us) {
-            return MavMessage::HEARTBEAT(beat);
+            return beat;
         }
         let mut base_mode = MavModeFlag::MAV_MODE_FLAG_STABILIZE_ENABLED
             | MavModeFlag::MAV_MODE_FLAG_GUIDED_ENABLED;
@@ -177,14 +192,14 @@ impl Board {
             (true, None) => MavState::MAV_STATE_ACTIVE,
             (true, Some(_)) => MavState::MAV_STATE_CRITICAL,
         };
-        MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+        HEARTBEAT_DATA {
             custom_mode: 0,
             mavtype: MavType::MAV_TYPE_FLAPPING_WING,
             autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
             base_mode,
             system_status,
             mavlink_version: MAVLINK_VERSION,
-        })
+        }
     }
 
     fn imu(&mut self, r: &Readings<'_>) -> MavMessage {

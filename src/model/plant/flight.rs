@@ -1,7 +1,8 @@
 //! The flying part of a step: wind, board, actuators, forces, floor, body.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
+use super::contact::PARTS;
 use super::{Plant, STEP_US};
 use crate::frames::G_MPS2;
 use crate::model::effects::STEP_S;
@@ -10,9 +11,11 @@ use crate::model::vehicle::Servo;
 use crate::model::wings::{Actuation, Wrench, flap_target_hz, thrust_wrench, wing_thrust_n};
 
 /// Friction of the landing gear on the floor. Assumed: rubber on wood.
-const FRICTION: f64 = 0.6;
+pub(super) const FRICTION: f64 = 0.6;
 /// Half width of the landing gear, m: holds a tilting moment of the normal force times this.
-const GEAR_HALF_WIDTH_M: f64 = 0.06;
+pub(super) const GEAR_HALF_WIDTH_M: f64 = 0.06;
+/// Half widths from the legs that are left to the weight, of a gear that has lost one: more than it holds.
+const BROKEN_LEG_ARMS: f64 = 1.5;
 /// The gear brings the vehicle upright with this time constant, s.
 const GEAR_UPRIGHT_S: f64 = 0.08;
 /// Speed into the floor that breaks the vehicle, m/s.
@@ -86,6 +89,10 @@ impl Plant {
         a_E.z += G_MPS2;
         let mut torque_B = wrench.torque_B_nm;
 
+        if R_EB[(2, 2)] < self.contact.tip_cos {
+            self.move_leaning(a_E, torque_B, &R_EB);
+            return;
+        }
         let push_mps2 = a_E.z;
         if self.state.on_ground && push_mps2 > 0.0 {
             // The floor bears the rest of the weight; friction holds or brakes.
@@ -101,6 +108,10 @@ impl Plant {
                 self.body.restart();
             }
             let held_nm = mass_kg * push_mps2 * GEAR_HALF_WIDTH_M;
+            if self.broken.gear_leg {
+                // It stands on the other legs: the weight turns it to the side that nothing holds up.
+                torque_B.x += BROKEN_LEG_ARMS * held_nm;
+            }
             if torque_B.xy().norm() <= held_nm {
                 let up_B = R_EB.tr_mul(&Vector3::z());
                 // Turning about this axis at this rate brings body z to the vertical.
@@ -125,8 +136,36 @@ impl Plant {
         }
     }
 
+    /// A step in which it leans beyond its gear: in free air, or with points on the floor instead of a gear that stands.
+    fn move_leaning(&mut self, a_E: Vector3<f64>, torque_B: Vector3<f64>, R_EB: &Matrix3<f64>) {
+        if !self.contact.touches(&self.body.x_E, R_EB) {
+            let felt_E_mps2 = a_E - Vector3::new(0.0, 0.0, G_MPS2);
+            self.state.acc_B_mps2 = R_EB.tr_mul(&felt_E_mps2);
+            self.body.step(STEP_S, a_E, torque_B, R_EB);
+            return;
+        }
+        if self.body.v_E.z > CRASH_MPS {
+            self.crash();
+        }
+        let mass_kg = self.vehicle.body.mass_kg;
+        let mut felt_mps2 = Vector3::zeros();
+        for _ in 0..PARTS {
+            let R_EB = *self.body.q_EB.to_rotation_matrix().matrix();
+            let (force_E_n, contact_B_nm) = self.contact.wrench(&self.body, &R_EB);
+            let a_E = a_E + force_E_n / mass_kg;
+            felt_mps2 += R_EB.tr_mul(&(a_E - Vector3::new(0.0, 0.0, G_MPS2))) / PARTS as f64;
+            // The second order of the body's own step is for forces that are smooth.
+            self.body.restart();
+            self.body.step(STEP_S / PARTS as f64, a_E, torque_B + contact_B_nm, &R_EB);
+        }
+        self.body.restart();
+        self.state.acc_B_mps2 = felt_mps2;
+    }
+
+    /// Broken: the motors stop.
     fn crash(&mut self) {
         self.crashed = true;
+        self.wrecked = true;
         self.board.crash();
     }
 
@@ -140,14 +179,20 @@ impl Plant {
         s.R_EB = *s.q_EB.to_rotation_matrix().matrix();
         s.rate_B_radps = self.body.w_B();
         s.height_m = -s.pos_E_m.z - self.vehicle.body.gear_m;
-        s.on_ground = s.height_m <= 0.0;
+        // In a lean beyond its gear it does not stand; it lies as soon as anything touches.
+        let leans = s.R_EB[(2, 2)] < self.contact.tip_cos;
+        s.on_ground = if leans {
+            s.height_m = s.height_m.max(0.0);
+            self.contact.touches(&s.pos_E_m, &s.R_EB)
+        } else {
+            s.height_m <= 0.0
+        };
         let weight_n = self.vehicle.body.mass_kg * G_MPS2;
         let idle = s.thrust_n[0] + s.thrust_n[1] < LANDED_THRUST_SHARE * weight_n;
         self.landed_s = if s.on_ground && idle { self.landed_s + STEP_S } else { 0.0 };
-        if s.R_EB[(2, 2)] < CRASH_TILT_COS && !self.crashed {
-            self.crash();
-        }
-        if self.crashed && self.board.armed() {
+        // It has fallen over, and lies with motors that run as long as somebody has them run.
+        self.crashed |= s.R_EB[(2, 2)] < CRASH_TILT_COS;
+        if self.wrecked && self.board.armed() {
             self.board.crash();
         }
     }

@@ -14,9 +14,11 @@ pub mod air;
 pub mod anchors;
 pub mod clock;
 mod port;
+mod replay;
 
 pub use anchors::Anchors;
 pub use port::Port;
+pub use replay::MOST_REPLAY_S;
 
 use serde::{Deserialize, Serialize};
 

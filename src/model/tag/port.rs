@@ -4,7 +4,9 @@ use haltere_dialect::lps::{RX_BITS, sniffer, text};
 use haltere_dialect::mav::haltere::{MavMessage, UWB_TDOA_DATA};
 use haltere_dialect::mav_stream;
 
+use crate::model::faults::TagReplay;
 use crate::model::tag::clock::TICKS_PER_US;
+use crate::model::tag::replay::Memory;
 use crate::model::tag::{Reception, TagProtocol};
 
 /// What the device says at its start; its exact words matter to nobody, that they come does.
@@ -29,13 +31,21 @@ pub struct Port {
     pub silent: bool,
     sequence: u16,
     last: Option<(u8, f64)>,
+    memory: Memory,
 }
 
 impl Port {
     /// Just powered; the boot text goes to `out`.
     pub fn new(protocol: TagProtocol, out: &mut Vec<u8>) -> Self {
-        let mut port =
-            Self { protocol, binary: false, dead: false, silent: false, sequence: 0, last: None };
+        let mut port = Self {
+            protocol,
+            binary: false,
+            dead: false,
+            silent: false,
+            sequence: 0,
+            last: None,
+            memory: Memory::default(),
+        };
         port.boot(out);
         port
     }
@@ -64,11 +74,22 @@ impl Port {
         }
     }
 
-    /// Writes one reception.
+    /// What it heard last comes again and again, or what it hears.
+    pub fn replay(&mut self, replay: Option<TagReplay>) {
+        self.memory.set(replay);
+    }
+
+    /// Writes what the tag says of one reception.
     pub fn write(&mut self, r: &Reception<'_>, out: &mut Vec<u8>) {
         if self.dead || self.silent {
             return;
         }
+        let mut memory = std::mem::take(&mut self.memory);
+        memory.pass(r, |r| self.put(r, out));
+        self.memory = memory;
+    }
+
+    fn put(&mut self, r: &Reception<'_>, out: &mut Vec<u8>) {
         if self.protocol == TagProtocol::Mavlink {
             self.write_mavlink(r, out);
             return;

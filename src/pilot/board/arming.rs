@@ -123,6 +123,11 @@ impl Arming {
         self.order.is_some()
     }
 
+    /// Whether what waits for its answer is a disarm command.
+    pub fn is_disarming(&self) -> bool {
+        self.order.as_ref().is_some_and(|order| !order.arm)
+    }
+
     /// The board's acknowledgement of an arm or disarm command.
     pub fn answer(&mut self, at: HostTime, result: MavResult, armed: bool) -> Option<Outcome> {
         let order = self.order.as_mut()?;

@@ -59,6 +59,15 @@ impl BoardClock {
                 let gain = GAIN.max(1.0 / f64::from(self.good));
                 self.offset_us = Some(offset_us + gain * (measured_us - offset_us));
             }
+            // The truth lies within half the round trip: a line that has become late is no other clock, and says
+            // little about one that is known.
+            Some(offset_us)
+                if self.is_locked()
+                    && trip_us > 2 * JUMP_US
+                    && (measured_us - offset_us).abs() < (JUMP_US + trip_us / 2) as f64 =>
+            {
+                return false;
+            }
             before => {
                 self.restarts += u32::from(before.is_some());
                 self.offset_us = Some(measured_us);
@@ -130,6 +139,17 @@ mod tests {
         let error_us =
             clock.to_host(FcTime::from_us(board_us)).unwrap().as_us() as f64 - t_us as f64;
         assert!(error_us.abs() < 150.0, "{error_us}");
+    }
+
+    #[test]
+    fn regress_a_line_that_becomes_late_is_no_other_clock() {
+        for (out, back) in [(300_000, 700), (700, 300_000), (200_000, 400_000)] {
+            let delays = (0..240).map(|i| if i < 40 { (700, 700) } else { (out, back) });
+            let (clock, t_us) = run(0.0, delays);
+            assert_eq!(clock.restarts(), 0, "{out} {back}");
+            let host = clock.to_host(FcTime::from_us(5_000_000 + t_us)).unwrap();
+            assert!(host.as_us().abs_diff(t_us) < 50_000, "{out} {back}");
+        }
     }
 
     #[test]

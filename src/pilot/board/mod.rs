@@ -5,15 +5,21 @@
 //! force compared with the one that was sent. What differs between firmwares is in `profile` and
 //! `rules`; docs/BOARDS.md says what was seen of them.
 
+mod armed;
 mod arming;
 mod checks;
 mod clock;
 mod control;
 mod encoding;
 mod events;
+mod instances;
+mod lateness;
+mod news;
 mod orders;
 mod pace;
+mod peers;
 mod profile;
+mod response;
 mod rules;
 mod sensors;
 mod streams;
@@ -27,31 +33,38 @@ use haltere_dialect::mav::haltere::{
 use haltere_dialect::mav_stream::{HeartbeatFields, MavFrame, heartbeat_fields};
 
 use crate::drops::{DropReason, Drops};
-use crate::measure::{
-    BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, ReferencePose,
-};
+use crate::frames::{B, E, Rot};
 use crate::time::HostTime;
 
 use super::LinkId;
 use super::config::BoardProfile;
 use super::output::{Address, Outbox};
 
+use armed::{ArmedWord, Said};
 use arming::{Arming, Outcome};
 use checks::Checks;
 use clock::BoardClock;
 use control::Control;
 use encoding::Encoding;
 use events::Events;
+use instances::{Instances, Kind};
+use lateness::Lateness;
 use pace::Pace;
-use sensors::{SlowFields, TextJoiner};
+use response::Response;
+use sensors::{SLOW_SETS, SlowFields, TextJoiner};
 use streams::Streams;
 use target::TargetWatch;
 
 pub(super) use control::Change;
+pub(super) use lateness::LATE_S;
+pub(super) use news::BoardNews;
+pub(super) use peers::Peers;
 pub(super) use profile::Firmware;
 
 /// Component id of an onboard computer (MAV_COMP_ID_ONBOARD_COMPUTER).
 const OWN_COMPONENT: u8 = 191;
+/// The same of a second one (MAV_COMP_ID_ONBOARD_COMPUTER2): a shadow stands beside the companion that flies.
+const SHADOW_COMPONENT: u8 = 192;
 /// Component id of an autopilot (MAV_COMP_ID_AUTOPILOT1).
 const BOARD_COMPONENT: u8 = 1;
 /// MAV_AUTOPILOT_INVALID: a component that is no autopilot.
@@ -60,56 +73,14 @@ const INVALID_AUTOPILOT: u8 = 8;
 const STATE_STANDBY: u8 = 3;
 const STATE_UNINIT: u8 = 0;
 
-/// TIMESYNC.
+/// TIMESYNC, and questions that an answer may still come to: 1.6 s of them at 10 Hz.
 const TIMESYNC_ID: u32 = 111;
+const SYNC_KEPT: usize = 16;
 
 const SECOND_US: i64 = 1_000_000;
 /// The capability word is asked for so often, µs, and so many times; then the firmware's habit holds.
 const VERSION_RETRY_US: i64 = 700_000;
 const VERSION_TRIES: u32 = 6;
-
-/// What the board link has to tell the core.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) enum BoardNews {
-    Imu(ImuSample),
-    Attitude(BoardAttitude),
-    Battery(BatterySample),
-    Baro(BaroSample),
-    Mag(MagSample),
-    Reference(ReferencePose),
-    Found {
-        system_id: u8,
-        firmware: Firmware,
-    },
-    Armed(bool),
-    /// The board's answer to our arm or disarm command.
-    ArmAnswer {
-        arm: bool,
-        accepted: bool,
-        why: String,
-    },
-    Text {
-        severity: u8,
-        text: String,
-    },
-    /// Something that the link itself has to tell people.
-    Notice {
-        warning: bool,
-        text: String,
-    },
-    /// The board left our mode, or came back to it.
-    Mode(Change),
-    /// It flies another setpoint than ours, or ours again.
-    Ignored {
-        ignored: bool,
-        sent_frac: f64,
-        board_frac: f64,
-    },
-    /// The board was silent for so long, s, and is back.
-    Back {
-        silent_s: f64,
-    },
-}
 
 /// How the link is to be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -117,6 +88,8 @@ pub(super) struct LinkConfig {
     pub profile: BoardProfile,
     /// Whether wrong parameters of the board may be set.
     pub set_parameters: bool,
+    /// Whether we only watch beside another companion.
+    pub shadow: bool,
 }
 
 /// State of the link.
@@ -127,13 +100,16 @@ pub(super) struct BoardLink {
     firmware: Firmware,
     /// The newest heartbeat.
     beat: Option<HeartbeatFields>,
-    armed: bool,
+    armed: ArmedWord,
     last_heard: Option<HostTime>,
     last_sequence: Option<u8>,
     clock: BoardClock,
     pace: Pace,
-    sync_sent_us: [u64; 8],
+    lateness: Lateness,
+    response: Response,
+    sync_sent_us: [u64; SYNC_KEPT],
     next_sync: HostTime,
+    last_sync: HostTime,
     next_heartbeat: HostTime,
     streams: Streams,
     checks: Checks,
@@ -148,7 +124,9 @@ pub(super) struct BoardLink {
     held: bool,
     /// Our heartbeat is withheld, so that its own failsafe acts.
     mute: bool,
-    slow: SlowFields,
+    slow: [SlowFields; SLOW_SETS],
+    /// Which of several are flown on, by [`Kind`].
+    instances: [Instances; Kind::COUNT],
     events: Events,
     text: TextJoiner,
 }
@@ -160,13 +138,16 @@ impl BoardLink {
             system_id: None,
             firmware: Firmware::Generic,
             beat: None,
-            armed: false,
+            armed: ArmedWord::default(),
             last_heard: None,
             last_sequence: None,
             clock: BoardClock::default(),
             pace: Pace::default(),
-            sync_sent_us: [0; 8],
+            lateness: Lateness::default(),
+            response: Response::default(),
+            sync_sent_us: [0; SYNC_KEPT],
             next_sync: at,
+            last_sync: at,
             next_heartbeat: at,
             streams: Streams::new(Firmware::Generic, at),
             checks: Checks::new(Firmware::Generic, 1, false, at),
@@ -178,7 +159,8 @@ impl BoardLink {
             streaming: None,
             held: false,
             mute: false,
-            slow: SlowFields::default(),
+            slow: Default::default(),
+            instances: Default::default(),
             events: Events::default(),
             text: TextJoiner::default(),
         }
@@ -194,17 +176,40 @@ impl BoardLink {
         self.firmware
     }
 
-    /// Whether a message is one that we asked the board for, or part of our talk with it.
+    /// Whether a message is one that we fly by and asked the board for, or part of our talk with it. What motors are
+    /// told is for people as well.
     pub fn is_own_stream(&self, msg_id: u32) -> bool {
-        msg_id == TIMESYNC_ID || (msg_id != 0 && self.streams.is_ours(msg_id))
+        msg_id == TIMESYNC_ID
+            || (msg_id != 0 && !streams::is_servos(msg_id) && self.streams.is_ours(msg_id))
     }
 
+    /// Whether it is taken for armed: one heartbeat that denies it changes nothing yet.
     pub fn is_armed(&self) -> bool {
-        self.armed
+        self.armed.is_armed()
+    }
+
+    /// Whether somebody here has asked it to disarm since it was last asked to arm.
+    pub fn was_told_to_disarm(&self) -> bool {
+        self.armed.was_told_to_disarm()
+    }
+
+    /// Whether the newest heartbeat says that it is armed.
+    fn says_armed(&self) -> bool {
+        self.beat.is_some_and(|beat| says_armed(&beat))
     }
 
     pub fn clock(&self) -> &BoardClock {
         &self.clock
+    }
+
+    /// How long after a tilt was asked for its attitude shows it, s, where that can be told.
+    pub fn response_lag_s(&self) -> Option<f64> {
+        self.response.lag_s()
+    }
+
+    /// How late its link is.
+    pub fn lateness(&self) -> &Lateness {
+        &self.lateness
     }
 
     /// Time since anything came from the board, s.
@@ -218,7 +223,7 @@ impl BoardLink {
             return Some(slow);
         }
         if !self.firmware.is_real() {
-            return None;
+            return self.too_slow(LATE_S);
         }
         let beat = self.beat?;
         let claimed = Firmware::from_autopilot(beat.autopilot);
@@ -247,15 +252,17 @@ impl BoardLink {
         if beat.system_status < STATE_STANDBY && !of_its_mode {
             return Some(format!("board is still starting (state {})", beat.system_status));
         }
-        match self.pace.median_s() {
-            Some(s) if s > pace::SLOW_S => Some(format!(
-                "board answers after {:.0} ms, at most {:.0}: its line is too slow for what it \
-                 carries, 921600 baud are needed",
-                s * 1e3,
-                pace::SLOW_S * 1e3
-            )),
-            _ => None,
-        }
+        self.too_slow(pace::SLOW_S)
+    }
+
+    fn too_slow(&self, most_s: f64) -> Option<String> {
+        let median_s = self.pace.median_s().filter(|s| *s > most_s)?;
+        Some(format!(
+            "board answers after {:.0} ms, at most {:.0}: its line is too slow for what it \
+             carries, 921600 baud are needed",
+            median_s * 1e3,
+            most_s * 1e3
+        ))
     }
 
     /// Whether the board is in the mode in which it obeys, and flies what we send.
@@ -278,6 +285,11 @@ impl BoardLink {
         [self.target.sent_thrust_frac(), self.target.board_thrust_frac]
     }
 
+    /// The setpoint that the board tells it flies to, whoever sent it: attitude in its own frame, and thrust.
+    pub fn target_in_force(&self, at: HostTime) -> Option<(Rot<E, B>, f64)> {
+        self.target.in_force(at)
+    }
+
     /// Whether thrust that was sent has come back in its ATTITUDE_TARGET; always for a board that has
     /// none.
     pub fn shows_our_thrust(&self, at: HostTime) -> bool {
@@ -291,18 +303,35 @@ impl BoardLink {
         told.filter(|s| (0.0..=5.0).contains(s)).unwrap_or(self.firmware.spool_s())
     }
 
+    /// How long the board goes on with the last setpoint, s, before it flies by itself: as its parameter says, else as
+    /// usual.
+    pub fn gives_up_s(&self) -> f64 {
+        let told = rules::TIMEOUT_NAMES.iter().find_map(|name| self.checks.value(name));
+        told.filter(|s| (0.05..=5.0).contains(s)).unwrap_or(self.firmware.gives_up_s())
+    }
+
     /// The link was opened again: whatever the board knew of us is gone. Unless it flies, it may
     /// even be another board.
     pub fn restart(&mut self, at: HostTime) {
-        if !self.armed {
+        if !self.is_armed() {
             self.system_id = None;
         }
         self.last_sequence = None;
         self.clock = BoardClock::default();
         self.pace = Pace::default();
+        self.lateness = Lateness::default();
+        self.response = Response::default();
         self.next_sync = at;
         self.next_heartbeat = at;
         self.streams.restart(at);
+    }
+
+    /// It is gone, and another one speaks.
+    pub fn replaced(&mut self, at: HostTime) {
+        self.armed = ArmedWord::default();
+        self.beat = None;
+        self.restart(at);
+        self.streams.forget(at);
     }
 
     /// The board has restarted: it forgot what it was asked for, and may have other parameters.
@@ -327,8 +356,12 @@ impl BoardLink {
         self.own_address() == Some(Address { system_id, component_id })
     }
 
+    fn own_component(&self) -> u8 {
+        if self.config.shadow { SHADOW_COMPONENT } else { OWN_COMPONENT }
+    }
+
     fn own_address(&self) -> Option<Address> {
-        self.system_id.map(|system_id| Address { system_id, component_id: OWN_COMPONENT })
+        self.system_id.map(|system_id| Address { system_id, component_id: self.own_component() })
     }
 
     /// One frame from the board.
@@ -386,6 +419,7 @@ impl BoardLink {
         news: &mut Vec<BoardNews>,
     ) {
         self.system_id = Some(system_id);
+        self.instances = Default::default();
         let firmware = Firmware::in_force(self.config.profile, beat.autopilot);
         if firmware != self.firmware {
             self.firmware = firmware;
@@ -406,16 +440,19 @@ impl BoardLink {
 
     fn heartbeat(&mut self, at: HostTime, beat: HeartbeatFields, news: &mut Vec<BoardNews>) {
         self.beat = Some(beat);
-        let armed = beat.base_mode & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0;
-        if armed != self.armed {
-            self.armed = armed;
-            news.push(BoardNews::Armed(armed));
+        let armed = self.says_armed();
+        match self.armed.heartbeat(at, armed) {
+            Some(Said::Armed) => news.push(BoardNews::Armed(true)),
+            Some(Said::Disarmed) => news.push(BoardNews::Armed(false)),
+            Some(Said::Doubt) if !self.was_told_to_disarm() => news.push(BoardNews::Doubt),
+            Some(Said::ArmedAgain { denials }) => news.push(BoardNews::ArmedAgain { denials }),
+            Some(Said::Doubt) | None => {}
         }
         if let Some(mode) = self.firmware.control_mode() {
             let change = self.control.heartbeat(at, mode, beat.custom_mode, self.held);
             news.extend(change.map(BoardNews::Mode));
         }
-        let outcome = self.arming.heartbeat(at, self.armed);
+        let outcome = self.arming.heartbeat(at, armed);
         report(outcome, news);
     }
 
@@ -425,8 +462,16 @@ impl BoardLink {
                 self.streams.answered(at, m.result == MavResult::MAV_RESULT_ACCEPTED);
             }
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
-                let outcome = self.arming.answer(at, m.result, self.armed);
+                let disarms = self.arming.is_disarming();
+                let outcome = self.arming.answer(at, m.result, self.says_armed());
                 report(outcome, news);
+                let accepted = m.result == MavResult::MAV_RESULT_ACCEPTED;
+                if disarms && accepted && self.armed.disarm_acknowledged() {
+                    news.push(BoardNews::Armed(false));
+                }
+            }
+            MavCmd::MAV_CMD_INJECT_FAILURE if m.result != MavResult::MAV_RESULT_IN_PROGRESS => {
+                news.push(BoardNews::PassedOnAnswer(m.result));
             }
             // The answer to a mode command is no sign of anything.
             _ => {}
@@ -443,9 +488,10 @@ impl BoardLink {
     /// Work that is due at this time: heartbeat, time, streams, checks, repeated commands.
     pub fn tick(&mut self, at: HostTime, out: &mut Outbox, news: &mut Vec<BoardNews>) {
         self.streams.measure(at);
+        self.lateness.tick(at);
         // Spoken from the first moment on: a board behind `udpout` answers only who speaks first.
         let speaker =
-            Address { system_id: self.system_id.unwrap_or(1), component_id: OWN_COMPONENT };
+            Address { system_id: self.system_id.unwrap_or(1), component_id: self.own_component() };
         let due = at >= self.next_heartbeat;
         if due {
             self.next_heartbeat = at.offset_us(SECOND_US);
@@ -469,7 +515,7 @@ impl BoardLink {
         }
         if self.firmware.is_real() {
             self.ask_version(at, out);
-            if let Some(request) = self.checks.ask(at, self.armed, news) {
+            if let Some(request) = self.checks.ask(at, self.is_armed(), news) {
                 out.message(LinkId::Board, own, &request);
             }
         }
@@ -485,6 +531,18 @@ impl BoardLink {
             self.send_numbers(MavCmd::MAV_CMD_REQUEST_MESSAGE, [148.0, 0.0], 0, out);
         }
     }
+}
+
+/// Whether a frame is one of a board: its heartbeat, or anything else of the board with this system id.
+pub(super) fn speaks_as_board(frame: &MavFrame<'_>, system_id: Option<u8>) -> bool {
+    let is_one = |beat: HeartbeatFields| beat.autopilot != INVALID_AUTOPILOT;
+    frame.header.component_id == BOARD_COMPONENT
+        && heartbeat_fields(frame).map_or(system_id == Some(frame.header.system_id), is_one)
+}
+
+/// Whether a heartbeat says that its sender is armed.
+pub(super) fn says_armed(beat: &HeartbeatFields) -> bool {
+    beat.base_mode & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0
 }
 
 fn report(outcome: Option<Outcome>, news: &mut Vec<BoardNews>) {

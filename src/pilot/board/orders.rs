@@ -21,11 +21,13 @@ const GAP_S: f64 = 0.2;
 impl BoardLink {
     /// Asks the board to arm or disarm. A forced disarm works in the air.
     pub fn command_arm(&mut self, arm: bool, force: bool, at: HostTime) {
+        self.armed.ordered(arm);
         self.arming.begin(self.firmware, arm, force, at);
     }
 
     /// The same, after a moment: it has just refused.
     pub fn command_arm_later(&mut self, arm: bool, force: bool, at: HostTime) {
+        self.armed.ordered(arm);
         self.arming.begin_later(self.firmware, arm, force, at);
     }
 
@@ -41,7 +43,9 @@ impl BoardLink {
         let mode = self.control.custom_mode();
         let in_our_mode =
             mode.zip(self.firmware.control_mode()).is_some_and(|(n, m)| n & m.mask == m.value);
-        self.mute = stranger && self.armed && in_our_mode && self.firmware == Firmware::ArduPilot;
+        // A shadow's heartbeat must not stand for that of the companion that flies, whatever the mode.
+        let watched = in_our_mode || self.config.shadow;
+        self.mute = stranger && self.is_armed() && watched && self.firmware == Firmware::ArduPilot;
     }
 
     /// Whether the board flies for us from now on, so that its mode must stay ours.
@@ -54,6 +58,11 @@ impl BoardLink {
             self.control.let_go();
             self.target.reset();
         }
+    }
+
+    /// Whether it is not in the mode in which it obeys, however shortly, though we count on it.
+    pub fn is_away(&self) -> bool {
+        self.control.is_away()
     }
 
     /// Asks for the mode again, in the air, after it was lost.
@@ -114,7 +123,7 @@ impl BoardLink {
             _ => 0.0,
         };
         let seen = Seen {
-            armed: self.armed,
+            armed: self.says_armed(),
             streaming_s,
             mode_s: self.control.ours_since().map(|t| at.seconds_since(t)),
             has_mode,
@@ -158,6 +167,7 @@ impl BoardLink {
             _ => at,
         };
         self.streaming = Some((since, at));
+        self.response.asked(at, attitude, thrust_frac);
         if self.firmware.is_real() {
             self.target.sent(at, attitude, thrust_frac);
         }
@@ -179,7 +189,7 @@ impl BoardLink {
         out.message(LinkId::Board, own, &target);
     }
 
-    /// Passes a fault injection on to a board that understands it (the simulator's does).
+    /// Passes a client's command on.
     pub fn send_command(&self, command: MavCmd, params: [f32; 7], out: &mut Outbox) {
         let Some(own) = self.own_address() else { return };
         out.message(LinkId::Board, own, &command_long(own.system_id, command, params, 0));

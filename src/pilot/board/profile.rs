@@ -122,6 +122,12 @@ impl Firmware {
         if self == Firmware::ArduPilot { 2.0 } else { 0.0 }
     }
 
+    /// How long the last setpoint is held when no other comes, s (INTERFACES.md section 2; for the real ones what
+    /// `rules` sets). Unless its parameter is known.
+    pub fn gives_up_s(self) -> f64 {
+        if self == Firmware::Px4 { 0.3 } else { 0.5 }
+    }
+
     /// How long arming is asked for again after refusals, s: 23 s after its start were seen until an
     /// ArduPilot's sensors had settled. Zero: a refusal is final.
     pub fn arming_patience_s(self) -> f64 {

@@ -55,6 +55,9 @@ use Weight::{Must, Note, Should};
 /// Name under which the spool-up time is looked up.
 pub(in crate::pilot) const SPOOL_NAMES: [&str; 2] = ["MOT_SPOOL_TIME", "COM_SPOOLUP_TIME"];
 
+/// Names under which the time-out of setpoints is looked up.
+pub(in crate::pilot) const TIMEOUT_NAMES: [&str; 2] = ["GUID_TIMEOUT", "COM_OF_LOSS_T"];
+
 static ARDUPILOT: &[Rule] = &[
     rule(&["GUID_OPTIONS"], Bits(8), Must, "without bit 3 the thrust is flown as a climb rate"),
     rule(

@@ -30,8 +30,23 @@ const ATTITUDE_IDS: &[u32] = &[31, 30];
 const BATTERY_IDS: &[u32] = &[147, 1];
 /// ATTITUDE_TARGET.
 const TARGET_IDS: &[u32] = &[83];
+/// SERVO_OUTPUT_RAW, ACTUATOR_OUTPUT_STATUS.
+const SERVO_IDS: &[u32] = &[36, 375];
 /// HEARTBEAT.
 const HEARTBEAT_IDS: &[u32] = &[0];
+
+/// What is only wished for is asked for so often, without success, and then left at what it is.
+const WISHES: u32 = 5;
+
+/// Whether a message says what motors and servos are told.
+pub(super) fn is_servos(msg_id: u32) -> bool {
+    SERVO_IDS.contains(&msg_id)
+}
+
+/// What motors and servos were told: to look at afterwards, nothing is flown on it.
+fn servos() -> Need {
+    Need::new(SERVO_IDS, &[10.0], 5.0, 2.0).wish()
+}
 
 /// A stream that we need, with the messages that can carry it, best first.
 #[derive(Debug)]
@@ -52,6 +67,8 @@ struct Need {
     /// Since when it should come as asked.
     accepted: Option<HostTime>,
     short: u32,
+    /// How often it was asked for since it last came as it should.
+    asked: u32,
     /// Everything was refused: it is left at what it is.
     given_up: bool,
 }
@@ -76,6 +93,7 @@ impl Need {
             next_ask: HostTime::default(),
             accepted: None,
             short: 0,
+            asked: 0,
             given_up: false,
         }
     }
@@ -130,6 +148,7 @@ impl Streams {
                 Need::new(IMU_IDS, IMU_HZ, 100.0, 100.0),
                 Need::new(ATTITUDE_IDS, &[100.0], 50.0, 50.0),
                 Need::new(BATTERY_IDS, &[10.0], 2.5, 2.0),
+                servos(),
             ],
             // Its IMU comes at 250 Hz, decimated by whole numbers: 200 would give 124 (seen).
             Firmware::Px4 => vec![
@@ -137,6 +156,7 @@ impl Streams {
                 Need::new(ATTITUDE_IDS, &[125.0, 250.0, 100.0], 62.5, 50.0),
                 Need::new(BATTERY_IDS, &[5.0], 2.5, 2.0),
                 Need::new(TARGET_IDS, &[50.0, 25.0], 12.5, 10.0),
+                servos(),
             ],
             // Whole milliseconds, none shorter than its loop: 4 ms (seen).
             Firmware::ArduPilot => vec![
@@ -145,6 +165,7 @@ impl Streams {
                 Need::new(BATTERY_IDS, &[5.0, 2.0], 2.5, 2.0),
                 Need::new(TARGET_IDS, &[50.0, 25.0], 12.5, 10.0),
                 Need::new(HEARTBEAT_IDS, &[10.0, 5.0], 5.0, 4.0).wish(),
+                servos(),
             ],
         };
         Self { needs, asking: None, window_start: at, calm: false }
@@ -156,6 +177,7 @@ impl Streams {
         for need in &mut self.needs {
             need.next_ask = at;
             need.accepted = None;
+            need.asked = 0;
             need.given_up = false;
         }
     }
@@ -225,7 +247,7 @@ impl Streams {
             need.rate_hz = f64::from(need.count) / window_s;
             need.count = 0;
             if !need.is_short() {
-                need.short = 0;
+                (need.short, need.asked) = (0, 0);
                 continue;
             }
             if need.accepted.is_some_and(|since| since <= began) {
@@ -250,6 +272,8 @@ impl Streams {
         let due = |n: &Need| at >= n.next_ask && !n.given_up;
         let index = self.needs.iter().position(due)?;
         let need = &mut self.needs[index];
+        need.asked = need.asked.saturating_add(1);
+        need.given_up = !need.must && need.asked >= WISHES;
         if need.short >= SHORT_WINDOWS && !calm {
             (need.short, need.accepted) = (0, None);
             need.rung = (need.rung + 1) % need.rates_hz.len();
@@ -349,6 +373,28 @@ mod tests {
         assert_eq!(count(0), 2, "{asked:?}");
         assert!((6..30).contains(&count(83)), "asked on, but not at every turn: {asked:?}");
         assert!(streams.slow().is_some_and(|s| s.contains("message 83")));
+    }
+
+    /// A board that answers nothing, or grants and does not send.
+    #[test]
+    fn prop_what_motors_are_told_is_not_asked_for_without_end() {
+        for firmware in [Firmware::Generic, Firmware::Px4, Firmware::ArduPilot] {
+            for granted in [false, true] {
+                let mut streams = Streams::new(firmware, at(0));
+                let grants = |id: u32, us: f64| match is_servos(id) {
+                    true => granted.then_some(0.0),
+                    false => Some(1e6 / us),
+                };
+                let asked = settle(&mut streams, 0, 60, grants);
+                let count = asked.iter().filter(|a| is_servos(a.0)).count();
+                assert!((1..=10).contains(&count), "{firmware:?} {asked:?}");
+                assert_eq!(streams.slow(), None, "nothing is refused for it");
+                // After a reboot it may be there.
+                streams.forget(at(60_000));
+                let asked = settle(&mut streams, 60_000, 5, |_, us| Some(1e6 / us));
+                assert!(asked.contains(&(36, 10.0)), "{asked:?}");
+            }
+        }
     }
 
     #[test]

@@ -53,6 +53,8 @@ pub(in crate::pilot) struct TargetWatch {
     exact: VecDeque<(HostTime, bool)>,
     /// Newest thrust of the board, and of ours.
     pub board_thrust_frac: f64,
+    /// Newest attitude that it tells.
+    board_attitude: Option<Rot<E, B>>,
     is_ignored: bool,
 }
 
@@ -68,6 +70,12 @@ impl TargetWatch {
         }
     }
 
+    /// What the board tells that it flies to, where it told it lately.
+    pub fn in_force(&self, at: HostTime) -> Option<(Rot<E, B>, f64)> {
+        let fresh = self.heard_at.is_some_and(|t| at.seconds_since(t) < FRESH_S);
+        self.board_attitude.filter(|_| fresh).map(|attitude| (attitude, self.board_thrust_frac))
+    }
+
     /// The thrust that was sent last.
     pub fn sent_thrust_frac(&self) -> f64 {
         self.sent.back().map_or(0.0, |s| s.thrust_frac)
@@ -77,6 +85,7 @@ impl TargetWatch {
     pub fn heard(&mut self, at: HostTime, attitude: Rot<E, B>, thrust_frac: f64) {
         self.heard_at = Some(at);
         self.board_thrust_frac = thrust_frac;
+        self.board_attitude = Some(attitude);
         let fits = self.sent.iter().any(|s| {
             at.seconds_since(s.at) <= WINDOW_S
                 && s.thrust_frac >= LEAST_THRUST_FRAC

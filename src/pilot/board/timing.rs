@@ -9,16 +9,22 @@ use super::{BOARD_COMPONENT, BoardLink, BoardNews, SECOND_US};
 use crate::pilot::LinkId;
 use crate::pilot::output::{Address, Outbox};
 
-/// TIMESYNC: 10 Hz until locked, then 1 Hz (INTERFACES.md section 2).
+/// TIMESYNC: 10 Hz until locked and in doubt, else 1 Hz (INTERFACES.md section 2).
 const SYNC_FAST_US: i64 = 100_000;
 const SYNC_SLOW_US: i64 = SECOND_US;
 
 impl BoardLink {
     /// Asks for the board's time when it is due.
     pub(super) fn ask_time(&mut self, at: HostTime, own: Address, out: &mut Outbox) {
+        let doubt = self.lateness.is_in_doubt(at);
+        if doubt {
+            self.next_sync = self.next_sync.min(self.last_sync.offset_us(SYNC_FAST_US));
+        }
         if at >= self.next_sync {
-            let period = if self.clock.is_locked() { SYNC_SLOW_US } else { SYNC_FAST_US };
-            self.next_sync = at.offset_us(period);
+            let calm = self.clock.is_locked() && !doubt;
+            self.next_sync = at.offset_us(if calm { SYNC_SLOW_US } else { SYNC_FAST_US });
+            self.last_sync = at;
+            self.lateness.asked(at);
             self.sync_sent_us.rotate_right(1);
             self.sync_sent_us[0] = at.as_us();
             let question = MavMessage::TIMESYNC(TIMESYNC_DATA {
@@ -60,7 +66,9 @@ impl BoardLink {
                 let sent = HostTime::from_us(sent_us);
                 let restarts = self.clock.restarts();
                 self.clock.round_trip(sent, FcTime::from_us(board_us), at);
+                self.lateness.answered(at.seconds_since(sent));
                 if self.clock.restarts() != restarts {
+                    self.lateness.clock_restarted();
                     self.rebooted(at, news);
                 }
                 if let Some(slow) = self.pace.note(at.seconds_since(sent)) {

@@ -4,11 +4,12 @@ use super::{Carrot, Guidance};
 use crate::estimate::Estimate;
 use crate::frames::Vec3;
 use crate::pilot::modes::Mode;
+use crate::pilot::services::fence::Fence;
 use crate::time::HostTime;
 
 impl Guidance {
     /// Called once when a mode begins.
-    pub fn enter(&mut self, mode: Mode, estimate: &Estimate, at: HostTime) {
+    pub fn enter(&mut self, mode: Mode, estimate: &Estimate, fence: &Fence, at: HostTime) {
         self.ramp.rest();
         self.entered_at = at;
         self.arrived_at = None;
@@ -42,8 +43,11 @@ impl Guidance {
                 let present = self.carrot.pos_E_m.z().min(estimate.pos_E_m.z());
                 let height = present.min(-self.config.return_height_m);
                 self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
-                let [north, east] = self.nearest_refuge_NE_m(estimate.pos_E_m);
-                self.fly_to(Vec3::new(north, east, height), None);
+                let refuge = self.nearest_refuge_NE_m(estimate.pos_E_m, fence);
+                self.no_way_home = refuge.is_none();
+                if let Some([north, east]) = refuge {
+                    self.fly_to(Vec3::new(north, east, height), None);
+                }
             }
             Mode::Land
                 if (self.is_far_from_carrot(estimate) || !self.carrot.has_arrived()) => {

@@ -28,8 +28,7 @@ impl Guidance {
     /// An angle step; `true` when it is over.
     pub(super) fn tilt_step(&mut self, step: &TiltStep, now: &Now<'_>, news: &mut News) -> bool {
         let run = self.tilt.get_or_insert_with(|| TiltRun::new(now.at));
-        let (progress, because) =
-            run.step(step, &self.envelope, now.estimate, now.supply_v, now.at);
+        let (progress, because) = run.step(step, &self.envelope, now);
         let item = self.current_item;
         news.warning = because.map(|why| format!("item {item}: {} {why}", step.name()));
         match progress {

@@ -21,6 +21,16 @@ impl Guidance {
         if std::mem::take(&mut self.jumped) && !self.carrot.has_arrived() {
             self.carrot = Carrot::resting(self.carrot.pos_E_m);
         }
+        if first_look && let Some(to) = stored.item.place_NE_m() {
+            // A jump leads from anywhere to anywhere.
+            let from = self.carrot.pos_E_m;
+            if !now.fence.allows_way([from.x(), from.y()], to) {
+                let item = self.current_item;
+                news.warning = Some(format!("item {item}: the fence bars the straight way to it"));
+                news.event = Some(Event::HoldAsked);
+                return;
+            }
+        }
         let near = |target: Vec3<E>, radius_m: f64| (estimate.pos_E_m - target).norm() < radius_m;
         let default_radius_m = self.config.acceptance_radius_m;
         let done = match stored.item {

@@ -5,7 +5,7 @@ use crate::geo::LocalOrigin;
 use super::super::endpoint::Identity;
 use super::super::tilt_step::Envelope;
 use super::super::{LinkId, Pilot};
-use crate::control::Handover;
+use crate::control::{Handover, margins};
 
 impl Pilot {
     /// Where the room lies on Earth.
@@ -40,5 +40,6 @@ impl Pilot {
             thrust_frac: record.thrust_frac,
         });
         self.controller.retune(self.config.control.clone(), from.as_ref());
+        self.gains_refusal = margins::refusal(&self.config.control);
     }
 }

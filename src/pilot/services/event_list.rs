@@ -66,7 +66,12 @@ fn words(check: Check) -> [&'static str; 3] {
         Check::Attitude => ["attitude", "Attitude", "The vehicle does not stand level"],
         Check::Fence => ["fence", "Fence", "The vehicle stands outside the fence"],
         Check::Anchors => ["anchors", "Anchor survey", "An anchor does not fit the others"],
+        Check::Kept => {
+            ["kept", "Kept files", "Kept files are damaged: upload them anew, or clear them"]
+        }
         Check::Battery => ["battery", "Battery", "Battery low, or no voltage from the board"],
+        Check::Gains => ["gains", "Control gains", "The loops cannot fly with these gains"],
+        Check::Shadow => ["shadow", "Shadow", "This companion only watches"],
     }
 }
 

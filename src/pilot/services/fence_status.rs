@@ -63,7 +63,7 @@ impl Pilot {
     /// FENCE_STATUS.
     pub(in super::super) fn fence_status(&self) -> MavMessage {
         let watch = &self.services.fence_watch;
-        let held_back = self.services.plans.fence_told;
+        let held_back = self.services.plans.held_back.is_some();
         MavMessage::FENCE_STATUS(FENCE_STATUS_DATA {
             breach_time: (watch.last_at.as_us() / 1000) as u32,
             breach_count: watch.count,

@@ -11,6 +11,10 @@ const MOST_PENDING: usize = 32;
 /// A request without an answer for so long has failed, s: a disk that stalls longer is broken.
 const PATIENCE_S: f64 = 5.0;
 
+/// Ticket of what glue tells unasked, before anything else: whether the parameters that were kept, which are
+/// part of the configuration the core was made with, could be read back; if not, the bytes say why.
+pub const PARAMETERS_TICKET: u32 = 0;
+
 /// Most bytes of one read.
 pub const MOST_READ_BYTES: u32 = 16 * 1024;
 /// Most bytes of a mission file.
@@ -213,6 +217,11 @@ impl<P> FileDesk<P> {
     pub fn take(&mut self, ticket: u32) -> Option<P> {
         let index = self.pending.iter().position(|(t, ..)| *t == ticket)?;
         Some(self.pending.remove(index).2)
+    }
+
+    /// Whether an answer for such a purpose is still to come.
+    pub fn waits_for(&self, is_it: impl Fn(&P) -> bool) -> bool {
+        self.pending.iter().any(|(.., purpose)| is_it(purpose))
     }
 
     /// One whose answer is overdue.

@@ -157,7 +157,8 @@ pub fn markdown() -> String {
          `MAV_CMD_PREFLIGHT_STORAGE` with param1 = 2 forgets all that were set.\n\n*At once* is in \
          flight too: outputs go on from where they are and fade to the new law. *On the floor* is \
          refused in flight, where setpoints or limits would jump. *Restart* is in force after a \
-         restart.\n\nThe default of the flight volume is the extent of the anchors.\n",
+         restart.\n\nThe default of the flight volume is the extent of the anchors, less 0.45 m on each side \
+         and 0.35 m below the highest.\n",
     );
     let defaults = PilotConfig::default();
     let mut group = "";

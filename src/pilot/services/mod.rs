@@ -16,6 +16,7 @@ mod ftp_path;
 mod ftp_stream;
 pub(super) mod ftp_wire;
 mod judge;
+mod kept;
 mod logs;
 mod metadata;
 mod param_pack;
@@ -32,7 +33,9 @@ mod rally;
 pub(super) use event_list::cause_number;
 
 pub use crc32::crc32;
-pub use files::{FileFault, FileName, FileRequest, FileTask, Folder, MOST_MISSION_BYTES, Plan};
+pub use files::{
+    FileFault, FileName, FileRequest, FileTask, Folder, MOST_MISSION_BYTES, PARAMETERS_TICKET, Plan,
+};
 pub use judge::{Judgement, Told};
 pub use metadata::markdown as parameter_page;
 pub use parameter_table::{Parameter, all as all_parameters, find as find_parameter};
@@ -51,10 +54,12 @@ use super::{LinkId, OWN, Pilot, Severity};
 use budget::Bucket;
 use events::Events;
 pub(super) use events::SEQUENCE_ID as EVENT_SEQUENCE_ID;
+use fence::Guarded;
 use fence_status::FenceWatch;
 use files::FileDesk;
 use ftp::Ftp;
 use judge::Judge;
+use kept::{Kept, Lost};
 use logs::Logs;
 use metadata::Metadata;
 use parameters::Parameters;
@@ -67,6 +72,12 @@ const COMPONENT_METADATA_ID: f32 = 397.0;
 const STORAGE_RESET: f32 = 2.0;
 /// Param1 of the same: read, write. Every value is kept as soon as it is set.
 const STORAGE_READ_WRITE: [f32; 2] = [0.0, 1.0];
+
+/// The fence has let go when it did not hold the vehicle back for this long, s: at the border that comes and
+/// goes with the noise of the estimate.
+const HELD_OVER_S: f64 = 1.0;
+/// A return that is held back for this long lands, s: before it has lost its course over it.
+const HELD_LANDS_S: f64 = 3.0;
 
 /// What an answer of the disk is for.
 #[derive(Debug)]
@@ -95,6 +106,7 @@ pub(super) struct Services {
     events: Events,
     fence_watch: FenceWatch,
     judge: Judge,
+    lost: Lost,
     has_begun: bool,
 }
 
@@ -111,6 +123,7 @@ impl Services {
             events: Events::default(),
             fence_watch: FenceWatch::default(),
             judge: Judge::default(),
+            lost: Lost::default(),
             has_begun: false,
         }
     }
@@ -285,7 +298,9 @@ impl Pilot {
         result: Result<(), FileFault>,
         bytes: &[u8],
     ) {
-        if let Some(purpose) = self.services.desk.take(ticket) {
+        if ticket == PARAMETERS_TICKET {
+            self.parameters_told(at, result, bytes);
+        } else if let Some(purpose) = self.services.desk.take(ticket) {
             self.take_answer(at, purpose, result, bytes);
         }
     }
@@ -298,10 +313,15 @@ impl Pilot {
         bytes: &[u8],
     ) {
         match (purpose, result) {
-            (Purpose::Parameter(_) | Purpose::SavePlan(_), Ok(())) => {}
+            // The file was begun anew, whatever was wrong with it.
+            (Purpose::Parameter(_), Ok(())) => self.services.lost.settle(Kept::Parameters),
+            (Purpose::SavePlan(_), Ok(())) => {}
             (Purpose::Parameter(name), Err(fault)) => self.parameter_not_kept(at, name, fault),
             (Purpose::SavePlan(plan), Err(fault)) => self.plan_not_kept(at, plan, fault),
             (Purpose::Forget(client), result) => {
+                if result.is_ok() {
+                    self.services.lost.settle(Kept::Parameters);
+                }
                 let (answer, text) = match result {
                     Ok(()) => (
                         MavResult::MAV_RESULT_ACCEPTED,
@@ -315,11 +335,10 @@ impl Pilot {
             (Purpose::LoadPlan(plan), Ok(())) => self.plan_restored(at, plan, bytes),
             // Nothing was kept.
             (Purpose::LoadPlan(_), Err(FileFault::NotFound | FileFault::Off)) => {}
-            // Nobody answers: glue that has no disk, or a replay of a flight that had none.
-            (Purpose::LoadPlan(_), Err(FileFault::TimedOut)) => {}
             (Purpose::LoadPlan(plan), Err(fault)) => {
-                let text = format!("{plan:?} not restored: {}", fault.words());
-                self.say(at, Severity::Warning, text);
+                let why = String::from_utf8_lossy(bytes);
+                let why = if why.is_empty() { fault.words().into() } else { why };
+                self.note_lost(at, Kept::Plan(plan), &why);
             }
             (Purpose::Ftp(job), result) => self.ftp_answer(at, job, result, bytes),
             (Purpose::Logs(job), result) => self.log_answer(at, job, result, bytes),
@@ -342,20 +361,27 @@ impl Pilot {
         self.services.buckets.retain(|(l, _)| *l != link);
     }
 
-    /// The fence has the last word on what the controller is asked for.
+    /// The fence has the last word on what the controller is asked for. A leg that it bars ends in Hold; a
+    /// return, on which somebody relies to come down, lands when it has hung there for a while.
     pub(super) fn keep_inside_fence(&mut self, at: HostTime, command: &mut Command) {
         let plans = &mut self.services.plans;
-        if !plans.fence.guard(command, &self.estimate, plans.refuge_m) {
-            plans.fence_told = false;
+        let guarded = plans.fence.guard(command, &self.estimate, plans.refuge_m);
+        let follows = matches!(self.mode, Mode::Offboard | Mode::Manual);
+        if guarded != Some(Guarded::HeldBack) && !(follows && guarded.is_some()) {
+            let is_over = |last| at.seconds_since(last) > HELD_OVER_S;
+            plans.held_back = plans.held_back.filter(|(_, last)| !is_over(*last));
             return;
         }
-        if !std::mem::replace(&mut plans.fence_told, true) {
+        let (since, _) = plans.held_back.unwrap_or((at, at));
+        if plans.held_back.replace((since, at)).is_none() {
             let pos = self.estimate.pos_E_m;
             let text = format!("held back by the fence at N {:.2} E {:.2} m", pos.x(), pos.y());
             self.say(at, Severity::Warning, text);
         }
         if matches!(self.mode, Mode::Mission | Mode::Goto) {
             self.fire(at, Event::HoldAsked);
+        } else if at.seconds_since(since) > HELD_LANDS_S {
+            self.fire(at, Event::NoWayHome);
         }
     }
 

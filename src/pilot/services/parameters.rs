@@ -9,9 +9,11 @@ use haltere_dialect::mav::haltere::{
     PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, ParamAck,
 };
 
+use crate::control::margins;
 use crate::time::HostTime;
 
 use super::super::config::PilotConfig;
+use super::super::modes::Mode;
 use super::super::{LinkId, OWN, Pilot, Severity};
 use super::Purpose;
 use super::budget::Budget;
@@ -245,6 +247,14 @@ impl Pilot {
         if parameter.when == When::OnFloor && self.mode.has_thrust() {
             let why = format!("{name} cannot change in flight: land first");
             return Err((MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED, why));
+        }
+        // On the floor a set may be wrong while it is being changed: arming looks at it again.
+        if self.mode != Mode::Disarmed
+            && wanted.control != self.services.parameters.wanted.control
+            && let Some(why) = margins::refusal(&wanted.control)
+        {
+            let error = MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE;
+            return Err((error, format!("{name} = {value} cannot be flown: {why}")));
         }
         self.services.parameters.wanted = wanted;
         let task = FileTask::KeepParameter { name, value: exact };

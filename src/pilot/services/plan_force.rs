@@ -2,15 +2,18 @@
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavMissionResult};
 
+use crate::estimate::Health;
 use crate::geo::LocalOrigin;
 use crate::time::HostTime;
 
 use super::super::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
 use super::super::mission_items::{Refusal, Room, from_wire, is_global, place_E_m};
+use super::super::modes::{Event, Mode};
 use super::super::{Pilot, Severity};
 use super::Purpose;
-use super::fence::Fence;
+use super::fence::{Fence, KEEP_M};
 use super::files::{FileFault, FileTask, Plan};
+use super::kept::Kept;
 use super::plan_file;
 use super::plans::{name_of, type_of};
 use super::rally;
@@ -19,6 +22,45 @@ impl Pilot {
     pub(super) fn warn_of_barred_mission(&mut self, at: HostTime) {
         if let Some(why) = self.services.plans.mission_is_barred.clone() {
             self.say(at, Severity::Warning, why);
+        }
+    }
+
+    /// Another fence is in force: what it leaves of a leg under way, and of the places to return to.
+    pub(super) fn heed_fence(&mut self, at: HostTime) {
+        self.warn_of_lost_refuges(at);
+        let Self { guidance, services, estimate, .. } = self;
+        let [here, goal] = [estimate.pos_E_m, guidance.goal_E_m()].map(|p| [p.x(), p.y()]);
+        let fence = &services.plans.fence;
+        if fence.allows_way(here, goal) {
+            return;
+        }
+        match self.mode {
+            Mode::Goto => {
+                self.say(at, Severity::Warning, "the fence bars the rest of the leg".to_owned());
+                self.fire(at, Event::HoldAsked);
+            }
+            // To another place, if there is one.
+            Mode::Return => guidance.enter(Mode::Return, estimate, fence, at),
+            _ => {}
+        }
+    }
+
+    fn warn_of_lost_refuges(&mut self, at: HostTime) {
+        let fence = &self.services.plans.fence;
+        let names = std::iter::once("home".to_owned())
+            .chain((0..).map(|seq: usize| format!("rally point {seq}")));
+        // On the floor home is wherever the next take-off will be, unless it was set by hand.
+        let is_home_open = !self.guidance.home_is_set() && !self.mode.has_thrust();
+        let forbidden: Vec<String> = names
+            .zip(self.guidance.refuges_NE_m())
+            .skip(usize::from(is_home_open))
+            .filter(|(_, place)| !fence.contains(*place))
+            .map(|(name, [north_m, east_m])| {
+                format!("no return to {name}, N {north_m:.2} E {east_m:.2} m: the fence forbids it")
+            })
+            .collect();
+        for text in forbidden {
+            self.say(at, Severity::Warning, text);
         }
     }
 
@@ -42,7 +84,10 @@ impl Pilot {
                     .collect::<Result<Vec<_>, _>>()?;
                 check_jumps(&stored)?;
                 if let Some(seq) = leg_outside(&stored, &self.services.plans.fence) {
-                    let why = format!("item {seq}: it, or the way to it, is outside the fence");
+                    let why = format!(
+                        "item {seq}: it, or the way to it, is outside the fence, or within \
+                         {KEEP_M} m of its border"
+                    );
                     return Err((MavMissionResult::MAV_MISSION_INVALID, why));
                 }
                 self.mission.replace(stored);
@@ -92,6 +137,21 @@ impl Pilot {
             .map(|seq| format!("mission barred: item {seq} or the way to it is outside the fence"));
     }
 
+    /// Why the mission cannot begin here: the fence lies between the vehicle and its first place.
+    pub(in super::super) fn first_leg_is_barred(&self) -> Option<String> {
+        let mut rest = self.mission.items.iter().skip(usize::from(self.guidance.current_item));
+        let (seq, first) = rest.find_map(|item| Some((item.wire.seq, item.item.place_NE_m()?)))?;
+        // Nobody knows yet where it stands: the leg is looked at when it begins.
+        if self.estimate.health == Health::NotAligned {
+            return None;
+        }
+        let pos = self.estimate.pos_E_m;
+        let is_free = self.services.plans.fence.allows_way([pos.x(), pos.y()], first);
+        (!is_free).then(|| {
+            format!("mission refused: the fence bars the straight way from here to item {seq}")
+        })
+    }
+
     /// The room has moved on the globe: items given in global frames are elsewhere in it.
     pub(super) fn derive_anew(&mut self, at: HostTime) {
         for plan in [Plan::Fence, Plan::Rally, Plan::Mission] {
@@ -129,7 +189,8 @@ impl Pilot {
 
     /// Asks for what was kept.
     pub(super) fn restore_plans(&mut self, at: HostTime) {
-        for plan in [Plan::Fence, Plan::Rally, Plan::Mission] {
+        // Rally points first: a fence that came later does not undo them, it leaves them out.
+        for plan in [Plan::Rally, Plan::Fence, Plan::Mission] {
             // Nothing kept, nothing restored.
             let _ = self.services.desk.ask(FileTask::LoadPlan(plan), Purpose::LoadPlan(plan), at);
         }
@@ -146,11 +207,11 @@ impl Pilot {
             Ok(()) => {
                 let text = format!("{} of {} items restored", name_of(plan), self.plan_len(plan));
                 self.say(at, Severity::Info, text);
+                if plan == Plan::Fence {
+                    self.heed_fence(at);
+                }
             }
-            Err(why) => {
-                let text = format!("{} not restored: {why}", name_of(plan));
-                self.say(at, Severity::Warning, text);
-            }
+            Err(why) => self.note_lost(at, Kept::Plan(plan), &why),
         }
     }
 
@@ -167,6 +228,7 @@ impl Pilot {
             return Err(format!("{} items, at most {MOST_ITEMS} allowed", items.len()));
         }
         self.take_plan(Plan::Mission, items).map_err(|(_, why)| why)?;
+        self.services.lost.settle(Kept::Plan(Plan::Mission));
         self.keep_plan(at, Plan::Mission);
         Ok(self.mission.items.len())
     }
@@ -216,20 +278,17 @@ fn leg_outside(items: &[StoredItem], fence: &Fence) -> Option<u16> {
     if fence.is_empty() {
         return None;
     }
-    let place = |stored: &StoredItem| match stored.item {
-        MissionItem::Waypoint { pos_E_m, .. } => Some([pos_E_m.x(), pos_E_m.y()]),
-        MissionItem::Land { pos_E_m } => pos_E_m.map(|pos| [pos.x(), pos.y()]),
-        _ => None,
-    };
     let mut before: Option<[f64; 2]> = None;
     for stored in items {
         let next = match stored.item {
             // Where the jump leads: the next place from there on.
-            MissionItem::Jump { to, .. } => items.iter().skip(usize::from(to)).find_map(place),
-            _ => place(stored),
+            MissionItem::Jump { to, .. } => {
+                items.iter().skip(usize::from(to)).find_map(|next| next.item.place_NE_m())
+            }
+            _ => stored.item.place_NE_m(),
         };
         let Some(next) = next else { continue };
-        if fence.is_left_between(before.unwrap_or(next), next) {
+        if !fence.allows(next) || !fence.allows_way(before.unwrap_or(next), next) {
             return Some(stored.wire.seq);
         }
         if !matches!(stored.item, MissionItem::Jump { .. }) {

@@ -18,6 +18,7 @@ use super::super::{LinkId, OWN, Pilot, Severity};
 use super::budget::Budget;
 use super::fence::{Fence, MOST_CORNERS};
 use super::files::Plan;
+use super::kept::Kept;
 use super::plan_wire::{to_float, to_int};
 use super::rally;
 
@@ -51,8 +52,8 @@ pub(in super::super) struct Plans {
     pub mission_is_barred: Option<String>,
     /// Where the vehicle was last inside the fence, N and E, m.
     pub refuge_m: [f64; 2],
-    /// People know that the fence holds it back.
-    pub fence_told: bool,
+    /// Since when the fence holds the vehicle back, and when it last did.
+    pub held_back: Option<(HostTime, HostTime)>,
 }
 
 impl Plans {
@@ -68,7 +69,7 @@ impl Plans {
             origin,
             mission_is_barred: None,
             refuge_m: [0.0; 2],
-            fence_told: false,
+            held_back: None,
         }
     }
 
@@ -398,6 +399,7 @@ impl Pilot {
         let Client { link, peer } = upload.client;
         let answer = match result {
             Ok(()) => {
+                self.services.lost.settle(Kept::Plan(plan));
                 let accepted = MavMissionResult::MAV_MISSION_ACCEPTED;
                 let answer = ack(peer, upload.mission_type, accepted, self.plan_id(plan));
                 self.out.message(link, OWN, &answer);
@@ -405,6 +407,9 @@ impl Pilot {
                 self.say(at, Severity::Info, text);
                 self.keep_plan(at, plan);
                 self.warn_of_barred_mission(at);
+                if plan == Plan::Fence {
+                    self.heed_fence(at);
+                }
                 answer
             }
             Err((result, why)) => {
@@ -425,6 +430,7 @@ impl Pilot {
             return;
         }
         for plan in plans {
+            self.services.lost.settle(Kept::Plan(plan));
             if self.plan_len(plan) > 0 && self.take_plan(plan, Vec::new()).is_ok() {
                 self.say(at, Severity::Info, format!("{} cleared", name_of(plan)));
             }

@@ -98,8 +98,9 @@ impl Pilot {
     pub(in crate::pilot) fn time_home_s(&self) -> f64 {
         let flight = &self.config.flight;
         let pos = self.estimate.pos_E_m;
-        let [north_m, east_m] = self.guidance.nearest_refuge_NE_m(pos);
-        let away_m = (pos.x() - north_m).hypot(pos.y() - east_m);
+        let refuge = self.guidance.nearest_refuge_NE_m(pos, &self.services.plans.fence);
+        // Where no way leads home it lands here.
+        let away_m = refuge.map_or(0.0, |[n, e]| (pos.x() - n).hypot(pos.y() - e));
         let height_m = self.height_above_floor_m().max(flight.return_height_m).max(0.0);
         HOME_SHARE * away_m / flight.cruise_speed_mps.max(LEAST_SPEED_MPS)
             + flight.landing_s(height_m)

@@ -12,6 +12,9 @@
 //! u thrust over the thrust that hovers (`hover`), d vertical drag, 1/s. Without a barometer e = 0 and u is
 //! [`BLIND_SHARE`]: a model that is wrong by 3 % would hover for ever if it were believed.
 //!
+//! **Late links.** w is the model's, so that the gain K closes no loop over the link; what does is the observer, at
+//! ω: its corrections arrive with 37 degrees less of phase where barometer and thrust are 0.4 s late each.
+//!
 //! **Source.** Vertical balance as in `hover`; a Luenberger observer with three equal poles. **Validity.**
 //! Nearly level; a barometer whose error moves slower than 1/ω. Attitude is the board's.
 
@@ -31,6 +34,9 @@ const GAIN_S_PER_M: f64 = 0.12;
 /// Bounds of the thrust share. The lower one is far below what a sound vehicle needs: ground effect, a
 /// draught from below and a hover thrust that was learned from a wrong estimate all carry.
 const SHARES: [f64; 2] = [0.6, 1.05];
+/// The upper one while the link is late, and near the floor.
+const LATE_MOST: f64 = 1.0;
+const LATE_MOST_LOW: f64 = 0.95;
 /// Share without a barometer. With a drag of 0.65 to 1 1/s a deficit of 8 % sinks at 0.8 to 1.2 m/s.
 const BLIND_SHARE: f64 = 0.92;
 /// Largest error of the thrust model that is believed, m/s².
@@ -56,12 +62,16 @@ const HIGH_M: f64 = 0.6;
 /// With such a barometer it may take so many times longer.
 const BARO_SLACK: f64 = 4.0;
 /// Longest descent, s: 15 m at the slowest.
-const LONGEST_S: f64 = 40.0;
+pub(in crate::pilot) const LONGEST_S: f64 = 40.0;
 /// Near the floor the ground effect can carry a small deficit. In the end thrust goes down to nothing
 /// within this time, s.
 const FADE_S: f64 = 3.0;
 /// Below this height by its own account the floor is felt for, m.
 const FEEL_BELOW_M: f64 = 0.8;
+/// With less than this share of the hover thrust, and slower than this, m/s, floor or ground effect carry: 0.9 leave
+/// 1 m/s², which drag alone holds up at 1.2 m/s.
+const HELD_UP_SHARE: f64 = 0.9;
+const HELD_UP_MPS: f64 = 0.2;
 
 /// A descent under way.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -80,6 +90,7 @@ pub(in crate::pilot) struct Descent {
     disbelief_s: f64,
     /// Thrust share that is taken away because the floor was felt for and not found.
     push: f64,
+    late: bool,
 }
 
 impl Descent {
@@ -88,6 +99,11 @@ impl Descent {
         let height_m = if height_m.is_finite() { height_m.max(0.0) } else { 0.0 };
         let sink_mps = if sink_mps.is_finite() { sink_mps.clamp(-2.0, 2.0) } else { 0.0 };
         Self { height_m, sink_mps, from_m: height_m, baro_age_s: f64::INFINITY, ..Self::default() }
+    }
+
+    /// Height above the floor, m, by its own account.
+    pub fn height_m(&self) -> f64 {
+        self.height_m
     }
 
     /// A barometric height, m, from any zero.
@@ -124,7 +140,7 @@ impl Descent {
         let wanted_mps = if self.height_m > SLOW_BELOW_M { SINK_MPS } else { SINK_SLOW_MPS };
         let share = if self.baro_age_s < SILENT_S {
             let held = 1.0 - (DRAG_PER_S * wanted_mps - self.bias_mps2) / G_MPS2;
-            (held + GAIN_S_PER_M * (self.sink_mps - wanted_mps)).clamp(SHARES[0], SHARES[1])
+            (held + GAIN_S_PER_M * (self.sink_mps - wanted_mps)).clamp(SHARES[0], self.most_share())
         } else {
             BLIND_SHARE
         };
@@ -136,12 +152,37 @@ impl Descent {
         (fade > 0.0).then_some(share * fade)
     }
 
+    /// Most thrust share. Over a late link what was meant to brake arrives when the vehicle has met the floor, whose
+    /// cushion carries a tenth more: it was thrown up by 0.8 m.
+    fn most_share(&self) -> f64 {
+        match (self.late, self.height_m < FEEL_BELOW_M) {
+            (false, _) => SHARES[1],
+            (true, false) => LATE_MOST,
+            (true, true) => LATE_MOST_LOW,
+        }
+    }
+
+    /// Whether the link is late now.
+    pub fn over_late_link(&mut self, late: bool) {
+        self.late = late;
+    }
+
     /// When the floor must have come, s.
     fn longest_s(&self) -> f64 {
         // A barometer that lives and says that it is high up may be right.
         let high = self.baro_age_s < SILENT_S && self.height_m > HIGH_M;
         let slack = if high { BARO_SLACK } else { 1.0 };
         (((self.from_m + MARGIN_M) / SLOWEST_MPS + START_S) * slack).min(LONGEST_S)
+    }
+
+    /// Height above the floor, m, and sinking speed, m/s, by its own account.
+    pub fn height_and_sink(&self) -> (f64, f64) {
+        (self.height_m, self.sink_mps)
+    }
+
+    /// Whether something carries it that a descent in free air has not: with so little thrust it would sink faster.
+    pub fn is_held_up(&self, share: f64) -> bool {
+        self.baro_age_s < SILENT_S && share < HELD_UP_SHARE && self.sink_mps < HELD_UP_MPS
     }
 
     /// The floor was felt for and the vehicle began to fall.
@@ -188,6 +229,55 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Speed at the floor and the fastest on the way, m/s, where thrust arrives so late at the board and the barometer
+    /// so late from it, s.
+    fn fly_late(from_m: f64, from_mps: f64, k: f64, late_s: [f64; 2]) -> (f64, f64) {
+        let [mut thrusts, mut heights] = late_s
+            .map(|s| std::collections::VecDeque::from(vec![None; (s * 100.0).round() as usize]));
+        let mut descent = Descent::begin(from_m, from_mps);
+        descent.over_late_link(late_s[0] + late_s[1] > 0.0);
+        let (mut h, mut w, mut u, mut fastest) = (from_m, from_mps, 1.0, 0.0_f64);
+        for n in 0..4000 {
+            let Some(share) = descent.step(0.01) else { return (w, fastest) };
+            thrusts.push_back(Some(share));
+            // Until the first arrives the board flies what it was told before.
+            let acts = thrusts.pop_front().flatten().unwrap_or(1.0);
+            heights.push_back(Some(h + 0.001 * (f64::from(n) * 1.7).sin()));
+            if let Some(seen_m) = heights.pop_front().flatten() {
+                descent.baro(seen_m + 101.0, 0.01);
+            }
+            u += (acts / k - u) * 0.1;
+            w += 0.01 * (G_MPS2 * (1.0 - u) - 0.8 * w);
+            h -= 0.01 * w;
+            fastest = fastest.max(w);
+            if h <= 0.0 {
+                return (w, fastest);
+            }
+        }
+        panic!("{from_m} m, {from_mps} m/s, {k}, {late_s:?}: never down, {h} m");
+    }
+
+    #[test]
+    fn regress_a_late_link_does_not_make_the_descent_swing() {
+        let mut worst = (0.0_f64, 0.0_f64);
+        for from_m in [0.7, 1.2, 3.0, 6.0] {
+            for from_mps in [-0.5, 0.0, 0.8] {
+                for k in [0.95, 1.0, 1.05] {
+                    for late_s in
+                        [[0.1, 0.0], [0.4, 0.0], [0.0, 0.4], [0.2, 0.2], [0.3, 0.3], [0.4, 0.4]]
+                    {
+                        let (w, fastest) = fly_late(from_m, from_mps, k, late_s);
+                        let said =
+                            format!("{from_m} m {from_mps} m/s {k} {late_s:?}: {w} {fastest}");
+                        assert!(w < 1.5 && fastest < 1.7, "{said}");
+                        worst = (worst.0.max(w), worst.1.max(fastest));
+                    }
+                }
+            }
+        }
+        println!("at the floor {:.2} m/s at most, {:.2} on the way", worst.0, worst.1);
     }
 
     #[test]

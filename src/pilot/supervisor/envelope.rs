@@ -56,8 +56,12 @@ fn words_of_place(pilot: &Pilot, _: HostTime) -> String {
 pub(super) const SOFT: Condition = Condition {
     name: "wall_soft",
     seen_by: "The vehicle is outside of the volume (`limits.north_m`, `east_m`, `height_m`) or of the \
-              fence by more than 0.2 m. Setpoints never are: positions are moved inside, velocities \
-              towards a wall are braked, in every mode.",
+              fence by more than 0.2 m. Setpoints never are: points outside of the volume are refused in \
+              words, whoever names them; velocities towards a wall are braked; what a fence forbids is \
+              neither flown to nor through, in any mode: legs, missions and returns that would lead there \
+              are not begun, and whatever else leads there ends on the vehicle's side, 0.25 m before it \
+              (\"held back by the fence\"). A return takes the nearest of home and the rally points to which \
+              a straight way is free; if there is none, or it has been held back for 3 s, it lands here.",
     numbers: &[Number { key: "", value: |_| 0.2, unit: "m", origin: "noise of the estimate" }],
     lasts_s: |_| 0.1,
     watched: Watched::Air,

@@ -102,13 +102,15 @@ impl Pilot {
     /// Taken too high it costs seconds, taken too low it ends in a fall.
     pub(in crate::pilot) fn height_to_descend_from_m(&self) -> f64 {
         let known_m = self.last_height_m;
-        match self.supervisor.evidence.baro {
-            Some((baro_m, t)) if self.now.seconds_since(t) < BARO_AGE_S => {
-                let baro_m = baro_m - self.config.flight.gear_height_m;
-                known_m.max(baro_m - BARO_NOISE_M)
-            }
-            _ => known_m,
-        }
+        let baro_m = self.baro_above_floor_m(self.now);
+        baro_m.map_or(known_m, |baro_m| known_m.max(baro_m - BARO_NOISE_M))
+    }
+
+    /// Height of the landing gear above the floor by the barometer, low-passed, m.
+    pub(in crate::pilot) fn baro_above_floor_m(&self, at: HostTime) -> Option<f64> {
+        let (baro_m, t) = self.supervisor.evidence.baro?;
+        let fresh = at.seconds_since(t) < BARO_AGE_S;
+        fresh.then_some(baro_m - self.config.flight.gear_height_m)
     }
 
     /// Whether barometer or UWB speak against the estimate: nothing is learned from it then.

@@ -93,7 +93,8 @@ impl Repetition {
             let same = |now: [f64; 3], was: [f64; 3]| now == was;
             let acc = same(sample.acc_B_mps2.to_array(), last.acc_B_mps2.to_array());
             let rate = same(sample.rate_B_radps.to_array(), last.rate_B_radps.to_array());
-            if dt_s > 0.0 {
+            // Across a gap neighbours differ as those of noise do.
+            if dt_s > 0.0 && dt_s < LONGEST_S {
                 self.interval_s += (dt_s - self.interval_s) * INTERVAL_WEIGHT;
                 let (now, was) = (sample.acc_B_mps2.to_array(), last.acc_B_mps2.to_array());
                 self.rough_acc.note(now, was, dt_s);
@@ -193,9 +194,13 @@ impl Pilot {
         self.last_imu.map_or(f64::INFINITY, |t| at.seconds_since(t))
     }
 
-    /// For how long no sample came though we listened, s.
+    /// For how long no sample came though we listened, s. What comes late is not silent.
     fn imu_silent_s(&self, at: HostTime) -> f64 {
-        self.imu_age_s(at) - self.supervisor.punctuality.own_silence_s(at)
+        if self.board_is_moving(at) {
+            return 0.0;
+        }
+        let own_s = self.supervisor.punctuality.own_silence_s(at);
+        self.imu_age_s(at) - own_s - self.board.lateness().age_s()
     }
 
     /// Whether the accelerometer can be asked whether the vehicle falls.
@@ -272,7 +277,8 @@ pub(super) const LIFT: Condition = Condition {
 pub(super) const LOST: Condition = Condition {
     name: "imu_lost",
     seen_by: "No IMU sample came for `supervisor.imu_loss_s`. Within 0.05 s after a pause of the \
-              companion itself that pause does not count.",
+              companion itself that pause does not count, nor do the 0.3 s in which a board that changed its port \
+              is not heard yet ([second_board](#second_board)).",
     numbers: &[Number {
         key: "supervisor.imu_loss_s",
         value: |c| c.supervisor.imu_loss_s,

@@ -1,5 +1,6 @@
 //! Links and who is at their ends: board, stations, clients, pilots.
 
+use super::super::board::LATE_S;
 use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
@@ -101,6 +102,64 @@ pub(super) const BOARD: Condition = Condition {
     ..ROW
 };
 
+/// Lag of the attitude behind its setpoints that no loop stands, s.
+const RESPONSE_MOST_S: f64 = 0.48;
+
+/// What comes from the board is old, or what is sent to it arrives late.
+pub(super) const BOARD_LATE: Condition = Condition {
+    name: "board_late",
+    seen_by: "The link to the board takes more than 0.1 s there and back: by three round trips of TIMESYNC in \
+              a row, or by the stamps of all its samples for 0.15 s, whichever comes first. Over when a round \
+              trip takes less than 60 ms and no sample is old, for a second. The descent goes by nothing that \
+              is faster than the link, and the floor is felt for the slower the later it is.",
+    numbers: &[Number {
+        key: "",
+        value: |_| LATE_S,
+        unit: "s",
+        origin: "two thirds of what the loops can stand beyond their own lag (0.15 s, `control::margins`); \
+                 healthy links answer within 25 ms, one whose setpoints take 80 ms within 87",
+    }],
+    gone_s: 1.0,
+    wanted: |_| Reaction::Descend,
+    because: "link to the board is late",
+    over: "link to the board is prompt again",
+    severity: Severity::Critical,
+    is_seen: |pilot, _| pilot.board.lateness().is_late(),
+    words: |pilot, _| {
+        let latency_ms = pilot.board.lateness().latency_s() * 1e3;
+        format!("link to the board is late: {latency_ms:.0} ms")
+    },
+    ..ROW
+};
+
+/// The vehicle follows what it was asked for too late for the loops.
+pub(super) const RESPONSE: Condition = Condition {
+    name: "response_late",
+    seen_by: "The board's attitude shows the tilts that were asked for later than 0.48 s after they were sent, \
+              where they move by 4 deg and more (one sigma) and explain 60 % of what is seen: the board obeys \
+              late, or setpoints wait where TIMESYNC does not.",
+    numbers: &[Number {
+        key: "",
+        value: |_| RESPONSE_MOST_S,
+        unit: "s",
+        origin: "in steps at full speed a loop of 0.6 of its speed shows 0.46 s and flies, a board that obeys \
+                 0.25 s late shows 0.5 s and does not (`src/lockstep/tests/late.rs`); nominal 0.2 s",
+    }],
+    lasts_s: |_| 0.2,
+    latched: true,
+    watched: Watched::Air,
+    wanted: |_| Reaction::Descend,
+    because: "the vehicle follows its setpoints too late",
+    over: "",
+    severity: Severity::Critical,
+    is_seen: |pilot, _| pilot.board.response_lag_s().is_some_and(|s| s > RESPONSE_MOST_S),
+    words: |pilot, _| {
+        let lag_ms = pilot.board.response_lag_s().unwrap_or_default() * 1e3;
+        format!("attitude follows its setpoints after {lag_ms:.0} ms")
+    },
+    ..ROW
+};
+
 /// Nothing came from the board for a while.
 pub(super) const BOARD_GAP: Condition = Condition {
     name: "board_was_silent",
@@ -121,6 +180,26 @@ pub(super) const BOARD_GAP: Condition = Condition {
     words: |pilot, _| {
         let silent_s = pilot.supervisor.heard.board_gap_s.unwrap_or_default();
         format!("board was silent for {silent_s:.1} s")
+    },
+    ..ROW
+};
+
+/// Two boards with one number on one port.
+pub(super) const SECOND: Condition = Condition {
+    name: "second_board",
+    seen_by: "A board with the system id of ours speaks on the same link from another UDP address, while ours \
+              speaks from its own or has been silent for 3 s. It is not heard and nothing is sent to it. Ours \
+              is bound to its address; when that is silent for 0.3 s and the time since boot (SYSTEM_TIME, \
+              `time_boot_ms`) goes on at another one within 0.25 s, it is the same board behind a router that \
+              changed its port: it is followed there, and that is told.",
+    watched: Watched::Always,
+    because: "a second board speaks",
+    over: "the second board is silent",
+    severity: Severity::Critical,
+    is_seen: |pilot, at| pilot.second_board(at).is_some(),
+    words: |pilot, at| {
+        let what = pilot.second_board(at).unwrap_or_default();
+        format!("{what}: it is not heard, nothing is sent to it")
     },
     ..ROW
 };

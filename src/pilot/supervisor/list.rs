@@ -1,11 +1,13 @@
 //! The list of conditions. Its order is the order of names where several want the same.
 
 use super::condition::Condition;
-use super::{battery, envelope, estimator, imu, links, slip, timing, uwb};
+use super::{battery, envelope, estimator, imu, links, lying, slip, timing, uwb};
 
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
-pub static CONDITIONS: [Condition; 36] = [
+pub static CONDITIONS: [Condition; 41] = [
     links::CONTROL,
+    lying::LIES,
+    timing::PAUSED,
     imu::LOST,
     imu::FROZEN,
     imu::NOISE,
@@ -16,6 +18,8 @@ pub static CONDITIONS: [Condition; 36] = [
     estimator::CONTRADICTED,
     envelope::TILT,
     links::BOARD,
+    links::BOARD_LATE,
+    links::RESPONSE,
     uwb::LOST,
     uwb::ANCHORS,
     estimator::DIVERGED,
@@ -41,4 +45,5 @@ pub static CONDITIONS: [Condition; 36] = [
     estimator::HEIGHT,
     timing::LATE,
     timing::BOARD_CLOCK,
+    links::SECOND,
 ];

@@ -17,6 +17,7 @@ mod estimator;
 mod imu;
 mod links;
 mod list;
+mod lying;
 mod reaction;
 mod slip;
 mod timing;
@@ -30,7 +31,7 @@ pub use config::SupervisorConfig;
 pub use list::CONDITIONS;
 pub use reaction::{Action, Reaction};
 
-pub(super) use descent::Descent;
+pub(super) use descent::{Descent, LONGEST_S as LONGEST_DESCENT_S};
 pub(super) use timing::SteadyClock;
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor;
@@ -67,6 +68,7 @@ pub(super) struct Supervisor {
     pub repetition: imu::Repetition,
     pub lift: imu::Lift,
     pub slip: slip::Slip,
+    pub lying: lying::Lying,
     pub evidence: estimator::Evidence,
     pub heard: links::Heard,
     pub discharge: battery::Discharge,
@@ -220,6 +222,12 @@ impl Pilot {
     /// Why a client may not have a mode now: something holds that wants more.
     pub(super) fn forbids(&self, event: Event) -> Option<&'static str> {
         let to = transition(self.mode, event)?.to;
+        if let Some(why) = self.ending_forbids(to) {
+            return Some(why);
+        }
+        if self.touch.stands() && to.is_flying() {
+            return Some("the floor carries already");
+        }
         let wanted = |row: &Condition| {
             if row.watched.holds(to) { row.reaction(to, &self.config) } else { Reaction::Nothing }
         };

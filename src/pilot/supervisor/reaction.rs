@@ -85,9 +85,9 @@ impl Reaction {
             Mode::Hold | Mode::Return if self == Reaction::TakeOver => Reaction::TakeOver,
             Mode::Takeoff if self == Reaction::TakeOver => Reaction::Tell,
             _ if self <= Reaction::of_mode(mode) => Reaction::Tell,
-            // In the air there is nothing harder than to let the board fly.
-            _ if self == Reaction::Disarm && mode == Mode::Yielded => Reaction::Tell,
-            _ => self.min(Reaction::Yield),
+            // What the board flies by itself is not cut by us.
+            Mode::Yielded => Reaction::Tell,
+            _ => self,
         }
     }
 }

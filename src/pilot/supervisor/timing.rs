@@ -129,6 +129,34 @@ pub(super) const STUCK: Condition = Condition {
     ..ROW
 };
 
+/// The board flew by itself while we stood still.
+pub(super) const PAUSED: Condition = Condition {
+    name: "paused",
+    seen_by: "The board may have heard no setpoint for longer than its own time-out (generic 0.5 s, px4 \
+              `COM_OF_LOSS_T`, ardupilot `GUID_TIMEOUT`), because the companion or the computer stood still or the \
+              link was out: it has sunk by itself meanwhile. Over when UWB and IMU that were measured after the pause, \
+              whatever had waited to be read, have made a good estimate for 0.1 s. Until then no more than hover \
+              thrust is sent. Where the vehicle may have come to stand, thrust begins at 75 % of the base, which does \
+              not lift it off, and the floor is felt for at once.",
+    numbers: &[Number {
+        key: "",
+        value: |_| 0.5,
+        unit: "s",
+        origin: "the generic board's (docs/BOARDS.md); a real firmware's is read from its parameter",
+    }],
+    gone_s: 0.0,
+    wanted: |_| Reaction::Descend,
+    because: "paused for longer than the board waits",
+    over: "place and height are heard anew",
+    severity: Severity::Critical,
+    is_seen: |pilot, _| pilot.resumption.pending_s().is_some(),
+    words: |pilot, _| {
+        let pause_s = pilot.resumption.pending_s().unwrap_or_default();
+        format!("board was alone for {pause_s:.1} s")
+    },
+    ..ROW
+};
+
 /// The loop comes late.
 pub(super) const LATE: Condition = Condition {
     name: "loop_late",

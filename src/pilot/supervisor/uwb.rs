@@ -65,8 +65,13 @@ impl Pilot {
 }
 
 fn words_of_loss(pilot: &Pilot, at: HostTime) -> String {
+    let why = if pilot.uwb.is_played_again() || pilot.mav_tag.is_played_again() {
+        "; what comes was heard before, or its time runs backwards: connect the tag anew"
+    } else {
+        ""
+    };
     format!(
-        "no UWB for {:.1} s, position known to {:.2} m",
+        "no UWB for {:.1} s, position known to {:.2} m{why}",
         pilot.uwb_age_s(at).min(999.0),
         pilot.std_horizontal_m()
     )

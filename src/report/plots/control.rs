@@ -1,9 +1,12 @@
 //! What was asked of the board and what came of it: attitude, thrust and its parts, battery.
 
+use std::collections::BTreeSet;
+
 use super::{Clock, series};
 use crate::estimate::Health;
 use crate::report::flight::Flight;
 use crate::report::svg::{Limit, Mark, Tone};
+use crate::time::HostTime;
 use crate::topics::ControlRecord;
 
 /// Smallest extent of the axis of angles.
@@ -75,6 +78,22 @@ pub(super) fn thrust(flight: &Flight, clock: &Clock) -> Vec<String> {
     plots
 }
 
+/// What the board told each motor and servo.
+pub(super) fn outputs(flight: &Flight, clock: &Clock) -> Vec<String> {
+    let outputs = flight.outputs();
+    let ports = outputs.keys().map(|(port, _)| port).collect::<BTreeSet<_>>().len();
+    let plot = |((port, n), told): (&(u8, usize), &Vec<(HostTime, f32)>)| {
+        let points = told.iter().map(|(at, value)| [clock.s(*at), f64::from(*value)]).collect();
+        let lines = vec![series("told by the board", Tone::Command, Mark::Line, points)];
+        let port = if ports > 1 { format!(" of port {port}") } else { String::new() };
+        let mut plot =
+            clock.plot(&format!("Output {n}{port}"), "\u{b5}s, or as its driver takes", lines);
+        plot.least_height = 20.0;
+        plot.render()
+    };
+    outputs.iter().map(plot).collect()
+}
+
 fn sent(flight: &Flight, clock: &Clock) -> String {
     let mut lines = vec![
         series("base", Tone::Family(0), Mark::Line, column(flight, clock, |c| c.thrust_base_frac)),
@@ -128,6 +147,12 @@ fn battery(flight: &Flight, clock: &Clock) -> String {
             series("told by the board", Tone::Estimate, Mark::Line, told),
         ],
     );
+    for (tone, id) in (0..).zip(flight.other_packs().into_keys()) {
+        let others = flight.other_batteries.iter().filter(|other| other.id == id);
+        let others = others.map(|o| [clock.s(o.sample.received_at), o.sample.supply_v]);
+        let name = format!("battery {id}, not flown on");
+        plot.series.push(series(&name, Tone::Family(tone), Mark::Dashed, others.collect()));
+    }
     plot.limits = flight.battery_limits.clone();
     plot.least_height = 0.4;
     plot.render()

@@ -20,6 +20,9 @@ use crate::time::HostTime;
 const PLOT_PX: [f64; 2] = [540.0, 210.0];
 const WIDE_PX: [f64; 2] = [1100.0, 236.0];
 
+/// The section that not every board fills.
+const OUTPUTS: &str = "Motors and servos";
+
 /// A heading and its plots.
 pub struct Section {
     /// Heading.
@@ -41,7 +44,7 @@ pub fn sections(flight: &Flight) -> Vec<Section> {
         modes: modes(flight, start, [first, end]),
     };
     let section = |title, note: &str, plots| Section { title, note: note.to_owned(), plots };
-    vec![
+    let all = vec![
         section(
             "Timeline",
             "Marks in the row of messages: what people were told; its words appear under the pointer \
@@ -68,6 +71,12 @@ pub fn sections(flight: &Flight) -> Vec<Section> {
             control::thrust(flight, &clock),
         ),
         section(
+            OUTPUTS,
+            "What the board told each output, in its own numbers. A servo that has to stand off its middle in \
+             steady flight holds something up: a trim, a bent rod, a wing that gives less.",
+            control::outputs(flight, &clock),
+        ),
+        section(
             "Ranging",
             "Innovation is measured minus predicted. A pair whose mean stands off zero has a bias: an \
              anchor moved, or a reflection. Consistency is innovation squared over its variance: 1 is \
@@ -84,7 +93,9 @@ pub fn sections(flight: &Flight) -> Vec<Section> {
             note: timing::note(flight),
             plots: timing::plots(flight, &clock),
         },
-    ]
+    ];
+    // A board that does not tell its outputs has no section of them.
+    all.into_iter().filter(|s| s.title != OUTPUTS || !s.plots.is_empty()).collect()
 }
 
 /// Time axis of a flight.

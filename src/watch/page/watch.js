@@ -153,6 +153,8 @@ function tables() {
     ['warns, lands below', fixed(h.battery.low, 1) + ', ' + fixed(h.battery.critical, 1, ' V')],
     ['current', b ? fixed(b.a, 2, ' A') : '–'],
     ['charge left', b && b.left !== null ? fixed(b.left * 100, 0, ' %') : '–'],
+    ...(s.others ?? []).map(o => ['battery ' + o.id + ', not flown on', fixed(o.v, 2, ' V')]),
+    ...(s.servos ? [['motors and servos', s.servos.map(v => v === null ? '–' : fixed(v, 0)).join(', ')]] : []),
     ['thrust', f && f.thrust !== undefined ? fixed(f.thrust * 100, 0, ' %') : '–'],
     ['a limit is touched', f && f.cut ? 'yes' : 'no', f && f.cut ? 'warn' : ''],
   ]);

@@ -7,7 +7,7 @@ use super::*;
 enum Way {
     /// A client's velocity.
     Velocity,
-    /// A client's position, far outside.
+    /// A client's position at the wall; one outside is refused.
     Position,
     /// A leg to a point at the wall.
     Goto,
@@ -100,11 +100,7 @@ fn fly_at_wall(run: Run) -> f64 {
                 let vel = [n, e, -up].map(|d| (d * speed_mps) as f32);
                 velocity(&mut ground, &mut world, vel);
             }
-            Way::Position => position(
-                &mut ground,
-                &mut world,
-                [start[0] + 30.0 * n, start[1] + 30.0 * e, -1.2 - 20.0 * up],
-            ),
+            Way::Position => position(&mut ground, &mut world, [edge[0], edge[1], edge_down]),
             Way::Manual => {
                 // Body axes: the vehicle looks north.
                 let stick = |share: f64| (share.clamp(-1.0, 1.0) * 1000.0) as i16;
@@ -177,4 +173,43 @@ fn prop_no_speed_carries_it_through_the_soft_wall_to_the_hard_one() {
         "{} flights beyond",
         worst.iter().filter(|(m, _)| *m >= most_m).count()
     );
+}
+
+/// Points outside were moved inside without a word, and the default volume was the walls themselves.
+#[test]
+fn regress_points_outside_are_refused_and_the_default_volume_keeps_the_wings_off_the_walls() {
+    let (mut world, mut ground) = hovering(hall(50, |_, _| {}));
+    let inside = [5.5, 5.0, -1.2];
+    let stream = |world: &mut Lockstep, ground: &mut Ground, point: [f64; 3], count: usize| {
+        let mut farthest: f64 = 0.0;
+        for _ in 0..count {
+            position(ground, world, point);
+            for _ in 0..50 {
+                world.step();
+                farthest = farthest.max(world.truth().pos_E_m.x());
+            }
+            ground.listen(world);
+        }
+        farthest
+    };
+    stream(&mut world, &mut ground, inside, 3);
+    let answer = ground.command(&mut world, MavCmd::MAV_CMD_DO_SET_MODE, OFFBOARD);
+    assert_eq!(answer, Some(MavResult::MAV_RESULT_ACCEPTED));
+    stream(&mut world, &mut ground, inside, 60);
+    for outside in [[12.0, 5.0, -1.2], [9.8, 5.0, -1.2], [5.0, -0.2, -1.2], [5.5, 5.0, -6.9]] {
+        stream(&mut world, &mut ground, outside, 40);
+        let pos = world.truth().pos_E_m;
+        let away_m = (pos.x() - inside[0]).hypot(pos.y() - inside[1]);
+        assert!(away_m < 0.5 && -pos.z() < 1.7, "{outside:?}: {pos:?}");
+        assert_eq!(world.pilot().mode(), Mode::Offboard);
+    }
+    let told: Vec<_> = ground.texts.iter().filter(|t| t.contains("setpoint refused")).collect();
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(
+        told[0].contains("N 12.00 m is outside the limits, allowed 0.45 to 9.55 m"),
+        "{told:?}"
+    );
+    let farthest = stream(&mut world, &mut ground, [9.54, 5.0, -1.2], 160);
+    println!("at the edge: N {farthest:.2}");
+    assert!((9.3..9.75).contains(&farthest), "{farthest}");
 }

@@ -1,13 +1,22 @@
 //! Failures of a scenario, `[[fault]]`: what breaks, how, and when.
 
+mod order;
+mod told;
+mod words;
+
+pub use order::{Order, Shape, Unit, Way, failure_number};
+pub use told::Told;
+pub use words::{LineName, Part, Phase, State, Voice, Wing};
+
 use std::collections::BTreeMap;
 
 use haltere::checks::Problems;
 use haltere::frames::Vec3;
 use haltere::model::effects::EffectSet;
-use haltere::model::faults::{FaultKind, LineId};
+use haltere::model::faults::TagReplay;
 use haltere::model::gust::Gust;
 use haltere::model::line_noise::LineNoise;
+use haltere::model::tag::MOST_REPLAY_S;
 use haltere::model::{Fault, Plant};
 use serde::{Deserialize, Serialize};
 
@@ -71,7 +80,7 @@ pub struct FaultAt {
     /// Peak of a gust: room north, east, down, m/s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gust_mps: Option<[f64; 3]>,
-    /// How long a gust lasts, s.
+    /// How long a gust or a pause lasts, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub length_s: Option<f64>,
     /// Effect that switches on, by its id; `healthy` switches it off.
@@ -80,122 +89,57 @@ pub struct FaultAt {
     /// Values of its parameters.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub values: BTreeMap<String, f64>,
+    /// What the accelerometer reads of the true value, by body axis.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<[f64; 3]>,
+    /// Length of the stretch that a tag says again, s.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub window_s: Option<f64>,
+    /// Whether its receive times go on meanwhile.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub times_go_on: Option<bool>,
+    /// How many heartbeats.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub count: Option<u32>,
+    /// How much a second board says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub voice: Option<Voice>,
+    /// Voltage of a second pack, V.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pack_v: Option<f64>,
+    /// By how much the board's heading is off, clockwise, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub angle_deg: Option<f64>,
+    /// What a station orders to fail.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<Unit>,
+    /// In which mode a place is that the fence forbids.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub way: Option<Way>,
+    /// What a fence across the way looks like.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shape: Option<Shape>,
 }
 
-/// A part of a flight, as a bystander would tell it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Phase {
-    /// Thrust rises on the floor.
-    Spool,
-    /// Off the floor, on the way to the height of the take-off.
-    Climb,
-    /// Stays at a place.
-    Hover,
-    /// From waypoint to waypoint.
-    Waypoints,
-    /// On the way back.
-    Return,
-    /// Sinks to the floor.
-    Landing,
+/// What happens; whoever flies it brings it in where it belongs.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Mishap {
+    /// Something breaks in the vehicle, in the room or on a wire.
+    Plant(Fault),
+    /// The companion's computer stands still for so long, s. What came meanwhile is then there at once.
+    Pause(f64),
+    /// Somebody at a station orders this.
+    Order(Order),
 }
 
-impl Phase {
-    /// Every phase, in the order of a flight.
-    pub const ALL: [Phase; 6] =
-        [Phase::Spool, Phase::Climb, Phase::Hover, Phase::Waypoints, Phase::Return, Phase::Landing];
-
-    /// Name in files and tables.
-    pub fn name(self) -> &'static str {
+impl Mishap {
+    /// What mends it. `None`: it passes by itself, or has no state to go back to.
+    pub fn mended(&self) -> Option<Mishap> {
         match self {
-            Phase::Spool => "spool",
-            Phase::Climb => "climb",
-            Phase::Hover => "hover",
-            Phase::Waypoints => "waypoints",
-            Phase::Return => "return",
-            Phase::Landing => "landing",
+            Mishap::Plant(fault) => fault.mended().map(Mishap::Plant),
+            Mishap::Pause(_) | Mishap::Order(_) => None,
         }
     }
-}
-
-/// Lines of the vehicle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum LineName {
-    /// Tag to companion.
-    FromTag,
-    /// Board to companion.
-    FromBoard,
-    /// Companion to board.
-    ToBoard,
-}
-
-/// What can break.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Part {
-    /// Accelerometer as reported.
-    Accelerometer,
-    /// Gyroscope as reported.
-    Gyroscope,
-    /// Barometer.
-    Barometer,
-    /// Both servos.
-    Servos,
-    /// Link between board and companion.
-    BoardLink,
-    /// The way from the companion to the board only.
-    ToBoard,
-    /// The board restarts.
-    BoardReboot,
-    /// Somebody else puts the board into a mode; needs `mode`.
-    BoardMode,
-    /// Thrust of a wing; needs `gain`.
-    Wing,
-    /// Supply; needs `drop_v`.
-    Battery,
-    /// The UWB tag, `off` or `healthy`.
-    Tag,
-    /// An anchor, `off` or `healthy`; needs `anchor`.
-    Anchor,
-    /// Noise on a line; needs `line` and one or more of `lost`, `late`, `twice`, `swapped`, `damaged`, `frozen`.
-    Line,
-    /// A gust; needs `gust_mps` and `length_s`.
-    Gust,
-    /// An effect of docs/EFFECTS.md; needs `effect`.
-    Effect,
-}
-
-/// How a part misbehaves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum State {
-    /// Sound again.
-    Healthy,
-    /// Gives nothing.
-    Off,
-    /// Holds its last value.
-    Stuck,
-    /// Random values.
-    Garbage,
-    /// Constant wrong offset.
-    Wrong,
-    /// Comes and goes.
-    Intermittent,
-    /// Offset that grows.
-    Drift,
-    /// Single wild samples among good ones.
-    Spike,
-}
-
-/// Sides.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Wing {
-    /// Left.
-    Left,
-    /// Right.
-    Right,
 }
 
 fn off() -> State {
@@ -211,29 +155,72 @@ pub fn happen(fault: Fault, plant: &mut Plant) {
 }
 
 impl FaultAt {
-    /// As the plant takes it; says what is missing or out of range.
+    /// As the plant takes it; what does not happen in the plant is refused.
     pub fn to_fault(&self, key: &str, problems: &mut Problems) -> Option<Fault> {
+        match self.to_mishap(key, problems)? {
+            Mishap::Plant(fault) => Some(fault),
+            // It has a phase: that is asked for.
+            Mishap::Pause(_) | Mishap::Order(_) => None,
+        }
+    }
+
+    /// What happens; says what is missing or out of range.
+    pub fn to_mishap(&self, key: &str, problems: &mut Problems) -> Option<Mishap> {
         problems.range(format_args!("{key}.at_s"), self.at_s, 0.0..=36_000.0, "s");
         if let Some(for_s) = self.for_s {
             problems.range(format_args!("{key}.for_s"), for_s, 0.001..=36_000.0, "s");
         }
-        let kind = match self.state {
-            State::Healthy => FaultKind::Healthy,
-            State::Off => FaultKind::Off,
-            State::Stuck => FaultKind::Stuck,
-            State::Garbage => FaultKind::Garbage,
-            State::Wrong => FaultKind::Wrong,
-            State::Intermittent => FaultKind::Intermittent,
-            State::Drift => FaultKind::Drift,
-            State::Spike => FaultKind::Spike,
-        };
+        if let Some(order) = self.order(key, problems) {
+            if self.phase.is_none() {
+                problems.say(format!(
+                    "{key}.phase is missing: a pause and a station's order are for a campaign, which knows what is \
+                     being flown"
+                ));
+            }
+            return Some(order);
+        }
+        self.plant_fault(key, problems).map(Mishap::Plant)
+    }
+
+    /// What happens to the companion or at a station; `None` for what breaks in the plant.
+    fn order(&self, key: &str, problems: &mut Problems) -> Option<Mishap> {
+        Some(match self.part {
+            Part::Pause => {
+                let length_s = need(self.length_s, key, "length_s", problems).unwrap_or_default();
+                problems.range(format_args!("{key}.length_s"), length_s, 0.0..=60.0, "s");
+                Mishap::Pause(length_s)
+            }
+            Part::InjectFailure => {
+                let unit = need(self.unit, key, "unit", problems).unwrap_or(Unit::Motor);
+                Mishap::Order(Order::InjectFailure { unit, kind: self.state.kind() })
+            }
+            Part::Fence => {
+                let way = need(self.way, key, "way", problems).unwrap_or(Way::Goto);
+                let shape = self.shape.unwrap_or(Shape::Circle);
+                Mishap::Order(Order::FenceAcross { way, shape })
+            }
+            Part::Outside => {
+                let way = need(self.way, key, "way", problems).unwrap_or(Way::Goto);
+                if !matches!(way, Way::Goto | Way::Offboard) {
+                    problems.say(format!("{key}.way: a place is asked for by goto or offboard"));
+                }
+                Mishap::Order(Order::Outside { way })
+            }
+            Part::Home => Mishap::Order(Order::ForbiddenHome),
+            _ => return None,
+        })
+    }
+
+    /// What breaks in the plant.
+    fn plant_fault(&self, key: &str, problems: &mut Problems) -> Option<Fault> {
+        let (kind, broken) = (self.state.kind(), self.state != State::Healthy);
         let mut silent = || {
             if !matches!(self.state, State::Off | State::Healthy) {
                 problems.say(format!("{key}.state: this part can be \"off\" or \"healthy\""));
             }
             self.state == State::Off
         };
-        let fault = match self.part {
+        Some(match self.part {
             Part::Accelerometer => Fault::Accelerometer(kind),
             Part::Gyroscope => Fault::Gyroscope(kind),
             Part::Barometer => Fault::Barometer(kind),
@@ -259,11 +246,7 @@ impl FaultAt {
                 Fault::WingThrust { wing, gain }
             }
             Part::Line => {
-                let line = match need(self.line, key, "line", problems)? {
-                    LineName::FromTag => LineId::FromTag,
-                    LineName::FromBoard => LineId::FromBoard,
-                    LineName::ToBoard => LineId::ToBoard,
-                };
+                let line = need(self.line, key, "line", problems)?.id();
                 let noise = self.noise();
                 noise.check(key, problems);
                 if noise.is_quiet() && self.state != State::Healthy {
@@ -294,8 +277,44 @@ impl FaultAt {
                     _ => Fault::EffectOn { id, values },
                 }
             }
-        };
-        Some(fault)
+            Part::AccelerometerScale if !broken => Fault::AccelerometerScale([1.0; 3]),
+            Part::AccelerometerScale => {
+                let scale = need(self.scale, key, "scale", problems)?;
+                for (i, gain) in scale.into_iter().enumerate() {
+                    problems.range(format_args!("{key}.scale[{i}]"), gain, -10.0..=10.0, "");
+                }
+                Fault::AccelerometerScale(scale)
+            }
+            Part::TagReplay if !broken => Fault::TagReplay(None),
+            Part::TagReplay => {
+                let window_s = need(self.window_s, key, "window_s", problems)?;
+                problems.range(format_args!("{key}.window_s"), window_s, 0.1..=MOST_REPLAY_S, "s");
+                let times_go_on = self.times_go_on.unwrap_or(false);
+                Fault::TagReplay(Some(TagReplay { window_s, times_go_on }))
+            }
+            Part::FalseHeartbeat => Fault::FalseBeats(self.count.unwrap_or(1)),
+            Part::SecondBoard => {
+                let voice = self.voice.unwrap_or(Voice::Everything);
+                Fault::SecondBoard(broken.then_some(voice.second()))
+            }
+            Part::SecondPack if !broken => Fault::SecondPack(None),
+            Part::SecondPack => {
+                let pack_v = need(self.pack_v, key, "pack_v", problems)?;
+                problems.range(format_args!("{key}.pack_v"), pack_v, 0.0..=60.0, "V");
+                Fault::SecondPack(Some(pack_v))
+            }
+            Part::Heading if !broken => Fault::HeadingOff(0.0),
+            Part::Heading => {
+                let angle_deg = need(self.angle_deg, key, "angle_deg", problems)?;
+                problems.range(format_args!("{key}.angle_deg"), angle_deg, -180.0..=180.0, "deg");
+                Fault::HeadingOff(angle_deg.to_radians())
+            }
+            Part::Gear => Fault::GearLeg(silent()),
+            // Those are orders.
+            Part::Pause | Part::InjectFailure | Part::Fence | Part::Outside | Part::Home => {
+                return None;
+            }
+        })
     }
 
     fn noise(&self) -> LineNoise {

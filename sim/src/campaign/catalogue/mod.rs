@@ -1,7 +1,10 @@
 //! The catalogue of faults that the fault campaign flies: one list.
 //!
 //! Each entry is one or more `[[fault]]` of a scenario without time; the campaign says in which part of
-//! the flight it comes and when. Link faults are made of a kind, a line and a share.
+//! the flight it comes and when. Or it is a `[told]`: what the companion is told wrongly, from the start. Link
+//! faults are made of a kind, a line and a share.
+
+mod families;
 
 use anyhow::{Context, Result};
 use serde::Deserialize;
@@ -24,23 +27,46 @@ pub struct Entry {
     pub name: String,
     /// Group in tables.
     pub group: &'static str,
-    /// The `[[fault]]` tables.
+    /// The `[[fault]]` tables, or the `[told]`.
     pub text: String,
     /// What can be done about it.
     pub reaction: Reaction,
 }
 
+/// An entry as a scenario holds it.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Parts {
+    /// What breaks, without time.
+    pub fault: Vec<FaultAt>,
+    /// What is told wrongly, from the start.
+    pub told: Option<toml::Table>,
+}
+
 impl Entry {
     /// As a scenario holds them.
-    pub fn faults(&self) -> Result<Vec<FaultAt>> {
-        #[derive(Deserialize)]
-        struct List {
-            fault: Vec<FaultAt>,
-        }
-        let list: List =
-            toml::from_str(&self.text).with_context(|| format!("catalogue: {}", self.name))?;
-        Ok(list.fault)
+    pub fn parts(&self) -> Result<Parts> {
+        toml::from_str(&self.text).with_context(|| format!("catalogue: {}", self.name))
     }
+
+    /// Whether it is there before the flight begins, so that it has no part of the flight.
+    pub fn is_from_start(&self) -> bool {
+        self.text.contains("[told]")
+    }
+
+    /// Whether `word` names it or its group: small letters and digits count, `_` or anything else between them.
+    pub fn is_named(&self, word: &str) -> bool {
+        let word = plain(word);
+        !word.is_empty() && (plain(&self.name).contains(&word) || plain(self.group) == word)
+    }
+}
+
+/// Letters and digits with one `_` between the words.
+fn plain(text: &str) -> String {
+    let lower = text.to_lowercase();
+    let words: Vec<&str> =
+        lower.split(|c: char| !c.is_alphanumeric()).filter(|w| !w.is_empty()).collect();
+    words.join("_")
 }
 
 use Reaction::{Exists, None as Nothing};
@@ -49,6 +75,7 @@ const GATES: Reaction = Exists("the filter's gates; blind descent if the estimat
 const IMU: Reaction = Exists("blind descent, landing when it is back");
 const UWB: Reaction = Exists("dead reckoning, then landing");
 const LINES: Reaction = Exists("checksums, sequence numbers, asking again, silence limits");
+const LATE: Reaction = Exists("a descent by nothing that is faster than the link");
 const BOARD: Reaction = Exists("the board's failsafe: level, sink, cut");
 const ATTITUDE: Reaction = Exists("the controller");
 
@@ -226,7 +253,10 @@ const KINDS: [(&str, &str, &str); 5] = [
 /// Shares.
 const SHARES: [(f64, &str); 3] = [(0.001, "0.1 %"), (0.01, "1 %"), (0.1, "10 %")];
 /// Delays of everything on a line, s.
-const DELAYS_S: [(f64, &str); 2] = [(0.05, "50 ms"), (0.2, "200 ms")];
+const DELAYS_S: [(f64, &str); 5] =
+    [(0.05, "50 ms"), (0.1, "100 ms"), (0.2, "200 ms"), (0.3, "300 ms"), (0.4, "400 ms")];
+/// From this delay on a board link is late, s: the loop that flies through it has no phase left at 0.2 s.
+const LATE_S: f64 = 0.1;
 
 /// Every fault.
 pub fn all() -> Vec<Entry> {
@@ -253,12 +283,7 @@ pub fn all() -> Vec<Entry> {
             }
         }
         for (delay_s, words) in DELAYS_S {
-            let reaction = match (line, delay_s > 0.1) {
-                ("to-board", true) => {
-                    Nothing("attitude setpoints 0.2 s old: the velocity loop has no phase left")
-                }
-                _ => LINES,
-            };
+            let reaction = if line != "from-tag" && delay_s >= LATE_S { LATE } else { LINES };
             list.push(Entry {
                 name: format!("{from_to}: all {words} late"),
                 group: "lines",
@@ -269,12 +294,14 @@ pub fn all() -> Vec<Entry> {
             });
         }
     }
+    list.extend(families::all());
     list
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::faults::Phase;
     use haltere::checks::Problems;
 
     #[test]
@@ -286,14 +313,24 @@ mod tests {
         names.dedup();
         assert_eq!(names.len(), all.len(), "two entries of one name");
         for entry in &all {
-            let faults = entry.faults().unwrap_or_else(|e| panic!("{e:#}"));
-            assert!(!faults.is_empty());
-            for fault in faults {
-                let mut problems = Problems::new();
-                assert!(fault.to_fault("x", &mut problems).is_some(), "{}", entry.name);
-                assert!(problems.is_empty(), "{}: {problems}", entry.name);
+            let Parts { fault, told } = entry.parts().unwrap_or_else(|e| panic!("{e:#}"));
+            assert_eq!(fault.is_empty(), told.is_some(), "{}", entry.name);
+            assert_eq!(entry.is_from_start(), told.is_some(), "{}", entry.name);
+            for mut fault in fault {
                 assert!(fault.phase.is_none() && fault.at_s == 0.0, "{}", entry.name);
+                fault.phase = Some(Phase::Hover);
+                let mut problems = Problems::new();
+                assert!(fault.to_mishap("x", &mut problems).is_some(), "{}", entry.name);
+                assert!(problems.is_empty(), "{}: {problems}", entry.name);
             }
         }
+    }
+
+    #[test]
+    fn prop_entries_are_found_by_their_names_and_groups() {
+        let found = |word: &str| all().iter().filter(|e| e.is_named(word)).count();
+        assert_eq!((found("replayed_ranging"), found("Replayed ranging")), (8, 8));
+        assert_eq!((found("servos limp"), found("servos_limp"), found("gremlins")), (1, 1, 0));
+        assert_eq!(found(""), 0, "nothing names nothing");
     }
 }

@@ -1,0 +1,204 @@
+//! How long after a tilt was asked for the board's attitude shows it.
+//!
+//! TIMESYNC measures the line; a board that answers at once and obeys late, or a router that keeps setpoints
+//! waiting, shows in nothing but this. Asked tilts u and seen ones y, each without its slow part, are compared at
+//! every lag of a grid:
+//!
+//! ```text
+//! S_k = low-pass |y(t) − u(t − k h)|²        h = 20 ms, k = 0 … 35
+//! lag = h argmin S_k
+//! ```
+//! as tilts the horizontal parts of "down" seen from the body count, which no heading turns. The lag holds the inner
+//! loop's own (0.17 s) and both ways of the link. It is told only where tilts move by several degrees and most of
+//! what is seen is what was asked for: in a calm hover nothing can be told, and need not be.
+
+use std::collections::VecDeque;
+
+use crate::frames::{B, E, Rot};
+use crate::time::HostTime;
+
+/// Step of the grid, µs, and its points.
+const STEP_US: i64 = 20_000;
+const LAGS: usize = 36;
+/// Setpoints kept: the grid and what comes between at 100 Hz.
+const KEPT: usize = 80;
+/// Time constant of the comparison, s: the loops swing at half that or faster where they lose their phase.
+const FILTER_S: f64 = 1.0;
+/// Time constant of what is slow: trims, drag, a steady lean, s.
+const SLOW_S: f64 = 2.0;
+/// Least motion of what is asked for, as one sigma, rad (4 degrees): beyond what noise makes of a hover.
+const LEAST_STD_RAD: f64 = 0.07;
+/// Share of what is seen that must be what was asked for.
+const EXPLAINED: f64 = 0.6;
+/// A longer pause between two attitudes begins anew, s.
+const PAUSE_S: f64 = 0.3;
+
+/// Compares.
+#[derive(Debug)]
+pub(in crate::pilot) struct Response {
+    asked: VecDeque<(HostTime, [f64; 2])>,
+    asked_slow: Option<[f64; 2]>,
+    seen_slow: Option<[f64; 2]>,
+    seen_at: Option<HostTime>,
+    /// Mean squares: of the difference at each lag, of what was asked, of what was seen.
+    misfit: [f64; LAGS],
+    asked_var: f64,
+    seen_var: f64,
+    /// For how long there has been something to compare, s.
+    compared_s: f64,
+}
+
+impl Default for Response {
+    fn default() -> Self {
+        Self {
+            asked: VecDeque::with_capacity(KEPT),
+            asked_slow: None,
+            seen_slow: None,
+            seen_at: None,
+            misfit: [0.0; LAGS],
+            asked_var: 0.0,
+            seen_var: 0.0,
+            compared_s: 0.0,
+        }
+    }
+}
+
+impl Response {
+    /// A setpoint was sent. Without thrust the board lets nothing turn.
+    pub fn asked(&mut self, at: HostTime, attitude: Rot<E, B>, thrust_frac: f64) {
+        if thrust_frac <= 0.0 {
+            self.asked.clear();
+            self.asked_slow = None;
+            self.begin_anew();
+            return;
+        }
+        let last_at = self.asked.back().map_or(at, |(t, _)| *t);
+        let tilt = tilt_of(attitude);
+        let fast = without_slow(&mut self.asked_slow, tilt, at.seconds_since(last_at));
+        if self.asked.len() == KEPT {
+            self.asked.pop_front();
+        }
+        self.asked.push_back((at, fast));
+    }
+
+    /// The board's attitude came.
+    pub fn seen(&mut self, at: HostTime, attitude: Rot<E, B>) {
+        let dt_s = self.seen_at.replace(at).map_or(0.0, |t| at.seconds_since(t));
+        let oldest = at.offset_us(-STEP_US * (LAGS as i64 - 1));
+        if dt_s > PAUSE_S || self.asked.front().is_none_or(|(t, _)| *t > oldest) {
+            self.begin_anew();
+            return;
+        }
+        let y = without_slow(&mut self.seen_slow, tilt_of(attitude), dt_s);
+        self.compared_s += dt_s;
+        // A running mean until the filter is full.
+        let weight = dt_s / (FILTER_S.min(self.compared_s) + dt_s).max(1e-6);
+        let mut asked = self.asked.iter().rev().peekable();
+        for (k, misfit) in (0_i64..).zip(&mut self.misfit) {
+            let then = at.offset_us(-STEP_US * k);
+            while asked.peek().is_some_and(|(t, _)| *t > then) {
+                asked.next();
+            }
+            let u = asked.peek().map_or([0.0; 2], |(_, u)| *u);
+            *misfit += (square([y[0] - u[0], y[1] - u[1]]) - *misfit) * weight;
+            if k == 0 {
+                self.asked_var += (square(u) - self.asked_var) * weight;
+            }
+        }
+        self.seen_var += (square(y) - self.seen_var) * weight;
+    }
+
+    fn begin_anew(&mut self) {
+        (self.seen_slow, self.compared_s) = (None, 0.0);
+        (self.misfit, self.asked_var, self.seen_var) = ([0.0; LAGS], 0.0, 0.0);
+    }
+
+    /// The lag, s, where it can be told.
+    pub fn lag_s(&self) -> Option<f64> {
+        let moves = self.asked_var.sqrt() > LEAST_STD_RAD && self.compared_s > FILTER_S;
+        let best = (0_u8..).zip(self.misfit).min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let explained = best.1 < (1.0 - EXPLAINED) * self.seen_var;
+        (moves && explained).then(|| f64::from(best.0) * STEP_US as f64 * 1e-6)
+    }
+}
+
+/// Horizontal parts of "down" in body axes.
+fn tilt_of(attitude: Rot<E, B>) -> [f64; 2] {
+    let R = attitude.matrix();
+    [R[(2, 0)], R[(2, 1)]]
+}
+
+fn without_slow(slow: &mut Option<[f64; 2]>, now: [f64; 2], dt_s: f64) -> [f64; 2] {
+    let weight = (dt_s / (SLOW_S + dt_s)).clamp(0.0, 1.0);
+    let mean = slow.get_or_insert(now);
+    std::array::from_fn(|i| {
+        mean[i] += (now[i] - mean[i]) * weight;
+        now[i] - mean[i]
+    })
+}
+
+fn square([a, b]: [f64; 2]) -> f64 {
+    a * a + b * b
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(ms: u64) -> HostTime {
+        HostTime::from_us(1_000_000 + ms * 1000)
+    }
+
+    /// The lag that is told of a roll of this size that swings once in `period_s` and is seen `late_ms` later,
+    /// smaller by a factor, beside a trim and in another heading.
+    fn lag_of(size_rad: f64, period_s: f64, late_ms: u64, factor: f64) -> Option<f64> {
+        let mut response = Response::default();
+        let roll = |ms: u64| size_rad * (std::f64::consts::TAU * ms as f64 * 1e-3 / period_s).sin();
+        for ms in (0..8000).step_by(10) {
+            response.asked(at(ms), Rot::from_euler_rad(roll(ms), 0.05, 1.0), 0.6);
+            let then = ms.saturating_sub(late_ms);
+            let seen = Rot::from_euler_rad(factor * roll(then) + 0.06, 0.0, -0.4);
+            response.seen(at(ms), seen);
+        }
+        response.lag_s()
+    }
+
+    #[test]
+    fn prop_the_lag_of_a_swing_is_told() {
+        for late_ms in [40, 180, 300, 460, 600] {
+            for period_s in [1.0, 1.6, 2.5] {
+                for factor in [1.0, 0.7] {
+                    let lag_s = lag_of(0.2, period_s, late_ms, factor).unwrap();
+                    let off_s = lag_s - late_ms as f64 * 1e-3;
+                    // Two steps of the grid and a half: near its best the misfit is flat.
+                    assert!(off_s.abs() < 0.05, "{late_ms} ms {period_s} s {factor}: {lag_s}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn prop_of_a_calm_hover_or_another_motion_nothing_is_told() {
+        assert_eq!(lag_of(0.03, 1.5, 200, 1.0), None);
+        let mut response = Response::default();
+        for ms in (0..8000).step_by(10) {
+            let t = ms as f64 * 1e-3;
+            response.asked(at(ms), Rot::from_euler_rad(0.2 * (4.0 * t).sin(), 0.0, 0.0), 0.6);
+            response.seen(at(ms), Rot::from_euler_rad(0.0, 0.2 * (2.3 * t).sin(), 0.0));
+        }
+        assert_eq!(response.lag_s(), None);
+    }
+
+    #[test]
+    fn prop_it_begins_anew_with_the_thrust() {
+        let mut response = Response::default();
+        for ms in (0..4000).step_by(10) {
+            let roll = 0.3 * (4.0 * ms as f64 * 1e-3).sin();
+            response.asked(at(ms), Rot::from_euler_rad(roll, 0.0, 0.0), 0.6);
+            response.seen(at(ms), Rot::from_euler_rad(roll, 0.0, 0.0));
+        }
+        assert!(response.lag_s().is_some());
+        response.asked(at(4000), Rot::from_euler_rad(0.0, 0.0, 0.0), 0.0);
+        assert_eq!(response.lag_s(), None);
+    }
+}

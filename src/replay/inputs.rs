@@ -1,0 +1,171 @@
+//! Whether what a log holds fits together: no entry twice or out of its order, no time that runs back, no counter
+//! that jumps.
+//!
+//! For a log of another build this is all that can be asked of it: that build alone sends the same bytes again.
+
+use haltere_dialect::mav_stream::MavSplitter;
+
+use crate::pilot::LinkId;
+use crate::record::{Decoded, Entry, RawInput, pb};
+use crate::time::HostTime;
+
+/// An input that is stamped so much later than the wake-up behind it does not belong there, µs: the clock is read
+/// for both within a millisecond.
+const AHEAD_US: i64 = 1_000_000;
+/// Our component on the board's link (INTERFACES.md section 2).
+const COMPANION: u8 = 191;
+/// Contradictions that are told; the rest is counted.
+const MOST_TOLD: usize = 5;
+
+/// Reads along.
+#[derive(Debug)]
+pub(super) struct Inputs {
+    start: HostTime,
+    sequence: u64,
+    last_wake: HostTime,
+    newest_input: HostTime,
+    /// Sequence number of our newest frame to the board.
+    to_board: Option<u8>,
+    /// Control steps as told, by time, and the times of wake-ups: what is decoded may stand behind or before them.
+    steps: Vec<(HostTime, u64)>,
+    wakes: Vec<HostTime>,
+    told: Vec<String>,
+    more: u64,
+}
+
+impl Inputs {
+    pub fn new(start: HostTime) -> Self {
+        Self {
+            start,
+            sequence: 0,
+            last_wake: start,
+            newest_input: start,
+            to_board: None,
+            steps: Vec::new(),
+            wakes: Vec::new(),
+            told: Vec::new(),
+            more: 0,
+        }
+    }
+
+    /// One entry.
+    pub fn take(&mut self, entry: &Entry) {
+        match entry {
+            Entry::Input { sequence, at, input } => {
+                self.count(*sequence, *at);
+                if *input == RawInput::Wake {
+                    self.wake(*at);
+                } else {
+                    self.newest_input = self.newest_input.max(*at);
+                }
+            }
+            Entry::Output { sequence, at, link, bytes } => {
+                self.count(*sequence, *at);
+                if *link == LinkId::Board {
+                    self.frames(*at, bytes);
+                }
+            }
+            Entry::Decoded(Decoded::Health(health)) => self.health(health),
+            // What is missing is told by the replay.
+            Entry::Hole(hole) => {
+                self.sequence = self.sequence.max(hole.last_sequence);
+                self.to_board = None;
+                self.count_steps();
+            }
+            Entry::Closing(closing) => {
+                if closing.last_sequence != self.sequence {
+                    let (last, end) = (closing.last_sequence, self.sequence);
+                    self.say(format!("the log was closed at entry {last}, and ends at {end}"));
+                }
+            }
+            Entry::Decoded(_) => {}
+        }
+    }
+
+    /// What does not fit, for people.
+    pub fn end(mut self) -> Vec<String> {
+        self.count_steps();
+        if self.more > 0 {
+            self.told.push(format!("and {} contradictions more", self.more));
+        }
+        self.told
+    }
+
+    fn count(&mut self, sequence: u64, at: HostTime) {
+        if sequence <= self.sequence {
+            let (at_s, last) = (self.seconds(at), self.sequence);
+            self.say(format!("at {at_s:.2} s: entry {sequence} stands behind entry {last}"));
+        }
+        self.sequence = self.sequence.max(sequence);
+    }
+
+    fn wake(&mut self, at: HostTime) {
+        self.wakes.push(at);
+        let at_s = self.seconds(at);
+        if at < self.last_wake {
+            let by_s = self.last_wake.seconds_since(at);
+            self.say(format!("at {at_s:.2} s: the time of wake-ups runs back by {by_s:.3} s"));
+        } else if self.newest_input > at.offset_us(AHEAD_US) {
+            let by_s = self.newest_input.seconds_since(at);
+            self.say(format!(
+                "at {at_s:.2} s: an input is stamped {by_s:.3} s after the wake-up behind it"
+            ));
+        }
+        self.newest_input = at;
+        self.last_wake = at;
+    }
+
+    /// Our frames to the board are numbered without a gap; what is passed on has a sender of its own.
+    fn frames(&mut self, at: HostTime, bytes: &[u8]) {
+        let mut frames = MavSplitter::new();
+        frames.push(bytes);
+        while let Some(found) = frames.next() {
+            let Ok(frame) = found else { continue };
+            if frame.header.component_id != COMPANION {
+                continue;
+            }
+            let number = frame.header.sequence;
+            let before = self.to_board.replace(number);
+            if let Some(before) = before.filter(|before| before.wrapping_add(1) != number) {
+                let at_s = self.seconds(at);
+                self.say(format!(
+                    "at {at_s:.2} s: frame {number} to the board follows frame {before}"
+                ));
+            }
+        }
+    }
+
+    fn health(&mut self, health: &pb::Health) {
+        self.steps.push((HostTime::from_us(health.at_us), health.control_steps));
+    }
+
+    /// No more control steps than wake-ups: otherwise wake-ups are missing. Looked at up to a hole, or the end.
+    fn count_steps(&mut self) {
+        let (steps, wakes) = (std::mem::take(&mut self.steps), std::mem::take(&mut self.wakes));
+        for pair in steps.windows(2) {
+            let [(from, before), (to, now)] = pair else { continue };
+            let since = now.saturating_sub(*before);
+            // Times of a damaged log may be in any order.
+            let until = |end: &HostTime| wakes.partition_point(|at| at <= end);
+            let woken = until(to).saturating_sub(until(from));
+            if since > woken as u64 {
+                let at_s = self.seconds(*to);
+                self.say(format!(
+                    "at {at_s:.2} s: {since} control steps were counted, and {woken} wake-ups recorded"
+                ));
+            }
+        }
+    }
+
+    fn seconds(&self, at: HostTime) -> f64 {
+        at.seconds_since(self.start)
+    }
+
+    fn say(&mut self, what: String) {
+        if self.told.len() < MOST_TOLD {
+            self.told.push(what);
+        } else {
+            self.more += 1;
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! Everything that went out beside the setpoints, matched with what the replay sends by link and message.
+//!
+//! Two builds may send the same at another place: one more request to the board moves everything behind it, and
+//! changes every sequence number of its link. So a message is looked for among those of its kind that were sent
+//! at about the same time, and what is left over on either side is counted.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use haltere_dialect::mav_stream::{MavSplitter, name_of_id};
+use serde::Serialize;
+
+use super::compare::{Agreement, TOLERANCE, compare_messages, without_signatures};
+use super::setpoints::Odd;
+use crate::pilot::LinkId;
+use crate::time::HostTime;
+
+/// The same message sent so much earlier or later is the same message, µs: streams of 1 Hz may shift by their period.
+const WINDOW_US: i64 = 1_000_000;
+/// Messages whose numbers differ are the same one only within so much, µs: two control steps, as bytes that come
+/// between two wake-ups are answered at the second.
+pub(super) const SAME_US: i64 = 20_000;
+
+/// Messages of one kind that have no counterpart.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct OtherTraffic {
+    /// Number of the link: 0 tag, 1 board, 2 and up ground endpoints.
+    pub link: u8,
+    /// Name of the message; `bytes` for what is none.
+    pub message: String,
+    /// Sent by both, with another content.
+    pub differ: u64,
+    /// Recorded, and not sent by the replay.
+    pub missing: u64,
+    /// Sent by the replay alone.
+    pub additional: u64,
+}
+
+impl OtherTraffic {
+    /// All of them.
+    pub fn count(&self) -> u64 {
+        self.differ + self.missing + self.additional
+    }
+}
+
+/// One output.
+#[derive(Debug)]
+struct Piece {
+    sequence: u64,
+    at: HostTime,
+    bytes: Vec<u8>,
+    /// Sender and payload, if it is one whole frame; else the bytes.
+    content: Vec<u8>,
+}
+
+/// Outputs of one kind that wait for their counterpart.
+#[derive(Debug, Default)]
+struct Waiting {
+    recorded: VecDeque<Piece>,
+    replayed: VecDeque<Piece>,
+    lost: u64,
+    gained: u64,
+}
+
+/// Link and message; `None`: not one whole frame.
+type Kind = (LinkId, Option<u32>);
+
+/// Both sides.
+#[derive(Debug, Default)]
+pub(super) struct Traffic {
+    kinds: BTreeMap<Kind, Waiting>,
+    /// Outputs of which both sent the same bytes.
+    pub identical: u64,
+    /// Largest difference of a number of those that agree.
+    pub worst: f64,
+    pub rounding_flips: u64,
+    pub first: Option<(LinkId, Odd)>,
+}
+
+impl Traffic {
+    pub fn recorded(&mut self, sequence: u64, at: HostTime, link: LinkId, bytes: &[u8]) {
+        let (kind, piece) = piece(sequence, at, link, bytes);
+        self.kinds.entry(kind).or_default().recorded.push_back(piece);
+    }
+
+    /// `sequence`: of the input that it follows.
+    pub fn replayed(&mut self, sequence: u64, at: HostTime, link: LinkId, bytes: &[u8]) {
+        let (kind, piece) = piece(sequence, at, link, bytes);
+        self.kinds.entry(kind).or_default().replayed.push_back(piece);
+    }
+
+    /// Judges what is so old that its counterpart must have come.
+    pub fn settle(&mut self, now: HostTime) {
+        self.judge(now.offset_us(-WINDOW_US), HostTime::from_us(u64::MAX));
+    }
+
+    /// Judges everything. `until`: what the replay sends from then on was not recorded any more.
+    pub fn end(&mut self, until: HostTime) {
+        self.judge(HostTime::from_us(u64::MAX), until);
+    }
+
+    /// What found no counterpart, most first.
+    pub fn left_over(&self) -> Vec<OtherTraffic> {
+        let kinds = self.kinds.iter().filter(|(_, w)| w.lost + w.gained > 0);
+        let mut rows: Vec<_> = kinds
+            .map(|((link, id), w)| {
+                let differ = w.lost.min(w.gained);
+                OtherTraffic {
+                    link: link.number(),
+                    message: id.map_or_else(|| "bytes".to_owned(), name),
+                    differ,
+                    missing: w.lost - differ,
+                    additional: w.gained - differ,
+                }
+            })
+            .collect();
+        rows.sort_by_key(|row| std::cmp::Reverse(row.count()));
+        rows
+    }
+
+    fn judge(&mut self, due: HostTime, until: HostTime) {
+        for (kind, waiting) in &mut self.kinds {
+            while waiting.recorded.front().is_some_and(|piece| piece.at <= due) {
+                let Some(piece) = waiting.recorded.pop_front() else { break };
+                match counterpart(&piece, &mut waiting.replayed) {
+                    Some(Found::Same { bytes }) => self.identical += u64::from(bytes),
+                    Some(Found::Near { worst, flips }) => {
+                        self.worst = self.worst.max(worst);
+                        self.rounding_flips += flips;
+                    }
+                    None => {
+                        waiting.lost += 1;
+                        let beside =
+                            waiting.replayed.iter().find(|p| is_within(p, &piece, WINDOW_US));
+                        let what = match beside {
+                            Some(beside) => {
+                                format!("recorded {}, replayed {}", words(&piece), words(beside))
+                            }
+                            None => {
+                                format!("recorded, but the replay does not send {}", words(&piece))
+                            }
+                        };
+                        first(&mut self.first, kind.0, &piece, what);
+                    }
+                }
+            }
+            // Those that a later recorded one may still be the counterpart of stay.
+            while waiting.replayed.front().is_some_and(|piece| piece.at.offset_us(WINDOW_US) <= due)
+            {
+                let Some(piece) = waiting.replayed.pop_front() else { break };
+                if piece.at < until {
+                    waiting.gained += 1;
+                    let what =
+                        format!("the replay sends more than was recorded: {}", words(&piece));
+                    first(&mut self.first, kind.0, &piece, what);
+                }
+            }
+        }
+    }
+}
+
+/// Keeps the earlier of two differences.
+fn first(kept: &mut Option<(LinkId, Odd)>, link: LinkId, piece: &Piece, what: String) {
+    if kept.as_ref().is_none_or(|(_, (sequence, ..))| piece.sequence < *sequence) {
+        *kept = Some((link, (piece.sequence, piece.at, what)));
+    }
+}
+
+enum Found {
+    /// The same message, and whether byte for byte.
+    Same { bytes: bool },
+    /// The same but for numbers within the tolerance.
+    Near { worst: f64, flips: u64 },
+}
+
+/// Takes the counterpart of a recorded output out of what the replay sent.
+fn counterpart(piece: &Piece, replayed: &mut VecDeque<Piece>) -> Option<Found> {
+    let same = |p: &Piece| p.content == piece.content && is_within(p, piece, WINDOW_US);
+    if let Some(other) = replayed.iter().position(same).and_then(|i| replayed.remove(i)) {
+        let bytes = without_signatures(&other.bytes) == without_signatures(&piece.bytes);
+        return Some(Found::Same { bytes });
+    }
+    let near = replayed.iter().enumerate().filter(|(_, p)| is_within(p, piece, SAME_US));
+    let found = near.map(|(i, p)| (i, compare_messages(&piece.bytes, &p.bytes))).find_map(
+        |(i, agreement)| match agreement {
+            Agreement::Numbers { worst, rounding_flips, .. } if worst <= TOLERANCE => {
+                Some((i, Found::Near { worst, flips: rounding_flips }))
+            }
+            _ => None,
+        },
+    );
+    let (i, found) = found?;
+    replayed.remove(i);
+    Some(found)
+}
+
+fn is_within(a: &Piece, b: &Piece, most_us: i64) -> bool {
+    a.at.offset_us(most_us) >= b.at && b.at.offset_us(most_us) >= a.at
+}
+
+fn piece(sequence: u64, at: HostTime, link: LinkId, bytes: &[u8]) -> (Kind, Piece) {
+    let (id, content) = match frame(link, bytes) {
+        Some((id, content)) => (Some(id), content),
+        None => (None, bytes.to_vec()),
+    };
+    ((link, id), Piece { sequence, at, bytes: bytes.to_vec(), content })
+}
+
+/// Id, and sender with payload, if the bytes are one whole frame and nothing else.
+fn frame(link: LinkId, bytes: &[u8]) -> Option<(u32, Vec<u8>)> {
+    if link == LinkId::Tag {
+        return None;
+    }
+    let mut frames = MavSplitter::new();
+    frames.push(bytes);
+    let frame = frames.next()?.ok()?;
+    let mut content = vec![frame.header.system_id, frame.header.component_id];
+    content.extend_from_slice(frame.payload);
+    let id = frame.header.msg_id;
+    (frame.raw.len() == bytes.len()).then_some((id, content))
+}
+
+/// For people.
+fn words(piece: &Piece) -> String {
+    let mut frames = MavSplitter::new();
+    frames.push(&piece.bytes);
+    match frames.next().and_then(Result::ok).and_then(|frame| frame.decode().ok()) {
+        Some(message) => format!("{message:?}"),
+        None => format!("{:02x?}, which is no MAVLink message", piece.bytes),
+    }
+}
+
+fn name(id: u32) -> String {
+    name_of_id(id).map_or_else(|| format!("message {id}"), str::to_owned)
+}
