@@ -19,7 +19,7 @@
 //!
 //! **Symbols.** K position gains, P I D velocity gains, τ `vel_d_filter_s`; k slope of the drag feed-forward,
 //! rad per m/s, F_f and F_e the low-passes of `drag.filter_s` and `drag.integral_reference_s` (1 in `raw`);
-//! d drag 4.2, 1.9, 0.65 1/s; ω 10 rad/s, ζ 0.7, T 30 ms, T_f 0.08 s; base(V) thrust that hovers at a voltage.
+//! d drag, 1/s: what the feed-forward is told of the vehicle forward and sideways, 0.65 down; ω 10 rad/s, ζ 0.7, T 30 ms, T_f 0.08 s; base(V) thrust that hovers at a voltage.
 //!
 //! **Source.** Vehicle and inner loop as in `gains`, VEHICLE.md. Margins of 6 dB and 30 degrees are the least of
 //! textbooks (Åström and Murray, *Feedback Systems*, 10.3). **Validity.** Small motions about hover, an estimate that
@@ -42,8 +42,9 @@ pub const LEAST_PHASE_DEG: f64 = 30.0;
 pub const HOLD_RADPS: f64 = 0.2;
 /// Share of a movement so slow that is followed at least.
 const HOLD_SHARE: f64 = 0.5;
-/// Drag forward, right and down, 1/s.
-const DRAG_PER_S: [f64; 3] = [4.2, 1.9, 0.65];
+/// Drag down, 1/s, and the least that is taken for the other axes: the lower end of its range (VEHICLE.md). Whoever tells
+/// of no drag has not taken it from the vehicle.
+const LEAST_DRAG_PER_S: f64 = 0.65;
 /// Inner attitude loop: rad/s, damping, and transport, s.
 const ATTITUDE_RADPS: f64 = 10.0;
 const ATTITUDE_DAMPING: f64 = 0.7;
@@ -218,7 +219,12 @@ impl Loop {
             ff_rad_per_mps: if forward { slope } else { 0.0 },
             ff_filter_s: drag.filter_s,
             expected_s: if forward { drag.integral_reference_s } else { 0.0 },
-            drag_per_s: DRAG_PER_S[axis.min(2)],
+            // A lean of g⁻¹ d v holds a speed v: the vehicle is the one that the feed-forward was told of.
+            drag_per_s: if axis < 2 {
+                (G_MPS2 * slope).max(LEAST_DRAG_PER_S)
+            } else {
+                LEAST_DRAG_PER_S
+            },
             base_frac: (axis >= 2)
                 .then(|| BaseThrust::new(&config.voltage).at_frac(supply_v).max(0.05)),
         }

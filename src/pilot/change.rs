@@ -5,7 +5,7 @@ use crate::topics::{ModeRecord, Topic};
 
 use super::modes::{Event, Mode, transition};
 use super::resume::Resumption;
-use super::supervisor::Descent;
+use super::supervisor::{Descent, RESPONSE_MOST_S};
 use super::{Pilot, Severity, services};
 
 /// Why a mode changed: the words, how grave it is, and the number for events.
@@ -82,6 +82,8 @@ impl Pilot {
                     .unwrap_or((self.height_to_descend_from_m(), sink_mps));
                 self.supervisor.descent = Descent::begin(height_m, sink_mps);
                 self.supervisor.descents += 1;
+                let late_s = self.board.response_lag_s().filter(|s| *s > RESPONSE_MOST_S);
+                self.touch.obeyed_after(late_s.unwrap_or(0.0));
                 if from == Mode::Land {
                     self.hold_thrust_near_floor(at);
                 }

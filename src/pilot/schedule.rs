@@ -143,7 +143,7 @@ impl Pilot {
                 let command = self.stay_command();
                 let output = self.run_controller(at, &command, dt_s, true, None);
                 self.control = output.record;
-                self.supervisor.descent.over_late_link(self.board.lateness().is_late());
+                self.supervisor.descent.over_late_link(self.obeys_late());
                 let Some(share) = self.supervisor.descent.step(dt_s) else {
                     self.fire(at, Event::TouchDown);
                     self.send_idle(at);

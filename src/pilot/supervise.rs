@@ -51,6 +51,18 @@ const FALLING_MPS2: f64 = 1.0;
 const SINKING_MPS2: f64 = 0.3;
 /// Time constant of that low-pass, s: two wing beats.
 const FEEL_FILTER_S: f64 = 0.15;
+/// Stopped: near the floor the accelerometer has felt so much speed upward, m/s, lately. A vehicle that sank has met the
+/// floor, or the air over it throws it up, and stays there only with less thrust than carries it.
+const STOPPED_MPS: f64 = 0.3;
+/// … or so much, where the floor should be far: no descent brakes by as much at once, and a table is a floor too.
+const STOPPED_HIGH_MPS: f64 = 0.6;
+/// Lately, s: a scale that is 1 % off is 0.1 m/s² and adds up to 0.1 m/s.
+const LATELY_S: f64 = 1.0;
+/// What it felt on the average in this time before is taken for gravity, s.
+const USUAL_S: f64 = 5.0;
+/// Thrust that no vehicle lifts off with, as a share of the base: the ground effect adds a fifth, and the base is a tenth
+/// off.
+const DOWN_SHARE: f64 = 0.7;
 /// A longer interval between two samples is a gap, s.
 const GAP_S: f64 = 0.1;
 /// After a fall has begun the loops have this long to catch it, s.
@@ -63,6 +75,9 @@ const FEEL_BLIND_S: f64 = 0.05;
 /// The floor is expected below this height by the estimate, m: near it multipath biases the height
 /// by up to half a metre (INTERFACES.md section 1; 0.5 m seen in lockstep).
 const TOUCH_BELOW_M: f64 = 0.8;
+/// No order leads a landing up again that has come to this height by the estimate, m: at the speed of a landing the floor is
+/// one second away, and an order that comes with the touch-down would lift a vehicle off that somebody has seen land.
+const LAST_M: f64 = 0.3;
 /// An estimate is back only where UWB is as new as this, s.
 const UWB_BACK_S: f64 = 0.5;
 /// The estimate must be good for this long before a blind descent becomes a landing again, s.
@@ -88,12 +103,16 @@ const HEALTH_TELL_S: f64 = 2.0;
 pub(super) struct Touch {
     /// When the way down began.
     down_since: Option<HostTime>,
+    /// The floor was one second away by the estimate.
+    is_last: bool,
     /// Since when there is a reason to feel for the floor.
     since: Option<HostTime>,
     /// Thrust is held below this while it is felt for.
     pub ceiling_frac: Option<f64>,
     /// Thrust is held below this since a landing near the floor lost its estimate.
     turn_frac: Option<f64>,
+    /// Thrust is held below this since something stopped a descent near the floor.
+    low_frac: Option<f64>,
     /// When it was found that the vehicle is in the air.
     pub fell_at: Option<HostTime>,
     /// Searches in vain so far.
@@ -102,10 +121,17 @@ pub(super) struct Touch {
     carried_since: Option<HostTime>,
     /// The floor carries.
     stands: bool,
-    /// Specific force along body z, low-passed, m/s².
+    /// Specific force along body z, low-passed, m/s², and for how long it has been taken in, s.
     pub acc_z_mps2: f64,
+    felt_s: f64,
+    /// The same over a longer time, while no floor was felt for.
+    usual_mps2: Option<f64>,
+    /// Speed gained upward by the accelerometer alone, as far as it is recent, m/s.
+    up_mps: f64,
     /// Thrust that was sent, low-passed alike.
     thrust_frac: f64,
+    /// What is sent is obeyed this much later, s, where that was found before the way down.
+    lag_s: f64,
 }
 
 impl Touch {
@@ -113,8 +139,14 @@ impl Touch {
     pub fn restarted(self) -> Self {
         Self {
             down_since: self.down_since,
+            is_last: self.is_last,
             acc_z_mps2: self.acc_z_mps2,
+            felt_s: self.felt_s,
+            low_frac: self.low_frac,
+            usual_mps2: self.usual_mps2,
+            up_mps: self.up_mps,
             thrust_frac: self.thrust_frac,
+            lag_s: self.lag_s,
             ..Self::default()
         }
     }
@@ -125,7 +157,17 @@ impl Touch {
         if is_down(from) && is_down(to) {
             return self;
         }
-        Self { down_since: is_down(to).then_some(at), ..self.restarted() }
+        Self {
+            down_since: is_down(to).then_some(at),
+            is_last: false,
+            low_frac: None,
+            ..self.restarted()
+        }
+    }
+
+    /// What is sent is obeyed so much later, s.
+    pub fn obeyed_after(&mut self, lag_s: f64) {
+        self.lag_s = lag_s;
     }
 
     /// Whether the floor carries.
@@ -136,12 +178,13 @@ impl Touch {
     /// A thrust, held below what was found.
     pub fn bounded(&self, thrust_frac: f64) -> f64 {
         let most = |bound: Option<f64>| bound.unwrap_or(1.0);
-        thrust_frac.min(most(self.ceiling_frac)).min(most(self.turn_frac))
+        thrust_frac.min(most(self.ceiling_frac)).min(most(self.turn_frac)).min(most(self.low_frac))
     }
 
     /// What was felt of a fall is from before a pause.
     pub fn forget_fall(&mut self) {
-        (self.fell_at, self.acc_z_mps2) = (None, -G_MPS2);
+        self.fell_at = None;
+        self.deaf();
     }
 
     /// Takes the thrust of a control step in.
@@ -167,6 +210,23 @@ impl Touch {
         let dt_s = if dt_s < GAP_S { dt_s } else { 0.0 };
         let weight = (dt_s / (FEEL_FILTER_S + dt_s)).clamp(0.0, 1.0);
         self.acc_z_mps2 += (acc_z_mps2 - self.acc_z_mps2) * weight;
+        self.felt_s += dt_s;
+        let usual_mps2 = self.usual_mps2.get_or_insert(acc_z_mps2);
+        if self.ceiling_frac.is_none() {
+            *usual_mps2 += (acc_z_mps2 - *usual_mps2) * dt_s / (USUAL_S + dt_s);
+        }
+        let gained_mps = (*usual_mps2 - acc_z_mps2) * dt_s;
+        self.up_mps = (self.up_mps + gained_mps) * (1.0 - dt_s / (LATELY_S + dt_s));
+    }
+
+    /// Whether the sinking was stopped by something: near the floor by the floor.
+    fn is_stopped(&self, low: bool) -> bool {
+        self.up_mps > if low { STOPPED_MPS } else { STOPPED_HIGH_MPS }
+    }
+
+    /// An accelerometer that repeats itself says nothing, and half a wing beat in which it stuck is none of a fall.
+    pub fn deaf(&mut self) {
+        (self.acc_z_mps2, self.felt_s, self.up_mps) = (-G_MPS2, 0.0, 0.0);
     }
 }
 
@@ -216,12 +276,17 @@ impl Pilot {
 
     /// In a descent without an estimate: whether the floor is there, and whether the estimate is back.
     fn watch_descent(&mut self, at: HostTime) {
-        if self.needs_descent() || !self.is_uwb_fresh(at) || self.estimate.health != Health::Good {
+        // So near the floor nothing is to be gained by an estimate that was just lost: it is over sooner than that is known.
+        let near = self.supervisor.descent.height_m() < TOUCH_BELOW_M || self.is_low_by_baro(at);
+        let bad = !self.is_uwb_fresh(at) || self.estimate.health != Health::Good;
+        if near || bad || self.needs_descent() {
             self.good_since = None;
         } else if at.seconds_since(*self.good_since.get_or_insert(at)) > self.back_for_s() {
             self.fire(at, Event::EstimateBack);
             return;
         }
+        let numb = self.is_numb() || !self.imu_is_alive(at);
+        self.supervisor.descent.numb(numb);
         if self.imu_is_alive(at) {
             if self.touch.fell_at.is_none() && self.touch.ceiling_frac.is_none() {
                 self.touch.ceiling_frac = self.standing_ceiling_frac();
@@ -230,7 +295,7 @@ impl Pilot {
             let low = self.supervisor.descent.is_low() || self.is_low_by_baro(at);
             let held_up = self.supervisor.descent.is_held_up(share);
             let for_s = if low { TOUCH_FOR_S } else { HELD_UP_FOR_S };
-            self.feel_for_floor(at, low || held_up, for_s, None);
+            self.feel_for_floor(at, low, low || held_up, for_s, None);
         } else if self.touch.stands {
             self.lower_thrust(at);
         } else {
@@ -242,6 +307,10 @@ impl Pilot {
     pub(super) fn hold_thrust_near_floor(&mut self, at: HostTime) {
         if self.touch.turn_frac.is_none() && self.is_near_floor(at) {
             let least_frac = TURN_SHARE * self.control.thrust_base_frac;
+            if self.is_numb() {
+                // Nothing tells whether it stands already.
+                self.touch.low_frac = Some(least_frac);
+            }
             self.touch.turn_frac = Some(self.touch.thrust_frac.max(least_frac));
         }
     }
@@ -297,6 +366,12 @@ impl Pilot {
         if self.mode == Mode::Descend {
             self.supervisor.descent.baro(height_m, dt_s);
         }
+    }
+
+    /// Whether a way down is so far that nobody may call it off.
+    pub(super) fn is_touching_down(&self) -> bool {
+        let down = matches!(self.mode, Mode::Land | Mode::Descend);
+        down && (self.touch.is_last || self.touch.stands || self.touch.ceiling_frac.is_some())
     }
 
     /// Height of the landing gear above the floor by the estimate, m.
@@ -371,8 +446,7 @@ impl Pilot {
     /// air the accelerometer shows at once that it falls, on the floor it shows nothing.
     fn watch_touch_down(&mut self, at: HostTime) {
         // Near the floor an estimate that nothing measures, or that flies by a sample that repeats itself, is not climbed by.
-        let repeats = self.supervisor.repetition.accelerometer_s() > FEEL_BLIND_S;
-        if repeats || !self.is_uwb_fresh(at) {
+        if self.is_numb() || !self.is_uwb_fresh(at) {
             self.hold_thrust_near_floor(at);
         }
         // The shares were tuned on the configured base. With the learned one the floor was found up to 4 s
@@ -386,22 +460,41 @@ impl Pilot {
         let flight = &self.config.flight;
         let longest_s = self.land_from_m / flight.land_slow_speed_mps.max(0.05) + OVERDUE_S;
         if at.seconds_since(self.mode_since) > longest_s {
-            self.feel_for_floor(at, true, TOUCH_FOR_S, None);
+            self.feel_for_floor(at, low, true, TOUCH_FOR_S, None);
         } else {
-            self.feel_for_floor(at, light && slow, for_s, Some(sink_mps));
+            self.feel_for_floor(at, low, light && slow, for_s, Some(sink_mps));
         }
     }
 
     /// How fast thrust may be taken away, share of the base per second: with a fall that is seen later it is
     /// to be no larger when it is seen.
     fn feel_per_s(&self) -> f64 {
-        FEEL_PER_S * FEEL_FILTER_S / (FEEL_FILTER_S + self.board.lateness().latency_s())
+        FEEL_PER_S * FEEL_FILTER_S / (FEEL_FILTER_S + self.obeyed_after_s())
+    }
+
+    /// How long what is sent takes to be seen, s; 0 where it is not late.
+    fn obeyed_after_s(&self) -> f64 {
+        self.board.lateness().latency_s().max(self.touch.lag_s)
+    }
+
+    /// Whether what is sent is obeyed too late for a loop that is closed over it.
+    pub(super) fn obeys_late(&self) -> bool {
+        self.board.lateness().is_late() || self.touch.lag_s > 0.0
     }
 
     /// Takes thrust away as soon as there has been a reason for so long. `sink_mps`: where it is known.
-    fn feel_for_floor(&mut self, at: HostTime, reason: bool, for_s: f64, sink_mps: Option<f64>) {
+    fn feel_for_floor(
+        &mut self,
+        at: HostTime,
+        low: bool,
+        reason: bool,
+        for_s: f64,
+        sink_mps: Option<f64>,
+    ) {
         let base_frac = self.control.thrust_base_frac;
+        self.touch.is_last |= self.height_above_floor_m() < LAST_M;
         self.watch_contact(at, base_frac);
+        self.stay_down(low, base_frac);
         if self.touch.ceiling_frac.is_none() {
             let began = self.touch.down_since.unwrap_or(self.mode_since);
             let early = at.seconds_since(began) < TOUCH_NOT_BEFORE_S
@@ -419,23 +512,43 @@ impl Pilot {
         let believed = self.supervisor.descents == 0 && self.is_uwb_fresh(at);
         let sinks = believed && sink_mps.is_some_and(|sink_mps| sink_mps > fast_mps);
         let short_mps2 = self.touch.acc_z_mps2 + G_MPS2;
-        if short_mps2 > FALLING_MPS2 || (short_mps2 > SINKING_MPS2 && sinks) {
+        // Half a wing beat alone is a fall to a filter that has only begun.
+        let felt = self.touch.felt_s > FEEL_FILTER_S;
+        if felt && (short_mps2 > FALLING_MPS2 || (short_mps2 > SINKING_MPS2 && sinks)) {
             let falls = self.touch.falls;
             self.touch = self.touch.restarted();
             (self.touch.fell_at, self.touch.falls) = (Some(at), falls + 1);
             self.supervisor.descent.floor_not_found();
-        } else if self.supervisor.repetition.accelerometer_s() <= FEEL_BLIND_S || self.touch.stands
-        {
+        } else if !self.is_numb() || self.touch.stands {
             self.lower_thrust(at);
         }
         // Else nobody could say whether it falls now: one that stuck just here had thrust taken away at 0.5 m.
     }
 
+    /// What was stopped near the floor goes on without the thrust that would lift it off again. Where it was a gust it
+    /// falls, which shows at once. Whoever has no estimate, or had none, keeps below hover thrust even then: a hop of a
+    /// centimetre ends with a fall as well.
+    fn stay_down(&mut self, low: bool, base_frac: f64) {
+        if !self.is_numb() && self.supervisor.descents > 0 && self.touch.is_stopped(low) {
+            self.touch.up_mps = 0.0;
+            if low {
+                self.touch.low_frac = Some(TURN_SHARE * base_frac);
+            }
+            // A fall that is seen late is to be a slow one.
+            let share = if self.obeys_late() { TURN_SHARE } else { DOWN_SHARE };
+            self.touch.ceiling_frac = Some(self.touch.bounded(share * base_frac));
+        }
+    }
+
+    /// Whether the accelerometer has repeated itself for so long that it shows no fall.
+    pub(super) fn is_numb(&self) -> bool {
+        self.supervisor.repetition.accelerometer_s() > FEEL_BLIND_S
+    }
+
     /// Whether the floor carries already, whatever the estimate says of height and speed.
     fn watch_contact(&mut self, at: HostTime, base_frac: f64) {
         let near = self.is_near_floor(at);
-        let blind = self.supervisor.repetition.accelerometer_s() > FEEL_BLIND_S;
-        if !near || blind || !self.touch.is_carried(base_frac) {
+        if !near || self.is_numb() || !self.touch.is_carried(base_frac) {
             self.touch.carried_since = None;
             return;
         }

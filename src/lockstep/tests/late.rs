@@ -151,9 +151,8 @@ fn regress_a_late_link_is_descended_from_in_every_part_of_a_flight() {
         .collect();
     for (part, late_s, end) in ends {
         assert!(end.contact_mps < 2.0, "{part:?} {late_s}: {end:?}");
-        // Thrown up by 0.77 m without a bound on thrust; what remains is 0.59 m at worst, at 0.4 s; none is
-        // what is asked for.
-        assert!(end.hop_m < 0.6, "{part:?} {late_s}: it left the floor again, {end:?}");
+        // Gear that springs stays below; thrown up by 0.77 m without a bound on thrust.
+        assert!(end.hop_m < 0.15, "{part:?} {late_s}: it left the floor again, {end:?}");
     }
 }
 

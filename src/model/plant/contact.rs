@@ -35,6 +35,10 @@ const TIP: [f64; 2] = [100.0, 0.9];
 /// Friction is a damper below this speed, m/s.
 const CREEP_MPS: f64 = 0.1;
 
+/// Within this time the gear takes the sinking speed away, s: it gives by some mm, and boards low-pass their
+/// accelerometer at 20 to 30 Hz. The body itself is stopped at once; the accelerometer feels it spread over this.
+const JOLT_S: f64 = 0.01;
+
 /// One point.
 #[derive(Debug, Clone, Copy)]
 struct Point {
@@ -51,6 +55,8 @@ pub(super) struct Contact {
     reach_m: f64,
     /// Cosine of the tilt beyond which it does not come upright by its weight.
     pub tip_cos: f64,
+    /// Speed that the gear has taken away and the accelerometer has not felt yet, m/s.
+    jolt_mps: f64,
 }
 
 impl Contact {
@@ -72,7 +78,24 @@ impl Contact {
             point([0.0, 0.0, -gear_m], BODY),
         ];
         let reach_m = points.iter().map(|p| p.r_B_m.norm()).fold(0.0, f64::max);
-        Self { points, reach_m, tip_cos: gear_m.max(1e-3) / gear_m.max(1e-3).hypot(half_m) }
+        Self {
+            points,
+            reach_m,
+            tip_cos: gear_m.max(1e-3) / gear_m.max(1e-3).hypot(half_m),
+            jolt_mps: 0.0,
+        }
+    }
+
+    /// The gear has stopped this sinking speed, m/s.
+    pub fn stop(&mut self, sink_mps: f64) {
+        self.jolt_mps += sink_mps;
+    }
+
+    /// Upward acceleration by which the gear stops the vehicle, as it is felt in the next step of `dt_s`, m/s².
+    pub fn jolt_mps2(&mut self, dt_s: f64) -> f64 {
+        let felt_mps = self.jolt_mps * (1.0 - (-dt_s / JOLT_S).exp());
+        self.jolt_mps -= felt_mps;
+        felt_mps / dt_s
     }
 
     /// Whether a point is below the floor.

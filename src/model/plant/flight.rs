@@ -120,7 +120,8 @@ impl Plant {
                 torque_B = Vector3::zeros();
             }
         }
-        self.state.acc_B_mps2 = R_EB.tr_mul(&(a_E - Vector3::new(0.0, 0.0, G_MPS2)));
+        let felt_up_mps2 = G_MPS2 + self.contact.jolt_mps2(STEP_S);
+        self.state.acc_B_mps2 = R_EB.tr_mul(&(a_E - Vector3::new(0.0, 0.0, felt_up_mps2)));
         self.body.step(STEP_S, a_E, torque_B, &R_EB);
 
         let floor_z = -self.vehicle.body.gear_m;
@@ -129,6 +130,7 @@ impl Plant {
                 self.crash();
             }
             if self.body.v_E.z > 0.0 {
+                self.contact.stop(self.body.v_E.z);
                 self.body.v_E.z = 0.0;
                 self.body.restart();
             }

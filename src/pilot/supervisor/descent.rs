@@ -34,11 +34,15 @@ const GAIN_S_PER_M: f64 = 0.12;
 /// Bounds of the thrust share. The lower one is far below what a sound vehicle needs: ground effect, a
 /// draught from below and a hover thrust that was learned from a wrong estimate all carry.
 const SHARES: [f64; 2] = [0.6, 1.05];
-/// The upper one while the link is late, and near the floor.
+/// The upper one while the link is late, and near the floor, where the ground effect carries a fifth more.
 const LATE_MOST: f64 = 1.0;
-const LATE_MOST_LOW: f64 = 0.95;
+const LATE_MOST_LOW: f64 = 0.84;
 /// Share without a barometer. With a drag of 0.65 to 1 1/s a deficit of 8 % sinks at 0.8 to 1.2 m/s.
 const BLIND_SHARE: f64 = 0.92;
+/// Where the accelerometer does not tell of the floor either, so much of the share is taken away per second from the
+/// moment on in which the floor may have come, down to the least with which a search for the floor ends.
+const BLIND_PER_S: f64 = 0.15;
+const BLIND_LEAST: f64 = 0.55;
 /// Largest error of the thrust model that is believed, m/s².
 const BIAS_MPS2: f64 = 4.0;
 /// A barometer that says this much else than expected is not believed, m.
@@ -91,6 +95,10 @@ pub(in crate::pilot) struct Descent {
     /// Thrust share that is taken away because the floor was felt for and not found.
     push: f64,
     late: bool,
+    /// Nothing tells of the floor: by the accelerometer.
+    numb: bool,
+    /// Share that is taken away since the floor may have come.
+    taken: f64,
 }
 
 impl Descent {
@@ -137,14 +145,22 @@ impl Descent {
     pub fn step(&mut self, dt_s: f64) -> Option<f64> {
         self.elapsed_s += dt_s;
         self.baro_age_s += dt_s;
-        let wanted_mps = if self.height_m > SLOW_BELOW_M { SINK_MPS } else { SINK_SLOW_MPS };
+        // Over a late link there is no time to brake.
+        let fast = self.height_m > SLOW_BELOW_M && !self.late;
+        let wanted_mps = if fast { SINK_MPS } else { SINK_SLOW_MPS };
         let share = if self.baro_age_s < SILENT_S {
             let held = 1.0 - (DRAG_PER_S * wanted_mps - self.bias_mps2) / G_MPS2;
             (held + GAIN_S_PER_M * (self.sink_mps - wanted_mps)).clamp(SHARES[0], self.most_share())
         } else {
             BLIND_SHARE
         };
-        let share = (share - self.push).max(SHARES[0]);
+        if self.numb && self.baro_age_s >= SILENT_S && self.height_m < MARGIN_M {
+            self.taken += BLIND_PER_S * dt_s;
+            if share - self.taken < BLIND_LEAST {
+                return None;
+            }
+        }
+        let share = (share - self.push - self.taken).max(BLIND_LEAST);
         let acc_mps2 = G_MPS2 * (1.0 - share) - DRAG_PER_S * self.sink_mps + self.bias_mps2;
         self.sink_mps += acc_mps2 * dt_s;
         self.height_m -= self.sink_mps * dt_s;
@@ -165,6 +181,11 @@ impl Descent {
     /// Whether the link is late now.
     pub fn over_late_link(&mut self, late: bool) {
         self.late = late;
+    }
+
+    /// Whether the accelerometer tells nothing now.
+    pub fn numb(&mut self, numb: bool) {
+        self.numb = numb;
     }
 
     /// When the floor must have come, s.

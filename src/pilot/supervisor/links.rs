@@ -103,7 +103,7 @@ pub(super) const BOARD: Condition = Condition {
 };
 
 /// Lag of the attitude behind its setpoints that no loop stands, s.
-const RESPONSE_MOST_S: f64 = 0.48;
+pub(in crate::pilot) const RESPONSE_MOST_S: f64 = 0.48;
 
 /// What comes from the board is old, or what is sent to it arrives late.
 pub(super) const BOARD_LATE: Condition = Condition {

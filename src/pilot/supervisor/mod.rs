@@ -32,6 +32,7 @@ pub use list::CONDITIONS;
 pub use reaction::{Action, Reaction};
 
 pub(super) use descent::{Descent, LONGEST_S as LONGEST_DESCENT_S};
+pub(super) use links::RESPONSE_MOST_S;
 pub(super) use timing::SteadyClock;
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor;
@@ -225,8 +226,8 @@ impl Pilot {
         if let Some(why) = self.ending_forbids(to) {
             return Some(why);
         }
-        if self.touch.stands() && to.is_flying() {
-            return Some("the floor carries already");
+        if self.is_touching_down() && to.is_flying() {
+            return Some("it touches down: take off again from the floor");
         }
         let wanted = |row: &Condition| {
             if row.watched.holds(to) { row.reaction(to, &self.config) } else { Reaction::Nothing }
