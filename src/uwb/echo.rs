@@ -52,6 +52,11 @@ impl Echo {
         self.sounds
     }
 
+    /// Whether what comes was certainly never heard before.
+    pub fn is_over(&self) -> bool {
+        self.new >= NEW
+    }
+
     /// The clock of its anchor contradicts a payload that is known.
     pub fn begin(&mut self) {
         self.sounds = true;

@@ -331,7 +331,8 @@ impl TdoaEngine {
     }
 
     /// Unwraps a 40-bit tag time. `None` if it contradicts the stream so far; two packets that
-    /// contradict it but not one another begin a new stream, where the tag may have rebooted.
+    /// contradict it but not one another begin a new stream, where the tag may have rebooted, or where packets are
+    /// missing: what was never heard before, and goes forward or has nothing before it for as long as a reboot takes.
     fn unwrap(&mut self, raw: u64, received_at: HostTime) -> Option<i64> {
         const WRAP: i64 = 1 << RX_BITS;
         let raw_ticks = raw.cast_signed();
@@ -357,7 +358,9 @@ impl TdoaEngine {
         let t = now + ahead + wraps as i64 * WRAP;
         let late_s = self.tag_clock.host(tag_time(t)).map(|at| received_at.seconds_since(at));
         let ran_on = late_s.is_some_and(|late_s| SAME_TIME_S.contains(&late_s));
-        if !ran_on && !self.may_be_elsewhere {
+        let missing =
+            self.echo.is_over() && (ahead < WRAP / 2 || pause_us >= REBOOT_SILENCE_S * 1e6);
+        if !ran_on && !missing && !self.may_be_elsewhere {
             return None;
         }
         for anchor in self.anchors.iter_mut() {

@@ -228,6 +228,29 @@ fn prop_pauses_of_any_length_are_survived() {
     }
 }
 
+/// A program that is started again, or stood still, reads what waited for it at once, and misses what had no room.
+#[test]
+fn regress_what_waited_and_what_is_missing_hold_nothing_up() {
+    for begins_anew in [false, true] {
+        for missing_s in [1.0, 4.0, 8.0, 10.0, 16.0, 20.0] {
+            let mut air = Air::new(40e-6, 21);
+            let heard = air.run(0.0..3.0);
+            let mut run = Run::new();
+            if !begins_anew {
+                run.hear(&heard);
+            }
+            let live_s = 5.0 + missing_s;
+            let waited = air.run(3.0..5.0);
+            let read: Vec<_> = waited.iter().map(|h| h.played_again(live_s - h.t_s, 0.0)).collect();
+            run.hear(&read);
+            let before = run.out.len();
+            run.hear(&air.run(live_s..live_s + 3.0));
+            let fused = run.out.len() - before;
+            assert!(fused > 500, "anew {begins_anew}, {missing_s} s missing: {fused}");
+        }
+    }
+}
+
 /// Bytes of the last seconds played again and again, as they were and with receive times that go on.
 #[test]
 fn regress_a_stream_that_is_played_again_gives_nothing() {

@@ -186,15 +186,15 @@ fn regress_a_limit_on_file_sizes_ends_no_companion() {
     let dir = folder.path();
     let mut command = idle(dir);
     let socket = systemd(dir, &mut command);
-    // In blocks of 512 bytes.
+    // In blocks of 512 bytes: a little more than a log begins with.
     let limited: Vec<_> = command.get_args().skip(2).map(ToOwned::to_owned).collect();
     let mut command = Command::new("sh");
-    command.args(["-c", "ulimit -f 16; exec \"$@\""]).args(limited).current_dir(dir);
+    command.args(["-c", "ulimit -f 1000; exec \"$@\""]).args(limited).current_dir(dir);
     command.env("NOTIFY_SOCKET", dir.join("notify")).env("WATCHDOG_USEC", "1000000");
     let mut child =
         command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     hears(&socket, "READY=1");
-    // Long enough for a log of 8 kB, which is flushed each second.
+    // Long enough for a log to grow beyond that.
     for _ in 0..20 {
         hears(&socket, "WATCHDOG=1");
     }

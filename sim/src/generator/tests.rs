@@ -151,8 +151,9 @@ fn prop_every_effect_flies_and_shows() {
             let crashed = flight.samples.iter().any(|s| s.truth.crashed);
             let ok = flight.landed && !crashed;
             let [_, _, _, hover] = figures(&flight);
+            let last = if ok { &[][..] } else { &flight.texts[flight.texts.len().saturating_sub(4)..] };
             format!(
-                "{} {size:.3} {}: {}{:.0} s, est {:.3} m, hover {hover:.2} V, apart {apart:.3?} {:?}",
+                "{} {size:.3} {}: {}{:.0} s, est {:.3} m, hover {hover:.2} V, apart {apart:.3?} {:?} {last:?}",
                 spec.id,
                 spec.unit,
                 match (ok, shows) {

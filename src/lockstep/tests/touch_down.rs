@@ -10,8 +10,8 @@ use super::*;
 use crate::model::faults::{Fault, FaultKind};
 use crate::pilot::LinkId;
 
-/// The longest that it may stand with motors that run, s. A landing without a fault takes 3.5 s at most; reached are 5.3 s.
-const STANDS_S: f64 = 5.5;
+/// The longest that it may stand with motors that run, s: what a landing without a fault takes.
+const STANDS_S: f64 = 4.0;
 
 /// It has lifted off again above this, m: gear that springs stays below.
 const LIFTS_M: f64 = 0.15;

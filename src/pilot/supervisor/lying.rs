@@ -31,7 +31,7 @@ const ATTITUDE_AGE_S: f64 = 0.2;
 const CARRIED_MPS2: f64 = 2.0;
 /// A lean of so much carries nothing for so long: the board rights a vehicle in the air within 0.3 s.
 const LIES_S: f64 = 0.3;
-/// A lean that is this far from what was asked for, rad (30 degrees) …
+/// A lean of so much, and so far from what was asked for, rad (30 degrees) …
 const ASTRAY_RAD: f64 = 0.52;
 /// … for so long is one that thrust cannot right, s.
 const ASTRAY_S: f64 = 0.5;
@@ -103,7 +103,9 @@ impl Lying {
         // Wings that beat on the floor toss it: what it does most of the time counts.
         let count = |s: f64, holds: bool| (s + if holds { dt_s } else { -dt_s }).max(0.0);
         self.leans_s = count(self.leans_s, carried && down_B[2] < most_rad.cos());
-        self.astray_s = count(self.astray_s, carried && near && dot < ASTRAY_RAD.cos());
+        // A board that leans less than it was told to stands upright.
+        let astray = down_B[2] < ASTRAY_RAD.cos() && dot < ASTRAY_RAD.cos();
+        self.astray_s = count(self.astray_s, carried && near && astray);
         let lies = self.leans_s > LIES_S && (near || height_m > self.from_m - FALLEN_M);
         self.seen = lies || self.astray_s > ASTRAY_S;
     }
@@ -132,7 +134,7 @@ pub(super) const LIES: Condition = Condition {
     name: "tipped_over",
     seen_by: "The vehicle leans more than `supervisor.tilt_most_deg` by the board's attitude and is carried all the \
               same: its specific force along the vertical is gravity's to within 2 m/s², for 0.3 s, near the floor or \
-              at a height that does not fall. Or it leans by 30 degrees otherwise than it was told, carried, near the \
+              at a height that does not fall. Or it leans by 30 degrees, and as much otherwise than it was told, carried, near the \
               floor (below 0.8 m by estimate or barometer), for 0.5 s. In the air such a lean falls at once. The motors \
               are cut, forced, and thrust is not tried any more.",
     numbers: &[
