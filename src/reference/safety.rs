@@ -47,7 +47,9 @@ meanwhile may wait to be read. Only the newest pause is taken off: a loop that a
 * Down is down. A landing that turns into a descent, or the other way round, is one way down: what was found of the \
 floor holds, and only an accelerometer that shows a fall takes it back. Where thrust is below 62 % of the base and the \
 specific force is gravity's all the same, near the floor by estimate or barometer, the floor carries: thrust is lowered \
-from there to none, whatever the estimate says, and no order to fly is taken any more. A landing near the \
+from there to none, whatever the estimate says. Where the accelerometer shows that something stopped a descent near the \
+floor, thrust stays at or below 80 % of the base from then on, which does not lift it off. An estimate that comes back below 0.8 m is not flown on \
+any more. No order to fly is taken once the floor is felt for, or once a landing has come to 0.3 m by the estimate. A landing near the \
 floor whose estimate is not measured any more, or that becomes a descent, goes on with no more thrust than it had; \
 without an accelerometer it is lowered from there, and the motors are off after 2.5 s.
 * In the spool-up the floor still carries the vehicle: every reaction from **hold** on is **disarm** there.
