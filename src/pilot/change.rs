@@ -75,11 +75,10 @@ impl Pilot {
             Mode::Hold if from == Mode::Yielded => self.take_over_level(),
             Mode::Descend => {
                 // Height and speed as they were while they could be trusted, or as measured after a pause.
-                let sink_mps = if self.imu_is_alive(at) { self.last_sink_mps } else { 0.0 };
                 let (height_m, sink_mps) = self
                     .resumption
                     .descends_from(self.last_height_m)
-                    .unwrap_or((self.height_to_descend_from_m(), sink_mps));
+                    .unwrap_or_else(|| self.height_and_sink_to_descend_from(at));
                 self.supervisor.descent = Descent::begin(height_m, sink_mps);
                 self.supervisor.descents += 1;
                 let late_s = self.board.response_lag_s().filter(|s| *s > RESPONSE_MOST_S);

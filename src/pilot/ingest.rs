@@ -30,6 +30,7 @@ impl Pilot {
         match link {
             LinkId::Tag => {
                 self.uwb.reconnected();
+                self.mav_tag.reconnected();
                 self.tag_splitter.flush();
                 self.tag_is_up = true;
                 self.tag_asked_at = at;

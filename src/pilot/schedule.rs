@@ -65,6 +65,8 @@ impl Pilot {
         self.follow_north(at, dt_s);
         self.watch_lift(dt_s);
         self.watch_slip(at, dt_s);
+        self.watch_scale(at, dt_s);
+        self.watch_speed();
         let remedies = self.estimator.counts().remedies;
         self.supervisor.evidence.note_remedies(at, remedies);
         self.check_survey(at);

@@ -44,6 +44,11 @@ const TURN_SHARE: f64 = 0.8;
 const TURN_PER_S: f64 = 0.15;
 /// Something holds a descent up for this long before the floor is felt for, s.
 const HELD_UP_FOR_S: f64 = 1.0;
+/// With less than this share of the hover thrust, and hardly sinking, floor or ground effect carry: 0.9 leave 1 m/s²,
+/// which drag alone holds up at 1.2 m/s. Where no accelerometer can show that it was wrong thrust is taken away gently,
+/// so less is enough: 0.95 would sink with 0.6 m/s.
+const HELD_UP_SHARE: f64 = 0.9;
+const BLIND_HELD_UP_SHARE: f64 = 0.95;
 /// Specific force that is this much short of gravity says that the vehicle falls, m/s². Three
 /// times what low-passed flapping leaves.
 const FALLING_MPS2: f64 = 1.0;
@@ -293,12 +298,13 @@ impl Pilot {
             }
             let share = self.control.thrust_frac / self.hover_thrust_frac().max(0.05);
             let low = self.supervisor.descent.is_low() || self.is_low_by_baro(at);
-            let held_up = self.supervisor.descent.is_held_up(share);
+            let held_up = self.supervisor.descent.is_held_up(share, HELD_UP_SHARE);
             let for_s = if low { TOUCH_FOR_S } else { HELD_UP_FOR_S };
             self.feel_for_floor(at, low, low || held_up, for_s, None);
         } else if self.touch.stands {
             self.lower_thrust(at);
         } else {
+            self.take_hold_of_floor(at);
             self.sink_blindly(at);
         }
     }
@@ -315,12 +321,26 @@ impl Pilot {
         }
     }
 
+    /// Without an accelerometer a descent that something holds up near the floor has found it: from here on thrust only
+    /// sinks, or the cushion of the floor would throw it up again.
+    fn take_hold_of_floor(&mut self, at: HostTime) {
+        let share = self.control.thrust_frac / self.hover_thrust_frac().max(0.05);
+        let descent = &self.supervisor.descent;
+        if self.touch.turn_frac.is_some()
+            || !(descent.is_low() && descent.is_held_up(share, BLIND_HELD_UP_SHARE))
+        {
+            self.touch.since = None;
+        } else if at.seconds_since(*self.touch.since.get_or_insert(at)) > HELD_UP_FOR_S {
+            self.touch.turn_frac = Some(self.touch.thrust_frac);
+        }
+    }
+
     /// No accelerometer tells of the floor.
     fn sink_blindly(&mut self, at: HostTime) {
         let base_frac = self.control.thrust_base_frac;
         let lower_frac = TURN_PER_S * base_frac * CONTROL_PERIOD_US as f64 * 1e-6;
         let turn_frac = self.touch.turn_frac.map(|frac| frac - lower_frac);
-        self.touch = Touch { turn_frac, ..self.touch.restarted() };
+        self.touch = Touch { turn_frac, since: self.touch.since, ..self.touch.restarted() };
         if turn_frac.is_some_and(|frac| frac < FEEL_SHARE * base_frac) {
             self.fire(at, Event::TouchDown);
         }

@@ -40,7 +40,8 @@ that stands first in the list gives its name.
 * While a condition holds, a client cannot order anything milder: the command is refused with the reason. \
 Forced disarming and harder orders are always taken.
 * When a condition ends, the mode that it brought about stays; a client may then order another. Only a \
-**descend** becomes a landing by itself, once nothing asks for it and the estimate has been good for 0.3 s.
+**descend** becomes a landing by itself, once nothing asks for it and the estimate has been good for 0.3 s; an estimate \
+that was contradicted is not taken back.
 * A silence is judged only after listening. When two control steps were more than 0.05 s apart, that time is taken \
 off the age of IMU, board and client for 0.05 s: the threads that read for us stood still as well, and what came \
 meanwhile may wait to be read. Only the newest pause is taken off: a loop that always pauses hides no silence.
@@ -66,7 +67,8 @@ What the reactions are:
 | descend | level by the board's attitude, down on thrust model and barometer (0.8 m/s, below 1.2 m 0.45 m/s); \
 without a barometer at 92 % of the hover thrust. Near the floor by its own account, by the barometer's, or where \
 something holds it up for 1 s, the floor is felt for, with the accelerometer where the IMU \
-is alive; without one thrust fades out when the floor must have come |
+is alive; without one thrust goes down slowly where something holds it up near the floor, and fades out when the floor \
+must have come |
 | yield | the board flies by itself; no setpoint is sent that it could take for our will |
 | disarm | motors off; in the air only of a vehicle that lies on the floor (`tipped_over`) |
 ";

@@ -24,7 +24,8 @@
 //!   the next packet to pair with, else it would spoil two measurements.
 //! * |d| may not exceed the distance between the anchors.
 //! * The tag's time goes forward. It may begin elsewhere only where the tag may have rebooted: after it was
-//!   connected anew, or was silent for as long as that takes. And a payload that was heard before, at times that its
+//!   connected anew, or was silent for as long as that takes; one that goes on where it stopped is late, no reboot, and
+//!   what is later than the least delay by far is not used ([`TagClock`]). And a payload that was heard before, at times that its
 //!   anchor's clock contradicts, is an echo ([`super::echo`]). Both are what a stream looks like that is played again.
 //!
 //! Every packet ends in at least one TDOA or in exactly one counted reason.
@@ -124,6 +125,8 @@ pub struct TdoaEngine {
     may_be_elsewhere: bool,
     /// Whether the newest packet's time was before the stream's.
     backwards: bool,
+    /// Whether the newest packet came far later than such packets once did.
+    old: bool,
     echo: Echo,
     /// Anchor clocks that started anew in a row, with no packet between that fitted an old one.
     restarts: u32,
@@ -148,6 +151,7 @@ impl TdoaEngine {
             heard_at: None,
             may_be_elsewhere: false,
             backwards: false,
+            old: false,
             echo: Echo::new(),
             restarts: 0,
         }
@@ -187,12 +191,20 @@ impl TdoaEngine {
     pub fn reconnected(&mut self) {
         self.decoder.flush();
         self.may_be_elsewhere = true;
+        if std::mem::take(&mut self.old) {
+            self.tag_clock.reset();
+        }
         self.echo.end();
     }
 
     /// Whether the tag's time runs backwards, or its packets were heard before: nothing of it is used.
     pub fn is_played_again(&self) -> bool {
         self.echo.sounds() || self.backwards
+    }
+
+    /// Whether what comes is old: nothing of it is used.
+    pub fn is_old(&self) -> bool {
+        self.old
     }
 
     /// The anchors that were heard.
@@ -266,6 +278,10 @@ impl TdoaEngine {
         self.now = Some((t_n, received_at));
         self.may_be_elsewhere = false;
         self.tag_clock.observe(tag_time(t_n), received_at);
+        self.old = self.tag_clock.is_old(tag_time(t_n), received_at);
+        if self.old {
+            return Err(DropReason::UwbTooOld);
+        }
         if !clock_n.settled() {
             return Err(DropReason::UwbClockUnsettled);
         }
@@ -356,6 +372,10 @@ impl TdoaEngine {
         let ticks_passed = pause_us * (TICK_HZ * 1e-6);
         let wraps = ((ticks_passed - ahead as f64) / WRAP as f64).round().max(0.0);
         let t = now + ahead + wraps as i64 * WRAP;
+        // A tag that rebooted does not go on where it stopped; if it should seem so, its anchors' clocks contradict.
+        if (1..=MAX_GAP_TICKS).contains(&ahead) && wraps == 0.0 {
+            return Some(t);
+        }
         let late_s = self.tag_clock.host(tag_time(t)).map(|at| received_at.seconds_since(at));
         let ran_on = late_s.is_some_and(|late_s| SAME_TIME_S.contains(&late_s));
         let missing =

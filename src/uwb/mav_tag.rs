@@ -27,6 +27,8 @@ pub struct MavTag {
     may_be_elsewhere: bool,
     /// Whether the newest message's time or number was before the stream's.
     backwards: bool,
+    /// Whether the newest message came far later than such messages once did.
+    old: bool,
 }
 
 impl MavTag {
@@ -43,6 +45,14 @@ impl MavTag {
     /// The tag was connected anew: its time and numbers may begin elsewhere.
     pub fn reconnected(&mut self) {
         self.may_be_elsewhere = true;
+        if std::mem::take(&mut self.old) {
+            self.clock.reset();
+        }
+    }
+
+    /// Whether what comes is old: nothing of it is used.
+    pub fn is_old(&self) -> bool {
+        self.old
     }
 
     /// Whether its time or numbers run backwards though it cannot have rebooted: nothing of it is used.
@@ -116,6 +126,10 @@ pub fn from_uwb_tdoa(
     }
     let time = TagTime::from_us(message.time_usec);
     tag.clock.observe(time, received_at);
+    tag.old = tag.clock.is_old(time, received_at);
+    if tag.old {
+        return Err(DropReason::UwbTooOld);
+    }
     let latency_us = (config.tag_latency_s * 1e6).round() as i64;
     let valid_at = tag.clock.host(time).unwrap_or(received_at).min(received_at);
     Ok(Tdoa {
@@ -161,7 +175,7 @@ mod tests {
             message.sequence = next;
             next += 1;
             change(&mut message);
-            assert_eq!(take(message, 1_000_000).map(|_| ()), reason);
+            assert_eq!(take(message, 1_010 + 2_000 * u64::from(next)).map(|_| ()), reason);
         };
         check(&|m| m.distance_diff = f32::NAN, Err(DropReason::BadValue));
         check(&|m| m.std = -1.0, Err(DropReason::BadValue));

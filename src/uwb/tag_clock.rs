@@ -15,6 +15,9 @@
 //! | a | µs | offset, the least delay included: one-way stamps cannot tell the two apart |
 //! | b | 1 | skew, within ±400 ppm |
 //!
+//! What comes later than that line by more than [`OLD_S`] is old: a line that holds everything up for so long is no
+//! clock, however long it lasts, and nothing of it moves the map.
+//!
 //! Starts anew when the tag's time jumps (reboot). Left out: drift of the skew within 16 s, which
 //! at 0.01 ppm/s is 1 µs.
 
@@ -34,6 +37,9 @@ const RESTART_EARLY_US: f64 = 50_000.0;
 const LATE_US: f64 = 20_000.0;
 /// …for so many buckets in a row (4 s), the line is wrong, not the delays.
 const RESTART_AFTER_LATE: u32 = 8;
+/// Bytes this much later than the least delay are old, s: a room is left in a second by what was true so long ago, the
+/// loops lose their phase at 0.2 s, and USB, radios and schedulers of a computer in order hold nothing up for longer.
+const OLD_S: f64 = 0.15;
 /// One sigma of the least delay that hides in the offset, s: a USB frame.
 const STD_LEAST_DELAY_S: f64 = 0.5e-3;
 /// One sigma of the skew while none is known: two crystals of some 30 ppm.
@@ -106,6 +112,11 @@ impl TagClock {
         Some(host_0.offset_us(host_us.round() as i64))
     }
 
+    /// Whether bytes stamped `tag` that were read at `received_at` are old: later than the least delay allows.
+    pub fn is_old(&self, tag: TagTime, received_at: HostTime) -> bool {
+        self.host(tag).is_some_and(|at| received_at.seconds_since(at) > OLD_S)
+    }
+
     /// One sigma of [`host`](Self::host), s; `None` before the first observation.
     pub fn std_s(&self) -> Option<f64> {
         self.origin?;
@@ -133,6 +144,9 @@ impl TagClock {
 
     fn close(&mut self, least: Point, tag: TagTime, received_at: HostTime) {
         let late_us = least.y_us - self.offset_us - self.skew * least.x_us;
+        if late_us > OLD_S * 1e6 {
+            return;
+        }
         self.late_buckets = if late_us > LATE_US { self.late_buckets + 1 } else { 0 };
         if self.late_buckets >= RESTART_AFTER_LATE {
             return self.start(tag, received_at);
@@ -241,6 +255,24 @@ mod tests {
             let worst_us = worst_error_us(&mut clock, 20e-6, tag_start, 130_000_000);
             assert!(worst_us < 100.0, "{worst_us} us");
         }
+    }
+
+    #[test]
+    fn regress_a_line_that_becomes_late_is_old_for_good() {
+        let mut clock = TagClock::new();
+        worst_error_us(&mut clock, 20e-6, 60_000_000, 90_000_000);
+        let mut old = |late_us: u64, from_s: u64| {
+            let stamps = |n: u64| 60_000_000 + from_s * 1_000_000 + n * 2_000;
+            (0..10_000).all(|n| {
+                let tag = TagTime::from_us(stamps(n));
+                let received_at = HostTime::from_us(stamps(n) + 30_000_000 + late_us);
+                clock.observe(tag, received_at);
+                clock.is_old(tag, received_at)
+            })
+        };
+        assert!(old(1_000_000, 30), "a minute later what was true a second ago is still that");
+        assert!(old(250_000, 60));
+        assert!(!old(30_000, 90), "a line that is in order again is used again");
     }
 
     #[test]

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 mod divergence;
 mod envelope;
+mod lies;
 mod noise;
 mod timing;
 mod walls;

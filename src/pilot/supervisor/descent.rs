@@ -72,9 +72,7 @@ pub(in crate::pilot) const LONGEST_S: f64 = 40.0;
 const FADE_S: f64 = 3.0;
 /// Below this height by its own account the floor is felt for, m.
 const FEEL_BELOW_M: f64 = 0.8;
-/// With less than this share of the hover thrust, and slower than this, m/s, floor or ground effect carry: 0.9 leave
-/// 1 m/s², which drag alone holds up at 1.2 m/s.
-const HELD_UP_SHARE: f64 = 0.9;
+/// Slower than this it hardly sinks, m/s.
 const HELD_UP_MPS: f64 = 0.2;
 
 /// A descent under way.
@@ -201,9 +199,10 @@ impl Descent {
         (self.height_m, self.sink_mps)
     }
 
-    /// Whether something carries it that a descent in free air has not: with so little thrust it would sink faster.
-    pub fn is_held_up(&self, share: f64) -> bool {
-        self.baro_age_s < SILENT_S && share < HELD_UP_SHARE && self.sink_mps < HELD_UP_MPS
+    /// Whether something carries it that a descent in free air has not: with less than `least_share`, the share that
+    /// holds it up there, it would sink faster.
+    pub fn is_held_up(&self, share: f64, least_share: f64) -> bool {
+        self.baro_age_s < SILENT_S && share < least_share && self.sink_mps < HELD_UP_MPS
     }
 
     /// The floor was felt for and the vehicle began to fall.

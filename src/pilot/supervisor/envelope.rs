@@ -12,7 +12,39 @@ use crate::time::HostTime;
 /// The board's attitude may be this old to be asked for the tilt, s.
 const ATTITUDE_AGE_S: f64 = 0.2;
 
+/// Time over which a gain of speed is looked at, as control steps: 0.3 s.
+const LEAP_STEPS: usize = 30;
+/// Speed that no such vehicle gains in that time, m/s: free fall gains 2.9, twice the hover thrust as much upwards.
+const LEAP_MPS: f64 = 4.0;
+
+/// Estimated speeds of the last steps of flight.
+#[derive(Debug, Default)]
+pub(in crate::pilot) struct Speed {
+    last_mps: [f64; LEAP_STEPS],
+    steps: usize,
+    /// Gained over them, m/s.
+    gained_mps: f64,
+}
+
+impl Speed {
+    fn step(&mut self, speed_mps: f64) {
+        let slot = &mut self.last_mps[self.steps % LEAP_STEPS];
+        let was_mps = std::mem::replace(slot, speed_mps);
+        self.gained_mps = if self.steps < LEAP_STEPS { 0.0 } else { speed_mps - was_mps };
+        self.steps = self.steps.wrapping_add(1);
+    }
+}
+
 impl Pilot {
+    /// Follows the estimated speed in flight.
+    pub(in crate::pilot) fn watch_speed(&mut self) {
+        if self.mode.is_flying() {
+            self.supervisor.speed.step(self.estimate.vel_B_mps.norm());
+        } else {
+            self.supervisor.speed = Speed::default();
+        }
+    }
+
     fn is_placed(&self) -> bool {
         matches!(self.estimate.health, Health::Good | Health::Degraded)
     }
@@ -137,6 +169,31 @@ pub(super) const SPEED: Condition = Condition {
     severity: Severity::Critical,
     is_seen: |pilot, _| pilot.estimate.vel_B_mps.norm() > pilot.config.supervisor.speed_most_mps,
     words: |pilot, _| format!("speed {:.1} m/s", pilot.estimate.vel_B_mps.norm()),
+    ..ROW
+};
+
+/// A speed that cannot be.
+pub(super) const LEAP: Condition = Condition {
+    name: "speed_leaps",
+    seen_by: "The estimated speed has grown by more than such a vehicle gains in 0.3 s: the estimate is wrong, and no \
+              landing is flown by it.",
+    numbers: &[Number {
+        key: "",
+        value: |_| LEAP_MPS,
+        unit: "m/s",
+        origin: "derived: free fall, and twice the hover thrust upwards, gain 2.9 m/s in that time",
+    }],
+    watched: Watched::Air,
+    wanted: |_| Reaction::Descend,
+    because: "no usable estimate: a speed that cannot be",
+    over: "",
+    latched: true,
+    health: S::MAV_SYS_STATUS_AHRS,
+    severity: Severity::Emergency,
+    is_seen: |pilot, _| pilot.supervisor.speed.gained_mps > LEAP_MPS,
+    words: |pilot, _| {
+        format!("speed grew by {:.1} m/s in 0.3 s", pilot.supervisor.speed.gained_mps)
+    },
     ..ROW
 };
 

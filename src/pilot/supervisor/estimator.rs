@@ -4,7 +4,10 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
+use super::envelope::LEAP;
 use super::reaction::Reaction;
+use super::scale::SCALE;
+use super::slip::SLIP_MPS;
 use crate::estimate::Health;
 use crate::estimator::standard_height_m;
 use crate::measure::BaroSample;
@@ -28,6 +31,8 @@ const BARO_AGE_S: f64 = 0.5;
 const MOST_REMEDIES: usize = 5;
 /// … in this time show that they do not help, s.
 const REMEDIES_S: f64 = 8.0;
+/// The barometer alone ends a flight after this time, s.
+const BARO_ALONE_S: f64 = 3.0;
 /// Share beyond the gate with which a barometer that contradicts is believed.
 const DOUBT_SHARE: f64 = 0.15;
 
@@ -98,12 +103,16 @@ impl Pilot {
         usable.then(|| dot.clamp(-1.0, 1.0).acos())
     }
 
-    /// Height with which a descent begins, m: the estimate's, or the barometer's where that is larger.
-    /// Taken too high it costs seconds, taken too low it ends in a fall.
-    pub(in crate::pilot) fn height_to_descend_from_m(&self) -> f64 {
-        let known_m = self.last_height_m;
-        let baro_m = self.baro_above_floor_m(self.now);
-        baro_m.map_or(known_m, |baro_m| known_m.max(baro_m - BARO_NOISE_M))
+    /// Height above the floor, m, and sinking speed, m/s, with which a descent begins: the estimate's, or those of a
+    /// moment ago where the estimate has followed an accelerometer that lies. The height is the barometer's where that is
+    /// larger: taken too high it costs seconds, taken too low it ends in a fall.
+    pub(in crate::pilot) fn height_and_sink_to_descend_from(&self, at: HostTime) -> (f64, f64) {
+        let leapt = [SCALE, LEAP].iter().any(|row| self.supervisor.has(row.name));
+        let before = self.supervisor.before.carried_on().filter(|_| leapt);
+        let sink_mps = if self.imu_is_alive(at) { self.last_sink_mps } else { 0.0 };
+        let (known_m, sink_mps) = before.unwrap_or((self.last_height_m, sink_mps));
+        let baro_m = self.baro_above_floor_m(at);
+        (baro_m.map_or(known_m, |baro_m| known_m.max(baro_m - BARO_NOISE_M)), sink_mps)
     }
 
     /// Height of the landing gear above the floor by the barometer, low-passed, m.
@@ -118,6 +127,14 @@ impl Pilot {
         let most_m = 0.5 * self.config.supervisor.height_difference_m;
         self.supervisor.evidence.beyond_share > DOUBT_SHARE
             || self.height_difference_m(at).is_some_and(|m| m.abs() > most_m)
+    }
+
+    /// Whether something beside the barometer says that the height is not the estimate's: UWB itself, or the
+    /// accelerometer, by the velocity that the estimate has from it.
+    fn has_second_witness(&self, height_difference_m: f64) -> bool {
+        // Where the estimate is above, its height climbs faster than its velocity.
+        let slips = -self.supervisor.slip.mps * height_difference_m.signum() > SLIP_MPS;
+        slips || self.supervisor.evidence.beyond_share > DOUBT_SHARE
     }
 
     /// Estimated minus barometric height, m.
@@ -248,7 +265,9 @@ pub(super) const UNHEALED: Condition = Condition {
 pub(super) const CONTRADICTED: Condition = Condition {
     name: "estimate_contradicted",
     seen_by: "Estimated and barometric height differ by more than `supervisor.height_difference_m`, and \
-              more than 15 % of the UWB measurements lie beyond the gate.",
+              a second witness agrees: more than 15 % of the UWB measurements lie beyond the gate, or the \
+              height changes otherwise than the accelerometer's velocity, by 0.6 m/s and away from the barometer's. \
+              The estimate is not taken back before the vehicle is disarmed: it would be climbed by again.",
     numbers: &[
         Number {
             key: "supervisor.height_difference_m",
@@ -267,14 +286,15 @@ pub(super) const CONTRADICTED: Condition = Condition {
     lasts_s: |_| 0.3,
     watched: Watched::Air,
     wanted: |_| Reaction::Descend,
-    because: "no usable estimate: barometer and UWB contradict it",
-    over: "estimate is not contradicted any more",
+    because: "no usable estimate: barometer and another contradict it",
+    over: "",
+    latched: true,
     health: POSITION,
     severity: Severity::Emergency,
     is_seen: |pilot, at| {
         let most_m = pilot.config.supervisor.height_difference_m;
-        pilot.supervisor.evidence.beyond_share > DOUBT_SHARE
-            && pilot.height_difference_m(at).is_some_and(|m| m.abs() > most_m)
+        let contradicts = |m: f64| m.abs() > most_m && pilot.has_second_witness(m);
+        pilot.height_difference_m(at).is_some_and(contradicts)
     },
     words: |pilot, at| {
         let by_m = pilot.height_difference_m(at).unwrap_or_default();
@@ -285,6 +305,37 @@ pub(super) const CONTRADICTED: Condition = Condition {
         )
     },
     ..ROW
+};
+
+/// The barometer alone says another height, and goes on saying so.
+pub(super) const BAROMETER: Condition = Condition {
+    name: "height_contradicted",
+    seen_by: "Estimated and barometric height differ by more than `supervisor.height_difference_m` for longer than a \
+              door that opens moves the pressure of a room. The estimate is not taken back before the vehicle is \
+              disarmed.",
+    numbers: &[
+        Number {
+            key: "supervisor.height_difference_m",
+            value: |c| c.supervisor.height_difference_m,
+            unit: "m",
+            origin: "three sigma of the barometer as the filter takes it",
+        },
+        Number {
+            key: "",
+            value: |_| BARO_ALONE_S,
+            unit: "s",
+            origin: "chosen: a door moves the pressure of a room for a moment",
+        },
+    ],
+    lasts_s: |_| BARO_ALONE_S,
+    watched: Watched::Air,
+    wanted: |_| Reaction::Descend,
+    because: "no usable estimate: barometer contradicts it",
+    over: "",
+    latched: true,
+    health: POSITION,
+    severity: Severity::Emergency,
+    ..HEIGHT
 };
 
 /// The barometer says another height.

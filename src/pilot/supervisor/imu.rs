@@ -5,7 +5,9 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
+use super::envelope::LEAP;
 use super::reaction::Reaction;
+use super::scale::SCALE;
 use super::slip::SLIP;
 use crate::frames::G_MPS2;
 use crate::measure::ImuSample;
@@ -208,7 +210,7 @@ impl Pilot {
         let c = &self.config.supervisor;
         self.imu_silent_s(at) <= c.imu_loss_s
             && self.supervisor.repetition.longest_s() <= c.imu_frozen_s
-            && ![NOISE.name, LIFT.name, SLIP.name].iter().any(|name| self.supervisor.has(name))
+            && ![NOISE, LIFT, SLIP, SCALE, LEAP].iter().any(|row| self.supervisor.has(row.name))
     }
 }
 

@@ -1,21 +1,24 @@
 //! The list of conditions. Its order is the order of names where several want the same.
 
 use super::condition::Condition;
-use super::{battery, envelope, estimator, imu, links, lying, slip, timing, uwb};
+use super::{battery, envelope, estimator, imu, links, lying, scale, slip, timing, uwb};
 
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
-pub static CONDITIONS: [Condition; 41] = [
+pub static CONDITIONS: [Condition; 44] = [
     links::CONTROL,
     lying::LIES,
     timing::PAUSED,
     imu::LOST,
     imu::FROZEN,
     imu::NOISE,
+    scale::SCALE,
     imu::LIFT,
     slip::SLIP,
     estimator::LOST,
     estimator::ATTITUDE,
     estimator::CONTRADICTED,
+    estimator::BAROMETER,
+    envelope::LEAP,
     envelope::TILT,
     links::BOARD,
     links::BOARD_LATE,

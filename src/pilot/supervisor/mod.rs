@@ -9,6 +9,7 @@
 //! order of hardness, `descent` the way down without an estimate.
 
 mod battery;
+mod before;
 mod condition;
 mod config;
 mod descent;
@@ -19,6 +20,7 @@ mod links;
 mod list;
 mod lying;
 mod reaction;
+mod scale;
 mod slip;
 mod timing;
 mod uwb;
@@ -70,6 +72,9 @@ pub(super) struct Supervisor {
     pub lift: imu::Lift,
     pub slip: slip::Slip,
     pub lying: lying::Lying,
+    pub scale: scale::Scale,
+    pub speed: envelope::Speed,
+    pub before: before::Before,
     pub evidence: estimator::Evidence,
     pub heard: links::Heard,
     pub discharge: battery::Discharge,

@@ -31,7 +31,7 @@ const FILTER_S: f64 = 1.5;
 /// A step of the height counts as no faster than this, m/s: the filter may seek its position anew.
 const MOST_MPS: f64 = 2.0;
 /// Difference that no flight has, m/s.
-const SLIP_MPS: f64 = 0.6;
+pub(super) const SLIP_MPS: f64 = 0.6;
 /// Force beyond the thrust that was sent, m/s².
 const OFF_MPS2: f64 = 1.0;
 /// UWB must be as new as this, s: without it the height is the integral of the velocity.

@@ -67,6 +67,8 @@ impl Pilot {
 fn words_of_loss(pilot: &Pilot, at: HostTime) -> String {
     let why = if pilot.uwb.is_played_again() || pilot.mav_tag.is_played_again() {
         "; what comes was heard before, or its time runs backwards: connect the tag anew"
+    } else if pilot.uwb.is_old() || pilot.mav_tag.is_old() {
+        "; what comes is old: connect the tag anew"
     } else {
         ""
     };
