@@ -1,10 +1,10 @@
 //! The list of conditions. Its order is the order of names where several want the same.
 
 use super::condition::Condition;
-use super::{battery, envelope, estimator, imu, links, lying, slip, timing, uwb};
+use super::{battery, envelope, estimator, imu, links, lying, room, slip, timing, uwb};
 
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
-pub static CONDITIONS: [Condition; 41] = [
+pub static CONDITIONS: [Condition; 43] = [
     links::CONTROL,
     lying::LIES,
     timing::PAUSED,
@@ -13,6 +13,7 @@ pub static CONDITIONS: [Condition; 41] = [
     imu::NOISE,
     imu::LIFT,
     slip::SLIP,
+    room::ROOM,
     estimator::LOST,
     estimator::ATTITUDE,
     estimator::CONTRADICTED,
@@ -30,6 +31,7 @@ pub static CONDITIONS: [Condition; 41] = [
     timing::CLOCK,
     envelope::HARD,
     envelope::SPEED,
+    envelope::ASTRAY,
     envelope::COURSE,
     battery::HOME,
     links::GROUND,

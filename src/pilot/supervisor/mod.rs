@@ -19,6 +19,8 @@ mod links;
 mod list;
 mod lying;
 mod reaction;
+mod room;
+mod rooms;
 mod slip;
 mod timing;
 mod uwb;
@@ -69,6 +71,7 @@ pub(super) struct Supervisor {
     pub lift: imu::Lift,
     pub slip: slip::Slip,
     pub lying: lying::Lying,
+    pub rooms: rooms::Rooms,
     pub evidence: estimator::Evidence,
     pub heard: links::Heard,
     pub discharge: battery::Discharge,
