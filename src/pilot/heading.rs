@@ -2,7 +2,7 @@
 //!
 //! The board turns its attitude setpoints in its own frame, whose north comes from a compass or
 //! from wherever it was switched on. We fly in the room. The angle between the two is followed
-//! slowly from both attitudes, and applied at one place: when a setpoint is written.
+//! slowly from both attitudes, a jump that lasts at once, and applied at one place: when a setpoint is written.
 
 use crate::frames::{B, E, Rot, wrap_pi_rad};
 
@@ -16,18 +16,23 @@ const STANDING_S: f64 = 1.0;
 const RATE_LIMIT_RADPS: f64 = 0.1;
 /// A difference larger than this is told to people, rad.
 const JUMP_RAD: f64 = 0.35;
+/// If it lasts so long it is taken over whole, s. The board leans in its own frame: until the angle is right every lean is
+/// turned by the jump, and beyond some 60 degrees that drives the vehicle away.
+const JUMP_S: f64 = 0.1;
 
 /// Follows the angle.
 #[derive(Debug)]
 pub(super) struct BoardNorth {
     offset_rad: f64,
     jumped: bool,
+    /// For how long the difference has been one that is told, s.
+    jumped_s: f64,
 }
 
 impl BoardNorth {
     /// Starts from the configured angle, rad, positive clockwise seen from above.
     pub fn new(offset_rad: f64) -> Self {
-        Self { offset_rad: wrap_pi_rad(offset_rad), jumped: false }
+        Self { offset_rad: wrap_pi_rad(offset_rad), jumped: false, jumped_s: 0.0 }
     }
 
     /// Angle from room north to the board's north, rad: room yaw = board yaw + angle.
@@ -48,8 +53,13 @@ impl BoardNorth {
         } else {
             (error_rad / TIME_CONSTANT_S).clamp(-RATE_LIMIT_RADPS, RATE_LIMIT_RADPS)
         };
-        self.offset_rad = wrap_pi_rad(self.offset_rad + rate_radps * dt_s.clamp(0.0, 0.1));
+        let dt_s = dt_s.clamp(0.0, 0.1);
+        self.offset_rad = wrap_pi_rad(self.offset_rad + rate_radps * dt_s);
         let jumped = error_rad.abs() > JUMP_RAD && !standing;
+        self.jumped_s = if jumped { self.jumped_s + dt_s } else { 0.0 };
+        if self.jumped_s > JUMP_S {
+            self.offset_rad = wrap_pi_rad(ours.yaw_rad() - board.yaw_rad());
+        }
         let news = jumped && !self.jumped;
         self.jumped = jumped;
         news
@@ -88,11 +98,18 @@ mod tests {
         assert!(north.follow(ours, turned, 0.01, false), "a jump is told once");
         assert!(!north.follow(ours, turned, 0.01, false));
         assert!((north.offset_rad() - 0.1).abs() < 2.1 * RATE_LIMIT_RADPS * 0.01);
+        // What lasts is the board's new frame: it is leant in from now on.
+        for _ in 0..15 {
+            assert!(!north.follow(ours, turned, 0.01, false));
+        }
+        let next = north.setpoint_for_board(ours);
+        assert!((wrap_pi_rad(next.yaw_rad() + 0.5)).abs() < 0.01, "{}", next.yaw_rad());
+        let turned = Rot::<E, B>::from_euler_rad(0.0, 0.0, 0.5);
         // Standing it is followed in seconds, and the first setpoint is the board's own heading.
         for _ in 0..600 {
             north.follow(ours, turned, 0.01, true);
         }
         let first = north.setpoint_for_board(ours);
-        assert!((wrap_pi_rad(first.yaw_rad() + 0.5)).abs() < 0.01, "{}", first.yaw_rad());
+        assert!((wrap_pi_rad(first.yaw_rad() - 0.5)).abs() < 0.01, "{}", first.yaw_rad());
     }
 }

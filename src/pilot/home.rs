@@ -28,6 +28,9 @@ impl Pilot {
                 "the place on the map is a stand-in: set ground.origin, or the origin from here";
             self.say_to(at, link, Severity::Info, text);
         }
+        if let Some(text) = self.survey_check.doubt() {
+            self.say_to(at, link, Severity::Warning, &text);
+        }
     }
 
     /// SET_GPS_GLOBAL_ORIGIN and MAV_CMD_DO_SET_GLOBAL_ORIGIN: 1e-7 degrees, and metres.

@@ -67,6 +67,7 @@ impl Pilot {
         self.watch_slip(at, dt_s);
         self.watch_scale(at, dt_s);
         self.watch_speed();
+        self.watch_room(at, dt_s);
         let remedies = self.estimator.counts().remedies;
         self.supervisor.evidence.note_remedies(at, remedies);
         self.check_survey(at);
@@ -99,7 +100,7 @@ impl Pilot {
             && matches!(self.mode, Mode::Disarmed | Mode::Arming | Mode::Idle)
             && self.is_standing();
         if usable && self.north.follow(self.estimate.R_EB, board.attitude, dt_s, standing) {
-            let text = "board heading jumped against ours: setpoints follow slowly";
+            let text = "board heading jumped against ours: setpoints follow";
             self.say(at, Severity::Warning, text.to_owned());
         }
     }

@@ -14,6 +14,9 @@ const INTERVAL_S: f64 = 0.5;
 const NAMED_TIMES: u32 = 3;
 /// It is told from this share of the refusal on.
 const TOLD_SHARE: f64 = 0.5;
+/// A floor that adds more than this to the low anchors is none, m: recorded were metres on one floor, and they went
+/// with the first half metre of height; a survey with floor and ceiling exchanged has six in a hall.
+const MOST_FLOOR_M: f64 = 2.5;
 
 /// What is known about the survey.
 #[derive(Debug)]
@@ -27,6 +30,9 @@ pub(super) struct SurveyCheck {
     /// Misfit that forbids arming, m.
     most_m: f64,
     told: Option<AnchorId>,
+    /// What the floor adds to the low anchors, m, and how often in a row too much.
+    floor_m: f64,
+    floor_times: u32,
     floor_told: bool,
 }
 
@@ -39,6 +45,8 @@ impl SurveyCheck {
             named: None,
             most_m: config.supervisor.anchor_misfit_m,
             told: None,
+            floor_m: 0.0,
+            floor_times: 0,
             floor_told: false,
         }
     }
@@ -53,6 +61,9 @@ impl SurveyCheck {
 
     /// Why nothing may take off, if so.
     pub fn refusal(&self) -> Option<String> {
+        if self.floor_times >= NAMED_TIMES {
+            return self.doubt();
+        }
         let (anchor, bias_m) = self.misfit()?;
         (bias_m.abs() >= self.most_m).then(|| words(anchor, bias_m))
     }
@@ -63,7 +74,24 @@ impl SurveyCheck {
         (times >= NAMED_TIMES).then_some((anchor, bias_m))
     }
 
+    /// What people who come later are told as well.
+    pub fn doubt(&self) -> Option<String> {
+        let floor_m = self.floor_m;
+        if floor_m.abs() <= MOST_HIDDEN_M {
+            return None;
+        }
+        let meaning = if self.floor_times >= NAMED_TIMES {
+            format!(", {MOST_FLOOR_M} m at most: check which anchors are low")
+        } else {
+            " here: the survey cannot be checked before the take-off".to_owned()
+        };
+        Some(format!("the floor adds {floor_m:+.1} m to the low anchors{meaning}"))
+    }
+
     fn take(&mut self, fit: Option<AnchorFit>) {
+        self.floor_m = fit.map_or(0.0, |fit| fit.hidden_m);
+        let too_much = self.floor_m.abs() > MOST_FLOOR_M;
+        self.floor_times = if too_much { self.floor_times.saturating_add(1) } else { 0 };
         let found = fit.filter(|fit| fit.is_at_fault(TOLD_SHARE * self.most_m));
         self.named = found.map(|fit| match self.named {
             Some((anchor, _, times)) if anchor == fit.worst => {
@@ -82,6 +110,7 @@ impl Pilot {
             if std::mem::take(&mut all.is_filled) {
                 all.check.clear();
                 (all.named, all.told) = (None, None);
+                (all.floor_m, all.floor_times) = (0.0, 0);
             }
             return;
         }
@@ -93,12 +122,10 @@ impl Pilot {
         all.most_m = self.config.supervisor.anchor_misfit_m;
         let fit = all.check.judge(self.config.flight.gear_height_m);
         all.take(fit);
-        let floor_m = fit.map_or(0.0, |fit| fit.hidden_m);
-        if floor_m.abs() > MOST_HIDDEN_M && !std::mem::replace(&mut all.floor_told, true) {
-            let text = format!(
-                "the floor adds {floor_m:+.1} m to the low anchors here: the survey cannot be checked"
-            );
-            self.say(at, Severity::Info, text);
+        if let Some(text) = all.doubt()
+            && !std::mem::replace(&mut all.floor_told, true)
+        {
+            self.say(at, Severity::Warning, text);
             return;
         }
         if let Some((anchor, bias_m)) = all.misfit()

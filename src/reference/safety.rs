@@ -135,7 +135,8 @@ What it does when the companion falls silent is its own setting (docs/BOARDS.md)
 * People and obstacles in the room: nothing looks for them. Walls are those of `[limits]` and the fence.
 * UWB of which nearly every reception errs by metres, each by its own: what still fits now and then is flown by, and \
 the vehicle may leave the walls in the landing that follows.
-* A position that is wrong and fits its measurements (all anchors moved, a survey in the wrong place).
+* A position that is wrong and fits its measurements and every lean (a survey in the wrong place, of another size, or \
+turned by less than some 65 degrees).
 * While the board's link is silent nothing we send need arrive; the board's own failsafe is all there is.
 * The charge that a pack reports is not used; the time left is a straight line through the voltage, and \
 unknown in the first 35 s of a flight.

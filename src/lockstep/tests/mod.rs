@@ -20,6 +20,7 @@ mod late;
 mod news;
 mod pauses;
 mod programs;
+mod rooms;
 mod second_board;
 mod services;
 mod shadow;

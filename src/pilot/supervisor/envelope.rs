@@ -197,6 +197,37 @@ pub(super) const LEAP: Condition = Condition {
     ..ROW
 };
 
+/// Led away by a loop that flies in another room.
+pub(super) const ASTRAY: Condition = Condition {
+    name: "driven_away",
+    seen_by: "The vehicle is farther than half of `supervisor.off_course_m` from where it should be, and one of the wrong \
+              rooms of `room_differs` is likelier than every sound one: the loop itself may drive it, and a landing would \
+              fly by it.",
+    numbers: &[Number {
+        key: "supervisor.off_course_m",
+        value: |c| c.supervisor.off_course_m,
+        unit: "m",
+        origin: "four times the lag at cruise speed",
+    }],
+    lasts_s: |_| 0.3,
+    watched: Watched::In(&[Mode::Takeoff, Mode::Hold, Mode::Goto, Mode::Mission, Mode::Return]),
+    wanted: |_| Reaction::Descend,
+    because: "no usable estimate: the loop drives it away",
+    over: "",
+    latched: true,
+    severity: Severity::Emergency,
+    is_seen: |pilot, _| {
+        let most_m = 0.5 * pilot.config.supervisor.off_course_m;
+        pilot.supervisor.rooms.is_in_doubt()
+            && pilot.guidance.off_course_m(&pilot.estimate).is_some_and(|m| m > most_m)
+    },
+    words: |pilot, _| {
+        let away_m = pilot.guidance.off_course_m(&pilot.estimate).unwrap_or_default();
+        format!("{away_m:.1} m away, perhaps driven there: {}", pilot.supervisor.rooms.words())
+    },
+    ..ROW
+};
+
 /// Elsewhere than it should be.
 pub(super) const COURSE: Condition = Condition {
     name: "off_course",

@@ -1,10 +1,10 @@
 //! The list of conditions. Its order is the order of names where several want the same.
 
 use super::condition::Condition;
-use super::{battery, envelope, estimator, imu, links, lying, scale, slip, timing, uwb};
+use super::{battery, envelope, estimator, imu, links, lying, room, scale, slip, timing, uwb};
 
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
-pub static CONDITIONS: [Condition; 44] = [
+pub static CONDITIONS: [Condition; 46] = [
     links::CONTROL,
     lying::LIES,
     timing::PAUSED,
@@ -14,6 +14,7 @@ pub static CONDITIONS: [Condition; 44] = [
     scale::SCALE,
     imu::LIFT,
     slip::SLIP,
+    room::ROOM,
     estimator::LOST,
     estimator::ATTITUDE,
     estimator::CONTRADICTED,
@@ -33,6 +34,7 @@ pub static CONDITIONS: [Condition; 44] = [
     timing::CLOCK,
     envelope::HARD,
     envelope::SPEED,
+    envelope::ASTRAY,
     envelope::COURSE,
     battery::HOME,
     links::GROUND,

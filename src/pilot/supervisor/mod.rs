@@ -20,6 +20,8 @@ mod links;
 mod list;
 mod lying;
 mod reaction;
+mod room;
+mod rooms;
 mod scale;
 mod slip;
 mod timing;
@@ -75,6 +77,7 @@ pub(super) struct Supervisor {
     pub scale: scale::Scale,
     pub speed: envelope::Speed,
     pub before: before::Before,
+    pub rooms: rooms::Rooms,
     pub evidence: estimator::Evidence,
     pub heard: links::Heard,
     pub discharge: battery::Discharge,
