@@ -119,7 +119,8 @@ fn prop_a_second_board_does_not_take_the_place_of_one_that_is_lost_in_flight() {
     let (mut world, mut ground) = in_hover(over_udp(44, Firmware::Generic));
     let mut second = Second::new(&world, 45);
     world.plant_mut().inject(Fault::BoardLink(FaultKind::Off)).unwrap();
-    second.pass(&mut world, &mut ground, 6.0);
+    // While it comes down without a board.
+    second.pass(&mut world, &mut ground, 3.5);
     assert_eq!(world.pilot().board_address(), Some(address(1)));
     assert_said(&mut world, &mut ground, &["board silent"]);
     assert!(!second.plant.truth().armed);

@@ -40,9 +40,13 @@ const LATE_MOST_LOW: f64 = 0.84;
 /// Share without a barometer. With a drag of 0.65 to 1 1/s a deficit of 8 % sinks at 0.8 to 1.2 m/s.
 const BLIND_SHARE: f64 = 0.92;
 /// Where the accelerometer does not tell of the floor either, so much of the share is taken away per second from the
-/// moment on in which the floor may have come, down to the least with which a search for the floor ends.
+/// moment on in which the floor should have come, down to the least with which a search for the floor ends: the ground
+/// effect would hold it up. Only from so low, m, that a descent which is slower than this, m/s, falls no more than half
+/// a metre then.
 const BLIND_PER_S: f64 = 0.15;
 const BLIND_LEAST: f64 = 0.55;
+const BLIND_FROM_M: f64 = 1.5;
+const BLIND_MPS: f64 = 0.65;
 /// Largest error of the thrust model that is believed, m/s².
 const BIAS_MPS2: f64 = 4.0;
 /// A barometer that says this much else than expected is not believed, m.
@@ -58,6 +62,8 @@ const SILENT_S: f64 = 0.5;
 /// Slowest descent for working out when the floor must have come, m/s, and the time to gather speed, s: a
 /// cut too early is a fall, one too late costs seconds on the floor.
 const SLOWEST_MPS: f64 = 0.35;
+/// … over a late link, where no faster one is wanted than near the floor.
+const SLOWEST_LATE_MPS: f64 = 0.25;
 const START_S: f64 = 2.0;
 /// The height at its beginning may be wrong by this, m.
 const MARGIN_M: f64 = 0.3;
@@ -95,7 +101,7 @@ pub(in crate::pilot) struct Descent {
     late: bool,
     /// Nothing tells of the floor: by the accelerometer.
     numb: bool,
-    /// Share that is taken away since the floor may have come.
+    /// Share that is taken away since the floor should have come.
     taken: f64,
 }
 
@@ -152,7 +158,8 @@ impl Descent {
         } else {
             BLIND_SHARE
         };
-        if self.numb && self.baro_age_s >= SILENT_S && self.height_m < MARGIN_M {
+        let low = self.from_m < BLIND_FROM_M && self.elapsed_s > self.from_m / BLIND_MPS;
+        if self.numb && low && self.baro_age_s >= SILENT_S {
             self.taken += BLIND_PER_S * dt_s;
             if share - self.taken < BLIND_LEAST {
                 return None;
@@ -191,7 +198,8 @@ impl Descent {
         // A barometer that lives and says that it is high up may be right.
         let high = self.baro_age_s < SILENT_S && self.height_m > HIGH_M;
         let slack = if high { BARO_SLACK } else { 1.0 };
-        (((self.from_m + MARGIN_M) / SLOWEST_MPS + START_S) * slack).min(LONGEST_S)
+        let slowest_mps = if self.late { SLOWEST_LATE_MPS } else { SLOWEST_MPS };
+        (((self.from_m + MARGIN_M) / slowest_mps + START_S) * slack).min(LONGEST_S)
     }
 
     /// Height above the floor, m, and sinking speed, m/s, by its own account.

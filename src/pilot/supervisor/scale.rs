@@ -117,7 +117,12 @@ impl Pilot {
             return;
         }
         let by_baro = || self.baro_above_floor_m(at).is_some_and(|baro_m| baro_m > CLEAR_M);
-        let clear = self.mode != Mode::Land || height_m > CLEAR_LANDING_M || by_baro();
+        let clear = match self.mode {
+            // An estimate that is wrong on the floor is so before the take-off.
+            Mode::Takeoff => by_baro(),
+            Mode::Land => height_m > CLEAR_LANDING_M || by_baro(),
+            _ => true,
+        };
         let free = clear && height_m > CLEAR_M && self.touch.ceiling_frac.is_none();
         self.supervisor.scale.step(-self.touch.acc_z_mps2, share, free, dt_s);
     }
@@ -129,7 +134,7 @@ pub(super) const SCALE: Condition = Condition {
     seen_by: "The specific force along body z, over the one that the thrust makes (with the lag of the wings and the \
               drag of the fall that the thrust allows), is more than 1.33 times what is usual in this flight. What the \
               loop cuts because of a wrong reading is on both sides of the ratio. Below 0.5 m (in landings 0.8 m, or \
-              0.5 m where estimate and barometer agree), and while the floor is felt for, only from 1.3 g on: there the \
+              0.5 m where estimate and barometer agree; in take-offs by the barometer), and while the floor is felt for, only from 1.3 g on: there the \
               floor may carry. Not looked at while the board's link is late. The descent begins with height and speed of half a second \
               before, carried on by the thrust.",
     numbers: &[Number {
