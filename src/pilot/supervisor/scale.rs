@@ -9,7 +9,9 @@
 //! ratio = f / e                     both low-passed alike
 //! ```
 //! A sensor that reads twice the force makes the loop cut the thrust; f and e fall together, and their ratio stays
-//! two. It is judged against what was usual in this flight, since the thrust that hovers is known to a fifth only.
+//! two. It is judged against what was usual in this flight in free air, since the thrust that hovers is hardly known before
+//! it was learned. Where the board is known to obey late, e is also formed with the thrust of 0.15 s before, and the
+//! larger one counts: a loop that swings over a late board reads no more than it sent.
 //!
 //! Only a sensor that reads too much is looked for: nothing in the air carries so much more than the thrust, while less
 //! lift than was sent is what damage makes as well (`lift_differs`).
@@ -17,6 +19,9 @@
 //! **Source.** Vertical balance as in `hover`; lag and drag from VEHICLE.md. **Validity.** Flight in free air, leaning
 //! little. On the floor, which carries, a sensor that is right reads g and no more.
 
+use std::collections::VecDeque;
+
+use super::super::hover;
 use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
@@ -28,11 +33,15 @@ use crate::time::HostTime;
 pub(super) const WINGS_S: f64 = 0.08;
 pub(super) const DRAG_PER_S: f64 = 0.8;
 const FILTER_S: f64 = 0.15;
-/// What is usual is learned over this time, s, and within these bounds.
+/// What is usual is averaged over this time, s, once the vehicle is in free air. It begins, with the weight of a second,
+/// with the least of the ratio, low-passed over wing beats, until then: a floor only adds to the force. Before the thrust that hovers is
+/// learned it may be off by as much as the bounds of that.
 const USUAL_S: f64 = 5.0;
-const USUAL: [f64; 2] = [0.75, 1.35];
+const BEGIN_S: f64 = 1.0;
+const BEATS_S: f64 = 0.3;
+const USUAL: [f64; 2] = [1.0 / hover::BOUNDS[1], 1.0 / hover::BOUNDS[0]];
 /// Ratio, over the usual one, that no sensor which is right has.
-const MOST_RATIO: f64 = 1.33;
+const MOST_RATIO: f64 = 1.45;
 /// Least force expected that is divided by, m/s².
 const LEAST_MPS2: f64 = 0.2 * G_MPS2;
 /// Where the floor may carry it must read more than this, m/s²: a touch-down of 0.4 m/s reads less.
@@ -41,61 +50,115 @@ const CARRIED_MPS2: f64 = 1.3 * G_MPS2;
 /// biases it by half a metre near the floor.
 const CLEAR_M: f64 = 0.5;
 const CLEAR_LANDING_M: f64 = 0.8;
-/// More lean is not looked at, as its cosine (30 degrees).
+/// More lean is not looked at, as its cosine (30 degrees), nor what follows it within this time, s: three times the
+/// low-pass.
 const LEVEL_COS: f64 = 0.866;
+const AFTER_LEAN_S: f64 = 0.45;
+/// A board whose attitude follows later than this, s, obeys late: 0.2 s in the nominal vehicle …
+const PROMPT_S: f64 = 0.3;
+/// … and may do so by as much as this and fly all the same: control steps of 10 ms.
+const LATE_STEPS: usize = 15;
+/// A pause of the loop, s: what was thought of the fall meanwhile is not true.
+const PAUSE_S: f64 = 0.05;
 
-/// What is followed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::pilot) struct Scale {
-    begun: bool,
-    share: f64,
+/// What thrust alone makes of the force.
+#[derive(Debug, Clone, Copy)]
+struct Expected {
+    wings: f64,
     sink_mps: f64,
-    expected_mps2: f64,
-    usual: f64,
-    /// Specific force over the expected one, over the usual.
-    pub ratio: f64,
-    free: bool,
     force_mps2: f64,
 }
 
-impl Default for Scale {
-    fn default() -> Self {
-        Self {
-            begun: false,
-            share: 1.0,
-            sink_mps: 0.0,
-            expected_mps2: G_MPS2,
-            usual: 1.0,
-            ratio: 1.0,
-            free: false,
-            force_mps2: G_MPS2,
-        }
+impl Expected {
+    fn new(share: f64) -> Self {
+        Self { wings: share, sink_mps: 0.0, force_mps2: G_MPS2 * share }
+    }
+
+    fn step(&mut self, share: f64, dt_s: f64) {
+        let weight = |time_s: f64| dt_s / (time_s + dt_s);
+        self.wings += (share - self.wings) * weight(WINGS_S);
+        let force_mps2 = G_MPS2 * self.wings + DRAG_PER_S * self.sink_mps;
+        self.sink_mps += (G_MPS2 - force_mps2) * dt_s;
+        self.force_mps2 += (force_mps2 - self.force_mps2) * weight(FILTER_S);
     }
 }
 
+/// A control step.
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    /// Specific force upwards, low-passed, m/s².
+    force_mps2: f64,
+    /// Thrust over the one that hovers.
+    share: f64,
+    /// Nothing but air carries it.
+    free: bool,
+    /// It leans little.
+    level: bool,
+    /// The board's attitude shows that it obeys late.
+    late: bool,
+}
+
+/// What is followed.
+#[derive(Debug, Default)]
+pub(in crate::pilot) struct Scale {
+    /// By the thrust as it was sent, and as if it were obeyed late.
+    expected: Option<[Expected; 2]>,
+    shares: VecDeque<f64>,
+    /// The board was once seen to obey late.
+    obeys_late: bool,
+    /// Until the vehicle is in free air: the ratio, low-passed.
+    slow: Option<f64>,
+    usual: Option<f64>,
+    free_s: f64,
+    /// How long it will still not be looked at, s.
+    leaned_s: f64,
+    /// Specific force over the expected one, over the usual.
+    pub ratio: f64,
+    wrong: bool,
+}
+
 impl Scale {
-    /// A control step: specific force upwards, low-passed, m/s², thrust over the one that hovers, and whether
-    /// nothing but air carries it.
-    pub fn step(&mut self, force_mps2: f64, share: f64, free: bool, dt_s: f64) {
+    fn step(&mut self, step: Step, dt_s: f64) {
+        let Step { force_mps2, share, free, level, late } = step;
+        self.obeys_late |= late;
         if !force_mps2.is_finite() || !share.is_finite() {
             return;
         }
-        if !std::mem::replace(&mut self.begun, true) {
-            (self.share, self.expected_mps2) = (share, force_mps2.max(LEAST_MPS2));
+        self.shares.push_back(share);
+        let old = if self.shares.len() > LATE_STEPS { self.shares.pop_front() } else { None };
+        let late_share = old.or(self.shares.front().copied()).unwrap_or(share);
+        let [at_once, later] = self.expected.get_or_insert([Expected::new(share); 2]);
+        at_once.step(share, dt_s);
+        later.step(late_share, dt_s);
+        let most_mps2 = if self.obeys_late { later.force_mps2 } else { 0.0 };
+        let expected_mps2 = at_once.force_mps2.max(most_mps2).max(LEAST_MPS2);
+        self.leaned_s = if level { self.leaned_s - dt_s } else { AFTER_LEAN_S };
+        if self.leaned_s > 0.0 {
+            self.wrong = false;
+            return;
         }
-        let weight = |time_s: f64| dt_s / (time_s + dt_s);
-        self.share += (share - self.share) * weight(WINGS_S);
-        let expected_mps2 = G_MPS2 * self.share + DRAG_PER_S * self.sink_mps;
-        self.sink_mps += (G_MPS2 - expected_mps2) * dt_s;
-        self.expected_mps2 += (expected_mps2 - self.expected_mps2) * weight(FILTER_S);
-        let ratio = force_mps2 / self.expected_mps2.max(LEAST_MPS2);
-        self.ratio = ratio / self.usual;
-        self.usual += (ratio.clamp(USUAL[0], USUAL[1]) - self.usual) * weight(USUAL_S);
-        (self.free, self.force_mps2) = (free, force_mps2);
+        let ratio = force_mps2 / expected_mps2;
+        let known = self.usual.filter(|_| free || self.free_s > 0.0);
+        // What a weak pack or worn wings carry less is no reason to call a full thrust too much.
+        self.ratio = ratio / known.unwrap_or(1.0).max(1.0);
+        self.wrong = self.ratio > MOST_RATIO && (free || force_mps2 > CARRIED_MPS2);
+        self.learn(ratio.clamp(USUAL[0], USUAL[1]), free, dt_s);
+    }
+
+    fn learn(&mut self, ratio: f64, free: bool, dt_s: f64) {
+        if free {
+            self.free_s += dt_s;
+            let usual = self.usual.get_or_insert(ratio);
+            *usual += (ratio - *usual) * dt_s / (self.free_s + BEGIN_S).min(USUAL_S);
+        } else if self.free_s == 0.0 {
+            let slow = self.slow.get_or_insert(ratio);
+            *slow += (ratio - *slow) * dt_s / (BEATS_S + dt_s);
+            self.usual = Some(self.usual.map_or(*slow, |least| least.min(*slow)));
+        }
     }
 
     fn is_wrong(&self) -> bool {
-        self.ratio > MOST_RATIO && (self.free || self.force_mps2 > CARRIED_MPS2)
+        self.wrong
     }
 }
 
@@ -103,7 +166,8 @@ impl Pilot {
     /// Follows the scale wherever the loop flies, and what a descent would begin with.
     pub(in crate::pilot) fn watch_scale(&mut self, at: HostTime, dt_s: f64) {
         let hover_frac = self.hover_thrust_frac() * self.control.ground_factor;
-        if !self.mode.is_flying() || !self.board.obeys() || hover_frac < 0.05 {
+        let obeys = self.board.obeys() && !self.board.lateness().is_late();
+        if !self.mode.is_flying() || !obeys || hover_frac < 0.05 || dt_s >= PAUSE_S {
             self.supervisor.scale = Scale::default();
             self.supervisor.before.forget();
             return;
@@ -111,11 +175,6 @@ impl Pilot {
         let share = self.control.thrust_frac / hover_frac;
         let (height_m, sink_mps) = (self.height_above_floor_m(), self.estimate.vel_E_mps().z());
         self.supervisor.before.note(height_m, sink_mps, share, dt_s);
-        let level = self.board_attitude.map_or(1.0, |board| board.attitude.matrix()[(2, 2)]);
-        // What comes late is not of the thrust that was sent last.
-        if level < LEVEL_COS || self.board.lateness().is_late() {
-            return;
-        }
         let by_baro = || self.baro_above_floor_m(at).is_some_and(|baro_m| baro_m > CLEAR_M);
         let clear = match self.mode {
             // An estimate that is wrong on the floor is so before the take-off.
@@ -123,8 +182,15 @@ impl Pilot {
             Mode::Land => height_m > CLEAR_LANDING_M || by_baro(),
             _ => true,
         };
-        let free = clear && height_m > CLEAR_M && self.touch.ceiling_frac.is_none();
-        self.supervisor.scale.step(-self.touch.acc_z_mps2, share, free, dt_s);
+        let level = self.board_attitude.map_or(1.0, |board| board.attitude.matrix()[(2, 2)]);
+        let step = Step {
+            force_mps2: -self.touch.acc_z_mps2,
+            share,
+            free: clear && height_m > CLEAR_M && self.touch.ceiling_frac.is_none(),
+            level: level > LEVEL_COS,
+            late: self.board.response_lag_s().is_some_and(|lag_s| lag_s > PROMPT_S),
+        };
+        self.supervisor.scale.step(step, dt_s);
     }
 }
 
@@ -132,19 +198,22 @@ impl Pilot {
 pub(super) const SCALE: Condition = Condition {
     name: "force_scale",
     seen_by: "The specific force along body z, over the one that the thrust makes (with the lag of the wings and the \
-              drag of the fall that the thrust allows), is more than 1.33 times what is usual in this flight. What the \
-              loop cuts because of a wrong reading is on both sides of the ratio. Below 0.5 m (in landings 0.8 m, or \
+              drag of the fall that the thrust allows), is more than 1.45 times what is usual in this flight, or \
+              1.45 where that is less than 1. What the \
+              loop cuts because of a wrong reading is on both sides of the ratio. Where the board's attitude follows \
+              later than 0.3 s, the thrust of 0.15 s before may explain it as well. Below 0.5 m (in landings 0.8 m, or \
               0.5 m where estimate and barometer agree; in take-offs by the barometer), and while the floor is felt for, only from 1.3 g on: there the \
-              floor may carry. Not looked at while the board's link is late. The descent begins with height and speed of half a second \
+              floor may carry. Not looked at while the board's link is late, nor until 0.45 s \
+              after the vehicle leaned by more than 30 degrees. The descent begins with height and speed of half a second \
               before, carried on by the thrust.",
     numbers: &[Number {
         key: "",
         value: |_| MOST_RATIO,
         unit: "",
-        origin: "geometric middle of what 24 healthy flights in lockstep have at most (1.18) and a sensor that reads half as \
+        origin: "between what flights at the walls by hard offboard setpoints have at most (1.40) and a sensor that reads half as \
                  much again",
     }],
-    lasts_s: |_| 0.06,
+    lasts_s: |_| 0.1,
     watched: Watched::Air,
     wanted: |_| Reaction::Descend,
     because: "no usable estimate: accelerometer reads another scale",
@@ -178,7 +247,8 @@ mod tests {
             let true_mps2 = G_MPS2 * wings + DRAG_PER_S * sink_mps;
             sink_mps += (G_MPS2 - true_mps2) * 0.01;
             force_mps2 += (times * true_mps2 - force_mps2) * (0.01 / (FILTER_S + 0.01));
-            scale.step(force_mps2, share, free, 0.01);
+            let step = Step { force_mps2, share, free, level: true, late: false };
+            scale.step(step, 0.01);
             // An inner loop on what is read: half of the surplus is cut.
             share = (1.0 - 0.5 * (force_mps2 / G_MPS2 - 1.0)).clamp(0.3, 1.5);
             wrong = if scale.is_wrong() { wrong + 1 } else { 0 };
@@ -205,7 +275,9 @@ mod tests {
         let mut scale = Scale::default();
         for n in 0..300 {
             let share = 1.0 - f64::from(n) * 0.003;
-            scale.step(G_MPS2, share, false, 0.01);
+            let on_floor =
+                Step { force_mps2: G_MPS2, share, free: false, level: true, late: false };
+            scale.step(on_floor, 0.01);
             assert!(!scale.is_wrong(), "{share}");
         }
     }

@@ -86,27 +86,22 @@ fn prop_a_vehicle_that_is_too_fast_lands() {
     }
 }
 
-/// It leaps through the ceiling: for a moment its wings carry much more than they are told.
+/// For a moment its wings carry much more than they are told: it leaps, and nothing tells that from an accelerometer
+/// that reads twice the force. It comes down by neither.
 #[test]
-fn prop_a_vehicle_that_is_too_high_lands() {
+fn prop_a_vehicle_that_is_carried_by_more_than_its_thrust_comes_down() {
     let height = |truth: &Truth| truth.height_m;
     for (seed, phase) in [(0, Phase::Hover), (1, Phase::Hover), (2, Phase::Mission)] {
-        let world = hall(seed, |_, pilot| {
-            pilot.limits.height_m = Some(1.3);
-            pilot.supervisor.wall_hard_m = 0.1;
-        });
-        let (mut world, mut ground) = aloft(world, phase);
+        let (mut world, mut ground) = aloft(world(seed), phase);
         let mode = world.pilot().mode();
         let lift = |gain| Fault::WingThrust { wing: None, gain };
         world.plant_mut().inject(lift(2.0)).unwrap();
         let most_m = until_left(&mut world, mode, 1.0, height);
         world.plant_mut().inject(lift(1.0)).unwrap();
         println!("seed {seed}: {most_m:.2} m");
-        assert_eq!(world.pilot().mode(), Mode::Land);
-        assert!(most_m > 1.28, "{most_m}");
-        assert_said(&mut world, &mut ground, "m outside at");
-        assert_said(&mut world, &mut ground, "land: beyond the hard wall");
+        assert_eq!(world.pilot().mode(), Mode::Descend);
+        assert!(most_m < 1.5, "{most_m}");
+        assert_said(&mut world, &mut ground, "times the force of the thrust");
         assert_comes_down(&mut world, &mut ground, 20.0);
-        assert_said(&mut world, &mut ground, "inside the walls again");
     }
 }

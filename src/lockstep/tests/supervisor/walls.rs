@@ -129,7 +129,8 @@ fn fly_at_wall(run: Run) -> f64 {
         }
         ground.listen(&mut world);
     }
-    let told = ground.texts.iter().find(|t| t.contains("beyond the hard wall"));
+    let ended = |t: &&String| t.contains("beyond the hard wall") || t.contains("descend: ");
+    let told = ground.texts.iter().find(ended);
     assert!(told.is_none() && !world.truth().crashed, "{run:?}: {:#?}", ground.texts);
     worst_m
 }
