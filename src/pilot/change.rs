@@ -8,6 +8,9 @@ use super::resume::Resumption;
 use super::supervisor::{Descent, RESPONSE_MOST_S};
 use super::{Pilot, Severity, services};
 
+/// A take-off that leaves the floor's cushion rises with so many times its speed for a moment: 1.3 m/s for 0.5.
+const OVERSHOOTS: f64 = 2.6;
+
 /// Why a mode changed: the words, how grave it is, and the number for events.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cause {
@@ -80,6 +83,10 @@ impl Pilot {
                     .descends_from(self.last_height_m)
                     .unwrap_or_else(|| self.height_and_sink_to_descend_from(at));
                 self.supervisor.descent = Descent::begin(height_m, sink_mps);
+                if from == Mode::Takeoff {
+                    let up_mps = OVERSHOOTS * self.config.flight.takeoff_speed_mps;
+                    self.supervisor.descent.may_rise(up_mps);
+                }
                 self.supervisor.descents += 1;
                 let late_s = self.board.response_lag_s().filter(|s| *s > RESPONSE_MOST_S);
                 self.touch.obeyed_after(late_s.unwrap_or(0.0));

@@ -19,6 +19,9 @@ const TOUCH_SPEED_SHARE: f64 = 0.6;
 const TOUCH_THRUST_SHARE: f64 = 0.82;
 /// … and both hold for this long, s.
 const TOUCH_FOR_S: f64 = 0.15;
+/// … or for this long where estimate and barometer say that it is not there yet, s: what reads as a floor may be an
+/// accelerometer that reads too much, which shows after 0.25 s …
+const TOUCH_CLEAR_FOR_S: f64 = 0.4;
 /// … or for this long where the estimate says that the floor is far, s: it may be wrong, and a
 /// table is a floor too.
 const TOUCH_ANYWHERE_FOR_S: f64 = 3.0;
@@ -27,6 +30,9 @@ const FEEL_PER_S: f64 = 0.45;
 /// … down to this share of the base. Ground effect carries with no less than 0.7 (the model's
 /// limit of 0.8 on the thrust, and its root, plus the error of the base).
 const FEEL_SHARE: f64 = 0.55;
+/// … for this long at least, s: over a link that is late by 0.3 s, and by the filter of the specific force, a fall shows no
+/// sooner.
+const FEEL_FOR_S: f64 = 0.5;
 /// With less thrust than this share of the base, low-passed as the specific force is, nothing in the air is carried
 /// near the floor: the ground effect adds a fifth, and drag a tenth at 1.5 m/s.
 const CARRIED_SHARE: f64 = 0.62;
@@ -80,6 +86,8 @@ const FEEL_BLIND_S: f64 = 0.05;
 /// The floor is expected below this height by the estimate, m: near it multipath biases the height
 /// by up to half a metre (INTERFACES.md section 1; 0.5 m seen in lockstep).
 const TOUCH_BELOW_M: f64 = 0.8;
+/// The floor is not there yet where estimate and barometer both say more than this, m.
+const CLEAR_M: f64 = 0.5;
 /// No order leads a landing up again that has come to this height by the estimate, m: at the speed of a landing the floor is
 /// one second away, and an order that comes with the touch-down would lift a vehicle off that somebody has seen land.
 const LAST_M: f64 = 0.3;
@@ -114,6 +122,8 @@ pub(super) struct Touch {
     since: Option<HostTime>,
     /// Thrust is held below this while it is felt for.
     pub ceiling_frac: Option<f64>,
+    /// Since when thrust is taken away.
+    feels_since: Option<HostTime>,
     /// Thrust is held below this since a landing near the floor lost its estimate.
     turn_frac: Option<f64>,
     /// Thrust is held below this since something stopped a descent near the floor.
@@ -355,6 +365,12 @@ impl Pilot {
         self.is_low_by_estimate() || self.is_low_by_baro(at)
     }
 
+    /// Whether estimate and barometer, each by itself, say that the floor is not there yet.
+    fn is_clear_of_floor(&self, at: HostTime) -> bool {
+        self.height_above_floor_m() > CLEAR_M
+            && self.baro_above_floor_m(at).is_some_and(|m| m > CLEAR_M)
+    }
+
     fn is_low_by_estimate(&self) -> bool {
         self.height_above_floor_m() < TOUCH_BELOW_M
     }
@@ -476,7 +492,11 @@ impl Pilot {
         let light = self.control.thrust_frac < TOUCH_THRUST_SHARE * base_frac;
         let slow = sink_mps < TOUCH_SPEED_SHARE * self.config.flight.land_slow_speed_mps;
         let low = self.is_near_floor(at);
-        let for_s = if low { TOUCH_FOR_S } else { TOUCH_ANYWHERE_FOR_S };
+        let for_s = match low {
+            true if self.is_clear_of_floor(at) => TOUCH_CLEAR_FOR_S,
+            true => TOUCH_FOR_S,
+            false => TOUCH_ANYWHERE_FOR_S,
+        };
         let flight = &self.config.flight;
         let longest_s = self.land_from_m / flight.land_slow_speed_mps.max(0.05) + OVERDUE_S;
         if at.seconds_since(self.mode_since) > longest_s {
@@ -584,8 +604,11 @@ impl Pilot {
     fn lower_thrust(&mut self, at: HostTime) {
         let base_frac = self.control.thrust_base_frac;
         let Some(ceiling_frac) = self.touch.ceiling_frac else { return };
+        let felt_for_s = at.seconds_since(*self.touch.feels_since.get_or_insert(at));
         if ceiling_frac < FEEL_SHARE * base_frac {
-            self.fire(at, Event::TouchDown);
+            if felt_for_s > FEEL_FOR_S + self.obeyed_after_s() {
+                self.fire(at, Event::TouchDown);
+            }
         } else {
             let lower_frac = self.feel_per_s() * base_frac * CONTROL_PERIOD_US as f64 * 1e-6;
             self.touch.ceiling_frac = Some(ceiling_frac - lower_frac);

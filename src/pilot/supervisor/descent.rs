@@ -46,6 +46,9 @@ const BLIND_SHARE: f64 = 0.92;
 const BLIND_PER_S: f64 = 0.15;
 const BLIND_LEAST: f64 = 0.55;
 const BLIND_FROM_M: f64 = 1.5;
+/// A vehicle that rises when the way down begins comes to its speed upward times this higher, s: with a deficit of 8 % and a
+/// drag of 0.65 1/s, and motors that follow late, 1.3 m/s carried it 1.35 m further.
+const RISES_FOR_S: f64 = 1.2;
 const BLIND_MPS: f64 = 0.65;
 /// Largest error of the thrust model that is believed, m/s².
 const BIAS_MPS2: f64 = 4.0;
@@ -110,7 +113,13 @@ impl Descent {
     pub fn begin(height_m: f64, sink_mps: f64) -> Self {
         let height_m = if height_m.is_finite() { height_m.max(0.0) } else { 0.0 };
         let sink_mps = if sink_mps.is_finite() { sink_mps.clamp(-2.0, 2.0) } else { 0.0 };
-        Self { height_m, sink_mps, from_m: height_m, baro_age_s: f64::INFINITY, ..Self::default() }
+        let from_m = height_m + RISES_FOR_S * (-sink_mps).max(0.0);
+        Self { height_m, sink_mps, from_m, baro_age_s: f64::INFINITY, ..Self::default() }
+    }
+
+    /// It may rise with this speed, m/s, whatever was measured when it began.
+    pub fn may_rise(&mut self, up_mps: f64) {
+        self.from_m = self.from_m.max(self.height_m + RISES_FOR_S * up_mps);
     }
 
     /// Height above the floor, m, by its own account.
