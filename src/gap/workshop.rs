@@ -134,7 +134,7 @@ impl Workshop {
         let from = format!(
             "{:016x} {references:?} {calibration:?} {settings:?} {}",
             self.bank_hash,
-            BuildIdentity::current().source_hash
+            BuildIdentity::bank_hash()
         );
         let name = format!("{:016x}.learned", kept_file::fnv(from.as_bytes()));
         let path = self.folder.as_ref().map(|folder| folder.join(name));
@@ -179,7 +179,6 @@ fn key(
 
 /// Hash of everything that flights of a mission depend on, and of what else tells files apart.
 pub(super) fn mission_key(scene: &Scene, items: &[MISSION_ITEM_INT_DATA], rest: &str) -> String {
-    let build = BuildIdentity::current();
     // Items are told apart from how they were addressed.
     let items: Vec<_> = items
         .iter()
@@ -194,7 +193,7 @@ pub(super) fn mission_key(scene: &Scene, items: &[MISSION_ITEM_INT_DATA], rest: 
         scene.until_s,
         scene.vehicle,
         scene.pilot,
-        build.source_hash
+        BuildIdentity::bank_hash()
     );
     format!("{:016x}", kept_file::fnv(text.as_bytes()))
 }

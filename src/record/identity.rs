@@ -7,7 +7,7 @@ pub struct BuildIdentity {
     pub program_version: String,
     /// `git describe`, empty outside a repository. For people; the hash decides.
     pub git_commit: String,
-    /// Hash of everything that the program is made of.
+    /// Hash of what decides which bytes the companion makes of its input (`REPLAY` in `build.rs`).
     pub source_hash: String,
     /// Target triple.
     pub target: String,
@@ -25,12 +25,18 @@ impl BuildIdentity {
         Self {
             program_version: env!("CARGO_PKG_VERSION").into(),
             git_commit: env!("HALTERE_GIT_COMMIT").into(),
-            source_hash: env!("HALTERE_SOURCE_HASH").into(),
+            source_hash: env!("HALTERE_REPLAY_HASH").into(),
             target: env!("HALTERE_TARGET").into(),
             rustc: env!("HALTERE_RUSTC").into(),
             build_profile: env!("HALTERE_PROFILE").into(),
             processor: processor(),
         }
+    }
+
+    /// Hash of what decides, beside what a replay hangs on, how a simulated flight goes and what the diagnosis says of a
+    /// flight (`BANK` in `build.rs`). The words of the program are not among it.
+    pub fn bank_hash() -> &'static str {
+        env!("HALTERE_BANK_HASH")
     }
 
     /// What differs from `other`, in words; empty when bit-exact agreement is due.
