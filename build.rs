@@ -38,7 +38,7 @@ const REPLAY: [&str; 24] = [
 ];
 /// What decides, beside these, how a simulated flight goes and what is said of a flight: a bank that another build of these
 /// flew is flown anew. The words and pages of the program are not among them.
-const BANK: [&str; 4] = ["src/ctl/mission_file.rs", "src/gap", "src/lockstep", "src/model"];
+const BANK: [&str; 4] = ["src/gap", "src/lockstep", "src/mission_file.rs", "src/model"];
 
 fn main() -> Result<(), Box<dyn Error>> {
     let out_dir = PathBuf::from(std::env::var("OUT_DIR")?);

@@ -6,11 +6,11 @@ use haltere_dialect::mav::haltere::{
     MavMessage, MavMissionResult, MavParamType, PARAM_SET_DATA,
 };
 
-use haltere::config::stored;
 use haltere::lockstep::{Ground, Lockstep};
 use haltere::model::PlantConfig;
 use haltere::pilot::PilotConfig;
 use haltere::pilot::services::crc32;
+use haltere::sources::stored;
 use haltere::store::{NoPrograms, Store};
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavResult};
 

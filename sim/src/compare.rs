@@ -7,11 +7,11 @@ use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use serde_json::json;
 
-use haltere::config::{Config, Sources};
 use haltere::control::{ControlConfig, ControlGains, Version};
 use haltere::lockstep::Lockstep;
 use haltere::model::PlantConfig;
 use haltere::pilot::PilotConfig;
+use haltere::sources::{self, Sources};
 
 use crate::paper::source;
 use crate::steps::{AXES, SIZES_M, StepScore, WINDOW_S, fly_steps, is_complete, mean_of};
@@ -120,7 +120,7 @@ fn fly(
 
 pub fn pilot_config(file: Option<&std::path::Path>, set: &[String]) -> Result<PilotConfig> {
     let files = file.map(std::path::Path::to_path_buf).into_iter().collect();
-    let config = Config::load(&Sources::new(files, set.to_vec()))?;
+    let config = sources::load(&Sources::new(files, set.to_vec()))?;
     // Nobody here answers for a disk.
     Ok(PilotConfig { store: false, ..config.pilot() })
 }

@@ -28,7 +28,7 @@ fn flown(program: Program, options: &Options, seed: u64) -> Source {
     let planned = plan(program, &Envelope::of(&pilot, &survey), &options).unwrap();
     // Through the file that a user would upload.
     let text = planned.toml(program).unwrap();
-    let mission = haltere::ctl::MissionFile::parse(&text).unwrap();
+    let mission = haltere::mission_file::MissionFile::parse(&text).unwrap();
     let items: Vec<_> =
         mission.items.iter().zip(0..).map(|(item, seq)| item.to_wire(seq, 1, 1)).collect();
     let config = Config {

@@ -7,7 +7,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use haltere::checks::Problems;
-use haltere::config::read_anchors;
 use haltere::frames::{E, U, Vec3, earth_from_survey, survey_from_earth};
 use haltere::measure::AnchorId;
 use haltere::model::board::{BoardSettings, Firmware, Manners, Overrides};
@@ -16,6 +15,7 @@ use haltere::model::magnetometer::MagnetometerSettings;
 use haltere::model::room::Room;
 use haltere::model::tag::TagProtocol;
 use haltere::model::{Fault, PlantConfig, Vehicle};
+use haltere::sources::read_anchors;
 use haltere::survey::Survey;
 use serde::{Deserialize, Serialize};
 
@@ -331,8 +331,8 @@ mod tests {
 
     /// Mean flap rate of both wings in the middle of a short hover, Hz.
     fn hover_hz(scenario: &Scenario) -> f64 {
-        use haltere::ctl::{Item, ItemCommand};
         use haltere::lockstep::{Lockstep, fly};
+        use haltere::mission_file::{Command as ItemCommand, Item};
         use haltere::model::{Plant, PlantConfig};
         use haltere::pilot::PilotConfig;
         let survey = scenario.survey().unwrap();

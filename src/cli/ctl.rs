@@ -7,8 +7,8 @@ use std::process::ExitCode;
 use clap::Args;
 
 use super::print;
-use crate::config::read_key;
 use crate::ctl::{self, Action};
+use crate::sources::read_key;
 
 /// Talks to a running companion as any ground station does.
 #[derive(Debug, Args)]

@@ -10,10 +10,10 @@ use clap::Args;
 use super::FAILED;
 use super::programs::BuiltIn;
 use crate::checks::Problems;
-use crate::config::{Loaded, Sources};
 use crate::live::console::{self, Console};
 use crate::live::signals::{ENDED_ARMED, Signals};
 use crate::live::{self, RunSummary, realtime};
+use crate::sources::{Loaded, Sources};
 
 /// Where the configuration comes from.
 #[derive(Debug, Args)]

@@ -228,7 +228,7 @@ impl Accept {
         };
         let by = Vec3::new(north, east, down);
         let result = edit(path, |text| edit_anchor(text, AnchorId(id), by))?;
-        crate::config::read_anchors(path).map_err(|p| anyhow::anyhow!("{p}"))?;
+        crate::sources::read_anchors(path).map_err(|p| anyhow::anyhow!("{p}"))?;
         Ok(result)
     }
 }

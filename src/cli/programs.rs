@@ -7,15 +7,16 @@ use std::path::Path;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 use super::judge::{Judged, Judging};
-use crate::config::{DiagnosisConfig, Loaded};
-use crate::ctl::MissionFile;
+use crate::config::DiagnosisConfig;
 use crate::fit::programs::{Options, Program, plan};
 use crate::gap::missions;
 use crate::gap::scene::Scene;
+use crate::mission_file::MissionFile;
 use crate::model::Vehicle;
 use crate::model::room::Room;
 use crate::pilot::Envelope;
 use crate::pilot::services::{Judgement, encode_plan};
+use crate::sources::Loaded;
 use crate::store::Programs;
 
 /// What the default hover of the thrust program leaves above the warning voltage, V.
@@ -148,7 +149,7 @@ mod tests {
     #[test]
     fn prop_every_program_that_fits_the_room_is_a_plan() {
         let anchors = concat!(env!("CARGO_MANIFEST_DIR"), "/config/anchors.toml");
-        let survey = crate::config::read_anchors(anchors.as_ref()).unwrap();
+        let survey = crate::sources::read_anchors(anchors.as_ref()).unwrap();
         let loaded = Loaded {
             config: Config::default(),
             survey,

@@ -1,10 +1,8 @@
-//! The anchor file: a room as people measure it, turned into the Earth frame once, on load.
-
-use std::path::Path;
+//! The anchor file: a room as people measure it, turned into the Earth frame once, when it is read.
 
 use serde::Deserialize;
 
-use super::layers::parse_strictly;
+use super::read::parse_strictly;
 use crate::checks::Problems;
 use crate::frames::{E, U, Vec3, earth_from_survey};
 use crate::measure::AnchorId;
@@ -40,21 +38,8 @@ struct Anchor {
     position_m: [f64; 3],
 }
 
-/// Reads and checks an anchor file.
-pub(super) fn read(path: &Path) -> Result<Survey, Problems> {
-    let name = path.display();
-    let text = std::fs::read_to_string(path).map_err(|error| {
-        let mut problems = Problems::new();
-        problems.say(format!(
-            "{name}: the anchor survey cannot be read: {error}; write one as in \
-             config/anchors.toml, or let `haltere init` do it, and name it in anchors.file"
-        ));
-        problems
-    })?;
-    parse(&name.to_string(), &text)
-}
-
-pub(super) fn parse(name: &str, text: &str) -> Result<Survey, Problems> {
+/// An anchor file in memory. `name` stands in messages.
+pub fn parse_anchors(name: &str, text: &str) -> Result<Survey, Problems> {
     let file: AnchorFile = parse_strictly(name, text)?;
     let mut problems = Problems::new();
     let [lowest_m, highest_m] = HEIGHT_RANGE_M;

@@ -1,51 +1,43 @@
-//! Configuration of the companion: what may be written, where it comes from, what is wrong with it.
-//!
-//! Layers, later ones win: defaults, `--config` files in their order, environment variables
-//! `HALTERE_SECTION__KEY`, `--set section.key=value`. `config/haltere.toml` documents every key.
+//! Configuration of the companion: what may be written, and what is wrong with it. Where it comes from is a matter of
+//! `sources`. `config/haltere.toml` documents every key.
 
 mod address;
 mod anchors;
 mod differences;
 mod document;
 mod ground;
-mod key_file;
-mod layers;
 mod note;
+mod read;
 mod retired;
 mod sections;
 mod signing;
-pub mod stored;
 #[cfg(test)]
 mod tests;
 mod watch;
 
-use std::path::{Path, PathBuf};
-
 use serde::{Deserialize, Serialize};
 
 pub use address::{Address, AddressError, HostPort};
+pub use anchors::parse_anchors;
 pub use differences::Difference;
 pub use document::{DocumentedKey, configuration_page, reference};
 pub use ground::{EndpointConfig, GroundConfig};
-pub use key_file::{KeyFileError, read_key, read_time, time_file};
 pub use note::Note;
+pub use read::{Read, one, parse_strictly, read_config};
+pub use retired::{Author, Fate, RETIRED, Retired, present_name};
 pub use sections::{
     AnchorsConfig, BankSizeName, BoardConfig, DiagnosisConfig, RecordConfig, StoreConfig,
     TagConfig, TagPort, TimingConfig,
 };
 pub use signing::{Doors, SigningConfig};
-pub use watch::{Token, TokenError, WatchAddress, WatchConfig};
+pub use watch::{WatchAddress, WatchConfig};
 
-use self::retired::{Author, RETIRED, Retired};
 use crate::checks::Problems;
 use crate::control::ControlConfig;
 use crate::estimator::EstimatorConfig;
 use crate::pilot::{FlightConfig, LimitsConfig, PilotConfig, SupervisorConfig};
 use crate::survey::Survey;
 use crate::uwb::UwbConfig;
-
-/// File that is read from the working directory when none is named.
-pub const DEFAULT_FILE: &str = "haltere.toml";
 
 /// Everything that can be configured, one field per section.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -85,91 +77,7 @@ pub struct Config {
     pub control: ControlConfig,
 }
 
-/// A configuration that was checked, and its survey.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Loaded {
-    /// Every key resolved.
-    pub config: Config,
-    /// The anchors.
-    pub survey: Survey,
-    /// Files that were read, for the user to see.
-    pub files: Vec<PathBuf>,
-    /// What people should know: retired keys, parameters that a station had set.
-    pub notes: Vec<Note>,
-    /// Why what a station has set is not in force, the first reason.
-    pub lost: Option<String>,
-}
-
-/// Where a configuration comes from.
-#[derive(Debug, Clone, Default)]
-pub struct Sources {
-    /// TOML files, later ones win. None: [`DEFAULT_FILE`], if it exists.
-    pub files: Vec<PathBuf>,
-    /// Environment, as `std::env::vars`.
-    pub environment: Vec<(String, String)>,
-    /// `section.key=value`, later ones win.
-    pub overrides: Vec<String>,
-}
-
-impl Sources {
-    /// With the environment of this process.
-    pub fn new(files: Vec<PathBuf>, overrides: Vec<String>) -> Self {
-        // Names or values that are no text cannot be ours.
-        let environment = std::env::vars_os()
-            .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))
-            .collect();
-        Self { files, environment, overrides }
-    }
-}
-
-impl Loaded {
-    /// Reads and checks everything; refuses with all that is wrong.
-    pub fn load(sources: &Sources) -> Result<Self, Problems> {
-        Self::load_by(sources, RETIRED)
-    }
-
-    fn load_by(sources: &Sources, gone: &[Retired]) -> Result<Self, Problems> {
-        let (mut config, mut layers) = Config::load_layers(sources, gone)?;
-        let notes = std::mem::take(&mut layers.notes);
-        if !config.watch.token_file.as_os_str().is_empty() {
-            config.watch.token_file = layers.beside("watch.token_file", &config.watch.token_file);
-        }
-        if !config.signing.key_file.as_os_str().is_empty() {
-            config.signing.key_file = layers.beside("signing.key_file", &config.signing.key_file);
-        }
-        let anchor_file = layers.beside("anchors.file", &config.anchors.file);
-        let survey = anchors::read(&anchor_file)?;
-        let mut files = layers.files();
-        files.push(anchor_file);
-        let mut loaded = Self { config, survey, files, notes, lost: None };
-        stored::apply(&mut loaded, &layers);
-        Ok(loaded)
-    }
-}
-
 impl Config {
-    /// Reads and checks all keys, without the anchor file: for tools that bring a survey of
-    /// their own.
-    pub fn load(sources: &Sources) -> Result<Self, Problems> {
-        Self::load_layers(sources, RETIRED).map(|(config, _)| config)
-    }
-
-    fn load_layers(
-        sources: &Sources,
-        gone: &[Retired],
-    ) -> Result<(Self, layers::Layers), Problems> {
-        let layers = layers::Layers::read(sources, gone)?;
-        let config = layers.merged()?;
-        let mut problems = Problems::new();
-        config.check(&mut problems);
-        let mut traced = Problems::new();
-        for line in problems.lines() {
-            traced.say(layers.with_origin(line));
-        }
-        traced.into_result()?;
-        Ok((config, layers))
-    }
-
     /// Adds all values that are out of range to `problems`.
     pub fn check(&self, problems: &mut Problems) {
         self.tag.check("tag", problems);
@@ -231,7 +139,7 @@ impl Config {
     }
 
     /// Takes over what a station may have changed in the core's part.
-    fn take_over(&mut self, pilot: PilotConfig) {
+    pub fn take_over(&mut self, pilot: PilotConfig) {
         self.flight = pilot.flight;
         self.limits = pilot.limits;
         self.supervisor = pilot.supervisor;
@@ -256,22 +164,12 @@ impl Config {
 
     /// From a TOML file of a user in memory. `name` stands in messages.
     pub fn from_toml(name: &str, text: &str) -> Result<Self, Problems> {
-        layers::read_config(name, text, RETIRED, Author::User).map(|read| read.config)
+        read_config(name, text, RETIRED, Author::User).map(|read| read.config)
     }
 
     /// As it stands in the head of a log, which may be of an older build: keys that are no more are read
     /// without a word. `name` stands in messages.
     pub fn as_recorded(name: &str, text: &str) -> Result<Self, Problems> {
-        layers::read_config(name, text, RETIRED, Author::Recorder).map(|read| read.config)
+        read_config(name, text, RETIRED, Author::Recorder).map(|read| read.config)
     }
-}
-
-/// An anchor file in memory. `name` stands in messages.
-pub fn parse_anchors(name: &str, text: &str) -> Result<Survey, Problems> {
-    anchors::parse(name, text)
-}
-
-/// Reads an anchor file alone, for tools that need no more.
-pub fn read_anchors(path: &Path) -> Result<Survey, Problems> {
-    anchors::read(path)
 }

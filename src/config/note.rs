@@ -15,18 +15,18 @@ pub struct Note {
 
 impl Note {
     /// About a key that is no more.
-    pub(super) fn retired(text: String) -> Self {
+    pub fn retired(text: String) -> Self {
         let way_out = "mend the line that sets it; docs/CONFIGURATION.md has every key";
         Self { subject: "configuration", text, way_out }
     }
 
     /// About parameters of a station that are in force.
-    pub(super) fn in_force(text: String) -> Self {
+    pub fn in_force(text: String) -> Self {
         Self { subject: "parameters", text, way_out: "" }
     }
 
     /// About parameters of a station that are not.
-    pub(super) fn not_used(text: String) -> Self {
+    pub fn not_used(text: String) -> Self {
         let way_out = "see docs/SERVICES.md; remove the file to fly by the configuration alone";
         Self { subject: "parameters", text, way_out }
     }

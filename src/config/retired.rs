@@ -15,7 +15,7 @@ use toml::{Spanned, Value};
 
 /// A key that is no more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Retired {
+pub struct Retired {
     /// With its sections.
     pub key: &'static str,
     /// What became of it.
@@ -23,9 +23,8 @@ pub(super) struct Retired {
 }
 
 /// What became of a key.
-#[cfg_attr(not(test), expect(dead_code, reason = "no key has left yet"))]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Fate {
+pub enum Fate {
     /// It has no effect any more.
     Gone {
         /// Its last default, as in a file; empty: it was absent.
@@ -39,14 +38,14 @@ pub(super) enum Fate {
 }
 
 /// Every key that has left, oldest first.
-pub(super) const RETIRED: &[Retired] = &[];
+pub const RETIRED: &[Retired] = &[];
 
 /// Sections that keep a flight safe: what is set in them is never ignored.
 const GUARDED: [&str; 4] = ["limits", "supervisor", "flight", "board"];
 
 /// Who wrote a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Author {
+pub enum Author {
     /// A user: file, environment or command line.
     User,
     /// The recorder, in the head of a log.
@@ -66,7 +65,7 @@ pub(super) struct Found {
 }
 
 /// The key whose type a value is read as: that of the heir, where there is one.
-pub(super) fn present_name<'k>(retired: &[Retired], key: &'k str) -> &'k str {
+pub fn present_name<'k>(retired: &[Retired], key: &'k str) -> &'k str {
     let moved = retired.iter().find(|row| row.key == key).map(|row| row.fate);
     if let Some(Fate::MovedTo(heir)) = moved { heir } else { key }
 }

@@ -4,19 +4,19 @@
 //! outside, through the messages any ground station uses, and shares no code with the pilot.
 
 mod link;
-mod mission_file;
 mod station;
 mod transfer;
 mod vehicle;
 
+use std::path::Path;
 use std::time::Duration;
 
 use haltere_dialect::mav::haltere::{MavCmd, MavMissionResult, MavResult};
 use haltere_dialect::signing::SigningKey;
 
 use crate::config::{Address, AddressError};
+use crate::mission_file::MissionFile;
 
-pub use mission_file::{Command as ItemCommand, DoubletAxis, Item, MissionFile};
 pub use station::{GroundStation, Mode, Setpoint};
 pub use vehicle::{LandedState, Vehicle};
 
@@ -259,6 +259,14 @@ fn fly_mission(
     if lands { station.wait_down() } else { Ok(()) }
 }
 
+/// Reads and checks a mission file.
+pub fn read_mission(path: &Path) -> Result<MissionFile, CtlError> {
+    let file = path.display().to_string();
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| CtlError::MissionFile { file: file.clone(), why: error.to_string() })?;
+    MissionFile::parse(&text).map_err(|why| CtlError::MissionFile { file, why })
+}
+
 /// Runs one action, signed where there is a key. Progress goes to `say`.
 pub fn run(
     to: &str,
@@ -267,7 +275,7 @@ pub fn run(
     mut say: impl FnMut(&str),
 ) -> Result<(), CtlError> {
     let mission = match action {
-        Action::Mission { file } => Some(MissionFile::read(file)?),
+        Action::Mission { file } => Some(read_mission(file)?),
         _ => None,
     };
     let mut station = GroundStation::connect_signed(to, key)?;

@@ -4,7 +4,7 @@
 //! itself will: what would be refused there is left out here, with the reason.
 
 use crate::control::TiltAxis;
-use crate::ctl::{DoubletAxis, Item, ItemCommand as Command, MissionFile};
+use crate::mission_file::{Command, DoubletAxis, Item, MissionFile};
 use crate::pilot::{Envelope, TiltStep};
 
 /// Distance of a turning point to the edge of the volume, m: a wing span, and the error of the

@@ -7,7 +7,7 @@
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-use crate::ctl::{DoubletAxis, Item, ItemCommand as Command, MissionFile};
+use crate::mission_file::{Command, DoubletAxis, Item, MissionFile};
 
 use super::scene::Scene;
 use crate::model::room::Room;

@@ -9,9 +9,10 @@ use haltere_dialect::mav_stream;
 use serialport::{SerialPort, TTYPort};
 
 use super::*;
-use crate::config::{Config, Loaded};
+use crate::config::Config;
 use crate::drops::DropReason;
 use crate::record::{Entry, LogEnd, LogReader, RawInput};
+use crate::sources::Loaded;
 
 fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
@@ -27,7 +28,7 @@ fn loaded(folder: &std::path::Path, tag: String, board: String, ground: Vec<Stri
     config.timing.realtime = false;
     config.timing.lock_memory = false;
     let anchors = concat!(env!("CARGO_MANIFEST_DIR"), "/config/anchors.toml");
-    let survey = crate::config::read_anchors(anchors.as_ref()).unwrap();
+    let survey = crate::sources::read_anchors(anchors.as_ref()).unwrap();
     Loaded { config, survey, files: Vec::new(), notes: Vec::new(), lost: None }
 }
 
@@ -235,5 +236,5 @@ fn prop_the_mute_are_cut_and_the_unsigned_get_no_place() {
     assert_eq!(lost(10, "mav_unsigned"), Some(9));
     assert_eq!(lost(2, "mav_unsigned"), Some(1), "{:?}", summary.drops);
     assert_eq!(summary.drops.iter().find(|(_, r, _)| *r == "stations_full"), None);
-    assert!(std::fs::metadata(crate::config::time_file(&file)).is_ok(), "the time is kept");
+    assert!(std::fs::metadata(crate::sources::time_file(&file)).is_ok(), "the time is kept");
 }

@@ -49,7 +49,7 @@ impl Default for Answers {
 /// Writes `haltere.toml` and the anchor file into `directory`; gives both paths. Nothing is written
 /// before all is right, and nothing is replaced unless `force`.
 pub fn write(answers: &Answers, directory: &Path, force: bool) -> Result<[PathBuf; 2], String> {
-    let config = directory.join(crate::config::DEFAULT_FILE);
+    let config = directory.join(crate::sources::DEFAULT_FILE);
     let anchors = directory.join(ANCHORS);
     let text = configuration(answers);
     let name = |path: &Path| path.display().to_string();
@@ -72,7 +72,7 @@ pub fn write(answers: &Answers, directory: &Path, force: bool) -> Result<[PathBu
 
 /// Refuses a folder that holds one of both files.
 pub fn none_there(directory: &Path) -> Result<(), String> {
-    let both = [crate::config::DEFAULT_FILE, ANCHORS].map(|name| directory.join(name));
+    let both = [crate::sources::DEFAULT_FILE, ANCHORS].map(|name| directory.join(name));
     match both.iter().find(|path| path.exists()) {
         None => Ok(()),
         Some(there) => Err(format!(

@@ -1,7 +1,8 @@
 //! The key of signed MAVLink: one that would keep `fly` from starting is to be known before.
 
 use super::Finding;
-use crate::config::{Config, KeyFileError, read_key, read_time};
+use crate::config::Config;
+use crate::sources::{KeyFileError, read_key, read_time};
 
 /// The key file and the time beside it, where one is configured.
 pub fn examine(config: &Config) -> Vec<Finding> {

@@ -12,7 +12,7 @@ pub mod system;
 
 use serde::Serialize;
 
-use crate::config::Loaded;
+use crate::sources::Loaded;
 
 /// Outcome of one look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]

@@ -36,7 +36,7 @@ fn token(config: &Config, at: &Address) -> Option<Finding> {
     let key = "watch.token_file";
     let Address::TcpIn(host) = at else { return None };
     let mut resolved = (host.host.as_str(), host.port).to_socket_addrs().ok()?;
-    match config.watch.token() {
+    match crate::watch::token::token(&config.watch) {
         Err(error) => Some(Finding::problem(key, error.to_string(), "without it nobody can look")),
         Ok(Some(_)) => Some(Finding::ok(key, "readable by the owner alone".to_owned())),
         Ok(None) if resolved.all(|at| at.ip().is_loopback()) => None,

@@ -12,10 +12,11 @@ use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream::MavSplitter;
 
 use super::Finding;
-use crate::config::{Loaded, StoreConfig};
+use crate::config::StoreConfig;
 use crate::live::{self, Stop};
 use crate::pilot::{LinkId, TagProtocol};
 use crate::record::{Decoded, Entry, LogReader, RawInput};
+use crate::sources::Loaded;
 use crate::time::HostTime;
 
 /// Time in which links open and streams begin, s; it is not counted.

@@ -7,7 +7,7 @@
 use std::net::IpAddr;
 
 use super::http::Request;
-use crate::config::Token;
+use crate::watch::token::Token;
 
 /// Why somebody is turned away: status line and sentence.
 pub(super) type Refusal = (&'static str, &'static str);

@@ -16,6 +16,7 @@ mod foxglove;
 mod http;
 mod picture;
 mod serve;
+pub mod token;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -25,10 +26,12 @@ use crossbeam_queue::ArrayQueue;
 use thiserror::Error;
 use tokio::net::TcpListener;
 
-use crate::config::{Address, Loaded, TokenError};
+use crate::config::Address;
 use crate::record::GlueState;
+use crate::sources::Loaded;
 use crate::time::HostTime;
 use crate::topics::Topic;
+use crate::watch::token::TokenError;
 
 use self::door::Door;
 use self::picture::Picture;
@@ -146,7 +149,7 @@ impl Watch {
         let config = &loaded.config.watch;
         let Some(address) = config.address.get() else { return Ok(None) };
         let Address::TcpIn(at) = address else { return Ok(None) };
-        let token = config.token()?;
+        let token = token::token(config)?;
         let refused = |source| WatchError::Listen { address: address.clone(), source };
         let listener = TcpListener::bind((at.host.as_str(), at.port)).await.map_err(refused)?;
         let bound = listener.local_addr().map_err(refused)?;

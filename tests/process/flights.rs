@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use haltere::config::Config;
-use haltere::ctl::{Item, ItemCommand, MissionFile};
 use haltere::gap::scene::Scene;
 use haltere::lockstep::{HOST_START_US, Listener, Lockstep, Tap, fly};
+use haltere::mission_file::{Command as ItemCommand, Item, MissionFile};
 use haltere::model::{EffectSet, Plant};
 use haltere::pilot::Input;
 use haltere::record::{BuildIdentity, Recorder, Session};

@@ -1,16 +1,17 @@
 //! Files: missions, parameters, plans, logs, configurations, anchor surveys.
 
-use haltere::config::{Config, parse_anchors, stored};
-use haltere::ctl::MissionFile;
+use haltere::config::{Config, parse_anchors};
 use haltere::export::{self, Form};
 use haltere::fit::source::Source;
 use haltere::fit::tell;
 use haltere::gap;
+use haltere::mission_file::MissionFile;
 use haltere::pilot::services::{decode_plan, encode_plan};
 use haltere::pilot::{Input, Pilot};
 use haltere::record::LogReader;
 use haltere::report::flight::Flight;
 use haltere::report::{Page, from_log};
+use haltere::sources::stored;
 use haltere::time::HostTime;
 
 /// A mission file as text, and a stored plan as bytes.

@@ -7,8 +7,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use haltere::checks::Problems;
-use haltere::config::{Config, Sources};
-use haltere::ctl::{Item, MissionFile};
+use haltere::config::Config;
+use haltere::ctl::read_mission;
+use haltere::mission_file::{Item, MissionFile};
+use haltere::sources::{self, Sources};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
@@ -216,7 +218,7 @@ impl Base {
         // With every default, so that a key may reach into a list that the file leaves out.
         let scenario = Table::try_from(&scenario).context("scenario")?;
         let mission = match &file.mission {
-            Some(name) => MissionFile::read(&folder.join(name))?,
+            Some(name) => read_mission(&folder.join(name))?,
             None => MissionFile { items: file.items.clone() },
         };
         let vehicle = match &file.vehicle {
@@ -228,7 +230,7 @@ impl Base {
         } else {
             let files = file.config.iter().map(|name| folder.join(name)).collect();
             // Not the environment: flights depend on the campaign alone.
-            Config::load(&Sources { files, environment: Vec::new(), overrides: Vec::new() })?
+            sources::load(&Sources { files, environment: Vec::new(), overrides: Vec::new() })?
         };
         let mut config: Table = toml::from_str(&config.to_toml())?;
         for line in &file.set {

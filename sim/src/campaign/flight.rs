@@ -11,8 +11,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context, Result, anyhow, bail};
 use haltere::checks::Problems;
-use haltere::ctl::{Item, ItemCommand};
 use haltere::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, start};
+use haltere::mission_file::{Command as ItemCommand, Item};
 use haltere::model::{Plant, Truth};
 use haltere::pilot::Mode;
 use haltere::report::truth::HEADER;

@@ -5,8 +5,8 @@
 
 use std::collections::VecDeque;
 
-use haltere::ctl::{Item, ItemCommand};
 use haltere::lockstep::{Ground, Lockstep, local_item};
+use haltere::mission_file::{Command as ItemCommand, Item};
 use haltere::model::Truth;
 use haltere_dialect::mav::haltere::{
     COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd,

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use anyhow::{Context, Result, bail};
 use haltere::checks::Problems;
 use haltere::config::Config;
-use haltere::ctl::MissionFile;
+use haltere::mission_file::MissionFile;
 use haltere::model::Vehicle;
 use haltere::model::random::Stream;
 use haltere::model::tag::TagProtocol;

@@ -1,7 +1,7 @@
 //! The demo's mission: steps of 1 m and 2 m along each axis, then four path shapes.
 
-use haltere::ctl::{Item, ItemCommand};
 use haltere::frames::Vec3;
+use haltere::mission_file::{Command as ItemCommand, Item};
 use haltere::report::errors::{Leg, PathKind, STEP_WINDOW_S};
 
 /// Height of everything that is not a step in height, m (the source's hover height).

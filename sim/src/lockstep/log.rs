@@ -4,10 +4,10 @@ use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Result, bail};
-use haltere::config::Loaded;
 use haltere::lockstep::{HOST_START_US, Listener, Tap};
 use haltere::pilot::Pilot;
 use haltere::record::{BuildIdentity, Recorder, Session};
+use haltere::sources::Loaded;
 use haltere::time::HostTime;
 use haltere::topics::Topic;
 use haltere::watch::Feed;

@@ -15,10 +15,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Result, anyhow, bail};
-use haltere::config::{Config, Loaded, Sources};
 use haltere::lockstep::{HOST_START_US, Lockstep, STEP_US};
 use haltere::model::{Fault, Plant, Vehicle};
 use haltere::pilot::{Input, LinkId};
+use haltere::sources::{self, Loaded, Sources};
 use haltere::store::{NoPrograms, Store};
 use haltere::time::HostTime;
 use haltere::watch::{Feed, Watch};
@@ -127,7 +127,7 @@ fn configuration(options: &Options, scenario: &Scenario) -> Result<Loaded> {
             format!("board.north_offset_deg={:?}", scenario.told.north_offset_deg(0.0)),
         ];
         overrides.extend(options.set.iter().cloned());
-        let config = Config::load(&Sources::new(Vec::new(), overrides)).map_err(refused)?;
+        let config = sources::load(&Sources::new(Vec::new(), overrides)).map_err(refused)?;
         Loaded {
             config,
             survey: scenario.told_survey()?,

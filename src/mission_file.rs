@@ -47,12 +47,9 @@
 //! command = "land"         # optional position_m: only north and east count
 //! ```
 
-use std::path::Path;
-
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
 use serde::{Deserialize, Serialize};
 
-use super::CtlError;
 use crate::checks::Problems;
 
 /// `MISSION_ITEM_INT` counts x and y of a local frame in 0.1 mm.
@@ -342,16 +339,6 @@ impl Item {
 }
 
 impl MissionFile {
-    /// Reads and checks a file.
-    pub fn read(path: &Path) -> Result<Self, CtlError> {
-        let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|error| CtlError::MissionFile {
-            file: file.clone(),
-            why: error.to_string(),
-        })?;
-        Self::parse(&text).map_err(|why| CtlError::MissionFile { file, why })
-    }
-
     /// Parses and checks.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mission: MissionFile = toml::from_str(text).map_err(|e| e.to_string())?;

@@ -14,9 +14,10 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use super::Loaded;
 use super::layers::Layers;
-use super::{Loaded, Note};
 use crate::checks::Problems;
+use crate::config::{Config, Note};
 use crate::pilot::services::{crc32, find_parameter};
 
 /// Name of the file in `store.directory`.
@@ -146,7 +147,7 @@ fn apply_one(loaded: &mut Loaded, layers: &Layers, name: &str, value: f64) -> Re
     parameter.put(&mut pilot, value as f32)?;
     let mut changed = loaded.config.clone();
     changed.take_over(pilot);
-    let check = |config: &super::Config| {
+    let check = |config: &Config| {
         let mut problems = Problems::new();
         config.check(&mut problems);
         problems

@@ -1,0 +1,121 @@
+//! One text of a configuration, read strictly: what a file, a variable or the head of a log may hold, and where in it
+//! something is wrong.
+
+use serde::de::DeserializeOwned;
+use toml::de::DeTable;
+use toml::{Spanned, Table};
+
+use super::retired::{self, Author, Retired};
+use super::{Config, Note};
+use crate::checks::Problems;
+use crate::checks::schema::Schema;
+
+/// A configuration that was read from one text.
+#[derive(Debug)]
+pub struct Read {
+    /// Typed, what is absent at its default.
+    pub config: Config,
+    /// As it stands there, under today's names.
+    pub table: Table,
+    /// What people should know of retired keys.
+    pub notes: Vec<Note>,
+}
+
+/// Reads one text of a configuration, under the names of its time.
+pub fn read_config(
+    name: &str,
+    text: &str,
+    gone: &[Retired],
+    author: Author,
+) -> Result<Read, Problems> {
+    let mut root = parse(name, text)?;
+    check_schema(name, &mut root)?;
+    let found = retired::apply(root.get_mut(), gone, author);
+    let place = |at: &std::ops::Range<usize>| place(name, text, at.start);
+    let mut refused = Problems::new();
+    for (at, why) in &found.refused {
+        refused.say(format!("{}{why}", place(at)));
+    }
+    refused.into_result()?;
+    let told = found.told.iter().map(|(at, what)| Note::retired(format!("{}{what}", place(at))));
+    let notes = told.collect();
+    let table = typed(name, text, root.clone())?;
+    Ok(Read { config: typed(name, text, root)?, table, notes })
+}
+
+/// Takes the version out of a text, and refuses a newer one before any key of it is judged.
+fn check_schema(name: &str, root: &mut Spanned<DeTable<'_>>) -> Result<(), Problems> {
+    let Some(version) = root.get_mut().remove(Schema::KEY) else { return Ok(()) };
+    let shown = version.get_ref().as_integer().map_or("no whole number", |v| v.as_str());
+    Schema::CONFIGURATION.check_text(shown).map_err(|error| one(format!("{name}: {error}")))
+}
+
+/// Typed content of a TOML text; a refusal names file, line, key, and what is allowed.
+pub fn parse_strictly<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, Problems> {
+    typed(name, text, parse(name, text)?)
+}
+
+fn parse<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problems> {
+    DeTable::parse(text).map_err(|e| {
+        let line = line_of(text, e.span().map_or(0, |span| span.start));
+        one(format!("{name}: line {line}: {}", e.message().trim()))
+    })
+}
+
+fn typed<T: DeserializeOwned>(
+    name: &str,
+    text: &str,
+    root: Spanned<DeTable<'_>>,
+) -> Result<T, Problems> {
+    serde_path_to_error::deserialize(toml::Deserializer::from(root)).map_err(|error| {
+        let path = error.path().to_string();
+        let inner = error.into_inner();
+        let key = if path == "." { String::new() } else { format!("{path}: ") };
+        let place = place(name, text, inner.span().map_or(0, |span| span.start));
+        one(format!("{place}{key}{}", in_words(inner.message())))
+    })
+}
+
+/// Where in a text something stands, for people. A text of one key has no lines.
+fn place(name: &str, text: &str, at: usize) -> String {
+    if text.contains('\n') && name.ends_with(".toml") {
+        format!("{name}: line {}: ", line_of(text, at))
+    } else {
+        format!("{name}: ")
+    }
+}
+
+fn line_of(text: &str, at: usize) -> usize {
+    1 + text.bytes().take(at).filter(|byte| *byte == b'\n').count()
+}
+
+/// The parser's words for types, in words for people.
+fn in_words(message: &str) -> String {
+    let mut message = message.trim().to_owned();
+    for (theirs, ours) in [
+        ("unknown field", "unknown key"),
+        ("missing field", "missing key"),
+        ("unknown variant", "unknown choice"),
+        ("expected f64", "expected a number"),
+        ("expected u8", "expected a whole number from 0 to 255"),
+        ("expected u32", "expected a whole number from 0 to 4294967295"),
+        ("expected u64", "expected a whole number"),
+        ("expected usize", "expected a whole number"),
+        ("expected a boolean", "expected true or false"),
+        ("expected a string", "expected text in quotes"),
+        ("expected a sequence", "expected a list"),
+        ("invalid type: ", "found "),
+        ("invalid value: ", "found "),
+        ("floating point ", "number "),
+    ] {
+        message = message.replace(theirs, ours);
+    }
+    message
+}
+
+/// Problems of one line.
+pub fn one(line: String) -> Problems {
+    let mut problems = Problems::new();
+    problems.say(line);
+    problems
+}

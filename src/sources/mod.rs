@@ -1,0 +1,107 @@
+//! Where a configuration comes from: files, the environment, the command line, and what a station has set.
+//!
+//! Layers, later ones win: defaults, `--config` files in their order, environment variables
+//! `HALTERE_SECTION__KEY`, `--set section.key=value`. What may stand in them is told by `config`.
+
+mod anchors;
+mod key_file;
+mod layers;
+pub mod stored;
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+mod tests_retired;
+
+use std::path::PathBuf;
+
+pub use anchors::read_anchors;
+pub use key_file::{KeyFileError, read_key, read_time, time_file};
+
+use self::layers::Layers;
+use crate::checks::Problems;
+use crate::config::{Config, Note, RETIRED, Retired};
+use crate::survey::Survey;
+
+/// File that is read from the working directory when none is named.
+pub const DEFAULT_FILE: &str = "haltere.toml";
+
+/// A configuration that was checked, and its survey.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Loaded {
+    /// Every key resolved.
+    pub config: Config,
+    /// The anchors.
+    pub survey: Survey,
+    /// Files that were read, for the user to see.
+    pub files: Vec<PathBuf>,
+    /// What people should know: retired keys, parameters that a station had set.
+    pub notes: Vec<Note>,
+    /// Why what a station has set is not in force, the first reason.
+    pub lost: Option<String>,
+}
+
+/// Where a configuration comes from.
+#[derive(Debug, Clone, Default)]
+pub struct Sources {
+    /// TOML files, later ones win. None: [`DEFAULT_FILE`], if it exists.
+    pub files: Vec<PathBuf>,
+    /// Environment, as `std::env::vars`.
+    pub environment: Vec<(String, String)>,
+    /// `section.key=value`, later ones win.
+    pub overrides: Vec<String>,
+}
+
+impl Sources {
+    /// With the environment of this process.
+    pub fn new(files: Vec<PathBuf>, overrides: Vec<String>) -> Self {
+        // Names or values that are no text cannot be ours.
+        let environment = std::env::vars_os()
+            .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))
+            .collect();
+        Self { files, environment, overrides }
+    }
+}
+
+impl Loaded {
+    /// Reads and checks everything; refuses with all that is wrong.
+    pub fn load(sources: &Sources) -> Result<Self, Problems> {
+        Self::load_by(sources, RETIRED)
+    }
+
+    fn load_by(sources: &Sources, gone: &[Retired]) -> Result<Self, Problems> {
+        let (mut config, mut layers) = load_layers(sources, gone)?;
+        let notes = std::mem::take(&mut layers.notes);
+        if !config.watch.token_file.as_os_str().is_empty() {
+            config.watch.token_file = layers.beside("watch.token_file", &config.watch.token_file);
+        }
+        if !config.signing.key_file.as_os_str().is_empty() {
+            config.signing.key_file = layers.beside("signing.key_file", &config.signing.key_file);
+        }
+        let anchor_file = layers.beside("anchors.file", &config.anchors.file);
+        let survey = read_anchors(&anchor_file)?;
+        let mut files = layers.files();
+        files.push(anchor_file);
+        let mut loaded = Self { config, survey, files, notes, lost: None };
+        stored::apply(&mut loaded, &layers);
+        Ok(loaded)
+    }
+}
+
+/// Reads and checks all keys, without the anchor file: for tools that bring a survey of
+/// their own.
+pub fn load(sources: &Sources) -> Result<Config, Problems> {
+    load_layers(sources, RETIRED).map(|(config, _)| config)
+}
+
+fn load_layers(sources: &Sources, gone: &[Retired]) -> Result<(Config, Layers), Problems> {
+    let layers = Layers::read(sources, gone)?;
+    let config = layers.merged()?;
+    let mut problems = Problems::new();
+    config.check(&mut problems);
+    let mut traced = Problems::new();
+    for line in problems.lines() {
+        traced.say(layers.with_origin(line));
+    }
+    traced.into_result()?;
+    Ok((config, layers))
+}
