@@ -16,10 +16,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow};
 use haltere::gap::scene::Scene;
 use haltere::gap::seal;
+use haltere::progress::Progress;
 use rayon::prelude::*;
 use serde_json::json;
-
-use crate::progress::Progress;
 
 use list::{Case, Class, Mission, suite};
 

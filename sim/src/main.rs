@@ -18,14 +18,12 @@ mod paper;
 mod paths;
 #[cfg(test)]
 mod programs;
-mod progress;
 mod pty;
 mod rig;
 mod scenario;
 mod soak;
 mod steps;
 mod stop;
-mod tape;
 mod truth_file;
 mod tune;
 

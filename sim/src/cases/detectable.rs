@@ -21,6 +21,7 @@ use haltere::gap::logs;
 use haltere::gap::nominal::Nominal;
 use haltere::gap::scene::{Scene, Told};
 use haltere::gap::statistics::observe;
+use haltere::progress::Progress;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -30,7 +31,6 @@ use crate::generator::craft::Craft;
 use crate::generator::effects::{Deviations, Spec, known, unknown};
 use crate::generator::noise::Noise;
 use crate::generator::{Setup, hall};
-use crate::progress::Progress;
 
 /// Strengths tried: the strong end and so many halves of it.
 const HALVES: u32 = 5;

@@ -7,10 +7,10 @@ use haltere::config::Config;
 use haltere::gap::missions;
 use haltere::gap::scene::Scene;
 use haltere::lockstep::{Lockstep, fly};
+use haltere::tape::Tape;
 
 use super::list::Mission;
 use crate::generator::{Foreign, Setup};
-use crate::tape::Tape;
 
 /// Longest flight, s of simulated time: a pack lasts for four minutes.
 const LIMIT_S: f64 = 200.0;

@@ -11,6 +11,7 @@ use haltere::gap::bank::{Bank, Draw, EffectDraws};
 use haltere::gap::bank_file;
 use haltere::gap::make_bank::BankSize;
 use haltere::gap::statistics::specs;
+use haltere::progress::Progress;
 use rayon::prelude::*;
 
 use super::Bench;
@@ -18,7 +19,6 @@ use crate::cases::list::mixed;
 use crate::generator::effects::{Deviations, Spec, known};
 use crate::generator::hall;
 use crate::generator::noise::Noise;
-use crate::progress::Progress;
 
 /// Shares of the drawn strength that are tried, largest first, until the mission is flown: steps of 0.7 as in the diagnosis' own
 /// bank, down to a third (judgement).

@@ -6,6 +6,7 @@ use std::sync::Mutex;
 
 use anyhow::{Context, Result, anyhow};
 use haltere::gap::statistics::specs;
+use haltere::progress::Progress;
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -14,7 +15,6 @@ use crate::cases::list::mixed;
 use crate::generator::effects::{Deviations, Spec, known, unknown};
 use crate::generator::hall;
 use crate::generator::noise::Noise;
-use crate::progress::Progress;
 
 /// Strengths, in detectable ones.
 const TIMES: [u64; 3] = [1, 2, 4];

@@ -27,7 +27,6 @@ impl Progress {
     }
 
     /// The same without a line, for tests.
-    #[cfg(test)]
     pub fn silent(due: u64) -> Self {
         Self { shown: false, ..Self::new("", 0, due) }
     }
@@ -69,7 +68,6 @@ impl Progress {
     }
 
     /// What was done so far.
-    #[cfg(test)]
     pub fn done(&self) -> u64 {
         self.done.load(Ordering::Relaxed)
     }

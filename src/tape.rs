@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use crate::config::Config;
+use crate::lockstep::{HOST_START_US, Listener, Tap};
+use crate::pilot::Input;
+use crate::record::{BuildIdentity, Recorder, Session};
+use crate::survey::Survey;
+use crate::time::HostTime;
 use anyhow::{Context, Result, bail};
-use haltere::config::Config;
-use haltere::lockstep::{HOST_START_US, Listener, Tap};
-use haltere::pilot::Input;
-use haltere::record::{BuildIdentity, Recorder, Session};
-use haltere::survey::Survey;
-use haltere::time::HostTime;
 
 /// Wall clock of the first log, µs since 1970: logs of one flight are equal byte for byte.
 const STARTED_UNIX_US: i64 = 1_790_000_000_000_000;
