@@ -4,7 +4,6 @@ mod aids;
 mod board_wire;
 mod campaign;
 mod cases;
-mod compare;
 mod demo;
 mod endpoint;
 mod faults;
@@ -14,15 +13,12 @@ mod generator;
 mod kills;
 mod lockstep;
 mod orders;
-mod paper;
-mod paths;
 #[cfg(test)]
 mod programs;
 mod pty;
 mod rig;
 mod scenario;
 mod soak;
-mod steps;
 mod stop;
 mod truth_file;
 mod tune;
@@ -32,6 +28,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use haltere::live::console::Console;
+use haltere_sim::{compare, paper, paths};
 
 /// Simulated tag, board and vehicle for the haltere companion.
 #[derive(Debug, Parser)]
@@ -61,7 +58,7 @@ enum Command {
     /// docs/ESTIMATOR_SIM.md.
     Aids(aids::Options),
     /// Search PID gains for version `raw`, as the committed ones were found.
-    Tune(compare::TuneOptions),
+    Tune(tune::Options),
     /// Every experiment of the source, ours beside its numbers: one HTML report with all figures, and
     /// JSON beside it. Exit code 1 when a target is missed.
     Paper(paper::Options),
@@ -123,7 +120,7 @@ fn main() -> ExitCode {
         Command::Steps(options) => compare::steps(&options),
         Command::Paths(options) => paths::paths(&options),
         Command::Aids(options) => aids::run(&options),
-        Command::Tune(options) => compare::tune(&options),
+        Command::Tune(options) => tune::run(&options),
         Command::Paper(options) => paper::run(&options),
         Command::Cases(options) => cases::run(&options),
         Command::Detectable(options) => cases::detectable::run(&options),

@@ -15,7 +15,7 @@ use haltere_dialect::mav::haltere::MavCmd;
 
 use super::shadow::{Shadow, fly_along};
 use super::{SEED, hall, hover, middle_and_most};
-use crate::steps::item;
+use haltere_sim::steps::item;
 
 /// Longest wait for a heading, s.
 const WAIT_S: f64 = 40.0;

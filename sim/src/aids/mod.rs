@@ -18,7 +18,7 @@ use haltere::lockstep::{Ground, Lockstep};
 use haltere::model::PlantConfig;
 use haltere::pilot::{Mode, PilotConfig};
 
-use crate::paths::{SHAPES, fly_path};
+use haltere_sim::paths::{SHAPES, fly_path};
 use rayon::prelude::*;
 
 /// First seed.
