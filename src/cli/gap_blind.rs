@@ -12,7 +12,7 @@ use crate::gap::blind::{BlindResult, Choice, run};
 use crate::gap::scene::{Scene, Told};
 use crate::gap::score::Score;
 
-/// Scores a sealed suite of flights (`haltere-sim cases`) against its key, which is opened only when
+/// Scores a sealed suite of flights (`haltere-lab cases`) against its key, which is opened only when
 /// every case has been answered.
 #[derive(Debug, Args)]
 pub(super) struct Blind {

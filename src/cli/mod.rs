@@ -29,6 +29,7 @@ mod key;
 mod log;
 mod log_export;
 mod log_list;
+pub mod moved;
 mod programs;
 mod progress;
 mod replay;
@@ -137,7 +138,7 @@ fn be_nice(nice: Option<i32>) {
 }
 
 /// Logs to standard error.
-fn start_logging() {
+pub fn start_logging() {
     tracing_subscriber::fmt()
         .with_env_filter(console::filter())
         .with_writer(std::io::stderr)

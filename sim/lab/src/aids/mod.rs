@@ -1,4 +1,4 @@
-//! `haltere-sim aids`: what magnetometer, barometer, slow force and the survey check are worth, in lockstep, with
+//! `haltere-lab aids`: what magnetometer, barometer, slow force and the survey check are worth, in lockstep, with
 //! and without. The recorded flights have no magnetometer, so this is all that is known of it.
 
 mod anchors;
@@ -26,7 +26,7 @@ const SEED: u64 = 700;
 /// Time to arm and to climb, µs.
 const PATIENCE_US: u64 = 40_000_000;
 
-/// `haltere-sim aids`
+/// `haltere-lab aids`
 #[derive(Debug, clap::Args)]
 pub struct Options {
     /// Flights of each kind.
@@ -151,7 +151,7 @@ fn paths(page: &mut String, n: u64) -> Result<()> {
 const INTRODUCTION: &str = "\
 # Estimator: what its aids are worth in simulation
 
-Written by `haltere-sim aids --document docs/ESTIMATOR_SIM.md`; do not edit by hand. Everything here is
+Written by `haltere-lab aids --document docs/ESTIMATOR_SIM.md`; do not edit by hand. Everything here is
 flown in lockstep with the nominal effect set in the hall of 10 × 10 × 7 m, one seed a flight. What the
 estimator does on recorded flights stands in [ESTIMATOR.md](ESTIMATOR.md); these have no magnetometer.
 ";

@@ -1,4 +1,4 @@
-//! `haltere-sim tune`: the search that found the gains.
+//! `haltere-lab tune`: the search that found the gains.
 
 mod search;
 
@@ -13,7 +13,7 @@ use self::search::FAILED;
 /// Seeds of the search; scores are never taken on them.
 const SEARCH_SEEDS: std::ops::Range<u64> = 9_000..9_100;
 
-/// `haltere-sim tune`
+/// `haltere-lab tune`
 #[derive(Debug, clap::Args)]
 pub struct Options {
     /// Generations of the search.

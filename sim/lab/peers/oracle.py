@@ -4,14 +4,14 @@ A forest that learns labelled flights of the generator itself, judged on draws t
 diagnosis has only the nominal simulator to learn from, so this is no peer and no target: where this one fails,
 the statistics do not say it; where only the diagnosis fails, the laws of the two worlds differ.
 
-    haltere-sim detectable --draws 8 --labelled labelled.jsonl
-    peers/bin/python sim/peers/oracle.py labelled.jsonl
+    haltere-lab detectable --draws 8 --labelled labelled.jsonl
+    peers/bin/python sim/lab/peers/oracle.py labelled.jsonl
 
 The same for pairs and unknown effects: one forest with a vote for every effect, which learns single flights and
 sums of two, answers a suite. Its answers at a threshold of the vote, and those where every flight is said to
 have two effects, are scored as any method's:
 
-    peers/bin/python sim/peers/oracle.py labelled.jsonl observed.jsonl answers/
+    peers/bin/python sim/lab/peers/oracle.py labelled.jsonl observed.jsonl answers/
     haltere gap blind DIR --answers answers/oracle-two.jsonl
 """
 

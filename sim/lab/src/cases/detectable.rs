@@ -1,4 +1,4 @@
-//! `haltere-sim detectable`: from which size on an effect of the generator shows in the diagnostic flight.
+//! `haltere-lab detectable`: from which size on an effect of the generator shows in the diagnostic flight.
 //!
 //! The suite flies every effect at one, two and four times this size (GAP.md 4.2), or the mild end of its
 //! plausible range where that is larger, so it must not hang on the diagnosis that is scored. It is found by
@@ -62,7 +62,7 @@ pub struct Options {
     ///
     /// Every effect at one, two and four times its committed size, and as many healthy flights as for scale and
     /// line together, with seeds of their own: none of them is a case of the suite. They show what the statistics can
-    /// tell at all (`sim/peers/oracle.py`).
+    /// tell at all (`sim/lab/peers/oracle.py`).
     #[arg(long, value_name = "FILE", conflicts_with = "out")]
     labelled: Option<PathBuf>,
     /// Writes a bank of the generator's own flights instead, as large as the diagnosis' own: `haltere gap attribute` with it says
@@ -113,7 +113,9 @@ impl Detectable {
     pub fn committed() -> Self {
         // The file is part of the source, and a test reads it.
         serde_json::from_str(include_str!("detectable.json")).unwrap_or_else(|error| {
-            panic!("sim/src/cases/detectable.json, written by `haltere-sim detectable`: {error}")
+            panic!(
+                "sim/lab/src/cases/detectable.json, written by `haltere-lab detectable`: {error}"
+            )
         })
     }
 

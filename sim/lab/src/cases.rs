@@ -1,4 +1,4 @@
-//! `haltere-sim cases DIR`: writes the sealed suite that the diagnosis is scored on.
+//! `haltere-lab cases DIR`: writes the sealed suite that the diagnosis is scored on.
 //!
 //! ```text
 //! DIR/cases.json           ids, logs, missions and the SHA-256 of every key: no class, no effect
