@@ -9,20 +9,18 @@ mod ctl;
 mod fit;
 mod fit_program;
 mod fly;
-mod gap;
+pub mod gap;
 mod gap_accept;
 mod gap_advise;
 mod gap_attribute;
 mod gap_balance;
 mod gap_bank;
-mod gap_blind;
 mod gap_diagnose;
 mod gap_missions;
 mod gap_observe;
 mod gap_report;
 mod gap_session;
 mod gap_shrink;
-mod gap_sight;
 mod init;
 mod judge;
 mod key;
@@ -150,14 +148,14 @@ pub fn start_logging() {
 }
 
 /// Prints to standard output; a reader that went away is no failure of ours.
-fn print(text: &str) {
+pub fn print(text: &str) {
     let mut out = std::io::stdout().lock();
     let _ = out.write_all(text.as_bytes());
     let _ = out.flush();
 }
 
 /// Prints as JSON.
-fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
+pub fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
     print(&(serde_json::to_string_pretty(value)? + "\n"));
     Ok(())
 }

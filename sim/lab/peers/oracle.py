@@ -12,7 +12,7 @@ sums of two, answers a suite. Its answers at a threshold of the vote, and those 
 have two effects, are scored as any method's:
 
     peers/bin/python sim/lab/peers/oracle.py labelled.jsonl observed.jsonl answers/
-    haltere gap blind DIR --answers answers/oracle-two.jsonl
+    haltere-lab blind DIR --answers answers/oracle-two.jsonl
 """
 
 import json

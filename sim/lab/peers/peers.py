@@ -8,7 +8,7 @@ flights alone.
     haltere gap bank DIR/logs/commissioning-01-diagnostic.mcap --export bank.json
     haltere gap observe DIR/logs/*-diagnostic.mcap > observed.jsonl
     python peers.py bank.json observed.jsonl answers/
-    haltere gap blind DIR --answers answers/forest-best.jsonl
+    haltere-lab blind DIR --answers answers/forest-best.jsonl
 """
 
 import json

@@ -3,9 +3,19 @@
 //! diagnoses or is packaged ever needs it, and neither `haltere` nor `haltere-sim` depends on it.
 
 mod aids;
+mod blind;
 mod cases;
+mod commands;
 mod generator;
+mod lines_of_sight;
+mod outside;
+#[cfg(test)]
+mod recordings;
+mod retune;
+mod score;
+mod trial;
 mod tune;
+mod withheld;
 
 use std::process::ExitCode;
 
@@ -29,6 +39,12 @@ enum Command {
     /// From which size on each effect of the other world shows in the diagnostic flight: what the sealed
     /// suite is made with (docs/GAP_PROTOCOL.md).
     Detectable(cases::detectable::Options),
+    /// Scores a sealed suite of flights.
+    Blind(commands::blind::Blind),
+    /// Blocked lines of sight in recorded UWB flights with motion capture.
+    Sight(commands::sight::Sight),
+    /// What the advice of `haltere gap advise` is worth.
+    Advise(commands::advise::Advise),
     /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
     /// docs/ESTIMATOR_SIM.md.
     Aids(aids::Options),
@@ -45,17 +61,48 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     haltere::cli::start_logging();
     let result = match cli.command {
-        Command::Cases(options) => cases::run(&options),
-        Command::Detectable(options) => cases::detectable::run(&options),
-        Command::Aids(options) => aids::run(&options),
-        Command::Tune(options) => tune::run(&options),
+        Command::Cases(options) => cases::run(&options).map(code),
+        Command::Detectable(options) => cases::detectable::run(&options).map(code),
+        Command::Blind(blind) => blind.run(),
+        Command::Sight(sight) => sight.run(),
+        Command::Advise(advise) => advise.run(),
+        Command::Aids(options) => aids::run(&options).map(code),
+        Command::Tune(options) => tune::run(&options).map(code),
     };
     match result {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::from(EXIT_BOUND),
+        Ok(code) => code,
         Err(error) => {
             eprintln!("haltere-lab: {error:#}");
             ExitCode::from(EXIT_ERROR)
         }
+    }
+}
+
+/// Exit code of what says whether its bounds were kept.
+fn code(kept: bool) -> ExitCode {
+    if kept { ExitCode::SUCCESS } else { ExitCode::from(EXIT_BOUND) }
+}
+
+#[cfg(test)]
+mod tests {
+    use haltere::reference::commands::{MANUALS, commands_of};
+
+    use super::*;
+
+    #[test]
+    fn prop_commands_of_the_manuals_are_understood() {
+        let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+        let mut checked = 0;
+        for name in MANUALS.iter().chain(&["docs/GAP_PROTOCOL.md"]) {
+            let text = std::fs::read_to_string(format!("{root}/{name}")).expect("a manual");
+            for command in commands_of(&text, "haltere-lab") {
+                let line = command.join(" ");
+                if let Err(error) = Cli::try_parse_from(command) {
+                    panic!("{name}: `{line}` is refused:\n{error}");
+                }
+                checked += 1;
+            }
+        }
+        assert!(checked > 5, "{checked} commands were found");
     }
 }

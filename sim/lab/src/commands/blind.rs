@@ -1,21 +1,22 @@
-//! `haltere gap blind`: scores a sealed suite.
+//! `haltere-lab blind`: scores a sealed suite.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
 
-use super::gap::{BankOptions, SceneOptions};
-use super::{print, print_json};
-use crate::gap::attribute::Settings;
-use crate::gap::blind::{BlindResult, Choice, run};
-use crate::gap::scene::{Scene, Told};
-use crate::gap::score::Score;
+use haltere::cli::gap::{BankOptions, SceneOptions};
+use haltere::cli::{print, print_json};
+use haltere::gap::attribute::Settings;
+use haltere::gap::scene::{Scene, Told};
+
+use crate::blind::{BlindResult, Choice, run};
+use crate::score::Score;
 
 /// Scores a sealed suite of flights (`haltere-lab cases`) against its key, which is opened only when
 /// every case has been answered.
 #[derive(Debug, Args)]
-pub(super) struct Blind {
+pub struct Blind {
     /// Folder of the suite.
     dir: PathBuf,
     /// Only the fixed stratified tenth.
@@ -53,7 +54,7 @@ pub(super) struct Blind {
 }
 
 impl Blind {
-    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+    pub fn run(self) -> anyhow::Result<ExitCode> {
         let lab = Scene::lab().map_err(anyhow::Error::new)?;
         let told = self.told.told()?;
         let told = Told { room: told.room.or(Some(lab.room)), ..told };
@@ -80,7 +81,7 @@ impl Blind {
         let tell = |line: String| eprintln!("{line}");
         if self.withhold_each {
             let folder = self.options.folder();
-            let result = crate::gap::withheld::run(&self.dir, &folder, &told, &choice, &tell)?;
+            let result = crate::withheld::run(&self.dir, &folder, &told, &choice, &tell)?;
             if self.json {
                 print_json(&result)?;
             } else {
@@ -193,7 +194,7 @@ fn text(r: &BlindResult) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::score::Share;
+    use crate::score::Share;
 
     #[test]
     fn val_demands_are_held_against_the_limits() {

@@ -15,10 +15,10 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use crate::frames::{B, E, Rot, Vec3, body_from_flu, survey_from_earth};
-use crate::measure::{AnchorId, ReferencePose};
-use crate::time::HostTime;
-use crate::util_flights::{Flight, Sample};
+use haltere::frames::{B, E, Rot, Vec3, body_from_flu, survey_from_earth};
+use haltere::measure::{AnchorId, ReferencePose};
+use haltere::time::HostTime;
+use haltere::util_flights::{Flight, Sample};
 use split::{PairResidual, split};
 
 /// Length of a window, s: some 45 readings of each pair in TDOA2, 8 in TDOA3.

@@ -12,9 +12,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::held_out::HeldOut;
-use crate::model::Vehicle;
-use crate::model::effects::{ALL, EffectSpec, Role, Source};
+use haltere::gap::held_out::HeldOut;
+use haltere::model::Vehicle;
+use haltere::model::effects::{ALL, EffectSpec, Role, Source};
 
 /// Relative step of the differences: the size of benign jitter.
 const STEP: f64 = 0.05;

@@ -1,13 +1,14 @@
-//! `haltere gap sight`: blocked lines of sight in recorded UWB flights.
+//! `haltere-lab sight`: blocked lines of sight in recorded UWB flights.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
 
-use super::{print, print_json};
-use crate::gap::lines_of_sight::{Limit, report, watch};
-use crate::util_flights::{Flight, load_located};
+use haltere::cli::{print, print_json};
+use haltere::util_flights::{Flight, load_located};
+
+use crate::lines_of_sight::{Limit, report, watch};
 
 /// Names anchors whose line of sight to the tag was blocked, and when and where, or calls the flight
 /// clear.
@@ -15,7 +16,7 @@ use crate::util_flights::{Flight, load_located};
 /// Exit codes: 0 clear, 10 one anchor named, 12 several anchors, 20 too few data; for several flights
 /// the highest.
 #[derive(Debug, Args)]
-pub(super) struct Sight {
+pub struct Sight {
     /// Recorded flights in the UTIL layout, or folders of them.
     #[arg(required = true, value_name = "DIR|FILE")]
     flights: Vec<PathBuf>,
@@ -29,7 +30,7 @@ pub(super) struct Sight {
 }
 
 impl Sight {
-    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+    pub fn run(self) -> anyhow::Result<ExitCode> {
         let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Flight>> {
             let mut flights = Vec::new();
             for path in paths {

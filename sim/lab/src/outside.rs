@@ -15,8 +15,8 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::attribute::{Adequacy, Attribution, Candidate, Gate};
-use super::outcome::{Named, Outcome, Remainder};
+use haltere::gap::attribute::{Adequacy, Attribution, Candidate, Gate};
+use haltere::gap::outcome::{Named, Outcome, Remainder};
 
 /// One line.
 #[derive(Debug, Clone, Deserialize)]

@@ -5,19 +5,20 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use haltere::gap::attribute::{Attribution, Attributor};
+use haltere::gap::bank::LEAST_NULLS;
+use haltere::gap::diagnosis::{Observed, observed};
+use haltere::gap::logs::{self, Flown};
+use haltere::gap::make_bank::BankSize;
+use haltere::gap::scene::Told;
+use haltere::gap::statistics::ANCHOR_SLOTS;
+use haltere::gap::workshop::Workshop;
+use haltere::model::effects::EffectSpec;
+
 use super::{Answer, BlindError, Choice, Entry, Given, Public, Suite};
-use crate::gap::attribute::{Attribution, Attributor};
-use crate::gap::bank::LEAST_NULLS;
-use crate::gap::diagnosis::{Observed, observed};
-use crate::gap::logs::{self, Flown};
-use crate::gap::make_bank::BankSize;
-use crate::gap::scene::Told;
-use crate::gap::statistics::ANCHOR_SLOTS;
-use crate::gap::workshop::Workshop;
-use crate::model::effects::EffectSpec;
 
 /// What flights of one mission, or of one part of it, are judged by.
-pub(in crate::gap) struct Bench {
+pub(crate) struct Bench {
     pub workshop: Workshop,
     pub attributor: Attributor,
     /// Statistics of accepted flights, for the background and for the limits.
@@ -26,7 +27,7 @@ pub(in crate::gap) struct Bench {
 }
 
 /// Where the suite is, and how it is scored.
-pub(in crate::gap) struct Hall<'a> {
+pub(crate) struct Hall<'a> {
     pub dir: &'a Path,
     pub banks: &'a Path,
     pub told: &'a Told,
@@ -162,7 +163,7 @@ pub(super) fn own(
     Ok(Given { answers, seen, references_used, judging_s, learning_s })
 }
 
-pub(in crate::gap) fn statistics<'a>(
+pub(crate) fn statistics<'a>(
     dir: &Path,
     logs: impl Iterator<Item = &'a String>,
     workshop: &Workshop,

@@ -6,16 +6,17 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::attribute::{AttributeError, Attribution, Settings};
-use super::library;
-use super::make_bank::BankSize;
-use super::scene::Told;
-use super::score::{Case, Score, Truth, score};
-use super::seal;
-use super::shrink::Shrink;
-use super::workshop::WorkshopError;
-use crate::model::effects::EffectSpec;
-use crate::replay::ReplayError;
+use haltere::gap::attribute::{AttributeError, Attribution, Settings};
+use haltere::gap::library;
+use haltere::gap::make_bank::BankSize;
+use haltere::gap::scene::Told;
+use haltere::gap::seal;
+use haltere::gap::shrink::Shrink;
+use haltere::gap::workshop::WorkshopError;
+use haltere::model::effects::EffectSpec;
+use haltere::replay::ReplayError;
+
+use crate::score::{Case, Score, Truth, score};
 
 pub(super) mod hall;
 mod shrunk;
@@ -75,7 +76,7 @@ pub struct Choice {
     pub size: BankSize,
     /// Choices of the attribution.
     pub settings: Settings,
-    /// Answers of another method, scored in place of our own (see [`super::outside`]).
+    /// Answers of another method, scored in place of our own (see [`crate::outside`]).
     pub outside: Option<PathBuf>,
 }
 
@@ -279,7 +280,7 @@ struct Given {
 fn outside(file: &Path, chosen: &[Entry]) -> Result<Given, BlindError> {
     let fail = |why: String| BlindError::File { path: file.to_owned(), why };
     let text = std::fs::read_to_string(file).map_err(|e| fail(e.to_string()))?;
-    let lines = super::outside::read(&text).map_err(fail)?;
+    let lines = crate::outside::read(&text).map_err(fail)?;
     let answers = chosen
         .iter()
         .map(|case| match lines.iter().find(|line| line.id == case.id) {

@@ -1,10 +1,11 @@
 //! Blocked lines of sight on a made flight: a circle among eight anchors, one blocked on one side.
 
+use haltere::measure::Tdoa;
+use haltere::model::random::Stream;
+use haltere::survey::Survey;
+use haltere::util_flights::Event;
+
 use super::*;
-use crate::measure::Tdoa;
-use crate::model::random::Stream;
-use crate::survey::Survey;
-use crate::util_flights::Event;
 
 /// 30 s of a circle of 1.5 m at 1.2 m; `off_m` tells how much too long an anchor's path is.
 fn made(off_m: impl Fn(f64, usize) -> f64) -> Flight {
@@ -108,18 +109,9 @@ fn prop_too_few_readings_are_not_a_pass() {
     assert_eq!(watch(&flight, &Limit::default()).outcome, Outcome::NotTestable);
 }
 
-/// The shared data lies beside the checkout, or beside the folder of checkouts.
-fn data() -> Option<std::path::PathBuf> {
-    let crate_dir = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    ["../shared/data/util", "../../shared/data/util"]
-        .iter()
-        .map(|up| crate_dir.join(up))
-        .find(|dir| dir.join("anchors.csv").exists())
-}
-
 #[test]
 fn val_recorded_flights_are_named_and_cleared_as_their_labels_say() {
-    let Some(dir) = data() else {
+    let Some(dir) = crate::recordings::util() else {
         println!("skipped: no data");
         return;
     };
@@ -144,7 +136,7 @@ fn val_recorded_flights_are_named_and_cleared_as_their_labels_say() {
     ];
     for (name, want) in table {
         let flights =
-            crate::util_flights::load_located(&dir.join(format!("{name}.csv.gz"))).unwrap();
+            haltere::util_flights::load_located(&dir.join(format!("{name}.csv.gz"))).unwrap();
         let found = watch(&flights[0], &Limit::default());
         let anchors: Vec<u8> = found.blocked.iter().map(|b| b.anchor).collect();
         println!("{}", report::text(&[found]));

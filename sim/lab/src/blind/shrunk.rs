@@ -5,17 +5,18 @@ use std::path::Path;
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
+use haltere::gap::diagnosis::observed;
+use haltere::gap::held_out::HeldOut;
+use haltere::gap::library;
+use haltere::gap::logs;
+use haltere::gap::nominal::Nominal;
+use haltere::gap::resize::resize;
+use haltere::gap::scene::{Scene, Told};
+use haltere::gap::shrink::{Paired, Shrink};
+use haltere::model::effects::EffectSpec;
+
 use super::{Answer, BlindError, Entry, Key, Public};
-use crate::gap::diagnosis::observed;
-use crate::gap::held_out::HeldOut;
-use crate::gap::library;
-use crate::gap::logs;
-use crate::gap::nominal::Nominal;
-use crate::gap::resize::resize;
-use crate::gap::retune::{Retuning, borrowed};
-use crate::gap::scene::{Scene, Told};
-use crate::gap::shrink::{Paired, Shrink};
-use crate::model::effects::EffectSpec;
+use crate::retune::{Retuning, borrowed};
 
 /// Scene and mission of a log.
 struct Stage {

@@ -9,15 +9,16 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::attribute::Attributor;
-use super::blind::hall::{Bench, Hall, statistics};
-use super::blind::{BlindError, Choice, Entry, Key, Suite, open, read};
-use super::library;
-use super::outcome::Outcome;
-use super::scene::Told;
-use super::score::Share;
-use super::statistics::specs;
-use crate::model::effects::Block;
+use haltere::gap::attribute::Attributor;
+use haltere::gap::library;
+use haltere::gap::outcome::Outcome;
+use haltere::gap::scene::Told;
+use haltere::gap::statistics::specs;
+use haltere::model::effects::Block;
+
+use crate::blind::hall::{Bench, Hall, statistics};
+use crate::blind::{BlindError, Choice, Entry, Key, Suite, open, read};
+use crate::score::Share;
 
 /// Flights of one effect, diagnosed by a library without it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
