@@ -29,7 +29,7 @@ mod log_export;
 mod log_list;
 pub mod moved;
 mod programs;
-mod progress;
+pub mod progress;
 mod replay;
 mod report;
 mod style;

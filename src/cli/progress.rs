@@ -11,7 +11,7 @@ const DRAW_EVERY: Duration = Duration::from_millis(100);
 const BAR: usize = 24;
 
 /// Says on standard error how far it is and what is left.
-pub(super) struct Progress {
+pub struct Progress {
     terminal: bool,
     drawn: bool,
     since: Option<(usize, Instant)>,
@@ -27,7 +27,7 @@ impl Default for Progress {
 
 impl Progress {
     /// `done` of `of`, at `what`.
-    pub(super) fn tell(&mut self, done: usize, of: usize, what: &str) {
+    pub fn tell(&mut self, done: usize, of: usize, what: &str) {
         let now = Instant::now();
         // A new task counts from nought again.
         if self.since.is_none_or(|(first, _)| done < first) || done == 0 {
@@ -62,7 +62,7 @@ impl Progress {
     }
 
     /// Takes the bar away, so that what follows begins on a line of its own.
-    pub(super) fn clear(&mut self) {
+    pub fn clear(&mut self) {
         if std::mem::take(&mut self.drawn) {
             let _ = write!(std::io::stderr().lock(), "\r\x1b[K");
         }

@@ -9,6 +9,7 @@ mod commands;
 mod generator;
 mod lines_of_sight;
 mod outside;
+mod recorded;
 #[cfg(test)]
 mod recordings;
 mod retune;
@@ -41,6 +42,8 @@ enum Command {
     Detectable(cases::detectable::Options),
     /// Scores a sealed suite of flights.
     Blind(commands::blind::Blind),
+    /// Studies of the estimator on recorded UWB flights with motion capture: docs/ESTIMATOR.md.
+    Recorded(commands::recorded::Recorded),
     /// Blocked lines of sight in recorded UWB flights with motion capture.
     Sight(commands::sight::Sight),
     /// What the advice of `haltere gap advise` is worth.
@@ -64,6 +67,7 @@ fn main() -> ExitCode {
         Command::Cases(options) => cases::run(&options).map(code),
         Command::Detectable(options) => cases::detectable::run(&options).map(code),
         Command::Blind(blind) => blind.run(),
+        Command::Recorded(recorded) => recorded.run(),
         Command::Sight(sight) => sight.run(),
         Command::Advise(advise) => advise.run(),
         Command::Aids(options) => aids::run(&options).map(code),

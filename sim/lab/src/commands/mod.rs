@@ -2,4 +2,5 @@
 
 pub mod advise;
 pub mod blind;
+pub mod recorded;
 pub mod sight;

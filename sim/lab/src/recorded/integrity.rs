@@ -2,12 +2,12 @@
 
 use std::fmt::{self, Write};
 
-use super::{Flight, Sample, run_traced, shipped};
-use crate::estimate::Health;
-use crate::frames::{E, Vec3};
-use crate::measure::Tdoa;
-use crate::survey::Survey;
-use crate::time::HostTime;
+use haltere::estimate::Health;
+use haltere::frames::{E, Vec3};
+use haltere::measure::Tdoa;
+use haltere::survey::Survey;
+use haltere::time::HostTime;
+use haltere::util_flights::{Flight, Sample, run_traced, shipped};
 
 /// An estimate is wrong beyond this, m …
 const WRONG_M: f64 = 1.0;
@@ -185,7 +185,7 @@ fn with(flight: &Flight, fault: Fault, from: HostTime) -> Flight {
 
 /// What a measurement has more when an anchor really stands elsewhere.
 fn moved(tdoa: &Tdoa, survey: &Survey, at_E_m: Vec3<E>, id: u8, by_m: f64) -> f64 {
-    let more = |anchor: crate::measure::AnchorId| {
+    let more = |anchor: haltere::measure::AnchorId| {
         let Some(site) = survey.position_E_m(anchor).filter(|_| anchor.0 == id) else { return 0.0 };
         let now = site + Vec3::new(by_m, 0.0, 0.0);
         (at_E_m - now).norm() - (at_E_m - site).norm()
@@ -218,14 +218,13 @@ pub fn print_integrity(out: &mut impl Write, rows: &[Integrity]) -> fmt::Result 
 
 #[cfg(test)]
 mod tests {
-    use super::super::load_all;
+    use haltere::util_flights::load_all;
+
     use super::*;
 
     #[test]
     fn val_a_flight_without_fault_is_neither_wrong_nor_doubted_for_long() {
-        let here = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-        let places = ["../shared/data/util", "../../shared/data/util"].map(|up| here.join(up));
-        let Some(dir) = places.into_iter().find(|dir| dir.join("anchors.csv").exists()) else {
+        let Some(dir) = crate::recordings::util() else {
             println!("skipped: no data");
             return;
         };

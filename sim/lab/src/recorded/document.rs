@@ -2,11 +2,15 @@
 
 use std::fmt::Write as _;
 
-use super::{
-    ColdReport, Consistency, Flight, FlightReport, Ingredients, Integrity, LeftOut, cold_starts,
-    floor_check, ingredients, integrity, leave_one_out, print_cold, print_ingredients,
-    print_integrity, print_left_out, run_flight, shipped, table, util_profile,
+use haltere::util_flights::{
+    Consistency, Flight, FlightReport, run_flight, shipped, table, util_profile,
 };
+
+use super::cold::{ColdReport, cold_starts, print_cold};
+use super::floor::floor_check;
+use super::ingredients::{Ingredients, ingredients, print_ingredients};
+use super::integrity::{Integrity, integrity, print_integrity};
+use super::search::{LeftOut, leave_one_out, print_left_out};
 
 /// Measures everything and writes the page. `tell` is told how far it is: done, of how many, what.
 pub fn document(flights: &[Flight], mut tell: impl FnMut(usize, usize, &str)) -> String {
@@ -179,7 +183,7 @@ fn outside(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result {
 const INTRODUCTION: &str = "\
 # Estimator: what it does on recorded flights
 
-Written by `haltere replay --util DIR --document docs/ESTIMATOR.md`; do not edit by hand. DIR holds
+Written by `haltere-lab recorded DIR --document docs/ESTIMATOR.md`; do not edit by hand. DIR holds
 `full/` and `tdoa_pos/` of UTIL (Zhao, Goudar, Qiao, Schoellig, IJRR 43(10), 2024), which is no part
 of this repository. † diverged (more than 2 m for more than 1 s), or found no start.
 

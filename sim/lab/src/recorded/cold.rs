@@ -5,11 +5,11 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use super::airborne::Activity;
-use super::{Flight, Sample, table};
-use crate::estimate::Health;
-use crate::estimator::{Estimator, EstimatorConfig};
-use crate::measure::ImuSample;
+use haltere::estimate::Health;
+use haltere::estimator::{Estimator, EstimatorConfig};
+use haltere::measure::ImuSample;
+use haltere::util_flights::airborne::Activity;
+use haltere::util_flights::{Flight, Sample, table};
 
 /// Starts in the air are this far apart, s.
 const EVERY_S: f64 = 4.0;
@@ -209,4 +209,30 @@ fn over_sigma(reports: &[&ColdReport]) -> Option<f64> {
         .filter_map(|r| Some((r.heading_error_deg? / r.heading_std_deg?).powi(2)))
         .collect();
     (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use haltere::util_flights::{load_all, util_profile};
+
+    use super::*;
+
+    /// Past bug: on the first of these flights it was called known to 10 degrees and was off by 72.
+    #[test]
+    fn val_a_heading_found_by_motion_is_as_good_as_it_is_said_to_be() {
+        let Some(dir) = crate::recordings::util() else {
+            println!("skipped: no data");
+            return;
+        };
+        let mut flights = load_all(&dir.join("full")).unwrap();
+        flights.retain(|f| f.name.starts_with("jun05") || f.name.starts_with("apr26-traj02"));
+        let starts = cold_starts(&flights, &util_profile(), |_, _, _| {});
+        let known: Vec<(f64, f64)> = starts
+            .iter()
+            .filter_map(|s| Some((s.heading_error_deg?.abs(), s.heading_std_deg?)))
+            .collect();
+        // 12 of 12 were found.
+        assert!(known.len() >= 10, "{starts:?}");
+        assert!(known.iter().all(|(off, std)| *off < 3.0 * std && *std < 20.0), "{known:?}");
+    }
 }

@@ -4,10 +4,10 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use super::{
+use haltere::estimator::{EstimatorConfig, SpecificForce, Tail, UwbNoise};
+use haltere::util_flights::{
     Flight, FlightReport, run_flight, shipped, table, util_nine_profile, util_source_profile,
 };
-use crate::estimator::{EstimatorConfig, SpecificForce, Tail, UwbNoise};
 
 /// A filter with something changed.
 struct Variant {

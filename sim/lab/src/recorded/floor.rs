@@ -1,7 +1,7 @@
 //! The survey check on the floor of the recorded rooms, before the lift-off.
 
-use super::{Flight, Sample};
-use crate::estimator::{AnchorCheck, AnchorFit};
+use haltere::estimator::{AnchorCheck, AnchorFit};
+use haltere::util_flights::{Flight, Sample};
 
 /// Higher than this over the first pose it flies, m.
 const LIFTED_M: f64 = 0.1;
@@ -29,15 +29,14 @@ pub fn floor_check(flight: &Flight) -> Option<AnchorFit> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::load_all;
+    use haltere::measure::AnchorId;
+    use haltere::util_flights::load_all;
+
     use super::*;
-    use crate::measure::AnchorId;
 
     #[test]
     fn val_no_recording_refuses_a_sound_survey_and_metal_beside_an_anchor_is_named() {
-        let here = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-        let places = ["../shared/data/util", "../../shared/data/util"].map(|up| here.join(up));
-        let Some(dir) = places.into_iter().find(|dir| dir.join("anchors.csv").exists()) else {
+        let Some(dir) = crate::recordings::util() else {
             println!("skipped: no data");
             return;
         };

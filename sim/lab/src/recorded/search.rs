@@ -11,11 +11,11 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use super::{
+use haltere::estimator::EstimatorConfig;
+use haltere::util_flights::{
     Flight, FlightReport, run_flight, shipped, table, util_profile, util_start_profile,
     util_unaided_profile,
 };
-use crate::estimator::EstimatorConfig;
 
 /// Error that a flight without a figure or with a divergence counts as, m.
 const DIVERGED_M: f64 = 5.0;
@@ -91,7 +91,7 @@ fn search(
                 loop {
                     let mut tried = best.clone();
                     *(knob.of)(&mut tried) *= step;
-                    let mut problems = crate::checks::Problems::new();
+                    let mut problems = haltere::checks::Problems::new();
                     tried.check("", &mut problems);
                     if !problems.is_empty() {
                         break;
