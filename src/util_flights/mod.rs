@@ -12,7 +12,6 @@
 pub mod airborne;
 mod consistency;
 mod profiles;
-mod read;
 mod score;
 pub mod table;
 
@@ -24,6 +23,7 @@ use serde::Serialize;
 use crate::drops::DropReason;
 use crate::estimate::Estimate;
 use crate::estimator::{Counts, Estimator, EstimatorConfig, Motion};
+use crate::import::util::{Error, Flight, Sample, load_located};
 use crate::measure::{ImuSample, ReferencePose};
 use crate::time::HostTime;
 use airborne::Activity;
@@ -32,50 +32,11 @@ pub use profiles::{
     shipped, util_nine_profile, util_profile, util_source_profile, util_start_profile,
     util_unaided_profile,
 };
-pub use read::{Event, Flight, Sample, load, load_located};
 use score::Score;
 pub use table::print_table;
 
 /// One sigma of the told heading, rad: motion capture of a hand-placed vehicle.
 const STD_HEADING_RAD: f64 = 0.05;
-
-/// What can go wrong with a folder of recordings.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// A file could not be read.
-    #[error("{path}: {source}")]
-    Io {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// A file does not hold what its layout says.
-    #[error("{path}: line {line}: {what}")]
-    Format {
-        /// Which.
-        path: PathBuf,
-        /// Where.
-        line: usize,
-        /// What was found and what was allowed.
-        what: String,
-    },
-    /// The anchors cannot be flown on.
-    #[error("{path}: {constellation}: {problems}")]
-    Survey {
-        /// Which file.
-        path: PathBuf,
-        /// Which layout in it.
-        constellation: String,
-        /// Why not.
-        problems: crate::checks::Problems,
-    },
-    /// Nothing to run on.
-    #[error(
-        "{0}: no *.csv.gz with TDOA and pose here; expected UTIL, or its folder `full` or `tdoa_pos`"
-    )]
-    Empty(PathBuf),
-}
 
 /// How one flight went.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -242,6 +203,7 @@ pub fn run_traced(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::import::util::load;
 
     /// The shared data lies beside the checkout, or beside the folder of checkouts.
     fn data() -> Option<PathBuf> {

@@ -1,9 +1,9 @@
 //! Blocked lines of sight on a made flight: a circle among eight anchors, one blocked on one side.
 
+use haltere::import::util::{Event, load_located};
 use haltere::measure::Tdoa;
 use haltere::model::random::Stream;
 use haltere::survey::Survey;
-use haltere::util_flights::Event;
 
 use super::*;
 
@@ -135,8 +135,7 @@ fn val_recorded_flights_are_named_and_cleared_as_their_labels_say() {
         ("full/jun05-bolt-test-tdoa2", &[]),
     ];
     for (name, want) in table {
-        let flights =
-            haltere::util_flights::load_located(&dir.join(format!("{name}.csv.gz"))).unwrap();
+        let flights = load_located(&dir.join(format!("{name}.csv.gz"))).unwrap();
         let found = watch(&flights[0], &Limit::default());
         let anchors: Vec<u8> = found.blocked.iter().map(|b| b.anchor).collect();
         println!("{}", report::text(&[found]));

@@ -7,9 +7,10 @@ use serde::Serialize;
 
 use haltere::estimate::Health;
 use haltere::estimator::{Estimator, EstimatorConfig};
+use haltere::import::util::{Flight, Sample};
 use haltere::measure::ImuSample;
 use haltere::util_flights::airborne::Activity;
-use haltere::util_flights::{Flight, Sample, table};
+use haltere::util_flights::table;
 
 /// Starts in the air are this far apart, s.
 const EVERY_S: f64 = 4.0;

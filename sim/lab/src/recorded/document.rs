@@ -2,9 +2,8 @@
 
 use std::fmt::Write as _;
 
-use haltere::util_flights::{
-    Consistency, Flight, FlightReport, run_flight, shipped, table, util_profile,
-};
+use haltere::import::util::Flight;
+use haltere::util_flights::{Consistency, FlightReport, run_flight, shipped, table, util_profile};
 
 use super::cold::{ColdReport, cold_starts, print_cold};
 use super::floor::floor_check;

@@ -5,8 +5,9 @@ use std::fmt::{self, Write};
 use serde::Serialize;
 
 use haltere::estimator::{EstimatorConfig, SpecificForce, Tail, UwbNoise};
+use haltere::import::util::Flight;
 use haltere::util_flights::{
-    Flight, FlightReport, run_flight, shipped, table, util_nine_profile, util_source_profile,
+    FlightReport, run_flight, shipped, table, util_nine_profile, util_source_profile,
 };
 
 /// A filter with something changed.

@@ -4,10 +4,11 @@ use std::fmt::{self, Write};
 
 use haltere::estimate::Health;
 use haltere::frames::{E, Vec3};
+use haltere::import::util::{Flight, Sample};
 use haltere::measure::Tdoa;
 use haltere::survey::Survey;
 use haltere::time::HostTime;
-use haltere::util_flights::{Flight, Sample, run_traced, shipped};
+use haltere::util_flights::{run_traced, shipped};
 
 /// An estimate is wrong beyond this, m …
 const WRONG_M: f64 = 1.0;

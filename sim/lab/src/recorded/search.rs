@@ -12,8 +12,9 @@ use std::fmt::{self, Write};
 use serde::Serialize;
 
 use haltere::estimator::EstimatorConfig;
+use haltere::import::util::Flight;
 use haltere::util_flights::{
-    Flight, FlightReport, run_flight, shipped, table, util_profile, util_start_profile,
+    FlightReport, run_flight, shipped, table, util_profile, util_start_profile,
     util_unaided_profile,
 };
 

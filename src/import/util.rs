@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use flate2::read::GzDecoder;
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::Error;
+use crate::checks::Problems;
 use crate::checks::bounded::Bounded;
 use crate::estimator::standard_pressure_pa;
 use crate::frames::{B, G_MPS2, Vec3, attitude_from_flu_enu, body_from_flu, earth_from_survey};
@@ -22,6 +22,44 @@ use crate::time::HostTime;
 const FIRST_US: f64 = 1e6;
 /// Later than this is no time in a recording, s.
 const LONGEST_S: f64 = 1e5;
+
+/// What can go wrong with a folder of recordings.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A file could not be read.
+    #[error("{path}: {source}")]
+    Io {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A file does not hold what its layout says.
+    #[error("{path}: line {line}: {what}")]
+    Format {
+        /// Which.
+        path: PathBuf,
+        /// Where.
+        line: usize,
+        /// What was found and what was allowed.
+        what: String,
+    },
+    /// The anchors cannot be flown on.
+    #[error("{path}: {constellation}: {problems}")]
+    Survey {
+        /// Which file.
+        path: PathBuf,
+        /// Which layout in it.
+        constellation: String,
+        /// Why not.
+        problems: Problems,
+    },
+    /// Nothing to run on.
+    #[error(
+        "{0}: no *.csv.gz with TDOA and pose here; expected UTIL, or its folder `full` or `tdoa_pos`"
+    )]
+    Empty(PathBuf),
+}
 
 /// One reading, in our frames.
 #[derive(Debug, Clone, Copy, PartialEq)]
