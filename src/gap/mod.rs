@@ -8,7 +8,6 @@ pub mod archive;
 mod as_flown;
 pub mod attribute;
 pub mod axis;
-pub mod balance;
 pub mod bank;
 pub mod bank_file;
 pub mod beside_truth;
