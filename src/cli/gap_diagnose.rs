@@ -19,11 +19,10 @@ use crate::gap::details::details;
 use crate::gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
 use crate::gap::held_out::{Explanation, measure};
 use crate::gap::logs::{self, Flown};
-use crate::gap::page;
 use crate::gap::picture::picture;
 use crate::gap::seal::digest;
 use crate::model::effects::EffectSpec;
-use crate::report::truth;
+use crate::report::{gap as page, truth};
 
 /// Says where a flight differs from the nominal simulator, which effect causes it, and how far the
 /// gap shrinks once that effect is added.

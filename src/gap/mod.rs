@@ -29,7 +29,6 @@ pub mod nominal;
 mod normal;
 pub mod onset;
 pub mod outcome;
-pub mod page;
 pub mod picture;
 pub mod regress;
 pub mod residuals;

@@ -7,8 +7,8 @@ mod plan;
 
 use std::fmt::Write as _;
 
-use super::attribute::{Candidate, Settings};
-use super::diagnosis::{Diagnosis, ShrinkResult};
+use crate::gap::attribute::{Candidate, Settings};
+use crate::gap::diagnosis::{Diagnosis, ShrinkResult};
 use crate::model::effects::Block;
 use crate::report::html;
 use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
@@ -415,7 +415,7 @@ fn shrink(html: &mut String, d: &Diagnosis) {
         html.push_str("<p class=\"note\">Without accepted flights on the held-out mission this distance holds all \
             that the airframe differs from the nominal simulator by.</p>");
     }
-    let of = |s: &super::shrink::Shrink| {
+    let of = |s: &crate::gap::shrink::Shrink| {
         vec![(Tone::Command, s.before), (Tone::Estimate, s.after), (Tone::Family(5), s.floor)]
     };
     let known: Vec<_> = s.channels.iter().filter(|(_, s)| s.before.is_finite()).collect();
@@ -497,7 +497,7 @@ fn why_not(k: usize, c: &Candidate, first: &Candidate) -> String {
     if c.residual_score > first.residual_score + 3.0 {
         why.push(format!("leaves {:.0} sigma more", c.residual_score - first.residual_score));
     }
-    let spec = super::library::whole().into_iter().find(|s| s.id == c.id);
+    let spec = crate::gap::library::whole().into_iter().find(|s| s.id == c.id);
     for (p, v) in spec.iter().flat_map(|s| s.parameters).zip(&c.theta) {
         let width = p.high - p.low;
         let choice =
@@ -519,5 +519,14 @@ mod tests {
         assert!(page.contains("a&lt;b&gt;.mcap") && page.contains("&lt;not&gt;"), "{page}");
         assert!(page.contains("log fault") && page.ends_with("</html>"));
         assert!(!page.contains("http"), "the page must need no network");
+    }
+
+    #[test]
+    fn prop_what_another_build_would_have_sent_stands_on_the_page() {
+        let mut d = unreadable("x.mcap".into(), "byte 3: not a log".into());
+        d.faults.clear();
+        d.remarks.push("another build flew this: 3 of 9000, by up to 2.00 deg".into());
+        let page = super::render(&d);
+        assert!(page.contains("another build flew this: 3 of 9000, by up to 2.00 deg"));
     }
 }
