@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::{BankOptions, Progress, SceneOptions};
+use super::gap::{BankOptions, SceneOptions};
 use super::gap_report::Report;
 use super::gap_session::{Opened, open};
 use super::{moved, print, print_json};
@@ -20,6 +20,7 @@ use crate::gap::logs::{self, Flown};
 use crate::gap::nominal::Nominal;
 use crate::gap::scene::Scene;
 use crate::model::effects::EffectSpec;
+use crate::progress::Line;
 
 /// Ranks manoeuvres and bench actions by how well they would tell apart what a diagnosis did not rule
 /// out, and what they would make testable.
@@ -102,7 +103,7 @@ impl Advise {
             }
             return Ok(ExitCode::SUCCESS);
         }
-        let progress = Progress::new("trying the experiments");
+        let progress = Line::new("trying the experiments");
         let shelf = Shelf::in_folder(&self.options.folder());
         let tell = |done, of| progress.at(done, of);
         let advice = advise(&scene, &remaining, Effort::All, &shelf, tell);
@@ -166,7 +167,7 @@ impl Advise {
         let nominal = Nominal::of_scene(scene);
         let seen = observed(second, &nominal).observation;
         let seen = seen.map_err(|why| anyhow::anyhow!("{}: {why}", path.display()))?;
-        let progress = Progress::new("flying the candidates");
+        let progress = Line::new("flying the candidates");
         let after = after_flight(scene, &items, remaining, &seen.statistics, |done, of| {
             progress.at(done, of);
         });

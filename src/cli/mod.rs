@@ -29,7 +29,6 @@ mod log_export;
 mod log_list;
 pub mod moved;
 mod programs;
-pub mod progress;
 mod replay;
 mod report;
 mod style;

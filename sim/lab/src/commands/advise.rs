@@ -3,9 +3,9 @@
 use std::process::ExitCode;
 
 use clap::Args;
-use haltere::cli::gap::Progress;
 use haltere::cli::{print, print_json};
 use haltere::gap::scene::Scene;
+use haltere::progress::Line;
 
 use crate::trial;
 
@@ -24,7 +24,7 @@ pub struct Advise {
 impl Advise {
     /// Flies the cases and prints what came of them.
     pub fn run(self) -> anyhow::Result<ExitCode> {
-        let progress = Progress::new("cases");
+        let progress = Line::new("cases");
         let scene = Scene::lab().map_err(anyhow::Error::new)?;
         let result = trial::run(&scene, self.check, |done, of| progress.at(done, of));
         if self.json {

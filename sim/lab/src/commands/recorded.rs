@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 use clap::{ArgGroup, Args};
-use haltere::cli::progress::Progress;
 use haltere::cli::{print, print_json};
+use haltere::progress::Bar;
 use haltere::util_flights::{load_all, util_profile};
 
 use crate::recorded::cold::{cold_starts, print_cold};
@@ -46,7 +46,7 @@ impl Recorded {
     /// Runs the study and prints it.
     pub fn run(&self) -> anyhow::Result<ExitCode> {
         let flights = load_all(&self.dir)?;
-        let mut progress = Progress::default();
+        let mut progress = Bar::default();
         let tell = |done: usize, of: usize, what: &str| progress.tell(done, of, what);
         let mut table = String::new();
         if let Some(path) = &self.document {

@@ -8,24 +8,24 @@ const SAY_EVERY: Duration = Duration::from_secs(1);
 /// The bar is drawn this often.
 const DRAW_EVERY: Duration = Duration::from_millis(100);
 /// Characters of the bar.
-const BAR: usize = 24;
+const WIDTH: usize = 24;
 
 /// Says on standard error how far it is and what is left.
-pub struct Progress {
+pub struct Bar {
     terminal: bool,
     drawn: bool,
     since: Option<(usize, Instant)>,
     said: Option<Instant>,
 }
 
-impl Default for Progress {
+impl Default for Bar {
     fn default() -> Self {
         let terminal = std::io::stderr().is_terminal();
         Self { terminal, drawn: false, since: None, said: None }
     }
 }
 
-impl Progress {
+impl Bar {
     /// `done` of `of`, at `what`.
     pub fn tell(&mut self, done: usize, of: usize, what: &str) {
         let now = Instant::now();
@@ -50,8 +50,8 @@ impl Progress {
         };
         if self.terminal {
             self.drawn = true;
-            let full = (BAR * done.min(of)).checked_div(of).unwrap_or(0);
-            let bar = format!("{}{}", "#".repeat(full), ".".repeat(BAR - full));
+            let full = (WIDTH * done.min(of)).checked_div(of).unwrap_or(0);
+            let bar = format!("{}{}", "#".repeat(full), ".".repeat(WIDTH - full));
             let line: String = format!("{done} of {of}{left}: {what}").chars().take(52).collect();
             let mut err = std::io::stderr().lock();
             let _ = write!(err, "\r[{bar}] {line}\x1b[K");
@@ -69,7 +69,7 @@ impl Progress {
     }
 }
 
-impl Drop for Progress {
+impl Drop for Bar {
     fn drop(&mut self) {
         self.clear();
     }
