@@ -224,7 +224,7 @@ fn prop_cores_have_no_clock_no_files_no_threads() {
 
 #[test]
 fn prop_every_file_says_what_it_owns() {
-    let folders = ["src", "dialect/src", "sim/src", "tests"];
+    let folders = ["src", "dialect/src", "sim/src", "sim/lab/src", "tests"];
     for (path, text) in folders.into_iter().flat_map(sources) {
         assert!(text.starts_with("//!"), "{}: must open with `//!`", path.display());
     }
@@ -242,6 +242,12 @@ fn prop_crates_depend_downward() {
     assert!(!depends("dialect/Cargo.toml", "haltere"));
     assert!(!depends("dialect/Cargo.toml", "haltere-sim"));
     assert!(!depends("Cargo.toml", "haltere-sim"));
+    // The laboratory may need anything; nothing of the product needs the laboratory.
+    assert!(depends("sim/lab/Cargo.toml", "haltere"));
+    for manifest in ["Cargo.toml", "sim/Cargo.toml", "dialect/Cargo.toml"] {
+        assert!(!depends(manifest, "haltere-lab"), "{manifest}");
+        assert!(!read(&root().join(manifest)).contains("\"haltere-lab\""), "{manifest}");
+    }
 }
 
 #[test]

@@ -1,5 +1,4 @@
 //! `haltere-sim steps`: the step tests, `raw` against `modified`, beside the source's figures.
-//! `haltere-sim tune`: the search that found the gains.
 
 use std::time::Instant;
 
@@ -7,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use serde_json::json;
 
-use haltere::control::{ControlConfig, ControlGains, Version};
+use haltere::control::{ControlConfig, Version};
 use haltere::lockstep::Lockstep;
 use haltere::model::PlantConfig;
 use haltere::pilot::PilotConfig;
@@ -15,10 +14,8 @@ use haltere::sources::{self, Sources};
 
 use crate::paper::source;
 use crate::steps::{AXES, SIZES_M, StepScore, WINDOW_S, fly_steps, is_complete, mean_of};
-use crate::tune::{self, FAILED, VARIATIONS, Variation};
+use crate::variation::{VARIATIONS, Variation};
 
-/// Seeds of the search; scores are never taken on them.
-const SEARCH_SEEDS: std::ops::Range<u64> = 9_000..9_100;
 /// First seed of the scores.
 const SCORE_SEED: u64 = 100;
 
@@ -40,26 +37,6 @@ pub struct StepOptions {
     /// Print JSON instead of the table.
     #[arg(long)]
     pub json: bool,
-}
-
-/// `haltere-sim tune`
-#[derive(Debug, clap::Args)]
-pub struct TuneOptions {
-    /// Generations of the search.
-    #[arg(long, default_value_t = 60)]
-    pub generations: usize,
-    /// Seeds that a vehicle is flown on.
-    #[arg(long, default_value_t = 2)]
-    pub seeds: usize,
-    /// Search on the nominal vehicle alone, to see what margin costs; not how the gains were found.
-    #[arg(long)]
-    pub nominal: bool,
-    /// Configuration whose gains to start from; else the design on a linear model.
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<std::path::PathBuf>,
-    /// Change one key, as for the companion.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub set: Vec<String>,
 }
 
 /// The hall with the nominal vehicle, flown by this configuration.
@@ -90,14 +67,17 @@ pub fn in_plant(
 pub const CENTRE_NE_M: [f64; 2] = [5.0, 5.0];
 
 /// A flight of the step tests.
-struct Flown {
-    scores: Vec<StepScore>,
+pub struct Flown {
+    /// Of each step.
+    pub scores: Vec<StepScore>,
     /// Simulated time, s.
-    length_s: f64,
-    landed: bool,
+    pub length_s: f64,
+    /// Ended disarmed on the floor.
+    pub landed: bool,
 }
 
-fn fly(
+/// Flies the step tests; a flight without all of its steps is an error.
+pub fn fly(
     pilot: &PilotConfig,
     control: &ControlConfig,
     variation: &Variation,
@@ -118,6 +98,7 @@ fn fly(
     Ok(Flown { scores, length_s: world.t_us() as f64 * 1e-6, landed: flight.landed })
 }
 
+/// What the companion is configured to, without a disk.
 pub fn pilot_config(file: Option<&std::path::Path>, set: &[String]) -> Result<PilotConfig> {
     let files = file.map(std::path::Path::to_path_buf).into_iter().collect();
     let config = sources::load(&Sources::new(files, set.to_vec()))?;
@@ -224,47 +205,4 @@ pub fn steps(options: &StepOptions) -> Result<bool> {
         flights.len()
     );
     Ok(ok)
-}
-
-impl TuneOptions {
-    fn start(&self, raw: &ControlConfig) -> ControlGains {
-        if self.config.is_some() { raw.gains } else { ControlGains::designed() }
-    }
-}
-
-/// Searches and prints the gains as a configuration snippet.
-pub fn tune(options: &TuneOptions) -> Result<bool> {
-    let pilot = pilot_config(options.config.as_deref(), &options.set)?;
-    let raw = ControlConfig { version: Version::Raw, ..pilot.control.clone() };
-    let variations = if options.nominal { &VARIATIONS[..1] } else { &VARIATIONS[..] };
-    let seeds: Vec<u64> = SEARCH_SEEDS.take(options.seeds).collect();
-    let cost = |gains: &ControlGains, variation: &Variation, seed: u64| {
-        let control = ControlConfig { gains: *gains, ..raw.clone() };
-        match fly(&pilot, &control, variation, seed) {
-            Ok(flown) => tune::cost(&flown.scores),
-            Err(_) => [FAILED; 3],
-        }
-    };
-    let (gains, best) =
-        tune::search(&options.start(&raw), variations, &seeds, options.generations, cost, |p| {
-            let costs = p.best.map(|w| format!("{:.4} ({})", w.cost, variations[w.variation].name));
-            let steps = p.step.map(|s| format!("{s:.3}"));
-            eprintln!(
-                "generation {:3}  cost {}  step {}",
-                p.generation,
-                costs.join(", "),
-                steps.join(" ")
-            );
-            eprintln!("{:.4?}", p.gains.as_vector());
-        });
-    println!(
-        "# found for `raw` on seeds {seeds:?}, worst of {} vehicles: cost {:.4} {:.4} {:.4}",
-        variations.len(),
-        best[0].cost,
-        best[1].cost,
-        best[2].cost
-    );
-    println!("[control.gains]");
-    print!("{}", toml::to_string(&gains)?);
-    Ok(true)
 }

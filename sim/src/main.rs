@@ -1,39 +1,31 @@
 //! `haltere-sim`: the endpoint that stands in for tag and board, and the demo.
 
-mod aids;
 mod board_wire;
 mod campaign;
-mod cases;
-mod compare;
 mod demo;
 mod endpoint;
 mod faults;
 mod firmware;
 mod flood;
-mod generator;
 mod kills;
 mod lockstep;
 mod orders;
-mod paper;
-mod paths;
 #[cfg(test)]
 mod programs;
-mod progress;
 mod pty;
 mod rig;
 mod scenario;
 mod soak;
-mod steps;
 mod stop;
-mod tape;
 mod truth_file;
-mod tune;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::Parser;
+use haltere::cli::moved::Moved;
 use haltere::live::console::Console;
+use haltere_sim::{compare, paper, paths};
 
 /// Simulated tag, board and vehicle for the haltere companion.
 #[derive(Debug, Parser)]
@@ -59,20 +51,9 @@ enum Command {
     Steps(compare::StepOptions),
     /// Path shapes in lockstep over many seeds: accuracy of the estimate, take-off, landing.
     Paths(paths::PathOptions),
-    /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
-    /// docs/ESTIMATOR_SIM.md.
-    Aids(aids::Options),
-    /// Search PID gains for version `raw`, as the committed ones were found.
-    Tune(compare::TuneOptions),
     /// Every experiment of the source, ours beside its numbers: one HTML report with all figures, and
     /// JSON beside it. Exit code 1 when a target is missed.
     Paper(paper::Options),
-    /// The sealed suite for the diagnosis of the sim-to-real gap: flights of another world, with
-    /// the key to them in a folder of its own (docs/GAP_PROTOCOL.md).
-    Cases(cases::Options),
-    /// From which size on each effect of the other world shows in the diagnostic flight: what the sealed
-    /// suite is made with (docs/GAP_PROTOCOL.md).
-    Detectable(cases::detectable::Options),
     /// Many flights over distributions of a scenario, on all cores, resumable; the fault campaign
     /// (docs/CAMPAIGNS.md).
     Campaign(campaign::Options),
@@ -85,6 +66,18 @@ enum Command {
     /// The companion is killed in flight at random moments and started again: the board has to come down
     /// by itself, and nobody may take it over. Exit code 1 when one went wrong.
     Kills(kills::Options),
+    /// The sealed suite: the laboratory's.
+    #[command(hide = true, disable_help_flag = true)]
+    Cases(Moved),
+    /// Sizes from which on effects show: the laboratory's.
+    #[command(hide = true, disable_help_flag = true)]
+    Detectable(Moved),
+    /// What the estimator's aids are worth: the laboratory's.
+    #[command(hide = true, disable_help_flag = true)]
+    Aids(Moved),
+    /// The search for gains: the laboratory's.
+    #[command(hide = true, disable_help_flag = true)]
+    Tune(Moved),
     /// The companion, as `haltere` would run it.
     #[command(hide = true, disable_help_flag = true)]
     Companion {
@@ -124,11 +117,13 @@ fn main() -> ExitCode {
         }
         Command::Steps(options) => compare::steps(&options),
         Command::Paths(options) => paths::paths(&options),
-        Command::Aids(options) => aids::run(&options),
-        Command::Tune(options) => compare::tune(&options),
         Command::Paper(options) => paper::run(&options),
-        Command::Cases(options) => cases::run(&options),
-        Command::Detectable(options) => cases::detectable::run(&options),
+        Command::Cases(moved) => return moved.say("haltere-sim cases", "haltere-lab cases …"),
+        Command::Detectable(moved) => {
+            return moved.say("haltere-sim detectable", "haltere-lab detectable …");
+        }
+        Command::Aids(moved) => return moved.say("haltere-sim aids", "haltere-lab aids …"),
+        Command::Tune(moved) => return moved.say("haltere-sim tune", "haltere-lab tune …"),
         Command::Flood(options) => flood::run(&options),
         Command::Campaign(options) => campaign::run(&options),
         Command::Soak(options) => soak::run(&options),

@@ -7,9 +7,10 @@ use anyhow::Context as _;
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, Subcommand};
 
+use super::moved::Moved;
 use super::{
-    gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_blind, gap_diagnose,
-    gap_missions, gap_observe, gap_shrink, gap_sight,
+    gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_diagnose, gap_missions,
+    gap_observe, gap_shrink,
 };
 use crate::checks::Problems;
 use crate::gap::bank::{LEAST_DRAWS, LEAST_NULLS};
@@ -35,18 +36,20 @@ pub(super) enum Gap {
     Undo(gap_accept::Undo),
     /// Flies the bank that flights of a mission are compared with, and keeps it.
     Bank(gap_bank::BankCommand),
-    /// Scores a sealed suite of flights.
-    Blind(gap_blind::Blind),
     /// Prints the statistics of flights, for other methods.
     Observe(gap_observe::Observe),
     /// Attributes flights whose statistics were observed before.
     Attribute(gap_attribute::Attribute),
     /// Force balance of recorded flights with motion capture.
     Balance(gap_balance::Balance),
-    /// Blocked lines of sight in recorded UWB flights with motion capture.
-    Sight(gap_sight::Sight),
     /// Writes a standard flight as a mission file.
     Mission(gap_missions::MissionCommand),
+    /// Scores of a sealed suite: the laboratory's.
+    #[command(hide = true, disable_help_flag = true)]
+    Blind(Moved),
+    /// Blocked lines of sight: the laboratory's.
+    #[command(hide = true, disable_help_flag = true)]
+    Sight(Moved),
 }
 
 impl Gap {
@@ -58,19 +61,19 @@ impl Gap {
             Gap::Accept(accept) => accept.run(),
             Gap::Undo(undo) => undo.run(),
             Gap::Bank(bank) => bank.run(),
-            Gap::Blind(blind) => blind.run(),
             Gap::Observe(observe) => observe.run(),
             Gap::Attribute(attribute) => attribute.run(),
             Gap::Balance(balance) => balance.run(),
-            Gap::Sight(sight) => sight.run(),
             Gap::Mission(mission) => mission.run(),
+            Gap::Blind(moved) => Ok(moved.say("haltere gap blind", "haltere-lab blind …")),
+            Gap::Sight(moved) => Ok(moved.say("haltere gap sight", "haltere-lab sight …")),
         }
     }
 }
 
 /// Sizes of a bank.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(super) enum Size {
+pub enum Size {
     /// For two effects at once, and effects that the library does not have.
     Large,
     /// For verdicts.
@@ -83,7 +86,7 @@ pub(super) enum Size {
 
 /// Where banks lie, and what they hold.
 #[derive(Debug, Clone, Args)]
-pub(super) struct BankOptions {
+pub struct BankOptions {
     /// Folder of the banks; the user's cache by default.
     #[arg(long, value_name = "DIR")]
     pub banks: Option<PathBuf>,
@@ -115,10 +118,12 @@ fn at_least(count: usize) -> RangedU64ValueParser<usize> {
 }
 
 impl BankOptions {
+    /// Folder of the banks.
     pub fn folder(&self) -> PathBuf {
         self.banks.clone().unwrap_or_else(default_folder)
     }
 
+    /// Flights in a bank.
     pub fn size(&self) -> BankSize {
         let base = match self.size {
             Size::Large => BankSize { seeds: 24, jitter: 1440, draws: 80 },
@@ -161,7 +166,7 @@ pub(super) struct RoomOptions {
 
 /// What is said of a flight beside its log.
 #[derive(Debug, Clone, Args)]
-pub(super) struct SceneOptions {
+pub struct SceneOptions {
     #[command(flatten)]
     room: RoomOptions,
     /// Vehicle file (TOML) of the nominal simulator; without it the Flapper.
@@ -170,6 +175,7 @@ pub(super) struct SceneOptions {
 }
 
 impl SceneOptions {
+    /// Both, read and checked.
     pub fn told(&self) -> anyhow::Result<Told> {
         Ok(Told { room: self.room.room()?, vehicle: self.vehicle()? })
     }
@@ -187,6 +193,7 @@ impl SceneOptions {
 }
 
 impl RoomOptions {
+    /// The room, if one was told.
     pub fn room(&self) -> anyhow::Result<Option<Room>> {
         let Some(numbers) = &self.room else { return Ok(None) };
         let [n0, n1, e0, e1, ceiling_m] = numbers[..] else {
@@ -197,35 +204,5 @@ impl RoomOptions {
         room.check("--room", &mut problems);
         problems.into_result().map_err(anyhow::Error::new)?;
         Ok(Some(room))
-    }
-}
-
-/// Progress on standard error: one line that is written over on a terminal, else a line each tenth.
-pub(super) struct Progress {
-    what: &'static str,
-    started: std::time::Instant,
-    terminal: bool,
-}
-
-impl Progress {
-    pub fn new(what: &'static str) -> Self {
-        use std::io::IsTerminal;
-        let terminal = std::io::stderr().is_terminal();
-        Self { what, started: std::time::Instant::now(), terminal }
-    }
-
-    /// Done, of how many.
-    pub fn at(&self, done: usize, of: usize) {
-        use std::io::Write;
-        let elapsed_s = self.started.elapsed().as_secs_f64();
-        let left_s = elapsed_s * of.saturating_sub(done) as f64 / done.max(1) as f64;
-        let mut err = std::io::stderr().lock();
-        let step = (of / 10).max(1);
-        if self.terminal {
-            let end = if done == of { "\n" } else { "" };
-            let _ = write!(err, "\r{}: {done} of {of}, {left_s:.0} s left   {end}", self.what);
-        } else if done.is_multiple_of(step) || done == of {
-            let _ = writeln!(err, "{}: {done} of {of}, {left_s:.0} s left", self.what);
-        }
     }
 }

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::{Progress, RoomOptions};
+use super::gap::RoomOptions;
 use super::gap_report::Report;
 use super::{print, print_json};
 use crate::frames::Vec3;
@@ -18,6 +18,7 @@ use crate::gap::scene::Told;
 use crate::gap::trim::{Trim, trim};
 use crate::measure::AnchorId;
 use crate::model::effects::EffectSpec;
+use crate::progress::Line;
 
 /// Writes an effect that was found into the files of the simulator, and, where there is one, the fix into
 /// those of the vehicle.
@@ -186,7 +187,7 @@ impl Accept {
         let told = Told { room: self.room.room()?, ..Told::default() };
         let scene = flown.scene(&told).on_grid();
         let named: Vec<_> = effects.iter().map(|(spec, theta)| (*spec, &theta[..])).collect();
-        let progress = Progress::new("flying for the trim");
+        let progress = Line::new("flying for the trim");
         let found = trim(&scene, &flown.mission, &named, |done, of| progress.at(done, of));
         let mut found = found.context("no flight of the simulator could be observed")?;
         let own = &flown.config.control.trims;

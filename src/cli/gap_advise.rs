@@ -7,10 +7,10 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::{BankOptions, Progress, SceneOptions};
+use super::gap::{BankOptions, SceneOptions};
 use super::gap_report::Report;
 use super::gap_session::{Opened, open};
-use super::{print, print_json};
+use super::{moved, print, print_json};
 use crate::gap::advise::{Advice, Effort, Hypothesis, Remaining, advise, after_flight};
 use crate::gap::archive::Shelf;
 use crate::gap::diagnosis::{Diagnosis, observed};
@@ -19,8 +19,8 @@ use crate::gap::library::whole;
 use crate::gap::logs::{self, Flown};
 use crate::gap::nominal::Nominal;
 use crate::gap::scene::Scene;
-use crate::gap::trial;
 use crate::model::effects::EffectSpec;
+use crate::progress::Line;
 
 /// Ranks manoeuvres and bench actions by how well they would tell apart what a diagnosis did not rule
 /// out, and what they would make testable.
@@ -52,10 +52,9 @@ pub(super) struct Advise {
     /// Only lists the catalogue.
     #[arg(long)]
     list: bool,
-    /// Measures the advice itself on N simulated ambiguous cases: how often the right effect is named
-    /// after the recommended flight, and after one chosen by chance.
-    #[arg(long, value_name = "N")]
-    check: Option<usize>,
+    /// The laboratory's.
+    #[arg(long, hide = true, num_args = 0..=1, value_name = "N")]
+    check: Option<Option<String>>,
     /// Prints as JSON.
     #[arg(long)]
     json: bool,
@@ -72,8 +71,8 @@ impl Advise {
             print(&catalogue());
             return Ok(ExitCode::SUCCESS);
         }
-        if let Some(cases) = self.check {
-            return self.measure(cases);
+        if self.check.is_some() {
+            return Ok(moved::say("haltere gap advise --check", "haltere-lab advise --check N"));
         }
         let (flown, remaining) = match &self.inputs[..] {
             [report] if report.extension().is_some_and(|e| e == "json") => {
@@ -104,7 +103,7 @@ impl Advise {
             }
             return Ok(ExitCode::SUCCESS);
         }
-        let progress = Progress::new("trying the experiments");
+        let progress = Line::new("trying the experiments");
         let shelf = Shelf::in_folder(&self.options.folder());
         let tell = |done, of| progress.at(done, of);
         let advice = advise(&scene, &remaining, Effort::All, &shelf, tell);
@@ -168,7 +167,7 @@ impl Advise {
         let nominal = Nominal::of_scene(scene);
         let seen = observed(second, &nominal).observation;
         let seen = seen.map_err(|why| anyhow::anyhow!("{}: {why}", path.display()))?;
-        let progress = Progress::new("flying the candidates");
+        let progress = Line::new("flying the candidates");
         let after = after_flight(scene, &items, remaining, &seen.statistics, |done, of| {
             progress.at(done, of);
         });
@@ -191,18 +190,6 @@ impl Advise {
                 let name = format!("{} {}", spec.id, spec.name);
                 print(&format!("{name:<34} {:>6.2} {p:>6.2}\n", before(spec.id)));
             }
-        }
-        Ok(ExitCode::SUCCESS)
-    }
-
-    fn measure(&self, cases: usize) -> anyhow::Result<ExitCode> {
-        let progress = Progress::new("cases");
-        let scene = Scene::lab().map_err(anyhow::Error::new)?;
-        let result = trial::run(&scene, cases, |done, of| progress.at(done, of));
-        if self.json {
-            print_json(&result)?;
-        } else {
-            print(&result.table());
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -16,7 +16,7 @@ use crate::model::effects::Block;
 
 /// Attributes flights by their statistics, one JSON object a line, without reading a log again.
 ///
-/// Flights are lines as `haltere gap observe` and `haltere-sim detectable --labelled` write them. Each comes back
+/// Flights are lines as `haltere gap observe` and `haltere-lab detectable --labelled` write them. Each comes back
 /// with its own fields, the statistics left out, and with what the diagnosis says of it.
 #[derive(Debug, Args)]
 pub(super) struct Attribute {

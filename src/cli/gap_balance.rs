@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::{Args, ValueEnum};
 
 use super::{print, print_json};
-use crate::gap::balance::{diagnose, terms::Part};
+use crate::fit::balance::{diagnose, terms::Part};
 use crate::import::flapper;
 use crate::model::vehicle::Vehicle;
 

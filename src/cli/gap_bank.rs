@@ -8,12 +8,13 @@ use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::{BankOptions, Progress, SceneOptions};
+use super::gap::{BankOptions, SceneOptions};
 use super::{print, print_json};
 use crate::gap::logs;
 use crate::gap::missions;
 use crate::gap::scene::Scene;
 use crate::gap::workshop::Workshop;
+use crate::progress::Line;
 
 /// Flies the bank that flights of a mission are compared with, and keeps it.
 ///
@@ -51,7 +52,7 @@ impl BankCommand {
             }
         };
         let started = Instant::now();
-        let progress = Progress::new("bank");
+        let progress = Line::new("bank");
         let workshop = Workshop::open(
             &self.options.folder(),
             scene,

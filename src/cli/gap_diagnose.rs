@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::Args;
 
-use super::gap::{BankOptions, Progress, SceneOptions};
+use super::gap::{BankOptions, SceneOptions};
 use super::gap_advise::remaining;
 use super::gap_session::{Opened, Session, open, same_survey};
 use super::{print, print_json};
@@ -19,11 +19,11 @@ use crate::gap::details::details;
 use crate::gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
 use crate::gap::held_out::{Explanation, measure};
 use crate::gap::logs::{self, Flown};
-use crate::gap::page;
 use crate::gap::picture::picture;
 use crate::gap::seal::digest;
 use crate::model::effects::EffectSpec;
-use crate::report::truth;
+use crate::progress::Line;
+use crate::report::{gap as page, truth};
 
 /// Says where a flight differs from the nominal simulator, which effect causes it, and how far the
 /// gap shrinks once that effect is added.
@@ -133,7 +133,7 @@ impl Diagnose {
                 .flat_map(|n| &n.effects)
                 .map(|(spec, theta)| (*spec, &theta[..]))
                 .collect();
-            let progress = Progress::new("cells");
+            let progress = Line::new("cells");
             diagnosis.picture = Some(picture(
                 &session.scene,
                 &flown.mission,
@@ -150,7 +150,7 @@ impl Diagnose {
         let experiments = if open.is_settled() {
             Vec::new()
         } else {
-            let progress = Progress::new("advice");
+            let progress = Line::new("advice");
             let shelf = Shelf::in_folder(&self.options.folder());
             let tell = |done, of| progress.at(done, of);
             advise(&session.scene, &open, Effort::Listed, &shelf, tell)
@@ -220,7 +220,7 @@ impl Diagnose {
         }
         let all = std::iter::once(&mut named).chain(&mut rivals);
         session.resize(&mut all.collect::<Vec<_>>());
-        let progress = Progress::new("shrink");
+        let progress = Line::new("shrink");
         let told = self.told.told()?;
         let r = measure(&flights, &accepted, &told, &named, &rivals, |done, of| {
             progress.at(done, of);

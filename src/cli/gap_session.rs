@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::gap::{BankOptions, Progress, SceneOptions};
+use super::gap::{BankOptions, SceneOptions};
 use crate::gap::attribute::{Attributor, Settings};
 use crate::gap::details::{Details, details};
 use crate::gap::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
@@ -12,6 +12,7 @@ use crate::gap::logs::{self, Flown};
 use crate::gap::nominal::Nominal;
 use crate::gap::scene::Scene;
 use crate::gap::workshop::Workshop;
+use crate::progress::Line;
 
 /// Fewest reference flights that say anything about a spread.
 const LEAST_REFERENCES: usize = 8;
@@ -60,7 +61,7 @@ pub(super) fn open(
         );
     }
     let scene = flown.scene(&told).on_grid();
-    let progress = Progress::new("bank");
+    let progress = Line::new("bank");
     let workshop = Workshop::open(
         &options.folder(),
         scene.clone(),
@@ -95,7 +96,7 @@ impl Session {
     pub fn resize(&self, explanations: &mut [&mut Explanation]) {
         let Ok(observation) = &self.seen.observation else { return };
         let model = HeldOut::new(&self.scene, &self.workshop.items, &self.references);
-        let progress = Progress::new("sizes");
+        let progress = Line::new("sizes");
         let name = explanations.first().map(|e| e.name.clone()).unwrap_or_default();
         let shares = resize_all(&model, &observation.statistics, explanations, |done, of| {
             progress.at(done, of);
@@ -117,7 +118,7 @@ pub(super) fn accepted(
     flown: &Flown,
 ) -> anyhow::Result<(Vec<Vec<f64>>, Vec<Details>)> {
     let (mut rows, mut pictures) = (Vec::new(), Vec::new());
-    let progress = Progress::new("reference flights");
+    let progress = Line::new("reference flights");
     for (k, path) in paths.iter().enumerate() {
         let reference = logs::read(path)?;
         if let Some(fault) = reference.faults.first() {

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::Args;
 use serde_json::json;
 
-use super::gap::{BankOptions, Progress, SceneOptions};
+use super::gap::{BankOptions, SceneOptions};
 use super::gap_session::{Opened, Session, open, same_survey};
 use super::{print, print_json};
 use crate::gap::diagnosis::observed;
@@ -15,6 +15,7 @@ use crate::gap::library::whole;
 use crate::gap::logs::{self, Flown};
 use crate::gap::scene::Told;
 use crate::model::effects::EffectSpec;
+use crate::progress::Line;
 
 /// Adds one effect to the simulator and says how far the gap closes on other flights, closed loop.
 ///
@@ -89,7 +90,7 @@ impl Shrink {
         }
         // No parameters: the effect helps at no size.
         let theta = asked.effects.first().map_or(&[][..], |(_, theta)| theta);
-        let progress = Progress::new("shrink");
+        let progress = Line::new("shrink");
         let result = measure(&judged_on, &accepted, &told, &asked, &others, |done, of| {
             progress.at(done, of);
         })?;

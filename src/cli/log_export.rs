@@ -7,10 +7,10 @@ use anyhow::{Context as _, bail};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
-use super::progress::Progress;
 use super::{print, print_json};
 use crate::export::{Form, create, links, tables, write_table, write_tlog};
 use crate::pilot::LinkId;
+use crate::progress::Bar;
 use crate::record::{LogEnd, LogReader};
 
 /// Form of the tables.
@@ -76,7 +76,7 @@ impl Export {
         let dir = self.dir.unwrap_or_else(|| self.log.with_extension(form.ending()));
         std::fs::create_dir_all(&dir)
             .with_context(|| format!("{}: the folder cannot be made", dir.display()))?;
-        let mut progress = Progress::default();
+        let mut progress = Bar::default();
         let mut written = Vec::new();
         for (i, table) in wanted.iter().enumerate() {
             progress.tell(i, wanted.len(), &table.name);

@@ -7,9 +7,9 @@ use anyhow::Context as _;
 use clap::Args;
 use serde::Serialize;
 
-use super::progress::Progress;
 use super::{print, print_json};
 use crate::config::RecordConfig;
+use crate::progress::Bar;
 use crate::record::{Decoded, Entry, LogEnd, LogReader, utc_text};
 use crate::time::HostTime;
 
@@ -52,7 +52,7 @@ impl List {
             .filter(|path| path.extension().is_some_and(|e| e == "mcap"))
             .collect();
         logs.sort();
-        let mut progress = Progress::default();
+        let mut progress = Bar::default();
         let mut rows = Vec::new();
         for (i, path) in logs.iter().enumerate() {
             progress.tell(i, logs.len(), &file_name(path));

@@ -9,28 +9,26 @@ mod ctl;
 mod fit;
 mod fit_program;
 mod fly;
-mod gap;
+pub mod gap;
 mod gap_accept;
 mod gap_advise;
 mod gap_attribute;
 mod gap_balance;
 mod gap_bank;
-mod gap_blind;
 mod gap_diagnose;
 mod gap_missions;
 mod gap_observe;
 mod gap_report;
 mod gap_session;
 mod gap_shrink;
-mod gap_sight;
 mod init;
 mod judge;
 mod key;
 mod log;
 mod log_export;
 mod log_list;
+pub mod moved;
 mod programs;
-mod progress;
 mod replay;
 mod report;
 mod style;
@@ -137,7 +135,7 @@ fn be_nice(nice: Option<i32>) {
 }
 
 /// Logs to standard error.
-fn start_logging() {
+pub fn start_logging() {
     tracing_subscriber::fmt()
         .with_env_filter(console::filter())
         .with_writer(std::io::stderr)
@@ -149,14 +147,14 @@ fn start_logging() {
 }
 
 /// Prints to standard output; a reader that went away is no failure of ours.
-fn print(text: &str) {
+pub fn print(text: &str) {
     let mut out = std::io::stdout().lock();
     let _ = out.write_all(text.as_bytes());
     let _ = out.flush();
 }
 
 /// Prints as JSON.
-fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
+pub fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
     print(&(serde_json::to_string_pretty(value)? + "\n"));
     Ok(())
 }

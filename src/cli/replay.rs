@@ -3,11 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Context as _;
 use clap::Args;
 
-use super::progress::Progress;
-use super::{FAILED, print, print_json};
+use super::{FAILED, moved, print, print_json};
 use crate::{replay, util_flights};
 
 /// Lives through flights again and says whether the same goes out.
@@ -30,21 +28,16 @@ pub(super) struct Replay {
     /// (with IMU) or `tdoa_pos` (TDOA alone).
     #[arg(long, value_name = "DIR")]
     util: Option<PathBuf>,
-    /// With --util: choose the parameters for each flight by search on the others.
-    #[arg(long, requires = "util", conflicts_with_all = ["ingredients", "cold", "document"])]
+    /// The laboratory's, as the four below.
+    #[arg(long, hide = true)]
     leave_one_out: bool,
-    /// With --util: every ingredient of the estimator on and off on every flight.
-    #[arg(long, requires = "util", conflicts_with_all = ["cold", "document"])]
+    #[arg(long, hide = true)]
     ingredients: bool,
-    /// With --util: switch the estimator on in flight and tell it neither position nor heading.
-    #[arg(long, requires = "util", conflicts_with = "document")]
+    #[arg(long, hide = true)]
     cold: bool,
-    /// With --util: break something in the middle of every flight and see whether health warns before the
-    /// estimate is wrong.
-    #[arg(long, requires = "util", conflicts_with_all = ["leave_one_out", "ingredients", "cold", "document"])]
+    #[arg(long, hide = true)]
     faults: bool,
-    /// With --util: measure all of this and write it as a page (Markdown).
-    #[arg(long, requires = "util", value_name = "FILE", conflicts_with = "json")]
+    #[arg(long, hide = true)]
     document: Option<PathBuf>,
     /// Print as JSON.
     #[arg(long)]
@@ -83,79 +76,34 @@ impl Replay {
     }
 
     fn run_util(&self, folder: &Path) -> anyhow::Result<ExitCode> {
-        let flights = util_flights::load_all(folder)?;
-        let mut progress = Progress::default();
-        let tell = |done: usize, of: usize, what: &str| progress.tell(done, of, what);
-        let mut table = String::new();
-        if let Some(path) = &self.document {
-            let page = util_flights::document(&flights, tell);
-            std::fs::write(path, page).with_context(|| path.display().to_string())?;
-            tracing::info!("wrote {}", path.display());
-        } else if self.leave_one_out {
-            // With and without IMU are two sets of parameters; a folder with both is taken with IMU.
-            let with_imu = flights.iter().any(|f| f.has_imu());
-            let kind: Vec<_> = flights.into_iter().filter(|f| f.has_imu() == with_imu).collect();
-            if kind.len() < 2 {
-                anyhow::bail!(
-                    "{}: {} flight, at least 2 needed to leave one out; name UTIL, or its folder full \
-                     or tdoa_pos",
-                    folder.display(),
-                    kind.len()
-                );
-            }
-            let left_out = util_flights::leave_one_out(&kind, tell);
-            if self.json {
-                print_json(&left_out)?;
-            }
-            util_flights::print_left_out(&mut table, &left_out)?;
-        } else if self.ingredients {
-            let rows = util_flights::ingredients(&flights, tell);
-            if self.json {
-                print_json(&rows)?;
-            }
-            util_flights::print_ingredients(&mut table, &rows)?;
-        } else if self.faults {
-            // With and without IMU are two filters; their warnings are not added up.
-            let (with_imu, unaided): (Vec<_>, Vec<_>) =
-                flights.into_iter().partition(|f| f.has_imu());
-            let mut tell = tell;
-            let mut rows = Vec::new();
-            for kind in [with_imu, unaided].into_iter().filter(|kind| !kind.is_empty()) {
-                rows.push(util_flights::integrity(&kind, &mut tell));
-            }
-            if self.json {
-                print_json(&rows)?;
-            }
-            for kind in &rows {
-                util_flights::print_integrity(&mut table, kind)?;
-                table.push('\n');
-            }
-        } else if self.cold {
-            let profile = util_flights::util_profile();
-            let starts = util_flights::cold_starts(&flights, &profile, tell);
-            if self.json {
-                print_json(&starts)?;
-            }
-            util_flights::print_cold(&mut table, &starts)?;
-        } else {
-            let reports: Vec<_> = flights
-                .iter()
-                .map(|flight| util_flights::run_flight(flight, &util_flights::shipped(flight)))
-                .collect();
-            if self.json {
-                print_json(&reports)?;
-            }
-            util_flights::print_table(&mut table, &reports)?;
-            if !self.json {
-                print(&table);
-            }
-            let diverged = reports.iter().any(|report| report.diverged);
-            return Ok(ExitCode::from(if diverged { DIVERGED } else { 0 }));
+        if let Some(study) = self.study() {
+            let was = format!("haltere replay --util DIR {study}");
+            return Ok(moved::say(&was, &format!("haltere-lab recorded DIR {study}")));
         }
-        progress.clear();
-        if !self.json {
+        let reports: Vec<_> = util_flights::load_all(folder)?
+            .iter()
+            .map(|flight| util_flights::run_flight(flight, &util_flights::shipped(flight)))
+            .collect();
+        if self.json {
+            print_json(&reports)?;
+        } else {
+            let mut table = String::new();
+            util_flights::print_table(&mut table, &reports)?;
             print(&table);
         }
-        Ok(ExitCode::SUCCESS)
+        let diverged = reports.iter().any(|report| report.diverged);
+        Ok(ExitCode::from(if diverged { DIVERGED } else { 0 }))
+    }
+
+    /// A study that was asked for, which the laboratory has now.
+    fn study(&self) -> Option<&'static str> {
+        let studies = [
+            (self.leave_one_out, "--leave-one-out"),
+            (self.ingredients, "--ingredients"),
+            (self.cold, "--cold"),
+            (self.faults, "--faults"),
+            (self.document.is_some(), "--document FILE"),
+        ];
+        studies.into_iter().find(|(asked, _)| *asked).map(|(_, option)| option)
     }
 }

@@ -185,7 +185,7 @@ impl ControlGains {
 }
 
 impl Default for ControlGains {
-    /// Found for `raw` by `haltere-sim tune --generations 60 --seeds 2`, rounded to three digits: the
+    /// Found for `raw` by `haltere-lab tune --generations 60 --seeds 2`, rounded to three digits: the
     /// least worst-case error over a nominal vehicle and seven that differ from it.
     fn default() -> Self {
         Self {

@@ -471,7 +471,7 @@ pub fn after_flight(
 }
 
 /// Clouds of the candidates on a mission, as good as a judgement needs.
-pub(super) fn judge(
+pub fn judge(
     scene: &Scene,
     items: &[MISSION_ITEM_INT_DATA],
     remaining: &Remaining,

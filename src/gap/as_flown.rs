@@ -3,9 +3,8 @@
 
 use crate::frames::wrap_pi_rad;
 use crate::pilot::Mode;
-use crate::record::{Decoded, Entry, LogReader};
+use crate::record::{Decoded, Entry, LogReader, back};
 use crate::replay::{Setpoint, setpoint_of};
-use crate::report::from_log;
 use crate::time::HostTime;
 use crate::topics::{ControlRecord, ModeRecord};
 
@@ -35,7 +34,7 @@ impl AsFlown {
                     flown.setpoints.extend(setpoint_of(at, link, &bytes));
                 }
                 Entry::Decoded(Decoded::Control(m)) => {
-                    flown.controls.push(from_log::control(&m));
+                    flown.controls.push(back::control(&m));
                 }
                 Entry::Decoded(Decoded::Mode(m)) => flown.modes.push(ModeRecord {
                     at: HostTime::from_us(m.at_us),

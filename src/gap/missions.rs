@@ -13,7 +13,7 @@ use super::scene::Scene;
 use crate::model::room::Room;
 
 /// Height of everything that is not about height, m.
-pub(super) const HEIGHT_M: f64 = 1.0;
+pub const HEIGHT_M: f64 = 1.0;
 /// Near the floor, m: multipath shifts the estimate there by some 0.2 m, and at 0.45 m, where this hover once was, 5
 /// of 60 healthy simulated vehicles met the floor, in the laboratory's room 16 of 40; a vehicle that stands
 /// on its feet hides everything else. At 0.55 m none of 60 did, and 454 of 500 drawn effects stood out, 422 at 0.45 m
@@ -26,7 +26,7 @@ const DASH_M: f64 = 1.9;
 /// Half the side of the square along the walls, m.
 const EDGE_M: f64 = 2.4;
 /// Speed of ordinary legs and of dashes, m/s.
-pub(super) const LEG_MPS: f64 = 0.8;
+pub const LEG_MPS: f64 = 0.8;
 const DASH_MPS: [f64; 2] = [1.2, 1.6];
 const EDGE_MPS: f64 = 1.2;
 /// Doublets: amplitude (degrees, or share of full throttle) and length of each half, s. Two
@@ -48,20 +48,22 @@ const CEILING_MARGIN_M: f64 = 0.4;
 const LOWEST_CEILING_M: f64 = 1.5;
 
 /// A mission under construction, relative to the place of take-off. Waypoints stay inside the room.
-pub(super) struct Plan {
+pub struct Plan {
     middle_NE_m: [f64; 2],
     room: Room,
     pub(super) items: Vec<Item>,
 }
 
 impl Plan {
-    pub(super) fn new(scene: &Scene) -> Self {
+    /// Begins with the take-off.
+    pub fn new(scene: &Scene) -> Self {
         let height_m = HEIGHT_M.min(0.5 * scene.room.ceiling_m.max(LOWEST_CEILING_M));
         let takeoff = Item { height_m: Some(height_m), ..Item::new(Command::Takeoff) };
         Self { middle_NE_m: scene.start_NE_m, room: scene.room.clone(), items: vec![takeoff] }
     }
 
-    pub(super) fn go(&mut self, off_NE_m: [f64; 2], height_m: f64, hold_s: f64) {
+    /// To a place, and so long there.
+    pub fn go(&mut self, off_NE_m: [f64; 2], height_m: f64, hold_s: f64) {
         let [north, east] = self.inside(off_NE_m);
         self.items.push(Item {
             hold_s: Some(hold_s),
@@ -88,7 +90,8 @@ impl Plan {
         height_m.min(highest_m)
     }
 
-    pub(super) fn speed(&mut self, mps: f64) {
+    /// Speed of the legs that follow.
+    pub fn speed(&mut self, mps: f64) {
         self.items.push(Item { speed_mps: Some(mps), ..Item::new(Command::Speed) });
     }
 
@@ -114,7 +117,8 @@ impl Plan {
         }
     }
 
-    pub(super) fn land(mut self) -> MissionFile {
+    /// Ends with the landing.
+    pub fn land(mut self) -> MissionFile {
         self.items.push(Item::new(Command::Land));
         MissionFile { items: self.items }
     }
@@ -210,7 +214,7 @@ pub fn held_out(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
 }
 
 /// As uploaded to whoever listens; lockstep has one vehicle.
-pub(super) fn wire(mission: &MissionFile) -> Vec<MISSION_ITEM_INT_DATA> {
+pub fn wire(mission: &MissionFile) -> Vec<MISSION_ITEM_INT_DATA> {
     mission.items.iter().zip(0..).map(|(item, seq)| item.to_wire(seq, 0, 0)).collect()
 }
 

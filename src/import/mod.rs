@@ -8,5 +8,6 @@ pub mod flapper;
 pub mod motion;
 pub mod recording;
 pub mod stand;
+pub mod util;
 
 pub use recording::{Error, Recording, Row, Skipped};

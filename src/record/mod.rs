@@ -19,6 +19,7 @@
 //! | `/hole` | what the recorder itself had to leave out |
 //! | `/closing` | last message of a log that was closed properly |
 
+pub mod back;
 mod channels;
 mod convert;
 mod identity;

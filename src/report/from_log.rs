@@ -2,17 +2,16 @@
 
 use crate::drops::{DropReason, Drops};
 use crate::estimate::{Estimate, Health};
-use crate::frames::{B, E, Rot, Vec3};
+use crate::frames::{B, E, Rot};
 use crate::measure::{
     AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose, ServoOutput,
     Tdoa,
 };
+use crate::record::back::{control, vec3};
 use crate::record::{Decoded, Entry, LogEnd, LogReader, RawInput, pb, utc_text};
 use crate::report::flight::{Flight, GlueRow, ModeRow};
 use crate::time::HostTime;
-use crate::topics::{
-    ControlRecord, HealthRecord, ModeRecord, Saturation, TextRecord, Topic, UwbRecord,
-};
+use crate::topics::{HealthRecord, ModeRecord, TextRecord, Topic, UwbRecord};
 
 /// Reads every decoded topic of a log; says how the log ends.
 pub fn read(log: &LogReader) -> (Flight, LogEnd) {
@@ -196,11 +195,6 @@ fn anchor(id: u32) -> AnchorId {
     AnchorId(u8::try_from(id).unwrap_or(u8::MAX))
 }
 
-/// An absent vector is NaN: plots leave it out.
-fn vec3<F>(v: Option<pb::Vec3>) -> Vec3<F> {
-    v.map_or(Vec3::new(f64::NAN, f64::NAN, f64::NAN), |v| Vec3::new(v.x, v.y, v.z))
-}
-
 fn rotation(q: Option<pb::Quaternion>) -> Option<Rot<E, B>> {
     q.and_then(|q| Rot::from_wxyz([q.w, q.x, q.y, q.z]))
 }
@@ -221,34 +215,6 @@ fn estimate(m: &pb::Estimate) -> Estimate {
             pb::estimate::Health::Good => Health::Good,
             pb::estimate::Health::Degraded => Health::Degraded,
             pb::estimate::Health::Lost => Health::Lost,
-        },
-    }
-}
-
-/// A control step out of its disk form.
-pub fn control(m: &pb::Control) -> ControlRecord {
-    ControlRecord {
-        at: HostTime::from_us(m.at_us),
-        pos_setpoint_E_m: [m.pos_setpoint_north_m, m.pos_setpoint_east_m, m.pos_setpoint_down_m],
-        vel_setpoint_E_mps: vec3(m.vel_setpoint_e_mps),
-        roll_rad: m.roll_rad,
-        pitch_rad: m.pitch_rad,
-        yaw_rad: m.yaw_rad,
-        roll_ff_rad: m.roll_ff_rad,
-        pitch_ff_rad: m.pitch_ff_rad,
-        thrust_frac: m.thrust_frac,
-        thrust_base_frac: m.thrust_base_frac,
-        thrust_feedback_frac: m.thrust_feedback_frac,
-        ground_factor: m.ground_factor,
-        hover_factor: m.hover_factor.unwrap_or(1.0),
-        // Logs of older builds do not say.
-        tilt_factor: m.tilt_factor.unwrap_or(f64::NAN),
-        yaw_board_offset_rad: m.yaw_board_offset_rad,
-        saturation: Saturation {
-            velocity: m.velocity_cut,
-            tilt: m.tilt_cut,
-            thrust_high: m.thrust_cut_high,
-            thrust_low: m.thrust_cut_low,
         },
     }
 }

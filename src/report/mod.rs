@@ -7,6 +7,7 @@ pub mod errors;
 pub mod flight;
 pub mod fourier;
 pub mod from_log;
+pub mod gap;
 pub mod html;
 mod lanes;
 mod lists;

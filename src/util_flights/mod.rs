@@ -9,18 +9,11 @@
 //! rests before the motors start; whether it flies is taken from the accelerometer's unrest. The
 //! pose came over the radio some 10 ms late (authors' figure) and is compared as it is stamped.
 
-mod airborne;
-mod cold;
+pub mod airborne;
 mod consistency;
-mod document;
-mod floor;
-mod ingredients;
-mod integrity;
 mod profiles;
-mod read;
 mod score;
-mod search;
-mod table;
+pub mod table;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -30,64 +23,20 @@ use serde::Serialize;
 use crate::drops::DropReason;
 use crate::estimate::Estimate;
 use crate::estimator::{Counts, Estimator, EstimatorConfig, Motion};
+use crate::import::util::{Error, Flight, Sample, load_located};
 use crate::measure::{ImuSample, ReferencePose};
 use crate::time::HostTime;
 use airborne::Activity;
-pub use cold::{ColdReport, cold_starts, print_cold};
 pub use consistency::Consistency;
-pub use document::document;
-pub use floor::floor_check;
-pub use ingredients::{Ingredients, ingredients, print_ingredients};
-pub use integrity::{Integrity, integrity, print_integrity};
 pub use profiles::{
     shipped, util_nine_profile, util_profile, util_source_profile, util_start_profile,
     util_unaided_profile,
 };
-pub use read::{Event, Flight, Sample, load, load_located};
 use score::Score;
-pub use search::{LeftOut, leave_one_out, print_left_out};
 pub use table::print_table;
 
 /// One sigma of the told heading, rad: motion capture of a hand-placed vehicle.
 const STD_HEADING_RAD: f64 = 0.05;
-
-/// What can go wrong with a folder of recordings.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// A file could not be read.
-    #[error("{path}: {source}")]
-    Io {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// A file does not hold what its layout says.
-    #[error("{path}: line {line}: {what}")]
-    Format {
-        /// Which.
-        path: PathBuf,
-        /// Where.
-        line: usize,
-        /// What was found and what was allowed.
-        what: String,
-    },
-    /// The anchors cannot be flown on.
-    #[error("{path}: {constellation}: {problems}")]
-    Survey {
-        /// Which file.
-        path: PathBuf,
-        /// Which layout in it.
-        constellation: String,
-        /// Why not.
-        problems: crate::checks::Problems,
-    },
-    /// Nothing to run on.
-    #[error(
-        "{0}: no *.csv.gz with TDOA and pose here; expected UTIL, or its folder `full` or `tdoa_pos`"
-    )]
-    Empty(PathBuf),
-}
 
 /// How one flight went.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -254,6 +203,7 @@ pub fn run_traced(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::import::util::load;
 
     /// The shared data lies beside the checkout, or beside the folder of checkouts.
     fn data() -> Option<PathBuf> {
@@ -295,25 +245,6 @@ mod tests {
         assert_eq!(reports[1].impossible, 51);
         let airborne = table::median(reports.iter().map(|r| r.rmse_3d_airborne_m)).unwrap();
         assert!(airborne < 0.20, "{airborne}");
-    }
-
-    /// Past bug: on the first of these flights it was called known to 10 degrees and was off by 72.
-    #[test]
-    fn val_a_heading_found_by_motion_is_as_good_as_it_is_said_to_be() {
-        let Some(dir) = data() else {
-            println!("skipped: no data");
-            return;
-        };
-        let mut flights = load_all(&dir.join("full")).unwrap();
-        flights.retain(|f| f.name.starts_with("jun05") || f.name.starts_with("apr26-traj02"));
-        let starts = cold_starts(&flights, &util_profile(), |_, _, _| {});
-        let known: Vec<(f64, f64)> = starts
-            .iter()
-            .filter_map(|s| Some((s.heading_error_deg?.abs(), s.heading_std_deg?)))
-            .collect();
-        // 12 of 12 were found.
-        assert!(known.len() >= 10, "{starts:?}");
-        assert!(known.iter().all(|(off, std)| *off < 3.0 * std && *std < 20.0), "{known:?}");
     }
 
     #[test]

@@ -72,16 +72,17 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
 }
 
 /// With band and effective number, and whether it is outside.
-pub(super) fn consistency(value: Option<Consistency>) -> String {
+pub fn consistency(value: Option<Consistency>) -> String {
     value.map_or("-".into(), |v| v.to_string())
 }
 
-pub(super) fn metres(value: Option<f64>) -> String {
+/// To the millimetre, or a dash.
+pub fn metres(value: Option<f64>) -> String {
     value.map_or("-".into(), |v| format!("{v:.3}"))
 }
 
 /// Mean of the two middle values for an even number; `None` if any is missing.
-pub(super) fn median(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+pub fn median(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     let mut values: Vec<f64> = values.collect::<Option<_>>()?;
     values.sort_by(f64::total_cmp);
     let n = values.len();

@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use haltere::fit::balance;
 use haltere::fit::source::Source;
 use haltere::fit::tell;
-use haltere::gap::balance;
 use haltere::import::{Recording, columns, flapper, stand};
 use haltere::model::Vehicle;
 

@@ -16,6 +16,7 @@ use haltere::mission_file::{Command as ItemCommand, Item};
 use haltere::model::{Plant, Truth};
 use haltere::pilot::Mode;
 use haltere::report::truth::HEADER;
+use haltere::tape::Tape;
 use haltere::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
 
@@ -26,7 +27,6 @@ use super::plan::Plan;
 use super::row::{Outcome, Row};
 use crate::endpoint::truth_row;
 use crate::faults::{Mishap, Part, Phase, Told};
-use crate::tape::Tape;
 
 /// On the floor and disarmed for this long: it is over, µs.
 const REST_US: u64 = 1_000_000;

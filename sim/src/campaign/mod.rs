@@ -28,8 +28,8 @@ use std::sync::PoisonError;
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 
-use crate::progress::Progress;
 use file::Campaign;
+use haltere::progress::Progress;
 use row::{Outcome, Row};
 use store::{Identity, Store, write_whole};
 

@@ -23,8 +23,8 @@ use self::flight::fly;
 use self::judge::Outcome;
 use self::kind::{Kind, Phase, Trial};
 use crate::firmware::Which;
-use crate::progress::Progress;
 use crate::stop::Stop;
+use haltere::progress::Progress;
 
 /// `haltere-sim kills`
 #[derive(Debug, Clone, clap::Args)]

@@ -8,11 +8,10 @@ use haltere::lockstep::{HOST_START_US, Listener, Tap};
 use haltere::pilot::Pilot;
 use haltere::record::{BuildIdentity, Recorder, Session};
 use haltere::sources::Loaded;
+use haltere::tape::Reels;
 use haltere::time::HostTime;
 use haltere::topics::Topic;
 use haltere::watch::Feed;
-
-use crate::tape::Reels;
 
 /// MAVLink severity up to which a text is a warning.
 const SEVERITY_WARNING: u8 = 4;

@@ -8,10 +8,10 @@ use haltere::frames::Vec3;
 use haltere::lockstep::{Flight, Lockstep, Sample, fly};
 use haltere::model::PlantConfig;
 use haltere::pilot::{Action, CONDITIONS, Mode, PilotConfig};
+use haltere::progress::Progress;
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
 
 use crate::compare::{CENTRE_NE_M, in_plant};
-use crate::progress::Progress;
 use crate::steps::item;
 
 /// First seed; no search was made on it or on those that follow.

@@ -27,11 +27,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use haltere::pilot::PilotConfig;
+use haltere::progress::Progress;
 use haltere::report::verdict::all_passed;
 use rayon::prelude::*;
 
 use crate::compare::pilot_config;
-use crate::progress::Progress;
 use bench::Bench;
 use results::Section;
 

@@ -140,7 +140,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
             "From hover at 1.2 m, out and back by 1 m and 2 m along each axis, the setpoint jumping. Error: \
              mean |truth \u{2212} command| along the stepped axis over {WINDOW_S:.0} s from the jump, the \
              rise included. The source states neither window nor whether the way back counts. Gains are \
-             the same in both versions, found by a search for `raw` on other seeds (`haltere-sim tune`)."
+             the same in both versions, found by a search for `raw` on other seeds (`haltere-lab tune`)."
         ),
         ..Section::default()
     };

@@ -20,6 +20,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use haltere::ctl::GroundStation;
 use haltere::model::Vehicle;
+use haltere::progress::Progress;
 
 use self::asked::Asked;
 use self::stalls::{Stalls, Watch};
@@ -27,7 +28,6 @@ use self::tap::{BoardSide, Taps};
 use self::wire::Wire;
 use crate::demo::newest_log;
 use crate::flood::measure::{Phase, phases};
-use crate::progress::Progress;
 use crate::rig::{Companion, Endpoint, Wiring, free_port, now_us};
 use crate::scenario::Scenario;
 use crate::stop::Stop;

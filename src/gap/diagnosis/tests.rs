@@ -143,12 +143,7 @@ fn prop_a_log_that_cannot_be_read_has_a_whole_report() {
 }
 
 #[test]
-fn prop_what_another_build_would_have_sent_stands_on_the_page() {
-    let mut d = unreadable("x.mcap".into(), "byte 3: not a log".into());
-    d.faults.clear();
-    d.remarks.push("another build flew this: 3 of 9000, by up to 2.00 deg".into());
-    let page = crate::gap::page::render(&d);
-    assert!(page.contains("another build flew this: 3 of 9000, by up to 2.00 deg"));
+fn prop_what_another_build_would_have_sent_has_a_word() {
     let report = |same_source, differs| {
         let mut report = Report::new("x.mcap".into(), Demand::Decoded, Vec::new(), same_source);
         (report.verdict, report.differs) = (Verdict::Different, Some(differs));

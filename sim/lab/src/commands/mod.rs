@@ -1,0 +1,6 @@
+//! Commands of the laboratory whose work is done by a module of the same or a kindred name beside this folder.
+
+pub mod advise;
+pub mod blind;
+pub mod recorded;
+pub mod sight;

@@ -1,0 +1,112 @@
+//! `haltere-lab`: the laboratory, which measures the companion and its diagnosis: scores on sealed flights, what each
+//! part is worth, the search for gains, recorded flights of others. It is no part of the product: nothing that flies,
+//! diagnoses or is packaged ever needs it, and neither `haltere` nor `haltere-sim` depends on it.
+
+mod aids;
+mod blind;
+mod cases;
+mod commands;
+mod generator;
+mod lines_of_sight;
+mod outside;
+mod recorded;
+#[cfg(test)]
+mod recordings;
+mod retune;
+mod score;
+mod trial;
+mod tune;
+mod withheld;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+/// Scores, ablations, tuning and studies of haltere, for those who work on it.
+///
+/// Exit codes: 0 success, 1 a bound or a demand is missed, 2 something went wrong; others per command.
+#[derive(Debug, Parser)]
+#[command(name = "haltere-lab", version, max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// The sealed suite for the diagnosis of the sim-to-real gap: flights of another world, with
+    /// the key to them in a folder of its own (docs/GAP_PROTOCOL.md).
+    Cases(cases::Options),
+    /// From which size on each effect of the other world shows in the diagnostic flight: what the sealed
+    /// suite is made with (docs/GAP_PROTOCOL.md).
+    Detectable(cases::detectable::Options),
+    /// Scores a sealed suite of flights.
+    Blind(commands::blind::Blind),
+    /// Studies of the estimator on recorded UWB flights with motion capture: docs/ESTIMATOR.md.
+    Recorded(commands::recorded::Recorded),
+    /// Blocked lines of sight in recorded UWB flights with motion capture.
+    Sight(commands::sight::Sight),
+    /// What the advice of `haltere gap advise` is worth.
+    Advise(commands::advise::Advise),
+    /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
+    /// docs/ESTIMATOR_SIM.md.
+    Aids(aids::Options),
+    /// Search PID gains for version `raw`, as the committed ones were found.
+    Tune(tune::Options),
+}
+
+/// A bound or a demand is missed.
+const EXIT_BOUND: u8 = 1;
+/// Something else went wrong.
+const EXIT_ERROR: u8 = 2;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    haltere::cli::start_logging();
+    let result = match cli.command {
+        Command::Cases(options) => cases::run(&options).map(code),
+        Command::Detectable(options) => cases::detectable::run(&options).map(code),
+        Command::Blind(blind) => blind.run(),
+        Command::Recorded(recorded) => recorded.run(),
+        Command::Sight(sight) => sight.run(),
+        Command::Advise(advise) => advise.run(),
+        Command::Aids(options) => aids::run(&options).map(code),
+        Command::Tune(options) => tune::run(&options).map(code),
+    };
+    match result {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("haltere-lab: {error:#}");
+            ExitCode::from(EXIT_ERROR)
+        }
+    }
+}
+
+/// Exit code of what says whether its bounds were kept.
+fn code(kept: bool) -> ExitCode {
+    if kept { ExitCode::SUCCESS } else { ExitCode::from(EXIT_BOUND) }
+}
+
+#[cfg(test)]
+mod tests {
+    use haltere::reference::commands::{MANUALS, commands_of};
+
+    use super::*;
+
+    #[test]
+    fn prop_commands_of_the_manuals_are_understood() {
+        let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+        let mut checked = 0;
+        for name in MANUALS.iter().chain(&["docs/GAP_PROTOCOL.md"]) {
+            let text = std::fs::read_to_string(format!("{root}/{name}")).expect("a manual");
+            for command in commands_of(&text, "haltere-lab") {
+                let line = command.join(" ");
+                if let Err(error) = Cli::try_parse_from(command) {
+                    panic!("{name}: `{line}` is refused:\n{error}");
+                }
+                checked += 1;
+            }
+        }
+        assert!(checked > 5, "{checked} commands were found");
+    }
+}

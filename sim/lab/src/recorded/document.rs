@@ -1,0 +1,280 @@
+//! docs/ESTIMATOR.md: what is measured on the recorded flights, as one page that a command writes.
+
+use std::fmt::Write as _;
+
+use haltere::import::util::Flight;
+use haltere::util_flights::{Consistency, FlightReport, run_flight, shipped, table, util_profile};
+
+use super::cold::{ColdReport, cold_starts, print_cold};
+use super::floor::floor_check;
+use super::ingredients::{Ingredients, ingredients, print_ingredients};
+use super::integrity::{Integrity, integrity, print_integrity};
+use super::search::{LeftOut, leave_one_out, print_left_out};
+
+/// Measures everything and writes the page. `tell` is told how far it is: done, of how many, what.
+pub fn document(flights: &[Flight], mut tell: impl FnMut(usize, usize, &str)) -> String {
+    let with_imu: Vec<Flight> = flights.iter().filter(|f| f.has_imu()).cloned().collect();
+    let reports: Vec<FlightReport> =
+        flights.iter().map(|flight| run_flight(flight, &shipped(flight))).collect();
+    let rows = ingredients(flights, &mut tell);
+    let cold = cold_starts(flights, &util_profile(), &mut tell);
+    let unaided: Vec<Flight> = flights.iter().filter(|f| !f.has_imu()).cloned().collect();
+    let left_out = [leave_one_out(&with_imu, &mut tell), leave_one_out(&unaided, &mut tell)];
+    let faults = [
+        ("With IMU", integrity(&with_imu, &mut tell)),
+        ("TDOA alone", integrity(&unaided, &mut tell)),
+    ];
+    let mut out = page(&reports, &rows, &cold, &left_out);
+    // Writing to a String cannot fail.
+    let _ = more(&mut out, flights, &faults);
+    out
+}
+
+fn page(
+    reports: &[FlightReport],
+    rows: &[Ingredients],
+    cold: &[ColdReport],
+    left_out: &[Vec<LeftOut>],
+) -> String {
+    let mut out = String::from(INTRODUCTION);
+    // Writing to a String cannot fail.
+    let _ = (|| -> std::fmt::Result {
+        writeln!(out, "\n## Every flight\n\n{ABOUT_FLIGHTS}\n")?;
+        flights_table(&mut out, reports)?;
+        outside(&mut out, reports)?;
+        writeln!(out, "\n## Every ingredient on and off\n\n{ABOUT_INGREDIENTS}\n")?;
+        let aided = |aided: bool| -> Vec<Ingredients> {
+            let keep = |r: &&FlightReport| r.aided_by_imu == aided;
+            rows.iter()
+                .map(|row| Ingredients {
+                    variant: row.variant.clone(),
+                    reports: row.reports.iter().filter(keep).cloned().collect(),
+                })
+                .collect()
+        };
+        writeln!(out, "With IMU (airborne 3D rms, m):\n")?;
+        print_ingredients(&mut out, &aided(true))?;
+        writeln!(out, "\nTDOA alone (airborne 3D rms, m):\n")?;
+        print_ingredients(&mut out, &aided(false))?;
+        writeln!(out, "\n## One flight left out\n\n{ABOUT_LEFT_OUT}\n")?;
+        for (title, left_out) in ["With IMU", "TDOA alone"].into_iter().zip(left_out) {
+            writeln!(out, "\n### {title}\n")?;
+            print_left_out(&mut out, left_out)?;
+        }
+        writeln!(out, "\n## Cold starts\n\n{ABOUT_COLD}\n")?;
+        print_cold(&mut out, cold)
+    })();
+    out
+}
+
+/// What is not about errors of position: warnings, the floor, time.
+fn more(
+    out: &mut String,
+    flights: &[Flight],
+    faults: &[(&str, Vec<Integrity>)],
+) -> std::fmt::Result {
+    writeln!(out, "\n## Warnings before the estimate is wrong\n\n{ABOUT_INTEGRITY}\n")?;
+    for (title, rows) in faults {
+        writeln!(out, "{title}:\n")?;
+        print_integrity(out, rows)?;
+        writeln!(out)?;
+    }
+    writeln!(out, "## Survey check on the floor\n\n{ABOUT_FLOOR}\n")?;
+    writeln!(
+        out,
+        "| flight | low anchors, m | worst anchor | it reads too far by, m | doubt | others | says |"
+    )?;
+    writeln!(out, "|---|---|---|---|---|---|---|")?;
+    for flight in flights {
+        let Some(fit) = floor_check(flight) else {
+            writeln!(out, "| {} | - | - | - | - | - | too little heard |", flight.name)?;
+            continue;
+        };
+        writeln!(
+            out,
+            "| {} | {:+.2} | {} | {:+.2} | {:.2} | {:.2} | {} |",
+            flight.name,
+            fit.hidden_m,
+            fit.worst,
+            fit.range_bias_m,
+            fit.doubt,
+            fit.others_doubt,
+            if fit.is_at_fault(0.6) {
+                "refuses"
+            } else if fit.is_at_fault(0.3) {
+                "tells"
+            } else {
+                "nothing"
+            }
+        )?;
+    }
+    Ok(())
+}
+
+fn flights_table(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result {
+    writeln!(
+        out,
+        "| flight | IMU | whole | airborne | median | 95 % | worst | bias N, E, D | NEES | NIS | \
+         over 1 m: warned, not, s | rejected or > 3 σ, by anchor |"
+    )?;
+    writeln!(out, "|---|---|---|---|---|---|---|---|---|---|---|---|")?;
+    for r in reports {
+        let [n, e, d] = r.bias_m;
+        let anchors: Vec<String> =
+            r.doubted_by_anchor.iter().map(|(id, count)| format!("{id}: {count}")).collect();
+        writeln!(
+            out,
+            "| {}{} | {} | {} | {} | {} | {} | {} | {n:.2}, {e:.2}, {d:.2} | {} | {} | {:.1}, {:.1} | {} |",
+            r.flight,
+            if r.diverged { " †" } else { "" },
+            if r.aided_by_imu { "yes" } else { "no" },
+            table::metres(r.rmse_3d_m),
+            table::metres(r.rmse_3d_airborne_m),
+            table::metres(r.median_m),
+            table::metres(r.p95_m),
+            table::metres(r.worst_m),
+            table::consistency(r.nees_band),
+            table::consistency(r.nis_band),
+            r.warned_s,
+            r.unwarned_s,
+            anchors.join(", "),
+        )?;
+    }
+    for (name, aided) in [("with IMU", true), ("TDOA alone", false)] {
+        let of = || reports.iter().filter(|r| r.aided_by_imu == aided);
+        if of().next().is_some() {
+            writeln!(
+                out,
+                "| **median, {name}** | | {} | {} | | | | | | | | |",
+                table::metres(table::median(of().map(|r| r.rmse_3d_m))),
+                table::metres(table::median(of().map(|r| r.rmse_3d_airborne_m))),
+            )?;
+        }
+    }
+    Ok(())
+}
+
+/// Which flights are outside the bands, and on which side.
+fn outside(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result {
+    let side = |of: fn(&FlightReport) -> Option<Consistency>, is: fn(&Consistency) -> bool| {
+        let names: Vec<String> = reports
+            .iter()
+            .filter(|r| of(r).is_some_and(|c| is(&c)))
+            .map(|r| format!("`{}`", r.flight))
+            .collect();
+        if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+    };
+    writeln!(out, "\nOutside:\n")?;
+    type Figure = fn(&FlightReport) -> Option<Consistency>;
+    let figures: [(&str, Figure); 2] = [("NEES", |r| r.nees_band), ("NIS", |r| r.nis_band)];
+    for (name, of) in figures {
+        let known = reports.iter().filter_map(of).count();
+        writeln!(
+            out,
+            "* {name} of {known} flights: below, cautious: {}; above, overconfident: {}.",
+            side(of, Consistency::is_cautious),
+            side(of, Consistency::is_overconfident)
+        )?;
+    }
+    Ok(())
+}
+
+const INTRODUCTION: &str = "\
+# Estimator: what it does on recorded flights
+
+Written by `haltere-lab recorded DIR --document docs/ESTIMATOR.md`; do not edit by hand. DIR holds
+`full/` and `tdoa_pos/` of UTIL (Zhao, Goudar, Qiao, Schoellig, IJRR 43(10), 2024), which is no part
+of this repository. † diverged (more than 2 m for more than 1 s), or found no start.
+
+## The filter
+
+The nine states of the source (position, velocity, attitude) stay as they are. Beside them, each of up to 16
+anchors has a range bias in two parts, one that wanders with time and distance flown and one that stays
+(`src/estimator/bias.rs`), so that what an obstacle does to one path is neither averaged as if it were white nor
+taken for a movement. How much each wanders is learned in flight, within seconds (`bias_level.rs`): what is
+found of a bias and what is not known of it must add up to what it is said to be. Each anchor also has a
+quality, a factor on its variance that is learned from its innovations (`quality.rs`). Nothing is thrown away by
+a gate: what does not fit keeps the weight that a Student-t tail leaves it, so that a bad start converges. When
+most anchors at once do not fit, the filter is doubted, not they: a position is found anew by least squares, and
+taken if it explains the measurements better. One anchor that does not fit while all the others fit one another
+is left out, the position goes to where the others have it, and health is degraded until it fits again
+(`isolation.rs`). It is degraded as well when they contradict one another and none can be named. Without IMU
+nothing but the height says that the floor hides the low anchors, and with their biases free a height that is
+too low fits as well as the true one: as long as the height is uncertain there, a position is sought anew.
+
+Why this helps: on these recordings the errors of the pairs are the differences of one number for each
+anchor. On the floor each of the four low anchors reads 3 to 4 m too far; behind the metal box of
+`apr26-traj11` anchor 0 does by 2.5 m, in both of its pairs with opposite signs; in free space they
+differ by -0.1 to +0.1 m that stay for days, and wander by some 0.2 m over half a metre of flight.
+
+";
+const ABOUT_FLIGHTS: &str = "\
+One set of parameters for the flights with IMU and one for those without (`profiles.rs`), causal. 3D errors
+in m against motion capture, which is stamped some 10 ms late and taken as it is stamped. Whole: from the first
+estimate on, floor included. Airborne: above 0.5 m and more than 5 s after lift-off. NEES: mean squared error
+over stated covariance per axis; NIS: mean squared innovation over stated variance, each at most 25; 1 is
+honest, below 1 cautious. In brackets the values between which 95 % of honest filters are, from χ² of the
+effective number n of independent errors in the flight (`consistency.rs`): χ² after Bar-Shalom, Li, Kirubarajan,
+Estimation with applications to tracking and navigation, 2001, section 5.4; n from the autocorrelation of the
+flight's own errors after Bayley and Hammersley, J. R. Stat. Soc. Suppl. 8(2), 1946, up to where Geyer,
+Statistical Science 7(4), 1992, ends it. Errors of position last, and innovations share anchors: n is far below
+the number of poses and of measurements. Of 20 figures of honest filters one is outside by chance. What the UWB
+errors are was taken from the ranges in the README of the recordings, and within them by NEES and NIS of these
+flights; the accuracy hardly changes within them. The filter is told the heading at the first instant when there
+is an IMU, and nothing else but the anchors and where the tag is on the vehicle, as its authors wrote it down
+(June and `const`: 9 cm above the centre; April: unknown, taken as zero).";
+const ABOUT_INGREDIENTS: &str = "\
+All else as shipped. A variant is not tuned anew for what it lacks. Last column: median over the whole
+flights.";
+const ABOUT_INTEGRITY: &str = "\
+Each recording with a fault from its middle to its end, in the air. Over 1 m: for longer than 0.2 s. Warned:
+health was not good then or within the 2 s before.
+Fewer than seven anchors heard count as a warning: one that is wrong would not be found out among them.
+Health is degraded while an anchor is left out, also where the estimate is good without it.";
+const ABOUT_FLOOR: &str = "\
+What the check before take-off (docs/SAFETY.md, `anchors`) says of each recording at the moment before its
+lift-off, told nothing but the anchors. Doubt: how much of the misfit the anchor explains, in units of what
+is usual; it is named from 2 on if the others, without it, stay below 1. Where the floor adds more than 1 m to
+the low anchors nothing is concluded. The two that are refused have a metal box beside anchor 2.";
+const ABOUT_LEFT_OUT: &str = "\
+For each flight the parameters of the UWB errors were searched on the five others, from round numbers
+that no result of ours has shaped, and then judged on the flight that was left out. Drag and process
+noise are the vehicle's: they were set from its IMU and motion capture, within that the noise of the horizontal
+acceleration by the NEES of all flights, and are not searched. Nor is `quality.least`, which is as shipped.";
+const ABOUT_COLD: &str = "\
+Switched on every 4 s of a flight, in the air, or at its beginning on the floor, and told neither
+position nor heading. Peak: largest error from the first position that is offered. Converged: below
+0.6 m for a second. Until the heading is known, health is `Lost`: a position to look at, not to fly on.
+Known: when one sigma of the best of sixteen filters that race (`src/estimator/cold.rs`) is below 14 deg. The last
+column is the error over the sigma stated with it; 1 is honest.";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_the_page_names_what_is_outside_and_on_which_side() {
+        let report = |flight: &str, nees, nis| FlightReport {
+            flight: flight.into(),
+            nees_band: nees,
+            nis_band: nis,
+            ..FlightReport::default()
+        };
+        let band = |mean| Some(Consistency { mean, independent: 25.0, low: 0.52, high: 1.63 });
+        let reports = [
+            report("a", band(0.4), band(1.0)),
+            report("b", band(1.0), None),
+            report("c", band(2.0), None),
+        ];
+        let mut out = String::new();
+        flights_table(&mut out, &reports).unwrap();
+        outside(&mut out, &reports).unwrap();
+        for says in [
+            "| 0.40 (0.52 to 1.63, n 25) outside | 1.00 (0.52 to 1.63, n 25) |",
+            "* NEES of 3 flights: below, cautious: `a`; above, overconfident: `c`.",
+            "* NIS of 1 flights: below, cautious: none; above, overconfident: none.",
+        ] {
+            assert!(out.contains(says), "{out}");
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! Every ingredient on and off, on every recorded flight.
+
+use std::fmt::{self, Write};
+
+use serde::Serialize;
+
+use haltere::estimator::{EstimatorConfig, SpecificForce, Tail, UwbNoise};
+use haltere::import::util::Flight;
+use haltere::util_flights::{
+    FlightReport, run_flight, shipped, table, util_nine_profile, util_source_profile,
+};
+
+/// A filter with something changed.
+struct Variant {
+    name: &'static str,
+    change: fn(&mut EstimatorConfig),
+}
+
+/// The whole first, then each ingredient taken out or exchanged, then the older filters.
+const VARIANTS: [Variant; 20] = [
+    Variant { name: "**all, as shipped**", change: |_| {} },
+    Variant { name: "without wandering biases", change: |c| c.anchor_bias.std_m = 1e-4 },
+    Variant { name: "without constant biases", change: |c| c.anchor_bias.constant_std_m = 0.0 },
+    Variant { name: "without any biases", change: |c| c.anchor_bias.estimate = false },
+    Variant { name: "biases wander in time only", change: |c| c.anchor_bias.correlation_m = 1e5 },
+    Variant { name: "how much they wander is set", change: |c| c.anchor_bias.level_s = 0.0 },
+    Variant { name: "floor hides no anchors", change: |c| c.anchor_bias.low_anchor_m = -50.0 },
+    Variant { name: "without learned quality", change: |c| c.quality.learn = false },
+    Variant { name: "no anchor left out", change: |c| c.isolation.leave_out = false },
+    Variant { name: "Huber tail", change: |c| c.gate.tail = Tail::Huber },
+    Variant { name: "normal errors, no tail", change: |c| c.gate.tail = Tail::Gaussian },
+    Variant {
+        name: "hard gate at 5 sigma",
+        change: |c| {
+            c.gate.reject = true;
+            c.gate.sigma = 5.0;
+        },
+    },
+    Variant { name: "without drag", change: |c| c.drag = false },
+    Variant {
+        name: "accelerometer on all axes",
+        change: |c| c.specific_force = SpecificForce::Accelerometer,
+    },
+    Variant { name: "what lasts beyond drag", change: |c| c.slow_force_s = 2.0 },
+    Variant { name: "with the gyroscope's bias", change: |c| c.gyro_bias.estimate = true },
+    Variant { name: "neighbours share arrivals", change: |c| c.uwb_arrival_frac = 0.17 },
+    Variant { name: "with barometer", change: |c| c.baro.fuse = true },
+    Variant { name: "nine states, errors that last, tails", change: |c| *c = util_nine_profile() },
+    Variant { name: "nine states of the source", change: |c| *c = util_source_profile() },
+];
+
+/// The other ingredient that needs the height: the source's variable noise.
+const VARIABLE_NOISE: Variant = Variant {
+    name: "with noise that depends on height",
+    change: |c| c.uwb_noise = UwbNoise::HeightDependent,
+};
+
+/// How each variant went on each flight.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ingredients {
+    /// What was changed.
+    pub variant: String,
+    /// One for each flight.
+    pub reports: Vec<FlightReport>,
+}
+
+/// Runs all variants. `tell` is told how far it is: done, of how many, what.
+pub fn ingredients(
+    flights: &[Flight],
+    mut tell: impl FnMut(usize, usize, &str),
+) -> Vec<Ingredients> {
+    let variants: Vec<&Variant> = VARIANTS.iter().chain([&VARIABLE_NOISE]).collect();
+    let mut out = Vec::new();
+    for (done, variant) in variants.iter().enumerate() {
+        tell(done, variants.len(), variant.name);
+        let reports = std::thread::scope(|scope| {
+            let running: Vec<_> =
+                flights.iter().map(|f| scope.spawn(move || run_changed(f, variant))).collect();
+            running.into_iter().filter_map(|r| r.join().ok()).collect()
+        });
+        out.push(Ingredients { variant: variant.name.to_owned(), reports });
+    }
+    out
+}
+
+fn run_changed(flight: &Flight, variant: &Variant) -> FlightReport {
+    let mut config = shipped(flight);
+    (variant.change)(&mut config);
+    run_flight(flight, &config)
+}
+
+/// Writes the table as Markdown: airborne 3D rms, m, and the median of the whole flights.
+pub fn print_ingredients(out: &mut impl Write, rows: &[Ingredients]) -> fmt::Result {
+    let Some(first) = rows.first() else { return Ok(()) };
+    let names: Vec<&str> = first.reports.iter().map(|r| r.flight.as_str()).collect();
+    writeln!(out, "| | {} | median | worst | whole flights |", names.join(" | "))?;
+    writeln!(out, "|---|{}---|---|---|", "---|".repeat(names.len()))?;
+    for row in rows {
+        let cells: Vec<String> = row
+            .reports
+            .iter()
+            .map(|r| {
+                let lost = if r.diverged { " †" } else { "" };
+                format!("{}{lost}", table::metres(r.rmse_3d_airborne_m))
+            })
+            .collect();
+        let airborne = || row.reports.iter().map(|r| r.rmse_3d_airborne_m);
+        let worst =
+            airborne().collect::<Option<Vec<f64>>>().and_then(|v| v.into_iter().reduce(f64::max));
+        writeln!(
+            out,
+            "| {} | {} | {} | {} | {} |",
+            row.variant,
+            cells.join(" | "),
+            table::metres(table::median(airborne())),
+            table::metres(worst),
+            table::metres(table::median(row.reports.iter().map(|r| r.rmse_3d_m))),
+        )?;
+    }
+    Ok(())
+}

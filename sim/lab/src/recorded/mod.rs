@@ -1,0 +1,9 @@
+//! Studies of the estimator on recorded flights of others (`haltere::util_flights`): parameters chosen with one flight
+//! left out, every ingredient on and off, cold starts, faults, the floor, and the page `docs/ESTIMATOR.md` of all of it.
+
+pub mod cold;
+pub mod document;
+pub mod floor;
+pub mod ingredients;
+pub mod integrity;
+pub mod search;

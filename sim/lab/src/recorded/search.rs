@@ -1,0 +1,209 @@
+//! Leave one flight out: parameters chosen by search on the other flights, judged on that one.
+//!
+//! The search walks along one parameter after the other, in factors that shrink from round to round,
+//! from a start that none of the flights has shaped (`util_start_profile`). What it minimises is the
+//! root of the mean over the flights of `½ (whole flight)² + ½ (airborne)²`, 3D rms, m. A change is taken
+//! only when its mean gain exceeds the standard error of that mean over the flights (the one standard
+//! error rule of Breiman, Friedman, Olshen and Stone, Classification and Regression Trees, 1984, 3.4.3):
+//! what helps one flight and spoils the next is chance, and would be carried to the one left out.
+
+use std::fmt::{self, Write};
+
+use serde::Serialize;
+
+use haltere::estimator::EstimatorConfig;
+use haltere::import::util::Flight;
+use haltere::util_flights::{
+    FlightReport, run_flight, shipped, table, util_profile, util_start_profile,
+    util_unaided_profile,
+};
+
+/// Error that a flight without a figure or with a divergence counts as, m.
+const DIVERGED_M: f64 = 5.0;
+/// Factors of the rounds.
+const FACTORS: [f64; 3] = [2.0, 1.414, 1.19];
+
+/// A parameter that is searched.
+struct Knob {
+    name: &'static str,
+    of: fn(&mut EstimatorConfig) -> &mut f64,
+}
+
+const KNOBS: [Knob; 10] = [
+    Knob { name: "std_uwb_m", of: |c| &mut c.std_uwb_m },
+    Knob { name: "uwb_correlation_s", of: |c| &mut c.uwb_correlation_s },
+    Knob { name: "anchor_bias.std_m", of: |c| &mut c.anchor_bias.std_m },
+    Knob { name: "anchor_bias.constant_std_m", of: |c| &mut c.anchor_bias.constant_std_m },
+    Knob { name: "anchor_bias.correlation_s", of: |c| &mut c.anchor_bias.correlation_s },
+    Knob { name: "anchor_bias.correlation_m", of: |c| &mut c.anchor_bias.correlation_m },
+    Knob { name: "anchor_bias.level_s", of: |c| &mut c.anchor_bias.level_s },
+    Knob { name: "quality.time_s", of: |c| &mut c.quality.time_s },
+    Knob { name: "isolation.others_doubt", of: |c| &mut c.isolation.others_doubt },
+    Knob { name: "gate.tail_sigma", of: |c| &mut c.gate.tail_sigma },
+];
+
+/// One flight left out.
+#[derive(Debug, Clone, Serialize)]
+pub struct LeftOut {
+    /// How it went with parameters of the others.
+    pub report: FlightReport,
+    /// How it goes with the profile that is shipped.
+    pub shipped: FlightReport,
+    /// What the search chose, by name.
+    pub chosen: Vec<(&'static str, f64)>,
+    /// What the search reached on the others, m.
+    pub training_m: f64,
+}
+
+/// Leaves out every flight in turn. `tell` is told how far it is: done, of how many, what.
+pub fn leave_one_out(flights: &[Flight], mut tell: impl FnMut(usize, usize, &str)) -> Vec<LeftOut> {
+    let total = flights.len() * FACTORS.len() * KNOBS.len();
+    let mut done = 0;
+    let mut out = Vec::new();
+    for (i, flight) in flights.iter().enumerate() {
+        let others: Vec<&Flight> =
+            flights.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, f)| f).collect();
+        let (config, training_m) = search(&others, &util_start_profile(), |knob| {
+            done += 1;
+            tell(done, total, &format!("without {}: {knob}", flight.name));
+        });
+        let mut chosen_of = config.clone();
+        out.push(LeftOut {
+            report: run_flight(flight, &config),
+            shipped: run_flight(flight, &shipped(flight)),
+            chosen: KNOBS.iter().map(|knob| (knob.name, *(knob.of)(&mut chosen_of))).collect(),
+            training_m,
+        });
+    }
+    out
+}
+
+fn search(
+    flights: &[&Flight],
+    start: &EstimatorConfig,
+    mut tell: impl FnMut(&str),
+) -> (EstimatorConfig, f64) {
+    let mut best = start.clone();
+    let mut least_m2 = costs_m2(flights, &best);
+    for factor in FACTORS {
+        for knob in &KNOBS {
+            tell(knob.name);
+            for step in [factor, 1.0 / factor] {
+                loop {
+                    let mut tried = best.clone();
+                    *(knob.of)(&mut tried) *= step;
+                    let mut problems = haltere::checks::Problems::new();
+                    tried.check("", &mut problems);
+                    if !problems.is_empty() {
+                        break;
+                    }
+                    let tried_m2 = costs_m2(flights, &tried);
+                    if !is_gain(&least_m2, &tried_m2) {
+                        break;
+                    }
+                    (best, least_m2) = (tried, tried_m2);
+                }
+            }
+        }
+    }
+    (best, mean(&least_m2).sqrt())
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// Whether the second costs are lower than the first by more than chance explains.
+fn is_gain(before_m2: &[f64], after_m2: &[f64]) -> bool {
+    let gains: Vec<f64> = before_m2.iter().zip(after_m2).map(|(b, a)| b - a).collect();
+    let n = gains.len() as f64;
+    let gain = mean(&gains);
+    let spread = gains.iter().map(|g| (g - gain).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    gain > (spread / n.max(1.0)).sqrt()
+}
+
+/// Cost of each flight, m².
+fn costs_m2(flights: &[&Flight], config: &EstimatorConfig) -> Vec<f64> {
+    let reports: Vec<FlightReport> = std::thread::scope(|scope| {
+        let running: Vec<_> =
+            flights.iter().map(|f| scope.spawn(move || run_flight(f, config))).collect();
+        running.into_iter().filter_map(|r| r.join().ok()).collect()
+    });
+    let square = |v: Option<f64>| v.unwrap_or(DIVERGED_M).min(DIVERGED_M).powi(2);
+    let cost = |r: &FlightReport| {
+        let lost = if r.diverged { DIVERGED_M * DIVERGED_M } else { 0.0 };
+        0.5 * (square(r.rmse_3d_m) + square(r.rmse_3d_airborne_m)) + lost
+    };
+    reports.iter().map(cost).collect()
+}
+
+/// Writes the table as Markdown.
+pub fn print_left_out(out: &mut impl Write, left_out: &[LeftOut]) -> fmt::Result {
+    writeln!(
+        out,
+        "| left out | whole flight | airborne | worst | diverged | shipped: whole | airborne |"
+    )?;
+    writeln!(out, "|---|---|---|---|---|---|---|")?;
+    for l in left_out {
+        writeln!(
+            out,
+            "| {} | {} | {} | {} | {} | {} | {} |",
+            l.report.flight,
+            table::metres(l.report.rmse_3d_m),
+            table::metres(l.report.rmse_3d_airborne_m),
+            table::metres(l.report.worst_m),
+            if l.report.diverged { "yes" } else { "no" },
+            table::metres(l.shipped.rmse_3d_m),
+            table::metres(l.shipped.rmse_3d_airborne_m),
+        )?;
+    }
+    let median =
+        |of: fn(&LeftOut) -> Option<f64>| table::metres(table::median(left_out.iter().map(of)));
+    writeln!(
+        out,
+        "| **median** | {} | {} | | | {} | {} |",
+        median(|l| l.report.rmse_3d_m),
+        median(|l| l.report.rmse_3d_airborne_m),
+        median(|l| l.shipped.rmse_3d_m),
+        median(|l| l.shipped.rmse_3d_airborne_m),
+    )?;
+    writeln!(out, "\nWhat the searches chose, one column for each flight left out:\n")?;
+    let names: Vec<&str> = left_out.iter().map(|l| l.report.flight.as_str()).collect();
+    writeln!(out, "| parameter | start | shipped | {} |", names.join(" | "))?;
+    writeln!(out, "|---|---|---|{}", "---|".repeat(names.len()))?;
+    let mut start = util_start_profile();
+    let unaided = left_out.iter().all(|l| !l.report.aided_by_imu);
+    let mut shipped = if unaided { util_unaided_profile() } else { util_profile() };
+    for (i, knob) in KNOBS.iter().enumerate() {
+        let chosen: Vec<String> = left_out
+            .iter()
+            .map(|l| l.chosen.get(i).map_or("-".into(), |(_, v)| format!("{v:.3}")))
+            .collect();
+        writeln!(
+            out,
+            "| `{}` | {:.3} | {:.3} | {} |",
+            knob.name,
+            (knob.of)(&mut start),
+            (knob.of)(&mut shipped),
+            chosen.join(" | ")
+        )?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_what_helps_one_flight_alone_is_no_gain() {
+        let before = [0.04, 0.05, 0.06, 0.05, 0.04];
+        assert!(is_gain(&before, &before.map(|c| c - 0.001)));
+        assert!(!is_gain(&before, &before));
+        assert!(!is_gain(&before, &before.map(|c| c + 0.001)));
+        // The same mean gain, by one flight.
+        let mut one = before;
+        one[2] -= 0.005;
+        assert!(!is_gain(&before, &one));
+    }
+}

@@ -1,0 +1,532 @@
+//! The gap report as one HTML file: verdict, block chain, candidates, shrink, what this flight
+//! cannot say, and everything behind it. Needs no network and no other file.
+
+mod matrix;
+mod next;
+mod plan;
+
+use std::fmt::Write as _;
+
+use crate::gap::attribute::{Candidate, Settings};
+use crate::gap::diagnosis::{Diagnosis, ShrinkResult};
+use crate::model::effects::Block;
+use crate::report::html;
+use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
+
+/// The chain in the order in which one block feeds the next.
+const CHAIN: [Block; 11] = [
+    Block::Mission,
+    Block::Controller,
+    Block::Link,
+    Block::InnerLoop,
+    Block::Thrust,
+    Block::Aerodynamics,
+    Block::Battery,
+    Block::Imu,
+    Block::Uwb,
+    Block::Estimator,
+    Block::Timing,
+];
+/// Flights per effect from which a bank is not called small: half the default.
+const FULL_DRAWS: usize = 20;
+/// Candidates that the table lists.
+const LISTED: usize = 8;
+/// Sigma from which a block counts as loud, and as very loud.
+const LOUD: [f64; 2] = [3.0, 10.0];
+/// Style of what only this page has.
+const OWN_STYLE: &str = ".chain{display:flex;flex-wrap:wrap;gap:6px;margin:10px 0}\
+.chain div{border:2px solid var(--rule);border-radius:6px;padding:6px 10px;min-width:84px}\
+.chain .loud{border-color:var(--c)}.chain .most{border-color:var(--c);border-width:4px;font-weight:700}\
+.card{margin:4px 0 10px;border:1px solid var(--rule);background:var(--card)}.card th{width:118px;vertical-align:top;border-bottom:1px solid var(--rule)}\
+.card td{font-size:14.5px}.chain small{display:block;color:var(--soft);font-weight:400}";
+
+/// The whole page.
+pub fn render(d: &Diagnosis) -> String {
+    let mut html = html::open("Gap report", &format!("{OWN_STYLE}{}", matrix::STYLE));
+    let against = match d.references {
+        0 => "the nominal simulator".to_owned(),
+        n => format!("the nominal simulator and {n} reference flights"),
+    };
+    let tone = match d.outcome {
+        "no_gap" => "good",
+        "log_fault" | "not_testable" => "none",
+        _ => "bad",
+    };
+    let _ = write!(
+        html,
+        "{}<header><span class=\"verdict {tone}\">{}</span><div><h1>Gap report</h1><p>{} against \
+         {against}; replay: {}</p></div></header>",
+        matrix::HATCH,
+        escape(&d.outcome.replace('_', " ")),
+        escape(&d.log),
+        escape(&d.replay),
+    );
+    summary(&mut html, d);
+    list(&mut html, d.faults.iter().chain(&d.remarks));
+    if d.attribution.is_some() {
+        html.push_str("<h2>Where</h2>");
+        chain(&mut html, d);
+    }
+    if let Some(p) = &d.picture {
+        html.push_str(&matrix::draw(&p.matrix));
+        let _ = write!(
+            html,
+            "<div class=\"two\"><div><h2>In the room</h2>{}</div><div>",
+            plan::plan(&p.plan)
+        );
+        if let Some(s) = &p.signature {
+            let _ = write!(html, "<h2>Signature</h2>{}", plan::signature(s));
+        }
+        html.push_str("</div></div><h2>Since when</h2>");
+        html.push_str(&plan::strip(p));
+    }
+    if let Some(attribution) = &d.attribution {
+        effects(&mut html, d);
+        candidates(&mut html, d);
+        ladder(&mut html, d);
+        shrink(&mut html, d);
+        next::section(&mut html, d);
+        let _ = write!(
+            html,
+            "<h2>Behind the verdict</h2><table><tr><th>Test</th><th class=\"n\">Found</th>\
+             <th class=\"n\">Limit</th></tr>"
+        );
+        let (gate, adequacy) = (&attribution.gate, &attribution.adequacy);
+        for (name, found, limit) in [
+            ("Gate: normal score of the whole distance", gate.distance, gate.distance_limit),
+            ("Gate: loudest effect, in sigma of healthy flights", gate.effect, gate.effect_limit),
+            (
+                "Adequacy: log odds that the explanation is not the cause",
+                adequacy.score,
+                adequacy.limit,
+            ),
+            (
+                "Second effect: evidence relative to the first",
+                attribution.second_effect().unwrap_or(f64::NAN),
+                attribution.pair_limit,
+            ),
+        ] {
+            let found = if found.is_finite() { format!("{found:.2}") } else { "not tried".into() };
+            let _ = write!(
+                html,
+                "<tr><td>{name}</td><td class=\"n\">{found}</td><td class=\"n\">{limit:.2}</td></tr>"
+            );
+        }
+        let _ = write!(
+            html,
+            "</table><p class=\"note\">Gate: above any limit a gap is said to be there. Limits come from \
+             held-out flights without a gap; {} statistics in use, {} unknown on this flight. One report asks \
+             about {} effects: limits are such that {:.0} of 100 flights without a gap are given a name.</p>",
+            attribution.used,
+            attribution.unknown.len(),
+            attribution.candidates.len(),
+            100.0 * Settings::for_flights().false_alarm
+        );
+    }
+    if !d.parameters_changed.is_empty() {
+        html.push_str("<h2>Configuration away from its default</h2><table><tr><th>Key</th><th>Flown</th><th>Default</th></tr>");
+        for p in &d.parameters_changed {
+            let _ = write!(
+                html,
+                "<tr><td>{}</td><td>{}</td><td>{}</td></tr>",
+                escape(&p.key),
+                escape(&p.flown),
+                escape(&p.default)
+            );
+        }
+        html.push_str("</table>");
+    }
+    let made = &d.made_with;
+    let [seeds, jitter, draws] = made.bank_flights;
+    let _ = write!(
+        html,
+        "<footer>Bank {}: {seeds} nominal flights, {jitter} with jitter, {draws} of each of {} effects. Program {}, \
+         source {}. SHA-256 of the log: {}</footer>",
+        escape(&d.bank),
+        made.library.len(),
+        escape(&made.program),
+        escape(&made.source_hash),
+        escape(&made.log_sha256)
+    );
+    html::close(html)
+}
+
+/// What is read in twenty seconds.
+fn summary(html: &mut String, d: &Diagnosis) {
+    html.push_str("<table class=\"card\">");
+    let mut rows = String::new();
+    let mut row = |name: &str, text: String| {
+        if !text.is_empty() {
+            let _ = write!(rows, "<tr><th>{name}</th><td>{text}</td></tr>");
+        }
+    };
+    row("Verdict", format!("<b>{}</b>{}", escape(&d.verdict), sizes(d)));
+    let draws = d.made_with.bank_flights[2];
+    if draws > 0 && draws < FULL_DRAWS {
+        row(
+            "Mind",
+            format!(
+                "a bank of {draws} flights an effect is for trying the program; a verdict needs --size full"
+            ),
+        );
+    }
+    row("Where", escape(&whereabouts(d)));
+    row(
+        "Since",
+        d.picture.as_ref().filter(|_| gap(d)).map_or(String::new(), |p| escape(&p.onset.words())),
+    );
+    row("Shrink", if d.effects.is_empty() { String::new() } else { closed(d.shrink.as_ref()) });
+    row("Not ruled out", next::open(d));
+    row(
+        "Not testable",
+        if d.not_testable.is_empty() {
+            String::new()
+        } else {
+            format!(
+                "{}: most flights with these look like flights without, on what this flight visited",
+                escape(&d.not_testable.join(" "))
+            )
+        },
+    );
+    let truth: Vec<String> = d.truth.iter().flat_map(|truth| truth.words()).collect();
+    row("Truth", truth.iter().map(|line| escape(line)).collect::<Vec<_>>().join("<br>"));
+    row("Do next", next::first(d));
+    html.push_str(&rows);
+    html.push_str("</table>");
+}
+
+/// Whether there is a gap to talk about.
+fn gap(d: &Diagnosis) -> bool {
+    !matches!(d.outcome, "no_gap" | "not_testable" | "log_fault")
+}
+
+/// Parameters of what is named, in a line.
+fn sizes(d: &Diagnosis) -> String {
+    if !matches!(d.outcome, "named" | "named_with_remainder" | "several") {
+        return String::new();
+    }
+    let all: Vec<String> = d
+        .effects
+        .iter()
+        .flat_map(|e| &e.parameters)
+        .map(|p| {
+            format!("{} {:.3} {} (90 %: {:.3} to {:.3})", p.name, p.value, p.unit, p.low, p.high)
+        })
+        .collect();
+    format!("<br>{}", escape(&all.join("; ")))
+}
+
+fn whereabouts(d: &Diagnosis) -> String {
+    let Some(first) = d.places.first().filter(|_| gap(d)) else { return String::new() };
+    let mut text = format!("{}, {:.0} sigma", first.block, first.score);
+    if let Some(anchor) = first.anchor {
+        let _ = write!(text, ", anchor {anchor}");
+    }
+    let others: Vec<String> =
+        d.places.iter().skip(1).take(3).map(|p| format!("{} {:.0}", p.block, p.score)).collect();
+    if !others.is_empty() {
+        let _ = write!(text, "; also {}", others.join(", "));
+    }
+    if let Some(p) = &d.picture {
+        let dots = p.matrix.squares.iter().filter(|s| s.significant).count();
+        let _ = write!(text, "; {dots} of {} cells stand out", p.matrix.tested);
+    }
+    text
+}
+
+fn closed(s: Option<&ShrinkResult>) -> String {
+    let Some(s) = s else {
+        return "not measured: needs a flight that the fit did not see".to_owned();
+    };
+    let value = s.value.map_or("nothing to shrink".to_owned(), |v| format!("{v:.2} of the gap"));
+    let interval = match (s.low, s.high) {
+        (Some(low), Some(high)) => format!(" (95 %: {low:.2} to {high:.2})"),
+        _ => " (no interval: fewer than three flights)".to_owned(),
+    };
+    let more = |name: &str, v: Option<f64>| v.map_or(String::new(), |v| format!("; {name} {v:.2}"));
+    format!(
+        "{value}{interval}: distance {:.2} to {:.2}, floor {:.2}{}{}",
+        s.before,
+        s.after,
+        s.floor,
+        more("attainable", s.attainable),
+        more("median of other effects", s.wrong)
+    )
+}
+
+fn list<'a>(html: &mut String, lines: impl Iterator<Item = &'a String>) {
+    let lines: Vec<String> = lines.map(|line| format!("<li>{}</li>", escape(line))).collect();
+    if !lines.is_empty() {
+        let _ = write!(html, "<ul>{}</ul>", lines.concat());
+    }
+}
+
+/// Blocks as boxes; loud ones have a heavy border and their sigma.
+fn chain(html: &mut String, d: &Diagnosis) {
+    html.push_str("<div class=\"chain\">");
+    let scores = d.attribution.as_ref().map_or(&[][..], |a| &a.blocks[..]);
+    let loudest = scores.iter().map(|b| b.sigma).fold(0.0, f64::max);
+    for block in CHAIN {
+        let name = block.name();
+        let found = scores.iter().find(|b| b.block == name);
+        let (class, text) = match found {
+            None => ("", "no statistic".to_owned()),
+            Some(b) if b.sigma >= LOUD[0] && b.sigma >= loudest => ("most", sigma(b.sigma)),
+            Some(b) if b.sigma >= LOUD[0] => ("loud", sigma(b.sigma)),
+            Some(b) => ("", sigma(b.sigma)),
+        };
+        let place = d.places.iter().find(|p| p.block == name);
+        let anchor =
+            place.and_then(|p| p.anchor).map_or(String::new(), |a| format!(", anchor {a}"));
+        let _ = write!(html, "<div class=\"{class}\">{name}<small>{text}{anchor}</small></div>");
+    }
+    let _ = write!(
+        html,
+        "</div><p class=\"note\">Sigma above flights without a gap; heavy border from {} sigma, \
+         heaviest the loudest.</p>",
+        LOUD[0]
+    );
+}
+
+fn sigma(value: f64) -> String {
+    format!("{value:.1} sigma")
+}
+
+fn effects(html: &mut String, d: &Diagnosis) {
+    if d.effects.is_empty() {
+        return;
+    }
+    html.push_str("<h2>Which</h2><table><tr><th>Effect</th><th class=\"n\">Probability</th><th>Parameter</th><th class=\"n\">Value</th><th class=\"n\">90 %</th></tr>");
+    for effect in &d.effects {
+        for (k, p) in effect.parameters.iter().enumerate() {
+            let head = if k == 0 {
+                format!(
+                    "<td>{} {}</td><td class=\"n\">{:.2}</td>",
+                    escape(&effect.id),
+                    escape(&effect.name),
+                    effect.probability
+                )
+            } else {
+                "<td></td><td></td>".to_owned()
+            };
+            let _ = write!(
+                html,
+                "<tr>{head}<td>{}</td><td class=\"n\">{:.4}</td><td class=\"n\">{:.4} to {:.4}</td></tr>",
+                escape(&if p.unit.is_empty() {
+                    p.name.clone()
+                } else {
+                    format!("{}, {}", p.name, p.unit)
+                }),
+                p.value,
+                p.low,
+                p.high
+            );
+        }
+    }
+    html.push_str("</table>");
+}
+
+/// Bars as thick lines from zero, named on the axis.
+fn bars(
+    title: &str,
+    y_label: &str,
+    bars: &[(String, Vec<(Tone, f64)>)],
+    limits: Vec<Limit>,
+    width_px: f64,
+) -> String {
+    let mut series = Vec::new();
+    for (k, (_, values)) in bars.iter().enumerate() {
+        for (i, (tone, value)) in values.iter().enumerate() {
+            let x = k as f64 + 0.16 * (i as f64 - 0.5 * (values.len() as f64 - 1.0));
+            series.push(Series {
+                name: String::new(),
+                tone: *tone,
+                mark: Mark::Line,
+                points: vec![[x, 0.0], [x, *value]],
+            });
+        }
+    }
+    let plot = Plot {
+        title: title.into(),
+        y_label: y_label.into(),
+        series,
+        limits,
+        categories: bars
+            .iter()
+            .enumerate()
+            .map(|(k, (n, _))| (k as f64, n.clone(), String::new()))
+            .collect(),
+        x_range: Some([-0.6, bars.len() as f64 - 0.4]),
+        size_px: [width_px, 230.0],
+        ..Plot::default()
+    };
+    format!("<figure class=\"bars\" style=\"max-width:{width_px:.0}px\">{}</figure>", plot.render())
+}
+
+/// What each further explanation leaves.
+fn ladder(html: &mut String, d: &Diagnosis) {
+    if d.ladder.len() < 2 {
+        return;
+    }
+    html.push_str("<h2>Ladder</h2><div class=\"two\">");
+    let limit = d.attribution.as_ref().map_or(f64::NAN, |a| a.gate.distance_limit);
+    let here: Vec<(String, Vec<(Tone, f64)>)> =
+        d.ladder.iter().map(|r| (r.name.clone(), vec![(Tone::Estimate, r.left)])).collect();
+    html.push_str(&bars(
+        "On this flight, fitted to it",
+        "left, normal score",
+        &here,
+        vec![Limit { name: format!("limit of flights without a gap {limit:.1}"), y: limit }],
+        500.0,
+    ));
+    let held: Vec<(String, Vec<(Tone, f64)>)> = d
+        .ladder
+        .iter()
+        .filter_map(|r| Some((r.name.clone(), vec![(Tone::Estimate, r.held_out?)])))
+        .collect();
+    match (&d.shrink, held.len() > 1) {
+        (Some(s), true) => html.push_str(&bars(
+            "On held-out flights",
+            "mean squared sigma",
+            &held,
+            vec![
+                Limit { name: format!("floor {:.2}", s.floor), y: s.floor },
+                Limit {
+                    name: format!("floor + noise {:.2}", s.floor + s.noise),
+                    y: s.floor + s.noise,
+                },
+            ],
+            500.0,
+        )),
+        _ => html.push_str("<p>On held-out flights: not measured.</p>"),
+    }
+    html.push_str("</div><p class=\"note\">Left side: how much more than noise is left, 0 where nothing is; it falls \
+        with every parameter, so only the right side says whether a step pays.</p>");
+}
+
+fn shrink(html: &mut String, d: &Diagnosis) {
+    html.push_str("<h2>How far</h2>");
+    let Some(s) = &d.shrink else {
+        let _ = write!(html, "<p>{}.</p>", closed(None));
+        return;
+    };
+    let _ = write!(html, "<p>{}</p>", closed(Some(s)));
+    if s.references == 0 && d.references > 0 {
+        html.push_str("<p class=\"note\">Without accepted flights on the held-out mission this distance holds all \
+            that the airframe differs from the nominal simulator by.</p>");
+    }
+    let of = |s: &crate::gap::shrink::Shrink| {
+        vec![(Tone::Command, s.before), (Tone::Estimate, s.after), (Tone::Family(5), s.floor)]
+    };
+    let known: Vec<_> = s.channels.iter().filter(|(_, s)| s.before.is_finite()).collect();
+    let groups: Vec<(String, Vec<(Tone, f64)>)> =
+        known.iter().map(|(name, s)| (name.clone(), of(s))).collect();
+    html.push_str(&bars(
+        "Distance to the held-out flights by channel: before, after, floor (left to right)",
+        "mean squared sigma",
+        &groups,
+        Vec::new(),
+        1080.0,
+    ));
+    html.push_str("<details><summary>Numbers by channel, and other effects</summary><table><tr><th>Channel</th><th class=\"n\">Shrink</th><th class=\"n\">Before</th><th class=\"n\">After</th><th class=\"n\">Floor</th><th class=\"n\">Noise</th></tr>");
+    for (name, c) in known {
+        let value = c.value.map_or("nothing to shrink".to_owned(), |v| format!("{v:.2}"));
+        let _ = write!(
+            html,
+            "<tr><td>{}</td><td class=\"n\">{value}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.2}</td></tr>",
+            escape(name),
+            c.before,
+            c.after,
+            c.floor,
+            c.noise
+        );
+    }
+    let others: Vec<String> = s
+        .others
+        .iter()
+        .map(|(id, v)| format!("{id} {}", v.map_or("none".to_owned(), |v| format!("{v:.2}"))))
+        .collect();
+    let _ = write!(
+        html,
+        "</table><p class=\"note\">Control, shrink of other effects: {}. Best of everything tried: {}.</p></details>",
+        escape(&others.join(", ")),
+        escape(&s.attained_by)
+    );
+}
+
+fn candidates(html: &mut String, d: &Diagnosis) {
+    let Some(attribution) = &d.attribution else { return };
+    html.push_str("<h2>Candidates</h2><table><tr><th>Effect</th><th class=\"n\">Probability</th><th class=\"n\">Log evidence over none</th><th class=\"n\">Left unexplained</th><th class=\"n\">Held-out shrink</th><th>Why not</th></tr>");
+    let Some(first) = attribution.candidates.first() else { return };
+    for (k, c) in attribution.candidates.iter().take(LISTED).enumerate() {
+        let shrunk = match &d.shrink {
+            Some(s) if k == 0 && d.set.first() == Some(&c.id) => s.value,
+            Some(s) => s.others.iter().find(|(id, _)| *id == c.id).and_then(|(_, v)| *v),
+            None => None,
+        };
+        let _ = write!(
+            html,
+            "<tr><td>{}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.1}</td><td class=\"n\">{:.1}</td><td class=\"n\">{}</td><td>{}</td></tr>",
+            escape(&c.id),
+            c.posterior,
+            c.log_evidence,
+            c.residual_score,
+            shrunk.map_or("not flown".to_owned(), |v| format!("{v:.2}")),
+            escape(&why_not(k, c, first))
+        );
+    }
+    html.push_str("</table><p class=\"note\">Left unexplained: normal score of the distance that remains, near 0 when nothing does.</p>");
+}
+
+/// What speaks against a candidate, in words.
+fn why_not(k: usize, c: &Candidate, first: &Candidate) -> String {
+    if k == 0 {
+        return "best explanation".to_owned();
+    }
+    let mut why = Vec::new();
+    if let Some(distance) = c.distance {
+        why.push(format!("not told apart: {distance:.1} sigma from the first, 3.3 needed"));
+    } else if c.log_evidence < first.log_evidence - 3.0 {
+        why.push(format!(
+            "explains less: log evidence {:.0} below the first",
+            first.log_evidence - c.log_evidence
+        ));
+    } else if c.posterior < first.posterior {
+        why.push("less probable, yet not far behind".to_owned());
+    }
+    if c.residual_score > first.residual_score + 3.0 {
+        why.push(format!("leaves {:.0} sigma more", c.residual_score - first.residual_score));
+    }
+    let spec = crate::gap::library::whole().into_iter().find(|s| s.id == c.id);
+    for (p, v) in spec.iter().flat_map(|s| s.parameters).zip(&c.theta) {
+        let width = p.high - p.low;
+        let choice =
+            matches!(p.name, "anchor" | "wall" | "north" | "east" | "size" | "towards" | "phase");
+        if !choice && width > 0.0 && (v - p.low < 0.02 * width || p.high - v < 0.02 * width) {
+            why.push(format!("needs the end of its range: {} {v:.3} {}", p.name, p.unit));
+        }
+    }
+    why.join("; ")
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::gap::diagnosis::unreadable;
+
+    #[test]
+    fn prop_a_fault_is_told_and_escaped() {
+        let page = super::render(&unreadable("a<b>.mcap".into(), "byte 0: <not> a log".into()));
+        assert!(page.contains("a&lt;b&gt;.mcap") && page.contains("&lt;not&gt;"), "{page}");
+        assert!(page.contains("log fault") && page.ends_with("</html>"));
+        assert!(!page.contains("http"), "the page must need no network");
+    }
+
+    #[test]
+    fn prop_what_another_build_would_have_sent_stands_on_the_page() {
+        let mut d = unreadable("x.mcap".into(), "byte 3: not a log".into());
+        d.faults.clear();
+        d.remarks.push("another build flew this: 3 of 9000, by up to 2.00 deg".into());
+        let page = super::render(&d);
+        assert!(page.contains("another build flew this: 3 of 9000, by up to 2.00 deg"));
+    }
+}
