@@ -10,30 +10,19 @@ const PROTO: &str = "src/record/haltere.proto";
 
 /// What decides which bytes the companion makes of its input: a log that another build of these wrote is replayed within a
 /// tolerance only.
-const REPLAY: [&str; 24] = [
+const REPLAY: [&str; 13] = [
     "Cargo.lock",
     "dialect/build.rs",
     "dialect/src",
     "dialect/xml",
-    "src/checks",
-    "src/checks.rs",
     "src/config",
-    "src/control",
-    "src/drops.rs",
-    "src/estimate.rs",
-    "src/estimator",
+    "src/core",
     "src/export",
-    "src/frames.rs",
-    "src/geo.rs",
     "src/guard",
     "src/import",
-    "src/measure.rs",
     "src/pilot",
     "src/record",
     "src/replay",
-    "src/survey.rs",
-    "src/time.rs",
-    "src/topics.rs",
     "src/uwb",
 ];
 /// What decides, beside these, how a simulated flight goes and what is said of a flight: a bank that another build of these

@@ -73,11 +73,31 @@ fn sources(folder: &str) -> Vec<(PathBuf, String)> {
     files.into_iter().map(|path| (path.clone(), read(&path))).collect()
 }
 
-/// Top-level module that a file belongs to.
+/// Libraries below the program: folders of `src/` with a manifest.
+fn libraries() -> Vec<String> {
+    let entries = std::fs::read_dir(root().join("src")).expect("src/").flatten();
+    let mut found: Vec<String> = entries
+        .filter(|entry| entry.path().join("Cargo.toml").is_file())
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect();
+    found.sort();
+    found
+}
+
+/// Top-level module, of the program or of a library, that a file belongs to.
 fn module_of(path: &Path) -> Option<String> {
     let inside = path.strip_prefix(root().join("src")).ok()?;
-    let first = inside.components().next()?.as_os_str().to_str()?;
-    Some(first.trim_end_matches(".rs").to_string())
+    let mut parts = inside.components().filter_map(|part| part.as_os_str().to_str());
+    let first = parts.next()?;
+    let library = libraries().iter().any(|name| name == first);
+    let module = if library { parts.next()? } else { first };
+    Some(module.trim_end_matches(".rs").to_string())
+}
+
+/// What leads a path to a module of the program or of a library.
+fn crate_roots() -> Vec<String> {
+    let named = libraries().into_iter().map(|name| format!("haltere_{name}::"));
+    std::iter::once("crate::".to_string()).chain(named).collect()
 }
 
 /// Code without comments. Good enough for imports: no import stands in a string.
@@ -88,12 +108,16 @@ fn code_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     })
 }
 
-/// Top-level modules named by `crate::…`, in `use` trees with braces too.
+/// Top-level modules named by `crate::…` or `haltere_LIBRARY::…`, in `use` trees with braces too.
 fn imports(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();
     let lines: Vec<(usize, &str)> = code_lines(text).collect();
+    let roots = crate_roots();
     for (at, (number, code)) in lines.iter().enumerate() {
-        for (start, _) in code.match_indices("crate::") {
+        let starts = roots.iter().flat_map(|root| {
+            code.match_indices(root.as_str()).map(move |(start, _)| (start, root.len()))
+        });
+        for (start, long) in starts {
             let bounded = code[..start]
                 .chars()
                 .next_back()
@@ -101,7 +125,7 @@ fn imports(text: &str) -> Vec<(usize, String)> {
             if !bounded {
                 continue;
             }
-            let mut rest = code[start + "crate::".len()..].to_string();
+            let mut rest = code[start + long..].to_string();
             if rest.starts_with('{') {
                 // A tree over several lines ends at the semicolon.
                 let mut next = at + 1;
@@ -177,7 +201,10 @@ fn prop_the_table_names_what_exists() {
         .into_keys()
         .filter(|m| {
             let src = root().join("src");
-            !src.join(format!("{m}.rs")).is_file() && !src.join(m).join("mod.rs").is_file()
+            let folders = libraries().into_iter().map(|name| src.join(name));
+            !folders.chain([src.clone()]).any(|folder| {
+                folder.join(format!("{m}.rs")).is_file() || folder.join(m).join("mod.rs").is_file()
+            })
         })
         .collect();
     assert!(missing.is_empty(), "in the table, not in src/: {missing:?}");
@@ -230,23 +257,65 @@ fn prop_every_file_says_what_it_owns() {
     }
 }
 
+/// Names of the dependencies that a manifest has for its library or program, and of those for tests and build scripts.
+fn dependencies(manifest: &str) -> [BTreeSet<String>; 2] {
+    let text = read(&root().join(manifest).join("Cargo.toml"));
+    let mut found = [BTreeSet::new(), BTreeSet::new()];
+    let mut into = None;
+    for line in text.lines() {
+        match line {
+            "[dependencies]" => into = Some(0),
+            "[dev-dependencies]" | "[build-dependencies]" => into = Some(1),
+            _ if line.starts_with('[') => into = None,
+            _ => {
+                let name = line.split(['.', ' ', '=']).next().unwrap_or_default();
+                if let Some(list) = into.filter(|_| !name.is_empty() && !name.starts_with('#')) {
+                    found[list].insert(name.to_string());
+                }
+            }
+        }
+    }
+    found
+}
+
 #[test]
 fn prop_crates_depend_downward() {
-    let depends = |manifest: &str, on: &str| {
-        read(&root().join(manifest))
-            .lines()
-            .any(|l| l.starts_with(&format!("{on}.")) || l.starts_with(&format!("{on} ")))
-    };
-    assert!(depends("sim/Cargo.toml", "haltere"));
-    assert!(depends("Cargo.toml", "haltere-dialect"));
-    assert!(!depends("dialect/Cargo.toml", "haltere"));
-    assert!(!depends("dialect/Cargo.toml", "haltere-sim"));
-    assert!(!depends("Cargo.toml", "haltere-sim"));
-    // The laboratory may need anything; nothing of the product needs the laboratory.
-    assert!(depends("sim/lab/Cargo.toml", "haltere"));
-    for manifest in ["Cargo.toml", "sim/Cargo.toml", "dialect/Cargo.toml"] {
-        assert!(!depends(manifest, "haltere-lab"), "{manifest}");
-        assert!(!read(&root().join(manifest)).contains("\"haltere-lab\""), "{manifest}");
+    // From below: each may need those above it in this list, and no other of ours.
+    const CRATES: [(&str, &str); 5] = [
+        ("dialect", "haltere-dialect"),
+        ("src/core", "haltere-core"),
+        (".", "haltere"),
+        ("sim", "haltere-sim"),
+        ("sim/lab", "haltere-lab"),
+    ];
+    for (i, (folder, name)) in CRATES.iter().enumerate() {
+        let [needs, _] = dependencies(folder);
+        assert!(!needs.is_empty(), "{folder}/Cargo.toml was not understood");
+        let below: Vec<&str> = CRATES[..i].iter().map(|(_, name)| *name).collect();
+        for need in needs.iter().filter(|need| need.starts_with("haltere")) {
+            assert!(below.contains(&need.as_str()), "{name} needs {need}");
+        }
+    }
+    let found: BTreeSet<String> = CRATES
+        .iter()
+        .filter_map(|(folder, _)| folder.strip_prefix("src/").map(str::to_string))
+        .collect();
+    assert_eq!(found, libraries().into_iter().collect(), "every library is in the list");
+}
+
+#[test]
+fn prop_libraries_carry_no_more_than_they_need() {
+    let [core, _] = dependencies("src/core");
+    assert_eq!(core, ["nalgebra".to_string(), "serde".to_string()].into(), "the filter alone");
+    for library in libraries() {
+        let [needs, _] = dependencies(&format!("src/{library}"));
+        for heavy in ["tokio", "clap", "tracing-subscriber", "serialport"] {
+            assert!(!needs.contains(heavy), "src/{library} needs {heavy}: that is the program's");
+        }
+        for format in ["mcap", "parquet", "prost"] {
+            let may = library == "log" || !needs.contains(format);
+            assert!(may, "src/{library} needs {format}: files are the log's");
+        }
     }
 }
 

@@ -19,8 +19,8 @@ use std::path::Path;
 use flate2::read::GzDecoder;
 use nalgebra::UnitQuaternion;
 
+use super::bounded::Bounded;
 use super::recording::{Error, Recording, Row, Skipped};
-use crate::checks::bounded::Bounded;
 use crate::frames::{B, E, Rot, Vec3, attitude_from_flu_enu, body_from_flu, earth_from_survey};
 
 /// First line.

@@ -12,8 +12,8 @@ use std::path::Path;
 
 use flate2::read::GzDecoder;
 
+use super::bounded::Bounded;
 use super::recording::{Error, Recording, Row, Skipped};
-use crate::checks::bounded::Bounded;
 use crate::frames::{B, G_MPS2, Vec3, attitude_from_heading_ccw, body_from_flu, earth_from_survey};
 
 /// Full scale of the thrust command, counts (README of the recordings).

@@ -8,8 +8,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
+use super::bounded::Bounded;
 use super::recording::Error;
-use crate::checks::bounded::Bounded;
 use crate::frames::G_MPS2;
 
 /// Full scale of the command, counts (README of the tables).

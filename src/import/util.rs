@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use flate2::read::GzDecoder;
 use nalgebra::{Quaternion, UnitQuaternion};
 
+use super::bounded::Bounded;
 use crate::checks::Problems;
-use crate::checks::bounded::Bounded;
 use crate::estimator::standard_pressure_pa;
 use crate::frames::{B, G_MPS2, Vec3, attitude_from_flu_enu, body_from_flu, earth_from_survey};
 use crate::measure::{AnchorId, BaroSample, ReferencePose, Tdoa};

@@ -190,7 +190,7 @@ of this repository. † diverged (more than 2 m for more than 1 s), or found no 
 
 The nine states of the source (position, velocity, attitude) stay as they are. Beside them, each of up to 16
 anchors has a range bias in two parts, one that wanders with time and distance flown and one that stays
-(`src/estimator/bias.rs`), so that what an obstacle does to one path is neither averaged as if it were white nor
+(`src/core/estimator/bias.rs`), so that what an obstacle does to one path is neither averaged as if it were white nor
 taken for a movement. How much each wanders is learned in flight, within seconds (`bias_level.rs`): what is
 found of a bias and what is not known of it must add up to what it is said to be. Each anchor also has a
 quality, a factor on its variance that is learned from its innovations (`quality.rs`). Nothing is thrown away by
@@ -245,7 +245,7 @@ const ABOUT_COLD: &str = "\
 Switched on every 4 s of a flight, in the air, or at its beginning on the floor, and told neither
 position nor heading. Peak: largest error from the first position that is offered. Converged: below
 0.6 m for a second. Until the heading is known, health is `Lost`: a position to look at, not to fly on.
-Known: when one sigma of the best of sixteen filters that race (`src/estimator/cold.rs`) is below 14 deg. The last
+Known: when one sigma of the best of sixteen filters that race (`src/core/estimator/cold.rs`) is below 14 deg. The last
 column is the error over the sigma stated with it; 1 is honest.";
 
 #[cfg(test)]

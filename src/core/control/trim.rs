@@ -16,6 +16,8 @@
 //! **Left out.** A steady draught leans the vehicle as a wrong trim does; hover twice with opposite
 //! headings to tell them apart.
 
+use std::fmt::{self, Display, Formatter};
+
 use serde::Serialize;
 
 use crate::control::config::{MAX_TRIM_DEG, MAX_YAW_TRIM_DEG};
@@ -82,12 +84,9 @@ pub struct Trims {
 }
 
 /// Why a log gives no trims.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum TrimRefusal {
     /// Too short.
-    #[error(
-        "the hover lasts {found_s:.1} s, needed {needed_s} s: hover longer, or choose a longer part"
-    )]
     TooShort {
         /// Length, s.
         found_s: f64,
@@ -95,7 +94,6 @@ pub enum TrimRefusal {
         needed_s: f64,
     },
     /// Samples are missing or run backwards.
-    #[error("two samples are {gap_s:.3} s apart after {after_s:.1} s, allowed 0 to {MAX_GAP_S} s")]
     Gap {
         /// Their distance, s.
         gap_s: f64,
@@ -103,13 +101,11 @@ pub enum TrimRefusal {
         after_s: f64,
     },
     /// A sample holds NaN or infinity.
-    #[error("the sample {after_s:.1} s after the first holds a value that is no number")]
     NotANumber {
         /// Where, from the first sample, s.
         after_s: f64,
     },
     /// It moves.
-    #[error("the log does not hover: {what} is {found_mps:.2} m/s, allowed 0 to {allowed_mps} m/s")]
     Moves {
         /// Which speed.
         what: &'static str,
@@ -119,10 +115,6 @@ pub enum TrimRefusal {
         allowed_mps: f64,
     },
     /// Limits cut the setpoint.
-    #[error(
-        "tilt or thrust was at its limit in {found} of {samples} samples: what was sent is not \
-             what was needed; hover calmly"
-    )]
     Saturated {
         /// Samples at a limit.
         found: usize,
@@ -130,10 +122,6 @@ pub enum TrimRefusal {
         samples: usize,
     },
     /// Setpoints wander.
-    #[error(
-        "{axis} moves by {found_deg:.1} deg from the first half to the second, allowed \
-         {MAX_HALVES_DEG} deg: leave out the settling after take-off"
-    )]
     NotSettled {
         /// Which angle.
         axis: &'static str,
@@ -141,11 +129,6 @@ pub enum TrimRefusal {
         found_deg: f64,
     },
     /// More than a trim may be.
-    #[error(
-        "{axis} trim would be {found_deg:.1} deg, allowed {} to {allowed_deg} deg: mend the \
-         vehicle (servo arm, centre of mass, level of the board)",
-        -allowed_deg
-    )]
     TooLarge {
         /// Which trim.
         axis: &'static str,
@@ -155,6 +138,49 @@ pub enum TrimRefusal {
         allowed_deg: f64,
     },
 }
+
+impl Display for TrimRefusal {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooShort { found_s, needed_s } => write!(
+                f,
+                "the hover lasts {found_s:.1} s, needed {needed_s} s: hover longer, or choose a longer part"
+            ),
+            Self::Gap { gap_s, after_s } => write!(
+                f,
+                "two samples are {gap_s:.3} s apart after {after_s:.1} s, allowed 0 to {MAX_GAP_S} s"
+            ),
+            Self::NotANumber { after_s } => {
+                write!(
+                    f,
+                    "the sample {after_s:.1} s after the first holds a value that is no number"
+                )
+            }
+            Self::Moves { what, found_mps, allowed_mps } => write!(
+                f,
+                "the log does not hover: {what} is {found_mps:.2} m/s, allowed 0 to {allowed_mps} m/s"
+            ),
+            Self::Saturated { found, samples } => write!(
+                f,
+                "tilt or thrust was at its limit in {found} of {samples} samples: what was sent is not \
+                 what was needed; hover calmly"
+            ),
+            Self::NotSettled { axis, found_deg } => write!(
+                f,
+                "{axis} moves by {found_deg:.1} deg from the first half to the second, allowed \
+                 {MAX_HALVES_DEG} deg: leave out the settling after take-off"
+            ),
+            Self::TooLarge { axis, found_deg, allowed_deg } => write!(
+                f,
+                "{axis} trim would be {found_deg:.1} deg, allowed {} to {allowed_deg} deg: mend the \
+                 vehicle (servo arm, centre of mass, level of the board)",
+                -allowed_deg
+            ),
+        }
+    }
+}
+
+impl std::error::Error for TrimRefusal {}
 
 /// Trims from a hover. `drag` is the law of the vehicle, used for the residual drift.
 pub fn trims_from_hover(samples: &[HoverSample], drag: &DragConfig) -> Result<Trims, TrimRefusal> {

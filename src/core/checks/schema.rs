@@ -5,7 +5,7 @@
 //! says nothing is of version 1, from before versions were written. A newer one than this build knows is
 //! refused in words, before anything in it is judged.
 
-use thiserror::Error;
+use std::fmt::{self, Display, Formatter};
 
 /// One kind of file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,16 +15,26 @@ pub struct Schema {
 }
 
 /// A file of a newer build.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error(
-    "schema version {found} of the {what}, this build ({}) reads 1 to {newest}: it was written for a newer \
-     haltere; install that one", env!("CARGO_PKG_VERSION")
-)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NotReadable {
     what: &'static str,
     found: String,
     newest: u32,
 }
+
+impl Display for NotReadable {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let Self { what, found, newest } = self;
+        let build = env!("CARGO_PKG_VERSION");
+        write!(
+            f,
+            "schema version {found} of the {what}, this build ({build}) reads 1 to {newest}: it was written for a \
+             newer haltere; install that one"
+        )
+    }
+}
+
+impl std::error::Error for NotReadable {}
 
 impl Schema {
     /// Flight logs: `Session.schema_version` in `haltere.proto`.

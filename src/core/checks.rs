@@ -1,6 +1,5 @@
 //! Checks of values that come from outside: every refusal names key, value, allowed range, unit.
 
-pub mod bounded;
 pub mod schema;
 
 use std::fmt::{Display, Write as _};
