@@ -6,19 +6,18 @@ pub use haltere_core::{
     checks, control, drops, estimate, estimator, frames, geo, measure, survey, time, topics,
 };
 
+pub use haltere_pilot as pilot;
+pub use haltere_pilot::{guard, mission_file, settings, uwb};
+
 pub mod cli;
-pub mod config;
 pub mod ctl;
 pub mod export;
 pub mod fit;
 pub mod gap;
-pub mod guard;
 pub mod import;
 pub mod live;
 pub mod lockstep;
-pub mod mission_file;
 pub mod model;
-pub mod pilot;
 pub mod preflight;
 pub mod progress;
 pub mod record;
@@ -29,5 +28,4 @@ pub mod sources;
 pub mod store;
 pub mod tape;
 pub mod util_flights;
-pub mod uwb;
 pub mod watch;

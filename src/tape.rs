@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::config::Config;
 use crate::lockstep::{HOST_START_US, Listener, Tap};
 use crate::pilot::Input;
 use crate::record::{BuildIdentity, Recorder, Session};
+use crate::settings::Config;
 use crate::survey::Survey;
 use crate::time::HostTime;
 use anyhow::{Context, Result, bail};

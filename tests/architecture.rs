@@ -84,14 +84,22 @@ fn libraries() -> Vec<String> {
     found
 }
 
-/// Top-level module, of the program or of a library, that a file belongs to.
+/// Row of the table that a file belongs to: top-level module of the program or of a library; what of a library stands in
+/// no row of its own is of the row with the library's name.
 fn module_of(path: &Path) -> Option<String> {
     let inside = path.strip_prefix(root().join("src")).ok()?;
     let mut parts = inside.components().filter_map(|part| part.as_os_str().to_str());
-    let first = parts.next()?;
-    let library = libraries().iter().any(|name| name == first);
-    let module = if library { parts.next()? } else { first };
-    Some(module.trim_end_matches(".rs").to_string())
+    let first = parts.next()?.trim_end_matches(".rs");
+    let module = match parts.next() {
+        Some(second) if libraries().iter().any(|name| name == first) => {
+            let second = second.trim_end_matches(".rs");
+            let may = layers().may;
+            let own = may.contains_key(second) || !may.contains_key(first);
+            if own { second } else { first }
+        }
+        _ => first,
+    };
+    Some(module.to_string())
 }
 
 /// What leads a path to a module of the program or of a library.
@@ -203,7 +211,10 @@ fn prop_the_table_names_what_exists() {
             let src = root().join("src");
             let folders = libraries().into_iter().map(|name| src.join(name));
             !folders.chain([src.clone()]).any(|folder| {
-                folder.join(format!("{m}.rs")).is_file() || folder.join(m).join("mod.rs").is_file()
+                let inside = folder.join(m);
+                folder.join(format!("{m}.rs")).is_file()
+                    || inside.join("mod.rs").is_file()
+                    || inside.join("lib.rs").is_file()
             })
         })
         .collect();
@@ -281,9 +292,10 @@ fn dependencies(manifest: &str) -> [BTreeSet<String>; 2] {
 #[test]
 fn prop_crates_depend_downward() {
     // From below: each may need those above it in this list, and no other of ours.
-    const CRATES: [(&str, &str); 5] = [
+    const CRATES: [(&str, &str); 6] = [
         ("dialect", "haltere-dialect"),
         ("src/core", "haltere-core"),
+        ("src/pilot", "haltere-pilot"),
         (".", "haltere"),
         ("sim", "haltere-sim"),
         ("sim/lab", "haltere-lab"),

@@ -7,11 +7,11 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use haltere::config::Address;
 use haltere::live::realtime::insist_on_deadlines;
 use haltere::model::tag::TagProtocol;
 use haltere::model::{Fault, Plant, Truth, Vehicle};
 use haltere::report::truth::TruthRow;
+use haltere::settings::Address;
 use haltere::time::HostTime;
 use rustix::io::Errno;
 use rustix::thread::clock_nanosleep_absolute;

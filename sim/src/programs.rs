@@ -1,7 +1,6 @@
 //! The data-collecting programs, flown in lockstep and fitted: from the mission file to the number.
 
 use crate::endpoint::truth_row;
-use haltere::config::Config;
 use haltere::fit::outcome::{Outcome, Refusal};
 use haltere::fit::programs::{Options, Program, plan};
 use haltere::fit::source::Source;
@@ -10,6 +9,7 @@ use haltere::lockstep::{Lockstep, fly_watched};
 use haltere::model::PlantConfig;
 use haltere::pilot::{Envelope, PilotConfig};
 use haltere::report::flight::{Flight, ModeRow};
+use haltere::settings::Config;
 use haltere::topics::Topic;
 
 fn pilot(plant: &PlantConfig) -> PilotConfig {

@@ -262,7 +262,7 @@ fn trimmed(path: &Path, found: &Trim) -> anyhow::Result<Edit> {
             text = set_key(&text, "control.trims", key, &number(value))?;
         }
         // Read as the companion reads it.
-        crate::config::Config::from_toml(&path.display().to_string(), &text)
+        crate::settings::Config::from_toml(&path.display().to_string(), &text)
             .map_err(|p| crate::gap::accept::EditError::Value(p.to_string()))?;
         Ok::<_, crate::gap::accept::EditError>(text)
     })

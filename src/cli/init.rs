@@ -8,11 +8,11 @@ use anyhow::{Context as _, anyhow, bail};
 use clap::{Args, ValueEnum};
 
 use super::print;
-use crate::config::{Address, TagPort, parse_anchors};
 use crate::live::usb::serial_devices;
 use crate::pilot::TagProtocol;
 use crate::preflight::first::{self, Answers};
 use crate::preflight::probe;
+use crate::settings::{Address, TagPort, parse_anchors};
 
 /// Axes of anchors that are written as lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

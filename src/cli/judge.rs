@@ -9,8 +9,8 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 
-use crate::config::DiagnosisConfig;
 use crate::pilot::services::{Judgement, Told};
+use crate::settings::DiagnosisConfig;
 
 /// Priority of the process: the lowest.
 const NICE: &str = "19";

@@ -8,9 +8,9 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{print, print_json};
-use crate::config::RecordConfig;
 use crate::progress::Bar;
 use crate::record::{Decoded, Entry, LogEnd, LogReader, utc_text};
+use crate::settings::RecordConfig;
 use crate::time::HostTime;
 
 /// Lists logs.

@@ -7,7 +7,6 @@ use std::path::Path;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 use super::judge::{Judged, Judging};
-use crate::config::DiagnosisConfig;
 use crate::fit::programs::{Options, Program, plan};
 use crate::gap::missions;
 use crate::gap::scene::Scene;
@@ -16,6 +15,7 @@ use crate::model::Vehicle;
 use crate::model::room::Room;
 use crate::pilot::Envelope;
 use crate::pilot::services::{Judgement, encode_plan};
+use crate::settings::DiagnosisConfig;
 use crate::sources::Loaded;
 use crate::store::Programs;
 
@@ -143,8 +143,8 @@ impl Programs for BuiltIn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Config;
     use crate::pilot::services::decode_plan;
+    use crate::settings::Config;
 
     #[test]
     fn prop_every_program_that_fits_the_room_is_a_plan() {

@@ -8,9 +8,9 @@ use serde::Serialize;
 use super::programs::Program;
 use super::value::Value;
 use crate::checks::Problems;
-use crate::config::Config;
 use crate::report::STYLE;
 use crate::report::svg::{Plot, escape};
+use crate::settings::Config;
 
 /// Size of a plot that is the only one, pixels.
 const ALONE_PX: [f64; 2] = [1120.0, 380.0];

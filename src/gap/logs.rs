@@ -15,11 +15,11 @@ use serde::Serialize;
 use super::as_flown::AsFlown;
 use super::scene::{Scene, Told};
 use super::trace::Trace;
-use crate::config::Config;
 use crate::model::room::Room;
 use crate::pilot::{Mode, PilotConfig};
 use crate::record::LogReader;
 use crate::replay::{Differs, ReplayError, Report, Verdict, recorded_config, replay_observed};
+use crate::settings::Config;
 use crate::survey::Survey;
 
 /// Fewest IMU samples, board attitudes and TDOA a second in the air with which a flight is judged.

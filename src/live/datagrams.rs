@@ -12,8 +12,8 @@ use super::clock;
 use super::inbox::Inbox;
 use super::mailbox::{Mailbox, Outgoing};
 use super::udp::{DATAGRAM_BYTES, RETRY, SEND_PATIENCE, any_for, is_for_many, no_address};
-use crate::config::HostPort;
 use crate::drops::DropReason;
+use crate::settings::HostPort;
 use crate::time::HostTime;
 
 /// A peer that was silent for so long is forgotten, s.

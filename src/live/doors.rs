@@ -10,10 +10,10 @@ use haltere_dialect::signing::SigningKey;
 
 use super::clock;
 use super::inbox::Shared;
-use crate::config::Config;
 use crate::drops::Drops;
 use crate::guard::{Door, DoorConfig, KeyRing, Signing};
 use crate::pilot::LinkId;
+use crate::settings::Config;
 use crate::sources::{KeyFileError, read_key, read_time, time_file};
 use crate::store::{replace, replace_private};
 use crate::time::HostTime;

@@ -12,8 +12,8 @@ use super::clock;
 use super::frames::WholeFrames;
 use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS};
 use super::mailbox::{Mailbox, Outgoing, Refused};
-use crate::config::HostPort;
 use crate::drops::DropReason;
+use crate::settings::HostPort;
 use crate::time::HostTime;
 
 /// Most clients of one port.

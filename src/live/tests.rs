@@ -9,9 +9,9 @@ use haltere_dialect::mav_stream;
 use serialport::{SerialPort, TTYPort};
 
 use super::*;
-use crate::config::Config;
 use crate::drops::DropReason;
 use crate::record::{Entry, LogEnd, LogReader, RawInput};
+use crate::settings::Config;
 use crate::sources::Loaded;
 
 fn free_port() -> u16 {

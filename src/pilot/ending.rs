@@ -114,9 +114,9 @@ impl Pilot {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::PilotConfig;
     use crate::frames::Vec3;
     use crate::measure::AnchorId;
-    use crate::pilot::PilotConfig;
     use crate::survey::Survey;
 
     fn pilot(mode: Mode) -> (Pilot, HostTime) {

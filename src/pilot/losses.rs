@@ -81,9 +81,9 @@ mod tests {
     use super::*;
     use crate::frames::Vec3;
     use crate::measure::AnchorId;
-    use crate::pilot::{Input, PilotConfig};
     use crate::survey::Survey;
     use crate::topics::Topic;
+    use crate::{Input, PilotConfig};
 
     #[test]
     fn regress_losses_of_the_estimator_are_reported() {

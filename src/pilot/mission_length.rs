@@ -110,7 +110,7 @@ impl Walk<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pilot::mission::StoredItem;
+    use crate::mission::StoredItem;
 
     fn mission(items: &[MissionItem]) -> Mission {
         let stored = |item: &MissionItem| StoredItem { wire: Default::default(), item: *item };

@@ -195,8 +195,8 @@ mod tests {
 
     use crate::frames::Vec3;
     use crate::measure::AnchorId;
-    use crate::pilot::{Endpoint, Input, PilotConfig};
     use crate::survey::Survey;
+    use crate::{Endpoint, Input, PilotConfig};
     use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavModeFlag};
     use haltere_dialect::mav_stream;
 

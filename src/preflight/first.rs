@@ -4,10 +4,10 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use crate::checks::schema::Schema;
-use crate::config::{
+use crate::pilot::TagProtocol;
+use crate::settings::{
     Address, Config, RecordConfig, StoreConfig, TagPort, parse_anchors, reference,
 };
-use crate::pilot::TagProtocol;
 
 /// Name of the anchor file.
 const ANCHORS: &str = "anchors.toml";

@@ -1,7 +1,7 @@
 //! The key of signed MAVLink: one that would keep `fly` from starting is to be known before.
 
 use super::Finding;
-use crate::config::Config;
+use crate::settings::Config;
 use crate::sources::{KeyFileError, read_key, read_time};
 
 /// The key file and the time beside it, where one is configured.

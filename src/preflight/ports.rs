@@ -5,9 +5,9 @@ use std::net::{TcpListener, ToSocketAddrs as _, UdpSocket};
 use std::path::Path;
 
 use super::Finding;
-use crate::config::{Address, Config, HostPort, TagPort};
 use crate::live::usb::{UsbSerial, serial_devices};
 use crate::pilot::TagProtocol;
+use crate::settings::{Address, Config, HostPort, TagPort};
 
 /// All links.
 pub fn examine(config: &Config) -> Vec<Finding> {

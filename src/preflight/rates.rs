@@ -12,10 +12,10 @@ use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream::MavSplitter;
 
 use super::Finding;
-use crate::config::StoreConfig;
 use crate::live::{self, Stop};
 use crate::pilot::{LinkId, TagProtocol};
 use crate::record::{Decoded, Entry, LogReader, RawInput};
+use crate::settings::StoreConfig;
 use crate::sources::Loaded;
 use crate::time::HostTime;
 

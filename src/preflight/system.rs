@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::Finding;
-use crate::config::TimingConfig;
 use crate::live::realtime;
+use crate::settings::TimingConfig;
 
 /// Steps of 10 ms over which the timer is measured: a second.
 const STEPS: u32 = 100;

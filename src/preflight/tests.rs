@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::*;
-use crate::config::{Address, Config, TagPort};
+use crate::settings::{Address, Config, TagPort};
 use crate::sources::{Loaded, Sources};
 
 const SAMPLE_ANCHORS: &str = include_str!("../../config/anchors.toml");

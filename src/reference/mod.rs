@@ -1,5 +1,5 @@
 //! Pages that are made from the code itself: modes, supervision and messages. Tests hold the committed pages to it;
-//! `HALTERE_REWRITE_GOLDENS=1 cargo test --lib page_is` writes them anew.
+//! `HALTERE_REWRITE_GOLDENS=1 cargo test --workspace --lib page_is` writes them anew.
 
 pub mod commands;
 pub mod messages;
@@ -14,6 +14,6 @@ pub(crate) fn check_page(name: &str, page: &str) {
     }
     assert!(
         std::fs::read_to_string(&path).unwrap_or_default() == page,
-        "docs/{name} is old: HALTERE_REWRITE_GOLDENS=1 cargo test --lib page_is"
+        "docs/{name} is old: HALTERE_REWRITE_GOLDENS=1 cargo test --workspace --lib page_is"
     );
 }

@@ -27,9 +27,9 @@ use self::inputs::Inputs;
 use self::setpoints::Setpoints;
 use self::traffic::Traffic;
 use crate::checks::Problems;
-use crate::config::Config;
 use crate::pilot::{LinkId, Mission, Pilot};
 use crate::record::{BuildIdentity, Entry, LogEnd, LogError, LogReader, RawInput, pb};
+use crate::settings::Config;
 use crate::time::HostTime;
 use crate::topics::Topic;
 

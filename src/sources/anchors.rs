@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::checks::Problems;
-use crate::config::parse_anchors;
+use crate::settings::parse_anchors;
 use crate::survey::Survey;
 
 /// Reads and checks an anchor file.

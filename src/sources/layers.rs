@@ -10,7 +10,7 @@ use toml::{Table, Value};
 
 use super::{DEFAULT_FILE, Sources};
 use crate::checks::Problems;
-use crate::config::{Author, Config, Note, Retired, one, present_name, read_config};
+use crate::settings::{Author, Config, Note, Retired, one, present_name, read_config};
 
 /// What begins the name of every environment variable that is a configuration key.
 const ENVIRONMENT_PREFIX: &str = "HALTERE_";

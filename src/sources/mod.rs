@@ -19,7 +19,7 @@ pub use key_file::{KeyFileError, read_key, read_time, time_file};
 
 use self::layers::Layers;
 use crate::checks::Problems;
-use crate::config::{Config, Note, RETIRED, Retired};
+use crate::settings::{Config, Note, RETIRED, Retired};
 use crate::survey::Survey;
 
 /// File that is read from the working directory when none is named.

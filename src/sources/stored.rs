@@ -17,8 +17,8 @@ use std::path::{Path, PathBuf};
 use super::Loaded;
 use super::layers::Layers;
 use crate::checks::Problems;
-use crate::config::{Config, Note};
 use crate::pilot::services::{crc32, find_parameter};
+use crate::settings::{Config, Note};
 
 /// Name of the file in `store.directory`.
 pub const FILE: &str = "parameters.txt";

@@ -2,7 +2,7 @@
 //! leaves, and the real one may be empty.
 
 use super::*;
-use crate::config::{Author, Fate, Read, read_config};
+use crate::settings::{Author, Fate, Read, read_config};
 
 const TABLE: &[Retired] = &[
     Retired { key: "uwb.longest_echo_s", fate: Fate::Gone { default: "3", heir: "" } },

@@ -26,8 +26,8 @@ use crossbeam_queue::ArrayQueue;
 use thiserror::Error;
 use tokio::net::TcpListener;
 
-use crate::config::Address;
 use crate::record::GlueState;
+use crate::settings::Address;
 use crate::sources::Loaded;
 use crate::time::HostTime;
 use crate::topics::Topic;

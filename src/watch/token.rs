@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use sha2::{Digest as _, Sha256};
 use thiserror::Error;
 
-use crate::config::WatchConfig;
+use crate::settings::WatchConfig;
 
 /// Shortest and longest token, bytes.
 const TOKEN_BYTES: std::ops::RangeInclusive<usize> = 16..=128;

@@ -4,9 +4,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use haltere::config::Config;
 use haltere::pilot::{Input, LinkId, Pilot};
 use haltere::record::{BuildIdentity, Recorder, Session};
+use haltere::settings::Config;
 use haltere::sources::stored;
 use haltere::time::HostTime;
 use haltere_dialect::lps::sniffer::{SnifferFrame, encode};

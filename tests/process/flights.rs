@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use haltere::config::Config;
 use haltere::gap::scene::Scene;
 use haltere::lockstep::{HOST_START_US, Listener, Lockstep, Tap, fly};
 use haltere::mission_file::{Command as ItemCommand, Item, MissionFile};
@@ -11,6 +10,7 @@ use haltere::model::{EffectSet, Plant};
 use haltere::pilot::Input;
 use haltere::record::{BuildIdentity, Recorder, Session};
 use haltere::report::truth::HEADER;
+use haltere::settings::Config;
 use haltere::time::HostTime;
 
 /// A hover and a small box, some 25 s.

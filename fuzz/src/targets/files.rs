@@ -1,6 +1,5 @@
 //! Files: missions, parameters, plans, logs, configurations, anchor surveys.
 
-use haltere::config::{Config, parse_anchors};
 use haltere::export::{self, Form};
 use haltere::fit::source::Source;
 use haltere::fit::tell;
@@ -11,6 +10,7 @@ use haltere::pilot::{Input, Pilot};
 use haltere::record::LogReader;
 use haltere::report::flight::Flight;
 use haltere::report::{Page, from_log};
+use haltere::settings::{Config, parse_anchors};
 use haltere::sources::stored;
 use haltere::time::HostTime;
 

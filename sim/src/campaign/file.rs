@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use haltere::checks::Problems;
-use haltere::config::Config;
 use haltere::ctl::read_mission;
 use haltere::mission_file::{Item, MissionFile};
+use haltere::settings::Config;
 use haltere::sources::{self, Sources};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};

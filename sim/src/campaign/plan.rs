@@ -5,12 +5,12 @@ use std::collections::BTreeMap;
 
 use anyhow::{Context, Result, bail};
 use haltere::checks::Problems;
-use haltere::config::Config;
 use haltere::mission_file::MissionFile;
 use haltere::model::Vehicle;
 use haltere::model::random::Stream;
 use haltere::model::tag::TagProtocol;
 use haltere::pilot::TagProtocol as CompanionProtocol;
+use haltere::settings::Config;
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 

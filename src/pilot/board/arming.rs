@@ -56,7 +56,7 @@ struct Order {
 
 /// What the sequence knows of the board.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::pilot) struct Seen {
+pub(crate) struct Seen {
     pub armed: bool,
     /// For how long setpoints have been streaming without a gap, s.
     pub streaming_s: f64,
@@ -68,7 +68,7 @@ pub(in crate::pilot) struct Seen {
 
 /// What is to be sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::pilot) enum Send {
+pub(crate) enum Send {
     Nothing,
     /// Ask for the control mode.
     Mode,
@@ -78,7 +78,7 @@ pub(in crate::pilot) enum Send {
 
 /// How a command ended, or went on.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::pilot) struct Outcome {
+pub(crate) struct Outcome {
     pub arm: bool,
     pub accepted: bool,
     pub why: String,
@@ -86,7 +86,7 @@ pub(in crate::pilot) struct Outcome {
 
 /// The sequence.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Arming {
+pub(crate) struct Arming {
     order: Option<Order>,
 }
 

@@ -51,7 +51,7 @@ impl Check {
 
 /// All checks of a board.
 #[derive(Debug)]
-pub(in crate::pilot) struct Checks {
+pub(crate) struct Checks {
     all: Vec<Check>,
     encoding: Encoding,
     next_request: HostTime,

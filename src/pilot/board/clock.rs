@@ -24,7 +24,7 @@ const GAIN: f64 = 0.1;
 
 /// Maps board time to host time.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct BoardClock {
+pub(crate) struct BoardClock {
     round_trips_us: [i64; WINDOW],
     seen: usize,
     /// Board time minus host time, µs.

@@ -15,7 +15,7 @@ const STREAM_S: f64 = 1.2;
 
 /// What has changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::pilot) enum Change {
+pub(crate) enum Change {
     /// Another mode has been in force for longer than its grace; its number.
     Lost(u32),
     /// It was away within the grace and is back; the mode it was in.
@@ -28,7 +28,7 @@ pub(in crate::pilot) enum Change {
 
 /// Follows the mode.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Control {
+pub(crate) struct Control {
     custom_mode: Option<u32>,
     ours_since: Option<HostTime>,
     away_since: Option<HostTime>,

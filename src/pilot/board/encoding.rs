@@ -11,7 +11,7 @@ const BYTEWISE: u64 = 16;
 
 /// How integers stand in the float.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::pilot) enum Encoding {
+pub(crate) enum Encoding {
     /// Their value.
     Numeric,
     /// Their bits, least significant byte first, in the first bytes of the field.

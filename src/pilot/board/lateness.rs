@@ -13,7 +13,7 @@ use crate::time::HostTime;
 /// A link that takes longer than this there and back is late, s. The loops lose their phase at 0.15 s more
 /// than they have (`control::margins`: 54 deg at 6.2 rad/s, vertical, full battery); 80 ms towards the board
 /// were flown and are diagnosed (effect T2), and answer within 87.
-pub(in crate::pilot) const LATE_S: f64 = 0.1;
+pub(crate) const LATE_S: f64 = 0.1;
 /// It is well again below this share of that.
 const WELL_SHARE: f64 = 0.6;
 /// Round trips in a row that show it.
@@ -27,7 +27,7 @@ const FORGOTTEN_S: f64 = 1.0;
 
 /// Follows both witnesses.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Lateness {
+pub(crate) struct Lateness {
     /// Newest round trips, s, the newest last.
     trips_s: [f64; TRIPS],
     trips: usize,

@@ -11,7 +11,7 @@ use super::{Change, Firmware};
 
 /// What the board link has to tell the core.
 #[derive(Debug, Clone, PartialEq)]
-pub(in crate::pilot) enum BoardNews {
+pub(crate) enum BoardNews {
     Imu(ImuSample),
     Attitude(BoardAttitude),
     Battery(BatterySample),

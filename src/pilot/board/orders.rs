@@ -10,8 +10,8 @@ use crate::time::HostTime;
 
 use super::arming::{Seen, Send};
 use super::{BOARD_COMPONENT, BoardLink, BoardNews, Firmware, report};
-use crate::pilot::LinkId;
-use crate::pilot::output::Outbox;
+use crate::LinkId;
+use crate::output::Outbox;
 
 /// `param1` of MAV_CMD_DO_SET_MODE: the mode is a custom one.
 const CUSTOM_MODE: f32 = 1.0;

@@ -5,7 +5,7 @@
 const WINDOW: usize = 5;
 /// A median beyond this is slow whatever it was before, s: ten control periods of dead time would be
 /// more than the loops stand.
-pub(in crate::pilot) const SLOW_S: f64 = 0.060;
+pub(crate) const SLOW_S: f64 = 0.060;
 /// A median beyond this is slow if it is so many times the best, s.
 const GROWN_S: f64 = 0.025;
 const GROWN_FACTOR: f64 = 4.0;
@@ -14,7 +14,7 @@ const WELL_SHARE: f64 = 0.6;
 
 /// Follows the round trips.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Pace {
+pub(crate) struct Pace {
     trips_s: [f64; WINDOW],
     count: usize,
     best_s: Option<f64>,

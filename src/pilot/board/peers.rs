@@ -30,7 +30,7 @@ const MOST_OTHERS: usize = 4;
 
 /// Another address than the board's.
 #[derive(Debug)]
-pub(in crate::pilot) struct Other {
+pub(crate) struct Other {
     pub address: SocketAddr,
     /// Its bytes, apart from those of the board.
     pub splitter: MavSplitter,
@@ -57,7 +57,7 @@ impl Other {
 
 /// Frames that waited until it was clear who had sent them.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Late {
+pub(crate) struct Late {
     bytes: Vec<u8>,
     ends: Vec<(HostTime, usize)>,
 }
@@ -77,7 +77,7 @@ impl Late {
 
 /// Those who speak.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Peers {
+pub(crate) struct Peers {
     /// Where the bytes come from that come next. `None`: the link has one far end.
     sender: Option<SocketAddr>,
     board: Option<SocketAddr>,

@@ -3,7 +3,7 @@
 //! All numbers were seen on the wire of ArduCopter 4.8.0-dev and PX4 1.17.0 in software-in-the-loop
 //! or read in their sources (docs/BOARDS.md says which).
 
-use crate::pilot::config::BoardProfile;
+use crate::config::BoardProfile;
 
 /// `MAV_AUTOPILOT` of the two firmwares (common.xml).
 const AUTOPILOT_ARDUPILOT: u8 = 3;
@@ -11,7 +11,7 @@ const AUTOPILOT_PX4: u8 = 12;
 
 /// A firmware.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::pilot) enum Firmware {
+pub(crate) enum Firmware {
     /// Obeys setpoints while it is armed; no modes, no parameters.
     Generic,
     /// PX4, commanded in OFFBOARD.
@@ -22,7 +22,7 @@ pub(in crate::pilot) enum Firmware {
 
 /// The mode in which a board obeys our setpoints.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::pilot) struct ControlMode {
+pub(crate) struct ControlMode {
     /// Name for people.
     pub name: &'static str,
     /// Bits of `HEARTBEAT.custom_mode` that tell, and what they are then.

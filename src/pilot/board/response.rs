@@ -35,7 +35,7 @@ const PAUSE_S: f64 = 0.3;
 
 /// Compares.
 #[derive(Debug)]
-pub(in crate::pilot) struct Response {
+pub(crate) struct Response {
     asked: VecDeque<(HostTime, [f64; 2])>,
     asked_slow: Option<[f64; 2]>,
     seen_slow: Option<[f64; 2]>,

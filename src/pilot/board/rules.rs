@@ -7,7 +7,7 @@ use super::Firmware;
 
 /// What a parameter has to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::pilot) enum Demand {
+pub(crate) enum Demand {
     /// All these bits are set.
     Bits(u32),
     /// Within these bounds; when it is not, and may be set, it becomes the third number.
@@ -20,7 +20,7 @@ pub(in crate::pilot) enum Demand {
 
 /// What a wrong value means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::pilot) enum Weight {
+pub(crate) enum Weight {
     /// The board is not armed with it.
     Must,
     /// People are told.
@@ -31,7 +31,7 @@ pub(in crate::pilot) enum Weight {
 
 /// One parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::pilot) struct Rule {
+pub(crate) struct Rule {
     /// Its names, newest release first.
     pub names: &'static [&'static str],
     pub demand: Demand,
@@ -53,10 +53,10 @@ use Demand::{Bits, Known, OneOf, Within};
 use Weight::{Must, Note, Should};
 
 /// Name under which the spool-up time is looked up.
-pub(in crate::pilot) const SPOOL_NAMES: [&str; 2] = ["MOT_SPOOL_TIME", "COM_SPOOLUP_TIME"];
+pub(crate) const SPOOL_NAMES: [&str; 2] = ["MOT_SPOOL_TIME", "COM_SPOOLUP_TIME"];
 
 /// Names under which the time-out of setpoints is looked up.
-pub(in crate::pilot) const TIMEOUT_NAMES: [&str; 2] = ["GUID_TIMEOUT", "COM_OF_LOSS_T"];
+pub(crate) const TIMEOUT_NAMES: [&str; 2] = ["GUID_TIMEOUT", "COM_OF_LOSS_T"];
 
 static ARDUPILOT: &[Rule] = &[
     rule(&["GUID_OPTIONS"], Bits(8), Must, "without bit 3 the thrust is flown as a climb rate"),

@@ -12,10 +12,10 @@ use crate::measure::{
 };
 use crate::time::{FcTime, HostTime};
 
+use super::super::reference;
 use super::instances::{Kind, battery_rank};
 use super::{BoardLink, BoardNews, Firmware};
-use crate::pilot::output::Outbox;
-use crate::pilot::reference;
+use crate::output::Outbox;
 
 /// SYS_STATUS, and the messages that can carry an IMU.
 const SYS_STATUS_ID: u32 = 1;

@@ -129,7 +129,7 @@ impl Need {
 
 /// All of them.
 #[derive(Debug)]
-pub(in crate::pilot) struct Streams {
+pub(crate) struct Streams {
     needs: Vec<Need>,
     /// What an answer is waited for, and since when.
     asking: Option<(usize, HostTime)>,

@@ -42,7 +42,7 @@ struct Sent {
 
 /// Compares.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct TargetWatch {
+pub(crate) struct TargetWatch {
     sent: VecDeque<Sent>,
     /// When a target last fitted.
     fitted_at: Option<HostTime>,

@@ -6,8 +6,8 @@ use crate::drops::{DropReason, Drops};
 use crate::time::{FcTime, HostTime};
 
 use super::{BOARD_COMPONENT, BoardLink, BoardNews, SECOND_US};
-use crate::pilot::LinkId;
-use crate::pilot::output::{Address, Outbox};
+use crate::LinkId;
+use crate::output::{Address, Outbox};
 
 /// TIMESYNC: 10 Hz until locked and in doubt, else 1 Hz (INTERFACES.md section 2).
 const SYNC_FAST_US: i64 = 100_000;

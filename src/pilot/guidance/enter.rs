@@ -3,8 +3,8 @@
 use super::{Carrot, Guidance};
 use crate::estimate::Estimate;
 use crate::frames::Vec3;
-use crate::pilot::modes::Mode;
-use crate::pilot::services::fence::Fence;
+use crate::modes::Mode;
+use crate::services::fence::Fence;
 use crate::time::HostTime;
 
 impl Guidance {

@@ -4,7 +4,7 @@ use super::{Carrot, Guidance, News, Now};
 use crate::control::{AxisCommand, Command, HeldTilt, TiltAxis};
 use crate::estimate::Estimate;
 use crate::frames::Vec3;
-use crate::pilot::tilt_step::{Progress, TiltRun, TiltStep};
+use crate::tilt_step::{Progress, TiltRun, TiltStep};
 
 impl Guidance {
     /// The command of a held tilt: along its axis the vehicle goes as it goes, across it the line is

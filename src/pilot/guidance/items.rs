@@ -2,8 +2,8 @@
 
 use super::{Carrot, Guidance, News, Now};
 use crate::frames::{E, Vec3, wrap_pi_rad};
-use crate::pilot::mission::{Mission, MissionItem};
-use crate::pilot::modes::Event;
+use crate::mission::{Mission, MissionItem};
+use crate::modes::Event;
 
 /// Voltage must be below the one that is waited for this long, s: as for an empty battery.
 const VOLTAGE_FOR_S: f64 = 2.0;

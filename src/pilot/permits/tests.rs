@@ -10,8 +10,8 @@ use haltere_dialect::mav_stream::MavSplitter;
 use super::*;
 use crate::frames::Vec3;
 use crate::measure::AnchorId;
-use crate::pilot::{Endpoint, Input, PilotConfig};
 use crate::survey::Survey;
+use crate::{Endpoint, Input, PilotConfig};
 
 fn id(name: &str) -> [u8; 16] {
     std::array::from_fn(|i| name.as_bytes().get(i).copied().unwrap_or(0))

@@ -204,14 +204,14 @@ mod tests {
 
     #[test]
     fn golden_page_is_the_table() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/PARAMETERS.md");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/PARAMETERS.md");
         if std::env::var_os("HALTERE_REWRITE_GOLDENS").is_some() {
             std::fs::write(path, markdown()).expect("docs/ can be written");
         }
         let committed = std::fs::read_to_string(path).unwrap_or_default();
         assert!(
             committed == markdown(),
-            "docs/PARAMETERS.md is old: HALTERE_REWRITE_GOLDENS=1 cargo test --lib golden_page_is"
+            "docs/PARAMETERS.md is old: HALTERE_REWRITE_GOLDENS=1 cargo test --workspace --lib page_is"
         );
     }
 

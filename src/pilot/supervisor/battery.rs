@@ -26,7 +26,7 @@ const HOME_SHARE: f64 = 1.3;
 
 /// Discharge as it is seen in this flight.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Discharge {
+pub(crate) struct Discharge {
     slow_v: Option<(f64, HostTime)>,
     flying_since: Option<HostTime>,
     next: HostTime,
@@ -90,12 +90,12 @@ impl Pilot {
     }
 
     /// Time until the voltage is critical, s, once it can be told.
-    pub(in crate::pilot) fn battery_left_s(&self) -> Option<f64> {
+    pub(crate) fn battery_left_s(&self) -> Option<f64> {
         self.supervisor.discharge.time_to_s(self.config.limits.battery_critical_v)
     }
 
     /// Time to fly home and land, s.
-    pub(in crate::pilot) fn time_home_s(&self) -> f64 {
+    pub(crate) fn time_home_s(&self) -> f64 {
         let flight = &self.config.flight;
         let pos = self.estimate.pos_E_m;
         let refuge = self.guidance.nearest_refuge_NE_m(pos, &self.services.plans.fence);

@@ -33,7 +33,7 @@ struct Step {
 
 /// The last steps of flight.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Before {
+pub(crate) struct Before {
     steps: VecDeque<Step>,
 }
 

@@ -73,10 +73,10 @@ pub struct Condition {
     pub over: &'static str,
     /// Bits of SYS_STATUS that it takes away.
     pub health: MavSysStatusSensor,
-    pub(in crate::pilot) severity: Severity,
-    pub(in crate::pilot) is_seen: fn(&Pilot, HostTime) -> bool,
+    pub(crate) severity: Severity,
+    pub(crate) is_seen: fn(&Pilot, HostTime) -> bool,
     /// Told when it begins.
-    pub(in crate::pilot) words: fn(&Pilot, HostTime) -> String,
+    pub(crate) words: fn(&Pilot, HostTime) -> String,
 }
 
 impl Condition {

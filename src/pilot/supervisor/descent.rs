@@ -75,7 +75,7 @@ const HIGH_M: f64 = 0.6;
 /// With such a barometer it may take so many times longer.
 const BARO_SLACK: f64 = 4.0;
 /// Longest descent, s: 15 m at the slowest.
-pub(in crate::pilot) const LONGEST_S: f64 = 40.0;
+pub(crate) const LONGEST_S: f64 = 40.0;
 /// Near the floor the ground effect can carry a small deficit. In the end thrust goes down to nothing
 /// within this time, s.
 const FADE_S: f64 = 3.0;
@@ -86,7 +86,7 @@ const HELD_UP_MPS: f64 = 0.2;
 
 /// A descent under way.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(in crate::pilot) struct Descent {
+pub(crate) struct Descent {
     height_m: f64,
     sink_mps: f64,
     bias_mps2: f64,

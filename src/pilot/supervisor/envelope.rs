@@ -19,7 +19,7 @@ const LEAP_MPS: f64 = 4.0;
 
 /// Estimated speeds of the last steps of flight.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Speed {
+pub(crate) struct Speed {
     last_mps: [f64; LEAP_STEPS],
     steps: usize,
     /// Gained over them, m/s.
@@ -37,7 +37,7 @@ impl Speed {
 
 impl Pilot {
     /// Follows the estimated speed in flight.
-    pub(in crate::pilot) fn watch_speed(&mut self) {
+    pub(crate) fn watch_speed(&mut self) {
         if self.mode.is_flying() {
             self.supervisor.speed.step(self.estimate.vel_B_mps.norm());
         } else {

@@ -38,7 +38,7 @@ const DOUBT_SHARE: f64 = 0.15;
 
 /// What speaks for and against the estimate.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Evidence {
+pub(crate) struct Evidence {
     /// Low-passed share of measurements beyond the gate.
     beyond_share: f64,
     remedies: u64,
@@ -106,7 +106,7 @@ impl Pilot {
     /// Height above the floor, m, and sinking speed, m/s, with which a descent begins: the estimate's, or those of a
     /// moment ago where the estimate has followed an accelerometer that lies. The height is the barometer's where that is
     /// larger: taken too high it costs seconds, taken too low it ends in a fall.
-    pub(in crate::pilot) fn height_and_sink_to_descend_from(&self, at: HostTime) -> (f64, f64) {
+    pub(crate) fn height_and_sink_to_descend_from(&self, at: HostTime) -> (f64, f64) {
         let leapt = [SCALE, LEAP].iter().any(|row| self.supervisor.has(row.name));
         let before = self.supervisor.before.carried_on().filter(|_| leapt);
         let sink_mps = if self.imu_is_alive(at) { self.last_sink_mps } else { 0.0 };
@@ -116,14 +116,14 @@ impl Pilot {
     }
 
     /// Height of the landing gear above the floor by the barometer, low-passed, m.
-    pub(in crate::pilot) fn baro_above_floor_m(&self, at: HostTime) -> Option<f64> {
+    pub(crate) fn baro_above_floor_m(&self, at: HostTime) -> Option<f64> {
         let (baro_m, t) = self.supervisor.evidence.baro?;
         let fresh = at.seconds_since(t) < BARO_AGE_S;
         fresh.then_some(baro_m - self.config.flight.gear_height_m)
     }
 
     /// Whether barometer or UWB speak against the estimate: nothing is learned from it then.
-    pub(in crate::pilot) fn estimate_is_contradicted(&self, at: HostTime) -> bool {
+    pub(crate) fn estimate_is_contradicted(&self, at: HostTime) -> bool {
         let most_m = 0.5 * self.config.supervisor.height_difference_m;
         self.supervisor.evidence.beyond_share > DOUBT_SHARE
             || self.height_difference_m(at).is_some_and(|m| m.abs() > most_m)

@@ -77,7 +77,7 @@ impl Roughness {
 
 /// How long each triple has repeated itself, and how rough it is.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Repetition {
+pub(crate) struct Repetition {
     last: Option<ImuSample>,
     acc_s: f64,
     rate_s: f64,
@@ -134,7 +134,7 @@ impl Repetition {
 
 /// Specific force along body z against the thrust that was sent.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Lift {
+pub(crate) struct Lift {
     /// Low-passed difference, measured minus sent, m/s².
     pub off_mps2: f64,
     /// Low-passed distance of the thrust from the one that hovers, share of it.
@@ -166,7 +166,7 @@ impl Lift {
 impl Pilot {
     /// Compares accelerometer and thrust where both should say the same: away from the floor, under our
     /// own control.
-    pub(in crate::pilot) fn watch_lift(&mut self, dt_s: f64) {
+    pub(crate) fn watch_lift(&mut self, dt_s: f64) {
         let calm = self.mode.is_flying()
             && self.mode != Mode::Land
             && self.height_above_floor_m() > LIFT_CLEAR_M
@@ -192,7 +192,7 @@ impl Pilot {
         self.supervisor.lift.step(self.touch.acc_z_mps2, share, dt_s);
     }
 
-    pub(in crate::pilot) fn imu_age_s(&self, at: HostTime) -> f64 {
+    pub(crate) fn imu_age_s(&self, at: HostTime) -> f64 {
         self.last_imu.map_or(f64::INFINITY, |t| at.seconds_since(t))
     }
 
@@ -206,7 +206,7 @@ impl Pilot {
     }
 
     /// Whether the accelerometer can be asked whether the vehicle falls.
-    pub(in crate::pilot) fn imu_is_alive(&self, at: HostTime) -> bool {
+    pub(crate) fn imu_is_alive(&self, at: HostTime) -> bool {
         let c = &self.config.supervisor;
         self.imu_silent_s(at) <= c.imu_loss_s
             && self.supervisor.repetition.longest_s() <= c.imu_frozen_s

@@ -16,7 +16,7 @@ const STICK_AGE_S: f64 = 0.5;
 
 /// Who was heard, and when.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Heard {
+pub(crate) struct Heard {
     /// Longest silence of the board in this flight, s, once it was over.
     pub board_gap_s: Option<f64>,
     /// Newest heartbeat of any station.
@@ -103,7 +103,7 @@ pub(super) const BOARD: Condition = Condition {
 };
 
 /// Lag of the attitude behind its setpoints that no loop stands, s.
-pub(in crate::pilot) const RESPONSE_MOST_S: f64 = 0.48;
+pub(crate) const RESPONSE_MOST_S: f64 = 0.48;
 
 /// What comes from the board is old, or what is sent to it arrives late.
 pub(super) const BOARD_LATE: Condition = Condition {

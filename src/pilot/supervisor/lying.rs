@@ -41,7 +41,7 @@ const FALLEN_M: f64 = 0.2;
 
 /// How it leans, and what carries it.
 #[derive(Debug)]
-pub(in crate::pilot) struct Lying {
+pub(crate) struct Lying {
     /// Vertical specific force, low-passed, m/s².
     down_mps2: f64,
     imu_at: Option<HostTime>,
@@ -113,7 +113,7 @@ impl Lying {
 
 impl Pilot {
     /// Follows lean and what carries it.
-    pub(in crate::pilot) fn watch_lying(&mut self, at: HostTime, dt_s: f64) {
+    pub(crate) fn watch_lying(&mut self, at: HostTime, dt_s: f64) {
         let fresh = |t: HostTime| at.seconds_since(t) < ATTITUDE_AGE_S;
         let board = self.board_attitude.filter(|board| fresh(board.received_at));
         let heard = self.supervisor.lying.imu_at.is_some_and(fresh);

@@ -23,7 +23,7 @@ const EVERY: u64 = 10;
 
 impl Pilot {
     /// Follows what pushes the vehicle, and where UWB has it, while it is in the air.
-    pub(in crate::pilot) fn watch_room(&mut self, at: HostTime, dt_s: f64) {
+    pub(crate) fn watch_room(&mut self, at: HostTime, dt_s: f64) {
         let board = self.board_attitude.filter(|a| at.seconds_since(a.received_at) < LEAN_AGE_S);
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded)
             && self.mode.is_flying()

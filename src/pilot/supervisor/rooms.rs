@@ -119,7 +119,7 @@ impl Room {
 
 /// The bank.
 #[derive(Debug)]
-pub(in crate::pilot) struct Rooms {
+pub(crate) struct Rooms {
     rooms: [Room; SOUND + WRONG],
     /// Covariance of p, v, d along one axis, of all alike.
     cov: Matrix3<f64>,

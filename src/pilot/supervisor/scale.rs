@@ -100,7 +100,7 @@ struct Step {
 
 /// What is followed.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Scale {
+pub(crate) struct Scale {
     /// By the thrust as it was sent, and as if it were obeyed late.
     expected: Option<[Expected; 2]>,
     shares: VecDeque<f64>,
@@ -164,7 +164,7 @@ impl Scale {
 
 impl Pilot {
     /// Follows the scale wherever the loop flies, and what a descent would begin with.
-    pub(in crate::pilot) fn watch_scale(&mut self, at: HostTime, dt_s: f64) {
+    pub(crate) fn watch_scale(&mut self, at: HostTime, dt_s: f64) {
         let hover_frac = self.hover_thrust_frac() * self.control.ground_factor;
         let obeys = self.board.obeys() && !self.board.lateness().is_late();
         if !self.mode.is_flying() || !obeys || hover_frac < 0.05 || dt_s >= PAUSE_S {

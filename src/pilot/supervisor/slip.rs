@@ -41,7 +41,7 @@ const IMU_AGE_S: f64 = 0.05;
 
 /// What the height does beyond its velocity.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Slip {
+pub(crate) struct Slip {
     last_down_m: Option<f64>,
     /// Low-passed, downwards, m/s.
     pub mps: f64,
@@ -71,7 +71,7 @@ impl Slip {
 
 impl Pilot {
     /// Follows height and vertical velocity while both are measured.
-    pub(in crate::pilot) fn watch_slip(&mut self, at: HostTime, dt_s: f64) {
+    pub(crate) fn watch_slip(&mut self, at: HostTime, dt_s: f64) {
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
         let measured = self.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_AGE_S);
         if !self.mode.is_flying() {

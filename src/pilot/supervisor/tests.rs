@@ -176,7 +176,7 @@ fn prop_nothing_takes_off_with_an_estimator_that_is_not_aligned() {
             if pilot.mode == Mode::Arming && ms > 500 {
                 pilot.fire(at(ms), Event::BoardArmed);
             }
-            pilot.handle(at(ms), crate::pilot::Input::Wake);
+            pilot.handle(at(ms), crate::Input::Wake);
             assert!(!pilot.mode.has_thrust(), "{from:?}: {:?}", pilot.mode);
             assert!(pilot.control.thrust_frac == 0.0);
         }
@@ -184,7 +184,7 @@ fn prop_nothing_takes_off_with_an_estimator_that_is_not_aligned() {
     // Should the spool-up be reached nevertheless, it ends there, in the same step.
     let mut pilot = pilot();
     pilot.mode = Mode::Spool;
-    pilot.handle(at(10), crate::pilot::Input::Wake);
+    pilot.handle(at(10), crate::Input::Wake);
     assert_eq!(pilot.mode, Mode::Disarming);
     assert!(pilot.may_arm(at(20)).is_err());
 }
@@ -220,7 +220,7 @@ fn prop_our_own_pause_is_not_taken_for_a_silence_of_the_imu() {
         let mut now_ms = 0;
         let mut wake = |pilot: &mut Pilot, after_ms: u64| {
             now_ms += after_ms;
-            pilot.handle(at(now_ms), crate::pilot::Input::Wake);
+            pilot.handle(at(now_ms), crate::Input::Wake);
             (lost.is_seen)(pilot, at(now_ms))
         };
         for _ in 0..5 {
@@ -259,7 +259,7 @@ fn prop_numbers_are_those_of_the_configuration() {
     let config = PilotConfig::default();
     for row in &CONDITIONS {
         for n in row.numbers.iter().filter(|n| !n.key.is_empty()) {
-            let there = crate::pilot::services::all_parameters().find(|p| p.key_text() == n.key);
+            let there = crate::services::all_parameters().find(|p| p.key_text() == n.key);
             let there = there.map(|p| p.value(&config));
             assert_eq!(there, Some((n.value)(&config) as f32), "{}", n.key);
         }

@@ -21,7 +21,7 @@ const SHOWN_S: f64 = 5.0;
 
 /// How punctual the loop is.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct Punctuality {
+pub(crate) struct Punctuality {
     late_share: f64,
     /// The end of the newest long pause, and its length, s.
     deaf: Option<(HostTime, f64)>,
@@ -80,7 +80,7 @@ impl Punctuality {
 /// Where it goes back nevertheless, the core's own time goes on from where it was: otherwise the control
 /// loop would stand still until the clock has caught up.
 #[derive(Debug, Default)]
-pub(in crate::pilot) struct SteadyClock {
+pub(crate) struct SteadyClock {
     /// Core's time minus the glue's, µs.
     ahead_us: i64,
 }

@@ -14,7 +14,7 @@ const DEAD_RECKONING_S: f64 = 0.3;
 
 /// When each anchor was last part of a measurement.
 #[derive(Debug)]
-pub(in crate::pilot) struct Anchors {
+pub(crate) struct Anchors {
     heard_at: Box<[Option<HostTime>; 256]>,
 }
 
@@ -40,7 +40,7 @@ impl Anchors {
 
 impl Pilot {
     /// Anchors of the survey that are heard.
-    pub(in crate::pilot) fn anchors_alive(&self, at: HostTime) -> usize {
+    pub(crate) fn anchors_alive(&self, at: HostTime) -> usize {
         let limit_s = self.config.supervisor.anchor_silent_s;
         let alive = |id: &&AnchorId| {
             self.supervisor.anchors.silent_s(**id, at).is_some_and(|s| s <= limit_s)
@@ -49,7 +49,7 @@ impl Pilot {
     }
 
     /// Anchors that are needed: no more than there are.
-    pub(in crate::pilot) fn anchors_needed(&self) -> usize {
+    pub(crate) fn anchors_needed(&self) -> usize {
         usize::from(self.config.supervisor.anchors_least).min(self.survey.ids().len())
     }
 

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use haltere::config::Config;
 use haltere::gap::missions;
 use haltere::gap::scene::Scene;
 use haltere::lockstep::{Lockstep, fly};
+use haltere::settings::Config;
 use haltere::tape::Tape;
 
 use super::list::Mission;

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::address::Address;
 use crate::checks::Problems;
 use crate::guard::Signing;
-use crate::pilot::{BoardProfile, TagProtocol};
+use crate::{BoardProfile, TagProtocol};
 
 /// `[tag]`: the UWB tag.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

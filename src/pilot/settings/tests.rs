@@ -2,8 +2,8 @@
 
 use super::*;
 
-const SAMPLE: &str = include_str!("../../config/haltere.toml");
-const SAMPLE_ANCHORS: &str = include_str!("../../config/anchors.toml");
+const SAMPLE: &str = include_str!("../../../config/haltere.toml");
+const SAMPLE_ANCHORS: &str = include_str!("../../../config/anchors.toml");
 
 #[test]
 fn prop_the_sample_parses_to_the_defaults() {

@@ -25,6 +25,7 @@ mod ending;
 mod endpoint;
 mod excitation;
 mod ground;
+pub mod guard;
 mod guidance;
 mod heading;
 mod home;
@@ -37,6 +38,7 @@ mod losses;
 mod magnetics;
 mod manual;
 mod mission;
+pub mod mission_file;
 mod mission_items;
 mod mission_length;
 mod mission_transfer;
@@ -52,6 +54,7 @@ mod schedule;
 mod second_board;
 pub mod services;
 mod setpoint;
+pub mod settings;
 mod shadow;
 mod shelf;
 mod streams;
@@ -63,6 +66,7 @@ mod telemetry_counts;
 mod telemetry_estimator;
 mod telemetry_global;
 mod tilt_step;
+pub mod uwb;
 mod voice;
 
 pub use arming::Check as ArmingCheck;
@@ -78,6 +82,9 @@ pub use permits::Commanders;
 pub use supervisor::{Action, CONDITIONS, Condition, Number, Reaction, SupervisorConfig, Watched};
 pub use tilt_step::{Envelope, TiltStep, stopping_m};
 
+pub(crate) use haltere_core::{
+    checks, control, drops, estimate, estimator, frames, geo, measure, survey, time, topics,
+};
 use haltere_dialect::mav_stream::MavSplitter;
 
 use crate::control::{Controller, margins};

@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 
 /// `config/haltere.toml`.
-pub const SAMPLE: &str = include_str!("../../config/haltere.toml");
+pub const SAMPLE: &str = include_str!("../../../config/haltere.toml");
 
 /// One key.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -103,13 +103,13 @@ mod tests {
 
     #[test]
     fn golden_configuration_page_is_the_sample() {
-        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/CONFIGURATION.md");
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/CONFIGURATION.md");
         if std::env::var_os("HALTERE_REWRITE_GOLDENS").is_some() {
             std::fs::write(path, configuration_page()).expect("docs/ can be written");
         }
         assert!(
             std::fs::read_to_string(path).unwrap_or_default() == configuration_page(),
-            "docs/CONFIGURATION.md is old: HALTERE_REWRITE_GOLDENS=1 cargo test --lib page_is"
+            "docs/CONFIGURATION.md is old: HALTERE_REWRITE_GOLDENS=1 cargo test --workspace --lib page_is"
         );
     }
 

@@ -1,7 +1,7 @@
 //! The table is whole. What users and logs are told of its keys is tried where files are read.
 
 use super::*;
-use crate::config::Config;
+use crate::settings::Config;
 
 /// Made up: the real one may be empty.
 const TABLE: &[Retired] = &[
@@ -32,7 +32,7 @@ fn prop_the_real_table_is_whole() {
                 assert!(default.is_empty() || value, "{}: default {default}", row.key);
             }
             Fate::MovedTo(heir) => {
-                let shown = crate::config::reference()
+                let shown = crate::settings::reference()
                     .iter()
                     .any(|key| format!("{}.{}", key.section, key.name) == heir);
                 assert!(shown, "{}: there is no key {heir}", row.key);

@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use super::address::{Address, HostPort};
 use crate::checks::Problems;
 use crate::guard::{RateLimit, Signing};
-use crate::pilot::{
+use crate::{
     Commanders, Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig,
     Routing,
 };

@@ -35,9 +35,9 @@ pub use watch::{WatchAddress, WatchConfig};
 use crate::checks::Problems;
 use crate::control::ControlConfig;
 use crate::estimator::EstimatorConfig;
-use crate::pilot::{FlightConfig, LimitsConfig, PilotConfig, SupervisorConfig};
 use crate::survey::Survey;
 use crate::uwb::UwbConfig;
+use crate::{FlightConfig, LimitsConfig, PilotConfig, SupervisorConfig};
 
 /// Everything that can be configured, one field per section.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]

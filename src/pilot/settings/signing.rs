@@ -6,9 +6,9 @@ use haltere_dialect::mav_stream;
 use serde::{Deserialize, Serialize};
 
 use super::{Config, TagPort};
+use crate::TagProtocol;
 use crate::checks::Problems;
 use crate::guard::{DoorConfig, KeySetup, Signing};
-use crate::pilot::TagProtocol;
 
 /// Component that we are to the board: `MAV_COMP_ID_ONBOARD_COMPUTER`.
 const TO_BOARD: u8 = 191;
