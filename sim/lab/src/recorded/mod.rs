@@ -1,5 +1,5 @@
 //! Studies of the estimator on recorded flights of others (`haltere::util_flights`): parameters chosen with one flight
-//! left out, every ingredient on and off, cold starts, faults, the floor, and the page `docs/ESTIMATOR.md` of all of it.
+//! left out, every ingredient on and off, cold starts, faults, the floor, and the page of it, `docs/ESTIMATOR.md`.
 
 pub mod cold;
 pub mod document;
