@@ -6,23 +6,20 @@ pub use haltere_core::{
     checks, control, drops, estimate, estimator, frames, geo, measure, survey, time, topics,
 };
 
+pub use haltere_gap as gap;
+pub use haltere_log::{export, import, record, replay};
+pub use haltere_model as model;
+pub use haltere_model::lockstep;
 pub use haltere_pilot as pilot;
 pub use haltere_pilot::{guard, mission_file, settings, uwb};
 
 pub mod cli;
 pub mod ctl;
-pub mod export;
 pub mod fit;
-pub mod gap;
-pub mod import;
 pub mod live;
-pub mod lockstep;
-pub mod model;
 pub mod preflight;
 pub mod progress;
-pub mod record;
 pub mod reference;
-pub mod replay;
 pub mod report;
 pub mod sources;
 pub mod store;

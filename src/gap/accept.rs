@@ -320,7 +320,7 @@ pub fn by_hand(id: &str) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::library::standard;
+    use crate::library::standard;
 
     fn spec(id: &str) -> &'static EffectSpec {
         standard().into_iter().find(|s| s.id == id).unwrap()

@@ -146,7 +146,7 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use super::*;
-    use crate::gap::{library, missions};
+    use crate::{library, missions};
 
     #[test]
     fn prop_kept_flights_are_not_flown_again_and_are_the_same() {

@@ -167,9 +167,9 @@ impl BesideTruth {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::missions;
-    use crate::gap::scene::Scene;
     use crate::lockstep::{Lockstep, fly_watched};
+    use crate::missions;
+    use crate::scene::Scene;
 
     /// The plant knows where it was: the same figure must come out of the trace.
     #[test]

@@ -11,7 +11,7 @@ use super::picture::Picture;
 use super::shrink::{medians, scales};
 use super::statistics::{ANCHOR_SLOTS, Observation, observe, specs};
 use super::workshop::Workshop;
-use crate::gap::nominal::Nominal;
+use crate::nominal::Nominal;
 use crate::replay::{Differs, Report};
 
 /// Blocks below this many sigma are not shown as places of the gap.

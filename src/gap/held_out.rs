@@ -330,12 +330,12 @@ impl<'a> HeldOut<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::library::standard;
+    use crate::library::standard;
 
     #[test]
     fn val_a_held_out_flight_of_the_effect_is_explained_by_it() {
         let scene = Scene::lab().unwrap();
-        let items = crate::gap::missions::plain(&scene);
+        let items = crate::missions::plain(&scene);
         let spec = standard().into_iter().find(|s| s.id == "P1").unwrap();
         let model = HeldOut::new(&scene, &items, &[]);
         let own = model.fly(&[(spec, &[0.12])], SHRINK_FLIGHTS).swap_remove(0);

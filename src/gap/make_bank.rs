@@ -405,7 +405,7 @@ pub fn jittered(mut plant: PlantConfig) -> Result<PlantConfig, Problems> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::missions;
+    use crate::missions;
 
     #[test]
     fn prop_jitter_changes_constants_a_little_and_repeats() {

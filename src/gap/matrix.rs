@@ -176,9 +176,9 @@ fn tail(t: f64, freedom: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::cells::{REGIMES, Regime};
-    use crate::gap::residuals::Channel;
+    use crate::cells::{REGIMES, Regime};
     use crate::model::random::Stream;
+    use crate::residuals::Channel;
 
     fn flight(means: &[f64]) -> Details {
         let cells = means

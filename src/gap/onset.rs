@@ -243,15 +243,15 @@ fn louder(standards: &[Standard], t0: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::details::{details, fly_nulls};
-    use crate::gap::library;
-    use crate::gap::make_bank::jittered;
-    use crate::gap::missions;
-    use crate::gap::nominal::Nominal;
-    use crate::gap::scene::Scene;
-    use crate::gap::trace::Trace;
+    use crate::details::{details, fly_nulls};
+    use crate::library;
     use crate::lockstep::{Lockstep, fly_watched};
+    use crate::make_bank::jittered;
+    use crate::missions;
     use crate::model::faults::Fault;
+    use crate::nominal::Nominal;
+    use crate::scene::Scene;
+    use crate::trace::Trace;
 
     /// Time since the first thrust that the effect begins at, s.
     const BEGINS_S: f64 = 40.0;

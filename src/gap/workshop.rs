@@ -16,7 +16,6 @@ use super::nominal::Nominal;
 use super::scene::Scene;
 use super::statistics::specs;
 use crate::model::effects::{Block, EffectSpec};
-use crate::record::BuildIdentity;
 
 /// Seed of the banks that a diagnosis uses.
 pub const BANK_SEED: u64 = 20_211_117;
@@ -134,7 +133,7 @@ impl Workshop {
         let from = format!(
             "{:016x} {references:?} {calibration:?} {settings:?} {}",
             self.bank_hash,
-            BuildIdentity::bank_hash()
+            crate::BANK_HASH
         );
         let name = format!("{:016x}.learned", kept_file::fnv(from.as_bytes()));
         let path = self.folder.as_ref().map(|folder| folder.join(name));
@@ -193,7 +192,7 @@ pub(super) fn mission_key(scene: &Scene, items: &[MISSION_ITEM_INT_DATA], rest: 
         scene.until_s,
         scene.vehicle,
         scene.pilot,
-        BuildIdentity::bank_hash()
+        crate::BANK_HASH
     );
     format!("{:016x}", kept_file::fnv(text.as_bytes()))
 }

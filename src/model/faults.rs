@@ -3,9 +3,9 @@
 use haltere_dialect::mav::haltere::{FailureType, FailureUnit};
 use nalgebra::Vector3;
 
-use crate::model::gust::Gust;
-use crate::model::line_noise::LineNoise;
-use crate::model::random::Stream;
+use crate::gust::Gust;
+use crate::line_noise::LineNoise;
+use crate::random::Stream;
 
 /// How a sensor or part misbehaves; meanings of MAVLink's `FAILURE_TYPE`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,8 +5,8 @@
 //! number and is [`Line`].
 
 use crate::checks::Problems;
-use crate::model::link::Line;
-use crate::model::random::Stream;
+use crate::link::Line;
+use crate::random::Stream;
 
 /// What a line does to deliveries; shares from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

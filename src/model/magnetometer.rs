@@ -18,7 +18,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::checks::Problems;
-use crate::model::random::Stream;
+use crate::random::Stream;
 
 /// What a wave of the floor's field has of the largest disturbance, and its wavelength over `wave_m`:
 /// girders, and the mesh between them.

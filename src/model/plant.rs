@@ -6,23 +6,23 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use crate::board::{Board, BoardRequests, BoardSettings, Readings, SlowLine};
+use crate::body::Body;
 use crate::checks::Problems;
-use crate::frames::{E, G_MPS2, Rot, Vec3};
-use crate::measure::AnchorId;
-use crate::model::board::{Board, BoardRequests, BoardSettings, Readings, SlowLine};
-use crate::model::body::Body;
-use crate::model::effects::{
+use crate::effects::{
     ATTITUDE_PERIOD_S, AttitudeError, Bank, CLOCK_PERIOD_S, Cargo, Delivery, EffectSet, ImuReading,
     STEP_S, State, Supply,
 };
-use crate::model::line_noise::NoisyLine;
-use crate::model::magnetometer::Magnetometer;
-use crate::model::room::Room;
-use crate::model::tag::{Anchors, Port, TagProtocol};
-use crate::model::truth::Truth;
-use crate::model::vehicle::Vehicle;
-use crate::model::wings::{Actuation, ActuatorCommand};
+use crate::frames::{E, G_MPS2, Rot, Vec3};
+use crate::line_noise::NoisyLine;
+use crate::magnetometer::Magnetometer;
+use crate::measure::AnchorId;
+use crate::room::Room;
 use crate::survey::Survey;
+use crate::tag::{Anchors, Port, TagProtocol};
+use crate::truth::Truth;
+use crate::vehicle::Vehicle;
+use crate::wings::{Actuation, ActuatorCommand};
 
 use broken::Broken;
 

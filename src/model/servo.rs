@@ -1,6 +1,6 @@
 //! A second-order lag, solved exactly over one simulation step with its input held.
 
-use crate::model::effects::STEP_S;
+use crate::effects::STEP_S;
 
 /// `x'' = ω² (u - x) - 2 ζ ω x'`.
 #[derive(Debug, Clone)]

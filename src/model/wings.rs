@@ -22,7 +22,7 @@
 
 use nalgebra::Vector3;
 
-use crate::model::vehicle::{Vehicle, Wings};
+use crate::vehicle::{Vehicle, Wings};
 
 /// What the board tells the actuators.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -57,7 +57,7 @@ impl Program {
         Self {
             version: build.program_version,
             commit: build.git_commit,
-            source: format!("{}-{}", BuildIdentity::bank_hash(), env!("HALTERE_SIM_SOURCE_HASH")),
+            source: format!("{}-{}", haltere::gap::BANK_HASH, env!("HALTERE_SIM_SOURCE_HASH")),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The advice on cases with known answers.
 
 use super::*;
-use crate::gap::library;
+use crate::library;
 
 fn hypothesis(id: &str, probability: f64, theta: &[f64], theta_90: &[[f64; 2]]) -> Hypothesis {
     let spec = library::standard().into_iter().find(|s| s.id == id).unwrap();
@@ -38,7 +38,7 @@ fn prop_what_is_ruled_out_is_not_compared_and_the_rest_sums_to_one() {
 
 #[test]
 fn val_a_scale_tells_mass_from_thrust_as_its_resolution_says() {
-    let scale = crate::gap::experiments::find("scale").unwrap();
+    let scale = crate::experiments::find("scale").unwrap();
     let Means::Bench(readings) = scale.means else { panic!() };
     let r = mass_or_thrust();
     assert!(read_off(&r, readings) > 0.999);

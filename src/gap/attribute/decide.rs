@@ -12,7 +12,7 @@ use super::pairs::{self, PairFit};
 use super::trials::{by_effect, seen_of};
 use super::whiten::expand;
 use super::{Adequacy, Attribution, Attributor, BlockScore, Candidate, Gate, PairCandidate};
-use crate::gap::outcome::{Named, Outcome, Remainder};
+use crate::outcome::{Named, Outcome, Remainder};
 
 /// Fewer known statistics than this say nothing.
 const LEAST_STATISTICS: usize = 8;

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Gate;
 use super::trials::quantile;
-use crate::gap::normal::prediction_factor;
+use crate::normal::prediction_factor;
 
 /// Least spread of an evidence over healthy flights, in log evidence.
 const LEAST_SPREAD: f64 = 0.5;

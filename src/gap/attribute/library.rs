@@ -9,7 +9,7 @@ use super::linear::Noise;
 use super::open_set::Left;
 use super::surrogate::{Law, Surrogate};
 use super::whiten::{Standard, Whitening, compress, compressed};
-use crate::gap::bank::{Bank, Draw};
+use crate::bank::{Bank, Draw};
 
 /// Which flights of a bank teach: all, or all but one fold.
 #[derive(Debug, Clone, Copy)]

@@ -34,9 +34,9 @@ use self::blocks::Groups;
 use self::library::{Library, Part};
 use self::teachers::Teachers;
 use self::trials::Limits;
-use crate::gap::bank::{Bank, BankError};
-use crate::gap::outcome::Outcome;
+use crate::bank::{Bank, BankError};
 use crate::model::effects::Block;
+use crate::outcome::Outcome;
 
 /// Choices of an attribution. Defaults are those of GAP.md.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::library::Library;
-use crate::gap::outcome::Remainder;
+use crate::outcome::Remainder;
 
 /// Statistics that are listed of a remainder, and their least size in sigma.
 const LISTED: usize = 5;

@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 use super::linear::{Noise, directions};
 use super::theta::Space;
 use super::whiten::Whitening;
-use crate::gap::axis::Axis;
+use crate::axis::Axis;
 
 /// Directions in which kernels are compared.
 const COMPARED_DIRECTIONS: usize = 10;
@@ -355,8 +355,8 @@ fn residual_noise(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::attribute::whiten::Standard;
-    use crate::gap::axis::Size;
+    use crate::attribute::whiten::Standard;
+    use crate::axis::Size;
     use crate::model::random::Stream;
 
     fn axes(thetas: &[&[f64]]) -> Vec<Axis> {

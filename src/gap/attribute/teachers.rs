@@ -3,7 +3,7 @@
 use super::Settings;
 use super::blocks::Groups;
 use super::library::{Library, Part};
-use crate::gap::bank::{Bank, Draw};
+use crate::bank::{Bank, Draw};
 use crate::model::effects::Block;
 use crate::model::random::Stream;
 

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::toy::{SMALL, Size, Toy};
 use super::{Attribution, Attributor, Settings};
-use crate::gap::outcome::Outcome;
+use crate::outcome::Outcome;
 
 struct Tally {
     top1: f64,

@@ -3,8 +3,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::gap::axis::{Axis, Size as AxisSize};
-use crate::gap::bank::{Bank, Draw, EffectDraws};
+use crate::axis::{Axis, Size as AxisSize};
+use crate::bank::{Bank, Draw, EffectDraws};
 use crate::model::effects::Block;
 use crate::model::random::Stream;
 

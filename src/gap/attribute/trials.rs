@@ -20,7 +20,7 @@ use super::open_set::{Judge, features, score};
 use super::pairs;
 use super::teachers::HALF;
 use super::{Settings, Teachers};
-use crate::gap::bank::Draw;
+use crate::bank::Draw;
 use crate::model::effects::Block;
 use crate::model::random::Stream;
 

@@ -1,15 +1,15 @@
 //! The diagnosis on a bank made of numbers: what is loud, what could not be seen, what faults say.
 
 use super::*;
-use crate::gap::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate, Settings};
-use crate::gap::axis::Axis;
-use crate::gap::bank::{Bank, Draw, EffectDraws};
-use crate::gap::library::standard;
-use crate::gap::nominal::Nominal;
-use crate::gap::scene::Scene;
+use crate::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate, Settings};
+use crate::axis::Axis;
+use crate::bank::{Bank, Draw, EffectDraws};
+use crate::library::standard;
 use crate::measure::AnchorId;
 use crate::model::random::Stream;
+use crate::nominal::Nominal;
 use crate::replay::{Demand, Verdict};
+use crate::scene::Scene;
 
 /// Place of a statistic.
 fn place(name: &str) -> usize {

@@ -1,9 +1,9 @@
 //! The catalogue: names of the list, flights to their end, inside any room.
 
 use super::*;
-use crate::gap::missions::wire;
 use crate::lockstep::{Lockstep, fly};
 use crate::mission_file::MissionFile;
+use crate::missions::wire;
 use crate::model::effects::ALL;
 use rayon::prelude::*;
 

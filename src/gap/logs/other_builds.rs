@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use super::*;
 use crate::frames::{B, E, Rot, wrap_pi_rad};
-use crate::gap::missions;
 use crate::lockstep::{HOST_START_US, Lockstep, fly_watched};
+use crate::missions;
 use crate::model::Plant;
 use crate::pilot::{Input, LinkId};
 use crate::record::{BuildIdentity, Decoded, Entry, RawInput, Recorder, Session};
@@ -334,7 +334,7 @@ fn regress_inputs_that_do_not_fit_are_a_fault_whoever_wrote_them() {
 /// Logs of another program's vehicle, flown by build 8d8505d: whatever lands must diagnose them.
 #[test]
 fn val_the_logs_of_a_stranger_pass_gate_0() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/stranger");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/stranger");
     let files: Vec<PathBuf> = std::fs::read_dir(&folder)
         .map(|entries| entries.flatten().map(|e| e.path()).collect())
         .unwrap_or_default();
@@ -359,8 +359,8 @@ fn val_the_logs_of_a_stranger_pass_gate_0() {
         assert_eq!(flown.mission.len(), 46, "{name}");
         assert_eq!(flown.replay.input_faults, [] as [&str; 0], "{name}");
         // All that the residuals are made of is there.
-        let nominal = crate::gap::nominal::Nominal::of_scene(&flown.scene(&Told::default()));
-        let seen = crate::gap::statistics::observe(&flown.trace, &nominal);
+        let nominal = crate::nominal::Nominal::of_scene(&flown.scene(&Told::default()));
+        let seen = crate::statistics::observe(&flown.trace, &nominal);
         assert!(seen.is_ok(), "{name}: {:?}", seen.err());
     });
 }

@@ -3,9 +3,9 @@
 //! minus the change of the board's attitude, rad/s.
 
 use super::{Channel, FINE, Flight, Sheet};
-use crate::gap::regress::{Moments, Ridge, autocorrelation, log, moments};
-use crate::gap::timeline::STEP_S;
 use crate::model::effects::Block;
+use crate::regress::{Moments, Ridge, autocorrelation, log, moments};
+use crate::timeline::STEP_S;
 
 /// Noise of a row, rad, as a correlated one.
 const ROW_STD: f64 = 0.05;

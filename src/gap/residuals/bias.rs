@@ -2,8 +2,8 @@
 //! that reconciles it with UWB. HEIGHT: air pressure against the smoother.
 
 use super::{Channel, Flight, Sheet};
-use crate::gap::regress::{Ridge, log, moments};
 use crate::model::effects::Block;
+use crate::regress::{Ridge, log, moments};
 
 /// Pascal per metre of air at the ground.
 const PA_PER_M: f64 = 12.0;

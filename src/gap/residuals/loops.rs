@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 
 use super::{Channel, Flight, Sheet};
-use crate::gap::regress::{Ridge, log, moments};
 use crate::model::effects::Block;
+use crate::regress::{Ridge, log, moments};
 
 /// Writes the statistics; `None` lists them.
 pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
@@ -110,7 +110,7 @@ fn trims(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         let last = hover.iter().skip(hover.len() * 2 / 3).filter(|k| middle(k));
         let first = moments(first.collect::<Vec<_>>().into_iter());
         let last = moments(last.map(|k| effort(*k)).collect::<Vec<_>>().into_iter());
-        let some = |m: &crate::gap::regress::Moments, x: f64| {
+        let some = |m: &crate::regress::Moments, x: f64| {
             if m.count > 25 { x } else { f64::NAN }
         };
         v = [

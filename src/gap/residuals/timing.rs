@@ -1,8 +1,8 @@
 //! TIM: rates, gaps and delays of the streams, and losses that the pilot counted.
 
 use super::{Channel, Flight, Sheet};
-use crate::gap::regress::{log, moments};
 use crate::model::effects::Block;
+use crate::regress::{log, moments};
 
 /// A pause of the IMU that is a gap, s: five samples of 250 Hz.
 const GAP_S: f64 = 0.02;
@@ -54,7 +54,7 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
             .map(|w| w[1].tdoa.received_at.seconds_since(w[0].tdoa.received_at))
             .fold(0.0, f64::max);
         let clock = t.health.iter().rev().find_map(|h| h.std_board_clock_s);
-        let span_s = f.len() as f64 * crate::gap::timeline::STEP_S;
+        let span_s = f.len() as f64 * crate::timeline::STEP_S;
         v = [
             imu.mean,
             spread(imu.std),

@@ -8,11 +8,11 @@
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{Channel, Flight, Sheet};
-use crate::gap::regress::{Ridge, cholesky_solve, log, moments};
-use crate::gap::smoother::model;
-use crate::gap::timeline::STEP_S;
 use crate::measure::AnchorId;
 use crate::model::effects::Block;
+use crate::regress::{Ridge, cholesky_solve, log, moments};
+use crate::smoother::model;
+use crate::timeline::STEP_S;
 
 /// Points of the grid in a window of free position: 0.48 s.
 const WINDOW: usize = 12;

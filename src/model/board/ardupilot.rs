@@ -6,9 +6,9 @@
 
 use haltere_dialect::mav::haltere::{MavMessage, MavResult, MavSeverity};
 
-use crate::model::board::parameters::Parameters;
-use crate::model::board::ways::{Act, LandDetector, Now, OwnFlight, texts};
-use crate::model::effects::{STEP_S, Setpoint};
+use crate::board::parameters::Parameters;
+use crate::board::ways::{Act, LandDetector, Now, OwnFlight, texts};
+use crate::effects::{STEP_S, Setpoint};
 
 pub(super) const STABILIZE: u32 = 0;
 const LAND: u32 = 9;

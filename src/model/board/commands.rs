@@ -8,10 +8,10 @@ use haltere_dialect::mav::types::CharArray;
 use haltere_dialect::mav_stream::MavHeader;
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use crate::model::board::streams::{COMPONENT, Kind};
-use crate::model::board::{Board, BoardRequests, Firmware};
-use crate::model::effects::{Bank, Cargo, Delivery, Setpoint, State};
-use crate::model::faults::Fault;
+use crate::board::streams::{COMPONENT, Kind};
+use crate::board::{Board, BoardRequests, Firmware};
+use crate::effects::{Bank, Cargo, Delivery, Setpoint, State};
+use crate::faults::Fault;
 
 /// `param2` of a disarm that is meant even in the air (MAVLink).
 const FORCE: f32 = 21196.0;

@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use crate::model::effects::STEP_S;
+use crate::effects::STEP_S;
 
 /// The second in steps.
 const STEPS: usize = (1.0 / STEP_S) as usize;

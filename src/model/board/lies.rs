@@ -4,7 +4,7 @@ use haltere_dialect::mav::haltere::{
     BATTERY_STATUS_DATA, HEARTBEAT_DATA, MavBatteryFunction, MavMessage, MavModeFlag,
 };
 
-use crate::model::board::Board;
+use crate::board::Board;
 
 /// Lies in force.
 #[derive(Debug, Clone, Default)]

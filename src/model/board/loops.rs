@@ -16,11 +16,11 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use crate::board::BoardSettings;
+use crate::effects::{STEP_S, Setpoint};
 use crate::frames::G_MPS2;
-use crate::model::board::BoardSettings;
-use crate::model::effects::{STEP_S, Setpoint};
-use crate::model::vehicle::Vehicle;
-use crate::model::wings::{ActuatorCommand, flap_target_hz};
+use crate::vehicle::Vehicle;
+use crate::wings::{ActuatorCommand, flap_target_hz};
 
 /// Largest attitude error that the loops act on, rad, per axis: full authority, no more.
 const ERROR_LIMIT_RAD: Vector3<f64> = Vector3::new(0.6, 0.6, 0.4);

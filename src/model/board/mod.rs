@@ -24,11 +24,11 @@ use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::checks::Problems;
-use crate::model::effects::{AttitudeError, Bank, ImuReading, STEP_S, Setpoint, State, Supply};
-use crate::model::faults::Fault;
-use crate::model::magnetometer::MagnetometerSettings;
-use crate::model::vehicle::Vehicle;
-use crate::model::wings::ActuatorCommand;
+use crate::effects::{AttitudeError, Bank, ImuReading, STEP_S, Setpoint, State, Supply};
+use crate::faults::Fault;
+use crate::magnetometer::MagnetometerSettings;
+use crate::vehicle::Vehicle;
+use crate::wings::ActuatorCommand;
 
 use last_second::LastSecond;
 

@@ -2,8 +2,8 @@
 
 use haltere_dialect::mav::haltere::{MavParamType, PARAM_VALUE_DATA};
 
+use crate::board::firmware::{Firmware, Overrides};
 use crate::checks::Problems;
-use crate::model::board::firmware::{Firmware, Overrides};
 
 /// A parameter: name, default, whether it is an integer.
 type Default = (&'static str, f64, bool);

@@ -7,14 +7,14 @@ use haltere_dialect::mav::haltere::{
 };
 use nalgebra::UnitQuaternion;
 
-use crate::model::board::ardupilot::{ArduPilot, READY_S, SHAPING_S};
-use crate::model::board::firmware::Firmware;
-use crate::model::board::parameters::Parameters;
-use crate::model::board::px4::{OFFBOARD, Px4};
-use crate::model::board::streams::Kind;
-use crate::model::board::ways::{Act, Now, texts};
-use crate::model::board::{Board, BoardSettings};
-use crate::model::effects::{STEP_S, Setpoint, State};
+use crate::board::ardupilot::{ArduPilot, READY_S, SHAPING_S};
+use crate::board::firmware::Firmware;
+use crate::board::parameters::Parameters;
+use crate::board::px4::{OFFBOARD, Px4};
+use crate::board::streams::Kind;
+use crate::board::ways::{Act, Now, texts};
+use crate::board::{Board, BoardSettings};
+use crate::effects::{STEP_S, Setpoint, State};
 
 /// Capability words as they were seen.
 const CAPABILITIES_PX4: u64 = 0xe8ff;

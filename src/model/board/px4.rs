@@ -6,9 +6,9 @@
 
 use haltere_dialect::mav::haltere::{MavMessage, MavResult};
 
-use crate::model::board::parameters::Parameters;
-use crate::model::board::ways::{Act, LandDetector, Now, OwnFlight, event};
-use crate::model::effects::Setpoint;
+use crate::board::parameters::Parameters;
+use crate::board::ways::{Act, LandDetector, Now, OwnFlight, event};
+use crate::effects::Setpoint;
 
 pub(super) const OFFBOARD: u32 = 6 << 16;
 const HOLD: u32 = 4 << 16 | 3 << 24;

@@ -8,9 +8,9 @@ use haltere_dialect::mav::haltere::{
 };
 use haltere_dialect::mav_stream;
 
+use crate::board::{Board, Firmware, Readings};
+use crate::effects::STEP_S;
 use crate::frames::G_MPS2;
-use crate::model::board::{Board, Firmware, Readings};
-use crate::model::effects::STEP_S;
 
 /// MAVLink component of the board.
 pub(super) const COMPONENT: u8 = 1;

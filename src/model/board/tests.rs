@@ -3,8 +3,8 @@
 use haltere_dialect::mav::haltere::{MavCmd, MavMessage, MavResult, TIMESYNC_DATA};
 use nalgebra::Vector3;
 
-use crate::model::effects::EffectSet;
-use crate::model::plant::rig::Rig;
+use crate::effects::EffectSet;
+use crate::plant::rig::Rig;
 
 const INTERVAL: MavCmd = MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL;
 const ARM: MavCmd = MavCmd::MAV_CMD_COMPONENT_ARM_DISARM;

@@ -5,7 +5,7 @@ use haltere_dialect::mav::haltere::{EVENT_DATA, MavMessage, MavSeverity, STATUST
 use haltere_dialect::mav::types::CharArray;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::model::effects::{STEP_S, Setpoint, State};
+use crate::effects::{STEP_S, Setpoint, State};
 
 /// Length of a STATUSTEXT, bytes: longer texts go in chunks.
 const TEXT_BYTES: usize = 50;

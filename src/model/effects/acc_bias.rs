@@ -4,7 +4,7 @@
 
 use nalgebra::Vector3;
 
-use crate::model::effects::{
+use crate::effects::{
     Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
 };
 
@@ -39,7 +39,7 @@ impl Effect for AccBias {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_adds_in_its_direction() {

@@ -4,7 +4,7 @@
 //! alias of the wing beat itself is nominal, since N9 is sampled where the IMU samples. A part set to
 //! ±2 g clips at 19.6 m/s².
 
-use crate::model::effects::{
+use crate::effects::{
     Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
 };
 
@@ -42,7 +42,7 @@ impl Effect for Clipping {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_cuts_both_ways() {

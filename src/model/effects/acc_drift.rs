@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use crate::model::effects::{
+use crate::effects::{
     Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
 };
 
@@ -42,7 +42,7 @@ impl Effect for AccDrift {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_a_minute_brings_the_stated_bias() {

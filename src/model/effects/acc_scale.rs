@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use crate::model::effects::{
+use crate::effects::{
     Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
 };
 
@@ -40,7 +40,7 @@ impl Effect for AccScale {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_hover_reads_five_percent_more() {

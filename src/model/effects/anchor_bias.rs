@@ -3,8 +3,8 @@
 //! `ρ_n -> ρ_n + b` on its path to the tag (m), everywhere alike. Source: GAP.md U2, 0.08 to 0.35 m. Nearest confounder: survey
 //! (U7).
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::tag::air::Packet;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -39,7 +39,7 @@ impl Effect for AnchorBias {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_only_that_anchor() {

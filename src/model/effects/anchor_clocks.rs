@@ -8,7 +8,7 @@
 
 use std::f64::consts::{SQRT_2, TAU};
 
-use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 
 const PPM: f64 = 1e-6;
 /// Periods of the drift, s. Assumed: thermal.
@@ -67,7 +67,7 @@ impl Effect for AnchorClocks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_devices_differ_and_drift_smoothly() {

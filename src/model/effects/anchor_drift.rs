@@ -2,8 +2,8 @@
 //!
 //! `ρ_n -> ρ_n + ḃ t` (m), `t` time (s). Source: GAP.md U8, 2 to 10 mm/s ramp.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::tag::air::Packet;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -38,7 +38,7 @@ impl Effect for AnchorDrift {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_only_that_anchor() {

@@ -4,11 +4,11 @@
 //! tenths of a degree seen on both real boards in simulation; slow because their filters are. Heading
 //! is N13. Left out: dependence on acceleration.
 
-use crate::model::effects::{
+use crate::effects::{
     ATTITUDE_PERIOD_S, AttitudeError, Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage,
     State,
 };
-use crate::model::random::{Markov, Stream};
+use crate::random::{Markov, Stream};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -52,7 +52,7 @@ impl Effect for Lean {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_small_slow_and_level_only() {

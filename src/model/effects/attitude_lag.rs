@@ -3,8 +3,8 @@
 //! `ω -> x ω` for the roll and pitch loops of the board. Source: GAP.md L1, 0.4 to 0.8. Nearest confounder: delay
 //! of commands (T2).
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
-use crate::model::board::BoardSettings;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::board::BoardSettings;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -31,7 +31,7 @@ impl Effect for AttitudeLag {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_slows_roll_and_pitch() {

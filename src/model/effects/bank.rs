@@ -2,17 +2,17 @@
 
 use nalgebra::Vector3;
 
+use crate::board::BoardSettings;
 use crate::checks::Problems;
-use crate::model::board::BoardSettings;
-use crate::model::effects::{
+use crate::effects::{
     AttitudeError, Build, Delivery, Effect, EffectSet, EffectSpec, ImuReading, STAGES, Setpoint,
     Source, Stage, State, Supply,
 };
-use crate::model::random::Stream;
-use crate::model::room::Room;
-use crate::model::tag::air::Packet;
-use crate::model::vehicle::Vehicle;
-use crate::model::wings::{Actuation, ActuatorCommand, Wrench};
+use crate::random::Stream;
+use crate::room::Room;
+use crate::tag::air::Packet;
+use crate::vehicle::Vehicle;
+use crate::wings::{Actuation, ActuatorCommand, Wrench};
 
 /// Active effects.
 pub struct Bank {

@@ -8,10 +8,10 @@
 //! `C` capacity (A·s), `R` resistance (Ω). Source: 2 cells, 300 mAh, 4 to 6 min (paper); OCV curve
 //! usual for LiPo; power of flapping as the cube of its rate. Left out: temperature, recovery.
 
-use crate::model::effects::{
+use crate::effects::{
     Block, Build, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State, Supply,
 };
-use crate::model::vehicle;
+use crate::vehicle;
 
 /// Seconds per hour over milliampere per ampere.
 const AS_PER_MAH: f64 = 3.6;
@@ -89,7 +89,7 @@ fn open_circuit_v(cell_v: &[f64; 11], charge_frac: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn val_hover_lasts_4_to_6_minutes_and_draws_3_to_4_5_ampere() {

@@ -3,7 +3,7 @@
 //! `q_obeyed(t) = q_set(t - d)`, thrust alike; `d` a whole number of steps of 2 ms. Source: GAP.md L2, 10 to 60 ms.
 //! Not to be told from T2 unless the board logs when it received.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Setpoint, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Setpoint, Stage, State};
 use std::collections::VecDeque;
 
 /// Entry in the list.
@@ -42,7 +42,7 @@ impl Effect for BoardDelay {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_comes_out_after_the_delay() {

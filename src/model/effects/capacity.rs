@@ -2,8 +2,8 @@
 //!
 //! `C -> (1 - x) C` in N7. Source: GAP.md P3, 10 to 50 %.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
-use crate::model::vehicle::Vehicle;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::vehicle::Vehicle;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -31,7 +31,7 @@ impl Effect for Edit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_takes_its_share() {

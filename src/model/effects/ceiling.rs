@@ -3,7 +3,7 @@
 //! `T -> T (1 + c e^(-(H-h)/l))`, `H - h` distance of the vehicle below the ceiling (m). Source: GAP.md A9,
 //! c 0.05 to 0.2.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -39,7 +39,7 @@ impl Effect for Ceiling {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_acts_under_the_ceiling_only() {

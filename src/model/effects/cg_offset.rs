@@ -3,8 +3,8 @@
 //! `r -> r - Δ` for every force, so thrust gives a moment `Δ × T`. Body frame, millimetres. Source: GAP.md I2, 1 to
 //! 5 mm. Left out: change of inertia.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
-use crate::model::vehicle::Vehicle;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::vehicle::Vehicle;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -34,11 +34,11 @@ impl Effect for Edit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_mass_forward_pitches_down_and_mass_right_rolls_right() {
-        use crate::model::wings::{Actuation, thrust_wrench};
+        use crate::wings::{Actuation, thrust_wrench};
         let torque = |given| {
             thrust_wrench(&probe::edited(&SPEC, given), [0.5; 2], &Actuation::default()).torque_B_nm
         };

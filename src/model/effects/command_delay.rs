@@ -2,7 +2,7 @@
 //!
 //! `delay += d` towards the board (ms). Source: GAP.md T2, 20 to 80 ms. Nearest confounder: slow inner loop (L1).
 
-use crate::model::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -33,7 +33,7 @@ impl Effect for CommandDelay {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_delays_commands_only() {

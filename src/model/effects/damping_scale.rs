@@ -2,8 +2,8 @@
 //!
 //! `M -> κ M` in N2. Source: GAP.md A11, ±50 %.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
-use crate::model::vehicle::Vehicle;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::vehicle::Vehicle;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -31,7 +31,7 @@ impl Effect for Edit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_scales() {

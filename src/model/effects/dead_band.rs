@@ -3,8 +3,8 @@
 //! `δ_wing = clamp(δ_wing, δ_servo - b, δ_servo + b)`, `b` half of the play (deg). Source: GAP.md L4, 0.5 to 3° of play.
 //! Small doublets vanish, large ones pass. Left out: play of the wing roots.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::wings::{ActuatorCommand};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::wings::{ActuatorCommand};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -38,7 +38,7 @@ impl Effect for DeadBand {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_small_moves_vanish_and_large_ones_come_short() {

@@ -2,8 +2,8 @@
 //!
 //! `ρ -> ρ + s (ρ - ρ₀)`, `ρ₀` 5 m (m). Source: GAP.md U4, 1 to 4 cm per m. Left out: the curve of the data sheet.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::tag::air::Packet;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -35,7 +35,7 @@ impl Effect for DistanceBias {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_grows_with_distance() {

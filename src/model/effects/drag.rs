@@ -11,8 +11,8 @@
 
 use nalgebra::Vector3;
 
-use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::wings::Wrench;
+use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::wings::Wrench;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -70,7 +70,7 @@ impl Effect for DragEffect {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     fn force(air_B_mps: Vector3<f64>) -> Wrench {
         let s = State { air_B_mps, ..probe::hover() };

@@ -3,8 +3,8 @@
 //! `F -> F / (1 + |v| / v_s)` in N1; `v_s` speed at which half of the linear law is left (m/s). Source:
 //! GAP.md A2, 0.6 to 2.5 m/s; the paper's exponential v(θ) law is of this kind. Same as A1 below 0.5 m/s.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
-use crate::model::vehicle::Vehicle;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::vehicle::Vehicle;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -32,14 +32,14 @@ impl Effect for Edit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_half_the_drag_at_that_speed() {
-        use crate::model::effects::drag;
-        use crate::model::wings::Wrench;
+        use crate::effects::drag;
+        use crate::wings::Wrench;
         let air_B_mps = nalgebra::Vector3::new(1.2, 0.0, 0.0);
-        let s = crate::model::effects::State { air_B_mps, ..probe::hover() };
+        let s = crate::effects::State { air_B_mps, ..probe::hover() };
         let force = |v: &Vehicle| {
             let mut w = Wrench::default();
             probe::build_values(&drag::SPEC, &v.drag.k_ns_per_m_hz, v).wrench(&s, &mut w);

@@ -3,8 +3,8 @@
 //! `k_i -> κ_i k_i`, body axes; acts on rotational damping too, which has the same origin. Source: GAP.md
 //! A1, 0.6 to 1.6. Nearest confounders: wind, saturation (A2).
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
-use crate::model::vehicle::Vehicle;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::vehicle::Vehicle;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -36,7 +36,7 @@ impl Effect for Edit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_scales_each_axis() {

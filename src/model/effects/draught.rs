@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -55,7 +55,7 @@ impl Effect for Draught {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_blows_in_its_place_only() {

@@ -4,8 +4,8 @@
 //! `f += (1 - e^(-dt/τ)) (f_target - f)`. `f` Hz, `τ` s. Source: public dynamic model of this vehicle, τ = 0.0796 s. Left out:
 //! different lags for speeding up and slowing down.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
-use crate::model::wings::Actuation;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
+use crate::wings::Actuation;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -41,7 +41,7 @@ impl Effect for FlapLag {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn val_reaches_63_percent_after_80_ms() {

@@ -15,10 +15,10 @@ use std::f64::consts::{SQRT_2, TAU};
 use nalgebra::Vector3;
 
 use crate::frames::G_MPS2;
-use crate::model::effects::{
+use crate::effects::{
     Block, Build, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
 };
-use crate::model::random::Stream;
+use crate::random::Stream;
 
 /// Shares of the harmonics in the variance; the rest is white. Assumed.
 const SHARES: [f64; 2] = [0.6, 0.3];
@@ -90,7 +90,7 @@ impl Effect for FlapVibration {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     fn std_g(flap_hz: f64) -> [f64; 3] {
         let mut effect = probe::build(&SPEC, &[]);

@@ -4,8 +4,8 @@
 //! anchor, `h` antenna over floor (m), `S` the smoothstep. Source: INTERFACES.md: 0.2 to 0.5 m per pair,
 //! a bias, not noise; below about 0.4 m. Left out: dependence on the angle of the reflection.
 
-use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::tag::air::Packet;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -61,7 +61,7 @@ impl Effect for FloorMultipath {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
     use nalgebra::Vector3;
 
     #[test]

@@ -5,7 +5,7 @@
 //! correction must not be tested against itself. Both agree at the paper's 0.33 m (0.92 of the free
 //! command). Source: number from the paper, form usual for flapping wings. Valid from the floor up.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 
 /// Lengths of decay after which the factor is 1 within 0.1 %.
 const NEGLIGIBLE_LENGTHS: f64 = 6.0;
@@ -50,7 +50,7 @@ impl Effect for GroundEffect {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     fn factor(height_m: f64) -> f64 {
         let mut t = [1.0, 1.0];

@@ -5,8 +5,8 @@
 
 use nalgebra::Vector3;
 
-use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
-use crate::model::random::{Markov, Stream};
+use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
+use crate::random::{Markov, Stream};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -53,7 +53,7 @@ impl Effect for Gusts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_has_its_standard_deviation_and_no_mean() {

@@ -3,7 +3,7 @@
 //! `β -> β + β̇ t + z e^(-½ d²/σ²)`; `t` time (s), `d` horizontal distance from the steel (m). Source: GAP.md H2, 0.5 to 3° per
 //! minute or by place.
 
-use crate::model::effects::{AttitudeError, Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{AttitudeError, Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -40,7 +40,7 @@ impl Effect for HeadingDrift {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_grows_with_time_and_near_the_steel() {

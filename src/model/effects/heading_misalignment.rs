@@ -2,7 +2,7 @@
 //!
 //! `β -> β + Δ` in N13 (deg). Source: GAP.md H1, 3 to 17°.
 
-use crate::model::effects::{AttitudeError, Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{AttitudeError, Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -31,7 +31,7 @@ impl Effect for HeadingMisalignment {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_adds_to_the_offset() {

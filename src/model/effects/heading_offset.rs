@@ -4,11 +4,11 @@
 //! the board's north, clockwise positive (rad). Source: offsets of several degrees, about 10 after a
 //! turn on one board (BOARDS.md). Larger offsets and ramps: H1, H2.
 
-use crate::model::effects::{
+use crate::effects::{
     ATTITUDE_PERIOD_S, AttitudeError, Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage,
     State,
 };
-use crate::model::random::{Markov, Stream};
+use crate::random::{Markov, Stream};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -53,7 +53,7 @@ impl Effect for HeadingOffset {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_stays_near_its_offset() {

@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use crate::model::effects::{
+use crate::effects::{
     Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
 };
 
@@ -46,7 +46,7 @@ impl Effect for ImuBias {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_is_the_same_in_every_sample() {

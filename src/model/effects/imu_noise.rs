@@ -5,10 +5,10 @@
 
 use nalgebra::Vector3;
 
-use crate::model::effects::{
+use crate::effects::{
     Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
 };
-use crate::model::random::Stream;
+use crate::random::Stream;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -47,7 +47,7 @@ impl Effect for ImuNoise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_has_its_standard_deviation() {

@@ -2,8 +2,8 @@
 //!
 //! `J_i -> κ_i J_i`. Source: GAP.md I3, ±20 to 40 %.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
-use crate::model::vehicle::Vehicle;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::vehicle::Vehicle;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -35,7 +35,7 @@ impl Effect for Edit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_scales() {

@@ -4,10 +4,10 @@
 //! ms of a full-speed USB or 921600 baud link; BOARDS.md saw 0.3 to 3.9 ms round trips. A setpoint at the
 //! board's door has no delay of its own. Left out: baud limit.
 
-use crate::model::effects::{
+use crate::effects::{
     Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State,
 };
-use crate::model::random::Stream;
+use crate::random::Stream;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -47,7 +47,7 @@ impl Effect for LinkLatency {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_delay_stays_in_its_range() {

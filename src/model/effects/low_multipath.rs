@@ -3,9 +3,9 @@
 //! Below `h₀` low anchors get `ρ -> ρ + b S (1 + |n|) / 1.8`, `S = 1 - h/h₀`, `n` normal: a bias with positive skew on top of N17.
 //! Source: GAP.md U6, 0.1 to 0.5 m below 0.4 m.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::random::{Stream};
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::random::{Stream};
+use crate::tag::air::Packet;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -48,7 +48,7 @@ impl Effect for LowMultipath {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_low_tag_and_low_anchor_only() {

@@ -3,8 +3,8 @@
 //! `m -> m + Δm` (kg, given in g). Source: GAP.md I1, 2 to 12 g. Nearest confounder: thrust loss (P1); drag rate
 //! k/m falls here. A kitchen scale decides.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
-use crate::model::vehicle::Vehicle;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::vehicle::Vehicle;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -32,7 +32,7 @@ impl Effect for Edit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_adds_grams() {

@@ -22,10 +22,10 @@ pub use spec::{Block, Build, EffectSpec, ParameterSpec, Role, Source};
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use crate::model::board::BoardSettings;
-use crate::model::tag::air::Packet;
-use crate::model::vehicle::Vehicle;
-use crate::model::wings::{Actuation, ActuatorCommand, Wrench};
+use crate::board::BoardSettings;
+use crate::tag::air::Packet;
+use crate::vehicle::Vehicle;
+use crate::wings::{Actuation, ActuatorCommand, Wrench};
 
 /// Where in the step an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,8 +3,8 @@
 //! `f <= r f_h V / 7.4 V`, both wings; `f_h` hover flap rate (Hz), `V` supply (V). Acts on the rate itself, after
 //! its lag. Source: GAP.md P5, r 1.05 to 1.3.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::wings::{Actuation};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::wings::{Actuation};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -37,7 +37,7 @@ impl Effect for MotorSaturation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_cuts_above_only() {

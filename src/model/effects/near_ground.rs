@@ -3,7 +3,7 @@
 //! `T -> T (1 + g e^(-h/l))` on top of N8; same symbols. Source: GAP.md A8, g -0.1 to 0.3, l 0.1 to 0.4 m.
 //! Nearest confounder: multipath near the floor (U6).
 
-use crate::model::effects::{Block, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, EffectSpec, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -20,16 +20,16 @@ ParameterSpec::new("length", "m", 0.25, 0.25, [0.1, 0.4], "length of decay")],
 };
 
 // The law is that of N8; a second copy of it would only drift away.
-use crate::model::effects::ground_effect::GroundEffect;
+use crate::effects::ground_effect::GroundEffect;
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_acts_near_the_floor_only() {
-        use crate::model::effects::State;
+        use crate::effects::State;
         let factor = |height_m| {
             let mut t = [1.0; 2];
             probe::build(&SPEC, &[]).thrust(&State { height_m, ..probe::hover() }, &mut t);

@@ -3,9 +3,9 @@
 //! Inside a box around (north, east): `ρ_n -> ρ_n + b + σ n`, `b > 0` (m): the path goes round or through. Source: GAP.md U5,
 //! 0.15 to 0.8 m on one anchor, plus variance.
 
-use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::random::{Stream};
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::random::{Stream};
+use crate::tag::air::Packet;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -66,7 +66,7 @@ impl Effect for NlosZone {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_one_anchor_one_place_one_sided() {

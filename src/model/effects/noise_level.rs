@@ -3,9 +3,9 @@
 //! Independent noise is added to that of N15 so that the standard deviation of every reception becomes `x σ`. Source: GAP.md
 //! U1, 1.4 to 3 times.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::random::{Stream};
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::random::{Stream};
+use crate::tag::air::Packet;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -41,7 +41,7 @@ impl Effect for NoiseLevel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_doubles_the_deviation() {

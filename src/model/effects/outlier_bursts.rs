@@ -3,9 +3,9 @@
 //! Windows of `1.5 s · u`, `u` in 0.1 to 0.6, start at random (Poisson); inside, a reception is off by 0.5 to 3 m with a
 //! probability of one half. Source: GAP.md U10.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::random::{Stream};
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::random::{Stream};
+use crate::tag::air::Packet;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -57,7 +57,7 @@ impl Effect for OutlierBursts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_come_in_bursts() {

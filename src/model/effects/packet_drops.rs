@@ -2,7 +2,7 @@
 //!
 //! `P(lost) = p` at the tag and at every anchor, on top of N18. Source: GAP.md U9, 25 to 80 %.
 
-use crate::model::effects::{Block, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, EffectSpec, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -18,12 +18,12 @@ pub const SPEC: EffectSpec = EffectSpec {
 };
 
 // The law is that of N18; a second copy of it would only drift away.
-use crate::model::effects::packet_loss::PacketLoss;
+use crate::effects::packet_loss::PacketLoss;
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_loses_half() {

@@ -2,9 +2,9 @@
 //!
 //! `P(lost) = p` at the tag and at every anchor. Source: about 1 % in a clear hall. Left out: bursts.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::random::Stream;
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::random::Stream;
+use crate::tag::air::Packet;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -40,7 +40,7 @@ impl Effect for PacketLoss {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
     use nalgebra::Vector3;
 
     #[test]

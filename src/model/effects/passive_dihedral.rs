@@ -5,8 +5,8 @@
 //! the smaller Nimble (Karásek 2018); 0.145 here, so that it balances the lever of the drag in hover
 //! (l_z k_x (f_L + f_R) = l_w c W), as the clean v(θ) law of the flights demands. Valid to 2 m/s.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::wings::Wrench;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::wings::Wrench;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -40,7 +40,7 @@ impl Effect for PassiveDihedral {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::{drag, probe};
+    use crate::effects::{drag, probe};
     use nalgebra::Vector3;
 
     #[test]

@@ -9,8 +9,8 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::tag::air::Packet;
 
 /// Wavelengths, m.
 const WAVELENGTH_M: [f64; 2] = [1.5, 4.0];
@@ -61,7 +61,7 @@ impl Effect for PathBias {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn val_pair_bias_is_0_04_to_0_06_m_and_smooth() {

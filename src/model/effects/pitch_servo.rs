@@ -4,9 +4,9 @@
 //! held. `δ` dihedral (rad), `ω` natural frequency (rad/s), `ζ` damping. Source: public dynamic model
 //! of this vehicle: 40 rad/s, 0.634, ±18°. Left out: rate limit, load of the wings.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::servo::SecondOrder;
-use crate::model::wings::Actuation;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::servo::SecondOrder;
+use crate::wings::Actuation;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -40,7 +40,7 @@ impl Effect for PitchServo {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn val_overshoots_as_its_damping_says() {

@@ -3,8 +3,8 @@
 //! `ρ_n -> ρ_n + A cos(az_n - ψ - φ)`, `az_n` bearing of the anchor from the tag, `ψ` yaw, `φ` phase (rad). Source: GAP.md U3,
 //! 0.05 to 0.25 m. Changes sign when yawing on the spot. Left out: tilt.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::tag::air::Packet;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -39,7 +39,7 @@ impl Effect for PoseBias {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_sign_turns_with_half_a_turn() {

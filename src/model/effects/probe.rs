@@ -2,12 +2,12 @@
 
 use nalgebra::Vector3;
 
+use crate::effects::{Build, Effect, EffectSpec, State};
 use crate::frames::G_MPS2;
-use crate::model::effects::{Build, Effect, EffectSpec, State};
-use crate::model::random::Stream;
-use crate::model::room::Room;
-use crate::model::tag::air::Packet;
-use crate::model::vehicle::Vehicle;
+use crate::random::Stream;
+use crate::room::Room;
+use crate::tag::air::Packet;
+use crate::vehicle::Vehicle;
 
 /// The effect with its defaults, overridden by name.
 pub fn build(spec: &EffectSpec, given: &[(&str, f64)]) -> Box<dyn Effect> {
@@ -70,8 +70,8 @@ pub fn packet(from: usize, tag_E_m: Vector3<f64>) -> Packet {
 }
 
 /// An exact reading of level hover.
-pub fn reading() -> crate::model::effects::ImuReading {
-    crate::model::effects::ImuReading {
+pub fn reading() -> crate::effects::ImuReading {
+    crate::effects::ImuReading {
         acc_B_mps2: Vector3::new(0.0, 0.0, -G_MPS2),
         rate_B_radps: Vector3::zeros(),
         pressure_pa: 101_325.0,

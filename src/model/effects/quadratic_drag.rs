@@ -3,8 +3,8 @@
 //! `F = -m c |v| v` (N), `v` velocity through the air (m/s, body), `c` (1/m), at the centre of mass. Not
 //! coupled to flap rate, which tells it from A1. Source: GAP.md A3, 0.1 to 2 1/m.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::wings::{Wrench};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::wings::{Wrench};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -34,7 +34,7 @@ impl Effect for QuadraticDrag {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_four_times_at_twice_the_speed_against_it() {

@@ -4,9 +4,9 @@
 //! receptions enter one TDOA, so its white noise is `√3 σ`. Source: 0.05 to 0.07 m white on recorded
 //! TDOA residuals with motion capture, hence σ = 0.035 m. Left out: dependence on signal power (U4).
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::random::Stream;
-use crate::model::tag::air::Packet;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::random::Stream;
+use crate::tag::air::Packet;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -41,7 +41,7 @@ impl Effect for ReceiveNoise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
     use nalgebra::Vector3;
 
     #[test]

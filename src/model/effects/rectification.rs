@@ -4,7 +4,7 @@
 //! (m/s²); `f` flap rate, `f_h` in hover (Hz). Source: GAP.md M6, given there per squared vibration and
 //! scaled; here as the offset itself. Gone with motors off, which is how it is told from scale.
 
-use crate::model::effects::{
+use crate::effects::{
     Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
 };
 
@@ -41,7 +41,7 @@ impl Effect for Rectification {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_stated_offset_in_hover_and_none_at_rest() {

@@ -2,8 +2,8 @@
 //!
 //! `M_z += c M_x`, `M_x = l_w (T_L - T_R)` (N·m, body). Source: GAP.md L6, 0.1 to 0.6.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::wings::{Wrench};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::wings::{Wrench};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -32,7 +32,7 @@ impl Effect for RollYawCoupling {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_only_with_unequal_thrust() {

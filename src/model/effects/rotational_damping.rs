@@ -9,8 +9,8 @@
 //! frame. Source: drag of the public model taken at each wing; has the form of its yaw line. Pitch
 //! damping follows from the lever in N1. Valid in hover. Left out: dihedral in the arms.
 
-use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::wings::Wrench;
+use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::wings::Wrench;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -54,7 +54,7 @@ impl Effect for RotationalDamping {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
     use nalgebra::Vector3;
 
     fn torque(rate_B_radps: Vector3<f64>, air_B_mps: Vector3<f64>, flap: [f64; 2]) -> Vector3<f64> {

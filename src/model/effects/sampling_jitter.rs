@@ -2,8 +2,8 @@
 //!
 //! `delay += |σ n|` (ms), order kept. Source: GAP.md T4, 1 to 8 ms rms.
 
-use crate::model::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::random::{Stream};
+use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::random::{Stream};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -37,7 +37,7 @@ impl Effect for SamplingJitter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_has_its_rms_and_never_hurries() {

@@ -4,8 +4,8 @@
 //! through the board's loop. Source: GAP.md L3, whose 1 to 4° are the lean. Independent of throttle, which tells it
 //! from P6 and I2.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::wings::{ActuatorCommand};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::wings::{ActuatorCommand};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -36,7 +36,7 @@ impl Effect for ServoTrim {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_adds_to_the_servos() {

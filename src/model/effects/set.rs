@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use crate::checks::Problems;
-use crate::model::effects::{ALL, EffectSpec, Role};
+use crate::effects::{ALL, EffectSpec, Role};
 
 /// A value may leave its plausible range by this many times the width of the range: severities
 /// beyond the plausible are wanted in tests, slips of the unit are not.

@@ -3,8 +3,8 @@
 //! Bursts start at random (Poisson, per second) and last `d` (s); inside, every setpoint is lost at the board's door. Source: GAP.md
 //! T3, 0.1 to 0.6 s. Beyond 0.5 s the board's own failsafe acts.
 
-use crate::model::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::random::{Stream};
+use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::random::{Stream};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -49,7 +49,7 @@ impl Effect for SetpointBursts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_loses_setpoints_in_bursts_only() {

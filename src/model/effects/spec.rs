@@ -2,10 +2,10 @@
 
 use nalgebra::Vector3;
 
-use crate::model::effects::Effect;
-use crate::model::random::Stream;
-use crate::model::room::Room;
-use crate::model::vehicle::Vehicle;
+use crate::effects::Effect;
+use crate::random::Stream;
+use crate::room::Room;
+use crate::vehicle::Vehicle;
 
 /// Block of the chain that an effect lives in; names of INTERFACES.md.
 #[derive(
@@ -161,7 +161,7 @@ impl std::fmt::Debug for EffectSpec {
 
 #[cfg(test)]
 mod tests {
-    use crate::model::effects::ALL;
+    use crate::effects::ALL;
 
     /// A verdict of two effects said "anchor = 0.52", and what was accepted of it was anchor 1.
     #[test]

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;
-use crate::model::vehicle::Vehicle;
+use crate::vehicle::Vehicle;
 
 #[test]
 fn prop_list_is_complete_and_says_everything() {

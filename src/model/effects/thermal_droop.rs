@@ -3,7 +3,7 @@
 //! `T -> T (1 - a (1 - e^(-t/τ)))`, `t` time that the wings have been flapping (s). Source: GAP.md P7, a 3 to 10 %, τ 60
 //! to 180 s. Left out: cooling between flights.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -42,7 +42,7 @@ impl Effect for ThermalDroop {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_two_thirds_of_the_loss_after_tau() {

@@ -3,7 +3,7 @@
 //! `T -> T + ½ W ε (r² - 1)` per wing, not below zero, `r = f/f_h`, `W` weight (N), `f_h` hover flap rate
 //! (Hz). No change in hover. Source: GAP.md A4, ±0.05 to 0.2.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -47,7 +47,7 @@ impl Effect for ThrustExpo {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_no_change_in_hover_and_more_above() {

@@ -3,7 +3,7 @@
 //! `T -> (1 - g) T`, both wings. Source: GAP.md P1, 3 to 20 %. Nearest confounder: mass (I1); drag does not
 //! change here.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -32,7 +32,7 @@ impl Effect for ThrustLoss {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_takes_its_share_of_both() {

@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Setpoint, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Setpoint, Stage, State};
 use nalgebra::UnitQuaternion;
 
 /// Entry in the list.
@@ -44,7 +44,7 @@ impl Effect for TiltSaturation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_cuts_tilt_and_keeps_heading() {

@@ -3,7 +3,7 @@
 //! `V_told = V₀ (V_lag / V₀)^e`, `V_lag' = (V - V_lag) / τ`, `V₀` 7.4 V. Source: GAP.md P8. Left out: errors inside
 //! the companion.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State, Supply};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State, Supply};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -46,7 +46,7 @@ impl Effect for VoltageReport {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_lags_and_bends() {

@@ -5,8 +5,8 @@
 
 use nalgebra::Vector3;
 
-use crate::model::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::wings::{Wrench};
+use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::wings::{Wrench};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -57,7 +57,7 @@ impl Effect for Wall {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_pushes_away_from_each_wall() {

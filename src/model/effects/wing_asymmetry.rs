@@ -2,7 +2,7 @@
 //!
 //! `T_L -> (1 + ε) T_L`, `T_R -> (1 - ε) T_R`. Source: GAP.md P6, 1 to 6 %.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -32,7 +32,7 @@ impl Effect for WingAsymmetry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn prop_mirror_swaps() {

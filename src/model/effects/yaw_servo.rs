@@ -4,9 +4,9 @@
 //! held. `ψ` wing-root angle (rad). Source: public dynamic model of this vehicle: 10 rad/s, 0.7
 //! (both estimated there), ±45°. Left out: rate limit, load of the wings.
 
-use crate::model::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::model::servo::SecondOrder;
-use crate::model::wings::Actuation;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::servo::SecondOrder;
+use crate::wings::Actuation;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -40,7 +40,7 @@ impl Effect for YawServo {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::effects::probe;
+    use crate::effects::probe;
 
     #[test]
     fn val_peaks_after_0_44_s() {

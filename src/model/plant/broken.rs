@@ -3,9 +3,9 @@
 use super::Plant;
 use super::second_board::SecondBoard;
 use crate::checks::Problems;
-use crate::model::faults::{Fault, FaultKind, LineId, SensorFault};
-use crate::model::gust::Gust;
-use crate::model::tag::MOST_REPLAY_S;
+use crate::faults::{Fault, FaultKind, LineId, SensorFault};
+use crate::gust::Gust;
+use crate::tag::MOST_REPLAY_S;
 
 /// Parts that may be broken.
 pub(super) struct Broken {

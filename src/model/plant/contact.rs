@@ -22,8 +22,8 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::flight::{FRICTION, GEAR_HALF_WIDTH_M};
-use crate::model::body::Body;
-use crate::model::vehicle::Vehicle;
+use crate::body::Body;
+use crate::vehicle::Vehicle;
 
 /// Parts of a step in which something touches.
 pub(super) const PARTS: usize = 4;
@@ -129,8 +129,8 @@ mod tests {
 
     use super::super::Plant;
     use super::super::rig::Rig;
+    use crate::effects::EffectSet;
     use crate::frames::G_MPS2;
-    use crate::model::effects::EffectSet;
 
     /// A vehicle without thrust, let go at a lean.
     fn dropped(roll_rad: f64, pitch_rad: f64, height_m: f64) -> Plant {

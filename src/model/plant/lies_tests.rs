@@ -3,8 +3,8 @@
 use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavCmd, MavMessage, MavModeFlag};
 
 use super::rig::Rig;
-use crate::model::effects::EffectSet;
-use crate::model::faults::{Fault, SecondVoice};
+use crate::effects::EffectSet;
+use crate::faults::{Fault, SecondVoice};
 
 /// Armed, IMU, attitude and battery on the line, and what is heard in so many seconds after the fault.
 fn heard(fault: Fault, seconds: f64) -> Vec<MavMessage> {

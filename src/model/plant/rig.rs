@@ -7,16 +7,16 @@ use haltere_dialect::mav::haltere::{
 use haltere_dialect::mav_stream::{MavSplitter, encode};
 use nalgebra::Vector3;
 
+use crate::effects::EffectSet;
 use crate::frames::{B, E, Rot, Vec3};
 use crate::measure::AnchorId;
-use crate::model::effects::EffectSet;
-use crate::model::plant::{Plant, PlantConfig};
-use crate::model::truth::Truth;
+use crate::plant::{Plant, PlantConfig};
 use crate::survey::Survey;
+use crate::truth::Truth;
 
 /// Anchors in the corners of the hall.
 pub fn survey() -> Survey {
-    let anchors: Vec<_> = crate::model::effects::probe::sites()
+    let anchors: Vec<_> = crate::effects::probe::sites()
         .into_iter()
         .enumerate()
         .map(|(i, p)| (AnchorId(i as u8), Vec3::<E>::from_raw(p)))

@@ -5,12 +5,12 @@
 use nalgebra::Vector3;
 
 use super::FLOOR_PRESSURE_PA;
+use crate::board::{Board, BoardSettings, Readings};
+use crate::effects::{ImuReading, State, Supply};
+use crate::faults::SecondVoice;
 use crate::frames::G_MPS2;
-use crate::model::board::{Board, BoardSettings, Readings};
-use crate::model::effects::{ImuReading, State, Supply};
-use crate::model::faults::SecondVoice;
-use crate::model::random::Stream;
-use crate::model::vehicle::Vehicle;
+use crate::random::Stream;
+use crate::vehicle::Vehicle;
 
 /// Noise of its accelerometer and its gyroscope at rest, m/s² and rad/s. Assumed: cheap MEMS parts, motors off.
 const STD_ACC_MPS2: f64 = 0.05;

@@ -1,8 +1,8 @@
 //! The line between board and companion: what waits, what is late, what is cut.
 
 use super::Plant;
-use crate::model::effects::{Cargo, Delivery};
-use crate::model::faults::{FaultKind, off_phase};
+use crate::effects::{Cargo, Delivery};
+use crate::faults::{FaultKind, off_phase};
 
 impl Plant {
     pub(super) fn hear_companion(&mut self, now_us: u64) {

@@ -4,11 +4,11 @@ use haltere_dialect::lps::{TICK_M, tdoa2, tdoa3};
 use nalgebra::Vector3;
 
 use crate::checks::Problems;
-use crate::model::effects::{Bank, State};
-use crate::model::random::Stream;
-use crate::model::tag::air::{MAX_ANCHORS, Packet};
-use crate::model::tag::clock::{Clock, TICKS_PER_US, Ticks};
-use crate::model::tag::{Reception, TagProtocol};
+use crate::effects::{Bank, State};
+use crate::random::Stream;
+use crate::tag::air::{MAX_ANCHORS, Packet};
+use crate::tag::clock::{Clock, TICKS_PER_US, Ticks};
+use crate::tag::{Reception, TagProtocol};
 
 /// Slot of TDoA2, ticks of the first anchor's clock (INTERFACES.md).
 const SLOT_TICKS: i64 = 1 << 27;

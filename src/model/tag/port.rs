@@ -4,10 +4,10 @@ use haltere_dialect::lps::{RX_BITS, sniffer, text};
 use haltere_dialect::mav::haltere::{MavMessage, UWB_TDOA_DATA};
 use haltere_dialect::mav_stream;
 
-use crate::model::faults::TagReplay;
-use crate::model::tag::clock::TICKS_PER_US;
-use crate::model::tag::replay::Memory;
-use crate::model::tag::{Reception, TagProtocol};
+use crate::faults::TagReplay;
+use crate::tag::clock::TICKS_PER_US;
+use crate::tag::replay::Memory;
+use crate::tag::{Reception, TagProtocol};
 
 /// What the device says at its start; its exact words matter to nobody, that they come does.
 const BOOT_TEXT: &[u8] = b"\r\n====================\r\n\

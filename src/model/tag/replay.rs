@@ -5,9 +5,9 @@
 
 use std::collections::VecDeque;
 
-use crate::model::faults::TagReplay;
-use crate::model::tag::Reception;
-use crate::model::tag::clock::TICKS_PER_US;
+use crate::faults::TagReplay;
+use crate::tag::Reception;
+use crate::tag::clock::TICKS_PER_US;
 
 /// Longest stretch that can be said again, s: what is kept of every flight.
 pub const MOST_REPLAY_S: f64 = 10.0;

@@ -8,9 +8,9 @@ use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream::MavSplitter;
 use nalgebra::Vector3;
 
-use crate::model::effects::{EffectSet, probe};
-use crate::model::plant::rig::Rig;
-use crate::model::tag::TagProtocol;
+use crate::effects::{EffectSet, probe};
+use crate::plant::rig::Rig;
+use crate::tag::TagProtocol;
 
 /// A packet in the tag's words: who, which, when sent, what it heard of whom, when the tag heard it.
 struct Heard {

@@ -143,7 +143,7 @@ pub(super) const RESPONSE: Condition = Condition {
         value: |_| RESPONSE_MOST_S,
         unit: "s",
         origin: "in steps at full speed a loop of 0.6 of its speed shows 0.46 s and flies, a board that obeys \
-                 0.25 s late shows 0.5 s and does not (`src/lockstep/tests/late.rs`); nominal 0.2 s",
+                 0.25 s late shows 0.5 s and does not (`src/model/lockstep/tests/late.rs`); nominal 0.2 s",
     }],
     lasts_s: |_| 0.2,
     latched: true,

@@ -1,0 +1,58 @@
+//! Diagnosis of the gap between a flight and the nominal simulator: where it lies, which unmodelled
+//! effect causes it, how far it shrinks once that effect is added.
+
+pub mod accept;
+pub mod accepted;
+pub mod advise;
+pub mod archive;
+mod as_flown;
+pub mod attribute;
+pub mod axis;
+pub mod bank;
+pub mod bank_file;
+pub mod beside_truth;
+pub mod cells;
+pub mod details;
+pub mod diagnosis;
+pub mod discriminate;
+pub mod experiments;
+pub mod fly;
+pub mod held_out;
+pub mod kept_file;
+pub mod library;
+pub mod logs;
+pub mod make_bank;
+mod manoeuvres;
+pub mod matrix;
+pub mod missions;
+pub mod nominal;
+mod normal;
+pub mod onset;
+pub mod outcome;
+pub mod picture;
+pub mod regress;
+pub mod residuals;
+pub mod resize;
+pub mod scene;
+pub mod seal;
+pub mod shrink;
+pub mod smoother;
+pub mod statistics;
+pub mod timeline;
+pub mod trace;
+pub mod trim;
+pub mod workshop;
+
+#[cfg(test)]
+mod tests;
+
+pub(crate) use haltere_core::{checks, estimate, frames, measure, survey, time, topics};
+pub(crate) use haltere_log::{record, replay};
+pub(crate) use haltere_model as model;
+pub(crate) use haltere_model::lockstep;
+pub(crate) use haltere_pilot as pilot;
+pub(crate) use haltere_pilot::{mission_file, settings};
+
+/// Hash of what decides how a simulated flight goes and what is said of a flight (`BANK` in `src/gap/build.rs`). The words
+/// of the program are not among it.
+pub const BANK_HASH: &str = env!("HALTERE_BANK_HASH");

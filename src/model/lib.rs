@@ -1,0 +1,43 @@
+//! Physics for simulation, fits and diagnosis: the vehicle, its inner-loop board and the UWB tag,
+//! as one deterministic plant that eats and emits the bytes of the real links.
+//!
+//! ```text
+//! board bytes ─► board (500 Hz loops) ─► wings ─► forces ─► rigid body ─► truth
+//!                    ▲ attitude, IMU                              │
+//!                    └──────────────── effects ◄──────────────────┤
+//!                                         └─► anchors, tag ─► tag bytes
+//! ```
+//!
+//! Every physical effect is one file in [`effects`]; [`effects::ALL`] is the one list of them.
+//! The pilot core in it, on the same clock, is [`lockstep`]; nothing else here sees the pilot.
+//! No clock, no I/O; random numbers come from generators seeded per effect, so that switching one
+//! effect on does not shift the draws of another.
+
+pub mod board;
+pub mod body;
+pub mod effects;
+pub mod faults;
+pub mod gust;
+pub mod line_noise;
+pub mod link;
+pub mod lockstep;
+pub mod magnetometer;
+pub mod plant;
+pub mod random;
+pub mod room;
+pub mod servo;
+pub mod tag;
+pub mod truth;
+pub mod vehicle;
+pub mod wings;
+
+pub use effects::EffectSet;
+pub use faults::Fault;
+pub use plant::{Plant, PlantConfig};
+pub use truth::Truth;
+pub use vehicle::Vehicle;
+
+pub(crate) use haltere_core::{checks, estimate, frames, measure, survey, time, topics};
+#[cfg(test)]
+pub(crate) use haltere_core::{control, drops, geo};
+pub(crate) use haltere_pilot as pilot;

@@ -1,0 +1,110 @@
+//! Sensors that are alive and lie: an accelerometer of another scale, ranging that is old, a barometer that contradicts.
+//! Judged by the truth.
+
+use super::*;
+use crate::faults::LineId;
+use crate::line_noise::LineNoise;
+
+/// The fastest sinking with which it met the floor, m/s, and the highest it was, m, until it was disarmed.
+fn way_down(world: &mut Lockstep, ground: &mut Ground, limit_s: f64) -> (f64, f64) {
+    let end_us = world.t_us() + (limit_s * 1e6) as u64;
+    let (mut meets_mps, mut highest_m, mut sink_mps) = (0.0_f64, 0.0_f64, 0.0);
+    while world.pilot().mode() != Mode::Disarmed {
+        assert!(world.t_us() < end_us, "{:?} {:#?}", world.pilot().mode(), ground.texts);
+        world.step();
+        ground.listen(world);
+        let truth = world.truth();
+        highest_m = highest_m.max(truth.height_m);
+        meets_mps = if truth.on_ground { meets_mps.max(sink_mps) } else { meets_mps };
+        sink_mps = if truth.on_ground { 0.0 } else { truth.vel_E_mps.z() };
+    }
+    (meets_mps, highest_m)
+}
+
+/// The loop cuts the thrust because of the reading, and met the floor with up to 3.5 m/s; a descent that began with the
+/// speed that the estimate had by then did so too.
+#[test]
+fn regress_an_accelerometer_that_reads_too_much_is_found_before_the_vehicle_falls() {
+    let scales = [1.5, 2.0, 3.0, 4.0].map(|k| [k; 3]).into_iter().chain([[1.0, 1.0, 2.0]]);
+    let cases: Vec<_> = scales
+        .flat_map(|scale| {
+            PHASES.into_iter().flat_map(move |p| (0..3u64).map(move |s| (s, p, scale)))
+        })
+        .collect();
+    cases.into_par_iter().for_each(|(seed, phase, scale)| {
+        let (mut world, mut ground) = aloft(world(seed), phase);
+        world.plant_mut().inject(Fault::AccelerometerScale(scale)).unwrap();
+        let found_s = until(&mut world, Mode::Descend, 1.0);
+        let (meets_mps, _) = way_down(&mut world, &mut ground, 40.0);
+        println!("{scale:?} {phase:?} seed {seed}: after {found_s:.2} s, floor met with {meets_mps:.2} m/s");
+        assert!(found_s < 0.5 && meets_mps < 1.5, "{scale:?} {phase:?} {seed}: {found_s} {meets_mps}");
+        assert_said(&mut world, &mut ground, "times the force of the thrust");
+        assert_landed(&world, &ground.texts);
+    });
+}
+
+/// What was true a second ago was taken for the present once the delay had lasted for 4 s, and led out of the room.
+#[test]
+fn regress_ranging_that_becomes_late_is_not_flown_by() {
+    let cases: Vec<_> = [0.3, 1.0, 3.0]
+        .into_iter()
+        .flat_map(|late_s| {
+            PHASES.into_iter().flat_map(move |p| (0..3u64).map(move |s| (s, p, late_s)))
+        })
+        .collect();
+    cases.into_par_iter().for_each(|(seed, phase, late_s)| {
+        let (mut world, mut ground) = aloft(world(seed), phase);
+        let noise = LineNoise { late: 1.0, late_s, ..LineNoise::default() };
+        world.plant_mut().inject(Fault::LineNoise { line: LineId::FromTag, noise }).unwrap();
+        until(&mut world, Mode::Land, 3.0);
+        let (meets_mps, highest_m) = way_down(&mut world, &mut ground, 60.0);
+        println!(
+            "{late_s} s {phase:?} seed {seed}: {highest_m:.2} m, floor met with {meets_mps:.2} m/s"
+        );
+        assert!(
+            highest_m < 2.0 && meets_mps < 2.0,
+            "{late_s} {phase:?} {seed}: {highest_m} {meets_mps}"
+        );
+        assert!(!said(&mut world, &mut ground, "estimate is back"), "{:#?}", ground.texts);
+        assert_landed(&world, &ground.texts);
+    });
+}
+
+/// A line that is in order again needs no hand.
+#[test]
+fn prop_a_delay_that_passes_is_flown_on() {
+    let (mut world, mut ground) = aloft(world(2), Phase::Hover);
+    let set = |world: &mut Lockstep, late_s: f64| {
+        let late = f64::from(u8::from(late_s > 0.0));
+        let noise = LineNoise { late, late_s, ..LineNoise::default() };
+        world.plant_mut().inject(Fault::LineNoise { line: LineId::FromTag, noise }).unwrap();
+    };
+    set(&mut world, 0.25);
+    fly_for(&mut world, 0.6);
+    set(&mut world, 0.0);
+    fly_for(&mut world, 3.0);
+    assert_eq!(world.pilot().mode(), Mode::Hold, "{:#?}", ground.texts);
+    assert_said(&mut world, &mut ground, "UWB measurements are back");
+}
+
+#[test]
+fn prop_a_barometer_that_contradicts_is_told_at_first_and_ends_the_flight_when_it_lasts() {
+    // The fault is 1.7 m, and the filter follows it a little.
+    let sharp = || hall(5, |_, pilot| pilot.supervisor.height_difference_m = 1.0);
+    for lasts_s in [3.55, 5.5] {
+        let (mut world, mut ground) = aloft(sharp(), Phase::Hover);
+        world.plant_mut().inject(Fault::Barometer(FaultKind::Wrong)).unwrap();
+        fly_for(&mut world, lasts_s);
+        world.plant_mut().inject(Fault::Barometer(FaultKind::Healthy)).unwrap();
+        assert_said(&mut world, &mut ground, "against the barometer's");
+        if lasts_s < 4.0 {
+            fly_for(&mut world, 3.0);
+            assert_eq!(world.pilot().mode(), Mode::Hold, "{:#?}", ground.texts);
+            continue;
+        }
+        assert_eq!(world.pilot().mode(), Mode::Descend, "{:#?}", ground.texts);
+        let (meets_mps, _) = way_down(&mut world, &mut ground, 60.0);
+        assert!(meets_mps < 2.0, "{meets_mps}");
+        assert!(!said(&mut world, &mut ground, "estimate is back"), "{:#?}", ground.texts);
+    }
+}
