@@ -32,9 +32,16 @@ struct Step {
 }
 
 /// The last steps of flight.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Before {
     steps: VecDeque<Step>,
+}
+
+impl Default for Before {
+    fn default() -> Self {
+        // No memory is asked for in flight.
+        Self { steps: VecDeque::with_capacity(STEPS) }
+    }
 }
 
 impl Before {

@@ -19,8 +19,6 @@
 //! **Source.** Vertical balance as in `hover`; lag and drag from VEHICLE.md. **Validity.** Flight in free air, leaning
 //! little. On the floor, which carries, a sensor that is right reads g and no more.
 
-use std::collections::VecDeque;
-
 use super::super::hover;
 use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
@@ -103,7 +101,9 @@ struct Step {
 pub(crate) struct Scale {
     /// By the thrust as it was sent, and as if it were obeyed late.
     expected: Option<[Expected; 2]>,
-    shares: VecDeque<f64>,
+    /// The last shares, in a ring, and how many were taken in.
+    shares: [f64; LATE_STEPS],
+    taken: usize,
     /// The board was once seen to obey late.
     obeys_late: bool,
     /// Until the vehicle is in free air: the ratio, low-passed.
@@ -124,9 +124,14 @@ impl Scale {
         if !force_mps2.is_finite() || !share.is_finite() {
             return;
         }
-        self.shares.push_back(share);
-        let old = if self.shares.len() > LATE_STEPS { self.shares.pop_front() } else { None };
-        let late_share = old.or(self.shares.front().copied()).unwrap_or(share);
+        let slot = self.taken % LATE_STEPS;
+        let late_share = match self.taken {
+            0 => share,
+            1..LATE_STEPS => self.shares[0],
+            _ => self.shares[slot],
+        };
+        self.shares[slot] = share;
+        self.taken += 1;
         let [at_once, later] = self.expected.get_or_insert([Expected::new(share); 2]);
         at_once.step(share, dt_s);
         later.step(late_share, dt_s);
