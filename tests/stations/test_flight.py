@@ -249,9 +249,10 @@ def test_one_packet_in_ten_is_lost(rig, one):
     lat, lon = degrees(5.0, 5.5)
     answer = patiently(lossy, lambda: lossy.command_int(
         mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAV_FRAME_GLOBAL, round(lat * 1e7),
-        round(lon * 1e7), 1.0, timeout=0.6))
+        round(lon * 1e7), 2.0, timeout=0.6))
     assert answer == ACCEPTED
-    wait_until(lambda: rig.distance(5.0, 5.5) < 0.4, 20, rig)
+    # So high that the landing below is not over before somebody else speaks: its answer may be lost several times.
+    wait_until(lambda: rig.distance(5.0, 5.5) < 0.4 and rig.height() > 1.7, 20, rig)
     # A mission goes up whole or not at all, by the requests that are repeated.
     way = mavlink.MAV_CMD_NAV_WAYPOINT
     items = [local_item(way, 5.0 + 0.01 * n, 5.0, 1.0) for n in range(30)]
