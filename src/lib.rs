@@ -1,6 +1,18 @@
-//! Companion autopilot for flapping-wing drones on ultra-wideband positioning.
+//! Companion autopilot for flapping-wing drones on ultra-wideband positioning: what the program `haltere` is made of beside
+//! the libraries that it names here. It never needs the simulator's programs.
 //!
 //! `ARCHITECTURE.md` beside `Cargo.toml` states the layers; `tests/` enforces them.
+//!
+//! ```
+//! use haltere::sources::{self, Sources};
+//!
+//! // As `haltere fly --set flight.takeoff_height_m=1.1` reads it; what is wrong is said at once, with the way out.
+//! let told = |set: &str| Sources { overrides: vec![set.into()], ..Sources::default() };
+//! let config = sources::load(&told("flight.takeoff_height_m=1.1"))?;
+//! assert_eq!(config.flight.takeoff_height_m, 1.1);
+//! assert!(sources::load(&told("flight.takeoff_height_m=900")).is_err());
+//! # Ok::<(), haltere::checks::Problems>(())
+//! ```
 
 pub use haltere_core::{
     checks, control, drops, estimate, estimator, frames, geo, measure, survey, time, topics,

@@ -1,4 +1,23 @@
-//! The languages haltere speaks outside, as pure codecs without I/O.
+//! The languages haltere speaks outside, as pure codecs: bytes in, messages out, and back. They keep no link and ask no
+//! clock.
+//!
+//! ```
+//! use haltere_dialect::mav::haltere::{MavMessage, PING_DATA};
+//! use haltere_dialect::mav_stream::{MavSplitter, encode};
+//!
+//! let mut bytes = b"noise".to_vec();
+//! let ping = MavMessage::PING(PING_DATA { seq: 3, ..Default::default() });
+//! encode(&mut bytes, 1, 1, 7, &ping);
+//!
+//! let mut splitter = MavSplitter::new();
+//! splitter.push(&bytes);
+//! let mut found = Vec::new();
+//! while let Some(frame) = splitter.next() {
+//!     // What is no frame is an error with its size, never silence.
+//!     found.extend(frame.ok().and_then(|frame| frame.decode().ok()));
+//! }
+//! assert!(found == [ping]);
+//! ```
 
 // Generated code names the crate `mavlink_core`; the alias must stand in the crate root.
 extern crate mavlink as mavlink_core;

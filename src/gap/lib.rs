@@ -1,5 +1,22 @@
 //! Diagnosis of the gap between a flight and the nominal simulator: where it lies, which unmodelled
-//! effect causes it, how far it shrinks once that effect is added.
+//! effect causes it, how far it shrinks once that effect is added. It draws no page and never sees the truth of a flight,
+//! except where it is asked how far the estimate was off.
+//!
+//! ```
+//! use haltere_gap::scene::Scene;
+//! use haltere_gap::{library, missions};
+//!
+//! // The flight that tells most, for a room; and what can be told apart by it.
+//! let scene = Scene::lab()?;
+//! let mission = missions::diagnostic_file(&scene);
+//! assert!(mission.items.len() > 10);
+//! let effects = library::standard();
+//! let room = &scene.room;
+//! for spec in &effects {
+//!     assert!(!library::axes(spec, room, scene.survey.ids().len()).is_empty(), "{}", spec.id);
+//! }
+//! # Ok::<(), haltere_core::checks::Problems>(())
+//! ```
 
 pub mod accept;
 pub mod accepted;

@@ -12,6 +12,29 @@
 //! The pilot core in it, on the same clock, is [`lockstep`]; nothing else here sees the pilot.
 //! No clock, no I/O; random numbers come from generators seeded per effect, so that switching one
 //! effect on does not shift the draws of another.
+//!
+//! ```
+//! use haltere_dialect::mav::haltere::MavCmd;
+//! use haltere_model::PlantConfig;
+//! use haltere_model::lockstep::{Lockstep, fly, local_item};
+//! use haltere_pilot::PilotConfig;
+//!
+//! // A vehicle in a hall of 10 × 10 × 7 m, by seed 1, and a core that knows how high it stands.
+//! let plant = PlantConfig::hall(1);
+//! let mut pilot = PilotConfig::default();
+//! pilot.flight.gear_height_m = plant.vehicle.body.gear_m;
+//! let survey = plant.survey.clone();
+//! let mut world = Lockstep::new(plant, pilot, &survey)?;
+//!
+//! let items = [
+//!     local_item(MavCmd::MAV_CMD_NAV_TAKEOFF, [5.0, 5.0, -1.2], 0.0),
+//!     local_item(MavCmd::MAV_CMD_NAV_WAYPOINT, [5.5, 5.0, -1.2], 1.0),
+//!     local_item(MavCmd::MAV_CMD_NAV_LAND, [5.5, 5.0, 0.0], 0.0),
+//! ];
+//! let flight = fly(&mut world, &items, 60.0)?;
+//! assert!(flight.landed && !world.truth().crashed, "{:?}", flight.texts);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod board;
 pub mod body;

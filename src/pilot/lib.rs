@@ -10,6 +10,31 @@
 //! `change` what a transition does, `guidance` what the controller is asked for, `voice` what people are
 //! told, `losses` what was thrown away, `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
 //! what they fetch and store: parameters, plans, files and logs.
+//!
+//! ```
+//! use haltere_core::frames::Vec3;
+//! use haltere_core::measure::AnchorId;
+//! use haltere_core::survey::Survey;
+//! use haltere_core::time::HostTime;
+//! use haltere_pilot::{Input, LinkId, Mode, Pilot, PilotConfig};
+//!
+//! let corner = |i: u8, bit: u8, size_m: f64| if i & bit != 0 { size_m } else { 0.0 };
+//! let anchors: Vec<_> = (0..8)
+//!     .map(|i| (AnchorId(i), Vec3::new(corner(i, 1, 8.0), corner(i, 2, 10.0), -corner(i, 4, 5.0))))
+//!     .collect();
+//! let survey = Survey::new(&anchors)?;
+//!
+//! let mut pilot = Pilot::new(PilotConfig::default(), survey, HostTime::from_us(0));
+//! pilot.handle(HostTime::from_us(0), Input::LinkUp { link: LinkId::Board });
+//! let mut sent = 0;
+//! while pilot.next_deadline() < HostTime::from_us(2_500_000) {
+//!     pilot.handle(pilot.next_deadline(), Input::Wake);
+//!     pilot.drain_output(|link, bytes| sent += usize::from(link == LinkId::Board) * bytes.len());
+//! }
+//! // Nobody answers: it looks for a board, and flies nothing.
+//! assert!(sent > 0 && pilot.mode() == Mode::Disarmed);
+//! # Ok::<(), haltere_core::checks::Problems>(())
+//! ```
 
 // The definitions call some messages superseded; today's clients still send and expect them.
 #![allow(deprecated)]
