@@ -136,14 +136,7 @@ fn be_nice(nice: Option<i32>) {
 
 /// Logs to standard error.
 pub fn start_logging() {
-    tracing_subscriber::fmt()
-        .with_env_filter(console::filter())
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
-        .with_target(false)
-        // Nor does a reader that went away end a command.
-        .log_internal_errors(false)
-        .init();
+    console::log_to(std::io::stderr);
 }
 
 /// Prints to standard output; a reader that went away is no failure of ours.

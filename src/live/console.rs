@@ -11,7 +11,10 @@ use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 
 use tracing_appender::non_blocking::{ErrorCounter, NonBlockingBuilder, WorkerGuard};
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::fmt::MakeWriter;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 /// Lines that may wait: what is told in many flights, some 200 kB.
 const WAITING_LINES: usize = 1024;
@@ -69,13 +72,7 @@ impl Console {
             .thread_name("console")
             .finish(Teller { out: std::io::stderr(), told: 0, losses: &LOSSES });
         let _ = LOSSES.no_room.set(lines.error_counter());
-        tracing_subscriber::fmt()
-            .with_env_filter(filter())
-            .with_writer(lines)
-            .with_ansi(std::io::stderr().is_terminal())
-            .with_target(false)
-            .log_internal_errors(false)
-            .init();
+        log_to(lines);
         std::panic::set_hook(Box::new(|panic| {
             let thread = std::thread::current();
             tracing::error!("thread '{}' {panic}", thread.name().unwrap_or("without a name"));
@@ -92,9 +89,20 @@ impl Drop for Console {
     }
 }
 
-/// What is logged.
-pub fn filter() -> EnvFilter {
-    EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"))
+/// Log lines go there from now on. `RUST_LOG` chooses what is logged, by level and module (`warn,haltere_pilot=debug`).
+pub fn log_to<W>(to: W)
+where
+    W: for<'a> MakeWriter<'a> + Send + Sync + 'static,
+{
+    let wanted = std::env::var("RUST_LOG").ok().and_then(|text| text.parse().ok());
+    let everything = Targets::new().with_default(LevelFilter::INFO);
+    let lines = tracing_subscriber::fmt::layer()
+        .with_writer(to)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        // A reader that went away ends nothing.
+        .log_internal_errors(false);
+    tracing_subscriber::registry().with(lines).with(wanted.unwrap_or(everything)).init();
 }
 
 /// Writes last words. What nobody takes within a moment is given up.
