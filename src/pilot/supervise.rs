@@ -30,8 +30,8 @@ const FEEL_PER_S: f64 = 0.45;
 /// … down to this share of the base. Ground effect carries with no less than 0.7 (the model's
 /// limit of 0.8 on the thrust, and its root, plus the error of the base).
 const FEEL_SHARE: f64 = 0.55;
-/// … for this long at least, s, unless the floor was one second away: over a link that is late by 0.3 s, and by the filter
-/// of the specific force, a fall shows no sooner.
+/// … for this long at least, s, unless estimate and barometer say that the floor was one second away: over a link that is
+/// late by 0.3 s, and by the filter of the specific force, a fall shows no sooner.
 const FEEL_FOR_S: f64 = 0.5;
 /// With less thrust than this share of the base, low-passed as the specific force is, nothing in the air is carried
 /// near the floor: the ground effect adds a fifth, and drag a tenth at 1.5 m/s.
@@ -607,7 +607,8 @@ impl Pilot {
         let felt_for_s = at.seconds_since(*self.touch.feels_since.get_or_insert(at));
         if ceiling_frac < FEEL_SHARE * base_frac {
             let least_s = FEEL_FOR_S + self.obeyed_after_s();
-            if self.touch.is_last || felt_for_s > least_s {
+            let near = self.baro_above_floor_m(at).is_none_or(|m| m < LAST_M);
+            if (self.touch.is_last && near) || felt_for_s > least_s {
                 self.fire(at, Event::TouchDown);
             }
         } else {

@@ -156,6 +156,30 @@ fn regress_a_late_link_is_descended_from_in_every_part_of_a_flight() {
     }
 }
 
+/// The search for the floor was over within 0.1 s where the loop had cut the thrust already: it fell from 0.6 m and met
+/// the floor with 3.4 m/s.
+#[test]
+fn regress_a_landing_over_a_link_that_becomes_late_near_the_floor_is_not_let_fall() {
+    let mut flights = Vec::new();
+    for late_s in [0.2, 0.3, 0.4] {
+        for lines in LINES {
+            flights.extend((0..40u64).map(|seed| (seed, lines, late_s)));
+        }
+    }
+    flights.into_par_iter().for_each(|(seed, lines, late_s)| {
+        let (mut world, mut ground) = in_part(seed, Part::Landing);
+        let from_m = 0.4 + 0.01 * seed as f64;
+        while world.truth().height_m > from_m {
+            world.step();
+        }
+        delay(&mut world, lines, late_s);
+        let case = format!("{late_s} s from {from_m:.2} m, {lines:?}");
+        let end = comes_down(&mut world, &mut ground, &case, |_, _| {});
+        println!("{case}: {end:.2?}");
+        assert!(end.contact_mps < 2.0, "{case}: {end:?}");
+    });
+}
+
 /// The estimate seemed to be back when samples came again, of 0.3 s before.
 #[test]
 fn regress_an_estimate_of_old_samples_is_not_back() {

@@ -43,6 +43,27 @@ fn regress_an_accelerometer_that_reads_too_much_is_found_before_the_vehicle_fall
     });
 }
 
+/// Near the floor half as much again looks like a floor that carries: the motors went off in 0.4 m, and it met the floor
+/// with up to 3 m/s.
+#[test]
+fn regress_an_accelerometer_that_reads_too_much_in_the_last_metre_ends_no_landing_in_the_air() {
+    (0..12_u64).into_par_iter().for_each(|n| {
+        let (mut world, mut ground) = aloft(world(n), Phase::Hover);
+        let land = ground.command(&mut world, MavCmd::MAV_CMD_NAV_LAND, [0.0; 7]);
+        assert_eq!(land, Some(MavResult::MAV_RESULT_ACCEPTED));
+        let from_m = 0.45 + 0.05 * (n % 6) as f64;
+        while world.truth().height_m > from_m {
+            world.step();
+        }
+        let scale = if n < 6 { [1.0, 1.0, 1.5] } else { [1.5; 3] };
+        world.plant_mut().inject(Fault::AccelerometerScale(scale)).unwrap();
+        let (meets_mps, _) = way_down(&mut world, &mut ground, 40.0);
+        println!("{scale:?} from {from_m:.2} m: floor met with {meets_mps:.2} m/s");
+        assert!(meets_mps < 2.0, "{scale:?} from {from_m:.2} m: {meets_mps:.2} m/s");
+        assert_landed(&world, &ground.texts);
+    });
+}
+
 /// What was true a second ago was taken for the present once the delay had lasted for 4 s, and led out of the room.
 #[test]
 fn regress_ranging_that_becomes_late_is_not_flown_by() {
