@@ -17,6 +17,11 @@ impl Problems {
         Self::default()
     }
 
+    /// One thing that is wrong, as a whole sentence.
+    pub fn one(line: impl Into<String>) -> Self {
+        Self { lines: vec![line.into()] }
+    }
+
     /// `value` must be finite and inside `allowed`.
     pub fn range(
         &mut self,

@@ -19,7 +19,7 @@ const BANK: [&str; 8] = [
 ];
 
 fn main() -> std::io::Result<()> {
-    let hash = source_hash(&BANK)?;
+    let hash = source_hash("../..", &BANK)?;
     println!("cargo::rustc-env=HALTERE_BANK_HASH={hash:016x}");
     Ok(())
 }

@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     config.type_attribute(".", "#[allow(missing_docs)]");
     config.compile_fds(files)?;
 
-    let hash = source_hash(&REPLAY)?;
+    let hash = source_hash("../..", &REPLAY)?;
     println!("cargo::rustc-env=HALTERE_REPLAY_HASH={hash:016x}");
     println!("cargo::rustc-env=HALTERE_TARGET={}", std::env::var("TARGET")?);
     println!(

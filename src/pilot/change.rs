@@ -8,7 +8,8 @@ use super::resume::Resumption;
 use super::supervisor::{Descent, RESPONSE_MOST_S};
 use super::{Pilot, Severity, services};
 
-/// A take-off that leaves the floor's cushion rises with so many times its speed for a moment: 1.3 m/s for 0.5.
+/// A take-off that leaves the floor's cushion rises with so many times its speed for a moment: in lockstep with up to 1.3 m/s
+/// where 0.5 is asked for.
 const OVERSHOOTS: f64 = 2.6;
 
 /// Why a mode changed: the words, how grave it is, and the number for events.

@@ -10,12 +10,10 @@ use crate::survey::Survey;
 pub fn read_anchors(path: &Path) -> Result<Survey, Problems> {
     let name = path.display();
     let text = std::fs::read_to_string(path).map_err(|error| {
-        let mut problems = Problems::new();
-        problems.say(format!(
+        Problems::one(format!(
             "{name}: the anchor survey cannot be read: {error}; write one as in \
              config/anchors.toml, or let `haltere init` do it, and name it in anchors.file"
-        ));
-        problems
+        ))
     })?;
     parse_anchors(&name.to_string(), &text)
 }

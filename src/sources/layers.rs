@@ -10,7 +10,7 @@ use toml::{Table, Value};
 
 use super::{DEFAULT_FILE, Sources};
 use crate::checks::Problems;
-use crate::settings::{Author, Config, Note, Retired, one, present_name, read_config};
+use crate::settings::{Author, Config, Note, Retired, present_name, read_config};
 
 /// What begins the name of every environment variable that is a configuration key.
 const ENVIRONMENT_PREFIX: &str = "HALTERE_";
@@ -82,7 +82,7 @@ impl Layers {
             serde_path_to_error::deserialize(merged)
                 .map_err(|error| config::ConfigError::Message(error.to_string()))
         });
-        merged.map_err(|error| one(error.to_string()))
+        merged.map_err(|error| Problems::one(error.to_string()))
     }
 
     /// A problem's line, led by the origin of the key that it begins with.
@@ -125,7 +125,7 @@ impl Layers {
 fn read_file(path: &Path, gone: &[Retired], notes: &mut Vec<Note>) -> Result<Layer, Problems> {
     let name = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|error| {
-        one(format!(
+        Problems::one(format!(
             "{name}: cannot be read: {error}; config/haltere.toml is a sample of what it may hold, \
              `haltere init` writes one"
         ))
@@ -145,7 +145,7 @@ fn single(
 ) -> Result<Table, Problems> {
     let parts: Vec<_> = key.split('.').collect();
     if parts.len() < 2 || parts.iter().any(|part| part.is_empty()) {
-        return Err(one(format!("{name}: write it as section.key=value")));
+        return Err(Problems::one(format!("{name}: write it as section.key=value")));
     }
     let defaults = Table::try_from(Config::default()).unwrap_or_default();
     let mut value = value_like(lookup(&defaults, present_name(gone, key)), text);

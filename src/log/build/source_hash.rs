@@ -2,33 +2,30 @@
 
 use std::path::Path;
 
-/// Root of the repository, from a library below `src/`.
-const ROOT: &str = "../..";
-
-/// FNV-1a, 64 bits, over names and contents in order; `sources` are paths from the root. The script runs again when one of
-/// them changes.
-pub fn source_hash(sources: &[&str]) -> std::io::Result<u64> {
+/// FNV-1a, 64 bits, over names and contents in order; `sources` are paths from the root of the repository, which lies at
+/// `root` as seen from the package. The script runs again when one of them changes.
+pub fn source_hash(root: &str, sources: &[&str]) -> std::io::Result<u64> {
     let mut hash = 0xcbf2_9ce4_8422_2325;
     for source in sources {
-        println!("cargo::rerun-if-changed={ROOT}/{source}");
-        if !Path::new(ROOT).join(source).exists() {
+        println!("cargo::rerun-if-changed={root}/{source}");
+        if !Path::new(root).join(source).exists() {
             let why = format!("{source} is no more: name what stands in its place");
             return Err(std::io::Error::other(why));
         }
-        add_tree(source, &mut hash)?;
+        add_tree(Path::new(root), source, &mut hash)?;
     }
     Ok(hash)
 }
 
-fn add_tree(path: &str, hash: &mut u64) -> std::io::Result<()> {
-    let at = Path::new(ROOT).join(path);
+fn add_tree(root: &Path, path: &str, hash: &mut u64) -> std::io::Result<()> {
+    let at = root.join(path);
     if at.is_dir() {
         let mut names: Vec<_> =
             std::fs::read_dir(at)?.map(|e| e.map(|e| e.file_name())).collect::<Result<_, _>>()?;
         names.sort();
-        return names
-            .iter()
-            .try_for_each(|name| add_tree(&format!("{path}/{}", name.to_string_lossy()), hash));
+        return names.iter().try_for_each(|name| {
+            add_tree(root, &format!("{path}/{}", name.to_string_lossy()), hash)
+        });
     }
     for byte in path.bytes().chain(std::fs::read(at)?) {
         *hash = (*hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);

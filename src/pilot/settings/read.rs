@@ -47,7 +47,9 @@ pub fn read_config(
 fn check_schema(name: &str, root: &mut Spanned<DeTable<'_>>) -> Result<(), Problems> {
     let Some(version) = root.get_mut().remove(Schema::KEY) else { return Ok(()) };
     let shown = version.get_ref().as_integer().map_or("no whole number", |v| v.as_str());
-    Schema::CONFIGURATION.check_text(shown).map_err(|error| one(format!("{name}: {error}")))
+    Schema::CONFIGURATION
+        .check_text(shown)
+        .map_err(|error| Problems::one(format!("{name}: {error}")))
 }
 
 /// Typed content of a TOML text; a refusal names file, line, key, and what is allowed.
@@ -58,7 +60,7 @@ pub fn parse_strictly<T: DeserializeOwned>(name: &str, text: &str) -> Result<T, 
 fn parse<'t>(name: &str, text: &'t str) -> Result<Spanned<DeTable<'t>>, Problems> {
     DeTable::parse(text).map_err(|e| {
         let line = line_of(text, e.span().map_or(0, |span| span.start));
-        one(format!("{name}: line {line}: {}", e.message().trim()))
+        Problems::one(format!("{name}: line {line}: {}", e.message().trim()))
     })
 }
 
@@ -72,7 +74,7 @@ fn typed<T: DeserializeOwned>(
         let inner = error.into_inner();
         let key = if path == "." { String::new() } else { format!("{path}: ") };
         let place = place(name, text, inner.span().map_or(0, |span| span.start));
-        one(format!("{place}{key}{}", in_words(inner.message())))
+        Problems::one(format!("{place}{key}{}", in_words(inner.message())))
     })
 }
 
@@ -111,11 +113,4 @@ fn in_words(message: &str) -> String {
         message = message.replace(theirs, ours);
     }
     message
-}
-
-/// Problems of one line.
-pub fn one(line: String) -> Problems {
-    let mut problems = Problems::new();
-    problems.say(line);
-    problems
 }

@@ -22,7 +22,7 @@ pub struct WatchConfig {
     pub origins: Vec<String>,
 }
 
-/// `tcpin:HOST:PORT`, or empty for nowhere.
+/// An address `tcpin:HOST:PORT`; where none is named the page listens nowhere.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct WatchAddress(Option<Address>);
