@@ -30,8 +30,8 @@ const FEEL_PER_S: f64 = 0.45;
 /// … down to this share of the base. Ground effect carries with no less than 0.7 (the model's
 /// limit of 0.8 on the thrust, and its root, plus the error of the base).
 const FEEL_SHARE: f64 = 0.55;
-/// … for this long at least, s, unless estimate and barometer say that the floor was one second away: over a link that is
-/// late by 0.3 s, and by the filter of the specific force, a fall shows no sooner.
+/// … for this long at least, s: over a link that is late by 0.3 s, and by the filter of the specific force, a fall shows no
+/// sooner.
 const FEEL_FOR_S: f64 = 0.5;
 /// With less thrust than this share of the base, low-passed as the specific force is, nothing in the air is carried
 /// near the floor: the ground effect adds a fifth, and drag a tenth at 1.5 m/s.
@@ -558,6 +558,10 @@ impl Pilot {
             let falls = self.touch.falls;
             self.touch = self.touch.restarted();
             (self.touch.fell_at, self.touch.falls) = (Some(at), falls + 1);
+            if self.touch.is_last {
+                // What says that it falls may be an accelerometer that says anything, and a loop that believes it lifts off.
+                self.touch.low_frac = Some(TURN_SHARE * base_frac);
+            }
             self.supervisor.descent.floor_not_found();
         } else if !self.is_numb() || self.touch.stands {
             self.lower_thrust(at);
@@ -607,8 +611,7 @@ impl Pilot {
         let felt_for_s = at.seconds_since(*self.touch.feels_since.get_or_insert(at));
         if ceiling_frac < FEEL_SHARE * base_frac {
             let least_s = FEEL_FOR_S + self.obeyed_after_s();
-            let near = self.baro_above_floor_m(at).is_none_or(|m| m < LAST_M);
-            if (self.touch.is_last && near) || felt_for_s > least_s {
+            if felt_for_s > least_s {
                 self.fire(at, Event::TouchDown);
             }
         } else {
