@@ -190,6 +190,11 @@ impl Touch {
         self.stands
     }
 
+    /// Whether thrust is held below what carries, since something stopped it near the floor.
+    pub fn is_held_low(&self) -> bool {
+        self.low_frac.is_some()
+    }
+
     /// A thrust, held below what was found.
     pub fn bounded(&self, thrust_frac: f64) -> f64 {
         let most = |bound: Option<f64>| bound.unwrap_or(1.0);

@@ -90,7 +90,7 @@ struct Step {
     share: f64,
     /// Nothing but air carries it.
     free: bool,
-    /// It leans little.
+    /// It leans little, and is not held down.
     level: bool,
     /// The board's attitude shows that it obeys late.
     late: bool,
@@ -192,7 +192,8 @@ impl Pilot {
             force_mps2: -self.touch.acc_z_mps2,
             share,
             free: clear && height_m > CLEAR_M && self.touch.ceiling_frac.is_none(),
-            level: level > LEVEL_COS,
+            // Held below what carries it meets the floor harder than any landing.
+            level: level > LEVEL_COS && !self.touch.is_held_low(),
             late: self.board.response_lag_s().is_some_and(|lag_s| lag_s > PROMPT_S),
         };
         self.supervisor.scale.step(step, dt_s);
@@ -209,7 +210,7 @@ pub(super) const SCALE: Condition = Condition {
               later than 0.3 s, the thrust of 0.15 s before may explain it as well. Below 0.5 m (in landings 0.8 m, or \
               0.5 m where estimate and barometer agree; in take-offs by the barometer), and while the floor is felt for, only from 1.3 g on: there the \
               floor may carry. Not looked at while the board's link is late, nor until 0.45 s \
-              after the vehicle leaned by more than 30 degrees. The descent begins with height and speed of half a second \
+              after the vehicle leaned by more than 30 degrees or was kept down near the floor. The descent begins with height and speed of half a second \
               before, carried on by the thrust.",
     numbers: &[Number {
         key: "",
