@@ -4,10 +4,10 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use haltere::control::{Command, ControlConfig, ControlInput, Controller, Version};
-use haltere::estimate::{Estimate, Health};
-use haltere::frames::{Rot, Vec3};
-use haltere::time::HostTime;
+use haltere_core::control::{Command, ControlConfig, ControlInput, Controller, Version};
+use haltere_core::estimate::{Estimate, Health};
+use haltere_core::frames::{Rot, Vec3};
+use haltere_core::time::HostTime;
 
 const RUNS: usize = 20;
 const STEPS: usize = 100_000;

@@ -3,11 +3,11 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use haltere::estimator::{AnchorBias, Estimator, EstimatorConfig, GateConfig, Quality};
-use haltere::frames::{G_MPS2, Rot, Vec3};
-use haltere::measure::{AnchorId, ImuSample, Tdoa};
-use haltere::survey::Survey;
-use haltere::time::HostTime;
+use haltere_core::estimator::{AnchorBias, Estimator, EstimatorConfig, GateConfig, Quality};
+use haltere_core::frames::{G_MPS2, Rot, Vec3};
+use haltere_core::measure::{AnchorId, ImuSample, Tdoa};
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
 
 /// Rounds of which the fastest counts: the machine is shared.
 const ROUNDS: usize = 200;
@@ -86,7 +86,7 @@ fn run(
     name: &str,
     config: EstimatorConfig,
     survey: &Survey,
-    position: Vec3<haltere::frames::E>,
+    position: Vec3<haltere_core::frames::E>,
     at: impl Fn(u64) -> HostTime,
     imu: impl Fn(u64) -> ImuSample,
     tdoa: &impl Fn(u64, u64) -> Tdoa,

@@ -8,11 +8,11 @@ use std::hint::black_box;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use haltere::lockstep::{Lockstep, fly, local_item};
-use haltere::model::PlantConfig;
-use haltere::pilot::{Input, LinkId, Pilot, PilotConfig};
-use haltere::time::HostTime;
+use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
+use haltere_model::PlantConfig;
+use haltere_model::lockstep::{Lockstep, fly, local_item};
+use haltere_pilot::{Input, LinkId, Pilot, PilotConfig};
 
 const RUNS: usize = 12;
 /// Simulated length of the flight, alignment included, s.

@@ -4,14 +4,14 @@
 
 use std::time::Instant;
 
-use haltere::frames::{E, Vec3};
-use haltere::measure::AnchorId;
-use haltere::model::{EffectSet, Plant, PlantConfig};
-use haltere::survey::Survey;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
 use haltere_dialect::mav::haltere::{
     AttitudeTargetTypemask, COMMAND_LONG_DATA, MavCmd, MavMessage, SET_ATTITUDE_TARGET_DATA,
 };
 use haltere_dialect::mav_stream::encode;
+use haltere_model::{EffectSet, Plant, PlantConfig};
 
 const FLIGHT_S: u64 = 90;
 const FLIGHTS: usize = 5;

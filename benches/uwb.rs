@@ -4,14 +4,14 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use haltere::drops::Drops;
-use haltere::frames::Vec3;
-use haltere::measure::AnchorId;
-use haltere::survey::Survey;
-use haltere::time::HostTime;
-use haltere::uwb::{TdoaEngine, UwbConfig};
+use haltere_core::drops::Drops;
+use haltere_core::frames::Vec3;
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
 use haltere_dialect::lps::sniffer::{SnifferFrame, encode};
 use haltere_dialect::lps::tdoa2::Tdoa2Packet;
+use haltere_pilot::uwb::{TdoaEngine, UwbConfig};
 
 const RUNS: usize = 15;
 const PACKETS: usize = 40_000;

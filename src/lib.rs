@@ -11,19 +11,8 @@
 //! let config = sources::load(&told("flight.takeoff_height_m=1.1"))?;
 //! assert_eq!(config.flight.takeoff_height_m, 1.1);
 //! assert!(sources::load(&told("flight.takeoff_height_m=900")).is_err());
-//! # Ok::<(), haltere::checks::Problems>(())
+//! # Ok::<(), haltere_core::checks::Problems>(())
 //! ```
-
-pub use haltere_core::{
-    checks, control, drops, estimate, estimator, frames, geo, measure, survey, time, topics,
-};
-
-pub use haltere_gap as gap;
-pub use haltere_log::{export, import, record, replay};
-pub use haltere_model as model;
-pub use haltere_model::lockstep;
-pub use haltere_pilot as pilot;
-pub use haltere_pilot::{guard, mission_file, settings, uwb};
 
 pub mod cli;
 pub mod ctl;

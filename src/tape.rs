@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::lockstep::{HOST_START_US, Listener, Tap};
-use crate::pilot::Input;
-use crate::record::{BuildIdentity, Recorder, Session};
-use crate::settings::Config;
-use crate::survey::Survey;
-use crate::time::HostTime;
 use anyhow::{Context, Result, bail};
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+use haltere_log::record::{BuildIdentity, Recorder, Session};
+use haltere_model::lockstep::{HOST_START_US, Listener, Tap};
+use haltere_pilot::Input;
+use haltere_pilot::settings::Config;
 
 /// Wall clock of the first log, µs since 1970: logs of one flight are equal byte for byte.
 const STARTED_UNIX_US: i64 = 1_790_000_000_000_000;

@@ -5,11 +5,11 @@
 use std::sync::{Arc, Mutex};
 
 use haltere::live::ByHand;
-use haltere::lockstep::{Lockstep, fly, local_item};
-use haltere::model::{Plant, PlantConfig};
-use haltere::pilot::{Input, LinkId, Mode, PilotConfig};
-use haltere::time::HostTime;
+use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
+use haltere_model::lockstep::{Lockstep, fly, local_item};
+use haltere_model::{Plant, PlantConfig};
+use haltere_pilot::{Input, LinkId, Mode, PilotConfig};
 
 /// What came, and when.
 enum Came {

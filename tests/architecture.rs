@@ -102,10 +102,10 @@ fn module_of(path: &Path) -> Option<String> {
     Some(module.to_string())
 }
 
-/// What leads a path to a module of the program or of a library.
-fn crate_roots() -> Vec<String> {
-    let named = libraries().into_iter().map(|name| format!("haltere_{name}::"));
-    std::iter::once("crate::".to_string()).chain(named).collect()
+/// What leads a path to a module: of the own crate, or of a library, whose name stands beside it.
+fn crate_roots() -> Vec<(String, String)> {
+    let named = libraries().into_iter().map(|name| (format!("haltere_{name}::"), name));
+    std::iter::once(("crate::".to_string(), String::new())).chain(named).collect()
 }
 
 /// Code without comments. Good enough for imports: no import stands in a string.
@@ -116,16 +116,22 @@ fn code_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     })
 }
 
-/// Top-level modules named by `crate::…` or `haltere_LIBRARY::…`, in `use` trees with braces too.
+/// Rows of the table that `crate::…` and `haltere_LIBRARY::…` lead to, in `use` trees with braces too. What of a library
+/// stands in no row of its own is of the row with the library's name.
 fn imports(text: &str) -> Vec<(usize, String)> {
+    let rows = layers().may;
+    let row = |word: String, library: &str| {
+        if library.is_empty() || rows.contains_key(&word) { word } else { library.to_string() }
+    };
     let mut found = Vec::new();
     let lines: Vec<(usize, &str)> = code_lines(text).collect();
     let roots = crate_roots();
     for (at, (number, code)) in lines.iter().enumerate() {
-        let starts = roots.iter().flat_map(|root| {
-            code.match_indices(root.as_str()).map(move |(start, _)| (start, root.len()))
+        let starts = roots.iter().flat_map(|(root, library)| {
+            let found = code.match_indices(root.as_str());
+            found.map(move |(start, _)| (start, root.len(), library.as_str()))
         });
-        for (start, long) in starts {
+        for (start, long, library) in starts {
             let bounded = code[..start]
                 .chars()
                 .next_back()
@@ -152,14 +158,14 @@ fn imports(text: &str) -> Vec<(usize, String)> {
                     }
                     let ends = (c == ',' && depth == 1) || (c == '}' && depth == 0);
                     if ends {
-                        found.push((*number, first_word(&item)));
+                        found.push((*number, row(first_word(&item), library)));
                         item.clear();
                     } else if depth >= 1 && !(c == '{' && depth == 1) {
                         item.push(c);
                     }
                 }
             } else {
-                found.push((*number, first_word(&rest)));
+                found.push((*number, row(first_word(&rest), library)));
             }
         }
     }
@@ -337,7 +343,8 @@ fn prop_libraries_carry_no_more_than_they_need() {
 #[test]
 fn prop_the_reader_of_imports_reads() {
     let text = "use crate::{\n    frames::{B, E},\n    time::HostTime, // crate::model\n};\n\
-                use crate::drops::Drops;\nlet x = crate::model::Plant;\n$crate::not::this;\n";
+                use haltere_core::drops::Drops;\nlet x: haltere_model::Plant = haltere_model::lockstep::f;\n\
+                $crate::not::this;\n";
     let found: Vec<String> = imports(text).into_iter().map(|(_, m)| m).collect();
-    assert_eq!(found, ["frames", "time", "drops", "model"]);
+    assert_eq!(found, ["frames", "time", "drops", "model", "lockstep"]);
 }

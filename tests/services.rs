@@ -6,13 +6,13 @@ use haltere_dialect::mav::haltere::{
     MavMessage, MavMissionResult, MavParamType, PARAM_SET_DATA,
 };
 
-use haltere::lockstep::{Ground, Lockstep};
-use haltere::model::PlantConfig;
-use haltere::pilot::PilotConfig;
-use haltere::pilot::services::crc32;
 use haltere::sources::stored;
 use haltere::store::{NoPrograms, Store};
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavResult};
+use haltere_model::PlantConfig;
+use haltere_model::lockstep::{Ground, Lockstep};
+use haltere_pilot::PilotConfig;
+use haltere_pilot::services::crc32;
 
 const PATIENCE_US: u64 = 2_000_000;
 

@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 
 use anyhow::{Context, Result, bail};
-use haltere::settings::{Address, HostPort};
+use haltere_pilot::settings::{Address, HostPort};
 
 /// Largest datagram that is sent: below the MTU of any network.
 const DATAGRAM_BYTES: usize = 1400;

@@ -6,11 +6,11 @@ use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use serde_json::json;
 
-use haltere::control::{ControlConfig, Version};
-use haltere::lockstep::Lockstep;
-use haltere::model::PlantConfig;
-use haltere::pilot::PilotConfig;
 use haltere::sources::{self, Sources};
+use haltere_core::control::{ControlConfig, Version};
+use haltere_model::PlantConfig;
+use haltere_model::lockstep::Lockstep;
+use haltere_pilot::PilotConfig;
 
 use crate::paper::source;
 use crate::steps::{AXES, SIZES_M, StepScore, WINDOW_S, fly_steps, is_complete, mean_of};

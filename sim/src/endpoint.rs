@@ -8,11 +8,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use haltere::live::realtime::insist_on_deadlines;
-use haltere::model::tag::TagProtocol;
-use haltere::model::{Fault, Plant, Truth, Vehicle};
 use haltere::report::truth::TruthRow;
-use haltere::settings::Address;
-use haltere::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_model::tag::TagProtocol;
+use haltere_model::{Fault, Plant, Truth, Vehicle};
+use haltere_pilot::settings::Address;
 use rustix::io::Errno;
 use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec, clock_gettime};

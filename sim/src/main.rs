@@ -112,7 +112,7 @@ fn main() -> ExitCode {
             demo::run(&options)
         }
         Command::Effects => {
-            print!("{}", haltere::model::effects::document::markdown());
+            print!("{}", haltere_model::effects::document::markdown());
             Ok(true)
         }
         Command::Steps(options) => compare::steps(&options),

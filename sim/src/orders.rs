@@ -10,9 +10,9 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync
 use std::time::Duration;
 
 use anyhow::{Context as _, Result, anyhow};
-use haltere::checks::Problems;
-use haltere::model::{Fault, Plant};
 use haltere::report::truth::{HEADER, TruthRow};
+use haltere_core::checks::Problems;
+use haltere_model::{Fault, Plant};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 

@@ -6,10 +6,10 @@ use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
 use rayon::prelude::*;
 use serde_json::json;
 
-use haltere::control::{ControlConfig, Version};
-use haltere::lockstep::{Flight, Sample, fly};
-use haltere::model::PlantConfig;
-use haltere::pilot::{Mode, PilotConfig};
+use haltere_core::control::{ControlConfig, Version};
+use haltere_model::PlantConfig;
+use haltere_model::lockstep::{Flight, Sample, fly};
+use haltere_pilot::{Mode, PilotConfig};
 
 use crate::compare::{CENTRE_NE_M, in_plant, pilot_config};
 use crate::steps::{AXES, HEIGHT_M, item};

@@ -5,12 +5,12 @@ use haltere::fit::outcome::{Outcome, Refusal};
 use haltere::fit::programs::{Options, Program, plan};
 use haltere::fit::source::Source;
 use haltere::fit::{Value, tell, trim};
-use haltere::lockstep::{Lockstep, fly_watched};
-use haltere::model::PlantConfig;
-use haltere::pilot::{Envelope, PilotConfig};
 use haltere::report::flight::{Flight, ModeRow};
-use haltere::settings::Config;
-use haltere::topics::Topic;
+use haltere_core::topics::Topic;
+use haltere_model::PlantConfig;
+use haltere_model::lockstep::{Lockstep, fly_watched};
+use haltere_pilot::settings::Config;
+use haltere_pilot::{Envelope, PilotConfig};
 
 fn pilot(plant: &PlantConfig) -> PilotConfig {
     let mut pilot = PilotConfig::default();
@@ -28,7 +28,7 @@ fn flown(program: Program, options: &Options, seed: u64) -> Source {
     let planned = plan(program, &Envelope::of(&pilot, &survey), &options).unwrap();
     // Through the file that a user would upload.
     let text = planned.toml(program).unwrap();
-    let mission = haltere::mission_file::MissionFile::parse(&text).unwrap();
+    let mission = haltere_pilot::mission_file::MissionFile::parse(&text).unwrap();
     let items: Vec<_> =
         mission.items.iter().zip(0..).map(|(item, seq)| item.to_wire(seq, 1, 1)).collect();
     let config = Config {
@@ -92,7 +92,7 @@ fn value(outcome: &Outcome, name: &str) -> Value {
 
 #[test]
 fn val_angle_steps_give_the_drag_of_the_vehicle() {
-    use haltere::control::TiltAxis;
+    use haltere_core::control::TiltAxis;
     let mut logs = Vec::new();
     for (seed, axis) in [(11, TiltAxis::Pitch), (12, TiltAxis::Roll)] {
         let options = Options { axes: vec![axis], beyond_limit: true, ..Options::default() };

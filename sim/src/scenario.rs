@@ -6,17 +6,17 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use haltere::checks::Problems;
-use haltere::frames::{E, U, Vec3, earth_from_survey, survey_from_earth};
-use haltere::measure::AnchorId;
-use haltere::model::board::{BoardSettings, Firmware, Manners, Overrides};
-use haltere::model::effects::{EffectConfig, EffectSet};
-use haltere::model::magnetometer::MagnetometerSettings;
-use haltere::model::room::Room;
-use haltere::model::tag::TagProtocol;
-use haltere::model::{Fault, PlantConfig, Vehicle};
 use haltere::sources::read_anchors;
-use haltere::survey::Survey;
+use haltere_core::checks::Problems;
+use haltere_core::frames::{E, U, Vec3, earth_from_survey, survey_from_earth};
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
+use haltere_model::board::{BoardSettings, Firmware, Manners, Overrides};
+use haltere_model::effects::{EffectConfig, EffectSet};
+use haltere_model::magnetometer::MagnetometerSettings;
+use haltere_model::room::Room;
+use haltere_model::tag::TagProtocol;
+use haltere_model::{Fault, PlantConfig, Vehicle};
 use serde::{Deserialize, Serialize};
 
 use crate::faults::{FaultAt, Told};
@@ -331,10 +331,10 @@ mod tests {
 
     /// Mean flap rate of both wings in the middle of a short hover, Hz.
     fn hover_hz(scenario: &Scenario) -> f64 {
-        use haltere::lockstep::{Lockstep, fly};
-        use haltere::mission_file::{Command as ItemCommand, Item};
-        use haltere::model::{Plant, PlantConfig};
-        use haltere::pilot::PilotConfig;
+        use haltere_model::lockstep::{Lockstep, fly};
+        use haltere_model::{Plant, PlantConfig};
+        use haltere_pilot::PilotConfig;
+        use haltere_pilot::mission_file::{Command as ItemCommand, Item};
         let survey = scenario.survey().unwrap();
         let [north_m, east_m] = scenario.start.position_m;
         let plant = PlantConfig {
@@ -366,9 +366,9 @@ mod tests {
 
     #[test]
     fn val_an_accepted_effect_is_read_and_flown_with() {
-        use haltere::gap::accept::edit_scenario;
+        use haltere_gap::accept::edit_scenario;
         let sample = include_str!("../scenarios/sample.toml");
-        let spec = haltere::gap::library::standard().into_iter().find(|s| s.id == "P1").unwrap();
+        let spec = haltere_gap::library::standard().into_iter().find(|s| s.id == "P1").unwrap();
         let patched = edit_scenario(sample, spec, &[0.15]).unwrap();
         let kept = sample.lines().all(|line| patched.contains(line));
         assert!(kept, "a line of the sample is gone:\n{patched}");

@@ -7,7 +7,7 @@
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
 
-use haltere::lockstep::{Flight, FlightError, Lockstep, Sample, fly, local_item};
+use haltere_model::lockstep::{Flight, FlightError, Lockstep, Sample, fly, local_item};
 
 /// Time after a step over which its error is averaged, s.
 pub const WINDOW_S: f64 = 10.0;

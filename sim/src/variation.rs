@@ -1,9 +1,9 @@
 //! The nominal vehicle and what every vehicle of its kind may bring: a slow board, a late link, drag of other wings, a
 //! spent battery, a heading that is not north, and loops whose gain is off.
 
-use haltere::checks::Problems;
-use haltere::control::{ControlConfig, ControlGains, Tunable};
-use haltere::model::PlantConfig;
+use haltere_core::checks::Problems;
+use haltere_core::control::{ControlConfig, ControlGains, Tunable};
+use haltere_model::PlantConfig;
 
 /// A vehicle that differs from the nominal one.
 #[derive(Debug, Clone, Copy)]

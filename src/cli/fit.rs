@@ -13,10 +13,10 @@ use super::{print, print_json};
 use crate::fit::outcome::{Outcome, Refusal};
 use crate::fit::source::Source;
 use crate::fit::{tell, trim};
-use crate::import::{columns, flapper, stand};
-use crate::record::LogReader;
 use crate::report::{from_log, truth};
-use crate::settings::Config;
+use haltere_log::import::{columns, flapper, stand};
+use haltere_log::record::LogReader;
+use haltere_pilot::settings::Config;
 
 /// The log does not hold what was asked; the sentence says which flight does.
 const NOT_IN_LOG: u8 = 3;

@@ -7,9 +7,9 @@ use clap::{Args, ValueEnum};
 
 use super::fly::Configuration;
 use super::print;
-use crate::control::TiltAxis;
 use crate::fit::programs::{Options, Program, RUNG_S, plan};
-use crate::pilot::Envelope;
+use haltere_core::control::TiltAxis;
+use haltere_pilot::Envelope;
 
 /// Prints a program as a mission file (TOML), placed in the volume of the configuration and checked
 /// against its limits.

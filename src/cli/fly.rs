@@ -9,11 +9,11 @@ use clap::Args;
 
 use super::FAILED;
 use super::programs::BuiltIn;
-use crate::checks::Problems;
 use crate::live::console::{self, Console};
 use crate::live::signals::{ENDED_ARMED, Signals};
 use crate::live::{self, RunSummary, realtime};
 use crate::sources::{Loaded, Sources};
+use haltere_core::checks::Problems;
 
 /// Where the configuration comes from.
 #[derive(Debug, Args)]

@@ -12,14 +12,14 @@ use super::{
     gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_diagnose, gap_missions,
     gap_observe, gap_shrink,
 };
-use crate::checks::Problems;
-use crate::gap::bank::{LEAST_DRAWS, LEAST_NULLS};
-use crate::gap::make_bank::BankSize;
-use crate::gap::scene::Told;
-use crate::gap::workshop::default_folder;
-use crate::model::Vehicle;
-use crate::model::effects::EffectSpec;
-use crate::model::room::Room;
+use haltere_core::checks::Problems;
+use haltere_gap::bank::{LEAST_DRAWS, LEAST_NULLS};
+use haltere_gap::make_bank::BankSize;
+use haltere_gap::scene::Told;
+use haltere_gap::workshop::default_folder;
+use haltere_model::Vehicle;
+use haltere_model::effects::EffectSpec;
+use haltere_model::room::Room;
 
 /// Diagnosis of the gap between flights and the nominal model.
 #[derive(Debug, Subcommand)]
@@ -140,7 +140,7 @@ impl BankOptions {
 
     /// The standard library without what is left out; an unknown id is refused.
     pub fn library(&self) -> anyhow::Result<Vec<&'static EffectSpec>> {
-        let all = crate::gap::library::standard();
+        let all = haltere_gap::library::standard();
         let asked = self.without.iter().map(|id| ("--without", id));
         for (option, id) in asked.chain(self.only.iter().map(|id| ("--only", id))) {
             if !all.iter().any(|spec| spec.id == id) {

@@ -10,15 +10,15 @@ use serde_json::json;
 use super::gap::RoomOptions;
 use super::gap_report::Report;
 use super::{print, print_json};
-use crate::frames::Vec3;
-use crate::gap::accept::{by_hand, edit_anchor, edit_scenario, edit_vehicle, number, set_key};
-use crate::gap::accepted::{self, LineChange, lines_changed};
-use crate::gap::logs;
-use crate::gap::scene::Told;
-use crate::gap::trim::{Trim, trim};
-use crate::measure::AnchorId;
-use crate::model::effects::EffectSpec;
 use crate::progress::Line;
+use haltere_core::frames::Vec3;
+use haltere_core::measure::AnchorId;
+use haltere_gap::accept::{by_hand, edit_anchor, edit_scenario, edit_vehicle, number, set_key};
+use haltere_gap::accepted::{self, LineChange, lines_changed};
+use haltere_gap::logs;
+use haltere_gap::scene::Told;
+use haltere_gap::trim::{Trim, trim};
+use haltere_model::effects::EffectSpec;
 
 /// Writes an effect that was found into the files of the simulator, and, where there is one, the fix into
 /// those of the vehicle.
@@ -262,9 +262,9 @@ fn trimmed(path: &Path, found: &Trim) -> anyhow::Result<Edit> {
             text = set_key(&text, "control.trims", key, &number(value))?;
         }
         // Read as the companion reads it.
-        crate::settings::Config::from_toml(&path.display().to_string(), &text)
-            .map_err(|p| crate::gap::accept::EditError::Value(p.to_string()))?;
-        Ok::<_, crate::gap::accept::EditError>(text)
+        haltere_pilot::settings::Config::from_toml(&path.display().to_string(), &text)
+            .map_err(|p| haltere_gap::accept::EditError::Value(p.to_string()))?;
+        Ok::<_, haltere_gap::accept::EditError>(text)
     })
 }
 

@@ -11,16 +11,16 @@ use super::gap::{BankOptions, SceneOptions};
 use super::gap_report::Report;
 use super::gap_session::{Opened, open};
 use super::{moved, print, print_json};
-use crate::gap::advise::{Advice, Effort, Hypothesis, Remaining, advise, after_flight};
-use crate::gap::archive::Shelf;
-use crate::gap::diagnosis::{Diagnosis, observed};
-use crate::gap::experiments::{EXPERIMENTS, Means, find};
-use crate::gap::library::whole;
-use crate::gap::logs::{self, Flown};
-use crate::gap::nominal::Nominal;
-use crate::gap::scene::Scene;
-use crate::model::effects::EffectSpec;
 use crate::progress::Line;
+use haltere_gap::advise::{Advice, Effort, Hypothesis, Remaining, advise, after_flight};
+use haltere_gap::archive::Shelf;
+use haltere_gap::diagnosis::{Diagnosis, observed};
+use haltere_gap::experiments::{EXPERIMENTS, Means, find};
+use haltere_gap::library::whole;
+use haltere_gap::logs::{self, Flown};
+use haltere_gap::nominal::Nominal;
+use haltere_gap::scene::Scene;
+use haltere_model::effects::EffectSpec;
 
 /// Ranks manoeuvres and bench actions by how well they would tell apart what a diagnosis did not rule
 /// out, and what they would make testable.

@@ -9,10 +9,10 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::print;
-use crate::gap::attribute::{Attributor, Settings};
-use crate::gap::bank_file;
-use crate::gap::statistics::specs;
-use crate::model::effects::Block;
+use haltere_gap::attribute::{Attributor, Settings};
+use haltere_gap::bank_file;
+use haltere_gap::statistics::specs;
+use haltere_model::effects::Block;
 
 /// Attributes flights by their statistics, one JSON object a line, without reading a log again.
 ///

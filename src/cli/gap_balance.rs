@@ -7,8 +7,8 @@ use clap::{Args, ValueEnum};
 
 use super::{print, print_json};
 use crate::fit::balance::{diagnose, terms::Part};
-use crate::import::flapper;
-use crate::model::vehicle::Vehicle;
+use haltere_log::import::flapper;
+use haltere_model::vehicle::Vehicle;
 
 /// Says which force the nominal model lacks on recorded flights, and how far it shrinks on another.
 ///

@@ -10,11 +10,11 @@ use serde_json::json;
 
 use super::gap::{BankOptions, SceneOptions};
 use super::{print, print_json};
-use crate::gap::logs;
-use crate::gap::missions;
-use crate::gap::scene::Scene;
-use crate::gap::workshop::Workshop;
 use crate::progress::Line;
+use haltere_gap::logs;
+use haltere_gap::missions;
+use haltere_gap::scene::Scene;
+use haltere_gap::workshop::Workshop;
 
 /// Flies the bank that flights of a mission are compared with, and keeps it.
 ///

@@ -12,18 +12,18 @@ use super::gap::{BankOptions, SceneOptions};
 use super::gap_advise::remaining;
 use super::gap_session::{Opened, Session, open, same_survey};
 use super::{print, print_json};
-use crate::gap::advise::{Effort, advise};
-use crate::gap::archive::Shelf;
-use crate::gap::beside_truth::{BesideTruth, TruePoint, beside_truth};
-use crate::gap::details::details;
-use crate::gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
-use crate::gap::held_out::{Explanation, measure};
-use crate::gap::logs::{self, Flown};
-use crate::gap::picture::picture;
-use crate::gap::seal::digest;
-use crate::model::effects::EffectSpec;
 use crate::progress::Line;
 use crate::report::{gap as page, truth};
+use haltere_gap::advise::{Effort, advise};
+use haltere_gap::archive::Shelf;
+use haltere_gap::beside_truth::{BesideTruth, TruePoint, beside_truth};
+use haltere_gap::details::details;
+use haltere_gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
+use haltere_gap::held_out::{Explanation, measure};
+use haltere_gap::logs::{self, Flown};
+use haltere_gap::picture::picture;
+use haltere_gap::seal::digest;
+use haltere_model::effects::EffectSpec;
 
 /// Says where a flight differs from the nominal simulator, which effect causes it, and how far the
 /// gap shrinks once that effect is added.
@@ -263,7 +263,7 @@ fn hash_of(path: &Path) -> String {
 /// several act together.
 fn explanation(diagnosis: &Diagnosis) -> Option<Explanation> {
     let together = if diagnosis.outcome == "several" { diagnosis.effects.len() } else { 1 };
-    let whole = crate::gap::library::whole();
+    let whole = haltere_gap::library::whole();
     let spec =
         |id: &str| -> Option<&'static EffectSpec> { whole.iter().copied().find(|s| s.id == id) };
     let effects: Vec<(&'static EffectSpec, Vec<f64>)> = diagnosis

@@ -6,8 +6,8 @@ use clap::{Args, ValueEnum};
 
 use super::gap::RoomOptions;
 use super::print;
-use crate::gap::missions;
-use crate::gap::scene::Scene;
+use haltere_gap::missions;
+use haltere_gap::scene::Scene;
 
 /// Prints a standard flight as a mission file (TOML), placed in the middle of the room.
 ///

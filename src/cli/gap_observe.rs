@@ -9,10 +9,10 @@ use serde_json::json;
 
 use super::gap::SceneOptions;
 use super::print;
-use crate::gap::diagnosis::observed;
-use crate::gap::logs;
-use crate::gap::nominal::Nominal;
-use crate::gap::statistics::specs;
+use haltere_gap::diagnosis::observed;
+use haltere_gap::logs;
+use haltere_gap::nominal::Nominal;
+use haltere_gap::statistics::specs;
 
 /// Prints the statistics that the diagnosis sees of each flight, one JSON object a line.
 ///

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use serde::Deserialize;
 
-use crate::gap::advise::{Hypothesis, Remaining};
-use crate::gap::library::whole;
-use crate::model::effects::EffectSpec;
+use haltere_gap::advise::{Hypothesis, Remaining};
+use haltere_gap::library::whole;
+use haltere_model::effects::EffectSpec;
 
 /// A report.
 #[derive(Debug, Clone, Deserialize)]

@@ -4,15 +4,15 @@
 use std::path::{Path, PathBuf};
 
 use super::gap::{BankOptions, SceneOptions};
-use crate::gap::attribute::{Attributor, Settings};
-use crate::gap::details::{Details, details};
-use crate::gap::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
-use crate::gap::held_out::{Explanation, HeldOut, resize_all};
-use crate::gap::logs::{self, Flown};
-use crate::gap::nominal::Nominal;
-use crate::gap::scene::Scene;
-use crate::gap::workshop::Workshop;
 use crate::progress::Line;
+use haltere_gap::attribute::{Attributor, Settings};
+use haltere_gap::details::{Details, details};
+use haltere_gap::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
+use haltere_gap::held_out::{Explanation, HeldOut, resize_all};
+use haltere_gap::logs::{self, Flown};
+use haltere_gap::nominal::Nominal;
+use haltere_gap::scene::Scene;
+use haltere_gap::workshop::Workshop;
 
 /// Fewest reference flights that say anything about a spread.
 const LEAST_REFERENCES: usize = 8;

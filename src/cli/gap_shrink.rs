@@ -9,13 +9,13 @@ use serde_json::json;
 use super::gap::{BankOptions, SceneOptions};
 use super::gap_session::{Opened, Session, open, same_survey};
 use super::{print, print_json};
-use crate::gap::diagnosis::observed;
-use crate::gap::held_out::{Explanation, Measured, SHRINK_FLIGHTS, measure};
-use crate::gap::library::whole;
-use crate::gap::logs::{self, Flown};
-use crate::gap::scene::Told;
-use crate::model::effects::EffectSpec;
 use crate::progress::Line;
+use haltere_gap::diagnosis::observed;
+use haltere_gap::held_out::{Explanation, Measured, SHRINK_FLIGHTS, measure};
+use haltere_gap::library::whole;
+use haltere_gap::logs::{self, Flown};
+use haltere_gap::scene::Told;
+use haltere_model::effects::EffectSpec;
 
 /// Adds one effect to the simulator and says how far the gap closes on other flights, closed loop.
 ///
@@ -124,7 +124,7 @@ fn sound(path: &Path, told: &Told) -> anyhow::Result<Flown> {
     if flown.mission.is_empty() {
         anyhow::bail!("{}: no mission in this log", path.display());
     }
-    let nominal = crate::gap::nominal::Nominal::of_scene(&flown.scene(told));
+    let nominal = haltere_gap::nominal::Nominal::of_scene(&flown.scene(told));
     if let Err(why) = observed(flown.clone(), &nominal).observation {
         anyhow::bail!("{}: {why}", path.display());
     }
@@ -167,7 +167,7 @@ fn parse(text: &str) -> anyhow::Result<(&'static EffectSpec, Option<Vec<f64>>)> 
         *slot = number;
     }
     // Refused here as the simulator would refuse it.
-    crate::gap::make_bank::with_effect(Default::default(), spec, &theta)
+    haltere_gap::make_bank::with_effect(Default::default(), spec, &theta)
         .map_err(|p| anyhow::anyhow!("--effect {text}: {p}"))?;
     Ok((spec, Some(theta)))
 }
@@ -213,7 +213,7 @@ fn fitted(
 /// Effects of other blocks at their defaults, where nothing was fitted.
 fn controls(spec: &EffectSpec) -> Vec<Explanation> {
     let mut blocks = vec![spec.block];
-    crate::gap::library::standard()
+    haltere_gap::library::standard()
         .into_iter()
         .filter(|s| {
             let new = !blocks.contains(&s.block);
@@ -257,7 +257,7 @@ fn text(
         "JUDGED ON   {flights} flights, {SHRINK_FLIGHTS} simulated flights each before and after; {references} \
          accepted flights behind the floor"
     );
-    let line = |s: &crate::gap::shrink::Shrink| {
+    let line = |s: &haltere_gap::shrink::Shrink| {
         let value = match (s.value, s.before.is_finite()) {
             (Some(v), _) => format!("{v:>6.2}"),
             (None, true) => "  none".to_owned(),

@@ -9,10 +9,10 @@ use clap::{Args, ValueEnum};
 
 use super::print;
 use crate::live::usb::serial_devices;
-use crate::pilot::TagProtocol;
 use crate::preflight::first::{self, Answers};
 use crate::preflight::probe;
-use crate::settings::{Address, TagPort, parse_anchors};
+use haltere_pilot::TagProtocol;
+use haltere_pilot::settings::{Address, TagPort, parse_anchors};
 
 /// Axes of anchors that are written as lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -9,8 +9,8 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 
-use crate::pilot::services::{Judgement, Told};
-use crate::settings::DiagnosisConfig;
+use haltere_pilot::services::{Judgement, Told};
+use haltere_pilot::settings::DiagnosisConfig;
 
 /// Priority of the process: the lowest.
 const NICE: &str = "19";

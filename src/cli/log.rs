@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::log_export::{Export, Tlog};
 use super::log_list::List;
 use super::{print, print_json};
-use crate::record::{
+use haltere_log::record::{
     Entry, LogEnd, LogReader, RawInput, recover, recovered_name, trim, trimmed_name,
 };
 

@@ -8,10 +8,10 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::{print, print_json};
-use crate::export::{Form, create, links, tables, write_table, write_tlog};
-use crate::pilot::LinkId;
 use crate::progress::Bar;
-use crate::record::{LogEnd, LogReader};
+use haltere_log::export::{Form, create, links, tables, write_table, write_tlog};
+use haltere_log::record::{LogEnd, LogReader};
+use haltere_pilot::LinkId;
 
 /// Form of the tables.
 #[derive(Debug, Clone, Copy, ValueEnum)]

@@ -9,9 +9,9 @@ use serde::Serialize;
 
 use super::{print, print_json};
 use crate::progress::Bar;
-use crate::record::{Decoded, Entry, LogEnd, LogReader, utc_text};
-use crate::settings::RecordConfig;
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_log::record::{Decoded, Entry, LogEnd, LogReader, utc_text};
+use haltere_pilot::settings::RecordConfig;
 
 /// Lists logs.
 #[derive(Debug, Args)]

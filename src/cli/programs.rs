@@ -8,16 +8,16 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 use super::judge::{Judged, Judging};
 use crate::fit::programs::{Options, Program, plan};
-use crate::gap::missions;
-use crate::gap::scene::Scene;
-use crate::mission_file::MissionFile;
-use crate::model::Vehicle;
-use crate::model::room::Room;
-use crate::pilot::Envelope;
-use crate::pilot::services::{Judgement, encode_plan};
-use crate::settings::DiagnosisConfig;
 use crate::sources::Loaded;
 use crate::store::Programs;
+use haltere_gap::missions;
+use haltere_gap::scene::Scene;
+use haltere_model::Vehicle;
+use haltere_model::room::Room;
+use haltere_pilot::Envelope;
+use haltere_pilot::mission_file::MissionFile;
+use haltere_pilot::services::{Judgement, encode_plan};
+use haltere_pilot::settings::DiagnosisConfig;
 
 /// What the default hover of the thrust program leaves above the warning voltage, V.
 const ABOVE_LOW_V: f64 = 0.1;
@@ -143,8 +143,8 @@ impl Programs for BuiltIn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pilot::services::decode_plan;
-    use crate::settings::Config;
+    use haltere_pilot::services::decode_plan;
+    use haltere_pilot::settings::Config;
 
     #[test]
     fn prop_every_program_that_fits_the_room_is_a_plan() {

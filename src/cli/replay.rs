@@ -6,7 +6,8 @@ use std::process::ExitCode;
 use clap::Args;
 
 use super::{FAILED, moved, print, print_json};
-use crate::{replay, util_flights};
+use crate::util_flights;
+use haltere_log::replay;
 
 /// Lives through flights again and says whether the same goes out.
 ///

@@ -9,12 +9,12 @@ use anyhow::Context as _;
 use clap::Args;
 
 use super::print;
-use crate::control::voltage::BaseThrust;
-use crate::record::{LogEnd, LogReader};
-use crate::replay::{changed_parameters, recorded_config, replay_observed};
 use crate::report::flight::{Flight, ParameterRow};
 use crate::report::svg::Limit;
 use crate::report::{Page, from_log, truth};
+use haltere_core::control::voltage::BaseThrust;
+use haltere_log::record::{LogEnd, LogReader};
+use haltere_log::replay::{changed_parameters, recorded_config, replay_observed};
 
 /// Draws a flight log as a self-contained HTML page.
 #[derive(Debug, Args)]

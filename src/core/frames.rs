@@ -8,12 +8,12 @@
 //! Mixing frames does not compile:
 //!
 //! ```compile_fail
-//! use haltere::frames::{B, E, Vec3};
+//! use haltere_core::frames::{B, E, Vec3};
 //! let sum = Vec3::<E>::new(0.0, 0.0, 1.0) + Vec3::<B>::new(0.0, 0.0, 1.0);
 //! ```
 //!
 //! ```compile_fail
-//! use haltere::frames::{B, E, Rot, Vec3};
+//! use haltere_core::frames::{B, E, Rot, Vec3};
 //! let R_EB = Rot::<E, B>::identity();
 //! let wrong = R_EB * Vec3::<E>::new(1.0, 0.0, 0.0);
 //! ```

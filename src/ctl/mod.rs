@@ -14,8 +14,8 @@ use std::time::Duration;
 use haltere_dialect::mav::haltere::{MavCmd, MavMissionResult, MavResult};
 use haltere_dialect::signing::SigningKey;
 
-use crate::mission_file::MissionFile;
-use crate::settings::{Address, AddressError};
+use haltere_pilot::mission_file::MissionFile;
+use haltere_pilot::settings::{Address, AddressError};
 
 pub use station::{GroundStation, Mode, Setpoint};
 pub use vehicle::{LandedState, Vehicle};

@@ -10,7 +10,7 @@ use haltere_dialect::mav::haltere::{
 use haltere_dialect::mav_stream::{MavSplitter, encode};
 use haltere_dialect::signing::SigningKey;
 
-use crate::guard::{KeyRing, Standing};
+use haltere_pilot::guard::{KeyRing, Standing};
 
 use super::CtlError;
 use super::link::{Link, READ_BYTES};

@@ -8,7 +8,7 @@ use haltere_dialect::mav::haltere::{
 
 use super::CtlError;
 use super::station::GroundStation;
-use crate::mission_file::Item;
+use haltere_pilot::mission_file::Item;
 
 /// Silence after which the last message is sent again (MAVLink mission protocol: 1.5 s).
 const RETRY_AFTER: Duration = Duration::from_millis(1500);

@@ -3,12 +3,12 @@
 //! Times are seconds since the first control step. Leans and speeds are counted in the heading frame:
 //! forward and right.
 
-use crate::control::TiltAxis;
-use crate::control::config::TrimConfig;
-use crate::frames::{B, E, Rot, Vec3};
 use crate::report::flight::Flight;
-use crate::time::HostTime;
-use crate::topics::ControlRecord;
+use haltere_core::control::TiltAxis;
+use haltere_core::control::config::TrimConfig;
+use haltere_core::frames::{B, E, Rot, Vec3};
+use haltere_core::time::HostTime;
+use haltere_core::topics::ControlRecord;
 
 /// A setpoint that stays the same to this for longer than [`HELD_S`] is held, rad.
 const SAME_RAD: f64 = 1e-9;

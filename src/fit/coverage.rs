@@ -13,12 +13,12 @@ use super::linear::Rows;
 use super::tell::{drag, thrust};
 use super::value::Value;
 use super::{ground, imu, lag, polynomial, steady, transient};
-use crate::control::drag::DragConfig;
-use crate::control::trim::{HoverSample, trims_from_hover};
-use crate::frames::{G_MPS2, Rot, Vec3};
-use crate::import::motion::Sample;
-use crate::import::stand::StandRow;
-use crate::time::HostTime;
+use haltere_core::control::drag::DragConfig;
+use haltere_core::control::trim::{HoverSample, trims_from_hover};
+use haltere_core::frames::{G_MPS2, Rot, Vec3};
+use haltere_core::time::HostTime;
+use haltere_log::import::motion::Sample;
+use haltere_log::import::stand::StandRow;
 
 /// Data sets per fit.
 const SETS: u64 = 240;

@@ -1,6 +1,6 @@
 //! Ground effect: the thrust that hovers at a height over the one that hovers far from the floor.
 //!
-//! **Equation.** `y(h) = y∞·(1 − λ/(h − a)²) + d·t`, the law of [`crate::control::ground`] with its free-air
+//! **Equation.** `y(h) = y∞·(1 − λ/(h − a)²) + d·t`, the law of [`haltere_core::control::ground`] with its free-air
 //! value y∞ and a drift d fitted along: what warms or sags with the time of the flight is not height. y is a thrust command made independent of the battery (times the voltage to
 //! the power of the discharge law).
 //!

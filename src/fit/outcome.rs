@@ -7,10 +7,10 @@ use serde::Serialize;
 
 use super::programs::Program;
 use super::value::Value;
-use crate::checks::Problems;
 use crate::report::STYLE;
 use crate::report::svg::{Plot, escape};
-use crate::settings::Config;
+use haltere_core::checks::Problems;
+use haltere_pilot::settings::Config;
 
 /// Size of a plot that is the only one, pixels.
 const ALONE_PX: [f64; 2] = [1120.0, 380.0];

@@ -3,9 +3,9 @@
 //! Every program is placed in the volume of a configuration and checked against it as the vehicle
 //! itself will: what would be refused there is left out here, with the reason.
 
-use crate::control::TiltAxis;
-use crate::mission_file::{Command, DoubletAxis, Item, MissionFile};
-use crate::pilot::{Envelope, TiltStep};
+use haltere_core::control::TiltAxis;
+use haltere_pilot::mission_file::{Command, DoubletAxis, Item, MissionFile};
+use haltere_pilot::{Envelope, TiltStep};
 
 /// Distance of a turning point to the edge of the volume, m: a wing span, and the error of the
 /// estimate near a wall.

@@ -1,8 +1,8 @@
 //! Where the data of a fit come from.
 
-use crate::import::{Recording, stand::Stand};
 use crate::report::flight::Flight;
-use crate::settings::Config;
+use haltere_log::import::{Recording, stand::Stand};
+use haltere_pilot::settings::Config;
 
 /// One file, read.
 #[derive(Debug, Clone)]

@@ -23,7 +23,7 @@ use super::correlated::Covariance;
 use super::linear::{Rows, inverse, r_squared, solve};
 use super::transient::search;
 use super::value::Value;
-use crate::frames::G_MPS2;
+use haltere_core::frames::G_MPS2;
 
 /// Fewest points: the exponential has three parameters, and scatter needs one more.
 pub const LEAST_POINTS: usize = 4;

@@ -3,12 +3,12 @@
 //! Finds the longest stretch of the log in which one point was held, leaves out the settling, and
 //! hands the control steps of it to [`trims_from_hover`].
 
-use crate::control::drag::DragConfig;
-use crate::control::trim::{HoverSample, TrimRefusal, Trims, trims_from_hover};
-use crate::estimate::Estimate;
-use crate::frames::{B, E, Rot};
 use crate::report::flight::Flight;
-use crate::topics::ControlRecord;
+use haltere_core::control::drag::DragConfig;
+use haltere_core::control::trim::{HoverSample, TrimRefusal, Trims, trims_from_hover};
+use haltere_core::estimate::Estimate;
+use haltere_core::frames::{B, E, Rot};
+use haltere_core::topics::ControlRecord;
 
 /// Time after the setpoint came to rest that is left out, s: two time constants of the velocity
 /// integrators.
@@ -93,7 +93,7 @@ fn longest_hover(controls: &[ControlRecord]) -> &[ControlRecord] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::time::HostTime;
+    use haltere_core::time::HostTime;
 
     fn step(i: u64, north_m: f64) -> ControlRecord {
         ControlRecord {

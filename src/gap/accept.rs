@@ -7,11 +7,11 @@
 //! differ from before by what was meant and nothing else, or the edit is refused. Files are written by
 //! [`super::accepted`].
 
-use crate::frames::{E, U, Vec3, survey_from_earth};
-use crate::measure::AnchorId;
-use crate::model::board::BoardSettings;
-use crate::model::effects::{EffectConfig, EffectSet, EffectSpec};
-use crate::model::vehicle::Vehicle;
+use haltere_core::frames::{E, U, Vec3, survey_from_earth};
+use haltere_core::measure::AnchorId;
+use haltere_model::board::BoardSettings;
+use haltere_model::effects::{EffectConfig, EffectSet, EffectSpec};
+use haltere_model::vehicle::Vehicle;
 
 /// Why a file is not edited.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -159,8 +159,8 @@ pub fn edit_vehicle(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<Stri
         .map_err(|e| EditError::Value(e.to_string()))?;
     // The bank of effects makes the edit, as it does at the start of a flight.
     let (mut board, mut sites) = (BoardSettings::default(), Vec::new());
-    let room = crate::model::room::Room::default();
-    crate::model::effects::Bank::new(&set, 1, &mut after, &mut board, &room, &mut sites);
+    let room = haltere_model::room::Room::default();
+    haltere_model::effects::Bank::new(&set, 1, &mut after, &mut board, &room, &mut sites);
     let flat = |vehicle: &Vehicle| -> Vec<(String, String, toml::Value)> {
         let Ok(toml::Value::Table(tables)) = toml::Value::try_from(vehicle) else {
             return Vec::new();
@@ -185,7 +185,7 @@ pub fn edit_vehicle(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<Stri
         return Err(EditError::NotOfTheVehicle { id: spec.id, name: spec.name });
     }
     let vehicle = Vehicle::from_toml(&new).map_err(|e| EditError::Parse(e.to_string()))?;
-    let mut problems = crate::checks::Problems::new();
+    let mut problems = haltere_core::checks::Problems::new();
     vehicle.check("vehicle", &mut problems);
     problems.into_result().map_err(|e| EditError::Value(e.to_string()))?;
     Ok(new)
@@ -379,7 +379,7 @@ mod tests {
         let text = "frame = \"enu\" # z up\n\n[[anchor]]\nid = 4\nposition_m = [1.0, 2.0, 3.0] # shelf\n\n[[anchor]]\nid = 7\nposition_m = [0.0, 0.0, 1]\n";
         // North 0.2, east 0.1, down 0.3: in ENU x east 0.1, y north 0.2, z up -0.3.
         let new = edit_anchor(text, AnchorId(4), Vec3::new(0.2, 0.1, 0.3)).unwrap();
-        let by = crate::frames::survey_from_earth(Vec3::<E>::new(0.2, 0.1, 0.3)).to_array();
+        let by = haltere_core::frames::survey_from_earth(Vec3::<E>::new(0.2, 0.1, 0.3)).to_array();
         let want = format!(
             "position_m = [{}, {}, {}] # shelf",
             number(1.0 + by[0]),

@@ -22,8 +22,8 @@ use super::library;
 use super::missions::wire;
 use super::normal;
 use super::scene::Scene;
-use crate::model::effects::EffectSpec;
-use crate::model::random::Stream;
+use haltere_model::effects::EffectSpec;
+use haltere_model::random::Stream;
 
 /// Candidates at least this probable are not ruled out.
 const RULED_OUT: f64 = 0.02;

@@ -19,7 +19,7 @@ use super::scene::Scene;
 use super::statistics::statistics_of;
 use super::trace::Trace;
 use super::workshop::mission_key;
-use crate::model::effects::EffectSpec;
+use haltere_model::effects::EffectSpec;
 
 const KIND: Kind = Kind { what: "archive of flights", magic: b"HALTFLYS", version: 1 };
 

@@ -1,12 +1,12 @@
 //! A flight whose replay by this build would have told the board something else: its modes and setpoints are
 //! those that were recorded, everything that was measured and the estimate are those of the replay.
 
-use crate::frames::wrap_pi_rad;
-use crate::pilot::Mode;
-use crate::record::{Decoded, Entry, LogReader, back};
-use crate::replay::{Setpoint, setpoint_of};
-use crate::time::HostTime;
-use crate::topics::{ControlRecord, ModeRecord};
+use haltere_core::frames::wrap_pi_rad;
+use haltere_core::time::HostTime;
+use haltere_core::topics::{ControlRecord, ModeRecord};
+use haltere_log::record::{Decoded, Entry, LogReader, back};
+use haltere_log::replay::{Setpoint, setpoint_of};
+use haltere_pilot::Mode;
 
 use super::trace::Trace;
 

@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use super::smoother::LOW_TAG_M;
 use super::trace::Trace;
-use crate::frames::{E, Vec3};
-use crate::time::HostTime;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::time::HostTime;
 
 /// Position of the vehicle at a time, Earth frame, m.
 pub type TruePoint = (HostTime, Vec3<E>);
@@ -167,9 +167,9 @@ impl BesideTruth {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lockstep::{Lockstep, fly_watched};
     use crate::missions;
     use crate::scene::Scene;
+    use haltere_model::lockstep::{Lockstep, fly_watched};
 
     /// The plant knows where it was: the same figure must come out of the trace.
     #[test]

@@ -4,7 +4,7 @@
 
 use super::residuals::{Channel, Flight, attitude, battery, force, uwb};
 use super::timeline::STEP_S;
-use crate::measure::AnchorId;
+use haltere_core::measure::AnchorId;
 
 /// When the vehicle is in which state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]

@@ -13,8 +13,8 @@ use super::residuals::{Channel, Flight, force, uwb};
 use super::scene::Scene;
 use super::timeline::{NotObservable, STEP_S};
 use super::trace::Trace;
-use crate::measure::AnchorId;
-use crate::model::effects::EffectSpec;
+use haltere_core::measure::AnchorId;
+use haltere_model::effects::EffectSpec;
 
 /// Points of the grid in a second.
 const PER_SECOND: usize = (1.0 / STEP_S + 0.5) as usize;

@@ -12,7 +12,7 @@ use super::shrink::{medians, scales};
 use super::statistics::{ANCHOR_SLOTS, Observation, observe, specs};
 use super::workshop::Workshop;
 use crate::nominal::Nominal;
-use crate::replay::{Differs, Report};
+use haltere_log::replay::{Differs, Report};
 
 /// Blocks below this many sigma are not shown as places of the gap.
 const LOUD_SIGMA: f64 = 3.0;
@@ -296,7 +296,7 @@ fn replay_word(replay: &Report) -> String {
 }
 
 fn made_with(workshop: &Workshop) -> MadeWith {
-    let build = crate::record::BuildIdentity::current();
+    let build = haltere_log::record::BuildIdentity::current();
     let bank = &workshop.bank;
     MadeWith {
         log_sha256: String::new(),

@@ -17,7 +17,7 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::shrink::{median, scales};
-use crate::model::random::Stream;
+use haltere_model::random::Stream;
 
 /// Sigma at which compression sets in: the attribution's own.
 const KNEE: f64 = 8.0;

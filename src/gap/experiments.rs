@@ -11,7 +11,7 @@ use super::manoeuvres::{
     steps_then_hover, straight_dashes, throttle_doublets, under_the_ceiling, yaw_on_the_spot,
 };
 use super::scene::Scene;
-use crate::mission_file::MissionFile;
+use haltere_pilot::mission_file::MissionFile;
 
 /// What every flight costs besides flying, s: a charged battery, placing, waiting for alignment, copying
 /// the log. Judgement.

@@ -4,11 +4,11 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 use super::scene::Scene;
 use super::trace::Trace;
-use crate::checks::Problems;
-use crate::frames::Vec3;
-use crate::lockstep::{FlightError, Lockstep, SAMPLE_US, World, fly_unsampled};
-use crate::model::{Plant, PlantConfig};
-use crate::pilot::{Mission, Mode, PilotConfig};
+use haltere_core::checks::Problems;
+use haltere_core::frames::Vec3;
+use haltere_model::lockstep::{FlightError, Lockstep, SAMPLE_US, World, fly_unsampled};
+use haltere_model::{Plant, PlantConfig};
+use haltere_pilot::{Mission, Mode, PilotConfig};
 
 /// Any flight is waited for that long, s: the diagnostic flight lasts 100 s, with a missed waypoint
 /// here and there somewhat longer.

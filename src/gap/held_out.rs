@@ -18,8 +18,8 @@ use super::shrink::{
     Paired, Shrink, by_channel, efficiency, medians, scales, shrink, wrong_effects,
 };
 use super::statistics::{specs, statistics_of};
-use crate::model::Vehicle;
-use crate::model::effects::EffectSpec;
+use haltere_model::Vehicle;
+use haltere_model::effects::EffectSpec;
 
 /// Seed of intervals by channel.
 const SEED: u64 = 2;

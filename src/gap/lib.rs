@@ -63,13 +63,6 @@ pub mod workshop;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use haltere_core::{checks, estimate, frames, measure, survey, time, topics};
-pub(crate) use haltere_log::{record, replay};
-pub(crate) use haltere_model as model;
-pub(crate) use haltere_model::lockstep;
-pub(crate) use haltere_pilot as pilot;
-pub(crate) use haltere_pilot::{mission_file, settings};
-
 /// Hash of what decides how a simulated flight goes and what is said of a flight (`BANK` in `src/gap/build.rs`). The words
 /// of the program are not among it.
 pub const BANK_HASH: &str = env!("HALTERE_BANK_HASH");

@@ -8,9 +8,9 @@
 //! such things come, and a loud component would otherwise hide what a quiet one looks like.
 
 use super::axis::{Axis, Size};
-use crate::model::effects::{ALL, EffectSpec, ParameterSpec, Role};
-use crate::model::random::Stream;
-use crate::model::room::Room;
+use haltere_model::effects::{ALL, EffectSpec, ParameterSpec, Role};
+use haltere_model::random::Stream;
+use haltere_model::room::Room;
 
 /// The 42 effects that GAP.md marks, ids of its section 3: what is a candidate unless the user
 /// says otherwise. The eleven others of the list are not candidates yet: some of them cannot be

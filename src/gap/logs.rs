@@ -15,12 +15,14 @@ use serde::Serialize;
 use super::as_flown::AsFlown;
 use super::scene::{Scene, Told};
 use super::trace::Trace;
-use crate::model::room::Room;
-use crate::pilot::{Mode, PilotConfig};
-use crate::record::LogReader;
-use crate::replay::{Differs, ReplayError, Report, Verdict, recorded_config, replay_observed};
-use crate::settings::Config;
-use crate::survey::Survey;
+use haltere_core::survey::Survey;
+use haltere_log::record::LogReader;
+use haltere_log::replay::{
+    Differs, ReplayError, Report, Verdict, recorded_config, replay_observed,
+};
+use haltere_model::room::Room;
+use haltere_pilot::settings::Config;
+use haltere_pilot::{Mode, PilotConfig};
 
 /// Fewest IMU samples, board attitudes and TDOA a second in the air with which a flight is judged.
 /// Residuals lie on a grid of 25 Hz: two IMU samples a point are the least that can be averaged; the

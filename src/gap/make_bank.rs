@@ -20,11 +20,11 @@ use super::scene::Scene;
 use super::shrink::scales;
 use super::statistics::{specs, statistics_of};
 use super::trace::Trace;
-use crate::checks::Problems;
-use crate::frames::Vec3;
-use crate::model::PlantConfig;
-use crate::model::effects::{EffectSet, EffectSpec, Role, Source};
-use crate::model::random::Stream;
+use haltere_core::checks::Problems;
+use haltere_core::frames::Vec3;
+use haltere_model::PlantConfig;
+use haltere_model::effects::{EffectSet, EffectSpec, Role, Source};
+use haltere_model::random::Stream;
 
 /// Share by which nominal constants differ in jitter.
 const JITTER: f64 = 0.05;

@@ -2,7 +2,7 @@
 
 use super::missions::{HEIGHT_M, LEG_MPS, LOW_M, Plan, diagnostic_file};
 use super::scene::Scene;
-use crate::mission_file::{DoubletAxis, MissionFile};
+use haltere_pilot::mission_file::{DoubletAxis, MissionFile};
 
 /// Clear way to either side that a dash needs, m.
 const LEAST_DASH_M: f64 = 1.2;

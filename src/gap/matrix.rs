@@ -177,8 +177,8 @@ fn tail(t: f64, freedom: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::cells::{REGIMES, Regime};
-    use crate::model::random::Stream;
     use crate::residuals::Channel;
+    use haltere_model::random::Stream;
 
     fn flight(means: &[f64]) -> Details {
         let cells = means

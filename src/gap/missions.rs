@@ -7,10 +7,10 @@
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-use crate::mission_file::{Command, DoubletAxis, Item, MissionFile};
+use haltere_pilot::mission_file::{Command, DoubletAxis, Item, MissionFile};
 
 use super::scene::Scene;
-use crate::model::room::Room;
+use haltere_model::room::Room;
 
 /// Height of everything that is not about height, m.
 pub const HEIGHT_M: f64 = 1.0;
@@ -221,8 +221,8 @@ pub fn wire(mission: &MissionFile) -> Vec<MISSION_ITEM_INT_DATA> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::Vec3;
-    use crate::lockstep::{Lockstep, fly};
+    use haltere_core::frames::Vec3;
+    use haltere_model::lockstep::{Lockstep, fly};
 
     /// A cage narrower than both margins: the ends of what is left stood the wrong way round by a bit.
     #[test]

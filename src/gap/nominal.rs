@@ -1,9 +1,9 @@
 //! Nominal: what the nominal chain predicts from logged inputs, block by block. Closed forms of the
 //! vehicle file, and a small linear model of each attitude loop; the plant is not called.
 
-use crate::model::Vehicle;
-use crate::model::board::BoardSettings;
-use crate::model::room::Room;
+use haltere_model::Vehicle;
+use haltere_model::board::BoardSettings;
+use haltere_model::room::Room;
 
 use super::scene::Scene;
 

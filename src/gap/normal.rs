@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn prop_a_prediction_limit_is_exceeded_as_often_as_it_says() {
-        let mut rng = crate::model::random::Stream::new(4, "prediction");
+        let mut rng = haltere_model::random::Stream::new(4, "prediction");
         let (mut above, mut trials) = (0.0, 0.0);
         for _ in 0..20_000 {
             let few: Vec<f64> = (0..9).map(|_| rng.normal()).collect();

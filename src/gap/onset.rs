@@ -245,13 +245,13 @@ mod tests {
     use super::*;
     use crate::details::{details, fly_nulls};
     use crate::library;
-    use crate::lockstep::{Lockstep, fly_watched};
     use crate::make_bank::jittered;
     use crate::missions;
-    use crate::model::faults::Fault;
     use crate::nominal::Nominal;
     use crate::scene::Scene;
     use crate::trace::Trace;
+    use haltere_model::faults::Fault;
+    use haltere_model::lockstep::{Lockstep, fly_watched};
 
     /// Time since the first thrust that the effect begins at, s.
     const BEGINS_S: f64 = 40.0;

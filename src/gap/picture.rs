@@ -13,9 +13,9 @@ use super::matrix::{Matrix, Square, floor, matrix};
 use super::onset::{Onset, onset};
 use super::residuals::uwb::SIDE;
 use super::scene::Scene;
-use crate::measure::AnchorId;
-use crate::model::effects::EffectSpec;
+use haltere_core::measure::AnchorId;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+use haltere_model::effects::EffectSpec;
 
 /// Null flights, and flights with what was named.
 const NULLS: u64 = 48;

@@ -8,7 +8,7 @@
 
 use super::held_out::HeldOut;
 use super::library;
-use crate::model::effects::{EffectSpec, ParameterSpec};
+use haltere_model::effects::{EffectSpec, ParameterSpec};
 
 /// Shares that are flown.
 const SHARES: [f64; 8] = [0.25, 0.4, 0.55, 0.7, 0.85, 1.0, 1.2, 1.45];

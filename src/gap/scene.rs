@@ -1,11 +1,11 @@
 //! The room in which the diagnostic flights are flown, and what the companion is told of it.
 
-use crate::checks::Problems;
-use crate::frames::Vec3;
-use crate::model::room::Room;
-use crate::model::{PlantConfig, Vehicle};
-use crate::pilot::PilotConfig;
-use crate::survey::Survey;
+use haltere_core::checks::Problems;
+use haltere_core::frames::Vec3;
+use haltere_core::survey::Survey;
+use haltere_model::room::Room;
+use haltere_model::{PlantConfig, Vehicle};
+use haltere_pilot::PilotConfig;
 
 /// A room with anchors in its corners, a vehicle on its floor, and a companion configured for both.
 #[derive(Debug, Clone)]

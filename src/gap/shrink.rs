@@ -12,7 +12,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::normal;
-use crate::model::random::Stream;
+use haltere_model::random::Stream;
 
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;

@@ -16,8 +16,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::timeline::{STEP_S, Timeline};
 use super::trace::Trace;
-use crate::frames::G_MPS2;
-use crate::topics::UwbRecord;
+use haltere_core::frames::G_MPS2;
+use haltere_core::topics::UwbRecord;
 
 /// Number of states: p, v, b, β.
 const N: usize = 10;

@@ -7,7 +7,7 @@ use super::nominal::Nominal;
 use super::residuals::{Flight, Sheet, attitude, battery, bias, force, loops, timing, uwb};
 use super::timeline::STEP_S;
 use super::trace::Trace;
-use crate::measure::AnchorId;
+use haltere_core::measure::AnchorId;
 
 pub use super::residuals::{Channel, StatSpec};
 pub use super::timeline::NotObservable;

@@ -11,9 +11,9 @@ use super::scene::Scene;
 use super::statistics::{observe, specs};
 use super::timeline::NotObservable;
 use super::trace::Trace;
-use crate::lockstep::{Lockstep, fly_watched};
-use crate::model::EffectSet;
-use crate::model::effects::Block;
+use haltere_model::EffectSet;
+use haltere_model::effects::Block;
+use haltere_model::lockstep::{Lockstep, fly_watched};
 
 #[test]
 fn val_smoother_finds_position_and_velocity_without_aerodynamics() {

@@ -6,8 +6,8 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::trace::Trace;
-use crate::frames::wrap_pi_rad;
-use crate::time::HostTime;
+use haltere_core::frames::wrap_pi_rad;
+use haltere_core::time::HostTime;
 
 /// Step of the grid, s.
 pub const STEP_S: f64 = 0.04;

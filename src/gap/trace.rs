@@ -2,12 +2,12 @@
 //!
 //! A trace from lockstep, from a flight log and from an import look alike; truth is not in it.
 
-use crate::estimate::Estimate;
-use crate::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample, ReferencePose};
-use crate::pilot::{MISSION_LANDS, Mode};
-use crate::survey::Survey;
-use crate::time::HostTime;
-use crate::topics::{ControlRecord, HealthRecord, ModeRecord, TextRecord, Topic, UwbRecord};
+use haltere_core::estimate::Estimate;
+use haltere_core::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample, ReferencePose};
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+use haltere_core::topics::{ControlRecord, HealthRecord, ModeRecord, TextRecord, Topic, UwbRecord};
+use haltere_pilot::{MISSION_LANDS, Mode};
 
 /// Samples expected of a flight of 100 s, so that filling does not reallocate: IMU at 250 Hz.
 const IMU_EXPECTED: usize = 30_000;
@@ -158,7 +158,7 @@ impl Trace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::topics::ControlRecord;
+    use haltere_core::topics::ControlRecord;
 
     fn trace(modes: &[(&'static str, u64)], end_s: u64) -> Trace {
         let mut trace = Trace::new(super::super::scene::Scene::lab().unwrap().survey);

@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::details::{Details, Kind, fly_nulls};
 use super::residuals::Channel;
 use super::scene::Scene;
-use crate::model::effects::EffectSpec;
+use haltere_model::effects::EffectSpec;
 
 /// Flights with and without.
 const FLIGHTS: u64 = 6;

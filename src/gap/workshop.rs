@@ -15,7 +15,7 @@ use super::make_bank::{self, BankSize, Recipe};
 use super::nominal::Nominal;
 use super::scene::Scene;
 use super::statistics::specs;
-use crate::model::effects::{Block, EffectSpec};
+use haltere_model::effects::{Block, EffectSpec};
 
 /// Seed of the banks that a diagnosis uses.
 pub const BANK_SEED: u64 = 20_211_117;

@@ -11,12 +11,12 @@ use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Shared, input_queues};
 use super::mailbox::{Mailbox, mailbox};
 use super::pool::Pool;
 use super::{LiveError, NEWS_QUEUE, OUT_BYTES, SPARE_CHUNKS, Stop, files};
-use crate::pilot::{LinkId, Mode, Pilot, PilotConfig};
-use crate::record::{BuildIdentity, Recorder, Session};
-use crate::survey::Survey;
-use crate::time::HostTime;
-use crate::topics::Topic;
 use crate::watch::Feed;
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+use haltere_core::topics::Topic;
+use haltere_log::record::{BuildIdentity, Recorder, Session};
+use haltere_pilot::{LinkId, Mode, Pilot, PilotConfig};
 
 /// A live core whose rounds somebody else makes.
 pub struct ByHand {

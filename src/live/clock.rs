@@ -4,7 +4,7 @@ use rustix::io::Errno;
 use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// Now, monotonic.
 pub fn now() -> HostTime {

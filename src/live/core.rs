@@ -16,12 +16,12 @@ use super::inbox::{Arrival, Arrivals, Shared, What};
 use super::mailbox::{Outgoing, Refused, Slot};
 use super::pool::Pool;
 use super::stop::Stop;
-use crate::drops::DropReason;
-use crate::pilot::{Input, LinkId, Mode, Pilot};
-use crate::record::{GlueState, Recorder, RecorderSummary};
-use crate::time::HostTime;
-use crate::topics::Topic;
 use crate::watch::Feed;
+use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
+use haltere_core::topics::Topic;
+use haltere_log::record::{GlueState, Recorder, RecorderSummary};
+use haltere_pilot::{Input, LinkId, Mode, Pilot};
 
 /// Longest sleep: how soon the end of the program is noticed, µs.
 const LONGEST_SLEEP_US: i64 = 50_000;

@@ -12,9 +12,9 @@ use super::clock;
 use super::inbox::Inbox;
 use super::mailbox::{Mailbox, Outgoing};
 use super::udp::{DATAGRAM_BYTES, RETRY, SEND_PATIENCE, any_for, is_for_many, no_address};
-use crate::drops::DropReason;
-use crate::settings::HostPort;
-use crate::time::HostTime;
+use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
+use haltere_pilot::settings::HostPort;
 
 /// A peer that was silent for so long is forgotten, s.
 const PEER_SILENCE_S: f64 = 30.0;
@@ -200,7 +200,7 @@ mod tests {
     fn regress_what_is_meant_for_one_board_reaches_no_other() {
         use super::super::inbox::{Shared, input_queues};
         use super::super::pool::Pool;
-        use crate::pilot::LinkId;
+        use haltere_pilot::LinkId;
 
         let (entrance, _arrivals) = input_queues();
         let inbox =

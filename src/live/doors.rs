@@ -10,13 +10,13 @@ use haltere_dialect::signing::SigningKey;
 
 use super::clock;
 use super::inbox::Shared;
-use crate::drops::Drops;
-use crate::guard::{Door, DoorConfig, KeyRing, Signing};
-use crate::pilot::LinkId;
-use crate::settings::Config;
 use crate::sources::{KeyFileError, read_key, read_time, time_file};
 use crate::store::{replace, replace_private};
-use crate::time::HostTime;
+use haltere_core::drops::Drops;
+use haltere_core::time::HostTime;
+use haltere_pilot::LinkId;
+use haltere_pilot::guard::{Door, DoorConfig, KeyRing, Signing};
+use haltere_pilot::settings::Config;
 
 /// How often it is looked whether key or time must be written.
 const LOOK: Duration = Duration::from_millis(250);

@@ -6,8 +6,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::inbox::Shared;
-use crate::pilot::services::{FileFault, FileRequest, PARAMETERS_TICKET};
 use crate::store::{Answer, Store};
+use haltere_pilot::services::{FileFault, FileRequest, PARAMETERS_TICKET};
 
 /// Tasks that may wait: as many as the core has under way at most.
 const QUEUE_TASKS: usize = 64;

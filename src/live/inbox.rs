@@ -11,9 +11,9 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use super::clock;
 use super::doors::Gate;
 use super::pool::{Chunk, Pool};
-use crate::drops::DropReason;
-use crate::pilot::{LinkId, MOST_GROUND_LINKS};
-use crate::time::HostTime;
+use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
+use haltere_pilot::{LinkId, MOST_GROUND_LINKS};
 
 /// Chunks of tag and board that may wait for the pilot's thread: over a second of everything.
 const DEVICE_CHUNKS: usize = 4096;

@@ -15,7 +15,7 @@ use rustix::pipe::{PipeFlags, pipe_with};
 use tokio::net::unix::pipe;
 
 use super::pool::Chunk;
-use crate::pilot::LinkId;
+use haltere_pilot::LinkId;
 
 /// Bytes for a link.
 #[derive(Debug)]

@@ -52,13 +52,13 @@ use self::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Shared, input_queues};
 use self::mailbox::{Mailbox, mailbox};
 use self::notify::{Progress, Systemd};
 use self::pool::Pool;
-use crate::pilot::{LinkId, Pilot};
-use crate::record::{BuildIdentity, RecordError, Recorder, Session};
-use crate::settings::{Address, Config, HostPort, TagPort};
 use crate::sources::{KeyFileError, Loaded};
 use crate::store::{NoPrograms, Programs, Store};
-use crate::topics::Topic;
 use crate::watch::{Feed, Watch, WatchError};
+use haltere_core::topics::Topic;
+use haltere_log::record::{BuildIdentity, RecordError, Recorder, Session};
+use haltere_pilot::settings::{Address, Config, HostPort, TagPort};
+use haltere_pilot::{LinkId, Pilot};
 
 /// Largest piece that goes out: a MAVLink frame with a signature, and some.
 const OUT_BYTES: usize = mav_stream::MAX_FRAME + 24;
@@ -324,7 +324,10 @@ fn start_files(
     Ok(files::start(store, loaded.lost.as_deref(), shared.clone())?)
 }
 
-fn begin_recording(loaded: &Loaded, started: crate::time::HostTime) -> Result<Recorder, LiveError> {
+fn begin_recording(
+    loaded: &Loaded,
+    started: haltere_core::time::HostTime,
+) -> Result<Recorder, LiveError> {
     let record = &loaded.config.record;
     if !record.enabled {
         tracing::warn!("record.enabled = false: this flight leaves no log");

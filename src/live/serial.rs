@@ -12,7 +12,7 @@ use super::devices::{Urgency, hurry};
 use super::inbox::Inbox;
 use super::mailbox::{Mailbox, Outgoing};
 use super::{clock, usb};
-use crate::drops::DropReason;
+use haltere_core::drops::DropReason;
 
 /// Longest time without looking whether the companion ends.
 const POLL: Duration = Duration::from_millis(100);

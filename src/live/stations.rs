@@ -12,8 +12,8 @@ use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS};
 use super::mailbox::{Mailbox, Outgoing, Refused, Slot, mailbox};
 use super::tcp::{ACCEPT_PAUSE, RETRY, accept_after, talk};
 use super::udp::{DATAGRAM_BYTES, send};
-use crate::drops::DropReason;
-use crate::time::HostTime;
+use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
 
 /// A UDP station that was silent for so long is forgotten, s. Some scripts listen for a minute and say
 /// nothing (GROUND.md).

@@ -12,9 +12,9 @@ use super::clock;
 use super::frames::WholeFrames;
 use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS};
 use super::mailbox::{Mailbox, Outgoing, Refused};
-use crate::drops::DropReason;
-use crate::settings::HostPort;
-use crate::time::HostTime;
+use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
+use haltere_pilot::settings::HostPort;
 
 /// Most clients of one port.
 const MOST_CLIENTS: usize = 16;

@@ -9,10 +9,10 @@ use haltere_dialect::mav_stream;
 use serialport::{SerialPort, TTYPort};
 
 use super::*;
-use crate::drops::DropReason;
-use crate::record::{Entry, LogEnd, LogReader, RawInput};
-use crate::settings::Config;
 use crate::sources::Loaded;
+use haltere_core::drops::DropReason;
+use haltere_log::record::{Entry, LogEnd, LogReader, RawInput};
+use haltere_pilot::settings::Config;
 
 fn free_port() -> u16 {
     UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
@@ -185,7 +185,7 @@ fn prop_the_mute_are_cut_and_the_unsigned_get_no_place() {
     let file = folder.path().join("signing.key");
     std::fs::write(&file, key.to_file()).unwrap();
     loaded.config.signing.key_file = file.clone();
-    loaded.config.ground.signing = crate::guard::Signing::Require;
+    loaded.config.ground.signing = haltere_pilot::guard::Signing::Require;
     // Others can read the key: it is not used.
     std::fs::set_permissions(&file, std::fs::Permissions::from_mode(0o644)).unwrap();
     let refused = run(&loaded, &Stop::default()).unwrap_err().to_string();

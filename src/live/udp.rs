@@ -9,8 +9,8 @@ use tokio::net::{UdpSocket, lookup_host};
 use super::clock;
 use super::inbox::Inbox;
 use super::mailbox::{Mailbox, Outgoing};
-use crate::drops::DropReason;
-use crate::settings::HostPort;
+use haltere_core::drops::DropReason;
+use haltere_pilot::settings::HostPort;
 
 /// Largest datagram.
 pub(super) const DATAGRAM_BYTES: usize = 65_536;

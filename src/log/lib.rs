@@ -49,9 +49,3 @@ pub mod export;
 pub mod import;
 pub mod record;
 pub mod replay;
-
-pub(crate) use haltere_core::{
-    checks, drops, estimate, estimator, frames, measure, survey, time, topics,
-};
-pub(crate) use haltere_pilot as pilot;
-pub(crate) use haltere_pilot::settings;

@@ -127,7 +127,7 @@ fn turn(w: Vector3<f64>, dt_s: f64) -> Quaternion<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::G_MPS2;
+    use haltere_core::frames::G_MPS2;
 
     const DT_S: f64 = 0.002;
     const J: [f64; 3] = [5.6e-4, 3.4e-4, 3.6e-4];

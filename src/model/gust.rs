@@ -5,8 +5,8 @@
 
 use nalgebra::Vector3;
 
-use crate::checks::Problems;
-use crate::frames::{E, Vec3};
+use haltere_core::checks::Problems;
+use haltere_core::frames::{E, Vec3};
 
 /// The gust.
 #[derive(Debug, Clone, Copy, PartialEq)]

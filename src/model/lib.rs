@@ -59,8 +59,3 @@ pub use faults::Fault;
 pub use plant::{Plant, PlantConfig};
 pub use truth::Truth;
 pub use vehicle::Vehicle;
-
-pub(crate) use haltere_core::{checks, estimate, frames, measure, survey, time, topics};
-#[cfg(test)]
-pub(crate) use haltere_core::{control, drops, geo};
-pub(crate) use haltere_pilot as pilot;

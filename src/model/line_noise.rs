@@ -4,9 +4,9 @@
 //! the probability that a delivery suffers it; several may befall the same one. Quiet, it draws no random
 //! number and is [`Line`].
 
-use crate::checks::Problems;
 use crate::link::Line;
 use crate::random::Stream;
+use haltere_core::checks::Problems;
 
 /// What a line does to deliveries; shares from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -17,8 +17,8 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::checks::Problems;
 use crate::random::Stream;
+use haltere_core::checks::Problems;
 
 /// What a wave of the floor's field has of the largest disturbance, and its wavelength over `wave_m`:
 /// girders, and the mesh between them.

@@ -8,21 +8,21 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::board::{Board, BoardRequests, BoardSettings, Readings, SlowLine};
 use crate::body::Body;
-use crate::checks::Problems;
 use crate::effects::{
     ATTITUDE_PERIOD_S, AttitudeError, Bank, CLOCK_PERIOD_S, Cargo, Delivery, EffectSet, ImuReading,
     STEP_S, State, Supply,
 };
-use crate::frames::{E, G_MPS2, Rot, Vec3};
 use crate::line_noise::NoisyLine;
 use crate::magnetometer::Magnetometer;
-use crate::measure::AnchorId;
 use crate::room::Room;
-use crate::survey::Survey;
 use crate::tag::{Anchors, Port, TagProtocol};
 use crate::truth::Truth;
 use crate::vehicle::Vehicle;
 use crate::wings::{Actuation, ActuatorCommand};
+use haltere_core::checks::Problems;
+use haltere_core::frames::{E, G_MPS2, Rot, Vec3};
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
 
 use broken::Broken;
 

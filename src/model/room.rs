@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::checks::Problems;
-use crate::frames::{E, U, Vec3, earth_from_survey};
-use crate::measure::AnchorId;
+use haltere_core::checks::Problems;
+use haltere_core::frames::{E, U, Vec3, earth_from_survey};
+use haltere_core::measure::AnchorId;
 
 /// Walls and ceiling.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

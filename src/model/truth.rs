@@ -1,6 +1,6 @@
 //! Truth: what really happens. A channel of its own; the companion never sees it.
 
-use crate::frames::{B, E, Rot, Vec3};
+use haltere_core::frames::{B, E, Rot, Vec3};
 
 /// State of the world at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]

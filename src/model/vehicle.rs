@@ -7,9 +7,9 @@
 use serde::{Deserialize, Serialize};
 use toml::de::DeTable;
 
-use crate::checks::Problems;
-use crate::checks::schema::Schema;
-use crate::frames::G_MPS2;
+use haltere_core::checks::Problems;
+use haltere_core::checks::schema::Schema;
+use haltere_core::frames::G_MPS2;
 
 /// Everything about the vehicle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -101,7 +101,7 @@ fn sin(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::G_MPS2;
+    use haltere_core::frames::G_MPS2;
 
     fn wrench(thrust_n: [f64; 2], dihedral_rad: f64, yaw_servo_rad: f64) -> Wrench {
         let a = Actuation { flap_hz: [12.8; 2], dihedral_rad, yaw_servo_rad };

@@ -1,7 +1,7 @@
 //! What must hold before a flight begins: every check with its reason, for people and as a list.
 
-use crate::estimate::Health;
-use crate::time::HostTime;
+use haltere_core::estimate::Health;
+use haltere_core::time::HostTime;
 
 use super::Pilot;
 use super::ending::ENDS;

@@ -1,6 +1,6 @@
 //! The calendar: the core is told it now and then, for stations that want to know the date.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// What the calendar said, and when.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! A change of mode: what it begins, what it ends, and how it is told.
 
-use crate::time::HostTime;
-use crate::topics::{ModeRecord, Topic};
+use haltere_core::time::HostTime;
+use haltere_core::topics::{ModeRecord, Topic};
 
 use super::modes::{Event, Mode, transition};
 use super::resume::Resumption;

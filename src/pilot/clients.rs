@@ -7,8 +7,8 @@ use haltere_dialect::mav::haltere::{
 };
 use haltere_dialect::mav_stream::{self, MavLoss};
 
-use crate::drops::{DropReason, Drops};
-use crate::time::HostTime;
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::time::HostTime;
 
 use super::commands::Request;
 use super::mission_transfer::ack;
@@ -250,7 +250,7 @@ impl Pilot {
                     // A ground station's clock is not ours: true when it came.
                     let pose = pose.stamped(at, at);
                     self.estimator.reference(&pose); // fuses only if it is configured to
-                    self.record(|| crate::topics::Topic::Reference(pose));
+                    self.record(|| haltere_core::topics::Topic::Reference(pose));
                 }
                 Some(Err(())) => self.drops_of(link).add(DropReason::BadValue, 1),
                 None => self.drops_of(link).add(DropReason::MavIgnored, 1),

@@ -4,7 +4,7 @@ use haltere_dialect::mav::haltere::{
     COMMAND_ACK_DATA, MESSAGE_INTERVAL_DATA, MavCmd, MavMessage, MavResult,
 };
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::arming::SHADOW_WORDS;
 use super::identity::{SHOWN_MODES, available_mode, standard_mode};

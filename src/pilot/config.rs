@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::checks::Problems;
-use crate::control::ControlConfig;
-use crate::estimator::{EstimatorConfig, UwbNoise};
-use crate::survey::Survey;
 use crate::uwb::UwbConfig;
+use haltere_core::checks::Problems;
+use haltere_core::control::ControlConfig;
+use haltere_core::estimator::{EstimatorConfig, UwbNoise};
+use haltere_core::survey::Survey;
 
 use super::endpoint::{Endpoint, MOST_GROUND_LINKS, OriginConfig, Routing};
 use super::mission::{RADIUS_M, Volume};
@@ -336,8 +336,8 @@ fn anchor_box(survey: &Survey) -> Volume {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::Vec3;
-    use crate::measure::AnchorId;
+    use haltere_core::frames::Vec3;
+    use haltere_core::measure::AnchorId;
 
     fn room(side_m: f64, ceiling_m: f64) -> Survey {
         let at = |i: u8, bit: u8, far: f64| if i & bit != 0 { far } else { 0.0 };

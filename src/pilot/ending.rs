@@ -10,7 +10,7 @@
 //! Clients may order what is harder than a landing, and nothing that would keep the vehicle in the air: whoever
 //! ends the program (a person, the system that goes down, an update) ends it soon, landed or not.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::config::FlightConfig;
 use super::modes::{Event, Mode};
@@ -115,9 +115,9 @@ impl Pilot {
 mod tests {
     use super::*;
     use crate::PilotConfig;
-    use crate::frames::Vec3;
-    use crate::measure::AnchorId;
-    use crate::survey::Survey;
+    use haltere_core::frames::Vec3;
+    use haltere_core::measure::AnchorId;
+    use haltere_core::survey::Survey;
 
     fn pilot(mode: Mode) -> (Pilot, HostTime) {
         let corner = |i: u8| {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::geo::{Geodetic, LocalOrigin};
+use haltere_core::geo::{Geodetic, LocalOrigin};
 
 use super::identity::{FLAPPING_WING, mav_type};
 use super::permits::Commanders;
@@ -126,7 +126,7 @@ impl OriginConfig {
     }
 
     /// Adds what is out of range to `problems`; `key` is the name of the section.
-    pub fn check(&self, key: &str, problems: &mut crate::checks::Problems) {
+    pub fn check(&self, key: &str, problems: &mut haltere_core::checks::Problems) {
         // East and west have no length at the poles.
         problems.range(format_args!("{key}.latitude_deg"), self.latitude_deg, -89.0..=89.0, "deg");
         problems.range(

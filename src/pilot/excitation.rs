@@ -3,9 +3,9 @@
 //! They show what the inner loop and the wings make of a setpoint, which a flight that only follows
 //! points leaves in the dark. The position loop stays closed underneath.
 
-use crate::control::ControlOutput;
-use crate::control::config::LimitsConfig;
-use crate::frames::Rot;
+use haltere_core::control::ControlOutput;
+use haltere_core::control::config::LimitsConfig;
+use haltere_core::frames::Rot;
 
 /// Largest amplitude in roll and pitch, rad (20 degrees), and in thrust, share of full throttle.
 const MOST_LEAN_RAD: f64 = 0.35;

@@ -2,7 +2,7 @@
 
 use haltere_dialect::mav_stream::MavSplitter;
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::LinkId;
 use super::endpoint::Endpoint;

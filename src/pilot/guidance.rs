@@ -5,10 +5,10 @@ mod enter;
 mod held_tilt;
 mod items;
 
-use crate::control::{AxisCommand, Command, HeldTilt};
-use crate::estimate::Estimate;
-use crate::frames::{E, Vec3, wrap_pi_rad};
-use crate::time::HostTime;
+use haltere_core::control::{AxisCommand, Command, HeldTilt};
+use haltere_core::estimate::Estimate;
+use haltere_core::frames::{E, Vec3, wrap_pi_rad};
+use haltere_core::time::HostTime;
 
 use super::config::FlightConfig;
 use super::excitation::Doublet;

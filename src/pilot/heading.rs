@@ -4,7 +4,7 @@
 //! from wherever it was switched on. We fly in the room. The angle between the two is followed
 //! slowly from both attitudes, a jump that lasts at once, and applied at one place: when a setpoint is written.
 
-use crate::frames::{B, E, Rot, wrap_pi_rad};
+use haltere_core::frames::{B, E, Rot, wrap_pi_rad};
 
 /// Time constant of the follower, s. Slow against attitude loops, fast against compass drift.
 const TIME_CONSTANT_S: f64 = 5.0;

@@ -4,10 +4,10 @@ use haltere_dialect::mav::haltere::{
     GPS_GLOBAL_ORIGIN_DATA, HOME_POSITION_DATA, MavMessage, MavResult,
 };
 
-use crate::estimate::Health;
-use crate::frames::Vec3;
-use crate::geo::{Geodetic, LocalOrigin};
-use crate::time::HostTime;
+use haltere_core::estimate::Health;
+use haltere_core::frames::Vec3;
+use haltere_core::geo::{Geodetic, LocalOrigin};
+use haltere_core::time::HostTime;
 
 use super::commands::{Answer, Request, refuse};
 use super::endpoint::{GpsClaim, OriginConfig};

@@ -22,8 +22,8 @@
 
 use std::collections::VecDeque;
 
-use crate::frames::G_MPS2;
-use crate::time::HostTime;
+use haltere_core::frames::G_MPS2;
+use haltere_core::time::HostTime;
 
 /// Length of the window, s.
 const WINDOW_S: f64 = 1.0;

@@ -2,12 +2,12 @@
 
 use haltere_dialect::mav::haltere::MavResult;
 
-use crate::drops::DropReason;
-use crate::estimate::Health;
-use crate::measure::Tdoa;
-use crate::time::HostTime;
-use crate::topics::Topic;
 use crate::uwb::from_uwb_tdoa;
+use haltere_core::drops::DropReason;
+use haltere_core::estimate::Health;
+use haltere_core::measure::Tdoa;
+use haltere_core::time::HostTime;
+use haltere_core::topics::Topic;
 
 use super::board::{BoardNews, Change, speaks_as_board};
 use super::commands::Awaits;

@@ -2,7 +2,7 @@
 
 use core::net::SocketAddr;
 
-use crate::drops::DropReason;
+use haltere_core::drops::DropReason;
 
 use super::services::FileFault;
 

@@ -107,21 +107,18 @@ pub use permits::Commanders;
 pub use supervisor::{Action, CONDITIONS, Condition, Number, Reaction, SupervisorConfig, Watched};
 pub use tilt_step::{Envelope, TiltStep, stopping_m};
 
-pub(crate) use haltere_core::{
-    checks, control, drops, estimate, estimator, frames, geo, measure, survey, time, topics,
-};
 use haltere_dialect::mav_stream::MavSplitter;
 
-use crate::control::{Controller, margins};
-use crate::drops::Drops;
-use crate::estimate::{Estimate, Health};
-use crate::estimator::{Estimator, MOST_ANCHORS};
-use crate::geo::LocalOrigin;
-use crate::measure::{BatterySample, BoardAttitude, ServoOutput, Tdoa};
-use crate::survey::Survey;
-use crate::time::HostTime;
-use crate::topics::{ControlRecord, Topic};
 use crate::uwb::{MavTag, TdoaEngine};
+use haltere_core::control::{Controller, margins};
+use haltere_core::drops::Drops;
+use haltere_core::estimate::{Estimate, Health};
+use haltere_core::estimator::{Estimator, MOST_ANCHORS};
+use haltere_core::geo::LocalOrigin;
+use haltere_core::measure::{BatterySample, BoardAttitude, ServoOutput, Tdoa};
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+use haltere_core::topics::{ControlRecord, Topic};
 
 use board::{BoardLink, BoardNews, LinkConfig, Peers};
 use calendar::Calendar;

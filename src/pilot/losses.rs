@@ -1,8 +1,8 @@
 //! What was thrown away, by link and reason, those of the estimator included.
 
-use crate::drops::{DropReason, Drops};
-use crate::estimator::Estimator;
-use crate::time::HostTime;
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::estimator::Estimator;
+use haltere_core::time::HostTime;
 
 use super::{LinkId, MOST_STATIONS, Pilot, Severity};
 
@@ -79,11 +79,11 @@ pub(super) fn losses_of(drops: &[Drops], estimator: &Estimator, slot: usize) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::Vec3;
-    use crate::measure::AnchorId;
-    use crate::survey::Survey;
-    use crate::topics::Topic;
     use crate::{Input, PilotConfig};
+    use haltere_core::frames::Vec3;
+    use haltere_core::measure::AnchorId;
+    use haltere_core::survey::Survey;
+    use haltere_core::topics::Topic;
 
     #[test]
     fn regress_losses_of_the_estimator_are_reported() {

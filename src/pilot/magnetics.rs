@@ -1,7 +1,7 @@
 //! What the magnetometer says at the start, for people: whether its heading is taken, and what a survey
 //! of the room's field would write into the configuration.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::{Pilot, Severity};
 

@@ -2,7 +2,7 @@
 
 use haltere_dialect::mav::haltere::MANUAL_CONTROL_DATA;
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::modes::Mode;
 use super::setpoint::{Owner, Setpoint};
@@ -86,7 +86,7 @@ impl Pilot {
 
     /// Counts a setpoint that is not followed, and says why, once.
     pub(super) fn refuse_setpoint(&mut self, at: HostTime, link: super::LinkId, why: String) {
-        self.drops_of(link).add(crate::drops::DropReason::BadValue, 1);
+        self.drops_of(link).add(haltere_core::drops::DropReason::BadValue, 1);
         if !self.refused_setpoint_told {
             self.refused_setpoint_told = true;
             self.say(at, Severity::Warning, why);

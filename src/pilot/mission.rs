@@ -2,7 +2,7 @@
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-use crate::frames::{E, Vec3};
+use haltere_core::frames::{E, Vec3};
 
 use super::excitation::Doublet;
 use super::tilt_step::TiltStep;

@@ -50,7 +50,7 @@
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
 use serde::{Deserialize, Serialize};
 
-use crate::checks::Problems;
+use haltere_core::checks::Problems;
 
 /// `MISSION_ITEM_INT` counts x and y of a local frame in 0.1 mm.
 const LOCAL_SCALE: f64 = 1e4;

@@ -7,8 +7,8 @@
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionResult};
 
-use crate::frames::{E, Vec3};
-use crate::geo::{Geodetic, LocalOrigin};
+use haltere_core::frames::{E, Vec3};
+use haltere_core::geo::{Geodetic, LocalOrigin};
 
 use super::excitation::Doublet;
 use super::mission::{LOWEST_M, MissionItem};

@@ -4,7 +4,7 @@
 //! `2 √(d/a)` where `d < v²/a` is too short for `v`. Left out: turns on the spot, corners that are cut, what an
 //! effect delays. Elementary kinematics.
 
-use crate::frames::{E, Vec3};
+use haltere_core::frames::{E, Vec3};
 
 use super::config::FlightConfig;
 use super::mission::{Mission, MissionItem};

@@ -11,7 +11,7 @@ use haltere_dialect::mav::haltere::{
     MavMessage, MavMissionResult, MavMissionType,
 };
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::LinkId;
 

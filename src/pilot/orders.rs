@@ -2,9 +2,9 @@
 
 use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
-use crate::estimate::Health;
-use crate::frames::Vec3;
-use crate::time::HostTime;
+use haltere_core::estimate::Health;
+use haltere_core::frames::Vec3;
+use haltere_core::time::HostTime;
 
 use super::arming::SHADOW_WORDS;
 use super::commands::{Answer, Awaits, Request, refuse};

@@ -19,8 +19,8 @@ use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::ser::SerializeSeq as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::drops::DropReason;
-use crate::time::HostTime;
+use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
 
 use super::mission_transfer::ack;
 use super::services::ftp_wire::Packet;

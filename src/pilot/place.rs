@@ -2,8 +2,8 @@
 
 use haltere_dialect::mav::haltere::{MavFrame, MavResult};
 
-use crate::frames::{E, Vec3};
-use crate::geo::Geodetic;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::geo::Geodetic;
 
 use super::Pilot;
 use super::commands::{Refusal, Request};

@@ -2,9 +2,9 @@
 
 use haltere_dialect::mav::haltere::{MavFrame, MavMessage};
 
-use crate::frames::{B, E, Rot, Vec3};
-use crate::measure::ReferencePose;
-use crate::time::HostTime;
+use haltere_core::frames::{B, E, Rot, Vec3};
+use haltere_core::measure::ReferencePose;
+use haltere_core::time::HostTime;
 
 /// A pose as its sender stamped it.
 #[derive(Debug, Clone, Copy, PartialEq)]

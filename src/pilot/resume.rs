@@ -8,8 +8,8 @@
 //!
 //! How far it may have sunk: `v t + ½ a t²`, with the speed v that it had, from the board's time-out on.
 
-use crate::estimate::Health;
-use crate::time::HostTime;
+use haltere_core::estimate::Health;
+use haltere_core::time::HostTime;
 
 use super::Pilot;
 use super::modes::Mode;

@@ -8,8 +8,8 @@ use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
 use haltere_dialect::mav_stream::MavFrame;
 use haltere_dialect::signing::SIGNATURE_BYTES;
 
-use crate::drops::DropReason;
-use crate::time::HostTime;
+use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
 
 use super::arming::SHADOW_WORDS;
 use super::clients::is_command;
@@ -193,10 +193,10 @@ mod tests {
     use super::*;
     use haltere_dialect::mav::haltere::{COMMAND_LONG_DATA, PARAM_REQUEST_LIST_DATA};
 
-    use crate::frames::Vec3;
-    use crate::measure::AnchorId;
-    use crate::survey::Survey;
     use crate::{Endpoint, Input, PilotConfig};
+    use haltere_core::frames::Vec3;
+    use haltere_core::measure::AnchorId;
+    use haltere_core::survey::Survey;
     use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavModeFlag};
     use haltere_dialect::mav_stream;
 

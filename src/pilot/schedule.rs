@@ -1,11 +1,11 @@
 //! The schedule: the control step at 100 Hz, and what is due beside it.
 
-use crate::control::{Command, ControlInput, Handover, HeldTilt};
-use crate::drops::DropReason;
-use crate::estimate::Health;
-use crate::frames::{B, E, Rot};
-use crate::time::HostTime;
-use crate::topics::{HealthRecord, Topic};
+use haltere_core::control::{Command, ControlInput, Handover, HeldTilt};
+use haltere_core::drops::DropReason;
+use haltere_core::estimate::Health;
+use haltere_core::frames::{B, E, Rot};
+use haltere_core::time::HostTime;
+use haltere_core::topics::{HealthRecord, Topic};
 
 use super::guidance::Now;
 use super::hover;
@@ -272,7 +272,7 @@ impl Pilot {
         dt_s: f64,
         integrators_frozen: bool,
         held: Option<HeldTilt>,
-    ) -> crate::control::ControlOutput {
+    ) -> haltere_core::control::ControlOutput {
         let height_m = self.height_above_floor_m();
         let supply_v = self.supply_v(at);
         self.controller.step(&ControlInput {

@@ -5,8 +5,8 @@ use core::net::SocketAddr;
 
 use haltere_dialect::mav_stream::{MavFrame, MavSplitter, heartbeat_fields};
 
-use crate::drops::DropReason;
-use crate::time::HostTime;
+use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
 
 use super::board::{Peers, says_armed, speaks_as_board};
 use super::modes::Mode;

@@ -5,11 +5,11 @@ use haltere_dialect::mav::haltere::{
     SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 
-use crate::control::{AxisCommand, Command};
-use crate::estimate::Estimate;
-use crate::frames::{B, E, Rot, Vec3, wrap_pi_rad};
-use crate::geo::{Geodetic, LocalOrigin};
-use crate::time::HostTime;
+use haltere_core::control::{AxisCommand, Command};
+use haltere_core::estimate::Estimate;
+use haltere_core::frames::{B, E, Rot, Vec3, wrap_pi_rad};
+use haltere_core::geo::{Geodetic, LocalOrigin};
+use haltere_core::time::HostTime;
 
 use super::LinkId;
 use super::mission::Volume;
@@ -326,7 +326,7 @@ pub(super) fn setpoint_from_global(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::Health;
+    use haltere_core::estimate::Health;
     use std::f64::consts::FRAC_PI_2;
 
     const VOLUME: Volume = Volume { north_m: [-5.0, 5.0], east_m: [-5.0, 5.0], height_m: 3.0 };
@@ -518,7 +518,7 @@ mod tests {
 
     #[test]
     fn prop_global_setpoints_are_those_of_the_room() {
-        use crate::geo::{Geodetic, LocalOrigin};
+        use haltere_core::geo::{Geodetic, LocalOrigin};
         let place = Geodetic::from_deg(51.99, 4.37, 2.0).unwrap();
         // Room north is east.
         let origin = LocalOrigin::new(place, FRAC_PI_2).unwrap();

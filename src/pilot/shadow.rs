@@ -12,11 +12,11 @@
 
 use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
 
-use crate::control::Command;
-use crate::estimate::Health;
-use crate::frames::{E, Vec3};
-use crate::time::HostTime;
-use crate::topics::{ShadowRecord, Topic};
+use haltere_core::control::Command;
+use haltere_core::estimate::Health;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::time::HostTime;
+use haltere_core::topics::{ShadowRecord, Topic};
 
 use super::modes::Mode;
 use super::{Pilot, Severity};

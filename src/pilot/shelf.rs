@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use crate::drops::Drops;
+use haltere_core::drops::Drops;
 
 /// Losses by link number.
 type Table = Vec<(u8, Drops)>;

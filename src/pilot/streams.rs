@@ -4,7 +4,7 @@
 
 use haltere_dialect::mav::haltere::MavDataStream;
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::endpoint::{Endpoint, GpsClaim, Identity};
 use super::services::EVENT_SEQUENCE_ID;

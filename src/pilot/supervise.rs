@@ -2,10 +2,10 @@
 //! and disarming. What goes wrong in between is the `supervisor`'s; what must hold before arming is in
 //! `arming`.
 
-use crate::estimate::Health;
-use crate::frames::G_MPS2;
-use crate::measure::BaroSample;
-use crate::time::HostTime;
+use haltere_core::estimate::Health;
+use haltere_core::frames::G_MPS2;
+use haltere_core::measure::BaroSample;
+use haltere_core::time::HostTime;
 
 use super::modes::{Event, Mode};
 use super::schedule::CONTROL_PERIOD_US;

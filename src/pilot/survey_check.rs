@@ -1,9 +1,9 @@
 //! The survey against the time differences of a vehicle that stands: who is told, and what forbids arming.
 
-use crate::estimator::{AnchorCheck, AnchorFit, MOST_HIDDEN_M};
-use crate::measure::{AnchorId, Tdoa};
-use crate::survey::Survey;
-use crate::time::HostTime;
+use haltere_core::estimator::{AnchorCheck, AnchorFit, MOST_HIDDEN_M};
+use haltere_core::measure::{AnchorId, Tdoa};
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
 
 use super::modes::Mode;
 use super::{Pilot, PilotConfig, Severity};

@@ -10,8 +10,8 @@ use haltere_dialect::mav::haltere::{
     SERVO_OUTPUT_RAW_DATA, STATUSTEXT_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
-use crate::estimate::Health;
-use crate::time::HostTime;
+use haltere_core::estimate::Health;
+use haltere_core::time::HostTime;
 
 use super::endpoint::{Endpoint, GpsClaim};
 use super::modes::Mode;

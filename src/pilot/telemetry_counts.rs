@@ -4,10 +4,10 @@ use haltere_dialect::mav::haltere::{
     HALTERE_DROPS_DATA, HALTERE_LINK_DATA, HALTERE_PAIR_DATA, MavMessage,
 };
 
-use crate::drops::DropReason;
-use crate::measure::AnchorId;
-use crate::time::HostTime;
-use crate::topics::UwbRecord;
+use haltere_core::drops::DropReason;
+use haltere_core::measure::AnchorId;
+use haltere_core::time::HostTime;
+use haltere_core::topics::UwbRecord;
 
 use super::{LinkId, Pilot};
 

@@ -6,9 +6,9 @@ use haltere_dialect::mav::haltere::{
     POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask,
 };
 
-use crate::estimate::Health;
-use crate::frames::{B, E, Vec3};
-use crate::time::HostTime;
+use haltere_core::estimate::Health;
+use haltere_core::frames::{B, E, Vec3};
+use haltere_core::time::HostTime;
 
 use super::Pilot;
 use super::endpoint::GpsClaim;

@@ -4,7 +4,7 @@ use haltere_dialect::mav::haltere::{
     ALTITUDE_DATA, GLOBAL_POSITION_INT_DATA, GPS_RAW_INT_DATA, GpsFixType, MavMessage, VFR_HUD_DATA,
 };
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::Pilot;
 

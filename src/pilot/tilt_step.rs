@@ -9,13 +9,13 @@
 //! t_r that attitude and wings need to lean the other way and the deceleration a. Thrust that
 //! carries the weight at rest under that lean: `base(V)/cos θ`; 52° needs 1.62 of the hover.
 
-use crate::control::TiltAxis;
-use crate::control::config::ControlConfig;
-use crate::control::drag::{DragConfig, TESTED_LEAN_DEG};
-use crate::control::voltage::{BaseThrust, HIGHEST_V};
-use crate::estimate::Health;
-use crate::frames::{E, G_MPS2, Vec3};
-use crate::time::HostTime;
+use haltere_core::control::TiltAxis;
+use haltere_core::control::config::ControlConfig;
+use haltere_core::control::drag::{DragConfig, TESTED_LEAN_DEG};
+use haltere_core::control::voltage::{BaseThrust, HIGHEST_V};
+use haltere_core::estimate::Health;
+use haltere_core::frames::{E, G_MPS2, Vec3};
+use haltere_core::time::HostTime;
 
 use super::config::PilotConfig;
 use super::guidance::Now;
@@ -92,7 +92,7 @@ impl Envelope {
     }
 
     /// The same for a configuration and its anchors.
-    pub fn of(config: &PilotConfig, survey: &crate::survey::Survey) -> Self {
+    pub fn of(config: &PilotConfig, survey: &haltere_core::survey::Survey) -> Self {
         let volume = config.limits.volume(survey);
         Self::new(volume, &config.control, config.limits.battery_critical_v)
     }

@@ -1,8 +1,8 @@
 //! What people are told: texts to every station and into the log, and no more of them than can be read.
 
-use crate::drops::DropReason;
-use crate::time::HostTime;
-use crate::topics::{TextRecord, Topic};
+use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
+use haltere_core::topics::{TextRecord, Topic};
 
 use super::{LinkId, Pilot, telemetry};
 

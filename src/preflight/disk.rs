@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::Finding;
-use crate::settings::Config;
+use haltere_pilot::settings::Config;
 
 /// What a flight writes, bytes/s: the demo's log, 27.3 MB in 81 s, with one station.
 const LOG_BYTES_PER_S: f64 = 340_000.0;

@@ -3,9 +3,9 @@
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use crate::checks::schema::Schema;
-use crate::pilot::TagProtocol;
-use crate::settings::{
+use haltere_core::checks::schema::Schema;
+use haltere_pilot::TagProtocol;
+use haltere_pilot::settings::{
     Address, Config, RecordConfig, StoreConfig, TagPort, parse_anchors, reference,
 };
 
@@ -54,7 +54,7 @@ pub fn write(answers: &Answers, directory: &Path, force: bool) -> Result<[PathBu
     let text = configuration(answers);
     let name = |path: &Path| path.display().to_string();
     let parsed = Config::from_toml(&name(&config), &text).map_err(|p| p.to_string())?;
-    let mut problems = crate::checks::Problems::new();
+    let mut problems = haltere_core::checks::Problems::new();
     parsed.check(&mut problems);
     problems.into_result().map_err(|p| p.to_string())?;
     parse_anchors(&name(&anchors), &answers.anchors).map_err(|p| p.to_string())?;

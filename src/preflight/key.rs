@@ -1,8 +1,8 @@
 //! The key of signed MAVLink: one that would keep `fly` from starting is to be known before.
 
 use super::Finding;
-use crate::settings::Config;
 use crate::sources::{KeyFileError, read_key, read_time};
+use haltere_pilot::settings::Config;
 
 /// The key file and the time beside it, where one is configured.
 pub fn examine(config: &Config) -> Vec<Finding> {

@@ -6,8 +6,8 @@ use std::path::Path;
 
 use super::Finding;
 use crate::live::usb::{UsbSerial, serial_devices};
-use crate::pilot::TagProtocol;
-use crate::settings::{Address, Config, HostPort, TagPort};
+use haltere_pilot::TagProtocol;
+use haltere_pilot::settings::{Address, Config, HostPort, TagPort};
 
 /// All links.
 pub fn examine(config: &Config) -> Vec<Finding> {

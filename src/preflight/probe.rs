@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use haltere_dialect::mav_stream::{MavSplitter, encode_payload, heartbeat_fields};
 
 use crate::live::usb::{UsbSerial, serial_devices};
-use crate::settings::Address;
+use haltere_pilot::settings::Address;
 
 /// Speeds that boards are set to, the most usual first.
 pub const BAUDS: [u32; 6] = [921_600, 115_200, 57_600, 460_800, 500_000, 1_500_000];

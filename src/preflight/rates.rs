@@ -13,11 +13,11 @@ use haltere_dialect::mav_stream::MavSplitter;
 
 use super::Finding;
 use crate::live::{self, Stop};
-use crate::pilot::{LinkId, TagProtocol};
-use crate::record::{Decoded, Entry, LogReader, RawInput};
-use crate::settings::StoreConfig;
 use crate::sources::Loaded;
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_log::record::{Decoded, Entry, LogReader, RawInput};
+use haltere_pilot::settings::StoreConfig;
+use haltere_pilot::{LinkId, TagProtocol};
 
 /// Time in which links open and streams begin, s; it is not counted.
 const SETTLE_S: f64 = 2.0;

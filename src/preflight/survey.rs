@@ -1,8 +1,8 @@
 //! Whether the anchors fix positions well where it is to fly.
 
 use super::Finding;
-use crate::frames::Vec3;
 use crate::sources::Loaded;
+use haltere_core::frames::Vec3;
 
 /// Dilution in height or plane beyond which it is warned of: 0.1 m of wandering range error then is
 /// half a metre of position.

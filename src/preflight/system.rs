@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::Finding;
 use crate::live::realtime;
-use crate::settings::TimingConfig;
+use haltere_pilot::settings::TimingConfig;
 
 /// Steps of 10 ms over which the timer is measured: a second.
 const STEPS: u32 = 100;
@@ -99,7 +99,8 @@ fn wall_clock() -> Finding {
     let what = "clock of the computer";
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     let now_s = now.map_or(0, |since| since.as_secs());
-    let text = crate::record::utc_text(i64::try_from(now_s).unwrap_or(0).saturating_mul(1_000_000));
+    let text =
+        haltere_log::record::utc_text(i64::try_from(now_s).unwrap_or(0).saturating_mul(1_000_000));
     if now_s < NOT_SET_BEFORE_S {
         return Finding::warning(
             what,

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use super::*;
-use crate::settings::{Address, Config, TagPort};
 use crate::sources::{Loaded, Sources};
+use haltere_pilot::settings::{Address, Config, TagPort};
 
 const SAMPLE_ANCHORS: &str = include_str!("../../config/anchors.toml");
 

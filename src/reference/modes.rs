@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use crate::pilot::{Event, Mode, Reaction, TABLE};
+use haltere_pilot::{Event, Mode, Reaction, TABLE};
 
 fn mode_words(mode: Mode) -> &'static str {
     match mode {

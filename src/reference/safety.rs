@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::pilot::{
+use haltere_pilot::{
     ARMING_CHECKS, CONDITIONS, Condition, Mode, Number, PilotConfig, Reaction, Watched,
 };
 

@@ -6,11 +6,11 @@
 //! jumps over a window of [`STEP_WINDOW_S`], on the axis that was stepped; the rise is part of it, so
 //! a perfect vehicle does not score zero.
 
-use crate::frames::{E, Vec3};
 use crate::report::flight::Flight;
 use crate::report::truth::interpolate;
-use crate::time::HostTime;
-use crate::topics::ControlRecord;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::time::HostTime;
+use haltere_core::topics::ControlRecord;
 
 /// Window over which a step is judged, s. Longer than any settling seen, so that steps of 1 m and
 /// of 2 m are judged alike.

@@ -2,16 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use crate::drops::Drops;
-use crate::estimate::Estimate;
-use crate::measure::{
-    AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose, ServoOutput,
-};
 use crate::report::svg::Limit;
 use crate::report::truth::TruthRow;
-use crate::survey::Survey;
-use crate::time::HostTime;
-use crate::topics::{ControlRecord, HealthRecord, TextRecord, UwbRecord};
+use haltere_core::drops::Drops;
+use haltere_core::estimate::Estimate;
+use haltere_core::measure::{
+    AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose, ServoOutput,
+};
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+use haltere_core::topics::{ControlRecord, HealthRecord, TextRecord, UwbRecord};
 
 /// A flight in memory.
 #[derive(Debug, Clone, Default)]

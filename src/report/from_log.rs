@@ -1,17 +1,17 @@
 //! From a flight log to a [`Flight`].
 
-use crate::drops::{DropReason, Drops};
-use crate::estimate::{Estimate, Health};
-use crate::frames::{B, E, Rot};
-use crate::measure::{
+use crate::report::flight::{Flight, GlueRow, ModeRow};
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::estimate::{Estimate, Health};
+use haltere_core::frames::{B, E, Rot};
+use haltere_core::measure::{
     AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose, ServoOutput,
     Tdoa,
 };
-use crate::record::back::{control, vec3};
-use crate::record::{Decoded, Entry, LogEnd, LogReader, RawInput, pb, utc_text};
-use crate::report::flight::{Flight, GlueRow, ModeRow};
-use crate::time::HostTime;
-use crate::topics::{HealthRecord, ModeRecord, TextRecord, Topic, UwbRecord};
+use haltere_core::time::HostTime;
+use haltere_core::topics::{HealthRecord, ModeRecord, TextRecord, Topic, UwbRecord};
+use haltere_log::record::back::{control, vec3};
+use haltere_log::record::{Decoded, Entry, LogEnd, LogReader, RawInput, pb, utc_text};
 
 /// Reads every decoded topic of a log; says how the log ends.
 pub fn read(log: &LogReader) -> (Flight, LogEnd) {

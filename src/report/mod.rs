@@ -150,15 +150,15 @@ impl Page<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::drops::{DropReason, Drops};
-    use crate::estimate::{Estimate, Health};
-    use crate::frames::{Rot, Vec3};
-    use crate::measure::{AnchorId, BatterySample, Tdoa};
-    use crate::survey::Survey;
-    use crate::time::HostTime;
-    use crate::topics::{ControlRecord, HealthRecord, UwbRecord};
     use errors::{Leg, axis_errors, find_paths};
     use flight::ModeRow;
+    use haltere_core::drops::{DropReason, Drops};
+    use haltere_core::estimate::{Estimate, Health};
+    use haltere_core::frames::{Rot, Vec3};
+    use haltere_core::measure::{AnchorId, BatterySample, Tdoa};
+    use haltere_core::survey::Survey;
+    use haltere_core::time::HostTime;
+    use haltere_core::topics::{ControlRecord, HealthRecord, UwbRecord};
     use truth::TruthRow;
 
     /// A circle with known errors: the estimate stands 5 cm off in x.

@@ -7,7 +7,7 @@
 use std::f64::consts::PI;
 
 use super::fourier::transform;
-use crate::measure::ImuSample;
+use haltere_core::measure::ImuSample;
 
 /// Samples of a segment, a power of two: 2 s at 250 Hz, so half a hertz of resolution.
 const SEGMENT: usize = 512;
@@ -131,8 +131,8 @@ fn value(sample: &ImuSample, channel: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::Vec3;
-    use crate::time::HostTime;
+    use haltere_core::frames::Vec3;
+    use haltere_core::time::HostTime;
 
     /// 250 Hz; a beat of `hz` and 4 m/s² along z, and white noise of a known density along x.
     fn samples(n: u64, hz: f64) -> Vec<ImuSample> {

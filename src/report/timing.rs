@@ -1,6 +1,6 @@
 //! How regular the control step was: times between steps, and lateness of the wake-ups.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// Period of the control step, µs: the schedule of the core.
 const PERIOD_US: u64 = 10_000;

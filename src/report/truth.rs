@@ -5,8 +5,8 @@
 
 use std::io::{BufRead, Write};
 
-use crate::frames::{B, E, Rot, Vec3};
-use crate::time::HostTime;
+use haltere_core::frames::{B, E, Rot, Vec3};
+use haltere_core::time::HostTime;
 
 /// One row.
 #[derive(Debug, Clone, Copy, PartialEq)]

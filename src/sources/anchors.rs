@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use crate::checks::Problems;
-use crate::settings::parse_anchors;
-use crate::survey::Survey;
+use haltere_core::checks::Problems;
+use haltere_core::survey::Survey;
+use haltere_pilot::settings::parse_anchors;
 
 /// Reads and checks an anchor file.
 pub fn read_anchors(path: &Path) -> Result<Survey, Problems> {

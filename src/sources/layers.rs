@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
 use super::{DEFAULT_FILE, Sources};
-use crate::checks::Problems;
-use crate::settings::{Author, Config, Note, Retired, present_name, read_config};
+use haltere_core::checks::Problems;
+use haltere_pilot::settings::{Author, Config, Note, Retired, present_name, read_config};
 
 /// What begins the name of every environment variable that is a configuration key.
 const ENVIRONMENT_PREFIX: &str = "HALTERE_";

@@ -18,9 +18,9 @@ pub use anchors::read_anchors;
 pub use key_file::{KeyFileError, read_key, read_time, time_file};
 
 use self::layers::Layers;
-use crate::checks::Problems;
-use crate::settings::{Config, Note, RETIRED, Retired};
-use crate::survey::Survey;
+use haltere_core::checks::Problems;
+use haltere_core::survey::Survey;
+use haltere_pilot::settings::{Config, Note, RETIRED, Retired};
 
 /// File that is read from the working directory when none is named.
 pub const DEFAULT_FILE: &str = "haltere.toml";

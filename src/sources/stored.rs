@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 
 use super::Loaded;
 use super::layers::Layers;
-use crate::checks::Problems;
-use crate::pilot::services::{crc32, find_parameter};
-use crate::settings::{Config, Note};
+use haltere_core::checks::Problems;
+use haltere_pilot::services::{crc32, find_parameter};
+use haltere_pilot::settings::{Config, Note};
 
 /// Name of the file in `store.directory`.
 pub const FILE: &str = "parameters.txt";

@@ -42,7 +42,7 @@ fn prop_later_layers_win() {
     let deep = load("", &deep, &["control.ground_correction=true"]).unwrap().config;
     assert_eq!(deep.control.limits.tilt_deg, 25.0);
     assert_eq!(deep.control.ground_correction, Some(true));
-    assert_eq!(deep.control.version, crate::control::Version::Raw);
+    assert_eq!(deep.control.version, haltere_core::control::Version::Raw);
     assert_eq!(deep.estimator.p_BT_B_m, [0.01, 0.0, -0.02]);
     let sets = [
         "flight.takeoff_height_m=1.3",

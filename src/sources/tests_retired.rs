@@ -2,7 +2,7 @@
 //! leaves, and the real one may be empty.
 
 use super::*;
-use crate::settings::{Author, Fate, Read, read_config};
+use haltere_pilot::settings::{Author, Fate, Read, read_config};
 
 const TABLE: &[Retired] = &[
     Retired { key: "uwb.longest_echo_s", fate: Fate::Gone { default: "3", heir: "" } },

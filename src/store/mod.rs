@@ -18,10 +18,10 @@ use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
-use crate::pilot::services::{
+use crate::sources::stored;
+use haltere_pilot::services::{
     FileFault, FileName, FileTask, Folder, Judgement, MOST_MISSION_BYTES, Plan, crc32,
 };
-use crate::sources::stored;
 
 pub use atomic::{replace, replace_private};
 

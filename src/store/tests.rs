@@ -2,7 +2,7 @@
 
 use super::atomic::{PRIVATE, PUBLIC, Step, replace_with};
 use super::*;
-use crate::pilot::services::{FileName, Folder};
+use haltere_pilot::services::{FileName, Folder};
 
 fn store(folder: &Path) -> Store {
     let own = folder.join("logs/b.mcap");
@@ -36,8 +36,8 @@ fn prop_a_cut_at_any_byte_leaves_old_or_new() {
 /// leftover beside it. What is read is the old, the new, or nothing that is used and people are told.
 #[test]
 fn prop_no_cut_and_no_flipped_bit_is_taken_for_content() {
-    use crate::pilot::services::{decode_plan, encode_plan};
     use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+    use haltere_pilot::services::{decode_plan, encode_plan};
     let folder = tempfile::tempdir().unwrap();
     let store = store(folder.path());
     let item = |seq| MISSION_ITEM_INT_DATA { seq, x: 10_000, z: -1.0, ..Default::default() };

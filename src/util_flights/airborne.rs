@@ -3,8 +3,8 @@
 //! On the floor with motors off the recorded accelerometer varies by 0.001 g, with motors on by
 //! 0.02 g and more. Motors on counts as flying.
 
-use crate::frames::{B, Vec3};
-use crate::time::HostTime;
+use haltere_core::frames::{B, Vec3};
+use haltere_core::time::HostTime;
 
 /// Time over which unrest is averaged, s.
 const WINDOW_S: f64 = 0.05;

@@ -20,14 +20,14 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::drops::DropReason;
-use crate::estimate::Estimate;
-use crate::estimator::{Counts, Estimator, EstimatorConfig, Motion};
-use crate::import::util::{Error, Flight, Sample, load_located};
-use crate::measure::{ImuSample, ReferencePose};
-use crate::time::HostTime;
 use airborne::Activity;
 pub use consistency::Consistency;
+use haltere_core::drops::DropReason;
+use haltere_core::estimate::Estimate;
+use haltere_core::estimator::{Counts, Estimator, EstimatorConfig, Motion};
+use haltere_core::measure::{ImuSample, ReferencePose};
+use haltere_core::time::HostTime;
+use haltere_log::import::util::{Error, Flight, Sample, load_located};
 pub use profiles::{
     shipped, util_nine_profile, util_profile, util_source_profile, util_start_profile,
     util_unaided_profile,
@@ -203,7 +203,7 @@ pub fn run_traced(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::import::util::load;
+    use haltere_log::import::util::load;
 
     /// The shared data lies beside the checkout, or beside the folder of checkouts.
     fn data() -> Option<PathBuf> {
@@ -283,7 +283,7 @@ mod tests {
             _ => None,
         });
         let acc = acc.unwrap();
-        assert!((acc.z() + crate::frames::G_MPS2).abs() < 0.1 && acc.x().abs() < 0.3);
+        assert!((acc.z() + haltere_core::frames::G_MPS2).abs() < 0.1 && acc.x().abs() < 0.3);
         assert!((flight.first_yaw_rad().unwrap() - std::f64::consts::FRAC_PI_2).abs() < 0.1);
         assert!(flight.events.is_sorted_by_key(|e| e.at));
     }

@@ -1,10 +1,10 @@
 //! Settings for the vehicles of UTIL: one set for every flight.
 
-use crate::estimator::{
+use haltere_core::estimator::{
     AnchorBias, BaroConfig, EstimatorConfig, GateConfig, IsolationConfig, Motion, ProcessNoise,
     Quality, SpecificForce, Tail, UwbNoise,
 };
-use crate::import::util::Flight;
+use haltere_log::import::util::Flight;
 
 /// Settings for the quadrotors of UTIL: one set for every flight.
 ///

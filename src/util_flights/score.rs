@@ -3,10 +3,10 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::consistency::{self, Consistency};
-use crate::estimate::{Estimate, Health};
-use crate::measure::ReferencePose;
-use crate::time::HostTime;
-use crate::topics::UwbRecord;
+use haltere_core::estimate::{Estimate, Health};
+use haltere_core::measure::ReferencePose;
+use haltere_core::time::HostTime;
+use haltere_core::topics::UwbRecord;
 
 /// Above this height it counts as airborne, m.
 const AIRBORNE_M: f64 = 0.5;

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, VecDeque};
 
 use serde::Serialize;
 
-use crate::measure::AnchorId;
-use crate::time::HostTime;
-use crate::topics::UwbRecord;
+use haltere_core::measure::AnchorId;
+use haltere_core::time::HostTime;
+use haltere_core::topics::UwbRecord;
 
 /// Length of a stretch of time, µs, and how many are looked back on.
 const STRETCH_US: u64 = 500_000;
@@ -102,7 +102,7 @@ impl Anchors {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::measure::Tdoa;
+    use haltere_core::measure::Tdoa;
 
     pub(in crate::watch) fn record(a: u8, b: u8, innovation_m: f64, fused: bool) -> UwbRecord {
         let at = HostTime::from_us(0);

@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use crate::frames::{E, Vec3};
-use crate::measure::AnchorId;
-use crate::survey::Survey;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
 
 /// Places along each axis of a cut.
 const PLACES: usize = 24;

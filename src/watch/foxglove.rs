@@ -11,7 +11,7 @@ use data_encoding::BASE64;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use crate::record::{DESCRIPTORS, Decoded};
+use haltere_log::record::{DESCRIPTORS, Decoded};
 
 /// Sub-protocol of the handshake.
 pub(super) const PROTOCOL: &str = "foxglove.websocket.v1";

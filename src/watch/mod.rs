@@ -26,12 +26,12 @@ use crossbeam_queue::ArrayQueue;
 use thiserror::Error;
 use tokio::net::TcpListener;
 
-use crate::record::GlueState;
-use crate::settings::Address;
 use crate::sources::Loaded;
-use crate::time::HostTime;
-use crate::topics::Topic;
 use crate::watch::token::TokenError;
+use haltere_core::time::HostTime;
+use haltere_core::topics::Topic;
+use haltere_log::record::GlueState;
+use haltere_pilot::settings::Address;
 
 use self::door::Door;
 use self::picture::Picture;

@@ -9,14 +9,14 @@ use serde_json::{Value, json};
 
 use super::anchors::Anchors;
 use super::dilution::{self, Box3};
-use crate::estimate::{Estimate, Health};
-use crate::frames::{E, Vec3, survey_from_earth};
-use crate::measure::{AnchorId, BatterySample, OtherBattery, ServoOutput};
-use crate::pilot::{Envelope, PilotConfig};
-use crate::record::GlueState;
-use crate::survey::Survey;
-use crate::time::HostTime;
-use crate::topics::{ControlRecord, HealthRecord, ModeRecord, Topic};
+use haltere_core::estimate::{Estimate, Health};
+use haltere_core::frames::{E, Vec3, survey_from_earth};
+use haltere_core::measure::{AnchorId, BatterySample, OtherBattery, ServoOutput};
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+use haltere_core::topics::{ControlRecord, HealthRecord, ModeRecord, Topic};
+use haltere_log::record::GlueState;
+use haltere_pilot::{Envelope, PilotConfig};
 
 /// Points of the trail that a new client is given, and their distance in time, µs: the last minute.
 const TRAIL_POINTS: usize = 600;
@@ -375,8 +375,8 @@ impl Picture {
 pub(super) mod tests {
     use super::super::anchors::tests::record;
     use super::*;
-    use crate::frames::Rot;
-    use crate::topics::TextRecord;
+    use haltere_core::frames::Rot;
+    use haltere_core::topics::TextRecord;
 
     fn picture() -> Picture {
         let corners: Vec<_> = (0..8_u8)

@@ -25,7 +25,7 @@ use super::foxglove::{self, Subscriptions};
 use super::http::{self, HEAD_BYTES, Head, Request};
 use super::picture::Picture;
 use super::{Item, Queue};
-use crate::record::Decoded;
+use haltere_log::record::Decoded;
 
 /// How often the queue is looked at.
 const LOOK: Duration = Duration::from_millis(20);

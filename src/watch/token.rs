@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use sha2::{Digest as _, Sha256};
 use thiserror::Error;
 
-use crate::settings::WatchConfig;
+use haltere_pilot::settings::WatchConfig;
 
 /// Shortest and longest token, bytes.
 const TOKEN_BYTES: std::ops::RangeInclusive<usize> = 16..=128;

@@ -1,7 +1,7 @@
 //! Logs without schemas, of some hundred bytes, whose records claim anything: the largest and the smallest
 //! numbers, times that run backwards, no numbers at all.
 
-use haltere::record::pb;
+use haltere_log::record::pb;
 
 /// Times and counts that go wrong most easily.
 const WHOLE: [u64; 9] =

@@ -6,8 +6,8 @@ use std::path::Path;
 use haltere::fit::balance;
 use haltere::fit::source::Source;
 use haltere::fit::tell;
-use haltere::import::{Recording, columns, flapper, stand};
-use haltere::model::Vehicle;
+use haltere_log::import::{Recording, columns, flapper, stand};
+use haltere_model::Vehicle;
 
 use super::logs::Dice;
 

@@ -4,14 +4,14 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use haltere::pilot::{Input, LinkId, Pilot};
-use haltere::record::{BuildIdentity, Recorder, Session};
-use haltere::settings::Config;
 use haltere::sources::stored;
-use haltere::time::HostTime;
+use haltere_core::time::HostTime;
 use haltere_dialect::lps::sniffer::{SnifferFrame, encode};
 use haltere_dialect::mav_stream;
 use haltere_dialect::signing::{self, SigningKey};
+use haltere_log::record::{BuildIdentity, Recorder, Session};
+use haltere_pilot::settings::Config;
+use haltere_pilot::{Input, LinkId, Pilot};
 
 /// Writes them into `fuzz/corpus`.
 pub fn write() -> std::io::Result<()> {
@@ -144,7 +144,7 @@ pub fn write() -> std::io::Result<()> {
     )?;
 
     let mut hole = super::logs::Maker::new(1_000_000, 0);
-    let largest = haltere::record::pb::Hole {
+    let largest = haltere_log::record::pb::Hole {
         from_us: u64::MAX,
         first_sequence: u64::MAX,
         last_sequence: u64::MAX,
@@ -153,7 +153,7 @@ pub fn write() -> std::io::Result<()> {
         ..Default::default()
     };
     hole.put("/hole", u64::MAX, &largest);
-    let wake = haltere::record::pb::Wake { sequence: u64::MAX, host_time_us: u64::MAX };
+    let wake = haltere_log::record::pb::Wake { sequence: u64::MAX, host_time_us: u64::MAX };
     hole.put("/wake", u64::MAX, &wake);
     write("log", "largest-numbers", &hole.finish())?;
     for seed in 0..8 {

@@ -3,15 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use haltere::gap::scene::Scene;
-use haltere::lockstep::{HOST_START_US, Listener, Lockstep, Tap, fly};
-use haltere::mission_file::{Command as ItemCommand, Item, MissionFile};
-use haltere::model::{EffectSet, Plant};
-use haltere::pilot::Input;
-use haltere::record::{BuildIdentity, Recorder, Session};
 use haltere::report::truth::HEADER;
-use haltere::settings::Config;
-use haltere::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_gap::scene::Scene;
+use haltere_log::record::{BuildIdentity, Recorder, Session};
+use haltere_model::lockstep::{HOST_START_US, Listener, Lockstep, Tap, fly};
+use haltere_model::{EffectSet, Plant};
+use haltere_pilot::Input;
+use haltere_pilot::mission_file::{Command as ItemCommand, Item, MissionFile};
+use haltere_pilot::settings::Config;
 
 /// A hover and a small box, some 25 s.
 pub fn box_mission() -> MissionFile {

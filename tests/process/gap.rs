@@ -4,10 +4,10 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
-use haltere::gap::scene::Scene;
-use haltere::measure::AnchorId;
-use haltere::model::EffectSet;
-use haltere::survey::Survey;
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
+use haltere_gap::scene::Scene;
+use haltere_model::EffectSet;
 
 use super::flights::{box_mission, record};
 use super::support::{Ended, companion, sim};

@@ -8,8 +8,8 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use haltere::gap::scene::Scene;
-use haltere::model::EffectSet;
+use haltere_gap::scene::Scene;
+use haltere_model::EffectSet;
 
 use super::flights::{box_mission, record};
 use super::support::{Ended, companion, program, root, wait};

@@ -1,12 +1,12 @@
 //! The pilot core on any bytes over any link, and the protocols of its services message by message.
 
-use haltere::frames::Vec3;
-use haltere::measure::AnchorId;
-use haltere::pilot::services::{FileFault, FileRequest};
-use haltere::pilot::{Endpoint, Input, LinkId, Pilot, PilotConfig, TagProtocol};
-use haltere::survey::Survey;
-use haltere::time::HostTime;
+use haltere_core::frames::Vec3;
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
 use haltere_dialect::mav_stream;
+use haltere_pilot::services::{FileFault, FileRequest};
+use haltere_pilot::{Endpoint, Input, LinkId, Pilot, PilotConfig, TagProtocol};
 
 /// Most steps of one run, and most simulated time, µs: the rest of the input is not looked at. A hundred
 /// control steps take as long as everything else together.
@@ -71,7 +71,7 @@ impl Rig {
             config.tag_protocol = TagProtocol::Mavlink;
         }
         if choice & 4 != 0 {
-            config.routing = haltere::pilot::Routing::Board;
+            config.routing = haltere_pilot::Routing::Board;
         }
         let at = HostTime::from_us(1_000_000);
         let mut rig = Self {

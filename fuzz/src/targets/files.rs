@@ -1,18 +1,17 @@
 //! Files: missions, parameters, plans, logs, configurations, anchor surveys.
 
-use haltere::export::{self, Form};
 use haltere::fit::source::Source;
 use haltere::fit::tell;
-use haltere::gap;
-use haltere::mission_file::MissionFile;
-use haltere::pilot::services::{decode_plan, encode_plan};
-use haltere::pilot::{Input, Pilot};
-use haltere::record::LogReader;
 use haltere::report::flight::Flight;
 use haltere::report::{Page, from_log};
-use haltere::settings::{Config, parse_anchors};
 use haltere::sources::stored;
-use haltere::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_log::export::{self, Form};
+use haltere_log::record::LogReader;
+use haltere_pilot::mission_file::MissionFile;
+use haltere_pilot::services::{decode_plan, encode_plan};
+use haltere_pilot::settings::{Config, parse_anchors};
+use haltere_pilot::{Input, Pilot};
 
 /// A mission file as text, and a stored plan as bytes.
 pub fn mission_file(data: &[u8]) {
@@ -40,9 +39,9 @@ pub fn log(data: &[u8]) {
     let _ = entries.end();
     exported(&log);
     let flight = shown(&log);
-    if let Ok(flown) = gap::logs::read_log(&log) {
-        let _ = flown.scene(&gap::scene::Told::default());
-        let _ = gap::timeline::Timeline::new(&flown.trace, None);
+    if let Ok(flown) = haltere_gap::logs::read_log(&log) {
+        let _ = flown.scene(&haltere_gap::scene::Told::default());
+        let _ = haltere_gap::timeline::Timeline::new(&flown.trace, None);
         // A flight that was truly flown does not fit into an input; the fits refuse most of the rest.
         let config = Box::new(flown.config);
         let name = "fuzz".to_owned();
@@ -65,7 +64,7 @@ fn exported(log: &LogReader) {
 fn shown(log: &LogReader) -> Flight {
     let (mut flight, _) = from_log::read(log);
     flight.facts = from_log::facts(log, &flight);
-    let _ = haltere::replay::changed_parameters(log);
+    let _ = haltere_log::replay::changed_parameters(log);
     let page =
         Page { title: "", subtitle: "", checks: &[], errors: &[], paths: &[], flight: &flight };
     let _ = page.render();
@@ -97,7 +96,7 @@ pub fn config(data: &[u8]) {
         }
         return;
     };
-    let mut problems = haltere::checks::Problems::new();
+    let mut problems = haltere_core::checks::Problems::new();
     config.check(&mut problems);
     if !problems.is_empty() {
         return;

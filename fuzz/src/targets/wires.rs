@@ -1,8 +1,7 @@
 //! The codecs: sniffer stream, packets on the air, MAVLink frames, signatures and doors.
 
-use haltere::drops::Drops;
-use haltere::guard::{Door, DoorConfig, KeyRing, KeySetup, RateLimit, Signing};
-use haltere::time::HostTime;
+use haltere_core::drops::Drops;
+use haltere_core::time::HostTime;
 use haltere_dialect::lps::sniffer::{SnifferDecoder, encode};
 use haltere_dialect::lps::tdoa2::Tdoa2Packet;
 use haltere_dialect::lps::tdoa3::Tdoa3Packet;
@@ -10,6 +9,7 @@ use haltere_dialect::lps::text::TextDecoder;
 use haltere_dialect::lps::{self};
 use haltere_dialect::mav_stream::{self, MavSplitter};
 use haltere_dialect::signing::{self as sign, SigningKey};
+use haltere_pilot::guard::{Door, DoorConfig, KeyRing, KeySetup, RateLimit, Signing};
 
 /// Both forms of the sniffer's stream: the same in any chunking, and what is a frame encodes to itself.
 pub fn sniffer(data: &[u8]) {

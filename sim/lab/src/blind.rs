@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use haltere::gap::attribute::{AttributeError, Attribution, Settings};
-use haltere::gap::library;
-use haltere::gap::make_bank::BankSize;
-use haltere::gap::scene::Told;
-use haltere::gap::seal;
-use haltere::gap::shrink::Shrink;
-use haltere::gap::workshop::WorkshopError;
-use haltere::model::effects::EffectSpec;
-use haltere::replay::ReplayError;
+use haltere_gap::attribute::{AttributeError, Attribution, Settings};
+use haltere_gap::library;
+use haltere_gap::make_bank::BankSize;
+use haltere_gap::scene::Told;
+use haltere_gap::seal;
+use haltere_gap::shrink::Shrink;
+use haltere_gap::workshop::WorkshopError;
+use haltere_log::replay::ReplayError;
+use haltere_model::effects::EffectSpec;
 
 use crate::score::{Case, Score, Truth, score};
 

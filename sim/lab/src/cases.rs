@@ -14,9 +14,9 @@ mod list;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow};
-use haltere::gap::scene::Scene;
-use haltere::gap::seal;
 use haltere::progress::Progress;
+use haltere_gap::scene::Scene;
+use haltere_gap::seal;
 use rayon::prelude::*;
 use serde_json::json;
 

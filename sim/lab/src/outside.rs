@@ -15,8 +15,8 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use haltere::gap::attribute::{Adequacy, Attribution, Candidate, Gate};
-use haltere::gap::outcome::{Named, Outcome, Remainder};
+use haltere_gap::attribute::{Adequacy, Attribution, Candidate, Gate};
+use haltere_gap::outcome::{Named, Outcome, Remainder};
 
 /// One line.
 #[derive(Debug, Clone, Deserialize)]

@@ -12,9 +12,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use haltere::gap::held_out::HeldOut;
-use haltere::model::Vehicle;
-use haltere::model::effects::{ALL, EffectSpec, Role, Source};
+use haltere_gap::held_out::HeldOut;
+use haltere_model::Vehicle;
+use haltere_model::effects::{ALL, EffectSpec, Role, Source};
 
 /// Relative step of the differences: the size of benign jitter.
 const STEP: f64 = 0.05;

@@ -5,8 +5,8 @@ use std::fmt::Write;
 
 use serde::{Deserialize, Serialize};
 
-use haltere::gap::attribute::Attribution;
-use haltere::gap::outcome::Outcome;
+use haltere_gap::attribute::Attribution;
+use haltere_gap::outcome::Outcome;
 
 /// What really was the matter with a flight.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -324,8 +324,8 @@ impl Score {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use haltere::gap::attribute::{Adequacy, Candidate, Gate};
-    use haltere::gap::outcome::{Named, Remainder};
+    use haltere_gap::attribute::{Adequacy, Candidate, Gate};
+    use haltere_gap::outcome::{Named, Remainder};
 
     fn named(id: &str) -> Named {
         Named { id: id.into(), probability: 0.9, theta: vec![1.0], theta_90: vec![[0.5, 1.5]] }

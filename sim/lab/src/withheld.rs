@@ -9,12 +9,12 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use haltere::gap::attribute::Attributor;
-use haltere::gap::library;
-use haltere::gap::outcome::Outcome;
-use haltere::gap::scene::Told;
-use haltere::gap::statistics::specs;
-use haltere::model::effects::Block;
+use haltere_gap::attribute::Attributor;
+use haltere_gap::library;
+use haltere_gap::outcome::Outcome;
+use haltere_gap::scene::Told;
+use haltere_gap::statistics::specs;
+use haltere_model::effects::Block;
 
 use crate::blind::hall::{Bench, Hall, statistics};
 use crate::blind::{BlindError, Choice, Entry, Key, Suite, open, read};

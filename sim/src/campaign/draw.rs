@@ -1,8 +1,8 @@
 //! Where the values of a flight come from: distributions over keys, and their edits of a TOML tree.
 
 use anyhow::{Context, Result, bail};
-use haltere::checks::Problems;
-use haltere::model::random::Stream;
+use haltere_core::checks::Problems;
+use haltere_model::random::Stream;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 

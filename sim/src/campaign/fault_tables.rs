@@ -354,6 +354,6 @@ fn detail(row: &Row) -> String {
 fn today() -> String {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     let us = now.map_or(0, |d| i64::try_from(d.as_micros()).unwrap_or(0));
-    let text = haltere::record::utc_text(us);
+    let text = haltere_log::record::utc_text(us);
     text.chars().take(10).collect()
 }

@@ -6,11 +6,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use haltere::checks::Problems;
 use haltere::ctl::read_mission;
-use haltere::mission_file::{Item, MissionFile};
-use haltere::settings::Config;
 use haltere::sources::{self, Sources};
+use haltere_core::checks::Problems;
+use haltere_pilot::mission_file::{Item, MissionFile};
+use haltere_pilot::settings::Config;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};

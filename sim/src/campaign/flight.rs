@@ -10,15 +10,15 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context, Result, anyhow, bail};
-use haltere::checks::Problems;
-use haltere::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, start};
-use haltere::mission_file::{Command as ItemCommand, Item};
-use haltere::model::{Plant, Truth};
-use haltere::pilot::Mode;
 use haltere::report::truth::HEADER;
 use haltere::tape::Tape;
-use haltere::time::HostTime;
+use haltere_core::checks::Problems;
+use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
+use haltere_model::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, start};
+use haltere_model::{Plant, Truth};
+use haltere_pilot::Mode;
+use haltere_pilot::mission_file::{Command as ItemCommand, Item};
 
 use super::draw::grain;
 use super::judge::Judge;

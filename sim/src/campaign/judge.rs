@@ -6,9 +6,9 @@
 //! faster than 1.5 m/s over it, or leaning by more than 45°. Off the floor again: it has flown and has met the
 //! floor, and is 0.15 m above it again (gear that springs stays below).
 
-use haltere::checks::Problems;
-use haltere::model::Truth;
-use haltere::model::room::Room;
+use haltere_core::checks::Problems;
+use haltere_model::Truth;
+use haltere_model::room::Room;
 use serde::{Deserialize, Serialize};
 
 use crate::faults::Shape;
@@ -229,8 +229,8 @@ impl Judge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use haltere::frames::Vec3;
-    use haltere::model::{Plant, PlantConfig};
+    use haltere_core::frames::Vec3;
+    use haltere_model::{Plant, PlantConfig};
 
     fn truth(height_m: f64, vel: [f64; 3]) -> Truth {
         let still = Plant::new(PlantConfig::hall(1)).unwrap().truth();
@@ -279,7 +279,7 @@ mod tests {
 
     #[test]
     fn prop_what_cannot_stand_may_lie_but_not_with_thrust() {
-        use haltere::frames::Rot;
+        use haltere_core::frames::Rot;
         use nalgebra::{UnitQuaternion, Vector3};
         let side = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 1.6);
         let lying = |t_us, thrust_n| Truth {

@@ -5,14 +5,14 @@
 
 use std::collections::VecDeque;
 
-use haltere::lockstep::{Ground, Lockstep, local_item};
-use haltere::mission_file::{Command as ItemCommand, Item};
-use haltere::model::Truth;
 use haltere_dialect::mav::haltere::{
     COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd,
     MavFrame, MavMessage, MavMissionResult, MavMissionType, PositionTargetTypemask,
     SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
+use haltere_model::Truth;
+use haltere_model::lockstep::{Ground, Lockstep, local_item};
+use haltere_pilot::mission_file::{Command as ItemCommand, Item};
 
 use super::judge::{Fence, Forbidden};
 use crate::faults::{Order, Shape, Way, failure_number};

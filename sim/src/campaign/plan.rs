@@ -4,13 +4,13 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context, Result, bail};
-use haltere::checks::Problems;
-use haltere::mission_file::MissionFile;
-use haltere::model::Vehicle;
-use haltere::model::random::Stream;
-use haltere::model::tag::TagProtocol;
-use haltere::pilot::TagProtocol as CompanionProtocol;
-use haltere::settings::Config;
+use haltere_core::checks::Problems;
+use haltere_model::Vehicle;
+use haltere_model::random::Stream;
+use haltere_model::tag::TagProtocol;
+use haltere_pilot::TagProtocol as CompanionProtocol;
+use haltere_pilot::mission_file::MissionFile;
+use haltere_pilot::settings::Config;
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 

@@ -13,7 +13,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use haltere::record::BuildIdentity;
+use haltere_log::record::BuildIdentity;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -57,7 +57,7 @@ impl Program {
         Self {
             version: build.program_version,
             commit: build.git_commit,
-            source: format!("{}-{}", haltere::gap::BANK_HASH, env!("HALTERE_SIM_SOURCE_HASH")),
+            source: format!("{}-{}", haltere_gap::BANK_HASH, env!("HALTERE_SIM_SOURCE_HASH")),
         }
     }
 }

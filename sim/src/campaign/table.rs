@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use haltere::export::{Column, Table, Values, parquet};
+use haltere_log::export::{Column, Table, Values, parquet};
 use serde_json::Value;
 
 use super::row::Row;

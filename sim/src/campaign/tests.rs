@@ -116,8 +116,8 @@ fn prop_a_kept_flight_is_the_same_flight_and_its_log_replays() {
     let plan = campaign.plan(1).unwrap();
     let kept = flight::fly(&plan, Some(&flight::Keep { log: &log })).unwrap();
     assert_eq!(kept, flight::fly(&plan, None).unwrap());
-    let log = haltere::record::LogReader::open(&log).unwrap();
-    let replayed = haltere::replay::replay_log(&log).unwrap();
+    let log = haltere_log::record::LogReader::open(&log).unwrap();
+    let replayed = haltere_log::replay::replay_log(&log).unwrap();
     assert_eq!(replayed.exit_code(), 0, "the log does not replay");
     let truth = std::fs::read_to_string(dir.path().join("flight.truth.csv")).unwrap();
     assert!(truth.lines().count() > 500);

@@ -167,8 +167,8 @@ impl<'a> Progress<'a> {
         let doing = match self.plan.items.get(current) {
             Some(item) => match (&item.path, item.command) {
                 (Some(path), _) => path.clone(),
-                (None, haltere::mission_file::Command::Takeoff) => "take-off".into(),
-                (None, haltere::mission_file::Command::Land) => "landing".into(),
+                (None, haltere_pilot::mission_file::Command::Takeoff) => "take-off".into(),
+                (None, haltere_pilot::mission_file::Command::Land) => "landing".into(),
                 _ => "on the way".into(),
             },
             None => "landing".into(),

@@ -1,8 +1,8 @@
 //! The demo's mission: steps of 1 m and 2 m along each axis, then four path shapes.
 
-use haltere::frames::Vec3;
-use haltere::mission_file::{Command as ItemCommand, Item};
 use haltere::report::errors::{Leg, PathKind, STEP_WINDOW_S};
+use haltere_core::frames::Vec3;
+use haltere_pilot::mission_file::{Command as ItemCommand, Item};
 
 /// Height of everything that is not a step in height, m (the source's hover height).
 const HEIGHT_M: f64 = 1.2;

@@ -6,13 +6,13 @@ use std::io::BufReader;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use haltere::record::{LogEnd, LogReader};
 use haltere::report::errors::{
     AXES, AxisErrors, NotFlown, Path as FlownPath, PathKind, STEP_WINDOW_S, axis_errors, find_paths,
 };
 use haltere::report::flight::Flight;
 use haltere::report::verdict::{Check, Verdict, all_passed};
 use haltere::report::{Page, from_log, truth};
+use haltere_log::record::{LogEnd, LogReader};
 use serde_json::{Value, json};
 
 use super::plan::{Plan, SHAPES};
@@ -167,7 +167,7 @@ impl Outcome {
                 glue.worst_lateness_s * 1e3
             );
         }
-        let ages = |f: fn(&haltere::topics::HealthRecord) -> Option<f64>| {
+        let ages = |f: fn(&haltere_core::topics::HealthRecord) -> Option<f64>| {
             let mut all: Vec<f64> = self.flight.health.iter().filter_map(f).collect();
             all.sort_by(f64::total_cmp);
             let middle = all.get(all.len() / 2).copied();

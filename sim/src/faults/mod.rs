@@ -10,14 +10,14 @@ pub use words::{LineName, Part, Phase, State, Voice, Wing};
 
 use std::collections::BTreeMap;
 
-use haltere::checks::Problems;
-use haltere::frames::Vec3;
-use haltere::model::effects::EffectSet;
-use haltere::model::faults::TagReplay;
-use haltere::model::gust::Gust;
-use haltere::model::line_noise::LineNoise;
-use haltere::model::tag::MOST_REPLAY_S;
-use haltere::model::{Fault, Plant};
+use haltere_core::checks::Problems;
+use haltere_core::frames::Vec3;
+use haltere_model::effects::EffectSet;
+use haltere_model::faults::TagReplay;
+use haltere_model::gust::Gust;
+use haltere_model::line_noise::LineNoise;
+use haltere_model::tag::MOST_REPLAY_S;
+use haltere_model::{Fault, Plant};
 use serde::{Deserialize, Serialize};
 
 /// One failure.

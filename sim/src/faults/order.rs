@@ -1,7 +1,7 @@
 //! What somebody at a station does that a vehicle should not suffer from.
 
-use haltere::model::faults::FaultKind;
 use haltere_dialect::mav::haltere::{FailureType, FailureUnit};
+use haltere_model::faults::FaultKind;
 use serde::{Deserialize, Serialize};
 
 /// An order, or what is done before it.

@@ -1,10 +1,10 @@
 //! `[told]`: what an operator told the companion that is not so, there from the start. The first day in a new
 //! room: axes of the wrong hand, feet for metres, a heading that is not the room's.
 
-use haltere::checks::Problems;
-use haltere::frames::{E, Vec3};
-use haltere::measure::AnchorId;
-use haltere::survey::Survey;
+use haltere_core::checks::Problems;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
 use serde::{Deserialize, Serialize};
 
 /// Errors of survey and heading.
@@ -108,7 +108,7 @@ impl Told {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use haltere::model::room::Room;
+    use haltere_model::room::Room;
 
     fn told(told: Told) -> [f64; 3] {
         let truth = Survey::new(&Room::default().corner_anchors()).unwrap();

@@ -1,6 +1,6 @@
 //! Words of a scenario's `[[fault]]`.
 
-use haltere::model::faults::{FaultKind, LineId, SecondVoice};
+use haltere_model::faults::{FaultKind, LineId, SecondVoice};
 use serde::{Deserialize, Serialize};
 
 /// A part of a flight, as a bystander would tell it.

@@ -6,10 +6,10 @@ use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use haltere::model::Plant;
-use haltere::model::random::Stream;
 use haltere_dialect::mav::haltere::{HIL_SENSOR_DATA, HilSensorUpdatedFlags, MavMessage};
 use haltere_dialect::mav_stream::{MavSplitter, encode};
+use haltere_model::Plant;
+use haltere_model::random::Stream;
 use nalgebra::Vector3;
 
 /// Turns of our loop for a frame: 4 ms, what the firmware expects.

@@ -9,8 +9,8 @@ use std::net::{SocketAddr, UdpSocket};
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use haltere::frames::{E, Vec3};
-use haltere::model::Plant;
+use haltere_core::frames::{E, Vec3};
+use haltere_model::Plant;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Magic numbers, and how many pulses follow.
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn prop_time_stands_while_the_firmware_repeats_itself() {
-        let plant = Plant::new(haltere::model::PlantConfig::hall(1)).unwrap();
+        let plant = Plant::new(haltere_model::PlantConfig::hall(1)).unwrap();
         let mut physics = Json::listen(0, Vec3::new(5.0, 5.0, -0.12)).unwrap();
         let port = physics.port();
         let firmware = UdpSocket::bind("127.0.0.1:0").unwrap();

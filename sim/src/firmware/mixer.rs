@@ -1,9 +1,9 @@
 //! From the motors of a quadrotor to wings: four outputs of a linear X mixer are one collective and three
 //! moments, and those are what the wings are told. So an unmodified firmware flies the vehicle.
 
-use haltere::frames::G_MPS2;
-use haltere::model::Vehicle;
-use haltere::model::wings::ActuatorCommand;
+use haltere_core::frames::G_MPS2;
+use haltere_model::Vehicle;
+use haltere_model::wings::ActuatorCommand;
 
 /// Largest difference of throttle from the mean, either wing: as the own board's mixer.
 const DIFFERENCE_LIMIT_FRAC: f64 = 0.3;
@@ -94,7 +94,7 @@ pub fn authority_radps2(vehicle: &Vehicle, supply_v: f64) -> [f64; 3] {
 
 #[cfg(test)]
 mod tests {
-    use haltere::model::wings::{Actuation, thrust_wrench};
+    use haltere_model::wings::{Actuation, thrust_wrench};
 
     use super::*;
 

@@ -7,8 +7,8 @@ mod mixer;
 mod process;
 
 use anyhow::Result;
-use haltere::frames::{E, Vec3};
-use haltere::model::{Plant, Vehicle};
+use haltere_core::frames::{E, Vec3};
+use haltere_model::{Plant, Vehicle};
 
 use hil::Hil;
 use json::Json;
@@ -83,7 +83,7 @@ mod tests {
     use std::net::UdpSocket;
     use std::time::Duration;
 
-    use haltere::model::PlantConfig;
+    use haltere_model::PlantConfig;
     use serde_json::Value;
 
     use super::*;

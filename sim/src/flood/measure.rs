@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::Result;
-use haltere::pilot::LinkId;
-use haltere::record::{Entry, LogReader, RawInput};
-use haltere::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_log::record::{Entry, LogReader, RawInput};
+use haltere_pilot::LinkId;
 
 /// Period of the control step, µs: its deadlines lie on this grid from the core's start.
 const PERIOD_US: u64 = 10_000;

@@ -6,13 +6,13 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use haltere::ctl::{GroundStation, Mode};
-use haltere::pilot::LinkId;
-use haltere::record::{Entry, LogReader};
 use haltere::report::truth;
 use haltere_dialect::mav::haltere::{
     COMMAND_INT_DATA, COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage,
 };
 use haltere_dialect::mav_stream::MavSplitter;
+use haltere_log::record::{Entry, LogReader};
+use haltere_pilot::LinkId;
 use rustix::process::Signal;
 
 use super::judge::{self, Outcome, Seen};

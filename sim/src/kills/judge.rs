@@ -171,8 +171,8 @@ fn wrong(
 
 #[cfg(test)]
 mod tests {
-    use haltere::frames::{Rot, Vec3};
-    use haltere::time::HostTime;
+    use haltere_core::frames::{Rot, Vec3};
+    use haltere_core::time::HostTime;
 
     use super::*;
     use crate::kills::kind::Phase;

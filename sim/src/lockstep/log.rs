@@ -4,14 +4,14 @@ use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Result, bail};
-use haltere::lockstep::{HOST_START_US, Listener, Tap};
-use haltere::pilot::Pilot;
-use haltere::record::{BuildIdentity, Recorder, Session};
 use haltere::sources::Loaded;
 use haltere::tape::Reels;
-use haltere::time::HostTime;
-use haltere::topics::Topic;
 use haltere::watch::Feed;
+use haltere_core::time::HostTime;
+use haltere_core::topics::Topic;
+use haltere_log::record::{BuildIdentity, Recorder, Session};
+use haltere_model::lockstep::{HOST_START_US, Listener, Tap};
+use haltere_pilot::Pilot;
 
 /// MAVLink severity up to which a text is a warning.
 const SEVERITY_WARNING: u8 = 4;

@@ -15,13 +15,13 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Result, anyhow, bail};
-use haltere::lockstep::{HOST_START_US, Lockstep, STEP_US};
-use haltere::model::{Fault, Plant, Vehicle};
-use haltere::pilot::{Input, LinkId};
 use haltere::sources::{self, Loaded, Sources};
 use haltere::store::{NoPrograms, Store};
-use haltere::time::HostTime;
 use haltere::watch::{Feed, Watch};
+use haltere_core::time::HostTime;
+use haltere_model::lockstep::{HOST_START_US, Lockstep, STEP_US};
+use haltere_model::{Fault, Plant, Vehicle};
+use haltere_pilot::{Input, LinkId};
 use serde_json::json;
 
 use self::log::Tape;

@@ -4,9 +4,9 @@
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 
 use anyhow::{Context, Result, bail};
-use haltere::lockstep::Lockstep;
-use haltere::pilot::{Input, LinkId, PilotConfig};
-use haltere::settings::{Address, GroundConfig, HostPort};
+use haltere_model::lockstep::Lockstep;
+use haltere_pilot::settings::{Address, GroundConfig, HostPort};
+use haltere_pilot::{Input, LinkId, PilotConfig};
 
 /// Largest datagram that is sent: below the MTU of any network.
 const DATAGRAM_BYTES: usize = 1400;

@@ -1,13 +1,13 @@
 //! Angle steps: a lean held in a long hall until the speed has settled, and what it gathered.
 
 use anyhow::{Context, Result, bail};
-use haltere::control::Version;
-use haltere::frames::Vec3;
-use haltere::lockstep::fly;
-use haltere::model::room::Room;
-use haltere::model::{PlantConfig, Vehicle};
-use haltere::survey::Survey;
+use haltere_core::control::Version;
+use haltere_core::frames::Vec3;
+use haltere_core::survey::Survey;
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
+use haltere_model::lockstep::fly;
+use haltere_model::room::Room;
+use haltere_model::{PlantConfig, Vehicle};
 
 use super::bench::Bench;
 use crate::compare::in_plant;
@@ -154,7 +154,8 @@ pub fn fly_step(
     }
     let last: Vec<f64> =
         trace.iter().filter(|row| row[0] > length_s - FINAL_S).map(|row| row[1]).collect();
-    let flap = |s: &haltere::lockstep::Sample| 0.5 * (s.truth.flap_hz[0] + s.truth.flap_hz[1]);
+    let flap =
+        |s: &haltere_model::lockstep::Sample| 0.5 * (s.truth.flap_hz[0] + s.truth.flap_hz[1]);
     let early = held.get((LATE_S * 100.0) as usize).unwrap_or(first);
     let late: Vec<&[f64; 4]> = trace.iter().filter(|row| row[0] > length_s - LATE_S).collect();
     let late_mps2 = match late[..] {
@@ -164,7 +165,7 @@ pub fn fly_step(
     let [source_m, margin_m] = SOURCE_HALL_M;
     let room_m = source_m - 2.0 * margin_m;
     let fits =
-        trace.iter().take_while(|row| row[3] + haltere::pilot::stopping_m(row[1]) < room_m).count();
+        trace.iter().take_while(|row| row[3] + haltere_pilot::stopping_m(row[1]) < room_m).count();
     Ok(Some(AngleStep {
         final_mps: last.iter().sum::<f64>() / last.len() as f64,
         flap_hz: [flap(early), held.last().map_or(0.0, |s| flap(s))],

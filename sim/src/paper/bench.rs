@@ -3,13 +3,13 @@
 use anyhow::{Result, bail};
 use rayon::prelude::*;
 
-use haltere::control::{ControlConfig, Version};
-use haltere::frames::Vec3;
-use haltere::lockstep::{Flight, Lockstep, Sample, fly};
-use haltere::model::PlantConfig;
-use haltere::pilot::{Action, CONDITIONS, Mode, PilotConfig};
 use haltere::progress::Progress;
+use haltere_core::control::{ControlConfig, Version};
+use haltere_core::frames::Vec3;
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
+use haltere_model::PlantConfig;
+use haltere_model::lockstep::{Flight, Lockstep, Sample, fly};
+use haltere_pilot::{Action, CONDITIONS, Mode, PilotConfig};
 
 use crate::compare::{CENTRE_NE_M, in_plant};
 use crate::steps::item;
@@ -156,7 +156,7 @@ impl Plan {
 
 /// A place relative to the middle of the hall, height upward, in the Earth frame, m.
 pub fn at([north, east, height]: [f64; 3]) -> [f64; 3] {
-    Vec3::<haltere::frames::E>::new(CENTRE_NE_M[0] + north, CENTRE_NE_M[1] + east, -height)
+    Vec3::<haltere_core::frames::E>::new(CENTRE_NE_M[0] + north, CENTRE_NE_M[1] + east, -height)
         .to_array()
 }
 

@@ -2,9 +2,9 @@
 //! no such table.
 
 use anyhow::{Context, Result, bail};
-use haltere::control::{ControlConfig, TiltCompensation, Version};
-use haltere::lockstep::Sample;
-use haltere::model::PlantConfig;
+use haltere_core::control::{ControlConfig, TiltCompensation, Version};
+use haltere_model::PlantConfig;
+use haltere_model::lockstep::Sample;
 
 use super::bench::{Bench, Plan, leg};
 use super::results::{Cell, Section, Spread, Table};

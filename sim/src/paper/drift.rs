@@ -7,9 +7,9 @@
 //! settles at bias_f/g + τ·bias_ω: no setting of τ removes both.
 
 use anyhow::Result;
-use haltere::control::Version;
-use haltere::model::PlantConfig;
 use haltere::report::svg::{Mark, Plot, Series, Tone};
+use haltere_core::control::Version;
+use haltere_model::PlantConfig;
 
 use super::bench::Bench;
 use super::results::{Cell, Figure, Row, Section, Spread, Table};

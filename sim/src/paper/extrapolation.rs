@@ -5,8 +5,8 @@
 
 use anyhow::Result;
 use haltere::fit::transient::{SHARES, Transient, fit};
-use haltere::model::Vehicle;
 use haltere::report::svg::{Mark, Plot, Series, Tone};
+use haltere_model::Vehicle;
 
 use super::angle_steps::{ARRIVAL_S, AXES, AngleStep, FLIGHT_S, HOLD_S, SOURCE_HALL_M, fly_step};
 use super::bench::Bench;

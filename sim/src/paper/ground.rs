@@ -5,12 +5,12 @@
 //! states: what agrees at that height agrees by construction, the rest of the curve does not.
 
 use anyhow::{Context, Result};
-use haltere::control::Version;
-use haltere::control::ground::{GroundConfig, LOWEST_VALIDATED_M};
 use haltere::fit::ground::{Ground, fit};
-use haltere::lockstep::Sample;
-use haltere::model::{PlantConfig, Vehicle};
 use haltere::report::svg::{Mark, Plot, Series, Tone};
+use haltere_core::control::Version;
+use haltere_core::control::ground::{GroundConfig, LOWEST_VALIDATED_M};
+use haltere_model::lockstep::Sample;
+use haltere_model::{PlantConfig, Vehicle};
 
 use super::bench::{Bench, Plan, leg};
 use super::results::{Cell, Figure, Row, Section, Source, Spread, Table};

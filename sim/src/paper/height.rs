@@ -4,10 +4,10 @@
 //! at 7.4 V; the variable one follows the battery. All else is `modified`.
 
 use anyhow::{Context, Result, bail};
-use haltere::control::{ControlConfig, Version};
-use haltere::lockstep::{Flight, Sample};
-use haltere::model::PlantConfig;
 use haltere::report::svg::{Mark, Plot, Series, Tone};
+use haltere_core::control::{ControlConfig, Version};
+use haltere_model::PlantConfig;
+use haltere_model::lockstep::{Flight, Sample};
 
 use super::bench::{Bench, Plan, SEED, leg, since_s};
 use super::results::{Cell, Figure, Row, Section, Spread, Table};

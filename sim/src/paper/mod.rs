@@ -26,9 +26,9 @@ mod two_vehicles;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use haltere::pilot::PilotConfig;
 use haltere::progress::Progress;
 use haltere::report::verdict::all_passed;
+use haltere_pilot::PilotConfig;
 use rayon::prelude::*;
 
 use crate::compare::pilot_config;

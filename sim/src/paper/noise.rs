@@ -10,10 +10,10 @@
 //! noise, goes with R^(−⅛): 2^⅛ = 1.09 for half the variance. A bias passes through at any R.
 
 use anyhow::Result;
-use haltere::control::Version;
-use haltere::estimator::{EstimatorConfig, UwbNoise};
-use haltere::model::PlantConfig;
 use haltere::report::svg::{Mark, Plot, Series, Tone};
+use haltere_core::control::Version;
+use haltere_core::estimator::{EstimatorConfig, UwbNoise};
+use haltere_model::PlantConfig;
 
 use super::bench::Bench;
 use super::results::{Cell, Figure, Row, Section, Spread, Table};

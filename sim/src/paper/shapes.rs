@@ -2,10 +2,10 @@
 //! on each.
 
 use anyhow::{Result, bail};
-use haltere::control::Version;
-use haltere::model::PlantConfig;
 use haltere::report::svg::{Mark, Plot, Series, Tone};
 use haltere::report::verdict::Check;
+use haltere_core::control::Version;
+use haltere_model::PlantConfig;
 
 use super::bench::{Bench, SEED};
 use super::results::{Cell, Figure, Row, Section, Spread, Table};

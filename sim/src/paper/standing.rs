@@ -2,15 +2,15 @@
 //! decodes them, and filters that live on nothing else.
 
 use anyhow::{Context, Result};
-use haltere::control::Version;
-use haltere::estimate::Estimate;
-use haltere::estimator::{Estimator, EstimatorConfig};
-use haltere::frames::{E, Vec3};
-use haltere::measure::{ImuSample, Tdoa};
-use haltere::model::{PlantConfig, Truth};
-use haltere::survey::Survey;
-use haltere::time::HostTime;
-use haltere::topics::Topic;
+use haltere_core::control::Version;
+use haltere_core::estimate::Estimate;
+use haltere_core::estimator::{Estimator, EstimatorConfig};
+use haltere_core::frames::{E, Vec3};
+use haltere_core::measure::{ImuSample, Tdoa};
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+use haltere_core::topics::Topic;
+use haltere_model::{PlantConfig, Truth};
 
 use super::bench::Bench;
 
@@ -43,7 +43,7 @@ impl Standing {
         let mut pilot = bench.pilot.clone();
         pilot.control = bench.version(Version::Raw);
         pilot.flight.gear_height_m = plant.vehicle.body.gear_m;
-        let mut world = haltere::lockstep::Lockstep::new(plant, pilot, &survey)?;
+        let mut world = haltere_model::lockstep::Lockstep::new(plant, pilot, &survey)?;
         world.run_until((WARM_UP_S * 1e6) as u64);
         world.pilot_mut().drain_topics(|_| {});
         let start = world.host_now();

@@ -2,14 +2,14 @@
 //! the same gains, position and velocity.
 
 use anyhow::{Context, Result, bail};
-use haltere::control::voltage::BaseThrust;
-use haltere::control::{ControlConfig, Version};
-use haltere::frames::G_MPS2;
-use haltere::lockstep::Flight;
-use haltere::model::PlantConfig;
-use haltere::pilot::PilotConfig;
 use haltere::report::svg::{Mark, Plot, Series, Tone};
 use haltere::report::verdict::Check;
+use haltere_core::control::voltage::BaseThrust;
+use haltere_core::control::{ControlConfig, Version};
+use haltere_core::frames::G_MPS2;
+use haltere_model::PlantConfig;
+use haltere_model::lockstep::Flight;
+use haltere_pilot::PilotConfig;
 
 use super::bench::{Bench, SEED};
 use super::results::{Cell, Figure, Row, Section, Source, Spread, Table};

@@ -5,12 +5,12 @@
 //! measures how calm the hover was and how far the battery was emptied, not how good the law is.
 
 use anyhow::{Context, Result, bail};
-use haltere::control::Version;
-use haltere::control::voltage::CENTRE_V;
 use haltere::fit::polynomial::{OverVoltage, fit};
-use haltere::model::PlantConfig;
 use haltere::report::svg::{Mark, Plot, Series, Tone};
+use haltere_core::control::Version;
+use haltere_core::control::voltage::CENTRE_V;
 use haltere_dialect::mav::haltere::MavCmd;
+use haltere_model::PlantConfig;
 
 use super::bench::{Bench, Plan, leg};
 use super::results::{Cell, Figure, Row, Section, Spread, Table};

@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result};
 use haltere::fit::steady::{Form, Law, Point, Steady, fit};
-use haltere::model::Vehicle;
 use haltere::report::svg::{Mark, Plot, Series, Tone};
+use haltere_model::Vehicle;
 
 use super::angle_steps::{AXES, FLIGHT_S, fly_step};
 use super::bench::Bench;

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use haltere::model::Vehicle;
+use haltere_model::Vehicle;
 
 use crate::scenario::Scenario;
 

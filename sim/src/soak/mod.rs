@@ -19,8 +19,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use haltere::ctl::GroundStation;
-use haltere::model::Vehicle;
 use haltere::progress::Progress;
+use haltere_model::Vehicle;
 
 use self::asked::Asked;
 use self::stalls::{Stalls, Watch};

@@ -8,8 +8,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::terms::{Column, Nominal};
-use crate::import::motion::Sample;
-use crate::model::random::Stream;
+use haltere_log::import::motion::Sample;
+use haltere_model::random::Stream;
 
 /// Length of a block, s (GAP.md 2.3: at least 5 s).
 pub const BLOCK_S: f64 = 5.0;

@@ -14,10 +14,10 @@ mod tests;
 #[cfg(test)]
 mod tests_recorded;
 
-use crate::frames::G_MPS2;
-use crate::import::{Recording, motion};
-use crate::model::vehicle::Vehicle;
 use blocks::{Block, Fit, bootstrap, fit, mean, mean_square};
+use haltere_core::frames::G_MPS2;
+use haltere_log::import::{Recording, motion};
+use haltere_model::vehicle::Vehicle;
 use report::{Axis, Candidate, Effect, Outcome, Parameter, Report, Shrink, Where};
 use search::{Found, LEVEL, MATERIAL_MPS2, Question, Verdict, fit_without};
 use terms::{Column, Nominal, Part, Sign, Term};

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::blocks::Interval;
 use super::search::Verdict;
 use super::terms::Part;
-use crate::import::Skipped;
+use haltere_log::import::Skipped;
 
 /// First word of the verdict; names and exit codes of INTERFACES.md.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

@@ -6,11 +6,11 @@
 //! scale) and `b` (tilt of trim and reference) are calibrations: refitted with every hypothesis,
 //! never called an effect. A candidate is a few columns that are linear in their parameters.
 
-use crate::frames::{B, E, G_MPS2, Vec3};
-use crate::model::effects::{self, Block};
-use crate::model::vehicle::Vehicle;
+use haltere_core::frames::{B, E, G_MPS2, Vec3};
+use haltere_model::effects::{self, Block};
+use haltere_model::vehicle::Vehicle;
 
-use crate::import::motion::Sample;
+use haltere_log::import::motion::Sample;
 
 /// Pack voltage at which the command is understood, V per cell: nominal voltage of the cells.
 const REFERENCE_CELL_V: f64 = 3.7;

@@ -7,9 +7,9 @@ use super::report::Outcome;
 use super::search::Verdict;
 use super::terms::Part;
 use super::*;
-use crate::frames::{G_MPS2, Rot, Vec3};
-use crate::import::{Recording, Row, Skipped};
-use crate::model::random::Stream;
+use haltere_core::frames::{G_MPS2, Rot, Vec3};
+use haltere_log::import::{Recording, Row, Skipped};
+use haltere_model::random::Stream;
 
 /// What the made flight does that the nominal model may not know.
 #[derive(Clone, Copy)]

@@ -9,7 +9,7 @@ use super::report::Outcome;
 use super::search::Verdict;
 use super::terms::Part;
 use super::*;
-use crate::import::flapper;
+use haltere_log::import::flapper;
 
 /// The shared data lies beside the checkout, or beside the folder of checkouts.
 fn data() -> Option<PathBuf> {

@@ -5,9 +5,9 @@ use crate::fit::anchors::{self, Calibration, Difference, PRIOR_M, Positions};
 use crate::fit::outcome::{Outcome, Refusal, Table};
 use crate::fit::programs::Program;
 use crate::fit::source::{Source, names};
-use crate::frames::{E, Vec3, survey_from_earth};
 use crate::report::flight::Flight;
-use crate::time::HostTime;
+use haltere_core::frames::{E, Vec3, survey_from_earth};
+use haltere_core::time::HostTime;
 
 /// Positions are interpolated between rows that lie no farther apart than this, s.
 const GAP_S: f64 = 0.1;

@@ -17,13 +17,13 @@ use serde::Serialize;
 
 use super::drag::along;
 use super::thrust::{of_samples, stand_law, turning};
-use crate::control::voltage::CENTRE_V;
 use crate::fit::outcome::{Outcome, Refusal, Table};
 use crate::fit::polynomial;
 use crate::fit::programs::Program;
 use crate::fit::source::Source;
-use crate::frames::G_MPS2;
-use crate::import::{Recording, motion};
+use haltere_core::control::voltage::CENTRE_V;
+use haltere_core::frames::G_MPS2;
+use haltere_log::import::{Recording, motion};
 
 /// An exponent whose standard error is above this is not told by the flight.
 const TOLD: f64 = 0.05;

@@ -8,7 +8,6 @@
 //! `f_x = b_x − k_x·u`, `f_y = b_y − k_y·v`. **Symbols.** f m/s², u and v speed forward and right
 //! m/s, k 1/s, b m/s². **Left out.** Drag of turning, wind; both widen the error.
 
-use crate::control::TiltAxis;
 use crate::fit::columns::{HeldStep, held_steps, hover_speeds};
 use crate::fit::correlated::{Noise, covariance};
 use crate::fit::linear::{Rows, r_squared, solve};
@@ -18,9 +17,10 @@ use crate::fit::source::{Source, names};
 use crate::fit::steady::{self, Form, Point, Steady};
 use crate::fit::transient::{self, Transient};
 use crate::fit::value::Value;
-use crate::frames::G_MPS2;
-use crate::import::{Recording, motion};
 use crate::report::svg::{Mark, Pin, Plot, Series, Tone};
+use haltere_core::control::TiltAxis;
+use haltere_core::frames::G_MPS2;
+use haltere_log::import::{Recording, motion};
 
 /// Pieces of a fitted line in a plot.
 const LINE_POINTS: i32 = 60;

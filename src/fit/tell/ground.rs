@@ -6,13 +6,13 @@
 //! smear the law. The mean height by the estimate is shown beside it.
 
 use super::{PLOT_PX, logs};
-use crate::control::voltage::CENTRE_V;
 use crate::fit::columns::{HoverMean, hover_means};
 use crate::fit::ground::{self, Ground};
 use crate::fit::outcome::{Outcome, Refusal, Table};
 use crate::fit::programs::Program;
 use crate::fit::source::{Source, names};
 use crate::report::svg::{Mark, Plot, Series, Tone};
+use haltere_core::control::voltage::CENTRE_V;
 
 /// Time between two flights that are fitted together, s.
 const APART_S: f64 = 1e4;

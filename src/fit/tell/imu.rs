@@ -6,8 +6,8 @@ use crate::fit::outcome::{Outcome, Refusal};
 use crate::fit::programs::Program;
 use crate::fit::source::{Source, names};
 use crate::fit::value::Value;
-use crate::frames::G_MPS2;
 use crate::report::svg::{Mark, Plot, Series, Tone};
+use haltere_core::frames::G_MPS2;
 
 /// Thrust below this is rest, above the next is flight.
 const REST_FRAC: f64 = 0.02;

@@ -15,7 +15,7 @@ use crate::fit::outcome::Refusal;
 use crate::fit::programs::Program;
 use crate::fit::source::Source;
 use crate::report::flight::Flight;
-use crate::settings::Config;
+use haltere_pilot::settings::Config;
 
 /// Sizes of a plot, pixels.
 const PLOT_PX: [f64; 2] = [560.0, 320.0];

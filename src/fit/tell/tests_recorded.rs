@@ -6,7 +6,7 @@ use super::{carry_over, drag, thrust};
 use crate::fit::outcome::Outcome;
 use crate::fit::source::Source;
 use crate::fit::value::Value;
-use crate::import::{flapper, motion, stand};
+use haltere_log::import::{flapper, motion, stand};
 
 fn folder(name: &str) -> Option<PathBuf> {
     let crate_dir = Path::new(env!("CARGO_MANIFEST_DIR"));

@@ -11,7 +11,6 @@
 use nalgebra::DVector;
 
 use super::drag::{PLOT_PX, samples};
-use crate::control::voltage::CENTRE_V;
 use crate::fit::correlated::covariance;
 use crate::fit::ground::HIGH_M;
 use crate::fit::linear::{Rows, inverse, r_squared, solve};
@@ -20,10 +19,11 @@ use crate::fit::polynomial::{self, OverVoltage};
 use crate::fit::programs::Program;
 use crate::fit::source::{Source, names};
 use crate::fit::value::Value;
-use crate::frames::G_MPS2;
-use crate::import::stand::{Stand, StandRow};
-use crate::import::{Recording, motion};
 use crate::report::svg::{Mark, Plot, Series, Tone};
+use haltere_core::control::voltage::CENTRE_V;
+use haltere_core::frames::G_MPS2;
+use haltere_log::import::stand::{Stand, StandRow};
+use haltere_log::import::{Recording, motion};
 
 /// Voltage is averaged over this long before and after, s: longer than a swing of the loops, short
 /// against the discharge.

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use super::linear::{matrix, shrunk_covariance, whitener};
 use super::open_set::score;
 use super::whiten::{Standard, compressed};
-use crate::model::effects::Block;
+use haltere_model::effects::Block;
 
 /// Statistics of one block.
 #[derive(Debug, Clone)]

@@ -163,7 +163,7 @@ fn isotonic(sorted: &[(f64, f64)]) -> Vec<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::random::Stream;
+    use haltere_model::random::Stream;
 
     #[test]
     fn prop_overconfident_evidence_is_cooled_and_sets_cover() {

@@ -267,7 +267,7 @@ pub(super) fn climb(
 mod tests {
     use super::*;
     use crate::axis::{Axis, Size};
-    use crate::model::random::Stream;
+    use haltere_model::random::Stream;
 
     /// A linear effect in known noise: evidence and interval have closed forms.
     #[test]

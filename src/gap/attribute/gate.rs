@@ -146,7 +146,7 @@ fn skewed(values: Vec<f64>, share: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::random::Stream;
+    use haltere_model::random::Stream;
 
     #[test]
     fn prop_a_quiet_effect_is_seen_below_the_noise_of_a_loud_one() {

@@ -140,7 +140,7 @@ impl Noise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::random::Stream;
+    use haltere_model::random::Stream;
 
     #[test]
     fn prop_low_rank_noise_solves_like_the_dense_matrix() {

@@ -35,8 +35,8 @@ use self::library::{Library, Part};
 use self::teachers::Teachers;
 use self::trials::Limits;
 use crate::bank::{Bank, BankError};
-use crate::model::effects::Block;
 use crate::outcome::Outcome;
+use haltere_model::effects::Block;
 
 /// Choices of an attribution. Defaults are those of GAP.md.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -139,7 +139,7 @@ mod tests {
 
     #[test]
     fn prop_the_judge_separates_what_it_was_shown() {
-        let mut rng = crate::model::random::Stream::new(4, "judge");
+        let mut rng = haltere_model::random::Stream::new(4, "judge");
         let mut rows = |off: f64| -> Vec<[f64; FEATURES]> {
             (0..300).map(|_| [rng.normal(), off + rng.normal(), rng.normal(), 0.0]).collect()
         };

@@ -357,7 +357,7 @@ mod tests {
     use super::*;
     use crate::attribute::whiten::Standard;
     use crate::axis::Size;
-    use crate::model::random::Stream;
+    use haltere_model::random::Stream;
 
     fn axes(thetas: &[&[f64]]) -> Vec<Axis> {
         (0..thetas[0].len()).map(|k| Axis::over(thetas.iter().map(|t| t[k]))).collect()

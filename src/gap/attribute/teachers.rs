@@ -4,8 +4,8 @@ use super::Settings;
 use super::blocks::Groups;
 use super::library::{Library, Part};
 use crate::bank::{Bank, Draw};
-use crate::model::effects::Block;
-use crate::model::random::Stream;
+use haltere_model::effects::Block;
+use haltere_model::random::Stream;
 
 /// Bank, references and blocks, with the mean of the nominal flights.
 pub(super) struct Teachers<'a> {

@@ -140,7 +140,7 @@ fn prop_another_law_bends_what_an_effect_does_and_nothing_else() {
     let mut toy = Toy::new(SMALL, 17);
     let (bank, blocks) = (toy.bank(), toy.blocks());
     let teachers = super::teachers::Teachers::new(&bank, &[], &blocks);
-    let mut rng = crate::model::random::Stream::new(17, "other law");
+    let mut rng = haltere_model::random::Stream::new(17, "other law");
     let mut squares = Vec::new();
     for draw in bank.effects.iter().flat_map(|e| &e.draws) {
         let off: Vec<f64> =
@@ -166,7 +166,7 @@ fn prop_order_units_and_a_noise_statistic_change_nothing() {
     let flight = toy.flight(&[(2, theta)], true, false);
     let settings = Settings::default();
     let plain = Attributor::new(&bank, &[], &[], &blocks, &settings).unwrap().attribute(&flight);
-    let mut rng = crate::model::random::Stream::new(8, "noise");
+    let mut rng = haltere_model::random::Stream::new(8, "noise");
     let mut changed = |turn: &dyn Fn(&mut Vec<f64>, f64)| {
         let mut b = bank.clone();
         let mut f = flight.clone();

@@ -2,7 +2,7 @@
 //! (which anchor, which wall); and the features that signatures depend on.
 
 use crate::axis::Axis;
-use crate::model::random::Stream;
+use haltere_model::random::Stream;
 
 /// A positive range at least this wide, as a ratio, is searched on a logarithmic scale.
 const LOG_RATIO: f64 = 3.0;

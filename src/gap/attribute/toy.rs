@@ -5,8 +5,8 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::axis::{Axis, Size as AxisSize};
 use crate::bank::{Bank, Draw, EffectDraws};
-use crate::model::effects::Block;
-use crate::model::random::Stream;
+use haltere_model::effects::Block;
+use haltere_model::random::Stream;
 
 /// Sizes.
 #[derive(Debug, Clone, Copy)]

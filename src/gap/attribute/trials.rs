@@ -21,8 +21,8 @@ use super::pairs;
 use super::teachers::HALF;
 use super::{Settings, Teachers};
 use crate::bank::Draw;
-use crate::model::effects::Block;
-use crate::model::random::Stream;
+use haltere_model::effects::Block;
+use haltere_model::random::Stream;
 
 /// Draws per effect that are judged, over all folds.
 const JUDGED_DRAWS: usize = 16;

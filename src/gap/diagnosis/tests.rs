@@ -5,11 +5,11 @@ use crate::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate, Set
 use crate::axis::Axis;
 use crate::bank::{Bank, Draw, EffectDraws};
 use crate::library::standard;
-use crate::measure::AnchorId;
-use crate::model::random::Stream;
 use crate::nominal::Nominal;
-use crate::replay::{Demand, Verdict};
 use crate::scene::Scene;
+use haltere_core::measure::AnchorId;
+use haltere_log::replay::{Demand, Verdict};
+use haltere_model::random::Stream;
 
 /// Place of a statistic.
 fn place(name: &str) -> usize {

@@ -1,10 +1,10 @@
 //! The catalogue: names of the list, flights to their end, inside any room.
 
 use super::*;
-use crate::lockstep::{Lockstep, fly};
-use crate::mission_file::MissionFile;
 use crate::missions::wire;
-use crate::model::effects::ALL;
+use haltere_model::effects::ALL;
+use haltere_model::lockstep::{Lockstep, fly};
+use haltere_pilot::mission_file::MissionFile;
 use rayon::prelude::*;
 
 #[test]

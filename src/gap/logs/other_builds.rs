@@ -9,14 +9,14 @@ use haltere_dialect::mav_stream::{MavSplitter, encode};
 use rayon::prelude::*;
 
 use super::*;
-use crate::frames::{B, E, Rot, wrap_pi_rad};
-use crate::lockstep::{HOST_START_US, Lockstep, fly_watched};
 use crate::missions;
-use crate::model::Plant;
-use crate::pilot::{Input, LinkId};
-use crate::record::{BuildIdentity, Decoded, Entry, RawInput, Recorder, Session};
-use crate::time::HostTime;
-use crate::topics::ControlRecord;
+use haltere_core::frames::{B, E, Rot, wrap_pi_rad};
+use haltere_core::time::HostTime;
+use haltere_core::topics::ControlRecord;
+use haltere_log::record::{BuildIdentity, Decoded, Entry, RawInput, Recorder, Session};
+use haltere_model::Plant;
+use haltere_model::lockstep::{HOST_START_US, Lockstep, fly_watched};
+use haltere_pilot::{Input, LinkId};
 
 /// A flight of a box, recorded by this build: once for all tests here.
 fn flight() -> &'static LogReader {

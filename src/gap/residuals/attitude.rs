@@ -3,9 +3,9 @@
 //! minus the change of the board's attitude, rad/s.
 
 use super::{Channel, FINE, Flight, Sheet};
-use crate::model::effects::Block;
 use crate::regress::{Moments, Ridge, autocorrelation, log, moments};
 use crate::timeline::STEP_S;
+use haltere_model::effects::Block;
 
 /// Noise of a row, rad, as a correlated one.
 const ROW_STD: f64 = 0.05;

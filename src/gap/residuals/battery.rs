@@ -2,8 +2,8 @@
 //! CUR: current minus that of the nominal flap rate, A.
 
 use super::{Channel, Flight, Sheet};
-use crate::model::effects::Block;
 use crate::regress::{Ridge, log, moments};
+use haltere_model::effects::Block;
 
 /// Ampere seconds in a milliampere hour.
 const AS_PER_MAH: f64 = 3.6;

@@ -2,8 +2,8 @@
 //! that reconciles it with UWB. HEIGHT: air pressure against the smoother.
 
 use super::{Channel, Flight, Sheet};
-use crate::model::effects::Block;
 use crate::regress::{Ridge, log, moments};
+use haltere_model::effects::Block;
 
 /// Pascal per metre of air at the ground.
 const PA_PER_M: f64 = 12.0;

@@ -8,8 +8,8 @@
 //! The accelerometer's own bias is left in: the channel Bias shows it in another way.
 
 use super::{Channel, Flight, Sheet};
-use crate::model::effects::Block;
 use crate::regress::{Ridge, autocorrelation, log, moments};
+use haltere_model::effects::Block;
 use nalgebra::Vector3;
 
 /// Noise of a row, m/s², as a correlated one.

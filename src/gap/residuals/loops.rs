@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 
 use super::{Channel, Flight, Sheet};
-use crate::model::effects::Block;
 use crate::regress::{Ridge, log, moments};
+use haltere_model::effects::Block;
 
 /// Writes the statistics; `None` lists them.
 pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {

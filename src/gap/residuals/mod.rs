@@ -15,9 +15,9 @@ use super::nominal::{Nominal, RESPONSE_STEP_S};
 use super::smoother::{Gains, GridTdoa, Smoothed, grid_tdoa, smooth};
 use super::timeline::{NotObservable, STEP_S, Timeline};
 use super::trace::Trace;
-use crate::frames::G_MPS2;
-use crate::measure::AnchorId;
-use crate::model::effects::Block;
+use haltere_core::frames::G_MPS2;
+use haltere_core::measure::AnchorId;
+use haltere_model::effects::Block;
 
 /// What a residual is of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
@@ -254,7 +254,7 @@ fn fine_setpoints(trace: &Trace, line: &Timeline) -> [Vec<f64>; 3] {
             i += 1;
         }
         let c = &trace.controls[i];
-        yaw += crate::frames::wrap_pi_rad(c.yaw_rad - c.yaw_board_offset_rad - yaw);
+        yaw += haltere_core::frames::wrap_pi_rad(c.yaw_rad - c.yaw_board_offset_rad - yaw);
         out[0].push(c.roll_rad);
         out[1].push(c.pitch_rad);
         out[2].push(yaw);

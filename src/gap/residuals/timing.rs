@@ -1,8 +1,8 @@
 //! TIM: rates, gaps and delays of the streams, and losses that the pilot counted.
 
 use super::{Channel, Flight, Sheet};
-use crate::model::effects::Block;
 use crate::regress::{log, moments};
+use haltere_model::effects::Block;
 
 /// A pause of the IMU that is a gap, s: five samples of 250 Hz.
 const GAP_S: f64 = 0.02;
@@ -24,7 +24,7 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         let t = f.trace;
         // Of the flight alone: how long the vehicle stood before and after is nobody's effect.
         let span = |first: usize, last: usize| first.min(last)..last;
-        let before = |at: crate::time::HostTime| at < f.line.start;
+        let before = |at: haltere_core::time::HostTime| at < f.line.start;
         let end = f.line.start.offset_us((f.line.t_s[f.len() - 1] * 1e6) as i64);
         let imu_all = &t.imu[span(
             t.imu.partition_point(|s| before(s.received_at)),

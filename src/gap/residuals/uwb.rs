@@ -8,11 +8,11 @@
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{Channel, Flight, Sheet};
-use crate::measure::AnchorId;
-use crate::model::effects::Block;
 use crate::regress::{Ridge, cholesky_solve, log, moments};
 use crate::smoother::model;
 use crate::timeline::STEP_S;
+use haltere_core::measure::AnchorId;
+use haltere_model::effects::Block;
 
 /// Points of the grid in a window of free position: 0.48 s.
 const WINDOW: usize = 12;
@@ -407,13 +407,13 @@ fn noise(f: Option<(&Flight<'_>, &Rows)>, sheet: &mut Sheet) {
         let worst = shares.last().copied().unwrap_or(f64::NAN);
         let bursts = shares.iter().filter(|s| **s > 0.1).count() as f64;
         // Of the flight alone, as the TDOA on the grid are.
-        let flown = |r: &&crate::topics::UwbRecord| f.line.place(r.tdoa.valid_at).is_some();
+        let flown = |r: &&haltere_core::topics::UwbRecord| f.line.place(r.tdoa.valid_at).is_some();
         let fused = f.trace.uwb.iter().filter(flown).filter(|r| r.fused).count() as f64;
         // In the air: how long it stood on the floor before, where nothing moves, is no effect.
-        let clear = |r: &&crate::topics::UwbRecord| {
+        let clear = |r: &&haltere_core::topics::UwbRecord| {
             f.line.place(r.tdoa.valid_at).is_some_and(|p| f.clear[p.0])
         };
-        let nis = |r: &crate::topics::UwbRecord| {
+        let nis = |r: &haltere_core::topics::UwbRecord| {
             log((r.innovation_m.powi(2) / r.var_innovation_m2.max(1e-9)).min(50.0) + 0.1)
         };
         let nis: Vec<f64> = f.trace.uwb.iter().filter(clear).step_by(4).map(nis).collect();

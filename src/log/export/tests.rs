@@ -6,13 +6,13 @@ use ::parquet::file::reader::{FileReader as _, SerializedFileReader};
 use ::parquet::record::RowAccessor as _;
 
 use super::*;
-use crate::frames::Vec3;
-use crate::measure::{AnchorId, BatterySample};
-use crate::pilot::{Input, LinkId};
 use crate::record::{Recorder, Session};
-use crate::survey::Survey;
-use crate::time::HostTime;
-use crate::topics::{ModeRecord, Topic};
+use haltere_core::frames::Vec3;
+use haltere_core::measure::{AnchorId, BatterySample};
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+use haltere_core::topics::{ModeRecord, Topic};
+use haltere_pilot::{Input, LinkId};
 
 const START_US: u64 = 5_000_000;
 const UNIX_US: i64 = 1_700_000_000_000_000;

@@ -6,8 +6,8 @@ use std::io::{self, Write};
 
 use haltere_dialect::mav_stream::MavSplitter;
 
-use crate::pilot::LinkId;
 use crate::record::{Entry, LogReader, RawInput};
+use haltere_pilot::LinkId;
 
 /// What a link carried.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -21,7 +21,9 @@ use nalgebra::UnitQuaternion;
 
 use super::bounded::Bounded;
 use super::recording::{Error, Recording, Row, Skipped};
-use crate::frames::{B, E, Rot, Vec3, attitude_from_flu_enu, body_from_flu, earth_from_survey};
+use haltere_core::frames::{
+    B, E, Rot, Vec3, attitude_from_flu_enu, body_from_flu, earth_from_survey,
+};
 
 /// First line.
 const MAGIC: &str = "# haltere-import 1";

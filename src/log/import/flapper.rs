@@ -14,7 +14,9 @@ use flate2::read::GzDecoder;
 
 use super::bounded::Bounded;
 use super::recording::{Error, Recording, Row, Skipped};
-use crate::frames::{B, G_MPS2, Vec3, attitude_from_heading_ccw, body_from_flu, earth_from_survey};
+use haltere_core::frames::{
+    B, G_MPS2, Vec3, attitude_from_heading_ccw, body_from_flu, earth_from_survey,
+};
 
 /// Full scale of the thrust command, counts (README of the recordings).
 const FULL_COUNTS: f64 = 65_535.0;

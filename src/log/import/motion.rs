@@ -11,7 +11,7 @@
 use nalgebra::{Matrix4, Matrix4x3, Quaternion, UnitQuaternion, Vector4};
 
 use super::recording::{Recording, Row};
-use crate::frames::{B, E, Rot, Vec3, gravity_E_mps2};
+use haltere_core::frames::{B, E, Rot, Vec3, gravity_E_mps2};
 
 /// Half of the window of the cubic, s.
 const HALF_WINDOW_S: f64 = 0.15;
@@ -159,7 +159,7 @@ fn mean_attitude(rows: &[Row]) -> Rot<E, B> {
 mod tests {
     use super::super::recording::Skipped;
     use super::*;
-    use crate::frames::G_MPS2;
+    use haltere_core::frames::G_MPS2;
 
     #[test]
     fn prop_a_banked_circle_is_balanced_by_thrust_alone() {

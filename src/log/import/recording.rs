@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::frames::{B, E, Rot, Vec3};
+use haltere_core::frames::{B, E, Rot, Vec3};
 
 /// What can go wrong with a recording.
 #[derive(Debug, thiserror::Error)]

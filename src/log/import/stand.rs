@@ -10,7 +10,7 @@ use std::path::Path;
 
 use super::bounded::Bounded;
 use super::recording::Error;
-use crate::frames::G_MPS2;
+use haltere_core::frames::G_MPS2;
 
 /// Full scale of the command, counts (README of the tables).
 const FULL_COUNTS: f64 = 65_535.0;

@@ -11,12 +11,14 @@ use flate2::read::GzDecoder;
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use super::bounded::Bounded;
-use crate::checks::Problems;
-use crate::estimator::standard_pressure_pa;
-use crate::frames::{B, G_MPS2, Vec3, attitude_from_flu_enu, body_from_flu, earth_from_survey};
-use crate::measure::{AnchorId, BaroSample, ReferencePose, Tdoa};
-use crate::survey::Survey;
-use crate::time::HostTime;
+use haltere_core::checks::Problems;
+use haltere_core::estimator::standard_pressure_pa;
+use haltere_core::frames::{
+    B, G_MPS2, Vec3, attitude_from_flu_enu, body_from_flu, earth_from_survey,
+};
+use haltere_core::measure::{AnchorId, BaroSample, ReferencePose, Tdoa};
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
 
 /// Stamps of the recording begin at 0; ours begin here, so that nothing is before the beginning.
 const FIRST_US: f64 = 1e6;

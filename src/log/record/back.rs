@@ -1,9 +1,9 @@
 //! From the types on disk to those we compute with, as far as more than one reader of logs needs it.
 
 use super::pb;
-use crate::frames::Vec3;
-use crate::time::HostTime;
-use crate::topics::{ControlRecord, Saturation};
+use haltere_core::frames::Vec3;
+use haltere_core::time::HostTime;
+use haltere_core::topics::{ControlRecord, Saturation};
 
 /// A control step out of its disk form.
 pub fn control(m: &pb::Control) -> ControlRecord {

@@ -5,9 +5,9 @@ use prost::Message as _;
 use super::convert::decoded_from_topic;
 use super::pb;
 use super::recorder::GlueState;
-use crate::pilot::LinkId;
-use crate::time::HostTime;
-use crate::topics::Topic;
+use haltere_core::time::HostTime;
+use haltere_core::topics::Topic;
+use haltere_pilot::LinkId;
 
 /// Name of the channel of raw input of a link.
 pub(super) fn input_channel(link: LinkId) -> String {

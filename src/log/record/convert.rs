@@ -2,10 +2,10 @@
 
 use super::channels::Decoded;
 use super::pb;
-use crate::drops::Drops;
-use crate::estimate;
-use crate::frames::{B, E, Rot, Vec3};
-use crate::topics::Topic;
+use haltere_core::drops::Drops;
+use haltere_core::estimate;
+use haltere_core::frames::{B, E, Rot, Vec3};
+use haltere_core::topics::Topic;
 
 /// The disk form of a topic.
 pub(super) fn decoded_from_topic(topic: &Topic) -> Decoded {

@@ -11,11 +11,11 @@ use thiserror::Error;
 use super::channels::{self, Decoded};
 use super::pb;
 use super::session::Session;
-use crate::checks::schema::NotReadable;
-use crate::drops::DropReason;
-use crate::pilot::services::FileFault;
-use crate::pilot::{Input, LinkId};
-use crate::time::HostTime;
+use haltere_core::checks::schema::NotReadable;
+use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
+use haltere_pilot::services::FileFault;
+use haltere_pilot::{Input, LinkId};
 
 /// Opcode and length before each record.
 const RECORD_HEAD_BYTES: usize = 9;

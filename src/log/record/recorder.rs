@@ -19,10 +19,10 @@ use super::convert::decoded_from_topic;
 use super::pb;
 use super::session::Session;
 use super::writer::{LogWriter, RecordError};
-use crate::drops::DropReason;
-use crate::pilot::{Input, LinkId};
-use crate::time::HostTime;
-use crate::topics::Topic;
+use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
+use haltere_core::topics::Topic;
+use haltere_pilot::{Input, LinkId};
 
 /// Batches that may wait for the disk. With [`BATCH_ENTRIES`] entries each and some 1500 entries/s
 /// this rides out a stall of the disk of about 20 s, in about 5 MB.

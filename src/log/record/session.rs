@@ -3,12 +3,12 @@
 use super::convert::vec3;
 use super::identity::BuildIdentity;
 use super::pb;
-use crate::checks::Problems;
-use crate::checks::schema::{NotReadable, Schema};
-use crate::frames::Vec3;
-use crate::measure::AnchorId;
-use crate::survey::Survey;
-use crate::time::HostTime;
+use haltere_core::checks::Problems;
+use haltere_core::checks::schema::{NotReadable, Schema};
+use haltere_core::frames::Vec3;
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
 
 /// What a replay needs before the first input.
 #[derive(Debug, Clone, PartialEq)]

@@ -8,19 +8,19 @@ use std::sync::{Arc, Mutex};
 use super::convert::decoded_from_topic;
 use super::writer::LogWriter;
 use super::*;
-use crate::drops::{DropReason, Drops};
-use crate::estimate::{Estimate, Health};
-use crate::frames::{B, E, Rot, Vec3};
-use crate::measure::{
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::estimate::{Estimate, Health};
+use haltere_core::frames::{B, E, Rot, Vec3};
+use haltere_core::measure::{
     AnchorId, BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery,
     ReferencePose, ServoOutput, Tdoa,
 };
-use crate::pilot::LinkId;
-use crate::survey::Survey;
-use crate::time::HostTime;
-use crate::topics::{
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+use haltere_core::topics::{
     ControlRecord, HealthRecord, ModeRecord, Saturation, ShadowRecord, TextRecord, Topic, UwbRecord,
 };
+use haltere_pilot::LinkId;
 
 pub(crate) fn session() -> Session {
     let anchors: Vec<_> = (0..8u8)
@@ -163,7 +163,7 @@ fn script(recorder: &mut Recorder, cycles: u64) -> Vec<Entry> {
             RawInput::File { ticket: 7, fault: None, bytes: vec![1, 2, 3] },
             RawInput::File {
                 ticket: 8,
-                fault: Some(crate::pilot::services::FileFault::NotFound),
+                fault: Some(haltere_pilot::services::FileFault::NotFound),
                 bytes: vec![],
             },
             RawInput::Wake,
@@ -407,7 +407,7 @@ fn prop_other_files_are_refused_with_place_and_way_out() {
 
 #[test]
 fn prop_the_log_of_a_newer_build_is_refused_with_the_way_out() {
-    let newest = crate::checks::schema::Schema::LOG.newest();
+    let newest = haltere_core::checks::schema::Schema::LOG.newest();
     let of_version = |schema_version: u32| {
         let head = pb::Session { schema_version, ..session().message() };
         let mut log = mcap::WriteOptions::new()
@@ -503,7 +503,7 @@ fn prop_an_overflow_is_a_hole_in_the_log() {
     let wake = |recorder: &mut Recorder, from: u64, to: u64| {
         for i in from..to {
             let at = HostTime::from_us(5_000_000 + i * 10_000);
-            recorder.input(at, crate::pilot::Input::Wake);
+            recorder.input(at, haltere_pilot::Input::Wake);
             recorder.commit(at);
         }
     };
@@ -555,13 +555,13 @@ fn prop_what_waits_for_a_stalled_disk_is_bounded_in_bytes_too() {
     // Room for more batches than memory could hold.
     let mut recorder = Recorder::spawn(log, 100_000).unwrap();
     let at = |i: u64| HostTime::from_us(5_000_000 + i * 30_000);
-    recorder.input(at(0), crate::pilot::Input::Wake);
+    recorder.input(at(0), haltere_pilot::Input::Wake);
     recorder.commit(at(0));
     stalled.recv().unwrap();
     let flood = vec![7; 1 << 20];
     for i in 1..200 {
-        let link = crate::pilot::LinkId::Ground(0);
-        recorder.input(at(i), crate::pilot::Input::Bytes { link, bytes: &flood });
+        let link = haltere_pilot::LinkId::Ground(0);
+        recorder.input(at(i), haltere_pilot::Input::Bytes { link, bytes: &flood });
         recorder.commit(at(i));
         recorder.commit(at(i + 1));
     }

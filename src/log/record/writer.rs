@@ -19,8 +19,8 @@ use super::channels::{self, Decoded};
 use super::names::create_log;
 use super::pb;
 use super::session::Session;
-use crate::pilot::LinkId;
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_pilot::LinkId;
 
 /// A chunk ends with the record that reaches this, bytes: some seconds of a flight.
 const CHUNK_BYTES: usize = 1 << 20;

@@ -3,9 +3,9 @@
 //! A core of another build may act otherwise on the same inputs: refuse to arm, or land. Its filter must be told
 //! all the same that the vehicle flew, since its inputs are those of the flight that took place.
 
-use crate::pilot::Mode;
 use crate::record::{Decoded, Entry, LogReader};
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_pilot::Mode;
 
 /// Changes of mode as the log has them. Empty: the core is left to itself.
 #[derive(Debug, Default)]

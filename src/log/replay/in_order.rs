@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use super::compare::{Agreement, compare, without_signatures};
-use crate::pilot::LinkId;
+use haltere_pilot::LinkId;
 
 /// Replayed and recorded, first in, first out over all links.
 #[derive(Debug, Default)]

@@ -5,9 +5,9 @@
 
 use haltere_dialect::mav_stream::MavSplitter;
 
-use crate::pilot::LinkId;
 use crate::record::{Decoded, Entry, RawInput, pb};
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_pilot::LinkId;
 
 /// An input that is stamped so much later than the wake-up behind it does not belong there, µs: the clock is read
 /// for both within a millisecond.

@@ -26,12 +26,12 @@ use self::in_order::InOrder;
 use self::inputs::Inputs;
 use self::setpoints::Setpoints;
 use self::traffic::Traffic;
-use crate::checks::Problems;
-use crate::pilot::{LinkId, Mission, Pilot};
 use crate::record::{BuildIdentity, Entry, LogEnd, LogError, LogReader, RawInput, pb};
-use crate::settings::Config;
-use crate::time::HostTime;
-use crate::topics::Topic;
+use haltere_core::checks::Problems;
+use haltere_core::time::HostTime;
+use haltere_core::topics::Topic;
+use haltere_pilot::settings::Config;
+use haltere_pilot::{LinkId, Mission, Pilot};
 
 pub use compare::TOLERANCE;
 pub use parameters::{ParameterChange, changed_parameters};

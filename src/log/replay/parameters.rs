@@ -9,10 +9,10 @@ use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream::MavSplitter;
 
 use super::recorded_config;
-use crate::pilot::LinkId;
-use crate::pilot::services::find_parameter;
 use crate::record::{Entry, LogReader};
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_pilot::LinkId;
+use haltere_pilot::services::find_parameter;
 
 /// A change.
 #[derive(Debug, Clone, PartialEq)]

@@ -10,9 +10,9 @@ use haltere_dialect::mav_stream::MavSplitter;
 use serde::Serialize;
 
 use super::compare::{TOLERANCE, without_signatures};
-use crate::frames::{B, E, Rot};
-use crate::pilot::LinkId;
-use crate::time::HostTime;
+use haltere_core::frames::{B, E, Rot};
+use haltere_core::time::HostTime;
+use haltere_pilot::LinkId;
 
 /// A setpoint as it went to the board.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,11 +3,11 @@
 use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavMessage};
 
 use super::*;
-use crate::frames::Vec3;
-use crate::measure::AnchorId;
-use crate::pilot::Input;
 use crate::record::{Recorder, Session};
-use crate::survey::Survey;
+use haltere_core::frames::Vec3;
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
+use haltere_pilot::Input;
 
 fn survey() -> Survey {
     let anchors: Vec<_> = (0..8u8)

@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use super::compare::{Agreement, TOLERANCE, compare_messages, without_signatures};
 use super::setpoints::Odd;
-use crate::pilot::LinkId;
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_pilot::LinkId;
 
 /// The same message sent so much earlier or later is the same message, µs: streams of 1 Hz may shift by their period.
 const WINDOW_US: i64 = 1_000_000;

@@ -18,9 +18,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::board::BoardSettings;
 use crate::effects::{STEP_S, Setpoint};
-use crate::frames::G_MPS2;
 use crate::vehicle::Vehicle;
 use crate::wings::{ActuatorCommand, flap_target_hz};
+use haltere_core::frames::G_MPS2;
 
 /// Largest attitude error that the loops act on, rad, per axis: full authority, no more.
 const ERROR_LIMIT_RAD: Vector3<f64> = Vector3::new(0.6, 0.6, 0.4);

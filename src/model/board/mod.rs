@@ -23,12 +23,12 @@ use haltere_dialect::mav_stream::MavSplitter;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::checks::Problems;
 use crate::effects::{AttitudeError, Bank, ImuReading, STEP_S, Setpoint, State, Supply};
 use crate::faults::Fault;
 use crate::magnetometer::MagnetometerSettings;
 use crate::vehicle::Vehicle;
 use crate::wings::ActuatorCommand;
+use haltere_core::checks::Problems;
 
 use last_second::LastSecond;
 

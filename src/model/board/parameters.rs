@@ -3,7 +3,7 @@
 use haltere_dialect::mav::haltere::{MavParamType, PARAM_VALUE_DATA};
 
 use crate::board::firmware::{Firmware, Overrides};
-use crate::checks::Problems;
+use haltere_core::checks::Problems;
 
 /// A parameter: name, default, whether it is an integer.
 type Default = (&'static str, f64, bool);

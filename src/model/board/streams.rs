@@ -10,7 +10,7 @@ use haltere_dialect::mav_stream;
 
 use crate::board::{Board, Firmware, Readings};
 use crate::effects::STEP_S;
-use crate::frames::G_MPS2;
+use haltere_core::frames::G_MPS2;
 
 /// MAVLink component of the board.
 pub(super) const COMPONENT: u8 = 1;

@@ -3,7 +3,6 @@
 use nalgebra::Vector3;
 
 use crate::board::BoardSettings;
-use crate::checks::Problems;
 use crate::effects::{
     AttitudeError, Build, Delivery, Effect, EffectSet, EffectSpec, ImuReading, STAGES, Setpoint,
     Source, Stage, State, Supply,
@@ -13,6 +12,7 @@ use crate::room::Room;
 use crate::tag::air::Packet;
 use crate::vehicle::Vehicle;
 use crate::wings::{Actuation, ActuatorCommand, Wrench};
+use haltere_core::checks::Problems;
 
 /// Active effects.
 pub struct Bank {

@@ -14,7 +14,7 @@ use std::f64::consts::{SQRT_2, TAU};
 
 use nalgebra::Vector3;
 
-use crate::frames::G_MPS2;
+use haltere_core::frames::G_MPS2;
 use crate::effects::{
     Block, Build, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
 };

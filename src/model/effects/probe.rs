@@ -3,11 +3,11 @@
 use nalgebra::Vector3;
 
 use crate::effects::{Build, Effect, EffectSpec, State};
-use crate::frames::G_MPS2;
 use crate::random::Stream;
 use crate::room::Room;
 use crate::tag::air::Packet;
 use crate::vehicle::Vehicle;
+use haltere_core::frames::G_MPS2;
 
 /// The effect with its defaults, overridden by name.
 pub fn build(spec: &EffectSpec, given: &[(&str, f64)]) -> Box<dyn Effect> {

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::checks::Problems;
 use crate::effects::{ALL, EffectSpec, Role};
+use haltere_core::checks::Problems;
 
 /// A value may leave its plausible range by this many times the width of the range: severities
 /// beyond the plausible are wanted in tests, slips of the unit are not.

@@ -16,7 +16,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     source: "GAP.md 3.1",
     equation: "T -> T + ½ W ε (r² - 1)",
     build: |b| {
-        let weight_n = b.nominal.body.mass_kg * crate::frames::G_MPS2;
+        let weight_n = b.nominal.body.mass_kg * haltere_core::frames::G_MPS2;
         Box::new(ThrustExpo {
             gain_n: 0.5 * weight_n * b.value[0],
             inverse_hover_hz: 1.0 / b.nominal.hover_hz(),

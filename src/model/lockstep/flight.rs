@@ -5,9 +5,9 @@ use haltere_dialect::mav::haltere::{
 };
 
 use crate::Truth;
-use crate::estimate::Estimate;
-use crate::pilot::{Mission, Mode};
-use crate::topics::ControlRecord;
+use haltere_core::estimate::Estimate;
+use haltere_core::topics::ControlRecord;
+use haltere_pilot::{Mission, Mode};
 
 use super::{Ground, Lockstep, World};
 

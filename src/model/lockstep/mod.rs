@@ -20,12 +20,12 @@ pub use flight::{
 pub use ground::Ground;
 pub use world::World;
 
-use crate::checks::Problems;
-use crate::pilot::services::{FileFault, FileRequest, FileTask};
-use crate::pilot::{Input, LinkId, Pilot, PilotConfig};
-use crate::survey::Survey;
-use crate::time::HostTime;
 use crate::{Plant, PlantConfig, Truth};
+use haltere_core::checks::Problems;
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+use haltere_pilot::services::{FileFault, FileRequest, FileTask};
+use haltere_pilot::{Input, LinkId, Pilot, PilotConfig};
 
 /// Step of the plant, µs: its 500 Hz.
 pub const STEP_US: u64 = 2_000;

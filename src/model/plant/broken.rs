@@ -2,10 +2,10 @@
 
 use super::Plant;
 use super::second_board::SecondBoard;
-use crate::checks::Problems;
 use crate::faults::{Fault, FaultKind, LineId, SensorFault};
 use crate::gust::Gust;
 use crate::tag::MOST_REPLAY_S;
+use haltere_core::checks::Problems;
 
 /// Parts that may be broken.
 pub(super) struct Broken {

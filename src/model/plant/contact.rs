@@ -130,7 +130,7 @@ mod tests {
     use super::super::Plant;
     use super::super::rig::Rig;
     use crate::effects::EffectSet;
-    use crate::frames::G_MPS2;
+    use haltere_core::frames::G_MPS2;
 
     /// A vehicle without thrust, let go at a lean.
     fn dropped(roll_rad: f64, pitch_rad: f64, height_m: f64) -> Plant {

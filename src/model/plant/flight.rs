@@ -6,9 +6,9 @@ use super::contact::PARTS;
 use super::{Plant, STEP_US};
 use crate::effects::STEP_S;
 use crate::faults::FaultKind;
-use crate::frames::G_MPS2;
 use crate::vehicle::Servo;
 use crate::wings::{Actuation, Wrench, flap_target_hz, thrust_wrench, wing_thrust_n};
+use haltere_core::frames::G_MPS2;
 
 /// Friction of the landing gear on the floor. Assumed: rubber on wood.
 pub(super) const FRICTION: f64 = 0.6;

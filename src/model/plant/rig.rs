@@ -8,11 +8,11 @@ use haltere_dialect::mav_stream::{MavSplitter, encode};
 use nalgebra::Vector3;
 
 use crate::effects::EffectSet;
-use crate::frames::{B, E, Rot, Vec3};
-use crate::measure::AnchorId;
 use crate::plant::{Plant, PlantConfig};
-use crate::survey::Survey;
 use crate::truth::Truth;
+use haltere_core::frames::{B, E, Rot, Vec3};
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
 
 /// Anchors in the corners of the hall.
 pub fn survey() -> Survey {

@@ -8,9 +8,9 @@ use super::FLOOR_PRESSURE_PA;
 use crate::board::{Board, BoardSettings, Readings};
 use crate::effects::{ImuReading, State, Supply};
 use crate::faults::SecondVoice;
-use crate::frames::G_MPS2;
 use crate::random::Stream;
 use crate::vehicle::Vehicle;
+use haltere_core::frames::G_MPS2;
 
 /// Noise of its accelerometer and its gyroscope at rest, m/s² and rad/s. Assumed: cheap MEMS parts, motors off.
 const STD_ACC_MPS2: f64 = 0.05;

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::rig::{Rig, hold};
 use crate::effects::EffectSet;
 use crate::faults::{Fault, FaultKind};
-use crate::frames::G_MPS2;
+use haltere_core::frames::G_MPS2;
 
 fn place() -> Vector3<f64> {
     Vector3::new(5.0, 5.0, -1.5)

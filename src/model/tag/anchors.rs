@@ -3,12 +3,12 @@
 use haltere_dialect::lps::{TICK_M, tdoa2, tdoa3};
 use nalgebra::Vector3;
 
-use crate::checks::Problems;
 use crate::effects::{Bank, State};
 use crate::random::Stream;
 use crate::tag::air::{MAX_ANCHORS, Packet};
 use crate::tag::clock::{Clock, TICKS_PER_US, Ticks};
 use crate::tag::{Reception, TagProtocol};
+use haltere_core::checks::Problems;
 
 /// Slot of TDoA2, ticks of the first anchor's clock (INTERFACES.md).
 const SLOT_TICKS: i64 = 1 << 27;

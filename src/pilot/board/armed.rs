@@ -3,7 +3,7 @@
 //! Setpoints that stop are a fall: one heartbeat that says disarmed, a damaged or a stranger's one, must not
 //! end them. A person's kill switch must: it says so again a second later.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// Two heartbeats that say disarmed count when they are so far apart, s: half of the interval of a heartbeat at
 /// 1 Hz, and more than what a wire can repeat.

@@ -11,7 +11,7 @@
 
 use haltere_dialect::mav::haltere::MavResult;
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::Firmware;
 

@@ -8,7 +8,7 @@ use haltere_dialect::mav::haltere::{
     MavMessage, MavParamType, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA,
 };
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::encoding::Encoding;
 use super::rules::{Rule, Weight};

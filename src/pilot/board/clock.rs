@@ -5,7 +5,7 @@
 //! trip. Round trips that are slow against the fastest recent one are not used: their error is
 //! one-sided queueing.
 
-use crate::time::{FcTime, HostTime};
+use haltere_core::time::{FcTime, HostTime};
 
 /// Round trips kept to know the fastest recent one.
 const WINDOW: usize = 32;

@@ -3,7 +3,7 @@
 //! Both firmwares drop setpoints silently in any other mode, so only `HEARTBEAT.custom_mode` counts,
 //! never the acknowledgement of a mode command.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::profile::ControlMode;
 

@@ -1,7 +1,7 @@
 //! Words for PX4's events, which travel as numbers: an event's number is a hash of its name, so the names that
 //! matter to a companion are enough. What is not among them is told by its number.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// Component of the autopilot, in the highest byte of the number.
 const AUTOPILOT: u32 = 1 << 24;

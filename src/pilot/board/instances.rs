@@ -5,7 +5,7 @@
 
 use haltere_dialect::mav::haltere::MavBatteryFunction as Function;
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// A device that was silent for longer is not there, s: batteries come at 2 Hz or more.
 const SILENT_S: f64 = 2.0;

@@ -8,7 +8,7 @@
 //! Half of what the two directions differ by is in the clock's offset and so in the ages: round trips alone say
 //! what the sum is, and a link that was late in one direction from its beginning is known by them.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// A link that takes longer than this there and back is late, s. The loops lose their phase at 0.15 s more
 /// than they have (`control::margins`: 54 deg at 6.2 rad/s, vertical, full battery); 80 ms towards the board

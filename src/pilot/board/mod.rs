@@ -32,9 +32,9 @@ use haltere_dialect::mav::haltere::{
 };
 use haltere_dialect::mav_stream::{HeartbeatFields, MavFrame, heartbeat_fields};
 
-use crate::drops::{DropReason, Drops};
-use crate::frames::{B, E, Rot};
-use crate::time::HostTime;
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::frames::{B, E, Rot};
+use haltere_core::time::HostTime;
 
 use super::LinkId;
 use super::config::BoardProfile;

@@ -2,7 +2,7 @@
 
 use haltere_dialect::mav::haltere::MavResult;
 
-use crate::measure::{
+use haltere_core::measure::{
     BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ReferencePose,
     ServoOutput,
 };

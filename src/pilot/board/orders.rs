@@ -5,8 +5,8 @@ use haltere_dialect::mav::haltere::{
     COMMAND_LONG_DATA, MavCmd, MavMessage, SET_ATTITUDE_TARGET_DATA,
 };
 
-use crate::frames::{B, E, Rot};
-use crate::time::HostTime;
+use haltere_core::frames::{B, E, Rot};
+use haltere_core::time::HostTime;
 
 use super::arming::{Seen, Send};
 use super::{BOARD_COMPONENT, BoardLink, BoardNews, Firmware, report};

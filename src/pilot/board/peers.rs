@@ -8,7 +8,7 @@ use core::net::SocketAddr;
 
 use haltere_dialect::mav_stream::{MavFrame, MavSplitter};
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// An address that was silent for so long does not speak any more, s: below the time-out of every board for
 /// setpoints (0.3 to 1 s), which still go to the old address.

@@ -14,8 +14,8 @@
 
 use std::collections::VecDeque;
 
-use crate::frames::{B, E, Rot};
-use crate::time::HostTime;
+use haltere_core::frames::{B, E, Rot};
+use haltere_core::time::HostTime;
 
 /// Step of the grid, µs, and its points.
 const STEP_US: i64 = 20_000;

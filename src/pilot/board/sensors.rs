@@ -5,12 +5,12 @@ use haltere_dialect::mav::haltere::{
     SERVO_OUTPUT_RAW_DATA,
 };
 
-use crate::drops::{DropReason, Drops};
-use crate::frames::{B, E, G_MPS2, Rot, Vec3};
-use crate::measure::{
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::frames::{B, E, G_MPS2, Rot, Vec3};
+use haltere_core::measure::{
     BaroSample, BatterySample, BoardAttitude, ImuSample, MagSample, OtherBattery, ServoOutput,
 };
-use crate::time::{FcTime, HostTime};
+use haltere_core::time::{FcTime, HostTime};
 
 use super::super::reference;
 use super::instances::{Kind, battery_rank};

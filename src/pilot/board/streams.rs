@@ -4,7 +4,7 @@
 //! reboot forgets all of them). A refused rate leaves the old one in force, so the next lower one is
 //! asked for, then the next message that can carry the same.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::Firmware;
 

@@ -6,8 +6,8 @@
 
 use std::collections::VecDeque;
 
-use crate::frames::{B, E, Rot};
-use crate::time::HostTime;
+use haltere_core::frames::{B, E, Rot};
+use haltere_core::time::HostTime;
 
 /// A target may stem from a setpoint that was sent within this time, s: link, loop, stream, link.
 const WINDOW_S: f64 = 0.5;

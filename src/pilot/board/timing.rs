@@ -2,8 +2,8 @@
 
 use haltere_dialect::mav::haltere::{MavMessage, TIMESYNC_DATA};
 
-use crate::drops::{DropReason, Drops};
-use crate::time::{FcTime, HostTime};
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::time::{FcTime, HostTime};
 
 use super::{BOARD_COMPONENT, BoardLink, BoardNews, SECOND_US};
 use crate::LinkId;

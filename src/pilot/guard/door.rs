@@ -10,8 +10,8 @@ use haltere_dialect::signing::{KEY_BYTES, SigningKey};
 
 use super::rate::Bucket;
 use super::{KeyRing, KeySetup, RateLimit, Signing, Standing};
-use crate::drops::{DropReason, Drops};
-use crate::time::HostTime;
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::time::HostTime;
 
 /// SETUP_SIGNING, and where its fields stand: initial_timestamp (8), target system, target component,
 /// key. By id, not by name: it must not pass, whatever else is in it.

@@ -1,6 +1,6 @@
 //! How much one link may bring in: a bucket that fills with time.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// The bucket holds what this time brings, s: a burst that long passes whole.
 const DEPTH_S: f64 = 1.0;

@@ -8,7 +8,7 @@
 use haltere_dialect::mav_stream::MavFrame;
 use haltere_dialect::signing::{self, SigningKey, TIMESTAMPS_PER_S};
 
-use crate::drops::DropReason;
+use haltere_core::drops::DropReason;
 
 /// How far a stream that is new may be behind us, in timestamps of 10 µs (MAVLink guide).
 pub const MINUTE: u64 = 60 * TIMESTAMPS_PER_S;

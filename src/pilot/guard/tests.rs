@@ -8,8 +8,8 @@ use haltere_dialect::signing::{self, SigningKey};
 
 use super::ring::MOST_STREAMS;
 use super::*;
-use crate::drops::{DropReason, Drops};
-use crate::time::HostTime;
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::time::HostTime;
 
 /// 2026-11-22 06:00 UTC, µs since 1970.
 const NOW: i64 = 1_795_327_200_000_000;

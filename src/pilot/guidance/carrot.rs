@@ -1,6 +1,6 @@
 //! The carrot: the point that the position loop is asked for, on its way along a leg.
 
-use crate::frames::{E, Vec3};
+use haltere_core::frames::{E, Vec3};
 
 /// A setpoint that moves along a straight leg with limited speed and acceleration.
 #[derive(Debug, Clone, Copy)]

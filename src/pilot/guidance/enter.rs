@@ -1,11 +1,11 @@
 //! What a mode begins with: where the carrot is put, and which leg it starts on.
 
 use super::{Carrot, Guidance};
-use crate::estimate::Estimate;
-use crate::frames::Vec3;
 use crate::modes::Mode;
 use crate::services::fence::Fence;
-use crate::time::HostTime;
+use haltere_core::estimate::Estimate;
+use haltere_core::frames::Vec3;
+use haltere_core::time::HostTime;
 
 impl Guidance {
     /// Called once when a mode begins.

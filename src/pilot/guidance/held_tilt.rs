@@ -1,10 +1,10 @@
 //! An angle step within a mission: a tilt is held in place of what the position loop wants.
 
 use super::{Carrot, Guidance, News, Now};
-use crate::control::{AxisCommand, Command, HeldTilt, TiltAxis};
-use crate::estimate::Estimate;
-use crate::frames::Vec3;
 use crate::tilt_step::{Progress, TiltRun, TiltStep};
+use haltere_core::control::{AxisCommand, Command, HeldTilt, TiltAxis};
+use haltere_core::estimate::Estimate;
+use haltere_core::frames::Vec3;
 
 impl Guidance {
     /// The command of a held tilt: along its axis the vehicle goes as it goes, across it the line is

@@ -1,9 +1,9 @@
 //! The item of the mission that is in force: what it asks for, and when it is done.
 
 use super::{Carrot, Guidance, News, Now};
-use crate::frames::{E, Vec3, wrap_pi_rad};
 use crate::mission::{Mission, MissionItem};
 use crate::modes::Event;
+use haltere_core::frames::{E, Vec3, wrap_pi_rad};
 
 /// Voltage must be below the one that is waited for this long, s: as for an empty battery.
 const VOLTAGE_FOR_S: f64 = 2.0;

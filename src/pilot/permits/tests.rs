@@ -8,10 +8,10 @@ use haltere_dialect::mav::haltere::{
 use haltere_dialect::mav_stream::MavSplitter;
 
 use super::*;
-use crate::frames::Vec3;
-use crate::measure::AnchorId;
-use crate::survey::Survey;
 use crate::{Endpoint, Input, PilotConfig};
+use haltere_core::frames::Vec3;
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
 
 fn id(name: &str) -> [u8; 16] {
     std::array::from_fn(|i| name.as_bytes().get(i).copied().unwrap_or(0))

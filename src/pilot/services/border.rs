@@ -1,11 +1,11 @@
 //! The border to the rest of the core: all that the services take from it, or change in it.
 
-use crate::geo::LocalOrigin;
+use haltere_core::geo::LocalOrigin;
 
 use super::super::endpoint::Identity;
 use super::super::tilt_step::Envelope;
 use super::super::{LinkId, Pilot};
-use crate::control::{Handover, margins};
+use haltere_core::control::{Handover, margins};
 
 impl Pilot {
     /// Where the room lies on Earth.

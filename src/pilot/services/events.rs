@@ -12,8 +12,8 @@ use haltere_dialect::mav::haltere::{
     MavMessage, REQUEST_EVENT_DATA, RESPONSE_EVENT_ERROR_DATA,
 };
 
-use crate::time::HostTime;
-use crate::topics::{TextRecord, Topic};
+use haltere_core::time::HostTime;
+use haltere_core::topics::{TextRecord, Topic};
 
 use super::super::arming::Check;
 use super::super::mission_transfer::Client;

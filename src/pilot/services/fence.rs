@@ -12,8 +12,8 @@
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavMissionResult};
 
-use crate::control::{AxisCommand, Command};
-use crate::estimate::Estimate;
+use haltere_core::control::{AxisCommand, Command};
+use haltere_core::estimate::Estimate;
 
 use super::super::mission::RADIUS_M;
 use super::super::mission_items::Refusal;
@@ -260,7 +260,7 @@ impl Fence {
             *axis = AxisCommand::Position_m(at);
         }
         let forward = command.vel_ff_E_mps;
-        command.vel_ff_E_mps = crate::frames::Vec3::new(0.0, 0.0, forward.z());
+        command.vel_ff_E_mps = haltere_core::frames::Vec3::new(0.0, 0.0, forward.z());
         let passes = is_allowed && self.free_m(here, wanted, clear_m.min(0.0)) >= way_m;
         Some(if passes { Guarded::KeptOff } else { Guarded::HeldBack })
     }
@@ -339,7 +339,7 @@ impl Fence {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::Vec3;
+    use haltere_core::frames::Vec3;
 
     fn item(seq: u16, command: MavCmd, param1: f32) -> MISSION_ITEM_INT_DATA {
         MISSION_ITEM_INT_DATA { seq, command, param1, ..Default::default() }
@@ -419,13 +419,13 @@ mod tests {
             at: Default::default(),
             pos_E_m: Vec3::from_array(pos_E_m),
             vel_B_mps: Vec3::zero(),
-            R_EB: crate::frames::Rot::identity(),
+            R_EB: haltere_core::frames::Rot::identity(),
             rate_B_radps: Vec3::zero(),
             std_pos_E_m: Vec3::zero(),
             std_vel_B_mps: Vec3::zero(),
             std_att_B_rad: Vec3::zero(),
             uwb_noise_factor: 1.0,
-            health: crate::estimate::Health::Good,
+            health: haltere_core::estimate::Health::Good,
         }
     }
 

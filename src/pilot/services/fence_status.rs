@@ -3,7 +3,7 @@
 
 use haltere_dialect::mav::haltere::{FENCE_STATUS_DATA, FenceBreach, FenceMitigate, MavMessage};
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::super::Pilot;
 

@@ -4,7 +4,7 @@
 //! its own and hands the result back as [`super::super::Input::File`] with the same ticket. Answers
 //! are recorded like every other input, so that a replay needs no disk either.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// Requests that may be under way at once. Bounds memory; more are refused at once.
 const MOST_PENDING: usize = 32;

@@ -8,7 +8,7 @@
 
 use haltere_dialect::mav::haltere::{MavFtpErr, MavFtpOpcode, MavMessage};
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::super::endpoint::Identity;
 use super::super::mission_transfer::Client;

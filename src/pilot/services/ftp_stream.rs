@@ -5,7 +5,7 @@
 
 use haltere_dialect::mav::haltere::MavFtpErr;
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::super::mission_transfer::Client;
 use super::super::{LinkId, Pilot};

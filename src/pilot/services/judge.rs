@@ -9,7 +9,7 @@ use haltere_dialect::mav::haltere::{
     COMMAND_ACK_DATA, MavCmd, MavMessage, MavResult, NAMED_VALUE_FLOAT_DATA,
 };
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::super::mission_transfer::Client;
 use super::super::modes::Mode;

@@ -2,7 +2,7 @@
 //! taken for none: it is told to every station that comes, and nothing arms until somebody uploads it anew
 //! or clears it.
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::super::{LinkId, Pilot, Severity};
 use super::Purpose;

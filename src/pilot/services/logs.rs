@@ -9,7 +9,7 @@ use haltere_dialect::mav::haltere::{
     LOG_DATA_DATA, LOG_ENTRY_DATA, LOG_REQUEST_DATA_DATA, LOG_REQUEST_LIST_DATA, MavMessage,
 };
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::super::mission_transfer::Client;
 use super::super::{LinkId, OWN, Pilot, Severity};

@@ -10,7 +10,7 @@ use haltere_dialect::mav::haltere::{
 };
 use serde_json::{Value, json};
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::super::config::PilotConfig;
 use super::crc32::crc32;

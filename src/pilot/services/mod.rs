@@ -43,8 +43,8 @@ pub use plan_file::{decode as decode_plan, encode as encode_plan};
 
 use haltere_dialect::mav::haltere::{COMMAND_ACK_DATA, MavCmd, MavMessage, MavResult};
 
-use crate::control::Command;
-use crate::time::HostTime;
+use haltere_core::control::Command;
+use haltere_core::time::HostTime;
 
 use super::config::PilotConfig;
 use super::mission_transfer::Client;

@@ -1,9 +1,9 @@
 //! The entries of the parameter table: name, key, range, unit, meaning and accessors of each.
 
-use crate::control::config::{MAX_TRIM_DEG, MAX_YAW_TRIM_DEG, TiltCompensation, Version};
-use crate::control::drag::{DragReading, TESTED_LEAN_DEG};
-use crate::control::voltage::{HIGHEST_V, LOWEST_V};
-use crate::estimator::{SpecificForce, Tail, UwbNoise};
+use haltere_core::control::config::{MAX_TRIM_DEG, MAX_YAW_TRIM_DEG, TiltCompensation, Version};
+use haltere_core::control::drag::{DragReading, TESTED_LEAN_DEG};
+use haltere_core::control::voltage::{HIGHEST_V, LOWEST_V};
+use haltere_core::estimator::{SpecificForce, Tail, UwbNoise};
 
 use super::super::supervisor::Action;
 use super::parameter_table::{Kind, Parameter, When};

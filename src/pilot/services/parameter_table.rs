@@ -7,7 +7,7 @@
 
 use super::super::config::PilotConfig;
 use super::parameter_list::{COMMON, PX4_ONLY};
-use crate::checks::Problems;
+use haltere_core::checks::Problems;
 
 /// When a new value acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

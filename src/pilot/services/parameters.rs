@@ -9,8 +9,8 @@ use haltere_dialect::mav::haltere::{
     PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, ParamAck,
 };
 
-use crate::control::margins;
-use crate::time::HostTime;
+use haltere_core::control::margins;
+use haltere_core::time::HostTime;
 
 use super::super::config::PilotConfig;
 use super::super::modes::Mode;

@@ -2,9 +2,9 @@
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavMissionResult};
 
-use crate::estimate::Health;
-use crate::geo::LocalOrigin;
-use crate::time::HostTime;
+use haltere_core::estimate::Health;
+use haltere_core::geo::LocalOrigin;
+use haltere_core::time::HostTime;
 
 use super::super::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
 use super::super::mission_items::{Refusal, Room, from_wire, is_global, place_E_m};

@@ -7,8 +7,8 @@ use haltere_dialect::mav::haltere::{
     MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavMessage, MavMissionResult, MavMissionType,
 };
 
-use crate::geo::LocalOrigin;
-use crate::time::HostTime;
+use haltere_core::geo::LocalOrigin;
+use haltere_core::time::HostTime;
 
 use super::super::mission::MOST_ITEMS;
 use super::super::mission_items::{Room, from_wire};

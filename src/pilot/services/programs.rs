@@ -6,7 +6,7 @@
 
 use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 use super::super::mission_transfer::Client;
 use super::super::{Pilot, Severity};

@@ -22,7 +22,7 @@ pub fn check(
             let why = format!("rally item {seq}: {:?} not supported", item.command);
             return Err((MavMissionResult::MAV_MISSION_UNSUPPORTED, why));
         }
-        let pos = crate::frames::Vec3::new(north, east, 0.0);
+        let pos = haltere_core::frames::Vec3::new(north, east, 0.0);
         if !volume.contains_over(pos) || !fence.contains([north, east]) {
             let why = format!(
                 "rally item {seq}: N {north:.2} E {east:.2} m is outside the limits or the fence"

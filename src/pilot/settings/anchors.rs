@@ -3,10 +3,10 @@
 use serde::Deserialize;
 
 use super::read::parse_strictly;
-use crate::checks::Problems;
-use crate::frames::{E, U, Vec3, earth_from_survey};
-use crate::measure::AnchorId;
-use crate::survey::Survey;
+use haltere_core::checks::Problems;
+use haltere_core::frames::{E, U, Vec3, earth_from_survey};
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
 
 /// Farthest an anchor may stand from the origin in the plane, m: beyond it no DWM1000 is heard
 /// indoors (Decawave product brief: some 60 m), so the unit slipped.

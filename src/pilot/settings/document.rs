@@ -120,7 +120,7 @@ mod tests {
         assert_eq!(keys.iter().filter(|k| !k.absent).count(), set);
         assert!(keys.iter().any(|k| k.name == "height_m" && k.absent));
         for key in &keys {
-            let above = key.name == crate::checks::schema::Schema::KEY;
+            let above = key.name == haltere_core::checks::schema::Schema::KEY;
             assert!(!key.text.is_empty() && key.section.is_empty() == above, "{key:?}");
         }
     }

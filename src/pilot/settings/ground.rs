@@ -4,12 +4,12 @@ use serde::de::{Error as _, MapAccess, Visitor, value::MapAccessDeserializer};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::address::{Address, HostPort};
-use crate::checks::Problems;
 use crate::guard::{RateLimit, Signing};
 use crate::{
     Commanders, Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig,
     Routing,
 };
+use haltere_core::checks::Problems;
 
 /// Most ground endpoints: far more than a flight needs, few enough to serve each at full rate.
 const MOST_ENDPOINTS: usize = 8;

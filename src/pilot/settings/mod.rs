@@ -32,12 +32,12 @@ pub use sections::{
 pub use signing::{Doors, SigningConfig};
 pub use watch::{WatchAddress, WatchConfig};
 
-use crate::checks::Problems;
-use crate::control::ControlConfig;
-use crate::estimator::EstimatorConfig;
-use crate::survey::Survey;
 use crate::uwb::UwbConfig;
 use crate::{FlightConfig, LimitsConfig, PilotConfig, SupervisorConfig};
+use haltere_core::checks::Problems;
+use haltere_core::control::ControlConfig;
+use haltere_core::estimator::EstimatorConfig;
+use haltere_core::survey::Survey;
 
 /// Everything that can be configured, one field per section.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]

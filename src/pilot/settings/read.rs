@@ -7,8 +7,8 @@ use toml::{Spanned, Table};
 
 use super::retired::{self, Author, Retired};
 use super::{Config, Note};
-use crate::checks::Problems;
-use crate::checks::schema::Schema;
+use haltere_core::checks::Problems;
+use haltere_core::checks::schema::Schema;
 
 /// A configuration that was read from one text.
 #[derive(Debug)]

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::address::Address;
-use crate::checks::Problems;
 use crate::guard::Signing;
 use crate::{BoardProfile, TagProtocol};
+use haltere_core::checks::Problems;
 
 /// `[tag]`: the UWB tag.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{Config, TagPort};
 use crate::TagProtocol;
-use crate::checks::Problems;
 use crate::guard::{DoorConfig, KeySetup, Signing};
+use haltere_core::checks::Problems;
 
 /// Component that we are to the board: `MAV_COMP_ID_ONBOARD_COMPUTER`.
 const TO_BOARD: u8 = 191;

@@ -112,7 +112,7 @@ fn field_names(debug: &str, serial: &toml::Table) -> Vec<String> {
 #[test]
 fn prop_anchors_are_turned_once() {
     let enu = parse_anchors("a.toml", SAMPLE_ANCHORS).unwrap();
-    let at = |id| enu.position_E_m(crate::measure::AnchorId(id)).unwrap().to_array();
+    let at = |id| enu.position_E_m(haltere_core::measure::AnchorId(id)).unwrap().to_array();
     // x east, y north, z up becomes north, east, down.
     assert_eq!(at(1), [0.0, 6.0, -2.8]);
     assert_eq!(at(3), [6.0, 0.0, -2.8]);

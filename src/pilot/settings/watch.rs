@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::address::{Address, AddressError};
-use crate::checks::Problems;
+use haltere_core::checks::Problems;
 
 /// Most other sites.
 const MOST_ORIGINS: usize = 8;

@@ -6,7 +6,7 @@ use super::super::config::LEAST_SPEED_MPS;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// Voltage must be below its limit for this long, s: sag under a throttle step is not empty.
 const LOW_FOR_S: f64 = 2.0;

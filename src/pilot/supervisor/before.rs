@@ -15,7 +15,7 @@
 use std::collections::VecDeque;
 
 use super::scale::{DRAG_PER_S, WINGS_S};
-use crate::frames::G_MPS2;
+use haltere_core::frames::G_MPS2;
 
 /// How far it goes back, s: the scale of an accelerometer is found within 0.35 s.
 const AGO_S: f64 = 0.5;

@@ -6,7 +6,7 @@ use super::super::config::PilotConfig;
 use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
 use super::reaction::Reaction;
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// When a condition is looked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::reaction::Action;
-use crate::checks::Problems;
+use haltere_core::checks::Problems;
 
 /// `[supervisor]`. Silences of UWB, board and client, and the voltages, stand in `[limits]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -18,7 +18,7 @@
 //! **Source.** Vertical balance as in `hover`; a Luenberger observer with three equal poles. **Validity.**
 //! Nearly level; a barometer whose error moves slower than 1/ω. Attitude is the board's.
 
-use crate::frames::G_MPS2;
+use haltere_core::frames::G_MPS2;
 
 /// Vertical drag, 1/s: middle of its range (VEHICLE.md).
 const DRAG_PER_S: f64 = 0.8;

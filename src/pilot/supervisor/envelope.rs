@@ -6,8 +6,8 @@ use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::estimate::Health;
-use crate::time::HostTime;
+use haltere_core::estimate::Health;
+use haltere_core::time::HostTime;
 
 /// The board's attitude may be this old to be asked for the tilt, s.
 const ATTITUDE_AGE_S: f64 = 0.2;

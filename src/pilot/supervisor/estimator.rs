@@ -8,11 +8,11 @@ use super::envelope::LEAP;
 use super::reaction::Reaction;
 use super::scale::SCALE;
 use super::slip::SLIP_MPS;
-use crate::estimate::Health;
-use crate::estimator::standard_height_m;
-use crate::measure::BaroSample;
-use crate::time::HostTime;
-use crate::topics::UwbRecord;
+use haltere_core::estimate::Health;
+use haltere_core::estimator::standard_height_m;
+use haltere_core::measure::BaroSample;
+use haltere_core::time::HostTime;
+use haltere_core::topics::UwbRecord;
 
 /// Measurements over which the share beyond the gate is taken: 0.4 s of TDoA2.
 const WINDOW: f64 = 200.0;

@@ -9,9 +9,9 @@ use super::envelope::LEAP;
 use super::reaction::Reaction;
 use super::scale::SCALE;
 use super::slip::SLIP;
-use crate::frames::G_MPS2;
-use crate::measure::ImuSample;
-use crate::time::HostTime;
+use haltere_core::frames::G_MPS2;
+use haltere_core::measure::ImuSample;
+use haltere_core::time::HostTime;
 
 /// Longest interval between two samples that counts as one of repetition, s.
 const LONGEST_S: f64 = 0.1;

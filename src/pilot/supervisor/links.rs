@@ -5,7 +5,7 @@ use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// A station that was heard so long before the motors turned belongs to the flight, s.
 const STATION_BEFORE_S: f64 = 10.0;

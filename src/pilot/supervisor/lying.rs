@@ -17,9 +17,9 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW};
 use super::reaction::Reaction;
-use crate::frames::{B, E, G_MPS2, Rot};
-use crate::measure::ImuSample;
-use crate::time::HostTime;
+use haltere_core::frames::{B, E, G_MPS2, Rot};
+use haltere_core::measure::ImuSample;
+use haltere_core::time::HostTime;
 
 /// Time constant of the low-pass on the vertical specific force, s: two wing beats.
 const FILTER_S: f64 = 0.15;

@@ -43,7 +43,7 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor;
 
 use super::modes::{Event, Mode, TABLE, transition};
 use super::{Cause, Pilot, Severity};
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// Where a condition stands.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

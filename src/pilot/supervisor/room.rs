@@ -8,9 +8,9 @@ use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
 use super::rooms::AGAINST;
-use crate::estimate::Health;
-use crate::frames::{G_MPS2, wrap_pi_rad};
-use crate::time::HostTime;
+use haltere_core::estimate::Health;
+use haltere_core::frames::{G_MPS2, wrap_pi_rad};
+use haltere_core::time::HostTime;
 
 /// The board's lean may be this old, s.
 const LEAN_AGE_S: f64 = 0.2;

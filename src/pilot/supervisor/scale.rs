@@ -24,8 +24,8 @@ use super::super::modes::Mode;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::frames::G_MPS2;
-use crate::time::HostTime;
+use haltere_core::frames::G_MPS2;
+use haltere_core::time::HostTime;
 
 /// Lag of the wings, s, vertical drag, 1/s, and the low-pass that the force has gone through, s.
 pub(super) const WINGS_S: f64 = 0.08;

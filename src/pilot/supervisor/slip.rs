@@ -22,9 +22,9 @@
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::estimate::Health;
-use crate::frames::G_MPS2;
-use crate::time::HostTime;
+use haltere_core::estimate::Health;
+use haltere_core::frames::G_MPS2;
+use haltere_core::time::HostTime;
 
 /// Time constant of the low-pass, s: multipath near the floor moves the height by half a metre within it.
 const FILTER_S: f64 = 1.5;

@@ -3,9 +3,9 @@
 use super::super::config::PilotConfig;
 use super::super::modes::{Event, Mode, transition};
 use super::*;
-use crate::frames::Vec3;
-use crate::measure::AnchorId;
-use crate::survey::Survey;
+use haltere_core::frames::Vec3;
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
 
 fn at(ms: u64) -> HostTime {
     HostTime::from_us(1_000_000 + ms * 1000)

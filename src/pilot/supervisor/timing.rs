@@ -4,7 +4,7 @@ use super::super::Severity;
 use super::super::schedule::CONTROL_PERIOD_US;
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// Steps over which the share of late ones is taken: half a second.
 const WINDOW: f64 = 50.0;

@@ -5,8 +5,8 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::measure::{AnchorId, Tdoa};
-use crate::time::HostTime;
+use haltere_core::measure::{AnchorId, Tdoa};
+use haltere_core::time::HostTime;
 
 /// Age of the newest fused measurement from which on the position is dead reckoning, s: the filter's
 /// health calls itself degraded then.

@@ -8,10 +8,10 @@ use haltere_dialect::lps::tdoa3::{Remote, Tdoa3Packet};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::frames::{E, Vec3};
-use crate::measure::AnchorId;
-use crate::survey::Survey;
-use crate::time::HostTime;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
 
 const TICKS_PER_S: f64 = 63_897_600_000.0;
 const LIGHT_MPS: f64 = 299_792_458.0;

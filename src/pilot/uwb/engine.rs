@@ -38,11 +38,11 @@ use haltere_dialect::lps::{RX_BITS, TICK_HZ, TICK_M};
 use super::anchor_clock::{AnchorClock, Fit, MAX_GAP_TICKS};
 use super::echo::Echo;
 use super::{REBOOT_SILENCE_S, TagClock, UwbConfig};
-use crate::drops::{DropReason, Drops};
-use crate::frames::{E, Vec3};
-use crate::measure::{AnchorId, Tdoa};
-use crate::survey::Survey;
-use crate::time::{HostTime, TagTime};
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::frames::{E, Vec3};
+use haltere_core::measure::{AnchorId, Tdoa};
+use haltere_core::survey::Survey;
+use haltere_core::time::{HostTime, TagTime};
 
 /// Oldest packet to pair with, ticks: 33.6 ms, two frames of TDoA2, half of what 32 bits tell.
 const MAX_PAIR_AGE_TICKS: i64 = 1 << 31;

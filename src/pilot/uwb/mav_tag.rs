@@ -3,10 +3,10 @@
 use haltere_dialect::mav::haltere::UWB_TDOA_DATA;
 
 use super::{REBOOT_SILENCE_S, TagClock, UwbConfig};
-use crate::drops::{DropReason, Drops};
-use crate::measure::{AnchorId, Tdoa};
-use crate::survey::Survey;
-use crate::time::{HostTime, TagTime};
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::measure::{AnchorId, Tdoa};
+use haltere_core::survey::Survey;
+use haltere_core::time::{HostTime, TagTime};
 
 /// A tag's time that falls behind by more means a reboot, µs. Its messages come in order.
 const REBOOT_US: u64 = 1_000_000;

@@ -16,7 +16,7 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
-use crate::checks::Problems;
+use haltere_core::checks::Problems;
 
 pub use engine::{AnchorHeard, TdoaEngine};
 pub use mav_tag::{MavTag, from_uwb_tdoa};

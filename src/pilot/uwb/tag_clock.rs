@@ -21,7 +21,7 @@
 //! Starts anew when the tag's time jumps (reboot). Left out: drift of the skew within 16 s, which
 //! at 0.01 ppm/s is 1 µs.
 
-use crate::time::{HostTime, TagTime};
+use haltere_core::time::{HostTime, TagTime};
 
 /// One least point is kept for each span of this length, µs.
 const BUCKET_US: f64 = 500_000.0;

@@ -4,10 +4,10 @@ use rand::RngExt as _;
 
 use super::air::{self, Air, Heard};
 use super::*;
-use crate::drops::{DropReason, Drops};
-use crate::frames::{E, Vec3};
-use crate::measure::{AnchorId, Tdoa};
-use crate::time::HostTime;
+use haltere_core::drops::{DropReason, Drops};
+use haltere_core::frames::{E, Vec3};
+use haltere_core::measure::{AnchorId, Tdoa};
+use haltere_core::time::HostTime;
 
 /// No error at all is left but the rounding of four stamps, ±2 ticks, and what rounding does to K.
 const EXACT_M: f64 = 0.012;
@@ -345,7 +345,7 @@ fn prop_repeated_and_foreign_packets_are_told_apart() {
     // Anchor 0 of the survey is number 100 there.
     let mut anchors = air::anchors();
     anchors[0].0 = AnchorId(100);
-    let survey = crate::survey::Survey::new(&anchors).unwrap();
+    let survey = haltere_core::survey::Survey::new(&anchors).unwrap();
     let mut foreign = Run::new();
     foreign.engine = TdoaEngine::new(UwbConfig::default(), &survey);
     foreign.hear(&heard);

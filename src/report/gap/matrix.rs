@@ -5,9 +5,9 @@
 
 use std::fmt::Write as _;
 
-use crate::gap::cells::{Part, REGIMES, WINDOWS};
-use crate::gap::matrix::{Matrix, Square};
 use crate::report::svg::escape;
+use haltere_gap::cells::{Part, REGIMES, WINDOWS};
+use haltere_gap::matrix::{Matrix, Square};
 
 /// Width and height of a cell, of the row labels, of the column labels, pixels.
 const CELL_PX: [f64; 2] = [35.0, 24.0];

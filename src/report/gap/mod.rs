@@ -7,11 +7,11 @@ mod plan;
 
 use std::fmt::Write as _;
 
-use crate::gap::attribute::{Candidate, Settings};
-use crate::gap::diagnosis::{Diagnosis, ShrinkResult};
-use crate::model::effects::Block;
 use crate::report::html;
 use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
+use haltere_gap::attribute::{Candidate, Settings};
+use haltere_gap::diagnosis::{Diagnosis, ShrinkResult};
+use haltere_model::effects::Block;
 
 /// The chain in the order in which one block feeds the next.
 const CHAIN: [Block; 11] = [
@@ -415,7 +415,7 @@ fn shrink(html: &mut String, d: &Diagnosis) {
         html.push_str("<p class=\"note\">Without accepted flights on the held-out mission this distance holds all \
             that the airframe differs from the nominal simulator by.</p>");
     }
-    let of = |s: &crate::gap::shrink::Shrink| {
+    let of = |s: &haltere_gap::shrink::Shrink| {
         vec![(Tone::Command, s.before), (Tone::Estimate, s.after), (Tone::Family(5), s.floor)]
     };
     let known: Vec<_> = s.channels.iter().filter(|(_, s)| s.before.is_finite()).collect();
@@ -497,7 +497,7 @@ fn why_not(k: usize, c: &Candidate, first: &Candidate) -> String {
     if c.residual_score > first.residual_score + 3.0 {
         why.push(format!("leaves {:.0} sigma more", c.residual_score - first.residual_score));
     }
-    let spec = crate::gap::library::whole().into_iter().find(|s| s.id == c.id);
+    let spec = haltere_gap::library::whole().into_iter().find(|s| s.id == c.id);
     for (p, v) in spec.iter().flat_map(|s| s.parameters).zip(&c.theta) {
         let width = p.high - p.low;
         let choice =
@@ -511,7 +511,7 @@ fn why_not(k: usize, c: &Candidate, first: &Candidate) -> String {
 
 #[cfg(test)]
 mod tests {
-    use crate::gap::diagnosis::unreadable;
+    use haltere_gap::diagnosis::unreadable;
 
     #[test]
     fn prop_a_fault_is_told_and_escaped() {

@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
-use crate::gap::accept::by_hand;
-use crate::gap::diagnosis::Diagnosis;
 use crate::report::svg::escape;
+use haltere_gap::accept::by_hand;
+use haltere_gap::diagnosis::Diagnosis;
 
 /// Experiments that the table lists.
 const LISTED: usize = 10;

@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
-use crate::gap::onset::Onset;
-use crate::gap::picture::{FloorPlan, Node, Picture, Signature, Strip};
 use crate::report::svg::{Mark, Pin, Plot, Series, Span, Tone, escape};
+use haltere_gap::onset::Onset;
+use haltere_gap::picture::{FloorPlan, Node, Picture, Signature, Strip};
 
 /// Longer side of the room, and the border around it, pixels.
 const ROOM_PX: f64 = 380.0;

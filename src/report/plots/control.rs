@@ -3,11 +3,11 @@
 use std::collections::BTreeSet;
 
 use super::{Clock, series};
-use crate::estimate::Health;
 use crate::report::flight::Flight;
 use crate::report::svg::{Limit, Mark, Tone};
-use crate::time::HostTime;
-use crate::topics::ControlRecord;
+use haltere_core::estimate::Health;
+use haltere_core::time::HostTime;
+use haltere_core::topics::ControlRecord;
 
 /// Smallest extent of the axis of angles.
 const LEAST_DEG: f64 = 4.0;

@@ -11,10 +11,10 @@ use std::fmt::Write as _;
 
 pub use motion::shapes;
 
-use crate::frames::{E, Vec3};
 use crate::report::flight::Flight;
 use crate::report::svg::{Mark, Plot, Series, Span, Tone, escape};
-use crate::time::HostTime;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::time::HostTime;
 
 /// Drawing sizes, pixels: the page shows two plots a row.
 const PLOT_PX: [f64; 2] = [540.0, 210.0];

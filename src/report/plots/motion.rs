@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use super::{Clock, SHOWN, WIDE_PX, series};
-use crate::estimate::{Estimate, Health};
-use crate::frames::{E, Vec3};
 use crate::report::errors::{AXES, Path, PathKind};
 use crate::report::flight::Flight;
 use crate::report::svg::{Mark, Pin, Plot, Series, Tone};
 use crate::report::truth::{TruthRow, interpolate};
-use crate::time::HostTime;
+use haltere_core::estimate::{Estimate, Health};
+use haltere_core::frames::{E, Vec3};
+use haltere_core::time::HostTime;
 
 /// Four shapes a row.
 const SHAPE_PX: [f64; 2] = [270.0, 260.0];

@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{Clock, WIDE_PX, series};
-use crate::measure::AnchorId;
 use crate::report::flight::Flight;
 use crate::report::lanes::{self, Kind, Lane, Stretch};
 use crate::report::svg::{Limit, Mark, Plot, Tone};
+use haltere_core::measure::AnchorId;
 
 /// Innovations are averaged over this span, s.
 const CONSISTENCY_BIN_S: f64 = 1.0;

@@ -1,10 +1,10 @@
 //! What was in force when: modes, arming, health of the estimate, limits touched, messages.
 
 use super::Clock;
-use crate::estimate::Health;
 use crate::report::flight::Flight;
 use crate::report::lanes::{self, Kind, Lane, Stretch};
-use crate::topics::ControlRecord;
+use haltere_core::estimate::Health;
+use haltere_core::topics::ControlRecord;
 
 /// Height of a row, pixels.
 const ROW_PX: f64 = 20.0;

@@ -6,7 +6,7 @@ use super::{Clock, PLOT_PX, series};
 use crate::report::flight::Flight;
 use crate::report::svg::{Mark, Plot, Tone};
 use crate::report::timing::{self, Histogram};
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
 
 /// All of them.
 pub(super) fn plots(flight: &Flight, clock: &Clock) -> Vec<String> {
@@ -56,7 +56,7 @@ fn histogram(title: &str, found: Option<&Histogram>) -> String {
 }
 
 fn ages(flight: &Flight, clock: &Clock) -> String {
-    let column = |f: fn(&crate::topics::HealthRecord) -> Option<f64>| {
+    let column = |f: fn(&haltere_core::topics::HealthRecord) -> Option<f64>| {
         let rows = flight.health.iter();
         rows.map(|h| [clock.s(h.at), f(h).map_or(f64::NAN, |s| s * 1e3)]).collect::<Vec<_>>()
     };

@@ -1,10 +1,10 @@
 //! Vibration: spectra of force and rate in the air, with the line of the wing beat.
 
 use super::{PLOT_PX, series};
-use crate::measure::ImuSample;
 use crate::report::flight::Flight;
 use crate::report::spectrum::{BEAT_HZ, Spectrum};
 use crate::report::svg::{Mark, Plot, Tone, Upright};
+use haltere_core::measure::ImuSample;
 
 /// Modes on the floor: motors do not turn.
 const ON_FLOOR: [&str; 4] = ["disarmed", "arming", "idle", "disarming"];

@@ -7,13 +7,13 @@ use anyhow::{Result, anyhow};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use haltere::frames::{E, Vec3};
-use haltere::lockstep::{Ground, Lockstep};
-use haltere::measure::AnchorId;
-use haltere::model::PlantConfig;
-use haltere::model::random::Stream;
-use haltere::pilot::PilotConfig;
-use haltere::survey::Survey;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
+use haltere_model::PlantConfig;
+use haltere_model::lockstep::{Ground, Lockstep};
+use haltere_model::random::Stream;
+use haltere_pilot::PilotConfig;
 
 use super::SEED;
 

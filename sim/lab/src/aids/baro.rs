@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use anyhow::Result;
 use rayon::prelude::*;
 
-use haltere::model::{EffectSet, PlantConfig};
-use haltere::pilot::PilotConfig;
+use haltere_model::{EffectSet, PlantConfig};
+use haltere_pilot::PilotConfig;
 
 use super::shadow::{Shadow, fly_along};
 use super::{SEED, hall, hover, middle_and_most};
@@ -69,7 +69,7 @@ fn blind(n: u64) -> Result<Vec<[[f64; 3]; 2]>> {
             });
             // The start on the floor, then the climb, which `hover` would forget.
             fly_along(&mut world, &mut shadows, 8.0, |_, _, _| true);
-            let mut ground = haltere::lockstep::Ground::new();
+            let mut ground = haltere_model::lockstep::Ground::new();
             super::take_off(&mut world, &mut ground, 1.2)?;
             fly_along(&mut world, &mut shadows, 15.0, |_, shadows, truth| {
                 for shadow in shadows {

@@ -5,13 +5,13 @@ use std::fmt::Write as _;
 use anyhow::Result;
 use rayon::prelude::*;
 
-use haltere::estimate::{Estimate, Health};
-use haltere::estimator::EstimatorConfig;
-use haltere::frames::wrap_pi_rad;
-use haltere::lockstep::{Ground, Lockstep};
-use haltere::model::{Fault, PlantConfig, Truth};
-use haltere::pilot::{Mode, PilotConfig};
+use haltere_core::estimate::{Estimate, Health};
+use haltere_core::estimator::EstimatorConfig;
+use haltere_core::frames::wrap_pi_rad;
 use haltere_dialect::mav::haltere::MavCmd;
+use haltere_model::lockstep::{Ground, Lockstep};
+use haltere_model::{Fault, PlantConfig, Truth};
+use haltere_pilot::{Mode, PilotConfig};
 
 use super::shadow::{Shadow, fly_along};
 use super::{SEED, hall, hover, middle_and_most};
@@ -59,7 +59,7 @@ fn on_floor(n: u64, fuse: bool, floor_ut: f64) -> Result<Row> {
                 pilot.estimator.magnetometer.fuse = fuse;
                 plant.board.magnetometer.floor_ut = floor_ut;
                 let place = i as f64;
-                plant.start_E_m = haltere::frames::Vec3::new(
+                plant.start_E_m = haltere_core::frames::Vec3::new(
                     3.0 + 0.37 * place % 4.0,
                     3.0 + 0.53 * place % 4.0,
                     0.0,
@@ -124,8 +124,8 @@ fn in_the_air(n: u64, on_path: bool) -> Result<[Row; 2]> {
     }))
 }
 
-fn magnetometer(fuse: bool) -> haltere::estimator::MagnetometerConfig {
-    haltere::estimator::MagnetometerConfig {
+fn magnetometer(fuse: bool) -> haltere_core::estimator::MagnetometerConfig {
+    haltere_core::estimator::MagnetometerConfig {
         fuse,
         north_deg: super::NORTH_DEG,
         ..EstimatorConfig::default().magnetometer
@@ -144,7 +144,7 @@ fn fly_square(world: &mut Lockstep) -> Result<()> {
         }
     }
     items.push(item(MavCmd::MAV_CMD_NAV_LAND, [0.0; 3]));
-    haltere::lockstep::start(world, &mut Ground::new(), &items)?;
+    haltere_model::lockstep::start(world, &mut Ground::new(), &items)?;
     let until_us = world.t_us() + 60_000_000;
     while -world.truth().pos_E_m.z() < 1.1 && world.t_us() < until_us {
         world.step();

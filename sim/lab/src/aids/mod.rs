@@ -13,10 +13,10 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail};
 use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
-use haltere::control::Version;
-use haltere::lockstep::{Ground, Lockstep};
-use haltere::model::PlantConfig;
-use haltere::pilot::{Mode, PilotConfig};
+use haltere_core::control::Version;
+use haltere_model::PlantConfig;
+use haltere_model::lockstep::{Ground, Lockstep};
+use haltere_pilot::{Mode, PilotConfig};
 
 use haltere_sim::paths::{SHAPES, fly_path};
 use rayon::prelude::*;

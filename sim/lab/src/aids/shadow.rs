@@ -1,9 +1,9 @@
 //! Filters that fly along: they are given what the core recorded of a flight, and nothing else.
 
-use haltere::estimator::{Estimator, EstimatorConfig};
-use haltere::lockstep::Lockstep;
-use haltere::model::Truth;
-use haltere::topics::Topic;
+use haltere_core::estimator::{Estimator, EstimatorConfig};
+use haltere_core::topics::Topic;
+use haltere_model::Truth;
+use haltere_model::lockstep::Lockstep;
 
 /// A filter beside the one that flies.
 pub struct Shadow {
@@ -17,7 +17,7 @@ impl Shadow {
     pub fn new(
         config: EstimatorConfig,
         world: &Lockstep,
-        survey: &haltere::survey::Survey,
+        survey: &haltere_core::survey::Survey,
     ) -> Self {
         let mut estimator = Estimator::new(config, survey.clone());
         estimator.set_airborne(!world.truth().on_ground);

@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use anyhow::Result;
 use rayon::prelude::*;
 
-use haltere::estimator::EstimatorConfig;
-use haltere::model::EffectSet;
+use haltere_core::estimator::EstimatorConfig;
+use haltere_model::EffectSet;
 
 use super::{SEED, hall, hover, middle_and_most};
 

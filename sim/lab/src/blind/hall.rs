@@ -5,15 +5,15 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use haltere::gap::attribute::{Attribution, Attributor};
-use haltere::gap::bank::LEAST_NULLS;
-use haltere::gap::diagnosis::{Observed, observed};
-use haltere::gap::logs::{self, Flown};
-use haltere::gap::make_bank::BankSize;
-use haltere::gap::scene::Told;
-use haltere::gap::statistics::ANCHOR_SLOTS;
-use haltere::gap::workshop::Workshop;
-use haltere::model::effects::EffectSpec;
+use haltere_gap::attribute::{Attribution, Attributor};
+use haltere_gap::bank::LEAST_NULLS;
+use haltere_gap::diagnosis::{Observed, observed};
+use haltere_gap::logs::{self, Flown};
+use haltere_gap::make_bank::BankSize;
+use haltere_gap::scene::Told;
+use haltere_gap::statistics::ANCHOR_SLOTS;
+use haltere_gap::workshop::Workshop;
+use haltere_model::effects::EffectSpec;
 
 use super::{Answer, BlindError, Choice, Entry, Given, Public, Suite};
 

@@ -5,15 +5,15 @@ use std::path::Path;
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-use haltere::gap::diagnosis::observed;
-use haltere::gap::held_out::HeldOut;
-use haltere::gap::library;
-use haltere::gap::logs;
-use haltere::gap::nominal::Nominal;
-use haltere::gap::resize::resize;
-use haltere::gap::scene::{Scene, Told};
-use haltere::gap::shrink::{Paired, Shrink};
-use haltere::model::effects::EffectSpec;
+use haltere_gap::diagnosis::observed;
+use haltere_gap::held_out::HeldOut;
+use haltere_gap::library;
+use haltere_gap::logs;
+use haltere_gap::nominal::Nominal;
+use haltere_gap::resize::resize;
+use haltere_gap::scene::{Scene, Told};
+use haltere_gap::shrink::{Paired, Shrink};
+use haltere_model::effects::EffectSpec;
 
 use super::{Answer, BlindError, Entry, Key, Public};
 use crate::retune::{Retuning, borrowed};

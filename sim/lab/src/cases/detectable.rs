@@ -17,11 +17,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow};
-use haltere::gap::logs;
-use haltere::gap::nominal::Nominal;
-use haltere::gap::scene::{Scene, Told};
-use haltere::gap::statistics::observe;
 use haltere::progress::Progress;
+use haltere_gap::logs;
+use haltere_gap::nominal::Nominal;
+use haltere_gap::scene::{Scene, Told};
+use haltere_gap::statistics::observe;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

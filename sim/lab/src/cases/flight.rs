@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use anyhow::{Result, bail};
-use haltere::gap::missions;
-use haltere::gap::scene::Scene;
-use haltere::lockstep::{Lockstep, fly};
-use haltere::settings::Config;
 use haltere::tape::Tape;
+use haltere_gap::missions;
+use haltere_gap::scene::Scene;
+use haltere_model::lockstep::{Lockstep, fly};
+use haltere_pilot::settings::Config;
 
 use super::list::Mission;
 use crate::generator::{Foreign, Setup};

@@ -9,7 +9,7 @@ use crate::generator::craft::Craft;
 use crate::generator::effects::{Deviations, Hall, SEVERITIES, Severity, Spec, known, unknown};
 use crate::generator::noise::Noise;
 use crate::generator::{Setup, hall};
-use haltere::gap::scene::Scene;
+use haltere_gap::scene::Scene;
 
 /// Numbers of the protocol.
 const PAIRS: usize = 96;

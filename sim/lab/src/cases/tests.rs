@@ -2,8 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use haltere::record::LogReader;
-use haltere::replay::{Verdict, replay_log};
+use haltere_log::record::LogReader;
+use haltere_log::replay::{Verdict, replay_log};
 
 use super::*;
 use crate::generator::effects::Severity;

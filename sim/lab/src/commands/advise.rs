@@ -4,8 +4,8 @@ use std::process::ExitCode;
 
 use clap::Args;
 use haltere::cli::{print, print_json};
-use haltere::gap::scene::Scene;
 use haltere::progress::Line;
+use haltere_gap::scene::Scene;
 
 use crate::trial;
 

@@ -7,8 +7,8 @@ use clap::Args;
 
 use haltere::cli::gap::{BankOptions, SceneOptions};
 use haltere::cli::{print, print_json};
-use haltere::gap::attribute::Settings;
-use haltere::gap::scene::{Scene, Told};
+use haltere_gap::attribute::Settings;
+use haltere_gap::scene::{Scene, Told};
 
 use crate::blind::{BlindResult, Choice, run};
 use crate::score::Score;

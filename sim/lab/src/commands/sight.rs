@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::Args;
 
 use haltere::cli::{print, print_json};
-use haltere::import::util::{Flight, load_located};
+use haltere_log::import::util::{Flight, load_located};
 
 use crate::lines_of_sight::{Limit, report, watch};
 

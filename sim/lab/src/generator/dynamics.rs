@@ -10,7 +10,7 @@
 //! The floor is four feet on damped springs with smooth friction. Written against the published
 //! numbers of the vehicle, not against the nominal model: no line is shared with it.
 
-use haltere::frames::G_MPS2;
+use haltere_core::frames::G_MPS2;
 use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector3};
 use std::f64::consts::TAU;
 

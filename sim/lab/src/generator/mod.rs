@@ -1,6 +1,6 @@
 //! Another world to fly the companion in: vehicle, board, tag and room of the sealed suite.
 //!
-//! It shares no physics with `haltere::model` (a test reads these files to make sure; only the record
+//! It shares no physics with `haltere_model` (a test reads these files to make sure; only the record
 //! [`Truth`] is the same), so that a diagnosis built on the nominal simulator is not checked against
 //! itself. docs/GAP_PROTOCOL.md says how it is used.
 
@@ -19,11 +19,11 @@ mod tests;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
-use haltere::frames::{Rot, Vec3};
-use haltere::gap::scene::Scene;
-use haltere::lockstep::World;
-use haltere::measure::AnchorId;
-use haltere::model::Truth;
+use haltere_core::frames::{Rot, Vec3};
+use haltere_core::measure::AnchorId;
+use haltere_gap::scene::Scene;
+use haltere_model::Truth;
+use haltere_model::lockstep::World;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use board::Pilotage;

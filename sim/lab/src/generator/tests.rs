@@ -1,9 +1,9 @@
 //! The healthy vehicle flies; every effect flies and shows; nothing is shared with the model.
 
-use haltere::gap::missions;
-use haltere::gap::scene::Scene;
-use haltere::lockstep::{Flight, Lockstep, Sample, World, fly};
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
+use haltere_gap::missions;
+use haltere_gap::scene::Scene;
+use haltere_model::lockstep::{Flight, Lockstep, Sample, World, fly};
 use rayon::prelude::*;
 
 use super::effects::{known, unknown};
@@ -53,7 +53,7 @@ fn val_a_healthy_vehicle_flies_as_well_as_the_nominal_one() {
             assert!(flight.landed, "{name} {seed}: {:?}", flight.texts);
             assert!(flight.samples.iter().all(|s| !s.truth.crashed), "{name} {seed}");
             ours.push(figures(&flight));
-            let nominal = haltere::model::Plant::new(scene.plant(seed)).unwrap();
+            let nominal = haltere_model::Plant::new(scene.plant(seed)).unwrap();
             theirs.push(figures(&flown(&scene, nominal, mission, 150.0)));
         }
         let mean = |rows: &[[f64; 4]]| -> [f64; 4] {
@@ -195,7 +195,7 @@ fn prop_the_generator_shares_no_physics_with_the_model() {
             for line in std::fs::read_to_string(&path).unwrap().lines() {
                 let code = line.split("//").next().unwrap_or("");
                 let names = code.contains("model::") || code.contains("::model");
-                let allowed = code.trim() == "use haltere::model::Truth;";
+                let allowed = code.trim() == "use haltere_model::Truth;";
                 assert!(!names || allowed, "{}: {line}", path.display());
                 assert!(!code.contains("lockstep::Lockstep"), "{}: {line}", path.display());
             }

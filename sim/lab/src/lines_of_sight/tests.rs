@@ -1,9 +1,9 @@
 //! Blocked lines of sight on a made flight: a circle among eight anchors, one blocked on one side.
 
-use haltere::import::util::{Event, load_located};
-use haltere::measure::Tdoa;
-use haltere::model::random::Stream;
-use haltere::survey::Survey;
+use haltere_core::measure::Tdoa;
+use haltere_core::survey::Survey;
+use haltere_log::import::util::{Event, load_located};
+use haltere_model::random::Stream;
 
 use super::*;
 

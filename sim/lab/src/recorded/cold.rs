@@ -5,12 +5,12 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use haltere::estimate::Health;
-use haltere::estimator::{Estimator, EstimatorConfig};
-use haltere::import::util::{Flight, Sample};
-use haltere::measure::ImuSample;
 use haltere::util_flights::airborne::Activity;
 use haltere::util_flights::table;
+use haltere_core::estimate::Health;
+use haltere_core::estimator::{Estimator, EstimatorConfig};
+use haltere_core::measure::ImuSample;
+use haltere_log::import::util::{Flight, Sample};
 
 /// Starts in the air are this far apart, s.
 const EVERY_S: f64 = 4.0;

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use haltere::import::util::Flight;
 use haltere::util_flights::{Consistency, FlightReport, run_flight, shipped, table, util_profile};
+use haltere_log::import::util::Flight;
 
 use super::cold::{ColdReport, cold_starts, print_cold};
 use super::floor::floor_check;

@@ -1,7 +1,7 @@
 //! The survey check on the floor of the recorded rooms, before the lift-off.
 
-use haltere::estimator::{AnchorCheck, AnchorFit};
-use haltere::import::util::{Flight, Sample};
+use haltere_core::estimator::{AnchorCheck, AnchorFit};
+use haltere_log::import::util::{Flight, Sample};
 
 /// Higher than this over the first pose it flies, m.
 const LIFTED_M: f64 = 0.1;
@@ -29,8 +29,8 @@ pub fn floor_check(flight: &Flight) -> Option<AnchorFit> {
 
 #[cfg(test)]
 mod tests {
-    use haltere::measure::AnchorId;
     use haltere::util_flights::load_all;
+    use haltere_core::measure::AnchorId;
 
     use super::*;
 

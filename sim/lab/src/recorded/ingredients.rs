@@ -4,11 +4,11 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use haltere::estimator::{EstimatorConfig, SpecificForce, Tail, UwbNoise};
-use haltere::import::util::Flight;
 use haltere::util_flights::{
     FlightReport, run_flight, shipped, table, util_nine_profile, util_source_profile,
 };
+use haltere_core::estimator::{EstimatorConfig, SpecificForce, Tail, UwbNoise};
+use haltere_log::import::util::Flight;
 
 /// A filter with something changed.
 struct Variant {

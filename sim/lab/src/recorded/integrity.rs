@@ -2,13 +2,13 @@
 
 use std::fmt::{self, Write};
 
-use haltere::estimate::Health;
-use haltere::frames::{E, Vec3};
-use haltere::import::util::{Flight, Sample};
-use haltere::measure::Tdoa;
-use haltere::survey::Survey;
-use haltere::time::HostTime;
 use haltere::util_flights::{run_traced, shipped};
+use haltere_core::estimate::Health;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::measure::Tdoa;
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+use haltere_log::import::util::{Flight, Sample};
 
 /// An estimate is wrong beyond this, m …
 const WRONG_M: f64 = 1.0;
@@ -186,7 +186,7 @@ fn with(flight: &Flight, fault: Fault, from: HostTime) -> Flight {
 
 /// What a measurement has more when an anchor really stands elsewhere.
 fn moved(tdoa: &Tdoa, survey: &Survey, at_E_m: Vec3<E>, id: u8, by_m: f64) -> f64 {
-    let more = |anchor: haltere::measure::AnchorId| {
+    let more = |anchor: haltere_core::measure::AnchorId| {
         let Some(site) = survey.position_E_m(anchor).filter(|_| anchor.0 == id) else { return 0.0 };
         let now = site + Vec3::new(by_m, 0.0, 0.0);
         (at_E_m - now).norm() - (at_E_m - site).norm()

@@ -11,12 +11,12 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use haltere::estimator::EstimatorConfig;
-use haltere::import::util::Flight;
 use haltere::util_flights::{
     FlightReport, run_flight, shipped, table, util_profile, util_start_profile,
     util_unaided_profile,
 };
+use haltere_core::estimator::EstimatorConfig;
+use haltere_log::import::util::Flight;
 
 /// Error that a flight without a figure or with a divergence counts as, m.
 const DIVERGED_M: f64 = 5.0;
@@ -92,7 +92,7 @@ fn search(
                 loop {
                     let mut tried = best.clone();
                     *(knob.of)(&mut tried) *= step;
-                    let mut problems = haltere::checks::Problems::new();
+                    let mut problems = haltere_core::checks::Problems::new();
                     tried.check("", &mut problems);
                     if !problems.is_empty() {
                         break;

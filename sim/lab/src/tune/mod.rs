@@ -4,7 +4,7 @@ mod search;
 
 use anyhow::Result;
 
-use haltere::control::{ControlConfig, ControlGains, Version};
+use haltere_core::control::{ControlConfig, ControlGains, Version};
 use haltere_sim::compare::{fly, pilot_config};
 use haltere_sim::variation::{VARIATIONS, Variation};
 

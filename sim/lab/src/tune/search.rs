@@ -33,7 +33,7 @@ use rand_distr::StandardNormal;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 
-use haltere::control::{ControlGains, Tunable};
+use haltere_core::control::{ControlGains, Tunable};
 use haltere_sim::steps::{SIZES_M, StepScore, mean_of};
 use haltere_sim::variation::Variation;
 

@@ -302,7 +302,7 @@ pub fn all() -> Vec<Entry> {
 mod tests {
     use super::*;
     use crate::faults::Phase;
-    use haltere::checks::Problems;
+    use haltere_core::checks::Problems;
 
     #[test]
     fn prop_every_entry_is_a_fault_of_its_own() {

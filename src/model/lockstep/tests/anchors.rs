@@ -1,9 +1,9 @@
 //! A survey that is wrong: the anchor is named before anything takes off.
 
 use super::*;
-use crate::frames::{E, Vec3};
-use crate::measure::AnchorId;
-use crate::survey::Survey;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
 
 /// Asks to arm for some seconds of a world in which the companion's survey has one anchor moved.
 fn ask(seed: u64, start: [f64; 2], moved: Option<(u8, f64)>) -> (bool, Vec<String>) {

@@ -7,7 +7,7 @@ use haltere_dialect::mav_stream;
 
 use super::boards::{assert_said, land, pass, said, to_board};
 use super::*;
-use crate::pilot::{Input, LinkId};
+use haltere_pilot::{Input, LinkId};
 
 /// A heartbeat as the generic board sends it.
 fn beat(armed: bool) -> Vec<u8> {

@@ -8,7 +8,7 @@ use super::*;
 use crate::board::Firmware;
 use crate::effects::EffectSet;
 use crate::faults::Fault;
-use crate::pilot::{BoardProfile, LinkId};
+use haltere_pilot::{BoardProfile, LinkId};
 
 pub(super) const REAL: [Firmware; 2] = [Firmware::Px4, Firmware::Ardupilot];
 pub(super) fn board(

@@ -30,7 +30,7 @@ fn prop_a_silent_hold_of_the_board_is_noticed_and_left_again() {
     fly_for(&mut world, 1.0);
     assert_said(&mut world, &mut ground, &["flies our setpoints again"]);
     pass(&mut world, &mut ground, 6.0);
-    let error_m = world.truth().pos_E_m - crate::frames::Vec3::new(6.5, 5.0, -1.2);
+    let error_m = world.truth().pos_E_m - haltere_core::frames::Vec3::new(6.5, 5.0, -1.2);
     assert!(error_m.norm() < 0.4, "{error_m:?}");
     land(&mut world, &mut ground);
 }
@@ -83,7 +83,7 @@ fn prop_px4_that_comes_back_by_itself_is_flown_on() {
         pass(&mut world, &mut ground, 6.0);
         let texts = said(&mut world, &mut ground);
         assert_eq!(world.pilot().mode(), Mode::Hold, "{texts:#?}");
-        let error_m = world.truth().pos_E_m - crate::frames::Vec3::new(5.0, 5.0, -1.2);
+        let error_m = world.truth().pos_E_m - haltere_core::frames::Vec3::new(5.0, 5.0, -1.2);
         assert!(error_m.norm() < 0.5, "{gap_s}: {error_m:?} {texts:#?}");
         land(&mut world, &mut ground);
     }

@@ -6,7 +6,7 @@ use super::*;
 use crate::lockstep::fly;
 
 /// Everything the core sent in a flight of a square.
-fn flown(seed: u64) -> Vec<(u64, crate::pilot::LinkId, Vec<u8>)> {
+fn flown(seed: u64) -> Vec<(u64, haltere_pilot::LinkId, Vec<u8>)> {
     let sent = Sent::default();
     let mut world = world(seed).with_tap(tap(&sent));
     let flight = fly(&mut world, &square(), 40.0).unwrap();

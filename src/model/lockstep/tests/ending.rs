@@ -4,7 +4,7 @@ use haltere_dialect::mav::haltere::{COMMAND_LONG_DATA, MavMessage};
 
 use super::*;
 use crate::faults::{Fault, FaultKind};
-use crate::pilot::Input;
+use haltere_pilot::Input;
 
 /// Longer than any of these takes, s.
 const LIMIT_S: f64 = 30.0;

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::*;
 use crate::faults::{Fault, FaultKind};
 use crate::lockstep::fly;
-use crate::pilot::{Input, LinkId};
+use haltere_pilot::{Input, LinkId};
 
 /// Flies until it is disarmed; what it took, s.
 fn until_disarmed(world: &mut Lockstep, limit_s: f64) -> f64 {

@@ -7,8 +7,8 @@ use haltere_dialect::mav::haltere::{
 
 use super::services::{ACCEPTED, upload_as};
 use super::*;
-use crate::pilot::Action;
 use MavMissionType as T;
+use haltere_pilot::Action;
 
 /// Where the vehicle takes off, and where it is asked to come back from: a pillar stands between.
 const HOME_M: [f64; 2] = [2.0, 5.0];
@@ -74,7 +74,7 @@ fn away_m(world: &Lockstep, place: [f64; 2]) -> f64 {
 /// Taken off at home.
 fn aloft(seed: u64, change: impl FnOnce(&mut PilotConfig)) -> (Lockstep, Ground) {
     let mut plant = PlantConfig::hall(seed);
-    plant.start_E_m = crate::frames::Vec3::new(HOME_M[0], HOME_M[1], 0.0);
+    plant.start_E_m = haltere_core::frames::Vec3::new(HOME_M[0], HOME_M[1], 0.0);
     let mut pilot = pilot_config(&plant);
     change(&mut pilot);
     let survey = plant.survey.clone();

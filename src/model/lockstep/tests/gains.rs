@@ -1,7 +1,7 @@
 //! Gains as a set: what cannot fly is not armed with, and does not come about in the air.
 
 use super::*;
-use crate::control::ControlGains;
+use haltere_core::control::ControlGains;
 use haltere_dialect::mav::haltere::{MavMessage, MavParamType, PARAM_SET_DATA};
 
 fn set(world: &mut Lockstep, ground: &mut Ground, name: &str, value: f32) {

@@ -210,7 +210,7 @@ fn prop_two_endpoints_at_once() {
     let plant = PlantConfig::hall(7);
     let survey = plant.survey.clone();
     let mut config = pilot_config(&plant);
-    config.endpoints = vec![crate::pilot::Endpoint::default(); 2];
+    config.endpoints = vec![haltere_pilot::Endpoint::default(); 2];
     let mut world = Lockstep::new(plant, config, &survey).unwrap();
     let mut first = Ground::at_endpoint(0, 255);
     let mut second = Ground::at_endpoint(1, 245);
@@ -238,7 +238,7 @@ fn regress_a_second_uploader_is_refused() {
     let plant = PlantConfig::hall(7);
     let survey = plant.survey.clone();
     let mut config = pilot_config(&plant);
-    config.endpoints = vec![crate::pilot::Endpoint::default(); 2];
+    config.endpoints = vec![haltere_pilot::Endpoint::default(); 2];
     let mut world = Lockstep::new(plant, config, &survey).unwrap();
     let mut first = Ground::at_endpoint(0, 255);
     let mut second = Ground::at_endpoint(1, 245);
@@ -299,7 +299,7 @@ fn prop_arming_ends_when_the_board_says_nothing() {
     let mut world = world(10);
     let mut ground = Ground::new();
     fly_for(&mut world, 8.0);
-    assert!(world.pilot().estimate().health == crate::estimate::Health::Good);
+    assert!(world.pilot().estimate().health == haltere_core::estimate::Health::Good);
     world.plant_mut().inject(Fault::BoardLink(FaultKind::Off)).unwrap();
     let answer = ground.command(&mut world, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, ARM);
     assert_eq!(answer, Some(R::MAV_RESULT_FAILED));
@@ -360,7 +360,7 @@ fn regress_each_endpoint_hears_of_every_pair() {
     let plant = PlantConfig::hall(14);
     let survey = plant.survey.clone();
     let mut config = pilot_config(&plant);
-    config.endpoints = vec![crate::pilot::Endpoint::default(); 2];
+    config.endpoints = vec![haltere_pilot::Endpoint::default(); 2];
     let mut world = Lockstep::new(plant, config, &survey).unwrap();
     fly_for(&mut world, 30.0);
     let pairs = |n: u8| {

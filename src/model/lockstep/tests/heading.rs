@@ -4,7 +4,7 @@ use super::*;
 use crate::board::Firmware;
 use crate::effects::EffectSet;
 use crate::faults::Fault;
-use crate::frames::wrap_pi_rad;
+use haltere_core::frames::wrap_pi_rad;
 
 /// Magnetic north of the room, deg.
 const NORTH_DEG: f64 = 25.0;
@@ -99,5 +99,5 @@ fn prop_both_firmwares_bring_their_field_and_the_start_says_so() {
         "{:?}",
         ground.texts
     );
-    assert!(world.pilot().estimate().health == crate::estimate::Health::Good);
+    assert!(world.pilot().estimate().health == haltere_core::estimate::Health::Good);
 }

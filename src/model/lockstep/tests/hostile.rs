@@ -4,8 +4,8 @@ use std::sync::{Arc, Mutex};
 
 use super::*;
 use crate::board::Firmware;
-use crate::pilot::{Input, LinkId, Pilot};
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_pilot::{Input, LinkId, Pilot};
 
 #[test]
 fn prop_hostile_bytes_on_the_ground_link_change_nothing() {
@@ -226,7 +226,7 @@ fn ordeal(seed: u64, recorded: &Recorded) -> (usize, usize) {
             0 => pilot.handle(at, Input::LinkUp { link }),
             1 => pilot.handle(at, Input::LinkDown { link: other }),
             2 => {
-                let reason = crate::drops::DropReason::InputQueueFull;
+                let reason = haltere_core::drops::DropReason::InputQueueFull;
                 pilot.handle(at, Input::Lost { link: other, reason, count: u64::MAX });
             }
             3..30 => pilot.handle(at, Input::Wake),

@@ -10,8 +10,8 @@ use super::boards::{arm_patiently, assert_said, board, land, pass, said};
 use super::*;
 use crate::board::Firmware;
 use crate::faults::Fault;
-use crate::pilot::LinkId;
-use crate::topics::Topic;
+use haltere_core::topics::Topic;
+use haltere_pilot::LinkId;
 
 /// Something else of the board, after each message of one id.
 fn beside(msg_id: u32, mut message: impl FnMut(u64) -> MavMessage + Send + 'static) -> Damage {
@@ -129,7 +129,7 @@ fn regress_another_imu_or_barometer_is_not_mixed_with_the_first() {
             pass(&mut world, &mut ground, 4.0);
             let texts = said(&mut world, &mut ground);
             assert_eq!(world.pilot().mode(), Mode::Hold, "{texts:#?}");
-            let error_m = world.truth().pos_E_m - crate::frames::Vec3::new(5.0, 5.0, -1.2);
+            let error_m = world.truth().pos_E_m - haltere_core::frames::Vec3::new(5.0, 5.0, -1.2);
             assert!(error_m.norm() < 0.5, "{error_m:?} {texts:#?}");
             if matches!(message(0), MavMessage::HIGHRES_IMU(_)) {
                 assert_said(&mut world, &mut ground, &["IMU 0 is flown on, not 1"]);

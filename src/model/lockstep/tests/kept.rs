@@ -7,9 +7,9 @@ use haltere_dialect::mav::haltere::{
 
 use super::services::{ACCEPTED, upload_as};
 use super::*;
-use crate::pilot::services::{FileFault, FileTask, PARAMETERS_TICKET, Plan, encode_plan};
-use crate::pilot::{Input, LinkId};
 use MavMissionType as T;
+use haltere_pilot::services::{FileFault, FileTask, PARAMETERS_TICKET, Plan, encode_plan};
+use haltere_pilot::{Input, LinkId};
 
 /// A world whose disk answers so to the question for one list; the others were never kept.
 fn restarted(plan: Plan, answer: Result<Vec<u8>, FileFault>) -> (Lockstep, Ground) {

@@ -88,7 +88,7 @@ fn prop_a_tag_that_computes_tdoa_is_flown_on_too() {
     let mut plant = PlantConfig::hall(17);
     plant.protocol = crate::tag::TagProtocol::Mavlink;
     let mut config = pilot_config(&plant);
-    config.tag_protocol = crate::pilot::TagProtocol::Mavlink;
+    config.tag_protocol = haltere_pilot::TagProtocol::Mavlink;
     let survey = plant.survey.clone();
     let mut world = Lockstep::new(plant, config, &survey).unwrap();
     let flight = fly(&mut world, &square(), 90.0).unwrap();

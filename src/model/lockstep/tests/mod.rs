@@ -33,8 +33,8 @@ use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, Mav
 pub(super) use super::local_item as item;
 use super::{Damage, Ground, Lockstep, Tap};
 use crate::PlantConfig;
-use crate::pilot::{Mode, PilotConfig};
 use crate::random::Stream;
+use haltere_pilot::{Mode, PilotConfig};
 
 pub(super) fn pilot_config(plant: &PlantConfig) -> PilotConfig {
     let mut pilot = PilotConfig::default();
@@ -116,7 +116,7 @@ pub(super) fn assert_in_room(world: &Lockstep) {
 pub(super) fn noisy_wire(seed: u64, one_in: f64) -> Damage {
     let mut rng = Stream::new(seed, "noisy wire");
     Box::new(move |_, link, bytes| {
-        if matches!(link, crate::pilot::LinkId::Ground(_)) {
+        if matches!(link, haltere_pilot::LinkId::Ground(_)) {
             return;
         }
         let before = std::mem::take(bytes);
@@ -132,7 +132,7 @@ pub(super) fn noisy_wire(seed: u64, one_in: f64) -> Damage {
 }
 
 /// All output of a flight as one list.
-pub(super) type Sent = std::sync::Arc<std::sync::Mutex<Vec<(u64, crate::pilot::LinkId, Vec<u8>)>>>;
+pub(super) type Sent = std::sync::Arc<std::sync::Mutex<Vec<(u64, haltere_pilot::LinkId, Vec<u8>)>>>;
 
 pub(super) fn tap(sent: &Sent) -> Tap {
     let sent = sent.clone();

@@ -9,8 +9,8 @@ use haltere_dialect::mav::haltere::{
 };
 
 use super::*;
-use crate::pilot::services::{FileFault, FileTask, Judgement, Told, encode_plan};
-use crate::pilot::{Endpoint, Identity, Input, LinkId};
+use haltere_pilot::services::{FileFault, FileTask, Judgement, Told, encode_plan};
+use haltere_pilot::{Endpoint, Identity, Input, LinkId};
 
 const PATIENCE_US: u64 = 3_000_000;
 

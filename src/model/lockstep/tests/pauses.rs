@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::*;
 use crate::board::Firmware;
 use crate::faults::{Fault, FaultKind};
-use crate::pilot::Input;
+use haltere_pilot::Input;
 
 /// In which part of the flight it stands still.
 #[derive(Debug, Clone, Copy, PartialEq)]

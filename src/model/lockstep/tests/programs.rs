@@ -5,8 +5,8 @@ use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavMissionRes
 use super::super::{Flight, Ground, Lockstep, fly};
 use super::{item, pilot_config};
 use crate::PlantConfig;
-use crate::control::Version;
-use crate::pilot::{Mode, PilotConfig};
+use haltere_core::control::Version;
+use haltere_pilot::{Mode, PilotConfig};
 
 const ROLL: f32 = 0.0;
 const PITCH: f32 = 1.0;

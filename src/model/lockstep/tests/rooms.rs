@@ -3,9 +3,9 @@
 use rayon::prelude::*;
 
 use super::*;
-use crate::frames::{E, Vec3};
-use crate::measure::AnchorId;
-use crate::survey::Survey;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::measure::AnchorId;
+use haltere_core::survey::Survey;
 
 /// Farthest that a wrong room may lead it, m. All but one of the 21 flights stay within 3.4 m; one, whose estimate leaps
 /// before it doubts itself, comes to 5.1 m. Without the reaction it is up to 20 m.

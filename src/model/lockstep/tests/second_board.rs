@@ -10,7 +10,7 @@ use super::*;
 use crate::Plant;
 use crate::board::Firmware;
 use crate::faults::{Fault, FaultKind};
-use crate::pilot::{Input, LinkId};
+use haltere_pilot::{Input, LinkId};
 
 fn address(port: u16) -> SocketAddr {
     SocketAddr::from(([10, 0, 0, 3], port))
@@ -105,7 +105,7 @@ fn regress_a_second_board_in_flight_is_named_and_not_heard() {
         second.pass(&mut world, &mut ground, 6.0);
         let texts = said(&mut world, &mut ground);
         assert_eq!(world.pilot().mode(), Mode::Hold, "{texts:#?}");
-        let error_m = world.truth().pos_E_m - crate::frames::Vec3::new(5.0, 5.0, -1.2);
+        let error_m = world.truth().pos_E_m - haltere_core::frames::Vec3::new(5.0, 5.0, -1.2);
         assert!(error_m.norm() < 0.5, "{error_m:?} {texts:#?}");
         assert_said(&mut world, &mut ground, &["a second board with system id 1", "10.0.0.3:2"]);
         assert_eq!(world.pilot().board_address(), Some(address(1)));

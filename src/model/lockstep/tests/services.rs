@@ -9,8 +9,8 @@ use haltere_dialect::mav::haltere::{
 };
 
 use super::*;
-use crate::geo::{Geodetic, LocalOrigin};
 use MavMissionType as T;
+use haltere_core::geo::{Geodetic, LocalOrigin};
 
 const PATIENCE_US: u64 = 2_000_000;
 
@@ -370,7 +370,7 @@ fn prop_float_items_in_a_global_frame() {
     let mut world = world(1);
     let mut ground = Ground::new();
     let origin = LocalOrigin::new(Geodetic::from_deg(0.5, 0.5, 0.0).unwrap(), 0.0).unwrap();
-    let place = origin.to_global(crate::frames::Vec3::new(6.0, 5.0, 0.0));
+    let place = origin.to_global(haltere_core::frames::Vec3::new(6.0, 5.0, 0.0));
     let count = MISSION_COUNT_DATA {
         count: 1,
         target_system: 1,
@@ -404,7 +404,8 @@ fn prop_float_items_in_a_global_frame() {
         .unwrap();
     // 1e-7 degrees on the way.
     assert!((back.x - float.x).abs() < 2e-7 && (back.y - float.y).abs() < 2e-7);
-    let crate::pilot::MissionItem::Waypoint { pos_E_m, .. } = world.pilot().mission().items[0].item
+    let haltere_pilot::MissionItem::Waypoint { pos_E_m, .. } =
+        world.pilot().mission().items[0].item
     else {
         panic!("no waypoint")
     };

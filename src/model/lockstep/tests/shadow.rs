@@ -10,9 +10,9 @@ use haltere_dialect::mav_stream::{self, MavSplitter};
 
 use super::*;
 use crate::lockstep::{HOST_START_US, fly};
-use crate::pilot::{Endpoint, Input, LinkId, Pilot, Routing};
-use crate::time::HostTime;
-use crate::topics::{ShadowRecord, Topic};
+use haltere_core::time::HostTime;
+use haltere_core::topics::{ShadowRecord, Topic};
+use haltere_pilot::{Endpoint, Input, LinkId, Pilot, Routing};
 
 /// The second companion, and all that it sent, to the board and to its station.
 struct Beside {

@@ -16,8 +16,8 @@ mod walls;
 
 use super::*;
 use crate::faults::{Fault, FaultKind};
-use crate::pilot::{Action, Input, LinkId, Reaction};
-use crate::time::HostTime;
+use haltere_core::time::HostTime;
+use haltere_pilot::{Action, Input, LinkId, Reaction};
 
 /// From which flight it is provoked.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::*;
 use crate::faults::{Fault, FaultKind};
-use crate::pilot::LinkId;
+use haltere_pilot::LinkId;
 
 /// The longest that it may stand with motors that run, s: what a landing without a fault takes.
 const STANDS_S: f64 = 4.0;

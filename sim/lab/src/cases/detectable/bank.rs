@@ -6,12 +6,12 @@
 use std::path::Path;
 
 use anyhow::{Result, anyhow};
-use haltere::gap::axis::Axis;
-use haltere::gap::bank::{Bank, Draw, EffectDraws};
-use haltere::gap::bank_file;
-use haltere::gap::make_bank::BankSize;
-use haltere::gap::statistics::specs;
 use haltere::progress::Progress;
+use haltere_gap::axis::Axis;
+use haltere_gap::bank::{Bank, Draw, EffectDraws};
+use haltere_gap::bank_file;
+use haltere_gap::make_bank::BankSize;
+use haltere_gap::statistics::specs;
 use rayon::prelude::*;
 
 use super::Bench;

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, anyhow};
-use haltere::gap::statistics::specs;
 use haltere::progress::Progress;
+use haltere_gap::statistics::specs;
 use rayon::prelude::*;
 use serde_json::json;
 
