@@ -20,16 +20,20 @@ fn is_of_room(text: &str) -> bool {
         .any(|w| text.contains(w))
 }
 
-/// A flight to 1.2 m in a hall that the companion knows as `told`, with a heading that is off by an angle: how far from
-/// its place it was, m, and the texts.
-fn flown(seed: u64, heading_deg: f64, told: Told) -> (f64, Vec<String>) {
+/// A hall that the companion knows as `told`, with a heading that is off by an angle.
+fn world_as(seed: u64, heading_deg: f64, told: Told) -> Lockstep {
     let plant = PlantConfig::hall(seed);
     let at = |id: &AnchorId| told(plant.survey.position_E_m(*id).unwrap());
     let sites: Vec<_> = plant.survey.ids().iter().map(|id| (*id, at(id))).collect();
     let survey = Survey::new(&sites).unwrap();
     let mut pilot = pilot_config(&plant);
     pilot.board_north_offset_rad = heading_deg.to_radians();
-    let (mut world, mut ground) = (Lockstep::new(plant, pilot, &survey).unwrap(), Ground::new());
+    Lockstep::new(plant, pilot, &survey).unwrap()
+}
+
+/// A flight to 1.2 m in such a hall: how far from its place it was, m, and the texts.
+fn flown(seed: u64, heading_deg: f64, told: Told) -> (f64, Vec<String>) {
+    let (mut world, mut ground) = (world_as(seed, heading_deg, told), Ground::new());
     let takeoff = [0.0, 0.0, 0.0, f32::NAN, f32::NAN, f32::NAN, 1.2];
     ground.command(&mut world, MavCmd::MAV_CMD_NAV_TAKEOFF, takeoff);
     arm(&mut world, &mut ground);
@@ -72,6 +76,21 @@ fn regress_a_room_that_is_mirrored_or_turned_ends_in_a_descent() {
             "{name}: {away_m} m {texts:#?}"
         );
         assert!(texts.iter().any(|t| t.contains("descend")), "{name}: {texts:#?}");
+    });
+}
+
+#[test]
+fn regress_a_room_told_too_large_arms_nothing() {
+    (0..6u64).into_par_iter().for_each(|seed| {
+        let large = |p: Vec3<E>| Vec3::new(1.25 * p.x(), 1.25 * p.y(), 1.25 * p.z());
+        let (mut world, mut ground) = (world_as(seed, 0.0, large), Ground::new());
+        for _ in 0..40 {
+            ground.command(&mut world, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, ARM);
+            fly_for(&mut world, 0.5);
+            assert!(!world.truth().armed, "{seed}: {:#?}", ground.texts);
+        }
+        let says_why = ground.texts.iter().any(|t| t.contains("above the floor by UWB"));
+        assert!(says_why, "{seed}: {:#?}", ground.texts);
     });
 }
 
