@@ -40,6 +40,9 @@ const BEATS_S: f64 = 0.3;
 const USUAL: [f64; 2] = [1.0 / hover::BOUNDS[1], 1.0 / hover::BOUNDS[0]];
 /// Ratio, over the usual one, that no sensor which is right has.
 const MOST_RATIO: f64 = 1.33;
+/// … and where a client or a joystick flies: thrown from wall to wall by leaning and pulling it reaches 1.4, a sensor that
+/// reads twice the force 2, of which little may be waited for: it falls to the floor in half a second.
+const MOST_RATIO_THROWN: f64 = 1.55;
 /// Least force expected that is divided by, m/s².
 const LEAST_MPS2: f64 = 0.2 * G_MPS2;
 /// Where the floor may carry it must read more than this, m/s²: a touch-down of 0.4 m/s reads less.
@@ -94,6 +97,8 @@ struct Step {
     level: bool,
     /// The board's attitude shows that it obeys late.
     late: bool,
+    /// Ratio, over the usual one, that is too much.
+    most_ratio: f64,
 }
 
 /// What is followed.
@@ -119,7 +124,7 @@ pub(crate) struct Scale {
 
 impl Scale {
     fn step(&mut self, step: Step, dt_s: f64) {
-        let Step { force_mps2, share, free, level, late } = step;
+        let Step { force_mps2, share, free, level, late, most_ratio } = step;
         self.obeys_late |= late;
         if !force_mps2.is_finite() || !share.is_finite() {
             return;
@@ -146,7 +151,7 @@ impl Scale {
         let known = self.usual.filter(|_| free || self.free_s > 0.0);
         // What a weak pack or worn wings carry less is no reason to call a full thrust too much.
         self.ratio = ratio / known.unwrap_or(1.0).max(1.0);
-        self.wrong = self.ratio > MOST_RATIO && (free || force_mps2 > CARRIED_MPS2);
+        self.wrong = self.ratio > most_ratio && (free || force_mps2 > CARRIED_MPS2);
         self.learn(ratio.clamp(USUAL[0], USUAL[1]), free, dt_s);
     }
 
@@ -195,6 +200,10 @@ impl Pilot {
             // Held below what carries it meets the floor harder than any landing.
             level: level > LEVEL_COS && !self.touch.is_held_low(),
             late: self.board.response_lag_s().is_some_and(|lag_s| lag_s > PROMPT_S),
+            most_ratio: match self.mode {
+                Mode::Offboard | Mode::Manual => MOST_RATIO_THROWN,
+                _ => MOST_RATIO,
+            },
         };
         self.supervisor.scale.step(step, dt_s);
     }
@@ -204,8 +213,8 @@ impl Pilot {
 pub(super) const SCALE: Condition = Condition {
     name: "force_scale",
     seen_by: "The specific force along body z, over the one that the thrust makes (with the lag of the wings and the \
-              drag of the fall that the thrust allows), is more than 1.33 times what is usual in this flight, or \
-              1.33 where that is less than 1. What the \
+              drag of the fall that the thrust allows), is more than 1.33 times (by a client or joystick 1.55 times) what \
+              is usual in this flight, or so much where that is less than 1. What the \
               loop cuts because of a wrong reading is on both sides of the ratio. Where the board's attitude follows \
               later than 0.3 s, the thrust of 0.15 s before may explain it as well. Below 0.5 m (in landings 0.8 m, or \
               0.5 m where estimate and barometer agree; in take-offs by the barometer), and while the floor is felt for, only from 1.3 g on: there the \
@@ -220,7 +229,6 @@ pub(super) const SCALE: Condition = Condition {
                  much again",
     }],
     lasts_s: |_| 0.06,
-    // Clients that throw it from wall to wall reach 1.4 by leaning and pulling alone.
     watched: Watched::In(&[
         Mode::Takeoff,
         Mode::Hold,
@@ -228,6 +236,8 @@ pub(super) const SCALE: Condition = Condition {
         Mode::Mission,
         Mode::Return,
         Mode::Land,
+        Mode::Offboard,
+        Mode::Manual,
     ]),
     wanted: |_| Reaction::Descend,
     because: "no usable estimate: accelerometer reads another scale",
@@ -261,7 +271,8 @@ mod tests {
             let true_mps2 = G_MPS2 * wings + DRAG_PER_S * sink_mps;
             sink_mps += (G_MPS2 - true_mps2) * 0.01;
             force_mps2 += (times * true_mps2 - force_mps2) * (0.01 / (FILTER_S + 0.01));
-            let step = Step { force_mps2, share, free, level: true, late: false };
+            let step =
+                Step { force_mps2, share, free, level: true, late: false, most_ratio: MOST_RATIO };
             scale.step(step, 0.01);
             // An inner loop on what is read: half of the surplus is cut.
             share = (1.0 - 0.5 * (force_mps2 / G_MPS2 - 1.0)).clamp(0.3, 1.5);
@@ -289,8 +300,14 @@ mod tests {
         let mut scale = Scale::default();
         for n in 0..300 {
             let share = 1.0 - f64::from(n) * 0.003;
-            let on_floor =
-                Step { force_mps2: G_MPS2, share, free: false, level: true, late: false };
+            let on_floor = Step {
+                force_mps2: G_MPS2,
+                share,
+                free: false,
+                level: true,
+                late: false,
+                most_ratio: MOST_RATIO,
+            };
             scale.step(on_floor, 0.01);
             assert!(!scale.is_wrong(), "{share}");
         }

@@ -1,6 +1,7 @@
 //! Sensors that are alive and lie: an accelerometer of another scale, ranging that is old, a barometer that contradicts.
 //! Judged by the truth.
 
+use super::walls::position;
 use super::*;
 use crate::faults::LineId;
 use crate::line_noise::LineNoise;
@@ -38,6 +39,39 @@ fn regress_an_accelerometer_that_reads_too_much_is_found_before_the_vehicle_fall
         let (meets_mps, _) = way_down(&mut world, &mut ground, 40.0);
         println!("{scale:?} {phase:?} seed {seed}: after {found_s:.2} s, floor met with {meets_mps:.2} m/s");
         assert!(found_s < 0.5 && meets_mps < 1.5, "{scale:?} {phase:?} {seed}: {found_s} {meets_mps}");
+        assert_said(&mut world, &mut ground, "times the force of the thrust");
+        assert_landed(&world, &ground.texts);
+    });
+}
+
+/// Nobody looked where a client flies: it fell as described above, told by the envelope alone.
+#[test]
+fn regress_an_accelerometer_that_reads_twice_is_found_where_a_client_flies() {
+    let cases: Vec<_> = [2.0, 3.0, 4.0]
+        .into_iter()
+        .flat_map(|scale| (0..4u64).flat_map(move |s| [false, true].map(|moves| (s, scale, moves))))
+        .collect();
+    cases.into_par_iter().for_each(|(seed, scale, moves)| {
+        let (mut world, mut ground) = aloft(world(seed), Phase::Hover);
+        let [n, e, d] = world.truth().pos_E_m.to_array();
+        for step in 0..100 {
+            // To and fro by half a metre, or held.
+            let aside = if moves && step % 20 < 10 { 0.5 } else { 0.0 };
+            position(&mut ground, &mut world, [n + aside, e, d]);
+            if step == 80 {
+                assert_eq!(world.pilot().mode(), Mode::Offboard, "{:#?}", ground.texts);
+                world.plant_mut().inject(Fault::AccelerometerScale([scale; 3])).unwrap();
+            }
+            if step == 2 {
+                let answer = ground.command(&mut world, MavCmd::MAV_CMD_DO_SET_MODE, OFFBOARD);
+                assert_eq!(answer, Some(MavResult::MAV_RESULT_ACCEPTED), "{:?}", ground.texts);
+            }
+            fly_for(&mut world, 0.05);
+        }
+        assert_eq!(world.pilot().mode(), Mode::Descend, "{:#?}", ground.texts);
+        let (meets_mps, _) = way_down(&mut world, &mut ground, 40.0);
+        println!("{scale} seed {seed} {moves}: floor met with {meets_mps:.2} m/s");
+        assert!(meets_mps < 1.5, "{scale} {seed} {moves}: {meets_mps} {:#?}", ground.texts);
         assert_said(&mut world, &mut ground, "times the force of the thrust");
         assert_landed(&world, &ground.texts);
     });

@@ -142,7 +142,7 @@ fn fly_at_wall(run: Run) -> f64 {
 /// Number of the mode for a joystick, as stations send it.
 const MANUAL: [f32; 7] = [1.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 
-fn position(ground: &mut Ground, world: &mut Lockstep, pos_m: [f64; 3]) {
+pub(super) fn position(ground: &mut Ground, world: &mut Lockstep, pos_m: [f64; 3]) {
     let message = MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
         coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
         type_mask: PositionTargetTypemask::from_bits_truncate(0xDF8),
