@@ -12,6 +12,7 @@ use super::{
     gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_diagnose, gap_missions,
     gap_observe, gap_shrink,
 };
+pub use gap_diagnose::diagnose;
 use haltere_core::checks::Problems;
 use haltere_gap::bank::{LEAST_DRAWS, LEAST_NULLS};
 use haltere_gap::make_bank::BankSize;

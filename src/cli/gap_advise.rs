@@ -8,6 +8,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::gap::{BankOptions, SceneOptions};
+use super::gap_references::References;
 use super::gap_report::Report;
 use super::gap_session::{Opened, open};
 use super::{moved, print, print_json};
@@ -33,9 +34,8 @@ pub(super) struct Advise {
     /// Report of `gap diagnose` as JSON, or flight logs.
     #[arg(required_unless_present_any = ["check", "list"], value_name = "REPORT.json|LOG")]
     inputs: Vec<PathBuf>,
-    /// Accepted flights of this airframe on the mission of the log, where a log is diagnosed.
-    #[arg(long, value_name = "LOG")]
-    reference: Vec<PathBuf>,
+    #[command(flatten)]
+    references: References,
     /// The log behind the report, if it has moved.
     #[arg(long, value_name = "LOG")]
     log: Option<PathBuf>,
@@ -78,7 +78,7 @@ impl Advise {
             [report] if report.extension().is_some_and(|e| e == "json") => {
                 self.report_of(report)?
             }
-            [first, ..] => match open(first, &self.reference, &self.told, &self.options)? {
+            [first, ..] => match open(first, &[], &self.references, &self.told, &self.options)? {
                 Opened::Fault(diagnosis) => {
                     anyhow::bail!("{}: {}", diagnosis.log, diagnosis.verdict)
                 }

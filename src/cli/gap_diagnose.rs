@@ -1,18 +1,20 @@
 //! `haltere gap diagnose`: one flight against the nominal simulator.
 
+use std::ffi::OsString;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context as _;
-use clap::Args;
+use clap::{Args, Parser};
 
 use super::gap::{BankOptions, SceneOptions};
 use super::gap_advise::remaining;
-use super::gap_session::{Opened, Session, open, same_survey};
+use super::gap_references::References;
+use super::gap_session::{Opened, Session, open};
 use super::{print, print_json};
-use crate::progress::Line;
+use crate::progress::{self, Line};
 use crate::report::{gap as page, truth};
 use haltere_gap::advise::{Effort, advise};
 use haltere_gap::archive::Shelf;
@@ -20,7 +22,6 @@ use haltere_gap::beside_truth::{BesideTruth, TruePoint, beside_truth};
 use haltere_gap::details::details;
 use haltere_gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
 use haltere_gap::held_out::{Explanation, measure};
-use haltere_gap::logs::{self, Flown};
 use haltere_gap::picture::picture;
 use haltere_gap::seal::digest;
 use haltere_model::effects::EffectSpec;
@@ -41,12 +42,8 @@ pub(super) struct Diagnose {
     /// Flight logs of the companion.
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Accepted flights of this airframe on the mission of the first log: they set the floor.
-    #[arg(long, value_name = "LOG")]
-    reference: Vec<PathBuf>,
-    /// Accepted flights of this airframe on the missions of the other logs.
-    #[arg(long, value_name = "LOG")]
-    held_out_reference: Vec<PathBuf>,
+    #[command(flatten)]
+    references: References,
     #[command(flatten)]
     told: SceneOptions,
     #[command(flatten)]
@@ -61,38 +58,88 @@ pub(super) struct Diagnose {
     /// Leaves the advice out of the report; it takes about as long as everything else.
     #[arg(long)]
     without_advice: bool,
+    /// A remark that the report is to carry, for programs that call this one.
+    #[arg(long, value_name = "TEXT", hide = true)]
+    remark: Vec<String>,
     /// Prints as JSON.
     #[arg(long)]
     json: bool,
 }
 
+/// What this command finds for these arguments, its reports written and nothing printed: for programs that fly what they
+/// have diagnosed.
+pub fn diagnose<I, T>(args: I) -> anyhow::Result<Diagnosis>
+where
+    I: IntoIterator<Item = T>,
+    T: Into<OsString> + Clone,
+{
+    #[derive(Parser)]
+    #[command(no_binary_name = true)]
+    struct Alone {
+        #[command(flatten)]
+        diagnose: Diagnose,
+    }
+    let Alone { diagnose } = Alone::try_parse_from(args)?;
+    let diagnosis = diagnose.diagnosis()?;
+    diagnose.write(&diagnosis)?;
+    Ok(diagnosis)
+}
+
+/// What a diagnosis does, with its usual length on two cores, s.
+const STAGES: [(&str, f64); 7] = [
+    ("reference flights", 3.0),
+    ("bank", 230.0),
+    ("learning the bank", 20.0),
+    ("sizes", 40.0),
+    ("shrink", 30.0),
+    ("cells", 5.0),
+    ("advice", 60.0),
+];
+
 impl Diagnose {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let diagnosis = self.diagnosis()?;
+        self.write(&diagnosis)?;
+        if self.json {
+            print_json(&diagnosis)?;
+        } else {
+            print(&text(&diagnosis));
+        }
+        Ok(ExitCode::from(diagnosis.exit_code()))
+    }
+
+    fn diagnosis(&self) -> anyhow::Result<Diagnosis> {
+        let is_due = |stage: &str| match stage {
+            "sizes" | "shrink" => self.logs.len() > 1,
+            "cells" => self.report.is_some() || self.json,
+            "advice" => (self.report.is_some() || self.json) && !self.without_advice,
+            "reference flights" => self.references.any(),
+            _ => true,
+        };
+        let due: Vec<_> = STAGES.into_iter().filter(|(name, _)| is_due(name)).collect();
+        progress::stages(&due);
         let [first, others @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
         // Before anything long: files that do not hold what they should.
         let truth = self.truth_file()?;
-        let session = match open(first, &self.reference, &self.told, &self.options)? {
+        let session = match open(first, others, &self.references, &self.told, &self.options)? {
             Opened::Ready(session) => session,
             Opened::Fault(mut diagnosis) => {
                 diagnosis.made_with.log_sha256 = hash_of(first);
-                return self.answer(&diagnosis);
+                return Ok(*diagnosis);
             }
         };
-        // And flights that cannot stand beside this one.
-        for path in others {
-            same_survey(&logs::read(path)?, &session.seen.flown)?;
-        }
         let truth = self.beside_truth(&session, truth)?;
         let mut diagnosis = session.judge();
         diagnosis.made_with.log_sha256 = hash_of(first);
         diagnosis.truth = truth;
         if !others.is_empty() && !diagnosis.effects.is_empty() {
-            self.shrink(&session, others, &mut diagnosis)?;
+            self.shrink(&session, &mut diagnosis)?;
         }
         if self.report.is_some() || self.json {
             self.draw(&session, &mut diagnosis);
         }
-        self.answer(&diagnosis)
+        diagnosis.remarks.extend(self.remark.iter().cloned());
+        Ok(diagnosis)
     }
 
     /// Truth of a file, and its name.
@@ -163,7 +210,7 @@ impl Diagnose {
         });
     }
 
-    fn answer(&self, diagnosis: &Diagnosis) -> anyhow::Result<ExitCode> {
+    fn write(&self, diagnosis: &Diagnosis) -> anyhow::Result<()> {
         if let Some(path) = &self.report {
             let write = |path: &Path, text: String| {
                 std::fs::write(path, text).with_context(|| format!("{}", path.display()))
@@ -171,25 +218,12 @@ impl Diagnose {
             write(path, page::render(diagnosis))?;
             write(&path.with_extension("json"), serde_json::to_string_pretty(diagnosis)?)?;
         }
-        if self.json {
-            print_json(diagnosis)?;
-        } else {
-            print(&text(diagnosis));
-        }
-        Ok(ExitCode::from(diagnosis.exit_code()))
+        Ok(())
     }
 
-    fn shrink(
-        &self,
-        session: &Session,
-        others: &[PathBuf],
-        diagnosis: &mut Diagnosis,
-    ) -> anyhow::Result<()> {
-        let read = |paths: &[PathBuf]| {
-            paths.iter().map(|path| logs::read(path)).collect::<Result<Vec<Flown>, _>>()
-        };
-        let (flights, accepted) = (read(others)?, read(&self.held_out_reference)?);
-        for flown in &flights {
+    fn shrink(&self, session: &Session, diagnosis: &mut Diagnosis) -> anyhow::Result<()> {
+        let (flights, accepted) = (&session.others, &session.held_out_references);
+        for flown in flights {
             if let Some(fault) = flown.faults.first() {
                 anyhow::bail!("{}: no held-out flight: {fault}", flown.path.display());
             }
@@ -222,7 +256,7 @@ impl Diagnose {
         session.resize(&mut all.collect::<Vec<_>>());
         let progress = Line::new("shrink");
         let told = self.told.told()?;
-        let r = measure(&flights, &accepted, &told, &named, &rivals, |done, of| {
+        let r = measure(flights, accepted, &told, &named, &rivals, |done, of| {
             progress.at(done, of);
         })?;
         for (k, rung) in diagnosis.ladder.iter_mut().enumerate() {

@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use super::gap::{BankOptions, SceneOptions};
+use super::gap_references::{Accepted, References};
 use crate::progress::Line;
 use haltere_gap::attribute::{Attributor, Settings};
 use haltere_gap::details::{Details, details};
@@ -13,6 +14,8 @@ use haltere_gap::logs::{self, Flown};
 use haltere_gap::nominal::Nominal;
 use haltere_gap::scene::Scene;
 use haltere_gap::workshop::Workshop;
+use haltere_log::record::LogError;
+use haltere_log::replay::ReplayError;
 
 /// Fewest reference flights that say anything about a spread.
 const LEAST_REFERENCES: usize = 8;
@@ -23,10 +26,14 @@ pub(super) struct Session {
     pub workshop: Workshop,
     pub attributor: Attributor,
     pub seen: Observed,
+    /// The other logs: flights that the fit does not see.
+    pub others: Vec<Flown>,
     /// Accepted flights of the airframe on this mission.
     pub references: Vec<Vec<f64>>,
     /// Details of the same.
     pub reference_details: Vec<Details>,
+    /// Accepted flights of the airframe on missions of the others.
+    pub held_out_references: Vec<Flown>,
 }
 
 /// A log may also be none of ours.
@@ -40,7 +47,8 @@ pub(super) enum Opened {
 /// Opens a log. Gate 0 comes before any bank is flown.
 pub(super) fn open(
     log: &Path,
-    references: &[PathBuf],
+    others: &[PathBuf],
+    references: &References,
     told: &SceneOptions,
     options: &BankOptions,
 ) -> anyhow::Result<Opened> {
@@ -50,6 +58,10 @@ pub(super) fn open(
     let fault = |why: String| Ok(Opened::Fault(Box::new(unreadable(name.clone(), why))));
     let flown = match logs::read(log) {
         Ok(flown) => flown,
+        // A name that was typed wrongly is no verdict on a flight.
+        Err(error @ ReplayError::Log(LogError::Io { .. } | LogError::NotMcap { .. })) => {
+            return Err(error.into());
+        }
         Err(error) => return fault(error.to_string()),
     };
     if let Some(why) = flown.faults.first() {
@@ -58,6 +70,18 @@ pub(super) fn open(
     if flown.mission.is_empty() {
         anyhow::bail!(
             "{name}: no mission in this log; only a flight that can be flown again can be compared"
+        );
+    }
+    // Before anything long: flights that cannot stand beside this one.
+    let others = others.iter().map(|path| logs::read(path)).collect::<Result<Vec<_>, _>>()?;
+    for other in &others {
+        same_survey(other, &flown)?;
+    }
+    let Accepted { first, held_out } = references.read(Some(&flown), &others)?;
+    if !first.is_empty() && first.len() < LEAST_REFERENCES {
+        anyhow::bail!(
+            "{} reference flights on the mission of {name}, at least {LEAST_REFERENCES} needed, 20 are better",
+            first.len()
         );
     }
     let scene = flown.scene(&told).on_grid();
@@ -70,18 +94,22 @@ pub(super) fn open(
         options.size(),
         |done, of| progress.at(done, of),
     )?;
-    let (references, reference_details) = accepted(references, &workshop.nominal, &flown)?;
-    if !references.is_empty() && references.len() < LEAST_REFERENCES {
-        anyhow::bail!(
-            "{} reference flights, at least {LEAST_REFERENCES} needed, 20 are better",
-            references.len()
-        );
-    }
+    let (references, reference_details) = accepted(first, &workshop.nominal)?;
     let settings = Settings::for_flights();
-    let long = || eprintln!("learning the bank");
-    let attributor = workshop.learn(&references, &[], &settings, long)?;
+    let progress = Line::new("learning the bank");
+    let attributor = workshop.learn(&references, &[], &settings, || progress.at(0, 1))?;
+    progress.at(1, 1);
     let seen = observed(flown, &workshop.nominal);
-    let session = Session { scene, workshop, attributor, seen, references, reference_details };
+    let session = Session {
+        scene,
+        workshop,
+        attributor,
+        seen,
+        others,
+        references,
+        reference_details,
+        held_out_references: held_out,
+    };
     Ok(Opened::Ready(Box::new(session)))
 }
 
@@ -112,19 +140,13 @@ impl Session {
 }
 
 /// Statistics and details of accepted flights of one mission.
-pub(super) fn accepted(
-    paths: &[PathBuf],
+fn accepted(
+    flights: Vec<Flown>,
     nominal: &Nominal,
-    flown: &Flown,
 ) -> anyhow::Result<(Vec<Vec<f64>>, Vec<Details>)> {
     let (mut rows, mut pictures) = (Vec::new(), Vec::new());
-    let progress = Line::new("reference flights");
-    for (k, path) in paths.iter().enumerate() {
-        let reference = logs::read(path)?;
-        if let Some(fault) = reference.faults.first() {
-            anyhow::bail!("{}: no reference: {fault}", path.display());
-        }
-        same_flight(&reference, flown)?;
+    for reference in flights {
+        let path = reference.path.clone();
         if !reference.trace.came_as_far_as(nominal.until_s) {
             anyhow::bail!("{}: no reference: its mission ended too early", path.display());
         }
@@ -133,7 +155,6 @@ pub(super) fn accepted(
             Ok(observation) => rows.push(observation.statistics),
             Err(why) => anyhow::bail!("{}: {why}", path.display()),
         }
-        progress.at(k + 1, paths.len());
     }
     Ok((rows, pictures))
 }

@@ -1,13 +1,14 @@
 //! `haltere gap shrink`: one effect added, the gap before and after on other flights.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
 use serde_json::json;
 
 use super::gap::{BankOptions, SceneOptions};
-use super::gap_session::{Opened, Session, open, same_survey};
+use super::gap_references::References;
+use super::gap_session::{Opened, Session, open};
 use super::{print, print_json};
 use crate::progress::Line;
 use haltere_gap::diagnosis::observed;
@@ -30,12 +31,8 @@ pub(super) struct Shrink {
     /// Log to fit on (only with an effect without values), then logs to judge on.
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Accepted flights of this airframe on the mission of the first log.
-    #[arg(long, value_name = "LOG")]
-    reference: Vec<PathBuf>,
-    /// Accepted flights of this airframe on the mission of the other logs.
-    #[arg(long, value_name = "LOG")]
-    held_out_reference: Vec<PathBuf>,
+    #[command(flatten)]
+    references: References,
     #[command(flatten)]
     told: SceneOptions,
     #[command(flatten)]
@@ -53,9 +50,11 @@ impl Shrink {
         let (spec, given) = parse(&self.effect)?;
         let explain =
             |theta| Explanation { name: spec.id.to_owned(), effects: vec![(spec, theta)] };
+        let accepted;
         let (asked, others, judged_on) = match given {
             Some(theta) => {
                 let flown = self.judged(&self.logs)?;
+                accepted = self.references.read(None, &flown)?.held_out;
                 (explain(theta), controls(spec), flown)
             }
             None => {
@@ -68,7 +67,8 @@ impl Shrink {
                         spec.id
                     );
                 }
-                let session = match open(first, &self.reference, &self.told, &self.options)? {
+                let session = match open(first, rest, &self.references, &self.told, &self.options)?
+                {
                     Opened::Ready(session) => session,
                     Opened::Fault(d) => anyhow::bail!("{}: {}", d.log, d.verdict),
                 };
@@ -76,18 +76,15 @@ impl Shrink {
                 let mut own = explain(theta);
                 let all = std::iter::once(&mut own).chain(&mut others);
                 session.resize(&mut all.collect::<Vec<_>>());
-                let flown = self.judged(rest)?;
-                for one in &flown {
-                    same_survey(one, &session.seen.flown)?;
+                let told = self.told.told()?;
+                for flown in &session.others {
+                    sound(flown, &told)?;
                 }
-                (own, others, flown)
+                accepted = session.held_out_references;
+                (own, others, session.others)
             }
         };
         let told = self.told.told()?;
-        let mut accepted = Vec::new();
-        for path in &self.held_out_reference {
-            accepted.push(logs::read(path)?);
-        }
         // No parameters: the effect helps at no size.
         let theta = asked.effects.first().map_or(&[][..], |(_, theta)| theta);
         let progress = Line::new("shrink");
@@ -112,12 +109,19 @@ impl Shrink {
 
     fn judged(&self, paths: &[PathBuf]) -> anyhow::Result<Vec<Flown>> {
         let told = self.told.told()?;
-        paths.iter().map(|path| sound(path, &told)).collect()
+        let mut flights = Vec::new();
+        for path in paths {
+            let flown = logs::read(path)?;
+            sound(&flown, &told)?;
+            flights.push(flown);
+        }
+        Ok(flights)
     }
 }
 
-fn sound(path: &Path, told: &Told) -> anyhow::Result<Flown> {
-    let flown = logs::read(path)?;
+/// Whether a flight can be judged on.
+fn sound(flown: &Flown, told: &Told) -> anyhow::Result<()> {
+    let path = &flown.path;
     if let Some(fault) = flown.faults.first() {
         anyhow::bail!("{}: {fault}", path.display());
     }
@@ -128,7 +132,7 @@ fn sound(path: &Path, told: &Told) -> anyhow::Result<Flown> {
     if let Err(why) = observed(flown.clone(), &nominal).observation {
         anyhow::bail!("{}: {why}", path.display());
     }
-    Ok(flown)
+    Ok(())
 }
 
 /// `ID`, `ID=value,…` in the order of the parameters, or `ID=name:value,…`.

@@ -72,10 +72,10 @@ impl Judging {
                 if !options.banks.as_os_str().is_empty() {
                     command.arg("--banks").arg(&options.banks);
                 }
+                command.arg(log);
                 for reference in logs_in(&options.references)? {
                     command.arg("--reference").arg(reference);
                 }
-                command.arg(log);
             }
             Judged::Fit(name) => {
                 command.args(["fit", name, "--json"]);

@@ -18,6 +18,7 @@ mod gap_bank;
 mod gap_diagnose;
 mod gap_missions;
 mod gap_observe;
+mod gap_references;
 mod gap_report;
 mod gap_session;
 mod gap_shrink;

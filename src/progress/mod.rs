@@ -3,7 +3,9 @@
 mod bar;
 mod job;
 mod line;
+mod plan;
 
 pub use bar::Bar;
 pub use job::Progress;
 pub use line::Line;
+pub use plan::stages;

@@ -1,0 +1,146 @@
+//! Accepted flights of an airframe, given as people have them: log by log, or a folder of them.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use clap::Args;
+
+use super::gap_session::same_flight;
+use crate::progress::Line;
+use haltere_gap::logs::{self, Flown};
+
+/// Where accepted flights lie.
+#[derive(Debug, Clone, Args)]
+pub(super) struct References {
+    /// Accepted flights of this airframe on the mission of the first log, eight or more: logs, or folders of logs. Of a
+    /// folder those that flew the mission of another log here are taken as `--held-out-reference`, others are left
+    /// out, and it is said which. All names that follow are taken, so the log to diagnose comes first.
+    #[arg(long, value_name = "LOG|FOLDER", num_args = 1..)]
+    reference: Vec<PathBuf>,
+    /// Accepted flights of this airframe on the missions of the other logs: logs, or folders of logs.
+    #[arg(long, value_name = "LOG|FOLDER", num_args = 1..)]
+    held_out_reference: Vec<PathBuf>,
+}
+
+/// Accepted flights, by what they are compared with.
+#[derive(Debug, Default)]
+pub(super) struct Accepted {
+    /// On the mission of the first log.
+    pub first: Vec<Flown>,
+    /// On missions of the others.
+    pub held_out: Vec<Flown>,
+}
+
+/// A name that was given, or that lies in a folder that was given.
+struct Found {
+    path: PathBuf,
+    in_folder: bool,
+}
+
+impl References {
+    /// Whether any were given.
+    pub fn any(&self) -> bool {
+        !self.reference.is_empty() || !self.held_out_reference.is_empty()
+    }
+
+    /// Reads them. A log that was named and does not fit is an error; one of a folder is left out.
+    pub fn read(&self, first: Option<&Flown>, others: &[Flown]) -> anyhow::Result<Accepted> {
+        let mut accepted = Accepted::default();
+        let (named, held_out) = (found(&self.reference)?, found(&self.held_out_reference)?);
+        let of = named.len() + held_out.len();
+        let progress = Line::new("reference flights");
+        let mut taken = Vec::new();
+        for (k, Found { path, in_folder }) in named.into_iter().enumerate() {
+            progress.at(k, of);
+            // The flights that are judged may lie beside those that they are judged by.
+            if judged(first.into_iter().chain(others), &path) {
+                continue;
+            }
+            let flown = match sound(&path) {
+                Ok(flown) => flown,
+                Err(why) if in_folder => {
+                    taken.push(format!("left out: {why:#}"));
+                    continue;
+                }
+                Err(why) => return Err(why),
+            };
+            let fits = first.map_or(Ok(()), |first| same_flight(&flown, first));
+            let of_others = || others.iter().any(|other| same_flight(&flown, other).is_ok());
+            match fits {
+                Ok(()) if first.is_some() => {
+                    taken.push(format!("reference: {}", path.display()));
+                    accepted.first.push(flown);
+                }
+                _ if (in_folder || first.is_none()) && of_others() => {
+                    taken.push(format!("held-out reference: {}", path.display()));
+                    accepted.held_out.push(flown);
+                }
+                Err(why) if in_folder => taken.push(format!("left out: {why:#}")),
+                Err(why) => return Err(why),
+                Ok(()) => taken.push(format!(
+                    "left out: {}: flew another mission than the logs to judge on",
+                    path.display()
+                )),
+            }
+        }
+        for Found { path, in_folder } in held_out {
+            if judged(first.into_iter().chain(others), &path) {
+                continue;
+            }
+            progress.at(accepted.first.len() + accepted.held_out.len(), of);
+            match sound(&path) {
+                Ok(flown) => {
+                    taken.push(format!("held-out reference: {}", path.display()));
+                    accepted.held_out.push(flown);
+                }
+                Err(why) if in_folder => taken.push(format!("left out: {why:#}")),
+                Err(why) => return Err(why),
+            }
+        }
+        progress.at(of, of);
+        for line in taken {
+            eprintln!("{line}");
+        }
+        Ok(accepted)
+    }
+}
+
+/// Whether this is one of the flights that are judged.
+fn judged<'a>(mut flights: impl Iterator<Item = &'a Flown>, path: &Path) -> bool {
+    let whole = |path: &Path| std::fs::canonicalize(path).ok();
+    flights.any(|flown| {
+        flown.path == path || whole(&flown.path).is_some_and(|p| Some(p) == whole(path))
+    })
+}
+
+/// A log that can stand for a good flight.
+fn sound(path: &Path) -> anyhow::Result<Flown> {
+    let flown = logs::read(path)?;
+    match flown.faults.first() {
+        Some(fault) => anyhow::bail!("{}: no reference: {fault}", path.display()),
+        None => Ok(flown),
+    }
+}
+
+/// The logs among these names, those of a folder by name.
+fn found(names: &[PathBuf]) -> anyhow::Result<Vec<Found>> {
+    let mut all = Vec::new();
+    for name in names {
+        if !name.is_dir() {
+            all.push(Found { path: name.clone(), in_folder: false });
+            continue;
+        }
+        let entries = std::fs::read_dir(name).with_context(|| name.display().to_string())?;
+        let mut paths: Vec<PathBuf> = entries
+            .flatten()
+            .map(|entry| entry.path())
+            .filter(|path| path.extension().is_some_and(|e| e == "mcap"))
+            .collect();
+        if paths.is_empty() {
+            anyhow::bail!("{}: no log (*.mcap) lies there", name.display());
+        }
+        paths.sort();
+        all.extend(paths.into_iter().map(|path| Found { path, in_folder: true }));
+    }
+    Ok(all)
+}
