@@ -17,6 +17,7 @@
 //! ```
 
 pub mod compare;
+pub mod hidden;
 pub mod paper;
 pub mod paths;
 pub mod steps;

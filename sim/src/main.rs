@@ -7,6 +7,7 @@ mod endpoint;
 mod faults;
 mod firmware;
 mod flood;
+mod hide;
 mod kills;
 mod lockstep;
 mod orders;
@@ -45,6 +46,9 @@ enum Command {
     Lockstep(lockstep::Options),
     /// Endpoint, companion and mission together, in real time; leaves a log and a report.
     Demo(demo::Options),
+    /// Hide an effect in a simulated vehicle, diagnose its logs, and open the envelope: what was hidden, what
+    /// was said, how far the gap shrank on flights not used, and the page.
+    Hide(hide::Options),
     /// Print every physical effect with equation, source and parameters: docs/EFFECTS.md.
     Effects,
     /// The step tests of the source in lockstep, version `raw` against `modified`.
@@ -115,6 +119,7 @@ fn main() -> ExitCode {
             print!("{}", haltere_model::effects::document::markdown());
             Ok(true)
         }
+        Command::Hide(options) => hide::run(&options),
         Command::Steps(options) => compare::steps(&options),
         Command::Paths(options) => paths::paths(&options),
         Command::Paper(options) => paper::run(&options),

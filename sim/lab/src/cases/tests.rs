@@ -102,3 +102,17 @@ fn regress_a_healthy_vehicle_is_flown_to_the_end_of_its_mission() {
     let outcome = flight::record(&scene, setup, Mission::Diagnostic, &log).unwrap();
     assert!(outcome.landed && outcome.flown_s > 100.0, "{outcome:?}");
 }
+
+/// `haltere-sim hide` says that it hides effects as strong as these.
+#[test]
+fn prop_what_is_hidden_is_as_strong_as_the_suite() {
+    let (_, cases) = committed();
+    for case in cases.iter().filter(|case| case.key.class == Class::Single) {
+        let effect = &case.key.effects[0];
+        let spec = crate::generator::effects::known().find(|spec| spec.id == effect.id).unwrap();
+        let share = spec.strength(effect.size) / spec.strongest();
+        let row = haltere_sim::hidden::SHARES.iter().find(|(id, _)| *id == effect.id).unwrap();
+        let hidden = row.1[effect.severity as usize];
+        assert!((share - hidden).abs() < 1e-3, "{}: {share} and {hidden}", effect.id);
+    }
+}
