@@ -7,15 +7,14 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use anyhow::{Context, Result, anyhow, bail};
 use haltere::cli::gap;
 use haltere::progress::{self, Line};
-use haltere::tape::Tape;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_gap::diagnosis::Diagnosis;
 use haltere_gap::library::standard;
 use haltere_gap::scene::Scene;
 use haltere_gap::{missions, seal};
-use haltere_model::lockstep::{Lockstep, fly};
-use haltere_pilot::settings::Config;
+use haltere_model::Plant;
 use haltere_sim::hidden::{Hidden, SHARES};
+use haltere_sim::taped::record;
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -23,8 +22,6 @@ use serde_json::json;
 const GOOD: u64 = 10;
 /// Bad flights that the fit does not see: three make an interval.
 const HELD_OUT: u64 = 3;
-/// A pack lasts for four minutes, s.
-const LIMIT_S: f64 = 200.0;
 /// The page's word on what this shows.
 const REMARK: &str = "what is wrong here was hidden by the simulator's own laws, which the diagnosis knows: a real vehicle's are \
                       others (docs/GAP_SCORES.md has what is reached where they are)";
@@ -175,56 +172,27 @@ fn fly_all(scene: &Scene, hidden: &Hidden, flights: &[Flight]) -> Result<()> {
         let items = &missions[usize::from(flight.held_out)];
         let nothing = Hidden::none();
         let within = if flight.bad { hidden } else { &nothing };
-        record(scene, within, flight, items).with_context(|| flight.path.display().to_string())?;
+        fly_one(scene, within, flight, items).with_context(|| flight.path.display().to_string())?;
         let now = 1 + done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         progress.at(now, flights.len());
         Ok(())
     })
 }
 
-/// Flies and writes the companion's own log. A vehicle that crashes or refuses to fly is a flight too.
-fn record(
+/// A vehicle that crashes or refuses to fly is a flight too, but not a good one.
+fn fly_one(
     scene: &Scene,
     hidden: &Hidden,
     flight: &Flight,
     items: &[MISSION_ITEM_INT_DATA],
 ) -> Result<()> {
-    let plant =
-        hidden.within(scene.plant(flight.seed)).map_err(|problems| anyhow!("{problems}"))?;
-    let plant = haltere_model::Plant::new(plant).map_err(|problems| anyhow!("{problems}"))?;
-    let tape = Tape::begin(&flight.path, &config(scene)?, &scene.survey)?;
-    let mut world =
-        Lockstep::in_world(plant, scene.pilot.clone(), &scene.survey, Some(tape.listener()))
-            .without_topics()
-            .with_tap(tape.tap());
-    let flown = fly(&mut world, items, LIMIT_S);
-    drop(world); // it holds the tape
-    tape.end()?;
-    match flown {
-        Err(why) if !flight.bad => bail!("a healthy vehicle did not fly: {why}"),
-        _ => Ok(()),
+    let plant = hidden.within(scene.plant(flight.seed)).and_then(Plant::new);
+    let plant = plant.map_err(|problems| anyhow!("{problems}"))?;
+    let outcome = record(scene, plant, items, &flight.path)?;
+    if !flight.bad && !outcome.landed {
+        bail!("a healthy vehicle did not come down on its feet");
     }
-}
-
-/// The configuration that the companion flies with in this scene.
-fn config(scene: &Scene) -> Result<Config> {
-    let pilot = &scene.pilot;
-    let mut config = Config {
-        flight: pilot.flight.clone(),
-        limits: pilot.limits.clone(),
-        uwb: pilot.uwb.clone(),
-        estimator: pilot.estimator.clone(),
-        control: pilot.control.clone(),
-        ..Config::default()
-    };
-    config.board.north_offset_deg = pilot.board_north_offset_rad.to_degrees();
-    if !pilot.store {
-        config.store.directory = PathBuf::new();
-    }
-    if config.pilot() != *pilot {
-        bail!("the scene's companion has settings that no configuration file can hold");
-    }
-    Ok(config)
+    Ok(())
 }
 
 /// What `haltere gap diagnose` is given: logs, and nothing of the envelope.

@@ -21,4 +21,5 @@ pub mod hidden;
 pub mod paper;
 pub mod paths;
 pub mod steps;
+pub mod taped;
 pub mod variation;

@@ -17,6 +17,7 @@ use anyhow::{Context, Result, anyhow};
 use haltere::progress::Progress;
 use haltere_gap::scene::Scene;
 use haltere_gap::seal;
+use haltere_sim::taped::Outcome;
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -77,7 +78,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let total = flights.len();
     let due: Vec<_> = flights.into_iter().filter(|(_, _, path)| !path.exists()).collect();
     let progress = Progress::new("flights", (total - due.len()) as u64, due.len() as u64);
-    let outcomes: Vec<flight::Outcome> = due
+    let outcomes: Vec<Outcome> = due
         .par_iter()
         .map(|(case, mission, path)| {
             let outcome = flight::record(&scene, case.setup(&scene, *mission), *mission, path)

@@ -2,49 +2,13 @@
 
 use std::path::Path;
 
-use anyhow::{Result, bail};
-use haltere::tape::Tape;
+use anyhow::Result;
 use haltere_gap::missions;
 use haltere_gap::scene::Scene;
-use haltere_model::lockstep::{Lockstep, fly};
-use haltere_pilot::settings::Config;
+use haltere_sim::taped::{self, Outcome};
 
 use super::list::Mission;
 use crate::generator::{Foreign, Setup};
-
-/// Longest flight, s of simulated time: a pack lasts for four minutes.
-const LIMIT_S: f64 = 200.0;
-/// What came of it.
-#[derive(Debug, Clone, Copy)]
-pub struct Outcome {
-    /// Ended disarmed on the floor.
-    pub landed: bool,
-    /// From arming to the end, s.
-    pub flown_s: f64,
-    /// Length of the log, bytes.
-    pub bytes: u64,
-}
-
-/// The configuration that the companion flies with in this scene.
-fn config(scene: &Scene) -> Result<Config> {
-    let pilot = &scene.pilot;
-    let mut config = Config {
-        flight: pilot.flight.clone(),
-        limits: pilot.limits.clone(),
-        uwb: pilot.uwb.clone(),
-        estimator: pilot.estimator.clone(),
-        control: pilot.control.clone(),
-        ..Config::default()
-    };
-    config.board.north_offset_deg = pilot.board_north_offset_rad.to_degrees();
-    if !pilot.store {
-        config.store.directory = std::path::PathBuf::new();
-    }
-    if config.pilot() != *pilot {
-        bail!("the scene's companion has settings that no configuration file can hold");
-    }
-    Ok(config)
-}
 
 /// Flies and writes `path`; nothing stands there unless the log is whole.
 pub fn record(scene: &Scene, setup: Setup, mission: Mission, path: &Path) -> Result<Outcome> {
@@ -53,20 +17,5 @@ pub fn record(scene: &Scene, setup: Setup, mission: Mission, path: &Path) -> Res
         Mission::HeldOut => missions::held_out(scene),
         Mission::Plain => missions::plain(scene),
     };
-    let tape = Tape::begin(path, &config(scene)?, &scene.survey)?;
-    let world = Foreign::new(setup);
-    let mut lockstep =
-        Lockstep::in_world(world, scene.pilot.clone(), &scene.survey, Some(tape.listener()))
-            .without_topics()
-            .with_tap(tape.tap());
-    let flown = fly(&mut lockstep, &items, LIMIT_S);
-    drop(lockstep); // it holds the tape
-    let bytes = tape.end()?;
-    Ok(match flown {
-        Ok(flight) => {
-            Outcome { landed: flight.landed, flown_s: flight.samples.len() as f64 * 0.01, bytes }
-        }
-        // A vehicle that refuses to fly is a flight too: its log says why.
-        Err(_) => Outcome { landed: false, flown_s: 0.0, bytes },
-    })
+    taped::record(scene, Foreign::new(setup), &items, path)
 }
