@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use haltere::tape::Tape;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_gap::scene::Scene;
-use haltere_model::lockstep::{Lockstep, World, fly};
+use haltere_model::lockstep::{Flight, FlightError, Lockstep, World, fly};
 use haltere_pilot::settings::Config;
 
 /// Longest flight, s of simulated time: a pack lasts for four minutes.
@@ -44,13 +44,29 @@ fn config(scene: &Scene) -> Result<Config> {
     Ok(config)
 }
 
-/// Flies and writes `path`; nothing stands there unless the log is whole.
+/// Flies and writes `path`, and says what came of it; nothing stands there unless the log is whole.
 pub fn record<W: World>(
     scene: &Scene,
     world: W,
     items: &[MISSION_ITEM_INT_DATA],
     path: &Path,
 ) -> Result<Outcome> {
+    let (flown, bytes) = fly_taped(scene, world, items, path)?;
+    Ok(match flown {
+        Ok(flight) => {
+            Outcome { landed: flight.landed, flown_s: flight.samples.len() as f64 * 0.01, bytes }
+        }
+        Err(_) => Outcome { landed: false, flown_s: 0.0, bytes },
+    })
+}
+
+/// The same with the whole flight, or why there was none, and the length of the log, bytes.
+pub fn fly_taped<W: World>(
+    scene: &Scene,
+    world: W,
+    items: &[MISSION_ITEM_INT_DATA],
+    path: &Path,
+) -> Result<(Result<Flight, FlightError>, u64)> {
     let tape = Tape::begin(path, &config(scene)?, &scene.survey)?;
     let mut lockstep =
         Lockstep::in_world(world, scene.pilot.clone(), &scene.survey, Some(tape.listener()))
@@ -59,10 +75,5 @@ pub fn record<W: World>(
     let flown = fly(&mut lockstep, items, LIMIT_S);
     drop(lockstep); // it holds the tape
     let bytes = tape.end()?;
-    Ok(match flown {
-        Ok(flight) => {
-            Outcome { landed: flight.landed, flown_s: flight.samples.len() as f64 * 0.01, bytes }
-        }
-        Err(_) => Outcome { landed: false, flown_s: 0.0, bytes },
-    })
+    Ok((flown, bytes))
 }

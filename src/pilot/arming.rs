@@ -10,7 +10,7 @@ use super::modes::Mode;
 /// Tilt beyond which the vehicle does not stand on its gear, rad.
 const ARM_TILT_RAD: f64 = 0.35;
 /// A vehicle stands on a floor or on a table; higher by UWB, the survey is wrong, m. Of 28 flights in a room told 1.25
-/// times too large all stood 1.3 to 1.4 m high by UWB (campaign of docs/FAULTS.md).
+/// times too large all stood 1.2 to 1.4 m high by UWB (`haltere-sim campaign faults --only "survey: scaled by 1.25"`).
 const STANDS_HIGHEST_M: f64 = 1.0;
 /// Newest UWB, IMU and battery may be this old to arm, s.
 const ARM_AGE_S: f64 = 0.5;

@@ -56,8 +56,8 @@ fn cell(table: &Table, row: usize, column: usize) -> f64 {
     }
 }
 
-/// A landing by a weak pack ended in "accelerometer reads another scale" in one of five: its thrust falls steeply, and the
-/// floor carries it while estimate and barometer have it 0.6 m high.
+/// A landing by a weak pack ended in "accelerometer reads another scale" in one of five: the floor carried it while estimate
+/// and barometer had it 0.6 m high.
 #[test]
 fn regress_no_landing_by_a_weak_pack_is_taken_for_a_broken_sensor() {
     let bench =
