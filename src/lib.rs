@@ -18,6 +18,7 @@ pub mod cli;
 pub mod ctl;
 pub mod fit;
 pub mod live;
+pub mod named_missions;
 pub mod preflight;
 pub mod progress;
 pub mod reference;

@@ -6,7 +6,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, anyhow, bail};
 use haltere::cli::gap;
-use haltere::progress::{self, Line};
+use haltere::progress::{self, Progress};
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_gap::diagnosis::Diagnosis;
 use haltere_gap::library::standard;
@@ -166,7 +166,7 @@ fn plan(options: &Options, seed: u64) -> Vec<Flight> {
 
 fn fly_all(scene: &Scene, hidden: &Hidden, flights: &[Flight]) -> Result<()> {
     let missions = [missions::diagnostic(scene), missions::held_out(scene)];
-    let progress = Line::new("flights");
+    let progress = Progress::new("flights");
     let done = std::sync::atomic::AtomicUsize::new(0);
     flights.par_iter().try_for_each(|flight| {
         let items = &missions[usize::from(flight.held_out)];

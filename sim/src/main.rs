@@ -7,6 +7,7 @@ mod endpoint;
 mod faults;
 mod firmware;
 mod flood;
+mod fly;
 mod hide;
 mod kills;
 mod lockstep;
@@ -26,7 +27,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use haltere::cli::moved::Moved;
 use haltere::live::console::Console;
-use haltere_sim::{compare, paper, paths};
+use haltere_sim::paper;
 
 /// Simulated tag, board and vehicle for the haltere companion.
 #[derive(Debug, Parser)]
@@ -51,10 +52,9 @@ enum Command {
     Hide(hide::Options),
     /// Print every physical effect with equation, source and parameters: docs/EFFECTS.md.
     Effects,
-    /// The step tests of the source in lockstep, version `raw` against `modified`.
-    Steps(compare::StepOptions),
-    /// Path shapes in lockstep over many seeds: accuracy of the estimate, take-off, landing.
-    Paths(paths::PathOptions),
+    /// Fly missions in lockstep, as fast as the computer is: one log each. Exit code 1 when one did not end on
+    /// its feet, in the room.
+    Fly(fly::Options),
     /// Every experiment of the source, ours beside its numbers: one HTML report with all figures, and
     /// JSON beside it. Exit code 1 when a target is missed.
     Paper(paper::Options),
@@ -70,6 +70,12 @@ enum Command {
     /// The companion is killed in flight at random moments and started again: the board has to come down
     /// by itself, and nobody may take it over. Exit code 1 when one went wrong.
     Kills(kills::Options),
+    /// Step tests: an experiment of the source.
+    #[command(hide = true, disable_help_flag = true)]
+    Steps(Moved),
+    /// Shapes: missions like any other.
+    #[command(hide = true, disable_help_flag = true)]
+    Paths(Moved),
     /// The sealed suite: the laboratory's.
     #[command(hide = true, disable_help_flag = true)]
     Cases(Moved),
@@ -120,9 +126,15 @@ fn main() -> ExitCode {
             Ok(true)
         }
         Command::Hide(options) => hide::run(&options),
-        Command::Steps(options) => compare::steps(&options),
-        Command::Paths(options) => paths::paths(&options),
+        Command::Fly(options) => fly::run(&options),
         Command::Paper(options) => paper::run(&options),
+        Command::Steps(moved) => {
+            return moved.now("haltere-sim steps", "haltere-sim paper --only steps");
+        }
+        Command::Paths(moved) => {
+            return moved
+                .now("haltere-sim paths", "haltere-sim fly square rhombus hexagon straight");
+        }
         Command::Cases(moved) => return moved.say("haltere-sim cases", "haltere-lab cases …"),
         Command::Detectable(moved) => {
             return moved.say("haltere-sim detectable", "haltere-lab detectable …");

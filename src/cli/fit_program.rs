@@ -70,9 +70,6 @@ enum Axes {
     Both,
 }
 
-/// What the default hover leaves above the warning voltage, V.
-const ABOVE_LOW_V: f64 = 0.1;
-
 impl ProgramCommand {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let loaded = self.configuration.load()?;
@@ -90,7 +87,9 @@ impl ProgramCommand {
         if !(1.0..=3600.0).contains(&self.rung) {
             anyhow::bail!("--rung {} s, allowed 1 to 3600", self.rung);
         }
+        let usual = Options::of(&pilot);
         let options = Options {
+            until_v: self.until.unwrap_or(usual.until_v),
             axes: match self.axis {
                 Axes::Pitch => vec![TiltAxis::Pitch],
                 Axes::Roll => vec![TiltAxis::Roll],
@@ -100,8 +99,7 @@ impl ProgramCommand {
             beyond_limit: self.beyond_limit,
             heights_m: self.heights,
             rung_s: self.rung,
-            until_v: self.until.unwrap_or(pilot.limits.battery_low_v + ABOVE_LOW_V),
-            gear_m: pilot.flight.gear_height_m,
+            ..usual
         };
         let planned = plan(program, &envelope, &options)
             .map_err(|why| anyhow!("program {}: {why}", program.name()))?;

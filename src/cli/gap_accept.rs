@@ -10,7 +10,7 @@ use serde_json::json;
 use super::gap::RoomOptions;
 use super::gap_report::Report;
 use super::{print, print_json};
-use crate::progress::Line;
+use crate::progress::Progress;
 use haltere_core::frames::Vec3;
 use haltere_core::measure::AnchorId;
 use haltere_gap::accept::{by_hand, edit_anchor, edit_scenario, edit_vehicle, number, set_key};
@@ -187,7 +187,7 @@ impl Accept {
         let told = Told { room: self.room.room()?, ..Told::default() };
         let scene = flown.scene(&told).on_grid();
         let named: Vec<_> = effects.iter().map(|(spec, theta)| (*spec, &theta[..])).collect();
-        let progress = Line::new("flying for the trim");
+        let progress = Progress::new("flying for the trim");
         let found = trim(&scene, &flown.mission, &named, |done, of| progress.at(done, of));
         let mut found = found.context("no flight of the simulator could be observed")?;
         let own = &flown.config.control.trims;

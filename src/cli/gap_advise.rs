@@ -12,7 +12,7 @@ use super::gap_references::References;
 use super::gap_report::Report;
 use super::gap_session::{Opened, open};
 use super::{moved, print, print_json};
-use crate::progress::Line;
+use crate::progress::Progress;
 use haltere_gap::advise::{Advice, Effort, Hypothesis, Remaining, advise, after_flight};
 use haltere_gap::archive::Shelf;
 use haltere_gap::diagnosis::{Diagnosis, observed};
@@ -103,7 +103,7 @@ impl Advise {
             }
             return Ok(ExitCode::SUCCESS);
         }
-        let progress = Line::new("trying the experiments");
+        let progress = Progress::new("trying the experiments");
         let shelf = Shelf::in_folder(&self.options.folder());
         let tell = |done, of| progress.at(done, of);
         let advice = advise(&scene, &remaining, Effort::All, &shelf, tell);
@@ -167,7 +167,7 @@ impl Advise {
         let nominal = Nominal::of_scene(scene);
         let seen = observed(second, &nominal).observation;
         let seen = seen.map_err(|why| anyhow::anyhow!("{}: {why}", path.display()))?;
-        let progress = Line::new("flying the candidates");
+        let progress = Progress::new("flying the candidates");
         let after = after_flight(scene, &items, remaining, &seen.statistics, |done, of| {
             progress.at(done, of);
         });

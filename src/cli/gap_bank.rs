@@ -10,7 +10,7 @@ use serde_json::json;
 
 use super::gap::{BankOptions, SceneOptions};
 use super::{print, print_json};
-use crate::progress::Line;
+use crate::progress::Progress;
 use haltere_gap::logs;
 use haltere_gap::missions;
 use haltere_gap::scene::Scene;
@@ -52,7 +52,7 @@ impl BankCommand {
             }
         };
         let started = Instant::now();
-        let progress = Line::new("bank");
+        let progress = Progress::new("bank");
         let workshop = Workshop::open(
             &self.options.folder(),
             scene,

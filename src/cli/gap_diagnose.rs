@@ -14,7 +14,7 @@ use super::gap_advise::remaining;
 use super::gap_references::References;
 use super::gap_session::{Opened, Session, open};
 use super::{print, print_json};
-use crate::progress::{self, Line};
+use crate::progress::{self, Progress};
 use crate::report::{gap as page, truth};
 use haltere_gap::advise::{Effort, advise};
 use haltere_gap::archive::Shelf;
@@ -180,7 +180,7 @@ impl Diagnose {
                 .flat_map(|n| &n.effects)
                 .map(|(spec, theta)| (*spec, &theta[..]))
                 .collect();
-            let progress = Line::new("cells");
+            let progress = Progress::new("cells");
             diagnosis.picture = Some(picture(
                 &session.scene,
                 &flown.mission,
@@ -197,7 +197,7 @@ impl Diagnose {
         let experiments = if open.is_settled() {
             Vec::new()
         } else {
-            let progress = Line::new("advice");
+            let progress = Progress::new("advice");
             let shelf = Shelf::in_folder(&self.options.folder());
             let tell = |done, of| progress.at(done, of);
             advise(&session.scene, &open, Effort::Listed, &shelf, tell)
@@ -254,7 +254,7 @@ impl Diagnose {
         }
         let all = std::iter::once(&mut named).chain(&mut rivals);
         session.resize(&mut all.collect::<Vec<_>>());
-        let progress = Line::new("shrink");
+        let progress = Progress::new("shrink");
         let told = self.told.told()?;
         let r = measure(flights, accepted, &told, &named, &rivals, |done, of| {
             progress.at(done, of);

@@ -6,7 +6,7 @@ use anyhow::Context as _;
 use clap::Args;
 
 use super::gap_session::same_flight;
-use crate::progress::Line;
+use crate::progress::Progress;
 use haltere_gap::logs::{self, Flown};
 
 /// Where accepted flights lie.
@@ -48,7 +48,7 @@ impl References {
         let mut accepted = Accepted::default();
         let (named, held_out) = (found(&self.reference)?, found(&self.held_out_reference)?);
         let of = named.len() + held_out.len();
-        let progress = Line::new("reference flights");
+        let progress = Progress::new("reference flights");
         let mut taken = Vec::new();
         for (k, Found { path, in_folder }) in named.into_iter().enumerate() {
             progress.at(k, of);

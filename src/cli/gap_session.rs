@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::gap::{BankOptions, SceneOptions};
 use super::gap_references::{Accepted, References};
-use crate::progress::Line;
+use crate::progress::Progress;
 use haltere_gap::attribute::{Attributor, Settings};
 use haltere_gap::details::{Details, details};
 use haltere_gap::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
@@ -85,7 +85,7 @@ pub(super) fn open(
         );
     }
     let scene = flown.scene(&told).on_grid();
-    let progress = Line::new("bank");
+    let progress = Progress::new("bank");
     let workshop = Workshop::open(
         &options.folder(),
         scene.clone(),
@@ -96,7 +96,7 @@ pub(super) fn open(
     )?;
     let (references, reference_details) = accepted(first, &workshop.nominal)?;
     let settings = Settings::for_flights();
-    let progress = Line::new("learning the bank");
+    let progress = Progress::new("learning the bank");
     let attributor = workshop.learn(&references, &[], &settings, || progress.at(0, 1))?;
     progress.at(1, 1);
     let seen = observed(flown, &workshop.nominal);
@@ -124,7 +124,7 @@ impl Session {
     pub fn resize(&self, explanations: &mut [&mut Explanation]) {
         let Ok(observation) = &self.seen.observation else { return };
         let model = HeldOut::new(&self.scene, &self.workshop.items, &self.references);
-        let progress = Line::new("sizes");
+        let progress = Progress::new("sizes");
         let name = explanations.first().map(|e| e.name.clone()).unwrap_or_default();
         let shares = resize_all(&model, &observation.statistics, explanations, |done, of| {
             progress.at(done, of);

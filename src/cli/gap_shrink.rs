@@ -10,10 +10,10 @@ use super::gap::{BankOptions, SceneOptions};
 use super::gap_references::References;
 use super::gap_session::{Opened, Session, open};
 use super::{print, print_json};
-use crate::progress::Line;
+use crate::progress::Progress;
 use haltere_gap::diagnosis::observed;
 use haltere_gap::held_out::{Explanation, Measured, SHRINK_FLIGHTS, measure};
-use haltere_gap::library::whole;
+use haltere_gap::library::{self, whole};
 use haltere_gap::logs::{self, Flown};
 use haltere_gap::scene::Told;
 use haltere_model::effects::EffectSpec;
@@ -47,7 +47,8 @@ const WRONG: usize = 6;
 
 impl Shrink {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
-        let (spec, given) = parse(&self.effect)?;
+        let (spec, given) =
+            library::asked(&self.effect).map_err(|why| anyhow::anyhow!("--effect {why}"))?;
         let explain =
             |theta| Explanation { name: spec.id.to_owned(), effects: vec![(spec, theta)] };
         let accepted;
@@ -87,7 +88,7 @@ impl Shrink {
         let told = self.told.told()?;
         // No parameters: the effect helps at no size.
         let theta = asked.effects.first().map_or(&[][..], |(_, theta)| theta);
-        let progress = Line::new("shrink");
+        let progress = Progress::new("shrink");
         let result = measure(&judged_on, &accepted, &told, &asked, &others, |done, of| {
             progress.at(done, of);
         })?;
@@ -133,47 +134,6 @@ fn sound(flown: &Flown, told: &Told) -> anyhow::Result<()> {
         anyhow::bail!("{}: {why}", path.display());
     }
     Ok(())
-}
-
-/// `ID`, `ID=value,…` in the order of the parameters, or `ID=name:value,…`.
-fn parse(text: &str) -> anyhow::Result<(&'static EffectSpec, Option<Vec<f64>>)> {
-    let (id, values) = text.split_once('=').map_or((text, None), |(id, v)| (id, Some(v)));
-    let Some(spec) = whole().into_iter().find(|s| s.id == id) else {
-        let known: Vec<&str> = whole().iter().map(|s| s.id).collect();
-        anyhow::bail!("--effect {id}: no such effect, the list has {}", known.join(" "));
-    };
-    let Some(values) = values else { return Ok((spec, None)) };
-    let mut theta: Vec<f64> = spec.parameters.iter().map(|p| p.default).collect();
-    for (k, part) in values.split(',').enumerate() {
-        let (place, value) = match part.split_once(':') {
-            Some((name, value)) => {
-                let place = spec.parameters.iter().position(|p| p.name == name.trim());
-                let known: Vec<&str> = spec.parameters.iter().map(|p| p.name).collect();
-                let place = place.ok_or_else(|| {
-                    anyhow::anyhow!(
-                        "--effect {id}: no parameter {name}, it has {}",
-                        known.join(", ")
-                    )
-                })?;
-                (place, value)
-            }
-            None => (k, part),
-        };
-        let number: f64 = value.trim().parse().map_err(|_| {
-            anyhow::anyhow!(
-                "--effect {id}: `{value}` is no number; write {id}=0.1 or {id}=name:0.1"
-            )
-        })?;
-        let slots = theta.len();
-        let slot = theta.get_mut(place).ok_or_else(|| {
-            anyhow::anyhow!("--effect {id}: has {slots} parameters, more were given")
-        })?;
-        *slot = number;
-    }
-    // Refused here as the simulator would refuse it.
-    haltere_gap::make_bank::with_effect(Default::default(), spec, &theta)
-        .map_err(|p| anyhow::anyhow!("--effect {text}: {p}"))?;
-    Ok((spec, Some(theta)))
 }
 
 /// The effect as fitted on the first log, and other candidates as fitted there.
@@ -300,27 +260,4 @@ fn text(
         let _ = writeln!(out, "No interval: it needs at least three flights.");
     }
     out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::parse;
-
-    #[test]
-    fn prop_effects_are_read_by_order_and_by_name_and_refused_in_words() {
-        assert_eq!(parse("P1").unwrap().1, None);
-        assert_eq!(parse("P1=0.08").unwrap().1, Some(vec![0.08]));
-        assert_eq!(parse("U2=anchor:3,bias:0.1").unwrap().1, Some(vec![0.1, 3.0]));
-        for (text, says) in [
-            ("Z9", "no such effect"),
-            ("P1=x", "is no number"),
-            ("P1=los:0.1", "it has loss"),
-            ("P1=0.1,0.2", "1 parameters"),
-            ("P1=90", "allowed"),
-            ("P1=", "is no number"),
-        ] {
-            let said = format!("{:#}", parse(text).unwrap_err());
-            assert!(said.contains(says), "{text}: {said}");
-        }
-    }
 }

@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::{print, print_json};
-use crate::progress::Bar;
+use crate::progress::Progress;
 use haltere_log::export::{Form, create, links, tables, write_table, write_tlog};
 use haltere_log::record::{LogEnd, LogReader};
 use haltere_pilot::LinkId;
@@ -76,15 +76,15 @@ impl Export {
         let dir = self.dir.unwrap_or_else(|| self.log.with_extension(form.ending()));
         std::fs::create_dir_all(&dir)
             .with_context(|| format!("{}: the folder cannot be made", dir.display()))?;
-        let mut progress = Bar::default();
+        let progress = Progress::new("tables");
         let mut written = Vec::new();
         for (i, table) in wanted.iter().enumerate() {
-            progress.tell(i, wanted.len(), &table.name);
+            progress.doing(i, wanted.len(), &table.name);
             let file = write_table(&log, table, form, &dir, self.overwrite)?;
             let (rows, columns) = (table.rows(), table.columns.len());
             written.push(Written { topic: table.name.clone(), rows, columns, file });
         }
-        progress.clear();
+        progress.end();
         if self.json {
             print_json(&written)?;
         } else {

@@ -8,7 +8,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{print, print_json};
-use crate::progress::Bar;
+use crate::progress::Progress;
 use haltere_core::time::HostTime;
 use haltere_log::record::{Decoded, Entry, LogEnd, LogReader, utc_text};
 use haltere_pilot::settings::RecordConfig;
@@ -52,13 +52,13 @@ impl List {
             .filter(|path| path.extension().is_some_and(|e| e == "mcap"))
             .collect();
         logs.sort();
-        let mut progress = Bar::default();
+        let progress = Progress::new("logs");
         let mut rows = Vec::new();
         for (i, path) in logs.iter().enumerate() {
-            progress.tell(i, logs.len(), &file_name(path));
+            progress.doing(i, logs.len(), &file_name(path));
             rows.push(look(path));
         }
-        progress.clear();
+        progress.end();
         if self.json {
             print_json(&rows)?;
         } else if rows.is_empty() {

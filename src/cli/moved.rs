@@ -15,7 +15,13 @@ pub struct Moved {
 }
 
 impl Moved {
-    /// Says that the command `was` is `now`.
+    /// Says that another command does what `was` did.
+    pub fn now(&self, was: &str, now: &str) -> ExitCode {
+        eprintln!("{was} is no more: use `{now}`");
+        ExitCode::from(EXIT_USAGE)
+    }
+
+    /// Says that the command `was` is `now`, in the laboratory.
     pub fn say(&self, was: &str, now: &str) -> ExitCode {
         say(was, now)
     }

@@ -7,10 +7,10 @@ use std::path::Path;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 use super::judge::{Judged, Judging};
-use crate::fit::programs::{Options, Program, plan};
+use crate::fit::programs::Options;
+use crate::named_missions::{self, DIAGNOSTIC, FITS, Place, fit_name};
 use crate::sources::Loaded;
 use crate::store::Programs;
-use haltere_gap::missions;
 use haltere_gap::scene::Scene;
 use haltere_model::Vehicle;
 use haltere_model::room::Room;
@@ -19,29 +19,9 @@ use haltere_pilot::mission_file::MissionFile;
 use haltere_pilot::services::{Judgement, encode_plan};
 use haltere_pilot::settings::DiagnosisConfig;
 
-/// What the default hover of the thrust program leaves above the warning voltage, V.
-const ABOVE_LOW_V: f64 = 0.1;
-
-/// Standard flights of the diagnosis.
-const DIAGNOSTIC: &str = "diagnostic";
-const PLAIN: &str = "plain";
-const HELD_OUT: &str = "held-out";
-
-const FITS: [Program; 7] = [
-    Program::Drag,
-    Program::Thrust,
-    Program::Ground,
-    Program::Trim,
-    Program::Lag,
-    Program::Imu,
-    Program::Anchors,
-];
-
 /// Built-in programs of one configuration.
 pub(super) struct BuiltIn {
-    scene: Scene,
-    envelope: Envelope,
-    options: Options,
+    place: Place,
     diagnosis: DiagnosisConfig,
     judging: RefCell<Option<Judging>>,
 }
@@ -65,18 +45,11 @@ impl BuiltIn {
             pilot: pilot.clone(),
             until_s: None,
         };
-        let options = Options {
-            until_v: pilot.limits.battery_low_v + ABOVE_LOW_V,
-            gear_m: pilot.flight.gear_height_m,
-            ..Options::default()
-        };
+        let options = Options::of(&pilot);
         let diagnosis = loaded.config.diagnosis.clone();
-        Ok(Self { scene, envelope, options, diagnosis, judging: RefCell::default() })
+        let place = Place { scene, envelope, options };
+        Ok(Self { place, diagnosis, judging: RefCell::default() })
     }
-}
-
-fn fit_name(program: Program) -> String {
-    format!("fit-{}", program.name())
 }
 
 fn wire(mission: &MissionFile) -> Vec<u8> {
@@ -95,22 +68,11 @@ fn judged(name: &str) -> Option<Judged> {
 
 impl Programs for BuiltIn {
     fn names(&self) -> Vec<String> {
-        let fits = FITS.into_iter().map(fit_name);
-        [DIAGNOSTIC, PLAIN, HELD_OUT].map(str::to_owned).into_iter().chain(fits).collect()
+        named_missions::names()
     }
 
     fn built_in(&self, name: &str) -> Result<Vec<u8>, String> {
-        let mission = match name {
-            DIAGNOSTIC => missions::diagnostic_file(&self.scene),
-            PLAIN => missions::plain_file(&self.scene),
-            HELD_OUT => missions::held_out_file(&self.scene),
-            other => {
-                let program = FITS.into_iter().find(|p| fit_name(*p) == other);
-                let program = program.ok_or("no such program")?;
-                plan(program, &self.envelope, &self.options)?.mission
-            }
-        };
-        Ok(wire(&mission))
+        self.place.mission(name).map(|mission| wire(&mission))
     }
 
     fn judge(&self, name: &str, log: &Path) -> Option<Result<Judgement, String>> {

@@ -5,7 +5,7 @@
 
 use haltere_core::control::TiltAxis;
 use haltere_pilot::mission_file::{Command, DoubletAxis, Item, MissionFile};
-use haltere_pilot::{Envelope, TiltStep};
+use haltere_pilot::{Envelope, PilotConfig, TiltStep};
 
 /// Distance of a turning point to the edge of the volume, m: a wing span, and the error of the
 /// estimate near a wall.
@@ -88,6 +88,9 @@ impl Program {
     }
 }
 
+/// What the default hover of the thrust program leaves above the warning voltage, V.
+const ABOVE_LOW_V: f64 = 0.1;
+
 /// What a user may change.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
@@ -118,6 +121,17 @@ impl Default for Options {
             // The warning of two cells, and what a hover's sag takes.
             until_v: 6.6,
             gear_m: 0.0,
+        }
+    }
+}
+
+impl Options {
+    /// As this companion would have them.
+    pub fn of(pilot: &PilotConfig) -> Self {
+        Self {
+            until_v: pilot.limits.battery_low_v + ABOVE_LOW_V,
+            gear_m: pilot.flight.gear_height_m,
+            ..Self::default()
         }
     }
 }

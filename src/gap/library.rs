@@ -8,7 +8,8 @@
 //! such things come, and a loud component would otherwise hide what a quiet one looks like.
 
 use super::axis::{Axis, Size};
-use haltere_model::effects::{ALL, EffectSpec, ParameterSpec, Role};
+use super::make_bank::with_effect;
+use haltere_model::effects::{ALL, EffectSet, EffectSpec, ParameterSpec, Role};
 use haltere_model::random::Stream;
 use haltere_model::room::Room;
 
@@ -32,6 +33,73 @@ pub fn standard() -> Vec<&'static EffectSpec> {
 /// Every deviation of the list.
 pub fn whole() -> Vec<&'static EffectSpec> {
     ALL.iter().filter(|spec| spec.role == Role::Deviation).collect()
+}
+
+/// Units of one kind, as they stand at the end of names, and their size in the first of them.
+const UNITS: [&[(&str, f64)]; 3] = [
+    &[("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)],
+    &[("s", 1.0), ("ms", 1e-3)],
+    &[("deg", 1.0), ("rad", 180.0 / std::f64::consts::PI)],
+];
+
+/// What a value in the unit `from` is multiplied by to have it in `to`; `None`: they measure different things.
+fn in_unit(from: &str, to: &str) -> Option<f64> {
+    let size = |kind: &[(&str, f64)], unit: &str| {
+        kind.iter().find(|(name, _)| *name == unit).map(|(_, size)| *size)
+    };
+    UNITS.iter().find_map(|kind| Some(size(kind, from)? / size(kind, to)?))
+}
+
+/// What a person writes for an effect: `ID`; `ID=value,…` in the order of its parameters; `ID=name:value,…` or
+/// `ID.name=value`. A name may end in a unit of its own kind (`I2.x_mm=3`). Parameters that are not named have their default. `None`: no value was given. Errors say what is
+/// wrong, beginning with the effect.
+pub fn asked(text: &str) -> Result<(&'static EffectSpec, Option<Vec<f64>>), String> {
+    let (left, values) = text.split_once('=').map_or((text, None), |(id, v)| (id, Some(v)));
+    let (id, one) = left.split_once('.').map_or((left, None), |(id, name)| (id, Some(name)));
+    let Some(spec) = whole().into_iter().find(|s| s.id == id) else {
+        let known: Vec<&str> = whole().iter().map(|s| s.id).collect();
+        return Err(format!("{id}: no such effect; allowed: {}", known.join(" ")));
+    };
+    let Some(values) = values else {
+        return match one {
+            None => Ok((spec, None)),
+            Some(_) => Err(format!("{text}: a value is missing; write {text}=0.1")),
+        };
+    };
+    // Place, and what a value in the unit of the name has to be multiplied by.
+    let place_of = |name: &str| {
+        let fits = |p: &ParameterSpec| match name.trim().strip_prefix(p.name)?.strip_prefix('_') {
+            None if p.name == name.trim() => Some(1.0),
+            None => None,
+            Some(unit) => in_unit(unit, p.unit),
+        };
+        let mut places = spec.parameters.iter().enumerate();
+        places.find_map(|(k, p)| Some((k, fits(p)?))).ok_or_else(|| {
+            let known = spec.parameters.iter().map(|p| format!("{} {}", p.name, p.unit));
+            let known: Vec<String> = known.map(|text| text.trim_end().to_owned()).collect();
+            format!("{id}: no parameter {name}, it has {}", known.join(", "))
+        })
+    };
+    let mut theta: Vec<f64> = spec.parameters.iter().map(|p| p.default).collect();
+    for (k, part) in values.split(',').enumerate() {
+        let ((place, times), value) = match (one, part.split_once(':')) {
+            (Some(name), None) if k == 0 => (place_of(name)?, part),
+            (Some(_), _) => return Err(format!("{text}: one value belongs to one parameter")),
+            (None, Some((name, value))) => (place_of(name)?, value),
+            (None, None) => ((k, 1.0), part),
+        };
+        let number: f64 = value.trim().parse().map_err(|_| {
+            format!("{id}: `{value}` is no number; write {id}=0.1, {id}=name:0.1 or {id}.name=0.1")
+        })?;
+        let slots = theta.len();
+        let slot = theta
+            .get_mut(place)
+            .ok_or_else(|| format!("{id}: has {slots} parameters, more were given"))?;
+        *slot = number * times;
+    }
+    // Refused here as the simulator would refuse it.
+    with_effect(EffectSet::default(), spec, &theta).map_err(|p| format!("{text}: {p}"))?;
+    Ok((spec, Some(theta)))
 }
 
 /// `count` sets of values for the parameters of an effect, in their order.
@@ -225,6 +293,33 @@ mod tests {
                     assert!(column.iter().all(|v| (low..=high).contains(v)));
                 }
             }
+        }
+    }
+
+    #[test]
+    fn prop_effects_are_read_by_order_and_by_name_and_refused_in_words() {
+        assert_eq!(asked("P1").unwrap().1, None);
+        assert_eq!(asked("P1=0.08").unwrap().1, Some(vec![0.08]));
+        assert_eq!(asked("U2=anchor:3,bias:0.1").unwrap().1, Some(vec![0.1, 3.0]));
+        assert_eq!(asked("U2.anchor=3").unwrap().1, asked("U2=anchor:3").unwrap().1);
+        let x_mm = |text| asked(text).unwrap().1.unwrap()[0];
+        for text in ["I2.x_mm=3", "I2.x_cm=0.3", "I2.x=3", "I2=x:3"] {
+            assert!((x_mm(text) - 3.0).abs() < 1e-9, "{text}: {}", x_mm(text));
+        }
+        for (text, says) in [
+            ("I2.x_s=3", "it has x mm, y mm"),
+            ("U2.anchor", "a value is missing"),
+            ("U2.anchor=3,4", "one value belongs to one parameter"),
+            ("U2.ancor=3", "it has bias m, anchor"),
+            ("Z9", "no such effect"),
+            ("P1=x", "is no number"),
+            ("P1=los:0.1", "it has loss"),
+            ("P1=0.1,0.2", "1 parameters"),
+            ("P1=90", "allowed"),
+            ("P1=", "is no number"),
+        ] {
+            let said = asked(text).unwrap_err();
+            assert!(said.contains(says), "{text}: {said}");
         }
     }
 }

@@ -1,11 +1,7 @@
-//! How far a long task is, for people, on standard error. Where nobody sees a line move, a few lines say the same.
+//! How far a long task is, for people, on standard error.
 
-mod bar;
-mod job;
-mod line;
 mod plan;
+mod task;
 
-pub use bar::Bar;
-pub use job::Progress;
-pub use line::Line;
 pub use plan::stages;
+pub use task::Progress;

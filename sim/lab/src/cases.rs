@@ -77,7 +77,7 @@ pub fn run(options: &Options) -> Result<bool> {
         .collect();
     let total = flights.len();
     let due: Vec<_> = flights.into_iter().filter(|(_, _, path)| !path.exists()).collect();
-    let progress = Progress::new("flights", (total - due.len()) as u64, due.len() as u64);
+    let progress = Progress::counted("flights", (total - due.len()) as u64, due.len() as u64);
     let outcomes: Vec<Outcome> = due
         .par_iter()
         .map(|(case, mission, path)| {

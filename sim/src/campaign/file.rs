@@ -22,7 +22,7 @@ use crate::faults::Phase;
 use crate::scenario::Scenario;
 
 /// A campaign, as in a file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CampaignFile {
     /// For people.
@@ -205,7 +205,8 @@ fn grid_size(file: &CampaignFile, faults: u64) -> Result<u64> {
 }
 
 impl Base {
-    fn read(file: &CampaignFile, folder: &Path) -> Result<Self> {
+    /// Reads the files that a campaign names.
+    pub fn read(file: &CampaignFile, folder: &Path) -> Result<Self> {
         let (scenario, scenario_folder) = match &file.scenario {
             None => (Scenario::default(), folder.to_owned()),
             Some(name) => {

@@ -4,17 +4,17 @@
 //! shards on other machines give the rows that one machine would give. docs/CAMPAIGNS.md.
 
 mod catalogue;
-mod draw;
+pub(crate) mod draw;
 mod fault_report;
 mod fault_tables;
-mod file;
-mod flight;
+pub(crate) mod file;
+pub(crate) mod flight;
 mod judge;
 mod merge;
 mod operator;
 mod page;
-mod plan;
-mod row;
+pub(crate) mod plan;
+pub(crate) mod row;
 mod store;
 mod table;
 
@@ -165,7 +165,7 @@ fn fly_all(
     let mut rows = found.rows;
     rows.retain(|i, _| wanted.binary_search(i).is_ok());
     let due: Vec<u64> = wanted.iter().copied().filter(|i| !rows.contains_key(i)).collect();
-    let progress = Progress::new("flights", rows.len() as u64, due.len() as u64);
+    let progress = Progress::counted("flights", rows.len() as u64, due.len() as u64);
     let store = Mutex::new(store);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(run.jobs).build()?;
     let flown: Vec<Row> = pool.install(|| {

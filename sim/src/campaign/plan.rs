@@ -16,7 +16,7 @@ use toml::{Table, Value};
 
 use super::catalogue::Parts;
 use super::draw::{grain, set};
-use super::file::Campaign;
+use super::file::{Base, Campaign};
 use super::judge::Fence;
 use crate::faults::{FaultAt, Phase};
 use crate::scenario::Scenario;
@@ -164,22 +164,31 @@ impl Campaign {
             set(tree, rest, value).with_context(|| format!("vary.{key}"))?;
         }
         let told = || format!("with {}", serde_json::to_string(&drawn).unwrap_or_default());
-        let mut scenario = Scenario::from_table(scenario, &self.base.scenario_folder)
-            .context("scenario")
-            .with_context(told)?;
-        scenario.seed = seed;
-        let vehicle = Vehicle::from_toml(&self.base.vehicle).context("vehicle")?;
-        let config = companion(&config, &scenario, &vehicle).with_context(told)?;
+        let base = Base { scenario, config, ..self.base.clone() };
         let mission = MissionFile::parse(&toml::to_string(&mission)?)
             .map_err(|why| anyhow::anyhow!("mission: {why}"))
             .with_context(told)?;
-        let room = Fence::of_room(&scenario.room);
-        let fence = match self.file.fence {
-            Some(fence) if !drawn.contains_key(VOLUME) => fence,
-            _ => room,
-        };
-        let limit_s = self.file.limit_s;
-        Ok(Plan { index, seed, drawn, scenario, vehicle, config, mission, fence, limit_s })
+        let mut plan = Plan::of(&base, seed, self.file.limit_s).with_context(told)?;
+        if let Some(fence) = self.file.fence
+            && !drawn.contains_key(VOLUME)
+        {
+            plan.fence = fence;
+        }
+        Ok(Plan { index, drawn, mission, ..plan })
+    }
+}
+
+impl Plan {
+    /// A flight as these files say, without a mission yet: nothing is drawn, and it may be anywhere in the room.
+    pub fn of(base: &Base, seed: u64, limit_s: f64) -> Result<Self> {
+        let mut scenario = Scenario::from_table(base.scenario.clone(), &base.scenario_folder)
+            .context("scenario")?;
+        scenario.seed = seed;
+        let vehicle = Vehicle::from_toml(&base.vehicle).context("vehicle")?;
+        let config = companion(&base.config, &scenario, &vehicle)?;
+        let (index, drawn, mission) = (0, BTreeMap::new(), MissionFile::default());
+        let fence = Fence::of_room(&scenario.room);
+        Ok(Self { index, seed, drawn, scenario, vehicle, config, mission, fence, limit_s })
     }
 }
 

@@ -106,7 +106,7 @@ pub fn run(options: &Options) -> Result<bool> {
     std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
     let stop = Stop::on_signals()?;
     let trials = options.trials();
-    let progress = Progress::new("kills", 0, trials.len() as u64);
+    let progress = Progress::counted("kills", 0, trials.len() as u64);
     let next = AtomicUsize::new(0);
     let outcomes = Mutex::new(Vec::new());
     std::thread::scope(|scope| {

@@ -198,10 +198,9 @@ pub fn run(options: &Options) -> Result<bool> {
     std::fs::create_dir_all(directory).with_context(|| {
         format!("{}: cannot be made a folder for the report", directory.display())
     })?;
-    let mut bench =
-        Bench { pilot, repetitions: options.repetitions, progress: Progress::new("", 0, 0) };
+    let mut bench = Bench { pilot, repetitions: options.repetitions, progress: Progress::silent() };
     let due = chosen.iter().map(|e| (e.cost)(&bench)).sum();
-    bench.progress = Progress::new("s of flight", 0, due);
+    bench.progress = Progress::counted("s of flight", 0, due);
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = options.threads {
         if threads == 0 {

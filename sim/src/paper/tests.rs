@@ -23,7 +23,7 @@ const FIGURES: [&str; 8] = [
 fn flown() -> &'static (Vec<Outcome>, [u64; 2]) {
     static FLOWN: OnceLock<(Vec<Outcome>, [u64; 2])> = OnceLock::new();
     FLOWN.get_or_init(|| {
-        let progress = Progress::silent(0);
+        let progress = Progress::silent();
         let bench = Bench { pilot: pilot(None, &[]).unwrap(), repetitions: 1, progress };
         let all: Vec<&Experiment> = EXPERIMENTS.iter().collect();
         let told = EXPERIMENTS.iter().map(|e| (e.cost)(&bench)).sum();
@@ -61,7 +61,7 @@ fn cell(table: &Table, row: usize, column: usize) -> f64 {
 #[test]
 fn regress_no_landing_by_a_weak_pack_is_taken_for_a_broken_sensor() {
     let bench =
-        Bench { pilot: pilot(None, &[]).unwrap(), repetitions: 5, progress: Progress::silent(0) };
+        Bench { pilot: pilot(None, &[]).unwrap(), repetitions: 5, progress: Progress::silent() };
     super::thrust::run(&bench).unwrap();
 }
 

@@ -188,7 +188,7 @@ fn fly(options: &Options, stop: &Stop, watched: &Watched<'_>, ground: &str) -> R
     let began = Instant::now();
     let end = Duration::from_secs_f64(options.minutes * 60.0);
     let (cpu_s, sleeps) = (companion.cpu_s()?, companion.sleeps()?);
-    let progress = Progress::new("s", 0, end.as_secs());
+    let progress = Progress::counted("s", 0, end.as_secs());
     let mut seen = Seen::default();
     while began.elapsed() < end {
         if let Err(why) = one_flight(&mut station, &mut seen, watched, &|| {

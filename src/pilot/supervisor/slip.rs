@@ -101,7 +101,7 @@ pub(super) const SLIP: Condition = Condition {
             key: "",
             value: |_| SLIP_MPS,
             unit: "m/s",
-            origin: "nearly three times the largest in the 160 flights of `haltere-sim paths` (0.22 m/s)",
+            origin: "nearly three times the largest in 160 flights over the shapes of the source (0.22 m/s)",
         },
         Number {
             key: "",

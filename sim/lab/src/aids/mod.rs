@@ -157,4 +157,4 @@ estimator does on recorded flights stands in [ESTIMATOR.md](ESTIMATOR.md); these
 ";
 const ABOUT_PATHS: &str = "\
 Mean absolute error of the estimate against truth from the first corner to the last, each axis, version
-`modified` of the controller, the shapes of `haltere-sim paths` at 0.5 m/s.";
+`modified` of the controller, the shapes of the source at 0.5 m/s.";

@@ -148,7 +148,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let specs: Vec<&Spec> = known().chain(unknown()).collect();
     let jobs: Vec<(&Spec, u64)> =
         specs.iter().flat_map(|spec| (0..options.draws).map(move |draw| (*spec, draw))).collect();
-    let progress = Progress::new("draws", 0, jobs.len() as u64);
+    let progress = Progress::counted("draws", 0, jobs.len() as u64);
     let found: Vec<(i32, usize)> = jobs
         .par_iter()
         .map(|(spec, draw)| {
@@ -262,7 +262,7 @@ struct Bench<'a> {
 impl Bench<'_> {
     /// Scale and line from healthy flights.
     fn healthy(&self, count: u64) -> Result<(Scale, f64)> {
-        let progress = Progress::new("healthy flights", 0, 2 * count);
+        let progress = Progress::counted("healthy flights", 0, 2 * count);
         let flights: Vec<Option<Vec<f64>>> = (0..2 * count)
             .into_par_iter()
             .map(|number| {

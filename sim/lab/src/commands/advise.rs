@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 use haltere::cli::{print, print_json};
-use haltere::progress::Line;
+use haltere::progress::Progress;
 use haltere_gap::scene::Scene;
 
 use crate::trial;
@@ -24,7 +24,7 @@ pub struct Advise {
 impl Advise {
     /// Flies the cases and prints what came of them.
     pub fn run(self) -> anyhow::Result<ExitCode> {
-        let progress = Line::new("cases");
+        let progress = Progress::new("cases");
         let scene = Scene::lab().map_err(anyhow::Error::new)?;
         let result = trial::run(&scene, self.check, |done, of| progress.at(done, of));
         if self.json {

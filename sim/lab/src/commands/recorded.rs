@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::{ArgGroup, Args};
 use haltere::cli::{print, print_json};
-use haltere::progress::Bar;
+use haltere::progress::Progress;
 use haltere::util_flights::{load_all, util_profile};
 
 use crate::recorded::cold::{cold_starts, print_cold};
@@ -46,8 +46,8 @@ impl Recorded {
     /// Runs the study and prints it.
     pub fn run(&self) -> anyhow::Result<ExitCode> {
         let flights = load_all(&self.dir)?;
-        let mut progress = Bar::default();
-        let tell = |done: usize, of: usize, what: &str| progress.tell(done, of, what);
+        let progress = Progress::new("flights");
+        let tell = |done: usize, of: usize, what: &str| progress.doing(done, of, what);
         let mut table = String::new();
         if let Some(path) = &self.document {
             let page = document(&flights, tell);
@@ -100,7 +100,7 @@ impl Recorded {
             }
             print_cold(&mut table, &starts)?;
         }
-        progress.clear();
+        progress.end();
         if !self.json {
             print(&table);
         }

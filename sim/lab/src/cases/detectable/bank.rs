@@ -29,7 +29,7 @@ pub(super) fn write(bench: &Bench<'_>, path: &Path) -> Result<()> {
     let BankSize { seeds, jitter, draws } = BankSize::default();
     let specs_known: Vec<&'static Spec> = known().collect();
     let total = seeds + jitter + draws * specs_known.len();
-    let progress = Progress::new("flights of the bank", 0, total as u64);
+    let progress = Progress::counted("flights of the bank", 0, total as u64);
     let seed = |number: usize| mixed(bench.seed ^ 0xba9c, number as u64);
     let healthy: Vec<Option<Vec<f64>>> = (0..seeds + jitter)
         .into_par_iter()

@@ -35,7 +35,7 @@ pub(super) fn write(bench: &Bench<'_>, options: &Options, path: &Path) -> Result
     });
     let jobs: Vec<Job> =
         (0..2 * options.healthy).map(|draw| (None, draw, 0)).chain(effects).collect();
-    let progress = Progress::new("labelled flights", 0, jobs.len() as u64);
+    let progress = Progress::counted("labelled flights", 0, jobs.len() as u64);
     let file = Mutex::new(file);
     jobs.par_iter().try_for_each(|job| -> Result<()> {
         let line = fly(bench, &sizes, *job)?;
