@@ -1,4 +1,5 @@
-//! Documents that sources and documents name are in the repository, and so are the sections that they cite by number.
+//! Documents that sources and documents name are in the repository, and so are the sections that they cite by number;
+//! the map of the documents leads to each.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -163,6 +164,18 @@ fn prop_documents_that_are_named_exist_with_the_sections_that_are_cited() {
     }
     assert!(checked > 300, "only {checked} names of documents were found");
     assert!(broken.is_empty(), "\n{}", broken.join("\n"));
+}
+
+#[test]
+fn prop_the_map_leads_to_every_document() {
+    let map = std::fs::read_to_string(root().join("docs/MAP.md")).expect("docs/MAP.md");
+    let pages = std::fs::read_dir(root().join("docs")).expect("docs/").flatten();
+    let names = pages.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let missing: Vec<String> = names
+        .filter(|name| name.ends_with(".md") && name != "MAP.md")
+        .filter(|name| !map.contains(&format!("]({name})")))
+        .collect();
+    assert!(missing.is_empty(), "docs/MAP.md does not lead to {missing:?}");
 }
 
 #[test]
