@@ -181,7 +181,8 @@ fn prop_the_map_leads_to_every_document() {
 #[test]
 fn prop_the_reader_of_citations_reads() {
     let text = flowing(
-        "/// See `docs/GAP.md`, section 2.5; GAP.md\n    /// 3.1. INTERFACES.md section 1a, GAP.md U6, x.md, README.mdx",
+        "/// See `docs/GAP.md`, section 2.5; GAP.md\n    /// 3.1. INTERFACES.md section 1a, \
+         GAP.md U6, x.md, README.mdx",
     );
     let cited = citations(&text);
     let found: Vec<_> = cited.iter().map(|c| (c.named, c.section(), c.effect())).collect();
