@@ -10,7 +10,7 @@ use haltere_model::random::Stream;
 use serde::Serialize;
 
 /// Strength of each effect of the library, as a share of the strong end of its plausible range: just detectable, twice and
-/// four times as strong, as the sealed suite has it (docs/GAP_PROTOCOL.md). The laboratory's tests hold the two together.
+/// four times as strong, as the sealed suite has it (sim/lab/PROTOCOL.md). The laboratory's tests hold the two together.
 pub const SHARES: [(&str, [f64; 3]); 42] = [
     ("A1", [0.25, 0.5, 1.0]),
     ("A2", [0.6, 1.0, 1.0]),

@@ -92,8 +92,8 @@ pub struct BankOptions {
     #[arg(long, value_name = "DIR")]
     pub banks: Option<PathBuf>,
     /// Size of a bank: `full` for verdicts, `large` (more than twice as many flights) to tell two effects and
-    /// unknown ones a little better (docs/GAP_SCORES.md, run 32), `small` (an eighth) for a first look, `smallest`
-    /// for tests of the program: verdicts from it mean nothing.
+    /// unknown ones a little better, `small` (an eighth) for a first look, `smallest` for tests of the program:
+    /// verdicts from it mean nothing.
     #[arg(long, value_name = "SIZE", default_value = "full")]
     pub size: Size,
     /// Nominal flights in a bank.

@@ -41,7 +41,7 @@ const JITTER_START_RAD: f64 = 0.087;
 const SHARES: [f64; 8] = [1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08];
 /// Where the mission bears no plausible size at all, draws are spread over these shares of what it bears: another law of the
 /// same effect may do as little at a size that is plausible. Chosen: 12 of 15 labelled flights with A2 are named
-/// so, 7 without (docs/GAP_SCORES.md, run 40).
+/// so, 7 without (sim/lab/RUNS.md, run 40).
 const SPREAD: [f64; 4] = [1.0, 0.85, 0.7, 0.55];
 /// An effect that moves all statistics together by less than this, in sigma of benign jitter, teaches nothing (judgement).
 const SILENT: f64 = 1.0;
@@ -61,7 +61,7 @@ pub struct BankSize {
 
 impl Default for BankSize {
     /// Some 1900 flights with the standard library: GAP.md 2.8 allows three minutes on two cores. What fewer and more of them are
-    /// worth, and how long they take: docs/GAP_SCORES.md, runs 32 to 40. GAP.md asks for 200 seeds (2.3): flights with
+    /// worth, and how long they take: sim/lab/RUNS.md, runs 32 to 40. GAP.md asks for 200 seeds (2.3): flights with
     /// jitter are what limits rest on, and 24 seeds serve as well as 120.
     fn default() -> Self {
         Self { seeds: 24, jitter: 360, draws: 36 }

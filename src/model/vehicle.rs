@@ -329,6 +329,30 @@ mod tests {
     }
 
     #[test]
+    fn prop_the_page_has_every_key_and_the_whole_default() {
+        let page = include_str!("../../docs/VEHICLE.md");
+        let block =
+            page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
+        assert_eq!(Vehicle::from_toml(block).unwrap(), Vehicle::default());
+        let written: toml::Table = toml::from_str(block).unwrap();
+        let default = toml::Value::try_from(Vehicle::default()).unwrap();
+        for (table, value) in default.as_table().unwrap() {
+            let keys = value.as_table().map_or(vec![table.clone()], |keys| {
+                keys.keys().map(|key| format!("{table}.{key}")).collect()
+            });
+            for name in keys {
+                assert!(
+                    page.contains(&format!("\n| `{name}` | ")),
+                    "{name} has no row in docs/VEHICLE.md"
+                );
+                let (table, key) = name.split_once('.').unwrap_or(("", &name));
+                let there = written.get(table).map_or(written.get(key), |t| t.get(key));
+                assert!(there.is_some(), "{name} is not in the whole file of docs/VEHICLE.md");
+            }
+        }
+    }
+
+    #[test]
     fn prop_slips_are_named() {
         assert!(Vehicle::from_toml("[body]\nmas_kg = 0.1").is_err());
         let v = Vehicle::from_toml("[body]\nmass_kg = 102.0").unwrap();

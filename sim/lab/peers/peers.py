@@ -1,4 +1,4 @@
-"""Other people's methods on the sealed suite, scored by the same scorer (docs/GAP_PROTOCOL.md).
+"""Other people's methods on the sealed suite, scored by the same scorer (sim/lab/PROTOCOL.md).
 
 Each method sees what the diagnosis sees: the bank of the mission, the accepted and the calibration
 flights, and the statistics of the flight in question. It never sees a key. Every method comes twice,

@@ -35,10 +35,10 @@ struct Cli {
 #[derive(Debug, clap::Subcommand)]
 enum Command {
     /// The sealed suite for the diagnosis of the sim-to-real gap: flights of another world, with
-    /// the key to them in a folder of its own (docs/GAP_PROTOCOL.md).
+    /// the key to them in a folder of its own (sim/lab/PROTOCOL.md).
     Cases(cases::Options),
     /// From which size on each effect of the other world shows in the diagnostic flight: what the sealed
-    /// suite is made with (docs/GAP_PROTOCOL.md).
+    /// suite is made with (sim/lab/PROTOCOL.md).
     Detectable(cases::detectable::Options),
     /// Scores a sealed suite of flights.
     Blind(commands::blind::Blind),
@@ -97,7 +97,7 @@ mod tests {
     fn prop_commands_of_the_manuals_are_understood() {
         let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
         let mut checked = 0;
-        for name in MANUALS.iter().chain(&["docs/GAP_PROTOCOL.md"]) {
+        for name in MANUALS.iter().chain(&["sim/lab/PROTOCOL.md"]) {
             let text = std::fs::read_to_string(format!("{root}/{name}")).expect("a manual");
             for command in commands_of(&text, "haltere-lab") {
                 let line = command.join(" ");

@@ -20,7 +20,7 @@ use crate::normal::prediction_factor;
 /// Least spread of an evidence over healthy flights, in log evidence.
 const LEAST_SPREAD: f64 = 0.5;
 /// Flights that the usual spread of an effect counts as, beside those that there are. Of 0, 10, 20 and 40 the one
-/// that loses least at 5 % of false alarms, on labelled flights of another world (docs/GAP_PROTOCOL.md, Development).
+/// that loses least at 5 % of false alarms, on labelled flights of another world (sim/lab/PROTOCOL.md, Development).
 const USUAL_WEIGHT: f64 = 20.0;
 /// Share of a normal distribution below one sigma.
 const ONE_SIGMA: f64 = 0.8413;

@@ -53,7 +53,7 @@ pub struct Settings {
     /// An effect at least this probable, with no merged rival, is named alone.
     pub sure: f64,
     /// Relative uncertainty of every statistic of a signature in the likelihood: another law of the same effect. Chosen
-    /// with `law` on labelled flights of another world (docs/GAP_PROTOCOL.md, Development).
+    /// with `law` on labelled flights of another world (sim/lab/PROTOCOL.md, Development).
     pub form: f64,
     /// What another law of the same effect differs by, relative, in every statistic of the flights that the
     /// limits of adequacy are learned from. Chosen there, not measured: how far apart laws of one effect are (exponential

@@ -2,7 +2,7 @@
 //!
 //! It shares no physics with `haltere_model` (a test reads these files to make sure; only the record
 //! [`Truth`] is the same), so that a diagnosis built on the nominal simulator is not checked against
-//! itself. docs/GAP_PROTOCOL.md says how it is used.
+//! itself. sim/lab/PROTOCOL.md says how it is used.
 
 pub mod board;
 pub mod craft;

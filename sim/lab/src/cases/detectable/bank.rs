@@ -1,7 +1,7 @@
 //! A bank of the other world: what the diagnosis would know if its library held the laws of the generator.
 //!
 //! No user has it. It says how much of what is missed is lost between the laws of two worlds, and how much is not in the
-//! statistics or not in the method (docs/GAP_SCORES.md).
+//! statistics or not in the method (sim/lab/RUNS.md).
 
 use std::path::Path;
 
