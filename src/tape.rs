@@ -8,8 +8,8 @@ use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_log::record::{BuildIdentity, Recorder, Session};
 use haltere_model::lockstep::{HOST_START_US, Listener, Tap};
-use haltere_pilot::Input;
 use haltere_pilot::settings::Config;
+use haltere_pilot::{Input, Pilot};
 
 /// Wall clock of the first log, µs since 1970: logs of one flight are equal byte for byte.
 const STARTED_UNIX_US: i64 = 1_790_000_000_000_000;
@@ -102,6 +102,11 @@ impl Tape {
     /// What hears every output.
     pub fn tap(&self) -> Tap {
         self.reels.tap()
+    }
+
+    /// Records what the core tells about itself; without this the log holds what replay makes the same of.
+    pub fn topics(&self, now: HostTime, pilot: &mut Pilot) {
+        self.reels.with(|recorder| pilot.drain_topics(|topic| recorder.topic(now, topic)));
     }
 
     /// The log is whole; its length, bytes. Whoever holds listener or tap must be gone.

@@ -119,7 +119,7 @@ pub fn run(options: &Options) -> Result<bool> {
     if options.json {
         println!("{}", serde_json::to_string_pretty(&flown)?);
     }
-    Ok(flown.iter().all(|flight| flight.row.outcome == Outcome::Landed))
+    Ok(flown.iter().all(|flight| on_its_feet(&flight.row)))
 }
 
 /// Missions that need no file.
@@ -221,14 +221,22 @@ fn shape(corners: &[[f64; 2]], [north_m, east_m]: [f64; 2]) -> MissionFile {
     MissionFile { items: items.chain([Item::new(Command::Land)]).collect() }
 }
 
+/// A mission may go near the floor: who stands on it in between and flies on is whole.
+fn on_its_feet(row: &Row) -> bool {
+    matches!(row.outcome, Outcome::Landed | Outcome::Again) && !row.crashed() && !row.left()
+}
+
 fn line(log: &Path, row: &Row) -> String {
     let mean = |value: Option<f64>| value.map_or("-".to_owned(), |m| format!("{m:.2} m"));
-    let why = if row.why.is_empty() { String::new() } else { format!(": {}", row.why) };
+    let how = match row.outcome {
+        Outcome::Again if on_its_feet(row) => "landed, and stood on the floor before,".to_owned(),
+        outcome if row.why.is_empty() => outcome.name().to_owned(),
+        outcome => format!("{} ({})", outcome.name(), row.why),
+    };
     format!(
-        "{}  seed {}  {} after {:.0} s{why}  estimate off by {}, position by {}",
+        "{}  seed {}  {how} after {:.0} s  estimate off by {}, position by {}",
         log.display(),
         row.seed,
-        row.outcome.name(),
         row.flown_s,
         mean(row.estimate_mean_m),
         mean(row.tracking_mean_m)

@@ -14,7 +14,7 @@ use haltere_pilot::Envelope;
 /// Prints a program as a mission file (TOML), placed in the volume of the configuration and checked
 /// against its limits.
 ///
-/// Fly it with `haltere ctl mission`, or in the simulator with `haltere-sim demo`.
+/// Fly it with `haltere ctl mission`, or in the simulator with `haltere-sim fly`.
 #[derive(Debug, Args)]
 pub(super) struct ProgramCommand {
     /// What is to be fitted.

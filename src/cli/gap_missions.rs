@@ -11,7 +11,7 @@ use haltere_gap::scene::Scene;
 
 /// Prints a standard flight as a mission file (TOML), placed in the middle of the room.
 ///
-/// Upload it with `haltere ctl mission`, or fly it in the simulator.
+/// Fly it with `haltere ctl mission`, or in the simulator with `haltere-sim fly`.
 #[derive(Debug, Args)]
 pub(super) struct MissionCommand {
     /// Which.

@@ -108,10 +108,12 @@ pub fn held_steps(flight: &Flight, trims: &TrimConfig, truth: bool) -> Vec<HeldS
     };
     let mut found = Vec::new();
     for axis in [TiltAxis::Pitch, TiltAxis::Roll] {
-        let set = |i: usize| match axis {
-            TiltAxis::Roll => controls[i].roll_rad,
-            TiltAxis::Pitch => controls[i].pitch_rad,
+        let of = |i: usize| [controls[i].roll_rad, controls[i].pitch_rad];
+        let [own, other] = match axis {
+            TiltAxis::Roll => [0, 1],
+            TiltAxis::Pitch => [1, 0],
         };
+        let set = |i: usize| of(i)[own];
         let mut start = 0;
         for i in 1..=controls.len() {
             let goes_on = i < controls.len()
@@ -123,7 +125,11 @@ pub fn held_steps(flight: &Flight, trims: &TrimConfig, truth: bool) -> Vec<HeldS
             }
             let angle_rad = set(start) - trim(axis);
             let long_s = controls[i - 1].at.seconds_since(controls[start].at);
-            if long_s >= HELD_S && angle_rad.abs() >= LEAST_RAD && angle_rad.is_finite() {
+            // While one axis is stepped, the other keeps the vehicle on its line, and may rest at its limit.
+            let aside_rad =
+                (start..i).map(|k| of(k)[other].abs()).sum::<f64>() / (i - start) as f64;
+            let along = aside_rad < angle_rad.abs();
+            if long_s >= HELD_S && angle_rad.abs() >= LEAST_RAD && angle_rad.is_finite() && along {
                 let begin = controls[start].at;
                 let mut step = HeldStep {
                     axis,

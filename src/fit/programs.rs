@@ -3,6 +3,7 @@
 //! Every program is placed in the volume of a configuration and checked against it as the vehicle
 //! itself will: what would be refused there is left out here, with the reason.
 
+use super::steady::LEAST_POINTS;
 use haltere_core::control::TiltAxis;
 use haltere_pilot::mission_file::{Command, DoubletAxis, Item, MissionFile};
 use haltere_pilot::{Envelope, PilotConfig, TiltStep};
@@ -24,11 +25,11 @@ const ROLL_DEG: [f64; 5] = [52.0, 47.0, 33.0, 22.0, 12.0];
 const NOISE_S: f64 = 30.0;
 /// Longest hold of a step, s: many time constants; the room ends most of them before.
 const STEP_S: f64 = 4.0;
-/// Rungs of the ladder, landing gear to floor, m: the lowest that the source flew, two in the steep
-/// part of the law, and free air.
-pub const RUNGS_M: [f64; 4] = [0.33, 0.45, 0.65, 1.2];
-/// Time on a rung, s: the source stood more than a minute.
-pub const RUNG_S: f64 = 70.0;
+/// Rungs of the ladder, landing gear to floor, m: the lowest that the source flew, two in the steep part of the law, and
+/// two in free air, so that four are left where the vehicle came to stand on the lowest.
+pub const RUNGS_M: [f64; 5] = [0.33, 0.45, 0.65, 0.9, 1.2];
+/// Time on a rung, s: five rungs in the time in which the source, with more than a minute each, had four.
+pub const RUNG_S: f64 = 56.0;
 /// Time on the highest rung at the end, s: it shows what drifted meanwhile.
 const AGAIN_S: f64 = 20.0;
 /// Time of the trimming hover, s.
@@ -81,8 +82,8 @@ impl Program {
     /// What to tell whoever lacks its data.
     pub fn advice(self) -> String {
         format!(
-            "fly `haltere fit program {0} > fly-{0}.toml`, `haltere ctl mission fly-{0}.toml`, and fit that \
-             log",
+            "what shows it is `haltere fit program {0} > fly-{0}.toml`, flown by `haltere ctl mission fly-{0}.toml` \
+             (simulated: `haltere-sim fly fly-{0}.toml`)",
             self.name()
         )
     }
@@ -285,16 +286,16 @@ impl<'a> Plan<'a> {
         }
         self.takeoff(height_m);
         let mut flown = 0;
-        for round in 0..PITCH_DEG.len().max(options.angles_deg.len()) {
-            for axis in &options.axes {
-                let source = if *axis == TiltAxis::Pitch { &PITCH_DEG } else { &ROLL_DEG };
-                let angles: &[f64] =
-                    if options.angles_deg.is_empty() { source } else { &options.angles_deg };
+        let mut angles = Vec::new();
+        for axis in &options.axes {
+            angles.push((*axis, self.angles(*axis, options)));
+        }
+        let rounds = angles.iter().map(|(_, angles)| angles.len()).max().unwrap_or(0);
+        for round in 0..rounds {
+            for (axis, angles) in &angles {
                 let Some(angle_deg) = angles.get(round).copied() else { continue };
-                match self.step_pair(*axis, angle_deg, height_m, options.beyond_limit) {
-                    Ok(()) => flown += 1,
-                    Err(why) => self.notes.push(format!("left out: {why}")),
-                }
+                self.step_pair(*axis, angle_deg, height_m, options.beyond_limit);
+                flown += 1;
             }
         }
         if flown == 0 {
@@ -309,25 +310,56 @@ impl<'a> Plan<'a> {
         Ok(())
     }
 
-    /// One angle to one side and back to the other.
-    fn step_pair(
-        &mut self,
-        axis: TiltAxis,
-        angle_deg: f64,
-        height_m: f64,
-        beyond_limit: bool,
-    ) -> Result<(), String> {
+    /// Angles of the steps that can be flown here, degrees, largest first. Of the source's, those beyond the limit become
+    /// one at the limit, and where fewer are left than a law of lean over speed needs, others come between them.
+    fn angles(&mut self, axis: TiltAxis, options: &Options) -> Vec<f64> {
+        let source = if axis == TiltAxis::Pitch { PITCH_DEG } else { ROLL_DEG };
+        let limit_deg = self.envelope.tilt_limit_deg();
+        let allowed = |deg: f64| if options.beyond_limit { deg } else { deg.min(limit_deg) };
+        let mut wanted: Vec<f64> = match &options.angles_deg[..] {
+            [] => source.into_iter().map(allowed).collect(),
+            asked => asked.to_vec(),
+        };
+        wanted.dedup();
+        let mut angles = Vec::new();
+        for angle_deg in wanted {
+            match self.can_step(axis, angle_deg, options.beyond_limit) {
+                Ok(()) => angles.push(angle_deg),
+                Err(why) => self.notes.push(format!("left out: {why}")),
+            }
+        }
+        if options.angles_deg.is_empty() && (2..LEAST_POINTS).contains(&angles.len()) {
+            let between: Vec<f64> = angles.windows(2).map(|two| 0.5 * (two[0] + two[1])).collect();
+            angles.extend(between);
+            angles.sort_by(|a, b| b.total_cmp(a));
+        }
+        angles
+    }
+
+    /// Why a step cannot be flown here.
+    fn can_step(&self, axis: TiltAxis, angle_deg: f64, beyond_limit: bool) -> Result<(), String> {
         let flag = f64::from(u8::from(beyond_limit));
         let number = f64::from(u8::from(axis == TiltAxis::Pitch));
         let name = if axis == TiltAxis::Pitch { "pitch" } else { "roll" };
-        let step = TiltStep::from_params([number, angle_deg, STEP_S, flag], 0.0)
-            .and_then(|step| step.check(self.envelope).map(|()| step))
-            .map_err(|why| format!("{name} {angle_deg} deg: {why}"))?;
+        let said = |why: String| format!("{name} {angle_deg} deg: {why}");
+        let step = TiltStep::from_params([number, angle_deg, STEP_S, flag], 0.0).map_err(said)?;
+        step.check(self.envelope).map_err(said)?;
+        let [low, high] = self.along(axis);
+        step.check_from(self.envelope, high - low - FROM_FENCE_M).map_err(said)
+    }
+
+    /// The volume along the way of a step, m.
+    fn along(&self, axis: TiltAxis) -> [f64; 2] {
+        match axis {
+            TiltAxis::Pitch => self.envelope.volume.north_m,
+            TiltAxis::Roll => self.envelope.volume.east_m,
+        }
+    }
+
+    /// One angle to one side and back to the other.
+    fn step_pair(&mut self, axis: TiltAxis, angle_deg: f64, height_m: f64, beyond_limit: bool) {
         let along = usize::from(axis == TiltAxis::Roll);
-        let [low, high] =
-            if along == 0 { self.envelope.volume.north_m } else { self.envelope.volume.east_m };
-        step.check_from(self.envelope, high - low - FROM_FENCE_M)
-            .map_err(|why| format!("{name} {angle_deg} deg: {why}"))?;
+        let [low, high] = self.along(axis);
         for towards in [1.0, -1.0] {
             let mut from = self.middle;
             from[along] = if towards > 0.0 { low + FROM_FENCE_M } else { high - FROM_FENCE_M };
@@ -344,7 +376,6 @@ impl<'a> Plan<'a> {
             self.length_s += STEP_S + 2.0;
             self.place = [self.middle[0], self.middle[1], height_m];
         }
-        Ok(())
     }
 
     fn ground(&mut self, options: &Options) -> Result<(), String> {

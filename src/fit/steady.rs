@@ -127,6 +127,19 @@ impl Steady {
         self.laws.iter().find(|l| l.form == form)
     }
 
+    /// The law -(a + b·exp(-c·v)) through rest with -a = b = `asymptote_deg`, for points on so straight a line that they do
+    /// not tell an asymptote: c, s/m, and how far from it the points lie at most, m/s.
+    pub fn through_rest(&self, asymptote_deg: f64) -> [f64; 2] {
+        let even = self.points.iter().any(|p| p.std_mps <= 0.0);
+        let at = |p: &Point| -(1.0 - p.lean_deg / asymptote_deg).ln();
+        let [xv, xx] = self.points.iter().fold([0.0; 2], |[xv, xx], p| {
+            let (x, w) = (at(p), if even { 1.0 } else { p.std_mps.powi(-2) });
+            [xv + w * x * p.speed_mps, xx + w * x * x]
+        });
+        let off = |p: &Point| (p.speed_mps - at(p) * xv / xx).abs();
+        [xx / xv, self.points.iter().map(off).fold(0.0, f64::max)]
+    }
+
     /// The exponential that a configuration can hold: the better of the two readings.
     pub fn exponential(&self) -> Option<&Law> {
         let ok = |l: &&Law| matches!(l.form, Form::AngleOfVelocity | Form::VelocityOfAngle);

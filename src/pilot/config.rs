@@ -58,7 +58,7 @@ impl Default for PilotConfig {
             routing: Routing::default(),
             origin: OriginConfig::default(),
             store: false,
-            judge_programs: true,
+            judge_programs: false,
             flight: FlightConfig::default(),
             limits: LimitsConfig::default(),
             supervisor: SupervisorConfig::default(),

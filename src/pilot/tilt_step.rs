@@ -79,6 +79,11 @@ pub struct Envelope {
 }
 
 impl Envelope {
+    /// Largest lean of position control, `control.limits.tilt_deg`, degrees.
+    pub fn tilt_limit_deg(&self) -> f64 {
+        self.tilt_limit_rad.to_degrees()
+    }
+
     /// For this volume under this configuration.
     pub fn new(volume: Volume, control: &ControlConfig, battery_critical_v: f64) -> Self {
         Self {

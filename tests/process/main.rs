@@ -3,6 +3,7 @@
 mod bad_input;
 mod campaign;
 mod endurance;
+mod fits;
 mod flights;
 mod flood;
 mod gap;

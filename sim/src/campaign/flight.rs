@@ -13,6 +13,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use haltere::report::truth::HEADER;
 use haltere::tape::Tape;
 use haltere_core::checks::Problems;
+use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
 use haltere_model::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, start};
@@ -65,30 +66,28 @@ pub fn fly(plan: &Plan, keep: Option<&Keep<'_>>) -> Result<Row> {
     let plant = Plant::new(plan.scenario.plant(plan.vehicle.clone())?)
         .map_err(|problems| anyhow!("{problems}"))?;
     let survey = plan.scenario.told_survey()?;
-    let mut tape = keep.map(|keep| Tape::begin(keep.log, &plan.config, &survey)).transpose()?;
-    let listener = tape.as_ref().map(Tape::listener);
+    let mut kept = keep.map(|keep| Kept::begin(keep, plan, &survey)).transpose()?;
+    let listener = kept.as_ref().map(|kept| kept.tape.listener());
     let mut world = Lockstep::in_world(plant, plan.config.pilot(), &survey, listener);
     // Whatever has its time comes at it, while the vehicle is made ready as well.
     let refusal = Arc::new(Mutex::new(None));
     let (mut timed, told) = (plan.scenario.timed_faults().into_iter().peekable(), refusal.clone());
-    world = world.without_topics().with_happenings(Box::new(move |t_us, plant: &mut Plant| {
+    world = world.with_happenings(Box::new(move |t_us, plant: &mut Plant| {
         while let Some((_, fault)) = timed.next_if(|(at_s, _)| at_s * 1e6 <= t_us as f64) {
             if let Err(why) = plant.inject(fault) {
                 *told.lock().unwrap_or_else(PoisonError::into_inner) = Some(why);
             }
         }
     }));
-    if let Some(tape) = &tape {
-        world = world.with_tap(tape.tap());
-    }
-    let mut truth_file = keep.map(|keep| TruthCsv::create(keep.log)).transpose()?;
-    let row = Flight::new(plan).fly(&mut world, truth_file.as_mut());
+    world = match &kept {
+        Some(kept) => world.with_tap(kept.tape.tap()),
+        None => world.without_topics(),
+    };
+    let row = Flight::new(plan).fly(&mut world, kept.as_mut());
     drop(world); // it holds the tape
-    if let Some(tape) = tape.take() {
+    if let Some(Kept { tape, truth }) = kept {
         tape.end()?;
-    }
-    if let Some(file) = truth_file {
-        file.end()?;
+        truth.end()?;
     }
     if let Some(why) = refusal.lock().unwrap_or_else(PoisonError::into_inner).take() {
         bail!("fault refused: {why}");
@@ -188,7 +187,7 @@ impl<'a> Flight<'a> {
         }
     }
 
-    fn fly(mut self, world: &mut Lockstep, mut truth_file: Option<&mut TruthCsv>) -> Result<Row> {
+    fn fly(mut self, world: &mut Lockstep, mut kept: Option<&mut Kept>) -> Result<Row> {
         let mut ground = Ground::new();
         let items: Vec<_> = self
             .plan
@@ -215,6 +214,9 @@ impl<'a> Flight<'a> {
             } else {
                 world.step();
             }
+            if let Some(kept) = kept.as_deref_mut() {
+                kept.tape.topics(world.host_now(), world.pilot_mut());
+            }
             let truth = world.truth();
             self.judge.see(&self.plan.fence, &truth);
             self.row.lowest_supply_v = self.row.lowest_supply_v.min(truth.supply_v);
@@ -232,8 +234,8 @@ impl<'a> Flight<'a> {
                     self.reached = seq;
                 }
                 self.measure(world, &truth);
-                if let Some(file) = truth_file.as_deref_mut() {
-                    file.push(&truth)?;
+                if let Some(kept) = kept.as_deref_mut() {
+                    kept.truth.push(&truth)?;
                 }
             }
             if self.is_over(&truth) {
@@ -425,6 +427,19 @@ impl<'a> Flight<'a> {
 
 fn last(texts: &[String]) -> Vec<String> {
     texts[texts.len().saturating_sub(TEXTS)..].to_vec()
+}
+
+/// What is kept of a flight.
+struct Kept {
+    tape: Tape,
+    truth: TruthCsv,
+}
+
+impl Kept {
+    fn begin(keep: &Keep<'_>, plan: &Plan, survey: &Survey) -> Result<Self> {
+        let tape = Tape::begin(keep.log, &plan.config, survey)?;
+        Ok(Self { tape, truth: TruthCsv::create(keep.log)? })
+    }
 }
 
 /// Truth beside a log, 100 lines a second, as `haltere report --truth` reads it.

@@ -83,6 +83,9 @@ fn noise_of(t_s: &[f64], v_mps: &[f64]) -> Option<Noise> {
     Noise::learn(t_s, &Rows::from_fn(t_s.len(), 1, |_, row| row[0] = 1.0), &residual)
 }
 
+/// Largest asymptote of a law that a configuration takes, deg.
+const FARTHEST_DEG: f64 = 180.0;
+
 /// A step with its fitted transient.
 struct Fitted<'a> {
     step: &'a HeldStep,
@@ -313,24 +316,34 @@ fn steady_outcome(outcome: &mut Outcome, name: &str, law: &Steady, snippet: &mut
         "{name}: tested from {low:.0} to {high:.0} deg and {slow:.2} to {fast:.2} m/s; beyond, the \
          law is a guess"
     ));
-    if let Some(l) = law.law(Form::AngleOfVelocity).filter(|l| !l.at_bound)
-        && let [(_, a), (_, b), (_, c)] = l.parameters[..]
-    {
-        for (n, unit, v) in [("a", "deg", a), ("b", "deg", b), ("c", "s/m", c)] {
+    let exponential = law.law(Form::AngleOfVelocity).and_then(|l| match l.parameters[..] {
+        [(_, a), (_, b), (_, c)] => Some((l.at_bound, [a, b, c])),
+        _ => None,
+    });
+    if let Some((false, values)) = exponential {
+        for ((n, unit), v) in [("a", "deg"), ("b", "deg"), ("c", "s/m")].into_iter().zip(values) {
             outcome.parameter(format!("{name} {n}, lean = -(a + b·exp(-c·v))"), unit, v);
         }
-        if a.value < -180.0 || b.value > 180.0 {
+    }
+    // At the near bound of the search speed does not grow with the lean, which is no law; at the far one it is a line.
+    let configured = match exponential.map(|(at_bound, values)| (at_bound, values.map(|v| v.value)))
+    {
+        Some((true, [a, ..])) if a >= -FARTHEST_DEG => None,
+        Some((_, [a, b, c])) if a >= -FARTHEST_DEG && b <= FARTHEST_DEG => Some([a, b, c]),
+        _ => {
+            let [c, off_mps] = law.through_rest(FARTHEST_DEG);
             outcome.notes.push(format!(
-                "{name}: over the angles flown the law is so straight that its asymptote ({:.0} deg) \
-                 is beyond what a configuration takes",
-                a.value
+                "{name}: over the angles flown the law is so straight that they do not tell its asymptote: the \
+                 configuration gets the law through rest with the farthest one that it takes ({FARTHEST_DEG} deg), \
+                 which lies at most {off_mps:.2} m/s from the measured speeds"
             ));
-        } else {
-            snippet.push_str(&format!(
-                "{name} = {{ a_deg = {:.3}, b_deg = {:.3}, c_s_per_m = {:.4} }}\n",
-                a.value, b.value, c.value
-            ));
+            Some([-FARTHEST_DEG, FARTHEST_DEG, c])
         }
+    };
+    if let Some([a_deg, b_deg, c_s_per_m]) = configured {
+        snippet.push_str(&format!(
+            "{name} = {{ a_deg = {a_deg:.3}, b_deg = {b_deg:.3}, c_s_per_m = {c_s_per_m:.4} }}\n"
+        ));
     }
     let mut series = Vec::new();
     for (k, l) in law.laws.iter().enumerate() {

@@ -213,7 +213,7 @@ impl BankSizeName {
 impl Default for DiagnosisConfig {
     fn default() -> Self {
         Self {
-            after_programs: true,
+            after_programs: false,
             size: BankSizeName::Full,
             banks: PathBuf::new(),
             references: PathBuf::new(),
