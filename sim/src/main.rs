@@ -23,14 +23,18 @@ mod truth_file;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory as _, Parser};
+use haltere::cli::complete::{Completions, Man};
 use haltere::cli::moved::Moved;
 use haltere::live::console::Console;
 use haltere_sim::{compare, paper, paths};
 
+/// Its name.
+const PROGRAM: &str = "haltere-sim";
+
 /// Simulated tag, board and vehicle for the haltere companion.
 #[derive(Debug, Parser)]
-#[command(name = "haltere-sim", version)]
+#[command(name = PROGRAM, version)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -49,6 +53,10 @@ enum Command {
     /// Hide an effect in a simulated vehicle, diagnose its logs, and open the envelope: what was hidden, what
     /// was said, how far the gap shrank on flights not used, and the page.
     Hide(hide::Options),
+    /// Print the completion script of a shell.
+    Completions(Completions),
+    /// Write the manual pages.
+    Man(Man),
     /// Print every physical effect with equation, source and parameters: docs/EFFECTS.md.
     Effects,
     /// The step tests of the source in lockstep, version `raw` against `modified`.
@@ -115,6 +123,11 @@ fn main() -> ExitCode {
             log_to_stderr();
             demo::run(&options)
         }
+        Command::Completions(completions) => {
+            completions.print(&mut Cli::command(), PROGRAM);
+            Ok(true)
+        }
+        Command::Man(man) => man.write(Cli::command(), PROGRAM).map(|()| true),
         Command::Effects => {
             print!("{}", haltere_model::effects::document::markdown());
             Ok(true)
