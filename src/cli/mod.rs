@@ -33,6 +33,7 @@ mod programs;
 mod replay;
 mod report;
 mod style;
+pub mod vehicles;
 
 use std::io::Write as _;
 use std::process::ExitCode;
