@@ -145,3 +145,22 @@ fn prop_expressions_are_read_as_they_are_meant() {
         assert!(!is_met(not, &allowed), "{not}");
     }
 }
+
+/// What people cite and what they install is of one version, and under the licences that lie beside it.
+#[test]
+fn prop_citation_and_helper_are_of_this_version() {
+    let read = |name: &str| std::fs::read_to_string(root().join(name)).expect(name);
+    let version = env!("CARGO_PKG_VERSION");
+    let citation = read("CITATION.cff");
+    assert!(citation.contains(&format!("\nversion: {version}\n")), "CITATION.cff: not {version}");
+    let helper: toml::Table = read("examples/pyproject.toml").parse().expect("TOML");
+    assert_eq!(helper["project"]["version"].as_str(), Some(version), "examples/pyproject.toml");
+    for (file, begins, licence) in
+        [("LICENSE-MIT", "MIT License", "MIT"), ("LICENSE-APACHE", "Apache License", "Apache-2.0")]
+    {
+        assert!(read(file).trim_start().starts_with(begins), "{file}");
+        assert!(env!("CARGO_PKG_LICENSE").split(" OR ").any(|one| one == licence), "{licence}");
+        assert!(citation.contains(&format!("\n  - {licence}\n")), "CITATION.cff: {licence}");
+        assert_eq!(helper["project"]["license"].as_str(), Some(env!("CARGO_PKG_LICENSE")));
+    }
+}

@@ -1,5 +1,6 @@
 """Simulated tag and board with the real companion, and an endpoint for every kind of client."""
 
+import importlib.metadata
 import json
 import math
 import os
@@ -22,11 +23,21 @@ ORIGIN = (0.5, 0.5)
 START = (5.0, 5.0)
 
 
+def installed():
+    """The simulator program that came with this package, where it was a wheel that holds it."""
+    try:
+        files = importlib.metadata.files("haltere-testing") or ()
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    places = (pathlib.Path(f.locate()).resolve() for f in files if f.name == "haltere-sim")
+    return next((str(place) for place in places if place.exists()), None)
+
+
 def program():
-    """The simulator program, which is also the companion: HALTERE_SIM, else the one on the path, else one
-    built in this repository."""
+    """The simulator program, which is also the companion: HALTERE_SIM, else the one of the wheel, else the one
+    on the path, else one built in this repository."""
     named = os.environ.get("HALTERE_TEST_SIM") or os.environ.get("HALTERE_SIM")
-    found = named or shutil.which("haltere-sim")
+    found = named or installed() or shutil.which("haltere-sim")
     root = pathlib.Path(__file__).resolve().parents[2]
     for profile in ("release", "debug"):
         built = root / "target" / profile / "haltere-sim"
@@ -34,8 +45,9 @@ def program():
             found = str(built)
     if found is None or not os.path.exists(found):
         raise FileNotFoundError(
-            f"haltere-sim is not {'at ' + found if found else 'on the path'}: set HALTERE_SIM to the "
-            "program, or build it with `cargo build --release --workspace`")
+            f"haltere-sim is not {'at ' + found if found else 'in this package nor on the path'}: install the "
+            "wheel that holds it (packaging/build-wheel), set HALTERE_SIM to the program, or build it with "
+            "`cargo build --release --workspace`")
     return found
 
 

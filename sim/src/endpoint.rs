@@ -7,6 +7,7 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use haltere::cli::vehicles;
 use haltere::live::realtime::insist_on_deadlines;
 use haltere::report::truth::TruthRow;
 use haltere_core::time::HostTime;
@@ -30,7 +31,7 @@ use crate::truth_file::TruthFile;
 /// `haltere-sim serve`
 #[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Scenario file; without it the vehicle stands in the middle of a 10 × 10 × 7 m hall.
+    /// Scenario file, or the name of a built-in one (`haltere-sim print scenario`); without it the vehicle stands in the middle of a 10 × 10 × 7 m hall.
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
     /// Seed of the random numbers; wins over the scenario.
@@ -42,7 +43,7 @@ pub struct Options {
     /// Simulated seconds a second.
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     pub speed: f64,
-    /// Vehicle file.
+    /// Vehicle file, or the name of a built-in one (`haltere-sim print vehicle`).
     #[arg(long, value_name = "FILE")]
     pub vehicle: Option<PathBuf>,
     /// Symbolic link to the tag's pseudo-terminal.
@@ -171,8 +172,7 @@ pub fn plant(vehicle: Option<&Path>, scenario: &Scenario) -> Result<Plant> {
     let vehicle = match vehicle {
         Some(path) => {
             let name = path.display();
-            let text = std::fs::read_to_string(path).with_context(|| format!("{name}"))?;
-            Vehicle::from_toml(&text).with_context(|| format!("{name}"))?
+            Vehicle::from_toml(&vehicles::read(path)?).with_context(|| format!("{name}"))?
         }
         None => Vehicle::default(),
     };

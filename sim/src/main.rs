@@ -1,6 +1,7 @@
 //! `haltere-sim`: the endpoint that stands in for tag and board, and the demo.
 
 mod board_wire;
+mod built_in;
 mod campaign;
 mod demo;
 mod endpoint;
@@ -24,14 +25,18 @@ mod truth_file;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{CommandFactory as _, Parser};
+use haltere::cli::complete::{Completions, Man};
 use haltere::cli::moved::Moved;
 use haltere::live::console::Console;
 use haltere_sim::paper;
 
+/// Its name.
+const PROGRAM: &str = "haltere-sim";
+
 /// Simulated tag, board and vehicle for the haltere companion.
 #[derive(Debug, Parser)]
-#[command(name = "haltere-sim", version)]
+#[command(name = PROGRAM, version)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -50,6 +55,13 @@ enum Command {
     /// Hide an effect in a simulated vehicle, diagnose its logs, and open the envelope: what was hidden, what
     /// was said, how far the gap shrank on flights not used, and the page.
     Hide(hide::Options),
+    /// Print a scenario, a campaign or a vehicle that comes with the program, to start a file of your own from; without
+    /// a name, which there are.
+    Print(built_in::Print),
+    /// Print the completion script of a shell.
+    Completions(Completions),
+    /// Write the manual pages.
+    Man(Man),
     /// Print every physical effect with equation, source and parameters: docs/EFFECTS.md.
     Effects,
     /// Fly missions in lockstep, as fast as the computer is: one log each. Exit code 1 when one did not end on
@@ -121,6 +133,12 @@ fn main() -> ExitCode {
             log_to_stderr();
             demo::run(&options)
         }
+        Command::Print(print) => print.run().map(|()| true),
+        Command::Completions(completions) => {
+            completions.print(&mut Cli::command(), PROGRAM);
+            Ok(true)
+        }
+        Command::Man(man) => man.write(Cli::command(), PROGRAM).map(|()| true),
         Command::Effects => {
             print!("{}", haltere_model::effects::document::markdown());
             Ok(true)
@@ -158,4 +176,29 @@ fn main() -> ExitCode {
 
 fn log_to_stderr() {
     tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false).init();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use haltere::reference::commands::{MANUALS, commands_of};
+
+    #[test]
+    fn prop_commands_of_the_manuals_are_understood() {
+        let mut checked = 0;
+        for name in MANUALS.iter().chain(&["docs/CAMPAIGNS.md"]) {
+            let path = format!("{}/../{name}", env!("CARGO_MANIFEST_DIR"));
+            let text = std::fs::read_to_string(&path).expect("a manual");
+            // What a shell puts in is not known here.
+            let plain = |command: &Vec<String>| !command.iter().any(|word| word.contains('$'));
+            for command in commands_of(&text, PROGRAM).into_iter().filter(plain) {
+                let line = command.join(" ");
+                if let Err(error) = Cli::try_parse_from(command) {
+                    panic!("{name}: `{line}` is refused:\n{error}");
+                }
+                checked += 1;
+            }
+        }
+        assert!(checked > 10, "{checked} commands were found");
+    }
 }

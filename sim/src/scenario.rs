@@ -17,8 +17,10 @@ use haltere_model::magnetometer::MagnetometerSettings;
 use haltere_model::room::Room;
 use haltere_model::tag::TagProtocol;
 use haltere_model::{Fault, PlantConfig, Vehicle};
+use haltere_pilot::settings::parse_anchors;
 use serde::{Deserialize, Serialize};
 
+use crate::built_in::{self, Kind};
 use crate::faults::{FaultAt, Told};
 
 /// Effect that turns the board's north from room north.
@@ -119,13 +121,13 @@ impl Default for Scenario {
 }
 
 impl Scenario {
-    /// Reads a file, or takes the defaults: the 10 × 10 × 7 m hall of the source.
+    /// Reads a file or what is built in by that name, or takes the defaults: the 10 × 10 × 7 m hall of the source.
     pub fn load(path: Option<&Path>) -> Result<Self> {
         let Some(path) = path else { return Self::default().resolved(Path::new(".")) };
-        let name = path.display();
-        let text = std::fs::read_to_string(path).with_context(|| format!("{name}"))?;
-        let folder = path.parent().unwrap_or(Path::new("."));
-        Self::parse(&text, folder).with_context(|| format!("{name}"))
+        let file = Kind::Scenario.find(Path::new(""), path);
+        let text = Kind::Scenario.read(&file)?;
+        let folder = file.parent().unwrap_or(Path::new("."));
+        Self::parse(&text, folder).with_context(|| path.display().to_string())
     }
 
     fn parse(text: &str, folder: &Path) -> Result<Self> {
@@ -208,7 +210,7 @@ impl Scenario {
             bail!(problems);
         }
         let survey = match &self.anchors_file {
-            Some(file) => read_anchors(&folder.join(file))?,
+            Some(file) => anchors(&folder.join(file))?,
             None => Survey::new(&corners(&self.room))?,
         };
         self.told_survey = Some(self.told.survey(&survey)?);
@@ -257,6 +259,15 @@ impl Scenario {
             let _ = write!(text, "\n[[anchor]]\nid = {id}\nposition_m = [{x:?}, {y:?}, {z:?}]\n");
         }
         text
+    }
+}
+
+/// The survey of a file on the disk or in the program.
+fn anchors(file: &Path) -> Result<Survey> {
+    match built_in::read(file) {
+        Ok(text) => Ok(parse_anchors(&file.display().to_string(), &text)?),
+        // Its words say how to write one.
+        Err(_) => Ok(read_anchors(file)?),
     }
 }
 

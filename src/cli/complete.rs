@@ -1,59 +1,59 @@
 //! Completion scripts and manual pages, from the definitions of the arguments.
 
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use anyhow::Context as _;
-use clap::{Args, CommandFactory as _};
+use clap::{Args, Command};
 
-use super::{Cli, print};
+use super::print;
 
 /// Prints a completion script.
 #[derive(Debug, Args)]
 #[command(
     after_help = "bash: haltere completions bash > ~/.local/share/bash-completion/completions/haltere\n\
                         zsh: haltere completions zsh > a folder of $fpath/_haltere\n\
-                        fish: haltere completions fish > ~/.config/fish/completions/haltere.fish"
+                        fish: haltere completions fish > ~/.config/fish/completions/haltere.fish\n\
+                        The same for haltere-sim, under its name."
 )]
-pub(super) struct Completions {
+pub struct Completions {
     /// Which shell.
     #[arg(value_enum)]
     shell: clap_complete::Shell,
 }
 
 impl Completions {
-    pub(super) fn run(&self) -> ExitCode {
+    /// Prints the script of a program.
+    pub fn print(&self, command: &mut Command, program: &str) {
         let mut script = Vec::new();
-        clap_complete::generate(self.shell, &mut Cli::command(), "haltere", &mut script);
+        clap_complete::generate(self.shell, command, program, &mut script);
         print(&String::from_utf8_lossy(&script));
-        ExitCode::SUCCESS
     }
 }
 
 /// Writes manual pages.
 #[derive(Debug, Args)]
-pub(super) struct Man {
-    /// Folder for the pages, made if it is missing: haltere.1 and one page for each command.
+pub struct Man {
+    /// Folder for the pages, made if it is missing: a page for the program and one for each command.
     #[arg(long, value_name = "DIR")]
     dir: PathBuf,
 }
 
 impl Man {
-    pub(super) fn run(&self) -> anyhow::Result<ExitCode> {
+    /// Writes the pages of a program.
+    pub fn write(&self, mut command: Command, program: &str) -> anyhow::Result<()> {
         let name = |path: &Path| path.display().to_string();
         std::fs::create_dir_all(&self.dir).with_context(|| name(&self.dir))?;
-        let mut command = Cli::command();
         // Names of commands below commands, as they are typed.
         command.build();
         let mut count = 0;
-        write_pages(&command, "haltere", &self.dir, &mut count)?;
+        write_pages(&command, program, &self.dir, &mut count)?;
         print(&format!("{}: {count} pages\n", name(&self.dir)));
-        Ok(ExitCode::SUCCESS)
+        Ok(())
     }
 }
 
 fn write_pages(
-    command: &clap::Command,
+    command: &Command,
     title: &str,
     dir: &Path,
     count: &mut usize,

@@ -10,7 +10,7 @@ use clap::{Args, Subcommand};
 use super::moved::Moved;
 use super::{
     gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_diagnose, gap_missions,
-    gap_observe, gap_shrink,
+    gap_observe, gap_shrink, vehicles,
 };
 pub use gap_diagnose::diagnose;
 use haltere_core::checks::Problems;
@@ -170,7 +170,7 @@ pub(super) struct RoomOptions {
 pub struct SceneOptions {
     #[command(flatten)]
     room: RoomOptions,
-    /// Vehicle file (TOML) of the nominal simulator; without it the Flapper.
+    /// Vehicle file (TOML) of the nominal simulator, or the name of a built-in one; without it the Flapper.
     #[arg(long, value_name = "FILE")]
     vehicle: Option<PathBuf>,
 }
@@ -184,7 +184,7 @@ impl SceneOptions {
     fn vehicle(&self) -> anyhow::Result<Vehicle> {
         let Some(path) = &self.vehicle else { return Ok(Vehicle::default()) };
         let name = || path.display().to_string();
-        let text = std::fs::read_to_string(path).with_context(name)?;
+        let text = vehicles::read(path)?;
         let vehicle = Vehicle::from_toml(&text).with_context(name)?;
         let mut problems = Problems::new();
         vehicle.check("vehicle", &mut problems);

@@ -4,7 +4,7 @@
 //! error. Exit codes: 0 success, 1 failure, 2 wrong usage; others per command.
 
 mod check;
-mod complete;
+pub mod complete;
 mod ctl;
 mod fit;
 mod fit_program;
@@ -33,21 +33,24 @@ mod programs;
 mod replay;
 mod report;
 mod style;
+pub mod vehicles;
 
 use std::io::Write as _;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 use serde::Serialize;
 
 use crate::live::console;
 
 /// Something failed; the sentence is on standard error.
 const FAILED: u8 = 1;
+/// Its name.
+const PROGRAM: &str = "haltere";
 
 /// Companion autopilot for flapping-wing drones on ultra-wideband positioning.
 #[derive(Debug, Parser)]
-#[command(name = "haltere", version, max_term_width = 100)]
+#[command(name = PROGRAM, version, max_term_width = 100)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -113,8 +116,11 @@ pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
         Command::Report(report) => report.run(),
         Command::Check(check) => check.run(),
         Command::Init(init) => init.run(),
-        Command::Completions(completions) => Ok(completions.run()),
-        Command::Man(man) => man.run(),
+        Command::Completions(completions) => {
+            completions.print(&mut Cli::command(), PROGRAM);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Man(man) => man.write(Cli::command(), PROGRAM).map(|()| ExitCode::SUCCESS),
         Command::Key(key) => key.run(),
     };
     match result {

@@ -57,8 +57,9 @@ fn words(line: &str) -> Vec<String> {
 }
 
 /// The manuals whose commands are checked, from the root of the repository.
-pub const MANUALS: [&str; 5] = [
+pub const MANUALS: [&str; 6] = [
     "README.md",
+    "docs/INSTALL.md",
     "docs/TUTORIAL_GAP.md",
     "docs/TUTORIAL_SQUARE.md",
     "docs/WATCH.md",

@@ -8,5 +8,6 @@ mod flights;
 mod flood;
 mod gap;
 mod operation;
+mod packages;
 mod pymavlink;
 mod support;

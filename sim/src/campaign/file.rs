@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use haltere::cli::vehicles;
 use haltere::ctl::read_mission;
 use haltere::sources::{self, Sources};
 use haltere_core::checks::Problems;
@@ -18,6 +19,7 @@ use toml::{Table, Value};
 use super::catalogue;
 use super::draw::{self, Draw};
 use super::judge::Fence;
+use crate::built_in::{self, Kind};
 use crate::faults::Phase;
 use crate::scenario::Scenario;
 
@@ -33,10 +35,10 @@ pub struct CampaignFile {
     /// How many flights. Absent: each combination of the grids once.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub flights: Option<u64>,
-    /// Base scenario, relative to this file. Absent: the defaults of a scenario.
+    /// Base scenario, relative to this file, or a built-in one by name. Absent: the defaults of a scenario.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scenario: Option<PathBuf>,
-    /// Vehicle file, relative to this file. Absent: the nominal vehicle.
+    /// Vehicle file, relative to this file, or a built-in one by name. Absent: the nominal vehicle.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vehicle: Option<PathBuf>,
     /// Mission file, relative to this file; or the items stand here.
@@ -128,15 +130,12 @@ pub struct Base {
     pub vehicle: String,
 }
 
-fn read(path: &Path) -> Result<String> {
-    std::fs::read_to_string(path).with_context(|| format!("{}", path.display()))
-}
-
 impl Campaign {
-    /// Reads a campaign and all files that it names.
+    /// Reads a campaign, of a file or by its name, and all files that it names.
     pub fn load(path: &Path, seed: Option<u64>) -> Result<Self> {
-        let text = read(path)?;
-        let folder = path.parent().unwrap_or(Path::new("."));
+        let file = Kind::Campaign.find(Path::new(""), path);
+        let text = Kind::Campaign.read(&file)?;
+        let folder = file.parent().unwrap_or(Path::new("."));
         Self::parse(&text, folder, seed, &path.display().to_string())
             .with_context(|| format!("{}", path.display()))
     }
@@ -210,9 +209,9 @@ impl Base {
         let (scenario, scenario_folder) = match &file.scenario {
             None => (Scenario::default(), folder.to_owned()),
             Some(name) => {
-                let path = folder.join(name);
-                let scenario =
-                    toml::from_str(&read(&path)?).with_context(|| path.display().to_string())?;
+                let path = Kind::Scenario.find(folder, name);
+                let text = Kind::Scenario.read(&path)?;
+                let scenario = toml::from_str(&text).with_context(|| path.display().to_string())?;
                 (scenario, path.parent().unwrap_or(Path::new(".")).to_owned())
             }
         };
@@ -223,7 +222,7 @@ impl Base {
             None => MissionFile { items: file.items.clone() },
         };
         let vehicle = match &file.vehicle {
-            Some(name) => read(&folder.join(name))?,
+            Some(name) => vehicle(folder, name)?,
             None => String::new(),
         };
         let config = if file.config.is_empty() {
@@ -244,6 +243,13 @@ impl Base {
     }
 }
 
+/// The text of a vehicle file, or of the built-in vehicle of that name.
+fn vehicle(folder: &Path, told: &Path) -> Result<String> {
+    let file = folder.join(told);
+    let named = told.to_str().filter(|_| !file.is_file()).and_then(vehicles::text);
+    named.map_or_else(|| vehicles::read(&file), Ok)
+}
+
 /// A value as on the command line: TOML, or a bare word.
 fn plain(text: &str) -> Value {
     let parsed = toml::from_str::<Table>(&format!("v = {text}"));
@@ -252,7 +258,10 @@ fn plain(text: &str) -> Value {
 
 fn digest(file: &CampaignFile, base: &Base, faults: &[catalogue::Entry]) -> Result<String> {
     let anchors = match base.scenario.get("anchors_file").and_then(Value::as_str) {
-        Some(name) => read(&base.scenario_folder.join(name))?,
+        Some(name) => {
+            let file = base.scenario_folder.join(name);
+            built_in::read(&file).with_context(|| file.display().to_string())?
+        }
         None => String::new(),
     };
     let mut hash = Sha256::new();

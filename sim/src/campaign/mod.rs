@@ -39,7 +39,7 @@ use store::{Identity, Store, write_whole};
 pub struct Options {
     #[command(subcommand)]
     command: Option<Command>,
-    /// Campaign file.
+    /// Campaign file, or the name of a built-in one (`haltere-sim print campaign`).
     #[arg(required = true, value_name = "FILE")]
     file: Option<PathBuf>,
     #[command(flatten)]

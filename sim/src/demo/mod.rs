@@ -27,7 +27,7 @@ pub struct Options {
     /// Folder for configuration, log, truth and report; made if it is missing.
     #[arg(long, value_name = "DIR", default_value = "demo")]
     pub output: PathBuf,
-    /// Scenario file of the endpoint.
+    /// Scenario file of the endpoint, or the name of a built-in one (`haltere-sim print scenario`).
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
     /// Seed of the endpoint's random numbers.

@@ -44,13 +44,13 @@ pub struct Options {
     /// One value of it, for example control.version=raw.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Scenario file; without it the vehicle stands in the middle of a 10 × 10 × 7 m hall.
+    /// Scenario file, or the name of a built-in one (`haltere-sim print scenario`); without it the vehicle stands in the middle of a 10 × 10 × 7 m hall.
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
     /// Seed of the random numbers; wins over the scenario.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Vehicle file.
+    /// Vehicle file, or the name of a built-in one (`haltere-sim print vehicle`).
     #[arg(long, value_name = "FILE")]
     vehicle: Option<PathBuf>,
     /// Simulated seconds a second, 0.01 to 1000. 0: time passes only by orders `{"run_s": 0.02}` on standard

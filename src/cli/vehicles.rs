@@ -1,0 +1,60 @@
+//! Vehicle files that come with the programs, by name, and those of the user.
+
+use std::path::Path;
+
+use anyhow::Context as _;
+use haltere_model::Vehicle;
+
+/// The vehicle that is flown where none is named.
+const NOMINAL: &str = "flapper";
+
+/// Name, text of the vehicle file.
+const FILES: [(&str, &str); 1] =
+    [("delfly-nimble", include_str!("../../sim/vehicles/delfly-nimble.toml"))];
+
+/// Names of the vehicles that are there.
+pub fn names() -> Vec<&'static str> {
+    std::iter::once(NOMINAL).chain(FILES.iter().map(|(name, _)| *name)).collect()
+}
+
+/// The vehicle of a name as a file.
+pub fn text(name: &str) -> Option<String> {
+    if name == NOMINAL {
+        return toml::to_string(&Vehicle::default()).ok();
+    }
+    FILES.iter().find(|(of, _)| *of == name).map(|(_, text)| (*text).to_owned())
+}
+
+/// The text of a file, or of the vehicle of that name where there is no such file.
+pub fn read(told: &Path) -> anyhow::Result<String> {
+    let built_in = told.to_str().filter(|_| !told.is_file()).and_then(text);
+    if let Some(text) = built_in {
+        return Ok(text);
+    }
+    std::fs::read_to_string(told).with_context(|| match told.exists() {
+        true => told.display().to_string(),
+        false => format!(
+            "vehicle {}: allowed are a file, or by name {}; `haltere-sim print vehicle NAME > FILE` begins one of your own",
+            told.display(),
+            names().join(", ")
+        ),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_every_name_is_a_vehicle() {
+        let of = |name: &str| Vehicle::from_toml(&read(Path::new(name)).unwrap()).unwrap();
+        assert_eq!(of(NOMINAL), Vehicle::default());
+        assert_ne!(of("delfly-nimble"), Vehicle::default());
+        assert_eq!(names().len(), FILES.len() + 1);
+        let error = format!("{:#}", read(Path::new("flaper")).unwrap_err());
+        assert!(
+            error.contains("vehicle flaper: ") && error.contains("flapper, delfly-nimble;"),
+            "{error}"
+        );
+    }
+}
