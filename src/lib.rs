@@ -18,6 +18,7 @@ pub mod cli;
 pub mod ctl;
 pub mod fit;
 pub mod live;
+pub mod neighbours;
 pub mod preflight;
 pub mod progress;
 pub mod reference;
