@@ -33,6 +33,7 @@ mod programs;
 mod replay;
 mod report;
 mod style;
+mod vehicle;
 pub mod vehicles;
 
 use std::io::Write as _;
@@ -75,6 +76,9 @@ enum Command {
     /// Where flight and nominal model differ, which effect causes it, how far it shrinks.
     #[command(subcommand)]
     Gap(Box<gap::Gap>),
+    /// Vehicle files: prints one with every key, examines one.
+    #[command(subcommand)]
+    Vehicle(vehicle::VehicleCommand),
     /// Arms, flies and lands a running companion: a small ground station for scripts.
     Ctl(ctl::Ctl),
     /// Draws a flight log as one page.
@@ -112,6 +116,7 @@ pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
         Command::Log(log) => log.run(),
         Command::Fit(fit) => fit.run(),
         Command::Gap(gap) => gap.run(),
+        Command::Vehicle(vehicle) => vehicle.run(),
         Command::Ctl(ctl) => ctl.run(),
         Command::Report(report) => report.run(),
         Command::Check(check) => check.run(),

@@ -34,7 +34,7 @@ pub fn read(told: &Path) -> anyhow::Result<String> {
     std::fs::read_to_string(told).with_context(|| match told.exists() {
         true => told.display().to_string(),
         false => format!(
-            "vehicle {}: allowed are a file, or by name {}; `haltere-sim print vehicle NAME > FILE` begins one of your own",
+            "vehicle {}: allowed are a file, or by name {}; `haltere vehicle print NAME > FILE` begins one of your own",
             told.display(),
             names().join(", ")
         ),
