@@ -12,3 +12,4 @@ mod operation;
 mod packages;
 mod pymavlink;
 mod support;
+mod tutorials;

@@ -64,6 +64,7 @@ pub fn run(options: &Options) -> Result<bool> {
         options.output.display()
     );
     let mut processes = Processes::start(options)?;
+    eprintln!("demo: watch it live: {}", processes.page);
     let flown = fly(&processes, &plan);
     // The companion closes its log, the endpoint its truth file.
     let stopped = processes.stop();
@@ -124,11 +125,11 @@ fn fly(processes: &Processes, plan: &Plan) -> Result<()> {
         progress.show(vehicle);
         airborne |= vehicle.armed && vehicle.height_m().is_some_and(|h| h > 0.5);
         if airborne && !vehicle.armed {
-            progress.end();
+            progress.end(&format!("100 %, landed after {:.0} s", started.elapsed().as_secs_f64()));
             break;
         }
         if started.elapsed() > timeout {
-            progress.end();
+            progress.end("not landed");
             bail!("the flight takes longer than {:.0} s", timeout.as_secs_f64());
         }
     }
@@ -173,12 +174,14 @@ impl<'a> Progress<'a> {
             },
             None => "landing".into(),
         };
+        let flown_s = self.started.elapsed().as_secs_f64();
+        // The plan does not know how long take-off and landing take: the rest is 100 % when the vehicle is down.
+        let percent = (100.0 * flown_s / self.plan.duration_s()).min(99.0);
         let [north_m, east_m, down_m] = vehicle.position_m.unwrap_or([f64::NAN; 3]);
         let line = format!(
-            "demo: {:5.1} of {:.0} s  item {current:2}/{}  {doing:12}  N {north_m:5.2}  E {east_m:5.2}  \
+            "demo: {percent:2.0} %, {:.0} s left  item {current:2}/{}  {doing:12}  N {north_m:5.2}  E {east_m:5.2}  \
              height {:5.2} m  {:4.2} V",
-            self.started.elapsed().as_secs_f64(),
-            self.plan.duration_s(),
+            (self.plan.duration_s() - flown_s).max(0.0),
             self.plan.items.len(),
             -down_m,
             vehicle.supply_v.unwrap_or(f64::NAN),
@@ -198,10 +201,9 @@ impl<'a> Progress<'a> {
         }
     }
 
-    fn end(&self) {
-        if self.terminal {
-            eprintln!();
-        }
+    fn end(&self, how: &str) {
+        let back = if self.terminal { "\r\u{1b}[K" } else { "" };
+        eprintln!("{back}demo: {how}");
     }
 }
 

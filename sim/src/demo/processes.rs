@@ -1,6 +1,7 @@
 //! The two processes of the demo, and the files between them.
 
 use std::fs::{File, TryLockError};
+use std::net::TcpListener;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
@@ -12,6 +13,9 @@ use crate::rig::{Companion, Endpoint, Wiring, free_port};
 use crate::scenario::Scenario;
 use crate::stop::Stop;
 
+/// Port that docs/WATCH.md names.
+const PAGE_PORT: u16 = 8480;
+
 /// Endpoint and companion, running.
 #[derive(Debug)]
 pub struct Processes {
@@ -21,6 +25,8 @@ pub struct Processes {
     stop: Stop,
     /// Where the ground station listens.
     pub ground: String,
+    /// Where the flight can be watched live.
+    pub page: String,
     /// Truth file of the endpoint.
     pub truth: PathBuf,
     /// Where the companion leaves its log.
@@ -74,7 +80,11 @@ impl Processes {
         };
         let config = wiring.write(&folder, &scenario, "demo")?;
         let output = folder.join("companion.txt");
-        let companion = Companion::start(&config, &options.overrides, output)?;
+        let port = free_page_port()?;
+        // What the user sets comes later and wins.
+        let mut overrides = vec![format!("watch.address=tcpin:127.0.0.1:{port}")];
+        overrides.extend(options.overrides.iter().cloned());
+        let companion = Companion::start(&config, &overrides, output)?;
         let firmware = between.start(&folder.join("firmware"))?;
         Ok(Self {
             endpoint,
@@ -82,6 +92,7 @@ impl Processes {
             companion,
             stop,
             ground: format!("udpin:127.0.0.1:{ground_port}"),
+            page: format!("http://127.0.0.1:{port}/"),
             truth,
             log_directory,
             _folder: own,
@@ -105,4 +116,11 @@ impl Processes {
         let endpoint = self.endpoint.stop();
         companion.and(firmware).and(endpoint)
     }
+}
+
+/// Port of the watch page: the usual one, or any that is free.
+fn free_page_port() -> Result<u16> {
+    let bound = TcpListener::bind(("127.0.0.1", PAGE_PORT));
+    let bound = bound.or_else(|_| TcpListener::bind("127.0.0.1:0")).context("no free TCP port")?;
+    Ok(bound.local_addr().context("no free TCP port")?.port())
 }
