@@ -85,7 +85,7 @@ impl Fly {
     }
 }
 
-fn fly(signals: Signals, loaded: Loaded, as_json: bool) -> anyhow::Result<ExitCode> {
+fn fly(signals: Signals, mut loaded: Loaded, as_json: bool) -> anyhow::Result<ExitCode> {
     let stop = live::Stop::default();
     signals.serve(stop.clone())?;
     for file in &loaded.files {
@@ -94,6 +94,8 @@ fn fly(signals: Signals, loaded: Loaded, as_json: bool) -> anyhow::Result<ExitCo
     for note in &loaded.notes {
         tracing::warn!("{note}");
     }
+    // Held until the end.
+    let _claims = live::places::settle(&mut loaded)?;
     let programs = Box::new(BuiltIn::new(&loaded)?);
     let summary = live::run_with(&loaded, &stop, programs)?;
     let told =

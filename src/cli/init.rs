@@ -89,6 +89,8 @@ impl Init {
             first::none_there(&self.dir).map_err(|why| anyhow!(why))?;
         }
         let told = if asks { None } else { Some(self.anchors(false)?) };
+        let mut usual = Answers::default();
+        usual.leave_ports_of_others();
         let mut answers = Answers {
             tag: self.tag(asks)?,
             tag_protocol: match self.tag_protocol {
@@ -96,9 +98,9 @@ impl Init {
                 Protocol::Mavlink => TagProtocol::Mavlink,
             },
             board: self.board(asks)?,
-            ground: self.ground(asks)?,
+            ground: self.ground(asks, &usual.ground)?,
             anchors: told.map_or_else(|| self.anchors(true), Ok)?,
-            ..Answers::default()
+            ..usual
         };
         if self.dir == Path::new(SERVICE_CONFIGURATION) {
             // The service works there, people elsewhere: both shall mean the same folders.
@@ -186,13 +188,12 @@ impl Init {
         }
     }
 
-    fn ground(&self, asks: bool) -> anyhow::Result<Vec<Address>> {
+    fn ground(&self, asks: bool, default: &[Address]) -> anyhow::Result<Vec<Address>> {
         if !self.ground.is_empty() {
             return Ok(self.ground.clone());
         }
-        let default = Answers::default().ground;
         if !asks {
-            return Ok(default);
+            return Ok(default.to_owned());
         }
         let shown = default.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
         loop {

@@ -12,6 +12,7 @@ use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS};
 use super::mailbox::{Mailbox, Outgoing, Refused, Slot, mailbox};
 use super::tcp::{ACCEPT_PAUSE, RETRY, accept_after, talk};
 use super::udp::{DATAGRAM_BYTES, send};
+use crate::neighbours::{self, Transport};
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
@@ -142,7 +143,7 @@ pub(super) async fn listen(socket: UdpSocket, inboxes: Vec<Inbox>, mut output: M
                     inbox.down();
                 }
                 if seat != Seat::Known(n) {
-                    tracing::info!("{peer} joined as link {}", inbox.link().number());
+                    tell_who(Transport::Udp, peer, "joined", inbox);
                     inbox.up();
                 }
                 inbox.bytes(at, bytes);
@@ -178,7 +179,7 @@ pub(super) async fn serve(listener: TcpListener, inboxes: Vec<Inbox>, mut output
                     inbox.lost(DropReason::StationsFull);
                     continue;
                 };
-                tracing::info!("{peer} connected as link {}", inbox.link().number());
+                tell_who(Transport::Tcp, peer, "connected", &inbox);
                 writers[n] = Some(writer);
                 clients.spawn(async move {
                     inbox.up();
@@ -207,6 +208,15 @@ pub(super) async fn serve(listener: TcpListener, inboxes: Vec<Inbox>, mut output
             }
         }
     }
+}
+
+/// Tells people who has come. Looking for the program takes its time, and must not hold up the others.
+fn tell_who(transport: Transport, peer: SocketAddr, how: &'static str, inbox: &Inbox) {
+    let link = inbox.link().number();
+    tokio::task::spawn_blocking(move || match neighbours::sender(transport, peer) {
+        Some(who) => tracing::info!("{peer} {how} as link {link}: {who}"),
+        None => tracing::info!("{peer} {how} as link {link}"),
+    });
 }
 
 /// One client, until it leaves. Where signatures are demanded it must have shown one in time: places

@@ -42,9 +42,13 @@ pub(super) async fn accept_after(
     listener.accept().await
 }
 
-/// Serves all clients of a bound port until the output ends.
+/// Bytes, and which of the clients is meant; `None`: all of them.
+type ForOne = (Option<SocketAddr>, Vec<u8>);
+
+/// Serves all clients of a bound port until the output ends. Whose bytes come is told: of two boards the core
+/// hears one, and speaks to that one.
 pub(super) async fn serve(listener: TcpListener, inbox: Inbox, mut output: Mailbox) {
-    let (everyone, _) = broadcast::channel::<Vec<u8>>(OUTPUT_QUEUE_CHUNKS);
+    let (everyone, _) = broadcast::channel::<ForOne>(OUTPUT_QUEUE_CHUNKS);
     let mut clients = tokio::task::JoinSet::new();
     let mut next = Instant::now();
     inbox.up();
@@ -64,21 +68,26 @@ pub(super) async fn serve(listener: TcpListener, inbox: Inbox, mut output: Mailb
                 tracing::info!("{peer} connected");
                 let (inbox, output) = (inbox.clone(), everyone.subscribe());
                 clients.spawn(async move {
-                    serve_one(stream, &inbox, output).await;
+                    serve_one(stream, peer, &inbox, output).await;
                     tracing::info!("{peer} disconnected");
                 });
             }
             bytes = output.recv() => {
-                let Some(Outgoing { bytes, .. }) = bytes else { return };
+                let Some(Outgoing { bytes, to, .. }) = bytes else { return };
                 // Nobody connected: nobody misses it.
-                let _ = everyone.send(inbox.seal(bytes).to_vec());
+                let _ = everyone.send((to, inbox.seal(bytes).to_vec()));
             }
             Some(_) = clients.join_next() => {}
         }
     }
 }
 
-async fn serve_one(stream: TcpStream, inbox: &Inbox, mut output: broadcast::Receiver<Vec<u8>>) {
+async fn serve_one(
+    stream: TcpStream,
+    peer: SocketAddr,
+    inbox: &Inbox,
+    mut output: broadcast::Receiver<ForOne>,
+) {
     let _ = stream.set_nodelay(true);
     let (mut reader, mut writer) = stream.into_split();
     let mut frames = WholeFrames::default();
@@ -92,13 +101,14 @@ async fn serve_one(stream: TcpStream, inbox: &Inbox, mut output: broadcast::Rece
                     Ok(length) => {
                         frames.push(buffer.get(..length).unwrap_or_default());
                         while let Some(bytes) = frames.next() {
-                            inbox.bytes(at, &bytes);
+                            inbox.bytes_from(at, Some(peer), &bytes);
                         }
                     }
                 }
             }
             bytes = output.recv() => match bytes {
-                Ok(bytes) => {
+                Ok((Some(to), _)) if to != peer => {}
+                Ok((_, bytes)) => {
                     let write = tokio::time::timeout(WRITE_PATIENCE, writer.write_all(&bytes));
                     if !matches!(write.await, Ok(Ok(()))) {
                         inbox.lost(DropReason::LinkWriteFailed);
@@ -182,5 +192,65 @@ pub(super) async fn talk(
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read as _, Write as _};
+    use std::sync::Arc;
+
+    use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavMessage};
+    use haltere_dialect::mav_stream;
+
+    use super::super::inbox::{Shared, What, input_queues};
+    use super::super::mailbox::mailbox;
+    use super::super::pool::Pool;
+    use super::*;
+    use haltere_pilot::LinkId;
+
+    #[test]
+    fn regress_two_boards_on_one_port_are_told_apart_and_one_is_spoken_to() {
+        let (entrance, arrivals) = input_queues();
+        let inbox = Inbox::new(LinkId::Board, &entrance, None, Arc::new(Shared::default()));
+        let (output, receiver) = mailbox(OUTPUT_QUEUE_CHUNKS).unwrap();
+        let pool = Pool::new(8, 8, 64);
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap();
+        listener.set_nonblocking(true).unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let serving = std::thread::spawn(move || {
+            runtime.block_on(async {
+                serve(TcpListener::from_std(listener).unwrap(), inbox, receiver).await;
+            });
+        });
+        let mut frame = Vec::new();
+        let message = MavMessage::HEARTBEAT(HEARTBEAT_DATA::default());
+        mav_stream::encode(&mut frame, 1, 1, 0, &message);
+        let mut boards = [(); 2].map(|()| std::net::TcpStream::connect(port).unwrap());
+        for board in &mut boards {
+            let patience = Duration::from_secs(5);
+            board.set_read_timeout(Some(patience)).unwrap();
+            board.write_all(&frame).unwrap();
+            let from = std::iter::repeat_with(|| arrivals.devices.recv_timeout(patience))
+                .find_map(|a| {
+                    a.map(|a| matches!(a.what, What::Bytes(..)).then_some(a.from)).unwrap()
+                })
+                .unwrap();
+            assert_eq!(from, Some(board.local_addr().unwrap()), "whose bytes they are");
+        }
+        let to = Some(boards[1].local_addr().unwrap());
+        for (to, bytes) in [(to, b"one"), (None, b"all")] {
+            let outgoing = Outgoing { link: LinkId::Board, to, bytes: pool.lend(bytes).unwrap() };
+            assert!(output.put(outgoing).is_ok());
+        }
+        let mut first = [0; 3];
+        boards[0].read_exact(&mut first).unwrap();
+        assert_eq!(&first, b"all");
+        let mut second = [0; 6];
+        boards[1].read_exact(&mut second).unwrap();
+        assert_eq!(&second, b"oneall");
+        drop(output);
+        serving.join().unwrap();
     }
 }

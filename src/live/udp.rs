@@ -10,12 +10,15 @@ use super::clock;
 use super::inbox::Inbox;
 use super::mailbox::{Mailbox, Outgoing};
 use haltere_core::drops::DropReason;
+use haltere_core::time::HostTime;
 use haltere_pilot::settings::HostPort;
 
 /// Largest datagram.
 pub(super) const DATAGRAM_BYTES: usize = 65_536;
 /// A network that takes nothing for so long loses the datagram: the next setpoint is due by then.
 pub(super) const SEND_PATIENCE: Duration = Duration::from_millis(10);
+/// Two who speak within this time speak at once, s: stations send their heartbeat every second.
+const TOGETHER_S: f64 = 3.0;
 /// Wait before a name is looked up again.
 pub(super) const RETRY: Duration = Duration::from_secs(2);
 
@@ -51,6 +54,9 @@ pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Mailbox) {
     };
     inbox.up();
     let everyone = is_for_many(peer);
+    // Who answered last, and when.
+    let mut last: Option<(SocketAddr, HostTime)> = None;
+    let mut told = false;
     let mut buffer = vec![0; DATAGRAM_BYTES];
     loop {
         tokio::select! {
@@ -65,6 +71,13 @@ pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Mailbox) {
                 let at = clock::now();
                 let Ok((length, from)) = received else { continue };
                 if everyone || from.ip() == peer.ip() {
+                    if let Some((other, heard)) = last.replace((from, at))
+                        && other != from
+                        && at.seconds_since(heard) < TOGETHER_S
+                        && !std::mem::replace(&mut told, true)
+                    {
+                        tracing::warn!("udpout:{to}: {other} and {from} answer, two on one link: both may command");
+                    }
                     inbox.bytes(at, buffer.get(..length).unwrap_or_default());
                 } else {
                     inbox.lost(DropReason::MavWrongPeer);

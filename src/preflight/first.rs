@@ -3,10 +3,11 @@
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
+use crate::neighbours::{self, Transport};
 use haltere_core::checks::schema::Schema;
 use haltere_pilot::TagProtocol;
 use haltere_pilot::settings::{
-    Address, Config, RecordConfig, StoreConfig, TagPort, parse_anchors, reference,
+    Address, Config, HostPort, RecordConfig, StoreConfig, TagPort, parse_anchors, reference,
 };
 
 /// Name of the anchor file.
@@ -23,6 +24,8 @@ pub struct Answers {
     pub board: Address,
     /// Where ground stations are.
     pub ground: Vec<Address>,
+    /// Where the page is served, for browsers on this computer.
+    pub watch: Address,
     /// Content of the anchor file.
     pub anchors: String,
     /// Where logs go.
@@ -39,9 +42,34 @@ impl Default for Answers {
             tag_protocol: config.tag.protocol,
             board: config.board.address,
             ground: config.ground.endpoints.into_iter().map(|e| e.address).collect(),
+            watch: Address::TcpIn(HostPort { host: "127.0.0.1".into(), port: WATCH_PORT }),
             anchors: String::new(),
             logs: RecordConfig::default().directory,
             store: StoreConfig::default().directory,
+        }
+    }
+}
+
+impl Answers {
+    /// Where nobody asked for a port, leaves those that another person of this computer has or speaks to, for the
+    /// next that nobody has. Those of the own user stay: most likely it is this companion that runs.
+    pub fn leave_ports_of_others(&mut self) {
+        for address in self.ground.iter_mut().chain([&mut self.watch]) {
+            let transport = match address {
+                Address::TcpIn(_) => Transport::Tcp,
+                _ => Transport::Udp,
+            };
+            let (Address::UdpOut(at) | Address::TcpIn(at)) = address else { continue };
+            let usual = at.port;
+            let serves = |port: &u16| {
+                let Some(place) = neighbours::place(&at.host, *port) else { return true };
+                let both = [neighbours::claimant(place), neighbours::holder(transport, place)];
+                let mut there = both.into_iter().flatten();
+                there.all(|who| *port == usual && !who.is_another_person())
+            };
+            if let Some(port) = neighbours::candidates(usual).find(serves) {
+                at.port = port;
+            }
         }
     }
 }
@@ -109,7 +137,7 @@ fn configuration(answers: &Answers) -> String {
         ("record", "directory", quoted(answers.logs.display().to_string())),
         ("store", "directory", quoted(answers.store.display().to_string())),
         // Off by default; who sets a vehicle up wants to see it, and on this computer alone that harms nobody.
-        ("watch", "address", quoted(WATCH.to_owned())),
+        ("watch", "address", quoted(answers.watch.to_string())),
     ];
     // Shown, and left at their defaults: what is usually wanted next.
     let shown = [("board", "profile"), ("board", "north_offset_deg"), ("ground", "identity")];
@@ -140,8 +168,8 @@ fn configuration(answers: &Answers) -> String {
     text
 }
 
-/// Where the page is served, for browsers on this computer.
-const WATCH: &str = "tcpin:127.0.0.1:8480";
+/// Where the page is served.
+const WATCH_PORT: u16 = 8480;
 
 /// A value as TOML writes it.
 fn plain(value: &impl serde::Serialize) -> String {

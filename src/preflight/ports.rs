@@ -6,6 +6,7 @@ use std::path::Path;
 
 use super::Finding;
 use crate::live::usb::{UsbSerial, serial_devices};
+use crate::neighbours::{self, Transport};
 use haltere_pilot::TagProtocol;
 use haltere_pilot::settings::{Address, Config, HostPort, TagPort};
 
@@ -96,7 +97,8 @@ fn tag(config: &Config, usb: &[UsbSerial]) -> Vec<Finding> {
 }
 
 fn address(key: &str, address: &Address, usb: &[UsbSerial]) -> Vec<Finding> {
-    let taken = |what: &str, error: std::io::Error| {
+    let taken = |transport, at: &HostPort, error: std::io::Error| {
+        let why = neighbours::why_not(transport, &at.host, at.port, &error);
         let way_out = if error.kind() == ErrorKind::AddrInUse {
             format!(
                 "end the program that listens there (`ss -lnp`), or change {key}; a companion \
@@ -105,20 +107,35 @@ fn address(key: &str, address: &Address, usb: &[UsbSerial]) -> Vec<Finding> {
         } else {
             format!("name an address of this computer in {key}, or 0.0.0.0 for all of them")
         };
-        Finding::problem(key, format!("{address}: {what}: {error}"), way_out)
+        Finding::problem(key, format!("{address}: cannot listen: {why}"), way_out)
     };
     vec![match address {
         Address::Serial { device, .. } => return serial(key, device, usb),
         Address::UdpIn(at) => match UdpSocket::bind((at.host.as_str(), at.port)) {
             Ok(_) => Finding::ok(key, format!("{address}: free")),
-            Err(error) => taken("cannot listen", error),
+            Err(error) => taken(Transport::Udp, at, error),
         },
         Address::TcpIn(at) => match TcpListener::bind((at.host.as_str(), at.port)) {
             Ok(_) => Finding::ok(key, format!("{address}: free")),
-            Err(error) => taken("cannot listen", error),
+            Err(error) => taken(Transport::Tcp, at, error),
         },
-        Address::UdpOut(to) | Address::TcpOut(to) => resolves(key, address, to),
+        Address::UdpOut(to) => {
+            shared(key, address, to).unwrap_or_else(|| resolves(key, address, to))
+        }
+        Address::TcpOut(to) => resolves(key, address, to),
     }]
+}
+
+/// Another vehicle, or another companion, that speaks to the same place.
+fn shared(key: &str, address: &Address, to: &HostPort) -> Option<Finding> {
+    let who = neighbours::claimant(neighbours::place(&to.host, to.port)?)?;
+    Some(Finding::problem(
+        key,
+        format!("{address}: {who} speaks there"),
+        format!(
+            "end that program, or name another port in {key}; a companion that runs already counts"
+        ),
+    ))
 }
 
 fn resolves(key: &str, address: &Address, to: &HostPort) -> Finding {
@@ -161,6 +178,10 @@ fn serial(key: &str, device: &Path, usb: &[UsbSerial]) -> Vec<Finding> {
 fn opens(key: &str, device: &Path, text: String) -> Vec<Finding> {
     use rustix::fs::{Mode, OFlags};
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    if let Some(who) = neighbours::locker(device) {
+        let way_out = "end that program; a companion that runs already counts";
+        return vec![Finding::problem(key, format!("{text}: {who} has it"), way_out)];
+    }
     vec![match rustix::fs::open(device, flags, Mode::empty()) {
         Ok(file) if rustix::termios::isatty(&file) => Finding::ok(key, text),
         Ok(_) => Finding::problem(

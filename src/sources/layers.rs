@@ -112,6 +112,11 @@ impl Layers {
         self.origin(key).is_some_and(|layer| layer.path.is_none())
     }
 
+    /// Whether any origin sets a key.
+    pub(super) fn is_set(&self, key: &str) -> bool {
+        self.origin(key).is_some()
+    }
+
     /// Files among the origins.
     pub(super) fn files(&self) -> Vec<PathBuf> {
         self.layers.iter().filter_map(|layer| layer.path.clone()).collect()

@@ -38,6 +38,8 @@ pub struct Loaded {
     pub notes: Vec<Note>,
     /// Why what a station has set is not in force, the first reason.
     pub lost: Option<String>,
+    /// Nobody named ground.endpoints: where that of the defaults is another vehicle's, another may be taken.
+    pub stations_unasked: bool,
 }
 
 /// Where a configuration comes from.
@@ -81,7 +83,8 @@ impl Loaded {
         let survey = read_anchors(&anchor_file)?;
         let mut files = layers.files();
         files.push(anchor_file);
-        let mut loaded = Self { config, survey, files, notes, lost: None };
+        let stations_unasked = !layers.is_set("ground.endpoints");
+        let mut loaded = Self { config, survey, files, notes, lost: None, stations_unasked };
         stored::apply(&mut loaded, &layers);
         Ok(loaded)
     }

@@ -26,6 +26,7 @@ use crossbeam_queue::ArrayQueue;
 use thiserror::Error;
 use tokio::net::TcpListener;
 
+use crate::neighbours::{self, Transport};
 use crate::sources::Loaded;
 use crate::watch::token::TokenError;
 use haltere_core::time::HostTime;
@@ -44,13 +45,13 @@ const QUEUE: usize = 4096;
 pub enum WatchError {
     /// Its port cannot be had.
     #[error(
-        "watch.address = \"{address}\": cannot listen there: {source}; is another program using it?"
+        "watch.address = \"{address}\": cannot listen there: {why}; name another port, or \"\" for no page"
     )]
     Listen {
         /// Which.
         address: Address,
-        /// Why.
-        source: std::io::Error,
+        /// Why; who has it, where that is known.
+        why: String,
     },
     /// Everybody on the network could look.
     #[error(
@@ -150,7 +151,10 @@ impl Watch {
         let Some(address) = config.address.get() else { return Ok(None) };
         let Address::TcpIn(at) = address else { return Ok(None) };
         let token = token::token(config)?;
-        let refused = |source| WatchError::Listen { address: address.clone(), source };
+        let refused = |error: std::io::Error| {
+            let why = neighbours::why_not(Transport::Tcp, &at.host, at.port, &error);
+            WatchError::Listen { address: address.clone(), why }
+        };
         let listener = TcpListener::bind((at.host.as_str(), at.port)).await.map_err(refused)?;
         let bound = listener.local_addr().map_err(refused)?;
         if token.is_none() && !bound.ip().is_loopback() {

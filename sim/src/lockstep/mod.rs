@@ -134,6 +134,7 @@ fn configuration(options: &Options, scenario: &Scenario) -> Result<Loaded> {
             files: Vec::new(),
             notes: Vec::new(),
             lost: None,
+            stations_unasked: false,
         }
     } else {
         Loaded::load(&Sources::new(options.config.clone(), options.set.clone())).map_err(refused)?
