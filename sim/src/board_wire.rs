@@ -1,26 +1,37 @@
-//! The board's MAVLink line: one UDP socket that never waits.
+//! The board's MAVLink line: one UDP socket that never waits, and one companion that is heard on it.
 
 use std::io::ErrorKind;
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 
 use anyhow::{Context, Result, bail};
+use haltere::neighbours::{self, Claim, Transport};
 use haltere_pilot::settings::{Address, HostPort};
 
 /// Largest datagram that is sent: below the MTU of any network.
 const DATAGRAM_BYTES: usize = 1400;
+/// Port that the companion listens at where nobody asked for another.
+const PORT: u16 = 14_600;
+/// A companion that was silent for so long may be followed by another one, µs: three of its heartbeats.
+const SILENCE_US: u64 = 3_000_000;
+/// People are told again that a second one speaks after this time, µs.
+const TELL_AGAIN_US: u64 = 10_000_000;
 
 /// The socket.
 #[derive(Debug)]
 pub struct BoardWire {
     socket: UdpSocket,
-    peer: Option<SocketAddr>,
+    /// Where we speak to before anybody has spoken to us.
+    place: Option<SocketAddr>,
+    companion: Companion,
+    own: Address,
     /// What the companion has to be told.
-    companion: Address,
+    companion_address: Address,
     dropped: u64,
+    _claim: Option<Claim>,
 }
 
 impl BoardWire {
-    /// Opens our end.
+    /// Opens our end as somebody asked for it.
     pub fn open(address: &Address) -> Result<Self> {
         let resolve = |at: &HostPort| {
             (at.host.as_str(), at.port)
@@ -29,30 +40,91 @@ impl BoardWire {
                 .and_then(|mut all| all.next())
                 .with_context(|| format!("--board {address}: the host is not known"))
         };
-        let (socket, peer, companion) = match address {
+        match address {
             Address::UdpIn(at) => {
-                let socket = UdpSocket::bind(resolve(at)?)
-                    .with_context(|| format!("--board {address}: cannot listen there"))?;
-                (socket, None, Address::UdpOut(at.clone()))
+                let place = resolve(at)?;
+                let socket = UdpSocket::bind(place).map_err(|error| {
+                    let why = neighbours::why_not(Transport::Udp, &at.host, at.port, &error);
+                    anyhow::anyhow!(
+                        "--board {address}: cannot listen there: {why}; without --board a free port is taken"
+                    )
+                })?;
+                Self::new(socket, None, address.clone(), Address::UdpOut(at.clone()), None)
             }
             Address::UdpOut(to) => {
                 let place = resolve(to)?;
-                let any = if place.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
-                let socket = UdpSocket::bind(any).context("--board: no socket")?;
-                (socket, Some(place), Address::UdpIn(to.clone()))
+                let claim = neighbours::claim(place).map_err(|who| {
+                    anyhow::anyhow!(
+                        "--board {address}: {who} speaks there already, and a companion there would have two \
+                         boards; without --board a free port is taken"
+                    )
+                })?;
+                Self::to(to, place, claim)
             }
             other => bail!(
                 "--board {other}: the simulated board speaks UDP, use udpin:HOST:PORT or \
                  udpout:HOST:PORT"
             ),
-        };
+        }
+    }
+
+    /// Opens our end where nobody else's vehicle is: at the usual port, else at another, which is told.
+    pub fn open_free() -> Result<Self> {
+        let mut taken = None;
+        for port in neighbours::candidates(PORT) {
+            let to = HostPort { host: "127.0.0.1".into(), port };
+            let place = SocketAddr::from(([127, 0, 0, 1], port));
+            let listens = neighbours::holder(Transport::Udp, place);
+            let stranger = listens.filter(neighbours::Neighbour::is_another_person);
+            let claimed = match stranger {
+                Some(who) => Err(format!("{who} listens there")),
+                None => neighbours::claim(place).map_err(|who| format!("{who} speaks there")),
+            };
+            match claimed {
+                Ok(claim) => {
+                    let wire = Self::to(&to, place, claim)?;
+                    if let Some(taken) = taken {
+                        tracing::warn!(
+                            "port {PORT} is not ours, {taken}; the companion of this vehicle needs \
+                             board.address = \"{}\"",
+                            wire.companion_address
+                        );
+                    }
+                    return Ok(wire);
+                }
+                Err(why) => taken = taken.or(Some(why)),
+            }
+        }
+        bail!("no free port for the board: name one with --board udpout:127.0.0.1:PORT")
+    }
+
+    fn to(to: &HostPort, place: SocketAddr, claim: Claim) -> Result<Self> {
+        let any = if place.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+        let socket = UdpSocket::bind(any).context("--board: no socket")?;
+        let (own, companion) = (Address::UdpOut(to.clone()), Address::UdpIn(to.clone()));
+        Self::new(socket, Some(place), own, companion, Some(claim))
+    }
+
+    fn new(
+        socket: UdpSocket,
+        place: Option<SocketAddr>,
+        own: Address,
+        companion_address: Address,
+        claim: Option<Claim>,
+    ) -> Result<Self> {
         socket.set_nonblocking(true).context("--board: no socket")?;
-        Ok(Self { socket, peer, companion, dropped: 0 })
+        let companion = Companion::default();
+        Ok(Self { socket, place, companion, own, companion_address, dropped: 0, _claim: claim })
+    }
+
+    /// Address of our own end.
+    pub fn own_address(&self) -> &Address {
+        &self.own
     }
 
     /// Address to write into the companion's `board.address`.
     pub fn companion_address(&self) -> &Address {
-        &self.companion
+        &self.companion_address
     }
 
     /// Bytes that could not be sent.
@@ -60,15 +132,32 @@ impl BoardWire {
         self.dropped
     }
 
-    /// Reads what has come.
-    pub fn read(&mut self, into: &mut Vec<u8>) {
+    /// Datagrams of others than the companion.
+    pub fn refused(&self) -> u64 {
+        self.companion.refused
+    }
+
+    /// Reads what has come of the one companion that is heard; of a second one it is told that it speaks.
+    pub fn read(&mut self, now_us: u64, into: &mut Vec<u8>) {
         let mut buffer = [0; 2048];
         loop {
             match self.socket.recv_from(&mut buffer) {
-                Ok((n, from)) => {
-                    self.peer = Some(from);
-                    into.extend_from_slice(buffer.get(..n).unwrap_or_default());
-                }
+                Ok((n, from)) => match self.companion.hear(from, now_us) {
+                    Hearing::Heard => into.extend_from_slice(buffer.get(..n).unwrap_or_default()),
+                    Hearing::Refused => {}
+                    Hearing::RefusedAndTold(first) => {
+                        let named = |at| match neighbours::sender(Transport::Udp, at) {
+                            Some(who) => format!("{who} at {at}"),
+                            None => at.to_string(),
+                        };
+                        tracing::warn!(
+                            "a second companion speaks to this board: {}, beside {}; it is not heard, nothing \
+                             is sent to it",
+                            named(from),
+                            named(first)
+                        );
+                    }
+                },
                 // Refused: nobody listened when we last sent. The next one may get through.
                 Err(e)
                     if matches!(
@@ -80,13 +169,100 @@ impl BoardWire {
         }
     }
 
-    /// Sends whole frames. Before anybody has spoken to us there is nobody to send to.
-    pub fn write(&mut self, bytes: &[u8]) {
-        let Some(peer) = self.peer else { return };
+    /// Sends whole frames. Before anybody has spoken to us there may be nobody to send to.
+    pub fn write(&mut self, now_us: u64, bytes: &[u8]) {
+        let Some(peer) = self.companion.heard(now_us).or(self.place) else { return };
         for datagram in bytes.chunks(DATAGRAM_BYTES) {
             if self.socket.send_to(datagram, peer).is_err() {
                 self.dropped += datagram.len() as u64;
             }
         }
+    }
+}
+
+/// Who commands the board: the first who speaks, until he falls silent. Two would fly one vehicle turn by turn.
+#[derive(Debug, Default)]
+struct Companion {
+    /// And when it was heard last.
+    first: Option<(SocketAddr, u64)>,
+    told_us: Option<u64>,
+    refused: u64,
+}
+
+/// What becomes of a datagram.
+#[derive(Debug, PartialEq, Eq)]
+enum Hearing {
+    Heard,
+    Refused,
+    /// The same, and people are to know; beside whom.
+    RefusedAndTold(SocketAddr),
+}
+
+impl Companion {
+    fn heard(&self, now_us: u64) -> Option<SocketAddr> {
+        let (first, last_us) = self.first?;
+        (now_us.saturating_sub(last_us) < SILENCE_US).then_some(first)
+    }
+
+    fn hear(&mut self, from: SocketAddr, now_us: u64) -> Hearing {
+        match self.heard(now_us) {
+            Some(first) if first != from => {
+                self.refused += 1;
+                let again = |told_us| now_us.saturating_sub(told_us) >= TELL_AGAIN_US;
+                if !self.told_us.is_none_or(again) {
+                    return Hearing::Refused;
+                }
+                self.told_us = Some(now_us);
+                Hearing::RefusedAndTold(first)
+            }
+            _ => {
+                self.first = Some((from, now_us));
+                Hearing::Heard
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_one_companion_is_heard_and_the_second_when_the_first_is_silent() {
+        let at = |port: u16| SocketAddr::from(([127, 0, 0, 1], port));
+        let s = |s: f64| (s * 1e6) as u64;
+        let mut companion = Companion::default();
+        assert_eq!(companion.heard(0), None);
+        assert_eq!(companion.hear(at(1), s(1.0)), Hearing::Heard);
+        assert_eq!(companion.hear(at(2), s(1.1)), Hearing::RefusedAndTold(at(1)));
+        assert_eq!(companion.hear(at(2), s(2.0)), Hearing::Refused, "told already");
+        assert_eq!(companion.hear(at(1), s(3.9)), Hearing::Heard);
+        assert_eq!(companion.heard(s(4.0)), Some(at(1)));
+        for n in 0..70 {
+            companion.hear(at(1), s(4.0 + f64::from(n) * 0.1));
+        }
+        assert_eq!(companion.hear(at(2), s(11.1)), Hearing::RefusedAndTold(at(1)), "again");
+        assert_eq!(companion.hear(at(2), s(14.0)), Hearing::Heard, "the first is gone");
+        assert_eq!(companion.hear(at(1), s(14.1)), Hearing::Refused);
+        assert_eq!((companion.heard(s(14.2)), companion.refused), (Some(at(2)), 4));
+    }
+
+    #[test]
+    fn prop_two_boards_take_two_ports_and_one_that_was_asked_for_is_refused() {
+        let first = BoardWire::open_free().unwrap();
+        let second = BoardWire::open_free().unwrap();
+        assert_ne!(first.companion_address(), second.companion_address());
+        let error = BoardWire::open(first.own_address()).unwrap_err().to_string();
+        for word in [&*first.own_address().to_string(), "speaks there already", "without --board"] {
+            assert!(error.contains(word), "{word}: {error}");
+        }
+        let own = first.own_address().clone();
+        drop(first);
+        assert!(BoardWire::open(&own).is_ok());
+        let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let asked = format!("udpin:{}", taken.local_addr().unwrap()).parse().unwrap();
+        let error = BoardWire::open(&asked).unwrap_err().to_string();
+        let own = format!("process {}", std::process::id());
+        assert!(error.contains("cannot listen there") && error.contains(&own), "{error}");
     }
 }

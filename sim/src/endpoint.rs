@@ -51,9 +51,10 @@ pub struct Options {
     /// What the tag speaks: lps-sniffer (TDoA2 on the air), tdoa3, mavlink; wins over the scenario.
     #[arg(long, value_name = "P", value_parser = tag_protocol)]
     pub tag_protocol: Option<TagProtocol>,
-    /// The board's own end of its line, `udpin:HOST:PORT` or `udpout:HOST:PORT`.
-    #[arg(long, value_name = "ADDR", default_value = "udpout:127.0.0.1:14600")]
-    pub board: Address,
+    /// The board's own end of its line, `udpin:HOST:PORT` or `udpout:HOST:PORT`. Default:
+    /// udpout:127.0.0.1:14600; where that is somebody else's, the next port that is free.
+    #[arg(long, value_name = "ADDR")]
+    pub board: Option<Address>,
     /// Instead of the simulated board a real firmware flies the vehicle: its physics are served on this UDP
     /// port of the loopback, by ArduPilot's JSON interface; it speaks to the companion by itself.
     #[arg(long, value_name = "PORT", conflicts_with = "board")]
@@ -122,14 +123,17 @@ pub fn serve(options: &Options) -> Result<()> {
             let inner = InnerLoop::listen(interface, plant.vehicle(), start_E_m)?;
             BoardSide::Firmware(Box::new(inner))
         }
-        None => BoardSide::Simulated(BoardWire::open(&options.board)?),
+        None => BoardSide::Simulated(match &options.board {
+            Some(address) => BoardWire::open(address)?,
+            None => BoardWire::open_free()?,
+        }),
     };
     let mut truth = options.truth.as_deref().map(TruthFile::create).transpose()?;
     let greeting = json!({
         "tag": tag.device(),
         "tag_protocol": companion_protocol(scenario.tag.protocol),
         "board": board.wire().map(|wire| wire.companion_address().to_string()),
-        "board_own": board.wire().map(|_| options.board.to_string()),
+        "board_own": board.wire().map(|wire| wire.own_address().to_string()),
         "json_physics": options.json_physics,
         "hil_physics": options.hil_physics,
         "truth": options.truth,
@@ -158,6 +162,7 @@ pub fn serve(options: &Options) -> Result<()> {
         ticks.late,
         tag_dropped_bytes = tag.dropped(),
         board_dropped_bytes = board.wire().map_or(0, BoardWire::dropped),
+        board_refused_datagrams = board.wire().map_or(0, BoardWire::refused),
         firmware_restarts_and_strange = ?board.restarts_and_strange(),
         waited = ticks.waited,
         truth_lost_rows = lost_rows,
@@ -277,7 +282,7 @@ fn run(
         }
         if let BoardSide::Simulated(wire) = &mut *board {
             from_board.clear();
-            wire.read(&mut from_board);
+            wire.read(now_us(), &mut from_board);
             if !from_board.is_empty() {
                 plant.board_input(&from_board);
             }
@@ -290,7 +295,7 @@ fn run(
         }
         output.clear();
         match &mut *board {
-            BoardSide::Simulated(wire) => wire.write(plant.board_output()),
+            BoardSide::Simulated(wire) => wire.write(now_us(), plant.board_output()),
             BoardSide::Firmware(inner) => inner.answer(plant, simulated_us),
         }
         plant.board_output().clear();

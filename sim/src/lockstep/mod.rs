@@ -38,7 +38,8 @@ use crate::truth_file::TruthFile;
 pub struct Options {
     /// Configuration of the companion, as for `haltere fly`, anchors included; may be given several times.
     /// Default: a vehicle in the scenario's room, with clients at udpin:127.0.0.1:14540 (which claims a
-    /// receiver, as MAVSDK and DroneKit want it) and udpin:127.0.0.1:14550.
+    /// receiver, as MAVSDK and DroneKit want it) and udpin:127.0.0.1:14550; where one of these ports is somebody
+    /// else's, the next that is free.
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
     /// One value of it, for example control.version=raw.
@@ -70,6 +71,14 @@ pub struct Options {
     orders: bool,
 }
 
+impl Options {
+    /// Whether somebody asked for the ports of stations.
+    fn names_endpoints(&self) -> bool {
+        let names = |set: &String| set.trim_start().starts_with("ground.endpoints");
+        !self.config.is_empty() || self.set.iter().any(names)
+    }
+}
+
 /// Speeds that make sense.
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
 /// Period of the loop, host time.
@@ -94,9 +103,11 @@ pub fn run(options: &Options) -> Result<()> {
     let stop = Stop::on_signals()?;
     let mut scenario = Scenario::load(options.scenario.as_deref())?;
     scenario.seed = options.seed.unwrap_or(scenario.seed);
-    let loaded = configuration(options, &scenario)?;
+    let mut loaded = configuration(options, &scenario)?;
+    let pilot = loaded.config.pilot();
+    let wires = Wires::open(&mut loaded.config.ground, &pilot, !options.names_endpoints())?;
     let world = plant(options.vehicle.as_deref(), &scenario)?;
-    let mut session = Session::start(options, &loaded, world, &scenario)?;
+    let mut session = Session::start(options, &loaded, wires, world, &scenario)?;
     let orders = (options.orders || !paced).then(Orders::listen).transpose()?;
     orders::answer(&json!({
         "ground": session.wires.addresses(),
@@ -164,12 +175,12 @@ impl Session {
     fn start(
         options: &Options,
         loaded: &Loaded,
+        wires: Wires,
         world: Plant,
         scenario: &Scenario,
     ) -> Result<Self> {
         let config = &loaded.config;
         let pilot = config.pilot();
-        let wires = Wires::open(&config.ground, &pilot)?;
         let tape = Tape::start(loaded)?;
         let links = u8::try_from(pilot.ground_links().count()).unwrap_or(u8::MAX);
         let mut lockstep =

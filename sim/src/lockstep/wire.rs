@@ -3,7 +3,8 @@
 
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
+use haltere::neighbours::{self, Claim, Transport};
 use haltere_model::lockstep::Lockstep;
 use haltere_pilot::settings::{Address, GroundConfig, HostPort};
 use haltere_pilot::{Input, LinkId, PilotConfig};
@@ -22,6 +23,7 @@ struct Endpoint {
     first: u8,
     /// Who has its places.
     stations: Vec<Option<SocketAddr>>,
+    _claim: Claim,
 }
 
 /// All of them.
@@ -36,29 +38,75 @@ fn resolve(address: &Address, at: &HostPort) -> Result<SocketAddr> {
         .with_context(|| format!("ground.endpoints: {address}: the host is not known"))
 }
 
+/// Listens where no other vehicle listens or speaks; else who does.
+fn listen(place: SocketAddr) -> Result<(UdpSocket, Claim), String> {
+    let socket = UdpSocket::bind(place).map_err(|error| {
+        neighbours::why_not(Transport::Udp, &place.ip().to_string(), place.port(), &error)
+    })?;
+    let claim =
+        neighbours::claim(place).map_err(|who| format!("{who} speaks to stations there"))?;
+    Ok((socket, claim))
+}
+
+/// Listens there or at the next port that is free, and tells which.
+fn listen_free(at: &mut HostPort) -> Result<(UdpSocket, Claim)> {
+    let usual = at.port;
+    let mut taken = None;
+    for port in neighbours::candidates(usual) {
+        at.port = port;
+        match listen(resolve(&Address::UdpIn(at.clone()), at)?) {
+            Ok(opened) => {
+                if let Some(why) = taken {
+                    tracing::warn!(
+                        "port {usual} is not ours, {why}; stations of this vehicle connect to udpout:{at}"
+                    );
+                }
+                return Ok(opened);
+            }
+            Err(why) => taken = taken.or(Some(why)),
+        }
+    }
+    bail!("no free port for stations: name one with --set ground.endpoints=udpin:127.0.0.1:PORT")
+}
+
 impl Wires {
-    /// Opens the endpoints of a configuration.
-    pub fn open(config: &GroundConfig, pilot: &PilotConfig) -> Result<Self> {
+    /// Opens the endpoints of a configuration. `free`: nobody asked for these ports; where one is somebody else's
+    /// the next one is taken, told, and written into the configuration.
+    pub fn open(config: &mut GroundConfig, pilot: &PilotConfig, free: bool) -> Result<Self> {
         let mut first = 0;
         let mut all = Vec::new();
-        for (endpoint, told) in config.endpoints.iter().zip(&pilot.endpoints) {
-            let address = endpoint.address.clone();
+        for (endpoint, told) in config.endpoints.iter_mut().zip(&pilot.endpoints) {
             let places = told.stations.max(1);
             let mut stations = vec![None; usize::from(places)];
-            let socket = match &address {
-                Address::UdpIn(at) => UdpSocket::bind(resolve(&address, at)?).with_context(|| {
-                    format!("ground.endpoints: {address}: cannot listen there; is another program using it?")
-                })?,
-                Address::UdpOut(to) => {
-                    let peer = resolve(&address, to)?;
-                    stations[0] = Some(peer);
-                    UdpSocket::bind(if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })
-                        .context("ground.endpoints: no socket")?
+            let (socket, claim) = match &mut endpoint.address {
+                Address::UdpIn(at) if free => listen_free(at)?,
+                Address::UdpIn(at) => {
+                    let place = resolve(&Address::UdpIn(at.clone()), at)?;
+                    listen(place).map_err(|why| {
+                        anyhow!("ground.endpoints: udpin:{at}: cannot listen there: {why}; name another port")
+                    })?
                 }
-                other => bail!("ground.endpoints: {other}: lockstep speaks UDP, use udpin or udpout"),
+                Address::UdpOut(to) => {
+                    let peer = resolve(&Address::UdpOut(to.clone()), to)?;
+                    stations[0] = Some(peer);
+                    let claim = neighbours::claim(peer).map_err(|who| {
+                        anyhow!(
+                            "ground.endpoints: udpout:{to}: {who} speaks to stations there, which would take two \
+                             vehicles for one; name another port"
+                        )
+                    })?;
+                    let socket =
+                        UdpSocket::bind(if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })
+                            .context("ground.endpoints: no socket")?;
+                    (socket, claim)
+                }
+                other => {
+                    bail!("ground.endpoints: {other}: lockstep speaks UDP, use udpin or udpout")
+                }
             };
             socket.set_nonblocking(true).context("ground.endpoints: no socket")?;
-            all.push(Endpoint { address, socket, first, stations });
+            let address = endpoint.address.clone();
+            all.push(Endpoint { address, socket, first, stations, _claim: claim });
             first = first.saturating_add(places);
         }
         Ok(Self(all))
