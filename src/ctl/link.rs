@@ -5,6 +5,7 @@ use std::net::{SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
 use std::time::Duration;
 
 use super::CtlError;
+use crate::neighbours::{self, Transport};
 use haltere_pilot::settings::{Address, HostPort};
 
 /// Longest wait for a TCP connection.
@@ -15,7 +16,7 @@ pub(super) const READ_BYTES: usize = 4096;
 /// An open wire.
 #[derive(Debug)]
 pub(super) enum Link {
-    /// Peer is known from the start or learned from its first datagram.
+    /// Peer is known from the start, or chosen among those who spoke.
     Udp { socket: UdpSocket, peer: Option<SocketAddr> },
     /// Connected.
     Tcp(TcpStream),
@@ -37,7 +38,10 @@ impl Link {
                 Ok(Link::Udp { socket, peer: Some(place) })
             }
             Address::UdpIn(at) => {
-                let socket = UdpSocket::bind(resolve(&at)?).map_err(io)?;
+                let socket = UdpSocket::bind(resolve(&at)?).map_err(|error| {
+                    let why = neighbours::why_not(Transport::Udp, &at.host, at.port, &error);
+                    CtlError::Listen { at: at.clone(), why }
+                })?;
                 Ok(Link::Udp { socket, peer: None })
             }
             Address::TcpOut(to) => {
@@ -50,27 +54,31 @@ impl Link {
         }
     }
 
-    /// Waits for bytes at most `timeout`; 0 bytes when none came.
+    /// From here on this one is spoken to.
+    pub fn speak_to(&mut self, chosen: SocketAddr) {
+        if let Link::Udp { peer, .. } = self {
+            *peer = Some(chosen);
+        }
+    }
+
+    /// Waits for bytes at most `timeout`; 0 bytes when none came. And where they came from, on a wire of many ends.
     pub fn receive(
         &mut self,
         buffer: &mut [u8; READ_BYTES],
         timeout: Duration,
-    ) -> std::io::Result<usize> {
+    ) -> std::io::Result<(usize, Option<SocketAddr>)> {
         // A zero timeout would mean "for ever".
         let timeout = Some(timeout.max(Duration::from_millis(1)));
         let result = match self {
-            Link::Udp { socket, peer } => {
+            Link::Udp { socket, .. } => {
                 socket.set_read_timeout(timeout)?;
-                socket.recv_from(buffer).map(|(n, from)| {
-                    *peer = Some(from);
-                    n
-                })
+                socket.recv_from(buffer).map(|(n, from)| (n, Some(from)))
             }
             Link::Tcp(stream) => {
                 stream.set_read_timeout(timeout)?;
                 match stream.read(buffer) {
                     Ok(0) => Err(ErrorKind::ConnectionAborted.into()),
-                    other => other,
+                    read => read.map(|n| (n, None)),
                 }
             }
         };
@@ -85,7 +93,7 @@ impl Link {
                         | ErrorKind::ConnectionRefused
                 ) =>
             {
-                Ok(0)
+                Ok((0, None))
             }
             other => other,
         }

@@ -3,6 +3,7 @@
 //! For scripts (`haltere ctl`), for the demo and for tests. It knows the vehicle only from the
 //! outside, through the messages any ground station uses, and shares no code with the pilot.
 
+mod callers;
 mod link;
 mod station;
 mod transfer;
@@ -14,9 +15,13 @@ use std::time::Duration;
 use haltere_dialect::mav::haltere::{MavCmd, MavMissionResult, MavResult};
 use haltere_dialect::signing::SigningKey;
 
-use haltere_pilot::mission_file::MissionFile;
-use haltere_pilot::settings::{Address, AddressError};
+use serde_json::json;
 
+use crate::neighbours::{self, Transport};
+use haltere_pilot::mission_file::MissionFile;
+use haltere_pilot::settings::{Address, AddressError, HostPort};
+
+pub use callers::{Caller, Place, Wanted};
 pub use station::{GroundStation, Mode, Setpoint};
 pub use vehicle::{LandedState, Vehicle};
 
@@ -44,14 +49,51 @@ pub enum CtlError {
     },
     /// Nobody there.
     #[error(
-        "{address}: no heartbeat of a vehicle within {} s; is `haltere fly` running with a ground \
-         endpoint that matches this address?", waited.as_secs_f64()
+        "{address}: no heartbeat of a vehicle{wanted} within {} s; {}", waited.as_secs_f64(), heard_instead(others)
     )]
     NoHeartbeat {
         /// Where.
         address: String,
+        /// Which one.
+        wanted: Wanted,
+        /// Others that were heard.
+        others: Vec<String>,
         /// How long.
         waited: Duration,
+    },
+    /// Nothing can be heard there.
+    #[error(
+        "udpin:{at}: cannot listen there: {why}; end that program; or, if it is the vehicle that listens (`haltere-sim \
+         lockstep`), speak to it with --to udpout:{at}; or give your vehicle another ground endpoint, and name that \
+         with --to"
+    )]
+    Listen {
+        /// Where.
+        at: HostPort,
+        /// Why; who does, where that is known.
+        why: String,
+    },
+    /// It is not ours to choose.
+    #[error(
+        "{address}: {} vehicles speak here: {}; choose one with --system N or --from IP:PORT, or give each a ground \
+         endpoint of its own and name that with --to", vehicles.len(), vehicles.join("; and ")
+    )]
+    Several {
+        /// Where.
+        address: String,
+        /// Which.
+        vehicles: Vec<String>,
+    },
+    /// The only vehicle at the usual address is that of another user.
+    #[error(
+        "{address}: the vehicle that speaks here is another user's: {vehicle}; your companion says at its start where \
+         its vehicle is (`haltere ctl --to …`); if you mean this one, say so with --to {address}"
+    )]
+    SomebodyElses {
+        /// Where.
+        address: String,
+        /// Whose.
+        vehicle: String,
     },
     /// A command was answered with a refusal.
     #[error("{command:?} refused: {result:?}{}", quoted(texts))]
@@ -118,6 +160,26 @@ impl CtlError {
     /// The vehicle cannot yet do what was asked; asking again later makes sense.
     pub fn is_temporary(&self) -> bool {
         matches!(self, CtlError::Refused { result: MavResult::MAV_RESULT_TEMPORARILY_REJECTED, .. })
+    }
+}
+
+/// A vehicle for people: its number, where it is, whose program it is.
+fn named(caller: &Caller) -> String {
+    let mut words = format!("system {}", caller.system);
+    if let Some(from) = caller.from {
+        words += &format!(" at {from}");
+        if let Some(who) = neighbours::sender(Transport::Udp, from) {
+            words += &format!(", {who}");
+        }
+    }
+    words
+}
+
+fn heard_instead(others: &[String]) -> String {
+    if others.is_empty() {
+        "is `haltere fly` running with a ground endpoint that matches this address?".to_owned()
+    } else {
+        format!("heard instead: {}", others.join("; and "))
     }
 }
 
@@ -267,18 +329,51 @@ pub fn read_mission(path: &Path) -> Result<MissionFile, CtlError> {
     MissionFile::parse(&text).map_err(|why| CtlError::MissionFile { file, why })
 }
 
-/// Runs one action, signed where there is a key. Progress goes to `say`.
+/// Where vehicles are looked for if nobody says where.
+pub const USUAL: &str = "udpin:127.0.0.1:14550";
+
+/// Who is to be spoken to.
+#[derive(Debug, Default)]
+pub struct Target {
+    /// Where; `None`: [`USUAL`], and nobody else's vehicle.
+    pub to: Option<String>,
+    /// Which of those there.
+    pub wanted: Wanted,
+    /// With this key.
+    pub key: Option<SigningKey>,
+}
+
+impl Target {
+    fn connect(self) -> Result<GroundStation, CtlError> {
+        let address = self.to.as_deref().unwrap_or(USUAL);
+        let station = GroundStation::find(address, self.key, &self.wanted)?;
+        let chosen = station.chosen();
+        let who = chosen.and_then(|c| neighbours::sender(Transport::Udp, c.from?));
+        let asked = self.to.is_some() || self.wanted.from.is_some();
+        if !asked && who.is_some_and(|who| who.is_another_person()) {
+            let vehicle = chosen.as_ref().map(named).unwrap_or_default();
+            return Err(CtlError::SomebodyElses { address: address.to_owned(), vehicle });
+        }
+        Ok(station)
+    }
+}
+
+/// Runs one action. Progress goes to `say`; what is not the vehicle's answer, to `note`.
 pub fn run(
-    to: &str,
-    key: Option<SigningKey>,
+    target: Target,
     action: &Action,
     mut say: impl FnMut(&str),
+    mut note: impl FnMut(&str),
 ) -> Result<(), CtlError> {
     let mission = match action {
         Action::Mission { file } => Some(read_mission(file)?),
         _ => None,
     };
-    let mut station = GroundStation::connect_signed(to, key)?;
+    let mut station = target.connect()?;
+    let vehicle = station.chosen().as_ref().map(named).unwrap_or_default();
+    if !matches!(action, Action::Status { .. }) {
+        note(&format!("speaks to {vehicle}"));
+    }
     match action {
         Action::Arm => station.arm()?,
         Action::Disarm => station.disarm()?,
@@ -324,14 +419,25 @@ pub fn run(
             if *json {
                 let mut told = station.vehicle().json();
                 told["texts"] = station.take_texts().into();
+                if let Some(chosen) = station.chosen() {
+                    told["vehicle"] = json!({
+                        "system": chosen.system,
+                        "address": chosen.from.map(|from| from.to_string()),
+                        "words": vehicle,
+                    });
+                }
                 say(&format!("{told:#}"));
             } else {
+                say(&format!("vehicle:  {vehicle}"));
                 station.vehicle().lines().iter().for_each(|line| say(line));
             }
         }
     }
     for text in station.take_texts() {
         say(&text);
+    }
+    for other in station.others() {
+        note(&format!("another vehicle spoke here and was not listened to: {}", named(&other)));
     }
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! The ground station itself: follows what the vehicle tells, sends commands until answered.
 
+use std::net::SocketAddr;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use haltere_dialect::mav::haltere::{
@@ -13,15 +14,19 @@ use haltere_dialect::signing::SigningKey;
 use haltere_pilot::guard::{KeyRing, Standing};
 
 use super::CtlError;
+use super::callers::{AUTOPILOT, Caller, Callers, OWN_SYSTEM, Wanted};
 use super::link::{Link, READ_BYTES};
+use super::named;
 use super::vehicle::{LandedState, Vehicle};
 
-/// Identity of a ground station (QGroundControl's).
-const OWN_SYSTEM: u8 = 255;
 const OWN_COMPONENT: u8 = 190;
-/// Component of an autopilot.
-const AUTOPILOT: u8 = 1;
 
+/// Two vehicles at one address have both been heard by so long after the first heartbeat: each has one a second.
+const LOOK_AROUND: Duration = Duration::from_millis(1500);
+/// How often it is looked who was heard.
+const LOOK: Duration = Duration::from_millis(20);
+/// Senders whose streams are kept apart while it is not clear yet who is meant.
+const MOST_STREAMS: usize = 16;
 /// Wait for the first heartbeat, which comes once a second.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Our own heartbeat: several a second, because a vehicle that flies on simulated time faster than real counts
@@ -100,11 +105,14 @@ pub enum Setpoint {
 pub struct GroundStation {
     address: String,
     link: Link,
-    splitter: MavSplitter,
+    /// By sender: pieces of two streams would damage each other.
+    streams: Vec<(Option<SocketAddr>, MavSplitter)>,
+    callers: Callers,
+    /// The vehicle that we speak to.
+    chosen: Option<Caller>,
     sequence: u8,
     started: Instant,
     heartbeat_due: Instant,
-    system: u8,
     vehicle: Vehicle,
     texts: Vec<String>,
     text: String,
@@ -114,44 +122,95 @@ pub struct GroundStation {
 }
 
 impl GroundStation {
-    /// Opens the link and waits for a vehicle's heartbeat.
+    /// Opens the link and waits for a vehicle's heartbeat. The first one is the vehicle: for those who know that
+    /// there is one.
     pub fn connect(address: &str) -> Result<Self, CtlError> {
         Self::connect_within(address, HEARTBEAT_TIMEOUT)
     }
 
-    /// As [`connect`](Self::connect), signing with this key.
-    pub fn connect_signed(address: &str, key: Option<SigningKey>) -> Result<Self, CtlError> {
-        Self::open(address, HEARTBEAT_TIMEOUT, KeyRing::new(key, 0))
-    }
-
     /// As [`connect`](Self::connect), with a wait of its own.
     pub fn connect_within(address: &str, timeout: Duration) -> Result<Self, CtlError> {
-        Self::open(address, timeout, KeyRing::default())
+        let mut station = Self::open(address, KeyRing::default())?;
+        station.choose(&Wanted::default(), timeout, Duration::ZERO)?;
+        Ok(station)
     }
 
-    fn open(address: &str, timeout: Duration, ring: KeyRing) -> Result<Self, CtlError> {
+    /// Opens the link, signing where there is a key, and finds the vehicle that is wanted; refuses to choose
+    /// between two.
+    pub fn find(address: &str, key: Option<SigningKey>, wanted: &Wanted) -> Result<Self, CtlError> {
+        let mut station = Self::open(address, KeyRing::new(key, 0))?;
+        station.choose(wanted, HEARTBEAT_TIMEOUT, LOOK_AROUND)?;
+        Ok(station)
+    }
+
+    fn open(address: &str, ring: KeyRing) -> Result<Self, CtlError> {
         let now = Instant::now();
-        let mut station = Self {
+        Ok(Self {
             address: address.to_string(),
             link: Link::open(address)?,
-            splitter: MavSplitter::new(),
+            streams: Vec::new(),
+            callers: Callers::default(),
+            chosen: None,
             sequence: 0,
             started: now,
             heartbeat_due: now,
-            system: 0,
             vehicle: Vehicle::default(),
             texts: Vec::new(),
             text: String::new(),
             buffer: Box::new([0; READ_BYTES]),
             ring,
-        };
-        while station.system == 0 {
-            let deadline = now + timeout;
-            if station.next_message(deadline)?.is_none() && Instant::now() >= deadline {
-                return Err(CtlError::NoHeartbeat { address: address.into(), waited: timeout });
+        })
+    }
+
+    /// Until the vehicle that is wanted was heard, and for `look_around` whether there is another one.
+    fn choose(
+        &mut self,
+        wanted: &Wanted,
+        timeout: Duration,
+        look_around: Duration,
+    ) -> Result<(), CtlError> {
+        let (mut deadline, mut heard) = (Instant::now() + timeout, false);
+        loop {
+            let fitting = self.callers.fitting(wanted);
+            if let Some(first) = fitting.first() {
+                if !std::mem::replace(&mut heard, true) {
+                    deadline = Instant::now() + look_around;
+                }
+                if Instant::now() >= deadline {
+                    if fitting.len() > 1 && !look_around.is_zero() {
+                        let vehicles = fitting.iter().map(named).collect();
+                        return Err(CtlError::Several { address: self.address.clone(), vehicles });
+                    }
+                    self.chosen = Some(*first);
+                    self.vehicle = self.callers.vehicle(first);
+                    if let Some(from) = first.from {
+                        self.link.speak_to(from);
+                    }
+                    return Ok(());
+                }
+            } else if Instant::now() >= deadline {
+                let others = self.callers.fitting(&Wanted::default()).iter().map(named).collect();
+                return Err(CtlError::NoHeartbeat {
+                    address: self.address.clone(),
+                    wanted: *wanted,
+                    waited: timeout,
+                    others,
+                });
             }
+            self.next_message(deadline.min(Instant::now() + LOOK))?;
         }
-        Ok(station)
+    }
+
+    /// The vehicle that we speak to.
+    pub fn chosen(&self) -> Option<Caller> {
+        self.chosen
+    }
+
+    /// Vehicles beside ours that were heard at this address; none of them is listened to.
+    pub fn others(&self) -> Vec<Caller> {
+        let mut all = self.callers.fitting(&Wanted::default());
+        all.retain(|caller| self.chosen.is_some_and(|chosen| !chosen.is_same(caller)));
+        all
     }
 
     /// What the vehicle has told so far.
@@ -166,7 +225,7 @@ impl GroundStation {
 
     /// System and component of the vehicle.
     pub fn target(&self) -> (u8, u8) {
-        (self.system, AUTOPILOT)
+        (self.chosen.map_or(0, |chosen| chosen.system), AUTOPILOT)
     }
 
     pub(super) fn forget_texts(&mut self) {
@@ -194,16 +253,8 @@ impl GroundStation {
     /// The next message of the vehicle, or `None` at the deadline.
     pub fn next_message(&mut self, deadline: Instant) -> Result<Option<MavMessage>, CtlError> {
         loop {
-            while let Some(frame) = self.splitter.next() {
-                let Ok(frame) = frame else { continue };
-                if matches!(self.ring.admit(&frame, unix_us()), Standing::Refused(_)) {
-                    continue;
-                }
-                let (system, component) = (frame.header.system_id, frame.header.component_id);
-                let Ok(message) = frame.decode() else { continue };
-                if self.take(system, component, &message) {
-                    return Ok(Some(message));
-                }
+            if let Some(message) = self.next_waiting() {
+                return Ok(Some(message));
             }
             let now = Instant::now();
             if now >= self.heartbeat_due {
@@ -214,40 +265,39 @@ impl GroundStation {
                 return Ok(None);
             }
             let wait = deadline.min(self.heartbeat_due).saturating_duration_since(now);
-            let n = self
+            let (n, from) = self
                 .link
                 .receive(&mut self.buffer, wait)
                 .map_err(|error| CtlError::Io { address: self.address.clone(), error })?;
-            self.splitter.push(&self.buffer[..n]);
+            let known = self.streams.iter().position(|(sender, _)| *sender == from);
+            if known.is_none() && n > 0 && self.streams.len() < MOST_STREAMS {
+                self.streams.push((from, MavSplitter::new()));
+            }
+            if let Some((_, splitter)) = self.streams.iter_mut().find(|(s, _)| *s == from) {
+                splitter.push(&self.buffer[..n]);
+            }
         }
     }
 
-    /// Follows what the vehicle tells. `false`: not from our vehicle.
-    fn take(&mut self, system: u8, component: u8, message: &MavMessage) -> bool {
-        let from_autopilot = component == AUTOPILOT && system != OWN_SYSTEM;
-        if self.system == 0
-            && from_autopilot
-            && let MavMessage::HEARTBEAT(beat) = message
-            && beat.mavtype != MavType::MAV_TYPE_GCS
-        {
-            self.system = system;
-        }
-        if !from_autopilot || system != self.system {
-            return false;
-        }
-        self.vehicle.take(message);
-        if let MavMessage::STATUSTEXT(text) = message {
-            let part = text.text.to_str().unwrap_or("(unreadable)");
-            // A long text comes in chunks of 50 characters; a shorter chunk ends it.
-            self.text.push_str(part);
-            if text.id == 0 || part.len() < CHUNK {
-                if self.texts.len() >= MOST_TEXTS {
-                    self.texts.remove(0);
+    /// The next message of the vehicle among the bytes that have come.
+    fn next_waiting(&mut self) -> Option<MavMessage> {
+        for (from, splitter) in &mut self.streams {
+            while let Some(frame) = splitter.next() {
+                let Ok(frame) = frame else { continue };
+                if matches!(self.ring.admit(&frame, unix_us()), Standing::Refused(_)) {
+                    continue;
                 }
-                self.texts.push(std::mem::take(&mut self.text));
+                let (system, component) = (frame.header.system_id, frame.header.component_id);
+                let Ok(message) = frame.decode() else { continue };
+                self.callers.hear(*from, system, component, &message);
+                let ours = |chosen: Caller| chosen.system == system && chosen.from == *from;
+                if component == AUTOPILOT && self.chosen.is_some_and(ours) {
+                    follow(&mut self.vehicle, &mut self.text, &mut self.texts, &message);
+                    return Some(message);
+                }
             }
         }
-        true
+        None
     }
 
     /// Follows the vehicle for a while.
@@ -497,6 +547,27 @@ impl GroundStation {
             }
         }
         self.send(&MavMessage::SET_POSITION_TARGET_LOCAL_NED(message))
+    }
+}
+
+/// Follows what the vehicle tells.
+fn follow(
+    vehicle: &mut Vehicle,
+    unfinished: &mut String,
+    texts: &mut Vec<String>,
+    message: &MavMessage,
+) {
+    vehicle.take(message);
+    if let MavMessage::STATUSTEXT(text) = message {
+        let part = text.text.to_str().unwrap_or("(unreadable)");
+        // A long text comes in chunks of 50 characters; a shorter chunk ends it.
+        unfinished.push_str(part);
+        if text.id == 0 || part.len() < CHUNK {
+            if texts.len() >= MOST_TEXTS {
+                texts.remove(0);
+            }
+            texts.push(std::mem::take(unfinished));
+        }
     }
 }
 
