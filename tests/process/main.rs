@@ -1,6 +1,7 @@
 //! Tests of the real programs as processes, over real wires.
 
 mod bad_input;
+mod beside;
 mod campaign;
 mod endurance;
 mod flights;
