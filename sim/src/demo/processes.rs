@@ -1,8 +1,10 @@
 //! The two processes of the demo, and the files between them.
 
+use std::fs::{File, TryLockError};
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
+use haltere::neighbours;
 
 use super::Options;
 use crate::firmware::Firmware;
@@ -23,6 +25,8 @@ pub struct Processes {
     pub truth: PathBuf,
     /// Where the companion leaves its log.
     pub log_directory: PathBuf,
+    /// Locked, so that no other demo clears it meanwhile.
+    _folder: File,
 }
 
 impl Processes {
@@ -35,6 +39,11 @@ impl Processes {
     pub fn start_with(options: &Options, more_endpoints: &[String]) -> Result<Self> {
         let stop = Stop::on_signals()?;
         let folder = std::path::absolute(&options.output).context("--output")?;
+        let own = File::open(&folder).with_context(|| folder.display().to_string())?;
+        if matches!(own.try_lock(), Err(TryLockError::WouldBlock)) {
+            let who = neighbours::locker(&folder).unwrap_or_default();
+            bail!("--output {}: {who} works in this folder; name another one", folder.display());
+        }
         let scenario = Scenario::load(options.scenario.as_deref())?;
         let truth = folder.join("truth.csv");
         let log_directory = folder.join("log");
@@ -75,6 +84,7 @@ impl Processes {
             ground: format!("udpin:127.0.0.1:{ground_port}"),
             truth,
             log_directory,
+            _folder: own,
         })
     }
 
