@@ -229,10 +229,10 @@ mod tests {
         mav_stream::encode(&mut frame, 1, 1, 0, &message);
         let mut boards = [(); 2].map(|()| std::net::TcpStream::connect(port).unwrap());
         for board in &mut boards {
-            let timeout = Some(Duration::from_secs(5));
-            board.set_read_timeout(timeout).unwrap();
+            let patience = Duration::from_secs(5);
+            board.set_read_timeout(Some(patience)).unwrap();
             board.write_all(&frame).unwrap();
-            let from = std::iter::repeat_with(|| arrivals.devices.recv_timeout(timeout.unwrap()))
+            let from = std::iter::repeat_with(|| arrivals.devices.recv_timeout(patience))
                 .find_map(|a| {
                     a.map(|a| matches!(a.what, What::Bytes(..)).then_some(a.from)).unwrap()
                 })
