@@ -28,8 +28,8 @@ const REMARK: &str = "what is wrong here was hidden by the simulator's own laws,
 /// What is done before the diagnosis, and what that does, with its usual length on two cores by the small bank, s.
 const STAGES: [(&str, f64); 7] = [
     ("flights", 8.0),
-    ("bank", 80.0),
     ("reference flights", 3.0),
+    ("bank", 80.0),
     ("learning the bank", 10.0),
     ("sizes", 30.0),
     ("shrink", 20.0),

@@ -92,7 +92,7 @@ pub struct BankOptions {
     #[arg(long, value_name = "DIR")]
     pub banks: Option<PathBuf>,
     /// Size of a bank: `full` for verdicts, `large` (more than twice as many flights) to tell two effects and
-    /// unknown ones a little better, `small` (an eighth) for a first look, `smallest` for tests of the program:
+    /// unknown ones a little better, `small` (a quarter) for a first look, `smallest` for tests of the program:
     /// verdicts from it mean nothing.
     #[arg(long, value_name = "SIZE", default_value = "full")]
     pub size: Size,
@@ -137,6 +137,20 @@ impl BankOptions {
             jitter: self.jitter.unwrap_or(base.jitter),
             draws: self.draws.unwrap_or(base.draws),
         }
+    }
+
+    /// Flights of this bank, as a share of those of the full one with the standard library.
+    pub fn share(&self) -> f64 {
+        let effects = haltere_gap::library::standard().len();
+        let kept = if self.only.is_empty() {
+            effects - self.without.len().min(effects)
+        } else {
+            self.only.len()
+        };
+        let flights = |size: &BankSize, effects: usize| {
+            (size.seeds + size.jitter + size.draws * effects) as f64
+        };
+        flights(&self.size(), kept) / flights(&BankSize::default(), effects)
     }
 
     /// The standard library without what is left out; an unknown id is refused.

@@ -116,7 +116,11 @@ impl Diagnose {
             "reference flights" => self.references.any(),
             _ => true,
         };
-        let due: Vec<_> = STAGES.into_iter().filter(|(name, _)| is_due(name)).collect();
+        let usual = |(name, usual_s): (&'static str, f64)| match name {
+            "bank" | "learning the bank" => (name, usual_s * self.options.share()),
+            _ => (name, usual_s),
+        };
+        let due: Vec<_> = STAGES.into_iter().filter(|(name, _)| is_due(name)).map(usual).collect();
         progress::stages(&due);
         let [first, others @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
         // Before anything long: files that do not hold what they should.

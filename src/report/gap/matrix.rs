@@ -30,7 +30,7 @@ pub(super) const STYLE: &str = "\
 .legend{display:flex;gap:16px;flex-wrap:wrap;color:var(--soft);font-size:12.5px;align-items:center}";
 
 /// Hatching of what was not visited. Its id may stand on a page once.
-pub(super) const HATCH: &str = "<svg width=\"0\" height=\"0\" style=\"position:absolute\"><defs>\
+pub(super) const HATCH: &str = "<svg width=\"0\" height=\"0\" style=\"position:absolute;width:0\"><defs>\
 <pattern id=\"hatch\" width=\"6\" height=\"6\" patternUnits=\"userSpaceOnUse\" patternTransform=\"rotate(45)\">\
 <rect width=\"6\" height=\"6\" fill=\"#8882\"/><line x1=\"0\" x2=\"0\" y1=\"0\" y2=\"6\" stroke=\"#8889\" stroke-width=\"1.6\"/>\
 </pattern></defs></svg>";
