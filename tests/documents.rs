@@ -100,7 +100,9 @@ fn citations(text: &str) -> Vec<Citation<'_>> {
         let stem = citation.file().trim_end_matches(".md");
         let capitals =
             stem.bytes().all(|b| b.is_ascii_uppercase() || b.is_ascii_digit() || b == b'_');
-        if stem.len() > 1 && capitals {
+        // Where a package puts one is no place in the repository.
+        let installed = citation.named.starts_with("usr/");
+        if stem.len() > 1 && capitals && !installed {
             found.push(citation);
         }
     }
