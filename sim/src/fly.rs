@@ -44,11 +44,11 @@ pub struct Options {
     /// `U2=bias:0.2,anchor:3`; may be given several times.
     #[arg(long, value_name = "ID=VALUE")]
     effect: Vec<String>,
-    /// Scenario file: room, anchors, start, effects, faults. Without it the vehicle stands in the middle of a
-    /// 10 × 10 × 7 m hall.
+    /// Scenario file (room, anchors, start, effects, faults), or the name of a built-in one (`haltere-sim print
+    /// scenario`). Without it the vehicle stands in the middle of a 10 × 10 × 7 m hall.
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
-    /// Vehicle file; without it the Flapper.
+    /// Vehicle file, or the name of a built-in one; without it the Flapper.
     #[arg(long, value_name = "FILE")]
     vehicle: Option<PathBuf>,
     /// Configuration of the companion; may be given several times. The anchors are the scenario's.

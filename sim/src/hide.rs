@@ -1,5 +1,5 @@
-//! `haltere-sim hide`: hides an effect in a simulated vehicle, lets the diagnosis loose on the logs alone, and opens the
-//! envelope.
+//! `haltere-sim hide`: hides an effect in a simulated vehicle, gives the logs alone to the diagnosis, and then tells what was
+//! hidden.
 
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -57,6 +57,10 @@ pub struct Options {
     /// Prints the effects and how strong they are hidden, and hides none.
     #[arg(long)]
     list: bool,
+    /// Hides every effect of the library in turn, one bad flight each, and counts the right verdicts: those that the
+    /// same seed gives with `--effect ID`.
+    #[arg(long, conflicts_with = "effect")]
+    all: bool,
     /// Prints the result as JSON.
     #[arg(long)]
     json: bool,
@@ -70,7 +74,7 @@ struct Flight {
     held_out: bool,
 }
 
-/// Hides, flies, asks, and opens the envelope; right or wrong, that is the answer.
+/// Hides, flies, asks, and tells; right or wrong, that is the answer.
 pub fn run(options: &Options) -> Result<bool> {
     if options.list {
         print!("{}", list());
@@ -79,6 +83,9 @@ pub fn run(options: &Options) -> Result<bool> {
     let began = Instant::now();
     let scene = Scene::lab().map_err(|problems| anyhow!("{problems}"))?;
     let seed = options.seed.unwrap_or_else(any_seed);
+    if options.all {
+        return run_all(options, &scene, seed);
+    }
     let hidden = match options.effect.as_deref() {
         Some("none") => Hidden::none(),
         id => Hidden::draw(id, seed, &scene).with_context(|| {
@@ -104,12 +111,9 @@ pub fn run(options: &Options) -> Result<bool> {
     let flights = plan(options, seed);
     fly_all(&scene, &hidden, &flights)?;
     let report = options.out.join("report.html");
-    let diagnosis = gap::diagnose(arguments(options, &flights, &report))?;
+    let diagnosis = gap::diagnose(arguments(options, flights.iter(), Some(&report)))?;
     let ids: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.id.as_str()).collect();
-    let right = match hidden.spec {
-        None => diagnosis.outcome == "no_gap",
-        Some(spec) => ids.first() == Some(&spec.id),
-    };
+    let right = is_right(&hidden, &diagnosis);
     if options.json {
         let result = json!({
             "hidden": { "id": hidden.id(), "parameters": hidden.values() },
@@ -132,6 +136,54 @@ pub fn run(options: &Options) -> Result<bool> {
             );
         }
         println!("NOTE    {REMARK}");
+    }
+    Ok(true)
+}
+
+/// The effect that was hidden stands first, or nothing was hidden and nothing found.
+fn is_right(hidden: &Hidden, diagnosis: &Diagnosis) -> bool {
+    match hidden.spec {
+        None => diagnosis.outcome == "no_gap",
+        Some(spec) => diagnosis.effects.first().is_some_and(|first| first.id == spec.id),
+    }
+}
+
+/// Every effect of the library in turn, a line each, and how many were right.
+fn run_all(options: &Options, scene: &Scene, seed: u64) -> Result<bool> {
+    std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
+    let flights = plan(options, seed);
+    let (bad, good): (Vec<_>, Vec<_>) =
+        flights.into_iter().filter(|flight| !flight.held_out).partition(|flight| flight.bad);
+    let bad = bad.first().context("no flight")?;
+    fly_all(scene, &Hidden::none(), &good)?;
+    let items = missions::diagnostic(scene);
+    let (mut rows, mut count) = (Vec::new(), 0);
+    for (id, _) in SHARES {
+        let hidden = Hidden::draw(Some(id), seed, scene).context("no such effect")?;
+        let path = options.out.join(format!("bad-{id}.mcap"));
+        let flight = Flight { path, ..*bad };
+        fly_one(scene, &hidden, &flight, &items)?;
+        let flights = good.iter().chain([&flight]);
+        let diagnosis = gap::diagnose(arguments(options, flights, None))?;
+        let ids: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.id.as_str()).collect();
+        let right = is_right(&hidden, &diagnosis);
+        count += usize::from(right);
+        if options.json {
+            rows.push(json!({ "hidden": id, "said": { "outcome": diagnosis.outcome, "ids": ids }, "right": right }));
+        } else {
+            let word = if right { "right" } else { "wrong" };
+            println!("{id:<5}{word:<7}{}", diagnosis.verdict);
+        }
+    }
+    if options.json {
+        let result = json!({ "seed": seed, "right": count, "of": SHARES.len(), "effects": rows });
+        println!("{}", serde_json::to_string_pretty(&result)?);
+    } else {
+        println!(
+            "right: {count} of {} with seed {seed} by the {} bank",
+            SHARES.len(),
+            options.size
+        );
     }
     Ok(true)
 }
@@ -196,18 +248,25 @@ fn fly_one(
 }
 
 /// What `haltere gap diagnose` is given: logs, and nothing of the envelope.
-fn arguments(options: &Options, flights: &[Flight], report: &Path) -> Vec<std::ffi::OsString> {
+fn arguments<'a>(
+    options: &Options,
+    flights: impl Iterator<Item = &'a Flight> + Clone,
+    report: Option<&Path>,
+) -> Vec<std::ffi::OsString> {
     let mut args: Vec<std::ffi::OsString> = Vec::new();
-    for flight in flights.iter().filter(|flight| flight.bad) {
+    for flight in flights.clone().filter(|flight| flight.bad) {
         args.push(flight.path.clone().into());
     }
     for (option, held_out) in [("--reference", false), ("--held-out-reference", true)] {
-        args.push(option.into());
-        let good = flights.iter().filter(|flight| !flight.bad && flight.held_out == held_out);
-        args.extend(good.map(|flight| flight.path.clone().into()));
+        let good = flights.clone().filter(|flight| !flight.bad && flight.held_out == held_out);
+        for flight in good {
+            args.extend([option.into(), flight.path.clone().into()]);
+        }
     }
     args.extend(["--size".into(), options.size.clone().into(), "--without-advice".into()]);
-    args.extend(["--report".into(), report.into(), "--remark".into(), REMARK.into()]);
+    if let Some(report) = report {
+        args.extend(["--report".into(), report.into(), "--remark".into(), REMARK.into()]);
+    }
     if let Some(banks) = &options.banks {
         args.extend(["--banks".into(), banks.into()]);
     }
@@ -279,6 +338,7 @@ mod tests {
             size: "smallest".to_owned(),
             banks: None,
             list: false,
+            all: false,
             json: false,
         }
     }
@@ -296,7 +356,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let options = options(folder.path(), None);
         let flights = plan(&options, 1);
-        let args = arguments(&options, &flights, &folder.path().join("report.html"));
+        let page = folder.path().join("report.html");
+        let args = arguments(&options, flights.iter(), Some(&page));
         assert!(args.iter().all(|arg| !arg.to_string_lossy().contains("envelope")), "{args:?}");
         // Its options are understood: what is missing is the flight.
         let refused = gap::diagnose(args).unwrap_err().to_string();

@@ -52,7 +52,7 @@ enum Command {
     Lockstep(lockstep::Options),
     /// Endpoint, companion and mission together, in real time; leaves a log and a report.
     Demo(demo::Options),
-    /// Hide an effect in a simulated vehicle, diagnose its logs, and open the envelope: what was hidden, what
+    /// Hide an effect in a simulated vehicle, diagnose its logs alone, then tell what was hidden, what
     /// was said, how far the gap shrank on flights not used, and the page.
     Hide(hide::Options),
     /// Print a scenario, a campaign or a vehicle that comes with the program, to start a file of your own from; without
