@@ -1,7 +1,7 @@
 //! Setting up, looking, handling logs, and ending, with the real program.
 
 use std::io::Write as _;
-use std::net::UdpSocket;
+use std::net::{TcpListener, UdpSocket};
 use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
@@ -34,7 +34,10 @@ fn prop_what_init_writes_is_what_check_reads() {
     run(dir, &init).refused(&["haltere.toml", "exists already", "--force"]);
 
     // No tag is plugged in here: that alone must be put right.
-    let set = ["check", "--json", "--set", "tag.port=/dev/null"];
+    // A demo of another test may have the usual port of the page.
+    let page = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let page = format!("watch.address=tcpin:127.0.0.1:{page}");
+    let set = ["check", "--json", "--set", "tag.port=/dev/null", "--set", &page];
     let checked = run(dir, &set);
     assert_eq!(checked.code, Some(1), "{checked:?}");
     let report: serde_json::Value =

@@ -25,7 +25,7 @@ pub struct Processes {
     stop: Stop,
     /// Where the ground station listens.
     pub ground: String,
-    /// Where the flight can be watched live.
+    /// Where the flight can be watched live; empty: nowhere.
     pub page: String,
     /// Truth file of the endpoint.
     pub truth: PathBuf,
@@ -38,10 +38,16 @@ pub struct Processes {
 impl Processes {
     /// Writes configuration and anchors, starts both.
     pub fn start(options: &Options) -> Result<Self> {
-        Self::start_with(options, &[])
+        let port = free_page_port()?;
+        let mut options = options.clone();
+        // What the user sets comes later and wins.
+        options.overrides.insert(0, format!("watch.address=tcpin:127.0.0.1:{port}"));
+        let mut processes = Self::start_with(&options, &[])?;
+        processes.page = format!("http://127.0.0.1:{port}/");
+        Ok(processes)
     }
 
-    /// The same with more ground endpoints than the one for our own station.
+    /// The same without a page, and with more ground endpoints than the one for our own station.
     pub fn start_with(options: &Options, more_endpoints: &[String]) -> Result<Self> {
         let stop = Stop::on_signals()?;
         let folder = std::path::absolute(&options.output).context("--output")?;
@@ -80,11 +86,7 @@ impl Processes {
         };
         let config = wiring.write(&folder, &scenario, "demo")?;
         let output = folder.join("companion.txt");
-        let port = free_page_port()?;
-        // What the user sets comes later and wins.
-        let mut overrides = vec![format!("watch.address=tcpin:127.0.0.1:{port}")];
-        overrides.extend(options.overrides.iter().cloned());
-        let companion = Companion::start(&config, &overrides, output)?;
+        let companion = Companion::start(&config, &options.overrides, output)?;
         let firmware = between.start(&folder.join("firmware"))?;
         Ok(Self {
             endpoint,
@@ -92,7 +94,7 @@ impl Processes {
             companion,
             stop,
             ground: format!("udpin:127.0.0.1:{ground_port}"),
-            page: format!("http://127.0.0.1:{port}/"),
+            page: String::new(),
             truth,
             log_directory,
             _folder: own,
