@@ -162,6 +162,8 @@ impl Pilot {
             let drops = &mut self.drops[usize::from(LinkId::Board.number())];
             super::clients::count_frame(drops, &next);
             if let Ok(frame) = next {
+                self.give_up_board(at, &frame);
+                let drops = &mut self.drops[usize::from(LinkId::Board.number())];
                 if speaks_as_board(&frame, self.board.system_id()) {
                     self.board_peers.board_spoke(at, &frame);
                 }
