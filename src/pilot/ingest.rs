@@ -168,7 +168,7 @@ impl Pilot {
                     self.board_peers.board_spoke(at, &frame);
                 }
                 self.board.frame(at, &frame, &mut self.out, drops, &mut news);
-                self.route_from_board(&frame);
+                self.route_from_board(at, &frame);
             }
         }
         self.board_splitter = splitter;
