@@ -246,6 +246,8 @@ pub struct Pilot {
     refused_told_at: Option<HostTime>,
     /// When people were last told that frames are kept out.
     kept_out_told_at: Option<HostTime>,
+    /// Whether it was told that somebody answers from another address: on the board's link, on a station's.
+    other_address_told: [bool; 2],
     passed_on: PassedOn,
     /// How much may still be said to people because of what clients and board say.
     echoes: Echoes,
@@ -346,6 +348,7 @@ impl Pilot {
             refused_setpoint_told: false,
             refused_told_at: None,
             kept_out_told_at: None,
+            other_address_told: [false; 2],
             passed_on: PassedOn::new(),
             echoes: Echoes::new(at),
             answering: false,
