@@ -95,6 +95,12 @@ pub fn timestamp(unix_us: i64) -> u64 {
     (since_us.unsigned_abs() / 10).min(LAST_TIMESTAMP)
 }
 
+/// The moment of a timestamp, µs since 1970 UTC.
+pub fn unix_us(timestamp: u64) -> i64 {
+    let since_us = timestamp.min(LAST_TIMESTAMP).saturating_mul(10).cast_signed();
+    EPOCH_UNIX_S.saturating_mul(1_000_000).saturating_add(since_us)
+}
+
 /// Whether a frame is signed, with this key.
 pub fn verify(frame: &MavFrame<'_>, key: &SigningKey) -> bool {
     let Some(signed) = frame.raw.len().checked_sub(DIGEST_BYTES).filter(|_| frame.signed) else {

@@ -84,11 +84,13 @@ pub enum DropReason {
     OutputLineLost,
     /// Sample of a sensor of which the board has several, and another one is flown on.
     OtherInstance,
+    /// Frame for others that was passed on within the last second: it goes in a circle.
+    MavAgain,
 }
 
 impl DropReason {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [DropReason; 40] = [
+    pub const ALL: [DropReason; 41] = [
         DropReason::TagGarbageByte,
         DropReason::TagBadLength,
         DropReason::TagUnknownType,
@@ -129,6 +131,7 @@ impl DropReason {
         DropReason::WatchQueueFull,
         DropReason::OutputLineLost,
         DropReason::OtherInstance,
+        DropReason::MavAgain,
     ];
 
     /// Name in logs, reports and messages.
@@ -174,6 +177,7 @@ impl DropReason {
             DropReason::TextLimited => "text_limited",
             DropReason::WatchQueueFull => "watch_queue_full",
             DropReason::OutputLineLost => "output_line_lost",
+            DropReason::MavAgain => "mav_again",
         }
     }
 }

@@ -11,7 +11,9 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use super::clock;
 use super::inbox::Inbox;
 use super::mailbox::{Mailbox, Outgoing};
-use super::udp::{DATAGRAM_BYTES, RETRY, SEND_PATIENCE, any_for, is_for_many, no_address};
+use super::udp::{
+    DATAGRAM_BYTES, RETRY, SEND_PATIENCE, any_for, is_for_many, no_address, tell_stranger,
+};
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 use haltere_pilot::settings::HostPort;
@@ -58,7 +60,7 @@ enum Far {
     /// Whoever was heard lately.
     Heard(Peers),
     /// One place, which may stand for many.
-    Fixed { peer: SocketAddr, many: bool },
+    Fixed { peer: SocketAddr, many: bool, told: bool },
 }
 
 /// Serves a bound socket until the output or the companion ends; answers whom the core means, of those it heard
@@ -73,7 +75,12 @@ pub(super) fn send_to(to: &HostPort, inbox: &Inbox, mut output: Mailbox) {
     while !inbox.stopped() {
         match open(to) {
             Ok((socket, peer)) => {
-                return talk(&socket, inbox, output, Far::Fixed { peer, many: is_for_many(peer) });
+                return talk(
+                    &socket,
+                    inbox,
+                    output,
+                    Far::Fixed { peer, many: is_for_many(peer), told: false },
+                );
             }
             Err(error) if !told => {
                 tracing::warn!("udpout:{to}: {error}; trying again until it works");
@@ -141,8 +148,8 @@ impl Far {
                 peers.0.iter().map(|(peer, _)| *peer).filter(meant).for_each(to_one);
             }
             // What stands for many is left as soon as the core knows whom it means.
-            Self::Fixed { peer, many: true } => to_one(to.unwrap_or(*peer)),
-            Self::Fixed { peer, many: false } => to_one(*peer),
+            Self::Fixed { peer, many: true, .. } => to_one(to.unwrap_or(*peer)),
+            Self::Fixed { peer, many: false, .. } => to_one(*peer),
         }
     }
 
@@ -156,7 +163,13 @@ impl Far {
                 }
                 peers.heard(from, at)
             }
-            Self::Fixed { peer, many } => *many || from.ip() == peer.ip(),
+            Self::Fixed { peer, many, told } => {
+                let welcome = *many || from.ip() == peer.ip();
+                if !welcome && !std::mem::replace(told, true) {
+                    tell_stranger(inbox, from, *peer);
+                }
+                welcome
+            }
         };
         if welcome {
             inbox.bytes_from(at, Some(from), bytes);
@@ -223,10 +236,10 @@ mod tests {
         assert_eq!(got(&mut far, None), [true, true]);
         assert_eq!(got(&mut far, Some(addresses[1])), [false, true]);
         // Of a broadcast or multicast address one is left.
-        let mut far = Far::Fixed { peer: addresses[0], many: true };
+        let mut far = Far::Fixed { peer: addresses[0], many: true, told: false };
         assert_eq!(got(&mut far, None), [true, false]);
         assert_eq!(got(&mut far, Some(addresses[1])), [false, true]);
-        let mut far = Far::Fixed { peer: addresses[0], many: false };
+        let mut far = Far::Fixed { peer: addresses[0], many: false, told: false };
         assert_eq!(got(&mut far, Some(addresses[1])), [true, false]);
     }
 }

@@ -14,8 +14,9 @@ use crate::sources::{KeyFileError, read_key, read_time, time_file};
 use crate::store::{replace, replace_private};
 use haltere_core::drops::Drops;
 use haltere_core::time::HostTime;
+use haltere_log::record::utc_text;
 use haltere_pilot::LinkId;
-use haltere_pilot::guard::{Door, DoorConfig, KeyRing, Signing};
+use haltere_pilot::guard::{Door, DoorConfig, KeyRing, Signing, TimeNews};
 use haltere_pilot::settings::Config;
 
 /// How often it is looked whether key or time must be written.
@@ -66,8 +67,9 @@ impl Keys {
         }
         let due = {
             let ring = lock(&self.ring);
-            let newest = ring.newest();
-            if ends { ring.has_key().then_some(newest) } else { ring.due_to_keep(clock::unix_us()) }
+            let now_us = clock::unix_us();
+            let newest = ring.newest(now_us);
+            if ends { ring.has_key().then_some(newest) } else { ring.due_to_keep(now_us) }
         };
         if let Some(time) = due {
             replace(&time_file(file), format!("{time}\n").as_bytes())?;
@@ -111,6 +113,27 @@ pub(super) fn keep(
     Ok(Some(thread))
 }
 
+fn tell(link: LinkId, news: TimeNews) {
+    let link = link.number();
+    match news {
+        TimeNews::Taken { from: (system, component), unix_us } => {
+            tracing::warn!(
+                "the clock of this computer was never set: signatures go by the time of system {system}, \
+                 component {component} on link {link}, {}",
+                utc_text(unix_us)
+            );
+        }
+        TimeNews::Ahead { from: (system, component), by_s } => tracing::warn!(
+            "system {system}, component {component} on link {link} signs {by_s} s ahead of our clock: one \
+             of the two clocks is wrong; it is heard, and may not hear us; set both clocks"
+        ),
+        TimeNews::KeptUnused { by_s } => tracing::warn!(
+            "the time that was kept beside the signing key is {by_s} s ahead of our clock, at most a day is \
+             believed: the clock counts"
+        ),
+    }
+}
+
 /// One link's door.
 #[derive(Debug)]
 pub(super) struct Gate {
@@ -147,7 +170,11 @@ impl Gate {
         let mut ring = lock(&self.keys.ring);
         let unix_us = clock::unix_us();
         let offer = door.admit(&mut ring, at, unix_us, bytes, passed, &mut drops);
+        let news = ring.take_news();
         drop(ring);
+        if let Some(news) = news {
+            tell(link, news);
+        }
         if let Some(offer) = offer {
             tracing::warn!("a new signing key came over link {}", link.number());
             *lock(&self.keys.offered) = Some(offer.key);

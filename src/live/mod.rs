@@ -22,6 +22,7 @@ mod notify;
 pub mod places;
 mod pool;
 pub mod realtime;
+mod seats;
 mod serial;
 pub mod signals;
 mod stations;

@@ -1,98 +1,32 @@
 //! Endpoints that stations come to: each gets a link of its own in the core.
 
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 
 use tokio::net::{TcpListener, TcpStream, UdpSocket};
+use tokio::sync::Notify;
+use tokio::task::{JoinError, JoinSet};
 use tokio::time::{Duration, Instant, interval};
 
 use super::clock;
 use super::frames::WholeFrames;
 use super::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS};
 use super::mailbox::{Mailbox, Outgoing, Refused, Slot, mailbox};
+use super::seats::{Places, Seat};
 use super::tcp::{ACCEPT_PAUSE, RETRY, accept_after, talk};
 use super::udp::{DATAGRAM_BYTES, send};
 use crate::neighbours::{self, Transport};
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
-/// A UDP station that was silent for so long is forgotten, s. Some scripts listen for a minute and say
-/// nothing (GROUND.md).
-const FORGET_S: f64 = 60.0;
-/// When all places are taken, one that was silent for so long gives its place away, s: stations send
-/// their heartbeat every second.
+/// A client that was silent for so long gives its place to a new one when all are taken, s. Longer than over UDP
+/// (`seats::LEFT_S`), where who comes has shown a frame: here it has not spoken yet, and may only look at ports.
 const GIVE_WAY_S: f64 = 10.0;
 /// A connection that showed no signature where one is demanded is cut after this time.
 const SHOW_WITHIN: Duration = Duration::from_millis(if cfg!(test) { 700 } else { 10_000 });
 /// How often the silent ones are looked for.
 const LOOK: Duration = Duration::from_secs(1);
-
-/// The places of an endpoint, and who has them.
-#[derive(Debug)]
-struct Places(Vec<Option<(SocketAddr, HostTime)>>);
-
-/// Where somebody who was heard belongs.
-#[derive(Debug, PartialEq, Eq)]
-enum Seat {
-    /// They have this place.
-    Known(usize),
-    /// They took this free place.
-    New(usize),
-    /// They took it from somebody who was silent.
-    Taken(usize),
-    /// There is none.
-    Full,
-}
-
-impl Places {
-    fn new(stations: usize) -> Self {
-        Self(vec![None; stations])
-    }
-
-    fn heard(&mut self, peer: SocketAddr, at: HostTime) -> Seat {
-        for (n, place) in self.0.iter_mut().enumerate() {
-            if let Some((known, last)) = place
-                && *known == peer
-            {
-                *last = at;
-                return Seat::Known(n);
-            }
-        }
-        if let Some(n) = self.0.iter().position(Option::is_none) {
-            self.0[n] = Some((peer, at));
-            return Seat::New(n);
-        }
-        let since = |place: &Option<(SocketAddr, HostTime)>| place.map(|(_, last)| last);
-        let oldest = (0..self.0.len()).min_by_key(|n| self.0.get(*n).and_then(since));
-        match oldest.and_then(|n| Some((n, self.0.get(n).and_then(since)?))) {
-            Some((n, last)) if at.seconds_since(last) > GIVE_WAY_S => {
-                self.0[n] = Some((peer, at));
-                Seat::Taken(n)
-            }
-            _ => Seat::Full,
-        }
-    }
-
-    /// Frees the places of those who are silent.
-    fn forget(&mut self, now: HostTime) -> Vec<usize> {
-        let mut freed = Vec::new();
-        for (n, place) in self.0.iter_mut().enumerate() {
-            if place.is_some_and(|(_, last)| now.seconds_since(last) > FORGET_S) {
-                *place = None;
-                freed.push(n);
-            }
-        }
-        freed
-    }
-
-    fn knows(&self, peer: SocketAddr) -> bool {
-        self.0.iter().flatten().any(|(known, _)| *known == peer)
-    }
-
-    fn peer(&self, n: usize) -> Option<SocketAddr> {
-        self.0.get(n).copied().flatten().map(|(peer, _)| peer)
-    }
-}
 
 /// Serves a bound `udpin` socket until the output ends; one inbox per place.
 pub(super) async fn listen(socket: UdpSocket, inboxes: Vec<Inbox>, mut output: Mailbox) {
@@ -100,6 +34,7 @@ pub(super) async fn listen(socket: UdpSocket, inboxes: Vec<Inbox>, mut output: M
     let mut places = Places::new(inboxes.len());
     let mut buffer = vec![0; DATAGRAM_BYTES];
     let mut look = interval(LOOK);
+    let mut full_told = false;
     loop {
         tokio::select! {
             // Ours first: it is never much, and a flood comes without end.
@@ -130,19 +65,24 @@ pub(super) async fn listen(socket: UdpSocket, inboxes: Vec<Inbox>, mut output: M
                 if !places.knows(peer) && !first.would_open(bytes) {
                     continue;
                 }
-                let seat = places.heard(peer, at);
+                let seat = places.heard(peer, at, bytes);
                 let n = match seat {
-                    Seat::Known(n) | Seat::New(n) | Seat::Taken(n) => n,
+                    Seat::Known(n) | Seat::New(n) | Seat::Taken(n, _) => n,
                     Seat::Full => {
                         first.lost(DropReason::StationsFull);
+                        if !std::mem::replace(&mut full_told, true) {
+                            refused(peer, inboxes.len());
+                        }
                         continue;
                     }
                 };
                 let Some(inbox) = inboxes.get(n) else { continue };
-                if seat == Seat::Taken(n) {
+                if let Seat::Taken(_, before) = seat {
+                    tracing::info!("link {}: {before} was silent and gives way", inbox.link().number());
                     inbox.down();
                 }
                 if seat != Seat::Known(n) {
+                    full_told = false;
                     tell_who(Transport::Udp, peer, "joined", inbox);
                     inbox.up();
                 }
@@ -152,11 +92,75 @@ pub(super) async fn listen(socket: UdpSocket, inboxes: Vec<Inbox>, mut output: M
     }
 }
 
+/// A client of a `tcpin` port, as its task and the port see it.
+#[derive(Debug)]
+struct Client {
+    writer: Slot,
+    life: Arc<Life>,
+    peer: SocketAddr,
+}
+
+/// What a client did, and whether it must go.
+#[derive(Debug)]
+struct Life {
+    /// It sent a frame that may pass.
+    spoke: AtomicBool,
+    /// When it came, then when it was last heard, µs of the host.
+    heard_us: AtomicU64,
+    cut: Notify,
+}
+
+impl Life {
+    fn begin(at: HostTime) -> Arc<Self> {
+        let heard_us = at.as_us().into();
+        Arc::new(Self { spoke: AtomicBool::new(false), heard_us, cut: Notify::new() })
+    }
+
+    fn heard(&self, at: HostTime) {
+        self.spoke.store(true, Relaxed);
+        self.heard_us.store(at.as_us(), Relaxed);
+    }
+
+    /// Sorts those who give way: who never sent a frame first, then the longest silent. `None`: it stays.
+    fn gives_way(&self, now: HostTime) -> Option<(bool, u64)> {
+        let (spoke, heard_us) = (self.spoke.load(Relaxed), self.heard_us.load(Relaxed));
+        let silent = now.seconds_since(HostTime::from_us(heard_us)) > GIVE_WAY_S;
+        (!spoke || silent).then_some((spoke, heard_us))
+    }
+}
+
+/// Cuts the client who gives way when all places are taken, and waits until its place is free.
+async fn make_room(clients: &mut [Option<Client>], tasks: &mut JoinSet<usize>) {
+    let now = clock::now();
+    let order = |client: &Option<Client>| client.as_ref().and_then(|c| c.life.gives_way(now));
+    let ways = clients.iter().enumerate().filter_map(|(n, c)| Some((order(c)?, n)));
+    let Some((_, n)) = ways.min() else { return };
+    if let Some(Some(client)) = clients.get(n) {
+        tracing::info!("{} was silent and gives way", client.peer);
+        client.life.cut.notify_one();
+    }
+    while clients.iter().all(Option::is_some) {
+        match tasks.join_next().await {
+            Some(ended) => free(clients, ended),
+            None => return,
+        }
+    }
+}
+
+fn free(clients: &mut [Option<Client>], ended: Result<usize, JoinError>) {
+    if let Ok(n) = ended
+        && let Some(client) = clients.get_mut(n)
+    {
+        *client = None;
+    }
+}
+
 /// Serves all clients of a bound `tcpin` port until the output ends; one inbox per place.
 pub(super) async fn serve(listener: TcpListener, inboxes: Vec<Inbox>, mut output: Mailbox) {
-    let mut writers: Vec<Option<Slot>> = vec![None; inboxes.len()];
-    let mut clients = tokio::task::JoinSet::new();
+    let mut clients: Vec<Option<Client>> = inboxes.iter().map(|_| None).collect();
+    let mut tasks = JoinSet::new();
     let mut next = Instant::now();
+    let mut full_told = false;
     loop {
         tokio::select! {
             accepted = accept_after(&listener, next) => {
@@ -166,24 +170,31 @@ pub(super) async fn serve(listener: TcpListener, inboxes: Vec<Inbox>, mut output
                     tokio::time::sleep(RETRY).await;
                     continue;
                 };
-                let free = writers.iter().position(Option::is_none);
-                let Some((n, inbox)) = free.and_then(|n| Some((n, inboxes.get(n)?.clone()))) else {
-                    tracing::warn!("{peer} refused: {} stations are connected", inboxes.len());
+                if clients.iter().all(Option::is_some) {
+                    make_room(&mut clients, &mut tasks).await;
+                }
+                let place = clients.iter().position(Option::is_none);
+                let Some((n, inbox)) = place.and_then(|n| Some((n, inboxes.get(n)?.clone()))) else {
+                    if !std::mem::replace(&mut full_told, true) {
+                        refused(peer, inboxes.len());
+                    }
                     if let Some(first) = inboxes.first() {
                         first.lost(DropReason::StationsFull);
                     }
                     continue;
                 };
+                full_told = false;
                 let Ok((writer, mut own_output)) = mailbox(OUTPUT_QUEUE_CHUNKS) else {
                     tracing::warn!("{peer} refused: no more descriptors; raise the limit (ulimit -n)");
                     inbox.lost(DropReason::StationsFull);
                     continue;
                 };
                 tell_who(Transport::Tcp, peer, "connected", &inbox);
-                writers[n] = Some(writer);
-                clients.spawn(async move {
+                let life = Life::begin(clock::now());
+                clients[n] = Some(Client { writer, life: life.clone(), peer });
+                tasks.spawn(async move {
                     inbox.up();
-                    serve_one(stream, &inbox, &mut own_output).await;
+                    serve_one(stream, &inbox, &mut own_output, &life).await;
                     inbox.down();
                     tracing::info!("{peer} disconnected");
                     n
@@ -192,22 +203,24 @@ pub(super) async fn serve(listener: TcpListener, inboxes: Vec<Inbox>, mut output
             outgoing = output.recv() => {
                 let Some(outgoing) = outgoing else { return };
                 let Some(n) = inboxes.iter().position(|i| i.link() == outgoing.link) else { continue };
-                let (Some(inbox), Some(Some(writer))) = (inboxes.get(n), writers.get(n)) else {
+                let (Some(inbox), Some(Some(client))) = (inboxes.get(n), clients.get(n)) else {
                     continue;
                 };
-                if writer.put(outgoing) == Err(Refused::Full) {
+                if client.writer.put(outgoing) == Err(Refused::Full) {
                     inbox.lost(DropReason::OutputQueueFull);
                 }
             }
-            Some(ended) = clients.join_next() => {
-                if let Ok(n) = ended
-                    && let Some(writer) = writers.get_mut(n)
-                {
-                    *writer = None;
-                }
-            }
+            Some(ended) = tasks.join_next() => free(&mut clients, ended),
         }
     }
+}
+
+/// Said once, until somebody finds a place again.
+fn refused(peer: SocketAddr, places: usize) {
+    tracing::warn!(
+        "{peer} refused: all {places} places of this endpoint are taken by stations that speak; end one, \
+         or add an endpoint (ground.endpoints)"
+    );
 }
 
 /// Tells people who has come. Looking for the program takes its time, and must not hold up the others.
@@ -221,55 +234,29 @@ fn tell_who(transport: Transport, peer: SocketAddr, how: &'static str, inbox: &I
 
 /// One client, until it leaves. Where signatures are demanded it must have shown one in time: places
 /// are few, and holding one costs nothing.
-async fn serve_one(stream: TcpStream, inbox: &Inbox, output: &mut Mailbox) {
+async fn serve_one(stream: TcpStream, inbox: &Inbox, output: &mut Mailbox, life: &Life) {
     let mut frames = WholeFrames::default();
-    let shown = AtomicBool::new(!inbox.is_shut());
+    let must_show = inbox.is_shut();
     let talks = talk(stream, inbox, output, |inbox, at, bytes| {
         frames.push(bytes);
         while let Some(frame) = frames.next() {
             if inbox.bytes(at, &frame) {
-                shown.store(true, Relaxed);
+                life.heard(at);
             }
         }
     });
     let stays_mute = async {
         tokio::time::sleep(SHOW_WITHIN).await;
-        if shown.load(Relaxed) {
+        if !must_show || life.spoke.load(Relaxed) {
             std::future::pending::<()>().await;
         }
     };
     tokio::select! {
         _ = talks => {}
+        () = life.cut.notified() => {}
         () = stays_mute => {
             inbox.lost(DropReason::MavUnsigned);
             tracing::info!("link {} showed no signature", inbox.link().number());
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn peer(n: u16) -> SocketAddr {
-        SocketAddr::from(([127, 0, 0, 1], 1000 + n))
-    }
-
-    #[test]
-    fn prop_places_are_bounded_kept_and_given_away() {
-        let at = |s: u64| HostTime::from_us(s * 1_000_000);
-        let mut places = Places::new(2);
-        assert_eq!(places.heard(peer(1), at(0)), Seat::New(0));
-        assert_eq!(places.heard(peer(2), at(1)), Seat::New(1));
-        assert_eq!(places.heard(peer(1), at(5)), Seat::Known(0));
-        assert_eq!(places.heard(peer(3), at(6)), Seat::Full);
-        // The second has been silent for more than ten seconds: its place goes, the first keeps its own.
-        assert_eq!(places.heard(peer(1), at(11)), Seat::Known(0));
-        assert_eq!(places.heard(peer(3), at(12)), Seat::Taken(1));
-        assert_eq!(places.heard(peer(2), at(13)), Seat::Full);
-        assert_eq!(places.peer(1), Some(peer(3)));
-        assert_eq!(places.forget(at(72)), [0]);
-        assert_eq!(places.peer(0), None);
-        assert_eq!(places.heard(peer(2), at(72)), Seat::New(0));
     }
 }

@@ -245,3 +245,116 @@ fn prop_the_mute_are_cut_and_the_unsigned_get_no_place() {
     assert_eq!(summary.drops.iter().find(|(_, r, _)| *r == "stations_full"), None);
     assert!(std::fs::metadata(crate::sources::time_file(&file)).is_ok(), "the time is kept");
 }
+
+/// A companion with this endpoint, for as long as `talk` lasts.
+fn with_companion(endpoint: String, talk: impl FnOnce()) {
+    let folder = tempfile::tempdir().unwrap();
+    let tag = folder.path().join("no tag").to_string_lossy().into_owned();
+    let board = format!("udpin:127.0.0.1:{}", free_port());
+    let loaded = loaded(folder.path(), tag, board, vec![endpoint]);
+    let stop = Stop::default();
+    let running = std::thread::spawn({
+        let stop = stop.clone();
+        move || run(&loaded, &stop)
+    });
+    talk();
+    stop.stop();
+    running.join().unwrap().unwrap();
+}
+
+/// How many heartbeats of the companion are in these bytes.
+fn beats_in(splitter: &mut mav_stream::MavSplitter, bytes: &[u8]) -> usize {
+    splitter.push(bytes);
+    let mut beats = 0;
+    while let Some(next) = splitter.next() {
+        beats += usize::from(next.is_ok_and(|f| f.header.msg_id == 0 && f.header.system_id == 1));
+    }
+    beats
+}
+
+#[test]
+fn regress_idle_clients_shut_no_station_out() {
+    let port = free_port();
+    with_companion(format!("tcpin:127.0.0.1:{port}"), || {
+        let connect = || eventually(|| TcpStream::connect(("127.0.0.1", port)).ok());
+        // A browser among them.
+        let mut idle = [(); MOST_IDLE].map(|()| connect());
+        idle[3].write_all(b"GET / HTTP/1.1\r\n\r\n").unwrap();
+        std::thread::sleep(Duration::from_millis(800));
+        for _ in 0..2 {
+            let mut station = connect();
+            station.write_all(&beat(1)).unwrap();
+            station.set_read_timeout(Some(Duration::from_secs(10))).unwrap();
+            let (mut splitter, mut buffer) = (mav_stream::MavSplitter::new(), [0; 4096]);
+            eventually(|| {
+                let length = station.read(&mut buffer).expect("bytes for the station");
+                assert_ne!(length, 0, "the station was cut");
+                (beats_in(&mut splitter, &buffer[..length]) > 0).then_some(())
+            });
+        }
+    });
+}
+
+/// Places of an endpoint.
+const MOST_IDLE: usize = 8;
+
+#[test]
+fn regress_a_station_and_fourteen_orders_of_its_identity_miss_no_heartbeat() {
+    let port = free_port();
+    with_companion(format!("udpin:127.0.0.1:{port}"), || {
+        let bind = || {
+            let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+            socket.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+            socket.connect(("127.0.0.1", port)).unwrap();
+            socket
+        };
+        let hear = |socket: &UdpSocket, splitter: &mut mav_stream::MavSplitter| {
+            let mut buffer = [0; 65_536];
+            socket.recv(&mut buffer).map_or(0, |n| beats_in(splitter, &buffer[..n]))
+        };
+        let station = bind();
+        let ended = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            let watch = scope.spawn(|| {
+                let mut splitter = mav_stream::MavSplitter::new();
+                let mut said = Instant::now() - Duration::from_secs(2);
+                let (mut heard, mut longest_s) = (None::<Instant>, 0.0_f64);
+                while !ended.load(std::sync::atomic::Ordering::Relaxed) {
+                    if said.elapsed() >= Duration::from_secs(1) {
+                        said = Instant::now();
+                        let _ = station.send(&beat(0));
+                    }
+                    if hear(&station, &mut splitter) > 0 {
+                        let gap_s = heard
+                            .replace(Instant::now())
+                            .map_or(0.0, |t| t.elapsed().as_secs_f64());
+                        longest_s = longest_s.max(gap_s);
+                    }
+                }
+                longest_s
+            });
+            for n in 0..14 {
+                let order = bind();
+                let (began, mut said, mut beats) = (Instant::now(), 0, 0);
+                let mut splitter = mav_stream::MavSplitter::new();
+                // As `haltere ctl` does it: a heartbeat each 0.2 s, the vehicle's own awaited, 1.5 s in all.
+                while beats == 0 || began.elapsed() < Duration::from_millis(1500) {
+                    if began.elapsed() >= Duration::from_millis(200) * said {
+                        said += 1;
+                        let _ = order.send(&beat(n));
+                    }
+                    beats += hear(&order, &mut splitter);
+                    let waited = began.elapsed();
+                    assert!(
+                        waited < Duration::from_secs(4),
+                        "order {n} is not answered in {waited:?}"
+                    );
+                }
+            }
+            ended.store(true, std::sync::atomic::Ordering::Relaxed);
+            let longest_s = watch.join().unwrap();
+            // One missed heartbeat would be two seconds.
+            assert!(longest_s > 0.5 && longest_s < 1.9, "{longest_s} s between two heartbeats");
+        });
+    });
+}

@@ -56,7 +56,7 @@ pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Mailbox) {
     let everyone = is_for_many(peer);
     // Who answered last, and when.
     let mut last: Option<(SocketAddr, HostTime)> = None;
-    let mut told = false;
+    let (mut told, mut stranger_told) = (false, false);
     let mut buffer = vec![0; DATAGRAM_BYTES];
     loop {
         tokio::select! {
@@ -81,10 +81,23 @@ pub(super) async fn send_to(to: HostPort, inbox: Inbox, mut output: Mailbox) {
                     inbox.bytes(at, buffer.get(..length).unwrap_or_default());
                 } else {
                     inbox.lost(DropReason::MavWrongPeer);
+                    if !std::mem::replace(&mut stranger_told, true) {
+                        tell_stranger(&inbox, from, peer);
+                    }
                 }
             }
         }
     }
+}
+
+/// Said once of a link: somebody speaks there and is not heard.
+pub(super) fn tell_stranger(inbox: &Inbox, from: SocketAddr, peer: SocketAddr) {
+    tracing::warn!(
+        "link {}: {from} speaks and is not heard: this link sends to {peer} and listens to {} alone; write the \
+         address from which it answers, or udpin",
+        inbox.link().number(),
+        peer.ip()
+    );
 }
 
 /// Whether it went out.

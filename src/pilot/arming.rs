@@ -197,11 +197,8 @@ impl Pilot {
             return Err("board is already armed, but not by us: disarm it first".to_owned());
         }
         match self.board.silence_s(at) {
-            None => return Err("no board found on its link".to_owned()),
-            Some(s) if s > self.config.limits.board_loss_s => {
-                return Err(format!("board silent for {s:.1} s"));
-            }
-            Some(_) => {}
+            Some(s) if s <= self.config.limits.board_loss_s => {}
+            silent_s => return Err(self.board_missing(at, silent_s)),
         }
         if let Some(second) = self.second_board(at) {
             return Err(format!(

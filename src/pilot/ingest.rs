@@ -162,11 +162,13 @@ impl Pilot {
             let drops = &mut self.drops[usize::from(LinkId::Board.number())];
             super::clients::count_frame(drops, &next);
             if let Ok(frame) = next {
+                self.give_up_board(at, &frame);
+                let drops = &mut self.drops[usize::from(LinkId::Board.number())];
                 if speaks_as_board(&frame, self.board.system_id()) {
                     self.board_peers.board_spoke(at, &frame);
                 }
                 self.board.frame(at, &frame, &mut self.out, drops, &mut news);
-                self.route_from_board(&frame);
+                self.route_from_board(at, &frame);
             }
         }
         self.board_splitter = splitter;

@@ -70,6 +70,7 @@ mod mission_transfer;
 mod modes;
 mod orders;
 mod output;
+mod passed_on;
 mod permits;
 mod place;
 mod reference;
@@ -131,6 +132,7 @@ use heading::BoardNorth;
 use hover::HoverThrust;
 use losses::losses_of;
 use output::{Address, Outbox};
+use passed_on::PassedOn;
 use resume::Resumption;
 use services::Services;
 use shadow::Shadow;
@@ -244,6 +246,9 @@ pub struct Pilot {
     refused_told_at: Option<HostTime>,
     /// When people were last told that frames are kept out.
     kept_out_told_at: Option<HostTime>,
+    /// Whether it was told that somebody answers from another address: on the board's link, on a station's.
+    other_address_told: [bool; 2],
+    passed_on: PassedOn,
     /// How much may still be said to people because of what clients and board say.
     echoes: Echoes,
     /// Whether a client is being answered.
@@ -343,6 +348,8 @@ impl Pilot {
             refused_setpoint_told: false,
             refused_told_at: None,
             kept_out_told_at: None,
+            other_address_told: [false; 2],
+            passed_on: PassedOn::new(),
             echoes: Echoes::new(at),
             answering: false,
             grounds,

@@ -51,6 +51,11 @@ impl Commanders {
         self.0.get(usize::from(slot)).is_some_and(|word| word & (1 << bit) != 0)
     }
 
+    /// The ids. `None`: all there are.
+    pub fn listed(&self) -> Option<Vec<u8>> {
+        (*self != Self::default()).then(|| self.ids().collect())
+    }
+
     fn insert(&mut self, system_id: u8) {
         let [slot, bit] = [system_id / 64, system_id % 64];
         if let Some(word) = self.0.get_mut(usize::from(slot)) {

@@ -2,7 +2,8 @@
 //!
 //! They pass as they came, with their sender's sequence number and signature, also those that our
 //! dialect does not know. No frame goes back to where its sender was heard, so two ways to one
-//! station make no loop.
+//! station make no loop; nor is one passed on again within a second (`passed_on`), so a bridge between two endpoints
+//! multiplies nothing.
 
 use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
 use haltere_dialect::mav_stream::MavFrame;
@@ -76,17 +77,32 @@ impl Pilot {
         if self.config.routing == Routing::Off || sender == ours || target == ours {
             return;
         }
-        self.route_to_stations(Some(index), frame, target);
-        let Some(board) = self.routed_board() else { return };
+        let again = self.passed_on.is_again(at, frame.raw);
+        let mut passed = self.route_to_stations(Some(index), frame, target, again);
+        passed |= !again && self.route_to_board(at, index, frame, message, target);
+        self.note_passed(at, self.grounds[index].link, frame, again, passed);
+    }
+
+    /// Passes a frame of a station on to the board. Whether it went.
+    fn route_to_board(
+        &mut self,
+        at: HostTime,
+        index: usize,
+        frame: &MavFrame<'_>,
+        message: Option<&MavMessage>,
+        target: (u8, u8),
+    ) -> bool {
+        let sender = (frame.header.system_id, frame.header.component_id);
+        let Some(board) = self.routed_board() else { return false };
         if target.0 != 0 && target.0 != board {
-            return;
+            return false;
         }
         // Nobody speaks to the board in our name, nor for whom we would not listen to ourselves.
         let link = self.grounds[index].link;
         let claims_us = self.board.is_own_address(sender);
         if claims_us || !self.may_say(link, sender.0, message) {
             self.drops_of(link).add(DropReason::NotPermitted, 1);
-            return;
+            return false;
         }
         let shadow = self.config.flight.shadow;
         if shadow || self.is_kept_from_board(frame, message) {
@@ -97,9 +113,26 @@ impl Pilot {
                 let text = format!("a frame for the board was not passed on: {why}");
                 self.refuse_setpoint(at, self.grounds[index].link, text);
             }
-            return;
+            return false;
         }
         self.out.raw(LinkId::Board, frame.raw);
+        true
+    }
+
+    /// Books that a frame went to somebody, or came once more after that.
+    fn note_passed(
+        &mut self,
+        at: HostTime,
+        from: LinkId,
+        frame: &MavFrame<'_>,
+        again: bool,
+        passed: bool,
+    ) {
+        match (again, passed) {
+            (true, _) => self.drops_of(from).add(DropReason::MavAgain, 1),
+            (false, true) => self.passed_on.note(at, frame.raw),
+            (false, false) => {}
+        }
     }
 
     /// Whether a frame must not reach the board now. Of commands only those pass, while we steer, that ask for
@@ -137,7 +170,7 @@ impl Pilot {
     }
 
     /// Passes on a frame from the board's line, unless it is one of those we asked for.
-    pub(super) fn route_from_board(&mut self, frame: &MavFrame<'_>) {
+    pub(super) fn route_from_board(&mut self, at: HostTime, frame: &MavFrame<'_>) {
         let Some(board) = self.routed_board() else { return };
         if self.board.is_own_stream(frame.header.msg_id) {
             return;
@@ -146,11 +179,21 @@ impl Pilot {
         if target.0 == board {
             return;
         }
-        self.route_to_stations(None, frame, target);
+        let again = self.passed_on.is_again(at, frame.raw);
+        let passed = self.route_to_stations(None, frame, target, again);
+        self.note_passed(at, LinkId::Board, frame, again, passed);
     }
 
-    fn route_to_stations(&mut self, from: Option<usize>, frame: &MavFrame<'_>, target: (u8, u8)) {
+    /// Passes a frame on to the stations that it is for. Whether there are any; `again`: it went already.
+    fn route_to_stations(
+        &mut self,
+        from: Option<usize>,
+        frame: &MavFrame<'_>,
+        target: (u8, u8),
+        again: bool,
+    ) -> bool {
         let header = frame.header;
+        let mut passed = false;
         for n in 0..self.grounds.len() {
             let ground = &self.grounds[n];
             let wanted = ground.is_open
@@ -159,6 +202,10 @@ impl Pilot {
                 && (target.0 == 0 || ground.has_heard_system(target.0));
             if !wanted {
                 continue;
+            }
+            passed = true;
+            if again {
+                break;
             }
             let link = ground.link;
             if !ground.streams.has_room() {
@@ -170,6 +217,7 @@ impl Pilot {
             self.grounds[n].counts.routed += 1;
             self.settle(n);
         }
+        passed
     }
 
     /// Books what was queued for a link.
@@ -190,6 +238,8 @@ impl Pilot {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
+
     use super::*;
     use haltere_dialect::mav::haltere::{COMMAND_LONG_DATA, PARAM_REQUEST_LIST_DATA};
 
@@ -218,23 +268,37 @@ mod tests {
 
     /// What comes out on each link when these bytes come in on one.
     fn pass(pilot: &mut Pilot, link: LinkId, bytes: &[u8]) -> Vec<(LinkId, Vec<u8>)> {
-        let at = HostTime::from_us(1_001_000);
+        pass_at(pilot, HostTime::from_us(1_001_000), link, bytes)
+    }
+
+    fn pass_at(
+        pilot: &mut Pilot,
+        at: HostTime,
+        link: LinkId,
+        bytes: &[u8],
+    ) -> Vec<(LinkId, Vec<u8>)> {
         pilot.handle(at, Input::Bytes { link, bytes });
         let mut out = Vec::new();
         pilot.drain_output(|link, bytes| out.push((link, bytes.to_vec())));
         out
     }
 
+    /// No two frames of a sender are alike within 256.
+    fn sequence() -> u8 {
+        static NEXT: AtomicU8 = AtomicU8::new(0);
+        NEXT.fetch_add(1, Relaxed)
+    }
+
     fn frame(system: u8, component: u8, message: &MavMessage) -> Vec<u8> {
         let mut bytes = Vec::new();
-        mav_stream::encode(&mut bytes, system, component, 7, message);
+        mav_stream::encode(&mut bytes, system, component, sequence(), message);
         bytes
     }
 
     /// Of an id that no dialect of ours has.
     fn unknown(system: u8, component: u8) -> Vec<u8> {
         let mut bytes = Vec::new();
-        mav_stream::encode_payload(&mut bytes, system, component, 7, 31_337, &[1, 2, 3]);
+        mav_stream::encode_payload(&mut bytes, system, component, sequence(), 31_337, &[1, 2, 3]);
         bytes
     }
 
@@ -272,6 +336,46 @@ mod tests {
         assert_eq!(pass(&mut pilot, LinkId::Ground(0), &unknown(1, 1)), []);
         let mut off = super::tests::pilot(Routing::Off);
         assert_eq!(pass(&mut off, LinkId::Ground(0), &unknown(255, 190)), []);
+    }
+
+    #[test]
+    fn regress_a_bridge_between_two_endpoints_multiplies_nothing() {
+        for routing in [Routing::Stations, Routing::Board] {
+            let mut pilot = pilot(routing);
+            pass(&mut pilot, LinkId::Board, &beat(2));
+            let mut circles = 0;
+            // More systems than a link remembers, so that it is not their address that ends it.
+            for n in 0..60_u8 {
+                let bytes = unknown(100 + n, 1);
+                let at = |ms: u64| HostTime::from_us(2_000_000 + 10_000 * u64::from(n) + 1000 * ms);
+                let mut line = 0;
+                let mut comes = pass_at(&mut pilot, at(0), LinkId::Ground(0), &bytes);
+                for ms in 1..9 {
+                    // The bridge gives back on the other line whatever is not ours.
+                    let went: Vec<_> = comes.iter().filter(|(_, b)| *b == bytes).collect();
+                    let to_board = went.iter().filter(|(link, _)| *link == LinkId::Board).count();
+                    assert_eq!(to_board, usize::from(ms == 1 && routing == Routing::Board));
+                    let to_stations = went.len() - to_board;
+                    assert_eq!(to_stations, usize::from(ms == 1), "{n} {ms}");
+                    circles += to_stations;
+                    line = 1 - line;
+                    comes = pass_at(&mut pilot, at(ms), LinkId::Ground(line), &bytes);
+                }
+            }
+            assert_eq!(circles, 60);
+            let drops = pilot.drops();
+            let again =
+                |link: LinkId| drops[usize::from(link.number())].count(DropReason::MavAgain);
+            assert!(again(LinkId::Ground(1)) > 0 || again(LinkId::Ground(0)) > 0);
+            // A second later the same bytes are another frame.
+            let bytes = unknown(99, 1);
+            let at = |ms: u64| HostTime::from_us(9_000_000 + 1000 * ms);
+            let went = |pilot: &mut Pilot, ms: u64| {
+                let all = pass_at(pilot, at(ms), LinkId::Ground(0), &bytes);
+                all.iter().filter(|(link, b)| *link == LinkId::Ground(1) && *b == bytes).count()
+            };
+            assert_eq!([0, 900, 1000, 1100].map(|ms| went(&mut pilot, ms)), [1, 0, 1, 0]);
+        }
     }
 
     #[test]
@@ -340,7 +444,7 @@ mod tests {
         let mut payload = [0; 33];
         payload[28..32].copy_from_slice(&[0x35, 0xED, 2, 1]);
         let mut bytes = Vec::new();
-        mav_stream::encode_payload(&mut bytes, 255, 190, 7, 76, &payload);
+        mav_stream::encode_payload(&mut bytes, 255, 190, sequence(), 76, &payload);
         assert!(!to_board(&mut pilot, &bytes));
         assert!(to_board(&mut pilot, &command(C::MAV_CMD_REQUEST_MESSAGE, 148.0, 2)));
         // Not the streams that we fly by: 105 is the IMU, 24 the satellite receiver.

@@ -54,6 +54,7 @@ impl Pilot {
     /// Somebody who means well would wait for ever otherwise.
     pub(super) fn tell_kept_out(&mut self, at: HostTime, link: LinkId, reason: DropReason) {
         let what = match reason {
+            DropReason::MavWrongPeer => return self.tell_other_address(at, link),
             DropReason::MavUnsigned => "unsigned frames are kept out: give the station the key",
             DropReason::MavBadSignature => "frames with another key are kept out",
             DropReason::MavReplayed => "signed frames that come twice or late are kept out",
@@ -68,6 +69,26 @@ impl Pilot {
             self.kept_out_told_at = Some(at);
             self.say(at, Severity::Warning, format!("link {}: {what}", link.number()));
         }
+    }
+
+    /// Somebody speaks from another address than the one that we send to. Told once: every datagram would say so.
+    fn tell_other_address(&mut self, at: HostTime, link: LinkId) {
+        let is_station = matches!(link, LinkId::Ground(_));
+        let told = self.other_address_told.get_mut(usize::from(is_station));
+        if told.is_none_or(|told| std::mem::replace(told, true)) {
+            return;
+        }
+        let text = if is_station {
+            let number = self.ground_mut(link).map_or(0, |g| g.endpoint_number);
+            format!(
+                "a station is not heard: it answers from another address than ground.endpoints[{number}] \
+                 sends to; write that one, or udpin"
+            )
+        } else {
+            "a board is not heard: it answers from another address than board.address; write that one, or udpin"
+                .to_owned()
+        };
+        self.say(at, Severity::Warning, text);
     }
 }
 

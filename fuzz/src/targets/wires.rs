@@ -115,6 +115,7 @@ pub fn signing(data: &[u8]) {
     let config = DoorConfig {
         signing: policy,
         setup: setups[usize::from(choice / 3 % 3)],
+        commanders: (choice & 0x40 != 0).then(|| [255].into()),
         unsigned: [109].into(),
         rate: (choice & 0x80 != 0).then_some(RateLimit { frames_per_s: 50.0, bytes_per_s: 5000.0 }),
         own: (Some(1), 1),

@@ -129,6 +129,17 @@ pub(super) struct BoardLink {
     instances: [Instances; Kind::COUNT],
     events: Events,
     text: TextJoiner,
+    stranger: Option<Stranger>,
+}
+
+/// Somebody else on the board's link, as its newest heartbeat says.
+#[derive(Debug, Clone, Copy)]
+struct Stranger {
+    system_id: u8,
+    component_id: u8,
+    is_autopilot: bool,
+    armed: bool,
+    at: HostTime,
 }
 
 impl BoardLink {
@@ -163,7 +174,21 @@ impl BoardLink {
             instances: Default::default(),
             events: Events::default(),
             text: TextJoiner::default(),
+            stranger: None,
         }
+    }
+
+    /// Who else speaks on the link of a board that does not, for people: the way out may lie there.
+    pub fn other_speaker(&self, at: HostTime) -> String {
+        let heard = |s: &Stranger| at.seconds_since(s.at) < peers::GONE_S;
+        let Some(other) = self.stranger.filter(heard) else { return String::new() };
+        let Stranger { system_id, component_id, is_autopilot, armed, .. } = other;
+        let what = match (is_autopilot, armed) {
+            (false, _) => ", which is no autopilot",
+            (true, true) => ", armed, which is not taken for the board before it is disarmed",
+            (true, false) => "",
+        };
+        format!("; system {system_id}, component {component_id} speaks on its link{what}")
     }
 
     /// Its system id, once it was found.
@@ -376,7 +401,18 @@ impl BoardLink {
         let header = frame.header;
         if let Some(beat) = heartbeat_fields(frame) {
             // A ground station or another companion on the same wire is not the board.
-            if header.component_id != BOARD_COMPONENT || beat.autopilot == INVALID_AUTOPILOT {
+            let is_autopilot =
+                header.component_id == BOARD_COMPONENT && beat.autopilot != INVALID_AUTOPILOT;
+            if !is_autopilot || self.system_id.is_some_and(|known| known != header.system_id) {
+                self.stranger = Some(Stranger {
+                    system_id: header.system_id,
+                    component_id: header.component_id,
+                    is_autopilot,
+                    armed: says_armed(&beat),
+                    at,
+                });
+            }
+            if !is_autopilot {
                 drops.add(DropReason::MavWrongPeer, 1);
                 return;
             }

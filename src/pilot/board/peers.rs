@@ -17,7 +17,7 @@ const SILENT_S: f64 = 0.3;
 const MOVING_S: f64 = 0.1;
 /// A board that is gone may be replaced by another one after this time, s; who spoke within it speaks: three
 /// heartbeats at 1 Hz.
-const GONE_S: f64 = 3.0;
+pub(super) const GONE_S: f64 = 3.0;
 /// Two that speak turn by turn for so long speak at once, s: on their way datagrams overtake each other by less.
 const OVERTAKEN_S: f64 = 0.1;
 /// The time since boot goes on when it differs by no more, µs: what a line delays its bytes by, and less than what lies
@@ -195,6 +195,15 @@ impl Peers {
     /// Whether a board that has been silent for so long, s, may be replaced by another one.
     pub fn is_gone(silent_s: f64) -> bool {
         silent_s >= GONE_S
+    }
+
+    /// Another one that speaks as a board does: its system id and where it is.
+    pub fn speaker(&self, at: HostTime) -> Option<(u8, SocketAddr)> {
+        let speaks = |other: &Other| {
+            let (_, _, id) = other.spoke.filter(|(_, last, _)| is_new(*last, at, GONE_S))?;
+            Some((id, other.address))
+        };
+        self.others.iter().find_map(speaks)
     }
 
     /// The board is at the address of one of the others from now on. What that said already.

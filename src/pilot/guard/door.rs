@@ -27,6 +27,8 @@ pub struct DoorConfig {
     pub signing: Signing,
     /// Who may give a key here.
     pub setup: KeySetup,
+    /// Systems that may, if they may at all; `None`: all.
+    pub commanders: Option<Arc<[u8]>>,
     /// Ids of messages that pass unsigned everywhere.
     pub unsigned: Arc<[u32]>,
     /// What the link may bring in; `None`: anything.
@@ -111,7 +113,7 @@ impl Door {
                 Ok(_) if frame.header.msg_id != SETUP_SIGNING_ID => {
                     passed.extend_from_slice(frame.raw);
                 }
-                Ok(standing) => match config.take_key(ring, &frame, standing) {
+                Ok(standing) => match config.take_key(ring, &frame, standing, unix_us) {
                     Some(offer) => offered = Some(offer),
                     None => drops.add(DropReason::SigningSetup, 1),
                 },
@@ -130,8 +132,9 @@ impl Door {
         splitter.push(bytes);
         while let Some(next) = splitter.next() {
             let Ok(frame) = next else { continue };
-            let may_set_up =
-                frame.header.msg_id == SETUP_SIGNING_ID && self.config.setup == KeySetup::Anybody;
+            let may_set_up = frame.header.msg_id == SETUP_SIGNING_ID
+                && self.config.setup == KeySetup::Anybody
+                && self.config.commands(frame.header.system_id);
             if may_set_up || ring.look(&frame, unix_us) == Standing::Signed {
                 return true;
             }
@@ -182,19 +185,26 @@ impl DoorConfig {
         }
     }
 
+    /// Whether this system may give a key, where anybody may: who has the key in force can exchange all others.
+    fn commands(&self, system_id: u8) -> bool {
+        self.commanders.as_ref().is_none_or(|ids| ids.contains(&system_id))
+    }
+
     /// A key comes in.
     fn take_key(
         &self,
         ring: &mut KeyRing,
         frame: &MavFrame<'_>,
         standing: Standing,
+        unix_us: i64,
     ) -> Option<KeyOffer> {
         let allowed = match self.setup {
             KeySetup::Never => false,
             KeySetup::Signed => standing == Standing::Signed,
             KeySetup::Anybody => true,
         };
-        if !allowed {
+        let sender = (frame.header.system_id, frame.header.component_id);
+        if !allowed || !self.commands(sender.0) {
             return None;
         }
         // Trailing zeros are cut on the wire.
@@ -208,7 +218,7 @@ impl DoorConfig {
         // All zeros ask to sign no more, which is decided by hand only.
         let key = SigningKey::new(key.try_into().ok()?).filter(|_| for_us)?;
         let known = ring.is_key(&key);
-        ring.change(key.clone(), u64::from_le_bytes(*timestamp));
+        ring.change(key.clone(), u64::from_le_bytes(*timestamp), sender, unix_us);
         // Stations send it twice, to be sure: one offer.
         (!known).then_some(KeyOffer { key })
     }

@@ -18,7 +18,7 @@ mod ring;
 
 pub use door::{Door, DoorConfig, KeyOffer};
 pub use rate::RateLimit;
-pub use ring::{KeyRing, MINUTE, Standing};
+pub use ring::{KeyRing, MINUTE, Standing, TimeNews};
 
 use serde::{Deserialize, Serialize};
 

@@ -21,7 +21,7 @@ fn key(seed: u8) -> SigningKey {
 
 fn config(signing: Signing, setup: KeySetup) -> DoorConfig {
     let unsigned = [RADIO_STATUS_ID].into();
-    DoorConfig { signing, setup, unsigned, rate: None, own: (Some(1), 1) }
+    DoorConfig { signing, setup, commanders: None, unsigned, rate: None, own: (Some(1), 1) }
 }
 
 fn plain(system: u8, message: &MavMessage) -> Vec<u8> {
@@ -45,18 +45,21 @@ struct Rig {
     door: Door,
     ring: KeyRing,
     drops: Drops,
+    /// What our clock says, µs since 1970.
+    now: i64,
 }
 
 impl Rig {
     fn new(config: DoorConfig, key: Option<SigningKey>) -> Self {
-        Self { door: Door::new(config), ring: KeyRing::new(key, 0), drops: Drops::default() }
+        let ring = KeyRing::new(key, 0);
+        Self { door: Door::new(config), ring, drops: Drops::default(), now: NOW }
     }
 
     fn push(&mut self, bytes: &[u8]) -> (Vec<u8>, Option<KeyOffer>) {
         let mut passed = Vec::new();
         let at = HostTime::from_us(1_000_000);
-        let Self { door, ring, drops } = self;
-        let offer = door.admit(ring, at, NOW, bytes, &mut passed, drops);
+        let Self { door, ring, drops, now } = self;
+        let offer = door.admit(ring, at, *now, bytes, &mut passed, drops);
         (passed, offer)
     }
 
@@ -126,7 +129,7 @@ fn prop_nothing_comes_in_twice_and_nothing_old_begins_a_stream() {
     assert!(rig.passes(&signed(&key(1), 3, -50.0)));
     assert!(rig.passes(&signed(&key(1), 0, 3600.0)), "a station whose clock is ahead");
     assert!(rig.passes(&signed(&key(1), 3, -49.0)));
-    assert!(!rig.passes(&signed(&key(1), 4, 3500.0)), "and we are as late as it is");
+    assert!(rig.passes(&signed(&key(1), 4, 0.0)), "and no other is held to its time");
     // The same stream over another door: still a replay.
     let mut other = Door::new(config(Signing::Require, KeySetup::Never));
     let (mut passed, mut drops) = (Vec::new(), Drops::default());
@@ -168,13 +171,13 @@ fn prop_with_another_key_streams_begin_again_and_with_a_former_one_they_go_on() 
     let old = signed(&key(1), 0, -1.0);
     assert!(rig.passes(&old));
     assert!(rig.passes(&signed(&key(1), 0, 9.0)), "ahead of its clock, as we were");
-    rig.ring.change(key(2), signing::timestamp(NOW));
+    rig.ring.change(key(2), signing::timestamp(NOW), (255, 190), NOW);
     assert!(rig.passes(&signed(&key(2), 0, 0.0)), "by its clock again");
     assert!(!rig.passes(&signed(&key(2), 0, 0.0)), "once");
     assert!(!rig.passes(&old));
-    rig.ring.change(key(2), signing::timestamp(NOW));
+    rig.ring.change(key(2), signing::timestamp(NOW), (255, 190), NOW);
     assert!(!rig.passes(&signed(&key(2), 0, 0.0)), "the same key is no other one");
-    rig.ring.change(key(1), signing::timestamp(NOW));
+    rig.ring.change(key(1), signing::timestamp(NOW), (255, 190), NOW);
     assert!(!rig.passes(&old), "what was signed with it before stays old");
     assert!(rig.passes(&signed(&key(1), 0, 9.1)));
 }
@@ -197,6 +200,7 @@ fn prop_streams_are_bounded_and_none_is_forgotten_that_could_be_replayed() {
     assert_eq!(rig.ring.streams(), MOST_STREAMS);
     assert!(!rig.passes(&old));
     // A minute later the oldest may go: what was recorded of it is too old for a new stream.
+    rig.now = NOW + 61_000_000;
     assert!(rig.passes(&sign(0, 0, 61.0)));
     assert!(rig.passes(&sign(200, 200, 61.0)));
     assert_eq!(rig.ring.streams(), MOST_STREAMS);
@@ -344,4 +348,144 @@ fn prop_strangers_must_show_a_signature_where_one_is_demanded() {
     assert!(demanding.would_open(&ring, NOW, &[beat(), signed(&key(1), 0, 0.0)].concat()));
     let open = Door::new(config(Signing::Accept, KeySetup::Never));
     assert!(open.would_open(&ring, NOW, &beat()));
+}
+
+/// A heartbeat of this link with any timestamp.
+fn stamped(link: u8, timestamp: u64) -> Vec<u8> {
+    signing::sign(&beat(), &key(1), link, timestamp).unwrap()
+}
+
+fn time_of(bytes: &[u8]) -> u64 {
+    let mut splitter = MavSplitter::new();
+    splitter.push(bytes);
+    splitter.next().unwrap().unwrap().signature().unwrap().1
+}
+
+#[test]
+fn regress_one_holder_at_the_end_of_time_shuts_out_nobody_and_no_restart() {
+    let mut rig = Rig::new(config(Signing::Require, KeySetup::Never), Some(key(1)));
+    for (link, timestamp) in [(1, (1 << 48) - 2), (2, signing::LAST_TIMESTAMP)] {
+        assert!(rig.passes(&stamped(link, timestamp)), "however far ahead, once");
+        assert!(!rig.passes(&stamped(link, timestamp)), "once");
+    }
+    let told = rig.ring.take_news();
+    assert!(matches!(told, Some(TimeNews::Ahead { from: (255, 190), .. })), "{told:?}");
+    assert_eq!(rig.ring.take_news(), None, "told once");
+    // Right clocks, and those that are a minute behind ours, come in as before; older ones do not.
+    for (link, after_s) in [(3, 0.0), (4, -0.5), (5, -59.0)] {
+        assert!(rig.passes(&signed(&key(1), link, after_s)), "{after_s}");
+    }
+    assert!(!rig.passes(&signed(&key(1), 6, -61.0)));
+    // What we sign stays near our clock: stations follow it.
+    let minute = signing::timestamp(NOW) + MINUTE;
+    for _ in 0..3 {
+        let ours = time_of(&rig.ring.sign(&beat(), 0, NOW).unwrap());
+        assert!(ours <= minute + 3, "{ours}");
+    }
+    // A restart believes what is kept, and hears the same.
+    let kept = rig.ring.due_to_keep(NOW).unwrap();
+    for kept in [kept, rig.ring.newest(NOW)] {
+        assert!(kept <= minute + 11 * 100_000);
+        let mut again = Rig::new(config(Signing::Require, KeySetup::Never), None);
+        again.ring = KeyRing::new(Some(key(1)), kept);
+        assert!(again.passes(&signed(&key(1), 3, 11.0)));
+        assert_eq!(again.ring.take_news(), None);
+    }
+    // The file of an older build that was led astray.
+    let mut again = Rig::new(config(Signing::Require, KeySetup::Never), None);
+    again.ring = KeyRing::new(Some(key(1)), signing::LAST_TIMESTAMP);
+    assert!(again.passes(&signed(&key(1), 3, 0.0)));
+    assert!(matches!(again.ring.take_news(), Some(TimeNews::KeptUnused { .. })));
+    assert!(time_of(&again.ring.sign(&beat(), 0, NOW).unwrap()) <= minute);
+    assert!(again.ring.due_to_keep(NOW).unwrap() <= minute, "and it is written anew");
+}
+
+#[test]
+fn regress_a_clock_that_begins_in_1970_takes_the_first_signed_time_and_tells() {
+    let mut rig = Rig::new(config(Signing::Require, KeySetup::Never), Some(key(1)));
+    rig.now = 5_000_000;
+    // No time that can be: in for itself, and our time is not moved.
+    assert!(rig.passes(&stamped(1, (1 << 48) - 2)));
+    assert_eq!(rig.ring.take_news(), None);
+    assert!(rig.passes(&signed(&key(1), 2, 0.0)));
+    assert_eq!(rig.ring.take_news(), Some(TimeNews::Taken { from: (255, 190), unix_us: NOW }));
+    // From here on it is a clock like any other, which goes on.
+    rig.now += 30_000_000;
+    assert!(rig.passes(&signed(&key(1), 3, -29.0)));
+    assert!(!rig.passes(&signed(&key(1), 4, -31.0)), "a minute behind");
+    assert!(rig.passes(&signed(&key(1), 5, 86_400.0)));
+    assert!(rig.passes(&signed(&key(1), 6, 30.0)));
+    let ours = time_of(&rig.ring.sign(&beat(), 0, rig.now).unwrap());
+    let wanted = signing::timestamp(NOW + 30_000_000);
+    assert!((wanted..=wanted + MINUTE + 1).contains(&ours), "{ours}");
+    // The network sets it in flight: that counts.
+    rig.now = NOW + 40_000_000;
+    assert!(rig.passes(&signed(&key(1), 7, 40.0)) && rig.passes(&signed(&key(1), 3, 40.1)));
+    assert!(!rig.passes(&signed(&key(1), 8, -21.0)));
+    // What was kept over a restart is not gone behind.
+    let mut rig = Rig::new(config(Signing::Require, KeySetup::Never), None);
+    rig.ring = KeyRing::new(Some(key(1)), signing::timestamp(NOW));
+    rig.now = 5_000_000;
+    assert!(!rig.passes(&signed(&key(1), 1, -61.0)));
+    assert!(rig.passes(&signed(&key(1), 1, 3600.0)));
+    assert!(matches!(rig.ring.take_news(), Some(TimeNews::Taken { .. })));
+}
+
+#[test]
+fn regress_a_clock_that_is_set_in_flight_shuts_nobody_out() {
+    for step_s in [-3600.0, -5.0, 5.0, 3600.0, -10.0 * 86_400.0] {
+        let mut rig = Rig::new(config(Signing::Require, KeySetup::Never), Some(key(1)));
+        let due = rig.ring.due_to_keep(NOW).unwrap();
+        rig.ring.was_kept(due);
+        // Ours is wrong by the step, theirs is right.
+        let wrong_by_s = step_s;
+        assert_eq!(rig.passes(&signed(&key(1), 1, wrong_by_s)), wrong_by_s > -60.0, "{step_s}");
+        let before = time_of(&rig.ring.sign(&beat(), 0, NOW).unwrap());
+        rig.now = NOW + (step_s * 1e6) as i64;
+        for (link, after_s) in [(1, 0.1), (2, -0.5), (3, 0.0)] {
+            assert!(rig.passes(&signed(&key(1), link, step_s + after_s)), "{step_s} {link}");
+        }
+        assert!(!rig.passes(&signed(&key(1), 4, step_s - 61.0)), "{step_s}");
+        let after = time_of(&rig.ring.sign(&beat(), 0, rig.now).unwrap());
+        assert!(after > before, "no timestamp twice");
+        // And a restart after it hears the same.
+        if let Some(due) = rig.ring.due_to_keep(rig.now) {
+            rig.ring.was_kept(due);
+        }
+        let mut again = Rig::new(config(Signing::Require, KeySetup::Never), None);
+        again.ring = KeyRing::new(Some(key(1)), rig.ring.newest(rig.now));
+        again.now = rig.now + 1_000_000;
+        assert!(again.passes(&signed(&key(1), 2, step_s + 61.0)), "{step_s}");
+    }
+}
+
+#[test]
+fn regress_a_key_is_taken_from_commanders_alone() {
+    let offer = |system: u8| {
+        plain(
+            system,
+            &MavMessage::SETUP_SIGNING(SETUP_SIGNING_DATA {
+                initial_timestamp: (1 << 48) - 2,
+                target_system: 1,
+                target_component: 1,
+                secret_key: [7; 32],
+            }),
+        )
+    };
+    for setup in [KeySetup::Signed, KeySetup::Anybody] {
+        let commanders = Some([255].into());
+        let config = DoorConfig { commanders, ..config(Signing::Require, setup) };
+        let mut rig = Rig::new(config, Some(key(1)));
+        let now = signing::timestamp(NOW);
+        let others = signing::sign(&offer(7), &key(1), 0, now).unwrap();
+        assert_eq!(rig.push(&others), (vec![], None));
+        assert_eq!(rig.drops.count(DropReason::SigningSetup), 1);
+        assert!(rig.ring.is_key(&key(1)));
+        let theirs = signing::sign(&offer(255), &key(1), 0, now).unwrap();
+        assert!(rig.push(&theirs).1.is_some());
+        // The time that comes with a key moves ours no further than a signature.
+        assert!(time_of(&rig.ring.sign(&beat(), 0, NOW).unwrap()) <= now + MINUTE);
+        let right = signing::sign(&beat(), &key(7), 3, now).unwrap();
+        assert!(rig.passes(&right));
+    }
 }

@@ -64,7 +64,7 @@ impl Config {
         let unsigned: std::sync::Arc<[u32]> = self.signing.ids().into();
         let door = |signing, setup, rate, own| {
             let unsigned = unsigned.clone();
-            DoorConfig { signing, setup, unsigned, rate, own }
+            DoorConfig { signing, setup, commanders: None, unsigned, rate, own }
         };
         let device = |signing: Signing, component| {
             let shut = signing != Signing::Off;
@@ -73,7 +73,12 @@ impl Config {
         let ground = self.ground.endpoints.iter().map(|endpoint| {
             let setup = if endpoint.trusted { KeySetup::Anybody } else { self.signing.setup };
             let signing = self.ground.signing_of(endpoint);
-            door(signing, setup, Some(self.ground.rate()), (Some(1), 1))
+            let commanders = endpoint.commanders.unwrap_or(self.ground.commanders).listed();
+            let rate = Some(self.ground.rate());
+            DoorConfig {
+                commanders: commanders.map(Into::into),
+                ..door(signing, setup, rate, (Some(1), 1))
+            }
         });
         Doors {
             tag: device(self.tag.signing, 0),
