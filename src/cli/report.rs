@@ -49,7 +49,7 @@ impl Report {
         let name = self.log.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let subtitle = match end {
             LogEnd::Complete => name,
-            other => format!("{name}, log {other}: shown up to its last complete record"),
+            other => format!("{name}, log {other}: shown is what is whole"),
         };
         let page = Page {
             title: "Flight",

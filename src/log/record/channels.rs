@@ -1,5 +1,8 @@
 //! Channels of a log: their names, their message types, and the decoded messages they hold.
 
+use std::collections::BTreeMap;
+
+use mcap::records::Metadata;
 use prost::Message as _;
 
 use super::convert::decoded_from_topic;
@@ -52,6 +55,36 @@ pub(super) const FIXED: [(&str, &str); 10] =
     [CONFIG, EVENT, PEER, LOST, FILE, CALENDAR, END_ASKED, WAKE, HOLE, CLOSING];
 /// Message type of raw bytes.
 pub(super) const RAW_BYTES: &str = "haltere.RawBytes";
+
+/// Names of the channels so far, as metadata: read where the chunk with their own records is bad.
+pub(super) fn to_metadata<'a>(ids: impl Iterator<Item = (&'a str, u16)>) -> Metadata {
+    let mut told: BTreeMap<String, String> =
+        ids.map(|(name, id)| (id.to_string(), name.to_owned())).collect();
+    told.insert(CHECKSUM.into(), checksum(&told).to_string());
+    Metadata { name: CHANNELS.into(), metadata: told }
+}
+
+/// And back. `None`: it says something else, or is damaged.
+pub(super) fn from_metadata(metadata: &Metadata) -> Option<BTreeMap<u16, String>> {
+    let mut told = metadata.metadata.clone();
+    let sum = told.remove(CHECKSUM).filter(|_| metadata.name == CHANNELS)?;
+    if checksum(&told).to_string() != sum {
+        return None;
+    }
+    told.into_iter().map(|(id, name)| Some((id.parse().ok()?, name))).collect()
+}
+
+/// Metadata have no checksum of their own.
+fn checksum(told: &BTreeMap<String, String>) -> u32 {
+    let mut crc = flate2::Crc::new();
+    for (id, name) in told {
+        crc.update(format!("{id}={name}\n").as_bytes());
+    }
+    crc.sum()
+}
+
+const CHANNELS: &str = "haltere.channels";
+const CHECKSUM: &str = "crc32";
 
 macro_rules! decoded {
     ($($variant:ident $channel:literal $at:ident;)*) => {

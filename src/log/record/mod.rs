@@ -6,7 +6,7 @@
 //!
 //! | channel | holds |
 //! |---|---|
-//! | `/config` | [`pb::Session`], first message of the file |
+//! | `/config` | [`pb::Session`], first message of the file, and once more in the chunk behind |
 //! | `/in/tag` `/in/board` `/in/ground/N` | bytes as handed to the core |
 //! | `/in/event` | links that came up or went down |
 //! | `/in/peer` | whose bytes come next on a link of many ends |
@@ -22,12 +22,17 @@
 pub mod back;
 mod channels;
 mod convert;
+mod gaps;
 mod identity;
+mod messages;
 mod names;
 mod reader;
 mod recorder;
 mod recover;
 mod session;
+mod source;
+mod split;
+mod tail;
 mod trim;
 mod writer;
 
@@ -38,6 +43,7 @@ pub use reader::{Entries, Entry, LogEnd, LogError, LogReader, RawInput};
 pub use recorder::{GlueState, Recorder, RecorderSummary};
 pub use recover::{recover, recovered_name};
 pub use session::Session;
+pub use split::{Part, Parts, part_name, split};
 pub use trim::{Trimmed, trim, trimmed_name};
 pub use writer::RecordError;
 

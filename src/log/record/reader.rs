@@ -1,27 +1,24 @@
-//! Reads a log: whole, cut by a power loss, or damaged; to the last complete record, never further.
+//! Reads a log: whole, cut by a power loss, or damaged in places; what is bad is stepped over and named.
 
-use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
-use mcap::records::{Record, op};
 use prost::Message as _;
 use thiserror::Error;
 
 use super::channels::{self, Decoded};
+use super::gaps::Gaps;
+use super::messages::{Message, Messages, WalkEnd, unchecked};
+use super::names::utc_text;
 use super::pb;
 use super::session::Session;
+use super::source::{Source, Window};
+use super::tail::Tail;
 use haltere_core::checks::schema::NotReadable;
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 use haltere_pilot::services::FileFault;
 use haltere_pilot::{Input, LinkId};
-
-/// Opcode and length before each record.
-const RECORD_HEAD_BYTES: usize = 9;
-
-/// Longest record head that is not the payload itself; a longer channel record is damage.
-const LONGEST_CHANNEL_BYTES: usize = 1 << 16;
 
 /// Why a file cannot be used as a log.
 #[derive(Debug, Error)]
@@ -45,14 +42,14 @@ pub enum LogError {
     },
     /// The file ends or is damaged before its first message is complete.
     #[error(
-        "{}: byte {offset}: {why} before the head of the log is complete; nothing can be \
-         recovered from it", path.display()
+        "{}: byte {offset}: {why} before the head of the log is complete, and there is no second copy of it; \
+         without configuration and survey nothing can be made of the rest", path.display()
     )]
     NoHead {
         /// Which file.
         path: PathBuf,
         /// Where reading stopped.
-        offset: usize,
+        offset: u64,
         /// Why.
         why: String,
     },
@@ -94,13 +91,37 @@ pub enum LogError {
         /// Which version of the schema.
         why: NotReadable,
     },
+    /// Several logs that another program has put into one file.
+    #[error(
+        "{}: byte {offset}: a second session begins here, recorded from {second}, the first from {first}: logs \
+         that were put into one file; `haltere log split {}` takes them apart",
+        path.display(), path.display()
+    )]
+    Merged {
+        /// Which file.
+        path: PathBuf,
+        /// Where the second begins.
+        offset: u64,
+        /// When the first was recorded.
+        first: String,
+        /// When the second was.
+        second: String,
+    },
+    /// They cannot be taken apart.
+    #[error("{}: {why}; take the logs themselves, from before they were put into one file", path.display())]
+    Woven {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        why: String,
+    },
     /// An MCAP file of another program.
     #[error("{}: byte {offset}: {why}; it was not written by haltere", path.display())]
     Foreign {
         /// Which file.
         path: PathBuf,
         /// Where.
-        offset: usize,
+        offset: u64,
         /// What is there.
         why: String,
     },
@@ -114,14 +135,20 @@ pub enum LogEnd {
     /// The file stops in mid-record: power loss, or a copy that was cut.
     Cut {
         /// Offset of the record that is not complete.
-        offset: usize,
+        offset: u64,
     },
-    /// A record cannot be what was written. Nothing after it is used.
+    /// Records are not what was written. They are left out, and the rest is used.
     Damaged {
-        /// Offset of that record.
-        offset: usize,
+        /// Offset of the first of them.
+        offset: u64,
         /// What is wrong with it.
         why: String,
+        /// Places where records were left out.
+        places: u64,
+        /// What is missing: begin and end, µs since the core was started.
+        missing: Vec<[u64; 2]>,
+        /// Where the file ends without having been closed.
+        cut: Option<u64>,
     },
 }
 
@@ -130,10 +157,34 @@ impl std::fmt::Display for LogEnd {
         match self {
             LogEnd::Complete => write!(f, "complete"),
             LogEnd::Cut { offset } => write!(f, "cut at byte {offset}"),
-            LogEnd::Damaged { offset, why } => write!(f, "damaged at byte {offset}: {why}"),
+            LogEnd::Damaged { offset, why, places, missing, cut } => {
+                match places {
+                    0 | 1 => write!(f, "damaged at byte {offset}: {why}")?,
+                    n => write!(f, "damaged in {n} places, first at byte {offset}: {why}")?,
+                }
+                let parts = missing.iter().take(MOST_PARTS).map(|[from, to]| {
+                    format!("{:.3} to {:.3} s", *from as f64 * 1e-6, *to as f64 * 1e-6)
+                });
+                let parts: Vec<_> = parts.collect();
+                let s = if missing.len() == 1 { "is" } else { "are" };
+                let more = match missing.len().saturating_sub(MOST_PARTS) {
+                    0 => String::new(),
+                    n => format!(", and {n} parts more"),
+                };
+                if !parts.is_empty() {
+                    write!(f, "; {}{more} {s} missing", parts.join(", "))?;
+                }
+                match cut {
+                    Some(cut) => write!(f, "; cut at byte {cut}"),
+                    None => Ok(()),
+                }
+            }
         }
     }
 }
+
+/// Parts that are missing of which the times are told.
+const MOST_PARTS: usize = 4;
 
 /// An input of the core, as recorded.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -245,69 +296,163 @@ pub enum Entry {
     Closing(pb::Closing),
 }
 
-/// A log in memory.
+/// A log, whose head is in memory.
 #[derive(Debug)]
 pub struct LogReader {
     path: PathBuf,
-    bytes: Vec<u8>,
+    source: Source,
+    tail: Option<Tail>,
     session: Session,
+    /// The message it was read from.
+    head: Vec<u8>,
 }
 
 impl LogReader {
-    /// Reads the file and its head.
+    /// Opens the file and reads its head.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, LogError> {
         let path = path.as_ref().to_owned();
-        match std::fs::read(&path) {
-            Ok(bytes) => Self::from_bytes(path, bytes),
+        match Source::file(&path) {
+            Ok(source) => Self::of(path, source)?.alone(),
             Err(source) => Err(LogError::Io { path, source }),
         }
     }
 
     /// As [`LogReader::open`], with the content at hand; `path` is for messages only.
     pub fn from_bytes(path: PathBuf, bytes: Vec<u8>) -> Result<Self, LogError> {
-        if !bytes.starts_with(mcap::MAGIC) {
-            let head = bytes.get(..mcap::MAGIC.len()).unwrap_or(&bytes);
-            return Err(if mcap::MAGIC.starts_with(head) {
-                LogError::NoHead { path, offset: bytes.len(), why: "the file ends".into() }
+        Self::of(path, Source::memory(bytes))?.alone()
+    }
+
+    /// The first session of a file that may hold several.
+    pub(super) fn first(path: &Path) -> Result<Self, LogError> {
+        match Source::file(path) {
+            Ok(source) => Self::of(path.to_owned(), source),
+            Err(source) => Err(LogError::Io { path: path.to_owned(), source }),
+        }
+    }
+
+    /// A log of which only the head is there.
+    pub(super) fn headed(path: &Path, head: Vec<u8>) -> Result<Self, LogError> {
+        let session = Self::session_of(path, 0, &head)?;
+        let (path, source) = (path.to_owned(), Source::memory(Vec::new()));
+        Ok(Self { path, source, tail: None, session, head })
+    }
+
+    fn session_of(path: &Path, offset: u64, head: &[u8]) -> Result<Session, LogError> {
+        let foreign = |why| LogError::Foreign { path: path.to_owned(), offset, why };
+        let decoded = pb::Session::decode(head).map_err(|e| foreign(e.to_string()))?;
+        Session::check_schema(&decoded).map_err(|why| LogError::Newer {
+            path: path.to_owned(),
+            version: decoded.program_version.clone(),
+            source_hash: decoded.source_hash.clone(),
+            why,
+        })?;
+        Session::from_message(decoded).map_err(|problems| foreign(problems.to_string()))
+    }
+
+    fn of(path: PathBuf, source: Source) -> Result<Self, LogError> {
+        let begin = Window::new(&source).some(0, mcap::MAGIC.len() as u64).to_vec();
+        let end = source.length();
+        let closed =
+            end.checked_sub(mcap::MAGIC.len() as u64).is_some_and(|at| source.has(at, mcap::MAGIC));
+        // The sector with the first bytes may be the one that is bad.
+        if begin != mcap::MAGIC && !closed {
+            return Err(if mcap::MAGIC.starts_with(&begin) {
+                LogError::NoHead { path, offset: end, why: "the file ends".into() }
             } else {
                 LogError::NotMcap { path }
             });
         }
-        let mut messages = Messages::new(&bytes);
-        let session = match messages.next() {
-            Some(message) if message.channel == channels::CONFIG.0 => {
-                let offset = message.offset;
-                let foreign = |why| LogError::Foreign { path: path.clone(), offset, why };
-                let head = pb::Session::decode(message.data).map_err(|e| foreign(e.to_string()))?;
-                Session::check_schema(&head).map_err(|why| LogError::Newer {
-                    path: path.clone(),
-                    version: head.program_version.clone(),
-                    source_hash: head.source_hash.clone(),
-                    why,
-                })?;
-                Session::from_message(head).map_err(|problems| foreign(problems.to_string()))?
+        let tail = Tail::read(&source);
+        let mut messages = Messages::new(&source, tail.as_ref());
+        let mut found = None;
+        while let Some(message) = messages.next() {
+            let (offset, channel) = (message.offset, message.channel.clone());
+            if *channel == *channels::CONFIG.0 {
+                found = Some((offset, message.data.to_vec()));
+                break;
             }
-            Some(message) => {
+            if messages.damage().is_empty() {
                 let why = format!(
-                    "the first message is on channel {}, not on {}",
-                    message.channel,
+                    "the first message is on channel {channel}, not on {}",
                     channels::CONFIG.0
                 );
-                return Err(LogError::Foreign { path, offset: message.offset, why });
+                return Err(LogError::Foreign { path, offset, why });
             }
-            None => {
-                return Err(match messages.end() {
-                    LogEnd::Complete => {
-                        LogError::Foreign { path, offset: 0, why: "it holds no message".into() }
-                    }
-                    LogEnd::Cut { offset } => {
-                        LogError::NoHead { path, offset, why: "the file ends".into() }
-                    }
-                    LogEnd::Damaged { offset, why } => LogError::NoHead { path, offset, why },
-                });
-            }
+        }
+        // A log of an older build has its head once. What its metadata say of it must agree.
+        let head = found.or_else(|| {
+            let (about, data) = unchecked(&source, channels::CONFIG.0)?;
+            let head = pb::Session::decode(&*data).ok()?;
+            let told = |name: &str, value: &str| {
+                about.metadata.get(name).map(String::as_str) == Some(value)
+            };
+            let agrees = told("config_toml", &head.config_toml)
+                && told("source_hash", &head.source_hash)
+                && told("started_unix_us", &head.started_unix_us.to_string())
+                && told("pilot_started_us", &head.pilot_started_us.to_string());
+            agrees.then_some((0, data))
+        });
+        let Some((offset, head)) = head else {
+            let end = messages.end();
+            return Err(match (messages.damage().first(), end) {
+                (Some(damage), _) => {
+                    LogError::NoHead { path, offset: damage.offset, why: damage.why.clone() }
+                }
+                (None, WalkEnd::Complete) => {
+                    LogError::Foreign { path, offset: 0, why: "it holds no message".into() }
+                }
+                (None, WalkEnd::Cut(offset)) => {
+                    LogError::NoHead { path, offset, why: "the file ends".into() }
+                }
+                (None, WalkEnd::Unreadable(offset, why)) => LogError::NoHead { path, offset, why },
+            });
         };
-        Ok(Self { path, bytes, session })
+        let session = Self::session_of(&path, offset, &head)?;
+        drop(messages);
+        Ok(Self { path, source, tail, session, head })
+    }
+
+    /// Refuses a file that holds a second session.
+    fn alone(self) -> Result<Self, LogError> {
+        match self.second() {
+            None => Ok(self),
+            Some((offset, started_unix_us)) => Err(LogError::Merged {
+                offset,
+                first: utc_text(self.session.started_unix_us),
+                second: utc_text(started_unix_us),
+                path: self.path,
+            }),
+        }
+    }
+
+    /// Where another session begins, and when it was recorded.
+    fn second(&self) -> Option<(u64, i64)> {
+        let begins = |message: &Message<'_>| {
+            if *message.channel != *channels::CONFIG.0 || message.data == self.head {
+                return None;
+            }
+            let other = pb::Session::decode(message.data).ok()?;
+            Some((message.offset, other.started_unix_us))
+        };
+        let Some(tail) = self.tail.as_ref().filter(|tail| tail.tells_chunks()) else {
+            let mut messages = self.messages();
+            while let Some(message) = messages.next() {
+                if let Some(second) = begins(&message) {
+                    return Some(second);
+                }
+            }
+            return None;
+        };
+        // The end of the file says in which chunks there are heads.
+        for (from, to) in tail.chunks_with(channels::CONFIG.0) {
+            let mut messages = Messages::from(&self.source, Some(tail), from);
+            while let Some(message) = messages.next().filter(|message| message.offset < to) {
+                if let Some(second) = begins(&message) {
+                    return Some(second);
+                }
+            }
+        }
+        None
     }
 
     /// Name of the file.
@@ -315,9 +460,19 @@ impl LogReader {
         &self.path
     }
 
-    /// The whole file.
-    pub(super) fn bytes(&self) -> &[u8] {
-        &self.bytes
+    /// Its messages as they are.
+    pub(super) fn messages(&self) -> Messages<'_> {
+        Messages::new(&self.source, self.tail.as_ref())
+    }
+
+    /// What is missing of it, to be asked along with its messages.
+    pub(super) fn gaps(&self) -> Gaps {
+        Gaps::new(self.session.pilot_started_at, self.tail.as_ref())
+    }
+
+    /// Message of the head.
+    pub(super) fn head(&self) -> &[u8] {
+        &self.head
     }
 
     /// Head of the log.
@@ -327,21 +482,24 @@ impl LogReader {
 
     /// Everything after the head. [`Entries::end`] tells how the log ended once it is exhausted.
     pub fn entries(&self) -> Entries<'_> {
-        Entries { messages: Messages::new(&self.bytes), damaged: None }
+        Entries { messages: self.messages(), gaps: self.gaps(), waiting: None, over: false }
     }
 }
 
-/// Iterates over a log.
+/// Iterates over a log. Where something is missing stands an [`Entry::Hole`].
 #[derive(Debug)]
 pub struct Entries<'a> {
     messages: Messages<'a>,
-    damaged: Option<LogEnd>,
+    gaps: Gaps,
+    /// Behind the hole that was given.
+    waiting: Option<Entry>,
+    over: bool,
 }
 
 impl Entries<'_> {
     /// How the log ended; meaningful after the last entry.
     pub fn end(&self) -> LogEnd {
-        self.damaged.clone().unwrap_or_else(|| self.messages.end())
+        self.gaps.end(&self.messages)
     }
 }
 
@@ -349,18 +507,36 @@ impl Iterator for Entries<'_> {
     type Item = Entry;
 
     fn next(&mut self) -> Option<Entry> {
-        while self.damaged.is_none() {
-            let message = self.messages.next()?;
-            match decode(&message) {
-                Ok(Some(entry)) => return Some(entry),
-                Ok(None) => {}
+        if let Some(entry) = self.waiting.take() {
+            return Some(entry);
+        }
+        while !self.over {
+            let Some(message) = self.messages.next() else {
+                self.over = true;
+                return self.gaps.at_end(&self.messages).map(Entry::Hole);
+            };
+            let (offset, places) = (message.offset, message.places);
+            let (sequence, time_ns) = (message.sequence, message.log_time);
+            let entry = match decode(&message) {
+                Ok(Some(entry)) => entry,
+                Ok(None) => continue,
                 Err(error) => {
-                    self.damaged = Some(LogEnd::Damaged {
-                        offset: message.offset,
-                        why: format!("message on {}: {error}", message.channel),
-                    });
+                    let why = format!("message on {}: {error}", message.channel);
+                    self.messages.note(offset, why);
+                    continue;
                 }
-            }
+            };
+            let hole = match &entry {
+                Entry::Closing(closing) => self.gaps.closing(places, closing),
+                _ => self.gaps.before(places, sequence, time_ns),
+            };
+            return Some(match hole {
+                Some(hole) => {
+                    self.waiting = Some(entry);
+                    Entry::Hole(hole)
+                }
+                None => entry,
+            });
         }
         None
     }
@@ -368,7 +544,7 @@ impl Iterator for Entries<'_> {
 
 /// `None`: the head, or a channel that this version does not know.
 fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
-    let channel = message.channel.as_str();
+    let channel = &*message.channel;
     let data = message.data;
     if let Some(decoded) = Decoded::decode(channel, data) {
         return decoded.map(|decoded| Some(Entry::Decoded(decoded)));
@@ -457,194 +633,4 @@ fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
     } else {
         return Ok(None);
     }))
-}
-
-/// Channel u16, then the length in bytes u32 of what follows.
-fn is_message_index(body: &[u8]) -> bool {
-    let length = body.get(2..6).and_then(|b| b.first_chunk::<4>()).map(|b| u32::from_le_bytes(*b));
-    // Not 6 and the length: where addresses have 32 bits the sum may not fit.
-    length.is_some_and(|length| body.len().checked_sub(6) == usize::try_from(length).ok())
-}
-
-/// One message of any channel.
-#[derive(Debug)]
-pub(super) struct Message<'a> {
-    /// Offset in the file, for error messages.
-    pub offset: usize,
-    pub channel: String,
-    pub sequence: u32,
-    pub log_time: u64,
-    pub data: &'a [u8],
-}
-
-/// Walks the records of a file and of its chunks.
-#[derive(Debug)]
-pub(super) struct Messages<'a> {
-    file: Walk<'a>,
-    chunk: Option<Walk<'a>>,
-    /// The chunk was never closed, or the file ends within it: nothing follows.
-    open: bool,
-    channels: BTreeMap<u16, String>,
-    end: Option<LogEnd>,
-}
-
-impl<'a> Messages<'a> {
-    /// `bytes` begins with the magic.
-    pub(super) fn new(bytes: &'a [u8]) -> Self {
-        let file = Walk { bytes, at: mcap::MAGIC.len(), base: 0 };
-        Self { file, chunk: None, open: false, channels: BTreeMap::new(), end: None }
-    }
-
-    /// How it ended.
-    pub(super) fn end(&self) -> LogEnd {
-        self.end.clone().unwrap_or(LogEnd::Cut { offset: self.file.at })
-    }
-
-    fn stop(&mut self, end: LogEnd) -> Option<Message<'a>> {
-        self.end.get_or_insert(end);
-        self.chunk = None;
-        None
-    }
-}
-
-impl<'a> Iterator for Messages<'a> {
-    type Item = Message<'a>;
-
-    fn next(&mut self) -> Option<Message<'a>> {
-        if self.end.is_some() {
-            return None;
-        }
-        loop {
-            let in_chunk = self.chunk.is_some();
-            let walk = self.chunk.as_mut().unwrap_or(&mut self.file);
-            let offset = walk.base + walk.at;
-            let Some((opcode, body)) = walk.next() else {
-                if in_chunk && !self.open {
-                    self.chunk = None;
-                    continue;
-                }
-                if !in_chunk && let Some(open) = self.file.open_chunk() {
-                    (self.chunk, self.open) = (Some(open), true);
-                    continue;
-                }
-                return self.stop(LogEnd::Cut { offset });
-            };
-            let damaged = |why: String| LogEnd::Damaged { offset, why };
-            match opcode {
-                op::DATA_END if !in_chunk => {
-                    // Nothing of ours follows, but without the index and the closing magic most
-                    // viewers refuse the file.
-                    let closed = self.file.bytes.ends_with(mcap::MAGIC);
-                    let end = if closed { LogEnd::Complete } else { LogEnd::Cut { offset } };
-                    return self.stop(end);
-                }
-                op::CHANNEL | op::MESSAGE | op::CHUNK => {}
-                // Skipped, so it must be what it says: a chunk whose opcode is damaged is not.
-                op::MESSAGE_INDEX if !is_message_index(body) => {
-                    return self.stop(damaged("a message index of the wrong length".into()));
-                }
-                op::HEADER..=op::DATA_END => continue,
-                other => return self.stop(damaged(format!("no record has opcode {other:#04x}"))),
-            }
-            if opcode == op::CHANNEL && body.len() > LONGEST_CHANNEL_BYTES {
-                return self.stop(damaged("a channel record of absurd length".into()));
-            }
-            if opcode == op::CHUNK && !in_chunk && is_untold(body) {
-                let base = offset + RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES;
-                let bytes = body.get(CHUNK_HEAD_BYTES..).unwrap_or_default();
-                (self.chunk, self.open) = (Some(Walk { bytes, at: 0, base }), true);
-                continue;
-            }
-            match mcap::read::parse_record(opcode, body) {
-                Ok(Record::Channel(channel)) => {
-                    self.channels.insert(channel.id, channel.topic);
-                }
-                Ok(Record::Message { header, .. }) => {
-                    let Some(channel) = self.channels.get(&header.channel_id).cloned() else {
-                        let why = format!("message on unknown channel {}", header.channel_id);
-                        return self.stop(damaged(why));
-                    };
-                    let data = body.get(MESSAGE_HEAD_BYTES..).unwrap_or_default();
-                    let (sequence, log_time) = (header.sequence, header.log_time);
-                    return Some(Message { offset, channel, sequence, log_time, data });
-                }
-                Ok(Record::Chunk { header, .. }) if !in_chunk => {
-                    if !header.compression.is_empty() {
-                        return self.stop(damaged(format!(
-                            "chunk compressed with {}; run `mcap compress --compression none` on \
-                             the file first",
-                            header.compression
-                        )));
-                    }
-                    let length = usize::try_from(header.compressed_size).unwrap_or(usize::MAX);
-                    let start = body.len().saturating_sub(length);
-                    let data = body.get(start..).unwrap_or_default();
-                    if header.uncompressed_crc != 0 && crc32(data) != header.uncompressed_crc {
-                        return self.stop(damaged("chunk with a wrong checksum".into()));
-                    }
-                    let base = offset + RECORD_HEAD_BYTES + start;
-                    self.chunk = Some(Walk { bytes: data, at: 0, base });
-                }
-                Ok(_) => return self.stop(damaged(format!("opcode {opcode:#04x} out of place"))),
-                Err(error) => return self.stop(damaged(error.to_string())),
-            }
-        }
-    }
-}
-
-/// Channel id, sequence number and two times before the data of a message.
-const MESSAGE_HEAD_BYTES: usize = 2 + 4 + 8 + 8;
-
-fn crc32(bytes: &[u8]) -> u32 {
-    let mut crc = flate2::Crc::new();
-    crc.update(bytes);
-    crc.sum()
-}
-
-/// Steps over opcode, length and body.
-#[derive(Debug)]
-struct Walk<'a> {
-    bytes: &'a [u8],
-    at: usize,
-    /// Offset of `bytes` in the file.
-    base: usize,
-}
-
-/// Head of a chunk without compression: two times, length, checksum, an empty name, length.
-const CHUNK_HEAD_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 8;
-/// Where in it the length of the compression's name stands.
-const COMPRESSION_AT: usize = 8 + 8 + 8 + 4;
-
-/// Whether the head of a chunk was not told all about it: the disk was full or the power failed between the
-/// length of the record and that of the chunk, which is written last.
-fn is_untold(body: &[u8]) -> bool {
-    body.get(COMPRESSION_AT..CHUNK_HEAD_BYTES)
-        .is_some_and(|end| end[..4] == [0; 4] && end[4..] == u64::MAX.to_le_bytes())
-}
-
-impl<'a> Walk<'a> {
-    /// The records of a chunk that runs beyond the end of the file: one that was being written when the
-    /// power failed, or a file that was cut. There is no checksum of a part, so what was torn in
-    /// it is only noticed by its form.
-    fn open_chunk(&self) -> Option<Walk<'a>> {
-        let (opcode, rest) = self.bytes.get(self.at..)?.split_first()?;
-        let body = rest.get(8..)?;
-        let plain = body.get(COMPRESSION_AT..COMPRESSION_AT + 4)? == [0; 4];
-        let bytes = body.get(CHUNK_HEAD_BYTES..).filter(|_| *opcode == op::CHUNK && plain)?;
-        let base = self.base + self.at + RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES;
-        Some(Walk { bytes, at: 0, base })
-    }
-}
-
-impl<'a> Iterator for Walk<'a> {
-    type Item = (u8, &'a [u8]);
-
-    /// `None` when the next record is not complete; `at` then stays on it.
-    fn next(&mut self) -> Option<Self::Item> {
-        let (opcode, rest) = self.bytes.get(self.at..)?.split_first()?;
-        let (length, rest) = rest.split_first_chunk::<8>()?;
-        let body = rest.get(..usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
-        self.at += RECORD_HEAD_BYTES + body.len();
-        Some((*opcode, body))
-    }
 }

@@ -1,39 +1,65 @@
-//! Rewrites a log that was cut into a complete one that every viewer opens.
+//! Rewrites a log that was cut or is damaged into a complete one that every viewer opens. What is missing stands in
+//! it as a hole.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use mcap::McapError;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
+use prost::Message as _;
 
 use super::DESCRIPTORS;
 use super::channels::{self, Decoded};
-use super::reader::{LogEnd, LogError, LogReader, Message, Messages};
+use super::gaps::Gaps;
+use super::messages::Message;
+use super::pb;
+use super::reader::{LogEnd, LogError, LogReader};
 
 /// Writes what is readable of `path` to `to` (which must not exist) with a proper end. Returns how
 /// many messages were saved and how the original ended.
 pub fn recover(path: &Path, to: &Path) -> Result<(u64, LogEnd), LogError> {
     let log = LogReader::open(path)?;
-    copy(log.bytes(), to).map_err(|source| LogError::Copy { path: to.to_owned(), source })
+    copy(&log, to).map_err(|source| LogError::Copy { path: to.to_owned(), source })
 }
 
-fn copy(bytes: &[u8], to: &Path) -> Result<(u64, LogEnd), McapError> {
+fn copy(log: &LogReader, to: &Path) -> Result<(u64, LogEnd), McapError> {
     let mut out = Copy::create(to)?;
-    let mut messages = Messages::new(bytes);
-    for message in messages.by_ref() {
+    out.head(log)?;
+    let (mut messages, mut gaps) = (log.messages(), log.gaps());
+    while let Some(message) = messages.next() {
+        if *message.channel == *channels::CONFIG.0 {
+            continue;
+        }
+        if let Some(hole) = hole_before(&mut gaps, &message) {
+            out.hole(&hole)?;
+        }
         out.put(&message)?;
     }
-    Ok((out.finish()?, messages.end()))
+    if let Some(hole) = gaps.at_end(&messages) {
+        out.hole(&hole)?;
+    }
+    Ok((out.finish()?, gaps.end(&messages)))
+}
+
+/// What is missing before a message.
+pub(super) fn hole_before(gaps: &mut Gaps, message: &Message<'_>) -> Option<pb::Hole> {
+    if *message.channel == *channels::CLOSING.0 {
+        let closing = pb::Closing::decode(message.data).unwrap_or_default();
+        gaps.closing(message.places, &closing)
+    } else {
+        gaps.before(message.places, message.sequence, message.log_time)
+    }
 }
 
 /// A new log made of messages of another.
 pub(super) struct Copy {
     out: mcap::Writer<NoSeek<BufWriter<File>>>,
     handle: File,
-    ids: BTreeMap<String, u16>,
+    ids: BTreeMap<Arc<str>, u16>,
     saved: u64,
 }
 
@@ -50,26 +76,61 @@ impl Copy {
         Ok(Self { out, handle, ids: BTreeMap::new(), saved: 0 })
     }
 
+    /// Configuration and survey, twice, in chunks of their own.
+    pub(super) fn head(&mut self, log: &LogReader) -> Result<(), McapError> {
+        let (topic, schema) = channels::CONFIG;
+        let schema = self.out.add_schema(schema, "protobuf", DESCRIPTORS)?;
+        let log_time = log.session().pilot_started_at.as_us().saturating_mul(1000);
+        for about in [None, Some(("copy".to_owned(), "2".to_owned()))] {
+            let about = about.into_iter().collect();
+            let channel_id = self.out.add_channel(schema, topic, "protobuf", &about)?;
+            self.write(channel_id, 0, log_time, log.head())?;
+            self.out.flush()?;
+        }
+        Ok(())
+    }
+
+    /// What is missing here.
+    pub(super) fn hole(&mut self, hole: &pb::Hole) -> Result<(), McapError> {
+        self.again(channels::HOLE.0, hole.to_us.saturating_mul(1000), &hole.encode_to_vec())
+    }
+
+    /// A message without a number.
+    pub(super) fn again(&mut self, channel: &str, at: u64, data: &[u8]) -> Result<(), McapError> {
+        match self.id(&channel.into())? {
+            Some(id) => self.write(id, 0, at, data),
+            None => Ok(()),
+        }
+    }
+
     /// A message of a channel that this build does not know is left out: its schema is lost.
     pub(super) fn put(&mut self, message: &Message<'_>) -> Result<(), McapError> {
-        let id = match self.ids.get(&message.channel) {
-            Some(id) => *id,
-            None => {
-                let Some(schema) = schema_of(&message.channel) else { return Ok(()) };
-                let schema = self.out.add_schema(schema, "protobuf", DESCRIPTORS)?;
-                let id =
-                    self.out.add_channel(schema, &message.channel, "protobuf", &BTreeMap::new())?;
-                self.ids.insert(message.channel.clone(), id);
-                id
-            }
-        };
-        let header = MessageHeader {
-            channel_id: id,
-            sequence: message.sequence,
-            log_time: message.log_time,
-            publish_time: message.log_time,
-        };
-        self.out.write_to_known_channel(&header, message.data)?;
+        match self.id(&message.channel)? {
+            Some(id) => self.write(id, message.sequence, message.log_time, message.data),
+            None => Ok(()),
+        }
+    }
+
+    fn id(&mut self, channel: &Arc<str>) -> Result<Option<u16>, McapError> {
+        if let Some(id) = self.ids.get(channel) {
+            return Ok(Some(*id));
+        }
+        let Some(schema) = schema_of(channel) else { return Ok(None) };
+        let schema = self.out.add_schema(schema, "protobuf", DESCRIPTORS)?;
+        let id = self.out.add_channel(schema, channel, "protobuf", &BTreeMap::new())?;
+        self.ids.insert(channel.clone(), id);
+        Ok(Some(id))
+    }
+
+    fn write(
+        &mut self,
+        channel_id: u16,
+        sequence: u32,
+        log_time: u64,
+        data: &[u8],
+    ) -> Result<(), McapError> {
+        let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        self.out.write_to_known_channel(&header, data)?;
         self.saved += 1;
         Ok(())
     }

@@ -7,8 +7,8 @@
 use std::path::{Path, PathBuf};
 
 use super::channels;
-use super::reader::{LogError, LogReader, Message, Messages};
-use super::recover::Copy;
+use super::reader::{LogError, LogReader};
+use super::recover::{Copy, hole_before};
 
 /// What was cut out.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,22 +25,30 @@ pub fn trim(log: &LogReader, to: &Path, from_s: f64, to_s: f64) -> Result<Trimme
     let start_ns = log.session().pilot_started_at.as_us().saturating_mul(1000);
     let since_s = |ns: u64| (ns as f64 - start_ns as f64) / 1e9;
     let inside = |s: f64| s >= from_s && s <= to_s;
-    let inputs =
-        || Messages::new(log.bytes()).filter(|m| is_input(&m.channel)).map(|m| since_s(m.log_time));
-    if !inputs().any(inside) {
-        let end_s = inputs().fold(0.0, f64::max);
+    let mut messages = log.messages();
+    let (mut any, mut end_s) = (false, 0.0_f64);
+    while let Some(message) = messages.next() {
+        if is_input(&message.channel) {
+            let at_s = since_s(message.log_time);
+            any |= inside(at_s);
+            end_s = end_s.max(at_s);
+        }
+    }
+    if !any {
         return Err(LogError::NothingThere { path: log.path().to_owned(), from_s, to_s, end_s });
     }
     let failed = |source| LogError::Copy { path: to.to_owned(), source };
     let mut out = Copy::create(to).map_err(failed)?;
+    out.head(log).map_err(failed)?;
     let mut span_s: Option<[f64; 2]> = None;
     // The mode in force where the part begins.
-    let mut mode: Option<Message<'_>> = None;
-    for message in Messages::new(log.bytes()) {
-        if message.channel == channels::CONFIG.0 {
-            out.put(&message).map_err(failed)?;
+    let mut mode: Option<(u64, Vec<u8>)> = None;
+    let (mut messages, mut gaps) = (log.messages(), log.gaps());
+    while let Some(message) = messages.next() {
+        if *message.channel == *channels::CONFIG.0 {
             continue;
         }
+        let hole = hole_before(&mut gaps, &message);
         let at_s = since_s(message.log_time);
         if is_input(&message.channel) {
             if at_s > to_s {
@@ -51,16 +59,19 @@ pub fn trim(log: &LogReader, to: &Path, from_s: f64, to_s: f64) -> Result<Trimme
             }
         }
         // What was closed is the whole, not this part.
-        let kept = message.channel != channels::CLOSING.0;
+        let kept = *message.channel != *channels::CLOSING.0;
         if span_s.is_some() || from_s <= 0.0 {
+            if let Some(hole) = hole {
+                out.hole(&hole).map_err(failed)?;
+            }
             if kept {
                 out.put(&message).map_err(failed)?;
             }
-            if let Some(mode) = mode.take() {
-                out.put(&mode).map_err(failed)?;
+            if let Some((at, data)) = mode.take() {
+                out.again(MODE, at, &data).map_err(failed)?;
             }
-        } else if message.channel == MODE {
-            mode = Some(message);
+        } else if *message.channel == *MODE {
+            mode = Some((message.log_time, message.data.to_vec()));
         }
     }
     let messages = out.finish().map_err(failed)?;

@@ -2,7 +2,7 @@
 //!
 //! A chunk is written as it grows. What is in it is made permanent every second, and only when all of it is,
 //! its head is told its length: so a power cut costs what was not synced, and nothing before it.
-//! The index that the MCAP writer keeps in memory to the end grows by some 500 bytes a chunk: chunks of
+//! Configuration and survey come first, twice, in small chunks of their own. The index that the MCAP writer keeps in memory to the end grows by some 500 bytes a chunk: chunks of
 //! a second would grow it by 2 MB an hour. Neither the MCAP writer nor a flush syncs: that is done here.
 
 use std::collections::BTreeMap;
@@ -100,6 +100,8 @@ pub(super) struct LogWriter<W: Write + Seek> {
     /// With so many it ends.
     pub(super) chunk_bytes: usize,
     channels: BTreeMap<String, u16>,
+    /// How many of them were told outside of chunks, and how often.
+    told: (usize, u8),
     buffer: Vec<u8>,
 }
 
@@ -135,13 +137,18 @@ impl<W: Write + Seek> LogWriter<W> {
         };
         let (channels, buffer) = (BTreeMap::new(), Vec::new());
         let (open_bytes, chunk_bytes) = (0, CHUNK_BYTES);
-        let mut log = Self { path, mcap, medium, sync, open_bytes, chunk_bytes, channels, buffer };
+        let told = (0, 0);
+        let mut log =
+            Self { path, mcap, medium, sync, open_bytes, chunk_bytes, channels, told, buffer };
         log.begin(session).map_err(|error| log.error(&error))?;
         Ok(log)
     }
 
     fn begin(&mut self, session: &Session) -> Result<(), McapError> {
         let message = session.message();
+        // In chunks of their own, with the metadata between them: one bad sector leaves one of the two.
+        self.put(channels::CONFIG, session.pilot_started_at, 0, &message)?;
+        self.mcap.flush()?;
         self.mcap.write_metadata(&Metadata {
             name: "haltere.session".into(),
             metadata: BTreeMap::from([
@@ -157,8 +164,19 @@ impl<W: Write + Seek> LogWriter<W> {
                 ("config_toml".into(), message.config_toml.clone()),
             ]),
         })?;
+        let head = self.channels.remove(channels::CONFIG.0);
+        let (topic, schema) = channels::CONFIG;
+        let schema_id = self.mcap.add_schema(schema, "protobuf", DESCRIPTORS)?;
+        // A channel of its own, so that its record is in this chunk too.
+        let copy = BTreeMap::from([("copy".to_owned(), "2".to_owned())]);
+        let copy = self.mcap.add_channel(schema_id, topic, "protobuf", &copy)?;
+        self.channels.insert(topic.into(), copy);
         self.put(channels::CONFIG, session.pilot_started_at, 0, &message)?;
-        self.persist()
+        self.channels.extend(head.map(|id| (topic.to_owned(), id)));
+        self.mcap.flush()?;
+        self.open_bytes = 0;
+        self.settle()?;
+        Ok(())
     }
 
     /// Sentence about a failure.
@@ -243,9 +261,22 @@ impl<W: Write + Seek> LogWriter<W> {
         if self.open_bytes >= self.chunk_bytes {
             self.mcap.flush()?;
             self.open_bytes = 0;
+            self.tell_channels()?;
             self.settle()?;
         }
         Ok(())
+    }
+
+    /// A channel has one record, in the chunk where it first comes. Its name is told twice more, behind this chunk
+    /// and the next one: so neither chunk costs what is in later ones.
+    fn tell_channels(&mut self) -> Result<(), McapError> {
+        let (known, times) = self.told;
+        if known == self.channels.len() && times >= 2 {
+            return Ok(());
+        }
+        self.told = (self.channels.len(), if known == self.channels.len() { times + 1 } else { 1 });
+        let names = self.channels.iter().map(|(name, id)| (name.as_str(), *id));
+        self.mcap.write_metadata(&channels::to_metadata(names))
     }
 
     fn settle(&mut self) -> io::Result<()> {

@@ -132,6 +132,8 @@ struct Run {
     start: HostTime,
     last: HostTime,
     last_output: HostTime,
+    /// Up to there everything was fed and compared.
+    compared: HostTime,
     sequence: u64,
     /// The recorder said that this is all.
     closed: bool,
@@ -152,6 +154,7 @@ impl Run {
             start,
             last: start,
             last_output: start,
+            compared: start,
             sequence: 0,
             closed: false,
             airborne,
@@ -190,6 +193,7 @@ impl Run {
                 if lost_raw > 0 {
                     let since = |us| HostTime::from_us(us).seconds_since(self.start);
                     let (from_s, to_s) = (since(from_us), since(to_us));
+                    self.last = self.last.max(HostTime::from_us(to_us));
                     self.report.holes.push(Hole { from_s, to_s, lost_raw, lost_topics });
                     self.sequence = self.sequence.max(last_sequence).max(first_sequence);
                 }
@@ -222,6 +226,7 @@ impl Run {
         }
         self.pilot.handle(at, input.as_input());
         self.report.inputs += 1;
+        self.compared = self.compared.max(at);
         let Self { pilot, in_order, setpoints, traffic, .. } = self;
         pilot.drain_output(|link, bytes| {
             if let Some(in_order) = in_order {
@@ -263,6 +268,8 @@ impl Run {
         // So may the recovered copy of one, and a part of a log: these do not hold the recorder's
         // last word.
         let whole = *end == LogEnd::Complete && self.closed && self.report.holes.is_empty();
+        // Of damage without the recorder's last word behind it nobody knows what it cost.
+        let unknown = matches!(end, LogEnd::Damaged { .. }) && !self.closed;
         // What is sent between two wake-ups is recorded at the second, which may be the one that was cut.
         let until = if whole {
             HostTime::from_us(u64::MAX)
@@ -285,9 +292,10 @@ impl Run {
         let report = &mut self.report;
         report.log_end = end.to_string();
         report.duration_s = self.last.seconds_since(self.start);
+        report.compared_s = self.compared.seconds_since(self.start);
         report.verdict = if report.first_difference.is_some() {
             Verdict::Different
-        } else if !report.holes.is_empty() {
+        } else if !report.holes.is_empty() || unknown {
             Verdict::OnlyToHole
         } else if report.outputs == 0 {
             Verdict::NothingToCompare

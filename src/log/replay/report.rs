@@ -28,7 +28,7 @@ pub enum Verdict {
     WithinTolerance,
     /// Outputs differ by more than the demand allows.
     Different,
-    /// The same up to a hole in the log; behind it nothing can be said.
+    /// The same up to a hole in the log or damage of it; behind it nothing can be said.
     OnlyToHole,
     /// The log holds no output to compare with.
     NothingToCompare,
@@ -83,8 +83,10 @@ pub struct Report {
     pub verdict: Verdict,
     /// How the log ends: `complete`, `cut at byte …`, `damaged at byte …`.
     pub log_end: String,
-    /// Recorded time, s.
+    /// Recorded time, what is missing or damaged included as far as the log tells it, s.
     pub duration_s: f64,
+    /// Of this, replayed and compared, s.
+    pub compared_s: f64,
     /// Inputs fed, wake-ups included.
     pub inputs: u64,
     /// Outputs compared.
@@ -128,6 +130,7 @@ impl Report {
             verdict: Verdict::NothingToCompare,
             log_end: String::new(),
             duration_s: 0.0,
+            compared_s: 0.0,
             inputs: 0,
             outputs: 0,
             outputs_identical: 0,
@@ -169,14 +172,22 @@ impl Report {
 
 impl std::fmt::Display for Report {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let verdict = match self.verdict {
-            Verdict::Identical => "reproduced bit for bit",
-            Verdict::WithinTolerance => "reproduced within the tolerance for another build",
-            Verdict::Different => "NOT reproduced",
-            Verdict::OnlyToHole => "reproduced up to a hole in the log, not checked behind it",
-            Verdict::NothingToCompare => "not checked: the log holds no output",
-        };
-        writeln!(f, "{}: {verdict}", self.log.display())?;
+        write!(f, "{}: ", self.log.display())?;
+        match self.verdict {
+            Verdict::Identical => writeln!(f, "reproduced bit for bit")?,
+            Verdict::WithinTolerance => {
+                writeln!(f, "reproduced within the tolerance for another build")?;
+            }
+            Verdict::Different => writeln!(f, "NOT reproduced")?,
+            Verdict::OnlyToHole => writeln!(
+                f,
+                "NOT checked whole: {:.1} s flown, {:.1} s compared, and these are reproduced; behind them the log {}",
+                self.duration_s,
+                self.compared_s,
+                if self.holes.is_empty() { "is damaged" } else { "has a hole" }
+            )?,
+            Verdict::NothingToCompare => writeln!(f, "not checked: the log holds no output")?,
+        }
         match self.demand {
             Demand::BitExact => writeln!(f, "  demand: same build and processor, every byte")?,
             Demand::Decoded => writeln!(

@@ -170,6 +170,29 @@ fn prop_a_cut_log_is_replayed_to_its_last_record() {
 }
 
 #[test]
+fn regress_a_damaged_log_says_how_much_of_it_was_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = record(folder.path(), BuildIdentity::current(), |_, _| ());
+    let bytes = std::fs::read(&path).unwrap();
+    let mut partly = 0;
+    for at in (200..bytes.len() - 16).step_by(bytes.len() / 60) {
+        let mut hurt = bytes.clone();
+        hurt[at..at + 16].iter_mut().for_each(|b| *b ^= 0xff);
+        let report = replay_log(&LogReader::from_bytes(path.clone(), hurt).unwrap()).unwrap();
+        let text = report.to_string();
+        if report.outputs_identical == 500 || report.inputs == 500 + 500 + 3 + 5 {
+            assert_eq!(report.exit_code(), 0, "byte {at}: {text}");
+        } else {
+            partly += 1;
+            assert_eq!(report.exit_code(), 4, "byte {at}: {text}");
+            let says = format!("5.0 s flown, {:.1} s compared", report.compared_s);
+            assert!(text.contains(&says) && report.compared_s < 4.99, "byte {at}: {text}");
+        }
+    }
+    assert!(partly > 10, "{partly}");
+}
+
+#[test]
 fn prop_a_cut_log_of_another_build_differs_by_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let path = record(folder.path(), other_build(), |_, _| ());

@@ -1,0 +1,633 @@
+//! Walks the records of a log and of its chunks. What is damaged is stepped over, and named.
+//!
+//! A chunk is believed when its checksum holds; one that does not is left out whole. Where the length of a record
+//! cannot be, the next chunk is looked for by the form of its head. So 16 bad bytes cost a chunk at most.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use mcap::records::{MessageHeader, Metadata, Record, op};
+
+use super::channels;
+use super::source::{Source, Window};
+use super::tail::Tail;
+
+/// Opcode and length before each record.
+pub(super) const RECORD_HEAD_BYTES: u64 = 9;
+/// Longest record of those that are no chunk, message or attachment; a longer one is damage.
+const LONGEST_SMALL_BYTES: u64 = 1 << 24;
+/// Longest channel record.
+const LONGEST_CHANNEL_BYTES: u64 = 1 << 16;
+/// Longest message: a batch of the recorder holds less.
+const LONGEST_MESSAGE_BYTES: u64 = 1 << 28;
+/// Channel id, sequence number and two times before the data of a message.
+const MESSAGE_HEAD_BYTES: u64 = 2 + 4 + 8 + 8;
+/// Head of a chunk without compression: two times, length, checksum, an empty name, length.
+const CHUNK_HEAD_BYTES: u64 = 8 + 8 + 8 + 4 + 4 + 8;
+/// What is looked through at once for the next chunk, bytes.
+const SEARCH_BYTES: u64 = 1 << 16;
+/// A damaged file may hold any number of heads of chunks inside one another: so much is checked in vain, in lengths
+/// of the file.
+const PATIENCE: u64 = 4;
+/// Places of damage that are kept; the rest is counted.
+const MOST_PLACES: usize = 64;
+
+/// One message of any channel.
+#[derive(Debug)]
+pub(super) struct Message<'a> {
+    /// Offset in the file, for error messages.
+    pub offset: u64,
+    pub channel: Arc<str>,
+    pub channel_id: u16,
+    pub sequence: u32,
+    pub log_time: u64,
+    pub data: &'a [u8],
+    /// Places of damage before it.
+    pub places: u64,
+}
+
+/// What was stepped over.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Damage {
+    /// Where it begins.
+    pub offset: u64,
+    pub why: String,
+    /// Latest time that the head of a chunk tells that was left out, ns.
+    pub until_ns: Option<u64>,
+}
+
+/// How a walk ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum WalkEnd {
+    /// With the end of the data, and the file with its closing magic.
+    Complete,
+    /// In mid-record.
+    Cut(u64),
+    /// There is nothing to be had from there on.
+    Unreadable(u64, String),
+}
+
+/// Where a message lies.
+struct Place {
+    offset: u64,
+    data_at: u64,
+    data_bytes: usize,
+    channel: Arc<str>,
+    header: MessageHeader,
+}
+
+/// Records of one chunk.
+#[derive(Debug)]
+struct Chunk {
+    at: u64,
+    end: u64,
+    /// It was never closed, or the file ends within it: nothing follows.
+    open: bool,
+}
+
+/// What a chunk's head says.
+struct ChunkHead {
+    told: u64,
+    start_ns: u64,
+    end_ns: u64,
+    crc: u32,
+    name_bytes: u32,
+    records: u64,
+}
+
+impl ChunkHead {
+    fn is_plain(&self) -> bool {
+        self.name_bytes == 0
+    }
+
+    fn agrees(&self) -> bool {
+        self.records.checked_add(CHUNK_HEAD_BYTES) == Some(self.told)
+    }
+
+    /// The disk was full or the power failed before it was told how long it is.
+    fn is_untold(&self) -> bool {
+        self.is_plain() && self.records == u64::MAX
+    }
+
+    fn until_ns(&self) -> Option<u64> {
+        (self.start_ns <= self.end_ns && self.end_ns < u64::MAX / 2).then_some(self.end_ns)
+    }
+}
+
+/// The walk.
+#[derive(Debug)]
+pub(super) struct Messages<'a> {
+    window: Window<'a>,
+    at: u64,
+    chunk: Option<Chunk>,
+    channels: BTreeMap<u16, Arc<str>>,
+    /// Channels as the end of the file has them: their own records may be what is damaged.
+    spare: Option<&'a Tail>,
+    damage: Vec<Damage>,
+    more_damage: u64,
+    patience: u64,
+    end: Option<WalkEnd>,
+}
+
+impl<'a> Messages<'a> {
+    pub fn new(source: &'a Source, spare: Option<&'a Tail>) -> Self {
+        let length = source.length();
+        Self {
+            window: Window::new(source),
+            at: mcap::MAGIC.len() as u64,
+            chunk: None,
+            channels: BTreeMap::new(),
+            spare,
+            damage: Vec::new(),
+            more_damage: 0,
+            patience: length.saturating_mul(PATIENCE).max(1 << 20),
+            end: None,
+        }
+    }
+
+    /// The same from a record of the file on, such as a chunk.
+    pub fn from(source: &'a Source, spare: Option<&'a Tail>, at: u64) -> Self {
+        Self { at, ..Self::new(source, spare) }
+    }
+
+    /// How it ended.
+    pub fn end(&self) -> WalkEnd {
+        self.end.clone().unwrap_or(WalkEnd::Cut(self.at))
+    }
+
+    /// Places of damage so far.
+    pub fn damage(&self) -> &[Damage] {
+        &self.damage
+    }
+
+    /// All of them, those too that are not kept.
+    pub fn places(&self) -> u64 {
+        self.damage.len() as u64 + self.more_damage
+    }
+
+    /// The next message.
+    pub fn next(&mut self) -> Option<Message<'_>> {
+        let place = self.place()?;
+        let places = self.places();
+        let data = self.window.get(place.data_at, place.data_bytes)?;
+        Some(Message {
+            offset: place.offset,
+            channel: place.channel,
+            channel_id: place.header.channel_id,
+            sequence: place.header.sequence,
+            log_time: place.header.log_time,
+            data,
+            places,
+        })
+    }
+
+    /// A message cannot be understood; the walk goes on.
+    pub fn note(&mut self, offset: u64, why: String) {
+        self.hurt(offset, why, None);
+    }
+
+    fn hurt(&mut self, offset: u64, why: String, until_ns: Option<u64>) {
+        if self.damage.len() < MOST_PLACES {
+            self.damage.push(Damage { offset, why, until_ns });
+        } else {
+            self.more_damage += 1;
+        }
+    }
+
+    fn place(&mut self) -> Option<Place> {
+        while self.end.is_none() {
+            let found = if self.chunk.is_some() { self.in_chunk() } else { self.in_file() };
+            if found.is_some() {
+                return found;
+            }
+        }
+        None
+    }
+
+    fn in_chunk(&mut self) -> Option<Place> {
+        let Chunk { at, end, open } = *self.chunk.as_ref()?;
+        let record = record(&mut self.window, at).filter(|(_, _, next)| *next <= end);
+        let Some((opcode, body_at, next)) = record else {
+            self.chunk = None;
+            if open || at != end {
+                // The file ends in mid-record, or the disk was full in one.
+                self.torn(at, "no record has this length".into(), true);
+            }
+            return None;
+        };
+        if let Some(chunk) = &mut self.chunk {
+            chunk.at = next;
+        }
+        match opcode {
+            op::MESSAGE => match self.message(at, body_at, next) {
+                Ok(place) => return place,
+                Err(why) if open => {
+                    self.chunk = None;
+                    self.torn(at, why, false);
+                }
+                Err(why) => self.hurt(at, why, None),
+            },
+            op::CHANNEL => {
+                if let Err(why) = self.channel(body_at, next) {
+                    self.hurt(at, why, None);
+                }
+            }
+            op::SCHEMA => {}
+            other => {
+                self.chunk = None;
+                let why = match other {
+                    op::HEADER..=op::DATA_END => format!("opcode {other:#04x} out of place"),
+                    _ => format!("no record has opcode {other:#04x}"),
+                };
+                if open {
+                    self.torn(at, why, false);
+                } else {
+                    self.hurt(at, why, None);
+                }
+            }
+        }
+        None
+    }
+
+    /// An open chunk goes no further: the end, unless chunks follow that are whole.
+    fn torn(&mut self, at: u64, why: String, cut: bool) {
+        match self.search(at) {
+            Some(next) => {
+                self.hurt(at, why, None);
+                self.at = next;
+            }
+            None if cut && may_be_record(&mut self.window, at) => self.end = Some(WalkEnd::Cut(at)),
+            None => {
+                self.hurt(at, why, None);
+                self.end = Some(self.last());
+            }
+        }
+    }
+
+    fn in_file(&mut self) -> Option<Place> {
+        let at = self.at;
+        if at >= self.window.end() {
+            self.end = Some(WalkEnd::Cut(at));
+            return None;
+        }
+        let opcode = self.window.get(at, 1).and_then(<[u8]>::first).copied();
+        if opcode == Some(op::CHUNK) {
+            self.enter(at);
+            return None;
+        }
+        let Some((opcode, body_at, next)) = record(&mut self.window, at) else {
+            let cut = may_be_record(&mut self.window, at);
+            match self.search(at) {
+                Some(next) => {
+                    self.hurt(at, "a record that is longer than the file".into(), None);
+                    self.at = next;
+                }
+                None if cut => self.end = Some(WalkEnd::Cut(at)),
+                None => {
+                    self.hurt(at, "no record has this length".into(), None);
+                    self.end = Some(self.last());
+                }
+            }
+            return None;
+        };
+        let bytes = next - body_at;
+        let told = match opcode {
+            op::DATA_END if bytes == 4 => {
+                self.data_end(at, next);
+                return None;
+            }
+            op::MESSAGE => match self.message(at, body_at, next) {
+                Ok(place) => {
+                    self.at = next;
+                    return place;
+                }
+                Err(why) => Err(why),
+            },
+            op::CHANNEL => self.channel(body_at, next),
+            // Skipped, so it must be what it says: a chunk whose opcode is damaged is not.
+            op::MESSAGE_INDEX if !is_message_index(&mut self.window, body_at, bytes) => {
+                Err("a message index of the wrong length".into())
+            }
+            op::METADATA => self.metadata(body_at, next),
+            op::HEADER..=op::DATA_END => Ok(()),
+            other => Err(format!("no record has opcode {other:#04x}")),
+        };
+        match told {
+            Ok(()) => self.at = next,
+            Err(why) => self.lost(at, why, None),
+        }
+        None
+    }
+
+    /// The walk does not know where the next record is.
+    fn lost(&mut self, at: u64, why: String, until_ns: Option<u64>) {
+        self.hurt(at, why, until_ns);
+        match self.search(at + 1) {
+            Some(next) => self.at = next,
+            None => self.end = Some(self.last()),
+        }
+    }
+
+    /// Nothing is left: the file was closed, or not.
+    fn last(&mut self) -> WalkEnd {
+        let end = self.window.end();
+        let magic = end.checked_sub(mcap::MAGIC.len() as u64);
+        let closed = magic.and_then(|at| self.window.get(at, mcap::MAGIC.len()));
+        if closed == Some(mcap::MAGIC) { WalkEnd::Complete } else { WalkEnd::Cut(end) }
+    }
+
+    /// Behind the data: index, closing magic, and in a file that was put together of two the next one.
+    fn data_end(&mut self, at: u64, mut next: u64) {
+        let magic = mcap::MAGIC.len() as u64;
+        while let Some((opcode, body_at, end)) = record(&mut self.window, next) {
+            if opcode == op::FOOTER {
+                let follows = end + magic;
+                if self.window.get(end, mcap::MAGIC.len()) == Some(mcap::MAGIC)
+                    && self.window.get(follows, mcap::MAGIC.len()) == Some(mcap::MAGIC)
+                {
+                    self.channels.clear();
+                    self.spare = None;
+                    self.at = follows + magic;
+                    return;
+                }
+                break;
+            }
+            if !(op::HEADER..=op::DATA_END).contains(&opcode) || end - body_at > LONGEST_SMALL_BYTES
+            {
+                break;
+            }
+            next = end;
+        }
+        // Nothing of ours follows, but without the index and the closing magic most viewers refuse the file.
+        self.end = Some(match self.last() {
+            WalkEnd::Cut(_) => WalkEnd::Cut(at),
+            end => end,
+        });
+    }
+
+    fn enter(&mut self, at: u64) {
+        let Some(head) = chunk_head(&mut self.window, at) else {
+            self.end = Some(WalkEnd::Cut(at));
+            return;
+        };
+        let records_at = at + RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES;
+        if !head.is_plain() {
+            let name_at = at + RECORD_HEAD_BYTES + 32;
+            let name = self.window.some(name_at, u64::from(head.name_bytes.min(8))).to_vec();
+            if head.name_bytes <= 8 && !name.is_empty() && name.is_ascii() {
+                let why = format!(
+                    "chunk compressed with {}; run `mcap compress --compression none` on the file first",
+                    String::from_utf8_lossy(&name)
+                );
+                self.end = Some(WalkEnd::Unreadable(at, why));
+            } else {
+                self.lost(at, "a chunk whose head cannot be".into(), None);
+            }
+            return;
+        }
+        let file_end = self.window.end();
+        let open = head.is_untold()
+            || (head.agrees() && head.records > file_end.saturating_sub(records_at));
+        if open {
+            // There is no checksum of a part, so what was torn in it is only noticed by its form.
+            if records_at < file_end && !may_be_record(&mut self.window, records_at) {
+                return self.lost(at, "a chunk whose head cannot be".into(), None);
+            }
+            (self.chunk, self.at) =
+                (Some(Chunk { at: records_at, end: file_end, open: true }), file_end);
+            return;
+        }
+        // One of the two lengths may be what is damaged.
+        let by_told = head.told.checked_sub(CHUNK_HEAD_BYTES);
+        let mut stood = None;
+        for records in
+            [Some(head.records), by_told.filter(|_| !head.agrees())].into_iter().flatten()
+        {
+            let Some(end) = records_at.checked_add(records).filter(|end| *end <= file_end) else {
+                continue;
+            };
+            let stands = stands(&mut self.window, end);
+            if !stands {
+                let Some(left) = self.patience.checked_sub(records) else { continue };
+                self.patience = left;
+            } else if stood.is_none() {
+                stood = Some(end);
+            }
+            let whole = head.crc == 0 && head.agrees()
+                || self.window.crc32(records_at, end) == Some(head.crc);
+            if whole {
+                (self.chunk, self.at) = (Some(Chunk { at: records_at, end, open: false }), end);
+                return;
+            }
+        }
+        match stood {
+            Some(end) => {
+                self.hurt(at, "chunk with a wrong checksum".into(), head.until_ns());
+                self.at = end;
+            }
+            None => self.lost(at, "chunk with a wrong checksum".into(), head.until_ns()),
+        }
+    }
+
+    /// The next place from `from` on that has the form of a chunk's head.
+    fn search(&mut self, from: u64) -> Option<u64> {
+        let mut at = from;
+        while at < self.window.end() {
+            let piece = self.window.some(at, SEARCH_BYTES);
+            let length = piece.len() as u64;
+            let found: Vec<u64> =
+                (at..).zip(piece).filter(|(_, b)| **b == op::CHUNK).map(|(p, _)| p).collect();
+            for place in found {
+                if is_chunk(&mut self.window, place) {
+                    return Some(place);
+                }
+            }
+            at += length.max(1);
+        }
+        None
+    }
+
+    fn message(&mut self, offset: u64, body_at: u64, next: u64) -> Result<Option<Place>, String> {
+        let data_at = body_at + MESSAGE_HEAD_BYTES;
+        let Some(data_bytes) = next.checked_sub(data_at).filter(|n| *n <= LONGEST_MESSAGE_BYTES)
+        else {
+            return Err("a message of absurd length".into());
+        };
+        let head = self.window.get(body_at, 22).and_then(|head| head.first_chunk::<22>());
+        let Some([a, b, c, d, e, f, rest @ ..]) = head else { return Ok(None) };
+        let (channel_id, sequence) =
+            (u16::from_le_bytes([*a, *b]), u32::from_le_bytes([*c, *d, *e, *f]));
+        let [time, published] = [0, 8].map(|from| {
+            rest.get(from..from + 8)
+                .and_then(|b| b.first_chunk::<8>())
+                .map_or(0, |b| u64::from_le_bytes(*b))
+        });
+        let channel = match (self.channels.get(&channel_id), self.spare) {
+            (Some(channel), _) => channel.clone(),
+            (None, Some(tail)) if tail.channels.contains_key(&channel_id) => {
+                self.channels.extend(tail.channels.iter().map(|(id, name)| (*id, name.clone())));
+                self.channels.get(&channel_id).cloned().unwrap_or_default()
+            }
+            _ => return Err(format!("message on unknown channel {channel_id}")),
+        };
+        let header =
+            MessageHeader { channel_id, sequence, log_time: time, publish_time: published };
+        let data_bytes = usize::try_from(data_bytes).unwrap_or_default();
+        Ok(Some(Place { offset, data_at, data_bytes, channel, header }))
+    }
+
+    fn channel(&mut self, body_at: u64, next: u64) -> Result<(), String> {
+        let bytes = next - body_at;
+        if bytes > LONGEST_CHANNEL_BYTES {
+            return Err("a channel record of absurd length".into());
+        }
+        match mcap::read::parse_record(op::CHANNEL, self.window.some(body_at, bytes)) {
+            Ok(Record::Channel(channel)) => {
+                self.channels.insert(channel.id, channel.topic.into());
+                Ok(())
+            }
+            Ok(_) => Ok(()),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+
+    /// Names of the channels, told again in case that the chunk with their records is bad.
+    fn metadata(&mut self, body_at: u64, next: u64) -> Result<(), String> {
+        let bytes = next - body_at;
+        if bytes > LONGEST_SMALL_BYTES {
+            return Err("a metadata record of absurd length".into());
+        }
+        let Some(told) = metadata(&mut self.window, body_at, bytes) else { return Ok(()) };
+        if let Some(names) = channels::from_metadata(&told) {
+            for (id, name) in names {
+                self.channels.entry(id).or_insert_with(|| name.into());
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A metadata record. `None`: it is none.
+pub(super) fn metadata(window: &mut Window<'_>, body_at: u64, bytes: u64) -> Option<Metadata> {
+    match mcap::read::parse_record(
+        op::METADATA,
+        window.some(body_at, bytes.min(LONGEST_SMALL_BYTES)),
+    ) {
+        Ok(Record::Metadata(told)) => Some(told),
+        _ => None,
+    }
+}
+
+/// Opcode, begin of the body and end of the record at a place. `None`: it is not whole.
+pub(super) fn record(window: &mut Window<'_>, at: u64) -> Option<(u8, u64, u64)> {
+    let opcode = *window.get(at, 1)?.first()?;
+    let next = record_ends(window, at).filter(|next| *next <= window.end())?;
+    Some((opcode, at + RECORD_HEAD_BYTES, next))
+}
+
+fn record_ends(window: &mut Window<'_>, at: u64) -> Option<u64> {
+    (at + RECORD_HEAD_BYTES).checked_add(window.u64_at(at + 1)?)
+}
+
+/// Whether a record could begin there of which the file does not hold the end.
+fn may_be_record(window: &mut Window<'_>, at: u64) -> bool {
+    let Some(opcode) = window.get(at, 1).and_then(<[u8]>::first).copied() else { return true };
+    let most = match opcode {
+        op::MESSAGE => LONGEST_MESSAGE_BYTES,
+        op::CHUNK | op::ATTACHMENT => u64::MAX,
+        op::HEADER..=op::DATA_END => LONGEST_SMALL_BYTES,
+        _ => return false,
+    };
+    window.u64_at(at + 1).is_none_or(|length| length <= most)
+}
+
+fn chunk_head(window: &mut Window<'_>, at: u64) -> Option<ChunkHead> {
+    let body = at + RECORD_HEAD_BYTES;
+    Some(ChunkHead {
+        told: window.u64_at(at + 1)?,
+        start_ns: window.u64_at(body)?,
+        end_ns: window.u64_at(body + 8)?,
+        crc: window.u32_at(body + 24)?,
+        name_bytes: window.u32_at(body + 28)?,
+        records: window.u64_at(body + 32)?,
+    })
+}
+
+/// Whether what is there has the form of a chunk, its first record included.
+fn is_chunk(window: &mut Window<'_>, at: u64) -> bool {
+    let Some(head) = chunk_head(window, at) else { return false };
+    let records_at = at + RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES;
+    let first = window.get(records_at, 1).and_then(<[u8]>::first).copied();
+    head.is_plain()
+        && (head.agrees() || (head.is_untold() && head.told == u64::MAX))
+        && matches!(first, Some(op::SCHEMA | op::CHANNEL | op::MESSAGE))
+        && may_be_record(window, records_at)
+}
+
+/// Whether a record can stand behind a chunk at that place, or the file ends there.
+fn stands(window: &mut Window<'_>, at: u64) -> bool {
+    if at == window.end() {
+        return true;
+    }
+    let Some(opcode) = window.get(at, 1).and_then(<[u8]>::first).copied() else { return false };
+    if opcode == op::CHUNK {
+        return is_chunk(window, at);
+    }
+    match (record(window, at), opcode) {
+        (Some((_, body, next)), op::MESSAGE_INDEX) => is_message_index(window, body, next - body),
+        (Some((_, body, next)), op::DATA_END) => next - body == 4,
+        (Some((_, body, next)), op::METADATA) => metadata(window, body, next - body).is_some(),
+        (Some((_, body, next)), op::HEADER..=op::DATA_END) => next - body <= LONGEST_SMALL_BYTES,
+        // The file was cut in it.
+        (None, op::HEADER..=op::DATA_END) => may_be_record(window, at),
+        _ => false,
+    }
+}
+
+/// Channel u16, then the length in bytes u32 of what follows.
+fn is_message_index(window: &mut Window<'_>, body_at: u64, bytes: u64) -> bool {
+    window.u32_at(body_at + 2).is_some_and(|length| bytes.checked_sub(6) == Some(u64::from(length)))
+}
+
+/// The records of the first chunk, whether or not its checksum holds: for the head of a log of an older build, which
+/// is there once. Gives what is said on `channel`.
+pub(super) fn unchecked(source: &Source, channel: &str) -> Option<(Metadata, Vec<u8>)> {
+    let mut window = Window::new(source);
+    let (mut at, mut about) = (mcap::MAGIC.len() as u64, None);
+    // Header, metadata, and the chunk.
+    while let Some((opcode, body, next)) =
+        record(&mut window, at).filter(|(opcode, ..)| *opcode != op::CHUNK)
+    {
+        if opcode == op::METADATA && about.is_none() {
+            about = metadata(&mut window, body, next - body);
+        }
+        at = next;
+    }
+    let about = about?;
+    let mut at = at + RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES;
+    let mut id = None;
+    while let Some((opcode, body, next)) = record(&mut window, at) {
+        match opcode {
+            op::SCHEMA => {}
+            op::CHANNEL if next - body <= LONGEST_CHANNEL_BYTES && id.is_none() => {
+                let parsed = mcap::read::parse_record(opcode, window.some(body, next - body));
+                let Ok(Record::Channel(found)) = parsed else { return None };
+                id = (found.topic == channel).then_some(found.id);
+            }
+            op::MESSAGE if next - body <= LONGEST_SMALL_BYTES => {
+                let told = window
+                    .get(body, 2)
+                    .and_then(|b| b.first_chunk::<2>())
+                    .map(|b| u16::from_le_bytes(*b));
+                if told != id {
+                    return None;
+                }
+                let data = window.some(body, next - body).get(22..)?.to_vec();
+                return Some((about, data));
+            }
+            _ => return None,
+        }
+        at = next;
+    }
+    None
+}
