@@ -84,11 +84,13 @@ pub enum DropReason {
     OutputLineLost,
     /// Sample of a sensor of which the board has several, and another one is flown on.
     OtherInstance,
+    /// Recording has stopped: no room on the disk, or it cannot be written.
+    RecordingStopped,
 }
 
 impl DropReason {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [DropReason; 40] = [
+    pub const ALL: [DropReason; 41] = [
         DropReason::TagGarbageByte,
         DropReason::TagBadLength,
         DropReason::TagUnknownType,
@@ -129,6 +131,7 @@ impl DropReason {
         DropReason::WatchQueueFull,
         DropReason::OutputLineLost,
         DropReason::OtherInstance,
+        DropReason::RecordingStopped,
     ];
 
     /// Name in logs, reports and messages.
@@ -162,6 +165,7 @@ impl DropReason {
             DropReason::InputQueueFull => "input_queue_full",
             DropReason::OutputQueueFull => "output_queue_full",
             DropReason::RecorderQueueFull => "recorder_queue_full",
+            DropReason::RecordingStopped => "recording_stopped",
             DropReason::LinkWriteFailed => "link_write_failed",
             DropReason::StationsFull => "stations_full",
             DropReason::MavUnsigned => "mav_unsigned",
