@@ -154,6 +154,7 @@ fn info(log: &LogReader) -> Info {
                         format!("file request {ticket} failed: {}", fault.words())
                     }
                     RawInput::Calendar { .. } => "calendar".to_owned(),
+                    RawInput::Recording { state, why } => format!("recording {state:?} {why}"),
                     RawInput::EndAsked => "asked to end".to_owned(),
                     RawInput::Wake => "wake-up".to_owned(),
                     _ => "link event".to_owned(),

@@ -86,6 +86,8 @@ pub enum DropReason {
     OtherInstance,
     /// Frame for others that was passed on within the last second: it goes in a circle.
     MavAgain,
+    /// Recording has stopped: no room on the disk, or it cannot be written.
+    RecordingStopped,
 }
 
 impl DropReason {
@@ -132,6 +134,7 @@ impl DropReason {
         DropReason::OutputLineLost,
         DropReason::OtherInstance,
         DropReason::MavAgain,
+        DropReason::RecordingStopped,
     ];
 
     /// Name in logs, reports and messages.
@@ -165,6 +168,7 @@ impl DropReason {
             DropReason::InputQueueFull => "input_queue_full",
             DropReason::OutputQueueFull => "output_queue_full",
             DropReason::RecorderQueueFull => "recorder_queue_full",
+            DropReason::RecordingStopped => "recording_stopped",
             DropReason::LinkWriteFailed => "link_write_failed",
             DropReason::StationsFull => "stations_full",
             DropReason::MavUnsigned => "mav_unsigned",

@@ -131,6 +131,7 @@ impl Core {
         self.take_arrivals();
         self.take_file_answers();
         self.report_losses(&mut rounds.losses);
+        self.report_recording();
 
         let now = now();
         if self.stop.is_asked() && !std::mem::replace(&mut rounds.end_asked, true) {
@@ -152,7 +153,12 @@ impl Core {
             self.watch.glue(now, &rounds.glue);
         }
         self.recorder.commit(now);
-        self.stop.set_armed(self.pilot.mode() != Mode::Disarmed);
+        let armed = self.pilot.mode() != Mode::Disarmed;
+        self.recorder.set_armed(armed);
+        if self.pilot.was_sent_a_mission() {
+            self.recorder.set_eventful();
+        }
+        self.stop.set_armed(armed);
         self.shared.step();
     }
 
@@ -236,14 +242,22 @@ impl Core {
         });
     }
 
+    /// Tells the core how the recording stands, when that has changed.
+    fn report_recording(&mut self) {
+        if let Some((state, why)) = self.recorder.news() {
+            self.feed(clock::now(), Input::Recording { state, why: &why });
+        }
+    }
+
     /// Tells the core what was lost since it was last told. Losses of recorder, watch page and lines for
     /// people belong to no link; they stand with the tag's.
     fn report_losses(&mut self, told: &mut Losses) {
         let recorder = (LinkId::Tag, DropReason::RecorderQueueFull, self.recorder.lost());
         let watch = (LinkId::Tag, DropReason::WatchQueueFull, self.watch.lost());
+        let unrecorded = (LinkId::Tag, DropReason::RecordingStopped, self.recorder.unrecorded());
         let lines = (LinkId::Tag, DropReason::OutputLineLost, console::lost_lines());
         let shared = self.shared.clone();
-        for (link, reason, total) in shared.losses().chain([recorder, watch, lines]) {
+        for (link, reason, total) in shared.losses().chain([recorder, unrecorded, watch, lines]) {
             let before = told.get(&(link, reason)).copied().unwrap_or(0);
             if total > before {
                 told.insert((link, reason), total);

@@ -59,7 +59,7 @@ use crate::sources::{KeyFileError, Loaded};
 use crate::store::{NoPrograms, Programs, Store};
 use crate::watch::{Feed, Watch, WatchError};
 use haltere_core::topics::Topic;
-use haltere_log::record::{BuildIdentity, RecordError, Recorder, Session};
+use haltere_log::record::{BuildIdentity, Limits, RecordError, Recorder, Session};
 use haltere_pilot::settings::{Address, Config, HostPort, TagPort};
 use haltere_pilot::{LinkId, Pilot};
 
@@ -128,7 +128,7 @@ pub enum LiveError {
         /// Which key.
         key: String,
     },
-    /// The log cannot be begun. Flying unrecorded is a decision: `record.enabled = false`.
+    /// The log cannot be begun, and waiting mends nothing. Flying unrecorded is a decision: `record.enabled = false`.
     #[error("{0}; or set record.enabled = false to fly without a log")]
     Record(#[from] RecordError),
     /// The signing key is not used as it is.
@@ -354,7 +354,7 @@ fn start_files(
     let config = &loaded.config;
     let store = config.store.is_on().then(|| {
         let (directory, logs) = (&config.store.directory, &config.record.directory);
-        Store::new(directory, logs, recorder.path(), programs)
+        Store::new(directory, logs, None, programs).with_log_to_come(recorder.name())
     });
     Ok(files::start(store, loaded.lost.as_deref(), shared.clone())?)
 }
@@ -375,11 +375,19 @@ fn begin_recording(
         config_toml: loaded.config.to_log(&loaded.survey),
         survey: loaded.survey.clone(),
     };
-    let recorder = Recorder::start(&record.directory, &session)?;
-    if let Some(path) = recorder.path() {
-        tracing::info!("recording to {}", path.display());
+    let limits =
+        Limits { reserve_B: bytes(record.reserve_gb), budget_B: record.budget_gb.map(bytes) };
+    let recorder = Recorder::within(limits, &record.directory, &session)?;
+    match recorder.path() {
+        Some(path) => tracing::info!("recording to {}", path.display()),
+        None => tracing::warn!("without log for now: no room in {}", record.directory.display()),
     }
     Ok(recorder)
+}
+
+/// Of gigabytes as people count them.
+fn bytes(gb: f64) -> u64 {
+    (gb * 1e9) as u64
 }
 
 /// Opens everything that can be refused, before anything runs. In the order of link numbers, with the

@@ -12,6 +12,7 @@ use super::*;
 use crate::sources::Loaded;
 use haltere_core::drops::DropReason;
 use haltere_log::record::{Entry, LogEnd, LogReader, RawInput};
+use haltere_pilot::Recording;
 use haltere_pilot::settings::Config;
 
 fn free_port() -> u16 {
@@ -135,6 +136,7 @@ fn prop_bytes_of_every_kind_of_link_reach_the_log() {
                     garbage += count;
                 }
                 RawInput::File { .. } | RawInput::Calendar { .. } | RawInput::Wake => {}
+                RawInput::Recording { state, .. } => assert_eq!(state, Recording::Runs),
                 RawInput::EndAsked => panic!("nobody asked"),
             }
         }

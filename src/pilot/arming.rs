@@ -44,11 +44,13 @@ pub enum Check {
     Shadow,
     /// What was kept over the restart could be read back.
     Kept,
+    /// The flight will be recorded.
+    Log,
 }
 
 impl Check {
     /// All of them, in the order in which they are made.
-    pub const ALL: [Check; 11] = [
+    pub const ALL: [Check; 12] = [
         Check::Board,
         Check::Estimate,
         Check::Imu,
@@ -60,6 +62,7 @@ impl Check {
         Check::Gains,
         Check::Shadow,
         Check::Kept,
+        Check::Log,
     ];
 
     /// Name, what it looks at, and the texts of refusals, for the page.
@@ -134,6 +137,12 @@ impl Check {
                 "fence (rally points, mission) not restored: why; upload it, or clear it. parameters not \
                  restored: why; set them, or reset them. fence, rally points and mission are still being read",
             ],
+            Check::Log => [
+                "log",
+                "the flight will be recorded. Without `flight.log_required` this is a warning: it is told when somebody \
+                 arms, and shown to stations that read events",
+                "without log: N MB free in FOLDER, M MB needed: make room, or set flight.log_required = false",
+            ],
         }
     }
 }
@@ -165,6 +174,14 @@ impl Pilot {
         )
     }
 
+    /// What a check finds that keeps nobody from flying.
+    pub(super) fn arming_warning(&self, check: Check) -> Option<String> {
+        match check {
+            Check::Log if !self.config.flight.log_required => self.recording_misses(),
+            _ => None,
+        }
+    }
+
     /// One check; the error is for people.
     pub(super) fn arming_check(&self, check: Check, at: HostTime) -> Result<(), String> {
         match check {
@@ -189,6 +206,12 @@ impl Pilot {
             Check::Shadow if self.config.flight.shadow => Err(SHADOW_WORDS.to_owned()),
             Check::Shadow => Ok(()),
             Check::Kept => self.lost_forbids().map_or(Ok(()), Err),
+            Check::Log if self.config.flight.log_required => {
+                self.recording_misses().map_or(Ok(()), |why| {
+                    Err(format!("{why}: make room, or set flight.log_required = false"))
+                })
+            }
+            Check::Log => Ok(()),
         }
     }
 

@@ -84,6 +84,7 @@ impl Pilot {
             self.drops_of(link).add(DropReason::MavSequenceGap, missing);
             if !heard_before {
                 self.tell_lost(at, link);
+                self.tell_recording(at, link);
             }
             let peer = (header.system_id, header.component_id);
             let decoded = frame.decode();

@@ -152,6 +152,8 @@ pub struct FlightConfig {
     /// Watch a vehicle that somebody else flies: estimate, record what would be sent, send nothing that arms or
     /// moves.
     pub shadow: bool,
+    /// Nothing arms that would not be recorded.
+    pub log_required: bool,
 }
 
 impl Default for FlightConfig {
@@ -170,6 +172,7 @@ impl Default for FlightConfig {
             gear_height_m: 0.0,
             idle_disarm_s: 15.0,
             shadow: false,
+            log_required: false,
         }
     }
 }

@@ -4,6 +4,7 @@ use core::net::SocketAddr;
 
 use haltere_core::drops::DropReason;
 
+use super::recording::Recording;
 use super::services::FileFault;
 
 /// Name of a link to the outside.
@@ -86,6 +87,13 @@ pub enum Input<'a> {
     Calendar {
         /// Since 1970-01-01 UTC, µs.
         unix_us: i64,
+    },
+    /// How the recording stands, whenever that changes. Without it nobody records.
+    Recording {
+        /// How.
+        state: Recording,
+        /// Why it does not run, for people.
+        why: &'a str,
     },
     /// Whoever runs the program wants it to end. What flies is landed first: [`super::Pilot::may_end`].
     EndAsked,

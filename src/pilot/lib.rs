@@ -73,6 +73,7 @@ mod output;
 mod passed_on;
 mod permits;
 mod place;
+mod recording;
 mod reference;
 mod resume;
 mod routing;
@@ -105,6 +106,7 @@ pub use input::{Input, LinkId};
 pub use mission::{MOST_ITEMS, Mission, MissionItem, Volume};
 pub use modes::{Event, MISSION_LANDS, Mode, TABLE, Transition, transition};
 pub use permits::Commanders;
+pub use recording::Recording;
 pub use supervisor::{Action, CONDITIONS, Condition, Number, Reaction, SupervisorConfig, Watched};
 pub use tilt_step::{Envelope, TiltStep, stopping_m};
 
@@ -144,7 +146,7 @@ use telemetry_counts::PairStats;
 use voice::{Echoes, Severity};
 
 /// Every check before a flight, in its order.
-pub const ARMING_CHECKS: [ArmingCheck; 11] = ArmingCheck::ALL;
+pub const ARMING_CHECKS: [ArmingCheck; 12] = ArmingCheck::ALL;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -257,6 +259,8 @@ pub struct Pilot {
     grounds: Vec<GroundLink>,
     origin: LocalOrigin,
     calendar: Option<Calendar>,
+    recording: recording::Told,
+    sent_a_mission: bool,
     next_health: HostTime,
     services: Services,
 }
@@ -355,6 +359,8 @@ impl Pilot {
             grounds,
             origin,
             calendar: None,
+            recording: recording::Told::default(),
+            sent_a_mission: false,
             next_health: at,
             services: Services::new(&config),
             config,
@@ -405,6 +411,7 @@ impl Pilot {
             Input::LinkDown { link } => self.link_down(at, link),
             Input::Lost { link, reason, count } => self.glue_lost(at, link, reason, count),
             Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
+            Input::Recording { state, why } => self.recording_told(at, state, why),
             Input::EndAsked => self.end_asked(at),
             Input::Wake => self.wake(at),
         }

@@ -6,7 +6,7 @@ use haltere_core::estimate::Health;
 use haltere_core::frames::Vec3;
 use haltere_core::time::HostTime;
 
-use super::arming::SHADOW_WORDS;
+use super::arming::{Check, SHADOW_WORDS};
 use super::commands::{Answer, Awaits, Request, refuse};
 use super::identity::SHOWN_MODES;
 use super::mission::LOWEST_M;
@@ -55,6 +55,10 @@ impl Pilot {
                     R::MAV_RESULT_TEMPORARILY_REJECTED,
                     format!("arming refused: {why}"),
                 );
+            }
+            for check in Check::ALL {
+                let Some(warning) = self.arming_warning(check) else { continue };
+                self.say(at, Severity::Warning, format!("arming {warning}"));
             }
             self.board.command_arm(true, false, at);
             self.wait_for_board(at, request, Awaits::Arm);

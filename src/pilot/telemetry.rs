@@ -16,6 +16,7 @@ use haltere_core::time::HostTime;
 use super::endpoint::{Endpoint, GpsClaim};
 use super::modes::Mode;
 use super::output::Outbox;
+use super::recording::Recording;
 use super::services::EVENT_SEQUENCE_ID;
 use super::{LinkId, OWN, Pilot, identity};
 
@@ -252,6 +253,7 @@ impl Pilot {
             | S::MAV_SYS_STATUS_GEOFENCE
             | S::MAV_SYS_STATUS_AHRS
             | S::MAV_SYS_STATUS_PREARM_CHECK;
+        has.set(S::MAV_SYS_STATUS_LOGGING, self.recording.state != Recording::Off);
         has.set(S::MAV_SYS_STATUS_SENSOR_GPS, endpoint.gps == GpsClaim::OriginGps);
         let mut health = S::empty();
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
@@ -269,6 +271,7 @@ impl Pilot {
         let charged = self.battery.is_some_and(|b| b.supply_v >= self.config.limits.battery_low_v);
         health.set(S::MAV_SYS_STATUS_SENSOR_BATTERY, charged);
         health.set(S::MAV_SYS_STATUS_AHRS, self.estimate.health == Health::Good);
+        health.set(S::MAV_SYS_STATUS_LOGGING, self.recording.state == Recording::Runs);
         health.remove(self.supervisor.unhealthy());
         let ready = self.mode != Mode::Disarmed || self.may_arm(self.now).is_ok();
         health.set(S::MAV_SYS_STATUS_PREARM_CHECK, ready);

@@ -111,7 +111,7 @@ at once |
 | SIGHUP (the terminal or ssh is gone), SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR, SIGSTKFLT | \
 nothing | ends |
 | SIGTSTP (Ctrl-Z) | nothing | the program stands still until SIGCONT |
-| SIGXFSZ (a limit on the size of files) | the write fails as on a full disk: the flight goes on without a log | the same |
+| SIGXFSZ (a limit on the size of files) | the write fails as on a full disk: the flight goes on without a log (`log_stopped`) | the same |
 | SIGTTOU, SIGTTIN, SIGPIPE | nothing | nothing |
 | output that nobody reads (a stopped terminal, a full pipe), or whose reader is gone | lines are lost, counted as \
 `output_line_lost`, told to stations once and in the output where the gap is | the same |

@@ -16,6 +16,7 @@ mod atomic;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 use std::time::UNIX_EPOCH;
 
 use crate::sources::stored;
@@ -70,7 +71,7 @@ pub struct Store {
     directory: PathBuf,
     logs: PathBuf,
     /// The log that is being written.
-    own_log: Option<PathBuf>,
+    own_log: Arc<OnceLock<PathBuf>>,
     programs: Box<dyn Programs>,
 }
 
@@ -107,9 +108,14 @@ impl Store {
         Self {
             directory: directory.to_owned(),
             logs: logs.to_owned(),
-            own_log: own_log.map(Path::to_owned),
+            own_log: Arc::new(own_log.map_or_else(OnceLock::new, |log| log.to_owned().into())),
             programs,
         }
+    }
+
+    /// The same with a log that may be begun later.
+    pub fn with_log_to_come(self, own_log: Arc<OnceLock<PathBuf>>) -> Self {
+        Self { own_log, ..self }
     }
 
     /// Does one task.
@@ -257,7 +263,7 @@ impl Store {
     }
 
     fn erase_logs(&self) -> Answer {
-        let own = self.own_log.as_deref().and_then(Path::file_name);
+        let own = self.own_log.get().and_then(|log| log.file_name());
         for (file, _) in self.files(Folder::Logs).map_err(|e| io(&e))? {
             if Some(file.name().as_ref()) != own {
                 fs::remove_file(self.path(&file)).map_err(|e| io(&e))?;
@@ -274,7 +280,7 @@ impl Store {
     }
 
     fn judge(&self, name: &str) -> Answer {
-        let Some(log) = &self.own_log else { return Err(fault(FileFault::Off)) };
+        let Some(log) = self.own_log.get() else { return Err(fault(FileFault::Off)) };
         match self.programs.judge(name, log) {
             None => Err(fault(FileFault::NotFound)),
             Some(Ok(judgement)) => Ok(judgement.encode()),

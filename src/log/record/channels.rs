@@ -47,12 +47,13 @@ pub(super) const LOST: (&str, &str) = ("/in/lost", "haltere.Lost");
 pub(super) const FILE: (&str, &str) = ("/in/file", "haltere.FileAnswer");
 pub(super) const CALENDAR: (&str, &str) = ("/in/calendar", "haltere.Calendar");
 pub(super) const END_ASKED: (&str, &str) = ("/in/end", "haltere.EndAsked");
+pub(super) const RECORDING: (&str, &str) = ("/in/recording", "haltere.RecordingState");
 pub(super) const WAKE: (&str, &str) = ("/wake", "haltere.Wake");
 pub(super) const HOLE: (&str, &str) = ("/hole", "haltere.Hole");
 pub(super) const CLOSING: (&str, &str) = ("/closing", "haltere.Closing");
 /// All of them.
-pub(super) const FIXED: [(&str, &str); 10] =
-    [CONFIG, EVENT, PEER, LOST, FILE, CALENDAR, END_ASKED, WAKE, HOLE, CLOSING];
+pub(super) const FIXED: [(&str, &str); 11] =
+    [CONFIG, EVENT, PEER, LOST, FILE, CALENDAR, END_ASKED, RECORDING, WAKE, HOLE, CLOSING];
 /// Message type of raw bytes.
 pub(super) const RAW_BYTES: &str = "haltere.RawBytes";
 

@@ -12,6 +12,7 @@
 //! | `/in/peer` | whose bytes come next on a link of many ends |
 //! | `/in/lost` | losses around the core, as told to it |
 //! | `/in/file` | what the disk answered to the core |
+//! | `/in/recording` | that the recording stopped, or goes on |
 //! | `/wake` | wake-ups of the core |
 //! | `/out/tag` `/out/board` `/out/ground/N` | bytes that the core sent |
 //! | `/imu` `/uwb` `/estimate` `/control` … | decoded topics |
@@ -20,15 +21,19 @@
 //! | `/closing` | last message of a log that was closed properly |
 
 pub mod back;
+mod budget;
 mod channels;
 mod convert;
 mod gaps;
 mod identity;
 mod messages;
 mod names;
+mod patient;
 mod reader;
 mod recorder;
 mod recover;
+mod room;
+mod scribe;
 mod session;
 mod source;
 mod split;
@@ -42,6 +47,7 @@ pub use names::utc_text;
 pub use reader::{Entries, Entry, LogEnd, LogError, LogReader, RawInput};
 pub use recorder::{GlueState, Recorder, RecorderSummary};
 pub use recover::{recover, recovered_name};
+pub use room::{Limits, Room};
 pub use session::Session;
 pub use split::{Part, Parts, part_name, split};
 pub use trim::{Trimmed, trim, trimmed_name};
@@ -58,3 +64,5 @@ pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/haltere
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_room;

@@ -31,6 +31,14 @@ pub(super) fn create_log(directory: &Path, unix_us: i64) -> io::Result<(PathBuf,
     ))
 }
 
+/// Whether a file's name is one that is made here.
+pub(super) fn is_log_name(name: &str) -> bool {
+    let Some(name) = name.strip_suffix(".mcap") else { return false };
+    let parts: Vec<&str> = name.split('-').collect();
+    parts.iter().map(|part| part.len()).eq([8, 6, 2])
+        && parts.iter().all(|part| part.bytes().all(|byte| byte.is_ascii_digit()))
+}
+
 fn stamp(unix_s: i64) -> String {
     let [year, month, day, hour, minute, second] = calendar(unix_s);
     format!("{year:04}{month:02}{day:02}-{hour:02}{minute:02}{second:02}")
@@ -77,6 +85,15 @@ mod tests {
         assert_eq!(stamp(951_782_400), "20000229-000000");
         assert_eq!(stamp(1_795_269_763), "20261121-140243");
         assert_eq!(stamp(-1), "19691231-235959");
+    }
+
+    #[test]
+    fn prop_a_name_is_ours_or_not() {
+        assert!(is_log_name("20261121-140243-00.mcap"));
+        for other in ["bench.mcap", "20261121-140243-00-trimmed.mcap", "20261121-140243.mcap", "a"]
+        {
+            assert!(!is_log_name(other), "{other}");
+        }
     }
 
     #[test]

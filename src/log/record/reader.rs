@@ -18,7 +18,7 @@ use haltere_core::checks::schema::NotReadable;
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 use haltere_pilot::services::FileFault;
-use haltere_pilot::{Input, LinkId};
+use haltere_pilot::{Input, LinkId, Recording};
 
 /// Why a file cannot be used as a log.
 #[derive(Debug, Error)]
@@ -236,6 +236,13 @@ pub enum RawInput {
         /// Since 1970-01-01 UTC, µs.
         unix_us: i64,
     },
+    /// See [`Input::Recording`].
+    Recording {
+        /// How it stands.
+        state: Recording,
+        /// Why.
+        why: String,
+    },
     /// See [`Input::EndAsked`].
     EndAsked,
     /// See [`Input::Wake`].
@@ -257,6 +264,7 @@ impl RawInput {
                 Input::File { ticket: *ticket, result: fault.map_or(Ok(()), Err), bytes }
             }
             RawInput::Calendar { unix_us } => Input::Calendar { unix_us: *unix_us },
+            RawInput::Recording { state, why } => Input::Recording { state: *state, why },
             RawInput::EndAsked => Input::EndAsked,
             RawInput::Wake => Input::Wake,
         }
@@ -587,6 +595,16 @@ fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
             sequence: asked.sequence,
             at: HostTime::from_us(asked.host_time_us),
             input: RawInput::EndAsked,
+        }
+    } else if channel == channels::RECORDING.0 {
+        let told = pb::RecordingState::decode(data)?;
+        // A state of a newer build.
+        let state = u8::try_from(told.state).ok().and_then(Recording::from_number);
+        let Some(state) = state else { return Ok(None) };
+        Entry::Input {
+            sequence: told.sequence,
+            at: HostTime::from_us(told.host_time_us),
+            input: RawInput::Recording { state, why: told.why },
         }
     } else if channel == channels::EVENT.0 {
         let event = pb::LinkEvent::decode(data)?;

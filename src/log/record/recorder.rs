@@ -6,23 +6,22 @@
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed, Ordering::SeqCst};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed, Ordering::SeqCst};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use crossbeam_queue::ArrayQueue;
-use mcap::McapError;
-
-use super::channels::{self, Decoded};
-use super::convert::decoded_from_topic;
+use super::channels::Decoded;
 use super::pb;
+use super::room::{Limits, Room};
+use super::scribe::{Disk, Ended, write_all};
 use super::session::Session;
 use super::writer::{LogWriter, RecordError};
+use crossbeam_queue::ArrayQueue;
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
-use haltere_pilot::{Input, LinkId};
+use haltere_pilot::{Input, LinkId, Recording};
 
 /// Batches that may wait for the disk. With [`BATCH_ENTRIES`] entries each and some 1500 entries/s
 /// this rides out a stall of the disk of about 20 s, in about 5 MB.
@@ -46,12 +45,9 @@ const BATCH_AGE_US: i64 = 20_000;
 /// How long lockstep waits for the disk before it looks again.
 const WAIT_FOR_ROOM: Duration = Duration::from_micros(200);
 
-/// Period of flush and sync: what a power cut may cost.
-const PERSIST_PERIOD: Duration = Duration::from_secs(1);
-
 /// One thing to record.
 #[derive(Debug)]
-enum Item {
+pub(super) enum Item {
     Bytes { out: bool, link: LinkId, start: usize, end: usize },
     Event { link: LinkId, kind: pb::link_event::Kind },
     Peer { link: LinkId, address: SocketAddr },
@@ -59,17 +55,18 @@ enum Item {
     File { ticket: u32, fault: u8, start: usize, end: usize },
     Calendar { unix_us: i64 },
     EndAsked,
+    Recording { state: Recording, start: usize, end: usize },
     Wake,
     Topic(Topic),
     Glue(Decoded),
 }
 
 #[derive(Debug, Default)]
-struct Batch {
-    hole: Option<pb::Hole>,
+pub(super) struct Batch {
+    pub hole: Option<pb::Hole>,
     /// With time and sequence number; the latter is 0 for what is not replayed.
-    items: Vec<(HostTime, u64, Item)>,
-    bytes: Vec<u8>,
+    pub items: Vec<(HostTime, u64, Item)>,
+    pub bytes: Vec<u8>,
 }
 
 impl Batch {
@@ -81,7 +78,7 @@ impl Batch {
         }
     }
 
-    fn clear(&mut self) {
+    pub(super) fn clear(&mut self) {
         self.hole = None;
         self.items.clear();
         self.bytes.clear();
@@ -115,7 +112,7 @@ pub struct RecorderSummary {
 /// Takes everything, never waits.
 #[derive(Debug)]
 pub struct Recorder {
-    path: Option<PathBuf>,
+    path: Arc<OnceLock<PathBuf>>,
     queue: Option<Arc<Queue>>,
     thread: Option<JoinHandle<Ended>>,
     batch: Batch,
@@ -129,15 +126,25 @@ pub struct Recorder {
 /// Batches on their way to the recorder's thread and back. Neither end takes a lock, so the pilot's
 /// thread is not held up by the other one; and empty batches come back with their memory.
 #[derive(Debug)]
-struct Queue {
+pub(super) struct Queue {
     full: ArrayQueue<Batch>,
-    empty: ArrayQueue<Batch>,
+    pub empty: ArrayQueue<Batch>,
     /// Bytes that wait for the disk.
-    waiting_B: AtomicUsize,
+    pub waiting_B: AtomicUsize,
     /// Nothing more will come.
     closed: AtomicBool,
     /// The recorder's thread has ended.
-    deserted: AtomicBool,
+    pub deserted: AtomicBool,
+    /// Somebody flies, or is about to.
+    pub armed: AtomicBool,
+    /// Somebody armed, or a station sent a mission or a program: the log is never removed.
+    pub eventful: AtomicBool,
+    /// How the recording stands, when that has changed.
+    news: ArrayQueue<(Recording, String)>,
+    /// Entries that were left out because the recording had stopped.
+    pub unrecorded: AtomicU64,
+    /// The log, once it is begun.
+    pub path: Arc<OnceLock<PathBuf>>,
 }
 
 impl Queue {
@@ -152,11 +159,21 @@ impl Queue {
             waiting_B: AtomicUsize::new(0),
             closed: AtomicBool::new(false),
             deserted: AtomicBool::new(false),
+            armed: AtomicBool::new(false),
+            eventful: AtomicBool::new(true),
+            news: ArrayQueue::new(1),
+            unrecorded: AtomicU64::new(0),
+            path: Arc::default(),
         }
     }
 
+    /// Tells how the recording stands; only the newest counts.
+    pub(super) fn tell(&self, state: Recording, why: String) {
+        self.news.force_push((state, why));
+    }
+
     /// The next full batch; `Err`: there will be none.
-    fn take(&self, patience: Duration) -> Result<Option<Batch>, Closed> {
+    pub(super) fn take(&self, patience: Duration) -> Result<Option<Batch>, Closed> {
         // Looked at first: what was put in before the end is still written.
         let closed = self.closed.load(SeqCst);
         if let Some(batch) = self.full.pop() {
@@ -171,27 +188,37 @@ impl Queue {
 }
 
 /// The recording is over.
-struct Closed;
-
-/// Says so even when the thread ends by a panic.
-struct Deserts<'a>(&'a Queue);
-
-impl Drop for Deserts<'_> {
-    fn drop(&mut self) {
-        self.0.deserted.store(true, SeqCst);
-    }
-}
-
-#[derive(Debug, Default)]
-struct Ended {
-    lost: u64,
-    error: Option<RecordError>,
-}
+pub(super) struct Closed;
 
 impl Recorder {
     /// Begins a log in `directory`.
     pub fn start(directory: &Path, session: &Session) -> Result<Self, RecordError> {
         Self::spawn(LogWriter::create(directory, session)?, QUEUE_BATCHES)
+    }
+
+    /// Begins a log that leaves room on the disk: where there is none it is begun later, and where there is no more it
+    /// stops, until there is some ([`Self::news`] tells). An error is one that no waiting mends.
+    pub fn within(
+        limits: Limits,
+        directory: &Path,
+        session: &Session,
+    ) -> Result<Self, RecordError> {
+        let (folder, head) = (directory.to_owned(), session.clone());
+        let place = folder.clone();
+        let mut disk = Disk {
+            log: None,
+            begin: Box::new(move || LogWriter::create(&folder, &head)),
+            room: Box::new(move || Room::of(&place)),
+            folder: directory.to_owned(),
+            limits,
+        };
+        let stands = disk.open()?;
+        let recorder = Self::spawn_on(disk, stands, QUEUE_BATCHES)?;
+        if let Some(queue) = &recorder.queue {
+            // Until somebody says that it is.
+            queue.eventful.store(false, Relaxed);
+        }
+        Ok(recorder)
     }
 
     /// Begins a log whose recorder waits for the disk instead of dropping: for lockstep, which runs
@@ -205,7 +232,7 @@ impl Recorder {
     /// A recorder that forgets everything.
     pub fn off() -> Self {
         Self {
-            path: None,
+            path: Arc::default(),
             queue: None,
             thread: None,
             batch: Batch::default(),
@@ -220,24 +247,67 @@ impl Recorder {
         log: LogWriter<W>,
         depth: usize,
     ) -> Result<Self, RecordError> {
-        let path = log.path().to_owned();
+        Self::spawn_on(Disk::of(log), (Recording::Runs, String::new()), depth)
+    }
+
+    pub(super) fn spawn_on<W: std::io::Write + std::io::Seek + Send + 'static>(
+        disk: Disk<W>,
+        stands: (Recording, String),
+        depth: usize,
+    ) -> Result<Self, RecordError> {
         let queue = Arc::new(Queue::new(depth));
+        if let Some(log) = &disk.log {
+            let _ = queue.path.set(log.path().to_owned());
+        }
+        queue.tell(stands.0, stands.1.clone());
         let batches = queue.clone();
         let thread = std::thread::Builder::new()
             .name("recorder".into())
-            .spawn(move || write_all(log, &batches))
+            .spawn(move || write_all(disk, stands, &batches))
             .map_err(RecordError::Thread)?;
         let mut recorder = Self::off();
-        recorder.path = Some(path);
+        recorder.path = queue.path.clone();
         recorder.queue = Some(queue);
         recorder.thread = Some(thread);
         recorder.batch = Batch::ready();
         Ok(recorder)
     }
 
+    /// How the recording stands, with the reason if it does not run, once whenever that has changed; never waits.
+    pub fn news(&self) -> Option<(Recording, String)> {
+        self.queue.as_ref()?.news.pop()
+    }
+
+    /// Whether somebody flies, or is about to: then the reserve is for him.
+    pub fn set_armed(&self, armed: bool) {
+        if let Some(queue) = &self.queue {
+            queue.armed.store(armed, Relaxed);
+            if armed {
+                queue.eventful.store(true, Relaxed);
+            }
+        }
+    }
+
+    /// The log holds something that is wanted for good, a flight or a program.
+    pub fn set_eventful(&self) {
+        if let Some(queue) = &self.queue {
+            queue.eventful.store(true, Relaxed);
+        }
+    }
+
+    /// Entries that were left out because the recording had stopped, so far.
+    pub fn unrecorded(&self) -> u64 {
+        self.queue.as_ref().map_or(0, |queue| queue.unrecorded.load(Relaxed))
+    }
+
+    /// The log's name, for who asks later: it may be begun later.
+    pub fn name(&self) -> Arc<OnceLock<PathBuf>> {
+        self.path.clone()
+    }
+
     /// The log that is being written.
     pub fn path(&self) -> Option<&Path> {
-        self.path.as_deref()
+        self.path.get().map(PathBuf::as_path)
     }
 
     /// An event as handed to the core, in order.
@@ -265,6 +335,14 @@ impl Recorder {
                 self.raw(at, Item::File { ticket, fault, start, end });
             }
             Input::Calendar { unix_us } => self.raw(at, Item::Calendar { unix_us }),
+            Input::Recording { state, why } => {
+                let start = self.batch.bytes.len();
+                if self.queue.is_some() {
+                    self.batch.bytes.extend_from_slice(why.as_bytes());
+                }
+                let end = self.batch.bytes.len();
+                self.raw(at, Item::Recording { state, start, end });
+            }
             Input::EndAsked => self.raw(at, Item::EndAsked),
             Input::Wake => self.raw(at, Item::Wake),
         }
@@ -318,19 +396,21 @@ impl Recorder {
     }
 
     fn end(&mut self) -> RecorderSummary {
-        if let Some(queue) = self.queue.take() {
+        let queue = self.queue.take();
+        if let Some(queue) = &queue {
             let mut last = std::mem::take(&mut self.batch);
             last.hole = self.hole.take();
             queue.waiting_B.fetch_add(last.bytes.len(), Relaxed);
             // Nothing is flying any more: waiting is right.
-            let _ = self.put_waiting(&queue, last);
+            let _ = self.put_waiting(queue, last);
             queue.closed.store(true, SeqCst);
             self.wake();
         }
         let ended = self.thread.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        let unrecorded = queue.map_or(0, |queue| queue.unrecorded.load(Relaxed));
         RecorderSummary {
-            path: self.path.take(),
-            lost_entries: self.lost.saturating_add(ended.lost),
+            path: self.path.get().cloned(),
+            lost_entries: self.lost.saturating_add(unrecorded),
             error: ended.error,
         }
     }
@@ -416,7 +496,7 @@ impl Drop for Recorder {
 }
 
 /// The hole that swallows `items` too.
-fn widen(hole: Option<pb::Hole>, items: &[(HostTime, u64, Item)]) -> pb::Hole {
+pub(super) fn widen(hole: Option<pb::Hole>, items: &[(HostTime, u64, Item)]) -> pb::Hole {
     let mut hole = hole.unwrap_or_else(|| pb::Hole {
         from_us: items.first().map_or(0, |(at, ..)| at.as_us()),
         ..pb::Hole::default()
@@ -434,146 +514,4 @@ fn widen(hole: Option<pb::Hole>, items: &[(HostTime, u64, Item)]) -> pb::Hole {
         }
     }
     hole
-}
-
-/// Body of the recorder's thread. After a failure it goes on emptying the queue, and counts.
-fn write_all<W: std::io::Write + std::io::Seek>(log: LogWriter<W>, queue: &Queue) -> Ended {
-    let _deserts = Deserts(queue);
-    let mut ended = Ended::default();
-    let mut log = Some(log);
-    let mut last = Tail::default();
-    let mut persisted = Instant::now();
-    loop {
-        let wait = PERSIST_PERIOD.saturating_sub(persisted.elapsed());
-        let Ok(batch) = queue.take(wait) else { break };
-        let due = persisted.elapsed() >= PERSIST_PERIOD;
-        if due {
-            persisted = Instant::now();
-        }
-        if let Some(open) = &mut log {
-            let written = match &batch {
-                Some(batch) => write_batch(open, batch, &mut last),
-                None => Ok(()),
-            }
-            .and_then(|()| if due { open.persist() } else { Ok(()) });
-            if let Err(error) = written {
-                let error = open.error(&error);
-                tracing::error!("{error}");
-                ended.error = Some(error);
-                ended.lost = ended.lost.saturating_add(entries(batch.as_ref()));
-                log = None;
-            }
-        } else {
-            ended.lost = ended.lost.saturating_add(entries(batch.as_ref()));
-        }
-        if let Some(mut batch) = batch {
-            queue.waiting_B.fetch_sub(batch.bytes.len(), Relaxed);
-            batch.clear();
-            let _ = queue.empty.push(batch);
-        }
-    }
-    if let Some(mut open) = log {
-        let path = open.path().to_owned();
-        let closing = pb::Closing {
-            host_time_us: last.at.as_us(),
-            last_sequence: last.sequence,
-            lost_entries: last.lost,
-        };
-        let closed = open.put(channels::CLOSING, last.at, 0, &closing).and_then(|()| open.finish());
-        if let Err(error) = closed {
-            let error = RecordError::Write { path, reason: error.to_string() };
-            tracing::error!("{error}");
-            ended.error = Some(error);
-        }
-    }
-    ended
-}
-
-/// Where the log ends.
-#[derive(Debug, Default)]
-struct Tail {
-    at: HostTime,
-    sequence: u64,
-    lost: u64,
-}
-
-fn entries(batch: Option<&Batch>) -> u64 {
-    batch.map_or(0, |batch| batch.items.len() as u64)
-}
-
-fn write_batch<W: std::io::Write + std::io::Seek>(
-    log: &mut LogWriter<W>,
-    batch: &Batch,
-    last: &mut Tail,
-) -> Result<(), McapError> {
-    if let Some(hole) = &batch.hole {
-        last.lost += hole.lost_raw + hole.lost_topics;
-        last.sequence = last.sequence.max(hole.last_sequence);
-        last.at = last.at.max(HostTime::from_us(hole.to_us));
-        log.put(channels::HOLE, HostTime::from_us(hole.to_us), 0, hole)?;
-    }
-    for (at, sequence, item) in &batch.items {
-        let (at, sequence, host_time_us) = (*at, *sequence, at.as_us());
-        last.at = last.at.max(at);
-        last.sequence = last.sequence.max(sequence);
-        match item {
-            Item::Bytes { out, link, start, end } => {
-                let bytes = batch.bytes.get(*start..*end).unwrap_or_default();
-                log.raw(*out, *link, at, sequence, bytes)?;
-            }
-            Item::Event { link, kind } => {
-                let message = pb::LinkEvent {
-                    sequence,
-                    host_time_us,
-                    link: u32::from(link.number()),
-                    kind: (*kind).into(),
-                };
-                log.put(channels::EVENT, at, sequence, &message)?;
-            }
-            Item::Peer { link, address } => {
-                let message = pb::LinkPeer {
-                    sequence,
-                    host_time_us,
-                    link: u32::from(link.number()),
-                    address: address.to_string(),
-                };
-                log.put(channels::PEER, at, sequence, &message)?;
-            }
-            Item::Lost { link, reason, count } => {
-                let message = pb::Lost {
-                    sequence,
-                    host_time_us,
-                    link: u32::from(link.number()),
-                    reason: reason.name().to_owned(),
-                    count: *count,
-                };
-                log.put(channels::LOST, at, sequence, &message)?;
-            }
-            Item::File { ticket, fault, start, end } => {
-                let data = batch.bytes.get(*start..*end).unwrap_or_default().to_vec();
-                let message = pb::FileAnswer {
-                    sequence,
-                    host_time_us,
-                    ticket: *ticket,
-                    fault: u32::from(*fault),
-                    data,
-                };
-                log.put(channels::FILE, at, sequence, &message)?;
-            }
-            Item::Calendar { unix_us } => {
-                let message = pb::Calendar { sequence, host_time_us, unix_us: *unix_us };
-                log.put(channels::CALENDAR, at, sequence, &message)?;
-            }
-            Item::EndAsked => {
-                let message = pb::EndAsked { sequence, host_time_us };
-                log.put(channels::END_ASKED, at, sequence, &message)?;
-            }
-            Item::Wake => {
-                log.put(channels::WAKE, at, sequence, &pb::Wake { sequence, host_time_us })?;
-            }
-            Item::Topic(topic) => log.decoded(&decoded_from_topic(topic))?,
-            Item::Glue(glue) => log.decoded(glue)?,
-        }
-    }
-    Ok(())
 }

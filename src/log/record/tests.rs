@@ -20,7 +20,7 @@ use haltere_core::time::HostTime;
 use haltere_core::topics::{
     ControlRecord, HealthRecord, ModeRecord, Saturation, ShadowRecord, TextRecord, Topic, UwbRecord,
 };
-use haltere_pilot::LinkId;
+use haltere_pilot::{LinkId, Recording};
 
 pub(crate) fn session() -> Session {
     let anchors: Vec<_> = (0..8u8)
@@ -160,6 +160,7 @@ fn script(recorder: &mut Recorder, cycles: u64) -> Vec<Entry> {
             RawInput::Lost { link: LinkId::Board, reason: DropReason::InputQueueFull, count: 3 },
             RawInput::Calendar { unix_us: 1_795_000_000_000_000 },
             RawInput::EndAsked,
+            RawInput::Recording { state: Recording::Waits, why: "0.9 GB free".into() },
             RawInput::File { ticket: 7, fault: None, bytes: vec![1, 2, 3] },
             RawInput::File {
                 ticket: 8,
@@ -240,7 +241,7 @@ fn prop_what_is_recorded_is_read_back() {
     let mut got: Vec<_> = entries.by_ref().collect();
     assert_eq!(entries.end(), LogEnd::Complete);
     let Some(Entry::Closing(closing)) = got.pop() else { panic!("closing missing") };
-    assert_eq!(closing.last_sequence, 200 * 15);
+    assert_eq!(closing.last_sequence, 200 * 16);
     assert_eq!(closing.lost_entries, 0);
     assert!(got == expected);
 }
@@ -628,7 +629,8 @@ fn prop_a_disk_that_is_full_at_any_byte_leaves_a_log() {
         let mut written = 0;
         for sequence in 1..=40 {
             let at = HostTime::from_us(sequence * 10);
-            if log.raw(false, LinkId::Tag, at, sequence, &[7; 90]).is_err() {
+            log.raw(false, LinkId::Tag, at, sequence, &[7; 90]).unwrap();
+            if log.fault().is_some() {
                 break;
             }
             written = sequence as usize;

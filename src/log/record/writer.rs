@@ -15,8 +15,10 @@ use mcap::{McapError, WriteOptions};
 use thiserror::Error;
 
 use super::DESCRIPTORS;
+use super::budget::UNEVENTFUL;
 use super::channels::{self, Decoded};
 use super::names::create_log;
+use super::patient::Patient;
 use super::pb;
 use super::session::Session;
 use haltere_core::time::HostTime;
@@ -24,6 +26,8 @@ use haltere_pilot::LinkId;
 
 /// A chunk ends with the record that reaches this, bytes: some seconds of a flight.
 const CHUNK_BYTES: usize = 1 << 20;
+/// Bytes that are gathered before they are written.
+const BUFFER_BYTES: usize = if cfg!(test) { 0 } else { 1 << 16 };
 /// What a message takes in a chunk besides its data: opcode, length, channel, sequence, two times, bytes.
 const MESSAGE_HEAD_BYTES: usize = 1 + 8 + 2 + 4 + 8 + 8;
 
@@ -50,16 +54,63 @@ pub enum RecordError {
         /// Why.
         reason: String,
     },
+    /// There was no room for a log, to the end.
+    #[error("without log: {reason}; make room, or name another folder in record.directory")]
+    NotBegun {
+        /// Why, and where.
+        reason: String,
+    },
     /// The recorder's thread could not be started.
     #[error("the recorder's thread could not be started: {0}")]
     Thread(io::Error),
+}
+
+impl RecordError {
+    /// Whether waiting may mend it: a disk that is full, or does not work for now. What is wrong with the
+    /// configuration stays wrong.
+    pub fn may_pass(&self) -> bool {
+        use io::ErrorKind as K;
+        match self {
+            RecordError::Create { source, .. } => !matches!(
+                source.kind(),
+                K::PermissionDenied
+                    | K::NotFound
+                    | K::NotADirectory
+                    | K::AlreadyExists
+                    | K::InvalidInput
+                    | K::InvalidFilename
+            ),
+            RecordError::Write { .. } | RecordError::NotBegun { .. } => true,
+            RecordError::Thread(_) => false,
+        }
+    }
+
+    /// Where and why alone, without what to do about it.
+    pub(super) fn cause(&self) -> String {
+        match self {
+            RecordError::Create { directory, source } => {
+                format!("{}: {source}", directory.display())
+            }
+            RecordError::Write { path, reason } => format!("{}: {reason}", path.display()),
+            RecordError::NotBegun { reason } => reason.clone(),
+            RecordError::Thread(error) => error.to_string(),
+        }
+    }
+}
+
+/// Sentence about a failure.
+pub(super) fn reason(error: &McapError) -> String {
+    match error {
+        McapError::Io(io) => io.to_string(),
+        other => other.to_string(),
+    }
 }
 
 /// What makes written bytes permanent.
 pub(super) type Sync = Box<dyn FnMut() -> io::Result<()> + Send>;
 
 /// The medium: the MCAP writer holds it, and so does who flushes it in the middle of a chunk.
-struct Shared<W>(Arc<Mutex<W>>);
+struct Shared<W>(Arc<Mutex<Patient<W>>>);
 
 impl<W> Clone for Shared<W> {
     fn clone(&self) -> Self {
@@ -68,12 +119,12 @@ impl<W> Clone for Shared<W> {
 }
 
 impl<W> Shared<W> {
-    fn medium(&self) -> io::Result<MutexGuard<'_, W>> {
+    fn medium(&self) -> io::Result<MutexGuard<'_, Patient<W>>> {
         self.0.lock().map_err(|_| io::Error::other("a write before ended in a panic"))
     }
 }
 
-impl<W: Write> Write for Shared<W> {
+impl<W: Write + Seek> Write for Shared<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.medium()?.write(bytes)
     }
@@ -105,14 +156,19 @@ pub(super) struct LogWriter<W: Write + Seek> {
     buffer: Vec<u8>,
 }
 
-impl LogWriter<io::BufWriter<std::fs::File>> {
+impl LogWriter<std::fs::File> {
     /// Creates the next log in `directory`; its head is on disk when this returns.
     pub(super) fn create(directory: &Path, session: &Session) -> Result<Self, RecordError> {
         let failed = |source| RecordError::Create { directory: directory.to_owned(), source };
         let (path, file) = create_log(directory, session.started_unix_us).map_err(failed)?;
         let handle = file.try_clone().map_err(failed)?;
         let sync = Box::new(move || handle.sync_data());
-        Self::on(path, io::BufWriter::new(file), sync, session)
+        let begun = Self::on(path.clone(), file, sync, session);
+        if begun.is_err() {
+            // Nothing is in it, and the next attempt makes one of its own.
+            let _ = std::fs::remove_file(&path);
+        }
+        begun
     }
 }
 
@@ -124,7 +180,7 @@ impl<W: Write + Seek> LogWriter<W> {
         sync: Sync,
         session: &Session,
     ) -> Result<Self, RecordError> {
-        let medium = Shared(Arc::new(Mutex::new(medium)));
+        let medium = Shared(Arc::new(Mutex::new(Patient::new(medium, BUFFER_BYTES))));
         let begun = WriteOptions::new()
             .compression(None)
             .profile("haltere")
@@ -141,7 +197,10 @@ impl<W: Write + Seek> LogWriter<W> {
         let mut log =
             Self { path, mcap, medium, sync, open_bytes, chunk_bytes, channels, told, buffer };
         log.begin(session).map_err(|error| log.error(&error))?;
-        Ok(log)
+        match log.fault() {
+            None => Ok(log),
+            Some(error) => Err(log.error(&McapError::Io(error))),
+        }
     }
 
     fn begin(&mut self, session: &Session) -> Result<(), McapError> {
@@ -181,10 +240,7 @@ impl<W: Write + Seek> LogWriter<W> {
 
     /// Sentence about a failure.
     pub(super) fn error(&self, error: &McapError) -> RecordError {
-        let reason = match error {
-            McapError::Io(io) => io.to_string(),
-            other => other.to_string(),
-        };
+        let reason = reason(error);
         RecordError::Write { path: self.path.clone(), reason }
     }
 
@@ -255,10 +311,11 @@ impl<W: Write + Seek> LogWriter<W> {
         if self.open_bytes >= self.chunk_bytes { self.persist() } else { Ok(()) }
     }
 
-    /// Makes everything so far permanent, and then closes a chunk that is long enough.
+    /// Makes everything so far permanent, unless [`Self::fault`] says why not, and then closes a chunk that is long enough.
     pub(super) fn persist(&mut self) -> Result<(), McapError> {
         self.settle()?;
-        if self.open_bytes >= self.chunk_bytes {
+        // A chunk tells its length only when all of it is permanent.
+        if self.open_bytes >= self.chunk_bytes && self.fault().is_none() {
             self.mcap.flush()?;
             self.open_bytes = 0;
             self.tell_channels()?;
@@ -280,14 +337,30 @@ impl<W: Write + Seek> LogWriter<W> {
     }
 
     fn settle(&mut self) -> io::Result<()> {
-        self.medium.flush()?;
-        (self.sync)()
+        let Self { medium, sync, .. } = self;
+        medium.medium()?.settle(sync);
+        Ok(())
+    }
+
+    /// Why what was written does not come to the disk. It waits in memory, and the file goes on when it does.
+    pub(super) fn fault(&self) -> Option<io::Error> {
+        match self.medium.medium() {
+            Ok(medium) => medium.fault(),
+            Err(error) => Some(error),
+        }
+    }
+
+    /// Writes that nothing happened in this log, which may be removed one day, and where a reader finds that.
+    pub(super) fn note_uneventful(&mut self) -> Result<(), McapError> {
+        let metadata = BTreeMap::new();
+        self.mcap.write_metadata(&Metadata { name: UNEVENTFUL.into(), metadata })
     }
 
     /// Writes the index. The log is complete when this returns.
     pub(super) fn finish(mut self) -> Result<(), McapError> {
         self.settle()?;
         self.mcap.finish()?;
-        Ok(self.settle()?)
+        self.settle()?;
+        self.fault().map_or(Ok(()), |error| Err(error.into()))
     }
 }

@@ -71,6 +71,7 @@ fn words(check: Check) -> [&'static str; 3] {
         }
         Check::Battery => ["battery", "Battery", "Battery low, or no voltage from the board"],
         Check::Gains => ["gains", "Control gains", "The loops cannot fly with these gains"],
+        Check::Log => ["log", "Flight log", "Flights are not recorded"],
         Check::Shadow => ["shadow", "Shadow", "This companion only watches"],
     }
 }

@@ -39,8 +39,8 @@ pub(in super::super) struct Events {
     kept: VecDeque<EVENT_DATA>,
     /// Number of the newest event.
     newest: u16,
-    /// Checks that failed when they were last reported, as bits of health.
-    reported: Option<u32>,
+    /// Checks that failed, and that warned, when they were last reported, as bits of health.
+    reported: Option<(u32, u32)>,
     reported_at: HostTime,
 }
 
@@ -179,28 +179,33 @@ impl Pilot {
 
     /// The report of all checks; `anyway`: even if nothing has changed.
     pub(super) fn report_checks(&mut self, at: HostTime, anyway: bool) {
+        let of = |checks: &[Check]| checks.iter().map(|c| list::health_bit(*c)).sum::<u32>();
+        let warned: Vec<Check> =
+            Check::ALL.into_iter().filter(|c| self.arming_warning(*c).is_some()).collect();
         let failed: Vec<Check> =
             Check::ALL.into_iter().filter(|c| self.arming_check(*c, at).is_err()).collect();
-        let errors: u32 = failed.iter().map(|c| list::health_bit(*c)).sum();
+        let (errors, warnings) = (of(&failed), of(&warned));
         let events = &mut self.services.events;
         events.reported_at = at;
-        if events.reported.replace(errors) == Some(errors) && !anyway {
+        if events.reported.replace((errors, warnings)) == Some((errors, warnings)) && !anyway {
             return;
         }
-        let all: u32 = Check::ALL.into_iter().map(list::health_bit).sum();
+        let all = of(&Check::ALL);
         let modes = list::all_modes();
         let can = if failed.is_empty() { modes } else { 0 };
-        let [errors, all, none, modes, can] =
-            [errors, all, 0, modes, can].map(|word: u32| word.to_le_bytes());
-        self.event(at, list::ARMING_SUMMARY, PROTOCOL, &[&[0], &errors, &none, &can, &can]);
-        for check in failed {
+        let [errors, all, warnings, modes, can] =
+            [errors, all, warnings, modes, can].map(|word: u32| word.to_le_bytes());
+        self.event(at, list::ARMING_SUMMARY, PROTOCOL, &[&[0], &errors, &warnings, &can, &can]);
+        let failed = failed.into_iter().map(|check| (check, Severity::Error));
+        let warned = warned.into_iter().map(|check| (check, Severity::Warning));
+        for (check, severity) in failed.chain(warned) {
             let number = (list::FIRST_CHECK..)
                 .zip(Check::ALL)
                 .find(|(_, c)| *c == check)
                 .map_or(list::FIRST_CHECK, |(number, _)| number);
             let index = [list::health_index(check)];
-            self.event(at, number, level(Severity::Error), &[&modes, &index]);
+            self.event(at, number, level(severity), &[&modes, &index]);
         }
-        self.event(at, list::HEALTH_SUMMARY, PROTOCOL, &[&[0], &all, &errors, &none]);
+        self.event(at, list::HEALTH_SUMMARY, PROTOCOL, &[&[0], &all, &errors, &warnings]);
     }
 }

@@ -169,6 +169,7 @@ pub static COMMON: &[Parameter] = &[
     number!("FLT_ACC_RAD", flight.acceptance_radius_m, AtOnce, 0.05, 5.0, "m", "Distance at which a waypoint counts as reached when it names none."),
     number!("FLT_GEAR_HGT", flight.gear_height_m, OnFloor, 0.0, 0.5, "m", "Height of the feet below the point that is tracked."),
     number!("FLT_IDLE_T", flight.idle_disarm_s, AtOnce, 2.0, 600.0, "s", "Time armed on the floor after which the vehicle disarms."),
+    switch!("FLT_LOG_REQ", flight.log_required, AtOnce, "Whether nothing arms while flights are not recorded, as on a full disk."),
     bound!("LIM_NORTH_MIN", north_m, 0, "Lowest room-north coordinate of a setpoint."),
     bound!("LIM_NORTH_MAX", north_m, 1, "Highest room-north coordinate of a setpoint."),
     bound!("LIM_EAST_MIN", east_m, 0, "Lowest room-east coordinate of a setpoint."),

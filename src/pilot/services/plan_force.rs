@@ -228,6 +228,7 @@ impl Pilot {
             return Err(format!("{} items, at most {MOST_ITEMS} allowed", items.len()));
         }
         self.take_plan(Plan::Mission, items).map_err(|(_, why)| why)?;
+        self.sent_a_mission = true;
         self.services.lost.settle(Kept::Plan(Plan::Mission));
         self.keep_plan(at, Plan::Mission);
         Ok(self.mission.items.len())

@@ -400,6 +400,7 @@ impl Pilot {
         let answer = match result {
             Ok(()) => {
                 self.services.lost.settle(Kept::Plan(plan));
+                self.sent_a_mission |= plan == Plan::Mission;
                 let accepted = MavMissionResult::MAV_MISSION_ACCEPTED;
                 let answer = ack(peer, upload.mission_type, accepted, self.plan_id(plan));
                 self.out.message(link, OWN, &answer);

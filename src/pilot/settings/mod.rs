@@ -84,6 +84,7 @@ impl Config {
         self.board.check("board", problems);
         self.ground.check("ground", problems);
         self.watch.check("watch", problems);
+        self.record.check("record", problems);
         self.timing.check("timing", problems);
         self.flight.check("flight", problems);
         self.limits.check("limits", problems);

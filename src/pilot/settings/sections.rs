@@ -142,13 +142,33 @@ pub struct RecordConfig {
     pub enabled: bool,
     /// Where logs go, relative to the working directory.
     pub directory: PathBuf,
+    /// Room that is kept for flights while nobody flies, GB.
+    pub reserve_gb: f64,
+    /// What logs may take together, GB, before those that hold neither a flight nor a program are removed. `None`:
+    /// nothing is ever removed.
+    pub budget_gb: Option<f64>,
 }
 
 impl Default for RecordConfig {
     fn default() -> Self {
-        Self { enabled: true, directory: "logs".into() }
+        Self { enabled: true, directory: "logs".into(), reserve_gb: 1.0, budget_gb: None }
     }
 }
+
+impl RecordConfig {
+    pub(super) fn check(&self, key: &str, problems: &mut Problems) {
+        let mut range = |name: &str, value| {
+            problems.range(format_args!("{key}.{name}"), value, 0.0..=MOST_GB, "GB");
+        };
+        range("reserve_gb", self.reserve_gb);
+        if let Some(budget_gb) = self.budget_gb {
+            range("budget_gb", budget_gb);
+        }
+    }
+}
+
+/// Larger disks than any companion has.
+const MOST_GB: f64 = 100_000.0;
 
 /// `[store]`: what is kept over a restart.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,10 +1,10 @@
 //! The list of conditions. Its order is the order of names where several want the same.
 
 use super::condition::Condition;
-use super::{battery, envelope, estimator, imu, links, lying, room, scale, slip, timing, uwb};
+use super::{battery, envelope, estimator, imu, links, log, lying, room, scale, slip, timing, uwb};
 
 /// Every condition. What reacts walks this list, and `docs/SAFETY.md` is printed from it.
-pub static CONDITIONS: [Condition; 46] = [
+pub static CONDITIONS: [Condition; 48] = [
     links::CONTROL,
     lying::LIES,
     timing::PAUSED,
@@ -51,4 +51,6 @@ pub static CONDITIONS: [Condition; 46] = [
     timing::LATE,
     timing::BOARD_CLOCK,
     links::SECOND,
+    log::STOPPED,
+    log::WAITS,
 ];

@@ -18,6 +18,7 @@ mod estimator;
 mod imu;
 mod links;
 mod list;
+mod log;
 mod lying;
 mod reaction;
 mod room;
