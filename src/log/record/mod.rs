@@ -22,6 +22,7 @@
 pub mod back;
 mod channels;
 mod convert;
+mod forms;
 mod gaps;
 mod identity;
 mod messages;
