@@ -147,10 +147,12 @@ pub(super) fn unchecked(source: &Source, channel: &str) -> Option<(Metadata, Vec
     while let Some((opcode, body, next)) = record(&mut window, at) {
         match opcode {
             op::SCHEMA => {}
-            op::CHANNEL if next - body <= LONGEST_CHANNEL_BYTES && id.is_none() => {
+            op::CHANNEL if next - body <= LONGEST_CHANNEL_BYTES => {
                 let parsed = mcap::read::parse_record(opcode, window.some(body, next - body));
                 let Ok(Record::Channel(found)) = parsed else { return None };
-                id = (found.topic == channel).then_some(found.id);
+                if found.topic == channel {
+                    id = Some(found.id);
+                }
             }
             op::MESSAGE if next - body <= LONGEST_SMALL_BYTES => {
                 let told = window

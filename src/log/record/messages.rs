@@ -387,6 +387,7 @@ impl<'a> Messages<'a> {
         match stood {
             Some(end) => {
                 self.hurt(at, "chunk with a wrong checksum".into(), head.until_ns());
+                self.names(records_at, end);
                 self.at = end;
             }
             None => self.lost(at, "chunk with a wrong checksum".into(), head.until_ns()),
@@ -452,6 +453,29 @@ impl<'a> Messages<'a> {
             }
             Ok(_) => Ok(()),
             Err(error) => Err(error.to_string()),
+        }
+    }
+
+    /// Channels whose records are in a chunk that is bad: of a log of an older build nothing else tells them. A name
+    /// that is not one of ours to the letter is not taken.
+    fn names(&mut self, mut at: u64, end: u64) {
+        if self.spare.is_some() {
+            return;
+        }
+        while let Some((opcode, body_at, next)) = record(&mut self.window, at) {
+            let bytes = next - body_at;
+            if next > end || !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
+                return;
+            }
+            if opcode == op::CHANNEL
+                && bytes <= LONGEST_CHANNEL_BYTES
+                && let Ok(Record::Channel(found)) =
+                    mcap::read::parse_record(opcode, self.window.some(body_at, bytes))
+                && channels::schema_of(&found.topic).is_some()
+            {
+                self.channels.entry(found.id).or_insert_with(|| found.topic.into());
+            }
+            at = next;
         }
     }
 
