@@ -57,6 +57,19 @@ pub(super) const FIXED: [(&str, &str); 11] =
 /// Message type of raw bytes.
 pub(super) const RAW_BYTES: &str = "haltere.RawBytes";
 
+/// Message type of a channel of ours.
+pub(super) fn schema_of(channel: &str) -> Option<&'static str> {
+    FIXED
+        .iter()
+        .chain(Decoded::CHANNELS)
+        .find(|(name, _)| *name == channel)
+        .map(|(_, schema)| *schema)
+        .or_else(|| {
+            let raw = channel.strip_prefix("/in/").or_else(|| channel.strip_prefix("/out/"))?;
+            link_from_name(raw).map(|_| RAW_BYTES)
+        })
+}
+
 /// Names of the channels so far, as metadata: read where the chunk with their own records is bad.
 pub(super) fn to_metadata<'a>(ids: impl Iterator<Item = (&'a str, u16)>) -> Metadata {
     let mut told: BTreeMap<String, String> =

@@ -6,24 +6,17 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use mcap::records::{MessageHeader, Metadata, Record, op};
+use mcap::records::{MessageHeader, Record, op};
 
 use super::channels;
+use super::forms::{
+    CHUNK_HEAD_BYTES, LONGEST_CHANNEL_BYTES, LONGEST_MESSAGE_BYTES, LONGEST_SMALL_BYTES,
+    MESSAGE_HEAD_BYTES, RECORD_HEAD_BYTES, chunk_head, is_chunk, is_message_index, may_be_record,
+    metadata, record, stands,
+};
 use super::source::{Source, Window};
 use super::tail::Tail;
 
-/// Opcode and length before each record.
-pub(super) const RECORD_HEAD_BYTES: u64 = 9;
-/// Longest record of those that are no chunk, message or attachment; a longer one is damage.
-const LONGEST_SMALL_BYTES: u64 = 1 << 24;
-/// Longest channel record.
-const LONGEST_CHANNEL_BYTES: u64 = 1 << 16;
-/// Longest message: a batch of the recorder holds less.
-const LONGEST_MESSAGE_BYTES: u64 = 1 << 28;
-/// Channel id, sequence number and two times before the data of a message.
-const MESSAGE_HEAD_BYTES: u64 = 2 + 4 + 8 + 8;
-/// Head of a chunk without compression: two times, length, checksum, an empty name, length.
-const CHUNK_HEAD_BYTES: u64 = 8 + 8 + 8 + 4 + 4 + 8;
 /// What is looked through at once for the next chunk, bytes.
 const SEARCH_BYTES: u64 = 1 << 16;
 /// A damaged file may hold any number of heads of chunks inside one another: so much is checked in vain, in lengths
@@ -83,35 +76,6 @@ struct Chunk {
     end: u64,
     /// It was never closed, or the file ends within it: nothing follows.
     open: bool,
-}
-
-/// What a chunk's head says.
-struct ChunkHead {
-    told: u64,
-    start_ns: u64,
-    end_ns: u64,
-    crc: u32,
-    name_bytes: u32,
-    records: u64,
-}
-
-impl ChunkHead {
-    fn is_plain(&self) -> bool {
-        self.name_bytes == 0
-    }
-
-    fn agrees(&self) -> bool {
-        self.records.checked_add(CHUNK_HEAD_BYTES) == Some(self.told)
-    }
-
-    /// The disk was full or the power failed before it was told how long it is.
-    fn is_untold(&self) -> bool {
-        self.is_plain() && self.records == u64::MAX
-    }
-
-    fn until_ns(&self) -> Option<u64> {
-        (self.start_ns <= self.end_ns && self.end_ns < u64::MAX / 2).then_some(self.end_ns)
-    }
 }
 
 /// The walk.
@@ -423,6 +387,7 @@ impl<'a> Messages<'a> {
         match stood {
             Some(end) => {
                 self.hurt(at, "chunk with a wrong checksum".into(), head.until_ns());
+                self.names(records_at, end);
                 self.at = end;
             }
             None => self.lost(at, "chunk with a wrong checksum".into(), head.until_ns()),
@@ -491,6 +456,29 @@ impl<'a> Messages<'a> {
         }
     }
 
+    /// Channels whose records are in a chunk that is bad: of a log of an older build nothing else tells them. A name
+    /// that is not one of ours to the letter is not taken.
+    fn names(&mut self, mut at: u64, end: u64) {
+        if self.spare.is_some() {
+            return;
+        }
+        while let Some((opcode, body_at, next)) = record(&mut self.window, at) {
+            let bytes = next - body_at;
+            if next > end || !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
+                return;
+            }
+            if opcode == op::CHANNEL
+                && bytes <= LONGEST_CHANNEL_BYTES
+                && let Ok(Record::Channel(found)) =
+                    mcap::read::parse_record(opcode, self.window.some(body_at, bytes))
+                && channels::schema_of(&found.topic).is_some()
+            {
+                self.channels.entry(found.id).or_insert_with(|| found.topic.into());
+            }
+            at = next;
+        }
+    }
+
     /// Names of the channels, told again in case that the chunk with their records is bad.
     fn metadata(&mut self, body_at: u64, next: u64) -> Result<(), String> {
         let bytes = next - body_at;
@@ -505,129 +493,4 @@ impl<'a> Messages<'a> {
         }
         Ok(())
     }
-}
-
-/// A metadata record. `None`: it is none.
-pub(super) fn metadata(window: &mut Window<'_>, body_at: u64, bytes: u64) -> Option<Metadata> {
-    match mcap::read::parse_record(
-        op::METADATA,
-        window.some(body_at, bytes.min(LONGEST_SMALL_BYTES)),
-    ) {
-        Ok(Record::Metadata(told)) => Some(told),
-        _ => None,
-    }
-}
-
-/// Opcode, begin of the body and end of the record at a place. `None`: it is not whole.
-pub(super) fn record(window: &mut Window<'_>, at: u64) -> Option<(u8, u64, u64)> {
-    let opcode = *window.get(at, 1)?.first()?;
-    let next = record_ends(window, at).filter(|next| *next <= window.end())?;
-    Some((opcode, at + RECORD_HEAD_BYTES, next))
-}
-
-fn record_ends(window: &mut Window<'_>, at: u64) -> Option<u64> {
-    (at + RECORD_HEAD_BYTES).checked_add(window.u64_at(at + 1)?)
-}
-
-/// Whether a record could begin there of which the file does not hold the end.
-fn may_be_record(window: &mut Window<'_>, at: u64) -> bool {
-    let Some(opcode) = window.get(at, 1).and_then(<[u8]>::first).copied() else { return true };
-    let most = match opcode {
-        op::MESSAGE => LONGEST_MESSAGE_BYTES,
-        op::CHUNK | op::ATTACHMENT => u64::MAX,
-        op::HEADER..=op::DATA_END => LONGEST_SMALL_BYTES,
-        _ => return false,
-    };
-    window.u64_at(at + 1).is_none_or(|length| length <= most)
-}
-
-fn chunk_head(window: &mut Window<'_>, at: u64) -> Option<ChunkHead> {
-    let body = at + RECORD_HEAD_BYTES;
-    Some(ChunkHead {
-        told: window.u64_at(at + 1)?,
-        start_ns: window.u64_at(body)?,
-        end_ns: window.u64_at(body + 8)?,
-        crc: window.u32_at(body + 24)?,
-        name_bytes: window.u32_at(body + 28)?,
-        records: window.u64_at(body + 32)?,
-    })
-}
-
-/// Whether what is there has the form of a chunk, its first record included.
-fn is_chunk(window: &mut Window<'_>, at: u64) -> bool {
-    let Some(head) = chunk_head(window, at) else { return false };
-    let records_at = at + RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES;
-    let first = window.get(records_at, 1).and_then(<[u8]>::first).copied();
-    head.is_plain()
-        && (head.agrees() || (head.is_untold() && head.told == u64::MAX))
-        && matches!(first, Some(op::SCHEMA | op::CHANNEL | op::MESSAGE))
-        && may_be_record(window, records_at)
-}
-
-/// Whether a record can stand behind a chunk at that place, or the file ends there.
-fn stands(window: &mut Window<'_>, at: u64) -> bool {
-    if at == window.end() {
-        return true;
-    }
-    let Some(opcode) = window.get(at, 1).and_then(<[u8]>::first).copied() else { return false };
-    if opcode == op::CHUNK {
-        return is_chunk(window, at);
-    }
-    match (record(window, at), opcode) {
-        (Some((_, body, next)), op::MESSAGE_INDEX) => is_message_index(window, body, next - body),
-        (Some((_, body, next)), op::DATA_END) => next - body == 4,
-        (Some((_, body, next)), op::METADATA) => metadata(window, body, next - body).is_some(),
-        (Some((_, body, next)), op::HEADER..=op::DATA_END) => next - body <= LONGEST_SMALL_BYTES,
-        // The file was cut in it.
-        (None, op::HEADER..=op::DATA_END) => may_be_record(window, at),
-        _ => false,
-    }
-}
-
-/// Channel u16, then the length in bytes u32 of what follows.
-fn is_message_index(window: &mut Window<'_>, body_at: u64, bytes: u64) -> bool {
-    window.u32_at(body_at + 2).is_some_and(|length| bytes.checked_sub(6) == Some(u64::from(length)))
-}
-
-/// The records of the first chunk, whether or not its checksum holds: for the head of a log of an older build, which
-/// is there once. Gives what is said on `channel`.
-pub(super) fn unchecked(source: &Source, channel: &str) -> Option<(Metadata, Vec<u8>)> {
-    let mut window = Window::new(source);
-    let (mut at, mut about) = (mcap::MAGIC.len() as u64, None);
-    // Header, metadata, and the chunk.
-    while let Some((opcode, body, next)) =
-        record(&mut window, at).filter(|(opcode, ..)| *opcode != op::CHUNK)
-    {
-        if opcode == op::METADATA && about.is_none() {
-            about = metadata(&mut window, body, next - body);
-        }
-        at = next;
-    }
-    let about = about?;
-    let mut at = at + RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES;
-    let mut id = None;
-    while let Some((opcode, body, next)) = record(&mut window, at) {
-        match opcode {
-            op::SCHEMA => {}
-            op::CHANNEL if next - body <= LONGEST_CHANNEL_BYTES && id.is_none() => {
-                let parsed = mcap::read::parse_record(opcode, window.some(body, next - body));
-                let Ok(Record::Channel(found)) = parsed else { return None };
-                id = (found.topic == channel).then_some(found.id);
-            }
-            op::MESSAGE if next - body <= LONGEST_SMALL_BYTES => {
-                let told = window
-                    .get(body, 2)
-                    .and_then(|b| b.first_chunk::<2>())
-                    .map(|b| u16::from_le_bytes(*b));
-                if told != id {
-                    return None;
-                }
-                let data = window.some(body, next - body).get(22..)?.to_vec();
-                return Some((about, data));
-            }
-            _ => return None,
-        }
-        at = next;
-    }
-    None
 }

@@ -24,6 +24,7 @@ pub mod back;
 mod budget;
 mod channels;
 mod convert;
+mod forms;
 mod gaps;
 mod identity;
 mod messages;

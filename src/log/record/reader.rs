@@ -7,8 +7,9 @@ use prost::Message as _;
 use thiserror::Error;
 
 use super::channels::{self, Decoded};
+use super::forms::unchecked;
 use super::gaps::Gaps;
-use super::messages::{Message, Messages, WalkEnd, unchecked};
+use super::messages::{Message, Messages, WalkEnd};
 use super::names::utc_text;
 use super::pb;
 use super::session::Session;

@@ -13,7 +13,7 @@ use mcap::write::NoSeek;
 use prost::Message as _;
 
 use super::DESCRIPTORS;
-use super::channels::{self, Decoded};
+use super::channels;
 use super::gaps::Gaps;
 use super::messages::Message;
 use super::pb;
@@ -115,7 +115,7 @@ impl Copy {
         if let Some(id) = self.ids.get(channel) {
             return Ok(Some(*id));
         }
-        let Some(schema) = schema_of(channel) else { return Ok(None) };
+        let Some(schema) = channels::schema_of(channel) else { return Ok(None) };
         let schema = self.out.add_schema(schema, "protobuf", DESCRIPTORS)?;
         let id = self.out.add_channel(schema, channel, "protobuf", &BTreeMap::new())?;
         self.ids.insert(channel.clone(), id);
@@ -147,16 +147,4 @@ impl Copy {
 /// Name beside `path` for its recovered copy.
 pub fn recovered_name(path: &Path) -> PathBuf {
     path.with_extension("recovered.mcap")
-}
-
-fn schema_of(channel: &str) -> Option<&'static str> {
-    channels::FIXED
-        .iter()
-        .chain(Decoded::CHANNELS)
-        .find(|(name, _)| *name == channel)
-        .map(|(_, schema)| *schema)
-        .or_else(|| {
-            let raw = channel.strip_prefix("/in/").or_else(|| channel.strip_prefix("/out/"))?;
-            channels::link_from_name(raw).map(|_| channels::RAW_BYTES)
-        })
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use mcap::records::{ChunkIndex, Record, op};
 
 use super::channels;
-use super::messages::{RECORD_HEAD_BYTES, record};
+use super::forms::{RECORD_HEAD_BYTES, record};
 use super::source::{Source, Window};
 
 /// A footer: two offsets and a checksum.

@@ -869,3 +869,53 @@ fn prop_what_is_no_file_is_refused_and_not_read() {
         assert!(error.contains("not a file; name the log itself"), "{error}");
     }
 }
+
+/// A log of a build before the head stood twice, cut: its first chunk holds the head and all records of channels.
+#[test]
+fn regress_an_old_cut_log_with_a_bad_first_chunk_keeps_the_rest() {
+    let mut out = mcap::WriteOptions::new()
+        .compression(None)
+        .chunk_size(None)
+        .create(io::Cursor::new(Vec::new()))
+        .unwrap();
+    let head = session().message();
+    let about = [
+        ("config_toml", head.config_toml.clone()),
+        ("source_hash", head.source_hash.clone()),
+        ("started_unix_us", head.started_unix_us.to_string()),
+        ("pilot_started_us", head.pilot_started_us.to_string()),
+    ];
+    let metadata = about.map(|(name, value)| (name.to_owned(), value)).into();
+    let name = "haltere.session".to_owned();
+    out.write_metadata(&mcap::records::Metadata { name, metadata }).unwrap();
+    let [config, wake] = ["/config", "/wake"]
+        .map(|topic| out.add_channel(0, topic, "protobuf", &Default::default()).unwrap());
+    let mut put = |channel_id, sequence: u64, data: Vec<u8>| {
+        let log_time = (5_000_000 + sequence * 10_000) * 1000;
+        let sequence = sequence as u32;
+        let header =
+            mcap::records::MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        out.write_to_known_channel(&header, &data).unwrap();
+        if sequence == 100 {
+            out.flush().unwrap();
+        }
+    };
+    put(config, 0, prost::Message::encode_to_vec(&head));
+    for sequence in 1..=200 {
+        let wake_up = pb::Wake { sequence, host_time_us: 5_000_000 + sequence * 10_000 };
+        put(wake, sequence, prost::Message::encode_to_vec(&wake_up));
+    }
+    out.finish().unwrap();
+    let bytes = out.into_inner().into_inner();
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    let [first, second] = [0, 1].map(|n| &summary.chunk_indexes[n]);
+    let cut = (second.chunk_start_offset + second.chunk_length) as usize - 100;
+    let mut hurt = bytes[..cut].to_vec();
+    let at = (first.chunk_start_offset + first.chunk_length) as usize - 300;
+    hurt[at..at + 16].iter_mut().for_each(|b| *b ^= 0xff);
+    let log = LogReader::from_bytes("test.mcap".into(), hurt).unwrap();
+    assert_eq!(log.session(), &session());
+    let mut entries = log.entries();
+    let (there, lost) = numbers(&entries.by_ref().collect::<Vec<_>>());
+    assert!(there > 90 && lost == 100, "{there} there, {lost} lost: {}", entries.end());
+}
