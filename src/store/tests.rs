@@ -203,3 +203,47 @@ fn prop_links_are_not_followed() {
         assert_eq!(store.work(&task).unwrap_err().0, FileFault::NotFound, "{task:?}");
     }
 }
+
+const FILE: &str = "HALTERE_KILLED_STORE";
+
+/// What the next test kills: this program again.
+#[test]
+fn replaces_until_it_is_killed() {
+    let Some(file) = std::env::var_os(FILE) else { return };
+    for n in 0..u64::MAX {
+        let text = format!("{n}\n").repeat(1 + n as usize % 5000);
+        replace(Path::new(&file), text.as_bytes()).unwrap();
+    }
+}
+
+/// `HALTERE_KILLS` says how often (`.ci/nightly`: 200).
+#[test]
+fn prop_a_store_that_is_killed_leaves_the_old_or_the_new() {
+    let kills = std::env::var("HALTERE_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(5);
+    let (mut none, mut whole) = (0_u64, 0_u64);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("parameters.txt");
+    for kill in 0..kills {
+        let mut writer = std::process::Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "store::tests::replaces_until_it_is_killed"])
+            .env(FILE, &file)
+            .stdout(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(std::time::Duration::from_micros(kill * 7919 % 100_000));
+        writer.kill().unwrap();
+        writer.wait().unwrap();
+        let Ok(text) = fs::read_to_string(&file) else {
+            none += 1;
+            continue;
+        };
+        let n: usize = text.lines().next().unwrap().parse().unwrap();
+        assert_eq!(text.lines().count(), 1 + n % 5000, "kill {kill}");
+        assert!(text.lines().all(|line| line == n.to_string()), "kill {kill}");
+        whole += 1;
+    }
+    println!(
+        "store: killed {kills} times: {whole} times whole, {none} times before there was one, 0 torn"
+    );
+    assert_eq!(none + whole, kills);
+}
