@@ -133,7 +133,7 @@ impl Print {
     pub fn run(&self) -> Result<()> {
         let names = self.kind.names();
         let Some(name) = &self.name else {
-            haltere::cli::print(&names.iter().map(|name| format!("{name}\n")).collect::<String>());
+            haltere::cli::print(&names.iter().map(|name| format!("{name}\n")).collect::<String>())?;
             return Ok(());
         };
         if !names.contains(&name.as_str()) {
@@ -145,7 +145,7 @@ impl Print {
                 &[ROOT, kind.folder(), &format!("{name}.toml")].iter().collect::<PathBuf>(),
             )?,
         };
-        haltere::cli::print(&text);
+        haltere::cli::print(&text)?;
         Ok(())
     }
 }

@@ -15,6 +15,7 @@ use crate::fit::source::Source;
 use crate::fit::{tell, trim};
 use crate::report::{from_log, truth};
 use haltere_log::import::{columns, flapper, stand};
+use haltere_log::output;
 use haltere_log::record::LogReader;
 use haltere_pilot::settings::Config;
 
@@ -155,6 +156,10 @@ impl Files {
         if self.truth.is_some() && (self.logs.len() != 1 || self.import.is_some()) {
             anyhow::bail!("--truth goes with one log of ours, {} files given", self.logs.len());
         }
+        let inputs: Vec<&PathBuf> = self.logs.iter().chain(&self.truth).collect();
+        if let Some(path) = &self.report {
+            output::look(path, &inputs)?;
+        }
         let mut sources = Vec::new();
         for path in &self.logs {
             let name = path.display().to_string();
@@ -170,13 +175,13 @@ impl Files {
             }
         };
         if let Some(path) = &self.report {
-            std::fs::write(path, outcome.html()).with_context(|| path.display().to_string())?;
+            output::write(path, outcome.html(), &inputs)?;
             tracing::info!("wrote {}", path.display());
         }
         if self.json {
             print_json(&outcome)?;
         } else {
-            print(&outcome.text());
+            print(&outcome.text())?;
         }
         Ok(ExitCode::SUCCESS)
     }
@@ -228,6 +233,6 @@ fn trims(log: &Path, json: bool) -> anyhow::Result<ExitCode> {
         trims.roll.value_deg,
         trims.pitch.value_deg,
         trims.yaw.value_deg,
-    ));
+    ))?;
     Ok(ExitCode::SUCCESS)
 }

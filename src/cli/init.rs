@@ -115,7 +115,7 @@ impl Init {
         }
         let files = first::write(&answers, &self.dir, self.force).map_err(|why| anyhow!(why))?;
         for file in &files {
-            print(&format!("{}\n", file.display()));
+            print(&format!("{}\n", file.display()))?;
         }
         let [config, _] = &files;
         say(&format!("next: haltere check --live --config {}", config.display()));

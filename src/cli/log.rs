@@ -79,7 +79,11 @@ impl Log {
             Log::Recover { log, to } => {
                 let to = to.unwrap_or_else(|| recovered_name(&log));
                 let (saved, end) = recover(&log, &to)?;
-                print(&format!("{}: {end}; {saved} messages in {}\n", log.display(), to.display()));
+                print(&format!(
+                    "{}: {end}; {saved} messages in {}\n",
+                    log.display(),
+                    to.display()
+                ))?;
             }
             Log::List(list) => return list.run(),
             Log::Export(export) => return export.run(),
@@ -97,14 +101,14 @@ impl Log {
                     "{}: {} messages, {first:.3} to {last:.3} s\n",
                     output.display(),
                     part.messages
-                ));
+                ))?;
             }
             Log::Info { log, json } => {
                 let info = info(&LogReader::open(log)?);
                 if json {
                     print_json(&info)?;
                 } else {
-                    print(&table(&info));
+                    print(&table(&info))?;
                 }
             }
         }

@@ -13,6 +13,7 @@ use crate::report::flight::{Flight, ParameterRow};
 use crate::report::svg::Limit;
 use crate::report::{Page, from_log, truth};
 use haltere_core::control::voltage::BaseThrust;
+use haltere_log::output::{self, look};
 use haltere_log::record::{LogEnd, LogReader};
 use haltere_log::replay::{changed_parameters, recorded_config, replay_observed};
 
@@ -31,6 +32,10 @@ pub(super) struct Report {
 
 impl Report {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let output = self.output.unwrap_or_else(|| self.log.with_extension("html"));
+        let inputs: Vec<&PathBuf> = std::iter::once(&self.log).chain(&self.truth).collect();
+        // Before the log is lived through: it is known now.
+        look(&output, &inputs)?;
         let log = LogReader::open(&self.log)?;
         let (mut flight, end) = from_log::read(&log);
         if flight.ends().is_none() {
@@ -59,9 +64,8 @@ impl Report {
             paths: &[],
             flight: &flight,
         };
-        let output = self.output.unwrap_or_else(|| self.log.with_extension("html"));
-        std::fs::write(&output, page.render()).with_context(|| output.display().to_string())?;
-        print(&format!("{}\n", output.display()));
+        output::write(&output, page.render(), &inputs)?;
+        print(&format!("{}\n", output.display()))?;
         Ok(ExitCode::SUCCESS)
     }
 }

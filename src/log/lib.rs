@@ -47,5 +47,6 @@
 
 pub mod export;
 pub mod import;
+pub mod output;
 pub mod record;
 pub mod replay;
