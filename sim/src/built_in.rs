@@ -104,7 +104,9 @@ impl Kind {
 
 /// The text of a file on the disk or in the program.
 pub fn read(file: &Path) -> Result<String> {
-    let Ok(inside) = file.strip_prefix(ROOT) else { return Ok(std::fs::read_to_string(file)?) };
+    let Ok(inside) = file.strip_prefix(ROOT) else {
+        return Ok(haltere_log::intake::text(file, 16 << 20)?);
+    };
     // `campaigns/../scenarios/lab.toml`: no disk takes that apart for us.
     let mut plain = PathBuf::new();
     for part in inside.components() {

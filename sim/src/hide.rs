@@ -95,7 +95,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let envelope = options.out.join("envelope.json");
     let key = json!({ "id": hidden.id(), "parameters": hidden.values(), "seed": seed });
     let text = serde_json::to_string_pretty(&key)? + "\n";
-    haltere_log::output::write::<&Path>(&envelope, &text, &[])?;
+    haltere_log::written::write::<&Path>(&envelope, &text, &[])?;
     eprintln!(
         "hidden with seed {seed}: {}, SHA-256 {}",
         envelope.display(),

@@ -29,7 +29,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory as _, Parser};
 use haltere::cli::complete::{Completions, Man};
 use haltere::cli::moved::Moved;
-use haltere::cli::{is_unwritten, print};
+use haltere::cli::{is_unwritten, print, sentence};
 use haltere::live::console::Console;
 use haltere_sim::paper;
 
@@ -171,7 +171,7 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(EXIT_BOUND),
         Err(error) => {
-            let _ = writeln!(std::io::stderr(), "haltere-sim: {error:#}");
+            let _ = writeln!(std::io::stderr(), "haltere-sim: {}", sentence(&error));
             ExitCode::from(if is_unwritten(&error) { EXIT_UNWRITTEN } else { EXIT_ERROR })
         }
     }

@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 
 use anyhow::{Context, Result};
 use haltere::report::truth::{HEADER, TruthRow};
-use haltere_log::output;
+use haltere_log::written;
 
 /// Rows that may wait: 20 s at 100 Hz.
 const WAITING_ROWS: usize = 2000;
@@ -24,7 +24,7 @@ pub struct TruthFile {
 impl TruthFile {
     /// Makes the file, over none of what is read, and writes its header.
     pub fn create(path: &Path, inputs: &[&Path]) -> Result<Self> {
-        let file = output::growing(path, inputs).context("--truth")?;
+        let file = written::growing(path, inputs).context("--truth")?;
         let mut out = BufWriter::new(file);
         let (rows, from) = sync_channel::<TruthRow>(WAITING_ROWS);
         let writer = std::thread::Builder::new()

@@ -6,7 +6,7 @@ use anyhow::Context as _;
 use clap::{Args, Command};
 
 use super::print;
-use haltere_log::output;
+use haltere_log::written;
 
 /// Prints a completion script.
 #[derive(Debug, Args)]
@@ -63,7 +63,7 @@ fn write_pages(
     let mut page = Vec::new();
     clap_mangen::Man::new(command.clone().name(title)).render(&mut page)?;
     let path = dir.join(format!("{title}.1"));
-    output::write::<&Path>(&path, page, &[])?;
+    written::write::<&Path>(&path, page, &[])?;
     *count += 1;
     for inner in command.get_subcommands() {
         if inner.get_name() != "help" && !inner.is_hide_set() {

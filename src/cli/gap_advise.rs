@@ -235,7 +235,7 @@ fn write_missions(
         let path = folder.join(format!("{}.toml", experiment.id));
         let head =
             format!("# {}\n# {}\n# haltere ctl mission {}.toml\n\n", a.title, a.how, a.experiment);
-        haltere_log::output::write(&path, head + &toml::to_string(&mission)?, inputs)?;
+        haltere_log::written::write(&path, head + &toml::to_string(&mission)?, inputs)?;
         written.push(path);
     }
     Ok(written)

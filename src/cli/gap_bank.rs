@@ -14,7 +14,7 @@ use haltere_gap::logs;
 use haltere_gap::missions;
 use haltere_gap::scene::Scene;
 use haltere_gap::workshop::Workshop;
-use haltere_log::output;
+use haltere_log::written;
 
 /// Flies the bank that flights of a mission are compared with, and keeps it.
 ///
@@ -39,7 +39,7 @@ impl BankCommand {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let inputs: Vec<&PathBuf> = self.log.iter().chain(self.told.vehicle_file()).collect();
         if let Some(path) = &self.export {
-            output::look(path, &inputs)?;
+            written::look(path, &inputs)?;
         }
         let told = self.told.told()?;
         let (scene, items) = match &self.log {
@@ -68,7 +68,7 @@ impl BankCommand {
         let bank = &workshop.bank;
         if let Some(path) = &self.export {
             let text = serde_json::to_string(bank)?;
-            output::write(path, text, &inputs)?;
+            written::write(path, text, &inputs)?;
         }
         let draws: usize = bank.effects.iter().map(|e| e.draws.len()).sum();
         let seconds = started.elapsed().as_secs_f64();

@@ -24,7 +24,7 @@ use haltere_gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
 use haltere_gap::held_out::{Explanation, measure};
 use haltere_gap::picture::picture;
 use haltere_gap::seal::digest;
-use haltere_log::output;
+use haltere_log::written;
 use haltere_model::effects::EffectSpec;
 
 /// Says where a flight differs from the nominal simulator, which effect causes it, and how far the
@@ -233,17 +233,17 @@ impl Diagnose {
             );
         }
         let inputs = self.inputs();
-        output::look(path, &inputs)?;
-        output::look(&json, &inputs)?;
+        written::look(path, &inputs)?;
+        written::look(&json, &inputs)?;
         Ok(())
     }
 
     fn write(&self, diagnosis: &Diagnosis) -> anyhow::Result<()> {
         if let Some(path) = &self.report {
             let inputs = self.inputs();
-            output::write(path, page::render(diagnosis), &inputs)?;
+            written::write(path, page::render(diagnosis), &inputs)?;
             let json = serde_json::to_string_pretty(diagnosis)?;
-            output::write(&path.with_extension("json"), json, &inputs)?;
+            written::write(&path.with_extension("json"), json, &inputs)?;
         }
         Ok(())
     }

@@ -260,7 +260,7 @@ impl Init {
         let text = if name == "-" {
             std::io::read_to_string(std::io::stdin())
         } else {
-            std::fs::read_to_string(path)
+            haltere_log::intake::text(path, 4 << 20)
         };
         self.to_file(&name, &text.with_context(|| format!("{name}: cannot be read"))?)
     }

@@ -134,7 +134,7 @@ pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
         Ok(code) => code,
         Err(error) => {
             // A sentence for people; each layer has named what it knows.
-            let _ = writeln!(std::io::stderr(), "haltere: {error:#}");
+            let _ = writeln!(std::io::stderr(), "haltere: {}", sentence(&error));
             ExitCode::from(FAILED)
         }
     }
@@ -157,6 +157,18 @@ pub fn start_logging() {
 #[derive(Debug, thiserror::Error)]
 #[error("the result cannot be written to standard output")]
 pub struct Unwritten(#[source] pub io::Error);
+
+/// An error with its causes, each said once: many errors name their cause in their own words.
+pub fn sentence(error: &anyhow::Error) -> String {
+    error.chain().fold(String::new(), |said, cause| {
+        let text = cause.to_string();
+        match () {
+            () if said.is_empty() || text.starts_with(&said) => text,
+            () if said.contains(&text) => said,
+            () => said + ": " + &text,
+        }
+    })
+}
 
 /// Whether an error is of this kind.
 pub fn is_unwritten(error: &anyhow::Error) -> bool {
@@ -222,6 +234,16 @@ pub fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
 mod tests {
     use super::*;
     use crate::reference::commands::{MANUALS, commands_of};
+
+    #[test]
+    fn regress_path_and_cause_are_said_once() {
+        let io = std::io::Error::other("a pipe");
+        let inner = haltere_log::import::Error::Io { path: "a.csv".into(), source: io };
+        let error = anyhow::Error::new(inner).context("a.csv");
+        assert_eq!(sentence(&error), "a.csv: a pipe");
+        let apart = anyhow::anyhow!("cause").context("what");
+        assert_eq!(sentence(&apart), "what: cause");
+    }
 
     #[test]
     fn prop_commands_of_the_manuals_are_understood() {

@@ -1,6 +1,5 @@
 //! `haltere report`: a flight log as one page.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -13,9 +12,9 @@ use crate::report::flight::{Flight, ParameterRow};
 use crate::report::svg::Limit;
 use crate::report::{Page, from_log, truth};
 use haltere_core::control::voltage::BaseThrust;
-use haltere_log::output::{self, look};
 use haltere_log::record::{LogEnd, LogReader};
 use haltere_log::replay::{changed_parameters, recorded_config, replay_observed};
+use haltere_log::written::{self, look};
 
 /// Draws a flight log as a self-contained HTML page.
 #[derive(Debug, Args)]
@@ -45,7 +44,7 @@ impl Report {
         add_configuration(&mut flight, &log);
         if let Some(path) = &self.truth {
             let name = || path.display().to_string();
-            let file = File::open(path).with_context(name)?;
+            let file = haltere_log::intake::open(path).with_context(name)?;
             flight.truth = truth::read(BufReader::new(file)).with_context(name)?;
             if let Some((from, to)) = flight.ends() {
                 flight.truth.retain(|row| row.at >= from && row.at <= to);
@@ -64,7 +63,7 @@ impl Report {
             paths: &[],
             flight: &flight,
         };
-        output::write(&output, page.render(), &inputs)?;
+        written::write(&output, page.render(), &inputs)?;
         print(&format!("{}\n", output.display()))?;
         Ok(ExitCode::SUCCESS)
     }

@@ -3,7 +3,7 @@
 //! Beside every changed file lies `FILE.haltere-undo`: for each change, newest last, the text before
 //! and the SHA-256 of the text after. Undo refuses when the file is no longer what was written.
 
-use haltere_log::output;
+use haltere_log::written;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -29,7 +29,7 @@ pub enum FileError {
     },
     /// It may not be written, or cannot.
     #[error(transparent)]
-    Output(#[from] output::OutputError),
+    Output(#[from] written::OutputError),
     /// No configuration is that large.
     #[error("{}: {found} bytes, at most {MOST_BYTES} are edited", path.display())]
     TooLarge {
@@ -112,7 +112,7 @@ pub fn read(path: &Path) -> Result<Option<String>, FileError> {
         }
         Ok(_) => {}
     }
-    std::fs::read_to_string(path).map(Some).map_err(io)
+    haltere_log::intake::text(path, MOST_BYTES).map(Some).map_err(io)
 }
 
 /// Lines that differ, by the longest common subsequence.
@@ -168,7 +168,7 @@ pub fn lines_changed(before: &str, after: &str) -> Vec<LineChange> {
 }
 
 fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
-    Ok(output::write::<&Path>(path, text, &[])?)
+    Ok(written::write::<&Path>(path, text, &[])?)
 }
 
 fn changes(undo: &Path) -> Result<Vec<Change>, FileError> {

@@ -4,14 +4,13 @@
 //! The hash (FNV-1a, 64 bit) is over the JSON and finds damage and mix-ups; it is no protection against
 //! intent.
 
-use std::fs::File;
 use std::io::{BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
-use haltere_log::output::{self, OutputError};
+use haltere_log::written::{self, OutputError};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -121,7 +120,7 @@ pub(super) fn write(
     let mut deflated = ZlibEncoder::new(bytes, Compression::fast());
     deflated.write_all(&json).map_err(io)?;
     let bytes = deflated.finish().map_err(io)?;
-    output::write::<&Path>(path, bytes, &[])?;
+    written::write::<&Path>(path, bytes, &[])?;
     Ok(hash)
 }
 
@@ -133,7 +132,7 @@ pub(super) fn read<T: DeserializeOwned>(
     let path = path.to_path_buf();
     let io = |source| KeptFileError::Io { path: path.clone(), source };
     let other = || KeptFileError::NotThis { path: path.clone(), what: kind.what };
-    let mut file = BufReader::new(File::open(&path).map_err(io)?);
+    let mut file = BufReader::new(haltere_log::intake::open(&path).map_err(io)?);
     let mut head = [0u8; 28];
     file.read_exact(&mut head).map_err(|_| other())?;
     let (magic, rest) = head.split_at(8);

@@ -47,6 +47,7 @@
 
 pub mod export;
 pub mod import;
-pub mod output;
+pub mod intake;
 pub mod record;
 pub mod replay;
+pub mod written;

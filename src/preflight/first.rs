@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::neighbours::{self, Transport};
 use haltere_core::checks::schema::Schema;
-use haltere_log::output::{Old, Output};
+use haltere_log::written::{Old, Output};
 use haltere_pilot::TagProtocol;
 use haltere_pilot::settings::{
     Address, Config, HostPort, RecordConfig, StoreConfig, TagPort, parse_anchors, reference,

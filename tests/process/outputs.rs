@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use haltere_log::output::LOG_MAGIC;
+use haltere_log::written::LOG_MAGIC;
 
 use super::support::{companion, program, sim, wait};
 

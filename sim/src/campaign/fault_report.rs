@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use haltere::cli::print;
-use haltere_log::output;
+use haltere_log::written;
 
 use super::catalogue::{self, Reaction};
 use super::fault_tables::Report;
@@ -57,8 +57,8 @@ pub fn run(options: &Options) -> Result<bool> {
     let campaign = Campaign::parse(CAMPAIGN, Path::new("."), run.seed, "faults")?;
     if let Some(doc) = &options.doc {
         let inputs: Vec<&PathBuf> = options.against.iter().collect();
-        output::look(doc, &inputs).context("--doc")?;
-        output::look(&doc.with_extension("json"), &inputs).context("--doc")?;
+        written::look(doc, &inputs).context("--doc")?;
+        written::look(&doc.with_extension("json"), &inputs).context("--doc")?;
     }
     if again_alone(&campaign, run, &[])? {
         return Ok(true);

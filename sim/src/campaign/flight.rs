@@ -16,7 +16,7 @@ use haltere_core::checks::Problems;
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
-use haltere_log::output;
+use haltere_log::written;
 use haltere_model::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, start};
 use haltere_model::{Plant, Truth};
 use haltere_pilot::Mode;
@@ -455,7 +455,7 @@ struct TruthCsv {
 impl TruthCsv {
     fn create(log: &Path) -> Result<Self> {
         let path = log.with_extension(TRUTH);
-        let file = output::growing(&path, &[log])?;
+        let file = written::growing(&path, &[log])?;
         let mut out = BufWriter::new(file);
         writeln!(out, "{HEADER}").with_context(|| path.display().to_string())?;
         Ok(Self { path, out })

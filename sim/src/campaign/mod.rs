@@ -31,7 +31,7 @@ use rayon::prelude::*;
 use file::Campaign;
 use haltere::cli::{print, print_json};
 use haltere::progress::Progress;
-use haltere_log::output;
+use haltere_log::written;
 use row::{Outcome, Row};
 use store::{Identity, Store, write_whole};
 
@@ -102,7 +102,7 @@ pub fn run(options: &Options) -> Result<bool> {
             let campaign = Campaign::load(path, options.run.seed)?;
             let seed = options.run.seed.map_or(String::new(), |seed| format!(" --seed {seed}"));
             let again = format!("haltere-sim campaign {}{seed}", campaign.source);
-            output::look_all(&options.run.out, &WRITTEN, &[path]).context("--out")?;
+            written::look_all(&options.run.out, &WRITTEN, &[path]).context("--out")?;
             if again_alone(&campaign, &options.run, &[path])? {
                 return Ok(true);
             }
@@ -127,7 +127,7 @@ fn again_alone(campaign: &Campaign, run: &Run, inputs: &[&Path]) -> Result<bool>
     if index >= campaign.flights {
         bail!("--fly {index}: the campaign has flights 0 to {}", campaign.flights - 1);
     }
-    output::look_for_log(log, inputs).context("--log")?;
+    written::look_for_log(log, inputs).context("--log")?;
     let row = flight::fly(&campaign.plan(index)?, Some(&flight::Keep { log }))?;
     print_json(&row)?;
     Ok(true)

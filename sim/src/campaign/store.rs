@@ -139,7 +139,7 @@ fn parse(text: &str) -> Option<Row> {
 
 /// Whole or not at all.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    Ok(haltere_log::output::write::<&Path>(path, bytes, &[])?)
+    Ok(haltere_log::written::write::<&Path>(path, bytes, &[])?)
 }
 
 /// Which campaign a folder holds.

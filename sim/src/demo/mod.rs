@@ -19,7 +19,7 @@ use haltere::ctl::{GroundStation, Mode};
 use self::plan::Plan;
 use crate::firmware::Which;
 use haltere::cli::{print, print_json};
-use haltere_log::output;
+use haltere_log::written;
 
 pub use self::processes::Processes;
 
@@ -62,7 +62,7 @@ const WRITTEN: [&str; 5] =
 /// Runs the demo. `false`: a bound is broken.
 pub fn run(options: &Options) -> Result<bool> {
     let inputs: Vec<&PathBuf> = options.scenario.iter().collect();
-    output::look_all(&options.output, &WRITTEN, &inputs).context("--output")?;
+    written::look_all(&options.output, &WRITTEN, &inputs).context("--output")?;
     std::fs::create_dir_all(&options.output)
         .with_context(|| format!("--output {}", options.output.display()))?;
     let plan = Plan::new(!options.short);
@@ -87,7 +87,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let log = newest_log(&processes.log_directory)?;
     let outcome = result::judge(&plan, &log, &processes.truth, landed)?;
     let report = options.output.join("report.html");
-    output::write(&report, outcome.html(&log), &[&log])?;
+    written::write(&report, outcome.html(&log), &[&log])?;
     if options.json {
         eprint!("{}", outcome.table());
         print_json(&outcome.json(&log, &report))?;

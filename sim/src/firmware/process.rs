@@ -49,7 +49,7 @@ impl Program {
         match self {
             Self::ArduPilot(program) => {
                 let parameters = folder.join("haltere.parm");
-                haltere_log::output::write::<&Path>(&parameters, ARDUPILOT_PARAMETERS, &[])?;
+                haltere_log::written::write::<&Path>(&parameters, ARDUPILOT_PARAMETERS, &[])?;
                 let mut command = Command::new(real(program)?);
                 command
                     .args(["--model", "JSON:127.0.0.1", "--speedup", "1", "--wipe"])
@@ -175,7 +175,7 @@ impl Firmware {
         }
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
         let output = folder.join("said.txt");
-        let said = haltere_log::output::growing::<&Path>(&output, &[])?;
+        let said = haltere_log::written::growing::<&Path>(&output, &[])?;
         let mut child = program
             .command(folder, interface, companion_port)?
             .current_dir(folder)

@@ -195,7 +195,7 @@ const JSON: &str = "paper.json";
 /// Runs, prints, writes the report. `false`: a target is missed or an experiment failed.
 pub fn run(options: &Options) -> Result<bool> {
     let inputs: Vec<&PathBuf> = options.config.iter().collect();
-    haltere_log::output::look_all(&options.directory, &[PAGE, JSON], &inputs)?;
+    haltere_log::written::look_all(&options.directory, &[PAGE, JSON], &inputs)?;
     let pilot = pilot(options.config.as_deref(), &options.set)?;
     let chosen: Vec<&'static Experiment> = EXPERIMENTS
         .iter()
@@ -243,5 +243,5 @@ pub struct About<'a> {
 }
 
 fn write(path: &std::path::Path, text: &str) -> Result<()> {
-    Ok(haltere_log::output::write::<&std::path::Path>(path, text, &[])?)
+    Ok(haltere_log::written::write::<&std::path::Path>(path, text, &[])?)
 }

@@ -57,5 +57,5 @@ impl Wiring<'_> {
 }
 
 fn write_file(path: &Path, text: &str) -> Result<()> {
-    Ok(haltere_log::output::write::<&Path>(path, text, &[])?)
+    Ok(haltere_log::written::write::<&Path>(path, text, &[])?)
 }

@@ -14,8 +14,8 @@ use thiserror::Error;
 pub use tables::{Column, Table, Values, tables};
 pub use tlog::{LinkTraffic, TlogCount, links, write_tlog};
 
-use crate::output::{Old, Output, OutputError};
 use crate::record::LogReader;
+use crate::written::{Old, Output, OutputError};
 
 /// Form of an exported table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -257,7 +257,7 @@ impl LogReader {
     /// Reads the file and its head.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, LogError> {
         let path = path.as_ref().to_owned();
-        match std::fs::read(&path) {
+        match crate::intake::bytes(&path, u64::MAX) {
             Ok(bytes) => Self::from_bytes(path, bytes),
             Err(source) => Err(LogError::Io { path, source }),
         }

@@ -56,7 +56,7 @@ pub fn run(options: &Options) -> Result<bool> {
     }
     match &options.document {
         Some(file) => {
-            haltere_log::output::write::<&std::path::Path>(file, &page, &[])?;
+            haltere_log::written::write::<&std::path::Path>(file, &page, &[])?;
         }
         None => print!("{page}"),
     }

@@ -50,7 +50,7 @@ impl Recorded {
         let mut table = String::new();
         if let Some(path) = &self.document {
             let page = document(&flights, tell);
-            haltere_log::output::write::<&std::path::Path>(path, page, &[])?;
+            haltere_log::written::write::<&std::path::Path>(path, page, &[])?;
             eprintln!("wrote {}", path.display());
         } else if self.leave_one_out {
             // With and without IMU are two sets of parameters; a folder with both is taken with IMU.

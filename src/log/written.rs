@@ -129,7 +129,7 @@ impl Output {
             .permissions(mode.clone())
             .tempfile_in(folder.unwrap_or(Path::new(".")))
             // Without its own words, which name the file beside.
-            .map_err(|e| io(e.raw_os_error().map_or(e, io::Error::from_raw_os_error)))?;
+            .map_err(|e| io(without_path(e)))?;
         if there.is_some() {
             beside.as_file().set_permissions(mode).map_err(io)?;
         }
@@ -159,6 +159,13 @@ impl Output {
         };
         Ok(())
     }
+}
+
+/// The system's own error in one of the package, which names the file beside.
+fn without_path(error: io::Error) -> io::Error {
+    let inside = error.get_ref().and_then(|inside| inside.source());
+    let code = inside.and_then(|e| e.downcast_ref::<io::Error>()).and_then(io::Error::raw_os_error);
+    code.map_or(error, io::Error::from_raw_os_error)
 }
 
 impl Write for Output {
