@@ -10,7 +10,7 @@ use haltere::named_missions::{self, Place};
 use haltere::progress::Progress;
 use haltere_gap::library;
 use haltere_gap::scene::Scene;
-use haltere_log::output;
+use haltere_log::written;
 use haltere_pilot::Envelope;
 use haltere_pilot::mission_file::{Command, Item, MissionFile};
 use haltere_sim::paths::{SHAPES, SPEED_MPS};
@@ -146,7 +146,7 @@ fn due(options: &Options) -> Result<Vec<Due>> {
             if log.exists() {
                 problems.push(log.display().to_string());
             }
-            output::look(&log.with_extension(TRUTH), &inputs).context("--out")?;
+            written::look(&log.with_extension(TRUTH), &inputs).context("--out")?;
             let plan = Plan { mission: items.clone(), ..Plan::of(&base, seed, LIMIT_S)? };
             due.push(Due { log, mission: mission.clone(), plan });
         }
@@ -190,7 +190,8 @@ fn base(options: &Options) -> Result<Base> {
 fn mission_of(name: &str, plan: &Plan) -> Result<MissionFile> {
     let path = Path::new(name);
     if path.extension().is_some() || path.exists() {
-        return Ok(read_mission(path)?);
+        let origin = plan.config.ground.origin.in_force();
+        return Ok(read_mission(path, &origin, |what| eprintln!("{what}"))?);
     }
     let start_NE_m = plan.scenario.start.position_m;
     if let Some((_, corners)) = SHAPES.iter().find(|(shape, _)| *shape == name) {
