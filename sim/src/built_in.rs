@@ -104,7 +104,9 @@ impl Kind {
 
 /// The text of a file on the disk or in the program.
 pub fn read(file: &Path) -> Result<String> {
-    let Ok(inside) = file.strip_prefix(ROOT) else { return Ok(std::fs::read_to_string(file)?) };
+    let Ok(inside) = file.strip_prefix(ROOT) else {
+        return Ok(haltere_log::intake::text(file, 16 << 20)?);
+    };
     // `campaigns/../scenarios/lab.toml`: no disk takes that apart for us.
     let mut plain = PathBuf::new();
     for part in inside.components() {
@@ -133,7 +135,7 @@ impl Print {
     pub fn run(&self) -> Result<()> {
         let names = self.kind.names();
         let Some(name) = &self.name else {
-            haltere::cli::print(&names.iter().map(|name| format!("{name}\n")).collect::<String>());
+            haltere::cli::print(&names.iter().map(|name| format!("{name}\n")).collect::<String>())?;
             return Ok(());
         };
         if !names.contains(&name.as_str()) {
@@ -145,7 +147,7 @@ impl Print {
                 &[ROOT, kind.folder(), &format!("{name}.toml")].iter().collect::<PathBuf>(),
             )?,
         };
-        haltere::cli::print(&text);
+        haltere::cli::print(&text)?;
         Ok(())
     }
 }

@@ -129,7 +129,12 @@ pub fn serve(options: &Options) -> Result<()> {
             None => BoardWire::open_free()?,
         }),
     };
-    let mut truth = options.truth.as_deref().map(TruthFile::create).transpose()?;
+    let inputs: Vec<&Path> = [&options.scenario, &options.vehicle]
+        .into_iter()
+        .filter_map(|file| file.as_deref())
+        .collect();
+    let mut truth =
+        options.truth.as_deref().map(|path| TruthFile::create(path, &inputs)).transpose()?;
     let greeting = json!({
         "tag": tag.device(),
         "tag_protocol": companion_protocol(scenario.tag.protocol),
@@ -141,7 +146,7 @@ pub fn serve(options: &Options) -> Result<()> {
         "seed": scenario.seed,
         "start_us": now_us(),
     });
-    let mut out = std::io::stdout().lock();
+    let mut out = haltere::cli::Out::lock();
     writeln!(out, "{greeting}").and_then(|()| out.flush()).context("standard output")?;
     drop(out);
     if options.orders {

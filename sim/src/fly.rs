@@ -3,12 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
+use haltere::cli::{Unwritten, print, print_json};
 use haltere::ctl::read_mission;
 use haltere::fit::programs::Options as Programs;
 use haltere::named_missions::{self, Place};
 use haltere::progress::Progress;
 use haltere_gap::library;
 use haltere_gap::scene::Scene;
+use haltere_log::written;
 use haltere_pilot::Envelope;
 use haltere_pilot::mission_file::{Command, Item, MissionFile};
 use haltere_sim::paths::{SHAPES, SPEED_MPS};
@@ -19,7 +21,7 @@ use toml::Value;
 
 use crate::campaign::draw;
 use crate::campaign::file::{Base, CampaignFile};
-use crate::campaign::flight::{self, Keep};
+use crate::campaign::flight::{self, Keep, TRUTH};
 use crate::campaign::plan::Plan;
 use crate::campaign::row::{Outcome, Row};
 
@@ -92,7 +94,7 @@ struct Due {
 /// Flies. `false`: a flight did not end on its feet where it may be.
 pub fn run(options: &Options) -> Result<bool> {
     if options.list {
-        println!("{}", names().join("\n"));
+        print(&(names().join("\n") + "\n"))?;
         return Ok(true);
     }
     if !(1..=MOST).contains(&options.count) {
@@ -108,7 +110,7 @@ pub fn run(options: &Options) -> Result<bool> {
                 let row = flight::fly(&plan, Some(&Keep { log: &log }))
                     .with_context(|| log.display().to_string())?;
                 if !options.json {
-                    progress.print(&line(&log, &row));
+                    progress.print(&line(&log, &row)).map_err(Unwritten)?;
                 }
                 progress.advance(1);
                 Ok(Flown { log, mission, row })
@@ -117,7 +119,7 @@ pub fn run(options: &Options) -> Result<bool> {
     })?;
     progress.end();
     if options.json {
-        println!("{}", serde_json::to_string_pretty(&flown)?);
+        print_json(&flown)?;
     }
     Ok(flown.iter().all(|flight| on_its_feet(&flight.row)))
 }
@@ -130,6 +132,9 @@ fn names() -> Vec<String> {
 /// Every flight; whatever cannot be flown is told before the first one.
 fn due(options: &Options) -> Result<Vec<Due>> {
     let base = base(options)?;
+    let given = options.missions.iter().map(Path::new);
+    let files = options.config.iter().chain(&options.scenario).chain(&options.vehicle);
+    let inputs: Vec<&Path> = given.chain(files.map(|file| &**file)).collect();
     let (mut due, mut problems) = (Vec::new(), Vec::new());
     for mission in &options.missions {
         let plan = Plan::of(&base, options.seed, LIMIT_S)?;
@@ -141,6 +146,7 @@ fn due(options: &Options) -> Result<Vec<Due>> {
             if log.exists() {
                 problems.push(log.display().to_string());
             }
+            written::look(&log.with_extension(TRUTH), &inputs).context("--out")?;
             let plan = Plan { mission: items.clone(), ..Plan::of(&base, seed, LIMIT_S)? };
             due.push(Due { log, mission: mission.clone(), plan });
         }
@@ -184,7 +190,8 @@ fn base(options: &Options) -> Result<Base> {
 fn mission_of(name: &str, plan: &Plan) -> Result<MissionFile> {
     let path = Path::new(name);
     if path.extension().is_some() || path.exists() {
-        return Ok(read_mission(path)?);
+        let origin = plan.config.ground.origin.in_force();
+        return Ok(read_mission(path, &origin, |what| eprintln!("{what}"))?);
     }
     let start_NE_m = plan.scenario.start.position_m;
     if let Some((_, corners)) = SHAPES.iter().find(|(shape, _)| *shape == name) {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, anyhow, bail};
-use haltere::cli::gap;
+use haltere::cli::{gap, print, print_json};
 use haltere::progress::{self, Progress};
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_gap::diagnosis::Diagnosis;
@@ -77,7 +77,7 @@ struct Flight {
 /// Hides, flies, asks, and tells; right or wrong, that is the answer.
 pub fn run(options: &Options) -> Result<bool> {
     if options.list {
-        print!("{}", list());
+        print(&list())?;
         return Ok(true);
     }
     let began = Instant::now();
@@ -102,7 +102,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let envelope = options.out.join("envelope.json");
     let key = json!({ "id": hidden.id(), "parameters": hidden.values(), "seed": seed });
     let text = serde_json::to_string_pretty(&key)? + "\n";
-    std::fs::write(&envelope, &text).with_context(|| envelope.display().to_string())?;
+    haltere_log::written::write::<&Path>(&envelope, &text, &[])?;
     eprintln!(
         "hidden with seed {seed}: {}, SHA-256 {}",
         envelope.display(),
@@ -124,18 +124,19 @@ pub fn run(options: &Options) -> Result<bool> {
             "report": report,
             "seed": seed,
         });
-        println!("{}", serde_json::to_string_pretty(&result)?);
+        print_json(&result)?;
     } else {
-        print!("{}", story(&hidden, &diagnosis, right));
-        println!("PAGE    {}", report.display());
-        println!("TOOK    {:.0} s by the {} bank", began.elapsed().as_secs_f64(), options.size);
+        print(&story(&hidden, &diagnosis, right))?;
+        print(&format!("PAGE    {}\n", report.display()))?;
+        let took_s = began.elapsed().as_secs_f64();
+        print(&format!("TOOK    {took_s:.0} s by the {} bank\n", options.size))?;
         if options.size == "small" {
-            println!(
-                "        for a verdict: haltere-sim hide{} --seed {seed} --size full",
+            print(&format!(
+                "        for a verdict: haltere-sim hide{} --seed {seed} --size full\n",
                 asked(options)
-            );
+            ))?;
         }
-        println!("NOTE    {REMARK}");
+        print(&format!("NOTE    {REMARK}\n"))?;
     }
     Ok(true)
 }

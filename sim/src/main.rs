@@ -23,12 +23,13 @@ mod stop;
 mod truth_file;
 
 use std::ffi::OsString;
-use std::io::IsTerminal as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser};
 use haltere::cli::complete::{Completions, Man};
 use haltere::cli::moved::Moved;
+use haltere::cli::{is_unwritten, print, sentence};
 use haltere::live::console::Console;
 use haltere_sim::paper;
 
@@ -114,9 +115,14 @@ enum Command {
 const EXIT_BOUND: u8 = 1;
 /// Something else went wrong.
 const EXIT_ERROR: u8 = 2;
+/// The result could not be written: as of every command of `haltere`.
+const EXIT_UNWRITTEN: u8 = 1;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match haltere::cli::parsed::<Cli>(std::env::args_os(), PROGRAM) {
+        Ok(cli) => cli,
+        Err(code) => return code,
+    };
     let result = match cli.command {
         Command::Companion { args } => {
             return haltere::cli::run(std::iter::once(OsString::from("haltere")).chain(args));
@@ -136,14 +142,10 @@ fn main() -> ExitCode {
         }
         Command::Print(print) => print.run().map(|()| true),
         Command::Completions(completions) => {
-            completions.print(&mut Cli::command(), PROGRAM);
-            Ok(true)
+            completions.print(&mut Cli::command(), PROGRAM).map(|()| true)
         }
         Command::Man(man) => man.write(Cli::command(), PROGRAM).map(|()| true),
-        Command::Effects => {
-            print!("{}", haltere_model::effects::document::markdown());
-            Ok(true)
-        }
+        Command::Effects => print(&haltere_model::effects::document::markdown()).map(|()| true),
         Command::Hide(options) => hide::run(&options),
         Command::Fly(options) => fly::run(&options),
         Command::Paper(options) => paper::run(&options),
@@ -169,8 +171,8 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(EXIT_BOUND),
         Err(error) => {
-            eprintln!("haltere-sim: {error:#}");
-            ExitCode::from(EXIT_ERROR)
+            let _ = writeln!(std::io::stderr(), "haltere-sim: {}", sentence(&error));
+            ExitCode::from(if is_unwritten(&error) { EXIT_UNWRITTEN } else { EXIT_ERROR })
         }
     }
 }

@@ -132,6 +132,11 @@ impl Scenario {
 
     fn parse(text: &str, folder: &Path) -> Result<Self> {
         let scenario: Scenario = toml::from_str(text)?;
+        if let (Ok(found), Ok(understood)) = (text.parse(), toml::Table::try_from(&scenario))
+            && let Some(why) = haltere_pilot::settings::surplus(&found, &understood, "")
+        {
+            anyhow::bail!("{why}");
+        }
         scenario.resolved(folder)
     }
 

@@ -1,6 +1,5 @@
 //! Writes truth to its own file, on its own thread: a slow disk must not slow the simulated world.
 
-use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -8,6 +7,7 @@ use std::thread::JoinHandle;
 
 use anyhow::{Context, Result};
 use haltere::report::truth::{HEADER, TruthRow};
+use haltere_log::written;
 
 /// Rows that may wait: 20 s at 100 Hz.
 const WAITING_ROWS: usize = 2000;
@@ -22,9 +22,9 @@ pub struct TruthFile {
 }
 
 impl TruthFile {
-    /// Makes the file and writes its header.
-    pub fn create(path: &Path) -> Result<Self> {
-        let file = File::create(path).with_context(|| format!("--truth {}", path.display()))?;
+    /// Makes the file, over none of what is read, and writes its header.
+    pub fn create(path: &Path, inputs: &[&Path]) -> Result<Self> {
+        let file = written::growing(path, inputs).context("--truth")?;
         let mut out = BufWriter::new(file);
         let (rows, from) = sync_channel::<TruthRow>(WAITING_ROWS);
         let writer = std::thread::Builder::new()

@@ -60,7 +60,7 @@ impl Check {
                 if self.json {
                     print_json(&loaded.config)?;
                 } else {
-                    print(&loaded.config.to_toml());
+                    print(&loaded.config.to_toml())?;
                 }
                 return Ok(ExitCode::SUCCESS);
             }
@@ -86,13 +86,13 @@ impl Check {
             let ok = problems == 0 && warnings == 0;
             print_json(&Report { ok, problems, warnings, findings: &findings })?;
         } else {
-            print(&table(&findings, Style::of_stdout()));
+            print(&table(&findings, Style::of_stdout()))?;
             let worth = format!("{warnings} worth a look");
             print(&match (problems, warnings) {
                 (0, 0) => "everything is in order\n".to_owned(),
                 (0, _) => format!("{worth}; it can fly like this\n"),
                 (n, _) => format!("{n} to put right, {worth}\n"),
-            });
+            })?;
         }
         Ok(match preflight::worst(&findings) {
             Status::Problem => ExitCode::from(FAILED),

@@ -6,6 +6,7 @@ use anyhow::Context as _;
 use clap::{Args, Command};
 
 use super::print;
+use haltere_log::written;
 
 /// Prints a completion script.
 #[derive(Debug, Args)]
@@ -23,10 +24,10 @@ pub struct Completions {
 
 impl Completions {
     /// Prints the script of a program.
-    pub fn print(&self, command: &mut Command, program: &str) {
+    pub fn print(&self, command: &mut Command, program: &str) -> anyhow::Result<()> {
         let mut script = Vec::new();
         clap_complete::generate(self.shell, command, program, &mut script);
-        print(&String::from_utf8_lossy(&script));
+        print(&String::from_utf8_lossy(&script))
     }
 }
 
@@ -47,7 +48,7 @@ impl Man {
         command.build();
         let mut count = 0;
         write_pages(&command, program, &self.dir, &mut count)?;
-        print(&format!("{}: {count} pages\n", name(&self.dir)));
+        print(&format!("{}: {count} pages\n", name(&self.dir)))?;
         Ok(())
     }
 }
@@ -62,7 +63,7 @@ fn write_pages(
     let mut page = Vec::new();
     clap_mangen::Man::new(command.clone().name(title)).render(&mut page)?;
     let path = dir.join(format!("{title}.1"));
-    std::fs::write(&path, page).with_context(|| path.display().to_string())?;
+    written::write::<&Path>(&path, page, &[])?;
     *count += 1;
     for inner in command.get_subcommands() {
         if inner.get_name() != "help" && !inner.is_hide_set() {

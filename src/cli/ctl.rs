@@ -38,9 +38,14 @@ impl Ctl {
         let note = |line: &str| {
             let _ = writeln!(std::io::stderr(), "{line}");
         };
-        let say = |line: &str| if status { print(&format!("{line}\n")) } else { note(line) };
+        let mut printed = Ok(());
+        let say = |line: &str| match status {
+            true if printed.is_ok() => printed = print(&format!("{line}\n")),
+            true => {}
+            false => note(line),
+        };
         let target = Target { to: self.to, wanted, key };
         ctl::run(target, &self.action, say, note)?;
-        Ok(ExitCode::SUCCESS)
+        printed.map(|()| ExitCode::SUCCESS)
     }
 }

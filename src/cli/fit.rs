@@ -1,6 +1,5 @@
 //! `haltere fit`: identification from flight logs.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -14,8 +13,9 @@ use crate::fit::outcome::{Outcome, Refusal};
 use crate::fit::source::Source;
 use crate::fit::{tell, trim};
 use crate::report::{from_log, truth};
-use haltere_log::import::{columns, flapper, stand};
+use haltere_log::import::{columns, flapper, motion, stand};
 use haltere_log::record::LogReader;
+use haltere_log::written;
 use haltere_pilot::settings::Config;
 
 /// The log does not hold what was asked; the sentence says which flight does.
@@ -147,6 +147,22 @@ impl Fit {
     }
 }
 
+/// What a recording is taken as, and what of it is not taken.
+fn remarks(source: &Source) -> Vec<String> {
+    let Source::Recording(recording) = source else { return Vec::new() };
+    let mut all = Vec::new();
+    let (name, skipped) = (&recording.name, &recording.skipped);
+    if skipped.total() > 0 {
+        all.push(format!("{name}: {} rows were left out: {skipped}", skipped.total()));
+    }
+    if motion::begins_in_flight(recording) {
+        all.push(format!(
+            "{name}: begins in flight; the floor is where it rests later, or else the plane of the origin"
+        ));
+    }
+    all
+}
+
 impl Files {
     fn answer(
         self,
@@ -155,14 +171,20 @@ impl Files {
         if self.truth.is_some() && (self.logs.len() != 1 || self.import.is_some()) {
             anyhow::bail!("--truth goes with one log of ours, {} files given", self.logs.len());
         }
+        let inputs: Vec<&PathBuf> = self.logs.iter().chain(&self.truth).collect();
+        if let Some(path) = &self.report {
+            written::look(path, &inputs)?;
+        }
         let mut sources = Vec::new();
         for path in &self.logs {
-            let name = path.display().to_string();
-            tracing::info!("reading {name}");
-            sources.push(self.read(path).with_context(|| name)?);
+            tracing::info!("reading {}", path.display());
+            sources.push(self.read(path)?);
         }
         let outcome = match fit(&sources) {
-            Ok(outcome) => outcome,
+            Ok(mut outcome) => {
+                outcome.notes.extend(sources.iter().flat_map(remarks));
+                outcome
+            }
             Err(refusal) => {
                 use std::io::Write as _;
                 let _ = writeln!(std::io::stderr(), "haltere: {refusal}");
@@ -170,13 +192,13 @@ impl Files {
             }
         };
         if let Some(path) = &self.report {
-            std::fs::write(path, outcome.html()).with_context(|| path.display().to_string())?;
+            written::write(path, outcome.html(), &inputs)?;
             tracing::info!("wrote {}", path.display());
         }
         if self.json {
             print_json(&outcome)?;
         } else {
-            print(&outcome.text());
+            print(&outcome.text())?;
         }
         Ok(ExitCode::SUCCESS)
     }
@@ -195,7 +217,7 @@ impl Files {
                 let (mut flight, _) = from_log::read(&reader);
                 if let Some(path) = &self.truth {
                     let name = || path.display().to_string();
-                    let file = File::open(path).with_context(name)?;
+                    let file = haltere_log::intake::open(path).with_context(name)?;
                     flight.truth = truth::read(BufReader::new(file)).with_context(name)?;
                 }
                 let name =
@@ -228,6 +250,6 @@ fn trims(log: &Path, json: bool) -> anyhow::Result<ExitCode> {
         trims.roll.value_deg,
         trims.pitch.value_deg,
         trims.yaw.value_deg,
-    ));
+    ))?;
     Ok(ExitCode::SUCCESS)
 }

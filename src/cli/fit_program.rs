@@ -103,7 +103,7 @@ impl ProgramCommand {
         };
         let planned = plan(program, &envelope, &options)
             .map_err(|why| anyhow!("program {}: {why}", program.name()))?;
-        print(&planned.toml(program)?);
+        print(&planned.toml(program)?)?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -195,6 +195,11 @@ impl SceneOptions {
         Ok(Told { room: self.room.room()?, vehicle: self.vehicle()? })
     }
 
+    /// The vehicle file, if one was named.
+    pub fn vehicle_file(&self) -> Option<&PathBuf> {
+        self.vehicle.as_ref()
+    }
+
     fn vehicle(&self) -> anyhow::Result<Vehicle> {
         let Some(path) = &self.vehicle else { return Ok(Vehicle::default()) };
         let name = || path.display().to_string();

@@ -142,25 +142,25 @@ impl Accept {
                 "by_hand": hands.iter().map(|(id, text)| json!({ "id": id, "do": text })).collect::<Vec<_>>(),
             }))?;
         } else {
-            print(&format!("accepting {what} ({}: {})\n", self.report.display(), report.verdict));
+            print(&format!("accepting {what} ({}: {})\n", self.report.display(), report.verdict))?;
             if edits.is_empty() {
                 print(&format!(
                     "for a scenario of haltere-sim (--scenario FILE writes it):\n\n{patch}\n"
-                ));
+                ))?;
             }
             for (id, text) in &hands {
-                print(&format!("{id}: {text}\n"));
+                print(&format!("{id}: {text}\n"))?;
             }
             if let Some(t) = trims.as_ref().filter(|_| self.config.is_none()) {
-                print(&format!("{}\n", t.words()));
+                print(&format!("{}\n", t.words()))?;
             }
             for e in &edits {
-                print(&format!("{}:\n{}", e.path.display(), shown(&e.lines)));
+                print(&format!("{}:\n{}", e.path.display(), shown(&e.lines)))?;
             }
         }
         if self.dry_run {
             if !self.json && !edits.is_empty() {
-                print("nothing written (--dry-run)\n");
+                print("nothing written (--dry-run)\n")?;
             }
             return Ok(ExitCode::SUCCESS);
         }
@@ -172,7 +172,7 @@ impl Accept {
                     "written; `haltere gap undo {}` takes it back ({})\n",
                     e.path.display(),
                     undo.display()
-                ));
+                ))?;
             }
         }
         Ok(ExitCode::SUCCESS)
@@ -284,7 +284,7 @@ impl Undo {
             )?;
         } else {
             let done = if self.dry_run { "would take back" } else { "took back" };
-            print(&format!("{}: {done} {what}\n{}", self.file.display(), shown(&lines)));
+            print(&format!("{}: {done} {what}\n{}", self.file.display(), shown(&lines)))?;
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -68,7 +68,7 @@ const LEAST_WORTH: f64 = 0.01;
 impl Advise {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         if self.list {
-            print(&catalogue());
+            print(&catalogue())?;
             return Ok(ExitCode::SUCCESS);
         }
         if self.check.is_some() {
@@ -99,7 +99,7 @@ impl Advise {
             if self.json {
                 print_json(&json!({ "open": [], "advice": [], "note": text }))?;
             } else {
-                print(&format!("{text}\n"));
+                print(&format!("{text}\n"))?;
             }
             return Ok(ExitCode::SUCCESS);
         }
@@ -108,7 +108,7 @@ impl Advise {
         let tell = |done, of| progress.at(done, of);
         let advice = advise(&scene, &remaining, Effort::All, &shelf, tell);
         let written = match &self.out {
-            Some(folder) => write_missions(folder, &scene, &advice)?,
+            Some(folder) => write_missions(folder, &scene, &advice, &self.inputs)?,
             None => Vec::new(),
         };
         if self.json {
@@ -127,7 +127,7 @@ impl Advise {
                 "missions": written,
             }))?;
         } else {
-            print(&text(&remaining, &advice, &written));
+            print(&text(&remaining, &advice, &written))?;
         }
         Ok(ExitCode::SUCCESS)
     }
@@ -185,10 +185,10 @@ impl Advise {
                 .collect();
             print_json(&json!({ "log": path, "candidates": rows }))?;
         } else {
-            print("candidate                          before  after\n");
+            print("candidate                          before  after\n")?;
             for (spec, p) in &after {
                 let name = format!("{} {}", spec.id, spec.name);
-                print(&format!("{name:<34} {:>6.2} {p:>6.2}\n", before(spec.id)));
+                print(&format!("{name:<34} {:>6.2} {p:>6.2}\n", before(spec.id)))?;
             }
         }
         Ok(ExitCode::SUCCESS)
@@ -218,7 +218,12 @@ pub(super) fn remaining(d: &Diagnosis) -> Remaining {
     Remaining::new(hypotheses, &d.set, untested)
 }
 
-fn write_missions(folder: &Path, scene: &Scene, advice: &[Advice]) -> anyhow::Result<Vec<PathBuf>> {
+fn write_missions(
+    folder: &Path,
+    scene: &Scene,
+    advice: &[Advice],
+    inputs: &[PathBuf],
+) -> anyhow::Result<Vec<PathBuf>> {
     std::fs::create_dir_all(folder).with_context(|| format!("{}", folder.display()))?;
     let mut written = Vec::new();
     for a in
@@ -230,8 +235,7 @@ fn write_missions(folder: &Path, scene: &Scene, advice: &[Advice]) -> anyhow::Re
         let path = folder.join(format!("{}.toml", experiment.id));
         let head =
             format!("# {}\n# {}\n# haltere ctl mission {}.toml\n\n", a.title, a.how, a.experiment);
-        std::fs::write(&path, head + &toml::to_string(&mission)?)
-            .with_context(|| format!("{}", path.display()))?;
+        haltere_log::written::write(&path, head + &toml::to_string(&mission)?, inputs)?;
         written.push(path);
     }
     Ok(written)

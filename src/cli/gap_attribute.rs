@@ -49,7 +49,7 @@ impl Attribute {
         let (rest, flights): (Vec<Value>, Vec<Vec<f64>>) = read(&self.flights)?.into_iter().unzip();
         for (mut line, attribution) in rest.into_iter().zip(attributor.attribute_all(&flights)) {
             line["attribution"] = json!(attribution);
-            print(&(line.to_string() + "\n"));
+            print(&(line.to_string() + "\n"))?;
         }
         Ok(ExitCode::SUCCESS)
     }

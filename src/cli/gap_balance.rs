@@ -56,7 +56,7 @@ impl Balance {
         if self.json {
             print_json(&report)?;
         } else {
-            print(&report.text());
+            print(&report.text())?;
         }
         Ok(ExitCode::from(report.outcome.exit_code()))
     }

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
@@ -15,6 +14,7 @@ use haltere_gap::logs;
 use haltere_gap::missions;
 use haltere_gap::scene::Scene;
 use haltere_gap::workshop::Workshop;
+use haltere_log::written;
 
 /// Flies the bank that flights of a mission are compared with, and keeps it.
 ///
@@ -37,6 +37,10 @@ pub(super) struct BankCommand {
 
 impl BankCommand {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let inputs: Vec<&PathBuf> = self.log.iter().chain(self.told.vehicle_file()).collect();
+        if let Some(path) = &self.export {
+            written::look(path, &inputs)?;
+        }
         let told = self.told.told()?;
         let (scene, items) = match &self.log {
             Some(log) => {
@@ -64,7 +68,7 @@ impl BankCommand {
         let bank = &workshop.bank;
         if let Some(path) = &self.export {
             let text = serde_json::to_string(bank)?;
-            std::fs::write(path, text).with_context(|| format!("{}", path.display()))?;
+            written::write(path, text, &inputs)?;
         }
         let draws: usize = bank.effects.iter().map(|e| e.draws.len()).sum();
         let seconds = started.elapsed().as_secs_f64();
@@ -85,10 +89,10 @@ impl BankCommand {
                 bank.seeds.len(),
                 bank.jitter.len(),
                 bank.effects.len(),
-            ));
+            ))?;
             for (id, count) in &workshop.lost {
                 let of = if id.is_empty() { "without effect" } else { id };
-                print(&format!("  {of}: {count} flights could not be flown or observed\n"));
+                print(&format!("  {of}: {count} flights could not be flown or observed\n"))?;
             }
         }
         Ok(ExitCode::SUCCESS)

@@ -24,6 +24,7 @@ use haltere_gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
 use haltere_gap::held_out::{Explanation, measure};
 use haltere_gap::picture::picture;
 use haltere_gap::seal::digest;
+use haltere_log::written;
 use haltere_model::effects::EffectSpec;
 
 /// Says where a flight differs from the nominal simulator, which effect causes it, and how far the
@@ -103,12 +104,13 @@ impl Diagnose {
         if self.json {
             print_json(&diagnosis)?;
         } else {
-            print(&text(&diagnosis));
+            print(&text(&diagnosis))?;
         }
         Ok(ExitCode::from(diagnosis.exit_code()))
     }
 
     fn diagnosis(&self) -> anyhow::Result<Diagnosis> {
+        self.look()?;
         let is_due = |stage: &str| match stage {
             "sizes" | "shrink" => self.logs.len() > 1,
             "cells" => self.report.is_some() || self.json,
@@ -214,13 +216,34 @@ impl Diagnose {
         });
     }
 
+    /// What is read: nothing is written over it. References are logs, which are safe by themselves.
+    fn inputs(&self) -> Vec<&PathBuf> {
+        let truth = self.truth.iter().flatten();
+        self.logs.iter().chain(truth).chain(self.told.vehicle_file()).collect()
+    }
+
+    /// Minutes before it is due: a report that may not be written.
+    fn look(&self) -> anyhow::Result<()> {
+        let Some(path) = &self.report else { return Ok(()) };
+        let json = path.with_extension("json");
+        if json == *path {
+            anyhow::bail!(
+                "--report {}: the page; the same as JSON is written beside it under this name: let it end in .html",
+                path.display()
+            );
+        }
+        let inputs = self.inputs();
+        written::look(path, &inputs)?;
+        written::look(&json, &inputs)?;
+        Ok(())
+    }
+
     fn write(&self, diagnosis: &Diagnosis) -> anyhow::Result<()> {
         if let Some(path) = &self.report {
-            let write = |path: &Path, text: String| {
-                std::fs::write(path, text).with_context(|| format!("{}", path.display()))
-            };
-            write(path, page::render(diagnosis))?;
-            write(&path.with_extension("json"), serde_json::to_string_pretty(diagnosis)?)?;
+            let inputs = self.inputs();
+            written::write(path, page::render(diagnosis), &inputs)?;
+            let json = serde_json::to_string_pretty(diagnosis)?;
+            written::write(&path.with_extension("json"), json, &inputs)?;
         }
         Ok(())
     }

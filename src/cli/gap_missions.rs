@@ -44,7 +44,7 @@ impl MissionCommand {
             Which::HeldOut => missions::held_out_file(&scene),
             Which::Plain => missions::plain_file(&scene),
         };
-        print(&toml::to_string(&mission)?);
+        print(&toml::to_string(&mission)?)?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -32,7 +32,7 @@ impl Observe {
         let told = self.told.told()?;
         let names: Vec<&str> = specs().iter().map(|s| s.name.as_str()).collect();
         let blocks: Vec<&str> = specs().iter().map(|s| s.block.name()).collect();
-        print(&(json!({ "names": names, "blocks": blocks }).to_string() + "\n"));
+        print(&(json!({ "names": names, "blocks": blocks }).to_string() + "\n"))?;
         let lines: Vec<String> = self
             .logs
             .par_iter()
@@ -57,7 +57,7 @@ impl Observe {
                 line.to_string() + "\n"
             })
             .collect();
-        print(&lines.concat());
+        print(&lines.concat())?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -56,7 +56,8 @@ fn spec(id: &str) -> Option<&'static EffectSpec> {
 
 impl Report {
     pub fn read(path: &Path) -> anyhow::Result<Self> {
-        let text = std::fs::read_to_string(path).with_context(|| format!("{}", path.display()))?;
+        let text = haltere_log::intake::text(path, 1 << 30)
+            .with_context(|| format!("{}", path.display()))?;
         serde_json::from_str(&text).with_context(|| {
             format!("{}: not the JSON of `haltere gap diagnose --report FILE.html`", path.display())
         })

@@ -103,7 +103,7 @@ impl Shrink {
                 "shrink": result,
             }))?;
         } else {
-            print(&text(spec, theta, &result, judged_on.len(), accepted.len()));
+            print(&text(spec, theta, &result, judged_on.len(), accepted.len()))?;
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -115,7 +115,7 @@ impl Init {
         }
         let files = first::write(&answers, &self.dir, self.force).map_err(|why| anyhow!(why))?;
         for file in &files {
-            print(&format!("{}\n", file.display()));
+            print(&format!("{}\n", file.display()))?;
         }
         let [config, _] = &files;
         say(&format!("next: haltere check --live --config {}", config.display()));
@@ -260,7 +260,7 @@ impl Init {
         let text = if name == "-" {
             std::io::read_to_string(std::io::stdin())
         } else {
-            std::fs::read_to_string(path)
+            haltere_log::intake::text(path, 4 << 20)
         };
         self.to_file(&name, &text.with_context(|| format!("{name}: cannot be read"))?)
     }

@@ -85,12 +85,16 @@ impl Log {
             Log::Recover { log, to } => {
                 let to = to.unwrap_or_else(|| recovered_name(&log));
                 let (saved, end) = recover(&log, &to)?;
-                print(&format!("{}: {end}; {saved} messages in {}\n", log.display(), to.display()));
+                print(&format!(
+                    "{}: {end}; {saved} messages in {}\n",
+                    log.display(),
+                    to.display()
+                ))?;
             }
             Log::Split { log } => {
                 let parts = split(&log)?;
                 for part in &parts.logs {
-                    print(&format!("{}: {} messages\n", part.path.display(), part.messages));
+                    print(&format!("{}: {} messages\n", part.path.display(), part.messages))?;
                 }
                 if parts.left_out > 0 {
                     print(&format!(
@@ -116,14 +120,14 @@ impl Log {
                     "{}: {} messages, {first:.3} to {last:.3} s\n",
                     output.display(),
                     part.messages
-                ));
+                ))?;
             }
             Log::Info { log, json } => {
                 let info = info(&LogReader::open(log)?);
                 if json {
                     print_json(&info)?;
                 } else {
-                    print(&table(&info));
+                    print(&table(&info))?;
                 }
             }
         }

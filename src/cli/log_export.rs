@@ -89,7 +89,7 @@ impl Export {
             print_json(&written)?;
         } else {
             for Written { rows, columns, file, .. } in &written {
-                print(&format!("{}: {rows} rows of {columns} columns\n", file.display()));
+                print(&format!("{}: {rows} rows of {columns} columns\n", file.display()))?;
             }
         }
         Ok(ExitCode::SUCCESS)
@@ -151,9 +151,10 @@ impl Tlog {
                 })?,
         };
         let path = self.file.unwrap_or_else(|| self.log.with_extension("tlog"));
-        let out = std::io::BufWriter::new(create(&path, self.overwrite)?);
-        let count = write_tlog(&log, link, out)
-            .with_context(|| format!("{}: not written", path.display()))?;
+        let mut file = create(&log, &path, self.overwrite)?;
+        let count = write_tlog(&log, link, std::io::BufWriter::new(&mut file))
+            .with_context(|| format!("{}: cannot be written", path.display()))?;
+        file.finish()?;
         if count.frames_in + count.frames_out == 0 {
             tracing::warn!("{} carried no MAVLink frame: the file is empty", link_name(link));
         }
@@ -174,7 +175,7 @@ impl Tlog {
                 written.frames_in,
                 written.frames_out,
                 written.garbage_bytes
-            ));
+            ))?;
         }
         Ok(ExitCode::SUCCESS)
     }

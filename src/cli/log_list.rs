@@ -62,9 +62,9 @@ impl List {
         if self.json {
             print_json(&rows)?;
         } else if rows.is_empty() {
-            print(&format!("{name}: no log (*.mcap)\n"));
+            print(&format!("{name}: no log (*.mcap)\n"))?;
         } else {
-            print(&table(&rows));
+            print(&table(&rows))?;
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -36,7 +36,7 @@ mod style;
 mod vehicle;
 pub mod vehicles;
 
-use std::io::Write as _;
+use std::io::{self, Write as _};
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
@@ -104,7 +104,10 @@ pub fn main() -> ExitCode {
 pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
     let args: Vec<std::ffi::OsString> = args.into_iter().collect();
     judge::started_with(&args);
-    let cli = Cli::parse_from(args);
+    let cli = match parsed::<Cli>(args, PROGRAM) {
+        Ok(cli) => cli,
+        Err(code) => return code,
+    };
     if !matches!(cli.command, Command::Fly(_)) {
         start_logging();
         be_nice(cli.nice);
@@ -122,8 +125,7 @@ pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
         Command::Check(check) => check.run(),
         Command::Init(init) => init.run(),
         Command::Completions(completions) => {
-            completions.print(&mut Cli::command(), PROGRAM);
-            Ok(ExitCode::SUCCESS)
+            completions.print(&mut Cli::command(), PROGRAM).map(|()| ExitCode::SUCCESS)
         }
         Command::Man(man) => man.write(Cli::command(), PROGRAM).map(|()| ExitCode::SUCCESS),
         Command::Key(key) => key.run(),
@@ -132,7 +134,7 @@ pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
         Ok(code) => code,
         Err(error) => {
             // A sentence for people; each layer has named what it knows.
-            let _ = writeln!(std::io::stderr(), "haltere: {error:#}");
+            let _ = writeln!(std::io::stderr(), "haltere: {}", sentence(&error));
             ExitCode::from(FAILED)
         }
     }
@@ -151,23 +153,97 @@ pub fn start_logging() {
     console::log_to(std::io::stderr);
 }
 
-/// Prints to standard output; a reader that went away is no failure of ours.
-pub fn print(text: &str) {
+/// A result that did not arrive.
+#[derive(Debug, thiserror::Error)]
+#[error("the result cannot be written to standard output")]
+pub struct Unwritten(#[source] pub io::Error);
+
+/// An error with its causes, each said once: many errors name their cause in their own words.
+pub fn sentence(error: &anyhow::Error) -> String {
+    error.chain().fold(String::new(), |said, cause| {
+        let text = cause.to_string();
+        match () {
+            () if said.is_empty() || text.starts_with(&said) => text,
+            () if said.contains(&text) => said,
+            () => said + ": " + &text,
+        }
+    })
+}
+
+/// Whether an error is of this kind.
+pub fn is_unwritten(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        let inside = cause.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
+        cause.is::<Unwritten>() || inside.is_some_and(|inside| inside.is::<Unwritten>())
+    })
+}
+
+/// Standard output for what is written piece by piece; its errors are [`Unwritten`].
+#[derive(Debug)]
+pub struct Out(io::StdoutLock<'static>);
+
+impl Out {
+    /// Taken until it is dropped.
+    pub fn lock() -> Self {
+        Self(io::stdout().lock())
+    }
+}
+
+impl io::Write for Out {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write(bytes).map_err(|e| io::Error::new(e.kind(), Unwritten(e)))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush().map_err(|e| io::Error::new(e.kind(), Unwritten(e)))
+    }
+}
+
+/// Prints to standard output. Who reads a result has it whole, or the command fails: a disk that is full, and a reader
+/// that went away, look alike to the script that goes on.
+pub fn print(text: &str) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
-    let _ = out.write_all(text.as_bytes());
-    let _ = out.flush();
+    Ok(out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(Unwritten)?)
+}
+
+/// Arguments; else the exit code, with help, version or what is wrong with them printed.
+pub fn parsed<C: Parser>(
+    args: impl IntoIterator<Item = std::ffi::OsString>,
+    program: &str,
+) -> Result<C, ExitCode> {
+    C::try_parse_from(args).map_err(|said| {
+        let printed = said.print().and_then(|()| std::io::stdout().flush());
+        let code = u8::try_from(said.exit_code()).unwrap_or(FAILED);
+        match printed.map_err(Unwritten) {
+            Err(error) if !said.use_stderr() => {
+                let error = anyhow::Error::new(error);
+                let _ = writeln!(std::io::stderr(), "{program}: {error:#}");
+                ExitCode::from(FAILED)
+            }
+            _ => ExitCode::from(code),
+        }
+    })
 }
 
 /// Prints as JSON.
 pub fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
-    print(&(serde_json::to_string_pretty(value)? + "\n"));
-    Ok(())
+    print(&(serde_json::to_string_pretty(value)? + "\n"))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::reference::commands::{MANUALS, commands_of};
+
+    #[test]
+    fn regress_path_and_cause_are_said_once() {
+        let io = std::io::Error::other("a pipe");
+        let inner = haltere_log::import::Error::Io { path: "a.csv".into(), source: io };
+        let error = anyhow::Error::new(inner).context("a.csv");
+        assert_eq!(sentence(&error), "a.csv: a pipe");
+        let apart = anyhow::anyhow!("cause").context("what");
+        assert_eq!(sentence(&apart), "what: cause");
+    }
 
     #[test]
     fn prop_commands_of_the_manuals_are_understood() {

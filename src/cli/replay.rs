@@ -60,7 +60,7 @@ impl Replay {
                 Ok(report) => {
                     worst = worst.max(report.exit_code());
                     if !self.json {
-                        print(&report.to_string());
+                        print(&report.to_string())?;
                     }
                     reports.push(report);
                 }
@@ -90,7 +90,7 @@ impl Replay {
         } else {
             let mut table = String::new();
             util_flights::print_table(&mut table, &reports)?;
-            print(&table);
+            print(&table)?;
         }
         let diverged = reports.iter().any(|report| report.diverged);
         Ok(ExitCode::from(if diverged { DIVERGED } else { 0 }))

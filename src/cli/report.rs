@@ -1,6 +1,5 @@
 //! `haltere report`: a flight log as one page.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -15,6 +14,7 @@ use crate::report::{Page, from_log, truth};
 use haltere_core::control::voltage::BaseThrust;
 use haltere_log::record::{LogEnd, LogReader};
 use haltere_log::replay::{changed_parameters, recorded_config, replay_observed};
+use haltere_log::written::{self, look};
 
 /// Draws a flight log as a self-contained HTML page.
 #[derive(Debug, Args)]
@@ -31,6 +31,10 @@ pub(super) struct Report {
 
 impl Report {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+        let output = self.output.unwrap_or_else(|| self.log.with_extension("html"));
+        let inputs: Vec<&PathBuf> = std::iter::once(&self.log).chain(&self.truth).collect();
+        // Before the log is lived through: it is known now.
+        look(&output, &inputs)?;
         let log = LogReader::open(&self.log)?;
         let (mut flight, end) = from_log::read(&log);
         if flight.ends().is_none() {
@@ -40,7 +44,7 @@ impl Report {
         add_configuration(&mut flight, &log);
         if let Some(path) = &self.truth {
             let name = || path.display().to_string();
-            let file = File::open(path).with_context(name)?;
+            let file = haltere_log::intake::open(path).with_context(name)?;
             flight.truth = truth::read(BufReader::new(file)).with_context(name)?;
             if let Some((from, to)) = flight.ends() {
                 flight.truth.retain(|row| row.at >= from && row.at <= to);
@@ -59,9 +63,8 @@ impl Report {
             paths: &[],
             flight: &flight,
         };
-        let output = self.output.unwrap_or_else(|| self.log.with_extension("html"));
-        std::fs::write(&output, page.render()).with_context(|| output.display().to_string())?;
-        print(&format!("{}\n", output.display()));
+        written::write(&output, page.render(), &inputs)?;
+        print(&format!("{}\n", output.display()))?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -103,7 +103,7 @@ impl Meaning {
 impl VehicleCommand {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         match self {
-            VehicleCommand::Print(told) => print(&toml::to_string(&told.read()?)?),
+            VehicleCommand::Print(told) => print(&toml::to_string(&told.read()?)?)?,
             VehicleCommand::Check(Check { told, json }) => {
                 let vehicle = told.read()?;
                 let meaning = Meaning::of(&vehicle);
@@ -117,7 +117,7 @@ impl VehicleCommand {
                 }
                 match json {
                     true => print_json(&meaning)?,
-                    false => print(&meaning.text(&vehicle)),
+                    false => print(&meaning.text(&vehicle))?,
                 }
             }
         }

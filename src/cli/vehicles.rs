@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use haltere_model::Vehicle;
+use haltere_pilot::settings::surplus;
+use toml::Table;
 
 /// The vehicle that is flown where none is named.
 const NOMINAL: &str = "flapper";
@@ -25,20 +27,31 @@ pub fn text(name: &str) -> Option<String> {
     FILES.iter().find(|(of, _)| *of == name).map(|(_, text)| (*text).to_owned())
 }
 
+/// Longest vehicle file that is read, bytes.
+const MOST_BYTES: u64 = 1 << 20;
+
 /// The text of a file, or of the vehicle of that name where there is no such file.
 pub fn read(told: &Path) -> anyhow::Result<String> {
     let built_in = told.to_str().filter(|_| !told.is_file()).and_then(text);
     if let Some(text) = built_in {
         return Ok(text);
     }
-    std::fs::read_to_string(told).with_context(|| match told.exists() {
+    let text = haltere_log::intake::text(told, MOST_BYTES).with_context(|| match told.exists() {
         true => told.display().to_string(),
         false => format!(
             "vehicle {}: allowed are a file, or by name {}; `haltere vehicle print NAME > FILE` begins one of your own",
             told.display(),
             names().join(", ")
         ),
-    })
+    })?;
+    // What cannot be read at all is told where it is read.
+    if let (Ok(found), Ok(vehicle)) = (text.parse::<Table>(), Vehicle::from_toml(&text))
+        && let Ok(understood) = Table::try_from(&vehicle)
+        && let Some(why) = surplus(&found, &understood, "")
+    {
+        bail!("{}: {why}", told.display());
+    }
+    Ok(text)
 }
 
 #[cfg(test)]

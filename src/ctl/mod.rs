@@ -5,6 +5,7 @@
 
 mod callers;
 mod link;
+pub mod plan_file;
 mod station;
 mod transfer;
 mod vehicle;
@@ -12,16 +13,19 @@ mod vehicle;
 use std::path::Path;
 use std::time::Duration;
 
-use haltere_dialect::mav::haltere::{MavCmd, MavMissionResult, MavResult};
+use haltere_core::geo::LocalOrigin;
+use haltere_dialect::mav::haltere::{MavCmd, MavMissionResult, MavMissionType, MavResult};
 use haltere_dialect::signing::SigningKey;
 
 use serde_json::json;
 
 use crate::neighbours::{self, Transport};
+use haltere_log::intake;
 use haltere_pilot::mission_file::MissionFile;
 use haltere_pilot::settings::{Address, AddressError, HostPort};
 
 pub use callers::{Caller, Place, Wanted};
+pub use plan_file::PlanFile;
 pub use station::{GroundStation, Mode, Setpoint};
 pub use vehicle::{LandedState, Vehicle};
 
@@ -202,23 +206,28 @@ pub enum Action {
     /// Arms if needed, takes off to a height in metres and waits until it is there.
     Takeoff {
         /// Height above the floor, m.
+        #[arg(value_parser = height)]
         height_m: f64,
     },
     /// Flies to a point and waits until it is there.
     #[command(allow_negative_numbers = true)]
     Goto {
         /// Room north, m.
+        #[arg(value_parser = metres)]
         north_m: f64,
         /// Room east, m.
+        #[arg(value_parser = metres)]
         east_m: f64,
         /// Height, m.
+        #[arg(value_parser = height)]
         height_m: f64,
     },
     /// Stays where it is.
     Hold,
     /// Uploads a mission file, starts it and waits until it is flown.
     Mission {
-        /// TOML file with `[[item]]` tables.
+        /// TOML file with `[[item]]` tables, QGroundControl's `.plan` (its fence and rally points are uploaded too), or
+        /// `.waypoints`.
         file: std::path::PathBuf,
     },
     /// Starts a flight that the vehicle knows by name (built in, or a file of its missions) and waits
@@ -321,13 +330,81 @@ fn fly_mission(
     if lands { station.wait_down() } else { Ok(()) }
 }
 
-/// Reads and checks a mission file.
-pub fn read_mission(path: &Path) -> Result<MissionFile, CtlError> {
-    let file = path.display().to_string();
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| CtlError::MissionFile { file: file.clone(), why: error.to_string() })?;
-    MissionFile::parse(&text).map_err(|why| CtlError::MissionFile { file, why })
+/// Longest mission file that is read, bytes.
+const MOST_BYTES: u64 = 16 << 20;
+
+fn mission_text(path: &Path) -> Result<String, CtlError> {
+    intake::text(path, MOST_BYTES).map_err(|error| wrong(path, error.to_string()))
 }
+
+fn wrong(path: &Path, why: String) -> CtlError {
+    CtlError::MissionFile { file: path.display().to_string(), why }
+}
+
+/// Reads and checks a mission file, ours or a station's, for who flies without a station: places on the globe become
+/// places around `origin`. What of the file is not flown goes to `tell`.
+pub fn read_mission(
+    path: &Path,
+    origin: &LocalOrigin,
+    mut tell: impl FnMut(&str),
+) -> Result<MissionFile, CtlError> {
+    let text = mission_text(path)?;
+    if !PlanFile::is_one(&text) {
+        return MissionFile::parse(&text).map_err(|why| wrong(path, why));
+    }
+    let file = PlanFile::parse(&text).map_err(|why| wrong(path, why))?;
+    let name = path.display();
+    file.remarks.iter().for_each(|remark| tell(&format!("{name}: {remark}")));
+    for (what, items) in [("fence", &file.fence), ("rally points", &file.rally)] {
+        if !items.is_empty() {
+            tell(&format!(
+                "{name}: its {what} ({} items) are for a vehicle, not used here",
+                items.len()
+            ));
+        }
+    }
+    file.to_mission(origin).map_err(|why| {
+        let place = origin.place();
+        let [lat, lon] = [place.lat_rad, place.lon_rad].map(f64::to_degrees);
+        wrong(path, format!("{why}; the room's origin is at {lat:.5} {lon:.5} (ground.origin)"))
+    })
+}
+
+/// Reads a mission file, ours or a station's, as what is uploaded.
+pub fn read_plan(path: &Path) -> Result<PlanFile, CtlError> {
+    let text = mission_text(path)?;
+    let read = match PlanFile::is_one(&text) {
+        true => PlanFile::parse(&text),
+        false => MissionFile::parse(&text).map(|mission| PlanFile {
+            mission: mission
+                .items
+                .iter()
+                .zip(0..)
+                .map(|(item, seq)| item.to_wire(seq, 0, 0))
+                .collect(),
+            ..PlanFile::default()
+        }),
+    };
+    read.map_err(|why| wrong(path, why))
+}
+
+/// A coordinate or height that somebody types, m.
+fn metres(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (-MOST_M..=MOST_M).contains(&value) => Ok(value),
+        _ => Err(format!("a number of metres is due, {} to {MOST_M}", -MOST_M)),
+    }
+}
+
+fn height(text: &str) -> Result<f64, String> {
+    metres(text)
+        .ok()
+        .filter(|m| *m > 0.0)
+        .ok_or_else(|| format!("a height in metres is due, above 0, up to {MOST_M}"))
+}
+
+/// Beyond every room, m.
+const MOST_M: f64 = 1000.0;
 
 /// Where vehicles are looked for if nobody says where.
 pub const USUAL: &str = "udpin:127.0.0.1:14550";
@@ -366,7 +443,7 @@ pub fn run(
     mut note: impl FnMut(&str),
 ) -> Result<(), CtlError> {
     let mission = match action {
-        Action::Mission { file } => Some(read_mission(file)?),
+        Action::Mission { file } => Some(read_plan(file)?),
         _ => None,
     };
     let mut station = target.connect()?;
@@ -389,11 +466,31 @@ pub fn run(
             station.goto(*north_m, *east_m, *height_m)?;
         }
         Action::Mission { .. } => {
-            let mission = mission.unwrap_or_default();
-            station.upload(&mission.items)?;
-            say(&format!("{} items accepted", mission.items.len()));
-            let lands = mission.items.last().is_some_and(|item| item.lands());
-            fly_mission(&mut station, mission.items.len(), lands, &mut say)?;
+            let file = mission.unwrap_or_default();
+            file.remarks.iter().for_each(|remark| note(remark));
+            // A part that the file does not have stays as it is on the vehicle. The fence first: the mission is judged by it.
+            for (what, kind, items) in [
+                ("fence", MavMissionType::MAV_MISSION_TYPE_FENCE, &file.fence),
+                ("rally", MavMissionType::MAV_MISSION_TYPE_RALLY, &file.rally),
+            ] {
+                if !items.is_empty() {
+                    station.upload_plan(kind, items)?;
+                    say(&format!("{what}: {} items accepted", items.len()));
+                }
+            }
+            if file.mission.is_empty() {
+                note("the file holds no mission: nothing is flown");
+                return Ok(());
+            }
+            station.upload_plan(MavMissionType::MAV_MISSION_TYPE_MISSION, &file.mission)?;
+            say(&format!("{} items accepted", file.mission.len()));
+            let ends = [
+                MavCmd::MAV_CMD_NAV_LAND,
+                MavCmd::MAV_CMD_NAV_LAND_LOCAL,
+                MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH,
+            ];
+            let lands = file.mission.last().is_some_and(|item| ends.contains(&item.command));
+            fly_mission(&mut station, file.mission.len(), lands, &mut say)?;
         }
         Action::Program { name } => {
             let names = program_names(&mut station)?;

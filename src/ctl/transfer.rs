@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use haltere_dialect::mav::haltere::{
-    MISSION_COUNT_DATA, MavMessage, MavMissionResult, MavMissionType,
+    MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavMessage, MavMissionResult, MavMissionType,
 };
 
 use super::CtlError;
@@ -19,11 +19,23 @@ impl GroundStation {
     /// Replaces the vehicle's mission.
     pub fn upload(&mut self, items: &[Item]) -> Result<(), CtlError> {
         let (system, component) = self.target();
+        let wires: Vec<_> =
+            items.iter().zip(0..).map(|(item, seq)| item.to_wire(seq, system, component)).collect();
+        self.upload_plan(MavMissionType::MAV_MISSION_TYPE_MISSION, &wires)
+    }
+
+    /// Replaces the vehicle's mission, its fence or its rally points; the items are addressed here.
+    pub fn upload_plan(
+        &mut self,
+        kind: MavMissionType,
+        items: &[MISSION_ITEM_INT_DATA],
+    ) -> Result<(), CtlError> {
+        let (target_system, target_component) = self.target();
         let count = MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
             count: items.len() as u16,
-            target_system: system,
-            target_component: component,
-            mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+            target_system,
+            target_component,
+            mission_type: kind,
             ..Default::default()
         });
         self.forget_texts();
@@ -37,9 +49,11 @@ impl GroundStation {
                 let Some(message) = self.next_message(deadline)? else { break };
                 #[allow(deprecated)] // older vehicles ask in the old form
                 let seq = match message {
-                    MavMessage::MISSION_REQUEST_INT(asked) => asked.seq,
-                    MavMessage::MISSION_REQUEST(asked) => asked.seq,
-                    MavMessage::MISSION_ACK(answer) => {
+                    MavMessage::MISSION_REQUEST_INT(asked) if asked.mission_type == kind => {
+                        asked.seq
+                    }
+                    MavMessage::MISSION_REQUEST(asked) if asked.mission_type == kind => asked.seq,
+                    MavMessage::MISSION_ACK(answer) if answer.mission_type == kind => {
                         return match answer.mavtype {
                             MavMissionResult::MAV_MISSION_ACCEPTED => Ok(()),
                             result => Err(CtlError::MissionRefused {
@@ -52,7 +66,11 @@ impl GroundStation {
                 };
                 // An index we do not have is the vehicle's mistake; it will ask again or refuse.
                 if let Some(item) = items.get(usize::from(seq)) {
-                    last = MavMessage::MISSION_ITEM_INT(item.to_wire(seq, system, component));
+                    last = MavMessage::MISSION_ITEM_INT(MISSION_ITEM_INT_DATA {
+                        target_system,
+                        target_component,
+                        ..item.clone()
+                    });
                     tries = 0;
                     break;
                 }

@@ -3,6 +3,7 @@
 //! Beside every changed file lies `FILE.haltere-undo`: for each change, newest last, the text before
 //! and the SHA-256 of the text after. Undo refuses when the file is no longer what was written.
 
+use haltere_log::written;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -26,6 +27,9 @@ pub enum FileError {
         /// What it says.
         source: std::io::Error,
     },
+    /// It may not be written, or cannot.
+    #[error(transparent)]
+    Output(#[from] written::OutputError),
     /// No configuration is that large.
     #[error("{}: {found} bytes, at most {MOST_BYTES} are edited", path.display())]
     TooLarge {
@@ -108,7 +112,7 @@ pub fn read(path: &Path) -> Result<Option<String>, FileError> {
         }
         Ok(_) => {}
     }
-    std::fs::read_to_string(path).map(Some).map_err(io)
+    haltere_log::intake::text(path, MOST_BYTES).map(Some).map_err(io)
 }
 
 /// Lines that differ, by the longest common subsequence.
@@ -164,14 +168,7 @@ pub fn lines_changed(before: &str, after: &str) -> Vec<LineChange> {
 }
 
 fn write_whole(path: &Path, text: &str) -> Result<(), FileError> {
-    use std::io::Write as _;
-    let io = |source| FileError::Io { path: path.to_owned(), source };
-    let mut name = path.as_os_str().to_os_string();
-    name.push(".part");
-    let part = PathBuf::from(name);
-    let mut file = std::fs::File::create(&part).map_err(io)?;
-    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(io)?;
-    std::fs::rename(&part, path).map_err(io)
+    Ok(written::write::<&Path>(path, text, &[])?)
 }
 
 fn changes(undo: &Path) -> Result<Vec<Change>, FileError> {

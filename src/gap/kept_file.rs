@@ -4,14 +4,13 @@
 //! The hash (FNV-1a, 64 bit) is over the JSON and finds damage and mix-ups; it is no protection against
 //! intent.
 
-use std::fs::{File, Permissions};
 use std::io::{BufReader, Read, Write};
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
+use haltere_log::written::{self, OutputError};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -40,6 +39,9 @@ pub enum KeptFileError {
         /// What it says.
         source: std::io::Error,
     },
+    /// It may not be written, or cannot.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// Something else.
     #[error("{}: not a {what} file", path.display())]
     NotThis {
@@ -118,16 +120,7 @@ pub(super) fn write(
     let mut deflated = ZlibEncoder::new(bytes, Compression::fast());
     deflated.write_all(&json).map_err(io)?;
     let bytes = deflated.finish().map_err(io)?;
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    // A name of its own: two programs may compute the same at the same time. The umask takes from the mode.
-    let mut part = tempfile::Builder::new()
-        .prefix(".kept-")
-        .suffix(".part")
-        .permissions(Permissions::from_mode(0o666))
-        .tempfile_in(folder.unwrap_or(Path::new(".")))
-        .map_err(io)?;
-    part.write_all(&bytes).and_then(|()| part.as_file().sync_all()).map_err(io)?;
-    part.persist(path).map_err(|e| io(e.error))?;
+    written::write::<&Path>(path, bytes, &[])?;
     Ok(hash)
 }
 
@@ -139,7 +132,7 @@ pub(super) fn read<T: DeserializeOwned>(
     let path = path.to_path_buf();
     let io = |source| KeptFileError::Io { path: path.clone(), source };
     let other = || KeptFileError::NotThis { path: path.clone(), what: kind.what };
-    let mut file = BufReader::new(File::open(&path).map_err(io)?);
+    let mut file = BufReader::new(haltere_log::intake::open(&path).map_err(io)?);
     let mut head = [0u8; 28];
     file.read_exact(&mut head).map_err(|_| other())?;
     let (magic, rest) = head.split_at(8);

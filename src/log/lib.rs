@@ -47,5 +47,7 @@
 
 pub mod export;
 pub mod import;
+pub mod intake;
 pub mod record;
 pub mod replay;
+pub mod written;

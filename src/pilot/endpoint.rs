@@ -117,7 +117,7 @@ impl Default for OriginConfig {
 
 impl OriginConfig {
     /// As the core uses it. What was checked is always possible.
-    pub(super) fn in_force(&self) -> LocalOrigin {
+    pub fn in_force(&self) -> LocalOrigin {
         let at = |c: &Self| {
             let place = Geodetic::from_deg(c.latitude_deg, c.longitude_deg, c.altitude_m)?;
             LocalOrigin::new(place, c.north_deg.to_radians())

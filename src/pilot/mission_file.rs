@@ -73,7 +73,7 @@ pub struct Item {
     /// What to do; the keys that go with it follow.
     pub command: Command,
     /// Room north, room east, height above the origin, m.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "three")]
     pub position_m: Option<[f64; 3]>,
     /// Height of a take-off, m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -120,6 +120,16 @@ pub struct Item {
     /// Name under which reports judge the leg that ends here.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub path: Option<String>,
+}
+
+/// Three numbers, neither more nor fewer: serde takes the first three of more without a word.
+fn three<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<[f64; 3]>, D::Error> {
+    let all = Vec::<f64>::deserialize(from)?;
+    let count = all.len();
+    let three = all.try_into().map_err(|_| {
+        serde::de::Error::custom(format_args!("position_m has {count} numbers, allowed 3"))
+    })?;
+    Ok(Some(three))
 }
 
 /// Commands of a mission file.
@@ -382,6 +392,10 @@ mod tests {
         says("", "no [[item]]");
         says("[[item]]\ncommand = \"waypoint\"", "item 0.position_m is missing");
         says("[[item]]\ncommand = \"land\"\nhold_s = 1", "item 0.hold_s does not go with `land`");
+        says(
+            "[[item]]\ncommand = \"waypoint\"\nposition_m = [1, 2, 3, 4]",
+            "position_m has 4 numbers, allowed 3",
+        );
         says("[[item]]\ncommand = \"loop\"", "unknown variant `loop`");
         says("[[item]]\ncommand = \"land\"\nheigth = 1", "unknown field `heigth`");
         says(

@@ -1,10 +1,10 @@
 //! The first configuration of a vehicle: two commented files, checked before they are written.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use crate::neighbours::{self, Transport};
 use haltere_core::checks::schema::Schema;
+use haltere_log::written::{Old, Output};
 use haltere_pilot::TagProtocol;
 use haltere_pilot::settings::{
     Address, Config, HostPort, RecordConfig, StoreConfig, TagPort, parse_anchors, reference,
@@ -92,8 +92,9 @@ pub fn write(answers: &Answers, directory: &Path, force: bool) -> Result<[PathBu
     std::fs::create_dir_all(directory)
         .map_err(|e| format!("{}: the folder cannot be made: {e}", directory.display()))?;
     for (path, text) in [(&config, &text), (&anchors, &answers.anchors)] {
-        put(path, text, force)
-            .map_err(|e| format!("{}: cannot be written: {e}", path.display()))?;
+        let old = if force { Old::Goes } else { Old::Stays };
+        let mut file = Output::begin::<&Path>(path, &[], old).map_err(|e| e.to_string())?;
+        file.put(text.as_bytes()).and_then(|()| file.finish()).map_err(|e| e.to_string())?;
     }
     Ok([config, anchors])
 }
@@ -108,19 +109,6 @@ pub fn none_there(directory: &Path) -> Result<(), String> {
             there.display()
         )),
     }
-}
-
-fn put(path: &Path, text: &str, force: bool) -> std::io::Result<()> {
-    let mut options = std::fs::OpenOptions::new();
-    options.write(true);
-    if force {
-        options.create(true).truncate(true);
-    } else {
-        options.create_new(true);
-    }
-    let mut file = options.open(path)?;
-    file.write_all(text.as_bytes())?;
-    file.sync_all()
 }
 
 /// The file, with the words of the sample above each key.

@@ -107,10 +107,8 @@ impl Progress {
     }
 
     /// Prints a line on standard output, above the bar.
-    pub fn print(&self, line: &str) {
-        let print = || {
-            let _ = writeln!(std::io::stdout().lock(), "{line}");
-        };
+    pub fn print(&self, line: &str) -> std::io::Result<()> {
+        let print = || writeln!(std::io::stdout().lock(), "{line}");
         match &self.shown {
             Shown::Bar(bar) => bar.suspend(print),
             Shown::Lines | Shown::Nothing => print(),

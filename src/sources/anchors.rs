@@ -9,7 +9,7 @@ use haltere_pilot::settings::parse_anchors;
 /// Reads and checks an anchor file.
 pub fn read_anchors(path: &Path) -> Result<Survey, Problems> {
     let name = path.display();
-    let text = std::fs::read_to_string(path).map_err(|error| {
+    let text = haltere_log::intake::text(path, super::layers::MOST_BYTES).map_err(|error| {
         Problems::one(format!(
             "{name}: the anchor survey cannot be read: {error}; write one as in \
              config/anchors.toml, or let `haltere init` do it, and name it in anchors.file"

@@ -5,7 +5,7 @@
 //! signing.key.time   the time behind which our signatures never go back, in 10 µs since 2015
 //! ```
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{ErrorKind, Read as _};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
@@ -79,7 +79,7 @@ pub fn read_key(path: &Path) -> Result<SigningKey, KeyFileError> {
         ErrorKind::NotFound => KeyFileError::Missing { path: path.clone() },
         _ => KeyFileError::Io { path: path.clone(), error },
     };
-    let file = File::open(&path).map_err(io)?;
+    let file = haltere_log::intake::open(&path).map_err(io)?;
     // Of the file that was opened: the name may mean another one by now.
     let meta = file.metadata().map_err(io)?;
     let (owner, us) = (meta.uid(), rustix::process::geteuid().as_raw());

@@ -10,8 +10,13 @@ use toml::{Table, Value};
 
 use super::{DEFAULT_FILE, Sources};
 use haltere_core::checks::Problems;
-use haltere_pilot::settings::{Author, Config, Note, Retired, present_name, read_config};
+use haltere_log::intake;
+use haltere_pilot::settings::{
+    Author, Config, Note, Retired, present_name, read_config, reference,
+};
 
+/// Longest configuration that is read, bytes.
+pub(super) const MOST_BYTES: u64 = 4 << 20;
 /// What begins the name of every environment variable that is a configuration key.
 const ENVIRONMENT_PREFIX: &str = "HALTERE_";
 /// What stands between section and key in it.
@@ -49,6 +54,14 @@ impl Layers {
             }
         }
         let defaults = Table::try_from(Config::default()).unwrap_or_default();
+        for (name, _) in &sources.environment {
+            if let Some(key) = nearly_a_key(name) {
+                notes.push(Note::misspelt(format!(
+                    "environment variable {name}: not used: {} sets {key}",
+                    variable_of(&key)
+                )));
+            }
+        }
         let variables = sources.environment.iter().filter_map(|(name, value)| {
             let key = name.strip_prefix(ENVIRONMENT_PREFIX)?;
             if !key.contains(ENVIRONMENT_SEPARATOR) {
@@ -129,7 +142,7 @@ impl Layers {
 
 fn read_file(path: &Path, gone: &[Retired], notes: &mut Vec<Note>) -> Result<Layer, Problems> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|error| {
+    let text = intake::text(path, MOST_BYTES).map_err(|error| {
         Problems::one(format!(
             "{name}: cannot be read: {error}; config/haltere.toml is a sample of what it may hold, \
              `haltere init` writes one"
@@ -183,6 +196,21 @@ fn value_like(default: Option<&Value>, text: &str) -> Value {
         ),
         _ => parsed().unwrap_or_else(|| Value::String(text.to_owned())),
     }
+}
+
+/// The key that a variable would name if two underscores stood where one does. Others are nobody's business.
+fn nearly_a_key(name: &str) -> Option<String> {
+    let rest = name.strip_prefix(ENVIRONMENT_PREFIX)?;
+    if rest.contains(ENVIRONMENT_SEPARATOR) {
+        return None;
+    }
+    let keys = reference().into_iter().map(|key| format!("{}.{}", key.section, key.name));
+    keys.into_iter().find(|key| key.replace('.', "_").eq_ignore_ascii_case(rest))
+}
+
+/// The variable that sets a key.
+fn variable_of(key: &str) -> String {
+    ENVIRONMENT_PREFIX.to_owned() + &key.replace('.', ENVIRONMENT_SEPARATOR).to_uppercase()
 }
 
 /// The key of a variable, whose name is in capitals, with the letters that the key has.

@@ -70,7 +70,7 @@ pub(super) fn apply(loaded: &mut Loaded, layers: &Layers) {
     }
     let path = path(&loaded.config.store.directory);
     let name = path.display().to_string();
-    let text = match std::fs::read_to_string(&path) {
+    let text = match haltere_log::intake::text(&path, super::layers::MOST_BYTES) {
         Ok(text) => text,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return,
         Err(error) => {

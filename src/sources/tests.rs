@@ -139,6 +139,36 @@ fn prop_bad_values_are_named_with_place_and_way_out() {
 }
 
 #[test]
+fn regress_a_variable_with_one_underscore_for_two_is_told_and_others_are_nobodys_business() {
+    let environment = [
+        ("HALTERE_FLIGHT_TAKEOFF_HEIGHT_M", "2"),
+        ("HALTERE_CONTROL_LIMITS_TILT_DEG", "20"),
+        ("HALTERE_BIN", "target"),
+        ("HALTERE_FLIGHT", "1"),
+    ];
+    let notes = load("", &environment, &[]).unwrap().notes;
+    let told: Vec<String> = notes.iter().map(ToString::to_string).collect();
+    assert_eq!(told.len(), 2, "{told:?}");
+    assert!(told[0].contains("HALTERE_FLIGHT__TAKEOFF_HEIGHT_M sets flight.takeoff_height_m"));
+    assert!(told[1].contains("HALTERE_CONTROL__LIMITS__TILT_DEG"), "{told:?}");
+}
+
+#[test]
+fn regress_lists_of_numbers_that_are_too_long_are_refused() {
+    let refused = |text: &str, says: &str| {
+        let why = load(text, &[], &[]).unwrap_err().to_string();
+        assert!(why.contains(says), "{why}");
+    };
+    refused("[limits]\nnorth_m = [1.0, 2.0, 3.0]\n", "3 numbers, allowed 2");
+    refused("[estimator]\np_BT_B_m = [0, 0, 0, 1]\n", "estimator.p_BT_B_m = [0, 0, 0, 1]");
+    let why = haltere_pilot::settings::parse_anchors(
+        "anchors.toml",
+        "[[anchor]]\nid = 0\nposition_m = [0, 0, 0, 0]\n",
+    );
+    assert!(why.unwrap_err().to_string().contains("found 4 numbers, allowed 3"));
+}
+
+#[test]
 fn prop_environment_and_overrides_are_as_strict_as_files() {
     let environment = |name: &str, value: &str, says: &str| {
         let error = load("", &[(name, value)], &[]).unwrap_err().to_string();

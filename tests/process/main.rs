@@ -9,6 +9,7 @@ mod flights;
 mod flood;
 mod gap;
 mod operation;
+mod outputs;
 mod packages;
 mod pymavlink;
 mod support;

@@ -1,10 +1,12 @@
 //! Files: missions, parameters, plans, logs, configurations, anchor surveys.
 
+use haltere::ctl::PlanFile;
 use haltere::fit::source::Source;
 use haltere::fit::tell;
 use haltere::report::flight::Flight;
 use haltere::report::{Page, from_log};
 use haltere::sources::stored;
+use haltere_core::geo::LocalOrigin;
 use haltere_core::time::HostTime;
 use haltere_log::export::{self, Form};
 use haltere_log::record::LogReader;
@@ -13,7 +15,7 @@ use haltere_pilot::services::{decode_plan, encode_plan};
 use haltere_pilot::settings::{Config, parse_anchors};
 use haltere_pilot::{Input, Pilot};
 
-/// A mission file as text, and a stored plan as bytes.
+/// A mission file as text, ours or a station's, and a stored plan as bytes.
 pub fn mission_file(data: &[u8]) {
     if let Ok(text) = std::str::from_utf8(data)
         && let Ok(file) = MissionFile::parse(text)
@@ -21,6 +23,12 @@ pub fn mission_file(data: &[u8]) {
         for (n, item) in file.items.iter().enumerate() {
             let _ = item.to_wire(n as u16, 1, 1);
         }
+    }
+    if let Ok(text) = std::str::from_utf8(data)
+        && PlanFile::is_one(text)
+        && let Ok(file) = PlanFile::parse(text)
+    {
+        let _ = file.to_mission(&LocalOrigin::zero());
     }
     if let Ok(items) = decode_plan(data) {
         let bytes = encode_plan(&items);

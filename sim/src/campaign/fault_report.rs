@@ -4,6 +4,8 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use haltere::cli::print;
+use haltere_log::written;
 
 use super::catalogue::{self, Reaction};
 use super::fault_tables::Report;
@@ -46,14 +48,19 @@ const CAMPAIGN: &str = include_str!("../../campaigns/faults.toml");
 /// Flies and reports. `false`: the target is missed.
 pub fn run(options: &Options) -> Result<bool> {
     if options.list {
-        print!("{}", list());
+        print(&list())?;
         return Ok(true);
     }
     let run = &options.run;
     let seed = run.seed.map_or(String::new(), |seed| format!(" --seed {seed}"));
     let again = format!("haltere-sim campaign faults{seed}");
     let campaign = Campaign::parse(CAMPAIGN, Path::new("."), run.seed, "faults")?;
-    if again_alone(&campaign, run)? {
+    if let Some(doc) = &options.doc {
+        let inputs: Vec<&PathBuf> = options.against.iter().collect();
+        written::look(doc, &inputs).context("--doc")?;
+        written::look(&doc.with_extension("json"), &inputs).context("--doc")?;
+    }
+    if again_alone(&campaign, run, &[])? {
         return Ok(true);
     }
     let sample = selected(&campaign, options)?;
@@ -70,11 +77,11 @@ pub fn run(options: &Options) -> Result<bool> {
         write_whole(&doc.with_extension("json"), json.as_bytes())?;
     }
     if options.json {
-        print!("{json}");
+        print(&json)?;
     } else {
-        print_outcomes(&rows);
-        print!("{}", report.table());
-        print!("{}", report.failures());
+        print_outcomes(&rows)?;
+        print(&report.table().to_string())?;
+        print(&report.failures().to_string())?;
     }
     let Some(earlier) = &options.against else { return Ok(report.target_is_met()) };
     let text = std::fs::read_to_string(earlier).with_context(|| earlier.display().to_string())?;

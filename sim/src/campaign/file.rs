@@ -217,10 +217,6 @@ impl Base {
         };
         // With every default, so that a key may reach into a list that the file leaves out.
         let scenario = Table::try_from(&scenario).context("scenario")?;
-        let mission = match &file.mission {
-            Some(name) => read_mission(&folder.join(name))?,
-            None => MissionFile { items: file.items.clone() },
-        };
         let vehicle = match &file.vehicle {
             Some(name) => vehicle(folder, name)?,
             None => String::new(),
@@ -239,6 +235,14 @@ impl Base {
                 .with_context(|| format!("set: `{line}`: write section.key=value"))?;
             draw::set(&mut config, key.trim(), plain(text.trim())).context("set")?;
         }
+        let mission = match &file.mission {
+            Some(name) => {
+                let typed = Config::from_toml("config", &config.to_string())?;
+                let origin = typed.ground.origin.in_force();
+                read_mission(&folder.join(name), &origin, |what| eprintln!("{what}"))?
+            }
+            None => MissionFile { items: file.items.clone() },
+        };
         Ok(Self { scenario, scenario_folder, mission: Table::try_from(&mission)?, config, vehicle })
     }
 }

@@ -16,6 +16,7 @@ use haltere_core::checks::Problems;
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
+use haltere_log::written;
 use haltere_model::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, start};
 use haltere_model::{Plant, Truth};
 use haltere_pilot::Mode;
@@ -442,6 +443,9 @@ impl Kept {
     }
 }
 
+/// Ending of a log's truth.
+pub const TRUTH: &str = "truth.csv";
+
 /// Truth beside a log, 100 lines a second, as `haltere report --truth` reads it.
 struct TruthCsv {
     path: std::path::PathBuf,
@@ -450,8 +454,8 @@ struct TruthCsv {
 
 impl TruthCsv {
     fn create(log: &Path) -> Result<Self> {
-        let path = log.with_extension("truth.csv");
-        let file = File::create(&path).with_context(|| path.display().to_string())?;
+        let path = log.with_extension(TRUTH);
+        let file = written::growing(&path, &[log])?;
         let mut out = BufWriter::new(file);
         writeln!(out, "{HEADER}").with_context(|| path.display().to_string())?;
         Ok(Self { path, out })

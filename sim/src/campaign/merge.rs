@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
+use haltere::cli::print;
 
 use super::row::Row;
 use super::store::{self, Identity};
@@ -26,8 +27,8 @@ pub fn run(options: &Options) -> Result<()> {
     let again = format!("haltere-sim campaign FILE # {}", identity.name);
     let rows: Vec<&Row> = rows.values().collect();
     super::write_results(&options.out, &identity, &rows, &again)?;
-    super::print_outcomes(&rows);
-    println!("{}", options.out.display());
+    super::print_outcomes(&rows)?;
+    print(&format!("{}\n", options.out.display()))?;
     Ok(())
 }
 

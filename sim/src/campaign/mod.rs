@@ -29,7 +29,9 @@ use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 
 use file::Campaign;
+use haltere::cli::{print, print_json};
 use haltere::progress::Progress;
+use haltere_log::written;
 use row::{Outcome, Row};
 use store::{Identity, Store, write_whole};
 
@@ -100,14 +102,15 @@ pub fn run(options: &Options) -> Result<bool> {
             let campaign = Campaign::load(path, options.run.seed)?;
             let seed = options.run.seed.map_or(String::new(), |seed| format!(" --seed {seed}"));
             let again = format!("haltere-sim campaign {}{seed}", campaign.source);
-            if again_alone(&campaign, &options.run)? {
+            written::look_all(&options.run.out, &WRITTEN, &[path]).context("--out")?;
+            if again_alone(&campaign, &options.run, &[path])? {
                 return Ok(true);
             }
             let (identity, rows) = fly_all(&campaign, &options.run, None)?;
             let rows: Vec<&Row> = rows.values().collect();
             write_results(&options.run.out, &identity, &rows, &again)?;
-            print_outcomes(&rows);
-            println!("{}", options.run.out.join(SUMMARY).display());
+            print_outcomes(&rows)?;
+            print(&format!("{}\n", options.run.out.join(SUMMARY).display()))?;
             Ok(rows.iter().all(|r| r.outcome != Outcome::Panicked))
         }
     }
@@ -115,15 +118,18 @@ pub fn run(options: &Options) -> Result<bool> {
 
 const SUMMARY: &str = "summary.html";
 const RESULTS: &str = "results.parquet";
+/// What is written into the folder.
+const WRITTEN: [&str; 4] = [SUMMARY, RESULTS, store::IDENTITY, store::ROWS];
 
 /// Flies one flight again, if that was asked for, and keeps its log.
-fn again_alone(campaign: &Campaign, run: &Run) -> Result<bool> {
+fn again_alone(campaign: &Campaign, run: &Run, inputs: &[&Path]) -> Result<bool> {
     let (Some(index), Some(log)) = (run.fly, &run.log) else { return Ok(false) };
     if index >= campaign.flights {
         bail!("--fly {index}: the campaign has flights 0 to {}", campaign.flights - 1);
     }
+    written::look_for_log(log, inputs).context("--log")?;
     let row = flight::fly(&campaign.plan(index)?, Some(&flight::Keep { log }))?;
-    println!("{}", serde_json::to_string_pretty(&row)?);
+    print_json(&row)?;
     Ok(true)
 }
 
@@ -212,12 +218,13 @@ fn write_results(out: &Path, identity: &Identity, rows: &[&Row], again: &str) ->
     write_whole(&out.join(SUMMARY), page::render(identity, rows, again).as_bytes())
 }
 
-fn print_outcomes(rows: &[&Row]) {
-    println!("{} flights", rows.len());
+fn print_outcomes(rows: &[&Row]) -> Result<()> {
+    let mut text = format!("{} flights\n", rows.len());
     for outcome in Outcome::ALL {
         let count = rows.iter().filter(|r| r.outcome == outcome).count();
-        println!("{count:8} {}", outcome.name());
+        text += &format!("{count:8} {}\n", outcome.name());
     }
+    print(&text)
 }
 
 #[cfg(test)]

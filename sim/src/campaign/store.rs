@@ -117,8 +117,8 @@ pub struct Store {
     _lock: File,
 }
 
-const IDENTITY: &str = "campaign.json";
-const ROWS: &str = "rows.jsonl";
+pub const IDENTITY: &str = "campaign.json";
+pub const ROWS: &str = "rows.jsonl";
 const LOCK: &str = "lock";
 /// Digits of a line's digest.
 const DIGITS: usize = 16;
@@ -139,16 +139,7 @@ fn parse(text: &str) -> Option<Row> {
 
 /// Whole or not at all.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    let mut part = path.as_os_str().to_owned();
-    part.push(".part");
-    let part = PathBuf::from(part);
-    let written = File::create(&part)
-        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
-        .and_then(|()| std::fs::rename(&part, path));
-    if written.is_err() {
-        let _ = std::fs::remove_file(&part); // it is of no use, and the reason is told
-    }
-    written.with_context(|| format!("{} cannot be written", path.display()))
+    Ok(haltere_log::written::write::<&Path>(path, bytes, &[])?)
 }
 
 /// Which campaign a folder holds.

@@ -9,7 +9,7 @@ mod plan;
 mod processes;
 mod result;
 
-use std::io::{IsTerminal as _, Write as _};
+use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -18,6 +18,8 @@ use haltere::ctl::{GroundStation, Mode};
 
 use self::plan::Plan;
 use crate::firmware::Which;
+use haltere::cli::{print, print_json};
+use haltere_log::written;
 
 pub use self::processes::Processes;
 
@@ -53,8 +55,14 @@ const EXTRA_TIME: Duration = Duration::from_secs(60);
 /// Between two lines of progress when standard error is no terminal.
 const PROGRESS_PERIOD: Duration = Duration::from_secs(10);
 
+/// What is written into the folder beside the log.
+const WRITTEN: [&str; 5] =
+    ["haltere.toml", "anchors.toml", "truth.csv", "companion.txt", "report.html"];
+
 /// Runs the demo. `false`: a bound is broken.
 pub fn run(options: &Options) -> Result<bool> {
+    let inputs: Vec<&PathBuf> = options.scenario.iter().collect();
+    written::look_all(&options.output, &WRITTEN, &inputs).context("--output")?;
     std::fs::create_dir_all(&options.output)
         .with_context(|| format!("--output {}", options.output.display()))?;
     let plan = Plan::new(!options.short);
@@ -79,15 +87,13 @@ pub fn run(options: &Options) -> Result<bool> {
     let log = newest_log(&processes.log_directory)?;
     let outcome = result::judge(&plan, &log, &processes.truth, landed)?;
     let report = options.output.join("report.html");
-    std::fs::write(&report, outcome.html(&log))
-        .with_context(|| format!("report {}", report.display()))?;
-    let mut out = std::io::stdout().lock();
+    written::write(&report, outcome.html(&log), &[&log])?;
     if options.json {
         eprint!("{}", outcome.table());
-        writeln!(out, "{}", serde_json::to_string_pretty(&outcome.json(&log, &report))?)?;
+        print_json(&outcome.json(&log, &report))?;
     } else {
-        write!(out, "{}", outcome.table())?;
-        writeln!(out, "log:    {}\nreport: {}", log.display(), report.display())?;
+        print(&outcome.table().to_string())?;
+        print(&format!("log:    {}\nreport: {}\n", log.display(), report.display()))?;
     }
     Ok(outcome.ok())
 }

@@ -1,6 +1,5 @@
 //! Firmwares as processes, with our physics and our parameters.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -50,8 +49,7 @@ impl Program {
         match self {
             Self::ArduPilot(program) => {
                 let parameters = folder.join("haltere.parm");
-                std::fs::write(&parameters, ARDUPILOT_PARAMETERS)
-                    .with_context(|| parameters.display().to_string())?;
+                haltere_log::written::write::<&Path>(&parameters, ARDUPILOT_PARAMETERS, &[])?;
                 let mut command = Command::new(real(program)?);
                 command
                     .args(["--model", "JSON:127.0.0.1", "--speedup", "1", "--wipe"])
@@ -177,7 +175,7 @@ impl Firmware {
         }
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
         let output = folder.join("said.txt");
-        let said = File::create(&output).with_context(|| output.display().to_string())?;
+        let said = haltere_log::written::growing::<&Path>(&output, &[])?;
         let mut child = program
             .command(folder, interface, companion_port)?
             .current_dir(folder)

@@ -84,7 +84,7 @@ pub fn run(options: &Options) -> Result<bool> {
         && flood.late_share() <= 2.0 * quiet.late_share() + MOST_LATE_SHARE
         && flood.dropped > 0
         && growth_B <= MOST_GROWTH_B;
-    let mut out = std::io::stdout().lock();
+    let mut out = haltere::cli::Out::lock();
     if options.json {
         let phase = |p: &Phase, drift_m: f64| {
             json!({

@@ -21,7 +21,7 @@ pub fn tell(as_json: bool, outcomes: &[Flown]) -> Result<bool> {
         .iter()
         .filter_map(|(trial, o)| Some((trial, format!("{:#}", o.as_ref().err()?))))
         .collect();
-    let mut out = std::io::stdout().lock();
+    let mut out = haltere::cli::Out::lock();
     if as_json {
         let all = Row::of(&flown);
         let result = json!({

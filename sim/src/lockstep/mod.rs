@@ -8,7 +8,7 @@
 mod log;
 mod wire;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -181,6 +181,13 @@ impl Session {
     ) -> Result<Self> {
         let config = &loaded.config;
         let pilot = config.pilot();
+        let inputs: Vec<&Path> = options
+            .config
+            .iter()
+            .chain(&options.scenario)
+            .chain(&options.vehicle)
+            .map(|file| &**file)
+            .collect();
         let tape = Tape::start(loaded)?;
         let links = u8::try_from(pilot.ground_links().count()).unwrap_or(u8::MAX);
         let mut lockstep =
@@ -205,7 +212,11 @@ impl Session {
             wires,
             tape,
             watch: Watched::start(loaded)?,
-            truth: options.truth.as_deref().map(TruthFile::create).transpose()?,
+            truth: options
+                .truth
+                .as_deref()
+                .map(|path| TruthFile::create(path, &inputs))
+                .transpose()?,
             truth_due_us: 0,
             faults: scenario.fixed_faults()?.into_iter().peekable(),
             until_us: options.duration.map_or(u64::MAX, |s| (s.max(0.0) * 1e6) as u64),

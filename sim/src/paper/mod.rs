@@ -26,6 +26,7 @@ mod two_vehicles;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use haltere::cli::print as say;
 use haltere::progress::Progress;
 use haltere::report::verdict::all_passed;
 use haltere_pilot::PilotConfig;
@@ -187,8 +188,14 @@ fn pilot(file: Option<&Path>, set: &[String]) -> Result<PilotConfig> {
     pilot_config(file, &keys)
 }
 
+/// What is written.
+const PAGE: &str = "paper.html";
+const JSON: &str = "paper.json";
+
 /// Runs, prints, writes the report. `false`: a target is missed or an experiment failed.
 pub fn run(options: &Options) -> Result<bool> {
+    let inputs: Vec<&PathBuf> = options.config.iter().collect();
+    haltere_log::written::look_all(&options.directory, &[PAGE, JSON], &inputs)?;
     let pilot = pilot(options.config.as_deref(), &options.set)?;
     let chosen: Vec<&'static Experiment> = EXPERIMENTS
         .iter()
@@ -214,14 +221,15 @@ pub fn run(options: &Options) -> Result<bool> {
     let about =
         About { repetitions: options.repetitions, flown_s: due, took_s, changed: &options.set };
     let json = print::json(&outcomes, &about);
-    let page = directory.join("paper.html");
+    let page = directory.join(PAGE);
     write(&page, &page::render(&outcomes, &about))?;
-    write(&directory.join("paper.json"), &serde_json::to_string_pretty(&json)?)?;
+    write(&directory.join(JSON), &serde_json::to_string_pretty(&json)?)?;
     if options.json {
-        println!("{json}");
+        say(&format!("{json}\n"))?;
     } else {
-        print!("{}", print::text(&outcomes));
-        println!("\n{} s of flight in {took_s:.0} s; report: {}", about.flown_s, page.display());
+        say(&print::text(&outcomes))?;
+        let flown_s = about.flown_s;
+        say(&format!("\n{flown_s} s of flight in {took_s:.0} s; report: {}\n", page.display()))?;
     }
     Ok(outcomes.iter().all(|o| o.section.as_ref().is_ok_and(|s| all_passed(&s.targets))))
 }
@@ -235,5 +243,5 @@ pub struct About<'a> {
 }
 
 fn write(path: &std::path::Path, text: &str) -> Result<()> {
-    std::fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))
+    Ok(haltere_log::written::write::<&std::path::Path>(path, text, &[])?)
 }

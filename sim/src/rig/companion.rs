@@ -1,6 +1,5 @@
 //! `haltere fly` as a process.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;
@@ -20,7 +19,7 @@ pub struct Companion {
 impl Companion {
     /// Starts it; what it says goes to the file `output`.
     pub fn start(config: &Path, overrides: &[String], output: PathBuf) -> Result<Self> {
-        let file = File::create(&output).with_context(|| output.display().to_string())?;
+        let file = haltere_log::written::growing::<&Path>(&output, &[])?;
         let second = file.try_clone().with_context(|| output.display().to_string())?;
         Self::start_into(config, overrides, output, [file.into(), second.into()])
     }

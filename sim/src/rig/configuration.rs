@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use haltere_model::Vehicle;
 
 use crate::scenario::Scenario;
@@ -57,5 +57,5 @@ impl Wiring<'_> {
 }
 
 fn write_file(path: &Path, text: &str) -> Result<()> {
-    std::fs::write(path, text).with_context(|| path.display().to_string())
+    Ok(haltere_log::written::write::<&Path>(path, text, &[])?)
 }

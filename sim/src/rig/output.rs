@@ -27,7 +27,7 @@ pub struct Output {
 impl Output {
     /// A pipe; what is read from it goes to this file.
     pub fn new(path: &Path) -> Result<Self> {
-        let file = File::create(path).with_context(|| path.display().to_string())?;
+        let file = haltere_log::written::growing::<&Path>(path, &[])?;
         // Programs that others start meanwhile must not hold its ends.
         let (read, write) = pipe_with(PipeFlags::CLOEXEC).context("no pipe")?;
         fcntl_setpipe_size(&write, PIPE_BYTES).context("the size of a pipe")?;

@@ -146,7 +146,7 @@ fn vehicle_file(folder: &Path) -> Result<PathBuf> {
     vehicle.battery.capacity_mah = CAPACITY_MAH;
     let file = folder.join("vehicle.toml");
     let text = toml::to_string(&vehicle).context("the vehicle as a file")?;
-    std::fs::write(&file, text).with_context(|| file.display().to_string())?;
+    haltere_log::written::write::<&Path>(&file, text, &[])?;
     Ok(file)
 }
 

@@ -62,7 +62,7 @@ pub fn tell(options: &Options, seen: &Seen, steps: &Phase, log: &Path) -> Result
     let mut unjudged = BTreeMap::new();
     if options.shared { &mut unjudged } else { &mut bounds }.extend(of_computer);
     let ok = bounds.values().all(|kept| *kept);
-    let mut out = std::io::stdout().lock();
+    let mut out = haltere::cli::Out::lock();
     if options.json {
         let result = json!({
             "ok": ok, "bounds": bounds, "unjudged": unjudged, "flights": seen.flights, "trouble": seen.trouble,

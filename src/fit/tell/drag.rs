@@ -31,6 +31,8 @@ const APART_S: f64 = 1e4;
 const LEAST_RMS_MPS: f64 = 0.25;
 /// Least hover that noise is learned from, s.
 const NOISE_S: f64 = 8.0;
+/// Standard errors by which a drag that pushes is no matter of noise.
+const PUSHES: f64 = 5.0;
 /// Size of a plot, pixels.
 pub(super) const PLOT_PX: [f64; 2] = [560.0, 320.0];
 
@@ -447,6 +449,17 @@ fn from_recordings(sources: &[Source], recordings: &[&Recording]) -> Result<Outc
                 program: Program::Drag,
             });
         };
+        let Value { value, std, .. } = d.rate_per_s;
+        if value < -PUSHES * std {
+            let (column, positive) =
+                [("pitch_deg", "nose up"), ("roll_deg", "right side down")][axis];
+            return Err(Refusal::WrongKind {
+                why: format!(
+                    "{name}: a drag of {value:.2} ± {std:.2} 1/s, which pushes the vehicle on: is the sign of {column} \
+                     right (ned-frd: {positive} positive; docs/IMPORT.md), and do its axes match the positions?"
+                ),
+            });
+        }
         rates[axis] = d.rate_per_s.value;
         outcome.parameter(format!("{name} drag k"), "1/s", d.rate_per_s);
         outcome.parameter(format!("{name} constant b"), "m/s²", d.constant_mps2);

@@ -15,6 +15,7 @@ pub use tables::{Column, Table, Values, tables};
 pub use tlog::{LinkTraffic, TlogCount, links, write_tlog};
 
 use crate::record::LogReader;
+use crate::written::{Old, Output, OutputError};
 
 /// Form of an exported table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,12 +39,9 @@ impl Form {
 /// Why something could not be exported.
 #[derive(Debug, Error)]
 pub enum ExportError {
-    /// A file of that name is there.
-    #[error("{}: exists already; name another folder, or say --overwrite", path.display())]
-    Exists {
-        /// Which.
-        path: PathBuf,
-    },
+    /// It may not be written, or cannot.
+    #[error(transparent)]
+    Output(#[from] OutputError),
     /// A file cannot be written.
     #[error("{}: cannot be written: {source}", path.display())]
     Write {
@@ -64,8 +62,9 @@ pub fn write_table(
 ) -> Result<PathBuf, ExportError> {
     let path = directory.join(format!("{}.{}", table.name, form.ending()));
     let failed = |source| ExportError::Write { path: path.clone(), source };
-    let file = create(&path, overwrite)?;
-    put_table(log, table, form, io::BufWriter::new(file)).map_err(failed)?;
+    let mut file = create(log, &path, overwrite)?;
+    put_table(log, table, form, io::BufWriter::new(&mut file)).map_err(failed)?;
+    file.finish()?;
     Ok(path)
 }
 
@@ -82,19 +81,9 @@ pub fn put_table(
     }
 }
 
-/// A new file; an old one of that name only goes if that was asked for.
-pub fn create(path: &Path, overwrite: bool) -> Result<std::fs::File, ExportError> {
-    let mut options = std::fs::OpenOptions::new();
-    options.write(true);
-    if overwrite {
-        options.create(true).truncate(true);
-    } else {
-        options.create_new(true);
-    }
-    options.open(path).map_err(|source| match source.kind() {
-        io::ErrorKind::AlreadyExists => ExportError::Exists { path: path.to_owned() },
-        _ => ExportError::Write { path: path.to_owned(), source },
-    })
+/// A new file of what is in a log; an old one of that name only goes if that was asked for.
+pub fn create(log: &LogReader, path: &Path, overwrite: bool) -> Result<Output, OutputError> {
+    Output::begin(path, &[log.path()], if overwrite { Old::Goes } else { Old::Stays })
 }
 
 /// What a table should say about where it came from.

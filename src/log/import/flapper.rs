@@ -6,7 +6,6 @@
 //! the recording's z-up, nose-up, counter-clockwise signs become our NED and FRD.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
@@ -28,7 +27,7 @@ const SUPPLY_V: std::ops::RangeInclusive<f64> = 5.0..=9.0;
 /// Reads a `.csv.gz`.
 pub fn read(path: &Path) -> Result<Recording, Error> {
     let io = |source| Error::Io { path: path.into(), source };
-    let file = File::open(path).map_err(io)?;
+    let file = crate::intake::open(path).map_err(io)?;
     parse(BufReader::new(Bounded::new(GzDecoder::new(file))), path)
 }
 

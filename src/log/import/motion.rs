@@ -22,8 +22,12 @@ const HALF_AVERAGE_S: f64 = 0.075;
 const HALF_VOLTAGE_S: f64 = 0.5;
 /// Time between samples, s.
 const STEP_S: f64 = 0.05;
-/// Rows that a window of 31 at 100 Hz must hold at least.
-const LEAST_ROWS: usize = 24;
+/// Share of the rows that its rate puts into a window, which must be there …
+const LEAST_SHARE: f64 = 0.77;
+/// … and least number: 50 Hz, which is the least that the curvature of a position bears.
+const LEAST_ROWS: usize = 12;
+/// Fastest rate that is asked for, Hz: of more rows a few may be missing.
+const FASTEST_HZ: f64 = 100.0;
 /// Scatter about the cubic beyond which motion capture had lost the vehicle, m rms.
 const SCATTER_M: f64 = 0.01;
 /// Lowest height above the floor that counts as flying, m.
@@ -58,7 +62,8 @@ pub struct Sample {
 pub fn samples(recording: &Recording) -> (Vec<Sample>, usize) {
     let rows = &recording.rows;
     let Some(first) = rows.first() else { return (Vec::new(), 0) };
-    let rest_z_m = first.pos_E_m.z();
+    let rest_z_m = floor_z_m(rows, first);
+    let least_rows = least_rows(rows);
     let mut found = Vec::new();
     let mut lost = 0;
     let mut next_s = first.t_s;
@@ -80,7 +85,7 @@ pub fn samples(recording: &Recording) -> (Vec<Sample>, usize) {
         let (wide, cubic, narrow) =
             (window(HALF_VOLTAGE_S), window(HALF_WINDOW_S), window(HALF_AVERAGE_S));
         from = wide.start;
-        let Some((vel_E_mps, acc_E_mps2)) = motion(&rows[cubic], row.t_s) else {
+        let Some((vel_E_mps, acc_E_mps2)) = motion(&rows[cubic], row.t_s, least_rows) else {
             lost += 1;
             continue;
         };
@@ -108,6 +113,36 @@ pub fn samples(recording: &Recording) -> (Vec<Sample>, usize) {
     (found, lost)
 }
 
+/// Whether a recording begins in flight, so that its first row is not the floor.
+pub fn begins_in_flight(recording: &Recording) -> bool {
+    recording.rows.first().is_some_and(|row| row.thrust_frac >= FLYING_FRAC)
+}
+
+/// The floor: where the vehicle rests in the first row; of one that flies there already, the lowest place with the
+/// wings at rest; of one that never rests, the origin's plane.
+fn floor_z_m(rows: &[Row], first: &Row) -> f64 {
+    if first.thrust_frac < FLYING_FRAC {
+        return first.pos_E_m.z();
+    }
+    let rests = rows.iter().filter(|row| row.thrust_frac < FLYING_FRAC);
+    rests
+        .map(|row| row.pos_E_m.z())
+        .fold(None, |low: Option<f64>, z| Some(low.map_or(z, |l| l.max(z))))
+        .unwrap_or(0.0)
+}
+
+/// Rows that a window must hold, by the rate of the recording.
+fn least_rows(rows: &[Row]) -> usize {
+    let mut apart: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
+    if apart.is_empty() {
+        return LEAST_ROWS;
+    }
+    let middle = apart.len() / 2;
+    let (_, apart_s, _) = apart.select_nth_unstable_by(middle, f64::total_cmp);
+    let there = 2.0 * HALF_WINDOW_S / apart_s.max(1.0 / FASTEST_HZ) + 1.0;
+    LEAST_ROWS.max((LEAST_SHARE * there) as usize + 1)
+}
+
 /// Slope of the command over the rows.
 fn command_rate_per_s(rows: &[Row]) -> f64 {
     let n = rows.len().max(1) as f64;
@@ -118,8 +153,8 @@ fn command_rate_per_s(rows: &[Row]) -> f64 {
 }
 
 /// Speed and acceleration at `t_s` by a cubic through the rows; `None` when it does not fit.
-fn motion(rows: &[Row], t_s: f64) -> Option<(Vec3<E>, Vec3<E>)> {
-    if rows.len() < LEAST_ROWS {
+fn motion(rows: &[Row], t_s: f64, least_rows: usize) -> Option<(Vec3<E>, Vec3<E>)> {
+    if rows.len() < least_rows {
         return None;
     }
     let powers = |row: &Row| {

@@ -36,7 +36,7 @@ pub enum Error {
         what: String,
     },
     /// No row could be used.
-    #[error("{path}: no usable row of {rows}; {skipped:?}")]
+    #[error("{path}: no usable row of {rows}: {skipped}")]
     Empty {
         /// Which file.
         path: PathBuf,
@@ -81,6 +81,20 @@ pub struct Skipped {
     pub reference_flipped: usize,
     /// Time did not advance.
     pub time_backwards: usize,
+}
+
+impl std::fmt::Display for Skipped {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let reasons = [
+            (self.unreadable, "without a number in each column"),
+            (self.no_voltage, "without a voltage that can be"),
+            (self.reference_flipped, "with the vehicle on its head"),
+            (self.time_backwards, "with the time of the row before"),
+        ];
+        let words = reasons.iter().filter(|(count, _)| *count > 0);
+        let words: Vec<String> = words.map(|(count, why)| format!("{count} {why}")).collect();
+        f.write_str(&words.join(", "))
+    }
 }
 
 impl Skipped {

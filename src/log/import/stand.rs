@@ -4,7 +4,6 @@
 //! rows carry no time: they are in the order of measuring.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
@@ -39,7 +38,8 @@ pub struct Stand {
 
 /// Reads a table.
 pub fn read(path: &Path) -> Result<Stand, Error> {
-    let file = File::open(path).map_err(|source| Error::Io { path: path.into(), source })?;
+    let file =
+        crate::intake::open(path).map_err(|source| Error::Io { path: path.into(), source })?;
     parse(BufReader::new(Bounded::new(file)), path)
 }
 

@@ -3,7 +3,6 @@
 //! Every group of columns is a stream with its own clock column; a row is not one instant, and the
 //! shorter streams end in empty cells. The streams are merged by time.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
@@ -184,7 +183,7 @@ enum Needs {
 /// A flight; `None` when the recording does not hold what is needed.
 fn load_flight(path: &Path, anchors: &Path, needs: Needs) -> Result<Option<Flight>, Error> {
     let io = |source| Error::Io { path: path.into(), source };
-    let packed = File::open(path).map_err(io)?;
+    let packed = crate::intake::open(path).map_err(io)?;
     let mut lines = BufReader::new(Bounded::new(GzDecoder::new(packed))).lines();
     let header = lines.next().transpose().map_err(io)?.unwrap_or_default();
     let columns: Vec<&str> = header.trim().split(',').collect();

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::read::parse_strictly;
+use super::read::{exactly, parse_strictly};
 use haltere_core::checks::Problems;
 use haltere_core::frames::{E, U, Vec3, earth_from_survey};
 use haltere_core::measure::AnchorId;
@@ -35,6 +35,7 @@ enum Frame {
 #[serde(deny_unknown_fields)]
 struct Anchor {
     id: u8,
+    #[serde(deserialize_with = "exactly")]
     position_m: [f64; 3],
 }
 

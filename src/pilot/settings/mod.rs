@@ -23,7 +23,7 @@ pub use differences::Difference;
 pub use document::{DocumentedKey, configuration_page, reference};
 pub use ground::{EndpointConfig, GroundConfig};
 pub use note::Note;
-pub use read::{Read, read_config};
+pub use read::{Read, read_config, surplus};
 pub use retired::{Author, Fate, RETIRED, Retired, present_name};
 pub use sections::{
     AnchorsConfig, BankSizeName, BoardConfig, DiagnosisConfig, RecordConfig, StoreConfig,

@@ -20,6 +20,12 @@ impl Note {
         Self { subject: "configuration", text, way_out }
     }
 
+    /// About a variable that is not used.
+    pub fn misspelt(text: String) -> Self {
+        let way_out = "two underscores stand between section and key";
+        Self { subject: "configuration", text, way_out }
+    }
+
     /// About parameters of a station that are in force.
     pub fn in_force(text: String) -> Self {
         Self { subject: "parameters", text, way_out: "" }

@@ -3,7 +3,7 @@
 
 use serde::de::DeserializeOwned;
 use toml::de::DeTable;
-use toml::{Spanned, Table};
+use toml::{Spanned, Table, Value};
 
 use super::retired::{self, Author, Retired};
 use super::{Config, Note};
@@ -39,8 +39,51 @@ pub fn read_config(
     refused.into_result()?;
     let told = found.told.iter().map(|(at, what)| Note::retired(format!("{}{what}", place(at))));
     let notes = told.collect();
-    let table = typed(name, text, root.clone())?;
-    Ok(Read { config: typed(name, text, root)?, table, notes })
+    let table: Table = typed(name, text, root.clone())?;
+    let config: Config = typed(name, text, root)?;
+    let understood = Table::try_from(&config).unwrap_or_default();
+    match surplus(&table, &understood, "") {
+        Some(why) => Err(Problems::one(format!("{name}: {why}"))),
+        None => Ok(Read { config, table, notes }),
+    }
+}
+
+/// A list of numbers that is longer than what was understood of it: serde takes the first of too many without a word.
+pub fn surplus(found: &Table, understood: &Table, section: &str) -> Option<String> {
+    found.iter().find_map(|(key, value)| {
+        let key_here = if section.is_empty() { key.clone() } else { format!("{section}.{key}") };
+        surplus_in(value, understood.get(key)?, &key_here)
+    })
+}
+
+fn surplus_in(found: &Value, understood: &Value, key: &str) -> Option<String> {
+    match (found, understood) {
+        (Value::Table(found), Value::Table(understood)) => surplus(found, understood, key),
+        (Value::Array(found), Value::Array(understood)) => {
+            let numbers = |all: &[Value]| all.iter().all(|v| v.is_integer() || v.is_float());
+            if numbers(found) && numbers(understood) && found.len() > understood.len() {
+                let list = Value::Array(found.clone());
+                return Some(format!(
+                    "{key} = {list}: {} numbers, allowed {}",
+                    found.len(),
+                    understood.len()
+                ));
+            }
+            let mut pairs = found.iter().zip(understood).enumerate();
+            pairs.find_map(|(n, (a, b))| surplus_in(a, b, &format!("{key}[{n}]")))
+        }
+        _ => None,
+    }
+}
+
+/// As many numbers as are due, neither more nor fewer: for `deserialize_with`.
+pub(super) fn exactly<'de, D: serde::Deserializer<'de>, const N: usize>(
+    from: D,
+) -> Result<[f64; N], D::Error> {
+    let all = <Vec<f64> as serde::Deserialize>::deserialize(from)?;
+    let count = all.len();
+    all.try_into()
+        .map_err(|_| serde::de::Error::custom(format_args!("found {count} numbers, allowed {N}")))
 }
 
 /// Takes the version out of a text, and refuses a newer one before any key of it is judged.

@@ -10,7 +10,7 @@ mod wind;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
 use haltere_core::control::Version;
@@ -56,7 +56,7 @@ pub fn run(options: &Options) -> Result<bool> {
     }
     match &options.document {
         Some(file) => {
-            std::fs::write(file, &page).with_context(|| format!("writing {}", file.display()))?;
+            haltere_log::written::write::<&std::path::Path>(file, &page, &[])?;
         }
         None => print!("{page}"),
     }

@@ -30,7 +30,7 @@ impl Advise {
         if self.json {
             print_json(&result)?;
         } else {
-            print(&result.table());
+            print(&result.table())?;
         }
         Ok(ExitCode::SUCCESS)
     }

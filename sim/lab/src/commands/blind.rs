@@ -85,7 +85,7 @@ impl Blind {
             if self.json {
                 print_json(&result)?;
             } else {
-                print(&result.table());
+                print(&result.table())?;
             }
             return Ok(ExitCode::SUCCESS);
         }
@@ -93,7 +93,7 @@ impl Blind {
         if self.json {
             print_json(&result)?;
         } else {
-            print(&text(&result));
+            print(&text(&result))?;
         }
         let missed = missed(&result.score, &self.demand);
         for line in &missed {

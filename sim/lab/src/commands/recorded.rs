@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::Context as _;
 use clap::{ArgGroup, Args};
 use haltere::cli::{print, print_json};
 use haltere::progress::Progress;
@@ -51,7 +50,7 @@ impl Recorded {
         let mut table = String::new();
         if let Some(path) = &self.document {
             let page = document(&flights, tell);
-            std::fs::write(path, page).with_context(|| path.display().to_string())?;
+            haltere_log::written::write::<&std::path::Path>(path, page, &[])?;
             eprintln!("wrote {}", path.display());
         } else if self.leave_one_out {
             // With and without IMU are two sets of parameters; a folder with both is taken with IMU.
@@ -102,7 +101,7 @@ impl Recorded {
         }
         progress.end();
         if !self.json {
-            print(&table);
+            print(&table)?;
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -47,7 +47,7 @@ impl Sight {
         if self.json {
             print_json(&found)?;
         } else {
-            print(&report::text(&found));
+            print(&report::text(&found))?;
         }
         Ok(ExitCode::from(found.iter().map(|f| f.outcome.exit_code()).max().unwrap_or(0)))
     }
