@@ -101,7 +101,7 @@ impl Log {
                         "{} decoded records left out: the sessions lie within one another, and nothing tells \
                          whose they are; `haltere report` makes them again\n",
                         parts.left_out
-                    ));
+                    ))?;
                 }
             }
             Log::List(list) => return list.run(),
