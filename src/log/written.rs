@@ -161,11 +161,11 @@ impl Output {
     }
 }
 
-/// The system's own error in one of the package, which names the file beside.
+/// The words of the system, without those of the package, which name the file beside.
 fn without_path(error: io::Error) -> io::Error {
-    let inside = error.get_ref().and_then(|inside| inside.source());
-    let code = inside.and_then(|e| e.downcast_ref::<io::Error>()).and_then(io::Error::raw_os_error);
-    code.map_or(error, io::Error::from_raw_os_error)
+    let text = error.to_string();
+    let own = text.split(" at path ").next().unwrap_or(&text);
+    io::Error::new(error.kind(), own.to_owned())
 }
 
 impl Write for Output {
