@@ -223,7 +223,7 @@ fn prop_arming_that_waits_can_be_cancelled() {
 fn judged_world(seed: u64, log: &Arc<Mutex<Vec<FileTask>>>) -> Lockstep {
     let plant = PlantConfig::hall(seed);
     let survey = plant.survey.clone();
-    let pilot = PilotConfig { store: true, ..pilot_config(&plant) };
+    let pilot = PilotConfig { store: true, judge_programs: true, ..pilot_config(&plant) };
     let (tasks, mut looks) = (log.clone(), 0);
     let disk = move |task: &FileTask| {
         tasks.lock().unwrap().push(task.clone());
