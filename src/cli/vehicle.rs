@@ -45,6 +45,9 @@ impl Told {
     }
 }
 
+/// A milliampere hour at one volt, J.
+const J_PER_MAH_V: f64 = 3.6;
+
 /// What follows from the numbers of a file.
 #[derive(Debug, Serialize)]
 struct Meaning {
@@ -61,12 +64,19 @@ struct Meaning {
 }
 
 impl Meaning {
+    /// Hover of the model of docs/VEHICLE.md, whose keys are the symbols, out of ground effect:
+    ///
+    /// * flap rate f_h = (m·g - T_0)/(2k) of each wing, Hz; command u = (f_h - offset)/(flap_hz_per_v·U), of 1, at the open
+    ///   circuit's voltage U, V: under load it is a few per cent more;
+    /// * drag κ_i = 2·f_h·k_i/m along x, y, z of the body frame, 1/s;
+    /// * time t = E/(hover_w + electronics_w), s, with E = 3.6 J/mAh · charge · capacity · cells · mean of `cell_v`, J: the
+    ///   curve is given at equal steps of charge, so its mean is the voltage over a whole discharge.
     fn of(vehicle: &Vehicle) -> Self {
         let (battery, hover_hz) = (&vehicle.battery, vehicle.hover_hz());
         let pack_v = |cell: f64| battery.cells * cell;
         let [empty, .., full] = battery.cell_v;
         let mean_v = battery.cell_v.iter().sum::<f64>() / battery.cell_v.len() as f64;
-        let energy_j = 3.6 * battery.capacity_mah * battery.charge_frac * pack_v(mean_v);
+        let energy_j = J_PER_MAH_V * battery.capacity_mah * battery.charge_frac * pack_v(mean_v);
         Self {
             name: vehicle.name.clone(),
             hover_hz,

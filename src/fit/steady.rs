@@ -127,8 +127,13 @@ impl Steady {
         self.laws.iter().find(|l| l.form == form)
     }
 
-    /// The law -(a + b·exp(-c·v)) through rest with -a = b = `asymptote_deg`, for points on so straight a line that they do
-    /// not tell an asymptote: c, s/m, and how far from it the points lie at most, m/s.
+    /// The law through rest with its asymptote given, for points on so straight a line that they do not tell one.
+    ///
+    /// The source's law is lean = -(a + b·exp(-c·v)) with lean in deg, counted towards the motion, and v the steady speed in
+    /// m/s, both in the heading frame (IMAV 2021, drag of the angle). No lean at no speed makes b = -a = A, so
+    /// v = -ln(1 - lean/A)/c: a line through zero in x = -ln(1 - lean/A), whose slope 1/c is found by least squares with
+    /// weights 1/std², or even ones where a point has no standard error. With A far beyond the leans c·A is the slope, deg per
+    /// m/s, and A does not matter. Answer: c in s/m, and the largest distance of a point from the law in m/s.
     pub fn through_rest(&self, asymptote_deg: f64) -> [f64; 2] {
         let even = self.points.iter().any(|p| p.std_mps <= 0.0);
         let at = |p: &Point| -(1.0 - p.lean_deg / asymptote_deg).ln();

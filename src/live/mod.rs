@@ -380,7 +380,7 @@ fn begin_recording(
     let recorder = Recorder::within(limits, &record.directory, &session)?;
     match recorder.path() {
         Some(path) => tracing::info!("recording to {}", path.display()),
-        None => tracing::warn!("without log for now: no room in {}", record.directory.display()),
+        None => tracing::warn!("without log until there is room in {}", record.directory.display()),
     }
     Ok(recorder)
 }

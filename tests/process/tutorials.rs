@@ -45,7 +45,7 @@ fn run(block: &str, folder: &Path, code: i32) -> String {
 }
 
 #[test]
-#[ignore = "12 minutes of processor time by programs that are not optimised, 4 by a release: .ci/nightly runs it by that"]
+#[ignore = "4 minutes of processor time by a release, by which .ci/nightly runs it; more than 7 by programs that are not optimised"]
 fn val_the_story_of_a_gap_takes_six_commands() {
     let dir = tempfile::tempdir().unwrap();
     let blocks = blocks("TUTORIAL_GAP.md");

@@ -23,7 +23,8 @@ use crate::built_in::{self, Kind};
 use crate::faults::Phase;
 use crate::scenario::Scenario;
 
-/// A campaign, as in a file.
+/// A campaign, as in a file. The default names no file and is none that can be flown: what flies single missions takes what
+/// it needs of it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CampaignFile {

@@ -143,6 +143,10 @@ impl Default for DragConfig {
     }
 }
 
+/// Largest asymptote of a law of lean over speed, deg: half a turn, beyond which an angle names no other lean. A law that
+/// needs more is a line over every lean that a vehicle flies.
+pub const ASYMPTOTE_MOST_DEG: f64 = 180.0;
+
 impl DragConfig {
     /// Says what is wrong with the values under `key`.
     pub fn check(&self, key: &str, problems: &mut Problems) {
@@ -152,8 +156,8 @@ impl DragConfig {
         problems.range(format!("{key}.integral_reference_s"), reference_s, 0.0..=2.0, "s");
         for (name, law) in [("pitch", self.pitch), ("roll", self.roll)] {
             let key = format!("{key}.{name}");
-            problems.range(format!("{key}.a_deg"), law.a_deg, -180.0..=0.0, "deg");
-            problems.range(format!("{key}.b_deg"), law.b_deg, 0.0..=180.0, "deg");
+            problems.range(format!("{key}.a_deg"), law.a_deg, -ASYMPTOTE_MOST_DEG..=0.0, "deg");
+            problems.range(format!("{key}.b_deg"), law.b_deg, 0.0..=ASYMPTOTE_MOST_DEG, "deg");
             problems.range(format!("{key}.c_s_per_m"), law.c_s_per_m, 0.001..=5.0, "s/m");
             check_shape(&key, problems, |v| law.lean_deg(v));
         }

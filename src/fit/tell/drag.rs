@@ -19,6 +19,7 @@ use crate::fit::transient::{self, Transient};
 use crate::fit::value::Value;
 use crate::report::svg::{Mark, Pin, Plot, Series, Tone};
 use haltere_core::control::TiltAxis;
+use haltere_core::control::drag::ASYMPTOTE_MOST_DEG;
 use haltere_core::frames::G_MPS2;
 use haltere_log::import::{Recording, motion};
 
@@ -84,9 +85,6 @@ fn noise_of(t_s: &[f64], v_mps: &[f64]) -> Option<Noise> {
     let residual: Vec<f64> = v_mps.iter().map(|v| v - mean).collect();
     Noise::learn(t_s, &Rows::from_fn(t_s.len(), 1, |_, row| row[0] = 1.0), &residual)
 }
-
-/// Largest asymptote of a law that a configuration takes, deg.
-const FARTHEST_DEG: f64 = 180.0;
 
 /// A step with its fitted transient.
 struct Fitted<'a> {
@@ -330,16 +328,18 @@ fn steady_outcome(outcome: &mut Outcome, name: &str, law: &Steady, snippet: &mut
     // At the near bound of the search speed does not grow with the lean, which is no law; at the far one it is a line.
     let configured = match exponential.map(|(at_bound, values)| (at_bound, values.map(|v| v.value)))
     {
-        Some((true, [a, ..])) if a >= -FARTHEST_DEG => None,
-        Some((_, [a, b, c])) if a >= -FARTHEST_DEG && b <= FARTHEST_DEG => Some([a, b, c]),
+        Some((true, [a, ..])) if a >= -ASYMPTOTE_MOST_DEG => None,
+        Some((_, [a, b, c])) if a >= -ASYMPTOTE_MOST_DEG && b <= ASYMPTOTE_MOST_DEG => {
+            Some([a, b, c])
+        }
         _ => {
-            let [c, off_mps] = law.through_rest(FARTHEST_DEG);
+            let [c, off_mps] = law.through_rest(ASYMPTOTE_MOST_DEG);
             outcome.notes.push(format!(
                 "{name}: over the angles flown the law is so straight that they do not tell its asymptote: the \
-                 configuration gets the law through rest with the farthest one that it takes ({FARTHEST_DEG} deg), \
+                 configuration gets the law through rest with the farthest one that it takes ({ASYMPTOTE_MOST_DEG} deg), \
                  which lies at most {off_mps:.2} m/s from the measured speeds"
             ));
-            Some([-FARTHEST_DEG, FARTHEST_DEG, c])
+            Some([-ASYMPTOTE_MOST_DEG, ASYMPTOTE_MOST_DEG, c])
         }
     };
     if let Some([a_deg, b_deg, c_s_per_m]) = configured {

@@ -66,6 +66,8 @@ pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/haltere
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
+mod tests_damaged;
+#[cfg(test)]
 mod tests_killed;
 #[cfg(test)]
 mod tests_room;

@@ -66,7 +66,7 @@ pub enum RecordError {
 }
 
 impl RecordError {
-    /// Whether waiting may mend it: a disk that is full, or does not work for now. What is wrong with the
+    /// Whether waiting may mend it: a disk that is full, or fails for a while. What is wrong with the
     /// configuration stays wrong.
     pub fn may_pass(&self) -> bool {
         use io::ErrorKind as K;

@@ -1,0 +1,252 @@
+//! Logs with bad sectors, torn ends, or others' records in them.
+
+use std::io;
+
+use super::tests::{in_memory, read, session};
+use super::*;
+use haltere_core::time::HostTime;
+use haltere_pilot::LinkId;
+
+/// A log of raw bytes and wake-ups in small chunks, closed.
+fn recorded() -> Vec<u8> {
+    let (memory, mut log) = in_memory();
+    log.chunk_bytes = 4000;
+    for sequence in 1..=600 {
+        let at = HostTime::from_us(5_000_000 + sequence * 10_000);
+        if sequence % 2 == 0 {
+            let wake = pb::Wake { sequence, host_time_us: at.as_us() };
+            log.put(super::channels::WAKE, at, sequence, &wake).unwrap();
+        } else {
+            log.raw(false, LinkId::Tag, at, sequence, &[sequence as u8; 60]).unwrap();
+        }
+    }
+    let at = HostTime::from_us(11_000_000);
+    let closing = pb::Closing { host_time_us: at.as_us(), last_sequence: 600, lost_entries: 0 };
+    log.put(super::channels::CLOSING, at, 0, &closing).unwrap();
+    log.finish().unwrap();
+    memory.bytes()
+}
+
+fn numbers(entries: &[Entry]) -> (u64, u64) {
+    let there = entries.iter().filter(|e| matches!(e, Entry::Input { .. })).count() as u64;
+    let holes = entries.iter().map(|e| if let Entry::Hole(h) = e { h.lost_raw } else { 0 });
+    (there, holes.sum())
+}
+
+#[test]
+fn regress_one_bad_sector_costs_a_chunk_and_its_seconds_are_named() {
+    let bytes = recorded();
+    let whole: Vec<Entry> = read(&bytes).unwrap().0;
+    let mut worst = 0;
+    for at in (0..bytes.len() - 16).step_by(97) {
+        let mut hurt = bytes.clone();
+        hurt[at..at + 16].iter_mut().for_each(|b| *b ^= 0xff);
+        // The closing magic alone says of a file without its first bytes what it is.
+        let (got, end) = read(&hurt).unwrap_or_else(|error| panic!("byte {at}: {error}"));
+        let (there, lost) = numbers(&got);
+        assert_eq!(there + lost, 600, "byte {at}: {end}");
+        worst = worst.max(lost);
+        // What is read is what was written.
+        assert!(got.iter().all(|e| matches!(e, Entry::Hole(_)) || whole.contains(e)), "byte {at}");
+        if lost > 0 {
+            let LogEnd::Damaged { missing, .. } = &end else { panic!("byte {at}: {end}") };
+            let [from, to] = missing[0];
+            assert!(to > from && to - from <= 10_000 * (lost + 1), "byte {at}: {end}");
+            assert!(end.to_string().contains(" s is missing"), "{end}");
+        }
+    }
+    assert!((10..60).contains(&worst), "{worst} of 600 for 16 bytes");
+}
+
+#[test]
+fn regress_a_cut_log_with_a_bad_chunk_keeps_the_rest() {
+    let bytes = recorded();
+    let cut = bytes.len() * 2 / 3;
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    // The head, then the chunk in which both channels have their records.
+    let offsets: Vec<_> =
+        summary.chunk_indexes.iter().map(|c| c.chunk_start_offset as usize).collect();
+    for chunk in [0, 1, 2, 4] {
+        let mut hurt = bytes[..cut].to_vec();
+        hurt[offsets[chunk] + 400] ^= 0xff;
+        let (got, end) = read(&hurt).unwrap_or_else(|error| panic!("chunk {chunk}: {error}"));
+        let (there, lost) = numbers(&got);
+        assert!(there > 250 && lost < 60, "chunk {chunk}: {there} there, {lost} lost: {end}");
+        assert_eq!(lost == 0, chunk < 2, "chunk {chunk}: {end}");
+        assert!(matches!(end, LogEnd::Damaged { cut: Some(_), .. }), "{end}");
+    }
+}
+
+#[test]
+fn regress_the_recovered_copy_of_a_damaged_log_owns_up_to_its_hole() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut bytes = recorded();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    let path = directory.path().join("hurt.mcap");
+    std::fs::write(&path, &bytes).unwrap();
+    let to = recovered_name(&path);
+    let (_, end) = recover(&path, &to).unwrap();
+    assert!(matches!(end, LogEnd::Damaged { .. }), "{end}");
+    let (before, (after, end)) =
+        (read(&bytes).unwrap().0, read(&std::fs::read(&to).unwrap()).unwrap());
+    assert_eq!((numbers(&after), end), (numbers(&before), LogEnd::Complete));
+    assert!(numbers(&after).1 > 0);
+}
+
+/// The same bytes at the official reader: nothing of what is new stops it.
+#[test]
+fn prop_the_head_stands_twice_and_the_official_reader_reads_all() {
+    let bytes = recorded();
+    let messages: Result<Vec<_>, _> = mcap::MessageStream::new(&bytes).unwrap().collect();
+    let messages = messages.unwrap();
+    let heads: Vec<_> = messages.iter().filter(|m| m.channel.topic == "/config").collect();
+    assert_eq!((heads.len(), messages.len()), (2, 603));
+    assert_eq!(heads[0].data, heads[1].data);
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    let [a, b] = [0, 1].map(|n| summary.chunk_indexes[n].chunk_start_offset);
+    assert!(b - a > 16_000, "one sector holds both");
+}
+
+fn put_together(sessions: &[(Session, u64)], woven: bool) -> Vec<u8> {
+    let mut out =
+        mcap::WriteOptions::new().compression(None).create(io::Cursor::new(Vec::new())).unwrap();
+    let mut all = Vec::new();
+    for (n, (session, first_us)) in sessions.iter().enumerate() {
+        let mut ids = std::collections::BTreeMap::new();
+        let mut id = |out: &mut mcap::Writer<_>, topic: &str| {
+            *ids.entry(topic.to_owned()).or_insert_with(|| {
+                let about = [("from".to_owned(), n.to_string())].into();
+                out.add_channel(0, topic, "protobuf", &about).unwrap()
+            })
+        };
+        let head = prost::Message::encode_to_vec(&session.message());
+        all.push((*first_us, id(&mut out, "/config"), 0, head));
+        for sequence in 1..=50u64 {
+            let host_time_us = first_us + sequence * 10_000;
+            let (topic, data) = if sequence % 3 == 0 {
+                let raw = pb::RawBytes { sequence, host_time_us, data: vec![n as u8; 5] };
+                ("/in/tag", prost::Message::encode_to_vec(&raw))
+            } else {
+                let wake = pb::Wake { sequence, host_time_us };
+                ("/wake", prost::Message::encode_to_vec(&wake))
+            };
+            all.push((host_time_us, id(&mut out, topic), sequence as u32, data));
+        }
+    }
+    if woven {
+        all.sort_by_key(|(at, ..)| *at);
+    }
+    for (at, channel_id, sequence, data) in all {
+        let log_time = at * 1000;
+        let header =
+            mcap::records::MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        out.write_to_known_channel(&header, &data).unwrap();
+    }
+    out.finish().unwrap();
+    out.into_inner().into_inner()
+}
+
+#[test]
+fn regress_logs_that_were_put_into_one_file_are_refused_and_taken_apart() {
+    let later = Session { started_unix_us: 1_795_270_000_000_000, ..session() };
+    let two = [(session(), 5_000_000), (later, 5_003_000)];
+    let behind = [recorded(), recorded()].concat();
+    // The same log twice is one session; with another head they are two.
+    assert!(read(&behind).is_ok());
+    for (name, bytes) in
+        [("woven", put_together(&two, true)), ("in order", put_together(&two, false))]
+    {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("both.mcap");
+        std::fs::write(&path, &bytes).unwrap();
+        let error = LogReader::open(&path).unwrap_err().to_string();
+        assert!(error.contains("a second session begins here, recorded from "), "{name}: {error}");
+        let way_out = format!("`haltere log split {}` takes them apart", path.display());
+        assert!(error.ends_with(&way_out), "{name}: {error}");
+        let parts = split(&path).unwrap();
+        assert_eq!((parts.logs.len(), parts.left_out), (2, 0), "{name}");
+        for (n, (part, (session, _))) in parts.logs.iter().zip(&two).enumerate() {
+            let log = LogReader::open(&part.path).unwrap();
+            assert_eq!(log.session(), session, "{name}");
+            let entries: Vec<_> = log.entries().collect();
+            assert_eq!(numbers(&entries), (50, 0), "{name}");
+            let own = entries.iter().all(|e| match e {
+                Entry::Input { input: RawInput::Bytes { bytes, .. }, .. } => bytes[0] == n as u8,
+                _ => true,
+            });
+            assert!(own, "{name}: inputs of the other flight");
+        }
+        assert!(split(&path).is_err(), "{name}: nothing is overwritten");
+    }
+}
+
+#[test]
+fn regress_one_log_behind_another_is_refused_too() {
+    let first = recorded();
+    let other = {
+        let later = Session { started_unix_us: 1_795_270_000_000_000, ..session() };
+        put_together(&[(later, 5_000_000)], false)
+    };
+    let error = read(&[first, other].concat()).unwrap_err();
+    assert!(matches!(error, LogError::Merged { .. }), "{error}");
+}
+
+#[test]
+fn prop_what_is_no_file_is_refused_and_not_read() {
+    let directory = tempfile::tempdir().unwrap();
+    for path in [directory.path(), std::path::Path::new("/dev/zero")] {
+        let error = LogReader::open(path).unwrap_err().to_string();
+        assert!(error.contains("not a file; name the log itself"), "{error}");
+    }
+}
+
+/// A log of a build before the head stood twice, cut: its first chunk holds the head and all records of channels.
+#[test]
+fn regress_an_old_cut_log_with_a_bad_first_chunk_keeps_the_rest() {
+    let mut out = mcap::WriteOptions::new()
+        .compression(None)
+        .chunk_size(None)
+        .create(io::Cursor::new(Vec::new()))
+        .unwrap();
+    let head = session().message();
+    let about = [
+        ("config_toml", head.config_toml.clone()),
+        ("source_hash", head.source_hash.clone()),
+        ("started_unix_us", head.started_unix_us.to_string()),
+        ("pilot_started_us", head.pilot_started_us.to_string()),
+    ];
+    let metadata = about.map(|(name, value)| (name.to_owned(), value)).into();
+    let name = "haltere.session".to_owned();
+    out.write_metadata(&mcap::records::Metadata { name, metadata }).unwrap();
+    let [config, wake] = ["/config", "/wake"]
+        .map(|topic| out.add_channel(0, topic, "protobuf", &Default::default()).unwrap());
+    let mut put = |channel_id, sequence: u64, data: Vec<u8>| {
+        let log_time = (5_000_000 + sequence * 10_000) * 1000;
+        let sequence = sequence as u32;
+        let header =
+            mcap::records::MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
+        out.write_to_known_channel(&header, &data).unwrap();
+        if sequence == 100 {
+            out.flush().unwrap();
+        }
+    };
+    put(config, 0, prost::Message::encode_to_vec(&head));
+    for sequence in 1..=200 {
+        let wake_up = pb::Wake { sequence, host_time_us: 5_000_000 + sequence * 10_000 };
+        put(wake, sequence, prost::Message::encode_to_vec(&wake_up));
+    }
+    out.finish().unwrap();
+    let bytes = out.into_inner().into_inner();
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    let [first, second] = [0, 1].map(|n| &summary.chunk_indexes[n]);
+    let cut = (second.chunk_start_offset + second.chunk_length) as usize - 100;
+    let mut hurt = bytes[..cut].to_vec();
+    let at = (first.chunk_start_offset + first.chunk_length) as usize - 300;
+    hurt[at..at + 16].iter_mut().for_each(|b| *b ^= 0xff);
+    let log = LogReader::from_bytes("test.mcap".into(), hurt).unwrap();
+    assert_eq!(log.session(), &session());
+    let mut entries = log.entries();
+    let (there, lost) = numbers(&entries.by_ref().collect::<Vec<_>>());
+    assert!(there > 90 && lost == 100, "{there} there, {lost} lost: {}", entries.end());
+}
