@@ -5,8 +5,9 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use super::{FAILED, moved, print, print_json};
-use crate::util_flights;
+use super::{FAILED, moved, print, print_json, vehicle};
+use crate::sources::Sources;
+use crate::util_flights::{self, Flown, quadrotor};
 use haltere_log::replay;
 
 /// Lives through flights again and says whether the same goes out.
@@ -25,10 +26,20 @@ pub(super) struct Replay {
     /// Flight logs.
     #[arg(required_unless_present = "util", conflicts_with = "util")]
     log: Vec<PathBuf>,
-    /// Run the estimator on the flights of this folder, against motion capture: UTIL, or its `full`
-    /// (with IMU) or `tdoa_pos` (TDOA alone).
+    /// Run the filter that flies on the flights of this folder, against motion capture: UTIL, or its `full` (with IMU)
+    /// or `tdoa_pos` (TDOA alone).
     #[arg(long, value_name = "DIR")]
     util: Option<PathBuf>,
+    /// Configuration of the filter for --util, as of `haltere fly`; several may be given, later ones win.
+    #[arg(long, value_name = "FILE", requires = "util")]
+    config: Vec<PathBuf>,
+    /// The recorded vehicle for --util, over --config: keys of the configuration that are a vehicle's, or a vehicle
+    /// file, or the name of a built-in vehicle. Default: the quadrotor of UTIL.
+    #[arg(long, value_name = "FILE", requires = "util")]
+    vehicle: Option<PathBuf>,
+    /// One value for --util, over all others.
+    #[arg(long, value_name = "KEY=VALUE", requires = "util")]
+    set: Vec<String>,
     /// The laboratory's, as the four below.
     #[arg(long, hide = true)]
     leave_one_out: bool,
@@ -81,15 +92,19 @@ impl Replay {
             let was = format!("haltere replay --util DIR {study}");
             return Ok(moved::say(&was, &format!("haltere-lab recorded DIR {study}")));
         }
-        let reports: Vec<_> = util_flights::load_all(folder)?
-            .iter()
-            .map(|flight| util_flights::run_flight(flight, &util_flights::shipped(flight)))
-            .collect();
+        let vehicle = self.vehicle.as_deref().map_or_else(|| Ok(quadrotor()), vehicle::keys)?;
+        let flown = Flown::read(Sources {
+            vehicle: Some(vehicle),
+            ..Sources::new(self.config.clone(), self.set.clone())
+        })?;
+        let flights = util_flights::load_all(folder)?;
+        let reports: Vec<_> = flights.iter().map(|flight| flown.run(flight)).collect();
         if self.json {
             print_json(&reports)?;
         } else {
             let mut table = String::new();
             util_flights::print_table(&mut table, &reports)?;
+            flown.print(&mut table)?;
             print(&table)?;
         }
         let diverged = reports.iter().any(|report| report.diverged);

@@ -1,14 +1,16 @@
 //! `haltere vehicle`: vehicle files, what stands in them and what follows from it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use haltere_core::checks::Problems;
 use haltere_model::Vehicle;
 use serde::Serialize;
 
 use super::{print, print_json, vehicles};
+use crate::sources::VehicleKeys;
 
 #[derive(Debug, Subcommand)]
 pub(super) enum VehicleCommand {
@@ -32,6 +34,20 @@ pub(super) struct Check {
     /// Print as JSON.
     #[arg(long)]
     json: bool,
+}
+
+/// What a vehicle says of the companion's configuration: the keys themselves, or what follows from a vehicle file.
+pub(super) fn keys(told: &Path) -> anyhow::Result<VehicleKeys> {
+    let name = told.display().to_string();
+    if told.is_file() {
+        let text = haltere_log::intake::text(told, vehicles::MOST_BYTES).context(name.clone())?;
+        let table = text.parse::<toml::Table>().ok();
+        if table.is_some_and(|t| t.contains_key("estimator") || t.contains_key("flight")) {
+            return Ok(VehicleKeys { name, text });
+        }
+    }
+    let vehicle = Told { vehicle: told.to_owned() }.read()?;
+    Ok(VehicleKeys { name, text: Meaning::of(&vehicle).for_companion(&vehicle) })
 }
 
 impl Told {
@@ -90,22 +106,31 @@ impl Meaning {
         }
     }
 
-    fn text(&self, vehicle: &Vehicle) -> String {
+    /// What the companion has to be told, as lines of its configuration.
+    fn for_companion(&self, vehicle: &Vehicle) -> String {
         let [x, y, z] = self.drag_per_s;
         let [tag_x, tag_y, tag_z] = vehicle.body.tag_B_m;
+        format!(
+            "[flight]\ngear_height_m = {:?}\n\n\
+             [estimator]\ndrag_per_s = [{x:.3}, {y:.3}, {z:.3}]\np_BT_B_m = [{tag_x:?}, {tag_y:?}, {tag_z:?}]\n",
+            vehicle.body.gear_m
+        )
+    }
+
+    fn text(&self, vehicle: &Vehicle) -> String {
+        let [x, y, z] = self.drag_per_s;
         format!(
             "{}: every value is allowed\n\
              hover    {:.1} Hz a wing; {:.2} of the full command with a full pack, {:.2} with an empty one\n\
              drag     {x:.2}, {y:.2}, {z:.2} 1/s along x, y, z\n\
              pack     {:.0} s of hover\n\n\
-             # for the companion\n[flight]\ngear_height_m = {:?}\n\n\
-             [estimator]\ndrag_per_s = [{x:.3}, {y:.3}, {z:.3}]\np_BT_B_m = [{tag_x:?}, {tag_y:?}, {tag_z:?}]\n",
+             # for the companion\n{}",
             self.name,
             self.hover_hz,
             self.hover_full_frac,
             self.hover_empty_frac,
             self.hover_s,
-            vehicle.body.gear_m
+            self.for_companion(vehicle)
         )
     }
 }

@@ -28,7 +28,7 @@ pub fn text(name: &str) -> Option<String> {
 }
 
 /// Longest vehicle file that is read, bytes.
-const MOST_BYTES: u64 = 1 << 20;
+pub const MOST_BYTES: u64 = 1 << 20;
 
 /// The text of a file, or of the vehicle of that name where there is no such file.
 pub fn read(told: &Path) -> anyhow::Result<String> {

@@ -53,6 +53,12 @@ impl Layers {
                 Err(found) => found.lines().iter().for_each(|line| problems.say(line)),
             }
         }
+        if let Some(vehicle) = &sources.vehicle {
+            match vehicle.read(gone, &mut notes) {
+                Ok(table) => layers.push(Layer { name: vehicle.name.clone(), path: None, table }),
+                Err(found) => found.lines().iter().for_each(|line| problems.say(line)),
+            }
+        }
         let defaults = Table::try_from(Config::default()).unwrap_or_default();
         for (name, _) in &sources.environment {
             if let Some(key) = nearly_a_key(name) {
@@ -133,6 +139,11 @@ impl Layers {
     /// Files among the origins.
     pub(super) fn files(&self) -> Vec<PathBuf> {
         self.layers.iter().filter_map(|layer| layer.path.clone()).collect()
+    }
+
+    /// Name of the origin that sets a key.
+    pub(super) fn origin_name(&self, key: &str) -> Option<&str> {
+        self.origin(key).map(|layer| layer.name.as_str())
     }
 
     fn origin(&self, key: &str) -> Option<&Layer> {
@@ -224,7 +235,7 @@ fn as_written(defaults: &Table, key: &str) -> String {
     parts.collect::<Vec<_>>().join(".")
 }
 
-fn lookup<'t>(table: &'t Table, key: &str) -> Option<&'t Value> {
+pub(super) fn lookup<'t>(table: &'t Table, key: &str) -> Option<&'t Value> {
     let (first, rest) = key.split_once('.').map_or((key, None), |(a, b)| (a, Some(b)));
     match (table.get(first)?, rest) {
         (Value::Table(inner), Some(rest)) => lookup(inner, rest),

@@ -1,7 +1,7 @@
 //! Where a configuration comes from: files, the environment, the command line, and what a station has set.
 //!
-//! Layers, later ones win: defaults, `--config` files in their order, environment variables
-//! `HALTERE_SECTION__KEY`, `--set section.key=value`. What may stand in them is told by `config`.
+//! Layers, later ones win: defaults, `--config` files in their order, numbers of a vehicle where a command takes them,
+//! environment variables `HALTERE_SECTION__KEY`, `--set section.key=value`. What may stand in them is told by `config`.
 
 mod anchors;
 mod key_file;
@@ -11,6 +11,7 @@ pub mod stored;
 mod tests;
 #[cfg(test)]
 mod tests_retired;
+mod vehicle;
 
 use std::path::PathBuf;
 
@@ -21,6 +22,7 @@ use self::layers::Layers;
 use haltere_core::checks::Problems;
 use haltere_core::survey::Survey;
 use haltere_pilot::settings::{Config, Note, RETIRED, Retired};
+pub use vehicle::{Origin, VEHICLE_KEYS, VehicleKeys};
 
 /// File that is read from the working directory when none is named.
 pub const DEFAULT_FILE: &str = "haltere.toml";
@@ -49,6 +51,8 @@ pub struct Sources {
     pub files: Vec<PathBuf>,
     /// Environment, as `std::env::vars`.
     pub environment: Vec<(String, String)>,
+    /// Numbers of a vehicle. They win over files.
+    pub vehicle: Option<VehicleKeys>,
     /// `section.key=value`, later ones win.
     pub overrides: Vec<String>,
 }
@@ -60,7 +64,7 @@ impl Sources {
         let environment = std::env::vars_os()
             .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))
             .collect();
-        Self { files, environment, overrides }
+        Self { files, environment, vehicle: None, overrides }
     }
 }
 
@@ -94,6 +98,13 @@ impl Loaded {
 /// their own.
 pub fn load(sources: &Sources) -> Result<Config, Problems> {
     load_layers(sources, RETIRED).map(|(config, _)| config)
+}
+
+/// The same, and where each number of the vehicle comes from.
+pub fn load_with_origins(sources: &Sources) -> Result<(Config, Vec<Origin>), Problems> {
+    let (config, layers) = load_layers(sources, RETIRED)?;
+    let origins = vehicle::origins(&config, &layers);
+    Ok((config, origins))
 }
 
 fn load_layers(sources: &Sources, gone: &[Retired]) -> Result<(Config, Layers), Problems> {

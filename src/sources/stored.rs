@@ -183,7 +183,7 @@ mod tests {
             }
             let overrides = by_hand.iter().map(|text| (*text).to_owned()).collect();
             let files = vec![here("haltere.toml")];
-            let sources = super::super::Sources { files, environment: Vec::new(), overrides };
+            let sources = super::super::Sources { files, overrides, ..Default::default() };
             Loaded::load(&sources).unwrap().lost
         };
         assert_eq!(lost(None, &[]), None);

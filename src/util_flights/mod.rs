@@ -11,6 +11,7 @@
 
 pub mod airborne;
 mod consistency;
+mod flown;
 mod profiles;
 mod score;
 pub mod table;
@@ -22,6 +23,7 @@ use serde::Serialize;
 
 use airborne::Activity;
 pub use consistency::Consistency;
+pub use flown::{Flown, quadrotor};
 use haltere_core::drops::DropReason;
 use haltere_core::estimate::Estimate;
 use haltere_core::estimator::{Counts, Estimator, EstimatorConfig, Motion};
@@ -116,17 +118,25 @@ pub fn run_flight(flight: &Flight, config: &EstimatorConfig) -> FlightReport {
     run_traced(flight, config, |_, _, _| {})
 }
 
+/// The filter with what a recording says of itself: where the tag was, unless that is told, and whether there is an IMU.
+fn for_recording(flight: &Flight, config: &EstimatorConfig) -> EstimatorConfig {
+    let mut config = config.clone();
+    if config.p_BT_B_m == EstimatorConfig::default().p_BT_B_m {
+        config.p_BT_B_m = flight.p_BT_B_m();
+    }
+    if !flight.has_imu() {
+        config.motion = Motion::Unaided;
+    }
+    config
+}
+
 /// Runs one flight and shows each pose with the estimate at its time.
 pub fn run_traced(
     flight: &Flight,
     config: &EstimatorConfig,
     mut show: impl FnMut(HostTime, &Estimate, &ReferencePose),
 ) -> FlightReport {
-    // Where the tag is belongs to the vehicle, whatever filter is tried on it.
-    let mut config = EstimatorConfig { p_BT_B_m: flight.p_BT_B_m(), ..config.clone() };
-    if !flight.has_imu() {
-        config.motion = Motion::Unaided;
-    }
+    let config = for_recording(flight, config);
     let mut estimator = Estimator::new(config, flight.survey.clone());
     if let Some(yaw_rad) = flight.first_yaw_rad() {
         estimator.set_initial_heading(yaw_rad, STD_HEADING_RAD);

@@ -227,7 +227,7 @@ impl Base {
         } else {
             let files = file.config.iter().map(|name| folder.join(name)).collect();
             // Not the environment: flights depend on the campaign alone.
-            sources::load(&Sources { files, environment: Vec::new(), overrides: Vec::new() })?
+            sources::load(&Sources { files, ..Sources::default() })?
         };
         let mut config: Table = toml::from_str(&config.to_toml())?;
         for line in &file.set {

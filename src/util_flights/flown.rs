@@ -1,0 +1,60 @@
+//! The filter that flies, on recorded flights: the companion's configuration with the numbers of the recorded vehicle.
+
+use std::fmt::{self, Write};
+
+use super::{FlightReport, run_flight};
+use crate::sources::{Origin, Sources, VehicleKeys, load_with_origins};
+use haltere_core::checks::Problems;
+use haltere_core::estimator::EstimatorConfig;
+use haltere_log::import::util::Flight;
+
+/// A configuration as it would fly the recorded vehicle.
+#[derive(Debug, Clone)]
+pub struct Flown {
+    /// Its filter.
+    pub estimator: EstimatorConfig,
+    origins: Vec<Origin>,
+}
+
+/// The quadrotor of the recordings.
+pub fn quadrotor() -> VehicleKeys {
+    VehicleKeys {
+        name: "the quadrotor of UTIL".into(),
+        text: include_str!("quadrotor.toml").into(),
+    }
+}
+
+impl Flown {
+    /// What these sources would fly; refuses with all that is wrong.
+    pub fn read(sources: Sources) -> Result<Self, Problems> {
+        let (config, origins) = load_with_origins(&sources)?;
+        Ok(Self { estimator: config.pilot().estimator_in_force(), origins })
+    }
+
+    /// What flies when nobody configures anything, on the quadrotor of the recordings.
+    pub fn by_default() -> Result<Self, Problems> {
+        Self::read(Sources { vehicle: Some(quadrotor()), ..Sources::default() })
+    }
+
+    /// Runs one flight.
+    pub fn run(&self, flight: &Flight) -> FlightReport {
+        run_flight(flight, &self.estimator)
+    }
+
+    /// Writes the numbers of the vehicle, each with its origin.
+    pub fn print(&self, out: &mut impl Write) -> fmt::Result {
+        writeln!(out, "the vehicle; all else is the configuration that flies")?;
+        let filter = self.origins.iter().filter(|origin| origin.key.starts_with("estimator."));
+        for Origin { key, value, from } in filter {
+            let value = value.as_ref().map_or("none".into(), ToString::to_string);
+            let from = match from {
+                // Where the tag was is written beside the recordings, by vehicle.
+                None if *key == "estimator.p_BT_B_m" => "as the recording says",
+                None => "default",
+                Some(from) => from,
+            };
+            writeln!(out, "  {key:<40} {value:<22} {from}")?;
+        }
+        Ok(())
+    }
+}
