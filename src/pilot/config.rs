@@ -82,10 +82,14 @@ impl PilotConfig {
     }
 
     /// The filter with the enhancements that `[control]` switches on: version `raw` flies without
-    /// drag term and with constant UWB noise, whatever `[estimator]` says.
+    /// drag term and with constant UWB noise, whatever `[estimator]` says; learned errors of the UWB replace what it says
+    /// of them.
     pub fn estimator_in_force(&self) -> EstimatorConfig {
         let on = self.control.enhancements();
         let mut estimator = self.estimator.clone();
+        if on.learned_uwb_errors {
+            estimator = estimator.learned_uwb_errors();
+        }
         estimator.drag &= on.filter_drag;
         if !on.variable_uwb_noise {
             estimator.uwb_noise = UwbNoise::Constant;

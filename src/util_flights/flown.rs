@@ -36,6 +36,12 @@ impl Flown {
         Self::read(Sources { vehicle: Some(quadrotor()), ..Sources::default() })
     }
 
+    /// The same with the errors of the UWB learned by anchor.
+    pub fn learned() -> Result<Self, Problems> {
+        let overrides = vec!["control.learned_uwb_errors=true".into()];
+        Self::read(Sources { vehicle: Some(quadrotor()), overrides, ..Sources::default() })
+    }
+
     /// Runs one flight.
     pub fn run(&self, flight: &Flight) -> FlightReport {
         run_flight(flight, &self.estimator)

@@ -73,8 +73,8 @@ pub struct Wander<'a> {
     pub dt_s: f64,
     /// Speed, m/s.
     pub speed_mps: f64,
-    /// Whether the floor hides the low anchors.
-    pub near_floor: bool,
+    /// One sigma of the bias of the low anchors, m, where the floor hides them.
+    pub hidden_std_m: Option<f64>,
     /// Heights of the anchors, m.
     pub anchors_m: &'a [f64],
     /// Variance factor of each anchor (`quality.rs`).
@@ -261,9 +261,10 @@ impl Biases {
             if step.left_out[i] {
                 phi[i] = quick;
                 *grown = FREE_M * FREE_M * (1.0 - quick * quick);
-            } else if step.near_floor && anchor_m < config.low_anchor_m {
+            } else if let Some(std_m) = step.hidden_std_m.filter(|_| anchor_m < config.low_anchor_m)
+            {
                 phi[i] = quick;
-                *grown = config.hidden_std_m * config.hidden_std_m * (1.0 - quick * quick);
+                *grown = std_m * std_m * (1.0 - quick * quick);
             } else {
                 // What the floor did is gone as soon as the floor is.
                 let was_hidden = self.own[i][i] > MUCH_MORE * var;

@@ -52,7 +52,7 @@ impl BiasLevel {
     /// Learns from the biases after a step. Not where the floor hides anchors: that is no wandering.
     #[inline]
     pub fn learn(&mut self, biases: &Biases, config: &AnchorBias, step: &Wander<'_>) {
-        if config.level_s == 0.0 || step.near_floor {
+        if config.level_s == 0.0 || step.hidden_std_m.is_some() {
             return;
         }
         let share = (step.dt_s / config.level_s).min(LONGEST_STEP);

@@ -105,7 +105,7 @@ fn prop_blocks_are_the_whole_matrix() {
             let wander = Wander {
                 dt_s: 0.01,
                 speed_mps: 0.8,
-                near_floor,
+                hidden_std_m: near_floor.then_some(CONFIG.hidden_std_m),
                 anchors_m: &heights_m,
                 factors: &factors,
                 levels: &[1.0; MOST_ANCHORS],
@@ -212,7 +212,7 @@ fn prop_a_gyroscope_that_is_off_is_found_out_where_the_attitude_is_seen() {
             let still = Wander {
                 dt_s: 0.01,
                 speed_mps: 0.0,
-                near_floor: false,
+                hidden_std_m: None,
                 anchors_m: &[],
                 factors: &[],
                 levels: &[1.0; MOST_ANCHORS],
@@ -274,7 +274,7 @@ fn learned_level(wanders_m: f64, seed: u64) -> f64 {
         let wander = Wander {
             dt_s: STEP_S,
             speed_mps: 0.0,
-            near_floor: false,
+            hidden_std_m: None,
             anchors_m: &heights_m(),
             factors: &[],
             levels: &levels,
@@ -326,7 +326,7 @@ fn prop_nothing_is_learned_where_the_floor_hides_anchors_from_one_left_out_or_if
         let wander = Wander {
             dt_s: 0.02,
             speed_mps: 0.0,
-            near_floor,
+            hidden_std_m: near_floor.then_some(CONFIG.hidden_std_m),
             anchors_m: &heights_m(),
             factors: &[],
             levels: &level.factors(),

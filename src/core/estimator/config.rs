@@ -433,6 +433,31 @@ impl Default for EstimatorConfig {
 }
 
 impl EstimatorConfig {
+    /// The same vehicle with the errors of the UWB learned in flight, by anchor: biases that wander and biases that stay,
+    /// quality, and an anchor left out that does not fit. Nothing is thrown away: what does not fit keeps the weight that
+    /// its tail leaves it, so that a bad start converges. One set for all rooms, from the README of the recordings (white
+    /// part 0.05 to 0.09 m, a part that wanders by 0.04 to 0.3 m, one of 0.06 m that stays) and within its ranges by the
+    /// recorded flights (docs/ESTIMATOR.md). With λ of the height its white part is 0.064 m from 1 m on.
+    pub fn learned_uwb_errors(self) -> Self {
+        Self {
+            std_uwb_m: 0.09,
+            uwb_correlation_s: 0.03,
+            gate: GateConfig { sigma: 10.0, tail_sigma: 1.2, reject: false, ..self.gate },
+            anchor_bias: AnchorBias {
+                estimate: true,
+                std_m: 0.08,
+                correlation_s: 8.0,
+                correlation_m: 1.2,
+                level_s: 20.0,
+                constant_std_m: 0.05,
+                ..self.anchor_bias
+            },
+            quality: Quality { learn: true, time_s: 0.6, least: 0.25, ..self.quality },
+            isolation: Isolation { leave_out: true, ..self.isolation },
+            ..self
+        }
+    }
+
     /// The source's filter as published: constant noise, no drag term, no tails.
     pub fn source_raw() -> Self {
         Self {

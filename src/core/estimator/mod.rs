@@ -367,7 +367,7 @@ impl Estimator {
         } else {
             (self.acc_B, rate_B)
         };
-        let near_floor = self.is_near_floor(self.config.anchor_bias.hidden_below_m);
+        let hidden_std_m = self.hidden_std_m();
         let Some(state) = &mut self.state else { return };
         if forgets {
             state.v_B = Vector3::zeros();
@@ -424,7 +424,7 @@ impl Estimator {
                     let step = Wander {
                         dt_s: p.dt_s,
                         speed_mps: state.v_B.norm(),
-                        near_floor,
+                        hidden_std_m,
                         anchors_m: &self.anchors_m,
                         factors: self.qualities.factors(),
                         levels: &levels,
@@ -452,7 +452,7 @@ impl Estimator {
 
     /// Carries a state without IMU to a measurement's time.
     fn coast(&mut self, to: HostTime) {
-        let near_floor = self.is_near_floor(self.config.anchor_bias.hidden_below_m);
+        let hidden_std_m = self.hidden_std_m();
         let Some(state) = &mut self.state else { return };
         let dt_s = to.seconds_since(self.at).min(LONGEST_GAP_S);
         if dt_s <= 0.0 {
@@ -471,7 +471,7 @@ impl Estimator {
         let step = Wander {
             dt_s,
             speed_mps: state.v_B.norm(),
-            near_floor,
+            hidden_std_m,
             anchors_m: &self.anchors_m,
             factors: self.qualities.factors(),
             levels: &levels,

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::{ArgGroup, Args};
 use haltere::cli::{print, print_json};
 use haltere::progress::Progress;
-use haltere::util_flights::{load_all, util_profile};
+use haltere::util_flights::{Flown, load_all};
 
 use crate::recorded::cold::{cold_starts, print_cold};
 use crate::recorded::document::document;
@@ -45,32 +45,30 @@ impl Recorded {
     /// Runs the study and prints it.
     pub fn run(&self) -> anyhow::Result<ExitCode> {
         let flights = load_all(&self.dir)?;
+        let learned = Flown::learned()?.estimator;
         let progress = Progress::new("flights");
         let tell = |done: usize, of: usize, what: &str| progress.doing(done, of, what);
         let mut table = String::new();
         if let Some(path) = &self.document {
-            let page = document(&flights, tell);
+            let page = document(&flights, &learned, tell);
             haltere_log::written::write::<&std::path::Path>(path, page, &[])?;
             eprintln!("wrote {}", path.display());
         } else if self.leave_one_out {
-            // With and without IMU are two sets of parameters; a folder with both is taken with IMU.
-            let with_imu = flights.iter().any(|f| f.has_imu());
-            let kind: Vec<_> = flights.into_iter().filter(|f| f.has_imu() == with_imu).collect();
-            if kind.len() < 2 {
+            if flights.len() < 2 {
                 anyhow::bail!(
                     "{}: {} flight, at least 2 needed to leave one out; name UTIL, or its folder full \
                      or tdoa_pos",
                     self.dir.display(),
-                    kind.len()
+                    flights.len()
                 );
             }
-            let left_out = leave_one_out(&kind, tell);
+            let left_out = leave_one_out(&flights, &learned, tell);
             if self.json {
                 print_json(&left_out)?;
             }
-            print_left_out(&mut table, &left_out)?;
+            print_left_out(&mut table, &left_out, &learned)?;
         } else if self.ingredients {
-            let rows = ingredients(&flights, tell);
+            let rows = ingredients(&flights, &learned, tell);
             if self.json {
                 print_json(&rows)?;
             }
@@ -82,7 +80,7 @@ impl Recorded {
             let mut tell = tell;
             let mut rows = Vec::new();
             for kind in [with_imu, unaided].into_iter().filter(|kind| !kind.is_empty()) {
-                rows.push(integrity(&kind, &mut tell));
+                rows.push(integrity(&kind, &learned, &mut tell));
             }
             if self.json {
                 print_json(&rows)?;
@@ -92,8 +90,7 @@ impl Recorded {
                 table.push('\n');
             }
         } else {
-            let profile = util_profile();
-            let starts = cold_starts(&flights, &profile, tell);
+            let starts = cold_starts(&flights, &learned, tell);
             if self.json {
                 print_json(&starts)?;
             }

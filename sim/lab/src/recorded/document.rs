@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use haltere::util_flights::{Consistency, FlightReport, run_flight, shipped, table, util_profile};
+use haltere::util_flights::{Consistency, FlightReport, run_flight, table};
+use haltere_core::estimator::EstimatorConfig;
 use haltere_log::import::util::Flight;
 
 use super::cold::{ColdReport, cold_starts, print_cold};
@@ -12,33 +13,39 @@ use super::integrity::{Integrity, integrity, print_integrity};
 use super::search::{LeftOut, leave_one_out, print_left_out};
 
 /// Measures everything and writes the page. `tell` is told how far it is: done, of how many, what.
-pub fn document(flights: &[Flight], mut tell: impl FnMut(usize, usize, &str)) -> String {
-    let with_imu: Vec<Flight> = flights.iter().filter(|f| f.has_imu()).cloned().collect();
+pub fn document(
+    flights: &[Flight],
+    flown: &EstimatorConfig,
+    mut tell: impl FnMut(usize, usize, &str),
+) -> String {
+    let (with_imu, unaided): (Vec<Flight>, Vec<Flight>) =
+        flights.iter().cloned().partition(|f| f.has_imu());
     let reports: Vec<FlightReport> =
-        flights.iter().map(|flight| run_flight(flight, &shipped(flight))).collect();
-    let rows = ingredients(flights, &mut tell);
-    let cold = cold_starts(flights, &util_profile(), &mut tell);
-    let unaided: Vec<Flight> = flights.iter().filter(|f| !f.has_imu()).cloned().collect();
-    let left_out = [leave_one_out(&with_imu, &mut tell), leave_one_out(&unaided, &mut tell)];
+        flights.iter().map(|flight| run_flight(flight, flown)).collect();
+    let rows = ingredients(flights, flown, &mut tell);
+    let cold = cold_starts(flights, flown, &mut tell);
+    let left_out = leave_one_out(flights, flown, &mut tell);
     let faults = [
-        ("With IMU", integrity(&with_imu, &mut tell)),
-        ("TDOA alone", integrity(&unaided, &mut tell)),
+        ("With IMU", integrity(&with_imu, flown, &mut tell)),
+        ("TDOA alone", integrity(&unaided, flown, &mut tell)),
     ];
-    let mut out = page(&reports, &rows, &cold, &left_out);
+    let mut out = page(flown, &reports, &rows, &cold, &left_out);
     // Writing to a String cannot fail.
     let _ = more(&mut out, flights, &faults);
     out
 }
 
 fn page(
+    flown: &EstimatorConfig,
     reports: &[FlightReport],
     rows: &[Ingredients],
     cold: &[ColdReport],
-    left_out: &[Vec<LeftOut>],
+    left_out: &[LeftOut],
 ) -> String {
     let mut out = String::from(INTRODUCTION);
     // Writing to a String cannot fail.
     let _ = (|| -> std::fmt::Result {
+        out.push_str(&what_flew(flown));
         writeln!(out, "\n## Every flight\n\n{ABOUT_FLIGHTS}\n")?;
         flights_table(&mut out, reports)?;
         outside(&mut out, reports)?;
@@ -57,10 +64,7 @@ fn page(
         writeln!(out, "\nTDOA alone (airborne 3D rms, m):\n")?;
         print_ingredients(&mut out, &aided(false))?;
         writeln!(out, "\n## One flight left out\n\n{ABOUT_LEFT_OUT}\n")?;
-        for (title, left_out) in ["With IMU", "TDOA alone"].into_iter().zip(left_out) {
-            writeln!(out, "\n### {title}\n")?;
-            print_left_out(&mut out, left_out)?;
-        }
+        print_left_out(&mut out, left_out, flown)?;
         writeln!(out, "\n## Cold starts\n\n{ABOUT_COLD}\n")?;
         print_cold(&mut out, cold)
     })();
@@ -109,6 +113,36 @@ fn more(
         )?;
     }
     Ok(())
+}
+
+/// The settings of the UWB that flew: a test holds the page and the defaults together by it.
+fn what_flew(flown: &EstimatorConfig) -> String {
+    let (bias, quality, gate) = (&flown.anchor_bias, &flown.quality, &flown.gate);
+    format!(
+        "## What flew\n\n`control.learned_uwb_errors = true` on the defaults of `config/haltere.toml`, with the numbers of \
+         the recorded quadrotor (`src/util_flights/quadrotor.toml`) and, without IMU, `motion = \"unaided\"`. One set of \
+         parameters for all flights. By default it is off, and the nine states fly: their row stands among the \
+         ingredients, and `haltere replay --util DIR` prints it; with `--set control.learned_uwb_errors=true` it prints \
+         this page's. Of the UWB:\n\n\
+         | key of `[estimator]` | value |\n|---|---|\n\
+         | `std_uwb_m`, `uwb_correlation_s`, `uwb_noise` | {}, {}, {:?} |\n\
+         | `anchor_bias`: `std_m`, `correlation_s`, `correlation_m`, `level_s`, `constant_std_m` | {}, {}, {}, {}, {} |\n\
+         | `quality`: `time_s`, `least`; `gate`: `tail_sigma`, `reject` | {}, {}; {}, {} |\n\
+         | `isolation.leave_out` | {} |\n",
+        flown.std_uwb_m,
+        flown.uwb_correlation_s,
+        flown.uwb_noise,
+        bias.std_m,
+        bias.correlation_s,
+        bias.correlation_m,
+        bias.level_s,
+        bias.constant_std_m,
+        quality.time_s,
+        quality.least,
+        gate.tail_sigma,
+        gate.reject,
+        flown.isolation.leave_out,
+    )
 }
 
 fn flights_table(out: &mut String, reports: &[FlightReport]) -> std::fmt::Result {
@@ -209,8 +243,7 @@ differ by -0.1 to +0.1 m that stay for days, and wander by some 0.2 m over half 
 
 ";
 const ABOUT_FLIGHTS: &str = "\
-One set of parameters for the flights with IMU and one for those without (`profiles.rs`), causal. 3D errors
-in m against motion capture, which is stamped some 10 ms late and taken as it is stamped. Whole: from the first
+One set of parameters for all flights, with IMU and without, causal. 3D errors in m against motion capture, which is stamped some 10 ms late and taken as it is stamped. Whole: from the first
 estimate on, floor included. Airborne: above 0.5 m and more than 5 s after lift-off. NEES: mean squared error
 over stated covariance per axis; NIS: mean squared innovation over stated variance, each at most 25; 1 is
 honest, below 1 cautious. In brackets the values between which 95 % of honest filters are, from χ² of the
@@ -224,7 +257,7 @@ flights; the accuracy hardly changes within them. The filter is told the heading
 is an IMU, and nothing else but the anchors and where the tag is on the vehicle, as its authors wrote it down
 (June and `const`: 9 cm above the centre; April: unknown, taken as zero).";
 const ABOUT_INGREDIENTS: &str = "\
-All else as shipped. A variant is not tuned anew for what it lacks. Last column: median over the whole
+All else as in the first row. A variant is not tuned anew for what it lacks. Last column: median over the whole
 flights.";
 const ABOUT_INTEGRITY: &str = "\
 Each recording with a fault from its middle to its end, in the air. Over 1 m: for longer than 0.2 s. Warned:
@@ -237,10 +270,10 @@ lift-off, told nothing but the anchors. Doubt: how much of the misfit the anchor
 is usual; it is named from 2 on if the others, without it, stay below 1. Where the floor adds more than 1 m to
 the low anchors nothing is concluded. The two that are refused have a metal box beside anchor 2.";
 const ABOUT_LEFT_OUT: &str = "\
-For each flight the parameters of the UWB errors were searched on the five others, from round numbers
-that no result of ours has shaped, and then judged on the flight that was left out. Drag and process
+For each flight the parameters of the UWB errors were searched on the eleven others, with IMU and without, from round
+numbers that no result of ours has shaped, and then judged on the flight that was left out. Drag and process
 noise are the vehicle's: they were set from its IMU and motion capture, within that the noise of the horizontal
-acceleration by the NEES of all flights, and are not searched. Nor is `quality.least`, which is as shipped.";
+acceleration by the NEES of all flights, and are not searched. Nor is `quality.least`. The set: `EstimatorConfig::learned_uwb_errors`.";
 const ABOUT_COLD: &str = "\
 Switched on every 4 s of a flight, in the air, or at its beginning on the floor, and told neither
 position nor heading. Peak: largest error from the first position that is offered. Converged: below
@@ -251,6 +284,18 @@ column is the error over the sigma stated with it; 1 is honest.";
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn golden_the_page_is_of_the_set_that_is_shipped() {
+        let page = include_str!("../../../../docs/ESTIMATOR.md");
+        let flown = haltere::util_flights::Flown::learned().unwrap().estimator;
+        let said = what_flew(&flown);
+        assert!(
+            page.contains(&said),
+            "docs/ESTIMATOR.md was measured with other settings than `control.learned_uwb_errors` has now: write it anew \
+             (`haltere-lab recorded DIR --document docs/ESTIMATOR.md`); expected in it:\n{said}"
+        );
+    }
 
     #[test]
     fn prop_the_page_names_what_is_outside_and_on_which_side() {

@@ -4,9 +4,7 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use haltere::util_flights::{
-    FlightReport, run_flight, shipped, table, util_nine_profile, util_source_profile,
-};
+use haltere::util_flights::{FlightReport, run_flight, table};
 use haltere_core::estimator::{EstimatorConfig, SpecificForce, Tail, UwbNoise};
 use haltere_log::import::util::Flight;
 
@@ -17,8 +15,8 @@ struct Variant {
 }
 
 /// The whole first, then each ingredient taken out or exchanged, then the older filters.
-const VARIANTS: [Variant; 20] = [
-    Variant { name: "**all, as shipped**", change: |_| {} },
+const VARIANTS: [Variant; 21] = [
+    Variant { name: "**learned errors**", change: |_| {} },
     Variant { name: "without wandering biases", change: |c| c.anchor_bias.std_m = 1e-4 },
     Variant { name: "without constant biases", change: |c| c.anchor_bias.constant_std_m = 0.0 },
     Variant { name: "without any biases", change: |c| c.anchor_bias.estimate = false },
@@ -44,16 +42,46 @@ const VARIANTS: [Variant; 20] = [
     Variant { name: "what lasts beyond drag", change: |c| c.slow_force_s = 2.0 },
     Variant { name: "with the gyroscope's bias", change: |c| c.gyro_bias.estimate = true },
     Variant { name: "neighbours share arrivals", change: |c| c.uwb_arrival_frac = 0.17 },
-    Variant { name: "with barometer", change: |c| c.baro.fuse = true },
-    Variant { name: "nine states, errors that last, tails", change: |c| *c = util_nine_profile() },
-    Variant { name: "nine states of the source", change: |c| *c = util_source_profile() },
+    Variant { name: "without barometer", change: |c| c.baro.fuse = false },
+    Variant {
+        name: "constant noise",
+        change: |c| {
+            c.uwb_noise = UwbNoise::Constant;
+            c.std_uwb_m *= FLIGHT_LAMBDA.sqrt();
+        },
+    },
+    Variant { name: "what flies by default: nine states", change: |c| *c = by_default(c) },
+    Variant { name: "nine states of the source", change: |c| *c = source(c) },
 ];
 
-/// The other ingredient that needs the height: the source's variable noise.
-const VARIABLE_NOISE: Variant = Variant {
-    name: "with noise that depends on height",
-    change: |c| c.uwb_noise = UwbNoise::HeightDependent,
-};
+/// λ of the source above 1 m, where these flights are.
+const FLIGHT_LAMBDA: f64 = 0.5;
+
+/// What flies when nobody configures anything, on the vehicle of this one.
+fn by_default(vehicle: &EstimatorConfig) -> EstimatorConfig {
+    let default = EstimatorConfig::default();
+    EstimatorConfig {
+        std_uwb_m: default.std_uwb_m,
+        uwb_correlation_s: default.uwb_correlation_s,
+        gate: default.gate,
+        anchor_bias: default.anchor_bias,
+        quality: default.quality,
+        isolation: default.isolation,
+        ..vehicle.clone()
+    }
+}
+
+/// The source's filter as published, for the vehicle of this one.
+fn source(vehicle: &EstimatorConfig) -> EstimatorConfig {
+    let published = EstimatorConfig::source_raw();
+    EstimatorConfig {
+        specific_force: vehicle.specific_force,
+        acc_average_s: vehicle.acc_average_s,
+        align_s: vehicle.align_s,
+        rest_height_m: vehicle.rest_height_m,
+        ..published
+    }
+}
 
 /// How each variant went on each flight.
 #[derive(Debug, Clone, Serialize)]
@@ -64,18 +92,20 @@ pub struct Ingredients {
     pub reports: Vec<FlightReport>,
 }
 
-/// Runs all variants. `tell` is told how far it is: done, of how many, what.
+/// Runs all variants of the learned errors. `tell` is told how far it is: done, of how many, what.
 pub fn ingredients(
     flights: &[Flight],
+    learned: &EstimatorConfig,
     mut tell: impl FnMut(usize, usize, &str),
 ) -> Vec<Ingredients> {
-    let variants: Vec<&Variant> = VARIANTS.iter().chain([&VARIABLE_NOISE]).collect();
     let mut out = Vec::new();
-    for (done, variant) in variants.iter().enumerate() {
-        tell(done, variants.len(), variant.name);
+    for (done, variant) in VARIANTS.iter().enumerate() {
+        tell(done, VARIANTS.len(), variant.name);
         let reports = std::thread::scope(|scope| {
-            let running: Vec<_> =
-                flights.iter().map(|f| scope.spawn(move || run_changed(f, variant))).collect();
+            let running: Vec<_> = flights
+                .iter()
+                .map(|f| scope.spawn(move || run_changed(f, learned, variant)))
+                .collect();
             running.into_iter().filter_map(|r| r.join().ok()).collect()
         });
         out.push(Ingredients { variant: variant.name.to_owned(), reports });
@@ -83,8 +113,8 @@ pub fn ingredients(
     out
 }
 
-fn run_changed(flight: &Flight, variant: &Variant) -> FlightReport {
-    let mut config = shipped(flight);
+fn run_changed(flight: &Flight, learned: &EstimatorConfig, variant: &Variant) -> FlightReport {
+    let mut config = learned.clone();
     (variant.change)(&mut config);
     run_flight(flight, &config)
 }

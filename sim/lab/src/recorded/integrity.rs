@@ -2,8 +2,9 @@
 
 use std::fmt::{self, Write};
 
-use haltere::util_flights::{run_traced, shipped};
+use haltere::util_flights::run_traced;
 use haltere_core::estimate::Health;
+use haltere_core::estimator::EstimatorConfig;
 use haltere_core::frames::{E, Vec3};
 use haltere_core::measure::Tdoa;
 use haltere_core::survey::Survey;
@@ -72,13 +73,19 @@ pub struct Integrity {
 }
 
 /// Flies all of them. `tell` is told how far it is: done, of how many, what.
-pub fn integrity(flights: &[Flight], mut tell: impl FnMut(usize, usize, &str)) -> Vec<Integrity> {
+pub fn integrity(
+    flights: &[Flight],
+    flown: &EstimatorConfig,
+    mut tell: impl FnMut(usize, usize, &str),
+) -> Vec<Integrity> {
     let mut out = Vec::new();
     for (done, (name, fault)) in FAULTS.iter().enumerate() {
         tell(done, FAULTS.len(), name);
         let seen: Vec<Seen> = std::thread::scope(|scope| {
-            let running: Vec<_> =
-                flights.iter().map(|flight| scope.spawn(move || fly(flight, *fault))).collect();
+            let running: Vec<_> = flights
+                .iter()
+                .map(|flight| scope.spawn(move || fly(flight, flown, *fault)))
+                .collect();
             running.into_iter().filter_map(|r| r.join().ok()).collect()
         });
         let fine_s: f64 = seen.iter().map(|s| s.fine_s).sum();
@@ -107,13 +114,13 @@ struct Seen {
     worst_m: f64,
 }
 
-fn fly(flight: &Flight, fault: Fault) -> Seen {
+fn fly(flight: &Flight, flown: &EstimatorConfig, fault: Fault) -> Seen {
     let middle = middle(flight);
     let broken = with(flight, fault, middle);
     let mut seen = Seen::default();
     let mut last: Option<HostTime> = None;
     let mut wrong_s = 0.0;
-    run_traced(&broken, &shipped(flight), |at, estimate, pose| {
+    run_traced(&broken, flown, |at, estimate, pose| {
         let flies = -pose.pos_E_m.z() > AIRBORNE_M;
         if at < middle || !flies {
             return;
@@ -219,7 +226,7 @@ pub fn print_integrity(out: &mut impl Write, rows: &[Integrity]) -> fmt::Result 
 
 #[cfg(test)]
 mod tests {
-    use haltere::util_flights::load_all;
+    use haltere::util_flights::{Flown, load_all};
 
     use super::*;
 
@@ -231,10 +238,11 @@ mod tests {
         };
         let flights = load_all(&dir.join("full")).unwrap();
         let flight = flights.iter().find(|f| f.name.starts_with("jun05")).unwrap();
-        let sound = fly(flight, Fault::None);
+        let flown = Flown::learned().unwrap().estimator;
+        let sound = fly(flight, &flown, Fault::None);
         assert!(sound.wrong.is_none() && sound.vain_s < 0.05 * sound.fine_s, "{sound:?}");
         // Without UWB nobody knows where it is, and health says so.
-        let blind = fly(flight, Fault::Gap(10.0));
+        let blind = fly(flight, &flown, Fault::Gap(10.0));
         assert!(blind.wrong == Some(true), "{blind:?}");
         // An anchor's fault is in both of its measurements, and in no other.
         let moved = with(flight, Fault::Moved(6, 2.0), middle(flight));
