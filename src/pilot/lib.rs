@@ -40,6 +40,8 @@
 #![allow(deprecated)]
 
 mod arming;
+#[cfg(test)]
+mod bench;
 mod board;
 mod calendar;
 mod change;
