@@ -1,8 +1,9 @@
 //! What clients command, and what they are answered. What moves the vehicle is in `orders`.
 
 use haltere_dialect::mav::haltere::{
-    COMMAND_ACK_DATA, MESSAGE_INTERVAL_DATA, MavCmd, MavMessage, MavResult,
+    COMMAND_ACK_DATA, MESSAGE_INTERVAL_DATA, MavCmd, MavFrame, MavMessage, MavResult,
 };
+use haltere_dialect::mav::known;
 
 use haltere_core::time::HostTime;
 
@@ -79,24 +80,41 @@ pub(super) fn refuse(result: MavResult, text: impl Into<String>) -> Answer {
 }
 
 impl Pilot {
-    pub(super) fn answer(&mut self, at: HostTime, request: Request) {
-        let (result, why) = match self.command(at, &request) {
+    /// Does what a client commands, by number, and answers whatever it is.
+    pub(super) fn answer(
+        &mut self,
+        at: HostTime,
+        (link, peer): (LinkId, (u8, u8)),
+        number: u16,
+        params: [f32; 4],
+        location: Location,
+    ) {
+        let unknown_frame = matches!(
+            location,
+            Location::Int { frame, .. } if known::<MavFrame>(frame).is_none()
+        );
+        let answer = match known(number) {
+            _ if unknown_frame => Ok(MavResult::MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME),
+            Some(command) => self.command(at, &Request { link, peer, command, params, location }),
+            None => Ok(MavResult::MAV_RESULT_UNSUPPORTED),
+        };
+        let (result, why) = match answer {
             Ok(MavResult::MAV_RESULT_IN_PROGRESS) => return, // answered when the board has
             Ok(result) => (result, None),
             Err((result, why)) => (result, Some(why)),
         };
-        self.send_ack(request.link, request.peer, request.command, result);
+        self.send_ack(link, peer, number, result);
         if let Some(why) = why {
             self.say(at, Severity::Warning, why);
         }
     }
 
-    fn send_ack(&mut self, link: LinkId, peer: (u8, u8), command: MavCmd, result: MavResult) {
+    fn send_ack(&mut self, link: LinkId, peer: (u8, u8), command: u16, result: MavResult) {
         // 255: how far it is, nobody knows.
         let progress = if result == MavResult::MAV_RESULT_IN_PROGRESS { u8::MAX } else { 0 };
         let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
             command,
-            result,
+            result: result as u8,
             progress,
             result_param2: 0,
             target_system: peer.0,
@@ -120,7 +138,7 @@ impl Pilot {
         let askers = std::mem::take(&mut self.askers);
         for asker in askers {
             if asker.awaits == awaits {
-                self.send_ack(asker.link, asker.peer, asker.command, result);
+                self.send_ack(asker.link, asker.peer, asker.command as u16, result);
             } else {
                 self.askers.push(asker);
             }
@@ -163,11 +181,11 @@ impl Pilot {
 
     /// COMMAND_CANCEL: what takes its time is ended, and answered as cancelled. What has been done is
     /// left as it is (common.xml).
-    pub(super) fn cancel(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), command: MavCmd) {
+    pub(super) fn cancel(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), command: u16) {
         if self.cancel_judging(at, command) {
             return;
         }
-        let is_theirs = |a: &Asker| (a.link, a.peer, a.command) == (link, peer, command);
+        let is_theirs = |a: &Asker| (a.link, a.peer, a.command as u16) == (link, peer, command);
         let Some(index) = self.askers.iter().position(is_theirs) else { return };
         let asker = self.askers.remove(index);
         // An order to stop the motors stands: nobody can want it half done.
@@ -186,7 +204,7 @@ impl Pilot {
             if at.seconds_since(asker.since) > due_s {
                 self.askers[i].words += 1;
                 let result = MavResult::MAV_RESULT_IN_PROGRESS;
-                self.send_ack(asker.link, asker.peer, asker.command, result);
+                self.send_ack(asker.link, asker.peer, asker.command as u16, result);
             }
         }
     }

@@ -4,7 +4,6 @@ use haltere_dialect::mav::haltere::{
     AUTOPILOT_VERSION_DATA, AVAILABLE_MODES_DATA, CURRENT_MODE_DATA, MavAutopilot, MavMessage,
     MavModeProperty, MavProtocolCapability, MavStandardMode, MavType,
 };
-use haltere_dialect::mav_stream;
 
 use super::endpoint::Identity;
 use super::modes::Mode;
@@ -88,16 +87,6 @@ pub(super) fn autopilot(identity: Identity) -> MavAutopilot {
     }
 }
 
-/// `MAV_TYPE` of a number. The generated code reads it from a HEARTBEAT's byte only.
-pub(super) fn mav_type(number: u8) -> Option<MavType> {
-    // HEARTBEAT: custom_mode u32, type, autopilot, base_mode, system_status, mavlink_version.
-    let fields = [0, 0, 0, 0, number, 0, 0, 0, 3];
-    match mav_stream::parse_payload(0, &fields) {
-        Some(MavMessage::HEARTBEAT(m)) => Some(m.mavtype),
-        _ => None,
-    }
-}
-
 /// What we can do, honestly: what AUTOPILOT_VERSION tells.
 fn capabilities() -> MavProtocolCapability {
     use MavProtocolCapability as C;
@@ -152,13 +141,6 @@ pub(super) fn autopilot_version(identity: Identity) -> MavMessage {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn prop_types_are_read_by_number() {
-        assert_eq!(mav_type(FLAPPING_WING), Some(MavType::MAV_TYPE_FLAPPING_WING));
-        assert_eq!(mav_type(2), Some(MavType::MAV_TYPE_QUADROTOR));
-        assert_eq!(mav_type(250), None);
-    }
 
     #[test]
     fn val_the_shipped_map_holds_every_mode() {

@@ -6,6 +6,7 @@
 //! multiplies nothing.
 
 use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
+use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream::MavFrame;
 use haltere_dialect::signing::SIGNATURE_BYTES;
 
@@ -37,8 +38,8 @@ fn steers(message: &MavMessage) -> bool {
 /// Command and first parameter; `None`: no command. `Some(None)`: one that the dialect does not know.
 fn command_of(frame: &MavFrame<'_>, message: Option<&MavMessage>) -> Option<Option<(MavCmd, f32)>> {
     match message {
-        Some(MavMessage::COMMAND_LONG(m)) => Some(Some((m.command, m.param1))),
-        Some(MavMessage::COMMAND_INT(m)) => Some(Some((m.command, m.param1))),
+        Some(MavMessage::COMMAND_LONG(m)) => Some(known(m.command).map(|c| (c, m.param1))),
+        Some(MavMessage::COMMAND_INT(m)) => Some(known(m.command).map(|c| (c, m.param1))),
         _ => is_command(frame.header.msg_id).then_some(None),
     }
 }
@@ -314,7 +315,7 @@ mod tests {
 
     fn command(command: MavCmd, param1: f32, system: u8) -> Vec<u8> {
         let message = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            command,
+            command: command as u16,
             param1,
             target_system: system,
             target_component: 1,

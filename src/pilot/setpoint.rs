@@ -5,6 +5,8 @@ use haltere_dialect::mav::haltere::{
     SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 
+use haltere_dialect::mav::{known, name_of};
+
 use haltere_core::control::{AxisCommand, Command};
 use haltere_core::estimate::Estimate;
 use haltere_core::frames::{B, E, Rot, Vec3, wrap_pi_rad};
@@ -70,16 +72,18 @@ impl Setpoint {
         received_at: HostTime,
     ) -> Result<Self, String> {
         let heading = Rot::<E, B>::from_euler_rad(0.0, 0.0, estimate.R_EB.yaw_rad());
-        let offset = match message.coordinate_frame {
-            MavFrame::MAV_FRAME_LOCAL_NED => None,
-            MavFrame::MAV_FRAME_LOCAL_OFFSET_NED => Some(Rot::<E, B>::identity()),
-            MavFrame::MAV_FRAME_BODY_NED
-            | MavFrame::MAV_FRAME_BODY_OFFSET_NED
-            | MavFrame::MAV_FRAME_BODY_FRD => Some(heading),
-            other => return Err(format!("setpoint frame {other:?} not supported")),
+        let frame = known(message.coordinate_frame);
+        let offset = match frame {
+            Some(MavFrame::MAV_FRAME_LOCAL_NED) => None,
+            Some(MavFrame::MAV_FRAME_LOCAL_OFFSET_NED) => Some(Rot::<E, B>::identity()),
+            Some(
+                MavFrame::MAV_FRAME_BODY_NED
+                | MavFrame::MAV_FRAME_BODY_OFFSET_NED
+                | MavFrame::MAV_FRAME_BODY_FRD,
+            ) => Some(heading),
+            _ => return Err(frame_refused(message.coordinate_frame)),
         };
-        let body_velocity =
-            offset.is_some() && message.coordinate_frame != MavFrame::MAV_FRAME_LOCAL_OFFSET_NED;
+        let body_velocity = offset.is_some() && frame != Some(MavFrame::MAV_FRAME_LOCAL_OFFSET_NED);
         let mask = message.type_mask;
         if mask.contains(Mask::POSITION_TARGET_TYPEMASK_FORCE_SET) {
             return Err("setpoint of force not supported".to_owned());
@@ -271,6 +275,10 @@ impl Setpoint {
     }
 }
 
+fn frame_refused(frame: u8) -> String {
+    format!("setpoint frame {} not supported", name_of::<MavFrame>(frame))
+}
+
 /// A setpoint in a global frame as one in the room, through the place of its origin.
 pub(super) fn setpoint_from_global(
     m: &SET_POSITION_TARGET_GLOBAL_INT_DATA,
@@ -278,7 +286,7 @@ pub(super) fn setpoint_from_global(
 ) -> Result<SET_POSITION_TARGET_LOCAL_NED_DATA, String> {
     let above = match place::kind(m.coordinate_frame) {
         Some(Kind::Global(above)) => above,
-        _ => return Err(format!("setpoint frame {:?} not supported", m.coordinate_frame)),
+        _ => return Err(frame_refused(m.coordinate_frame)),
     };
     let both = |a: Mask, b: Mask| m.type_mask.contains(a) == m.type_mask.contains(b);
     // Room axes are not north and east.
@@ -319,7 +327,7 @@ pub(super) fn setpoint_from_global(
         type_mask: m.type_mask,
         target_system: m.target_system,
         target_component: m.target_component,
-        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
     })
 }
 
@@ -353,7 +361,7 @@ mod tests {
         vel: [f32; 3],
     ) -> SET_POSITION_TARGET_LOCAL_NED_DATA {
         SET_POSITION_TARGET_LOCAL_NED_DATA {
-            coordinate_frame: frame,
+            coordinate_frame: frame as u8,
             type_mask: Mask::from_bits_retain(mask),
             x: pos[0],
             y: pos[1],
@@ -523,9 +531,9 @@ mod tests {
         // Room north is east.
         let origin = LocalOrigin::new(place, FRAC_PI_2).unwrap();
         let there = origin.to_global(Vec3::new(3.0, -2.0, -1.5)).to_e7();
-        let global = |frame, alt, mask| {
+        let global = |frame: MavFrame, alt, mask| {
             let m = SET_POSITION_TARGET_GLOBAL_INT_DATA {
-                coordinate_frame: frame,
+                coordinate_frame: frame as u8,
                 type_mask: Mask::from_bits_truncate(mask),
                 lat_int: there[0],
                 lon_int: there[1],

@@ -42,6 +42,7 @@ pub use parameter_table::{Parameter, all as all_parameters, find as find_paramet
 pub use plan_file::{decode as decode_plan, encode as encode_plan};
 
 use haltere_dialect::mav::haltere::{COMMAND_ACK_DATA, MavCmd, MavMessage, MavResult};
+use haltere_dialect::mav::known;
 
 use haltere_core::control::Command;
 use haltere_core::time::HostTime;
@@ -196,10 +197,11 @@ impl Pilot {
         &mut self,
         at: HostTime,
         client: Client,
-        command: MavCmd,
+        number: u16,
         [param1, param2]: [f32; 2],
     ) -> bool {
         use MavResult as R;
+        let Some(command) = known(number) else { return false };
         let result = match command {
             MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_METADATA_ID => {
                 let message = self.services.metadata.message(at);
@@ -246,8 +248,8 @@ impl Pilot {
 
     fn service_ack(&mut self, client: Client, command: MavCmd, result: MavResult) {
         let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-            command,
-            result,
+            command: command as u16,
+            result: result as u8,
             progress: 0,
             result_param2: 0,
             target_system: client.peer.0,

@@ -31,7 +31,7 @@ const MOST_PARTIAL: usize = 8;
 #[derive(Debug)]
 struct PartialList {
     client: Client,
-    mission_type: MavMissionType,
+    mission_type: u8,
     next: u16,
     last: u16,
 }
@@ -80,21 +80,20 @@ impl Plans {
 }
 
 /// The list behind a mission type.
-fn plan_of(mission_type: MavMissionType) -> Option<Plan> {
-    match mission_type {
-        MavMissionType::MAV_MISSION_TYPE_MISSION => Some(Plan::Mission),
-        MavMissionType::MAV_MISSION_TYPE_FENCE => Some(Plan::Fence),
-        MavMissionType::MAV_MISSION_TYPE_RALLY => Some(Plan::Rally),
-        MavMissionType::MAV_MISSION_TYPE_ALL => None,
-    }
+fn plan_of(mission_type: u8) -> Option<Plan> {
+    [Plan::Mission, Plan::Fence, Plan::Rally].into_iter().find(|p| type_of(*p) == mission_type)
 }
 
-pub(super) fn type_of(plan: Plan) -> MavMissionType {
-    match plan {
+/// All three lists, for who clears them.
+const ALL: u8 = MavMissionType::MAV_MISSION_TYPE_ALL as u8;
+
+pub(super) fn type_of(plan: Plan) -> u8 {
+    let mission_type = match plan {
         Plan::Mission => MavMissionType::MAV_MISSION_TYPE_MISSION,
         Plan::Fence => MavMissionType::MAV_MISSION_TYPE_FENCE,
         Plan::Rally => MavMissionType::MAV_MISSION_TYPE_RALLY,
-    }
+    };
+    mission_type as u8
 }
 
 pub(super) fn name_of(plan: Plan) -> &'static str {
@@ -144,6 +143,9 @@ impl Pilot {
             MavMessage::MISSION_ITEM_INT(m) => self.upload_item(at, client, m.clone(), false),
             MavMessage::MISSION_ITEM(m) => self.upload_item(at, client, to_int(m), true),
             MavMessage::MISSION_ACK(_) => self.services.plans.transfer.cancel(client),
+            MavMessage::MISSION_REQUEST_LIST(m) if plan_of(m.mission_type).is_none() => {
+                self.refuse_type(at, client, m.mission_type);
+            }
             MavMessage::MISSION_REQUEST_LIST(m) => {
                 let plan = plan_of(m.mission_type);
                 let answer = MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
@@ -253,7 +255,7 @@ impl Pilot {
         }
     }
 
-    fn send_item(&mut self, client: Client, mission_type: MavMissionType, seq: u16, float: bool) {
+    fn send_item(&mut self, client: Client, mission_type: u8, seq: u16, float: bool) {
         let index = usize::from(seq);
         let stored = match plan_of(mission_type) {
             Some(Plan::Mission) => self.mission.items.get(index).map(|stored| &stored.wire),
@@ -261,7 +263,7 @@ impl Pilot {
             Some(Plan::Rally) => self.services.plans.rally_items.get(index),
             None => None,
         };
-        let is_mission = mission_type == MavMissionType::MAV_MISSION_TYPE_MISSION;
+        let is_mission = plan_of(mission_type) == Some(Plan::Mission);
         let answer = match stored {
             Some(item) => {
                 let item = MISSION_ITEM_INT_DATA {
@@ -290,7 +292,7 @@ impl Pilot {
         &mut self,
         at: HostTime,
         client: Client,
-        mission_type: MavMissionType,
+        mission_type: u8,
         result: MavMissionResult,
         why: &str,
     ) -> MavMessage {
@@ -299,6 +301,16 @@ impl Pilot {
         let what = plan_of(mission_type).map_or("plan", name_of);
         self.say(at, Severity::Warning, format!("{what} refused: {why}"));
         answer
+    }
+
+    /// A list that does not exist was asked for, or all three at once.
+    fn refuse_type(&mut self, at: HostTime, client: Client, mission_type: u8) {
+        let why = format!(
+            "mission_type = {mission_type}, allowed 0 mission, 1 fence, 2 rally points; to clear, 255 \
+             all"
+        );
+        let result = MavMissionResult::MAV_MISSION_UNSUPPORTED;
+        self.refuse_plan(at, client, mission_type, result, &why);
     }
 
     /// Why a list cannot be replaced now.
@@ -315,15 +327,14 @@ impl Pilot {
         &mut self,
         at: HostTime,
         client: Client,
-        mission_type: MavMissionType,
+        mission_type: u8,
         first: u16,
         count: usize,
         partial: bool,
     ) {
         use MavMissionResult as R;
         let Some(plan) = plan_of(mission_type) else {
-            let why = "an upload has one type";
-            self.refuse_plan(at, client, mission_type, R::MAV_MISSION_UNSUPPORTED, why);
+            self.refuse_type(at, client, mission_type);
             return;
         };
         let most = most_items(plan);
@@ -354,7 +365,7 @@ impl Pilot {
         item: MISSION_ITEM_INT_DATA,
         float: bool,
     ) {
-        let is_mission = item.mission_type == MavMissionType::MAV_MISSION_TYPE_MISSION;
+        let is_mission = plan_of(item.mission_type) == Some(Plan::Mission);
         let transfer = &self.services.plans.transfer;
         if is_mission && transfer.wants(client, item.mission_type, item.seq) {
             // Refused at once: nobody wants to wait for the rest of it.
@@ -420,11 +431,15 @@ impl Pilot {
         self.services.plans.transfer.finish(&upload, answer, at);
     }
 
-    fn clear_plans(&mut self, at: HostTime, client: Client, mission_type: MavMissionType) {
+    fn clear_plans(&mut self, at: HostTime, client: Client, mission_type: u8) {
         use MavMissionResult as R;
         let plans = match plan_of(mission_type) {
             Some(plan) => vec![plan],
-            None => vec![Plan::Mission, Plan::Fence, Plan::Rally],
+            None if mission_type == ALL => vec![Plan::Mission, Plan::Fence, Plan::Rally],
+            None => {
+                self.refuse_type(at, client, mission_type);
+                return;
+            }
         };
         if let Some(why) = plans.iter().find_map(|plan| self.plan_is_locked(*plan)) {
             self.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);

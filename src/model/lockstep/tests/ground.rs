@@ -4,6 +4,7 @@ use haltere_dialect::mav::haltere::{
     MavFrame, MavMessage, MavMissionResult, PositionTargetTypemask as Mask,
     SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
+use haltere_dialect::mav::known;
 
 use super::*;
 use crate::faults::{Fault, FaultKind};
@@ -23,7 +24,7 @@ fn mode(custom: Mode) -> [f32; 7] {
 
 fn setpoint(mask: u16, pos: [f32; 3], vel: [f32; 3]) -> MavMessage {
     MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
-        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
         // Acceleration and yaw rate are never given here.
         type_mask: Mask::from_bits_retain(mask | 0x1C0 | 0xC00),
         x: pos[0],
@@ -226,7 +227,9 @@ fn prop_two_endpoints_at_once() {
     said(&mut world, &mut second, "hold: hold asked");
     // Answers go to the asker only.
     let other = second.take(|m| match m {
-        MavMessage::COMMAND_ACK(ack) if ack.command == MavCmd::MAV_CMD_DO_SET_MODE => Some(()),
+        MavMessage::COMMAND_ACK(ack) if ack.command == MavCmd::MAV_CMD_DO_SET_MODE as u16 => {
+            Some(())
+        }
         _ => None,
     });
     assert_eq!(other, None);
@@ -396,8 +399,8 @@ fn regress_clearing_the_fence_keeps_the_plan() {
         ground.send(&mut world, &message);
         ground.command(&mut world, MavCmd::MAV_CMD_MISSION_START, [0.0; 7])
     };
-    assert_eq!(clear(Type::MAV_MISSION_TYPE_FENCE), Some(R::MAV_RESULT_ACCEPTED));
-    assert_eq!(clear(Type::MAV_MISSION_TYPE_ALL), Some(R::MAV_RESULT_DENIED));
+    assert_eq!(clear(Type::MAV_MISSION_TYPE_FENCE as u8), Some(R::MAV_RESULT_ACCEPTED));
+    assert_eq!(clear(Type::MAV_MISSION_TYPE_ALL as u8), Some(R::MAV_RESULT_DENIED));
     // What waited for arming was that mission.
     fly_for(&mut world, 1.2);
     ground.listen(&mut world);
@@ -430,7 +433,7 @@ fn regress_an_upload_does_not_replace_the_mission_in_flight() {
     };
     ground.send(&mut world, &MavMessage::MISSION_ITEM_INT(far));
     let answer = ground.wait_for(&mut world, 2_000_000, |m| match m {
-        MavMessage::MISSION_ACK(ack) => Some(ack.mavtype),
+        MavMessage::MISSION_ACK(ack) => known(ack.mavtype),
         _ => None,
     });
     assert_eq!(answer, Some(MavMissionResult::MAV_MISSION_DENIED));
