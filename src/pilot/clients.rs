@@ -231,6 +231,9 @@ impl Pilot {
         match checked {
             Ok(mut setpoint) => {
                 setpoint.owner = Some(from);
+                let before =
+                    self.guidance.setpoint.filter(|s| is_fresh(s) && s.owner == setpoint.owner);
+                setpoint.since = before.map_or(at, |s| s.since);
                 self.guidance.setpoint = Some(setpoint);
             }
             Err(why) => self.refuse_setpoint(at, from.0, why),

@@ -10,6 +10,7 @@ use haltere_core::estimate::Estimate;
 use haltere_core::frames::{E, Vec3, wrap_pi_rad};
 use haltere_core::time::HostTime;
 
+use super::awaited::Next;
 use super::config::FlightConfig;
 use super::excitation::Doublet;
 use super::landing_ramp::LandingRamp;
@@ -72,8 +73,8 @@ pub(super) struct Guidance {
     entered_at: HostTime,
     arrived_at: Option<HostTime>,
     takeoff_height_m: f64,
-    /// The mission starts when the take-off is done.
-    pub mission_waits: bool,
+    /// What follows the take-off.
+    pub next: Next,
     /// Index of the item in force.
     pub current_item: u16,
     item_started: bool,
@@ -116,7 +117,7 @@ impl Guidance {
             home_is_set: false,
             entered_at: at,
             arrived_at: None,
-            mission_waits: false,
+            next: Next::Nothing,
             current_item: 0,
             item_started: false,
             jumped: false,
@@ -275,11 +276,12 @@ impl Guidance {
                     if since > TAKEOFF_PATIENCE_S && error_m > 0.5 * self.takeoff_height_m {
                         news.event = Some(Event::NotLifted);
                     } else if is_up || since > TAKEOFF_PATIENCE_S {
-                        news.event = Some(if !self.mission_waits || mission.items.is_empty() {
-                            Event::HeightReached
-                        } else {
-                            Event::HeightReachedWithMission
-                        });
+                        news.event =
+                            Some(if self.next != Next::Mission || mission.items.is_empty() {
+                                Event::HeightReached
+                            } else {
+                                Event::HeightReachedWithMission
+                            });
                     }
                 }
                 (self.position_command(vel), news)

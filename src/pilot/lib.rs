@@ -7,7 +7,7 @@
 //! One idea per file: `schedule` the control step and what is due beside it, `supervisor` what
 //! can go wrong and what is then done, `supervise` how a flight ends, `modes` the table of transitions,
 //! `ending` how a program ends that flies,
-//! `change` what a transition does, `guidance` what the controller is asked for, `voice` what people are
+//! `change` what a transition does, `awaited` what follows a take-off, `guidance` what the controller is asked for, `voice` what people are
 //! told, `losses` what was thrown away, `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
 //! what they fetch and store: parameters, plans, files and logs.
 //!
@@ -40,6 +40,7 @@
 #![allow(deprecated)]
 
 mod arming;
+mod awaited;
 #[cfg(test)]
 mod bench;
 mod board;

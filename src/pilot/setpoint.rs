@@ -14,7 +14,7 @@ use haltere_core::geo::{Geodetic, LocalOrigin};
 use haltere_core::time::HostTime;
 
 use super::LinkId;
-use super::mission::Volume;
+use super::mission::{LOWEST_M, Volume};
 use super::place::{self, Above, Kind};
 
 /// A velocity towards the edge of the volume is cut so that the vehicle can stop there with this
@@ -49,6 +49,8 @@ pub(super) type Owner = (LinkId, (u8, u8));
 pub(super) struct Setpoint {
     /// When its bytes came.
     pub received_at: HostTime,
+    /// Since when its sender has sent setpoints without a gap.
+    pub since: HostTime,
     /// Who sent it, once it is known.
     pub owner: Option<Owner>,
     axes: [Axis; 3],
@@ -160,7 +162,15 @@ impl Setpoint {
             };
         let feed_mps =
             std::array::from_fn(|i| if uses_pos[i] && uses_vel[i] { wire_vel[i] } else { 0.0 });
-        Ok(Self { received_at, owner: None, axes, feed_mps, body_velocity, yaw })
+        Ok(Self {
+            received_at,
+            since: received_at,
+            owner: None,
+            axes,
+            feed_mps,
+            body_velocity,
+            yaw,
+        })
     }
 
     /// From a joystick: velocities along the heading, m/s, and the rate of yaw, rad/s. What is let go
@@ -186,7 +196,15 @@ impl Setpoint {
             }
         });
         let yaw = if yaw_rate_radps == 0.0 { Yaw::Keep } else { Yaw::Rate(yaw_rate_radps) };
-        Self { received_at, owner: None, axes, feed_mps: [0.0; 3], body_velocity: true, yaw }
+        Self {
+            received_at,
+            since: received_at,
+            owner: None,
+            axes,
+            feed_mps: [0.0; 3],
+            body_velocity: true,
+            yaw,
+        }
     }
 
     /// Whether the point that it names lies within the walls and under the ceiling. Below the floor's own
@@ -209,6 +227,30 @@ impl Setpoint {
             }
         }
         Ok(())
+    }
+
+    /// How long ago it came, s.
+    pub fn age_s(&self, at: HostTime) -> f64 {
+        at.seconds_since(self.received_at)
+    }
+
+    /// How far away the point that it names is, seen from above, m.
+    pub fn away_m(&self, pos_E_m: Vec3<E>) -> f64 {
+        let away = |i: usize| match self.axes[i] {
+            Axis::Position(x) => x - pos_E_m[i],
+            Axis::Velocity(_) | Axis::Stay(_) => 0.0,
+        };
+        away(0).hypot(away(1))
+    }
+
+    /// The height that it leads to from the floor, m; `least_m` where it names none and wants to rise. `None`: it
+    /// stays on the floor.
+    pub fn climbs_to_m(&self, least_m: f64) -> Option<f64> {
+        match self.axes[2] {
+            Axis::Position(down_m) => (-down_m >= LOWEST_M).then_some(-down_m),
+            Axis::Velocity(down_mps) => (down_mps < 0.0).then_some(least_m),
+            Axis::Stay(_) => None,
+        }
     }
 
     /// Whether silence must end it: a velocity that nobody renews would fly on for ever, and one
