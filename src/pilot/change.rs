@@ -48,6 +48,15 @@ impl Pilot {
         let Some(row) = transition(self.mode, event) else { return false };
         let from = self.mode;
         let cause = cause.unwrap_or_else(|| Cause::of_row(from, event, row.because));
+        if from == Mode::Land
+            && matches!(event, Event::TouchDown | Event::BoardDisarmed)
+            && let Some(seq) = self.guidance.landed()
+        {
+            self.tell_reached(at, seq);
+        }
+        if !matches!(row.to, Mode::Return | Mode::Land) {
+            self.guidance.landing = false;
+        }
         self.mode = row.to;
         if !matches!(row.to, Mode::Arming | Mode::Idle | Mode::Spool | Mode::Takeoff) {
             self.guidance.next = Next::Nothing;

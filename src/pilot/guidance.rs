@@ -78,6 +78,8 @@ pub(super) struct Guidance {
     /// Index of the item in force.
     pub current_item: u16,
     item_started: bool,
+    /// The item in force is a landing, or a return, that is under way: done when the vehicle stands.
+    pub landing: bool,
     /// The item in force was jumped to: the leg under way belongs to another one.
     jumped: bool,
     tilt: Option<TiltRun>,
@@ -120,6 +122,7 @@ impl Guidance {
             next: Next::Nothing,
             current_item: 0,
             item_started: false,
+            landing: false,
             jumped: false,
             tilt: None,
             wait_since: at,
@@ -248,7 +251,17 @@ impl Guidance {
         }
         self.current_item = index;
         self.item_started = false;
+        self.landing = false;
         self.jumped = true;
+    }
+
+    /// The landing of the mission is over: its item, which is done. `None`: the landing is not the mission's.
+    pub fn landed(&mut self) -> Option<u16> {
+        let item = self.current_item;
+        std::mem::take(&mut self.landing).then(|| {
+            self.current_item = item.saturating_add(1);
+            item
+        })
     }
 
     /// Distance from the point that is held or that moves along its leg, m. `None` where the setpoint

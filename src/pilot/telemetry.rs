@@ -369,11 +369,13 @@ impl Pilot {
     fn mission_current(&self) -> MavMessage {
         let total = self.mission.items.len() as u16;
         let seq = self.guidance.current_item;
+        // Its landing is a part of it.
+        let flies = self.mode == Mode::Mission || self.guidance.landing;
         let mission_state = if total == 0 {
             MissionState::MISSION_STATE_NO_MISSION
         } else if seq >= total {
             MissionState::MISSION_STATE_COMPLETE
-        } else if self.mode == Mode::Mission {
+        } else if flies {
             MissionState::MISSION_STATE_ACTIVE
         } else if seq == 0 {
             MissionState::MISSION_STATE_NOT_STARTED
@@ -386,7 +388,7 @@ impl Pilot {
             // The protocol writes "no mission" as the largest number.
             total: if total == 0 { u16::MAX } else { total },
             mission_state,
-            mission_mode: if self.mode == Mode::Mission { 1 } else { 2 },
+            mission_mode: if flies { 1 } else { 2 },
             mission_id: self.mission.id,
             fence_id,
             rally_points_id,

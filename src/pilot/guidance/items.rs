@@ -97,7 +97,8 @@ impl Guidance {
             }
             MissionItem::Return => {
                 news.event = Some(Event::ReturnAsked);
-                true
+                self.landing = true;
+                false
             }
             MissionItem::Land { pos_E_m } => {
                 if first_look && let Some(pos) = pos_E_m {
@@ -109,8 +110,9 @@ impl Guidance {
                         && near(self.carrot.target_E_m, 2.0 * default_radius_m));
                 if there {
                     news.event = Some(Event::MissionLands);
+                    self.landing = true;
                 }
-                there
+                false
             }
         };
         if done {

@@ -544,3 +544,30 @@ fn prop_a_return_flies_to_the_nearer_rally_point() {
     let pos = world.truth().pos_E_m;
     assert!((pos.x() - 7.5).abs() < 0.7, "{pos:?}");
 }
+
+/// MAVSDK takes a mission for finished with its last item: that is the landing, which is done when the vehicle stands.
+#[test]
+fn regress_a_mission_is_not_finished_in_the_air() {
+    let mut world = world(6);
+    let mut ground = Ground::new();
+    assert_eq!(ground.upload(&mut world, &square()), ACCEPTED);
+    arm(&mut world, &mut ground);
+    let answer = ground.command(&mut world, MavCmd::MAV_CMD_MISSION_START, [0.0; 7]);
+    assert_eq!(answer, Some(MavResult::MAV_RESULT_ACCEPTED));
+    let last = square().len() as u16 - 1;
+    let mut heard = Vec::new();
+    until(&mut world, Mode::Land, 90.0);
+    while world.pilot().mode() != Mode::Disarmed {
+        fly_for(&mut world, 0.1);
+        ground.listen(&mut world);
+        while let Some(seq) = ground.take(|m| match m {
+            MavMessage::MISSION_ITEM_REACHED(r) => Some(r.seq),
+            _ => None,
+        }) {
+            assert!(seq < last || world.truth().on_ground, "{:?}", world.truth());
+            heard.push(seq);
+        }
+        assert!(world.t_us() < 150_000_000);
+    }
+    assert_eq!(heard.last(), Some(&last));
+}
