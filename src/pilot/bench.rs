@@ -18,6 +18,8 @@ pub(crate) struct Bench {
     pub now: HostTime,
     heard: MavSplitter,
     sequence: u8,
+    /// Systems that it has heard.
+    pub heard_from: std::collections::BTreeSet<u8>,
 }
 
 impl Bench {
@@ -33,7 +35,7 @@ impl Bench {
             pilot.handle(now, Input::LinkUp { link: LinkId::Ground(n) });
         }
         pilot.drain_output(|_, _| {});
-        Self { pilot, now, heard: MavSplitter::new(), sequence: 0 }
+        Self { pilot, now, heard: MavSplitter::new(), sequence: 0, heard_from: Default::default() }
     }
 
     /// What the first station hears at once when it says this.
@@ -67,7 +69,9 @@ impl Bench {
             }
         });
         while let Some(next) = splitter.next() {
-            heard.extend(next.ok().and_then(|frame| frame.decode().ok()));
+            let Ok(frame) = next else { continue };
+            self.heard_from.insert(frame.header.system_id);
+            heard.extend(frame.decode().ok());
         }
         heard
     }

@@ -15,7 +15,7 @@ use super::mission_transfer::ack;
 use super::modes::Mode;
 use super::place::{Location, WIRE_DEG};
 use super::setpoint::{Owner, Setpoint, setpoint_from_global};
-use super::{LinkId, OWN, Pilot, Severity, reference};
+use super::{LinkId, Pilot, Severity, reference};
 
 /// HEARTBEAT and CURRENT_MODE.
 const HEARTBEAT_ID: u32 = 0;
@@ -95,8 +95,8 @@ impl Pilot {
     }
 
     fn is_for_us(&self, (system, component): (u8, u8)) -> bool {
-        (system == 0 || system == OWN.system_id)
-            && (component == 0 || component == OWN.component_id)
+        (system == 0 || system == self.own.system_id)
+            && (component == 0 || component == self.own.component_id)
     }
 
     /// One message that is for us or for everyone.
@@ -186,13 +186,13 @@ impl Pilot {
                 echo.tc1 = at.as_us().cast_signed().saturating_mul(1000);
                 echo.target_system = peer.0;
                 echo.target_component = peer.1;
-                self.out.message(link, OWN, &MavMessage::TIMESYNC(echo));
+                self.out.message(link, self.own, &MavMessage::TIMESYNC(echo));
             }
             MavMessage::PING(m) if m.target_system == 0 && m.target_component == 0 => {
                 let mut echo = m;
                 echo.target_system = peer.0;
                 echo.target_component = peer.1;
-                self.out.message(link, OWN, &MavMessage::PING(echo));
+                self.out.message(link, self.own, &MavMessage::PING(echo));
             }
             MavMessage::COMMAND_CANCEL(m) => self.cancel(at, link, peer, m.command),
             MavMessage::HEARTBEAT(_) => self.supervisor.heard.station_at = Some(at),
@@ -262,7 +262,7 @@ impl Pilot {
             }
         };
         let mission_type = MavMissionType::MAV_MISSION_TYPE_MISSION as u8;
-        self.out.message(link, OWN, &ack(peer, mission_type, result, 0));
+        self.out.message(link, self.own, &ack(peer, mission_type, result, 0));
     }
 }
 

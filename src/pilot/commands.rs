@@ -12,7 +12,7 @@ use super::identity::{SHOWN_MODES, available_mode, standard_mode};
 use super::modes::{Event, Mode};
 use super::place::Location;
 use super::shadow;
-use super::{LinkId, OWN, Pilot, Severity};
+use super::{LinkId, Pilot, Severity};
 
 /// AVAILABLE_MODES and MESSAGE_INTERVAL, which REQUEST_MESSAGE asks for with a second number.
 const AVAILABLE_MODES_ID: f64 = 435.0;
@@ -120,7 +120,7 @@ impl Pilot {
             target_system: peer.0,
             target_component: peer.1,
         });
-        self.out.message(link, OWN, &message);
+        self.out.message(link, self.own, &message);
     }
 
     /// A client waits for the board. Asked again it waits once.
@@ -317,7 +317,7 @@ impl Pilot {
             message_id: id as u16,
             interval_us,
         });
-        self.out.message(link, OWN, &message);
+        self.out.message(link, self.own, &message);
         Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
 
@@ -334,7 +334,7 @@ impl Pilot {
                 if let Some(message) = available_mode(index)
                     && (all || p[1] == index as f64)
                 {
-                    self.out.message(link, OWN, &message);
+                    self.out.message(link, self.own, &message);
                     sent = true;
                 }
             }

@@ -159,9 +159,31 @@ mod tests {
         // 1 position hold, 2 orbit, 3 cruise, 4 altitude hold.
         for number in 0..=4_u8 {
             assert_eq!(standard_mode(f64::from(number)), None);
+    /// Two vehicles of one station: each is spoken to by its own number, and answers with it.
+    #[test]
+    fn prop_the_system_id_is_the_one_that_is_configured() {
+        use haltere_dialect::mav::haltere::{COMMAND_LONG_DATA, MavCmd};
+        let config = crate::PilotConfig { system_id: 7, ..Default::default() };
+        let mut bench = crate::bench::Bench::new(config);
+        for (target_system, answers) in [(7, 1), (1, 0)] {
+            let ask = COMMAND_LONG_DATA {
+                command: MavCmd::MAV_CMD_NAV_LAND as u16,
+                target_system,
+                target_component: 1,
+                ..Default::default()
+            };
+            let acks = |m: &MavMessage| matches!(m, MavMessage::COMMAND_ACK(_));
+            let heard = bench.says(&MavMessage::COMMAND_LONG(ask));
+            assert_eq!(heard.into_iter().filter(acks).count(), answers, "{target_system}");
+        }
+        bench.run(1.1);
+        assert_eq!(bench.heard_from, [7].into());
+    }
+
         }
         assert_eq!(standard_mode(7.0), Some(Mode::Land));
         assert_eq!(standard_mode(f64::NAN), None);
-        assert!(available_mode(0).is_none() && available_mode(SHOWN_MODES.len() + 1).is_none());
+        let none = |index| available_mode(index, Identity::Generic).is_none();
+        assert!(none(0) && none(SHOWN_MODES.len() + 1));
     }
 }

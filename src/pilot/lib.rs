@@ -154,8 +154,8 @@ pub const ARMING_CHECKS: [ArmingCheck; 12] = ArmingCheck::ALL;
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
 
-/// Our own address on ground links (INTERFACES.md section 3).
-const OWN: Address = Address { system_id: 1, component_id: 1 };
+/// Our own component on ground links: an autopilot (INTERFACES.md section 3).
+const OWN_COMPONENT: u8 = 1;
 
 /// The state machine.
 #[derive(Debug)]
@@ -163,6 +163,8 @@ pub struct Pilot {
     config: PilotConfig,
     survey: Survey,
     now: HostTime,
+    /// Who we are on ground links, from the start to the end.
+    own: Address,
     next_tick: HostTime,
     last_tick: Option<HostTime>,
     control_steps: u64,
@@ -287,6 +289,7 @@ impl Pilot {
             next_tick: at.offset_us(schedule::CONTROL_PERIOD_US),
             last_tick: None,
             control_steps: 0,
+            own: Address { system_id: config.system_id, component_id: OWN_COMPONENT },
             deadline_misses: 0,
             out: Outbox::of_shadow(config.flight.shadow),
             topics: Vec::new(),

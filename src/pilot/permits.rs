@@ -24,7 +24,7 @@ use haltere_core::time::HostTime;
 
 use super::mission_transfer::ack;
 use super::services::ftp_wire::Packet;
-use super::{LinkId, OWN, Pilot, Severity};
+use super::{LinkId, Pilot, Severity};
 
 /// People are told again that somebody was refused after this time, s.
 const TELL_AGAIN_S: f64 = 10.0;
@@ -243,7 +243,7 @@ impl Pilot {
         self.drops_of(link).add(DropReason::NotPermitted, 1);
         self.answer_refusal(at, link, peer, message);
         // What is for everyone may be chatter of other vehicles.
-        let meant = mav_stream::target(message).0 == OWN.system_id;
+        let meant = mav_stream::target(message).0 == self.own.system_id;
         let told = self.refused_told_at.is_some_and(|t| at.seconds_since(t) < TELL_AGAIN_S);
         if meant && !told {
             self.refused_told_at = Some(at);
@@ -282,8 +282,8 @@ impl Pilot {
                 // Clients that do not know PARAM_ERROR read the refusal from the old value.
                 let read = MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
                     param_index: -1,
-                    target_system: OWN.system_id,
-                    target_component: OWN.component_id,
+                    target_system: self.own.system_id,
+                    target_component: self.own.component_id,
                     param_id: m.param_id,
                 });
                 self.service_message(at, link, peer, &read);
@@ -308,7 +308,7 @@ impl Pilot {
             // No word of refusal in these; the heartbeat shows that nothing has changed.
             _ => return,
         };
-        self.out.message(link, OWN, &answer);
+        self.out.message(link, self.own, &answer);
     }
 }
 

@@ -17,7 +17,7 @@ use super::arming::SHADOW_WORDS;
 use super::clients::is_command;
 use super::endpoint::Routing;
 use super::modes::Mode;
-use super::{LinkId, OWN, Pilot, Severity};
+use super::{LinkId, Pilot, Severity};
 
 /// Whether a message steers, or changes what the board streams to us: such are kept from the board while we steer.
 fn steers(message: &MavMessage) -> bool {
@@ -48,12 +48,12 @@ impl Pilot {
     /// Number of the board's system, where it may be reached from the ground.
     fn routed_board(&self) -> Option<u8> {
         let board = self.board.system_id()?;
-        (self.config.routing == Routing::Board && board != OWN.system_id).then_some(board)
+        (self.config.routing == Routing::Board && board != self.own.system_id).then_some(board)
     }
 
     /// Said once when a board is found that cannot be told from us.
     pub(super) fn check_board_id(&mut self, at: HostTime, system_id: u8) {
-        if self.config.routing == Routing::Board && system_id == OWN.system_id {
+        if self.config.routing == Routing::Board && system_id == self.own.system_id {
             let text = format!(
                 "routing to the board refused: its system id is {system_id}, ours too; give it \
                  another (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV), or set ground.routing = \

@@ -15,16 +15,23 @@ use haltere_core::time::HostTime;
 
 use super::endpoint::{Endpoint, GpsClaim};
 use super::modes::Mode;
-use super::output::Outbox;
+use super::output::{Address, Outbox};
 use super::recording::Recording;
 use super::services::EVENT_SEQUENCE_ID;
-use super::{LinkId, OWN, Pilot, identity};
+use super::{LinkId, Pilot, identity};
 
 /// Length of the text field of STATUSTEXT.
 const TEXT_CHUNK: usize = 50;
 
 /// Sends a text, in chunks if it is long.
-pub(super) fn send_text(out: &mut Outbox, link: LinkId, severity: u8, text: &str, id: u16) {
+pub(super) fn send_text(
+    out: &mut Outbox,
+    from: Address,
+    link: LinkId,
+    severity: u8,
+    text: &str,
+    id: u16,
+) {
     // 7 is the last: debug.
     let severity = severity.min(MavSeverity::MAV_SEVERITY_DEBUG as u8);
     let bytes = text.as_bytes();
@@ -45,7 +52,7 @@ pub(super) fn send_text(out: &mut Outbox, link: LinkId, severity: u8, text: &str
             id: if chunked { id } else { 0 },
             chunk_seq: chunk_seq as u8,
         });
-        out.message(link, OWN, &message);
+        out.message(link, from, &message);
     }
 }
 
@@ -58,7 +65,7 @@ impl Pilot {
     pub(super) fn send_telemetry(&mut self, at: HostTime, link: LinkId, msg_id: u32) -> bool {
         match self.telemetry(at, link, msg_id) {
             Some(message) => {
-                self.out.message(link, OWN, &message);
+                self.out.message(link, self.own, &message);
                 true
             }
             None => false,
@@ -68,7 +75,7 @@ impl Pilot {
     /// The same to every station.
     pub(super) fn tell_all(&mut self, message: &MavMessage) {
         for ground in self.grounds.iter().filter(|g| g.is_open) {
-            self.out.message(ground.link, OWN, message);
+            self.out.message(ground.link, self.own, message);
         }
     }
 

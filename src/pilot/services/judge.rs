@@ -13,7 +13,7 @@ use haltere_core::time::HostTime;
 
 use super::super::mission_transfer::Client;
 use super::super::modes::Mode;
-use super::super::{OWN, Pilot, Severity};
+use super::super::{Pilot, Severity};
 use super::Purpose;
 use super::files::{FileFault, FileTask};
 
@@ -166,7 +166,7 @@ impl Pilot {
             target_system: client.peer.0,
             target_component: client.peer.1,
         });
-        self.out.message(client.link, OWN, &message);
+        self.out.message(client.link, self.own, &message);
     }
 
     fn begin_judging(&mut self, at: HostTime, asker: Option<Client>, delay_us: i64) {

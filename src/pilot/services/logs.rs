@@ -12,7 +12,7 @@ use haltere_dialect::mav::haltere::{
 use haltere_core::time::HostTime;
 
 use super::super::mission_transfer::Client;
-use super::super::{LinkId, OWN, Pilot, Severity};
+use super::super::{LinkId, Pilot, Severity};
 use super::Purpose;
 use super::budget::Budget;
 use super::files::{FileFault, FileName, FileTask, Folder, MOST_READ_BYTES};
@@ -192,7 +192,7 @@ impl Pilot {
         }
         let count = bytes.len().min(PIECE) as u8;
         let message = MavMessage::LOG_DATA(LOG_DATA_DATA { ofs, id, count, data });
-        self.out.message(client.link, OWN, &message);
+        self.out.message(client.link, self.own, &message);
     }
 
     /// The disk has answered.
@@ -262,7 +262,7 @@ impl Pilot {
             num_logs: count,
             last_log_num: count,
         });
-        self.out.message(client.link, OWN, &message);
+        self.out.message(client.link, self.own, &message);
     }
 
     /// Goes on with lists and downloads.

@@ -50,7 +50,7 @@ use haltere_core::time::HostTime;
 use super::config::PilotConfig;
 use super::mission_transfer::Client;
 use super::modes::{Event, Mode};
-use super::{LinkId, OWN, Pilot, Severity};
+use super::{LinkId, Pilot, Severity};
 
 use budget::Bucket;
 use events::Events;
@@ -161,8 +161,8 @@ impl Pilot {
         message: &MavMessage,
     ) -> bool {
         let Some((system, component)) = target(message) else { return false };
-        let for_us = (system == 0 || system == OWN.system_id)
-            && (component == 0 || component == OWN.component_id);
+        let for_us = (system == 0 || system == self.own.system_id)
+            && (component == 0 || component == self.own.component_id);
         if !for_us {
             return false;
         }
@@ -205,12 +205,12 @@ impl Pilot {
         let result = match command {
             MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_METADATA_ID => {
                 let message = self.services.metadata.message(at);
-                self.out.message(client.link, OWN, &message);
+                self.out.message(client.link, self.own, &message);
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_INFORMATION_ID => {
                 let message = self.services.metadata.older_message(at);
-                self.out.message(client.link, OWN, &message);
+                self.out.message(client.link, self.own, &message);
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_PREFLIGHT_STORAGE => {
@@ -255,7 +255,7 @@ impl Pilot {
             target_system: client.peer.0,
             target_component: client.peer.1,
         });
-        self.out.message(client.link, OWN, &message);
+        self.out.message(client.link, self.own, &message);
     }
 
     /// Once a control step: what is due, and what was begun.

@@ -16,7 +16,7 @@ use haltere_core::time::HostTime;
 
 use super::super::config::PilotConfig;
 use super::super::modes::Mode;
-use super::super::{LinkId, OWN, Pilot, Severity};
+use super::super::{LinkId, Pilot, Severity};
 use super::Purpose;
 use super::budget::Budget;
 use super::crc32::crc32;
@@ -126,7 +126,7 @@ impl Pilot {
                     param_type: m.param_type,
                     param_result: ParamAck::PARAM_ACK_VALUE_UNSUPPORTED as u8,
                 });
-                self.out.message(link, OWN, &answer);
+                self.out.message(link, self.own, &answer);
             }
             _ => return false,
         }
@@ -290,7 +290,7 @@ impl Pilot {
             param_id: id_of(parameter.name).into(),
             param_type: MavParamType::MAV_PARAM_TYPE_REAL32 as u8,
         });
-        self.out.message(link, OWN, &message);
+        self.out.message(link, self.own, &message);
     }
 
     fn send_hash(&mut self, link: LinkId) {
@@ -304,7 +304,7 @@ impl Pilot {
             param_id: id_of(HASH_NAME).into(),
             param_type: MavParamType::MAV_PARAM_TYPE_UINT32 as u8,
         });
-        self.out.message(link, OWN, &message);
+        self.out.message(link, self.own, &message);
     }
 
     fn send_parameter_error(
@@ -322,7 +322,7 @@ impl Pilot {
             param_id: id_of(name).into(),
             error,
         });
-        self.out.message(link, OWN, &message);
+        self.out.message(link, self.own, &message);
     }
 }
 

@@ -14,7 +14,7 @@ use super::super::mission::MOST_ITEMS;
 use super::super::mission_items::{Room, from_wire};
 use super::super::mission_transfer::{Client, MissionTransfer, Progress, Upload, ack};
 use super::super::modes::{Event, Mode};
-use super::super::{LinkId, OWN, Pilot, Severity};
+use super::super::{LinkId, Pilot, Severity};
 use super::budget::Budget;
 use super::fence::{Fence, MOST_CORNERS};
 use super::files::Plan;
@@ -155,7 +155,7 @@ impl Pilot {
                     mission_type: m.mission_type,
                     opaque_id: plan.map_or(0, |plan| self.plan_id(plan)),
                 });
-                self.out.message(client.link, OWN, &answer);
+                self.out.message(client.link, self.own, &answer);
             }
             MavMessage::MISSION_REQUEST_INT(m) => {
                 self.send_item(client, m.mission_type, m.seq, false);
@@ -169,7 +169,7 @@ impl Pilot {
                 if first < 0 || last < first || last >= have {
                     let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
                     let answer = ack(client.peer, m.mission_type, result, 0);
-                    self.out.message(client.link, OWN, &answer);
+                    self.out.message(client.link, self.own, &answer);
                 } else {
                     let partial = &mut self.services.plans.partial;
                     partial.retain(|list| list.client != client);
@@ -285,7 +285,7 @@ impl Pilot {
                 ack(client.peer, mission_type, result, 0)
             }
         };
-        self.out.message(client.link, OWN, &answer);
+        self.out.message(client.link, self.own, &answer);
     }
 
     fn refuse_plan(
@@ -297,7 +297,7 @@ impl Pilot {
         why: &str,
     ) -> MavMessage {
         let answer = ack(client.peer, mission_type, result, 0);
-        self.out.message(client.link, OWN, &answer);
+        self.out.message(client.link, self.own, &answer);
         let what = plan_of(mission_type).map_or("plan", name_of);
         self.say(at, Severity::Warning, format!("{what} refused: {why}"));
         answer
@@ -383,9 +383,9 @@ impl Pilot {
     fn upload_progress(&mut self, at: HostTime, progress: Progress) {
         match progress {
             Progress::Nothing => {}
-            Progress::Answer(client, message) => self.out.message(client.link, OWN, &message),
+            Progress::Answer(client, message) => self.out.message(client.link, self.own, &message),
             Progress::GivenUp(client, message, why) => {
-                self.out.message(client.link, OWN, &message);
+                self.out.message(client.link, self.own, &message);
                 self.say(at, Severity::Warning, why);
             }
             Progress::Complete(upload) => self.upload_ends(at, upload),
@@ -414,7 +414,7 @@ impl Pilot {
                 self.sent_a_mission |= plan == Plan::Mission;
                 let accepted = MavMissionResult::MAV_MISSION_ACCEPTED;
                 let answer = ack(peer, upload.mission_type, accepted, self.plan_id(plan));
-                self.out.message(link, OWN, &answer);
+                self.out.message(link, self.own, &answer);
                 let text = format!("{} of {} items in force", name_of(plan), self.plan_len(plan));
                 self.say(at, Severity::Info, text);
                 self.keep_plan(at, plan);
@@ -453,6 +453,6 @@ impl Pilot {
             self.keep_plan(at, plan);
         }
         let answer = ack(client.peer, mission_type, R::MAV_MISSION_ACCEPTED, 0);
-        self.out.message(client.link, OWN, &answer);
+        self.out.message(client.link, self.own, &answer);
     }
 }
