@@ -198,6 +198,16 @@ impl Pilot {
             MavMessage::HEARTBEAT(_) => self.supervisor.heard.station_at = Some(at),
             other => match reference::from_message(&other) {
                 Some(Ok(pose)) => {
+            MavMessage::RADIO_STATUS(m) => {
+                if let Some(ground) = self.ground_mut(link) {
+                    ground.streams.radio(m.txbuf, at);
+                }
+            }
+            MavMessage::PLAY_TUNE(_) | MavMessage::PLAY_TUNE_V2(_) => {
+                let text = "no tune is played: the vehicle has nothing that sounds".to_owned();
+                self.say(at, Severity::Warning, text);
+            }
+            MavMessage::SERIAL_CONTROL(m) => self.refuse_shell(link, peer, &m),
                     // A ground station's clock is not ours: true when it came.
                     let pose = pose.stamped(at, at);
                     self.estimator.reference(&pose); // fuses only if it is configured to

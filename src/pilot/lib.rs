@@ -76,6 +76,7 @@ mod output;
 mod passed_on;
 mod permits;
 mod place;
+mod radio;
 mod recording;
 mod reference;
 mod resume;

@@ -74,8 +74,10 @@ impl Pilot {
         target: (u8, u8),
     ) {
         let sender = (frame.header.system_id, frame.header.component_id);
-        let ours = (OWN.system_id, OWN.component_id);
-        if self.config.routing == Routing::Off || sender == ours || target == ours {
+        let ours = (self.own.system_id, self.own.component_id);
+        // How full the radio of one line is says nothing about others.
+        let of_line = matches!(message, Some(MavMessage::RADIO_STATUS(_)));
+        if self.config.routing == Routing::Off || of_line || sender == ours || target == ours {
             return;
         }
         let again = self.passed_on.is_again(at, frame.raw);

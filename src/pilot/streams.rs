@@ -7,6 +7,7 @@ use haltere_dialect::mav::haltere::MavDataStream;
 use haltere_core::time::HostTime;
 
 use super::endpoint::{Endpoint, GpsClaim, Identity};
+use super::radio::{Radio, USUAL_BPS};
 use super::services::EVENT_SEQUENCE_ID;
 
 /// Fastest stream, µs: the control period.
@@ -107,6 +108,7 @@ struct Line {
     filled_at: HostTime,
 }
 
+    radio: Radio,
 impl Streams {
     pub fn new(endpoint: &Endpoint, at: HostTime) -> Self {
         let streams = KINDS.map(|Kind(msg_id, rate_hz, _)| {
@@ -119,7 +121,7 @@ impl Streams {
         });
         let line = endpoint.line_Bps.map(|line_Bps| {
             let speed_Bps = line_Bps * LINE_SHARE;
-            Line { speed_Bps, free_B: speed_Bps * BURST_S, filled_at: at }
+            Line { speed_Bps, radio: Radio::default(), free_B: speed_Bps * BURST_S, filled_at: at }
         });
         Self { streams, first: 0, waiting: None, line, delayed: 0 }
     }
@@ -187,9 +189,10 @@ impl Streams {
         self.first = self.waiting.take().unwrap_or(self.first);
         if let Some(line) = &mut self.line {
             let since_s = at.seconds_since(line.filled_at).max(0.0);
-            let full_B = line.speed_Bps * BURST_S;
+            let speed_Bps = line.speed_Bps * line.radio.share;
+            let full_B = speed_Bps * BURST_S;
             // Control traffic may leave a debt; it is forgiven after two bursts of time.
-            line.free_B = (line.free_B + since_s * line.speed_Bps).clamp(-2.0 * full_B, full_B);
+            line.free_B = (line.free_B + since_s * speed_Bps).clamp(-2.0 * full_B, full_B);
             line.filled_at = at;
         }
     }
@@ -198,6 +201,22 @@ impl Streams {
     pub fn has_room(&self) -> bool {
         self.line.is_none_or(|line| line.free_B > 0.0)
     }
+    /// The radio at the end of the line has told how much of its buffer is free, percent.
+    pub fn radio(&mut self, free_percent: u8, at: HostTime) {
+        let unknown = Line {
+            speed_Bps: USUAL_BPS * LINE_SHARE,
+            radio: Radio::default(),
+            free_B: 0.0,
+            filled_at: at,
+        };
+        self.line.get_or_insert(unknown).radio.told(free_percent);
+    }
+
+    /// What the line carries, bytes/s. `None`: more than we ever send.
+    pub fn line_Bps(&self) -> Option<f64> {
+        self.line.map(|line| line.speed_Bps / LINE_SHARE * line.radio.share)
+    }
+
 
     /// The id of a stream if it is due, marked as sent; `turn` counts up from 0 within a step. Each
     /// is sent at most once a step, whatever the clock does.
