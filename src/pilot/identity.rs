@@ -154,11 +154,6 @@ mod tests {
         assert_eq!(text.matches(':').count(), SHOWN_MODES.len() + 1);
     }
 
-    #[test]
-    fn prop_reserved_standard_modes_are_not_claimed() {
-        // 1 position hold, 2 orbit, 3 cruise, 4 altitude hold.
-        for number in 0..=4_u8 {
-            assert_eq!(standard_mode(f64::from(number)), None);
     /// Two vehicles of one station: each is spoken to by its own number, and answers with it.
     #[test]
     fn prop_the_system_id_is_the_one_that_is_configured() {
@@ -185,5 +180,10 @@ mod tests {
         assert_eq!(standard_mode(f64::NAN), None);
         let none = |index| available_mode(index, Identity::Generic).is_none();
         assert!(none(0) && none(SHOWN_MODES.len() + 1));
+    #[test]
+    fn prop_reserved_standard_modes_are_not_claimed() {
+        // 1 position hold, 2 orbit, 3 cruise, 4 altitude hold.
+        for number in 0..=4_u8 {
+            assert_eq!(standard_mode(f64::from(number)), None);
     }
 }

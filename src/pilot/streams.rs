@@ -41,8 +41,9 @@ const EXTRA2: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTRA2);
 const EXTRA3: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTRA3);
 
 /// Everything that can be streamed. Silent clients wait for these (GROUND.md, "telemetry by
-/// default").
-const KINDS: [Kind; 31] = [
+/// default"). Our own messages go to who asks for them alone: a client that does not know them counts the gaps
+/// that they leave in the sequence as loss, a fifth of a perfect link.
+const KINDS: [Kind; 33] = [
     Kind(0, 1.0, None),       // HEARTBEAT
     Kind(1, 2.0, STATUS),     // SYS_STATUS
     Kind(24, 2.0, STATUS),    // GPS_RAW_INT
@@ -65,11 +66,11 @@ const KINDS: [Kind; 31] = [
     Kind(331, 5.0, None),     // ODOMETRY
     Kind(436, 0.5, None),     // CURRENT_MODE
     Kind(437, 0.3, None),     // AVAILABLE_MODES_MONITOR
-    Kind(54101, 10.0, None),  // HALTERE_ESTIMATE
-    Kind(54102, 10.0, None),  // HALTERE_CONTROL
-    Kind(54103, 4.0, None),   // HALTERE_PAIR
-    Kind(54104, 1.0, None),   // HALTERE_DROPS
-    Kind(54105, 1.0, None),   // HALTERE_LINK
+    Kind(54101, 0.0, None),   // HALTERE_ESTIMATE
+    Kind(54102, 0.0, None),   // HALTERE_CONTROL
+    Kind(54103, 0.0, None),   // HALTERE_PAIR
+    Kind(54104, 0.0, None),   // HALTERE_DROPS
+    Kind(54105, 0.0, None),   // HALTERE_LINK
     Kind(2, 1.0, EXTRA3),     // SYSTEM_TIME
     Kind(162, 1.0, STATUS),   // FENCE_STATUS
     Kind(411, 0.5, None),     // CURRENT_EVENT_SEQUENCE
@@ -155,9 +156,9 @@ impl Streams {
         let interval_us = if start && rate_hz > 0.0 { 1e6 / rate_hz } else { -1.0 };
         let all = group == Group::MAV_DATA_STREAM_ALL;
         let mut found = false;
-        for Kind(msg_id, _, of) in &KINDS {
-            let claimed =
-                self.streams.iter().any(|s| s.msg_id == *msg_id && s.default_us.is_some());
+        for Kind(msg_id, default_hz, of) in &KINDS {
+            let claimed = *default_hz == 0.0
+                || self.streams.iter().any(|s| s.msg_id == *msg_id && s.default_us.is_some());
             if of.is_some_and(|of| all || of == group) {
                 found = true;
                 if claimed {
