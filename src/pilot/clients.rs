@@ -2,7 +2,8 @@
 //! `commands`, what is fetched and stored in `services`.
 
 use haltere_dialect::mav::haltere::{
-    MavCmd, MavMessage, MavMissionResult, MavMissionType, SET_POSITION_TARGET_LOCAL_NED_DATA,
+    MavCmd, MavMessage, MavMissionResult, MavMissionType, SERIAL_CONTROL_DATA,
+    SET_POSITION_TARGET_LOCAL_NED_DATA, SerialControlFlag,
 };
 use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream::{self, MavLoss};
@@ -20,6 +21,8 @@ use super::{LinkId, Pilot, Severity, reference};
 /// HEARTBEAT and CURRENT_MODE.
 const HEARTBEAT_ID: u32 = 0;
 const CURRENT_MODE_ID: u32 = 436;
+/// What a shell says.
+const NO_SHELL: &[u8] = b"haltere has no shell\r\n";
 /// COMMAND_LONG and COMMAND_INT.
 const COMMAND_LONG_ID: u32 = 76;
 const COMMAND_INT_ID: u32 = 75;
@@ -195,9 +198,6 @@ impl Pilot {
                 self.out.message(link, self.own, &MavMessage::PING(echo));
             }
             MavMessage::COMMAND_CANCEL(m) => self.cancel(at, link, peer, m.command),
-            MavMessage::HEARTBEAT(_) => self.supervisor.heard.station_at = Some(at),
-            other => match reference::from_message(&other) {
-                Some(Ok(pose)) => {
             MavMessage::RADIO_STATUS(m) => {
                 if let Some(ground) = self.ground_mut(link) {
                     ground.streams.radio(m.txbuf, at);
@@ -208,6 +208,9 @@ impl Pilot {
                 self.say(at, Severity::Warning, text);
             }
             MavMessage::SERIAL_CONTROL(m) => self.refuse_shell(link, peer, &m),
+            MavMessage::HEARTBEAT(_) => self.supervisor.heard.station_at = Some(at),
+            other => match reference::from_message(&other) {
+                Some(Ok(pose)) => {
                     // A ground station's clock is not ours: true when it came.
                     let pose = pose.stamped(at, at);
                     self.estimator.reference(&pose); // fuses only if it is configured to
@@ -217,6 +220,25 @@ impl Pilot {
                 None => self.drops_of(link).add(DropReason::MavIgnored, 1),
             },
         }
+    }
+
+    /// SERIAL_CONTROL: there is no shell, and whoever opens one reads so.
+    fn refuse_shell(&mut self, link: LinkId, peer: (u8, u8), m: &SERIAL_CONTROL_DATA) {
+        if m.flags.contains(SerialControlFlag::SERIAL_CONTROL_FLAG_REPLY) {
+            return;
+        }
+        let mut data = [0; 70];
+        data[..NO_SHELL.len()].copy_from_slice(NO_SHELL);
+        let answer = MavMessage::SERIAL_CONTROL(SERIAL_CONTROL_DATA {
+            device: m.device,
+            flags: SerialControlFlag::SERIAL_CONTROL_FLAG_REPLY,
+            count: NO_SHELL.len() as u8,
+            data,
+            target_system: peer.0,
+            target_component: peer.1,
+            ..Default::default()
+        });
+        self.out.message(link, self.own, &answer);
     }
 
     /// A setpoint of an offboard client. While one flies, another is not listened to.
@@ -350,5 +372,22 @@ mod tests {
         assert_eq!(bench.pilot.supervisor.heard.station_at, Some(bench.now));
         let lost = &bench.pilot.drops()[usize::from(LinkId::Ground(0).number())];
         assert_eq!(lost.count(DropReason::MavUndecodable), 0);
+    }
+
+    #[test]
+    fn regress_a_tune_and_a_shell_are_answered() {
+        let mut bench = Bench::new(PilotConfig::default());
+        let tune = haltere_dialect::mav::haltere::PLAY_TUNE_V2_DATA {
+            target_system: 1,
+            format: 9,
+            ..Default::default()
+        };
+        let heard = bench.says(&MavMessage::PLAY_TUNE_V2(tune));
+        assert!(heard.iter().any(|m| matches!(m, MavMessage::STATUSTEXT(_))), "{heard:?}");
+        let flags = SerialControlFlag::SERIAL_CONTROL_FLAG_RESPOND;
+        let shell = SERIAL_CONTROL_DATA { device: 10, flags, count: 3, ..Default::default() };
+        let heard = bench.says(&MavMessage::SERIAL_CONTROL(shell));
+        let refused = |m: &MavMessage| matches!(m, MavMessage::SERIAL_CONTROL(m) if m.data.starts_with(NO_SHELL));
+        assert!(heard.iter().any(refused), "{heard:?}");
     }
 }

@@ -259,9 +259,11 @@ impl Pilot {
                 ),
             },
             MavCmd::MAV_CMD_MISSION_START => {
+                let last_item = self.last_item(p)?;
                 if p[0].is_finite() && p[0] > 0.0 {
                     self.set_current_item(p[0])?;
                 }
+                self.guidance.last_item = last_item;
                 self.ask_mission(at)
             }
             MavCmd::MAV_CMD_DO_PAUSE_CONTINUE => match p[0] {
@@ -329,9 +331,10 @@ impl Pilot {
         }
         if p[0] == AVAILABLE_MODES_ID {
             let all = p[1] == 0.0;
+            let identity = self.identity_on(link);
             let mut sent = false;
             for index in 1..=SHOWN_MODES.len() {
-                if let Some(message) = available_mode(index)
+                if let Some(message) = available_mode(index, identity)
                     && (all || p[1] == index as f64)
                 {
                     self.out.message(link, self.own, &message);

@@ -78,6 +78,8 @@ pub(super) struct Guidance {
     /// Index of the item in force.
     pub current_item: u16,
     item_started: bool,
+    /// The item after which the mission ends, where a client named one.
+    pub last_item: Option<u16>,
     /// The item in force is a landing, or a return, that is under way: done when the vehicle stands.
     pub landing: bool,
     /// The item in force was jumped to: the leg under way belongs to another one.
@@ -122,6 +124,7 @@ impl Guidance {
             next: Next::Nothing,
             current_item: 0,
             item_started: false,
+            last_item: None,
             landing: false,
             jumped: false,
             tilt: None,
@@ -223,6 +226,7 @@ impl Guidance {
     /// Another mission is in force: from its first item.
     pub fn new_mission(&mut self) {
         self.jumps_made.clear();
+        self.last_item = None;
         self.set_current_item(0);
     }
 

@@ -58,15 +58,20 @@ pub(super) fn standard_mode(number: f64) -> Option<Mode> {
 }
 
 /// AVAILABLE_MODES of a 1-based index.
-pub(super) fn available_mode(index: usize) -> Option<MavMessage> {
+pub(super) fn available_mode(index: usize, identity: Identity) -> Option<MavMessage> {
     let shown = SHOWN_MODES.get(index.checked_sub(1)?)?;
+    let name = match (shown.mode, identity) {
+        // As the map has it by which pymavlink, MAVProxy and DroneKit know the mode.
+        (Mode::Return, Identity::Generic) => "RTL",
+        _ => shown.name,
+    };
     Some(MavMessage::AVAILABLE_MODES(AVAILABLE_MODES_DATA {
         custom_mode: shown.mode.custom_mode(),
         properties: shown.properties,
         number_modes: SHOWN_MODES.len() as u8,
         mode_index: index as u8,
         standard_mode: shown.standard,
-        mode_name: shown.name.into(),
+        mode_name: name.into(),
     }))
 }
 
@@ -175,15 +180,15 @@ mod tests {
         assert_eq!(bench.heard_from, [7].into());
     }
 
-        }
-        assert_eq!(standard_mode(7.0), Some(Mode::Land));
-        assert_eq!(standard_mode(f64::NAN), None);
-        let none = |index| available_mode(index, Identity::Generic).is_none();
-        assert!(none(0) && none(SHOWN_MODES.len() + 1));
     #[test]
     fn prop_reserved_standard_modes_are_not_claimed() {
         // 1 position hold, 2 orbit, 3 cruise, 4 altitude hold.
         for number in 0..=4_u8 {
             assert_eq!(standard_mode(f64::from(number)), None);
+        }
+        assert_eq!(standard_mode(7.0), Some(Mode::Land));
+        assert_eq!(standard_mode(f64::NAN), None);
+        let none = |index| available_mode(index, Identity::Generic).is_none();
+        assert!(none(0) && none(SHOWN_MODES.len() + 1));
     }
 }

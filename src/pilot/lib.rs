@@ -96,6 +96,7 @@ mod telemetry;
 mod telemetry_counts;
 mod telemetry_estimator;
 mod telemetry_global;
+mod telemetry_imu;
 mod tilt_step;
 pub mod uwb;
 mod voice;
@@ -122,7 +123,7 @@ use haltere_core::drops::Drops;
 use haltere_core::estimate::{Estimate, Health};
 use haltere_core::estimator::{Estimator, MOST_ANCHORS};
 use haltere_core::geo::LocalOrigin;
-use haltere_core::measure::{BatterySample, BoardAttitude, ServoOutput, Tdoa};
+use haltere_core::measure::{BatterySample, BoardAttitude, ImuSample, ServoOutput, Tdoa};
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ControlRecord, Topic};
@@ -162,10 +163,10 @@ const OWN_COMPONENT: u8 = 1;
 #[derive(Debug)]
 pub struct Pilot {
     config: PilotConfig,
-    survey: Survey,
-    now: HostTime,
     /// Who we are on ground links, from the start to the end.
     own: Address,
+    survey: Survey,
+    now: HostTime,
     next_tick: HostTime,
     last_tick: Option<HostTime>,
     control_steps: u64,
@@ -187,6 +188,8 @@ pub struct Pilot {
     tag_asked_at: HostTime,
     last_fused: Option<HostTime>,
     last_imu: Option<HostTime>,
+    /// The newest sample, for who asks for it.
+    imu: Option<ImuSample>,
     baro_at: Option<HostTime>,
     pairs: Vec<PairStats>,
 
@@ -286,11 +289,11 @@ impl Pilot {
             .collect();
         let origin = config.origin.in_force();
         let mut pilot = Self {
+            own: Address { system_id: config.system_id, component_id: OWN_COMPONENT },
             now: at,
             next_tick: at.offset_us(schedule::CONTROL_PERIOD_US),
             last_tick: None,
             control_steps: 0,
-            own: Address { system_id: config.system_id, component_id: OWN_COMPONENT },
             deadline_misses: 0,
             out: Outbox::of_shadow(config.flight.shadow),
             topics: Vec::new(),
@@ -305,6 +308,7 @@ impl Pilot {
             tag_asked_at: at,
             last_fused: None,
             last_imu: None,
+            imu: None,
             baro_at: None,
             pairs: Vec::new(),
             board: BoardLink::new(

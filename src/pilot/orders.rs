@@ -8,7 +8,7 @@ use haltere_core::time::HostTime;
 
 use super::arming::{Check, SHADOW_WORDS};
 use super::awaited::{Next, too_far};
-use super::commands::{Answer, Awaits, Request, refuse};
+use super::commands::{Answer, Awaits, Refusal, Request, refuse};
 use super::identity::SHOWN_MODES;
 use super::mission::LOWEST_M;
 use super::modes::{Event, Mode};
@@ -267,6 +267,20 @@ impl Pilot {
         }
         self.guidance.set_current_item(index as u16);
         Ok(MavResult::MAV_RESULT_ACCEPTED)
+    }
+
+    /// The last item of MISSION_START, where it is not that of the mission: 0 names none, as most clients send it.
+    pub(super) fn last_item(&self, [first, last, ..]: [f64; 4]) -> Result<Option<u16>, Refusal> {
+        let count = self.mission.items.len();
+        let first = if first.is_finite() { first.max(0.0) } else { 0.0 };
+        if last.is_nan() || last == 0.0 || last == count as f64 - 1.0 {
+            return Ok(None);
+        }
+        if !(last >= first && last < count as f64) {
+            let why = format!("last item = {last}, allowed {first} to {}", count.saturating_sub(1));
+            return Err((MavResult::MAV_RESULT_DENIED, why));
+        }
+        Ok(Some(last as u16))
     }
 
     /// A mode by PX4's number, from any of the ways to ask for one.

@@ -471,6 +471,11 @@ fn regress_each_endpoint_hears_of_every_pair() {
     let mut config = pilot_config(&plant);
     config.endpoints = vec![haltere_pilot::Endpoint::default(); 2];
     let mut world = Lockstep::new(plant, config, &survey).unwrap();
+    for n in 0..2 {
+        let mut ground = Ground::at_endpoint(n, 255 - n);
+        let ask = [54_103.0, 250_000.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        ground.command(&mut world, MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, ask);
+    }
     fly_for(&mut world, 30.0);
     let pairs = |n: u8| {
         let mut splitter = MavSplitter::new();

@@ -571,3 +571,25 @@ fn regress_a_mission_is_not_finished_in_the_air() {
     }
     assert_eq!(heard.last(), Some(&last));
 }
+
+/// MISSION_START names the item after which the mission ends.
+#[test]
+fn regress_a_mission_ends_after_the_last_item_that_was_named() {
+    let mut world = world(6);
+    let mut ground = Ground::new();
+    assert_eq!(ground.upload(&mut world, &square()), ACCEPTED);
+    let start = MavCmd::MAV_CMD_MISSION_START;
+    let beyond = ground.command(&mut world, start, [0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    assert_eq!(beyond, Some(MavResult::MAV_RESULT_DENIED));
+    let answer = ground.command(&mut world, start, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    assert_eq!(answer, Some(MavResult::MAV_RESULT_ACCEPTED));
+    arm(&mut world, &mut ground);
+    until(&mut world, Mode::Mission, 20.0);
+    until(&mut world, Mode::Hold, 20.0);
+    let pos = world.truth().pos_E_m;
+    assert!((pos.x() - 6.0).abs() < 0.4 && (pos.y() - 5.0).abs() < 0.4, "{pos:?}");
+    // Asked for anew it goes on, to its own end.
+    let answer = ground.command(&mut world, start, [0.0; 7]);
+    assert_eq!(answer, Some(MavResult::MAV_RESULT_ACCEPTED));
+    until(&mut world, Mode::Land, 60.0);
+}
