@@ -63,7 +63,9 @@ class Station:
         for name, rate_hz in OWN_STREAMS.items():
             number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}", None)
             if number is not None:
-                self.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate_hz)
+                # Not waited for: the line may be one that loses answers.
+                self.link.mav.command_long_send(1, 1, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0,
+                                                number, 1e6 / rate_hz, 0, 0, 0, 0, 0)
 
     def close(self):
         self.link.close()
