@@ -98,20 +98,21 @@ impl Pilot {
     pub(super) fn begin_next(&mut self, at: HostTime) -> bool {
         let limit_s = self.config.limits.offboard_loss_s;
         let runs = |s: &Option<Setpoint>| s.is_some_and(|s| s.age_s(at) < limit_s);
-        match std::mem::take(&mut self.guidance.next) {
-            Next::Nothing | Next::Mission => false,
+        let next = std::mem::take(&mut self.guidance.next);
+        let (event, runs) = match next {
+            Next::Nothing | Next::Mission => return false,
             Next::Offboard => {
                 let stays = self.guidance.setpoint.is_some_and(|s| !s.needs_stream());
-                (stays || runs(&self.guidance.setpoint)) && self.fire(at, Event::OffboardAsked)
+                (Event::OffboardAsked, stays || runs(&self.guidance.setpoint))
             }
-            Next::Manual => runs(&self.guidance.sticks) && self.fire(at, Event::ManualAsked),
-            Next::Point { pos_E_m, yaw_rad } => {
-                let began = self.fire(at, Event::GotoAsked);
-                if began {
-                    self.guidance.fly_to(pos_E_m, yaw_rad);
-                }
-                began
-            }
+            Next::Manual => (Event::ManualAsked, runs(&self.guidance.sticks)),
+            Next::Point { .. } => (Event::GotoAsked, true),
+        };
+        // What has come up since it was asked for may forbid it.
+        let begins = runs && self.forbids(event).is_none() && self.fire(at, event);
+        if let (true, Next::Point { pos_E_m, yaw_rad }) = (begins, next) {
+            self.guidance.fly_to(pos_E_m, yaw_rad);
         }
+        begins
     }
 }
