@@ -50,10 +50,10 @@ fn fly(effects: &EffectSet) -> (f64, usize) {
     };
     plant.tag_input(b"b");
     for (id, interval_us) in [(105.0, 4000.0), (31.0, 10_000.0), (147.0, 100_000.0)] {
-        let ask = command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, id, interval_us);
+        let ask = command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16, id, interval_us);
         send(&mut plant, &ask);
     }
-    send(&mut plant, &command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 0.0));
+    send(&mut plant, &command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM as u16, 1.0, 0.0));
     let begin = Instant::now();
     let mut bytes = 0;
     for tick in 1..=FLIGHT_S * 100 {

@@ -13,7 +13,7 @@
 use mavlink::{MavlinkVersion, Message, error::ParserError};
 
 use crate::crc;
-use crate::mav::haltere::MavMessage;
+use crate::mav::haltere::{HEARTBEAT_DATA, MavMessage};
 use crate::scanner::{Found, Scanner, Verdict};
 
 const MARKER_V1: u8 = 0xFE;
@@ -126,42 +126,12 @@ pub fn target(message: &MavMessage) -> (u8, u8) {
     (message.target_system_id().unwrap_or(0), message.target_component_id().unwrap_or(0))
 }
 
-/// HEARTBEAT as it stands in the frame, without judging the values: a board of a type that is
-/// newer than our definitions must not vanish.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct HeartbeatFields {
-    /// Mode, meaning set by the autopilot.
-    pub custom_mode: u32,
-    /// `MAV_TYPE`.
-    pub mavtype: u8,
-    /// `MAV_AUTOPILOT`.
-    pub autopilot: u8,
-    /// `MAV_MODE_FLAG` bits.
-    pub base_mode: u8,
-    /// `MAV_STATE`.
-    pub system_status: u8,
-    /// Version of the protocol, 3.
-    pub mavlink_version: u8,
-}
-
-/// Reads a HEARTBEAT leniently; `None` for any other message.
-pub fn heartbeat_fields(frame: &MavFrame<'_>) -> Option<HeartbeatFields> {
-    if frame.header.msg_id != 0 || !frame.checked {
-        return None;
+/// The HEARTBEAT that a frame is; `None` for any other message.
+pub fn heartbeat_of(frame: &MavFrame<'_>) -> Option<HEARTBEAT_DATA> {
+    match frame.decode() {
+        Ok(MavMessage::HEARTBEAT(beat)) => Some(beat),
+        _ => None,
     }
-    let mut full = [0u8; 9];
-    for (to, from) in full.iter_mut().zip(frame.payload) {
-        *to = *from;
-    }
-    let [m0, m1, m2, m3, mavtype, autopilot, base_mode, system_status, mavlink_version] = full;
-    Some(HeartbeatFields {
-        custom_mode: u32::from_le_bytes([m0, m1, m2, m3]),
-        mavtype,
-        autopilot,
-        base_mode,
-        system_status,
-        mavlink_version,
-    })
 }
 
 /// Splits a byte stream into frames.

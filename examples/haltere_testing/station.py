@@ -40,6 +40,11 @@ def with_room(link):
     return link
 
 
+#: Messages of haltere's own, Hz: only who asks is sent them.
+OWN_STREAMS = {"HALTERE_ESTIMATE": 10, "HALTERE_CONTROL": 10, "HALTERE_PAIR": 4, "HALTERE_DROPS": 1,
+               "HALTERE_LINK": 1}
+
+
 class Station:
     """Connects as a ground station does: it speaks first, and sends a heartbeat every second."""
 
@@ -55,6 +60,12 @@ class Station:
         self.heartbeat = self.wait("HEARTBEAT", timeout,
                                    lambda m: m.get_srcSystem() == 1 and m.get_srcComponent() == 1)
         self.link.target_system, self.link.target_component = 1, 1
+        for name, rate_hz in OWN_STREAMS.items():
+            number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}", None)
+            if number is not None:
+                # Not waited for: the line may be one that loses answers.
+                self.link.mav.command_long_send(1, 1, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0,
+                                                number, 1e6 / rate_hz, 0, 0, 0, 0, 0)
 
     def close(self):
         self.link.close()

@@ -107,7 +107,7 @@ impl Callers {
         let Some((caller, vehicle)) = self.0.get_mut(index) else { return };
         vehicle.take(said);
         if let MavMessage::HEARTBEAT(beat) = said {
-            caller.is_vehicle |= beat.mavtype != MavType::MAV_TYPE_GCS;
+            caller.is_vehicle |= beat.mavtype != MavType::MAV_TYPE_GCS as u8;
         }
     }
 
@@ -134,7 +134,7 @@ mod tests {
     }
 
     fn beat(mavtype: MavType) -> MavMessage {
-        MavMessage::HEARTBEAT(HEARTBEAT_DATA { mavtype, ..Default::default() })
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA { mavtype: mavtype as u8, ..Default::default() })
     }
 
     #[test]

@@ -488,7 +488,8 @@ pub fn run(
                 MavCmd::MAV_CMD_NAV_LAND,
                 MavCmd::MAV_CMD_NAV_LAND_LOCAL,
                 MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH,
-            ];
+            ]
+            .map(|command| command as u16);
             let lands = file.mission.last().is_some_and(|item| ends.contains(&item.command));
             fly_mission(&mut station, file.mission.len(), lands, &mut say)?;
         }

@@ -6,6 +6,7 @@
 
 use haltere_core::geo::{Geodetic, LocalOrigin};
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
+use haltere_dialect::mav::{known, name_of};
 use haltere_pilot::mission_file::{Command, Item, MissionFile};
 use num_traits::FromPrimitive as _;
 use serde_json::Value;
@@ -59,7 +60,7 @@ impl PlanFile {
             }
             for (seq, item) in items.iter_mut().enumerate() {
                 item.seq = u16::try_from(seq).unwrap_or(u16::MAX);
-                item.mission_type = kind;
+                item.mission_type = kind as u8;
                 item.autocontinue = 1;
                 item.current =
                     u8::from(seq == 0 && kind == MavMissionType::MAV_MISSION_TYPE_MISSION);
@@ -132,8 +133,8 @@ impl Numbers {
             }
         };
         Ok(MISSION_ITEM_INT_DATA {
-            frame,
-            command,
+            frame: frame as u8,
+            command: command as u16,
             param1: narrow("param1", p1)?,
             param2: narrow("param2", p2)?,
             param3: narrow("param3", p3)?,
@@ -165,7 +166,7 @@ fn jump_to(
     item: &mut MISSION_ITEM_INT_DATA,
     place: impl Fn(f32) -> Option<usize>,
 ) -> Result<(), String> {
-    if item.command == MavCmd::MAV_CMD_DO_JUMP {
+    if item.command == MavCmd::MAV_CMD_DO_JUMP as u16 {
         let to = item.param1;
         let place =
             place(to).ok_or_else(|| format!("jumps to {to}, which is no item of the file"))?;
@@ -204,8 +205,8 @@ fn waypoints(text: &str) -> Result<PlanFile, String> {
         let item = numbers.item().map_err(at)?;
         // The first line of such files is the home position, a waypoint above sea level.
         if index == 0.0
-            && item.command == MavCmd::MAV_CMD_NAV_WAYPOINT
-            && item.frame == MavFrame::MAV_FRAME_GLOBAL
+            && item.command == MavCmd::MAV_CMD_NAV_WAYPOINT as u16
+            && item.frame == MavFrame::MAV_FRAME_GLOBAL as u8
         {
             home = 1;
             file.remarks.push("its line 0 is the home position, which is not flown to".to_owned());
@@ -411,37 +412,42 @@ fn corners(
 /// An item as one of a mission file.
 #[allow(deprecated)] // as above
 fn to_item(item: &MISSION_ITEM_INT_DATA, origin: &LocalOrigin) -> Result<Item, String> {
-    let global = is_global(item.frame);
+    let frame = known(item.frame);
+    let global = frame.is_some_and(is_global);
     let given = |v: f32| v.is_finite().then_some(f64::from(v));
     let above_sea =
-        matches!(item.frame, MavFrame::MAV_FRAME_GLOBAL | MavFrame::MAV_FRAME_GLOBAL_INT);
+        matches!(frame, Some(MavFrame::MAV_FRAME_GLOBAL | MavFrame::MAV_FRAME_GLOBAL_INT));
     let base_m = origin.place().alt_m;
     let z = f64::from(item.z);
-    let height_m = match item.frame {
-        MavFrame::MAV_FRAME_LOCAL_NED => -z,
+    let height_m = match frame {
+        Some(MavFrame::MAV_FRAME_LOCAL_NED) => -z,
         _ if above_sea => z - base_m,
         _ => z,
     };
-    let position_m = || match item.frame {
-        MavFrame::MAV_FRAME_LOCAL_NED => {
+    let position_m = || match frame {
+        Some(MavFrame::MAV_FRAME_LOCAL_NED) => {
             let [north_m, east_m] = [item.x, item.y].map(|v| f64::from(v) / LOCAL_SCALE);
             Ok([north_m, east_m, height_m])
         }
-        frame if global => {
+        _ if global => {
             let place = Geodetic::from_e7(item.x, item.y, base_m)
                 .ok_or_else(|| format!("{} {} is not on the globe", item.x, item.y))?;
             let at = origin.to_local(&place);
-            let _ = frame;
             Ok([at.x(), at.y(), height_m])
         }
-        frame => Err(format!("frame {frame:?} is not known here")),
+        _ => Err(format!("frame {} is not known here", name_of::<MavFrame>(item.frame))),
     };
     let yaw_deg = |deg: f64| match global {
         true => origin.room_yaw_rad(deg.to_radians()).to_degrees(),
         false => deg,
     };
     let here = item.x == 0 && item.y == 0;
-    Ok(match item.command {
+    let unflown = || {
+        let name = name_of::<MavCmd>(item.command);
+        format!("{name} is nothing that is flown without a station")
+    };
+    let command = known(item.command).ok_or_else(unflown)?;
+    Ok(match command {
         MavCmd::MAV_CMD_NAV_TAKEOFF => {
             Item { height_m: Some(height_m), ..Item::new(Command::Takeoff) }
         }
@@ -449,9 +455,9 @@ fn to_item(item: &MISSION_ITEM_INT_DATA, origin: &LocalOrigin) -> Result<Item, S
             position_m: Some(position_m()?),
             hold_s: given(item.param1).filter(|s| *s > 0.0),
             acceptance_m: given(item.param2)
-                .filter(|m| *m > 0.0 && item.command == MavCmd::MAV_CMD_NAV_WAYPOINT),
+                .filter(|m| *m > 0.0 && command == MavCmd::MAV_CMD_NAV_WAYPOINT),
             yaw_deg: given(item.param4)
-                .filter(|_| item.command == MavCmd::MAV_CMD_NAV_WAYPOINT)
+                .filter(|_| command == MavCmd::MAV_CMD_NAV_WAYPOINT)
                 .map(yaw_deg),
             ..Item::new(Command::Waypoint)
         },
@@ -470,7 +476,7 @@ fn to_item(item: &MISSION_ITEM_INT_DATA, origin: &LocalOrigin) -> Result<Item, S
         MavCmd::MAV_CMD_CONDITION_YAW if item.param4 == 0.0 || item.param4.is_nan() => {
             Item { yaw_deg: given(item.param1), ..Item::new(Command::Yaw) }
         }
-        other => return Err(format!("{other:?} is nothing that is flown without a station")),
+        _ => return Err(unflown()),
     })
 }
 
@@ -502,7 +508,7 @@ mod tests {
         assert_eq!(commands, [22, 16, 177, 20]);
         let takeoff = &file.mission[0];
         assert_eq!((takeoff.x, takeoff.y, takeoff.z), (473_977_000, 85_456_000, 1.2));
-        assert!(takeoff.param4.is_nan() && takeoff.current == 1 && takeoff.frame == RELATIVE);
+        assert!(takeoff.param4.is_nan() && takeoff.current == 1 && takeoff.frame == RELATIVE as u8);
         assert_eq!(file.mission[2].param1, 1.0, "jumps go to places in the mission, not to ids");
         let fence: Vec<_> = file.fence.iter().map(|i| (i.command as u32, i.param1)).collect();
         assert_eq!(fence, [(5004, 0.5), (5001, 3.0), (5001, 3.0), (5001, 3.0)]);

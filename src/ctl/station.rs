@@ -8,6 +8,7 @@ use haltere_dialect::mav::haltere::{
     MavMessage, MavModeFlag, MavResult, MavState, MavType, PositionTargetTypemask as Mask,
     SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
+use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream::{MavSplitter, encode};
 use haltere_dialect::signing::SigningKey;
 
@@ -342,7 +343,7 @@ impl GroundStation {
                 param5,
                 param6,
                 param7,
-                command,
+                command: command as u16,
                 target_system,
                 target_component,
                 confirmation,
@@ -361,10 +362,11 @@ impl GroundStation {
             let mut deadline = Instant::now() + ACK_TIMEOUT;
             while let Some(answer) = self.next_message(deadline)? {
                 let MavMessage::COMMAND_ACK(ack) = answer else { continue };
-                if ack.command != command {
+                if ack.command != command as u16 {
                     continue;
                 }
-                match ack.result {
+                // A word that is not known is none of consent.
+                match known(ack.result).unwrap_or(MavResult::MAV_RESULT_FAILED) {
                     MavResult::MAV_RESULT_ACCEPTED => return Ok(()),
                     MavResult::MAV_RESULT_IN_PROGRESS => {
                         deadline = Instant::now() + PROGRESS_TIMEOUT;
@@ -393,7 +395,7 @@ impl GroundStation {
         self.forget_texts();
         self.send(&MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
             param1: -1.0,
-            command,
+            command: command as u16,
             target_system,
             target_component,
             ..Default::default()
@@ -402,8 +404,8 @@ impl GroundStation {
         while let Some(message) = self.next_message(deadline)? {
             self.take_texts().iter().for_each(|text| say(text));
             let MavMessage::COMMAND_ACK(ack) = message else { continue };
-            match ack.result {
-                _ if ack.command != command => {}
+            match known(ack.result).unwrap_or(MavResult::MAV_RESULT_FAILED) {
+                _ if ack.command != command as u16 => {}
                 // It tells how far it is once a second.
                 MavResult::MAV_RESULT_IN_PROGRESS => deadline = Instant::now() + PROGRESS_TIMEOUT,
                 MavResult::MAV_RESULT_ACCEPTED => return Ok(()),
@@ -454,10 +456,10 @@ impl GroundStation {
         let command = MavCmd::MAV_CMD_DO_REPOSITION;
         self.until_answered(command, |_| {
             MavMessage::COMMAND_INT(COMMAND_INT_DATA {
-                command,
+                command: command as u16,
                 target_system,
                 target_component,
-                frame: MavFrame::MAV_FRAME_LOCAL_NED,
+                frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
                 param1: -1.0, // speed as configured
                 param2: 1.0,  // change to the mode that this needs
                 param4: f32::NAN,
@@ -528,7 +530,7 @@ impl GroundStation {
             time_boot_ms: self.started.elapsed().as_millis() as u32,
             target_system,
             target_component,
-            coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+            coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
             type_mask: ignore(&always),
             yaw: yaw_rad.unwrap_or_default() as f32,
             ..Default::default()
@@ -579,10 +581,10 @@ fn unix_us() -> i64 {
 
 fn own_heartbeat() -> MavMessage {
     MavMessage::HEARTBEAT(HEARTBEAT_DATA {
-        mavtype: MavType::MAV_TYPE_GCS,
-        autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+        mavtype: MavType::MAV_TYPE_GCS as u8,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
         base_mode: MavModeFlag::empty(),
-        system_status: MavState::MAV_STATE_ACTIVE,
+        system_status: MavState::MAV_STATE_ACTIVE as u8,
         custom_mode: 0,
         mavlink_version: 3,
     })

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use haltere_dialect::mav::haltere::{
     MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavMessage, MavMissionResult, MavMissionType,
 };
+use haltere_dialect::mav::known;
 
 use super::CtlError;
 use super::station::GroundStation;
@@ -35,7 +36,7 @@ impl GroundStation {
             count: items.len() as u16,
             target_system,
             target_component,
-            mission_type: kind,
+            mission_type: kind as u8,
             ..Default::default()
         });
         self.forget_texts();
@@ -49,12 +50,16 @@ impl GroundStation {
                 let Some(message) = self.next_message(deadline)? else { break };
                 #[allow(deprecated)] // older vehicles ask in the old form
                 let seq = match message {
-                    MavMessage::MISSION_REQUEST_INT(asked) if asked.mission_type == kind => {
+                    MavMessage::MISSION_REQUEST_INT(asked) if asked.mission_type == kind as u8 => {
                         asked.seq
                     }
-                    MavMessage::MISSION_REQUEST(asked) if asked.mission_type == kind => asked.seq,
-                    MavMessage::MISSION_ACK(answer) if answer.mission_type == kind => {
-                        return match answer.mavtype {
+                    MavMessage::MISSION_REQUEST(asked) if asked.mission_type == kind as u8 => {
+                        asked.seq
+                    }
+                    MavMessage::MISSION_ACK(answer) if answer.mission_type == kind as u8 => {
+                        return match known(answer.mavtype)
+                            .unwrap_or(MavMissionResult::MAV_MISSION_ERROR)
+                        {
                             MavMissionResult::MAV_MISSION_ACCEPTED => Ok(()),
                             result => Err(CtlError::MissionRefused {
                                 result,

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde_json::json;
 
 use haltere_dialect::mav::haltere::{HALTERE_LINK_DATA, MavMessage, MavModeFlag};
+use haltere_dialect::mav::known;
 
 pub use haltere_dialect::mav::haltere::MavLandedState as LandedState;
 
@@ -48,7 +49,10 @@ impl Vehicle {
                 self.armed = beat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
                 self.custom_mode = beat.custom_mode;
             }
-            MavMessage::EXTENDED_SYS_STATE(state) => self.landed = state.landed_state,
+            MavMessage::EXTENDED_SYS_STATE(state) => {
+                self.landed =
+                    known(state.landed_state).unwrap_or(LandedState::MAV_LANDED_STATE_UNDEFINED);
+            }
             MavMessage::LOCAL_POSITION_NED(p) => {
                 self.position_m = Some([p.x, p.y, p.z].map(f64::from));
                 self.velocity_mps = Some([p.vx, p.vy, p.vz].map(f64::from));

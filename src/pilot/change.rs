@@ -3,6 +3,7 @@
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ModeRecord, Topic};
 
+use super::awaited::Next;
 use super::modes::{Event, Mode, transition};
 use super::resume::Resumption;
 use super::supervisor::{Descent, RESPONSE_MOST_S};
@@ -47,7 +48,19 @@ impl Pilot {
         let Some(row) = transition(self.mode, event) else { return false };
         let from = self.mode;
         let cause = cause.unwrap_or_else(|| Cause::of_row(from, event, row.because));
+        if from == Mode::Land
+            && matches!(event, Event::TouchDown | Event::BoardDisarmed)
+            && let Some(seq) = self.guidance.landed()
+        {
+            self.tell_reached(at, seq);
+        }
+        if !matches!(row.to, Mode::Return | Mode::Land) {
+            self.guidance.landing = false;
+        }
         self.mode = row.to;
+        if !matches!(row.to, Mode::Arming | Mode::Idle | Mode::Spool | Mode::Takeoff) {
+            self.guidance.next = Next::Nothing;
+        }
         self.mode_since = at;
         self.touch = self.touch.in_mode(from, row.to, at);
         self.good_since = None;
@@ -120,19 +133,22 @@ impl Pilot {
 
     pub(super) fn call_off_lift_off(&mut self) {
         self.lift_off_asked = false;
-        self.guidance.mission_waits = false;
+        self.guidance.next = Next::Nothing;
     }
 
     /// The mode that clients are shown. On the floor one that waits for arming is shown as if it
     /// were in force: clients that asked for it give up when it does not appear (GROUND.md).
     pub(super) fn shown_mode(&self) -> Mode {
-        match self.mode {
-            Mode::Disarmed | Mode::Arming | Mode::Idle if self.guidance.mission_waits => {
-                Mode::Mission
+        let next = self.guidance.next.mode();
+        match (self.mode, next) {
+            (
+                Mode::Disarmed | Mode::Arming | Mode::Idle | Mode::Spool | Mode::Takeoff,
+                Some(next),
+            ) => next,
+            (Mode::Disarmed | Mode::Arming | Mode::Idle, None) if self.lift_off_asked => {
+                Mode::Takeoff
             }
-            Mode::Disarmed | Mode::Arming | Mode::Idle if self.lift_off_asked => Mode::Takeoff,
-            Mode::Spool | Mode::Takeoff if self.guidance.mission_waits => Mode::Mission,
-            mode => mode,
+            (mode, _) => mode,
         }
     }
 }

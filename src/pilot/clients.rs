@@ -2,9 +2,10 @@
 //! `commands`, what is fetched and stored in `services`.
 
 use haltere_dialect::mav::haltere::{
-    MavCmd, MavFrame, MavMessage, MavMissionResult, MavMissionType, MavResult,
-    SET_POSITION_TARGET_LOCAL_NED_DATA,
+    MavCmd, MavMessage, MavMissionResult, MavMissionType, SERIAL_CONTROL_DATA,
+    SET_POSITION_TARGET_LOCAL_NED_DATA, SerialControlFlag,
 };
+use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream::{self, MavLoss};
 
 use haltere_core::drops::{DropReason, Drops};
@@ -15,17 +16,16 @@ use super::mission_transfer::ack;
 use super::modes::Mode;
 use super::place::{Location, WIRE_DEG};
 use super::setpoint::{Owner, Setpoint, setpoint_from_global};
-use super::{LinkId, OWN, Pilot, Severity, reference};
+use super::{LinkId, Pilot, Severity, reference};
 
 /// HEARTBEAT and CURRENT_MODE.
 const HEARTBEAT_ID: u32 = 0;
 const CURRENT_MODE_ID: u32 = 436;
-/// COMMAND_LONG, COMMAND_INT and COMMAND_ACK, for commands that the dialect has no name for.
+/// What a shell says.
+const NO_SHELL: &[u8] = b"haltere has no shell\r\n";
+/// COMMAND_LONG and COMMAND_INT.
 const COMMAND_LONG_ID: u32 = 76;
 const COMMAND_INT_ID: u32 = 75;
-const COMMAND_ACK_ID: u32 = 77;
-/// Where the number of the command stands in either message; behind it the target, then the frame.
-const COMMAND_AT: usize = 28;
 /// `current` of a mission item that is a goal for now, and one of which only the height counts:
 /// ArduPilot's older way to fly to a point, which DroneKit uses.
 const GUIDED_POINT: u8 = 2;
@@ -34,12 +34,6 @@ const GUIDED_HEIGHT: u8 = 3;
 /// Whether a message of this id carries a command.
 pub(super) fn is_command(msg_id: u32) -> bool {
     matches!(msg_id, COMMAND_LONG_ID | COMMAND_INT_ID)
-}
-
-/// Target of a command that does not decode.
-fn command_target(payload: &[u8]) -> (u8, u8) {
-    let byte = |i: usize| payload.get(i).copied().unwrap_or_default();
-    (byte(COMMAND_AT + 2), byte(COMMAND_AT + 3))
 }
 
 /// Counts what a splitter lost.
@@ -88,23 +82,14 @@ impl Pilot {
             }
             let peer = (header.system_id, header.component_id);
             let decoded = frame.decode();
-            let target = match &decoded {
-                Ok(message) => mav_stream::target(message),
-                Err(MavLoss::Undecodable { .. }) if is_command(header.msg_id) => {
-                    command_target(frame.payload)
-                }
-                Err(_) => (0, 0),
-            };
+            let target = decoded.as_ref().map_or((0, 0), mav_stream::target);
             self.route_from_ground(at, index, &frame, decoded.as_ref().ok(), target);
             match decoded {
-                Ok(_) | Err(MavLoss::Undecodable { .. }) if !self.is_for_us(target) => {
+                Ok(_) if !self.is_for_us(target) => {
                     self.drops_of(link).add(DropReason::MavWrongPeer, 1);
                 }
                 Ok(message) if self.is_refused(at, link, peer, &message) => {}
                 Ok(message) => self.ground_message(at, link, peer, message),
-                Err(MavLoss::Undecodable { .. }) if is_command(header.msg_id) => {
-                    self.answer_unknown_command(link, peer, header.msg_id, frame.payload);
-                }
                 Err(loss) => count_frame::<()>(self.drops_of(link), &Err(loss)),
             }
         }
@@ -112,33 +97,9 @@ impl Pilot {
         self.grounds[index].splitter = splitter;
     }
 
-    /// A command number or frame that the dialect does not know makes the whole message undecodable,
-    /// but its sender waits for an answer.
-    fn answer_unknown_command(
-        &mut self,
-        link: LinkId,
-        peer: (u8, u8),
-        msg_id: u32,
-        payload: &[u8],
-    ) {
-        // Trailing zeros are cut on the wire.
-        let byte = |i: usize| payload.get(i).copied().unwrap_or_default();
-        let number = [byte(COMMAND_AT), byte(COMMAND_AT + 1)];
-        let unknown_frame =
-            msg_id == COMMAND_INT_ID && byte(COMMAND_AT + 4) > MavFrame::MAV_FRAME_LOCAL_FLU as u8;
-        let result = if unknown_frame {
-            MavResult::MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME
-        } else {
-            MavResult::MAV_RESULT_UNSUPPORTED
-        };
-        // COMMAND_ACK: command u16, result u8, progress u8, result_param2 i32, target u8 u8.
-        let fields = [number[0], number[1], result as u8, 0, 0, 0, 0, 0, peer.0, peer.1];
-        self.out.payload(link, OWN, COMMAND_ACK_ID, &fields);
-    }
-
     fn is_for_us(&self, (system, component): (u8, u8)) -> bool {
-        (system == 0 || system == OWN.system_id)
-            && (component == 0 || component == OWN.component_id)
+        (system == 0 || system == self.own.system_id)
+            && (component == 0 || component == self.own.component_id)
     }
 
     /// One message that is for us or for everyone.
@@ -147,31 +108,22 @@ impl Pilot {
             return;
         }
         match message {
-            MavMessage::COMMAND_LONG(m) => self.answer(
-                at,
-                Request {
-                    link,
-                    peer,
-                    command: m.command,
-                    params: [m.param1, m.param2, m.param3, m.param4],
-                    location: Location::Float {
-                        x: f64::from(m.param5),
-                        y: f64::from(m.param6),
-                        z: f64::from(m.param7),
-                        frame: None,
-                    },
-                },
-            ),
-            MavMessage::COMMAND_INT(m) => self.answer(
-                at,
-                Request {
-                    link,
-                    peer,
-                    command: m.command,
-                    params: [m.param1, m.param2, m.param3, m.param4],
-                    location: Location::Int { x: m.x, y: m.y, z: f64::from(m.z), frame: m.frame },
-                },
-            ),
+            MavMessage::COMMAND_LONG(m) => {
+                let location = Location::Float {
+                    x: f64::from(m.param5),
+                    y: f64::from(m.param6),
+                    z: f64::from(m.param7),
+                    frame: None,
+                };
+                let params = [m.param1, m.param2, m.param3, m.param4];
+                self.answer(at, (link, peer), m.command, params, location);
+            }
+            MavMessage::COMMAND_INT(m) => {
+                let z = f64::from(m.z);
+                let location = Location::Int { x: m.x, y: m.y, z, frame: m.frame };
+                let params = [m.param1, m.param2, m.param3, m.param4];
+                self.answer(at, (link, peer), m.command, params, location);
+            }
             MavMessage::SET_MODE(m) => {
                 // No acknowledgement in this message: the heartbeat is the answer.
                 if let Err((_, why)) = self.set_custom_mode(at, m.custom_mode) {
@@ -207,8 +159,9 @@ impl Pilot {
             }
             MavMessage::REQUEST_DATA_STREAM(m) => {
                 let rate_hz = f64::from(m.req_message_rate);
-                if let Some(ground) = self.ground_mut(link) {
-                    ground.streams.set_group(m.req_stream_id, rate_hz, m.start_stop == 1, at);
+                let group = known(m.req_stream_id);
+                if let (Some(ground), Some(group)) = (self.ground_mut(link), group) {
+                    ground.streams.set_group(group, rate_hz, m.start_stop == 1, at);
                 }
             }
             MavMessage::MISSION_ITEM(m)
@@ -236,15 +189,25 @@ impl Pilot {
                 echo.tc1 = at.as_us().cast_signed().saturating_mul(1000);
                 echo.target_system = peer.0;
                 echo.target_component = peer.1;
-                self.out.message(link, OWN, &MavMessage::TIMESYNC(echo));
+                self.out.message(link, self.own, &MavMessage::TIMESYNC(echo));
             }
             MavMessage::PING(m) if m.target_system == 0 && m.target_component == 0 => {
                 let mut echo = m;
                 echo.target_system = peer.0;
                 echo.target_component = peer.1;
-                self.out.message(link, OWN, &MavMessage::PING(echo));
+                self.out.message(link, self.own, &MavMessage::PING(echo));
             }
             MavMessage::COMMAND_CANCEL(m) => self.cancel(at, link, peer, m.command),
+            MavMessage::RADIO_STATUS(m) => {
+                if let Some(ground) = self.ground_mut(link) {
+                    ground.streams.radio(m.txbuf, at);
+                }
+            }
+            MavMessage::PLAY_TUNE(_) | MavMessage::PLAY_TUNE_V2(_) => {
+                let text = "no tune is played: the vehicle has nothing that sounds".to_owned();
+                self.say(at, Severity::Warning, text);
+            }
+            MavMessage::SERIAL_CONTROL(m) => self.refuse_shell(link, peer, &m),
             MavMessage::HEARTBEAT(_) => self.supervisor.heard.station_at = Some(at),
             other => match reference::from_message(&other) {
                 Some(Ok(pose)) => {
@@ -257,6 +220,25 @@ impl Pilot {
                 None => self.drops_of(link).add(DropReason::MavIgnored, 1),
             },
         }
+    }
+
+    /// SERIAL_CONTROL: there is no shell, and whoever opens one reads so.
+    fn refuse_shell(&mut self, link: LinkId, peer: (u8, u8), m: &SERIAL_CONTROL_DATA) {
+        if m.flags.contains(SerialControlFlag::SERIAL_CONTROL_FLAG_REPLY) {
+            return;
+        }
+        let mut data = [0; 70];
+        data[..NO_SHELL.len()].copy_from_slice(NO_SHELL);
+        let answer = MavMessage::SERIAL_CONTROL(SERIAL_CONTROL_DATA {
+            device: m.device,
+            flags: SerialControlFlag::SERIAL_CONTROL_FLAG_REPLY,
+            count: NO_SHELL.len() as u8,
+            data,
+            target_system: peer.0,
+            target_component: peer.1,
+            ..Default::default()
+        });
+        self.out.message(link, self.own, &answer);
     }
 
     /// A setpoint of an offboard client. While one flies, another is not listened to.
@@ -281,6 +263,9 @@ impl Pilot {
         match checked {
             Ok(mut setpoint) => {
                 setpoint.owner = Some(from);
+                let before =
+                    self.guidance.setpoint.filter(|s| is_fresh(s) && s.owner == setpoint.owner);
+                setpoint.since = before.map_or(at, |s| s.since);
                 self.guidance.setpoint = Some(setpoint);
             }
             Err(why) => self.refuse_setpoint(at, from.0, why),
@@ -308,7 +293,101 @@ impl Pilot {
                 MavMissionResult::MAV_MISSION_DENIED
             }
         };
-        let mission_type = MavMissionType::MAV_MISSION_TYPE_MISSION;
-        self.out.message(link, OWN, &ack(peer, mission_type, result, 0));
+        let mission_type = MavMissionType::MAV_MISSION_TYPE_MISSION as u8;
+        self.out.message(link, self.own, &ack(peer, mission_type, result, 0));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::PilotConfig;
+    use crate::bench::Bench;
+    use haltere_dialect::mav::haltere::{
+        COMMAND_INT_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MISSION_CLEAR_ALL_DATA,
+        MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MISSION_REQUEST_LIST_DATA, MavParamError,
+        MavResult, PARAM_SET_DATA,
+    };
+
+    /// Values that our dialect's enums do not have, as clients of other vehicles send them: the whole message was
+    /// thrown away for one of them, and an upload hung for 7.5 s.
+    #[test]
+    fn regress_values_that_the_dialect_does_not_know_are_answered() {
+        use MavMissionResult as M;
+        let mut bench = Bench::new(PilotConfig::default());
+        let mut result_of = |message| {
+            bench.says(&message).into_iter().find_map(|m| match m {
+                MavMessage::COMMAND_ACK(ack) => Some((ack.command, ack.result)),
+                _ => None,
+            })
+        };
+        let long = COMMAND_LONG_DATA { command: 42_999, ..Default::default() };
+        let unsupported = MavResult::MAV_RESULT_UNSUPPORTED as u8;
+        assert_eq!(result_of(MavMessage::COMMAND_LONG(long)), Some((42_999, unsupported)));
+        let command = MavCmd::MAV_CMD_DO_REPOSITION as u16;
+        let int = COMMAND_INT_DATA { command, frame: 99, ..Default::default() };
+        let frame = MavResult::MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME as u8;
+        assert_eq!(result_of(MavMessage::COMMAND_INT(int)), Some((command, frame)));
+
+        let mut refused_with = |message| {
+            bench.says(&message).into_iter().find_map(|m| match m {
+                MavMessage::MISSION_ACK(ack) => Some((ack.mission_type, ack.mavtype)),
+                _ => None,
+            })
+        };
+        let waypoint = MavCmd::MAV_CMD_NAV_WAYPOINT as u16;
+        for (command, frame, result) in [
+            (83, 0, M::MAV_MISSION_UNSUPPORTED),
+            (215, 0, M::MAV_MISSION_UNSUPPORTED),
+            (217, 0, M::MAV_MISSION_UNSUPPORTED),
+            (42_703, 0, M::MAV_MISSION_UNSUPPORTED),
+            (waypoint, 99, M::MAV_MISSION_UNSUPPORTED_FRAME),
+        ] {
+            let count = MISSION_COUNT_DATA { count: 2, ..Default::default() };
+            assert_eq!(refused_with(MavMessage::MISSION_COUNT(count)), None);
+            let item = MISSION_ITEM_INT_DATA { command, frame, z: 1.0, ..Default::default() };
+            let refused = refused_with(MavMessage::MISSION_ITEM_INT(item));
+            assert_eq!(refused, Some((0, result as u8)), "{command} {frame}");
+        }
+        let no_list = Some((77, M::MAV_MISSION_UNSUPPORTED as u8));
+        let mission_type = 77;
+        let count = MISSION_COUNT_DATA { mission_type, count: 1, ..Default::default() };
+        assert_eq!(refused_with(MavMessage::MISSION_COUNT(count)), no_list);
+        let list = MISSION_REQUEST_LIST_DATA { mission_type, ..Default::default() };
+        assert_eq!(refused_with(MavMessage::MISSION_REQUEST_LIST(list)), no_list);
+        let clear = MISSION_CLEAR_ALL_DATA { mission_type, ..Default::default() };
+        assert_eq!(refused_with(MavMessage::MISSION_CLEAR_ALL(clear)), no_list);
+
+        for param_type in [0, 12] {
+            let param_id = "FLT_TKO_HGT".into();
+            let set = PARAM_SET_DATA { param_id, param_type, ..Default::default() };
+            let mismatch = bench.says(&MavMessage::PARAM_SET(set)).into_iter().any(|m| {
+                let wanted = MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH;
+                matches!(m, MavMessage::PARAM_ERROR(e) if e.error == wanted)
+            });
+            assert!(mismatch, "{param_type}");
+        }
+        let beat = HEARTBEAT_DATA { mavtype: 250, autopilot: 250, ..Default::default() };
+        bench.says(&MavMessage::HEARTBEAT(beat));
+        assert_eq!(bench.pilot.supervisor.heard.station_at, Some(bench.now));
+        let lost = &bench.pilot.drops()[usize::from(LinkId::Ground(0).number())];
+        assert_eq!(lost.count(DropReason::MavUndecodable), 0);
+    }
+
+    #[test]
+    fn regress_a_tune_and_a_shell_are_answered() {
+        let mut bench = Bench::new(PilotConfig::default());
+        let tune = haltere_dialect::mav::haltere::PLAY_TUNE_V2_DATA {
+            target_system: 1,
+            format: 9,
+            ..Default::default()
+        };
+        let heard = bench.says(&MavMessage::PLAY_TUNE_V2(tune));
+        assert!(heard.iter().any(|m| matches!(m, MavMessage::STATUSTEXT(_))), "{heard:?}");
+        let flags = SerialControlFlag::SERIAL_CONTROL_FLAG_RESPOND;
+        let shell = SERIAL_CONTROL_DATA { device: 10, flags, count: 3, ..Default::default() };
+        let heard = bench.says(&MavMessage::SERIAL_CONTROL(shell));
+        let refused = |m: &MavMessage| matches!(m, MavMessage::SERIAL_CONTROL(m) if m.data.starts_with(NO_SHELL));
+        assert!(heard.iter().any(refused), "{heard:?}");
     }
 }

@@ -1,8 +1,9 @@
 //! What clients command, and what they are answered. What moves the vehicle is in `orders`.
 
 use haltere_dialect::mav::haltere::{
-    COMMAND_ACK_DATA, MESSAGE_INTERVAL_DATA, MavCmd, MavMessage, MavResult,
+    COMMAND_ACK_DATA, MESSAGE_INTERVAL_DATA, MavCmd, MavFrame, MavMessage, MavResult,
 };
+use haltere_dialect::mav::known;
 
 use haltere_core::time::HostTime;
 
@@ -11,7 +12,7 @@ use super::identity::{SHOWN_MODES, available_mode, standard_mode};
 use super::modes::{Event, Mode};
 use super::place::Location;
 use super::shadow;
-use super::{LinkId, OWN, Pilot, Severity};
+use super::{LinkId, Pilot, Severity};
 
 /// AVAILABLE_MODES and MESSAGE_INTERVAL, which REQUEST_MESSAGE asks for with a second number.
 const AVAILABLE_MODES_ID: f64 = 435.0;
@@ -79,30 +80,47 @@ pub(super) fn refuse(result: MavResult, text: impl Into<String>) -> Answer {
 }
 
 impl Pilot {
-    pub(super) fn answer(&mut self, at: HostTime, request: Request) {
-        let (result, why) = match self.command(at, &request) {
+    /// Does what a client commands, by number, and answers whatever it is.
+    pub(super) fn answer(
+        &mut self,
+        at: HostTime,
+        (link, peer): (LinkId, (u8, u8)),
+        number: u16,
+        params: [f32; 4],
+        location: Location,
+    ) {
+        let unknown_frame = matches!(
+            location,
+            Location::Int { frame, .. } if known::<MavFrame>(frame).is_none()
+        );
+        let answer = match known(number) {
+            _ if unknown_frame => Ok(MavResult::MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME),
+            Some(command) => self.command(at, &Request { link, peer, command, params, location }),
+            None => Ok(MavResult::MAV_RESULT_UNSUPPORTED),
+        };
+        let (result, why) = match answer {
             Ok(MavResult::MAV_RESULT_IN_PROGRESS) => return, // answered when the board has
             Ok(result) => (result, None),
             Err((result, why)) => (result, Some(why)),
         };
-        self.send_ack(request.link, request.peer, request.command, result);
+        self.send_ack(link, peer, number, result);
         if let Some(why) = why {
             self.say(at, Severity::Warning, why);
         }
     }
 
-    fn send_ack(&mut self, link: LinkId, peer: (u8, u8), command: MavCmd, result: MavResult) {
+    fn send_ack(&mut self, link: LinkId, peer: (u8, u8), command: u16, result: MavResult) {
         // 255: how far it is, nobody knows.
         let progress = if result == MavResult::MAV_RESULT_IN_PROGRESS { u8::MAX } else { 0 };
         let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
             command,
-            result,
+            result: result as u8,
             progress,
             result_param2: 0,
             target_system: peer.0,
             target_component: peer.1,
         });
-        self.out.message(link, OWN, &message);
+        self.out.message(link, self.own, &message);
     }
 
     /// A client waits for the board. Asked again it waits once.
@@ -120,7 +138,7 @@ impl Pilot {
         let askers = std::mem::take(&mut self.askers);
         for asker in askers {
             if asker.awaits == awaits {
-                self.send_ack(asker.link, asker.peer, asker.command, result);
+                self.send_ack(asker.link, asker.peer, asker.command as u16, result);
             } else {
                 self.askers.push(asker);
             }
@@ -163,11 +181,11 @@ impl Pilot {
 
     /// COMMAND_CANCEL: what takes its time is ended, and answered as cancelled. What has been done is
     /// left as it is (common.xml).
-    pub(super) fn cancel(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), command: MavCmd) {
+    pub(super) fn cancel(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), command: u16) {
         if self.cancel_judging(at, command) {
             return;
         }
-        let is_theirs = |a: &Asker| (a.link, a.peer, a.command) == (link, peer, command);
+        let is_theirs = |a: &Asker| (a.link, a.peer, a.command as u16) == (link, peer, command);
         let Some(index) = self.askers.iter().position(is_theirs) else { return };
         let asker = self.askers.remove(index);
         // An order to stop the motors stands: nobody can want it half done.
@@ -186,7 +204,7 @@ impl Pilot {
             if at.seconds_since(asker.since) > due_s {
                 self.askers[i].words += 1;
                 let result = MavResult::MAV_RESULT_IN_PROGRESS;
-                self.send_ack(asker.link, asker.peer, asker.command, result);
+                self.send_ack(asker.link, asker.peer, asker.command as u16, result);
             }
         }
     }
@@ -241,9 +259,11 @@ impl Pilot {
                 ),
             },
             MavCmd::MAV_CMD_MISSION_START => {
+                let last_item = self.last_item(p)?;
                 if p[0].is_finite() && p[0] > 0.0 {
                     self.set_current_item(p[0])?;
                 }
+                self.guidance.last_item = last_item;
                 self.ask_mission(at)
             }
             MavCmd::MAV_CMD_DO_PAUSE_CONTINUE => match p[0] {
@@ -299,7 +319,7 @@ impl Pilot {
             message_id: id as u16,
             interval_us,
         });
-        self.out.message(link, OWN, &message);
+        self.out.message(link, self.own, &message);
         Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
 
@@ -311,12 +331,13 @@ impl Pilot {
         }
         if p[0] == AVAILABLE_MODES_ID {
             let all = p[1] == 0.0;
+            let identity = self.identity_on(link);
             let mut sent = false;
             for index in 1..=SHOWN_MODES.len() {
-                if let Some(message) = available_mode(index)
+                if let Some(message) = available_mode(index, identity)
                     && (all || p[1] == index as f64)
                 {
-                    self.out.message(link, OWN, &message);
+                    self.out.message(link, self.own, &message);
                     sent = true;
                 }
             }

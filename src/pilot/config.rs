@@ -23,6 +23,8 @@ pub struct PilotConfig {
     pub board_set_parameters: bool,
     /// Angle from room north to the board's north at start, rad, positive clockwise from above.
     pub board_north_offset_rad: f64,
+    /// System that we are to stations.
+    pub system_id: u8,
     /// Ground endpoints, in their order.
     pub endpoints: Vec<Endpoint>,
     /// What becomes of frames that are not for us.
@@ -54,6 +56,7 @@ impl Default for PilotConfig {
             board_profile: BoardProfile::Auto,
             board_set_parameters: false,
             board_north_offset_rad: 0.0,
+            system_id: 1,
             endpoints: vec![Endpoint::default()],
             routing: Routing::default(),
             origin: OriginConfig::default(),

@@ -3,8 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use haltere_core::geo::{Geodetic, LocalOrigin};
+use haltere_dialect::mav::haltere::MavType;
+use haltere_dialect::mav::known;
 
-use super::identity::{FLAPPING_WING, mav_type};
+use super::identity::FLAPPING_WING;
 use super::permits::Commanders;
 
 /// Most stations of one endpoint that is found by them (`udpin`, `tcpin`).
@@ -87,7 +89,7 @@ impl Default for Endpoint {
 impl Endpoint {
     /// Whether MAVLink knows this vehicle type.
     pub fn knows_type(vehicle_type: u8) -> bool {
-        mav_type(vehicle_type).is_some()
+        known::<MavType>(vehicle_type).is_some()
     }
 }
 

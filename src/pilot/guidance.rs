@@ -10,6 +10,7 @@ use haltere_core::estimate::Estimate;
 use haltere_core::frames::{E, Vec3, wrap_pi_rad};
 use haltere_core::time::HostTime;
 
+use super::awaited::Next;
 use super::config::FlightConfig;
 use super::excitation::Doublet;
 use super::landing_ramp::LandingRamp;
@@ -72,11 +73,15 @@ pub(super) struct Guidance {
     entered_at: HostTime,
     arrived_at: Option<HostTime>,
     takeoff_height_m: f64,
-    /// The mission starts when the take-off is done.
-    pub mission_waits: bool,
+    /// What follows the take-off.
+    pub next: Next,
     /// Index of the item in force.
     pub current_item: u16,
     item_started: bool,
+    /// The item after which the mission ends, where a client named one.
+    pub last_item: Option<u16>,
+    /// The item in force is a landing, or a return, that is under way: done when the vehicle stands.
+    pub landing: bool,
     /// The item in force was jumped to: the leg under way belongs to another one.
     jumped: bool,
     tilt: Option<TiltRun>,
@@ -116,9 +121,11 @@ impl Guidance {
             home_is_set: false,
             entered_at: at,
             arrived_at: None,
-            mission_waits: false,
+            next: Next::Nothing,
             current_item: 0,
             item_started: false,
+            last_item: None,
+            landing: false,
             jumped: false,
             tilt: None,
             wait_since: at,
@@ -219,6 +226,7 @@ impl Guidance {
     /// Another mission is in force: from its first item.
     pub fn new_mission(&mut self) {
         self.jumps_made.clear();
+        self.last_item = None;
         self.set_current_item(0);
     }
 
@@ -247,7 +255,17 @@ impl Guidance {
         }
         self.current_item = index;
         self.item_started = false;
+        self.landing = false;
         self.jumped = true;
+    }
+
+    /// The landing of the mission is over: its item, which is done. `None`: the landing is not the mission's.
+    pub fn landed(&mut self) -> Option<u16> {
+        let item = self.current_item;
+        std::mem::take(&mut self.landing).then(|| {
+            self.current_item = item.saturating_add(1);
+            item
+        })
     }
 
     /// Distance from the point that is held or that moves along its leg, m. `None` where the setpoint
@@ -275,11 +293,12 @@ impl Guidance {
                     if since > TAKEOFF_PATIENCE_S && error_m > 0.5 * self.takeoff_height_m {
                         news.event = Some(Event::NotLifted);
                     } else if is_up || since > TAKEOFF_PATIENCE_S {
-                        news.event = Some(if !self.mission_waits || mission.items.is_empty() {
-                            Event::HeightReached
-                        } else {
-                            Event::HeightReachedWithMission
-                        });
+                        news.event =
+                            Some(if self.next != Next::Mission || mission.items.is_empty() {
+                                Event::HeightReached
+                            } else {
+                                Event::HeightReachedWithMission
+                            });
                     }
                 }
                 (self.position_command(vel), news)

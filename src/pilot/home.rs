@@ -13,7 +13,7 @@ use super::commands::{Answer, Request, refuse};
 use super::endpoint::{GpsClaim, OriginConfig};
 use super::place::WIRE_DEG;
 use super::telemetry_global::millimetres;
-use super::{LinkId, OWN, Pilot, Severity};
+use super::{LinkId, Pilot, Severity};
 
 /// Highest and lowest altitude that an origin may have, m: as in the configuration.
 const ALTITUDE_M: std::ops::RangeInclusive<f64> = -500.0..=9000.0;
@@ -63,8 +63,8 @@ impl Pilot {
         for n in 0..self.grounds.len() {
             if self.grounds[n].is_open {
                 let link = self.grounds[n].link;
-                self.out.message(link, OWN, &self.origin_message());
-                self.out.message(link, OWN, &self.home_message());
+                self.out.message(link, self.own, &self.origin_message());
+                self.out.message(link, self.own, &self.home_message());
             }
         }
         Ok(MavResult::MAV_RESULT_ACCEPTED)
@@ -105,7 +105,7 @@ impl Pilot {
         self.say(at, Severity::Info, format!("home at N {north_m:.2} E {east_m:.2} m"));
         for n in 0..self.grounds.len() {
             if self.grounds[n].is_open {
-                self.out.message(self.grounds[n].link, OWN, &self.home_message());
+                self.out.message(self.grounds[n].link, self.own, &self.home_message());
             }
         }
         Ok(MavResult::MAV_RESULT_ACCEPTED)

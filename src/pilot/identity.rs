@@ -4,7 +4,6 @@ use haltere_dialect::mav::haltere::{
     AUTOPILOT_VERSION_DATA, AVAILABLE_MODES_DATA, CURRENT_MODE_DATA, MavAutopilot, MavMessage,
     MavModeProperty, MavProtocolCapability, MavStandardMode, MavType,
 };
-use haltere_dialect::mav_stream;
 
 use super::endpoint::Identity;
 use super::modes::Mode;
@@ -59,15 +58,20 @@ pub(super) fn standard_mode(number: f64) -> Option<Mode> {
 }
 
 /// AVAILABLE_MODES of a 1-based index.
-pub(super) fn available_mode(index: usize) -> Option<MavMessage> {
+pub(super) fn available_mode(index: usize, identity: Identity) -> Option<MavMessage> {
     let shown = SHOWN_MODES.get(index.checked_sub(1)?)?;
+    let name = match (shown.mode, identity) {
+        // As the map has it by which pymavlink, MAVProxy and DroneKit know the mode.
+        (Mode::Return, Identity::Generic) => "RTL",
+        _ => shown.name,
+    };
     Some(MavMessage::AVAILABLE_MODES(AVAILABLE_MODES_DATA {
         custom_mode: shown.mode.custom_mode(),
         properties: shown.properties,
         number_modes: SHOWN_MODES.len() as u8,
         mode_index: index as u8,
         standard_mode: shown.standard,
-        mode_name: shown.name.into(),
+        mode_name: name.into(),
     }))
 }
 
@@ -85,16 +89,6 @@ pub(super) fn autopilot(identity: Identity) -> MavAutopilot {
     match identity {
         Identity::Generic => MavAutopilot::MAV_AUTOPILOT_GENERIC,
         Identity::Px4 => MavAutopilot::MAV_AUTOPILOT_PX4,
-    }
-}
-
-/// `MAV_TYPE` of a number. The generated code reads it from a HEARTBEAT's byte only.
-pub(super) fn mav_type(number: u8) -> Option<MavType> {
-    // HEARTBEAT: custom_mode u32, type, autopilot, base_mode, system_status, mavlink_version.
-    let fields = [0, 0, 0, 0, number, 0, 0, 0, 3];
-    match mav_stream::parse_payload(0, &fields) {
-        Some(MavMessage::HEARTBEAT(m)) => Some(m.mavtype),
-        _ => None,
     }
 }
 
@@ -154,13 +148,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn prop_types_are_read_by_number() {
-        assert_eq!(mav_type(FLAPPING_WING), Some(MavType::MAV_TYPE_FLAPPING_WING));
-        assert_eq!(mav_type(2), Some(MavType::MAV_TYPE_QUADROTOR));
-        assert_eq!(mav_type(250), None);
-    }
-
-    #[test]
     fn val_the_shipped_map_holds_every_mode() {
         // pymavlink, MAVProxy and DroneKit read it; a mode that is missing there ends DroneKit.
         let text = include_str!("../../stations/custom_mode_map.json");
@@ -172,6 +159,27 @@ mod tests {
         assert_eq!(text.matches(':').count(), SHOWN_MODES.len() + 1);
     }
 
+    /// Two vehicles of one station: each is spoken to by its own number, and answers with it.
+    #[test]
+    fn prop_the_system_id_is_the_one_that_is_configured() {
+        use haltere_dialect::mav::haltere::{COMMAND_LONG_DATA, MavCmd};
+        let config = crate::PilotConfig { system_id: 7, ..Default::default() };
+        let mut bench = crate::bench::Bench::new(config);
+        for (target_system, answers) in [(7, 1), (1, 0)] {
+            let ask = COMMAND_LONG_DATA {
+                command: MavCmd::MAV_CMD_NAV_LAND as u16,
+                target_system,
+                target_component: 1,
+                ..Default::default()
+            };
+            let acks = |m: &MavMessage| matches!(m, MavMessage::COMMAND_ACK(_));
+            let heard = bench.says(&MavMessage::COMMAND_LONG(ask));
+            assert_eq!(heard.into_iter().filter(acks).count(), answers, "{target_system}");
+        }
+        bench.run(1.1);
+        assert_eq!(bench.heard_from, [7].into());
+    }
+
     #[test]
     fn prop_reserved_standard_modes_are_not_claimed() {
         // 1 position hold, 2 orbit, 3 cruise, 4 altitude hold.
@@ -180,6 +188,7 @@ mod tests {
         }
         assert_eq!(standard_mode(7.0), Some(Mode::Land));
         assert_eq!(standard_mode(f64::NAN), None);
-        assert!(available_mode(0).is_none() && available_mode(SHOWN_MODES.len() + 1).is_none());
+        let none = |index| available_mode(index, Identity::Generic).is_none();
+        assert!(none(0) && none(SHOWN_MODES.len() + 1));
     }
 }

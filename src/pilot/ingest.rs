@@ -192,6 +192,7 @@ impl Pilot {
                 }
                 let dt_s = self.last_imu.map_or(0.0, |t| sample.valid_at.seconds_since(t));
                 self.last_imu = Some(sample.valid_at);
+                self.imu = Some(sample);
                 self.supervisor.repetition.note(&sample);
                 // What repeats itself says nothing new, and what waited in a pause is over.
                 let repeats = self.supervisor.repetition.accelerometer_s() > 0.0;

@@ -7,7 +7,7 @@
 //! One idea per file: `schedule` the control step and what is due beside it, `supervisor` what
 //! can go wrong and what is then done, `supervise` how a flight ends, `modes` the table of transitions,
 //! `ending` how a program ends that flies,
-//! `change` what a transition does, `guidance` what the controller is asked for, `voice` what people are
+//! `change` what a transition does, `awaited` what follows a take-off, `guidance` what the controller is asked for, `voice` what people are
 //! told, `losses` what was thrown away, `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
 //! what they fetch and store: parameters, plans, files and logs.
 //!
@@ -40,6 +40,9 @@
 #![allow(deprecated)]
 
 mod arming;
+mod awaited;
+#[cfg(test)]
+mod bench;
 mod board;
 mod calendar;
 mod change;
@@ -73,6 +76,7 @@ mod output;
 mod passed_on;
 mod permits;
 mod place;
+mod radio;
 mod recording;
 mod reference;
 mod resume;
@@ -92,6 +96,7 @@ mod telemetry;
 mod telemetry_counts;
 mod telemetry_estimator;
 mod telemetry_global;
+mod telemetry_imu;
 mod tilt_step;
 pub mod uwb;
 mod voice;
@@ -118,7 +123,7 @@ use haltere_core::drops::Drops;
 use haltere_core::estimate::{Estimate, Health};
 use haltere_core::estimator::{Estimator, MOST_ANCHORS};
 use haltere_core::geo::LocalOrigin;
-use haltere_core::measure::{BatterySample, BoardAttitude, ServoOutput, Tdoa};
+use haltere_core::measure::{BatterySample, BoardAttitude, ImuSample, ServoOutput, Tdoa};
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ControlRecord, Topic};
@@ -151,13 +156,15 @@ pub const ARMING_CHECKS: [ArmingCheck; 12] = ArmingCheck::ALL;
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
 
-/// Our own address on ground links (INTERFACES.md section 3).
-const OWN: Address = Address { system_id: 1, component_id: 1 };
+/// Our own component on ground links: an autopilot (INTERFACES.md section 3).
+const OWN_COMPONENT: u8 = 1;
 
 /// The state machine.
 #[derive(Debug)]
 pub struct Pilot {
     config: PilotConfig,
+    /// Who we are on ground links, from the start to the end.
+    own: Address,
     survey: Survey,
     now: HostTime,
     next_tick: HostTime,
@@ -181,6 +188,8 @@ pub struct Pilot {
     tag_asked_at: HostTime,
     last_fused: Option<HostTime>,
     last_imu: Option<HostTime>,
+    /// The newest sample, for who asks for it.
+    imu: Option<ImuSample>,
     baro_at: Option<HostTime>,
     pairs: Vec<PairStats>,
 
@@ -280,6 +289,7 @@ impl Pilot {
             .collect();
         let origin = config.origin.in_force();
         let mut pilot = Self {
+            own: Address { system_id: config.system_id, component_id: OWN_COMPONENT },
             now: at,
             next_tick: at.offset_us(schedule::CONTROL_PERIOD_US),
             last_tick: None,
@@ -298,6 +308,7 @@ impl Pilot {
             tag_asked_at: at,
             last_fused: None,
             last_imu: None,
+            imu: None,
             baro_at: None,
             pairs: Vec::new(),
             board: BoardLink::new(

@@ -188,8 +188,8 @@ pub(super) fn plan_id<'a>(items: impl Iterator<Item = &'a MISSION_ITEM_INT_DATA>
         }
         eat(&w.x.to_le_bytes());
         eat(&w.y.to_le_bytes());
-        eat(&(w.command as u32).to_le_bytes());
-        eat(&[w.frame as u8]);
+        eat(&u32::from(w.command).to_le_bytes());
+        eat(&[w.frame]);
     }
     hash.map_or(0, |hash| hash.max(1))
 }

@@ -218,8 +218,8 @@ impl Item {
             seq,
             target_system,
             target_component,
-            frame: MavFrame::MAV_FRAME_LOCAL_NED,
-            mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+            frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
+            mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION as u8,
             autocontinue: 1,
             current: u8::from(seq == 0),
             x: (north_m * LOCAL_SCALE).round() as i32,
@@ -227,7 +227,7 @@ impl Item {
             z: -height_m as f32,
             ..Default::default()
         };
-        wire.command = match self.command {
+        let command = match self.command {
             Command::Takeoff => {
                 wire.z = -self.height_m.unwrap_or_default() as f32;
                 wire.param4 = f32::NAN;
@@ -278,6 +278,7 @@ impl Item {
                 MavCmd::MAV_CMD_NAV_LAND
             }
         };
+        wire.command = command as u16;
         wire
     }
 
@@ -376,10 +377,10 @@ mod tests {
         )
         .unwrap();
         let takeoff = mission.items[0].to_wire(0, 1, 1);
-        assert_eq!((takeoff.command, takeoff.z), (MavCmd::MAV_CMD_NAV_TAKEOFF, -1.2));
+        assert_eq!((takeoff.command, takeoff.z), (MavCmd::MAV_CMD_NAV_TAKEOFF as u16, -1.2));
         let point = mission.items[1].to_wire(1, 1, 1);
         assert_eq!((point.x, point.y, point.z), (10_000, -25_000, -1.5));
-        assert_eq!((point.param1, point.frame), (2.0, MavFrame::MAV_FRAME_LOCAL_NED));
+        assert_eq!((point.param1, point.frame), (2.0, MavFrame::MAV_FRAME_LOCAL_NED as u8));
         assert!(point.param4.is_nan());
     }
 

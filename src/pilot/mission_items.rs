@@ -6,6 +6,7 @@
 //! from room north in the local one.
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionResult};
+use haltere_dialect::mav::{known, name_of};
 
 use haltere_core::frames::{E, Vec3};
 use haltere_core::geo::{Geodetic, LocalOrigin};
@@ -14,6 +15,8 @@ use super::excitation::Doublet;
 use super::mission::{LOWEST_M, MissionItem};
 use super::tilt_step::{Envelope, TiltStep};
 
+/// The frame that counts from the room's origin, on the wire.
+const LOCAL_NED: u8 = MavFrame::MAV_FRAME_LOCAL_NED as u8;
 /// `MAV_FRAME_LOCAL_NED` in `MISSION_ITEM_INT` counts x and y in 0.1 mm.
 pub(super) const LOCAL_SCALE: f64 = 1e-4;
 /// Highest voltage that can be waited for, V: as for `limits.battery_low_v`.
@@ -39,14 +42,16 @@ fn given(value: f32) -> Option<f64> {
 }
 
 /// Whether a frame counts from the globe.
-pub(super) fn is_global(frame: MavFrame) -> bool {
+pub(super) fn is_global(frame: u8) -> bool {
     use MavFrame as F;
     matches!(
-        frame,
-        F::MAV_FRAME_GLOBAL
-            | F::MAV_FRAME_GLOBAL_INT
-            | F::MAV_FRAME_GLOBAL_RELATIVE_ALT
-            | F::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+        known(frame),
+        Some(
+            F::MAV_FRAME_GLOBAL
+                | F::MAV_FRAME_GLOBAL_INT
+                | F::MAV_FRAME_GLOBAL_RELATIVE_ALT
+                | F::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+        )
     )
 }
 
@@ -58,14 +63,14 @@ pub(super) fn place_E_m(
     use MavFrame as F;
     let seq = item.seq;
     let z = f64::from(item.z);
-    if item.frame == F::MAV_FRAME_LOCAL_NED {
+    if item.frame == LOCAL_NED {
         let [x, y] = [item.x, item.y].map(|v| f64::from(v) * LOCAL_SCALE);
         return Ok(Vec3::new(x, y, z));
     }
     if !is_global(item.frame) {
         let why = format!(
-            "item {seq}: frame {:?} not supported, use LOCAL_NED, GLOBAL or GLOBAL_RELATIVE_ALT",
-            item.frame
+            "item {seq}: frame {} not supported, use LOCAL_NED, GLOBAL or GLOBAL_RELATIVE_ALT",
+            name_of::<F>(item.frame)
         );
         return Err((MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME, why));
     }
@@ -73,7 +78,8 @@ pub(super) fn place_E_m(
         let why = format!("item {seq}: the room has no origin on the globe, send one first");
         return Err((MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME, why));
     };
-    let above_sea = matches!(item.frame, F::MAV_FRAME_GLOBAL | F::MAV_FRAME_GLOBAL_INT);
+    let above_sea =
+        matches!(known(item.frame), Some(F::MAV_FRAME_GLOBAL | F::MAV_FRAME_GLOBAL_INT));
     let base_m = origin.place().alt_m;
     let height_m = if above_sea { z - base_m } else { z };
     match Geodetic::from_e7(item.x, item.y, base_m) {
@@ -89,11 +95,9 @@ pub(super) fn place_E_m(
 }
 
 /// The yaw of an item from room north, rad.
-fn yaw_rad(frame: MavFrame, yaw_deg: f64, origin: Option<&LocalOrigin>) -> f64 {
+fn yaw_rad(frame: u8, yaw_deg: f64, origin: Option<&LocalOrigin>) -> f64 {
     match origin {
-        Some(origin) if frame != MavFrame::MAV_FRAME_LOCAL_NED => {
-            origin.room_yaw_rad(yaw_deg.to_radians())
-        }
+        Some(origin) if frame != LOCAL_NED => origin.room_yaw_rad(yaw_deg.to_radians()),
         _ => yaw_deg.to_radians(),
     }
 }
@@ -152,11 +156,15 @@ pub(super) fn from_wire(
     let origin = room.origin.as_ref();
     // A zero point is what clients send for "here".
     let here = item.x == 0 && item.y == 0;
-    let placed = is_global(item.frame) || item.frame == MavFrame::MAV_FRAME_LOCAL_NED;
+    let placed = is_global(item.frame) || item.frame == LOCAL_NED;
     let hold_s = |result| {
         in_range(seq, given(item.param1).unwrap_or(0.0), [0.0, LONGEST_S], result, "time", "s")
     };
-    match item.command {
+    let Some(command) = known(item.command) else {
+        let why = format!("item {seq}: command {} not supported", item.command);
+        return Err((R::MAV_MISSION_UNSUPPORTED, why));
+    };
+    match command {
         MavCmd::MAV_CMD_NAV_TAKEOFF | MavCmd::MAV_CMD_NAV_TAKEOFF_LOCAL => {
             // Straight up, wherever the point is: on a take-off it is where the vehicle stands.
             let height_m = -place_E_m(item, origin)?.z();
@@ -191,7 +199,7 @@ pub(super) fn from_wire(
             })
         }
         MavCmd::MAV_CMD_NAV_LOITER_UNLIM | MavCmd::MAV_CMD_NAV_LOITER_TIME => {
-            let endless = item.command == MavCmd::MAV_CMD_NAV_LOITER_UNLIM;
+            let endless = command == MavCmd::MAV_CMD_NAV_LOITER_UNLIM;
             let hold_s =
                 if endless { f64::INFINITY } else { hold_s(R::MAV_MISSION_INVALID_PARAM1)? };
             if here || !placed {
@@ -211,7 +219,7 @@ pub(super) fn from_wire(
             let swapped = MISSION_ITEM_INT_DATA {
                 x: item.y,
                 y: item.x,
-                frame: MavFrame::MAV_FRAME_LOCAL_NED,
+                frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
                 ..item.clone()
             };
             Ok(MissionItem::Land { pos_E_m: Some(place_inside(&swapped, room, true)?) })
@@ -330,8 +338,8 @@ mod tests {
 
     fn waypoint() -> MISSION_ITEM_INT_DATA {
         MISSION_ITEM_INT_DATA {
-            command: MavCmd::MAV_CMD_NAV_WAYPOINT,
-            frame: MavFrame::MAV_FRAME_LOCAL_NED,
+            command: MavCmd::MAV_CMD_NAV_WAYPOINT as u16,
+            frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
             x: 10_000,
             y: -20_000,
             z: -1.5,
@@ -365,17 +373,22 @@ mod tests {
         // What MAVProxy and QGroundControl send for a local frame: scaled by 1e7, 1000 times too far.
         let scaled = MISSION_ITEM_INT_DATA { x: 10_000_000, seq: 3, ..waypoint() };
         check(scaled, R::MAV_MISSION_INVALID, "item 3: N 1000.00");
-        let body = MISSION_ITEM_INT_DATA { frame: MavFrame::MAV_FRAME_BODY_FRD, ..waypoint() };
+        let body =
+            MISSION_ITEM_INT_DATA { frame: MavFrame::MAV_FRAME_BODY_FRD as u8, ..waypoint() };
         check(body, R::MAV_MISSION_UNSUPPORTED_FRAME, "use LOCAL_NED");
         let nan = MISSION_ITEM_INT_DATA { z: f32::NAN, ..waypoint() };
         check(nan, R::MAV_MISSION_INVALID, "height NaN");
-        let roi = MISSION_ITEM_INT_DATA { command: MavCmd::MAV_CMD_DO_SET_ROI, ..waypoint() };
+        let roi =
+            MISSION_ITEM_INT_DATA { command: MavCmd::MAV_CMD_DO_SET_ROI as u16, ..waypoint() };
         check(roi, R::MAV_MISSION_UNSUPPORTED, "not supported");
         let floor = MISSION_ITEM_INT_DATA { z: 0.0, ..waypoint() };
         check(floor, R::MAV_MISSION_INVALID, "height 0.2 to 3.0 m");
         // A landing place lies on the floor.
-        let land =
-            MISSION_ITEM_INT_DATA { command: MavCmd::MAV_CMD_NAV_LAND, z: 0.0, ..waypoint() };
+        let land = MISSION_ITEM_INT_DATA {
+            command: MavCmd::MAV_CMD_NAV_LAND as u16,
+            z: 0.0,
+            ..waypoint()
+        };
         assert!(check_one(&land).is_ok());
     }
 
@@ -401,6 +414,7 @@ mod tests {
             (F::MAV_FRAME_GLOBAL_RELATIVE_ALT, 1.5),
             (F::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, 1.5),
         ] {
+            let frame = frame as u8;
             let item = MISSION_ITEM_INT_DATA { frame, x, y, z, param4: 90.0, ..waypoint() };
             let Ok(MissionItem::Waypoint { pos_E_m, yaw_rad, .. }) = check_one(&item) else {
                 panic!("{frame:?}: {:?}", check_one(&item))
@@ -409,7 +423,7 @@ mod tests {
             // Room north is 30 degrees from true north.
             assert!((yaw_rad.unwrap() - 60.0_f64.to_radians()).abs() < 1e-9);
         }
-        let item = MISSION_ITEM_INT_DATA { frame: F::MAV_FRAME_GLOBAL, x, y, ..waypoint() };
+        let item = MISSION_ITEM_INT_DATA { frame: F::MAV_FRAME_GLOBAL as u8, x, y, ..waypoint() };
         let lost = Room { envelope: &volume(), origin: None };
         let (result, why) = from_wire(&item, &lost).unwrap_err();
         assert_eq!(result, MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME);
@@ -422,7 +436,7 @@ mod tests {
     fn prop_home_of_other_planners_is_no_waypoint() {
         let [x, y] = origin().to_global(Vec3::new(0.0, 0.0, 0.0)).to_e7();
         let home = MISSION_ITEM_INT_DATA {
-            frame: MavFrame::MAV_FRAME_GLOBAL,
+            frame: MavFrame::MAV_FRAME_GLOBAL as u8,
             x,
             y,
             z: 500.0,
@@ -435,12 +449,12 @@ mod tests {
 
     #[test]
     fn prop_commands_without_a_place() {
-        let bare = |command, param1: f32, param2: f32| MISSION_ITEM_INT_DATA {
-            command,
+        let bare = |command: MavCmd, param1: f32, param2: f32| MISSION_ITEM_INT_DATA {
+            command: command as u16,
             param1,
             param2,
             seq: 2,
-            frame: MavFrame::MAV_FRAME_MISSION,
+            frame: MavFrame::MAV_FRAME_MISSION as u8,
             ..Default::default()
         };
         let check = |item: MISSION_ITEM_INT_DATA, want: MissionItem| {
@@ -478,8 +492,8 @@ mod tests {
         let yaw_rad = -90.0_f64.to_radians();
         check(turn, MissionItem::Yaw { yaw_rad, relative: true });
         let local = MISSION_ITEM_INT_DATA {
-            command: MavCmd::MAV_CMD_NAV_LAND_LOCAL,
-            frame: MavFrame::MAV_FRAME_LOCAL_NED,
+            command: MavCmd::MAV_CMD_NAV_LAND_LOCAL as u16,
+            frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
             x: 20_000,
             y: 10_000,
             ..Default::default()

@@ -8,7 +8,7 @@
 
 use haltere_dialect::mav::haltere::{
     MISSION_ACK_DATA, MISSION_ITEM_INT_DATA, MISSION_REQUEST_DATA, MISSION_REQUEST_INT_DATA,
-    MavMessage, MavMissionResult, MavMissionType,
+    MavMessage, MavMissionResult,
 };
 
 use haltere_core::time::HostTime;
@@ -34,7 +34,7 @@ pub(super) struct Client {
 #[derive(Debug)]
 struct Session {
     client: Client,
-    mission_type: MavMissionType,
+    mission_type: u8,
     /// Index of the first item, and how many there are to come.
     first: u16,
     count: u16,
@@ -52,7 +52,7 @@ struct Session {
 #[derive(Debug)]
 struct Finished {
     client: Client,
-    mission_type: MavMissionType,
+    mission_type: u8,
     last_seq: u16,
     answer: MavMessage,
     at: HostTime,
@@ -69,7 +69,7 @@ pub(super) struct MissionTransfer {
 #[derive(Debug, PartialEq)]
 pub(super) struct Upload {
     pub client: Client,
-    pub mission_type: MavMissionType,
+    pub mission_type: u8,
     pub first: u16,
     pub partial: bool,
     pub items: Vec<MISSION_ITEM_INT_DATA>,
@@ -90,14 +90,14 @@ pub(super) enum Progress {
 /// The acknowledgement of the protocol.
 pub(super) fn ack(
     to: (u8, u8),
-    mission_type: MavMissionType,
+    mission_type: u8,
     result: MavMissionResult,
     opaque_id: u32,
 ) -> MavMessage {
     MavMessage::MISSION_ACK(MISSION_ACK_DATA {
         target_system: to.0,
         target_component: to.1,
-        mavtype: result,
+        mavtype: result as u8,
         mission_type,
         opaque_id,
     })
@@ -113,7 +113,7 @@ impl MissionTransfer {
     pub fn begin(
         &mut self,
         client: Client,
-        mission_type: MavMissionType,
+        mission_type: u8,
         first: u16,
         count: u16,
         partial: bool,
@@ -138,7 +138,7 @@ impl MissionTransfer {
     }
 
     /// Whether an item is the one that was asked for.
-    pub fn wants(&self, client: Client, mission_type: MavMissionType, seq: u16) -> bool {
+    pub fn wants(&self, client: Client, mission_type: u8, seq: u16) -> bool {
         self.session.as_ref().is_some_and(|s| {
             s.client == client && s.mission_type == mission_type && s.next() == u32::from(seq)
         })
@@ -260,10 +260,11 @@ impl Session {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use haltere_dialect::mav::haltere::MavMissionType;
 
     const QGC: Client = Client { link: LinkId::Ground(0), peer: (255, 190) };
     const OTHER: Client = Client { link: LinkId::Ground(1), peer: (255, 190) };
-    const PLAN: MavMissionType = MavMissionType::MAV_MISSION_TYPE_MISSION;
+    const PLAN: u8 = MavMissionType::MAV_MISSION_TYPE_MISSION as u8;
 
     fn at(s: f64) -> HostTime {
         HostTime::from_us((s * 1e6) as u64)
@@ -288,7 +289,7 @@ mod tests {
         assert_eq!(transfer.item(QGC, item(0), false, at(0.1)), Progress::Nothing);
         assert_eq!(transfer.item(OTHER, item(1), false, at(0.1)), Progress::Nothing);
         let fence = MISSION_ITEM_INT_DATA {
-            mission_type: MavMissionType::MAV_MISSION_TYPE_FENCE,
+            mission_type: MavMissionType::MAV_MISSION_TYPE_FENCE as u8,
             ..item(1)
         };
         assert_eq!(transfer.item(QGC, fence, false, at(0.1)), Progress::Nothing);

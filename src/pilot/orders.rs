@@ -7,7 +7,8 @@ use haltere_core::frames::Vec3;
 use haltere_core::time::HostTime;
 
 use super::arming::{Check, SHADOW_WORDS};
-use super::commands::{Answer, Awaits, Request, refuse};
+use super::awaited::{Next, too_far};
+use super::commands::{Answer, Awaits, Refusal, Request, refuse};
 use super::identity::SHOWN_MODES;
 use super::mission::LOWEST_M;
 use super::modes::{Event, Mode};
@@ -204,7 +205,7 @@ impl Pilot {
         match self.mode {
             Mode::Disarmed | Mode::Arming | Mode::Idle => {
                 self.guidance.set_takeoff_height(height_m);
-                self.guidance.mission_waits = false;
+                self.guidance.next = Next::Nothing;
                 self.lift_off_asked = true;
                 self.intended_mode = Mode::Takeoff.custom_mode();
                 if self.mode == Mode::Disarmed {
@@ -244,12 +245,12 @@ impl Pilot {
                 let height_m =
                     self.mission.takeoff_height_m().unwrap_or(self.config.flight.takeoff_height_m);
                 self.guidance.set_takeoff_height(height_m);
-                self.guidance.mission_waits = true;
+                self.guidance.next = Next::Mission;
                 self.lift_off_asked = true;
                 Ok(MavResult::MAV_RESULT_ACCEPTED)
             }
             Mode::Spool | Mode::Takeoff => {
-                self.guidance.mission_waits = true;
+                self.guidance.next = Next::Mission;
                 Ok(MavResult::MAV_RESULT_ACCEPTED)
             }
             _ => self.ask(at, Event::MissionAsked, &[Mode::Mission]),
@@ -266,6 +267,20 @@ impl Pilot {
         }
         self.guidance.set_current_item(index as u16);
         Ok(MavResult::MAV_RESULT_ACCEPTED)
+    }
+
+    /// The last item of MISSION_START, where it is not that of the mission: 0 names none, as most clients send it.
+    pub(super) fn last_item(&self, [first, last, ..]: [f64; 4]) -> Result<Option<u16>, Refusal> {
+        let count = self.mission.items.len();
+        let first = if first.is_finite() { first.max(0.0) } else { 0.0 };
+        if last.is_nan() || last == 0.0 || last == count as f64 - 1.0 {
+            return Ok(None);
+        }
+        if !(last >= first && last < count as f64) {
+            let why = format!("last item = {last}, allowed {first} to {}", count.saturating_sub(1));
+            return Err((MavResult::MAV_RESULT_DENIED, why));
+        }
+        Ok(Some(last as u16))
     }
 
     /// A mode by PX4's number, from any of the ways to ask for one.
@@ -322,6 +337,36 @@ impl Pilot {
             );
         }
         self.refused_setpoint_told = false;
+        let next = if mode == Mode::Offboard { Next::Offboard } else { Next::Manual };
+        let on_floor = matches!(self.mode, Mode::Disarmed | Mode::Arming | Mode::Idle);
+        if mode == Mode::Offboard && on_floor {
+            return self.ask_offboard_on_floor(setpoint);
+        }
+        self.ask_or_wait(at, event, mode, next)
+    }
+
+    /// Offboard before the take-off: the stream lifts off, when it runs and the board is armed.
+    fn ask_offboard_on_floor(&mut self, setpoint: Option<Setpoint>) -> Answer {
+        use MavResult as R;
+        self.refuse_while_ending("offboard")?;
+        if self.estimate.health == Health::NotAligned {
+            return refuse(R::MAV_RESULT_TEMPORARILY_REJECTED, "estimator not aligned");
+        }
+        if let Some(why) = setpoint.and_then(|s| too_far(&s, self.estimate.pos_E_m)) {
+            return refuse(R::MAV_RESULT_DENIED, why);
+        }
+        self.lift_off_asked = false;
+        self.guidance.next = Next::Offboard;
+        Ok(R::MAV_RESULT_ACCEPTED)
+    }
+
+    /// Asks for a mode. While the vehicle climbs off the floor it follows when that is done.
+    fn ask_or_wait(&mut self, at: HostTime, event: Event, mode: Mode, next: Next) -> Answer {
+        let climbs = matches!(self.mode, Mode::Spool | Mode::Takeoff);
+        if climbs && self.forbids(event).is_none() {
+            self.guidance.next = next;
+            return Ok(MavResult::MAV_RESULT_ACCEPTED);
+        }
         self.ask(at, event, &[mode])
     }
 
@@ -427,7 +472,8 @@ impl Pilot {
         {
             return refuse(R::MAV_RESULT_DENIED, why);
         }
-        let answer = self.ask(at, Event::GotoAsked, &[Mode::Goto])?;
+        let next = Next::Point { pos_E_m: point, yaw_rad };
+        let answer = self.ask_or_wait(at, Event::GotoAsked, Mode::Goto, next)?;
         if self.mode == Mode::Goto {
             self.guidance.fly_to(point, yaw_rad);
         }

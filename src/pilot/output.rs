@@ -85,24 +85,6 @@ impl Outbox {
         self.finish(link, self.bytes.len() - start);
     }
 
-    /// Queues a payload that the dialect has no type for.
-    pub fn payload(&mut self, link: LinkId, from: Address, msg_id: u32, payload: &[u8]) {
-        if self.withholds(link, false) || self.is_full(link) {
-            return;
-        }
-        let sequence = self.next_sequence(link);
-        let start = self.bytes.len();
-        mav_stream::encode_payload(
-            &mut self.bytes,
-            from.system_id,
-            from.component_id,
-            sequence,
-            msg_id,
-            payload,
-        );
-        self.finish(link, self.bytes.len() - start);
-    }
-
     /// What was queued for a link since the last call.
     pub fn take_sent(&mut self, link: LinkId) -> Sent {
         std::mem::take(&mut self.link(link).sent)
@@ -168,10 +150,9 @@ mod tests {
         let mut out = Outbox::of_shadow(true);
         let from = Address { system_id: 2, component_id: 192 };
         out.raw(LinkId::Board, &[1, 2, 3]);
-        out.payload(LinkId::Board, from, 31_337, &[1]);
         out.message(LinkId::Board, from, &MavMessage::SET_ATTITUDE_TARGET(Default::default()));
         out.drain(|link, bytes| panic!("{link:?} {bytes:?}"));
-        assert_eq!((out.take_withheld(), out.take_withheld()), (3, 0));
+        assert_eq!((out.take_withheld(), out.take_withheld()), (2, 0));
         out.message(LinkId::Board, from, &MavMessage::HEARTBEAT(Default::default()));
         out.raw(LinkId::Ground(0), &[1]);
         out.raw(LinkId::Tag, b"b");

@@ -10,10 +10,10 @@ use std::fmt;
 use std::str::FromStr;
 
 use haltere_dialect::mav::haltere::{
-    COMMAND_ACK_DATA, MavCmd, MavFtpErr, MavFtpOpcode, MavMessage, MavMissionResult,
-    MavMissionType, MavParamError, MavResult, PARAM_ERROR_DATA, PARAM_EXT_ACK_DATA,
-    PARAM_REQUEST_READ_DATA, ParamAck,
+    COMMAND_ACK_DATA, MavCmd, MavFtpErr, MavFtpOpcode, MavMessage, MavMissionResult, MavParamError,
+    MavResult, PARAM_ERROR_DATA, PARAM_EXT_ACK_DATA, PARAM_REQUEST_READ_DATA, ParamAck,
 };
+use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream;
 use serde::de::{Error as _, SeqAccess, Visitor};
 use serde::ser::SerializeSeq as _;
@@ -24,7 +24,7 @@ use haltere_core::time::HostTime;
 
 use super::mission_transfer::ack;
 use super::services::ftp_wire::Packet;
-use super::{LinkId, OWN, Pilot, Severity};
+use super::{LinkId, Pilot, Severity};
 
 /// People are told again that somebody was refused after this time, s.
 const TELL_AGAIN_S: f64 = 10.0;
@@ -153,7 +153,8 @@ impl<'de> Deserialize<'de> for Commanders {
 }
 
 /// Commands that only ask.
-fn asks(command: MavCmd, param1: f32) -> bool {
+fn asks(command: u16, param1: f32) -> bool {
+    let Some(command) = known(command) else { return false };
     match command {
         MavCmd::MAV_CMD_REQUEST_MESSAGE
         | MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL
@@ -242,7 +243,7 @@ impl Pilot {
         self.drops_of(link).add(DropReason::NotPermitted, 1);
         self.answer_refusal(at, link, peer, message);
         // What is for everyone may be chatter of other vehicles.
-        let meant = mav_stream::target(message).0 == OWN.system_id;
+        let meant = mav_stream::target(message).0 == self.own.system_id;
         let told = self.refused_told_at.is_some_and(|t| at.seconds_since(t) < TELL_AGAIN_S);
         if meant && !told {
             self.refused_told_at = Some(at);
@@ -261,15 +262,14 @@ impl Pilot {
         let denied = |command| {
             MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
                 command,
-                result: MavResult::MAV_RESULT_DENIED,
+                result: MavResult::MAV_RESULT_DENIED as u8,
                 progress: 0,
                 result_param2: 0,
                 target_system: peer.0,
                 target_component: peer.1,
             })
         };
-        let no_mission =
-            |kind: MavMissionType| ack(peer, kind, MavMissionResult::MAV_MISSION_DENIED, 0);
+        let no_mission = |kind| ack(peer, kind, MavMissionResult::MAV_MISSION_DENIED, 0);
         let answer = match message {
             MavMessage::COMMAND_LONG(m) => denied(m.command),
             MavMessage::COMMAND_INT(m) => denied(m.command),
@@ -282,8 +282,8 @@ impl Pilot {
                 // Clients that do not know PARAM_ERROR read the refusal from the old value.
                 let read = MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
                     param_index: -1,
-                    target_system: OWN.system_id,
-                    target_component: OWN.component_id,
+                    target_system: self.own.system_id,
+                    target_component: self.own.component_id,
                     param_id: m.param_id,
                 });
                 self.service_message(at, link, peer, &read);
@@ -299,7 +299,7 @@ impl Pilot {
                 param_id: m.param_id,
                 param_value: m.param_value,
                 param_type: m.param_type,
-                param_result: ParamAck::PARAM_ACK_FAILED,
+                param_result: ParamAck::PARAM_ACK_FAILED as u8,
             }),
             MavMessage::FILE_TRANSFER_PROTOCOL(m) => {
                 let nak = Packet::decode(&m.payload).nak(MavFtpErr::MAV_FTP_ERR_FILEPROTECTED);
@@ -308,7 +308,7 @@ impl Pilot {
             // No word of refusal in these; the heartbeat shows that nothing has changed.
             _ => return,
         };
-        self.out.message(link, OWN, &answer);
+        self.out.message(link, self.own, &answer);
     }
 }
 

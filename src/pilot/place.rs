@@ -1,6 +1,7 @@
 //! Points that clients name, in whatever frame, as points of the room.
 
 use haltere_dialect::mav::haltere::{MavFrame, MavResult};
+use haltere_dialect::mav::{known, name_of};
 
 use haltere_core::frames::{E, Vec3};
 use haltere_core::geo::Geodetic;
@@ -34,9 +35,9 @@ pub(super) enum Kind {
 }
 
 /// The frames of GROUND.md's list and their float and integer twins; `None`: not supported.
-pub(super) fn kind(frame: MavFrame) -> Option<Kind> {
+pub(super) fn kind(frame: u8) -> Option<Kind> {
     use MavFrame as F;
-    Some(match frame {
+    Some(match known(frame)? {
         F::MAV_FRAME_GLOBAL | F::MAV_FRAME_GLOBAL_INT => Kind::Global(Above::Sea),
         F::MAV_FRAME_GLOBAL_RELATIVE_ALT
         | F::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
@@ -63,9 +64,9 @@ pub(super) struct Wanted {
 pub(super) enum Location {
     /// COMMAND_LONG, or a float MISSION_ITEM: degrees or metres, NaN is "not given". COMMAND_LONG has
     /// no frame: `None`.
-    Float { x: f64, y: f64, z: f64, frame: Option<MavFrame> },
+    Float { x: f64, y: f64, z: f64, frame: Option<u8> },
     /// COMMAND_INT, MISSION_ITEM_INT: the largest number is "not given".
-    Int { x: i32, y: i32, z: f64, frame: MavFrame },
+    Int { x: i32, y: i32, z: f64, frame: u8 },
 }
 
 impl Location {
@@ -100,7 +101,10 @@ impl Pilot {
         kind(frame).ok_or_else(|| {
             (
                 MavResult::MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME,
-                format!("frame {frame:?} refused: use GLOBAL, GLOBAL_RELATIVE_ALT or LOCAL_NED"),
+                format!(
+                    "frame {} refused: use GLOBAL, GLOBAL_RELATIVE_ALT or LOCAL_NED",
+                    name_of::<MavFrame>(frame)
+                ),
             )
         })
     }

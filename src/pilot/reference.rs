@@ -42,7 +42,7 @@ pub(super) fn from_message(message: &MavMessage) -> Option<Result<WirePose, ()>>
             }
         }
         MavMessage::ODOMETRY(m) => {
-            if m.frame_id != MavFrame::MAV_FRAME_LOCAL_NED {
+            if m.frame_id != MavFrame::MAV_FRAME_LOCAL_NED as u8 {
                 return Some(Err(()));
             }
             WirePose {
@@ -70,7 +70,7 @@ mod tests {
         let nan = ATT_POS_MOCAP_DATA { y: f32::NAN, ..good };
         assert_eq!(from_message(&MavMessage::ATT_POS_MOCAP(nan)), Some(Err(())));
         let wrong_frame =
-            ODOMETRY_DATA { frame_id: MavFrame::MAV_FRAME_LOCAL_FRD, ..Default::default() };
+            ODOMETRY_DATA { frame_id: MavFrame::MAV_FRAME_LOCAL_FRD as u8, ..Default::default() };
         assert_eq!(from_message(&MavMessage::ODOMETRY(wrong_frame)), Some(Err(())));
     }
 }

@@ -6,6 +6,7 @@
 //! multiplies nothing.
 
 use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
+use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream::MavFrame;
 use haltere_dialect::signing::SIGNATURE_BYTES;
 
@@ -16,7 +17,7 @@ use super::arming::SHADOW_WORDS;
 use super::clients::is_command;
 use super::endpoint::Routing;
 use super::modes::Mode;
-use super::{LinkId, OWN, Pilot, Severity};
+use super::{LinkId, Pilot, Severity};
 
 /// Whether a message steers, or changes what the board streams to us: such are kept from the board while we steer.
 fn steers(message: &MavMessage) -> bool {
@@ -37,8 +38,8 @@ fn steers(message: &MavMessage) -> bool {
 /// Command and first parameter; `None`: no command. `Some(None)`: one that the dialect does not know.
 fn command_of(frame: &MavFrame<'_>, message: Option<&MavMessage>) -> Option<Option<(MavCmd, f32)>> {
     match message {
-        Some(MavMessage::COMMAND_LONG(m)) => Some(Some((m.command, m.param1))),
-        Some(MavMessage::COMMAND_INT(m)) => Some(Some((m.command, m.param1))),
+        Some(MavMessage::COMMAND_LONG(m)) => Some(known(m.command).map(|c| (c, m.param1))),
+        Some(MavMessage::COMMAND_INT(m)) => Some(known(m.command).map(|c| (c, m.param1))),
         _ => is_command(frame.header.msg_id).then_some(None),
     }
 }
@@ -47,12 +48,12 @@ impl Pilot {
     /// Number of the board's system, where it may be reached from the ground.
     fn routed_board(&self) -> Option<u8> {
         let board = self.board.system_id()?;
-        (self.config.routing == Routing::Board && board != OWN.system_id).then_some(board)
+        (self.config.routing == Routing::Board && board != self.own.system_id).then_some(board)
     }
 
     /// Said once when a board is found that cannot be told from us.
     pub(super) fn check_board_id(&mut self, at: HostTime, system_id: u8) {
-        if self.config.routing == Routing::Board && system_id == OWN.system_id {
+        if self.config.routing == Routing::Board && system_id == self.own.system_id {
             let text = format!(
                 "routing to the board refused: its system id is {system_id}, ours too; give it \
                  another (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV), or set ground.routing = \
@@ -73,8 +74,10 @@ impl Pilot {
         target: (u8, u8),
     ) {
         let sender = (frame.header.system_id, frame.header.component_id);
-        let ours = (OWN.system_id, OWN.component_id);
-        if self.config.routing == Routing::Off || sender == ours || target == ours {
+        let ours = (self.own.system_id, self.own.component_id);
+        // How full the radio of one line is says nothing about others.
+        let of_line = matches!(message, Some(MavMessage::RADIO_STATUS(_)));
+        if self.config.routing == Routing::Off || of_line || sender == ours || target == ours {
             return;
         }
         let again = self.passed_on.is_again(at, frame.raw);
@@ -314,7 +317,7 @@ mod tests {
 
     fn command(command: MavCmd, param1: f32, system: u8) -> Vec<u8> {
         let message = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            command,
+            command: command as u16,
             param1,
             target_system: system,
             target_component: 1,

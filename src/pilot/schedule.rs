@@ -183,7 +183,9 @@ impl Pilot {
                 if let Some(text) = news.warning {
                     self.say(at, Severity::Warning, text);
                 }
-                if let Some(event) = news.event {
+                if let Some(event) = news.event
+                    && !(event == Event::HeightReached && self.begin_next(at))
+                {
                     self.fire(at, event);
                 }
             }

@@ -3,7 +3,7 @@
 
 use core::net::SocketAddr;
 
-use haltere_dialect::mav_stream::{MavFrame, MavSplitter, heartbeat_fields};
+use haltere_dialect::mav_stream::{MavFrame, MavSplitter, heartbeat_of};
 
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
@@ -60,7 +60,7 @@ impl Pilot {
         let Some(was) = self.board.system_id().filter(|id| *id != frame.header.system_id) else {
             return;
         };
-        let disarmed = heartbeat_fields(frame).is_some_and(|beat| !says_armed(&beat));
+        let disarmed = heartbeat_of(frame).is_some_and(|beat| !says_armed(&beat));
         let rests = self.mode == Mode::Disarmed && !self.board.is_armed();
         let gone = Peers::is_gone(self.board_silence_s(at));
         if disarmed && rests && gone && speaks_as_board(frame, None) {
@@ -130,7 +130,7 @@ impl Pilot {
     /// another port, or it is gone, nothing flies, and another one is there that is disarmed.
     fn is_new_address(&mut self, at: HostTime, index: usize, frame: &MavFrame<'_>) -> bool {
         let silent_s = self.board_silence_s(at);
-        let beat = heartbeat_fields(frame);
+        let beat = heartbeat_of(frame);
         let Some(was) = self.board_peers.board() else { return beat.is_some() };
         let Some(now) = self.board_peers.other_mut(index).map(|other| other.address) else {
             return false;
@@ -184,8 +184,8 @@ mod tests {
         let flags = [MavModeFlag::empty(), MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED];
         let message = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             base_mode: flags[usize::from(armed)],
-            mavtype: MavType::MAV_TYPE_QUADROTOR,
-            autopilot,
+            mavtype: MavType::MAV_TYPE_QUADROTOR as u8,
+            autopilot: autopilot as u8,
             ..Default::default()
         });
         let mut bytes = Vec::new();

@@ -5,6 +5,8 @@ use haltere_dialect::mav::haltere::{
     SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 
+use haltere_dialect::mav::{known, name_of};
+
 use haltere_core::control::{AxisCommand, Command};
 use haltere_core::estimate::Estimate;
 use haltere_core::frames::{B, E, Rot, Vec3, wrap_pi_rad};
@@ -12,7 +14,7 @@ use haltere_core::geo::{Geodetic, LocalOrigin};
 use haltere_core::time::HostTime;
 
 use super::LinkId;
-use super::mission::Volume;
+use super::mission::{LOWEST_M, Volume};
 use super::place::{self, Above, Kind};
 
 /// A velocity towards the edge of the volume is cut so that the vehicle can stop there with this
@@ -47,6 +49,8 @@ pub(super) type Owner = (LinkId, (u8, u8));
 pub(super) struct Setpoint {
     /// When its bytes came.
     pub received_at: HostTime,
+    /// Since when its sender has sent setpoints without a gap.
+    pub since: HostTime,
     /// Who sent it, once it is known.
     pub owner: Option<Owner>,
     axes: [Axis; 3],
@@ -70,16 +74,18 @@ impl Setpoint {
         received_at: HostTime,
     ) -> Result<Self, String> {
         let heading = Rot::<E, B>::from_euler_rad(0.0, 0.0, estimate.R_EB.yaw_rad());
-        let offset = match message.coordinate_frame {
-            MavFrame::MAV_FRAME_LOCAL_NED => None,
-            MavFrame::MAV_FRAME_LOCAL_OFFSET_NED => Some(Rot::<E, B>::identity()),
-            MavFrame::MAV_FRAME_BODY_NED
-            | MavFrame::MAV_FRAME_BODY_OFFSET_NED
-            | MavFrame::MAV_FRAME_BODY_FRD => Some(heading),
-            other => return Err(format!("setpoint frame {other:?} not supported")),
+        let frame = known(message.coordinate_frame);
+        let offset = match frame {
+            Some(MavFrame::MAV_FRAME_LOCAL_NED) => None,
+            Some(MavFrame::MAV_FRAME_LOCAL_OFFSET_NED) => Some(Rot::<E, B>::identity()),
+            Some(
+                MavFrame::MAV_FRAME_BODY_NED
+                | MavFrame::MAV_FRAME_BODY_OFFSET_NED
+                | MavFrame::MAV_FRAME_BODY_FRD,
+            ) => Some(heading),
+            _ => return Err(frame_refused(message.coordinate_frame)),
         };
-        let body_velocity =
-            offset.is_some() && message.coordinate_frame != MavFrame::MAV_FRAME_LOCAL_OFFSET_NED;
+        let body_velocity = offset.is_some() && frame != Some(MavFrame::MAV_FRAME_LOCAL_OFFSET_NED);
         let mask = message.type_mask;
         if mask.contains(Mask::POSITION_TARGET_TYPEMASK_FORCE_SET) {
             return Err("setpoint of force not supported".to_owned());
@@ -156,7 +162,15 @@ impl Setpoint {
             };
         let feed_mps =
             std::array::from_fn(|i| if uses_pos[i] && uses_vel[i] { wire_vel[i] } else { 0.0 });
-        Ok(Self { received_at, owner: None, axes, feed_mps, body_velocity, yaw })
+        Ok(Self {
+            received_at,
+            since: received_at,
+            owner: None,
+            axes,
+            feed_mps,
+            body_velocity,
+            yaw,
+        })
     }
 
     /// From a joystick: velocities along the heading, m/s, and the rate of yaw, rad/s. What is let go
@@ -182,7 +196,15 @@ impl Setpoint {
             }
         });
         let yaw = if yaw_rate_radps == 0.0 { Yaw::Keep } else { Yaw::Rate(yaw_rate_radps) };
-        Self { received_at, owner: None, axes, feed_mps: [0.0; 3], body_velocity: true, yaw }
+        Self {
+            received_at,
+            since: received_at,
+            owner: None,
+            axes,
+            feed_mps: [0.0; 3],
+            body_velocity: true,
+            yaw,
+        }
     }
 
     /// Whether the point that it names lies within the walls and under the ceiling. Below the floor's own
@@ -205,6 +227,30 @@ impl Setpoint {
             }
         }
         Ok(())
+    }
+
+    /// How long ago it came, s.
+    pub fn age_s(&self, at: HostTime) -> f64 {
+        at.seconds_since(self.received_at)
+    }
+
+    /// How far away the point that it names is, seen from above, m.
+    pub fn away_m(&self, pos_E_m: Vec3<E>) -> f64 {
+        let away = |i: usize| match self.axes[i] {
+            Axis::Position(x) => x - pos_E_m[i],
+            Axis::Velocity(_) | Axis::Stay(_) => 0.0,
+        };
+        away(0).hypot(away(1))
+    }
+
+    /// The height that it leads to from the floor, m; `least_m` where it names none and wants to rise. `None`: it
+    /// stays on the floor.
+    pub fn climbs_to_m(&self, least_m: f64) -> Option<f64> {
+        match self.axes[2] {
+            Axis::Position(down_m) => (-down_m >= LOWEST_M).then_some(-down_m),
+            Axis::Velocity(down_mps) => (down_mps < 0.0).then_some(least_m),
+            Axis::Stay(_) => None,
+        }
     }
 
     /// Whether silence must end it: a velocity that nobody renews would fly on for ever, and one
@@ -271,6 +317,10 @@ impl Setpoint {
     }
 }
 
+fn frame_refused(frame: u8) -> String {
+    format!("setpoint frame {} not supported", name_of::<MavFrame>(frame))
+}
+
 /// A setpoint in a global frame as one in the room, through the place of its origin.
 pub(super) fn setpoint_from_global(
     m: &SET_POSITION_TARGET_GLOBAL_INT_DATA,
@@ -278,7 +328,7 @@ pub(super) fn setpoint_from_global(
 ) -> Result<SET_POSITION_TARGET_LOCAL_NED_DATA, String> {
     let above = match place::kind(m.coordinate_frame) {
         Some(Kind::Global(above)) => above,
-        _ => return Err(format!("setpoint frame {:?} not supported", m.coordinate_frame)),
+        _ => return Err(frame_refused(m.coordinate_frame)),
     };
     let both = |a: Mask, b: Mask| m.type_mask.contains(a) == m.type_mask.contains(b);
     // Room axes are not north and east.
@@ -319,7 +369,7 @@ pub(super) fn setpoint_from_global(
         type_mask: m.type_mask,
         target_system: m.target_system,
         target_component: m.target_component,
-        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
     })
 }
 
@@ -353,7 +403,7 @@ mod tests {
         vel: [f32; 3],
     ) -> SET_POSITION_TARGET_LOCAL_NED_DATA {
         SET_POSITION_TARGET_LOCAL_NED_DATA {
-            coordinate_frame: frame,
+            coordinate_frame: frame as u8,
             type_mask: Mask::from_bits_retain(mask),
             x: pos[0],
             y: pos[1],
@@ -523,9 +573,9 @@ mod tests {
         // Room north is east.
         let origin = LocalOrigin::new(place, FRAC_PI_2).unwrap();
         let there = origin.to_global(Vec3::new(3.0, -2.0, -1.5)).to_e7();
-        let global = |frame, alt, mask| {
+        let global = |frame: MavFrame, alt, mask| {
             let m = SET_POSITION_TARGET_GLOBAL_INT_DATA {
-                coordinate_frame: frame,
+                coordinate_frame: frame as u8,
                 type_mask: Mask::from_bits_truncate(mask),
                 lat_int: there[0],
                 lon_int: there[1],

@@ -11,6 +11,7 @@
 //! that they could learn from; trims of the other pilot are a constant difference.
 
 use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
+use haltere_dialect::mav::known;
 
 use haltere_core::control::Command;
 use haltere_core::estimate::Health;
@@ -37,8 +38,8 @@ pub(super) fn only_asks(message: &MavMessage) -> bool {
             true
         }
         MavMessage::COMMAND_LONG(m) => matches!(
-            m.command,
-            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL | MavCmd::MAV_CMD_REQUEST_MESSAGE
+            known(m.command),
+            Some(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL | MavCmd::MAV_CMD_REQUEST_MESSAGE)
         ),
         _ => false,
     }
@@ -192,9 +193,9 @@ mod tests {
 
     #[test]
     fn prop_only_questions_pass() {
-        let command = |command| {
+        let command = |command: MavCmd| {
             only_asks(&MavMessage::COMMAND_LONG(haltere_dialect::mav::haltere::COMMAND_LONG_DATA {
-                command,
+                command: command as u16,
                 ..Default::default()
             }))
         };

@@ -7,6 +7,7 @@ use haltere_dialect::mav::haltere::MavDataStream;
 use haltere_core::time::HostTime;
 
 use super::endpoint::{Endpoint, GpsClaim, Identity};
+use super::radio::{Radio, USUAL_BPS};
 use super::services::EVENT_SEQUENCE_ID;
 
 /// Fastest stream, µs: the control period.
@@ -34,14 +35,16 @@ struct Kind(u32, f64, Option<MavDataStream>);
 
 use MavDataStream as Group;
 const POSITION: Option<Group> = Some(Group::MAV_DATA_STREAM_POSITION);
+const RAW: Option<Group> = Some(Group::MAV_DATA_STREAM_RAW_SENSORS);
 const STATUS: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTENDED_STATUS);
 const EXTRA1: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTRA1);
 const EXTRA2: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTRA2);
 const EXTRA3: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTRA3);
 
 /// Everything that can be streamed. Silent clients wait for these (GROUND.md, "telemetry by
-/// default").
-const KINDS: [Kind; 31] = [
+/// default"). Our own messages go to who asks for them alone: a client that does not know them counts the gaps
+/// that they leave in the sequence as loss, a fifth of a perfect link.
+const KINDS: [Kind; 33] = [
     Kind(0, 1.0, None),       // HEARTBEAT
     Kind(1, 2.0, STATUS),     // SYS_STATUS
     Kind(24, 2.0, STATUS),    // GPS_RAW_INT
@@ -64,14 +67,16 @@ const KINDS: [Kind; 31] = [
     Kind(331, 5.0, None),     // ODOMETRY
     Kind(436, 0.5, None),     // CURRENT_MODE
     Kind(437, 0.3, None),     // AVAILABLE_MODES_MONITOR
-    Kind(54101, 10.0, None),  // HALTERE_ESTIMATE
-    Kind(54102, 10.0, None),  // HALTERE_CONTROL
-    Kind(54103, 4.0, None),   // HALTERE_PAIR
-    Kind(54104, 1.0, None),   // HALTERE_DROPS
-    Kind(54105, 1.0, None),   // HALTERE_LINK
+    Kind(54101, 0.0, None),   // HALTERE_ESTIMATE
+    Kind(54102, 0.0, None),   // HALTERE_CONTROL
+    Kind(54103, 0.0, None),   // HALTERE_PAIR
+    Kind(54104, 0.0, None),   // HALTERE_DROPS
+    Kind(54105, 0.0, None),   // HALTERE_LINK
     Kind(2, 1.0, EXTRA3),     // SYSTEM_TIME
     Kind(162, 1.0, STATUS),   // FENCE_STATUS
     Kind(411, 0.5, None),     // CURRENT_EVENT_SEQUENCE
+    Kind(26, 0.0, RAW),       // SCALED_IMU
+    Kind(105, 0.0, None),     // HIGHRES_IMU
     Kind(36, 1.0, None),      // SERVO_OUTPUT_RAW, as the board told it
 ];
 
@@ -103,6 +108,7 @@ pub(super) struct Streams {
 #[derive(Debug, Clone, Copy)]
 struct Line {
     speed_Bps: f64,
+    radio: Radio,
     free_B: f64,
     filled_at: HostTime,
 }
@@ -119,7 +125,7 @@ impl Streams {
         });
         let line = endpoint.line_Bps.map(|line_Bps| {
             let speed_Bps = line_Bps * LINE_SHARE;
-            Line { speed_Bps, free_B: speed_Bps * BURST_S, filled_at: at }
+            Line { speed_Bps, radio: Radio::default(), free_B: speed_Bps * BURST_S, filled_at: at }
         });
         Self { streams, first: 0, waiting: None, line, delayed: 0 }
     }
@@ -153,9 +159,9 @@ impl Streams {
         let interval_us = if start && rate_hz > 0.0 { 1e6 / rate_hz } else { -1.0 };
         let all = group == Group::MAV_DATA_STREAM_ALL;
         let mut found = false;
-        for Kind(msg_id, _, of) in &KINDS {
-            let claimed =
-                self.streams.iter().any(|s| s.msg_id == *msg_id && s.default_us.is_some());
+        for Kind(msg_id, default_hz, of) in &KINDS {
+            let claimed = *default_hz == 0.0
+                || self.streams.iter().any(|s| s.msg_id == *msg_id && s.default_us.is_some());
             if of.is_some_and(|of| all || of == group) {
                 found = true;
                 if claimed {
@@ -187,11 +193,28 @@ impl Streams {
         self.first = self.waiting.take().unwrap_or(self.first);
         if let Some(line) = &mut self.line {
             let since_s = at.seconds_since(line.filled_at).max(0.0);
-            let full_B = line.speed_Bps * BURST_S;
+            let speed_Bps = line.speed_Bps * line.radio.share;
+            let full_B = speed_Bps * BURST_S;
             // Control traffic may leave a debt; it is forgiven after two bursts of time.
-            line.free_B = (line.free_B + since_s * line.speed_Bps).clamp(-2.0 * full_B, full_B);
+            line.free_B = (line.free_B + since_s * speed_Bps).clamp(-2.0 * full_B, full_B);
             line.filled_at = at;
         }
+    }
+
+    /// The radio at the end of the line has told how much of its buffer is free, percent.
+    pub fn radio(&mut self, free_percent: u8, at: HostTime) {
+        let unknown = Line {
+            speed_Bps: USUAL_BPS * LINE_SHARE,
+            radio: Radio::default(),
+            free_B: 0.0,
+            filled_at: at,
+        };
+        self.line.get_or_insert(unknown).radio.told(free_percent);
+    }
+
+    /// What the line carries, bytes/s. `None`: more than we ever send.
+    pub fn line_Bps(&self) -> Option<f64> {
+        self.line.map(|line| line.speed_Bps / LINE_SHARE * line.radio.share)
     }
 
     /// Whether the line has room for a stream message.
@@ -304,6 +327,19 @@ mod tests {
             assert!(count >= share.floor(), "{id}: {count}");
         }
         assert!(streams.delayed > 0);
+    }
+
+    /// MAVProxy and pymavlink called perfect links 16 to 22 % lossy.
+    #[test]
+    fn regress_messages_of_our_own_go_to_who_asks_alone() {
+        let mut streams = Streams::new(&Endpoint::default(), at(0));
+        streams.set_group(Group::MAV_DATA_STREAM_ALL, 4.0, true, at(0));
+        assert!(run(&mut streams, 10, 40).keys().all(|id| *id < 54_100));
+        assert!(streams.set_interval(54_101, 100_000.0, at(0)));
+        let sent = run(&mut streams, 10, 40);
+        assert!(sent[&54_101] > 95 && !sent.contains_key(&54_105));
+        assert!(streams.set_interval(54_101, 0.0, at(0)));
+        assert_eq!(streams.interval_us(54_101), -1);
     }
 
     #[test]

@@ -7,6 +7,7 @@ use haltere_core::frames::G_MPS2;
 use haltere_core::measure::BaroSample;
 use haltere_core::time::HostTime;
 
+use super::awaited::Next;
 use super::modes::{Event, Mode};
 use super::schedule::CONTROL_PERIOD_US;
 use super::{Pilot, Severity};
@@ -257,6 +258,7 @@ impl Pilot {
         if self.mode == Mode::Disarming && !self.board.is_armed() && !self.board.is_commanding() {
             self.fire(at, Event::BoardDisarmed);
         }
+        self.pursue_next(at);
         if self.mode == Mode::Idle {
             if self.lift_off_asked {
                 self.lift_off(at);
@@ -284,10 +286,10 @@ impl Pilot {
     }
 
     /// Nothing takes off with an estimate that is none, however long ago the vehicle was armed.
-    fn lift_off(&mut self, at: HostTime) {
+    pub(super) fn lift_off(&mut self, at: HostTime) {
         self.lift_off_asked = false;
         if let Err(why) = self.may_lift_off(at) {
-            self.guidance.mission_waits = false;
+            self.guidance.next = Next::Nothing;
             self.say(at, Severity::Error, format!("take-off refused: {why}"));
             return;
         }

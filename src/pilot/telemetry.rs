@@ -6,7 +6,7 @@ use haltere_dialect::mav::haltere::{
     LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_REACHED_DATA,
     MavBatteryChargeState, MavBatteryFault, MavBatteryFunction, MavBatteryMode, MavBatteryType,
     MavLandedState, MavMessage, MavModeFlag, MavSeverity, MavState, MavSysStatusSensor,
-    MavSysStatusSensorExtended, MavType, MavVtolState, MissionState, NAMED_VALUE_FLOAT_DATA,
+    MavSysStatusSensorExtended, MavVtolState, MissionState, NAMED_VALUE_FLOAT_DATA,
     SERVO_OUTPUT_RAW_DATA, STATUSTEXT_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
@@ -15,26 +15,25 @@ use haltere_core::time::HostTime;
 
 use super::endpoint::{Endpoint, GpsClaim};
 use super::modes::Mode;
-use super::output::Outbox;
+use super::output::{Address, Outbox};
 use super::recording::Recording;
 use super::services::EVENT_SEQUENCE_ID;
-use super::{LinkId, OWN, Pilot, identity};
+use super::{LinkId, Pilot, identity};
 
 /// Length of the text field of STATUSTEXT.
 const TEXT_CHUNK: usize = 50;
 
 /// Sends a text, in chunks if it is long.
-pub(super) fn send_text(out: &mut Outbox, link: LinkId, severity: u8, text: &str, id: u16) {
-    let severity = match severity {
-        0 => MavSeverity::MAV_SEVERITY_EMERGENCY,
-        1 => MavSeverity::MAV_SEVERITY_ALERT,
-        2 => MavSeverity::MAV_SEVERITY_CRITICAL,
-        3 => MavSeverity::MAV_SEVERITY_ERROR,
-        4 => MavSeverity::MAV_SEVERITY_WARNING,
-        5 => MavSeverity::MAV_SEVERITY_NOTICE,
-        6 => MavSeverity::MAV_SEVERITY_INFO,
-        _ => MavSeverity::MAV_SEVERITY_DEBUG,
-    };
+pub(super) fn send_text(
+    out: &mut Outbox,
+    from: Address,
+    link: LinkId,
+    severity: u8,
+    text: &str,
+    id: u16,
+) {
+    // 7 is the last: debug.
+    let severity = severity.min(MavSeverity::MAV_SEVERITY_DEBUG as u8);
     let bytes = text.as_bytes();
     let chunked = bytes.len() > TEXT_CHUNK;
     // A text that fills its last chunk exactly needs an empty one to end it.
@@ -53,7 +52,7 @@ pub(super) fn send_text(out: &mut Outbox, link: LinkId, severity: u8, text: &str
             id: if chunked { id } else { 0 },
             chunk_seq: chunk_seq as u8,
         });
-        out.message(link, OWN, &message);
+        out.message(link, from, &message);
     }
 }
 
@@ -66,7 +65,7 @@ impl Pilot {
     pub(super) fn send_telemetry(&mut self, at: HostTime, link: LinkId, msg_id: u32) -> bool {
         match self.telemetry(at, link, msg_id) {
             Some(message) => {
-                self.out.message(link, OWN, &message);
+                self.out.message(link, self.own, &message);
                 true
             }
             None => false,
@@ -76,7 +75,7 @@ impl Pilot {
     /// The same to every station.
     pub(super) fn tell_all(&mut self, message: &MavMessage) {
         for ground in self.grounds.iter().filter(|g| g.is_open) {
-            self.out.message(ground.link, OWN, message);
+            self.out.message(ground.link, self.own, message);
         }
     }
 
@@ -177,7 +176,9 @@ impl Pilot {
             85 if self.mode.is_flying() => self.position_target(at),
             141 if aligned => self.altitude(at),
             147 => self.battery_status()?,
+            26 => self.scaled_imu(time_boot_ms)?,
             36 => self.servo_output()?,
+            105 => self.highres_imu()?,
             148 => identity::autopilot_version(endpoint.identity),
             193 if gps => self.ekf_status(endpoint.gps),
             230 if aligned => self.estimator_status(at, endpoint.gps),
@@ -185,8 +186,8 @@ impl Pilot {
             // is the room's origin.
             242 if global => self.home_message(),
             245 => MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
-                vtol_state: MavVtolState::MAV_VTOL_STATE_UNDEFINED,
-                landed_state: self.landed_state(),
+                vtol_state: MavVtolState::MAV_VTOL_STATE_UNDEFINED as u8,
+                landed_state: self.landed_state() as u8,
             }),
             331 if aligned => self.odometry(at),
             436 => identity::current_mode(self.shown_mode().custom_mode(), self.intended_mode),
@@ -233,11 +234,10 @@ impl Pilot {
         };
         MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: self.shown_mode().custom_mode(),
-            mavtype: identity::mav_type(endpoint.vehicle_type)
-                .unwrap_or(MavType::MAV_TYPE_FLAPPING_WING),
-            autopilot: identity::autopilot(endpoint.identity),
+            mavtype: endpoint.vehicle_type,
+            autopilot: identity::autopilot(endpoint.identity) as u8,
             base_mode,
-            system_status,
+            system_status: system_status as u8,
             mavlink_version: 3,
         })
     }
@@ -307,6 +307,13 @@ impl Pilot {
     fn battery_status(&self) -> Option<MavMessage> {
         let battery = self.battery?;
         let mut voltages = [u16::MAX; 10];
+        let charge_state = if battery.supply_v < self.config.limits.battery_critical_v {
+            MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_CRITICAL
+        } else if battery.supply_v < self.config.limits.battery_low_v {
+            MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_LOW
+        } else {
+            MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_OK
+        };
         voltages[0] = (battery.supply_v * 1e3).clamp(0.0, 65534.0) as u16;
         Some(MavMessage::BATTERY_STATUS(BATTERY_STATUS_DATA {
             current_consumed: -1,
@@ -317,20 +324,14 @@ impl Pilot {
                 .current_a
                 .map_or(-1, |a| (a * 100.0).clamp(0.0, 32767.0) as i16),
             id: 0,
-            battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_ALL,
-            mavtype: MavBatteryType::MAV_BATTERY_TYPE_LIPO,
+            battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_ALL as u8,
+            mavtype: MavBatteryType::MAV_BATTERY_TYPE_LIPO as u8,
             battery_remaining: self.remaining_percent(),
             // 0: not known.
             time_remaining: self.battery_left_s().map_or(0, |s| (s.min(86_400.0) as i32).max(1)),
-            charge_state: if battery.supply_v < self.config.limits.battery_critical_v {
-                MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_CRITICAL
-            } else if battery.supply_v < self.config.limits.battery_low_v {
-                MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_LOW
-            } else {
-                MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_OK
-            },
+            charge_state: charge_state as u8,
             voltages_ext: [0; 4],
-            mode: MavBatteryMode::MAV_BATTERY_MODE_UNKNOWN,
+            mode: MavBatteryMode::MAV_BATTERY_MODE_UNKNOWN as u8,
             fault_bitmask: MavBatteryFault::empty(),
         }))
     }
@@ -377,11 +378,13 @@ impl Pilot {
     fn mission_current(&self) -> MavMessage {
         let total = self.mission.items.len() as u16;
         let seq = self.guidance.current_item;
+        // Its landing is a part of it.
+        let flies = self.mode == Mode::Mission || self.guidance.landing;
         let mission_state = if total == 0 {
             MissionState::MISSION_STATE_NO_MISSION
         } else if seq >= total {
             MissionState::MISSION_STATE_COMPLETE
-        } else if self.mode == Mode::Mission {
+        } else if flies {
             MissionState::MISSION_STATE_ACTIVE
         } else if seq == 0 {
             MissionState::MISSION_STATE_NOT_STARTED
@@ -394,7 +397,7 @@ impl Pilot {
             // The protocol writes "no mission" as the largest number.
             total: if total == 0 { u16::MAX } else { total },
             mission_state,
-            mission_mode: if self.mode == Mode::Mission { 1 } else { 2 },
+            mission_mode: if flies { 1 } else { 2 },
             mission_id: self.mission.id,
             fence_id,
             rally_points_id,

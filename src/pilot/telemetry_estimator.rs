@@ -69,10 +69,10 @@ impl Pilot {
             pose_covariance: squares(DIAGONAL_6, [p0, p1, p2, a0, a1, a2]),
             // Rates are measured, not estimated: their uncertainty is not known.
             velocity_covariance: squares(DIAGONAL_6, [v0, v1, v2, f64::NAN, f64::NAN, f64::NAN]),
-            frame_id: MavFrame::MAV_FRAME_LOCAL_NED,
-            child_frame_id: MavFrame::MAV_FRAME_BODY_FRD,
+            frame_id: MavFrame::MAV_FRAME_LOCAL_NED as u8,
+            child_frame_id: MavFrame::MAV_FRAME_BODY_FRD as u8,
             reset_counter: 0,
-            estimator_type: MavEstimatorType::MAV_ESTIMATOR_TYPE_AUTOPILOT,
+            estimator_type: MavEstimatorType::MAV_ESTIMATOR_TYPE_AUTOPILOT as u8,
             quality: match estimate.health {
                 Health::Good => 100,
                 Health::Degraded => 50,

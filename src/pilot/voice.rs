@@ -24,7 +24,7 @@ impl Pilot {
     /// Tells the people at one station, and the log.
     pub(super) fn say_to(&mut self, at: HostTime, link: LinkId, severity: Severity, text: &str) {
         self.text_id = self.text_id.wrapping_add(1).max(1);
-        telemetry::send_text(&mut self.out, link, severity as u8, text, self.text_id);
+        telemetry::send_text(&mut self.out, self.own, link, severity as u8, text, self.text_id);
         let text = text.to_owned();
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
     }
@@ -46,7 +46,14 @@ impl Pilot {
         }
         self.text_id = self.text_id.wrapping_add(1).max(1);
         for ground in self.grounds.iter().filter(|g| g.is_open) {
-            telemetry::send_text(&mut self.out, ground.link, severity as u8, &text, self.text_id);
+            telemetry::send_text(
+                &mut self.out,
+                self.own,
+                ground.link,
+                severity as u8,
+                &text,
+                self.text_id,
+            );
         }
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
     }

@@ -18,6 +18,11 @@ pub fn examine(config: &Config) -> Vec<Finding> {
     for (i, endpoint) in config.ground.endpoints.iter().enumerate() {
         findings.extend(address(&format!("ground.endpoints[{i}]"), &endpoint.address, &usb));
     }
+    let id = config.ground.system_id;
+    findings.push(Finding::ok(
+        "ground.system_id",
+        format!("{id}: each vehicle of one station needs its own"),
+    ));
     if config.ground.endpoints.is_empty() {
         findings.push(Finding::warning(
             "ground.endpoints",

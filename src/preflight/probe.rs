@@ -5,7 +5,7 @@ use std::net::{TcpStream, ToSocketAddrs as _, UdpSocket};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use haltere_dialect::mav_stream::{MavSplitter, encode_payload, heartbeat_fields};
+use haltere_dialect::mav_stream::{MavSplitter, encode_payload, heartbeat_of};
 
 use crate::live::usb::{UsbSerial, serial_devices};
 use haltere_pilot::settings::Address;
@@ -157,7 +157,7 @@ fn hear(
         }
         while let Some(next) = splitter.next() {
             let Ok(frame) = next else { continue };
-            if let Some(beat) = heartbeat_fields(&frame)
+            if let Some(beat) = heartbeat_of(&frame)
                 && beat.autopilot != NO_AUTOPILOT
             {
                 let system_id = frame.header.system_id;

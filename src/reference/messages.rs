@@ -62,8 +62,7 @@ fn look(name: &str, text: &str, read: &mut Found, sent: &mut Found) {
         "reference.rs" => &[Party::Board, Party::Stations],
         _ => &[Party::Stations],
     };
-    if code.contains("heartbeat_fields(") {
-        // Read by its fields, so that a type that we do not know is no error.
+    if code.contains("heartbeat_of(") {
         read.entry("HEARTBEAT".to_owned()).or_default().extend(parties);
     }
     for piece in code.split("MavMessage::").skip(1) {

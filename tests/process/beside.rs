@@ -214,7 +214,8 @@ fn in_the_way() {
 fn beat(system: u8, sequence: u8) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mavtype = MavType::MAV_TYPE_FLAPPING_WING;
-    let message = MavMessage::HEARTBEAT(HEARTBEAT_DATA { mavtype, ..Default::default() });
+    let message =
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA { mavtype: mavtype as u8, ..Default::default() });
     mav_stream::encode(&mut bytes, system, 1, sequence, &message);
     bytes
 }

@@ -28,8 +28,35 @@ def test_heartbeat_identity(world):
 
 def test_streams_come_unasked(world):
     for name in ("ATTITUDE", "LOCAL_POSITION_NED", "SYS_STATUS", "BATTERY_STATUS",
-                 "EXTENDED_SYS_STATE", "MISSION_CURRENT", "HALTERE_ESTIMATE"):
+                 "EXTENDED_SYS_STATE", "MISSION_CURRENT"):
         world.wait(name, 2.5, from_autopilot)
+
+
+def test_messages_of_our_own_come_to_who_asks_alone(world):
+    # Whoever does not know them counts the gaps that they leave in the sequence as loss.
+    names = {m.get_type() for m in world.drain(2.2) if from_autopilot(m)}
+    assert not {name for name in names if name.startswith("HALTERE_")}, names
+
+
+def test_values_that_no_dialect_knows_are_answered(world):
+    assert world.command(42999) == mavlink.MAV_RESULT_UNSUPPORTED
+    world.link.mav.mission_count_send(1, 1, 1, 77)
+    refused = world.wait("MISSION_ACK", 2, lambda m: m.mission_type == 77)
+    assert refused.type == mavlink.MAV_MISSION_UNSUPPORTED
+    world.link.mav.mission_count_send(1, 1, 1, 0)
+    world.wait("MISSION_REQUEST_INT", 2)
+    world.link.mav.mission_item_int_send(1, 1, 0, 0, 42703, 0, 1, *[0.0] * 4, 0, 0, 1.0, 0)
+    assert world.wait("MISSION_ACK", 2).type == mavlink.MAV_MISSION_UNSUPPORTED
+    world.link.mav.param_set_send(1, 1, b"FLT_TKO_HGT", 1.5, 12)
+    assert world.wait("PARAM_ERROR", 2).error == mavlink.MAV_PARAM_ERROR_TYPE_MISMATCH
+
+
+def test_the_imu_comes_to_who_asks(world):
+    result = world.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 105, 1e5)
+    assert result == mavlink.MAV_RESULT_ACCEPTED
+    imu = world.wait("HIGHRES_IMU", 3, from_autopilot)
+    # Specific force at rest, down is positive.
+    assert -12 < imu.zacc < -7, imu
 
 
 def test_unsupported_command_is_answered(world):
@@ -54,6 +81,9 @@ def test_damaged_frames_cost_only_themselves(world):
 def test_stands_where_it_stands(world):
     def good(m):
         return m.health == 1
+    result = world.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+                           mavlink.MAVLINK_MSG_ID_HALTERE_ESTIMATE, 1e5)
+    assert result == mavlink.MAV_RESULT_ACCEPTED
     world.wait("HALTERE_ESTIMATE", 30, good)
     estimate = world.wait("HALTERE_ESTIMATE", 5, good)
     truth = world.truth()

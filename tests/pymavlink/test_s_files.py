@@ -77,6 +77,8 @@ def test_logs_are_listed_and_downloaded_and_the_present_one_is_not_erased(world)
             message = world.receive(timeout=0.2)
             if message is not None and message.get_type() == "LOG_DATA" and message.count:
                 if message.ofs == len(got):
+                    # MAVProxy takes a shorter one for the end of the log.
+                    assert message.count == 90 or message.ofs + message.count >= want
                     got += bytes(message.data[:message.count])
                     last = time.monotonic()
     rate = want / (time.monotonic() - start) / 1000

@@ -64,7 +64,8 @@ def test_modes_are_listed_one_by_one_and_all_at_once(one):
     assert names["Hold"] == (4 << 16 | 3 << 24, 0)
     assert names["Offboard"] == (6 << 16, 0)
     assert names["Mission"] == (4 << 16 | 4 << 24, mavlink.MAV_STANDARD_MODE_MISSION)
-    assert names["Return"] == (4 << 16 | 5 << 24, mavlink.MAV_STANDARD_MODE_SAFE_RECOVERY)
+    # As stations/custom_mode_map.json has it for this identity.
+    assert names["RTL"] == (4 << 16 | 5 << 24, mavlink.MAV_STANDARD_MODE_SAFE_RECOVERY)
     assert one.request(435, first.number_modes + 1) == mavlink.MAV_RESULT_DENIED
     one.link.mav.command_long_send(1, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, 435, 0, 0, 0, 0, 0, 0)
     got = [m for m in one.drain(1.0) if m.get_type() == "AVAILABLE_MODES"]

@@ -93,10 +93,10 @@ fn only(bytes: &[u8], check: impl Fn(MavFrame<'_>)) {
 fn heartbeat() -> MavMessage {
     MavMessage::HEARTBEAT(crate::mav::haltere::HEARTBEAT_DATA {
         custom_mode: 0x0102_0304,
-        mavtype: MavType::MAV_TYPE_VTOL_RESERVED5,
-        autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
+        mavtype: MavType::MAV_TYPE_VTOL_RESERVED5 as u8,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC as u8,
         base_mode: MavModeFlag::from_bits_retain(0x51),
-        system_status: MavState::MAV_STATE_ACTIVE,
+        system_status: MavState::MAV_STATE_ACTIVE as u8,
         mavlink_version: 3,
     })
 }
@@ -106,8 +106,8 @@ fn val_frames_of_pymavlink_decode_and_encode() {
     only(&HEARTBEAT, |frame| {
         assert!(frame.checked && !frame.signed);
         let MavMessage::HEARTBEAT(h) = frame.decode().unwrap() else { panic!() };
-        assert_eq!((h.custom_mode, h.mavtype as u8), (0x0102_0304, 29));
-        assert_eq!(heartbeat_fields(&frame).unwrap().base_mode, 0x51);
+        assert_eq!((h.custom_mode, h.mavtype), (0x0102_0304, 29));
+        assert_eq!(heartbeat_of(&frame).unwrap().base_mode.bits(), 0x51);
         let mut again = Vec::new();
         encode(&mut again, 7, 1, 200, &MavMessage::HEARTBEAT(h));
         assert_eq!(again, HEARTBEAT);
@@ -129,7 +129,7 @@ fn val_frames_of_pymavlink_decode_and_encode() {
     only(&HEARTBEAT_V1, |frame| {
         assert_eq!(frame.header.version, MavlinkVersion::V1);
         assert_eq!((frame.header.system_id, frame.header.component_id), (255, 190));
-        assert_eq!(heartbeat_fields(&frame).unwrap().mavtype, 6);
+        assert_eq!(heartbeat_of(&frame).unwrap().mavtype, 6);
         assert!(matches!(frame.decode(), Ok(MavMessage::HEARTBEAT(_))));
     });
 }
@@ -142,9 +142,8 @@ fn val_unknown_ids_pass_and_unknown_values_do_not_hide_a_board() {
     });
     only(&HEARTBEAT_NEW_TYPE, |frame| {
         assert!(frame.checked);
-        assert_eq!(frame.decode(), Err(MavLoss::Undecodable { msg_id: 0 }));
-        let fields = heartbeat_fields(&frame).unwrap();
-        assert_eq!((fields.mavtype, fields.autopilot, fields.base_mode), (250, 12, 0x81));
+        let beat = heartbeat_of(&frame).unwrap();
+        assert_eq!((beat.mavtype, beat.autopilot, beat.base_mode.bits()), (250, 12, 0x81));
     });
 }
 

@@ -75,7 +75,7 @@ pub fn mavlink(data: &[u8]) {
         match splitter.next() {
             Some(Ok(frame)) => {
                 passed += frame.raw.len();
-                let _ = mav_stream::heartbeat_fields(&frame);
+                let _ = mav_stream::heartbeat_of(&frame);
                 let _ = frame.signature();
                 if let Ok(message) = frame.decode() {
                     let _ = mav_stream::target(&message);

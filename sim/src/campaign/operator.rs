@@ -10,6 +10,7 @@ use haltere_dialect::mav::haltere::{
     MavFrame, MavMessage, MavMissionResult, MavMissionType, PositionTargetTypemask,
     SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
+use haltere_dialect::mav::known;
 use haltere_model::Truth;
 use haltere_model::lockstep::{Ground, Lockstep, local_item};
 use haltere_pilot::mission_file::{Command as ItemCommand, Item};
@@ -225,15 +226,17 @@ impl Operator {
         let forbidden = self.drawing?;
         let items = fence_items(&forbidden);
         while let Some(seq) = self.ground.take(|m| match m {
-            MavMessage::MISSION_REQUEST_INT(r) if r.mission_type == of_fence => Some(r.seq),
+            MavMessage::MISSION_REQUEST_INT(r) if r.mission_type == of_fence as u8 => Some(r.seq),
             _ => None,
         }) {
             if let Some(item) = items.get(usize::from(seq)) {
                 self.ground.send(world, &MavMessage::MISSION_ITEM_INT(item.clone()));
             }
         }
-        let result = self.ground.take(|m| match m {
-            MavMessage::MISSION_ACK(ack) if ack.mission_type == of_fence => Some(ack.mavtype),
+        let result: MavMissionResult = self.ground.take(|m| match m {
+            MavMessage::MISSION_ACK(ack) if ack.mission_type == of_fence as u8 => {
+                known(ack.mavtype)
+            }
             _ => None,
         })?;
         self.drawing = None;
@@ -324,7 +327,7 @@ fn command(command: MavCmd, params: [f32; 3]) -> MavMessage {
         param1: params[0],
         param2: params[1],
         param3: params[2],
-        command,
+        command: command as u16,
         target_system: 1,
         target_component: 1,
         ..Default::default()
@@ -342,10 +345,10 @@ fn command_int(command: MavCmd, params: [f32; 4], at: [f64; 3]) -> MavMessage {
         x: place.x,
         y: place.y,
         z: place.z,
-        command,
+        command: command as u16,
         target_system: 1,
         target_component: 1,
-        frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
         ..Default::default()
     })
 }
@@ -355,7 +358,7 @@ fn position(to_E_m: [f64; 3]) -> MavMessage {
     MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
         target_system: 1,
         target_component: 1,
-        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
         type_mask: PositionTargetTypemask::from_bits_truncate(POSITION_MASK),
         x,
         y,
@@ -369,7 +372,7 @@ fn count(items: usize) -> MavMessage {
         count: u16::try_from(items).unwrap_or(u16::MAX),
         target_system: 1,
         target_component: 1,
-        mission_type: MavMissionType::MAV_MISSION_TYPE_FENCE,
+        mission_type: MavMissionType::MAV_MISSION_TYPE_FENCE as u8,
         opaque_id: 0,
     })
 }
@@ -389,7 +392,7 @@ fn fence_items(forbidden: &Forbidden) -> Vec<MISSION_ITEM_INT_DATA> {
         seq,
         target_system: 1,
         target_component: 1,
-        mission_type: MavMissionType::MAV_MISSION_TYPE_FENCE,
+        mission_type: MavMissionType::MAV_MISSION_TYPE_FENCE as u8,
         ..item
     };
     numbered.map(of_fence).collect()

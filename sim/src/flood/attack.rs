@@ -134,7 +134,7 @@ fn words(chance: &mut Xoshiro256PlusPlus, sequence: u8) -> Vec<u8> {
         }),
         3 => MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
             // Refused, with words for people.
-            command: MavCmd::MAV_CMD_DO_SET_MODE,
+            command: MavCmd::MAV_CMD_DO_SET_MODE as u16,
             target_system,
             target_component,
             ..Default::default()

@@ -286,10 +286,10 @@ fn go_to(station: &mut GroundStation, [north_m, east_m, height_m]: [f64; 3]) -> 
     // `COMMAND_INT` counts local x and y in 0.1 mm.
     let wire = |m: f64| (m * 1e4).round() as i32;
     Ok(station.send(&MavMessage::COMMAND_INT(COMMAND_INT_DATA {
-        command: MavCmd::MAV_CMD_DO_REPOSITION,
+        command: MavCmd::MAV_CMD_DO_REPOSITION as u16,
         target_system,
         target_component,
-        frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
         param1: -1.0,
         param2: 1.0,
         param4: f32::NAN,
@@ -305,7 +305,7 @@ fn set_mode(station: &mut GroundStation, mode: Mode) -> Result<()> {
     let (target_system, target_component) = station.target();
     let custom = mode.custom_mode();
     Ok(station.send(&MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-        command: MavCmd::MAV_CMD_DO_SET_MODE,
+        command: MavCmd::MAV_CMD_DO_SET_MODE as u16,
         target_system,
         target_component,
         param1: 1.0,

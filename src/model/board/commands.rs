@@ -4,6 +4,7 @@ use haltere_dialect::mav::haltere::{
     AttitudeTargetTypemask, COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult,
     MavSeverity, SET_ATTITUDE_TARGET_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
+use haltere_dialect::mav::known;
 use haltere_dialect::mav::types::CharArray;
 use haltere_dialect::mav_stream::MavHeader;
 use nalgebra::{Quaternion, UnitQuaternion};
@@ -137,7 +138,8 @@ impl Board {
         out: &mut Vec<u8>,
         requests: &mut BoardRequests,
     ) -> MavResult {
-        match m.command {
+        let Some(command) = known(m.command) else { return MavResult::MAV_RESULT_UNSUPPORTED };
+        match command {
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM if m.param1 == 1.0 => self.arm(t_us, s, out),
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
                 if m.param1 == 0.0 && self.settings.firmware != Firmware::Generic =>
@@ -154,8 +156,8 @@ impl Board {
                 MavResult::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => self.set_interval(m.param1, m.param2),
-            MavCmd::MAV_CMD_DO_SET_MODE if self.knows(m.command) => self.set_mode(m, t_us),
-            MavCmd::MAV_CMD_REQUEST_MESSAGE if self.knows(m.command) => {
+            MavCmd::MAV_CMD_DO_SET_MODE if self.knows(command) => self.set_mode(m, t_us),
+            MavCmd::MAV_CMD_REQUEST_MESSAGE if self.knows(command) => {
                 self.request_message(m.param1, out)
             }
             MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN if m.param1 == 1.0 => {
@@ -167,9 +169,9 @@ impl Board {
             }
             MavCmd::MAV_CMD_INJECT_FAILURE => {
                 let fault = failure(m);
-                let known = fault.is_some();
+                let is_known = fault.is_some();
                 requests.faults.extend(fault);
-                if known {
+                if is_known {
                     MavResult::MAV_RESULT_ACCEPTED
                 } else {
                     MavResult::MAV_RESULT_UNSUPPORTED
@@ -197,7 +199,7 @@ impl Board {
         };
         if let Some(text) = refusal {
             let text = MavMessage::STATUSTEXT(STATUSTEXT_DATA {
-                severity: MavSeverity::MAV_SEVERITY_CRITICAL,
+                severity: MavSeverity::MAV_SEVERITY_CRITICAL as u8,
                 text: CharArray::from(text.as_str()),
                 id: 0,
                 chunk_seq: 0,
@@ -234,16 +236,10 @@ impl Board {
         MavResult::MAV_RESULT_ACCEPTED
     }
 
-    fn acknowledge(
-        &mut self,
-        command: MavCmd,
-        result: MavResult,
-        to: MavHeader,
-        out: &mut Vec<u8>,
-    ) {
+    fn acknowledge(&mut self, command: u16, result: MavResult, to: MavHeader, out: &mut Vec<u8>) {
         let ack = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
             command,
-            result,
+            result: result as u8,
             progress: 0,
             result_param2: 0,
             target_system: to.system_id,

@@ -61,7 +61,7 @@ impl Board {
         voltages[0] = (self.lies.second_pack_v? * 1000.0).clamp(0.0, 65534.0) as u16; // mV
         Some(MavMessage::BATTERY_STATUS(BATTERY_STATUS_DATA {
             id: SECOND_PACK,
-            battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_AVIONICS,
+            battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_AVIONICS as u8,
             voltages,
             current_battery: -1,
             battery_remaining: -1,

@@ -121,7 +121,7 @@ impl Parameters {
             param_count: self.all.len() as u16,
             param_index: index as u16,
             param_id: entry.name.as_str().into(),
-            param_type,
+            param_type: param_type as u8,
         })
     }
 

@@ -294,10 +294,10 @@ impl Board {
         };
         Some(HEARTBEAT_DATA {
             custom_mode,
-            mavtype,
-            autopilot,
+            mavtype: mavtype as u8,
+            autopilot: autopilot as u8,
             base_mode,
-            system_status,
+            system_status: system_status as u8,
             mavlink_version: 3,
         })
     }

@@ -194,10 +194,10 @@ impl Board {
         };
         HEARTBEAT_DATA {
             custom_mode: 0,
-            mavtype: MavType::MAV_TYPE_FLAPPING_WING,
-            autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
+            mavtype: MavType::MAV_TYPE_FLAPPING_WING as u8,
+            autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC as u8,
             base_mode,
-            system_status,
+            system_status: system_status as u8,
             mavlink_version: MAVLINK_VERSION,
         }
     }
@@ -392,8 +392,8 @@ fn battery(r: &Readings<'_>) -> MavMessage {
         voltages,
         current_battery: (r.supply.current_a * 100.0).clamp(0.0, 32767.0) as i16, // 10 mA
         id: 0,
-        battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_ALL,
-        mavtype: MavBatteryType::MAV_BATTERY_TYPE_LIPO,
+        battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_ALL as u8,
+        mavtype: MavBatteryType::MAV_BATTERY_TYPE_LIPO as u8,
         battery_remaining: (r.supply.charge_frac * 100.0).clamp(0.0, 100.0) as i8,
         ..BATTERY_STATUS_DATA::DEFAULT
     })

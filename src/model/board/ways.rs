@@ -114,7 +114,7 @@ pub(super) fn texts(severity: MavSeverity, text: &str, id: u16, out: &mut Vec<Ma
             *to = *from;
         }
         out.push(MavMessage::STATUSTEXT(STATUSTEXT_DATA {
-            severity,
+            severity: severity as u8,
             text: CharArray::new(field),
             id,
             chunk_seq: seq as u8,

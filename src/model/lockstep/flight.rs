@@ -49,8 +49,8 @@ pub struct Flight {
 /// A mission item at a place, Earth, m, with its first parameter; no heading is asked for.
 pub fn local_item(command: MavCmd, point_E_m: [f64; 3], param1: f32) -> MISSION_ITEM_INT_DATA {
     MISSION_ITEM_INT_DATA {
-        command,
-        frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        command: command as u16,
+        frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
         x: (point_E_m[0] * 1e4).round() as i32,
         y: (point_E_m[1] * 1e4).round() as i32,
         z: point_E_m[2] as f32,

@@ -5,6 +5,7 @@ use haltere_dialect::mav::haltere::{
     MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult, MavMissionType,
     MavResult,
 };
+use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream::{self, MavSplitter};
 
 use super::{Lockstep, World};
@@ -17,7 +18,7 @@ const PATIENCE_US: u64 = 5_000_000;
 
 /// Whether a command is answered for good.
 fn is_answer(ack: &COMMAND_ACK_DATA, command: MavCmd) -> bool {
-    ack.command == command && ack.result != MavResult::MAV_RESULT_IN_PROGRESS
+    ack.command == command as u16 && ack.result != MavResult::MAV_RESULT_IN_PROGRESS as u8
 }
 
 /// The station.
@@ -157,14 +158,14 @@ impl Ground {
             param5: params[4],
             param6: params[5],
             param7: params[6],
-            command,
+            command: command as u16,
             target_system: 1,
             target_component: 1,
             confirmation: 0,
         });
         self.send(world, &message);
         self.wait_for(world, PATIENCE_US, |m| match m {
-            MavMessage::COMMAND_ACK(ack) if is_answer(ack, command) => Some(ack.result),
+            MavMessage::COMMAND_ACK(ack) if is_answer(ack, command) => known(ack.result),
             _ => None,
         })
     }
@@ -184,16 +185,16 @@ impl Ground {
             x: (pos_E_m[0] * 1e4) as i32,
             y: (pos_E_m[1] * 1e4) as i32,
             z: pos_E_m[2] as f32,
-            command,
+            command: command as u16,
             target_system: 1,
             target_component: 1,
-            frame: MavFrame::MAV_FRAME_LOCAL_NED,
+            frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
             current: 0,
             autocontinue: 0,
         });
         self.send(world, &message);
         self.wait_for(world, PATIENCE_US, |m| match m {
-            MavMessage::COMMAND_ACK(ack) if ack.command == command => Some(ack.result),
+            MavMessage::COMMAND_ACK(ack) if ack.command == command as u16 => known(ack.result),
             _ => None,
         })
     }
@@ -209,7 +210,7 @@ impl Ground {
             count: u16::try_from(items.len()).ok()?,
             target_system: 1,
             target_component: 1,
-            mission_type,
+            mission_type: mission_type as u8,
             opaque_id: 0,
         });
         self.send(world, &count);
@@ -220,7 +221,7 @@ impl Ground {
         loop {
             let step = self.wait_for(world, PATIENCE_US, |m| match m {
                 MavMessage::MISSION_REQUEST_INT(r) => Some(Step::Item(r.seq)),
-                MavMessage::MISSION_ACK(ack) => Some(Step::Done(ack.mavtype)),
+                MavMessage::MISSION_ACK(ack) => known(ack.mavtype).map(Step::Done),
                 _ => None,
             })?;
             match step {
@@ -231,7 +232,7 @@ impl Ground {
                         seq,
                         target_system: 1,
                         target_component: 1,
-                        mission_type,
+                        mission_type: mission_type as u8,
                         ..item.clone()
                     });
                     self.send(world, &message);

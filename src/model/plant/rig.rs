@@ -4,6 +4,7 @@ use haltere_dialect::mav::haltere::{
     AttitudeTargetTypemask, COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult,
     SET_ATTITUDE_TARGET_DATA,
 };
+use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream::{MavSplitter, encode};
 use nalgebra::Vector3;
 
@@ -54,7 +55,7 @@ impl Rig {
 
     pub fn command(&mut self, command: MavCmd, p: [f32; 3]) -> Option<MavResult> {
         self.send(&MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            command,
+            command: command as u16,
             param1: p[0],
             param2: p[1],
             param3: p[2],
@@ -65,7 +66,7 @@ impl Rig {
         self.heard.clear();
         self.run(0.02);
         self.heard.iter().find_map(|m| match m {
-            MavMessage::COMMAND_ACK(ack) if ack.command == command => Some(ack.result),
+            MavMessage::COMMAND_ACK(ack) if ack.command == command as u16 => known(ack.result),
             _ => None,
         })
     }

@@ -5,7 +5,7 @@
 //! because a ground station may have changed them.
 
 use haltere_dialect::mav::haltere::{
-    MavMessage, MavParamType, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA,
+    MavMessage, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA,
 };
 
 use haltere_core::time::HostTime;
@@ -34,7 +34,7 @@ struct Check {
     name: usize,
     tries: u32,
     next_try: HostTime,
-    read: Option<(f64, MavParamType)>,
+    read: Option<(f64, u8)>,
     read_at: Option<HostTime>,
     sets: u32,
     /// Value that was last found wrong and told.
@@ -251,7 +251,7 @@ impl Checks {
     }
 
     /// What a wrong value may be set to: every other try, so that it is read back in between.
-    fn remedy(&self, index: usize) -> Option<(f64, MavParamType)> {
+    fn remedy(&self, index: usize) -> Option<(f64, u8)> {
         let check = self.all.get(index)?;
         let (value, kind) = check.read?;
         let may = self.consent
@@ -275,7 +275,7 @@ mod tests {
     /// A board with parameters of one type; every `lossy`-th answer is lost.
     struct Board {
         values: Vec<(&'static str, f64)>,
-        kind: MavParamType,
+        kind: u8,
         encoding: Encoding,
         lossy: u32,
         heard: u32,
@@ -287,7 +287,7 @@ mod tests {
         fn new(values: &[(&'static str, f64)], encoding: Encoding) -> Self {
             Self {
                 values: values.to_vec(),
-                kind: MavParamType::MAV_PARAM_TYPE_INT32,
+                kind: haltere_dialect::mav::haltere::MavParamType::MAV_PARAM_TYPE_INT32 as u8,
                 encoding,
                 lossy: 0,
                 heard: 0,

@@ -5,6 +5,7 @@
 //! and nobody notices.
 
 use haltere_dialect::mav::haltere::MavParamType;
+use haltere_dialect::mav::known;
 
 /// `MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE`.
 const BYTEWISE: u64 = 16;
@@ -25,37 +26,37 @@ impl Encoding {
     }
 
     /// The number in the field. Types of 64 bits have no place in it and are taken as the float.
-    pub fn decode(self, field: f32, kind: MavParamType) -> f64 {
+    pub fn decode(self, field: f32, kind: u8) -> f64 {
         if self == Encoding::Numeric {
             return f64::from(field);
         }
         let bits = field.to_bits();
         let [b0, b1, _, _] = bits.to_le_bytes();
-        match kind {
-            MavParamType::MAV_PARAM_TYPE_UINT8 => f64::from(b0),
-            MavParamType::MAV_PARAM_TYPE_INT8 => f64::from(i8::from_le_bytes([b0])),
-            MavParamType::MAV_PARAM_TYPE_UINT16 => f64::from(u16::from_le_bytes([b0, b1])),
-            MavParamType::MAV_PARAM_TYPE_INT16 => f64::from(i16::from_le_bytes([b0, b1])),
-            MavParamType::MAV_PARAM_TYPE_UINT32 => f64::from(bits),
-            MavParamType::MAV_PARAM_TYPE_INT32 => f64::from(bits.cast_signed()),
+        match known(kind) {
+            Some(MavParamType::MAV_PARAM_TYPE_UINT8) => f64::from(b0),
+            Some(MavParamType::MAV_PARAM_TYPE_INT8) => f64::from(i8::from_le_bytes([b0])),
+            Some(MavParamType::MAV_PARAM_TYPE_UINT16) => f64::from(u16::from_le_bytes([b0, b1])),
+            Some(MavParamType::MAV_PARAM_TYPE_INT16) => f64::from(i16::from_le_bytes([b0, b1])),
+            Some(MavParamType::MAV_PARAM_TYPE_UINT32) => f64::from(bits),
+            Some(MavParamType::MAV_PARAM_TYPE_INT32) => f64::from(bits.cast_signed()),
             _ => f64::from(field),
         }
     }
 
     /// The field for a number. Numbers beyond the type's range are cut at its ends.
-    pub fn encode(self, value: f64, kind: MavParamType) -> f32 {
+    pub fn encode(self, value: f64, kind: u8) -> f32 {
         if self == Encoding::Numeric {
             return value as f32;
         }
         // The casts saturate; NaN is 0.
         let whole = value.round();
-        let bits = match kind {
-            MavParamType::MAV_PARAM_TYPE_UINT8 => u32::from(whole as u8),
-            MavParamType::MAV_PARAM_TYPE_INT8 => u32::from((whole as i8).cast_unsigned()),
-            MavParamType::MAV_PARAM_TYPE_UINT16 => u32::from(whole as u16),
-            MavParamType::MAV_PARAM_TYPE_INT16 => u32::from((whole as i16).cast_unsigned()),
-            MavParamType::MAV_PARAM_TYPE_UINT32 => whole as u32,
-            MavParamType::MAV_PARAM_TYPE_INT32 => (whole as i32).cast_unsigned(),
+        let bits = match known(kind) {
+            Some(MavParamType::MAV_PARAM_TYPE_UINT8) => u32::from(whole as u8),
+            Some(MavParamType::MAV_PARAM_TYPE_INT8) => u32::from((whole as i8).cast_unsigned()),
+            Some(MavParamType::MAV_PARAM_TYPE_UINT16) => u32::from(whole as u16),
+            Some(MavParamType::MAV_PARAM_TYPE_INT16) => u32::from((whole as i16).cast_unsigned()),
+            Some(MavParamType::MAV_PARAM_TYPE_UINT32) => whole as u32,
+            Some(MavParamType::MAV_PARAM_TYPE_INT32) => (whole as i32).cast_unsigned(),
             _ => return value as f32,
         };
         f32::from_bits(bits)
@@ -72,10 +73,10 @@ mod tests {
     const BOTH: [Encoding; 2] = [Encoding::Numeric, Encoding::Bytewise];
 
     /// Over the wire and back: the field must survive as bits, NaN patterns too.
-    fn carried(field: f32, kind: MavParamType) -> (f32, MavParamType) {
+    fn carried(field: f32, kind: MavParamType) -> (f32, u8) {
         let message = MavMessage::PARAM_SET(PARAM_SET_DATA {
             param_value: field,
-            param_type: kind,
+            param_type: kind as u8,
             ..PARAM_SET_DATA::DEFAULT
         });
         let mut bytes = Vec::new();
@@ -89,7 +90,7 @@ mod tests {
     }
 
     fn there_and_back(encoding: Encoding, value: f64, kind: MavParamType) -> f64 {
-        let (field, kind) = carried(encoding.encode(value, kind), kind);
+        let (field, kind) = carried(encoding.encode(value, kind as u8), kind);
         encoding.decode(field, kind)
     }
 
@@ -98,7 +99,7 @@ mod tests {
         assert_eq!(Encoding::from_capabilities(0xe8ff), Encoding::Bytewise);
         assert_eq!(Encoding::from_capabilities(0xfbef), Encoding::Numeric);
         // An 8 of PX4, read as ArduPilot's, is nearly nothing.
-        let int = MavParamType::MAV_PARAM_TYPE_INT32;
+        let int = MavParamType::MAV_PARAM_TYPE_INT32 as u8;
         let field = Encoding::Bytewise.encode(8.0, int);
         assert!(Encoding::Numeric.decode(field, int) < 1e-40);
         assert_eq!(Encoding::Bytewise.decode(field, int), 8.0);

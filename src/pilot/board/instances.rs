@@ -4,6 +4,7 @@
 //! a full pack hides an empty one. The choice is made on the floor, told where there is one, and stays in flight.
 
 use haltere_dialect::mav::haltere::MavBatteryFunction as Function;
+use haltere_dialect::mav::known;
 
 use haltere_core::time::HostTime;
 
@@ -102,10 +103,10 @@ impl Instances {
 
 /// Rank of a battery: what drives the motors before what does not say, and that before what drives something else;
 /// then the lowest id.
-pub(super) fn battery_rank(function: Function, id: u8) -> u8 {
-    let of_function = match function {
-        Function::MAV_BATTERY_FUNCTION_ALL | Function::MAV_BATTERY_FUNCTION_PROPULSION => 0,
-        Function::MAV_BATTERY_FUNCTION_UNKNOWN => 1,
+pub(super) fn battery_rank(function: u8, id: u8) -> u8 {
+    let of_function = match known(function) {
+        Some(Function::MAV_BATTERY_FUNCTION_ALL | Function::MAV_BATTERY_FUNCTION_PROPULSION) => 0,
+        Some(Function::MAV_BATTERY_FUNCTION_UNKNOWN) => 1,
         _ => 2,
     };
     of_function * 64 + id.min(63)
@@ -126,7 +127,7 @@ mod tests {
         function: Function,
         may_change: bool,
     ) -> Use {
-        packs.hear(at(ms), id, battery_rank(function, id), may_change)
+        packs.hear(at(ms), id, battery_rank(function as u8, id), may_change)
     }
 
     #[test]

@@ -30,7 +30,8 @@ use haltere_dialect::mav::haltere::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage,
     MavModeFlag, MavResult, MavState, MavType,
 };
-use haltere_dialect::mav_stream::{HeartbeatFields, MavFrame, heartbeat_fields};
+use haltere_dialect::mav::known;
+use haltere_dialect::mav_stream::{MavFrame, heartbeat_of};
 
 use haltere_core::drops::{DropReason, Drops};
 use haltere_core::frames::{B, E, Rot};
@@ -99,7 +100,7 @@ pub(super) struct BoardLink {
     system_id: Option<u8>,
     firmware: Firmware,
     /// The newest heartbeat.
-    beat: Option<HeartbeatFields>,
+    beat: Option<HEARTBEAT_DATA>,
     armed: ArmedWord,
     last_heard: Option<HostTime>,
     last_sequence: Option<u8>,
@@ -220,7 +221,7 @@ impl BoardLink {
 
     /// Whether the newest heartbeat says that it is armed.
     fn says_armed(&self) -> bool {
-        self.beat.is_some_and(|beat| says_armed(&beat))
+        self.beat.as_ref().is_some_and(says_armed)
     }
 
     pub fn clock(&self) -> &BoardClock {
@@ -250,7 +251,7 @@ impl BoardLink {
         if !self.firmware.is_real() {
             return self.too_slow(LATE_S);
         }
-        let beat = self.beat?;
+        let beat = self.beat.as_ref()?;
         let claimed = Firmware::from_autopilot(beat.autopilot);
         if claimed != self.firmware {
             return Some(format!(
@@ -399,7 +400,7 @@ impl BoardLink {
         news: &mut Vec<BoardNews>,
     ) {
         let header = frame.header;
-        if let Some(beat) = heartbeat_fields(frame) {
+        if let Some(beat) = heartbeat_of(frame) {
             // A ground station or another companion on the same wire is not the board.
             let is_autopilot =
                 header.component_id == BOARD_COMPONENT && beat.autopilot != INVALID_AUTOPILOT;
@@ -437,7 +438,7 @@ impl BoardLink {
         }
         self.last_heard = Some(at);
         self.streams.note(header.msg_id);
-        if let Some(beat) = heartbeat_fields(frame) {
+        if let Some(beat) = heartbeat_of(frame) {
             self.heartbeat(at, beat, news);
             return;
         }
@@ -451,7 +452,7 @@ impl BoardLink {
         &mut self,
         at: HostTime,
         system_id: u8,
-        beat: &HeartbeatFields,
+        beat: &HEARTBEAT_DATA,
         news: &mut Vec<BoardNews>,
     ) {
         self.system_id = Some(system_id);
@@ -474,9 +475,10 @@ impl BoardLink {
         }
     }
 
-    fn heartbeat(&mut self, at: HostTime, beat: HeartbeatFields, news: &mut Vec<BoardNews>) {
+    fn heartbeat(&mut self, at: HostTime, beat: HEARTBEAT_DATA, news: &mut Vec<BoardNews>) {
+        let armed = says_armed(&beat);
+        let custom_mode = beat.custom_mode;
         self.beat = Some(beat);
-        let armed = self.says_armed();
         match self.armed.heartbeat(at, armed) {
             Some(Said::Armed) => news.push(BoardNews::Armed(true)),
             Some(Said::Disarmed) => news.push(BoardNews::Armed(false)),
@@ -485,7 +487,7 @@ impl BoardLink {
             Some(Said::Doubt) | None => {}
         }
         if let Some(mode) = self.firmware.control_mode() {
-            let change = self.control.heartbeat(at, mode, beat.custom_mode, self.held);
+            let change = self.control.heartbeat(at, mode, custom_mode, self.held);
             news.extend(change.map(BoardNews::Mode));
         }
         let outcome = self.arming.heartbeat(at, armed);
@@ -493,21 +495,23 @@ impl BoardLink {
     }
 
     pub(super) fn ack(&mut self, at: HostTime, m: &COMMAND_ACK_DATA, news: &mut Vec<BoardNews>) {
-        match m.command {
-            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
-                self.streams.answered(at, m.result == MavResult::MAV_RESULT_ACCEPTED);
+        // An answer that is not known is none that was hoped for.
+        let result = known(m.result).unwrap_or(MavResult::MAV_RESULT_FAILED);
+        match known(m.command) {
+            Some(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL) => {
+                self.streams.answered(at, result == MavResult::MAV_RESULT_ACCEPTED);
             }
-            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
+            Some(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) => {
                 let disarms = self.arming.is_disarming();
-                let outcome = self.arming.answer(at, m.result, self.says_armed());
+                let outcome = self.arming.answer(at, result, self.says_armed());
                 report(outcome, news);
-                let accepted = m.result == MavResult::MAV_RESULT_ACCEPTED;
+                let accepted = result == MavResult::MAV_RESULT_ACCEPTED;
                 if disarms && accepted && self.armed.disarm_acknowledged() {
                     news.push(BoardNews::Armed(false));
                 }
             }
-            MavCmd::MAV_CMD_INJECT_FAILURE if m.result != MavResult::MAV_RESULT_IN_PROGRESS => {
-                news.push(BoardNews::PassedOnAnswer(m.result));
+            Some(MavCmd::MAV_CMD_INJECT_FAILURE) if result != MavResult::MAV_RESULT_IN_PROGRESS => {
+                news.push(BoardNews::PassedOnAnswer(result));
             }
             // The answer to a mode command is no sign of anything.
             _ => {}
@@ -535,10 +539,10 @@ impl BoardLink {
         if due && !self.mute {
             let beat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
                 custom_mode: 0,
-                mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
-                autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+                mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER as u8,
+                autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
                 base_mode: MavModeFlag::empty(),
-                system_status: MavState::MAV_STATE_ACTIVE,
+                system_status: MavState::MAV_STATE_ACTIVE as u8,
                 mavlink_version: 3,
             });
             out.message(LinkId::Board, speaker, &beat);
@@ -571,14 +575,14 @@ impl BoardLink {
 
 /// Whether a frame is one of a board: its heartbeat, or anything else of the board with this system id.
 pub(super) fn speaks_as_board(frame: &MavFrame<'_>, system_id: Option<u8>) -> bool {
-    let is_one = |beat: HeartbeatFields| beat.autopilot != INVALID_AUTOPILOT;
+    let is_one = |beat: HEARTBEAT_DATA| beat.autopilot != INVALID_AUTOPILOT;
     frame.header.component_id == BOARD_COMPONENT
-        && heartbeat_fields(frame).map_or(system_id == Some(frame.header.system_id), is_one)
+        && heartbeat_of(frame).map_or(system_id == Some(frame.header.system_id), is_one)
 }
 
 /// Whether a heartbeat says that its sender is armed.
-pub(super) fn says_armed(beat: &HeartbeatFields) -> bool {
-    beat.base_mode & MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED.bits() != 0
+pub(super) fn says_armed(beat: &HEARTBEAT_DATA) -> bool {
+    beat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)
 }
 
 fn report(outcome: Option<Outcome>, news: &mut Vec<BoardNews>) {

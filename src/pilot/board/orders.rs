@@ -224,7 +224,7 @@ fn command_long(
         param5: params[4],
         param6: params[5],
         param7: params[6],
-        command,
+        command: command as u16,
         target_system,
         target_component: BOARD_COMPONENT,
         confirmation,

@@ -121,7 +121,7 @@ impl BoardLink {
             MavMessage::COMMAND_ACK(m) => self.ack(at, m, news),
             MavMessage::STATUSTEXT(m) => {
                 if let Some(text) = self.text.join(&*m.text, m.id, m.chunk_seq) {
-                    news.push(BoardNews::Text { severity: m.severity as u8, text });
+                    news.push(BoardNews::Text { severity: m.severity, text });
                 }
             }
             MavMessage::ATTITUDE_TARGET(m) => self.attitude_target(at, m.q, m.thrust),
@@ -343,7 +343,7 @@ impl BoardLink {
         news.push(if flown {
             BoardNews::Battery(sample)
         } else {
-            let function = m.battery_function as u8;
+            let function = m.battery_function;
             BoardNews::OtherBattery(OtherBattery { id: m.id, function, sample })
         });
     }

@@ -53,9 +53,6 @@ pub struct Door {
     bytes: Option<Bucket>,
 }
 
-/// System and component that we are.
-const OWN: (u8, u8) = (1, 1);
-
 impl Door {
     /// A door to a link that nothing came over yet.
     pub fn new(config: DoorConfig) -> Self {
@@ -214,7 +211,9 @@ impl DoorConfig {
         }
         let (timestamp, rest) = full.split_first_chunk::<SETUP_TARGET_AT>()?;
         let (&[system, component], key) = rest.split_first_chunk::<2>()?;
-        let for_us = (system == 0 || system == OWN.0) && (component == 0 || component == OWN.1);
+        let (own_system, own_component) = self.own;
+        let for_us = (system == 0 || own_system.is_none_or(|own| own == system))
+            && (component == 0 || component == own_component);
         // All zeros ask to sign no more, which is decided by hand only.
         let key = SigningKey::new(key.try_into().ok()?).filter(|_| for_us)?;
         let known = ring.is_key(&key);

@@ -12,7 +12,10 @@ impl Guidance {
     /// Works on the item in force: one item a step.
     pub(super) fn mission_step(&mut self, mission: &Mission, now: &Now<'_>, news: &mut News) {
         let Now { estimate, at, .. } = *now;
-        let Some(stored) = mission.items.get(usize::from(self.current_item)) else {
+        let is_past = self.last_item.is_some_and(|last| self.current_item > last);
+        let stored = mission.items.get(usize::from(self.current_item));
+        let Some(stored) = stored.filter(|_| !is_past) else {
+            self.last_item = None;
             news.event = Some(Event::MissionDone);
             return;
         };
@@ -97,7 +100,8 @@ impl Guidance {
             }
             MissionItem::Return => {
                 news.event = Some(Event::ReturnAsked);
-                true
+                self.landing = true;
+                false
             }
             MissionItem::Land { pos_E_m } => {
                 if first_look && let Some(pos) = pos_E_m {
@@ -109,8 +113,9 @@ impl Guidance {
                         && near(self.carrot.target_E_m, 2.0 * default_radius_m));
                 if there {
                     news.event = Some(Event::MissionLands);
+                    self.landing = true;
                 }
-                there
+                false
             }
         };
         if done {

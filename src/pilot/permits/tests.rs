@@ -56,7 +56,7 @@ fn answers(pilot: &mut Pilot, n: u8, system: u8, message: &MavMessage) -> Vec<Ma
 
 fn command(command: MavCmd, param1: f32) -> MavMessage {
     MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-        command,
+        command: command as u16,
         param1,
         target_system: 1,
         target_component: 1,
@@ -66,7 +66,7 @@ fn command(command: MavCmd, param1: f32) -> MavMessage {
 
 fn is_denied(answers: &[MavMessage]) -> bool {
     answers.iter().any(
-        |m| matches!(m, MavMessage::COMMAND_ACK(ack) if ack.result == MavResult::MAV_RESULT_DENIED),
+        |m| matches!(m, MavMessage::COMMAND_ACK(ack) if ack.result == MavResult::MAV_RESULT_DENIED as u8),
     )
 }
 
@@ -94,7 +94,7 @@ fn prop_only_commanders_command_and_refusals_are_answered() {
     });
     for message in [&count, &clear] {
         let got = answers(&mut pilot, 0, 254, message);
-        let denied = |m: &MavMessage| matches!(m, MavMessage::MISSION_ACK(ack) if ack.mavtype == MavMissionResult::MAV_MISSION_DENIED);
+        let denied = |m: &MavMessage| matches!(m, MavMessage::MISSION_ACK(ack) if ack.mavtype == MavMissionResult::MAV_MISSION_DENIED as u8);
         assert!(got.iter().any(denied), "{got:?}");
     }
     let set = MavMessage::PARAM_SET(PARAM_SET_DATA {

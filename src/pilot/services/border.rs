@@ -20,7 +20,8 @@ impl Pilot {
 
     /// What the line of a link carries, bytes/s; `None`: more than we ever send.
     pub(super) fn line_Bps(&self, link: LinkId) -> Option<f64> {
-        self.endpoint_on(link).line_Bps
+        let LinkId::Ground(n) = link else { return None };
+        self.grounds.get(usize::from(n))?.streams.line_Bps()
     }
 
     /// A value of the configuration changed: everything that has a copy takes it over. Outputs of

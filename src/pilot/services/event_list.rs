@@ -5,7 +5,7 @@
 
 use serde_json::{Map, Value, json};
 
-use super::super::OWN;
+use super::super::OWN_COMPONENT;
 use super::super::arming::Check;
 use super::super::identity::SHOWN_MODES;
 use super::super::modes::{Event as Cause, Mode, TABLE};
@@ -26,7 +26,7 @@ pub const FIRST_CHECK: u32 = 16;
 
 /// The id of an event on the wire.
 pub fn wire_id(number: u32) -> u32 {
-    u32::from(OWN.component_id) << 24 | number
+    u32::from(OWN_COMPONENT) << 24 | number
 }
 
 /// Bit of a component of health: 0 is "none", the checks follow.
@@ -131,7 +131,7 @@ pub fn json() -> Value {
     );
     json!({
         "version": 2,
-        "components": { OWN.component_id.to_string(): {
+        "components": { OWN_COMPONENT.to_string(): {
             "namespace": "haltere",
             "enums": {
                 "mode_t": {

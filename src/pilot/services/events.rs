@@ -19,7 +19,7 @@ use super::super::arming::Check;
 use super::super::mission_transfer::Client;
 use super::super::modes::Mode;
 use super::super::telemetry::send_text;
-use super::super::{Cause, LinkId, OWN, Pilot, Severity};
+use super::super::{Cause, LinkId, Pilot, Severity};
 use super::event_list as list;
 
 /// CURRENT_EVENT_SEQUENCE.
@@ -82,7 +82,7 @@ impl Pilot {
         for n in 0..self.grounds.len() {
             let link = self.grounds[n].link;
             if self.wants_events(link) {
-                self.out.message(link, OWN, &message);
+                self.out.message(link, self.own, &message);
             }
         }
     }
@@ -108,9 +108,9 @@ impl Pilot {
                 continue;
             }
             if self.wants_events(link) {
-                send_text(&mut self.out, link, severity as u8, &format!("{text}\t"), id);
+                send_text(&mut self.out, self.own, link, severity as u8, &format!("{text}\t"), id);
             } else {
-                send_text(&mut self.out, link, severity as u8, &text, id);
+                send_text(&mut self.out, self.own, link, severity as u8, &text, id);
             }
         }
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
@@ -162,7 +162,7 @@ impl Pilot {
                     reason: MavEventErrorReason::MAV_EVENT_ERROR_REASON_UNAVAILABLE,
                 }),
             };
-            self.out.message(client.link, OWN, &message);
+            self.out.message(client.link, self.own, &message);
         }
     }
 

@@ -11,6 +11,7 @@
 //! pass between must overlap by twice [`KEEP_M`].
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavMissionResult};
+use haltere_dialect::mav::{known, name_of};
 
 use haltere_core::control::{AxisCommand, Command};
 use haltere_core::estimate::Estimate;
@@ -272,10 +273,12 @@ impl Fence {
         let mut rest = items.iter().zip(places.iter().copied());
         while let Some((item, place)) = rest.next() {
             let seq = item.seq;
-            match item.command {
-                MavCmd::MAV_CMD_NAV_FENCE_RETURN_POINT => {}
-                MavCmd::MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
-                | MavCmd::MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION => {
+            match known(item.command) {
+                Some(MavCmd::MAV_CMD_NAV_FENCE_RETURN_POINT) => {}
+                Some(
+                    MavCmd::MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
+                    | MavCmd::MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION,
+                ) => {
                     let radius_m = f64::from(item.param1);
                     if !(0.1..=1000.0).contains(&radius_m) {
                         let why =
@@ -284,8 +287,10 @@ impl Fence {
                     }
                     fence.add(item, Shape::Circle { centre: place, radius_m });
                 }
-                MavCmd::MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
-                | MavCmd::MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION => {
+                Some(
+                    MavCmd::MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+                    | MavCmd::MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+                ) => {
                     let count = f64::from(item.param1);
                     if !(3.0..=MOST_CORNERS as f64).contains(&count) || count.fract() != 0.0 {
                         let why = format!(
@@ -313,8 +318,9 @@ impl Fence {
                     }
                     fence.add(item, Shape::Polygon(corners));
                 }
-                other => {
-                    let why = format!("fence item {seq}: {other:?} not supported");
+                _ => {
+                    let name = name_of::<MavCmd>(item.command);
+                    let why = format!("fence item {seq}: {name} not supported");
                     return Err((R::MAV_MISSION_UNSUPPORTED, why));
                 }
             }
@@ -325,9 +331,11 @@ impl Fence {
     }
 
     fn add(&mut self, item: &MISSION_ITEM_INT_DATA, shape: Shape) {
-        match item.command {
-            MavCmd::MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION
-            | MavCmd::MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION => self.exclusions.push(shape),
+        match known(item.command) {
+            Some(
+                MavCmd::MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION
+                | MavCmd::MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION,
+            ) => self.exclusions.push(shape),
             _ => {
                 // A saturating cast: NaN and nonsense are group 0.
                 self.inclusions.push((item.param2 as u8, shape));
@@ -342,7 +350,7 @@ mod tests {
     use haltere_core::frames::Vec3;
 
     fn item(seq: u16, command: MavCmd, param1: f32) -> MISSION_ITEM_INT_DATA {
-        MISSION_ITEM_INT_DATA { seq, command, param1, ..Default::default() }
+        MISSION_ITEM_INT_DATA { seq, command: command as u16, param1, ..Default::default() }
     }
 
     /// A square of 4 m around the origin without a circle of 0.5 m at (1, 0).

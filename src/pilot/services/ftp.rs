@@ -12,7 +12,7 @@ use haltere_core::time::HostTime;
 
 use super::super::endpoint::Identity;
 use super::super::mission_transfer::Client;
-use super::super::{LinkId, OWN, Pilot};
+use super::super::{LinkId, Pilot};
 use super::Purpose;
 use super::crc32::crc32;
 use super::files::{FileFault, FileName, FileTask, Folder, MOST_MISSION_BYTES};
@@ -156,7 +156,7 @@ impl Pilot {
 
     pub(super) fn send_ftp(&mut self, client: Client, packet: &Packet) {
         let message = MavMessage::FILE_TRANSFER_PROTOCOL(packet.encode(client.peer));
-        self.out.message(client.link, OWN, &message);
+        self.out.message(client.link, self.own, &message);
     }
 
     pub(super) fn answer_ftp(&mut self, client: Client, seq: u16, answer: Packet) {

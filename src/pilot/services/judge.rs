@@ -13,7 +13,7 @@ use haltere_core::time::HostTime;
 
 use super::super::mission_transfer::Client;
 use super::super::modes::Mode;
-use super::super::{OWN, Pilot, Severity};
+use super::super::{Pilot, Severity};
 use super::Purpose;
 use super::files::{FileFault, FileTask};
 
@@ -159,14 +159,14 @@ impl Pilot {
 
     fn judge_progress(&mut self, client: Client, progress: u8) {
         let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-            command: MavCmd::MAV_CMD_USER_4,
-            result: MavResult::MAV_RESULT_IN_PROGRESS,
+            command: MavCmd::MAV_CMD_USER_4 as u16,
+            result: MavResult::MAV_RESULT_IN_PROGRESS as u8,
             progress,
             result_param2: 0,
             target_system: client.peer.0,
             target_component: client.peer.1,
         });
-        self.out.message(client.link, OWN, &message);
+        self.out.message(client.link, self.own, &message);
     }
 
     fn begin_judging(&mut self, at: HostTime, asker: Option<Client>, delay_us: i64) {
@@ -224,8 +224,8 @@ impl Pilot {
     }
 
     /// COMMAND_CANCEL for what this service does. `true`: it was that.
-    pub(in super::super) fn cancel_judging(&mut self, at: HostTime, command: MavCmd) -> bool {
-        command == MavCmd::MAV_CMD_USER_4 && self.end_judging(at, "cancelled")
+    pub(in super::super) fn cancel_judging(&mut self, at: HostTime, command: u16) -> bool {
+        command == MavCmd::MAV_CMD_USER_4 as u16 && self.end_judging(at, "cancelled")
     }
 
     /// Glue says how far it is.

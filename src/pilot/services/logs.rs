@@ -12,7 +12,7 @@ use haltere_dialect::mav::haltere::{
 use haltere_core::time::HostTime;
 
 use super::super::mission_transfer::Client;
-use super::super::{LinkId, OWN, Pilot, Severity};
+use super::super::{LinkId, Pilot, Severity};
 use super::Purpose;
 use super::budget::Budget;
 use super::files::{FileFault, FileName, FileTask, Folder, MOST_READ_BYTES};
@@ -23,6 +23,8 @@ const MOST_LOGS: usize = 1000;
 const MOST_DOWNLOADS: usize = 4;
 /// Data of one LOG_DATA.
 const PIECE: usize = 90;
+/// Bytes of one read: whole pieces, since clients take a shorter one for the end of the log.
+const BLOCK_BYTES: u32 = MOST_READ_BYTES - MOST_READ_BYTES % PIECE as u32;
 /// LOG_DATA and LOG_ENTRY on the wire, bytes.
 const DATA_BYTES: usize = 109;
 const ENTRY_BYTES: usize = 26;
@@ -190,7 +192,7 @@ impl Pilot {
         }
         let count = bytes.len().min(PIECE) as u8;
         let message = MavMessage::LOG_DATA(LOG_DATA_DATA { ofs, id, count, data });
-        self.out.message(client.link, OWN, &message);
+        self.out.message(client.link, self.own, &message);
     }
 
     /// The disk has answered.
@@ -260,7 +262,7 @@ impl Pilot {
             num_logs: count,
             last_log_num: count,
         });
-        self.out.message(client.link, OWN, &message);
+        self.out.message(client.link, self.own, &message);
     }
 
     /// Goes on with lists and downloads.
@@ -293,7 +295,7 @@ impl Pilot {
                     let (offset, serial) = (download.offset, download.serial);
                     let file = download.file.clone();
                     self.services.logs.downloads.push(download);
-                    let task = FileTask::Read { file, offset, count: MOST_READ_BYTES };
+                    let task = FileTask::Read { file, offset, count: BLOCK_BYTES };
                     self.log_ask(at, Job::Block { serial, offset }, task);
                     return;
                 }
@@ -321,6 +323,45 @@ impl Pilot {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bench::Bench;
+    use crate::{Input, PilotConfig};
+
+    /// MAVProxy ends a download at the first piece that is not full, QGroundControl counts pieces of 90 bytes.
+    #[test]
+    fn regress_every_piece_of_a_download_but_the_last_is_full() {
+        const SIZE: usize = 40_000;
+        let mut bench = Bench::new(PilotConfig { store: true, ..PilotConfig::default() });
+        bench.says(&MavMessage::LOG_REQUEST_DATA(LOG_REQUEST_DATA_DATA {
+            id: 1,
+            count: u32::MAX,
+            ..Default::default()
+        }));
+        let mut sent = Vec::new();
+        for _ in 0..100 {
+            let mut requests = Vec::new();
+            bench.pilot.drain_file_requests(|request| requests.push(request));
+            for request in requests {
+                let bytes = match request.task {
+                    FileTask::List(Folder::Logs) => format!("a.mcap\t{SIZE}\t1\n").into_bytes(),
+                    FileTask::Read { offset, count, .. } => {
+                        let left = SIZE.saturating_sub(offset as usize);
+                        vec![7; left.min(count as usize)]
+                    }
+                    _ => Vec::new(),
+                };
+                let ticket = request.ticket;
+                let input = Input::File { ticket, result: Ok(()), bytes: &bytes };
+                bench.pilot.handle(bench.now, input);
+            }
+            sent.extend(bench.run(0.01).into_iter().filter_map(|m| match m {
+                MavMessage::LOG_DATA(m) => Some((m.ofs as usize, usize::from(m.count))),
+                _ => None,
+            }));
+        }
+        let wanted: Vec<_> =
+            (0..SIZE).step_by(PIECE).map(|ofs| (ofs, PIECE.min(SIZE - ofs))).collect();
+        assert_eq!(sent, wanted);
+    }
 
     #[test]
     fn prop_the_newest_logs_are_kept_and_broken_lines_left_out() {

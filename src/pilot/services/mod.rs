@@ -42,6 +42,7 @@ pub use parameter_table::{Parameter, all as all_parameters, find as find_paramet
 pub use plan_file::{decode as decode_plan, encode as encode_plan};
 
 use haltere_dialect::mav::haltere::{COMMAND_ACK_DATA, MavCmd, MavMessage, MavResult};
+use haltere_dialect::mav::known;
 
 use haltere_core::control::Command;
 use haltere_core::time::HostTime;
@@ -49,7 +50,7 @@ use haltere_core::time::HostTime;
 use super::config::PilotConfig;
 use super::mission_transfer::Client;
 use super::modes::{Event, Mode};
-use super::{LinkId, OWN, Pilot, Severity};
+use super::{LinkId, Pilot, Severity};
 
 use budget::Bucket;
 use events::Events;
@@ -160,8 +161,8 @@ impl Pilot {
         message: &MavMessage,
     ) -> bool {
         let Some((system, component)) = target(message) else { return false };
-        let for_us = (system == 0 || system == OWN.system_id)
-            && (component == 0 || component == OWN.component_id);
+        let for_us = (system == 0 || system == self.own.system_id)
+            && (component == 0 || component == self.own.component_id);
         if !for_us {
             return false;
         }
@@ -196,19 +197,20 @@ impl Pilot {
         &mut self,
         at: HostTime,
         client: Client,
-        command: MavCmd,
+        number: u16,
         [param1, param2]: [f32; 2],
     ) -> bool {
         use MavResult as R;
+        let Some(command) = known(number) else { return false };
         let result = match command {
             MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_METADATA_ID => {
                 let message = self.services.metadata.message(at);
-                self.out.message(client.link, OWN, &message);
+                self.out.message(client.link, self.own, &message);
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_INFORMATION_ID => {
                 let message = self.services.metadata.older_message(at);
-                self.out.message(client.link, OWN, &message);
+                self.out.message(client.link, self.own, &message);
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_PREFLIGHT_STORAGE => {
@@ -246,14 +248,14 @@ impl Pilot {
 
     fn service_ack(&mut self, client: Client, command: MavCmd, result: MavResult) {
         let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-            command,
-            result,
+            command: command as u16,
+            result: result as u8,
             progress: 0,
             result_param2: 0,
             target_system: client.peer.0,
             target_component: client.peer.1,
         });
-        self.out.message(client.link, OWN, &message);
+        self.out.message(client.link, self.own, &message);
     }
 
     /// Once a control step: what is due, and what was begun.

@@ -157,6 +157,12 @@ const fn fixed(name: &'static str, value: f32, doc: &'static str) -> Parameter {
 /// What every client sees.
 #[rustfmt::skip] // one line each
 pub static COMMON: &[Parameter] = &[
+    Parameter {
+        kind: Kind::Whole,
+        get: |c| f64::from(c.system_id),
+        set: |c, v| c.system_id = v as u8,
+        ..choice("MAV_SYS_ID", "ground.system_id", When::Restart, 1.0, 250.0, "System that the vehicle is; each of one station has its own.")
+    },
     number!("FLT_TKO_HGT", flight.takeoff_height_m, AtOnce, 0.3, 20.0, "m", "Height of a take-off that names none."),
     number!("FLT_TKO_SPD", flight.takeoff_speed_mps, AtOnce, 0.1, 2.0, "m/s", "Speed of the height setpoint in a take-off."),
     number!("FLT_SPOOL_T", flight.spool_s, OnFloor, 0.2, 5.0, "s", "Time in which thrust rises from nothing to just below hover."),

@@ -138,7 +138,8 @@ impl Parameter {
 }
 
 /// What the first part of a name stands for.
-const GROUPS: [(&str, &str); 11] = [
+const GROUPS: [(&str, &str); 12] = [
+    ("MAV_", "Stations"),
     ("FLT_", "Flight"),
     ("LIM_", "Limits"),
     ("CTL_", "Control"),

@@ -9,12 +9,14 @@ use haltere_dialect::mav::haltere::{
     PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, ParamAck,
 };
 
+use haltere_dialect::mav::name_of;
+
 use haltere_core::control::margins;
 use haltere_core::time::HostTime;
 
 use super::super::config::PilotConfig;
 use super::super::modes::Mode;
-use super::super::{LinkId, OWN, Pilot, Severity};
+use super::super::{LinkId, Pilot, Severity};
 use super::Purpose;
 use super::budget::Budget;
 use super::crc32::crc32;
@@ -122,9 +124,9 @@ impl Pilot {
                     param_id: m.param_id,
                     param_value: m.param_value,
                     param_type: m.param_type,
-                    param_result: ParamAck::PARAM_ACK_VALUE_UNSUPPORTED,
+                    param_result: ParamAck::PARAM_ACK_VALUE_UNSUPPORTED as u8,
                 });
-                self.out.message(link, OWN, &answer);
+                self.out.message(link, self.own, &answer);
             }
             _ => return false,
         }
@@ -177,10 +179,13 @@ impl Pilot {
             self.say(at, Severity::Warning, format!("no parameter {name}"));
             return;
         };
-        let result = if m.param_type == MavParamType::MAV_PARAM_TYPE_REAL32 {
+        let result = if m.param_type == MavParamType::MAV_PARAM_TYPE_REAL32 as u8 {
             self.set_parameter(at, parameter, m.param_value)
         } else {
-            let why = format!("{name}: its type is REAL32, not {:?}", m.param_type);
+            let why = format!(
+                "{name}: its type is REAL32, not {}",
+                name_of::<MavParamType>(m.param_type)
+            );
             Err((MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH, why))
         };
         match result {
@@ -283,9 +288,9 @@ impl Pilot {
             param_count: table::count(self.is_px4(link)) as u16,
             param_index: index,
             param_id: id_of(parameter.name).into(),
-            param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
+            param_type: MavParamType::MAV_PARAM_TYPE_REAL32 as u8,
         });
-        self.out.message(link, OWN, &message);
+        self.out.message(link, self.own, &message);
     }
 
     fn send_hash(&mut self, link: LinkId) {
@@ -297,9 +302,9 @@ impl Pilot {
             param_count: table::count(px4) as u16,
             param_index: NO_INDEX,
             param_id: id_of(HASH_NAME).into(),
-            param_type: MavParamType::MAV_PARAM_TYPE_UINT32,
+            param_type: MavParamType::MAV_PARAM_TYPE_UINT32 as u8,
         });
-        self.out.message(link, OWN, &message);
+        self.out.message(link, self.own, &message);
     }
 
     fn send_parameter_error(
@@ -317,7 +322,7 @@ impl Pilot {
             param_id: id_of(name).into(),
             error,
         });
-        self.out.message(link, OWN, &message);
+        self.out.message(link, self.own, &message);
     }
 }
 

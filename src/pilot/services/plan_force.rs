@@ -6,6 +6,7 @@ use haltere_core::estimate::Health;
 use haltere_core::geo::LocalOrigin;
 use haltere_core::time::HostTime;
 
+use super::super::awaited::Next;
 use super::super::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
 use super::super::mission_items::{Refusal, Room, from_wire, is_global, place_E_m};
 use super::super::modes::{Event, Mode};
@@ -94,7 +95,7 @@ impl Pilot {
                 self.guidance.new_mission();
                 self.services.plans.mission_is_barred = None;
                 if self.mission.items.is_empty()
-                    && self.guidance.mission_waits
+                    && self.guidance.next == Next::Mission
                     && !self.mode.has_thrust()
                 {
                     self.call_off_lift_off();

@@ -14,7 +14,7 @@ use super::super::mission::MOST_ITEMS;
 use super::super::mission_items::{Room, from_wire};
 use super::super::mission_transfer::{Client, MissionTransfer, Progress, Upload, ack};
 use super::super::modes::{Event, Mode};
-use super::super::{LinkId, OWN, Pilot, Severity};
+use super::super::{LinkId, Pilot, Severity};
 use super::budget::Budget;
 use super::fence::{Fence, MOST_CORNERS};
 use super::files::Plan;
@@ -31,7 +31,7 @@ const MOST_PARTIAL: usize = 8;
 #[derive(Debug)]
 struct PartialList {
     client: Client,
-    mission_type: MavMissionType,
+    mission_type: u8,
     next: u16,
     last: u16,
 }
@@ -80,21 +80,20 @@ impl Plans {
 }
 
 /// The list behind a mission type.
-fn plan_of(mission_type: MavMissionType) -> Option<Plan> {
-    match mission_type {
-        MavMissionType::MAV_MISSION_TYPE_MISSION => Some(Plan::Mission),
-        MavMissionType::MAV_MISSION_TYPE_FENCE => Some(Plan::Fence),
-        MavMissionType::MAV_MISSION_TYPE_RALLY => Some(Plan::Rally),
-        MavMissionType::MAV_MISSION_TYPE_ALL => None,
-    }
+fn plan_of(mission_type: u8) -> Option<Plan> {
+    [Plan::Mission, Plan::Fence, Plan::Rally].into_iter().find(|p| type_of(*p) == mission_type)
 }
 
-pub(super) fn type_of(plan: Plan) -> MavMissionType {
-    match plan {
+/// All three lists, for who clears them.
+const ALL: u8 = MavMissionType::MAV_MISSION_TYPE_ALL as u8;
+
+pub(super) fn type_of(plan: Plan) -> u8 {
+    let mission_type = match plan {
         Plan::Mission => MavMissionType::MAV_MISSION_TYPE_MISSION,
         Plan::Fence => MavMissionType::MAV_MISSION_TYPE_FENCE,
         Plan::Rally => MavMissionType::MAV_MISSION_TYPE_RALLY,
-    }
+    };
+    mission_type as u8
 }
 
 pub(super) fn name_of(plan: Plan) -> &'static str {
@@ -144,6 +143,9 @@ impl Pilot {
             MavMessage::MISSION_ITEM_INT(m) => self.upload_item(at, client, m.clone(), false),
             MavMessage::MISSION_ITEM(m) => self.upload_item(at, client, to_int(m), true),
             MavMessage::MISSION_ACK(_) => self.services.plans.transfer.cancel(client),
+            MavMessage::MISSION_REQUEST_LIST(m) if plan_of(m.mission_type).is_none() => {
+                self.refuse_type(at, client, m.mission_type);
+            }
             MavMessage::MISSION_REQUEST_LIST(m) => {
                 let plan = plan_of(m.mission_type);
                 let answer = MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
@@ -153,7 +155,7 @@ impl Pilot {
                     mission_type: m.mission_type,
                     opaque_id: plan.map_or(0, |plan| self.plan_id(plan)),
                 });
-                self.out.message(client.link, OWN, &answer);
+                self.out.message(client.link, self.own, &answer);
             }
             MavMessage::MISSION_REQUEST_INT(m) => {
                 self.send_item(client, m.mission_type, m.seq, false);
@@ -167,7 +169,7 @@ impl Pilot {
                 if first < 0 || last < first || last >= have {
                     let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
                     let answer = ack(client.peer, m.mission_type, result, 0);
-                    self.out.message(client.link, OWN, &answer);
+                    self.out.message(client.link, self.own, &answer);
                 } else {
                     let partial = &mut self.services.plans.partial;
                     partial.retain(|list| list.client != client);
@@ -253,7 +255,7 @@ impl Pilot {
         }
     }
 
-    fn send_item(&mut self, client: Client, mission_type: MavMissionType, seq: u16, float: bool) {
+    fn send_item(&mut self, client: Client, mission_type: u8, seq: u16, float: bool) {
         let index = usize::from(seq);
         let stored = match plan_of(mission_type) {
             Some(Plan::Mission) => self.mission.items.get(index).map(|stored| &stored.wire),
@@ -261,7 +263,7 @@ impl Pilot {
             Some(Plan::Rally) => self.services.plans.rally_items.get(index),
             None => None,
         };
-        let is_mission = mission_type == MavMissionType::MAV_MISSION_TYPE_MISSION;
+        let is_mission = plan_of(mission_type) == Some(Plan::Mission);
         let answer = match stored {
             Some(item) => {
                 let item = MISSION_ITEM_INT_DATA {
@@ -283,22 +285,32 @@ impl Pilot {
                 ack(client.peer, mission_type, result, 0)
             }
         };
-        self.out.message(client.link, OWN, &answer);
+        self.out.message(client.link, self.own, &answer);
     }
 
     fn refuse_plan(
         &mut self,
         at: HostTime,
         client: Client,
-        mission_type: MavMissionType,
+        mission_type: u8,
         result: MavMissionResult,
         why: &str,
     ) -> MavMessage {
         let answer = ack(client.peer, mission_type, result, 0);
-        self.out.message(client.link, OWN, &answer);
+        self.out.message(client.link, self.own, &answer);
         let what = plan_of(mission_type).map_or("plan", name_of);
         self.say(at, Severity::Warning, format!("{what} refused: {why}"));
         answer
+    }
+
+    /// A list that does not exist was asked for, or all three at once.
+    fn refuse_type(&mut self, at: HostTime, client: Client, mission_type: u8) {
+        let why = format!(
+            "mission_type = {mission_type}, allowed 0 mission, 1 fence, 2 rally points; to clear, 255 \
+             all"
+        );
+        let result = MavMissionResult::MAV_MISSION_UNSUPPORTED;
+        self.refuse_plan(at, client, mission_type, result, &why);
     }
 
     /// Why a list cannot be replaced now.
@@ -315,15 +327,14 @@ impl Pilot {
         &mut self,
         at: HostTime,
         client: Client,
-        mission_type: MavMissionType,
+        mission_type: u8,
         first: u16,
         count: usize,
         partial: bool,
     ) {
         use MavMissionResult as R;
         let Some(plan) = plan_of(mission_type) else {
-            let why = "an upload has one type";
-            self.refuse_plan(at, client, mission_type, R::MAV_MISSION_UNSUPPORTED, why);
+            self.refuse_type(at, client, mission_type);
             return;
         };
         let most = most_items(plan);
@@ -354,7 +365,7 @@ impl Pilot {
         item: MISSION_ITEM_INT_DATA,
         float: bool,
     ) {
-        let is_mission = item.mission_type == MavMissionType::MAV_MISSION_TYPE_MISSION;
+        let is_mission = plan_of(item.mission_type) == Some(Plan::Mission);
         let transfer = &self.services.plans.transfer;
         if is_mission && transfer.wants(client, item.mission_type, item.seq) {
             // Refused at once: nobody wants to wait for the rest of it.
@@ -372,9 +383,9 @@ impl Pilot {
     fn upload_progress(&mut self, at: HostTime, progress: Progress) {
         match progress {
             Progress::Nothing => {}
-            Progress::Answer(client, message) => self.out.message(client.link, OWN, &message),
+            Progress::Answer(client, message) => self.out.message(client.link, self.own, &message),
             Progress::GivenUp(client, message, why) => {
-                self.out.message(client.link, OWN, &message);
+                self.out.message(client.link, self.own, &message);
                 self.say(at, Severity::Warning, why);
             }
             Progress::Complete(upload) => self.upload_ends(at, upload),
@@ -403,7 +414,7 @@ impl Pilot {
                 self.sent_a_mission |= plan == Plan::Mission;
                 let accepted = MavMissionResult::MAV_MISSION_ACCEPTED;
                 let answer = ack(peer, upload.mission_type, accepted, self.plan_id(plan));
-                self.out.message(link, OWN, &answer);
+                self.out.message(link, self.own, &answer);
                 let text = format!("{} of {} items in force", name_of(plan), self.plan_len(plan));
                 self.say(at, Severity::Info, text);
                 self.keep_plan(at, plan);
@@ -420,11 +431,15 @@ impl Pilot {
         self.services.plans.transfer.finish(&upload, answer, at);
     }
 
-    fn clear_plans(&mut self, at: HostTime, client: Client, mission_type: MavMissionType) {
+    fn clear_plans(&mut self, at: HostTime, client: Client, mission_type: u8) {
         use MavMissionResult as R;
         let plans = match plan_of(mission_type) {
             Some(plan) => vec![plan],
-            None => vec![Plan::Mission, Plan::Fence, Plan::Rally],
+            None if mission_type == ALL => vec![Plan::Mission, Plan::Fence, Plan::Rally],
+            None => {
+                self.refuse_type(at, client, mission_type);
+                return;
+            }
         };
         if let Some(why) = plans.iter().find_map(|plan| self.plan_is_locked(*plan)) {
             self.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
@@ -438,6 +453,6 @@ impl Pilot {
             self.keep_plan(at, plan);
         }
         let answer = ack(client.peer, mission_type, R::MAV_MISSION_ACCEPTED, 0);
-        self.out.message(client.link, OWN, &answer);
+        self.out.message(client.link, self.own, &answer);
     }
 }

@@ -1,6 +1,7 @@
 //! Rally points: places to return to beside home. A return flies to whichever is nearest.
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavMissionResult};
+use haltere_dialect::mav::name_of;
 
 use super::super::mission::Volume;
 use super::super::mission_items::Refusal;
@@ -18,8 +19,9 @@ pub fn check(
 ) -> Result<(), Refusal> {
     for (item, [north, east]) in items.iter().zip(places.iter().copied()) {
         let seq = item.seq;
-        if item.command != MavCmd::MAV_CMD_NAV_RALLY_POINT {
-            let why = format!("rally item {seq}: {:?} not supported", item.command);
+        if item.command != MavCmd::MAV_CMD_NAV_RALLY_POINT as u16 {
+            let why =
+                format!("rally item {seq}: {} not supported", name_of::<MavCmd>(item.command));
             return Err((MavMissionResult::MAV_MISSION_UNSUPPORTED, why));
         }
         let pos = haltere_core::frames::Vec3::new(north, east, 0.0);
@@ -40,7 +42,8 @@ mod tests {
     #[test]
     fn prop_points_outside_and_other_commands_are_refused() {
         let volume = Volume { north_m: [-5.0, 5.0], east_m: [-5.0, 5.0], height_m: 3.0 };
-        let try_at = |command, place| {
+        let try_at = |command: MavCmd, place| {
+            let command = command as u16;
             let item = MISSION_ITEM_INT_DATA { seq: 4, command, ..Default::default() };
             check(&[item], &[place], &volume, &Fence::default())
         };

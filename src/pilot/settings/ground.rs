@@ -17,6 +17,8 @@ const MOST_ENDPOINTS: usize = 8;
 /// many average frames.
 const MOST_FRAMES_PER_S: f64 = 2000.0;
 const MOST_BYTES_PER_S: f64 = 262_144.0;
+/// Systems that a vehicle may be: as PX4 has it, since 251 to 255 are stations.
+const SYSTEM_IDS: std::ops::RangeInclusive<f64> = 1.0..=250.0;
 /// Bits that a serial line sends for a byte.
 const BITS_PER_BYTE: f64 = 10.0;
 
@@ -26,6 +28,8 @@ const BITS_PER_BYTE: f64 = 10.0;
 pub struct GroundConfig {
     /// Where they are.
     pub endpoints: Vec<EndpointConfig>,
+    /// System that we are: two vehicles of one station differ in it.
+    pub system_id: u8,
     /// Which autopilot clients take us for, where an endpoint does not say otherwise.
     pub identity: Identity,
     /// `MAV_TYPE`, where an endpoint does not say otherwise.
@@ -53,6 +57,7 @@ impl Default for GroundConfig {
         let endpoint = Endpoint::default();
         Self {
             endpoints: vec![address.into()],
+            system_id: 1,
             identity: endpoint.identity,
             vehicle_type: endpoint.vehicle_type,
             gps: endpoint.gps,
@@ -255,6 +260,7 @@ impl GroundConfig {
                 self.endpoints.len()
             ));
         }
+        problems.range(format_args!("{key}.system_id"), f64::from(self.system_id), SYSTEM_IDS, "");
         problems.range(
             format_args!("{key}.most_frames_per_s"),
             self.most_frames_per_s,

@@ -125,6 +125,7 @@ impl Config {
             board_profile: self.board.profile,
             board_set_parameters: self.board.set_parameters,
             board_north_offset_rad: self.board.north_offset_deg.to_radians(),
+            system_id: self.ground.system_id,
             endpoints: self.ground.for_pilot(),
             routing: self.ground.routing,
             origin: self.ground.origin,
@@ -141,6 +142,7 @@ impl Config {
 
     /// Takes over what a station may have changed in the core's part.
     pub fn take_over(&mut self, pilot: PilotConfig) {
+        self.ground.system_id = pilot.system_id;
         self.flight = pilot.flight;
         self.limits = pilot.limits;
         self.supervisor = pilot.supervisor;

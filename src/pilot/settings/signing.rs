@@ -77,7 +77,7 @@ impl Config {
             let rate = Some(self.ground.rate());
             DoorConfig {
                 commanders: commanders.map(Into::into),
-                ..door(signing, setup, rate, (Some(1), 1))
+                ..door(signing, setup, rate, (Some(self.ground.system_id), 1))
             }
         });
         Doors {

@@ -3,6 +3,7 @@
 use super::super::config::PilotConfig;
 use super::super::modes::{Event, Mode, transition};
 use super::*;
+use crate::awaited::Next;
 use haltere_core::frames::Vec3;
 use haltere_core::measure::AnchorId;
 use haltere_core::survey::Survey;
@@ -171,7 +172,7 @@ fn prop_nothing_takes_off_with_an_estimator_that_is_not_aligned() {
         let mut pilot = pilot();
         pilot.mode = from;
         pilot.lift_off_asked = true;
-        pilot.guidance.mission_waits = true;
+        pilot.guidance.next = Next::Mission;
         for ms in (10..3000).step_by(10) {
             if pilot.mode == Mode::Arming && ms > 500 {
                 pilot.fire(at(ms), Event::BoardArmed);

@@ -85,7 +85,7 @@ fn tour(scene: &Scene) -> Vec<MISSION_ITEM_INT_DATA> {
     tour.push(point(1.9, 0.0, 1.0, 0.3));
     tour.push(point(-1.5, -1.9, 2.4, 0.3));
     tour.extend(
-        items.iter().filter(|i| i.command == MavCmd::MAV_CMD_CONDITION_YAW).take(1).cloned(),
+        items.iter().filter(|i| i.command == MavCmd::MAV_CMD_CONDITION_YAW as u16).take(1).cloned(),
     );
     tour.push(point(0.0, 1.9, 1.2, 0.3));
     tour.push(items[items.len() - 1].clone());

@@ -6,6 +6,7 @@ use haltere_dialect::mav::haltere::{
     MavBatteryFunction, MavBatteryType, MavCmd, MavMessage, MavModeFlag, MavResult, MavState,
     MavType, SYSTEM_TIME_DATA, TIMESYNC_DATA,
 };
+use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream::{self, MavSplitter};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -106,7 +107,7 @@ impl Wire {
                     let result = self.obey(&m, clock_us, on_ground, pilotage);
                     let ack = COMMAND_ACK_DATA {
                         command: m.command,
-                        result,
+                        result: result as u8,
                         progress: 0,
                         result_param2: 0,
                         target_system: from.system_id,
@@ -137,12 +138,12 @@ impl Wire {
         on_ground: bool,
         pilotage: &mut Pilotage,
     ) -> MavResult {
-        match m.command {
-            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM if m.param1 == 1.0 => {
+        match known(m.command) {
+            Some(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) if m.param1 == 1.0 => {
                 pilotage.arm();
                 MavResult::MAV_RESULT_ACCEPTED
             }
-            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
+            Some(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) => {
                 let idle = pilotage.order.throttle.iter().all(|t| *t < 0.3);
                 if pilotage.armed && !(on_ground && idle) && m.param2 != FORCE {
                     return MavResult::MAV_RESULT_FAILED;
@@ -150,7 +151,7 @@ impl Wire {
                 pilotage.disarm();
                 MavResult::MAV_RESULT_ACCEPTED
             }
-            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
+            Some(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL) => {
                 let stream = STREAMS.iter().position(|(id, _)| *id as f32 == m.param1);
                 let (Some(i), true) = (stream, m.param2.is_finite()) else {
                     return MavResult::MAV_RESULT_DENIED;
@@ -200,13 +201,13 @@ fn heartbeat(pilotage: &Pilotage) -> MavMessage {
     }
     MavMessage::HEARTBEAT(HEARTBEAT_DATA {
         custom_mode: 0,
-        mavtype: MavType::MAV_TYPE_FLAPPING_WING,
-        autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
+        mavtype: MavType::MAV_TYPE_FLAPPING_WING as u8,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC as u8,
         base_mode,
         system_status: match (pilotage.armed, pilotage.alone()) {
-            (false, _) => MavState::MAV_STATE_STANDBY,
-            (true, false) => MavState::MAV_STATE_ACTIVE,
-            (true, true) => MavState::MAV_STATE_CRITICAL,
+            (false, _) => MavState::MAV_STATE_STANDBY as u8,
+            (true, false) => MavState::MAV_STATE_ACTIVE as u8,
+            (true, true) => MavState::MAV_STATE_CRITICAL as u8,
         },
         mavlink_version: 3,
     })
@@ -264,8 +265,8 @@ fn battery(r: &Readings) -> MavMessage {
         voltages,
         current_battery: (r.current_a * 100.0).clamp(0.0, 32767.0) as i16,
         id: 0,
-        battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_ALL,
-        mavtype: MavBatteryType::MAV_BATTERY_TYPE_LIPO,
+        battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_ALL as u8,
+        mavtype: MavBatteryType::MAV_BATTERY_TYPE_LIPO as u8,
         battery_remaining: (r.charge_frac * 100.0).clamp(0.0, 100.0) as i8,
         ..BATTERY_STATUS_DATA::DEFAULT
     })

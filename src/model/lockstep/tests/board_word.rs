@@ -15,10 +15,10 @@ fn beat(armed: bool) -> Vec<u8> {
     base_mode.set(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED, armed);
     let message = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
         custom_mode: 0,
-        mavtype: MavType::MAV_TYPE_FLAPPING_WING,
-        autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
+        mavtype: MavType::MAV_TYPE_FLAPPING_WING as u8,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC as u8,
         base_mode,
-        system_status: MavState::MAV_STATE_STANDBY,
+        system_status: MavState::MAV_STATE_STANDBY as u8,
         mavlink_version: 3,
     });
     let mut bytes = Vec::new();

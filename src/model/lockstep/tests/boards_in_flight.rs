@@ -127,7 +127,7 @@ fn prop_a_slow_land_detector_is_waited_for_and_not_forced() {
             .into_iter()
             .filter_map(|(t, m)| match m {
                 MavMessage::COMMAND_LONG(m)
-                    if m.command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM =>
+                    if m.command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM as u16 =>
                 {
                     Some((t, m.param2))
                 }
@@ -158,7 +158,7 @@ fn regress_no_failure_is_injected_into_a_board_that_is_armed_and_the_answer_is_t
     assert_eq!(world.pilot().mode(), Mode::Hold);
     land(&mut world, &mut ground);
     let passed_on = || {
-        let command = |m: &(u64, MavMessage)| matches!(&m.1, MavMessage::COMMAND_LONG(c) if c.command == INJECT);
+        let command = |m: &(u64, MavMessage)| matches!(&m.1, MavMessage::COMMAND_LONG(c) if c.command == INJECT as u16);
         to_board(&sent).into_iter().filter(command).count()
     };
     assert_eq!(passed_on(), 0);

@@ -131,7 +131,7 @@ fn prop_an_arming_under_way_ends_disarmed() {
     // Aligned, or arming would be refused.
     fly_for(&mut world, 8.0);
     let order = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-        command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+        command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM as u16,
         target_system: 1,
         target_component: 1,
         param1: 1.0,

@@ -193,7 +193,7 @@ fn prop_a_disarm_by_the_board_in_flight_is_believed() {
     assert!(took_s > 0.5, "{took_s}");
     use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag};
     let beat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
-        autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC as u8,
         base_mode: MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED,
         ..Default::default()
     });

@@ -4,6 +4,7 @@ use haltere_dialect::mav::haltere::{
     COMMAND_INT_DATA, HEARTBEAT_DATA, MANUAL_CONTROL_DATA, MavMessage, MavMissionResult,
     MavMissionType, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
+use haltere_dialect::mav::known;
 
 use super::services::{ACCEPTED, upload_as};
 use super::*;
@@ -164,7 +165,7 @@ enum Way {
 fn setpoint(way: Way) -> MavMessage {
     let velocity = way == Way::Velocity;
     MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
-        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
         type_mask: PositionTargetTypemask::from_bits_retain(if velocity { 0xDC3 } else { 0xDF8 }),
         x: HOME_M[0] as f32,
         y: HOME_M[1] as f32,
@@ -273,8 +274,8 @@ fn regress_nobody_returns_to_where_the_fence_forbids() {
     draw(&mut world, &mut ground, &[circle([4.0, 2.5], 1.2)]);
     // The fence came first: refused, and home stays where it was.
     let message = COMMAND_INT_DATA {
-        command: MavCmd::MAV_CMD_DO_SET_HOME,
-        frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        command: MavCmd::MAV_CMD_DO_SET_HOME as u16,
+        frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
         x: 40_000,
         y: 25_000,
         target_system: 1,
@@ -283,7 +284,9 @@ fn regress_nobody_returns_to_where_the_fence_forbids() {
     };
     ground.send(&mut world, &MavMessage::COMMAND_INT(message));
     let answer = ground.wait_for(&mut world, 1_000_000, |m| match m {
-        MavMessage::COMMAND_ACK(a) if a.command == MavCmd::MAV_CMD_DO_SET_HOME => Some(a.result),
+        MavMessage::COMMAND_ACK(a) if a.command == MavCmd::MAV_CMD_DO_SET_HOME as u16 => {
+            known(a.result)
+        }
         _ => None,
     });
     assert_eq!(answer, Some(MavResult::MAV_RESULT_DENIED), "{:?}", ground.texts);

@@ -12,7 +12,7 @@ fn set(world: &mut Lockstep, ground: &mut Ground, name: &str, value: f32) {
         target_system: 1,
         target_component: 1,
         param_id: id.into(),
-        param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
+        param_type: MavParamType::MAV_PARAM_TYPE_REAL32 as u8,
     });
     ground.send(world, &message);
     fly_for(world, 0.02);

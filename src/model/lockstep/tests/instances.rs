@@ -36,7 +36,7 @@ fn pack(id: u8, function: MavBatteryFunction, supply_v: f64) -> MavMessage {
     voltages[0] = (supply_v * 1e3) as u16;
     MavMessage::BATTERY_STATUS(BATTERY_STATUS_DATA {
         id,
-        battery_function: function,
+        battery_function: function as u8,
         voltages,
         current_battery: -1,
         battery_remaining: -1,

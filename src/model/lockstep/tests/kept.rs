@@ -42,7 +42,11 @@ fn arms(world: &mut Lockstep, ground: &mut Ground) -> bool {
 }
 
 fn clear(world: &mut Lockstep, ground: &mut Ground, mission_type: MavMissionType) {
-    let message = MISSION_CLEAR_ALL_DATA { target_system: 1, target_component: 1, mission_type };
+    let message = MISSION_CLEAR_ALL_DATA {
+        target_system: 1,
+        target_component: 1,
+        mission_type: mission_type as u8,
+    };
     ground.send(world, &MavMessage::MISSION_CLEAR_ALL(message));
     fly_for(world, 0.2);
 }

@@ -7,6 +7,7 @@ use haltere_dialect::mav::haltere::{
     COMMAND_CANCEL_DATA, COMMAND_LONG_DATA, EVENT_DATA, FENCE_STATUS_DATA, FenceBreach, MavMessage,
     REQUEST_EVENT_DATA,
 };
+use haltere_dialect::mav::known;
 
 use super::*;
 use haltere_pilot::services::{FileFault, FileTask, Judgement, Told, encode_plan};
@@ -192,24 +193,24 @@ fn prop_arming_that_waits_can_be_cancelled() {
     let command = MavCmd::MAV_CMD_COMPONENT_ARM_DISARM;
     let order = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
         param1: 1.0,
-        command,
+        command: command as u16,
         target_system: 1,
         target_component: 1,
         ..Default::default()
     });
     ground.send(&mut world, &order);
     let cancel = MavMessage::COMMAND_CANCEL(COMMAND_CANCEL_DATA {
-        command,
+        command: command as u16,
         target_system: 1,
         target_component: 1,
     });
     fly_for(&mut world, 0.3);
     ground.send(&mut world, &cancel);
-    let mut results = Vec::new();
+    let mut results: Vec<MavResult> = Vec::new();
     fly_for(&mut world, 0.1);
     ground.listen(&mut world);
     while let Some(result) = ground.take(|m| match m {
-        MavMessage::COMMAND_ACK(ack) if ack.command == command => Some(ack.result),
+        MavMessage::COMMAND_ACK(ack) if ack.command == command as u16 => known(ack.result),
         _ => None,
     }) {
         results.push(result);
@@ -312,7 +313,11 @@ fn prop_a_judgement_ends_when_it_is_cancelled_or_the_vehicle_is_armed() {
             arm(&mut world, &mut ground);
         } else {
             let command = MavCmd::MAV_CMD_USER_4;
-            let cancel = COMMAND_CANCEL_DATA { command, target_system: 1, target_component: 1 };
+            let cancel = COMMAND_CANCEL_DATA {
+                command: command as u16,
+                target_system: 1,
+                target_component: 1,
+            };
             ground.send(&mut world, &MavMessage::COMMAND_CANCEL(cancel));
         }
         fly_for(&mut world, 5.0);

@@ -39,7 +39,7 @@ impl Second {
         // It streams, by order of whoever flew it last.
         for id in [105.0, 31.0, 147.0] {
             let message = haltere_dialect::mav::haltere::COMMAND_LONG_DATA {
-                command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
+                command: MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL as u16,
                 param1: id,
                 param2: 10_000.0,
                 target_system: 1,
@@ -133,7 +133,7 @@ fn prop_nothing_is_armed_while_two_boards_speak() {
     let mut second = Second::new(&world, 47);
     second.pass(&mut world, &mut ground, 8.0);
     let arming = MavMessage::COMMAND_LONG(haltere_dialect::mav::haltere::COMMAND_LONG_DATA {
-        command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+        command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM as u16,
         param1: 1.0,
         target_system: 1,
         target_component: 1,

@@ -7,6 +7,7 @@ use haltere_dialect::mav::haltere::{
     MavParamError, MavParamType, PARAM_REQUEST_LIST_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
     PARAM_VALUE_DATA, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
+use haltere_dialect::mav::known;
 
 use super::*;
 use MavMissionType as T;
@@ -24,7 +25,7 @@ fn set(world: &mut Lockstep, ground: &mut Ground, name: &str, value: f32) {
         target_system: 1,
         target_component: 1,
         param_id: id(name).into(),
-        param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
+        param_type: MavParamType::MAV_PARAM_TYPE_REAL32 as u8,
     });
     ground.send(world, &message);
 }
@@ -62,7 +63,7 @@ fn prop_all_parameters_are_listed_once_to_component_zero_too() {
         MavMessage::PARAM_VALUE(v) => Some(v.clone()),
         _ => None,
     }) {
-        assert_eq!(v.param_type, MavParamType::MAV_PARAM_TYPE_REAL32);
+        assert_eq!(v.param_type, MavParamType::MAV_PARAM_TYPE_REAL32 as u8);
         assert!(v.param_value.is_finite());
         let count = usize::from(v.param_count);
         assert!(seen.insert(v.param_index, v.param_id).is_none(), "twice");
@@ -133,7 +134,7 @@ fn prop_bad_values_are_refused_with_the_old_value_and_a_reason() {
         target_system: 1,
         target_component: 1,
         param_id: id("FLT_TKO_HGT").into(),
-        param_type: MavParamType::MAV_PARAM_TYPE_INT32,
+        param_type: MavParamType::MAV_PARAM_TYPE_INT32 as u8,
     });
     ground.send(&mut world, &typed);
     assert_eq!(error(&mut world, &mut ground), Some(E::MAV_PARAM_ERROR_TYPE_MISMATCH));
@@ -184,7 +185,7 @@ pub(super) fn upload_as(
         count: items.len() as u16,
         target_system: 1,
         target_component: 1,
-        mission_type,
+        mission_type: mission_type as u8,
         opaque_id: 0,
     });
     ground.send(world, &count);
@@ -201,7 +202,7 @@ fn answer_requests(
         let step = ground.wait_for(world, PATIENCE_US, |m| match m {
             MavMessage::MISSION_REQUEST_INT(r) => Some(Ok(r.seq)),
             MavMessage::MISSION_REQUEST(r) => Some(Ok(r.seq)),
-            MavMessage::MISSION_ACK(ack) => Some(Err(ack.mavtype)),
+            MavMessage::MISSION_ACK(ack) => known(ack.mavtype).map(Err),
             _ => None,
         })?;
         match step {
@@ -212,7 +213,7 @@ fn answer_requests(
                     seq,
                     target_system: 1,
                     target_component: 1,
-                    mission_type,
+                    mission_type: mission_type as u8,
                     ..item
                 });
                 ground.send(world, &message);
@@ -235,11 +236,15 @@ fn download(
     ground: &mut Ground,
     mission_type: MavMissionType,
 ) -> Vec<MISSION_ITEM_INT_DATA> {
-    let ask = MISSION_REQUEST_LIST_DATA { target_system: 1, target_component: 1, mission_type };
+    let ask = MISSION_REQUEST_LIST_DATA {
+        target_system: 1,
+        target_component: 1,
+        mission_type: mission_type as u8,
+    };
     ground.send(world, &MavMessage::MISSION_REQUEST_LIST(ask));
     let count = ground
         .wait_for(world, PATIENCE_US, |m| match m {
-            MavMessage::MISSION_COUNT(c) if c.mission_type == mission_type => Some(c.count),
+            MavMessage::MISSION_COUNT(c) if c.mission_type == mission_type as u8 => Some(c.count),
             _ => None,
         })
         .unwrap();
@@ -251,7 +256,7 @@ fn download(
                 seq,
                 target_system: 1,
                 target_component: 1,
-                mission_type,
+                mission_type: mission_type as u8,
             };
             ground.send(world, &MavMessage::MISSION_REQUEST_INT(ask));
         }
@@ -289,7 +294,7 @@ fn prop_three_lists_are_held_apart_and_come_back() {
         assert_eq!(got.len(), want.len());
         for (got, want) in got.iter().zip(&want) {
             assert_eq!((got.command, got.x, got.y), (want.command, want.x, want.y));
-            assert_eq!(got.mission_type, mission_type);
+            assert_eq!(got.mission_type, mission_type as u8);
         }
     }
     // A rally point or a leg outside the fence is refused.
@@ -305,7 +310,7 @@ fn prop_three_lists_are_held_apart_and_come_back() {
     let clear = MISSION_CLEAR_ALL_DATA {
         target_system: 1,
         target_component: 1,
-        mission_type: T::MAV_MISSION_TYPE_ALL,
+        mission_type: T::MAV_MISSION_TYPE_ALL as u8,
     };
     ground.send(&mut world, &MavMessage::MISSION_CLEAR_ALL(clear));
     fly_for(&mut world, 0.1);
@@ -327,7 +332,7 @@ fn prop_the_fence_holds_back_goto_and_offboard_and_arming() {
     assert_eq!(answer, Some(MavResult::MAV_RESULT_DENIED));
     // Straight on at 1 m/s, as an offboard client may ask: it stops at the fence, and stays.
     let north = MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
-        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
         // Horizontal velocity and height.
         type_mask: PositionTargetTypemask::from_bits_retain(0x1C0 | 0xC00 | 0b100_011),
         z: -1.2,
@@ -382,15 +387,15 @@ fn prop_float_items_in_a_global_frame() {
         x: place.lat_rad.to_degrees() as f32,
         y: place.lon_rad.to_degrees() as f32,
         z: 1.5,
-        command: MavCmd::MAV_CMD_NAV_WAYPOINT,
-        frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT,
+        command: MavCmd::MAV_CMD_NAV_WAYPOINT as u16,
+        frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT as u8,
         target_system: 1,
         target_component: 1,
         ..Default::default()
     };
     ground.send(&mut world, &MavMessage::MISSION_ITEM(float.clone()));
     let answer = ground.wait_for(&mut world, PATIENCE_US, |m| match m {
-        MavMessage::MISSION_ACK(ack) => Some(ack.mavtype),
+        MavMessage::MISSION_ACK(ack) => known(ack.mavtype),
         _ => None,
     });
     assert_eq!(answer, ACCEPTED);
@@ -538,4 +543,53 @@ fn prop_a_return_flies_to_the_nearer_rally_point() {
     until(&mut world, Mode::Disarmed, 40.0);
     let pos = world.truth().pos_E_m;
     assert!((pos.x() - 7.5).abs() < 0.7, "{pos:?}");
+}
+
+/// MAVSDK takes a mission for finished with its last item: that is the landing, which is done when the vehicle stands.
+#[test]
+fn regress_a_mission_is_not_finished_in_the_air() {
+    let mut world = world(6);
+    let mut ground = Ground::new();
+    assert_eq!(ground.upload(&mut world, &square()), ACCEPTED);
+    arm(&mut world, &mut ground);
+    let answer = ground.command(&mut world, MavCmd::MAV_CMD_MISSION_START, [0.0; 7]);
+    assert_eq!(answer, Some(MavResult::MAV_RESULT_ACCEPTED));
+    let last = square().len() as u16 - 1;
+    let mut heard = Vec::new();
+    until(&mut world, Mode::Land, 90.0);
+    while world.pilot().mode() != Mode::Disarmed {
+        fly_for(&mut world, 0.1);
+        ground.listen(&mut world);
+        while let Some(seq) = ground.take(|m| match m {
+            MavMessage::MISSION_ITEM_REACHED(r) => Some(r.seq),
+            _ => None,
+        }) {
+            assert!(seq < last || world.truth().on_ground, "{:?}", world.truth());
+            heard.push(seq);
+        }
+        assert!(world.t_us() < 150_000_000);
+    }
+    assert_eq!(heard.last(), Some(&last));
+}
+
+/// MISSION_START names the item after which the mission ends.
+#[test]
+fn regress_a_mission_ends_after_the_last_item_that_was_named() {
+    let mut world = world(6);
+    let mut ground = Ground::new();
+    assert_eq!(ground.upload(&mut world, &square()), ACCEPTED);
+    let start = MavCmd::MAV_CMD_MISSION_START;
+    let beyond = ground.command(&mut world, start, [0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    assert_eq!(beyond, Some(MavResult::MAV_RESULT_DENIED));
+    let answer = ground.command(&mut world, start, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    assert_eq!(answer, Some(MavResult::MAV_RESULT_ACCEPTED));
+    arm(&mut world, &mut ground);
+    until(&mut world, Mode::Mission, 20.0);
+    until(&mut world, Mode::Hold, 20.0);
+    let pos = world.truth().pos_E_m;
+    assert!((pos.x() - 6.0).abs() < 0.4 && (pos.y() - 5.0).abs() < 0.4, "{pos:?}");
+    // Asked for anew it goes on, to its own end.
+    let answer = ground.command(&mut world, start, [0.0; 7]);
+    assert_eq!(answer, Some(MavResult::MAV_RESULT_ACCEPTED));
+    until(&mut world, Mode::Land, 60.0);
 }

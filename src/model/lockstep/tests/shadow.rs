@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex};
 use haltere_dialect::mav::haltere::{
     COMMAND_LONG_DATA, MavMessage, PARAM_SET_DATA, SET_ATTITUDE_TARGET_DATA, SET_MODE_DATA,
 };
+use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream::{self, MavSplitter};
 
 use super::*;
@@ -70,7 +71,7 @@ impl Beside {
 
 fn command(command: MavCmd, target: u8, params: [f32; 3]) -> MavMessage {
     MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-        command,
+        command: command as u16,
         param1: params[0],
         param2: params[1],
         param3: params[2],
@@ -174,8 +175,10 @@ fn prop_a_shadow_sends_nothing_that_arms_or_moves_and_says_what_it_would() {
             MavMessage::COMMAND_LONG(m) => {
                 assert!(
                     matches!(
-                        m.command,
-                        MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL | MavCmd::MAV_CMD_REQUEST_MESSAGE
+                        known(m.command),
+                        Some(
+                            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL | MavCmd::MAV_CMD_REQUEST_MESSAGE
+                        )
                     ),
                     "{m:?}"
                 );

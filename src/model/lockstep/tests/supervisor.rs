@@ -209,8 +209,8 @@ fn prop_a_board_that_was_silent_ends_the_flight_and_cannot_be_overruled() {
 
 fn beat(ground: &mut Ground, world: &mut Lockstep) {
     let message = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
-        mavtype: MavType::MAV_TYPE_GCS,
-        autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+        mavtype: MavType::MAV_TYPE_GCS as u8,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID as u8,
         ..Default::default()
     });
     ground.send(world, &message);
@@ -247,7 +247,7 @@ fn prop_the_ground_link_is_watched_as_configured() {
 
 fn velocity(ground: &mut Ground, world: &mut Lockstep, vel_mps: [f32; 3]) {
     let message = MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
-        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
         type_mask: PositionTargetTypemask::from_bits_truncate(0xDC7),
         vx: vel_mps[0],
         vy: vel_mps[1],

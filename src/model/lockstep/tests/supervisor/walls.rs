@@ -144,7 +144,7 @@ const MANUAL: [f32; 7] = [1.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 
 pub(super) fn position(ground: &mut Ground, world: &mut Lockstep, pos_m: [f64; 3]) {
     let message = MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
-        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
         type_mask: PositionTargetTypemask::from_bits_truncate(0xDF8),
         x: pos_m[0] as f32,
         y: pos_m[1] as f32,

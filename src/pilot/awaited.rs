@@ -1,0 +1,118 @@
+//! What follows the take-off: a mode that a client asked for on the floor, or while the vehicle climbs.
+
+use haltere_core::frames::{E, Vec3};
+use haltere_core::time::HostTime;
+
+use super::modes::{Event, Mode};
+use super::setpoint::Setpoint;
+use super::{Pilot, Severity};
+
+/// A stream of setpoints that lifts the vehicle off has run for so long, s: one that stops at once would leave it in
+/// the air with nobody who flies it.
+const STREAM_S: f64 = 1.0;
+/// The point that a vehicle lifts off to is no further away than this, m: what a place that was measured by eye may be
+/// off. Farther ones are flown to from the air.
+const LIFT_OFF_M: f64 = 1.0;
+/// A take-off is so high before it turns into something else, m: clear of the floor's cushion, with room to lean.
+const CLEAR_M: f64 = 0.5;
+
+/// What follows the take-off.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) enum Next {
+    /// Hold.
+    #[default]
+    Nothing,
+    /// The mission.
+    Mission,
+    /// The setpoints of a client. Asked for on the floor, their stream lifts off by itself.
+    Offboard,
+    /// A joystick.
+    Manual,
+    /// A point.
+    Point { pos_E_m: Vec3<E>, yaw_rad: Option<f64> },
+}
+
+impl Next {
+    /// The mode that it is.
+    pub fn mode(self) -> Option<Mode> {
+        match self {
+            Next::Nothing => None,
+            Next::Mission => Some(Mode::Mission),
+            Next::Offboard => Some(Mode::Offboard),
+            Next::Manual => Some(Mode::Manual),
+            Next::Point { .. } => Some(Mode::Goto),
+        }
+    }
+}
+
+/// Why a setpoint lifts nothing off: its point is too far from where the vehicle stands.
+pub(super) fn too_far(setpoint: &Setpoint, pos_E_m: Vec3<E>) -> Option<String> {
+    let away_m = setpoint.away_m(pos_E_m);
+    (away_m > LIFT_OFF_M).then(|| {
+        format!(
+            "offboard refused on the floor: the setpoint is {away_m:.1} m away, allowed {LIFT_OFF_M} m; begin \
+             above the vehicle"
+        )
+    })
+}
+
+impl Pilot {
+    /// Begins what can begin now, one look in each control step.
+    pub(super) fn pursue_next(&mut self, at: HostTime) {
+        match (self.guidance.next, self.mode) {
+            (Next::Offboard, Mode::Disarmed | Mode::Arming | Mode::Idle) => self.lift_to_stream(at),
+            (Next::Manual | Next::Point { .. }, Mode::Takeoff)
+                if self.height_above_floor_m() >= CLEAR_M =>
+            {
+                self.begin_next(at);
+            }
+            _ => {}
+        }
+    }
+
+    /// Offboard on the floor: the vehicle lifts off to the first setpoint that is up, once the stream has run for a
+    /// while. A stream that stops calls it off.
+    fn lift_to_stream(&mut self, at: HostTime) {
+        let limit_s = self.config.limits.offboard_loss_s;
+        let Some(setpoint) = self.guidance.setpoint.filter(|s| s.age_s(at) < limit_s) else {
+            self.guidance.next = Next::Nothing;
+            let text = format!("offboard called off: no setpoint for {limit_s} s");
+            self.say(at, Severity::Warning, text);
+            return;
+        };
+        let runs = at.seconds_since(setpoint.since) >= STREAM_S;
+        let Some(height_m) = setpoint.climbs_to_m(CLEAR_M).filter(|_| runs) else { return };
+        if self.mode != Mode::Idle {
+            return;
+        }
+        if let Some(why) = too_far(&setpoint, self.estimate.pos_E_m) {
+            self.guidance.next = Next::Nothing;
+            self.say(at, Severity::Warning, why);
+            return;
+        }
+        self.guidance.set_takeoff_height(height_m);
+        self.lift_off(at);
+    }
+
+    /// Lets what waits for the take-off follow it. `false`: nothing does, or what it follows has stopped.
+    pub(super) fn begin_next(&mut self, at: HostTime) -> bool {
+        let limit_s = self.config.limits.offboard_loss_s;
+        let runs = |s: &Option<Setpoint>| s.is_some_and(|s| s.age_s(at) < limit_s);
+        let next = std::mem::take(&mut self.guidance.next);
+        let (event, runs) = match next {
+            Next::Nothing | Next::Mission => return false,
+            Next::Offboard => {
+                let stays = self.guidance.setpoint.is_some_and(|s| !s.needs_stream());
+                (Event::OffboardAsked, stays || runs(&self.guidance.setpoint))
+            }
+            Next::Manual => (Event::ManualAsked, runs(&self.guidance.sticks)),
+            Next::Point { .. } => (Event::GotoAsked, true),
+        };
+        // What has come up since it was asked for may forbid it.
+        let begins = runs && self.forbids(event).is_none() && self.fire(at, event);
+        if let (true, Next::Point { pos_E_m, yaw_rad }) = (begins, next) {
+            self.guidance.fly_to(pos_E_m, yaw_rad);
+        }
+        begins
+    }
+}
