@@ -1,9 +1,11 @@
-//! Mission upload: the count goes out, items go out as they are asked for, one answer ends it.
+//! Missions, fences and rally points, up and down. Up: the count goes out, items go out as they are asked for, one
+//! answer ends it. Down: the count is asked for, then each item.
 
 use std::time::{Duration, Instant};
 
 use haltere_dialect::mav::haltere::{
-    MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavMessage, MavMissionResult, MavMissionType,
+    MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MISSION_REQUEST_INT_DATA,
+    MISSION_REQUEST_LIST_DATA, MavMessage, MavMissionResult, MavMissionType,
 };
 
 use super::CtlError;
@@ -22,6 +24,103 @@ impl GroundStation {
         let wires: Vec<_> =
             items.iter().zip(0..).map(|(item, seq)| item.to_wire(seq, system, component)).collect();
         self.upload_plan(MavMissionType::MAV_MISSION_TYPE_MISSION, &wires)
+    }
+
+    /// Replaces several of the vehicle's lists, in this order: all of them or none. What was replaced is put back when
+    /// a later one is refused; the error is then that of the refusal, and `tell` hears how it stands.
+    pub fn upload_plans(
+        &mut self,
+        lists: &[(MavMissionType, &[MISSION_ITEM_INT_DATA])],
+        mut tell: impl FnMut(&str),
+    ) -> Result<(), CtlError> {
+        // What comes last is refused or in force: nothing is put back in its place.
+        let before = lists.iter().rev().skip(1).rev();
+        let before = before.map(|(kind, _)| Ok((*kind, self.download_plan(*kind)?)));
+        let before = before.collect::<Result<Vec<_>, CtlError>>()?;
+        for (n, (kind, items)) in lists.iter().enumerate() {
+            let Err(refusal) = self.upload_plan(*kind, items) else { continue };
+            for (kind, items) in before.iter().take(n).rev() {
+                let name = name_of(*kind);
+                match self.upload_plan(*kind, items) {
+                    Ok(()) => {
+                        tell(&format!("the {name} in force before is back ({} items)", items.len()))
+                    }
+                    Err(error) => {
+                        tell(&format!("the {name} in force before could not be put back: {error}"))
+                    }
+                }
+            }
+            return Err(refusal);
+        }
+        Ok(())
+    }
+
+    /// The vehicle's mission, fence or rally points.
+    pub fn download_plan(
+        &mut self,
+        kind: MavMissionType,
+    ) -> Result<Vec<MISSION_ITEM_INT_DATA>, CtlError> {
+        let (target_system, target_component) = self.target();
+        let mut ask = MavMessage::MISSION_REQUEST_LIST(MISSION_REQUEST_LIST_DATA {
+            target_system,
+            target_component,
+            mission_type: kind,
+        });
+        let mut items = Vec::new();
+        let mut count = None;
+        let mut tries = 0;
+        loop {
+            if count == Some(items.len()) {
+                self.send(&MavMessage::MISSION_ACK(MISSION_ACK_DATA {
+                    target_system,
+                    target_component,
+                    mavtype: MavMissionResult::MAV_MISSION_ACCEPTED,
+                    mission_type: kind,
+                    opaque_id: 0,
+                }))?;
+                return Ok(items);
+            }
+            if count.is_some() {
+                ask = MavMessage::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA {
+                    target_system,
+                    target_component,
+                    seq: items.len() as u16,
+                    mission_type: kind,
+                });
+            }
+            if tries >= TRIES {
+                return Err(CtlError::Timeout {
+                    what: format!("the {} in force", name_of(kind)),
+                    waited: RETRY_AFTER * TRIES,
+                    texts: self.take_texts(),
+                });
+            }
+            self.send(&ask)?;
+            tries += 1;
+            let deadline = Instant::now() + RETRY_AFTER;
+            while Instant::now() < deadline {
+                match self.next_message(deadline)? {
+                    Some(MavMessage::MISSION_COUNT(told))
+                        if told.mission_type == kind && count.is_none() =>
+                    {
+                        count = Some(usize::from(told.count));
+                    }
+                    Some(MavMessage::MISSION_ITEM_INT(item))
+                        if item.mission_type == kind && usize::from(item.seq) == items.len() =>
+                    {
+                        items.push(item);
+                    }
+                    Some(MavMessage::MISSION_ACK(answer)) if answer.mission_type == kind => {
+                        let texts = self.texts_after_refusal()?;
+                        return Err(CtlError::MissionRefused { result: answer.mavtype, texts });
+                    }
+                    Some(_) => continue,
+                    None => break,
+                }
+                tries = 0;
+                break;
+            }
+        }
     }
 
     /// Replaces the vehicle's mission, its fence or its rally points; the items are addressed here.
@@ -83,5 +182,14 @@ impl GroundStation {
                 });
             }
         }
+    }
+}
+
+/// What a list is called.
+pub(super) fn name_of(kind: MavMissionType) -> &'static str {
+    match kind {
+        MavMissionType::MAV_MISSION_TYPE_FENCE => "fence",
+        MavMissionType::MAV_MISSION_TYPE_RALLY => "rally points",
+        _ => "mission",
     }
 }
