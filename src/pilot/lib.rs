@@ -93,6 +93,7 @@ mod telemetry_counts;
 mod telemetry_estimator;
 mod telemetry_global;
 mod tilt_step;
+mod unheard;
 pub mod uwb;
 mod voice;
 
@@ -250,6 +251,7 @@ pub struct Pilot {
     kept_out_told_at: Option<HostTime>,
     /// Whether it was told that somebody answers from another address: on the board's link, on a station's.
     other_address_told: [bool; 2],
+    unheard_told: unheard::Told,
     passed_on: PassedOn,
     /// How much may still be said to people because of what clients and board say.
     echoes: Echoes,
@@ -353,6 +355,7 @@ impl Pilot {
             refused_told_at: None,
             kept_out_told_at: None,
             other_address_told: [false; 2],
+            unheard_told: unheard::Told::new(),
             passed_on: PassedOn::new(),
             echoes: Echoes::new(at),
             answering: false,
