@@ -53,7 +53,7 @@ fn accepts_until_it_is_killed() {
         let next = now.as_deref().map_or(0, number) + 1;
         accepted::write(file, now.as_deref(), &text(next), "a change").unwrap();
         // Two forward, one back.
-        if next % 3 == 0 {
+        if next.is_multiple_of(3) {
             accepted::undo(file, false).unwrap();
         }
         now = accepted::read(file).unwrap();

@@ -6,7 +6,7 @@
 //!
 //! One idea per file: `schedule` the control step and what is due beside it, `supervisor` what
 //! can go wrong and what is then done, `supervise` how a flight ends, `modes` the table of transitions,
-//! `ending` how a program ends that flies,
+//! `ending` how a program ends that flies, `anew` when another core may take this one's place,
 //! `change` what a transition does, `guidance` what the controller is asked for, `voice` what people are
 //! told, `losses` what was thrown away, `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
 //! what they fetch and store: parameters, plans, files and logs.
@@ -39,6 +39,7 @@
 // The definitions call some messages superseded; today's clients still send and expect them.
 #![allow(deprecated)]
 
+mod anew;
 mod arming;
 mod board;
 mod calendar;
