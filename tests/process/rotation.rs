@@ -96,7 +96,7 @@ fn logs(dir: &Path) -> Vec<PathBuf> {
 
 /// Modes of a log that are flight, by their name.
 fn flown(log: &Path) -> (BTreeMap<String, usize>, LogEnd) {
-    let reader = LogReader::open(log.to_owned()).unwrap();
+    let reader = LogReader::open(log).unwrap();
     let mut modes = BTreeMap::new();
     let mut entries = reader.entries();
     for entry in entries.by_ref() {
