@@ -193,3 +193,96 @@ pub(super) fn name_of(kind: MavMissionType) -> &'static str {
         _ => "mission",
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::net::UdpSocket;
+    use std::sync::mpsc::channel;
+
+    use super::*;
+    use haltere_dialect::mav::haltere::HEARTBEAT_DATA;
+    use haltere_dialect::mav_stream::{MavSplitter, encode};
+
+    const FENCE: MavMissionType = MavMissionType::MAV_MISSION_TYPE_FENCE;
+    const MISSION: MavMissionType = MavMissionType::MAV_MISSION_TYPE_MISSION;
+
+    /// The new fence stayed when the mission of the same file was refused.
+    #[test]
+    fn regress_a_refused_mission_leaves_the_fence_that_was_in_force() {
+        let vehicle = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let to = vehicle.local_addr().unwrap();
+        vehicle.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+        let (tell, seen) = channel();
+        let (ends, ended) = channel::<()>();
+        let item = |x| MISSION_ITEM_INT_DATA { x, mission_type: FENCE, ..Default::default() };
+        let old = item(1);
+        let in_force = old.clone();
+        let running = std::thread::spawn(move || {
+            let mut splitter = MavSplitter::new();
+            let mut buffer = [0; 2048];
+            let mut sequence = 0_u8;
+            while ended.try_recv() != Err(std::sync::mpsc::TryRecvError::Disconnected) {
+                let Ok((n, from)) = vehicle.recv_from(&mut buffer) else { continue };
+                splitter.push(&buffer[..n]);
+                let mut answers = vec![MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+                    autopilot: haltere_dialect::mav::haltere::MavAutopilot::MAV_AUTOPILOT_GENERIC,
+                    ..Default::default()
+                })];
+                while let Some(frame) = splitter.next() {
+                    let Ok(message) = frame.unwrap().decode() else { continue };
+                    let ack = |mavtype, mission_type| {
+                        let data = MISSION_ACK_DATA { mavtype, mission_type, ..Default::default() };
+                        MavMessage::MISSION_ACK(data)
+                    };
+                    match message {
+                        MavMessage::MISSION_REQUEST_LIST(m) => {
+                            answers.push(MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+                                count: 1,
+                                mission_type: m.mission_type,
+                                ..Default::default()
+                            }));
+                        }
+                        MavMessage::MISSION_REQUEST_INT(_) => {
+                            answers.push(MavMessage::MISSION_ITEM_INT(in_force.clone()));
+                        }
+                        MavMessage::MISSION_COUNT(m) if m.mission_type == MISSION => {
+                            answers.push(ack(MavMissionResult::MAV_MISSION_INVALID, MISSION));
+                        }
+                        MavMessage::MISSION_COUNT(m) => {
+                            answers.push(MavMessage::MISSION_REQUEST_INT(
+                                MISSION_REQUEST_INT_DATA {
+                                    mission_type: m.mission_type,
+                                    ..Default::default()
+                                },
+                            ));
+                        }
+                        MavMessage::MISSION_ITEM_INT(m) => {
+                            tell.send(m.x).unwrap();
+                            answers
+                                .push(ack(MavMissionResult::MAV_MISSION_ACCEPTED, m.mission_type));
+                        }
+                        _ => {}
+                    }
+                }
+                for answer in answers {
+                    let mut bytes = Vec::new();
+                    encode(&mut bytes, 1, 1, sequence, &answer);
+                    sequence = sequence.wrapping_add(1);
+                    vehicle.send_to(&bytes, from).unwrap();
+                }
+            }
+        });
+        let mut station = GroundStation::connect(&format!("udpout:{to}")).unwrap();
+        let (fence, mission) = ([item(2)], [MISSION_ITEM_INT_DATA::default()]);
+        let mut told = Vec::new();
+        let refused = station.upload_plans(&[(FENCE, &fence), (MISSION, &mission)], |text| {
+            told.push(text.to_owned())
+        });
+        assert!(matches!(refused, Err(CtlError::MissionRefused { .. })), "{refused:?}");
+        assert_eq!(told, ["the fence in force before is back (1 items)"]);
+        drop((station, ends));
+        running.join().unwrap();
+        // The new one, and the old one again.
+        assert_eq!(seen.iter().collect::<Vec<_>>(), [2, old.x]);
+    }
+}
