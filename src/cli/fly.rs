@@ -113,7 +113,10 @@ fn fly(signals: Signals, mut loaded: Loaded, as_json: bool) -> anyhow::Result<Ex
 
 fn in_words(summary: &RunSummary) -> String {
     let log = summary.log.as_ref().map(|path| path.display().to_string());
-    let mut words = format!(
+    let earlier = summary.earlier_logs.iter().map(|path| format!("log: {}\n", path.display()));
+    let mut words = earlier.collect::<String>();
+    let _ = write!(
+        words,
         "log: {}\nwake-ups: {}, late by more than 5 ms: {}, worst {:.1} ms\n",
         log.as_deref().unwrap_or("none"),
         summary.wake_ups,

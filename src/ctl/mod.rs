@@ -19,6 +19,7 @@ use haltere_dialect::signing::SigningKey;
 
 use serde_json::json;
 
+use self::transfer::name_of;
 use crate::neighbours::{self, Transport};
 use haltere_log::intake;
 use haltere_pilot::mission_file::MissionFile;
@@ -468,22 +469,27 @@ pub fn run(
         Action::Mission { .. } => {
             let file = mission.unwrap_or_default();
             file.remarks.iter().for_each(|remark| note(remark));
-            // A part that the file does not have stays as it is on the vehicle. The fence first: the mission is judged by it.
-            for (what, kind, items) in [
-                ("fence", MavMissionType::MAV_MISSION_TYPE_FENCE, &file.fence),
-                ("rally", MavMissionType::MAV_MISSION_TYPE_RALLY, &file.rally),
-            ] {
-                if !items.is_empty() {
-                    station.upload_plan(kind, items)?;
-                    say(&format!("{what}: {} items accepted", items.len()));
+            // A part that the file does not have stays as it is on the vehicle. The fence first: the mission is judged
+            // by it, and where it is refused the fence before is put back.
+            let lists = [
+                (MavMissionType::MAV_MISSION_TYPE_FENCE, &file.fence[..]),
+                (MavMissionType::MAV_MISSION_TYPE_RALLY, &file.rally[..]),
+                (MavMissionType::MAV_MISSION_TYPE_MISSION, &file.mission[..]),
+            ];
+            let lists: Vec<_> = lists.into_iter().filter(|(_, items)| !items.is_empty()).collect();
+            station.upload_plans(&lists, &mut note)?;
+            for (kind, items) in &lists {
+                match kind {
+                    MavMissionType::MAV_MISSION_TYPE_MISSION => {
+                        say(&format!("{} items accepted", items.len()));
+                    }
+                    kind => say(&format!("{}: {} items accepted", name_of(*kind), items.len())),
                 }
             }
             if file.mission.is_empty() {
                 note("the file holds no mission: nothing is flown");
                 return Ok(());
             }
-            station.upload_plan(MavMissionType::MAV_MISSION_TYPE_MISSION, &file.mission)?;
-            say(&format!("{} items accepted", file.mission.len()));
             let ends = [
                 MavCmd::MAV_CMD_NAV_LAND,
                 MavCmd::MAV_CMD_NAV_LAND_LOCAL,

@@ -1,7 +1,9 @@
 //! Writes accepted changes to files, and takes them back.
 //!
 //! Beside every changed file lies `FILE.haltere-undo`: for each change, newest last, the text before
-//! and the SHA-256 of the text after. Undo refuses when the file is no longer what was written.
+//! and the SHA-256 of the text after. Undo refuses when the file is no longer what was written. The way back is
+//! written first and removed last: a power cut between the two leaves a change on record that is not in the file,
+//! and the next run of either drops it.
 
 use haltere_log::written;
 use std::path::{Path, PathBuf};
@@ -82,6 +84,14 @@ struct Change {
     before: Option<String>,
     /// SHA-256 of the text after.
     after_sha256: String,
+}
+
+impl Change {
+    /// The file is as before it: it was to be written, or was taken back, when the power went.
+    fn is_not_in(&self, now: Option<&str>) -> bool {
+        self.before.as_deref() == now
+            && now.is_none_or(|now| digest(now.as_bytes()) != self.after_sha256)
+    }
 }
 
 /// A line that changes.
@@ -186,6 +196,9 @@ pub fn write(
 ) -> Result<PathBuf, FileError> {
     let undo = undo_path(path);
     let mut all = changes(&undo)?;
+    if all.last().is_some_and(|last| last.is_not_in(before)) {
+        all.pop();
+    }
     all.push(Change {
         what: what.to_owned(),
         before: before.map(str::to_owned),
@@ -201,14 +214,21 @@ fn json(all: &[Change], undo: &Path) -> Result<String, FileError> {
         .map_err(|e| FileError::Damaged { path: undo.to_owned(), why: e.to_string() })
 }
 
-/// Takes the newest change of a file back. Says what it was.
+/// Takes the newest change of a file back. Says what it was; no lines: the file was without it already.
 pub fn undo(path: &Path, dry_run: bool) -> Result<(String, Vec<LineChange>), FileError> {
     let undo = undo_path(path);
     let mut all = changes(&undo)?;
     let Some(last) = all.pop() else {
         return Err(FileError::Nothing { path: path.to_owned(), undo });
     };
-    let now = read(path)?.unwrap_or_default();
+    let there = read(path)?;
+    if last.is_not_in(there.as_deref()) {
+        if !dry_run {
+            keep(&all, &undo)?;
+        }
+        return Ok((last.what, Vec::new()));
+    }
+    let now = there.unwrap_or_default();
     let found = digest(now.as_bytes());
     if found != last.after_sha256 {
         let (path, written) = (path.to_owned(), last.after_sha256);
@@ -223,13 +243,17 @@ pub fn undo(path: &Path, dry_run: bool) -> Result<(String, Vec<LineChange>), Fil
         Some(text) => write_whole(path, text)?,
         None => std::fs::remove_file(path).map_err(io)?,
     }
-    if all.is_empty() {
-        std::fs::remove_file(&undo)
-            .map_err(|source| FileError::Io { path: undo.clone(), source })?;
-    } else {
-        write_whole(&undo, &json(&all, &undo)?)?;
-    }
+    keep(&all, &undo)?;
     Ok((last.what, lines))
+}
+
+/// What can still be taken back.
+fn keep(all: &[Change], undo: &Path) -> Result<(), FileError> {
+    if all.is_empty() {
+        return std::fs::remove_file(undo)
+            .map_err(|source| FileError::Io { path: undo.to_owned(), source });
+    }
+    write_whole(undo, &json(all, undo)?)
 }
 
 #[cfg(test)]
@@ -265,6 +289,33 @@ mod tests {
         assert!(!path.exists());
         std::fs::write(undo_path(&path), "{garbage").unwrap();
         assert!(matches!(undo(&path, false), Err(FileError::Damaged { .. })));
+    }
+
+    /// Undo told of an edit that nobody had made, and pointed at the record to mend by hand.
+    #[test]
+    fn regress_a_power_cut_between_record_and_file_is_no_edit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s.toml");
+        let text = || std::fs::read_to_string(&path).unwrap();
+        for before in [Some("a = 1\n"), None] {
+            std::fs::write(&path, "a = 1\n").unwrap();
+            if before.is_none() {
+                std::fs::remove_file(&path).unwrap();
+            }
+            write(&path, before, "a = 2\n", "one").unwrap();
+            write(&path, Some("a = 2\n"), "a = 3\n", "two").unwrap();
+            std::fs::write(&path, "a = 2\n").unwrap();
+            assert_eq!(undo(&path, false).unwrap(), ("two".to_owned(), Vec::new()));
+            assert_eq!(text(), "a = 2\n", "the one before stays");
+            // Cut again, and accepted again.
+            write(&path, Some("a = 2\n"), "a = 3\n", "two").unwrap();
+            std::fs::write(&path, "a = 2\n").unwrap();
+            write(&path, Some("a = 2\n"), "a = 4\n", "three").unwrap();
+            assert_eq!(undo(&path, false).unwrap().0, "three");
+            assert_eq!(undo(&path, false).unwrap().0, "one");
+            assert_eq!(read(&path).unwrap().as_deref(), before);
+            assert!(matches!(undo(&path, false), Err(FileError::Nothing { .. })));
+        }
     }
 
     #[test]

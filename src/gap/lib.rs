@@ -62,6 +62,8 @@ pub mod workshop;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_killed;
 
 /// Hash of what decides how a simulated flight goes and what is said of a flight (`BANK` in `src/gap/build.rs`). The words
 /// of the program are not among it.

@@ -65,6 +65,7 @@ impl ByHand {
         let inboxes = (0..links).map(inbox).collect();
         let core = Core {
             board_peer: None,
+            rotation: super::rotation::Rotation::never(),
             pilot: Pilot::new(config, survey.clone(), began),
             recorder: Recorder::start(logs, &session)?,
             watch: Feed::unserved(),

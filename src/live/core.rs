@@ -12,9 +12,10 @@ use tokio::sync::mpsc::Sender;
 use super::clock;
 use super::console;
 use super::files::FileDesk;
-use super::inbox::{Arrival, Arrivals, Shared, What};
+use super::inbox::{Arrival, Arrivals, MOST_LINKS, Shared, What};
 use super::mailbox::{Outgoing, Refused, Slot};
 use super::pool::Pool;
+use super::rotation::{Pair, Rotation};
 use super::stop::Stop;
 use crate::watch::Feed;
 use haltere_core::drops::DropReason;
@@ -63,6 +64,7 @@ pub(super) struct Core {
     pub shared: Arc<Shared>,
     /// Who spoke last on the board's link, if that has many ends.
     pub board_peer: Option<SocketAddr>,
+    pub rotation: Rotation,
 }
 
 /// What the flight came to, seen from the glue.
@@ -81,6 +83,10 @@ pub(super) struct Rounds {
     glue_due: HostTime,
     calendar_due: HostTime,
     end_asked: bool,
+    /// Links that are open, by number.
+    up: [bool; MOST_LINKS],
+    /// Of logs that were closed: entries that found no room, and that were left out.
+    lost_before: [u64; 2],
 }
 
 impl Rounds {
@@ -91,6 +97,8 @@ impl Rounds {
             glue_due: now.offset_us(GLUE_PERIOD_US),
             calendar_due: now,
             end_asked: false,
+            up: [false; MOST_LINKS],
+            lost_before: [0; 2],
         }
     }
 
@@ -114,9 +122,9 @@ impl Core {
             self.round(&mut rounds, deadline, clock::now);
         }
         self.shared.stop();
-        let Rounds { glue, mut losses, .. } = rounds;
-        self.report_losses(&mut losses);
-        self.recorder.glue(clock::now(), &glue);
+        self.report_losses(&mut rounds);
+        self.recorder.glue(clock::now(), &rounds.glue);
+        let Rounds { glue, losses, .. } = rounds;
         CoreSummary { recording: self.recorder.finish(), glue, losses }
     }
 
@@ -128,9 +136,9 @@ impl Core {
         deadline: HostTime,
         now: impl Fn() -> HostTime,
     ) {
-        self.take_arrivals();
+        self.take_arrivals(&mut rounds.up);
         self.take_file_answers();
-        self.report_losses(&mut rounds.losses);
+        self.report_losses(rounds);
         self.report_recording();
 
         let now = now();
@@ -151,6 +159,12 @@ impl Core {
             rounds.glue_due = now.offset_us(GLUE_PERIOD_US);
             self.recorder.glue(now, &rounds.glue);
             self.watch.glue(now, &rounds.glue);
+            if self.rotation.is_due(self.recorder.size_B(), now) && self.may_begin_anew(rounds) {
+                self.rotation.ask(self.pilot.settings());
+            }
+        }
+        if let Some(next) = self.rotation.next(now) {
+            self.hand_over(now, rounds, next);
         }
         self.recorder.commit(now);
         let armed = self.pilot.mode() != Mode::Disarmed;
@@ -162,22 +176,57 @@ impl Core {
         self.shared.step();
     }
 
-    fn take_arrivals(&mut self) {
+    /// Whether another core may go on from here with a log of its own.
+    fn may_begin_anew(&self, rounds: &Rounds) -> bool {
+        !rounds.end_asked && self.files.is_idle() && self.pilot.may_begin_anew()
+    }
+
+    /// Another core takes over, and its log begins. It is told what this one knew from outside: which links are open;
+    /// who speaks for the board, the calendar and how the recording stands come as for the first time.
+    fn hand_over(&mut self, now: HostTime, rounds: &mut Rounds, next: Box<Pair>) {
+        if !self.may_begin_anew(rounds) {
+            return self.rotation.forget(next, now);
+        }
+        self.report_losses(rounds);
+        self.recorder.glue(now, &rounds.glue);
+        let Pair { pilot, recorder } = *next;
+        let [queue_full, left_out] = &mut rounds.lost_before;
+        *queue_full = queue_full.saturating_add(self.recorder.lost());
+        *left_out = left_out.saturating_add(self.recorder.unrecorded());
+        let pilot = std::mem::replace(&mut self.pilot, pilot);
+        let recorder = std::mem::replace(&mut self.recorder, recorder);
+        self.rotation.close(Box::new(Pair { pilot, recorder }));
+        self.board_peer = None;
+        rounds.calendar_due = now;
+        for number in (0..).zip(rounds.up).filter_map(|(number, is_up)| is_up.then_some(number)) {
+            self.feed(now, Input::LinkUp { link: LinkId::from_number(number) });
+        }
+    }
+
+    fn take_arrivals(&mut self, up: &mut [bool; MOST_LINKS]) {
         for _ in 0..MOST_FROM_DEVICES {
             let Ok(arrival) = self.arrivals.devices.try_recv() else { break };
-            self.take(arrival);
+            self.take(arrival, up);
         }
         let began = clock::now();
         for _ in 0..MOST_FROM_STATIONS {
             let Ok(arrival) = self.arrivals.stations.try_recv() else { return };
-            self.take(arrival);
+            self.take(arrival, up);
             if clock::now().seconds_since(began) > STATIONS_S {
                 return;
             }
         }
     }
 
-    fn take(&mut self, Arrival { from, at, link, what }: Arrival) {
+    fn take(&mut self, arrival: Arrival, up: &mut [bool; MOST_LINKS]) {
+        let Arrival { from, at, link, what } = arrival;
+        if let Some(is_up) = up.get_mut(usize::from(link.number())) {
+            match what {
+                What::Bytes(..) => {}
+                What::Up => *is_up = true,
+                What::Down => *is_up = false,
+            }
+        }
         if let Some(address) = from
             && self.board_peer.replace(address) != Some(address)
         {
@@ -251,10 +300,13 @@ impl Core {
 
     /// Tells the core what was lost since it was last told. Losses of recorder, watch page and lines for
     /// people belong to no link; they stand with the tag's.
-    fn report_losses(&mut self, told: &mut Losses) {
-        let recorder = (LinkId::Tag, DropReason::RecorderQueueFull, self.recorder.lost());
+    fn report_losses(&mut self, rounds: &mut Rounds) {
+        let Rounds { losses: told, lost_before: [queue_full, left_out], .. } = rounds;
+        let queue_full = queue_full.saturating_add(self.recorder.lost());
+        let left_out = left_out.saturating_add(self.recorder.unrecorded());
+        let recorder = (LinkId::Tag, DropReason::RecorderQueueFull, queue_full);
         let watch = (LinkId::Tag, DropReason::WatchQueueFull, self.watch.lost());
-        let unrecorded = (LinkId::Tag, DropReason::RecordingStopped, self.recorder.unrecorded());
+        let unrecorded = (LinkId::Tag, DropReason::RecordingStopped, left_out);
         let lines = (LinkId::Tag, DropReason::OutputLineLost, console::lost_lines());
         let shared = self.shared.clone();
         for (link, reason, total) in shared.losses().chain([recorder, unrecorded, watch, lines]) {

@@ -12,7 +12,7 @@ use super::clock;
 use super::inbox::Shared;
 use crate::sources::{KeyFileError, read_key, read_time, time_file};
 use crate::store::{replace, replace_private};
-use haltere_core::drops::Drops;
+use haltere_core::drops::{DropReason, Drops};
 use haltere_core::time::HostTime;
 use haltere_log::record::utc_text;
 use haltere_pilot::LinkId;
@@ -184,8 +184,8 @@ impl Gate {
         }
     }
 
-    /// Whether a stranger with these bytes may come in.
-    pub(super) fn would_open(&self, bytes: &[u8]) -> bool {
+    /// Whether a stranger with these bytes may come in, or why not.
+    pub(super) fn would_open(&self, bytes: &[u8]) -> Result<(), DropReason> {
         let door = lock(&self.door);
         door.would_open(&lock(&self.keys.ring), clock::unix_us(), bytes)
     }

@@ -20,6 +20,8 @@ pub(super) struct FileDesk {
     answers: Receiver<(u32, Answer)>,
     /// Answers that need no disk.
     own: Vec<(u32, Answer)>,
+    /// Tasks that the disk has not answered.
+    at_work: usize,
 }
 
 impl FileDesk {
@@ -29,7 +31,10 @@ impl FileDesk {
         let fault = match &self.tasks {
             None => FileFault::Off,
             Some(tasks) => match tasks.try_send(request) {
-                Ok(()) => return,
+                Ok(()) => {
+                    self.at_work += 1;
+                    return;
+                }
                 Err(TrySendError::Full(_)) => FileFault::Busy,
                 Err(TrySendError::Disconnected(_)) => FileFault::Failed,
             },
@@ -39,7 +44,16 @@ impl FileDesk {
 
     /// One answer, if there is one; never waits.
     pub(super) fn answer(&mut self) -> Option<(u32, Answer)> {
-        self.own.pop().or_else(|| self.answers.try_recv().ok())
+        self.own.pop().or_else(|| {
+            let answer = self.answers.try_recv().ok()?;
+            self.at_work = self.at_work.saturating_sub(1);
+            Some(answer)
+        })
+    }
+
+    /// Whether no answer is to come: none must reach a core that did not ask.
+    pub(super) fn is_idle(&self) -> bool {
+        self.own.is_empty() && self.at_work == 0
     }
 }
 
@@ -53,7 +67,7 @@ pub(super) fn start(
     let (tasks, todo) = sync_channel::<FileRequest>(QUEUE_TASKS);
     let (done, answers) = sync_channel(2 * QUEUE_TASKS);
     let Some(store) = store else {
-        return Ok((FileDesk { tasks: None, answers, own: Vec::new() }, None));
+        return Ok((FileDesk { tasks: None, answers, own: Vec::new(), at_work: 0 }, None));
     };
     let thread = std::thread::Builder::new().name("files".into()).spawn(move || {
         loop {
@@ -75,5 +89,5 @@ pub(super) fn start(
     })?;
     let told = lost.map(|why| (FileFault::Nonsense, why.as_bytes().to_vec()));
     let own = told.map(|lost| (PARAMETERS_TICKET, Err(lost))).into_iter().collect();
-    Ok((FileDesk { tasks: Some(tasks), answers, own }, Some(thread)))
+    Ok((FileDesk { tasks: Some(tasks), answers, own, at_work: 0 }, Some(thread)))
 }

@@ -51,7 +51,7 @@ const REASONS: [DropReason; 14] = [
 ];
 
 /// Links that can exist: tag, board, and as many stations as the core takes.
-const MOST_LINKS: usize = 2 + MOST_GROUND_LINKS;
+pub(super) const MOST_LINKS: usize = 2 + MOST_GROUND_LINKS;
 
 /// State that all threads share.
 #[derive(Debug)]
@@ -263,11 +263,11 @@ impl Inbox {
 
     /// Whether a stranger with these bytes may have this link. If not, that is counted.
     pub(super) fn would_open(&self, bytes: &[u8]) -> bool {
-        let opens = self.gate.as_ref().is_none_or(|gate| gate.would_open(bytes));
-        if !opens {
-            self.lost(DropReason::MavUnsigned);
+        let opens = self.gate.as_ref().map_or(Ok(()), |gate| gate.would_open(bytes));
+        if let Err(reason) = opens {
+            self.lost(reason);
         }
-        opens
+        opens.is_ok()
     }
 
     /// Whether nobody comes in without a signature.

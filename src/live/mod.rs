@@ -22,6 +22,7 @@ mod notify;
 pub mod places;
 mod pool;
 pub mod realtime;
+mod rotation;
 mod seats;
 mod serial;
 pub mod signals;
@@ -56,10 +57,10 @@ use self::notify::{Progress, Systemd};
 use self::pool::Pool;
 use crate::neighbours::{self, Transport};
 use crate::sources::{KeyFileError, Loaded};
-use crate::store::{NoPrograms, Programs, Store};
+use crate::store::{NoPrograms, OwnLogs, Programs, Store};
 use crate::watch::{Feed, Watch, WatchError};
 use haltere_core::topics::Topic;
-use haltere_log::record::{BuildIdentity, Limits, RecordError, Recorder, Session};
+use haltere_log::record::{BuildIdentity, Limits, RecordError, Recorder, RecorderSummary, Session};
 use haltere_pilot::settings::{Address, Config, HostPort, TagPort};
 use haltere_pilot::{LinkId, Pilot};
 
@@ -151,8 +152,10 @@ pub enum LiveError {
 /// What a run came to.
 #[derive(Debug, Serialize)]
 pub struct RunSummary {
-    /// The log, if there is one.
+    /// The log, if there is one; where there were several, the last.
     pub log: Option<PathBuf>,
+    /// Those before it, which had become long.
+    pub earlier_logs: Vec<PathBuf>,
     /// Why recording ended early.
     pub recording_error: Option<String>,
     /// Entries that are not in the log.
@@ -223,7 +226,10 @@ async fn fly(
     let started = clock::now();
     let recorder = begin_recording(loaded, started)?;
     let pilot = Pilot::new(loaded.config.pilot(), loaded.survey.clone(), started);
-    let (files, file_thread) = start_files(loaded, &recorder, programs, &shared)?;
+    let own_logs = OwnLogs::default();
+    own_logs.add(recorder.name());
+    let (files, file_thread) = start_files(loaded, own_logs.clone(), programs, &shared)?;
+    let (rotation, log_thread) = rotation::start(loaded, own_logs)?;
     let (watch, feed) = watch.map_or((None, Feed::off()), |(watch, feed)| (Some(watch), feed));
     let watch_ends = Arc::<AtomicBool>::default();
     let watch_thread = watch.map(|watch| watch.start(watch_ends.clone())).transpose()?;
@@ -239,6 +245,7 @@ async fn fly(
         stop: stop.clone(),
         shared: shared.clone(),
         board_peer: None,
+        rotation,
     };
 
     let key_file = loaded.config.signing.key_file.clone();
@@ -273,8 +280,11 @@ async fn fly(
         // Each looks every 100 ms whether to end.
         let _ = tokio::task::spawn_blocking(move || thread.join()).await;
     }
+    // The pilot's thread has let go of it: it closes what is open, and ends.
+    let earlier = tokio::task::spawn_blocking(move || log_thread.join()).await;
+    let earlier = earlier.ok().and_then(Result::ok).unwrap_or_default();
     match summary {
-        Ok(Ok(summary)) if !died => Ok(summarise(summary, stop.is_armed())),
+        Ok(Ok(summary)) if !died => Ok(summarise(summary, earlier, stop.is_armed())),
         _ => Err(LiveError::PilotEnded),
     }
 }
@@ -347,14 +357,16 @@ type FileThread = (files::FileDesk, Option<JoinHandle<()>>);
 
 fn start_files(
     loaded: &Loaded,
-    recorder: &Recorder,
+    own_logs: OwnLogs,
     programs: Box<dyn Programs>,
     shared: &Arc<Shared>,
 ) -> Result<FileThread, LiveError> {
     let config = &loaded.config;
     let store = config.store.is_on().then(|| {
         let (directory, logs) = (&config.store.directory, &config.record.directory);
-        Store::new(directory, logs, None, programs).with_log_to_come(recorder.name())
+        let store = Store::new(directory, logs, None, programs).with_logs_to_come(own_logs);
+        store.sweep();
+        store
     });
     Ok(files::start(store, loaded.lost.as_deref(), shared.clone())?)
 }
@@ -490,12 +502,16 @@ fn tell(topic: &Topic) {
     }
 }
 
-fn summarise(summary: CoreSummary, ended_armed: bool) -> RunSummary {
+fn summarise(summary: CoreSummary, earlier: Vec<RecorderSummary>, ended_armed: bool) -> RunSummary {
     let CoreSummary { recording, glue, losses } = summary;
+    let lost_entries = earlier.iter().map(|log| log.lost_entries).sum::<u64>();
+    let earlier_logs = earlier.iter().filter_map(|log| log.path.clone()).collect();
+    let error = earlier.into_iter().find_map(|log| log.error).or(recording.error);
     RunSummary {
         log: recording.path,
-        recording_error: recording.error.map(|error| error.to_string()),
-        lost_log_entries: recording.lost_entries,
+        earlier_logs,
+        recording_error: error.map(|error| error.to_string()),
+        lost_log_entries: recording.lost_entries.saturating_add(lost_entries),
         wake_ups: glue.wake_ups,
         late_wake_ups: glue.late_wake_ups,
         worst_lateness_s: glue.worst_lateness_s,

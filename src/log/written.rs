@@ -1,8 +1,9 @@
 //! Files that programs write for people: whole or not at all, never over a flight log, never over what was read.
 //!
 //! A flight cannot be flown again, and a shell turns `-o *.mcap` into two names without a question. So every
-//! command writes through here: beside, synced, renamed. What is named is looked at through links. Devices and
-//! pipes have no contents to lose and are written as they are.
+//! command writes through here: beside, synced, renamed, and the folder synced, so that a power cut at any moment
+//! leaves the old or the new. What is named is looked at through links. Devices and pipes have no contents to lose and
+//! are written as they are.
 
 use std::fs::{File, Metadata, OpenOptions, Permissions};
 use std::io::{self, Read as _, Write};
@@ -13,8 +14,13 @@ use tempfile::NamedTempFile;
 
 /// First bytes of every flight log (MCAP's magic).
 pub const LOG_MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
+/// Name of what is in the making: nobody reads it.
+const PREFIX: &str = ".written-";
+const SUFFIX: &str = ".part";
 /// Mode of a new file; the process's umask takes from it.
 const MODE: u32 = 0o666;
+/// Mode of what only its owner may read, new or not.
+const PRIVATE: u32 = 0o600;
 
 /// Why a file is not written.
 #[derive(Debug, thiserror::Error)]
@@ -93,6 +99,17 @@ pub fn write<P: AsRef<Path>>(
     output.finish()
 }
 
+/// The same for what only its owner may read, from the first byte on, whatever the old file allowed.
+pub fn write_private(path: &Path, contents: impl AsRef<[u8]>) -> Result<(), OutputError> {
+    let mut output = Output::begin(path, &[""; 0], Old::Goes)?;
+    if let To::Beside(file, _) = &output.to {
+        let private = file.as_file().set_permissions(Permissions::from_mode(PRIVATE));
+        private.map_err(|source| OutputError::Io { path: path.into(), source })?;
+    }
+    output.put(contents.as_ref())?;
+    output.finish()
+}
+
 /// A file that others read while it grows, such as the truth of a flight that lasts: looked at in the same way,
 /// written in its place.
 pub fn growing<P: AsRef<Path>>(path: &Path, inputs: &[P]) -> Result<File, OutputError> {
@@ -121,13 +138,12 @@ impl Output {
             None => Permissions::from_mode(MODE),
         };
         let place = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-        let folder = place.parent().filter(|folder| !folder.as_os_str().is_empty());
         // A name of its own: two programs may write the same file at the same time.
         let beside = tempfile::Builder::new()
-            .prefix(".written-")
-            .suffix(".part")
+            .prefix(PREFIX)
+            .suffix(SUFFIX)
             .permissions(mode.clone())
-            .tempfile_in(folder.unwrap_or(Path::new(".")))
+            .tempfile_in(folder_of(&place))
             // Without its own words, which name the file beside.
             .map_err(|e| io(without_path(e)))?;
         if there.is_some() {
@@ -157,8 +173,28 @@ impl Output {
                 _ => io(e.error),
             })?,
         };
-        Ok(())
+        sync_folder(&place).map_err(io)
     }
+}
+
+/// Makes the name permanent; the contents are.
+fn sync_folder(place: &Path) -> io::Result<()> {
+    match File::open(folder_of(place)).and_then(|folder| folder.sync_all()) {
+        // Where files may be made and not listed, or where folders are not synced, as on some network drives.
+        Err(error)
+            if matches!(
+                error.kind(),
+                io::ErrorKind::PermissionDenied | io::ErrorKind::InvalidInput
+            ) =>
+        {
+            Ok(())
+        }
+        ended => ended,
+    }
+}
+
+fn folder_of(place: &Path) -> &Path {
+    place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// The words of the system, without those of the package, which name the file beside.
@@ -180,6 +216,18 @@ impl Write for Output {
         match &mut self.to {
             To::Beside(file, _) => file.flush(),
             To::Device(file) => file.flush(),
+        }
+    }
+}
+
+/// Removes what was in the making when its writer died; for who alone writes in a folder.
+pub fn sweep(folder: &Path) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let is_one = |name: &str| name.starts_with(PREFIX) && name.ends_with(SUFFIX);
+        if name.to_str().is_some_and(is_one) {
+            // One that stays does no harm.
+            let _ = std::fs::remove_file(entry.path());
         }
     }
 }
@@ -292,6 +340,18 @@ mod tests {
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
         write(&path, "new", &NONE).unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"new");
+    }
+
+    #[test]
+    fn prop_what_is_private_is_private_whatever_was_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("key");
+        let mode = || fs::metadata(&path).unwrap().permissions().mode() & 0o777;
+        write_private(&path, "secret").unwrap();
+        assert_eq!(mode(), 0o600);
+        fs::set_permissions(&path, Permissions::from_mode(0o644)).unwrap();
+        write_private(&path, "another").unwrap();
+        assert_eq!((mode(), fs::read(&path).unwrap()), (0o600, b"another".to_vec()));
     }
 
     #[test]

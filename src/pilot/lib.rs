@@ -6,7 +6,7 @@
 //!
 //! One idea per file: `schedule` the control step and what is due beside it, `supervisor` what
 //! can go wrong and what is then done, `supervise` how a flight ends, `modes` the table of transitions,
-//! `ending` how a program ends that flies,
+//! `ending` how a program ends that flies, `anew` when another core may take this one's place,
 //! `change` what a transition does, `awaited` what follows a take-off, `guidance` what the controller is asked for, `voice` what people are
 //! told, `losses` what was thrown away, `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
 //! what they fetch and store: parameters, plans, files and logs.
@@ -39,6 +39,7 @@
 // The definitions call some messages superseded; today's clients still send and expect them.
 #![allow(deprecated)]
 
+mod anew;
 mod arming;
 mod awaited;
 #[cfg(test)]
@@ -98,6 +99,7 @@ mod telemetry_estimator;
 mod telemetry_global;
 mod telemetry_imu;
 mod tilt_step;
+mod unheard;
 pub mod uwb;
 mod voice;
 
@@ -259,6 +261,7 @@ pub struct Pilot {
     kept_out_told_at: Option<HostTime>,
     /// Whether it was told that somebody answers from another address: on the board's link, on a station's.
     other_address_told: [bool; 2],
+    unheard_told: unheard::Told,
     passed_on: PassedOn,
     /// How much may still be said to people because of what clients and board say.
     echoes: Echoes,
@@ -364,6 +367,7 @@ impl Pilot {
             refused_told_at: None,
             kept_out_told_at: None,
             other_address_told: [false; 2],
+            unheard_told: unheard::Told::new(),
             passed_on: PassedOn::new(),
             echoes: Echoes::new(at),
             answering: false,

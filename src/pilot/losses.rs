@@ -51,6 +51,7 @@ impl Pilot {
             self.say(at, Severity::Warning, text.to_owned());
         }
         self.tell_kept_out(at, link, reason);
+        self.tell_unheard(at, link, reason);
     }
 }
 

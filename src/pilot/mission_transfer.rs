@@ -104,6 +104,12 @@ pub(super) fn ack(
 }
 
 impl MissionTransfer {
+    /// Whether nobody uploads, or repeats the end of an upload.
+    pub fn is_idle(&self, at: HostTime) -> bool {
+        let echoes = |f: &Finished| at.seconds_since(f.at) < ECHO_S;
+        self.session.is_none() && !self.finished.as_ref().is_some_and(echoes)
+    }
+
     /// Whether somebody else uploads.
     pub fn is_taken_by_other(&self, client: Client) -> bool {
         self.session.as_ref().is_some_and(|s| s.client != client)

@@ -64,7 +64,7 @@ impl Pilot {
     }
 
     /// Passes on a frame of a station, before it is looked at. `target`: system and component, 0 for
-    /// everyone.
+    /// everyone. Whether it went to anybody, now or a moment ago.
     pub(super) fn route_from_ground(
         &mut self,
         at: HostTime,
@@ -72,18 +72,19 @@ impl Pilot {
         frame: &MavFrame<'_>,
         message: Option<&MavMessage>,
         target: (u8, u8),
-    ) {
+    ) -> bool {
         let sender = (frame.header.system_id, frame.header.component_id);
         let ours = (self.own.system_id, self.own.component_id);
         // How full the radio of one line is says nothing about others.
         let of_line = matches!(message, Some(MavMessage::RADIO_STATUS(_)));
         if self.config.routing == Routing::Off || of_line || sender == ours || target == ours {
-            return;
+            return false;
         }
         let again = self.passed_on.is_again(at, frame.raw);
         let mut passed = self.route_to_stations(Some(index), frame, target, again);
         passed |= !again && self.route_to_board(at, index, frame, message, target);
         self.note_passed(at, self.grounds[index].link, frame, again, passed);
+        again || passed
     }
 
     /// Passes a frame of a station on to the board. Whether it went.

@@ -147,6 +147,11 @@ impl Streams {
         true
     }
 
+    /// Whether nobody has changed any.
+    pub fn are_default(&self) -> bool {
+        self.streams.iter().all(|s| s.interval_us == s.default_us)
+    }
+
     /// Switches all streams off, but for the heartbeat.
     pub fn silence(&mut self) {
         for stream in self.streams.iter_mut().filter(|s| s.msg_id != HEARTBEAT_ID) {

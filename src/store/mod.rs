@@ -8,18 +8,18 @@
 //! ```
 //!
 //! Nothing here is fast enough for the control thread: glue runs it on a thread of its own. Whatever
-//! is replaced is replaced whole: written beside, synced, renamed, and the folder synced too, so that
-//! a power cut at any moment leaves the old or the new.
+//! is replaced is replaced whole: a power cut at any moment leaves the old or the new.
 
 mod atomic;
 
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::UNIX_EPOCH;
 
 use crate::sources::stored;
+use haltere_log::written;
 use haltere_pilot::services::{
     FileFault, FileName, FileTask, Folder, Judgement, MOST_MISSION_BYTES, Plan, crc32,
 };
@@ -66,12 +66,43 @@ impl Programs for NoPrograms {
     }
 }
 
+/// Logs that are being written, which are never erased; the newest last.
+#[derive(Debug, Clone, Default)]
+pub struct OwnLogs(Arc<Mutex<Vec<Name>>>);
+
+/// The name of a log that may be begun later.
+type Name = Arc<OnceLock<PathBuf>>;
+
+impl OwnLogs {
+    /// Another one is begun.
+    pub fn add(&self, log: Name) {
+        self.lock().push(log);
+    }
+
+    /// This one is written no more.
+    pub fn remove(&self, log: &Name) {
+        self.lock().retain(|own| !Arc::ptr_eq(own, log));
+    }
+
+    fn newest(&self) -> Option<PathBuf> {
+        self.lock().last()?.get().cloned()
+    }
+
+    fn holds(&self, name: &str) -> bool {
+        let is_it = |log: &PathBuf| log.file_name().is_some_and(|own| own == name);
+        self.lock().iter().filter_map(|log| log.get()).any(is_it)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<Name>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// The disk.
 pub struct Store {
     directory: PathBuf,
     logs: PathBuf,
-    /// The log that is being written.
-    own_log: Arc<OnceLock<PathBuf>>,
+    own_logs: OwnLogs,
     programs: Box<dyn Programs>,
 }
 
@@ -105,17 +136,23 @@ impl Store {
         own_log: Option<&Path>,
         programs: Box<dyn Programs>,
     ) -> Self {
-        Self {
-            directory: directory.to_owned(),
-            logs: logs.to_owned(),
-            own_log: Arc::new(own_log.map_or_else(OnceLock::new, |log| log.to_owned().into())),
-            programs,
+        let own_logs = OwnLogs::default();
+        if let Some(log) = own_log {
+            own_logs.add(Arc::new(log.to_owned().into()));
+        }
+        Self { directory: directory.to_owned(), logs: logs.to_owned(), own_logs, programs }
+    }
+
+    /// Removes what was in the making when the power went. For who alone writes here, before anything is written.
+    pub fn sweep(&self) {
+        for folder in [self.directory.clone(), self.folder(Folder::Missions)] {
+            written::sweep(&folder);
         }
     }
 
-    /// The same with a log that may be begun later.
-    pub fn with_log_to_come(self, own_log: Arc<OnceLock<PathBuf>>) -> Self {
-        Self { own_log, ..self }
+    /// The same with logs that may be begun later.
+    pub fn with_logs_to_come(self, own_logs: OwnLogs) -> Self {
+        Self { own_logs, ..self }
     }
 
     /// Does one task.
@@ -263,9 +300,8 @@ impl Store {
     }
 
     fn erase_logs(&self) -> Answer {
-        let own = self.own_log.get().and_then(|log| log.file_name());
         for (file, _) in self.files(Folder::Logs).map_err(|e| io(&e))? {
-            if Some(file.name().as_ref()) != own {
+            if !self.own_logs.holds(file.name()) {
                 fs::remove_file(self.path(&file)).map_err(|e| io(&e))?;
             }
         }
@@ -280,8 +316,8 @@ impl Store {
     }
 
     fn judge(&self, name: &str) -> Answer {
-        let Some(log) = self.own_log.get() else { return Err(fault(FileFault::Off)) };
-        match self.programs.judge(name, log) {
+        let Some(log) = self.own_logs.newest() else { return Err(fault(FileFault::Off)) };
+        match self.programs.judge(name, &log) {
             None => Err(fault(FileFault::NotFound)),
             Some(Ok(judgement)) => Ok(judgement.encode()),
             Some(Err(why)) => Err((FileFault::Failed, why.into_bytes())),

@@ -1,6 +1,5 @@
 //! The store on a real folder.
 
-use super::atomic::{PRIVATE, PUBLIC, Step, replace_with};
 use super::*;
 use haltere_pilot::services::{FileName, Folder};
 
@@ -11,25 +10,6 @@ fn store(folder: &Path) -> Store {
 
 fn mission(name: &str) -> FileName {
     FileName::new(Folder::Missions, name).unwrap()
-}
-
-/// A power cut at any byte leaves the old or the new, whole.
-#[test]
-fn prop_a_cut_at_any_byte_leaves_old_or_new() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("deep/file");
-    let (old, new) = (b"the old content".to_vec(), b"something else and longer".to_vec());
-    replace(&path, &old).unwrap();
-    let steps = (0..new.len()).map(Step::Written);
-    for at in steps.chain([Step::Sync, Step::Rename, Step::SyncFolder]) {
-        let cut = |step| {
-            if step == at { Err(std::io::Error::other("power cut")) } else { Ok(()) }
-        };
-        assert!(replace_with(&path, &new, PUBLIC, cut).is_err());
-        let found = fs::read(&path).unwrap();
-        let wanted = if at == Step::SyncFolder { &new } else { &old };
-        assert_eq!(&found, wanted, "cut at {at:?}");
-    }
 }
 
 /// Each kept file as a power cut or a bad disk may leave it: cut behind any byte, any bit turned over, any
@@ -50,12 +30,13 @@ fn prop_no_cut_and_no_flipped_bit_is_taken_for_content() {
     // A cut while the new one is written: it lies beside, in any length.
     fs::write(&path, &plans[0]).unwrap();
     for end in 0..=plans[1].len() {
-        fs::write(state.join("mission.plan.new"), &plans[1][..end]).unwrap();
+        fs::write(state.join(".written-x.part"), &plans[1][..end]).unwrap();
         assert_eq!(load().as_ref(), Ok(&old), "{end} bytes of the new one");
     }
     assert!(store.work(&FileTask::SavePlan(Plan::Mission, plans[1].clone())).is_ok());
-    assert_eq!(load().as_ref(), Ok(&new), "over the leftover");
-    assert!(!state.join("mission.plan.new").exists());
+    assert_eq!(load().as_ref(), Ok(&new), "beside the leftover");
+    store.sweep();
+    assert_eq!(fs::read_dir(&state).unwrap().count(), 1, "the leftover is gone");
     // A disk that broke its word: nothing that is not whole is taken.
     for end in 1..plans[1].len() {
         fs::write(&path, &plans[1][..end]).unwrap();
@@ -92,26 +73,6 @@ fn prop_no_cut_and_no_flipped_bit_is_taken_for_content() {
     fs::write(&path, &whole[..whole.len() / 2]).unwrap();
     assert!(keep(1.5).is_ok());
     assert_eq!(values(&fs::read(&path).unwrap()).unwrap()["FLT_TKO_HGT"], 1.5);
-}
-
-/// Not even for a moment, and not through a leftover that somebody else made readable.
-#[test]
-fn prop_what_is_private_is_private_from_the_first_byte() {
-    use std::os::unix::fs::PermissionsExt as _;
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("key");
-    fs::write(folder.path().join("key.new"), "left over").unwrap();
-    let modes = std::cell::RefCell::new(Vec::new());
-    let mode_of = |path: &Path| fs::metadata(path).unwrap().permissions().mode() & 0o777;
-    replace_with(&path, b"secret", PRIVATE, |step| {
-        if !matches!(step, Step::SyncFolder) {
-            modes.borrow_mut().push(mode_of(&folder.path().join("key.new")));
-        }
-        Ok(())
-    })
-    .unwrap();
-    modes.borrow_mut().push(mode_of(&path));
-    assert!(modes.borrow().len() > 6 && modes.borrow().iter().all(|mode| *mode == 0o600));
 }
 
 #[test]

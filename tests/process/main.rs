@@ -12,5 +12,6 @@ mod operation;
 mod outputs;
 mod packages;
 mod pymavlink;
+mod rotation;
 mod support;
 mod tutorials;

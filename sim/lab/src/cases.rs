@@ -17,6 +17,7 @@ use anyhow::{Context, Result, anyhow};
 use haltere::progress::Progress;
 use haltere_gap::scene::Scene;
 use haltere_gap::seal;
+use haltere_log::written;
 use haltere_sim::taped::Outcome;
 use rayon::prelude::*;
 use serde_json::json;
@@ -145,7 +146,11 @@ fn write_list(
                 list.push(row);
             }
             _ => {
-                write(&directory.join("key").join(format!("{}.json", key.id)), &text)?;
+                written::write(
+                    &directory.join("key").join(format!("{}.json", key.id)),
+                    &text,
+                    &[""; 0],
+                )?;
                 sealed.push(json!({
                     "id": key.id,
                     "mission": key.mission,
@@ -167,7 +172,8 @@ fn write_list(
         "commissioning": commissioning,
         "calibration": calibration,
     });
-    write(&directory.join("cases.json"), &(serde_json::to_string_pretty(&list)? + "\n"))?;
+    let list = serde_json::to_string_pretty(&list)? + "\n";
+    written::write(&directory.join("cases.json"), list, &[""; 0])?;
     Ok(digest)
 }
 
@@ -183,13 +189,6 @@ fn digest(all: &[Case]) -> Result<String> {
         lines.push('\n');
     }
     Ok(seal::digest(lines.as_bytes()))
-}
-
-/// Whole or not at all.
-fn write(path: &Path, text: &str) -> Result<()> {
-    let part = path.with_extension("part");
-    std::fs::write(&part, text).with_context(|| part.display().to_string())?;
-    std::fs::rename(&part, path).with_context(|| path.display().to_string())
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@
 
 use serde::Serialize;
 
-use super::drag::along;
+use super::drag::{along, flown};
 use super::thrust::{of_samples, stand_law, turning};
 use crate::fit::outcome::{Outcome, Refusal, Table};
 use crate::fit::polynomial;
@@ -231,7 +231,7 @@ fn of_flights(
     train: &Recording,
     tests: &[&Recording],
 ) -> Result<(), Refusal> {
-    let (samples, _) = motion::samples(train);
+    let samples = flown(&[train])?;
     let models = models(&samples).ok_or_else(|| Refusal::NotExcited {
         why: format!(
             "{}: {} samples in the air, too few or without motion",

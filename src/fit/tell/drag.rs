@@ -429,8 +429,22 @@ pub fn along(samples: &[motion::Sample], axis: usize) -> Option<AxisDrag> {
     })
 }
 
-fn from_recordings(sources: &[Source], recordings: &[&Recording]) -> Result<Outcome, Refusal> {
+/// The same, refused with what is likely where nothing flies.
+pub(super) fn flown(recordings: &[&Recording]) -> Result<Vec<motion::Sample>, Refusal> {
     let samples = samples(recordings);
+    let likely = recordings.iter().filter_map(|recording| {
+        let why = motion::why_none_flies(recording)?;
+        Some(format!("{}: no sample in the air: {why}", recording.name))
+    });
+    let likely: Vec<String> = likely.collect();
+    if samples.is_empty() && !likely.is_empty() {
+        return Err(Refusal::WrongKind { why: likely.join("; ") });
+    }
+    Ok(samples)
+}
+
+fn from_recordings(sources: &[Source], recordings: &[&Recording]) -> Result<Outcome, Refusal> {
+    let samples = flown(recordings)?;
     let mut outcome = Outcome::new(
         "drag",
         names(sources),

@@ -10,7 +10,7 @@
 
 use nalgebra::DVector;
 
-use super::drag::{PLOT_PX, samples};
+use super::drag::{PLOT_PX, flown};
 use crate::fit::correlated::covariance;
 use crate::fit::ground::HIGH_M;
 use crate::fit::linear::{Rows, inverse, r_squared, solve};
@@ -22,8 +22,8 @@ use crate::fit::value::Value;
 use crate::report::svg::{Mark, Plot, Series, Tone};
 use haltere_core::control::voltage::CENTRE_V;
 use haltere_core::frames::G_MPS2;
+use haltere_log::import::motion;
 use haltere_log::import::stand::{Stand, StandRow};
-use haltere_log::import::{Recording, motion};
 
 /// Voltage is averaged over this long before and after, s: longer than a swing of the loops, short
 /// against the discharge.
@@ -83,11 +83,6 @@ impl Columns {
     }
 }
 
-/// From recorded flights.
-pub fn of_recordings(recordings: &[&Recording]) -> Columns {
-    of_samples(&samples(recordings))
-}
-
 /// From samples of motion. Vertical drag is taken off the force first: `−f_z = T + k_z·w`, with k_z
 /// from a regression of the force on command times voltage and on the speed w along body z.
 pub fn of_samples(samples: &[motion::Sample]) -> Columns {
@@ -145,7 +140,7 @@ pub fn fit(sources: &[Source]) -> Result<Outcome, Refusal> {
         return from_stands(sources, &stands);
     }
     if !recordings.is_empty() {
-        columns = of_recordings(&recordings);
+        columns = of_samples(&flown(&recordings)?);
     }
     columns.calm_voltage();
     over_voltage(sources, &columns)

@@ -118,6 +118,35 @@ pub fn begins_in_flight(recording: &Recording) -> bool {
     recording.rows.first().is_some_and(|row| row.thrust_frac >= FLYING_FRAC)
 }
 
+/// What is likely, where no instant of a recording is in the air.
+pub fn why_none_flies(recording: &Recording) -> Option<String> {
+    let rows = &recording.rows;
+    let floor_z_m = floor_z_m(rows, rows.first()?);
+    let beats: Vec<&Row> = rows.iter().filter(|row| row.thrust_frac >= FLYING_FRAC).collect();
+    if beats.is_empty() {
+        return Some(format!("thrust_frac is never {FLYING_FRAC} or more"));
+    }
+    let heights = || beats.iter().map(|row| floor_z_m - row.pos_E_m.z());
+    let above = heights().filter(|h| *h >= FLYING_M).count();
+    let below_m = heights().fold(0.0, f64::min);
+    let below = heights().filter(|h| *h <= -FLYING_M).count();
+    if above > 0 {
+        return None;
+    }
+    Some(if below * 2 > beats.len() {
+        format!(
+            "it flies up to {:.2} m below its floor: z_m is up and its signs say down, or the other way round; write \
+             `# signs: enu-flu` over x east, y north, z up, and look whether x and y are those of the signs, too \
+             (docs/IMPORT.md)",
+            -below_m
+        )
+    } else {
+        format!(
+            "with thrust_frac of {FLYING_FRAC} or more it is never {FLYING_M} m above where it rests; is z_m in metres?"
+        )
+    })
+}
+
 /// The floor: where the vehicle rests in the first row; of one that flies there already, the lowest place with the
 /// wings at rest; of one that never rests, the origin's plane.
 fn floor_z_m(rows: &[Row], first: &Row) -> f64 {
@@ -195,6 +224,32 @@ mod tests {
     use super::super::recording::Skipped;
     use super::*;
     use haltere_core::frames::G_MPS2;
+
+    /// "0 samples in the air" was all that was said.
+    #[test]
+    fn regress_a_flight_under_its_floor_names_the_signs() {
+        let flight = |height_m: f64, thrust_frac: f64| {
+            let row = |i: u32| Row {
+                t_s: f64::from(i) * 0.01,
+                pos_E_m: Vec3::new(0.0, 0.0, if i < 100 { 0.0 } else { -height_m }),
+                R_EB: Rot::identity(),
+                thrust_frac: if i < 100 { 0.0 } else { thrust_frac },
+                supply_v: 7.4,
+                tilt_apart_rad: [0.0; 2],
+                acc_B_mps2: None,
+                rate_B_radps: None,
+                setpoint_rad: None,
+            };
+            let (rows, skipped) = ((0..1000).map(row).collect(), Skipped::default());
+            why_none_flies(&Recording { name: "a".into(), rows, skipped })
+        };
+        assert_eq!(flight(1.2, 0.6), None);
+        let told = flight(-1.2, 0.6).unwrap();
+        assert!(told.starts_with("it flies up to 1.20 m below its floor"), "{told}");
+        assert!(told.contains("# signs: enu-flu"), "{told}");
+        assert!(flight(0.0012, 0.6).unwrap().ends_with("is z_m in metres?"));
+        assert!(flight(1.2, 0.1).unwrap().contains("thrust_frac is never 0.3 or more"));
+    }
 
     #[test]
     fn prop_a_banked_circle_is_balanced_by_thrust_alone() {

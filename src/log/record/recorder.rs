@@ -141,6 +141,8 @@ pub(super) struct Queue {
     pub eventful: AtomicBool,
     /// How the recording stands, when that has changed.
     news: ArrayQueue<(Recording, String)>,
+    /// What was written of the log, bytes.
+    pub size_B: AtomicU64,
     /// Entries that were left out because the recording had stopped.
     pub unrecorded: AtomicU64,
     /// The log, once it is begun.
@@ -162,6 +164,7 @@ impl Queue {
             armed: AtomicBool::new(false),
             eventful: AtomicBool::new(true),
             news: ArrayQueue::new(1),
+            size_B: AtomicU64::new(0),
             unrecorded: AtomicU64::new(0),
             path: Arc::default(),
         }
@@ -298,6 +301,11 @@ impl Recorder {
     /// Entries that were left out because the recording had stopped, so far.
     pub fn unrecorded(&self) -> u64 {
         self.queue.as_ref().map_or(0, |queue| queue.unrecorded.load(Relaxed))
+    }
+
+    /// How long the log has become, bytes.
+    pub fn size_B(&self) -> u64 {
+        self.queue.as_ref().map_or(0, |queue| queue.size_B.load(Relaxed))
     }
 
     /// The log's name, for who asks later: it may be begun later.

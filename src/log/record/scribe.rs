@@ -269,7 +269,9 @@ impl<W: Write + Seek> Scribe<'_, W> {
                 return self.leave_out(batch);
             }
         }
-        if let Err(error) = write_batch(log, batch, &mut self.tail) {
+        let written = write_batch(log, batch, &mut self.tail);
+        self.queue.size_B.store(log.size_B(), Relaxed);
+        if let Err(error) = written {
             self.breaks(&error);
             // Some of it is there; a reader takes what it finds.
             self.leave_out(batch);

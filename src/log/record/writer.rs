@@ -146,6 +146,8 @@ pub(super) struct LogWriter<W: Write + Seek> {
     mcap: mcap::Writer<Shared<W>>,
     medium: Shared<W>,
     sync: Sync,
+    /// All messages so far, bytes.
+    size_B: u64,
     /// In the open chunk, bytes.
     open_bytes: usize,
     /// With so many it ends.
@@ -194,8 +196,19 @@ impl<W: Write + Seek> LogWriter<W> {
         let (channels, buffer) = (BTreeMap::new(), Vec::new());
         let (open_bytes, chunk_bytes) = (0, CHUNK_BYTES);
         let told = (0, 0);
-        let mut log =
-            Self { path, mcap, medium, sync, open_bytes, chunk_bytes, channels, told, buffer };
+        let size_B = 0;
+        let mut log = Self {
+            path,
+            mcap,
+            medium,
+            sync,
+            size_B,
+            open_bytes,
+            chunk_bytes,
+            channels,
+            told,
+            buffer,
+        };
         log.begin(session).map_err(|error| log.error(&error))?;
         match log.fault() {
             None => Ok(log),
@@ -246,6 +259,11 @@ impl<W: Write + Seek> LogWriter<W> {
 
     pub(super) fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// How long it has become, bytes, but for what MCAP adds to messages.
+    pub(super) fn size_B(&self) -> u64 {
+        self.size_B
     }
 
     /// Raw bytes of a link.
@@ -307,7 +325,9 @@ impl<W: Write + Seek> LogWriter<W> {
         let sequence = sequence as u32;
         let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
         self.mcap.write_to_known_channel(&header, &self.buffer)?;
-        self.open_bytes += MESSAGE_HEAD_BYTES + self.buffer.len();
+        let bytes = MESSAGE_HEAD_BYTES + self.buffer.len();
+        self.open_bytes += bytes;
+        self.size_B = self.size_B.saturating_add(bytes as u64);
         if self.open_bytes >= self.chunk_bytes { self.persist() } else { Ok(()) }
     }
 

@@ -120,11 +120,12 @@ impl Door {
         offered
     }
 
-    /// Whether a stranger with these bytes may come in at all: takes note of nothing.
-    pub fn would_open(&self, ring: &KeyRing, unix_us: i64, bytes: &[u8]) -> bool {
+    /// Whether a stranger with these bytes may come in at all, or why not: takes note of nothing.
+    pub fn would_open(&self, ring: &KeyRing, unix_us: i64, bytes: &[u8]) -> Result<(), DropReason> {
         if self.config.signing != Signing::Require {
-            return true;
+            return Ok(());
         }
+        let mut why = DropReason::MavUnsigned;
         let mut splitter = MavSplitter::new();
         splitter.push(bytes);
         while let Some(next) = splitter.next() {
@@ -132,11 +133,14 @@ impl Door {
             let may_set_up = frame.header.msg_id == SETUP_SIGNING_ID
                 && self.config.setup == KeySetup::Anybody
                 && self.config.commands(frame.header.system_id);
-            if may_set_up || ring.look(&frame, unix_us) == Standing::Signed {
-                return true;
+            match ring.look(&frame, unix_us) {
+                Standing::Signed => return Ok(()),
+                _ if may_set_up => return Ok(()),
+                Standing::Refused(reason) => why = reason,
+                Standing::Unsigned => {}
             }
         }
-        false
+        Err(why)
     }
 
     /// Brings a frame into the form in which it goes out.

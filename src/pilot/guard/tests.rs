@@ -341,13 +341,15 @@ fn prop_only_frames_of_our_own_are_signed() {
 fn prop_strangers_must_show_a_signature_where_one_is_demanded() {
     let ring = KeyRing::new(Some(key(1)), 0);
     let demanding = Door::new(config(Signing::Require, KeySetup::Never));
-    assert!(!demanding.would_open(&ring, NOW, &beat()));
-    assert!(!demanding.would_open(&ring, NOW, &[]));
-    assert!(!demanding.would_open(&ring, NOW, &signed(&key(2), 0, 0.0)));
-    assert!(!demanding.would_open(&ring, NOW, &signed(&key(1), 0, -100.0)));
-    assert!(demanding.would_open(&ring, NOW, &[beat(), signed(&key(1), 0, 0.0)].concat()));
+    let refused = |bytes: &[u8]| demanding.would_open(&ring, NOW, bytes).unwrap_err();
+    assert_eq!(refused(&beat()), DropReason::MavUnsigned);
+    assert_eq!(refused(&[]), DropReason::MavUnsigned);
+    assert_eq!(refused(&signed(&key(2), 0, 0.0)), DropReason::MavBadSignature);
+    assert_eq!(refused(&signed(&key(1), 0, -100.0)), DropReason::MavStaleTime);
+    let both = [beat(), signed(&key(1), 0, 0.0)].concat();
+    assert_eq!(demanding.would_open(&ring, NOW, &both), Ok(()));
     let open = Door::new(config(Signing::Accept, KeySetup::Never));
-    assert!(open.would_open(&ring, NOW, &beat()));
+    assert_eq!(open.would_open(&ring, NOW, &beat()), Ok(()));
 }
 
 /// A heartbeat of this link with any timestamp.

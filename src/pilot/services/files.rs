@@ -224,6 +224,11 @@ impl<P> FileDesk<P> {
         self.pending.iter().any(|(.., purpose)| is_it(purpose))
     }
 
+    /// Whether nothing is asked for, and no answer is to come.
+    pub fn is_idle(&self) -> bool {
+        self.requests.is_empty() && self.pending.is_empty()
+    }
+
     /// One whose answer is overdue.
     pub fn overdue(&mut self, at: HostTime) -> Option<P> {
         let late = |(_, asked, _): &(u32, HostTime, P)| at.seconds_since(*asked) > PATIENCE_S;

@@ -55,6 +55,11 @@ pub(in super::super) struct Ftp {
 }
 
 impl Ftp {
+    /// Whether nobody has a file open.
+    pub fn is_idle(&self) -> bool {
+        self.sessions.iter().all(Option::is_none)
+    }
+
     /// The place of a client's session.
     pub(super) fn place_of(&self, id: u8, client: Client) -> Option<usize> {
         let is_it = |s: &Session| s.id == id && s.client == client;

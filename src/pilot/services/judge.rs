@@ -118,6 +118,13 @@ pub(in super::super) struct Judge {
     running: Option<Running>,
 }
 
+impl Judge {
+    /// Whether no flight is judged, or is to be.
+    pub fn is_idle(&self) -> bool {
+        !self.is_due && self.running.is_none()
+    }
+}
+
 impl Pilot {
     /// A program is in force as the mission.
     pub(super) fn program_is_loaded(&mut self, name: &str) {
@@ -125,7 +132,7 @@ impl Pilot {
     }
 
     /// The program that the mission in force is, if it is one.
-    pub(super) fn program_in_force(&self) -> Option<&str> {
+    pub(in super::super) fn program_in_force(&self) -> Option<&str> {
         let (id, name) = self.services.judge.program.as_ref()?;
         (*id == self.mission.id).then_some(name)
     }

@@ -37,6 +37,11 @@ impl Lost {
         self.0.iter().map(|(kept, why)| format!("{} not restored: {why}", kept.name()))
     }
 
+    /// Whether nothing is missing.
+    pub(super) fn is_nothing(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// Somebody has put another in its place, or wants none.
     pub(super) fn settle(&mut self, settled: Kept) {
         self.0.retain(|(kept, _)| *kept != settled);

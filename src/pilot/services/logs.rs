@@ -87,6 +87,13 @@ pub(in super::super) struct Logs {
     next_serial: u32,
 }
 
+impl Logs {
+    /// Whether nobody lists or downloads.
+    pub fn is_idle(&self) -> bool {
+        self.listings.is_empty() && self.downloads.is_empty()
+    }
+}
+
 /// The lines of a listing, the newest [`MOST_LOGS`].
 fn parse(bytes: &[u8]) -> Vec<Log> {
     let text = String::from_utf8_lossy(bytes);

@@ -128,6 +128,22 @@ impl Services {
             has_begun: false,
         }
     }
+
+    /// As stations have set it.
+    pub fn settings(&self) -> &PilotConfig {
+        &self.parameters.wanted
+    }
+
+    /// Whether nobody waits for anything, and nobody must be told of anything that is missing.
+    pub fn is_quiet(&self, at: HostTime) -> bool {
+        self.desk.is_idle()
+            && self.parameters.is_idle()
+            && self.plans.is_idle(at)
+            && self.ftp.is_idle()
+            && self.logs.is_idle()
+            && self.judge.is_idle()
+            && self.lost.is_nothing()
+    }
 }
 
 /// Whom a message is for, of the services' own.

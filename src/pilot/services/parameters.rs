@@ -55,7 +55,7 @@ impl Listing {
 #[derive(Debug)]
 pub(in super::super) struct Parameters {
     /// As set. What needs a restart differs from what is in force.
-    wanted: PilotConfig,
+    pub(super) wanted: PilotConfig,
     lists: Vec<Listing>,
 }
 
@@ -67,6 +67,11 @@ impl Parameters {
     /// All of them as one packed file.
     pub fn packed(&self, px4: bool, query: Query) -> Vec<u8> {
         pack(&self.wanted, px4, query)
+    }
+
+    /// Whether no list is being sent.
+    pub fn is_idle(&self) -> bool {
+        self.lists.is_empty()
     }
 
     fn stop_list(&mut self, link: LinkId) {

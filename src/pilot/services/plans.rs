@@ -73,6 +73,11 @@ impl Plans {
         }
     }
 
+    /// Whether nobody uploads or reads a list.
+    pub fn is_idle(&self, at: HostTime) -> bool {
+        self.transfer.is_idle(at) && self.partial.is_empty()
+    }
+
     /// Ids of fence and rally points, as MISSION_CURRENT tells them.
     pub fn ids(&self) -> (u32, u32) {
         (self.fence_id, self.rally_id)

@@ -147,11 +147,20 @@ pub struct RecordConfig {
     /// What logs may take together, GB, before those that hold neither a flight nor a program are removed. `None`:
     /// nothing is ever removed.
     pub budget_gb: Option<f64>,
+    /// A log that is longer, MB, is followed by another one when nobody flies. 0: never.
+    pub rotate_mb: f64,
 }
 
 impl Default for RecordConfig {
     fn default() -> Self {
-        Self { enabled: true, directory: "logs".into(), reserve_gb: 1.0, budget_gb: None }
+        Self {
+            enabled: true,
+            directory: "logs".into(),
+            reserve_gb: 1.0,
+            budget_gb: None,
+            // Over an hour on the bench; the 4 GB of a FAT32 card leave room for hours of flight behind it.
+            rotate_mb: 1000.0,
+        }
     }
 }
 
@@ -164,6 +173,7 @@ impl RecordConfig {
         if let Some(budget_gb) = self.budget_gb {
             range("budget_gb", budget_gb);
         }
+        problems.range(format_args!("{key}.rotate_mb"), self.rotate_mb, 0.0..=MOST_GB * 1e3, "MB");
     }
 }
 

@@ -172,7 +172,7 @@ pub fn run(options: &Options) -> Result<bool> {
     };
     let text = serde_json::to_string_pretty(&measured)? + "\n";
     if let Some(path) = &options.out {
-        super::write(path, &text)?;
+        haltere_log::written::write(path, &text, &[""; 0])?;
     }
     print!("{text}");
     Ok(true)

@@ -7,6 +7,7 @@ use std::sync::Mutex;
 use anyhow::{Context, Result, anyhow};
 use haltere::progress::Progress;
 use haltere_gap::statistics::specs;
+use haltere_log::written::{Old, Output};
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -25,7 +26,7 @@ type Job = (Option<&'static Spec>, u64, u64);
 /// Flies them all and writes a line of JSON for each, in any order, after one with the names of the statistics.
 pub(super) fn write(bench: &Bench<'_>, options: &Options, path: &Path) -> Result<()> {
     let place = || path.display().to_string();
-    let mut file = BufWriter::new(std::fs::File::create(path).with_context(place)?);
+    let mut file = BufWriter::new(Output::begin(path, &[""; 0], Old::Goes)?);
     let names: Vec<&str> = specs().iter().map(|s| s.name.as_str()).collect();
     writeln!(file, "{}", json!({ "names": names })).with_context(place)?;
     let sizes = Detectable::committed();
@@ -45,8 +46,9 @@ pub(super) fn write(bench: &Bench<'_>, options: &Options, path: &Path) -> Result
         Ok(())
     })?;
     progress.end();
-    let mut file = file.into_inner().map_err(|_| anyhow!("{}: a writer failed", place()))?;
-    file.flush().with_context(place)
+    let file = file.into_inner().map_err(|_| anyhow!("{}: a writer failed", place()))?;
+    let output = file.into_inner().map_err(|error| error.into_error()).with_context(place)?;
+    Ok(output.finish()?)
 }
 
 fn fly(bench: &Bench<'_>, sizes: &Detectable, job: Job) -> Result<serde_json::Value> {
