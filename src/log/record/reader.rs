@@ -530,7 +530,7 @@ impl Iterator for Entries<'_> {
                 Ok(Some(entry)) => entry,
                 Ok(None) => continue,
                 Err(error) => {
-                    let why = format!("message on {}: {error}", message.channel);
+                    let why = not_decoded(&message, &error);
                     self.messages.note(offset, why);
                     continue;
                 }
@@ -549,6 +549,15 @@ impl Iterator for Entries<'_> {
         }
         None
     }
+}
+
+/// Why a message cannot be understood, for who copies messages as they are.
+pub(super) fn fault(message: &Message<'_>) -> Option<String> {
+    decode(message).err().map(|error| not_decoded(message, &error))
+}
+
+fn not_decoded(message: &Message<'_>, error: &prost::DecodeError) -> String {
+    format!("message on {}: {error}", message.channel)
 }
 
 /// `None`: the head, or a channel that this version does not know.
