@@ -171,7 +171,7 @@ fn link_name(link: LinkId) -> String {
     }
 }
 
-fn parse_link(text: &str) -> Result<LinkId, String> {
+pub(super) fn parse_link(text: &str) -> Result<LinkId, String> {
     match text {
         "tag" => Ok(LinkId::Tag),
         "board" => Ok(LinkId::Board),

@@ -278,3 +278,27 @@ fn regress_a_message_that_cannot_be_understood_is_no_part_of_a_copy() {
     let (there, lost) = numbers(&entries.by_ref().collect::<Vec<_>>());
     assert_eq!((there, lost, entries.end()), (8, 1, LogEnd::Complete));
 }
+
+/// What head and tail tell is what a reader of the whole finds.
+#[test]
+fn prop_an_outline_tells_what_the_whole_log_holds() {
+    let log = LogReader::from_bytes("a.mcap".into(), recorded()).unwrap();
+    let outline = log.outline().unwrap();
+    let entries: Vec<Entry> = log.entries().collect();
+    let at = |entry: &Entry| match entry {
+        Entry::Input { at, .. } => Some(*at),
+        _ => None,
+    };
+    let first = entries.iter().find_map(at);
+    let last = entries.iter().rev().find_map(at);
+    assert_eq!(outline.span.map(|[from, to]| (Some(from), Some(to))), Some((first, last)));
+    let is_wake = |e: &&Entry| matches!(e, Entry::Input { input: RawInput::Wake, .. });
+    let wakes: Vec<Entry> = entries.iter().filter(is_wake).cloned().collect();
+    assert_eq!(outline.counts().get("/wake"), Some(&(wakes.len() as u64)));
+    assert_eq!(outline.entries("/wake"), Some(wakes));
+    assert_eq!(outline.entries("/closing").map(|closing| closing.len()), Some(1));
+    // Cut, it has no tail; and a tail that does not fit tells nothing.
+    let mut bytes = recorded();
+    bytes.truncate(bytes.len() / 2);
+    assert!(LogReader::from_bytes("a.mcap".into(), bytes).unwrap().outline().is_none());
+}
