@@ -7,11 +7,12 @@ use std::process::ExitCode;
 use clap::Subcommand;
 use serde::Serialize;
 
-use super::log_export::{Export, Tlog};
+use super::log_export::{Export, Tlog, parse_link};
 use super::log_list::List;
 use super::{print, print_json};
+use haltere_core::time::HostTime;
 use haltere_log::record::{
-    Entry, LogEnd, LogReader, RawInput, recover, recovered_name, split, trim, trimmed_name,
+    Decoded, Entry, LogEnd, LogReader, RawInput, recover, recovered_name, split, trim, trimmed_name,
 };
 
 /// Handles flight logs.
@@ -26,6 +27,9 @@ pub(super) enum Log {
         /// Print as JSON.
         #[arg(long)]
         json: bool,
+        /// Read the log whole, not its head and tail alone: counts bytes, and finds what is damaged in between.
+        #[arg(long)]
+        whole: bool,
     },
     /// Cuts a part out of a log. A part from the start replays as the whole does.
     Trim {
@@ -74,8 +78,9 @@ struct Info {
     target: String,
     anchors: usize,
     entries: BTreeMap<String, u64>,
-    input_bytes: u64,
-    output_bytes: u64,
+    /// As the next, of a log that was read whole.
+    input_bytes: Option<u64>,
+    output_bytes: Option<u64>,
     lost_entries: u64,
 }
 
@@ -122,8 +127,10 @@ impl Log {
                     part.messages
                 ))?;
             }
-            Log::Info { log, json } => {
-                let info = info(&LogReader::open(log)?);
+            Log::Info { log, json, whole } => {
+                let log = LogReader::open(log)?;
+                let glance = (!whole).then(|| at_a_glance(&log)).flatten();
+                let info = glance.unwrap_or_else(|| info(&log));
                 if json {
                     print_json(&info)?;
                 } else {
@@ -135,79 +142,147 @@ impl Log {
     }
 }
 
+/// Read whole.
 fn info(log: &LogReader) -> Info {
-    let session = log.session();
     let mut entries = log.entries();
     let mut counts = BTreeMap::new();
     let (mut input_bytes, mut output_bytes, mut lost_entries) = (0, 0, 0);
-    let start = session.pilot_started_at;
-    let mut last = start;
+    let mut last = log.session().pilot_started_at;
     for entry in entries.by_ref() {
-        let name = match &entry {
+        match &entry {
             Entry::Input { at, input, .. } => {
                 last = last.max(*at);
-                match input {
-                    RawInput::Bytes { link, bytes } => {
-                        input_bytes += bytes.len() as u64;
-                        format!("input on link {}", link.number())
-                    }
-                    RawInput::File { ticket, fault: None, bytes } => {
-                        format!("file request {ticket} answered, {} bytes", bytes.len())
-                    }
-                    RawInput::File { ticket, fault: Some(fault), .. } => {
-                        format!("file request {ticket} failed: {}", fault.words())
-                    }
-                    RawInput::Calendar { .. } => "calendar".to_owned(),
-                    RawInput::Recording { state, why } => format!("recording {state:?} {why}"),
-                    RawInput::EndAsked => "asked to end".to_owned(),
-                    RawInput::Wake => "wake-up".to_owned(),
-                    _ => "link event".to_owned(),
+                if let RawInput::Bytes { bytes, .. } = input {
+                    input_bytes += bytes.len() as u64;
                 }
             }
-            Entry::Output { link, bytes, .. } => {
-                output_bytes += bytes.len() as u64;
-                format!("output on link {}", link.number())
-            }
-            Entry::Decoded(decoded) => decoded.channel().to_owned(),
-            Entry::Hole(hole) => {
-                // A damaged log may claim any number.
-                lost_entries =
-                    hole.lost_raw.saturating_add(hole.lost_topics).saturating_add(lost_entries);
-                "hole".to_owned()
-            }
-            Entry::Closing(_) => continue,
-        };
-        *counts.entry(name).or_default() += 1;
+            Entry::Output { bytes, .. } => output_bytes += bytes.len() as u64,
+            _ => {}
+        }
+        lost_entries = lost(&entry).saturating_add(lost_entries);
+        if let Some(name) = name(&entry) {
+            *counts.entry(name).or_default() += 1;
+        }
     }
-    let end = entries.end();
+    Info {
+        entries: counts,
+        input_bytes: Some(input_bytes),
+        output_bytes: Some(output_bytes),
+        lost_entries,
+        ..about(log, &entries.end(), last)
+    }
+}
+
+/// By head and tail. `None`: they do not tell it.
+fn at_a_glance(log: &LogReader) -> Option<Info> {
+    let outline = log.outline()?;
+    let (mut counts, mut lost_entries) = (BTreeMap::new(), 0_u64);
+    for (channel, count) in outline.counts() {
+        if let Some(name) = name_of(channel) {
+            *counts.entry(name).or_default() += count;
+            continue;
+        }
+        // Few, and each has words of its own.
+        for entry in outline.entries(channel)? {
+            lost_entries = lost(&entry).saturating_add(lost_entries);
+            if let Some(name) = name(&entry) {
+                *counts.entry(name).or_default() += 1;
+            }
+        }
+    }
+    counts.retain(|_, count| *count > 0);
+    let last = outline.span.map_or(log.session().pilot_started_at, |[_, last]| last);
+    Some(Info { entries: counts, lost_entries, ..about(log, &LogEnd::Complete, last) })
+}
+
+fn about(log: &LogReader, end: &LogEnd, last: HostTime) -> Info {
+    let session = log.session();
     Info {
         log: log.path().to_owned(),
-        complete: end == LogEnd::Complete,
+        complete: *end == LogEnd::Complete,
         end: end.to_string(),
         started_unix_s: session.started_unix_us as f64 * 1e-6,
-        duration_s: last.seconds_since(start),
+        duration_s: last.seconds_since(session.pilot_started_at),
         program_version: session.build.program_version.clone(),
         git_commit: session.build.git_commit.clone(),
         source_hash: session.build.source_hash.clone(),
         target: session.build.target.clone(),
         anchors: session.survey.ids().len(),
-        entries: counts,
-        input_bytes,
-        output_bytes,
-        lost_entries,
+        entries: BTreeMap::new(),
+        input_bytes: None,
+        output_bytes: None,
+        lost_entries: 0,
     }
 }
 
+/// A damaged log may claim any number.
+fn lost(entry: &Entry) -> u64 {
+    match entry {
+        Entry::Hole(hole) => hole.lost_raw.saturating_add(hole.lost_topics),
+        _ => 0,
+    }
+}
+
+/// What an entry is counted as.
+fn name(entry: &Entry) -> Option<String> {
+    Some(match entry {
+        Entry::Input { input, .. } => match input {
+            RawInput::Bytes { link, .. } => format!("input on link {}", link.number()),
+            RawInput::File { ticket, fault: None, bytes } => {
+                format!("file request {ticket} answered, {} bytes", bytes.len())
+            }
+            RawInput::File { ticket, fault: Some(fault), .. } => {
+                format!("file request {ticket} failed: {}", fault.words())
+            }
+            RawInput::Calendar { .. } => "calendar".to_owned(),
+            RawInput::Recording { state, why } => format!("recording {state:?} {why}"),
+            RawInput::EndAsked => "asked to end".to_owned(),
+            RawInput::Wake => "wake-up".to_owned(),
+            _ => "link event".to_owned(),
+        },
+        Entry::Output { link, .. } => format!("output on link {}", link.number()),
+        Entry::Decoded(decoded) => decoded.channel().to_owned(),
+        Entry::Hole(_) => "hole".to_owned(),
+        Entry::Closing(_) => return None,
+    })
+}
+
+/// The same by channel, where all of a channel are counted as one.
+fn name_of(channel: &str) -> Option<String> {
+    let fixed = match channel {
+        "/wake" => Some("wake-up"),
+        "/in/calendar" => Some("calendar"),
+        "/in/end" => Some("asked to end"),
+        "/in/event" | "/in/peer" | "/in/lost" => Some("link event"),
+        _ => Decoded::CHANNELS.iter().map(|(name, _)| *name).find(|name| *name == channel),
+    };
+    let link = |way: &str| channel.strip_prefix(way).and_then(|name| parse_link(name).ok());
+    fixed.map(str::to_owned).or_else(|| {
+        let put_in = link("/in/").map(|link| format!("input on link {}", link.number()));
+        put_in.or_else(|| Some(format!("output on link {}", link("/out/")?.number())))
+    })
+}
+
 fn table(info: &Info) -> String {
+    // A log that was not closed has no tail, and is read whole.
+    let (read, bytes) = match (info.input_bytes, info.output_bytes) {
+        (Some(put_in), Some(out)) if info.complete => {
+            ("", format!("{put_in} bytes in, {out} bytes out, "))
+        }
+        (Some(put_in), Some(out)) => {
+            ("; read whole", format!("{put_in} bytes in, {out} bytes out, "))
+        }
+        _ => (", by its head and tail (--whole reads every byte)", String::new()),
+    };
     let mut text = format!(
-        "{}: {}\n{:.1} s, {} anchors, {} bytes in, {} bytes out, {} entries lost\n\
+        "{}: {}{}\n{:.1} s, {} anchors, {}{} entries lost\n\
          written by haltere {} ({}, source {}, {})\n",
         info.log.display(),
         info.end,
+        read,
         info.duration_s,
         info.anchors,
-        info.input_bytes,
-        info.output_bytes,
+        bytes,
         info.lost_entries,
         info.program_version,
         info.git_commit,

@@ -8,8 +8,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::{print, print_json};
-use crate::progress::Progress;
-use haltere_log::export::{Form, create, links, tables, write_table, write_tlog};
+use haltere_log::export::{Form, create, links, write_tables, write_tlog};
 use haltere_log::record::{LogEnd, LogReader};
 use haltere_pilot::LinkId;
 
@@ -55,20 +54,6 @@ struct Written {
 impl Export {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let log = LogReader::open(&self.log)?;
-        let (all, end) = tables(&log);
-        say_end(&log, &end);
-        if all.is_empty() {
-            bail!("{}: holds no decoded topics", self.log.display());
-        }
-        if let Some(wrong) = self.topic.iter().find(|t| !all.iter().any(|table| table.name == **t))
-        {
-            let names: Vec<_> = all.iter().map(|table| table.name.as_str()).collect();
-            bail!("--topic {wrong}: not in this log; it holds {}", names.join(", "));
-        }
-        let wanted: Vec<_> = all
-            .iter()
-            .filter(|table| self.topic.is_empty() || self.topic.contains(&table.name))
-            .collect();
         let form = match self.format {
             Format::Csv => Form::Csv,
             Format::Parquet => Form::Parquet,
@@ -76,15 +61,12 @@ impl Export {
         let dir = self.dir.unwrap_or_else(|| self.log.with_extension(form.ending()));
         std::fs::create_dir_all(&dir)
             .with_context(|| format!("{}: the folder cannot be made", dir.display()))?;
-        let progress = Progress::new("tables");
-        let mut written = Vec::new();
-        for (i, table) in wanted.iter().enumerate() {
-            progress.doing(i, wanted.len(), &table.name);
-            let file = write_table(&log, table, form, &dir, self.overwrite)?;
-            let (rows, columns) = (table.rows(), table.columns.len());
-            written.push(Written { topic: table.name.clone(), rows, columns, file });
-        }
-        progress.end();
+        let (tables, end) = write_tables(&log, form, &dir, &self.topic, self.overwrite)?;
+        say_end(&log, &end);
+        let written: Vec<_> = tables
+            .into_iter()
+            .map(|t| Written { topic: t.topic, rows: t.rows, columns: t.columns, file: t.to })
+            .collect();
         if self.json {
             print_json(&written)?;
         } else {
@@ -189,7 +171,7 @@ fn link_name(link: LinkId) -> String {
     }
 }
 
-fn parse_link(text: &str) -> Result<LinkId, String> {
+pub(super) fn parse_link(text: &str) -> Result<LinkId, String> {
     match text {
         "tag" => Ok(LinkId::Tag),
         "board" => Ok(LinkId::Board),

@@ -22,6 +22,9 @@ pub(super) struct List {
     /// Print as JSON.
     #[arg(long)]
     json: bool,
+    /// Read every log whole, not its head and tail alone: finds what is damaged in between.
+    #[arg(long)]
+    whole: bool,
 }
 
 /// One log.
@@ -56,7 +59,7 @@ impl List {
         let mut rows = Vec::new();
         for (i, path) in logs.iter().enumerate() {
             progress.doing(i, logs.len(), &file_name(path));
-            rows.push(look(path));
+            rows.push(look(path, self.whole));
         }
         progress.end();
         if self.json {
@@ -71,7 +74,7 @@ impl List {
 }
 
 /// A file that is no log has a row too: it lies among them.
-fn look(path: &Path) -> Row {
+fn look(path: &Path, whole: bool) -> Row {
     let mut row = Row {
         log: path.to_owned(),
         size_bytes: std::fs::metadata(path).map_or(0, |m| m.len()),
@@ -95,40 +98,73 @@ fn look(path: &Path) -> Row {
     let session = log.session();
     row.started_unix_s = Some(session.started_unix_us as f64 * 1e-6);
     row.started = Some(utc_text(session.started_unix_us));
-    // A part of a log begins where it was cut.
-    let mut ends: Option<[HostTime; 2]> = None;
-    let mut airborne_s = 0.0;
-    let mut since = None;
+    let start = session.pilot_started_at;
+    let glance = (!whole).then(|| at_a_glance(&log)).flatten();
+    let (seen, end) = glance.unwrap_or_else(|| read_whole(&log));
+    let [first, last] = seen.ends.unwrap_or([start; 2]);
+    let open_s = seen.since.map_or(0.0, |since| last.seconds_since(since).max(0.0));
+    row.modes = seen.modes;
+    row.duration_s = Some(last.seconds_since(first));
+    row.airborne_s = Some(seen.airborne_s + open_s);
+    row.complete = end == LogEnd::Complete;
+    row.end = end.to_string();
+    if !row.complete && !whole {
+        row.end += "; read whole";
+    }
+    row
+}
+
+/// What a log shows of its flights.
+#[derive(Default)]
+struct Seen {
+    /// First and last input or output: a part of a log begins where it was cut.
+    ends: Option<[HostTime; 2]>,
+    airborne_s: f64,
+    since: Option<HostTime>,
+    modes: Vec<String>,
+}
+
+/// By head and tail. `None`: they do not tell it.
+fn at_a_glance(log: &LogReader) -> Option<(Seen, LogEnd)> {
+    let outline = log.outline()?;
+    let mut seen = Seen { ends: outline.span, ..Seen::default() };
+    for entry in outline.entries("/mode")? {
+        seen.take(log, entry);
+    }
+    Some((seen, LogEnd::Complete))
+}
+
+fn read_whole(log: &LogReader) -> (Seen, LogEnd) {
+    let mut seen = Seen::default();
     let mut entries = log.entries();
     for entry in entries.by_ref() {
+        seen.take(log, entry);
+    }
+    (seen, entries.end())
+}
+
+impl Seen {
+    fn take(&mut self, log: &LogReader, entry: Entry) {
         match entry {
             Entry::Input { at, .. } | Entry::Output { at, .. } => {
-                ends = Some(ends.map_or([at; 2], |[first, last]| [first, last.max(at)]));
+                self.ends = Some(self.ends.map_or([at; 2], |[first, last]| [first, last.max(at)]));
             }
             Entry::Decoded(Decoded::Mode(m)) => {
-                let first = ends.map_or(session.pilot_started_at, |e| e[0]);
+                let first = self.ends.map_or(log.session().pilot_started_at, |e| e[0]);
                 let at = HostTime::from_us(m.at_us).max(first);
-                let flown = !ON_FLOOR.contains(&m.mode.as_str());
-                if let Some(since) = since.take() {
-                    airborne_s += at.seconds_since(since);
+                if let Some(since) = self.since.take() {
+                    self.airborne_s += at.seconds_since(since);
                 }
-                if flown {
-                    since = Some(at);
-                    if !row.modes.contains(&m.mode) {
-                        row.modes.push(m.mode);
+                if !ON_FLOOR.contains(&m.mode.as_str()) {
+                    self.since = Some(at);
+                    if !self.modes.contains(&m.mode) {
+                        self.modes.push(m.mode);
                     }
                 }
             }
             _ => {}
         }
     }
-    let [first, last] = ends.unwrap_or([session.pilot_started_at; 2]);
-    airborne_s += since.map_or(0.0, |since| last.seconds_since(since).max(0.0));
-    row.duration_s = Some(last.seconds_since(first));
-    row.airborne_s = Some(airborne_s);
-    row.complete = entries.end() == LogEnd::Complete;
-    row.end = entries.end().to_string();
-    row
 }
 
 fn file_name(path: &Path) -> String {

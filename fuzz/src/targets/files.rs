@@ -9,7 +9,8 @@ use haltere::sources::stored;
 use haltere_core::geo::LocalOrigin;
 use haltere_core::time::HostTime;
 use haltere_log::export::{self, Form};
-use haltere_log::record::LogReader;
+use haltere_log::import::{columns, flapper, stand};
+use haltere_log::record::{self, LogEnd, LogReader, recover, recovered_name};
 use haltere_pilot::mission_file::MissionFile;
 use haltere_pilot::services::{decode_plan, encode_plan};
 use haltere_pilot::settings::{Config, parse_anchors};
@@ -58,11 +59,9 @@ pub fn log(data: &[u8]) {
 }
 
 fn exported(log: &LogReader) {
-    let (tables, _) = export::tables(log);
-    for table in &tables {
-        for form in [Form::Csv, Form::Parquet] {
-            export::put_table(log, table, form, std::io::sink()).expect("a sink takes everything");
-        }
+    for form in [Form::Csv, Form::Parquet] {
+        // A log without topics has no tables.
+        let _ = export::stream_tables(log, form, &[], |_| Ok(std::io::sink()));
     }
     for link in export::links(log).into_keys() {
         export::write_tlog(log, link, std::io::sink()).expect("a sink takes everything");
@@ -86,6 +85,34 @@ fn fitted(sources: &[Source]) {
     let _ = tell::lag::fit(sources);
     let _ = tell::imu::fit(sources);
     let _ = tell::anchors::fit(sources, false);
+}
+
+/// Logs in one file: what `haltere log split` and `log recover` make of it are logs that are read to their end.
+pub fn split(data: &[u8]) {
+    let folder = tempfile::tempdir().expect("a folder for what is written");
+    let path = folder.path().join("fuzz.mcap");
+    std::fs::write(&path, data).expect("a file in it");
+    let to = recovered_name(&path);
+    let recovered = recover(&path, &to).map(|_| to);
+    let parts = record::split(&path).map(|parts| parts.logs).unwrap_or_default();
+    for written in parts.into_iter().map(|part| part.path).chain(recovered) {
+        let log = LogReader::open(&written).expect("what we write reads");
+        let mut entries = log.entries();
+        entries.by_ref().for_each(drop);
+        assert_eq!(entries.end(), LogEnd::Complete, "{}", written.display());
+    }
+}
+
+/// A recording of somebody else as text, in each of the layouts, and what is fitted on it.
+pub fn csv(data: &[u8]) {
+    let path = std::path::Path::new("fuzz.csv");
+    let recordings = [columns::parse(data, path), flapper::parse(data, path)];
+    for recording in recordings.into_iter().flatten() {
+        fitted(&[Source::Recording(recording)]);
+    }
+    if let Ok(stand) = stand::parse(data, path) {
+        let _ = tell::thrust::fit(&[Source::Stand(stand)]);
+    }
 }
 
 /// A configuration that is not refused flies: nothing that the checks allow may panic the core. And

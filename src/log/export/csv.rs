@@ -4,9 +4,14 @@ use std::io::{self, Write};
 
 use super::tables::{Table, Values};
 
-pub(super) fn write(table: &Table, mut out: impl Write) -> io::Result<()> {
+/// The line of the names.
+pub(super) fn head(table: &Table, mut out: impl Write) -> io::Result<()> {
     let names: Vec<_> = table.columns.iter().map(|column| column.name.as_ref()).collect();
-    writeln!(out, "{}", names.join(","))?;
+    writeln!(out, "{}", names.join(","))
+}
+
+/// The rows of a table, without its head.
+pub(super) fn rows(table: &Table, mut out: impl Write) -> io::Result<()> {
     for row in 0..table.rows() {
         for (i, column) in table.columns.iter().enumerate() {
             if i > 0 {
@@ -26,7 +31,7 @@ pub(super) fn write(table: &Table, mut out: impl Write) -> io::Result<()> {
         }
         out.write_all(b"\n")?;
     }
-    out.flush()
+    Ok(())
 }
 
 /// A text that holds what has a meaning in CSV stands in quotes.

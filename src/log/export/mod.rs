@@ -3,15 +3,17 @@
 
 mod csv;
 pub mod parquet;
+mod stream;
 mod tables;
 mod tlog;
 
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-pub use tables::{Column, Table, Values, tables};
+pub use stream::{Exported, stream_tables, write_tables};
+pub use tables::{Column, Table, Values};
 pub use tlog::{LinkTraffic, TlogCount, links, write_tlog};
 
 use crate::record::LogReader;
@@ -42,6 +44,20 @@ pub enum ExportError {
     /// It may not be written, or cannot.
     #[error(transparent)]
     Output(#[from] OutputError),
+    /// The log holds no such topic.
+    #[error("--topic {topic}: not in this log; it holds {}", there.join(", "))]
+    NoTopic {
+        /// The one that was asked for.
+        topic: String,
+        /// Those of the log.
+        there: Vec<String>,
+    },
+    /// There is nothing to be exported.
+    #[error("{}: holds no decoded topics", path.display())]
+    NoTopics {
+        /// Which log.
+        path: PathBuf,
+    },
     /// A file cannot be written.
     #[error("{}: cannot be written: {source}", path.display())]
     Write {
@@ -50,35 +66,6 @@ pub enum ExportError {
         /// Why.
         source: io::Error,
     },
-}
-
-/// Writes one table of a log into `directory` as TOPIC.csv or TOPIC.parquet; gives its path.
-pub fn write_table(
-    log: &LogReader,
-    table: &Table,
-    form: Form,
-    directory: &Path,
-    overwrite: bool,
-) -> Result<PathBuf, ExportError> {
-    let path = directory.join(format!("{}.{}", table.name, form.ending()));
-    let failed = |source| ExportError::Write { path: path.clone(), source };
-    let mut file = create(log, &path, overwrite)?;
-    put_table(log, table, form, io::BufWriter::new(&mut file)).map_err(failed)?;
-    file.finish()?;
-    Ok(path)
-}
-
-/// Writes one table of a log anywhere.
-pub fn put_table(
-    log: &LogReader,
-    table: &Table,
-    form: Form,
-    out: impl Write + Send,
-) -> io::Result<()> {
-    match form {
-        Form::Csv => csv::write(table, out),
-        Form::Parquet => parquet::write(table, &about(log), out),
-    }
 }
 
 /// A new file of what is in a log; an old one of that name only goes if that was asked for.

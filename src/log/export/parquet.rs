@@ -1,4 +1,4 @@
-//! Tables as Apache Parquet: one row group, absent numbers as nulls, the log's identity beside them.
+//! Tables as Apache Parquet: row groups of some thousand rows, absent numbers as nulls, the log's identity beside them.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -15,18 +15,41 @@ use super::tables::{Table, Values};
 
 /// Writes a table, with words about where it came from as metadata of the file.
 pub fn write(table: &Table, about: &[(String, String)], out: impl Write + Send) -> io::Result<()> {
-    try_write(table, about, out).map_err(io::Error::other)
+    let mut file = Writer::begin(table, about, out)?;
+    file.rows(table)?;
+    file.finish().map(drop)
 }
 
-fn try_write(
+/// A file that grows by a row group at a time.
+pub(super) struct Writer<W: Write + Send> {
+    file: SerializedFileWriter<W>,
+}
+
+impl<W: Write + Send> Writer<W> {
+    /// Begins a file with the columns of `table`.
+    pub fn begin(table: &Table, about: &[(String, String)], out: W) -> io::Result<Self> {
+        let about = about.iter().map(|(key, value)| KeyValue::new(key.clone(), value.clone()));
+        let properties = WriterProperties::builder().set_key_value_metadata(Some(about.collect()));
+        let schema = schema(table)?;
+        let file = SerializedFileWriter::new(out, schema, Arc::new(properties.build()))?;
+        Ok(Self { file })
+    }
+
+    /// Its rows as one row group.
+    pub fn rows(&mut self, table: &Table) -> io::Result<()> {
+        Ok(put(&mut self.file, table)?)
+    }
+
+    /// Writes the end of the file.
+    pub fn finish(self) -> io::Result<W> {
+        Ok(self.file.into_inner()?)
+    }
+}
+
+fn put<W: Write + Send>(
+    file: &mut SerializedFileWriter<W>,
     table: &Table,
-    about: &[(String, String)],
-    out: impl Write + Send,
 ) -> Result<(), ParquetError> {
-    let about = about.iter().map(|(key, value)| KeyValue::new(key.clone(), value.clone()));
-    let properties = WriterProperties::builder().set_key_value_metadata(Some(about.collect()));
-    let schema = schema(table)?;
-    let mut file = SerializedFileWriter::new(out, schema, Arc::new(properties.build()))?;
     let mut rows = file.next_row_group()?;
     for column in &table.columns {
         let Some(mut writer) = rows.next_column()? else { break };
@@ -50,7 +73,6 @@ fn try_write(
         writer.close()?;
     }
     rows.close()?;
-    file.close()?;
     Ok(())
 }
 

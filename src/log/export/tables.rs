@@ -4,7 +4,6 @@
 //! `haltere log trim` count; the columns `…_us` hold the clock of the log itself.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 
 use crate::record::{Decoded, Entry, LogEnd, LogReader, pb};
 
@@ -39,7 +38,7 @@ pub enum Values {
     Text(Vec<String>),
 }
 
-enum Cell {
+pub(super) enum Cell {
     Real(Option<f64>),
     Whole(i64),
     Flag(bool),
@@ -57,7 +56,19 @@ impl Table {
         })
     }
 
-    fn push(&mut self, row: Row) {
+    /// Forgets the rows, not the columns.
+    pub(super) fn clear(&mut self) {
+        for column in &mut self.columns {
+            match &mut column.values {
+                Values::Real(v) => v.clear(),
+                Values::Whole(v) => v.clear(),
+                Values::Flag(v) => v.clear(),
+                Values::Text(v) => v.clear(),
+            }
+        }
+    }
+
+    pub(super) fn push(&mut self, row: Row) {
         if self.columns.is_empty() {
             let begin = |(name, cell): &(&'static str, Cell)| Column {
                 name: Cow::Borrowed(name),
@@ -83,19 +94,19 @@ impl Table {
     }
 }
 
-/// Every topic of a log that has a row, in the order of their names, and how the log ends.
-pub fn tables(log: &LogReader) -> (Vec<Table>, LogEnd) {
+/// Hands out every row of the decoded topics of a log, in its order, with the name of its table. Says how the log
+/// ends.
+pub(super) fn rows<E>(
+    log: &LogReader,
+    mut take: impl FnMut(&'static str, Row) -> Result<(), E>,
+) -> Result<LogEnd, E> {
     let start_us = log.session().pilot_started_at.as_us();
     // Divided, so that six decimals print as six decimals.
     let t_s = |us: u64| (us as f64 - start_us as f64) / 1e6;
-    let mut found: BTreeMap<&'static str, Table> = BTreeMap::new();
     let mut add = |name: &'static str, at_us: u64, rest: Row| {
         let mut row = vec![("t_s", real(t_s(at_us)))];
         row.extend(rest);
-        let table = found
-            .entry(name)
-            .or_insert_with(|| Table { name: name.to_owned(), columns: Vec::new() });
-        table.push(row);
+        take(name, row)
     };
     let mut entries = log.entries();
     for entry in entries.by_ref() {
@@ -109,7 +120,7 @@ pub fn tables(log: &LogReader) -> (Vec<Table>, LogEnd) {
                     ("reason", Cell::Text(drop.reason.clone())),
                     ("count", whole(drop.count)),
                 ];
-                add("drops", at_us, row);
+                add("drops", at_us, row)?;
             }
         }
         if let Decoded::Servos(servos) = &decoded {
@@ -120,16 +131,16 @@ pub fn tables(log: &LogReader) -> (Vec<Table>, LogEnd) {
                     ("output", whole(n)),
                     ("told", real(f64::from(*value))),
                 ];
-                add("servos", at_us, row);
+                add("servos", at_us, row)?;
             }
             continue;
         }
-        add(decoded.channel().trim_start_matches('/'), at_us, cells(&decoded));
+        add(decoded.channel().trim_start_matches('/'), at_us, cells(&decoded))?;
     }
-    (found.into_values().collect(), entries.end())
+    Ok(entries.end())
 }
 
-type Row = Vec<(&'static str, Cell)>;
+pub(super) type Row = Vec<(&'static str, Cell)>;
 
 fn real(value: f64) -> Cell {
     Cell::Real(Some(value))

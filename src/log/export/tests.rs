@@ -64,12 +64,11 @@ fn log(folder: &Path) -> LogReader {
 fn prop_csv_has_units_empty_cells_and_quotes() {
     let folder = tempfile::tempdir().unwrap();
     let log = log(folder.path());
-    let (tables, end) = tables(&log);
+    let (tables, end) = write_tables(&log, Form::Csv, folder.path(), &[], false).unwrap();
     assert_eq!(end, crate::record::LogEnd::Complete);
     let text = |name: &str| {
-        let table = tables.iter().find(|t| t.name == name).unwrap();
-        let path = write_table(&log, table, Form::Csv, folder.path(), false).unwrap();
-        std::fs::read_to_string(path).unwrap()
+        let table = tables.iter().find(|t| t.topic == name).unwrap();
+        std::fs::read_to_string(&table.to).unwrap()
     };
     assert_eq!(
         text("battery"),
@@ -80,19 +79,25 @@ fn prop_csv_has_units_empty_cells_and_quotes() {
         text("mode"),
         "t_s,at_us,mode,armed,cause\n0,5000000,hold,true,\"asked, by \"\"a\"\" client\"\n"
     );
-    let again = tables.iter().find(|t| t.name == "mode").unwrap();
-    let error = write_table(&log, again, Form::Csv, folder.path(), false).unwrap_err();
+    let mode = ["mode".to_owned()];
+    let error = write_tables(&log, Form::Csv, folder.path(), &mode, false).unwrap_err();
     assert!(error.to_string().contains("exists already"), "{error}");
-    write_table(&log, again, Form::Csv, folder.path(), true).unwrap();
+    let (again, _) = write_tables(&log, Form::Csv, folder.path(), &mode, true).unwrap();
+    assert_eq!(again.len(), 1);
+    let none = ["mode".to_owned(), "none".to_owned()];
+    let other = tempfile::tempdir().unwrap();
+    let error = write_tables(&log, Form::Csv, other.path(), &none, false).unwrap_err();
+    assert!(error.to_string().contains("--topic none: not in this log; it holds battery, mode"));
+    assert_eq!(std::fs::read_dir(other.path()).unwrap().count(), 0, "all files, or none");
 }
 
 #[test]
 fn prop_parquet_reads_back_with_nulls_and_its_log() {
     let folder = tempfile::tempdir().unwrap();
     let log = log(folder.path());
-    let (tables, _) = tables(&log);
-    let table = tables.iter().find(|t| t.name == "battery").unwrap();
-    let path = write_table(&log, table, Form::Parquet, folder.path(), false).unwrap();
+    let battery = ["battery".to_owned()];
+    let (tables, _) = write_tables(&log, Form::Parquet, folder.path(), &battery, false).unwrap();
+    let path = &tables[0].to;
     let reader = SerializedFileReader::new(File::open(path).unwrap()).unwrap();
     let about = reader.metadata().file_metadata().key_value_metadata().unwrap();
     assert!(about.iter().any(|kv| kv.key == "haltere.started_unix_us"));
@@ -130,9 +135,10 @@ fn prop_a_part_has_its_span_and_the_mode_it_began_in() {
     let part = crate::record::trim(&log, &to, 1.05, 1.5).unwrap();
     assert_eq!(part.span_s, [1.1, 1.4]);
     let cut = LogReader::open(&to).unwrap();
-    let (tables, end) = tables(&cut);
+    let sink = |_: &str| Ok(std::io::sink());
+    let (tables, end) = stream_tables(&cut, Form::Csv, &[], sink).unwrap();
     assert_eq!(end, crate::record::LogEnd::Complete);
-    let names: Vec<_> = tables.iter().map(|t| (t.name.as_str(), t.rows())).collect();
+    let names: Vec<_> = tables.iter().map(|t| (t.topic.as_str(), t.rows)).collect();
     assert_eq!(names, [("battery", 1), ("mode", 1)]);
     let nothing = crate::record::trim(&log, &folder.path().join("x.mcap"), 3.0, 4.0).unwrap_err();
     assert!(nothing.to_string().contains("the log runs from 0 to 2.0 s"), "{nothing}");

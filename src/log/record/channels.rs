@@ -57,6 +57,11 @@ pub(super) const FIXED: [(&str, &str); 11] =
 /// Message type of raw bytes.
 pub(super) const RAW_BYTES: &str = "haltere.RawBytes";
 
+/// Whether it holds inputs or outputs of the core.
+pub(super) fn is_raw(name: &str) -> bool {
+    name == WAKE.0 || name.starts_with("/in/") || name.starts_with("/out/")
+}
+
 /// Message type of a channel of ours.
 pub(super) fn schema_of(channel: &str) -> Option<&'static str> {
     FIXED

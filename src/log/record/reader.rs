@@ -11,6 +11,7 @@ use super::forms::unchecked;
 use super::gaps::Gaps;
 use super::messages::{Message, Messages, WalkEnd};
 use super::names::utc_text;
+use super::outline::Outline;
 use super::pb;
 use super::session::Session;
 use super::source::{Source, Window};
@@ -479,6 +480,11 @@ impl LogReader {
         Gaps::new(self.session.pilot_started_at, self.tail.as_ref())
     }
 
+    /// What its head and tail say. `None`: it was not closed, or its tail is damaged: then it must be read whole.
+    pub fn outline(&self) -> Option<Outline<'_>> {
+        Outline::of(&self.source, self.tail.as_ref()?)
+    }
+
     /// Message of the head.
     pub(super) fn head(&self) -> &[u8] {
         &self.head
@@ -530,7 +536,7 @@ impl Iterator for Entries<'_> {
                 Ok(Some(entry)) => entry,
                 Ok(None) => continue,
                 Err(error) => {
-                    let why = format!("message on {}: {error}", message.channel);
+                    let why = not_decoded(&message, &error);
                     self.messages.note(offset, why);
                     continue;
                 }
@@ -551,8 +557,17 @@ impl Iterator for Entries<'_> {
     }
 }
 
+/// Why a message cannot be understood, for who copies messages as they are.
+pub(super) fn fault(message: &Message<'_>) -> Option<String> {
+    decode(message).err().map(|error| not_decoded(message, &error))
+}
+
+fn not_decoded(message: &Message<'_>, error: &prost::DecodeError) -> String {
+    format!("message on {}: {error}", message.channel)
+}
+
 /// `None`: the head, or a channel that this version does not know.
-fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
+pub(super) fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::DecodeError> {
     let channel = &*message.channel;
     let data = message.data;
     if let Some(decoded) = Decoded::decode(channel, data) {

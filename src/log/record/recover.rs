@@ -17,7 +17,7 @@ use super::channels;
 use super::gaps::Gaps;
 use super::messages::Message;
 use super::pb;
-use super::reader::{LogEnd, LogError, LogReader};
+use super::reader::{LogEnd, LogError, LogReader, fault};
 
 /// Writes what is readable of `path` to `to` (which must not exist) with a proper end. Returns how
 /// many messages were saved and how the original ended.
@@ -32,6 +32,11 @@ fn copy(log: &LogReader, to: &Path) -> Result<(u64, LogEnd), McapError> {
     let (mut messages, mut gaps) = (log.messages(), log.gaps());
     while let Some(message) = messages.next() {
         if *message.channel == *channels::CONFIG.0 {
+            continue;
+        }
+        if let Some(why) = fault(&message) {
+            let offset = message.offset;
+            messages.note(offset, why);
             continue;
         }
         if let Some(hole) = hole_before(&mut gaps, &message) {

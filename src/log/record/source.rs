@@ -75,11 +75,18 @@ pub(super) struct Window<'a> {
     source: &'a Source,
     start: u64,
     bytes: Vec<u8>,
+    /// What is read at once, bytes.
+    reach: u64,
 }
 
 impl<'a> Window<'a> {
     pub fn new(source: &'a Source) -> Self {
-        Self { source, start: 0, bytes: Vec::new() }
+        Self::reaching(source, WINDOW_BYTES)
+    }
+
+    /// For who reads a little in many places.
+    pub fn reaching(source: &'a Source, reach: u64) -> Self {
+        Self { source, start: 0, bytes: Vec::new(), reach }
     }
 
     pub fn end(&self) -> u64 {
@@ -96,7 +103,7 @@ impl<'a> Window<'a> {
             Medium::File(file) => file,
         };
         if at < self.start || end > self.start + self.bytes.len() as u64 {
-            let wanted = (length as u64).max(WINDOW_BYTES).min(self.source.length - at);
+            let wanted = (length as u64).max(self.reach).min(self.source.length - at);
             self.bytes.resize(usize::try_from(wanted).ok()?, 0);
             // What was asked for once and was long is not kept.
             self.bytes.shrink_to(4 * self.bytes.len());

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use mcap::McapError;
 
 use super::channels;
-use super::reader::{LogError, LogReader};
+use super::reader::{LogError, LogReader, fault};
 use super::recover::{Copy, hole_before};
 
 /// One of the logs that were in the file.
@@ -178,6 +178,11 @@ fn cut(file: &LogReader, heads: &[Vec<u8>], outs: &mut [Copy]) -> Result<u64, Mc
             }
             continue;
         }
+        if let Some(why) = fault(&message) {
+            let offset = message.offset;
+            messages.note(offset, why);
+            continue;
+        }
         let hole = hole_before(&mut gaps, &message);
         if let Some(out) = outs.get_mut(n) {
             if let Some(hole) = hole {
@@ -197,6 +202,10 @@ fn unweave(
     let mut messages = file.messages();
     let mut left_out = 0;
     while let Some(message) = messages.next() {
+        if fault(&message).is_some() {
+            left_out += 1;
+            continue;
+        }
         match owners.get(&message.channel_id).and_then(|n| outs.get_mut(*n)) {
             Some(out) => out.put(&message)?,
             None => left_out += u64::from(*message.channel != *channels::CONFIG.0),

@@ -50,10 +50,7 @@ impl Tail {
 
     /// How many inputs and outputs of the core the log holds.
     pub fn inputs_and_outputs(&self) -> u64 {
-        let raw = |name: &str| {
-            name == channels::WAKE.0 || name.starts_with("/in/") || name.starts_with("/out/")
-        };
-        let counts = self.channels.iter().filter(|(_, name)| raw(name));
+        let counts = self.channels.iter().filter(|(_, name)| channels::is_raw(name));
         counts.filter_map(|(id, _)| self.counts.get(id)).fold(0, |sum, n| sum.saturating_add(*n))
     }
 

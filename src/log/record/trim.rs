@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use super::channels;
-use super::reader::{LogError, LogReader};
+use super::reader::{LogError, LogReader, fault};
 use super::recover::{Copy, hole_before};
 
 /// What was cut out.
@@ -46,6 +46,11 @@ pub fn trim(log: &LogReader, to: &Path, from_s: f64, to_s: f64) -> Result<Trimme
     let (mut messages, mut gaps) = (log.messages(), log.gaps());
     while let Some(message) = messages.next() {
         if *message.channel == *channels::CONFIG.0 {
+            continue;
+        }
+        if let Some(why) = fault(&message) {
+            let offset = message.offset;
+            messages.note(offset, why);
             continue;
         }
         let hole = hole_before(&mut gaps, &message);

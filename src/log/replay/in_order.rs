@@ -5,11 +5,16 @@ use std::collections::VecDeque;
 use super::compare::{Agreement, compare, without_signatures};
 use haltere_pilot::LinkId;
 
+/// Pieces that wait to be compared; where so many do, the streams are long since apart.
+const MOST_WAITING: usize = 50_000;
+
 /// Replayed and recorded, first in, first out over all links.
 #[derive(Debug, Default)]
 pub(super) struct InOrder {
     /// Replayed, and not recorded yet.
     pending: VecDeque<(LinkId, Vec<u8>)>,
+    /// Pieces and bytes that waited in vain.
+    in_vain: (usize, usize),
     pub identical: u64,
     /// Largest difference of a number.
     pub worst: f64,
@@ -19,6 +24,11 @@ pub(super) struct InOrder {
 impl InOrder {
     pub fn replayed(&mut self, link: LinkId, bytes: &[u8]) {
         self.pending.push_back((link, bytes.to_vec()));
+        if self.pending.len() > MOST_WAITING
+            && let Some((_, oldest)) = self.pending.pop_front()
+        {
+            self.in_vain = (self.in_vain.0 + 1, self.in_vain.1 + oldest.len());
+        }
     }
 
     /// `Some`: why it is not what the replay sent.
@@ -51,8 +61,8 @@ impl InOrder {
         let (link, bytes) = self.pending.front()?;
         let what = format!(
             "the replay sends {} bytes more than were recorded, in {} pieces",
-            bytes.len(),
-            self.pending.len()
+            self.in_vain.1 + bytes.len(),
+            self.in_vain.0 + self.pending.len()
         );
         Some((*link, what))
     }

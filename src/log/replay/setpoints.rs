@@ -81,6 +81,9 @@ struct Step {
 /// A difference: place in the log, time, words.
 pub(super) type Odd = (u64, HostTime, String);
 
+/// Steps of one stream that wait for the other: both lie within seconds of one another, at 100 Hz.
+const MOST_WAITING: usize = 6_000;
+
 /// Both streams.
 #[derive(Debug)]
 pub(super) struct Setpoints {
@@ -89,6 +92,8 @@ pub(super) struct Setpoints {
     tolerance: f64,
     recorded: VecDeque<Step>,
     replayed: VecDeque<Step>,
+    /// Places and times of steps that the replay sends and that waited in vain: those behind the end do not count.
+    in_vain: Vec<(u64, HostTime)>,
     pub report: SetpointReport,
     /// Steps in which the same bytes were sent.
     pub identical: u64,
@@ -104,6 +109,7 @@ impl Setpoints {
             tolerance: if exact { 0.0 } else { TOLERANCE },
             recorded: VecDeque::new(),
             replayed: VecDeque::new(),
+            in_vain: Vec::new(),
             report: SetpointReport::default(),
             identical: 0,
             worst: 0.0,
@@ -116,6 +122,11 @@ impl Setpoints {
         let Some(target) = target_of(link, bytes) else { return false };
         self.recorded.push_back(Step { sequence, at, target, bytes: bytes.to_vec() });
         self.pair();
+        if self.recorded.len() > MOST_WAITING
+            && let Some(step) = self.recorded.pop_front()
+        {
+            self.missing(&step);
+        }
         true
     }
 
@@ -124,19 +135,37 @@ impl Setpoints {
         let Some(target) = target_of(link, bytes) else { return false };
         self.replayed.push_back(Step { sequence, at, target, bytes: bytes.to_vec() });
         self.pair();
+        if self.replayed.len() > MOST_WAITING
+            && let Some(step) = self.replayed.pop_front()
+        {
+            self.in_vain.push((step.sequence, step.at));
+        }
         true
     }
 
     /// Nothing more will come. `until`: what the replay sends from then on was not recorded any more.
     pub fn end(&mut self, until: HostTime) {
+        for (sequence, at) in std::mem::take(&mut self.in_vain) {
+            if at < until {
+                self.additional(sequence, at);
+            }
+        }
         while let Some(step) = self.recorded.pop_front() {
-            self.report.missing += 1;
-            self.odd(&step, "recorded, but the replay sends no setpoint");
+            self.missing(&step);
         }
         while let Some(step) = self.replayed.pop_front().filter(|step| step.at < until) {
-            self.report.additional += 1;
-            self.odd(&step, "the replay sends a setpoint, none was recorded");
+            self.additional(step.sequence, step.at);
         }
+    }
+
+    fn missing(&mut self, step: &Step) {
+        self.report.missing += 1;
+        self.odd(step.sequence, step.at, "recorded, but the replay sends no setpoint");
+    }
+
+    fn additional(&mut self, sequence: u64, at: HostTime) {
+        self.report.additional += 1;
+        self.odd(sequence, at, "the replay sends a setpoint, none was recorded");
     }
 
     /// Each stream is in the order of its time, so the earlier of two steps has no counterpart.
@@ -151,12 +180,10 @@ impl Setpoints {
                 .cast_signed();
             if after_ms > 0 {
                 let Some(step) = self.replayed.pop_front() else { return };
-                self.report.additional += 1;
-                self.odd(&step, "the replay sends a setpoint, none was recorded");
+                self.additional(step.sequence, step.at);
             } else if after_ms < 0 {
                 let Some(step) = self.recorded.pop_front() else { return };
-                self.report.missing += 1;
-                self.odd(&step, "recorded, but the replay sends no setpoint");
+                self.missing(&step);
             } else if let (Some(recorded), Some(replayed)) =
                 (self.recorded.pop_front(), self.replayed.pop_front())
             {
@@ -191,14 +218,13 @@ impl Setpoints {
         } else {
             self.report.differ += 1;
             let what = format!("recorded {a:?}, replayed {b:?}");
-            self.odd(recorded, &what);
+            self.odd(recorded.sequence, recorded.at, &what);
         }
     }
 
-    fn odd(&mut self, step: &Step, what: &str) {
-        let at_s = step.at.seconds_since(self.start);
-        self.report.first_s.get_or_insert(at_s);
-        self.first.get_or_insert_with(|| (step.sequence, step.at, what.to_owned()));
+    fn odd(&mut self, sequence: u64, at: HostTime, what: &str) {
+        self.report.first_s.get_or_insert(at.seconds_since(self.start));
+        self.first.get_or_insert_with(|| (sequence, at, what.to_owned()));
     }
 }
 
