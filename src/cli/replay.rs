@@ -31,14 +31,14 @@ pub(super) struct Replay {
     #[arg(long, value_name = "DIR")]
     util: Option<PathBuf>,
     /// Configuration of the filter for --util, as of `haltere fly`; several may be given, later ones win.
-    #[arg(long, value_name = "FILE", requires = "util")]
+    #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
     /// The recorded vehicle for --util, over --config: keys of the configuration that are a vehicle's, or a vehicle
     /// file, or the name of a built-in vehicle. Default: the quadrotor of UTIL.
-    #[arg(long, value_name = "FILE", requires = "util")]
+    #[arg(long, value_name = "FILE")]
     vehicle: Option<PathBuf>,
     /// One value for --util, over all others.
-    #[arg(long, value_name = "KEY=VALUE", requires = "util")]
+    #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// The laboratory's, as the four below.
     #[arg(long, hide = true)]
@@ -63,6 +63,11 @@ impl Replay {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         if let Some(folder) = &self.util {
             return self.run_util(folder);
+        }
+        if !self.config.is_empty() || !self.set.is_empty() || self.vehicle.is_some() {
+            anyhow::bail!(
+                "--config, --vehicle and --set belong to --util: a log is replayed with what it was flown with"
+            );
         }
         let mut worst = 0;
         let mut reports = Vec::new();

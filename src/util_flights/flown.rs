@@ -2,11 +2,14 @@
 
 use std::fmt::{self, Write};
 
-use super::{FlightReport, run_flight};
+use super::{FlightReport, run_flight, run_told};
 use crate::sources::{Origin, Sources, VehicleKeys, load_with_origins};
 use haltere_core::checks::Problems;
 use haltere_core::estimator::EstimatorConfig;
 use haltere_log::import::util::Flight;
+
+/// Key of where the tag is on the vehicle.
+const TAG: &str = "estimator.p_BT_B_m";
 
 /// A configuration as it would fly the recorded vehicle.
 #[derive(Debug, Clone)]
@@ -42,9 +45,14 @@ impl Flown {
         Self::read(Sources { vehicle: Some(quadrotor()), overrides, ..Sources::default() })
     }
 
-    /// Runs one flight.
+    /// Runs one flight, the tag where the recording says unless the sources say it.
     pub fn run(&self, flight: &Flight) -> FlightReport {
-        run_flight(flight, &self.estimator)
+        let is_told = |origin: &Origin| origin.key == TAG && origin.from.is_some();
+        if self.origins.iter().any(is_told) {
+            run_told(flight, self.estimator.clone(), |_, _, _| {})
+        } else {
+            run_flight(flight, &self.estimator)
+        }
     }
 
     /// Writes the numbers of the vehicle, each with its origin.
@@ -55,7 +63,7 @@ impl Flown {
             let value = value.as_ref().map_or("none".into(), ToString::to_string);
             let from = match from {
                 // Where the tag was is written beside the recordings, by vehicle.
-                None if *key == "estimator.p_BT_B_m" => "as the recording says",
+                None if *key == TAG => "as the recording says",
                 None => "default",
                 Some(from) => from,
             };

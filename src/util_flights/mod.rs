@@ -103,30 +103,31 @@ pub fn run(dir: &Path, config: &EstimatorConfig) -> Result<Vec<FlightReport>, Er
     Ok(load_all(dir)?.iter().map(|flight| run_flight(flight, config)).collect())
 }
 
-/// Runs one flight.
+/// Runs one flight, the tag where the recording says.
 pub fn run_flight(flight: &Flight, config: &EstimatorConfig) -> FlightReport {
     run_traced(flight, config, |_, _, _| {})
-}
-
-/// The filter with what a recording says of itself: where the tag was, unless that is told, and whether there is an IMU.
-fn for_recording(flight: &Flight, config: &EstimatorConfig) -> EstimatorConfig {
-    let mut config = config.clone();
-    if config.p_BT_B_m == EstimatorConfig::default().p_BT_B_m {
-        config.p_BT_B_m = flight.p_BT_B_m();
-    }
-    if !flight.has_imu() {
-        config.motion = Motion::Unaided;
-    }
-    config
 }
 
 /// Runs one flight and shows each pose with the estimate at its time.
 pub fn run_traced(
     flight: &Flight,
     config: &EstimatorConfig,
+    show: impl FnMut(HostTime, &Estimate, &ReferencePose),
+) -> FlightReport {
+    // Where the tag is belongs to the vehicle, whatever filter is tried on it.
+    let config = EstimatorConfig { p_BT_B_m: flight.p_BT_B_m(), ..config.clone() };
+    run_told(flight, config, show)
+}
+
+/// The same, the tag where the configuration says.
+fn run_told(
+    flight: &Flight,
+    mut config: EstimatorConfig,
     mut show: impl FnMut(HostTime, &Estimate, &ReferencePose),
 ) -> FlightReport {
-    let config = for_recording(flight, config);
+    if !flight.has_imu() {
+        config.motion = Motion::Unaided;
+    }
     let mut estimator = Estimator::new(config, flight.survey.clone());
     if let Some(yaw_rad) = flight.first_yaw_rad() {
         estimator.set_initial_heading(yaw_rad, STD_HEADING_RAD);
