@@ -19,7 +19,7 @@ use haltere_core::time::HostTime;
 use haltere_log::record::{Recorder, RecorderSummary};
 use haltere_pilot::{Pilot, PilotConfig};
 
-/// After an attempt that came to nothing it is not tried again for so long, µs.
+/// After an attempt that came to nothing it is not tried again for so long, µs: chosen, a minute more in a log of an hour.
 const PATIENCE_US: i64 = 60_000_000;
 
 /// A core with its log.

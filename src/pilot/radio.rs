@@ -1,14 +1,14 @@
 //! What a line carries beside what its speed says: the radio at its end tells how full its buffer is.
 //!
 //! RADIO_STATUS of a SiK radio, `txbuf`: the free share of its buffer in percent. Thresholds are those of PX4
-//! (`Mavlink::update_radio_status` of its `mavlink_main.cpp`). Its steps of 20 % down are made larger, and only
+//! (`Mavlink::update_radio_status` of its `mavlink_main.cpp`). Its steps are made larger, and down only
 //! while the buffer does not empty: at 2 kB/s it holds two seconds, which is how late a step shows.
 
 /// Below this the line carries less than it is sent, percent free.
 const FULL_PERCENT: u8 = 25;
 /// Above this there is room for more, percent free.
 const HALF_PERCENT: u8 = 50;
-/// Factors of a step down, and of one up.
+/// Factors of a step down (chosen: PX4 has 0.8), and of one up (chosen: twice PX4's 2.5 %).
 const DOWN: f64 = 0.7;
 const UP: f64 = 1.05;
 /// Least share of the line: 2 % of 57 600 baud still carry a heartbeat and an answer a second.

@@ -13,9 +13,9 @@ use super::source::{Source, Window};
 use super::tail::Tail;
 use haltere_core::time::HostTime;
 
-/// What is read at once, bytes: an index of a channel, or a message.
+/// What is read at once, bytes: an index of a channel, or a message; chosen, a page of memory.
 const WINDOW_BYTES: u64 = 4096;
-/// A longer index is not read.
+/// A longer index is not read, bytes: chosen, far beyond that of any chunk that we write.
 const LONGEST_BYTES: u64 = 1 << 22;
 
 /// A log at a glance.

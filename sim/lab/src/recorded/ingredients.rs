@@ -4,7 +4,7 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use haltere::util_flights::{FlightReport, run_flight, table};
+use haltere::util_flights::{FlightReport, Flown, run_flight, table};
 use haltere_core::estimator::{EstimatorConfig, SpecificForce, Tail, UwbNoise};
 use haltere_log::import::util::Flight;
 
@@ -50,25 +50,17 @@ const VARIANTS: [Variant; 21] = [
             c.std_uwb_m *= FLIGHT_LAMBDA.sqrt();
         },
     },
-    Variant { name: "what flies by default: nine states", change: |c| *c = by_default(c) },
+    Variant { name: "what flies by default: nine states", change: |c| c.clone_from(&by_default()) },
     Variant { name: "nine states of the source", change: |c| *c = source(c) },
 ];
 
 /// λ of the source above 1 m, where these flights are.
 const FLIGHT_LAMBDA: f64 = 0.5;
 
-/// What flies when nobody configures anything, on the vehicle of this one.
-fn by_default(vehicle: &EstimatorConfig) -> EstimatorConfig {
-    let default = EstimatorConfig::default();
-    EstimatorConfig {
-        std_uwb_m: default.std_uwb_m,
-        uwb_correlation_s: default.uwb_correlation_s,
-        gate: default.gate,
-        anchor_bias: default.anchor_bias,
-        quality: default.quality,
-        isolation: default.isolation,
-        ..vehicle.clone()
-    }
+/// What flies when nobody configures anything.
+fn by_default() -> EstimatorConfig {
+    // The defaults are no configuration that could be refused.
+    Flown::by_default().map_or_else(|_| EstimatorConfig::default(), |flown| flown.estimator)
 }
 
 /// The source's filter as published, for the vehicle of this one.
