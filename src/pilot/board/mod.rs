@@ -107,6 +107,8 @@ pub(super) struct BoardLink {
     clock: BoardClock,
     pace: Pace,
     lateness: Lateness,
+    /// Stamp of the newest sample.
+    stamped_at: HostTime,
     response: Response,
     sync_sent_us: [u64; SYNC_KEPT],
     next_sync: HostTime,
@@ -156,6 +158,7 @@ impl BoardLink {
             clock: BoardClock::default(),
             pace: Pace::default(),
             lateness: Lateness::default(),
+            stamped_at: HostTime::default(),
             response: Response::default(),
             sync_sent_us: [0; SYNC_KEPT],
             next_sync: at,
