@@ -232,7 +232,9 @@ impl Pilot {
     }
 
     fn check_estimate(&self, at: HostTime) -> Result<(), String> {
-        let stands_m = -self.estimate.pos_E_m.z() - self.config.flight.gear_height_m;
+        let estimate_m = -self.estimate.pos_E_m.z();
+        let by_uwb_m = self.estimator.start_height_by_uwb_m().unwrap_or(estimate_m);
+        let stands_m = by_uwb_m - self.config.flight.gear_height_m;
         match self.estimate.health {
             Health::Good if stands_m > STANDS_HIGHEST_M => Err(format!(
                 "stands {stands_m:.1} m above the floor by UWB, {STANDS_HIGHEST_M:.1} m at most: put it on the \

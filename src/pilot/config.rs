@@ -97,6 +97,9 @@ impl PilotConfig {
         if !on.variable_uwb_noise {
             estimator.uwb_noise = UwbNoise::Constant;
         }
+        // Who says how high the vehicle stands on its gear has said how high it rests on the floor.
+        let gear_m = Some(self.flight.gear_height_m).filter(|m| *m > 0.0);
+        estimator.rest_height_m = estimator.rest_height_m.or(gear_m);
         estimator
     }
 }

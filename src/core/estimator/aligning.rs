@@ -172,6 +172,8 @@ impl Estimator {
         let height_m = self.config.rest_height_m.filter(|_| stands);
         let fix = self.locate(START_FIX_WINDOW_S, height_m, None);
         if let Some(fix) = fix.filter(|fix| fix.used >= START_LEAST_USED) {
+            let by_uwb = height_m.and_then(|_| self.locate(START_FIX_WINDOW_S, None, None));
+            self.start_height_by_uwb_m = by_uwb.map(|fix| -fix.x_E.z);
             self.start(self.at, fix.x_E, level, std_yaw);
             let heights_m = &self.anchors_m;
             let Some(state) = &mut self.state else { return };

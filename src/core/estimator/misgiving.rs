@@ -86,6 +86,13 @@ impl fmt::Display for Misgiving {
 }
 
 impl Estimator {
+    /// Height at the start as TDOA alone had it, m; `None` where no height was told (`rest_height_m`), and the
+    /// estimate itself is that. Far above the told one it says that the survey is wrong, or that the vehicle does not
+    /// stand where it was told.
+    pub fn start_height_by_uwb_m(&self) -> Option<f64> {
+        self.start_height_by_uwb_m
+    }
+
     /// What speaks against the estimate at `now`; `None`: it is good.
     pub fn misgiving(&self, now: HostTime) -> Option<Misgiving> {
         match &self.state {

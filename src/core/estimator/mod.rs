@@ -190,6 +190,8 @@ pub struct Estimator {
     zero_velocity_at: Option<HostTime>,
     fused_at: Option<HostTime>,
     sought_fix_at: Option<HostTime>,
+    /// Height at the start as TDOA alone had it, where a known height was taken, m.
+    start_height_by_uwb_m: Option<f64>,
     counts: Counts,
     drops: Drops,
 }
@@ -248,6 +250,7 @@ impl Estimator {
             zero_velocity_at: None,
             fused_at: None,
             sought_fix_at: None,
+            start_height_by_uwb_m: None,
             counts: Counts::default(),
             drops: Drops::default(),
         }
