@@ -25,6 +25,7 @@ files![
     "scenarios/anchors-corridor.toml",
     "scenarios/anchors-few.toml",
     "scenarios/ardupilot-unkind.toml",
+    "scenarios/cluttered.toml",
     "scenarios/corridor.toml",
     "scenarios/draughty.toml",
     "scenarios/few-anchors.toml",

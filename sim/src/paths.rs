@@ -52,7 +52,8 @@ pub struct PathScore {
     pub crashed: bool,
 }
 
-fn mission(corners: &[[f64; 2]]) -> Vec<MISSION_ITEM_INT_DATA> {
+/// Take-off, a shape about the middle of the hall, landing.
+pub fn mission(corners: &[[f64; 2]]) -> Vec<MISSION_ITEM_INT_DATA> {
     let [n, e] = CENTRE_NE_M;
     let mut items = vec![item(MavCmd::MAV_CMD_NAV_TAKEOFF, [n, e, -HEIGHT_M])];
     let mut settle = item(MavCmd::MAV_CMD_NAV_WAYPOINT, [n, e, -HEIGHT_M]);

@@ -24,6 +24,7 @@ pub static ALL: &[EffectSpec] = &[
     super::floor_multipath::SPEC,
     super::packet_loss::SPEC,
     super::link_latency::SPEC,
+    super::clutter::SPEC,
     super::drag_scale::SPEC,           // A1
     super::drag_saturation::SPEC,      // A2
     super::quadratic_drag::SPEC,       // A3

@@ -249,7 +249,7 @@ macro_rules! files {
 files! {
     anchor_clocks attitude_error battery drag flap_lag flap_vibration floor_multipath ground_effect
     heading_offset imu_bias imu_noise link_latency packet_loss passive_dihedral path_bias pitch_servo
-    receive_noise rotational_damping yaw_servo
+    clutter receive_noise rotational_damping yaw_servo
 }
 // Deviations.
 files! {

@@ -1,9 +1,10 @@
 //! Every place in the room has its own small bias on every anchor's path: reflections and antenna
 //! pattern, smooth in position.
 //!
-//! `b_n(p) = σ [ sin(k_n1·p + φ_n1) + sin(k_n2·p + φ_n2) ]` (m), wave vectors of random direction and
-//! wavelength 1.5 to 4 m, per anchor. A pair's bias has standard deviation √2 σ. Source: recorded
-//! flights, pair bias 0.04 to 0.06 m varying over a metre or so. Left out: dependence on attitude (U3).
+//! `b_n(p) = c_n + σ [ sin(k_n1·p + φ_n1) + sin(k_n2·p + φ_n2) ]` (m), wave vectors of random direction and
+//! wavelength 1.5 to 4 m, `c_n` normal, per anchor. A pair's bias has standard deviations √2 σ and √2 of that of
+//! `c`. Source: recorded flights, pair bias 0.04 to 0.06 m varying over a metre or so; 0.06 m in a
+//! clear room and 0.15 m in a cluttered one that stay (`haltere-lab recorded --ranging`). Left out: dependence on attitude (U3).
 
 use std::f64::consts::TAU;
 
@@ -21,15 +22,20 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "position-dependent path bias",
     block: Block::Uwb,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("std", "m", 0.0, 0.035, [0.01, 0.08], "per path; a pair has √2 of it")],
+    parameters: &[
+        ParameterSpec::new("std", "m", 0.0, 0.035, [0.01, 0.3], "per path; a pair has √2 of it"),
+        ParameterSpec::new("constant", "m", 0.0, 0.0, [0.0, 0.3], "that stays, per path"),
+    ],
     off: "paths are straight",
     source: "recorded flights against motion capture",
-    equation: "b_n(p) = σ Σ sin(k·p + φ)",
+    equation: "b_n(p) = c_n + σ Σ sin(k·p + φ)",
     build: |b| Box::new(PathBias::new(b)),
 };
 
 struct PathBias {
     std_m: f64,
+    /// Per anchor what stays, m.
+    constant_m: Vec<f64>,
     /// Per anchor two waves: wave vector (rad/m) and phase (rad).
     waves: Vec<[(Vector3<f64>, f64); 2]>,
 }
@@ -42,7 +48,8 @@ impl PathBias {
             (direction * (TAU / length_m), b.rng.between(0.0, TAU))
         };
         let waves = b.sites_E_m.iter().map(|_| [wave(), wave()]).collect();
-        Self { std_m: b.value[0], waves }
+        let constant_m = b.sites_E_m.iter().map(|_| b.value[1] * b.rng.normal()).collect();
+        Self { std_m: b.value[0], constant_m, waves }
     }
 }
 
@@ -51,9 +58,11 @@ impl Effect for PathBias {
         &[Stage::Air]
     }
     fn air(&mut self, _s: &State, packet: &mut Packet) {
-        if let Some(waves) = self.waves.get(packet.from) {
+        if let (Some(waves), Some(constant_m)) =
+            (self.waves.get(packet.from), self.constant_m.get(packet.from))
+        {
             let sum: f64 = waves.iter().map(|(k, phase)| (k.dot(&packet.tag_E_m) + phase).sin()).sum();
-            packet.tag_extra_m += self.std_m * sum;
+            packet.tag_extra_m += constant_m + self.std_m * sum;
         }
     }
 }

@@ -12,6 +12,7 @@ use crate::recorded::cold::{cold_starts, print_cold};
 use crate::recorded::document::document;
 use crate::recorded::ingredients::{ingredients, print_ingredients};
 use crate::recorded::integrity::{integrity, print_integrity};
+use crate::recorded::ranging::{beside_simulated, print_ranging};
 use crate::recorded::search::{leave_one_out, print_left_out};
 
 /// Studies the estimator on recorded flights with motion capture, in the UTIL layout. How it fares on each says
@@ -33,6 +34,9 @@ pub struct Recorded {
     /// Break something in the middle of every flight and see whether health warns before the estimate is wrong.
     #[arg(long, group = "study")]
     faults: bool,
+    /// What errors of ranging look like on every flight, and in the simulator's rooms: docs/RANGING.md.
+    #[arg(long, group = "study")]
+    ranging: bool,
     /// Measure all of this and write it as a page (Markdown).
     #[arg(long, group = "study", value_name = "FILE", conflicts_with = "json")]
     document: Option<PathBuf>,
@@ -73,6 +77,12 @@ impl Recorded {
                 print_json(&rows)?;
             }
             print_ingredients(&mut table, &rows)?;
+        } else if self.ranging {
+            let rows = beside_simulated(&flights)?;
+            if self.json {
+                print_json(&rows)?;
+            }
+            print_ranging(&mut table, &rows)?;
         } else if self.faults {
             // With and without IMU are two filters; their warnings are not added up.
             let (with_imu, unaided): (Vec<_>, Vec<_>) =

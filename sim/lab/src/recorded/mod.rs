@@ -6,4 +6,5 @@ pub mod document;
 pub mod floor;
 pub mod ingredients;
 pub mod integrity;
+pub mod ranging;
 pub mod search;
