@@ -151,6 +151,15 @@ impl Recent {
         *used.select_nth_unstable_by(n / 2, f64::total_cmp).1
     }
 
+    /// Position from the measurements since `oldest`, from a known place at a known height: what TDOA alone say, whatever a
+    /// filter makes of them.
+    pub fn near(&self, oldest: HostTime, start: Vector3<f64>) -> Option<Vector3<f64>> {
+        if self.since(oldest).count() < LEAST_KEPT {
+            return None;
+        }
+        self.descend(oldest, start, Some(-start.z), 0.0).map(|(_, x_E)| x_E)
+    }
+
     /// Position from the measurements since `oldest`, searched from every start; only inside
     /// `volume` (lowest and highest corner). `height_m` is the height of a vehicle that is known to
     /// stand; `hidden_m` are the common biases to try for the anchors that the floor hides.

@@ -18,6 +18,8 @@ const LEAN_AGE_S: f64 = 0.2;
 const UWB_AGE_S: f64 = 0.1;
 /// Height of the gear above which nothing but the air holds it, m.
 const CLEAR_M: f64 = 0.12;
+/// Where biases are learned, UWB is asked alone, over the time between two decisions, s.
+const UWB_WINDOW_S: f64 = 0.1;
 /// Control steps between two decisions: the noise of UWB in the estimate lasts as long.
 const EVERY: u64 = 10;
 
@@ -46,7 +48,8 @@ impl Pilot {
         let rooms = &mut self.supervisor.rooms;
         rooms.step(lean_E_mps2, yaw_rad, [k_x, k_y], [pos_E_m, vel_E_mps], dt_s);
         if measured && self.control_steps.is_multiple_of(EVERY) {
-            rooms.decide(pos_E_m);
+            let by_uwb = self.estimator.pos_by_uwb_E_m(UWB_WINDOW_S);
+            rooms.decide(by_uwb.map_or(pos_E_m, |pos| Vector2::new(pos.x(), pos.y())));
         }
     }
 }
