@@ -1,13 +1,12 @@
 //! The step tests of the source: 1 m and 2 m in x, y and z, `raw` against `modified`.
 //!
 //! The error of a step is the mean of |truth - command| along the stepped axis over the
-//! [`WINDOW_S`] after the command jumps: the response itself and the hold that follows. The source
-//! does not state its window; the ratio of two versions does not depend on it much, the absolute
-//! figure is inversely proportional to it.
+//! [`WINDOW_S`] after the command jumps: the response itself and the hold that follows. The search for gains goes by it;
+//! `paper` looks at shorter windows as well.
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd};
 
-use haltere_model::lockstep::{Flight, FlightError, Lockstep, Sample, fly, local_item};
+use haltere_model::lockstep::{Flight, FlightError, Lockstep, Sample, World, fly, local_item};
 
 /// Time after a step over which its error is averaged, s.
 pub const WINDOW_S: f64 = 10.0;
@@ -104,8 +103,8 @@ fn mission(centre_NE_m: [f64; 2]) -> Vec<MISSION_ITEM_INT_DATA> {
 }
 
 /// Flies the programme in a world that is ready to take off.
-pub fn fly_steps(
-    world: &mut Lockstep,
+pub fn fly_steps<W: World>(
+    world: &mut Lockstep<W>,
     centre_NE_m: [f64; 2],
 ) -> Result<(Vec<StepScore>, Flight), FlightError> {
     let flight = fly(world, &mission(centre_NE_m), LIMIT_S)?;

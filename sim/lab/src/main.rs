@@ -9,6 +9,7 @@ mod commands;
 mod generator;
 mod lines_of_sight;
 mod outside;
+mod paper;
 mod recorded;
 #[cfg(test)]
 mod recordings;
@@ -51,6 +52,8 @@ enum Command {
     /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
     /// docs/ESTIMATOR_SIM.md.
     Aids(aids::Options),
+    /// The steps of the source in the world of the sealed suite, for `haltere-sim paper --beside`.
+    Paper(paper::Options),
     /// Search PID gains for version `raw`, as the committed ones were found.
     Tune(tune::Options),
 }
@@ -71,6 +74,7 @@ fn main() -> ExitCode {
         Command::Sight(sight) => sight.run(),
         Command::Advise(advise) => advise.run(),
         Command::Aids(options) => aids::run(&options).map(code),
+        Command::Paper(options) => paper::run(&options).map(code),
         Command::Tune(options) => tune::run(&options).map(code),
     };
     match result {

@@ -37,25 +37,31 @@ pub const SOURCE_HALL_M: [f64; 2] = [10.0, 0.9];
 /// One step as flown.
 #[derive(Debug, Clone)]
 pub struct AngleStep {
-    /// Since the lean was set: time s, speed m/s, speed as estimated m/s, way m.
-    pub trace: Vec<[f64; 4]>,
+    /// Since the lean was set: time s, speed m/s, way m.
+    pub trace: Vec<[f64; 3]>,
     /// Speed at the end, m/s.
     pub final_mps: f64,
     /// Flap rate, mean of both wings, half a second after the lean was set and at the end, Hz.
     pub flap_hz: [f64; 2],
-    /// Acceleration over the last half second, m/s².
-    pub late_mps2: f64,
-    /// Share of the hold that fits into the source's hall, 0 to 1.
-    pub fits_frac: f64,
+    /// How many rows of the trace fit into the source's hall.
+    pub fits: usize,
 }
 
 impl AngleStep {
-    /// Times since the lean was set and speeds, once the attitude has arrived; `estimated`: as the
-    /// filter has them.
-    pub fn settled(&self, estimated: bool) -> (Vec<f64>, Vec<f64>) {
-        let column = if estimated { 2 } else { 1 };
-        let rows = self.trace.iter().filter(|row| row[0] >= ARRIVAL_S);
-        rows.map(|row| (row[0], row[column])).unzip()
+    /// What the source could see of it: its hall, and braking in it.
+    pub fn in_hall(&self) -> &[[f64; 3]] {
+        self.trace.get(..self.fits).unwrap_or_default()
+    }
+
+    /// Acceleration over the last half second that the source could see, m/s².
+    pub fn late_mps2(&self) -> f64 {
+        let seen = self.in_hall();
+        let end_s = seen.last().map_or(0.0, |row| row[0]);
+        let late = seen.partition_point(|row| row[0] <= end_s - LATE_S);
+        match seen.get(late..) {
+            Some([first, .., last]) => (last[1] - first[1]) / (last[0] - first[0]),
+            _ => 0.0,
+        }
     }
 }
 
@@ -136,12 +142,11 @@ pub fn fly_step(
         )
     })?;
     let origin = first.truth.pos_E_m;
-    let trace: Vec<[f64; 4]> = held
+    let trace: Vec<[f64; 3]> = held
         .iter()
         .map(|s| {
             let t_s = (s.t_us - first.t_us) as f64 * 1e-6;
-            let way = s.truth.pos_E_m[axis] - origin[axis];
-            [t_s, s.truth.vel_E_mps[axis], s.estimate.vel_E_mps()[axis], way]
+            [t_s, s.truth.vel_E_mps[axis], s.truth.pos_E_m[axis] - origin[axis]]
         })
         .collect();
     let length_s = trace.last().map_or(0.0, |row| row[0]);
@@ -157,20 +162,14 @@ pub fn fly_step(
     let flap =
         |s: &haltere_model::lockstep::Sample| 0.5 * (s.truth.flap_hz[0] + s.truth.flap_hz[1]);
     let early = held.get((LATE_S * 100.0) as usize).unwrap_or(first);
-    let late: Vec<&[f64; 4]> = trace.iter().filter(|row| row[0] > length_s - LATE_S).collect();
-    let late_mps2 = match late[..] {
-        [first, .., last] => (last[1] - first[1]) / (last[0] - first[0]),
-        _ => 0.0,
-    };
     let [source_m, margin_m] = SOURCE_HALL_M;
     let room_m = source_m - 2.0 * margin_m;
     let fits =
-        trace.iter().take_while(|row| row[3] + haltere_pilot::stopping_m(row[1]) < room_m).count();
+        trace.iter().take_while(|row| row[2] + haltere_pilot::stopping_m(row[1]) < room_m).count();
     Ok(Some(AngleStep {
         final_mps: last.iter().sum::<f64>() / last.len() as f64,
         flap_hz: [flap(early), held.last().map_or(0.0, |s| flap(s))],
-        late_mps2,
-        fits_frac: fits as f64 / trace.len() as f64,
+        fits,
         trace,
     }))
 }

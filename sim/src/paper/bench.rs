@@ -1,6 +1,6 @@
 //! What every experiment works with: the configuration, seeds, worlds, missions and the progress bar.
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use rayon::prelude::*;
 
 use haltere::progress::Progress;
@@ -11,10 +11,12 @@ use haltere_model::PlantConfig;
 use haltere_model::lockstep::{Flight, Lockstep, Sample, fly};
 use haltere_pilot::{Action, CONDITIONS, Mode, PilotConfig};
 
+use super::beside::Beside;
+use super::step_tests::{Raw, fly_raw};
 use crate::compare::{CENTRE_NE_M, in_plant};
 use crate::steps::item;
 
-/// First seed; no search was made on it or on those that follow.
+/// First seed unless another is asked for; no search was made on it or on those that follow.
 pub const SEED: u64 = 100;
 /// Setpoints move at once from this speed on: above every velocity limit that is allowed, m/s.
 const JUMP_MPS: f32 = 20.0;
@@ -28,14 +30,38 @@ pub struct Bench {
     pub pilot: PilotConfig,
     /// Repetitions of each experiment, each with a seed of its own.
     pub repetitions: u64,
+    /// Seed of the first.
+    pub seed: u64,
     /// How far everything is, in simulated seconds.
     pub progress: Progress,
+    /// The steps of `raw`, or why there are none.
+    raw: Result<Raw, String>,
+    /// The steps as another world flew them.
+    pub beside: Option<Beside>,
 }
 
 impl Bench {
+    /// Flies the steps of `raw`: the window that they choose serves several experiments.
+    pub fn new(
+        pilot: PilotConfig,
+        [seed, repetitions]: [u64; 2],
+        progress: Progress,
+        beside: Option<Beside>,
+    ) -> Self {
+        let mut bench =
+            Self { pilot, repetitions, seed, progress, raw: Err("not flown".into()), beside };
+        bench.raw = fly_raw(&bench).map_err(|error| format!("{error:#}"));
+        bench
+    }
+
+    /// The steps of `raw`.
+    pub fn raw(&self) -> Result<&Raw> {
+        self.raw.as_ref().map_err(|error| anyhow!("{error}"))
+    }
+
     /// Seeds of the repetitions.
     pub fn seeds(&self) -> impl Iterator<Item = u64> + Clone + use<> {
-        SEED..SEED + self.repetitions
+        self.seed..self.seed + self.repetitions
     }
 
     /// The configuration in one of the two versions.
@@ -62,11 +88,6 @@ impl Bench {
             .collect::<Result<_>>()?;
         let mut flown = flown.into_iter();
         Ok(cases.iter().map(|_| flown.by_ref().take(self.repetitions as usize).collect()).collect())
-    }
-
-    /// Simulated seconds that [`Bench::each`] counts for so many cases.
-    pub fn cost(&self, cases: usize, seconds: f64) -> u64 {
-        cases as u64 * self.repetitions * seconds as u64
     }
 
     /// Flies a plan in any plant.
@@ -118,15 +139,10 @@ impl Plan {
         let mut settle = item(MavCmd::MAV_CMD_NAV_WAYPOINT, at([0.0, 0.0, height_m]));
         settle.param1 = 4.0;
         plan.items.push(settle);
-        plan.speed(None);
-        plan
-    }
-
-    /// Speed of the setpoint on the legs that follow, m/s; `None`: it jumps.
-    pub fn speed(&mut self, mps: Option<f64>) {
         let mut speed = item(MavCmd::MAV_CMD_DO_CHANGE_SPEED, [0.0; 3]);
-        speed.param2 = mps.map_or(JUMP_MPS, |v| v as f32);
-        self.items.push(speed);
+        speed.param2 = JUMP_MPS;
+        plan.items.push(speed);
+        plan
     }
 
     /// Setpoint to a place (north, east of the middle, height, m) at once, for a time, s. The number
@@ -135,14 +151,6 @@ impl Plan {
         let mut point = item(MavCmd::MAV_CMD_NAV_WAYPOINT, at(place_m));
         point.param1 = hold_s as f32;
         point.param2 = AT_ONCE_M;
-        self.items.push(point);
-        self.items.len() - 1
-    }
-
-    /// Along a line to a place; it counts as reached within half a metre.
-    pub fn go(&mut self, place_m: [f64; 3]) -> usize {
-        let mut point = item(MavCmd::MAV_CMD_NAV_WAYPOINT, at(place_m));
-        point.param2 = 0.5;
         self.items.push(point);
         self.items.len() - 1
     }
@@ -166,10 +174,4 @@ pub fn leg(flight: &Flight, number: usize) -> &[Sample] {
     let start = flight.samples.partition_point(|s| of(s) < number + 1);
     let end = flight.samples.partition_point(|s| of(s) <= number + 1);
     &flight.samples[start..end]
-}
-
-/// Time of samples from the first one on, s.
-pub fn since_s(samples: &[Sample], sample: &Sample) -> f64 {
-    let start_us = samples.first().map_or(sample.t_us, |s| s.t_us);
-    (sample.t_us as f64 - start_us as f64) * 1e-6
 }

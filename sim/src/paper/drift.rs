@@ -12,7 +12,8 @@ use haltere_core::control::Version;
 use haltere_model::PlantConfig;
 
 use super::bench::Bench;
-use super::results::{Cell, Figure, Row, Section, Spread, Table};
+use super::results::{Cell, Claim, Figure, Line, Row, Section, Sense, Spread, Table};
+use super::source;
 use super::standing::{Measurement, Standing};
 
 /// How long it stands, s.
@@ -29,9 +30,9 @@ const BIASES: [[f64; 2]; 3] = [[0.3, 0.0], [0.3, 0.003], [0.3, 0.01]];
 const USUAL: usize = 1;
 const PLOT_PX: [f64; 2] = [540.0, 220.0];
 
-/// Simulated seconds.
-pub fn cost(bench: &Bench) -> u64 {
-    bench.cost(BIASES.len(), STAND_S)
+/// Simulated seconds of a repetition.
+pub fn seconds() -> u64 {
+    BIASES.len() as u64 * STAND_S as u64
 }
 
 /// Roll and pitch over time: s, rad.
@@ -117,8 +118,27 @@ pub fn run(bench: &Bench) -> Result<Section> {
             alone / settled(&s[0], axis)
         });
         let what = format!("error in {name}, best setting on IMU alone over filter with UWB");
-        section.rows.push(Row::new(what, "", 2, Spread::of(best)));
+        let row = Row::new(what, "", 2, Spread::of(best), source::DRIFT, Sense::More);
+        let unbiased = stood[0].iter().map(|s| {
+            let alone = s[1..].iter().map(|a| settled(a, axis)).fold(f64::INFINITY, f64::min);
+            alone / settled(&s[0], axis)
+        });
+        let gyroscope =
+            stood[USUAL].iter().map(|s| settled(&s[TAU_S.len()], axis) / settled(&s[0], axis));
+        section.rows.push(
+            row.tried("no bias of the gyroscope", Spread::of(unbiased).mean)
+                .tried("the gyroscope alone", Spread::of(gyroscope).mean),
+        );
     }
+    section.lines.push(Line::new(
+        Claim::of(&section.rows),
+        format!(
+            "Section 4, standing: the best complementary filter is off by {} times (roll, pitch) what the filter with UWB is, \
+             which is {:.1}\u{b0} and not zero.",
+            section.rows.iter().map(|r| r.ours.text(1)).collect::<Vec<_>>().join(" and "),
+            (of(USUAL, 0, 0).mean + of(USUAL, 0, 1).mean) / 2.0
+        ),
+    ));
     let mut columns = vec![String::new()];
     for [acc, gyro] in BIASES {
         columns.push(format!("roll; {acc} m/s\u{b2}, {gyro} rad/s"));

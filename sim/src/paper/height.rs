@@ -5,63 +5,60 @@
 
 use anyhow::{Context, Result, bail};
 use haltere::report::svg::{Mark, Plot, Series, Tone};
+use haltere::report::verdict::Check;
 use haltere_core::control::{ControlConfig, Version};
 use haltere_model::PlantConfig;
-use haltere_model::lockstep::{Flight, Sample};
+use haltere_model::lockstep::Sample;
 
-use super::bench::{Bench, Plan, SEED, leg, since_s};
-use super::results::{Cell, Figure, Row, Section, Spread, Table};
+use super::bench::{Bench, Plan, leg};
+use super::limits::least_height_m;
+use super::results::{Claim, Figure, Line, Row, Section, Sense, Source, Spread};
+use super::source::{MOTIONS, TABLE_2_M};
+use super::table_3::WINDOWS_S;
+use crate::steps::WINDOW_S;
 
 /// Height of all that is not a step in height, m.
 const HEIGHT_M: f64 = 1.2;
-/// Stay at each point, s.
-const STAY_S: f64 = 8.0;
-/// Size of steps, m.
+/// Size of steps along each axis of the motion, m: the smaller of the source's table 3; table 2 states none.
 const STEP_M: f64 = 1.0;
-/// Half the side of the square, m, and the speed along it, m/s.
-const SQUARE_M: f64 = 0.7;
-const SQUARE_MPS: f64 = 0.7;
+/// Where each motion goes, as in [`MOTIONS`]: north, east, up.
+const WAYS: [[f64; 3]; 5] =
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]];
 /// Simulated time of a flight, s.
-const FLIGHT_S: f64 = 75.0;
+const FLIGHT_S: f64 = 125.0;
 /// Charge that the repetitions begin with: over the life of a battery, so that a flight ends before
 /// the critical voltage.
-const CHARGE: [f64; 2] = [1.0, 0.45];
-const MOTIONS: [&str; 5] = ["hover", "step in x", "step in y", "step in z", "square"];
-/// Name, integral action, variable base thrust.
+const CHARGE: [f64; 2] = [1.0, 0.55];
+/// Name, integral action, variable base thrust; in the order of the source.
 const VARIANTS: [(&str, bool, bool); 4] = [
-    ("P, constant", false, false),
-    ("P, variable", false, true),
-    ("PI, constant", true, false),
-    ("PI, variable", true, true),
+    ("constant P", false, false),
+    ("constant PI", true, false),
+    ("variable P", false, true),
+    ("variable PI", true, true),
 ];
-const PLOT_PX: [f64; 2] = [1100.0, 240.0];
+/// The one that the source prefers.
+const PREFERRED: usize = 3;
+/// What was asked of it overall, m.
+const MOST_M: f64 = 0.044;
+/// Motions of figure 8.
+const DRAWN: [usize; 2] = [0, 3];
+const PLOT_PX: [f64; 2] = [540.0, 240.0];
 
-/// Simulated seconds.
-pub fn cost(bench: &Bench) -> u64 {
-    bench.cost(VARIANTS.len(), FLIGHT_S)
+/// Simulated seconds of a repetition.
+pub fn seconds() -> u64 {
+    VARIANTS.len() as u64 * FLIGHT_S as u64
 }
 
-/// Motions of one flight: numbers of the first leg and of the one after the last.
-fn plan() -> (Plan, [[usize; 2]; 5]) {
+/// All motions of one flight, there and back: number of the first leg of each.
+fn plan() -> (Plan, [usize; 5]) {
     let mut plan = Plan::from_height(HEIGHT_M, FLIGHT_S + 30.0);
     let home = [0.0, 0.0, HEIGHT_M];
-    let hover = plan.step(home, STAY_S);
-    let mut spans = [[hover, hover + 1]; 5];
-    for (k, to) in [[STEP_M, 0.0, HEIGHT_M], [0.0, STEP_M, HEIGHT_M], [0.0, 0.0, HEIGHT_M + STEP_M]]
-        .into_iter()
-        .enumerate()
-    {
-        let first = plan.step(to, STAY_S);
-        plan.step(home, STAY_S);
-        spans[k + 1] = [first, first + 2];
-    }
-    plan.speed(Some(SQUARE_MPS));
-    let first = plan.go([SQUARE_M, SQUARE_M, HEIGHT_M]);
-    for [n, e] in [[1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]] {
-        plan.go([n * SQUARE_M, e * SQUARE_M, HEIGHT_M]);
-    }
-    spans[4] = [first, first + 4];
-    (plan.land(), spans)
+    let firsts = WAYS.map(|[north, east, up]| {
+        let first = plan.step([STEP_M * north, STEP_M * east, HEIGHT_M + STEP_M * up], WINDOW_S);
+        plan.step(home, WINDOW_S);
+        first
+    });
+    (plan.land(), firsts)
 }
 
 fn control(bench: &Bench, integral: bool, variable: bool) -> ControlConfig {
@@ -74,117 +71,231 @@ fn control(bench: &Bench, integral: bool, variable: bool) -> ControlConfig {
     control
 }
 
-fn motion(flight: &Flight, [from, to]: [usize; 2]) -> &[Sample] {
-    let (first, last) = (leg(flight, from), leg(flight, to - 1));
-    let start = flight.samples.partition_point(|s| first.first().is_none_or(|f| s.t_us < f.t_us));
-    let end = flight.samples.partition_point(|s| last.last().is_some_and(|l| s.t_us <= l.t_us));
-    flight.samples.get(start..end).unwrap_or_default()
+/// Height over the command, m.
+fn error_m(sample: &Sample) -> Option<f64> {
+    Some(-(sample.truth.pos_E_m.z() - sample.control.pos_setpoint_E_m[2]?))
 }
 
-fn height_error_m(sample: &Sample) -> Option<f64> {
-    Some(-(sample.truth.pos_E_m.z() - sample.control.pos_setpoint_E_m[2]?))
+/// What a flight shows: mean absolute error and standard deviation of the error by motion, and of all, m; and the heights
+/// of the steps out of [`DRAWN`].
+struct Heights {
+    scores: [[f64; 2]; 6],
+    drawn: [Vec<f64>; 2],
+}
+
+fn score(errors: &[f64]) -> [f64; 2] {
+    let n = errors.len() as f64;
+    let mean = errors.iter().sum::<f64>() / n;
+    let var = errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / n;
+    [errors.iter().map(|e| e.abs()).sum::<f64>() / n, var.sqrt()]
 }
 
 /// Runs it.
 pub fn run(bench: &Bench) -> Result<Section> {
-    let (plan, spans) = plan();
+    let window_s = WINDOWS_S[bench.raw()?.window];
+    let count = window_s * 100;
+    let (plan, firsts) = plan();
     let step = (CHARGE[1] - CHARGE[0]) / (bench.repetitions.max(2) - 1) as f64;
     let flown = bench.each(&VARIANTS, FLIGHT_S, |(name, integral, variable), seed| {
         let mut plant = PlantConfig::hall(seed);
-        plant.vehicle.battery.charge_frac = CHARGE[0] + step * (seed - SEED) as f64;
+        plant.vehicle.battery.charge_frac = CHARGE[0] + step * (seed - bench.seed) as f64;
         let flight = bench.fly_in(plant, &control(bench, *integral, *variable), &plan)?;
-        let mut mae_m = [0.0; 5];
-        for (error_m, span) in mae_m.iter_mut().zip(spans) {
-            let errors: Vec<f64> =
-                motion(&flight, span).iter().filter_map(height_error_m).map(f64::abs).collect();
-            if errors.is_empty() {
-                bail!("{name}, seed {seed}: a motion is missing; {:?}", flight.texts.last());
+        let mut errors: Vec<Vec<f64>> = Vec::new();
+        let mut drawn = [Vec::new(), Vec::new()];
+        for (motion, first) in firsts.into_iter().enumerate() {
+            let mut of = Vec::new();
+            for number in [first, first + 1] {
+                let samples = leg(&flight, number).get(..count).with_context(|| {
+                    format!(
+                        "{name}, seed {seed}: motion {} is missing; {:?}",
+                        MOTIONS[motion],
+                        flight.texts.last()
+                    )
+                })?;
+                of.extend(samples.iter().filter_map(error_m));
+                if let Some(k) = DRAWN.iter().position(|d| *d == motion && number == first) {
+                    drawn[k] = samples.iter().map(|s| -s.truth.pos_E_m.z()).collect();
+                }
             }
-            *error_m = errors.iter().sum::<f64>() / errors.len() as f64;
+            if of.len() < 2 * count {
+                bail!("{name}, seed {seed}: motion {} has no command of height", MOTIONS[motion]);
+            }
+            errors.push(of);
         }
-        let keep = seed == SEED + bench.repetitions - 1;
-        Ok((mae_m, keep.then_some(flight)))
+        let mut scores = [[0.0; 2]; 6];
+        for (score_m, errors) in scores.iter_mut().zip(&errors) {
+            *score_m = score(errors);
+        }
+        scores[5] = score(&errors.concat());
+        Ok(Heights { scores, drawn })
     })?;
-    let of = |variant: usize, motion: usize| Spread::of(flown[variant].iter().map(|f| f.0[motion]));
+    let of = |variant: usize, motion: usize, which: usize| {
+        Spread::of(flown[variant].iter().map(|f| f.scores[motion][which]))
+    };
     let mut section = Section {
         method: format!(
-            "Which five motions the source flew is not available to us; taken: hover, steps of {STEP_M:.0} m out \
-             and back in x, y and z, a square at {SQUARE_MPS} m/s. Mean |truth \u{2212} command| of the height \
-             over each motion. Repetitions begin at charges from {:.0} down to {:.0} %, so that the spread is \
-             that over the life of a battery. Constant base thrust is that of 7.4 V.",
+            "Steps of {STEP_M:.0} m out and back along each axis of the motion. Mean |truth \u{2212} command| of the height and \
+             standard deviation of truth \u{2212} command, over the {window_s} s from each jump on that table 3 chose. \
+             Repetitions begin at charges from {:.0} down to {:.0} %, so that the spread is that over the life of a battery. \
+             Constant base thrust is that of 7.4 V.",
             100.0 * CHARGE[0],
             100.0 * CHARGE[1]
         ),
         ..Section::default()
     };
-    section.tables.push(Table {
-        title: "Table 2: mean absolute error of the height, m".into(),
-        columns: std::iter::once("height control, base thrust")
-            .chain(MOTIONS)
-            .map(String::from)
-            .collect(),
-        rows: VARIANTS
-            .iter()
-            .enumerate()
-            .map(|(v, (name, ..))| {
-                std::iter::once(Cell::from(*name))
-                    .chain((0..MOTIONS.len()).map(|m| Cell::Spread(of(v, m), 3)))
-                    .collect()
-            })
-            .collect(),
-        note: String::new(),
-    });
-    for (what, pair) in [
-        ("P control: constant over variable base thrust", [0, 1]),
-        ("PI control: constant over variable base thrust", [2, 3]),
-        ("variable base thrust: P over PI control", [1, 3]),
-    ] {
-        let ratio = (0..MOTIONS.len()).map(|m| of(pair[0], m).mean / of(pair[1], m).mean);
-        let mean = ratio.sum::<f64>() / MOTIONS.len() as f64;
-        let each = (0..bench.repetitions as usize).map(|i| {
-            let sum = |v: usize| flown[v][i].0.iter().sum::<f64>();
-            sum(pair[0]) / sum(pair[1])
-        });
-        let mut row = Row::new(format!("height error, {what}"), "", 2, Spread::of(each));
-        row.decimals = if mean > 10.0 { 1 } else { 2 };
-        section.rows.push(row);
+    let control = &bench.pilot.control;
+    for (variant, (name, ..)) in VARIANTS.into_iter().enumerate() {
+        // What is left where no step in height was asked for.
+        let rest_m = 0.5 * (of(variant, 0, 0).mean + of(variant, 1, 0).mean);
+        let least = least_height_m(control, STEP_M, window_s as f64, rest_m);
+        for (motion, cells) in TABLE_2_M[variant].iter().enumerate() {
+            for (which, quantity) in ["mean", "std. dev."].into_iter().enumerate() {
+                let on = MOTIONS.get(motion).copied().unwrap_or("overall");
+                let source = Source::number(cells[which], "table 2");
+                let what = format!("{name}, {on}, {quantity}");
+                let ours = of(variant, motion, which);
+                let mut row = Row::new(what, "m", 3, ours, source, Sense::Less);
+                for (battery, flight) in
+                    [("full", flown[variant].first()), ("emptiest", flown[variant].last())]
+                {
+                    if let Some(flight) = flight {
+                        row = row.tried(
+                            format!("the {battery} battery alone"),
+                            flight.scores[motion][which],
+                        );
+                    }
+                }
+                let of_steps = match (motion, which) {
+                    (0 | 1, _) => None,
+                    (2..=4, _) => Some(least[which]),
+                    // Of five motions three step in height.
+                    (_, 0) => Some(0.4 * rest_m + 0.6 * least[0]),
+                    _ => Some(0.6f64.sqrt() * least[1]),
+                };
+                row.limit = of_steps.map(|at| {
+                    (
+                        format!(
+                            "full and least thrust, and {rest_m:.3} m left without a step in height"
+                        ),
+                        at,
+                    )
+                });
+                section.rows.push(row);
+            }
+        }
     }
-    let tones = [Tone::Command, Tone::Family(3), Tone::Family(1), Tone::Estimate];
-    let kept: Vec<&Flight> = flown.iter().filter_map(|f| f.last()?.1.as_ref()).collect();
-    let first = kept.first().context("no flight was kept")?;
-    let whole = |flight: &Flight| -> Vec<Sample> {
-        motion(flight, [spans[0][0], spans[4][1]]).iter().step_by(4).copied().collect()
+    let best_in = |of: &dyn Fn(usize, usize) -> f64| {
+        let best =
+            |m: &usize| VARIANTS.iter().enumerate().all(|(v, _)| of(v, *m) >= of(PREFERRED, *m));
+        (0..MOTIONS.len()).filter(best).count()
     };
-    let reference = whole(first);
-    let mut series = vec![Series {
-        name: "command".into(),
-        tone: Tone::Truth,
-        mark: Mark::Dashed,
-        points: reference
-            .iter()
-            .map(|s| {
-                let z = s.control.pos_setpoint_E_m[2].map_or(f64::NAN, |z| -z);
-                [since_s(&reference, s), z]
-            })
-            .collect(),
-    }];
-    for ((flight, (name, ..)), tone) in kept.iter().zip(VARIANTS).zip(tones) {
-        let samples = whole(flight);
-        let points = samples.iter().map(|s| [since_s(&samples, s), -s.truth.pos_E_m.z()]).collect();
-        series.push(Series { name: name.into(), tone, mark: Mark::Line, points });
+    let ours = best_in(&|v, m| of(v, m, 0).mean);
+    let theirs = best_in(&|v, m| TABLE_2_M[v][m][0]);
+    let mut row = Row::new(
+        "motions of five in which variable PI has the least mean",
+        "",
+        0,
+        Spread::of([ours as f64]),
+        Source::number(theirs as f64, "table 2"),
+        Sense::More,
+    );
+    for (k, _) in bench.seeds().enumerate() {
+        let alone = best_in(&|v, m| flown[v][k].scores[m][0]);
+        row = row.tried(format!("battery {} of the repetitions alone", k + 1), alone as f64);
     }
-    section.figures.push(Figure {
-        name: "Figure 8",
-        caption: "Height over the five motions with the emptiest battery of the repetitions."
-            .into(),
-        plots: vec![Plot {
-            title: "Height".into(),
-            x_label: "s".into(),
-            y_label: "m".into(),
-            series,
-            size_px: PLOT_PX,
-            ..Plot::default()
-        }],
-    });
+    section.rows.push(row);
+    let overall: Vec<f64> = (0..VARIANTS.len()).map(|v| of(v, MOTIONS.len(), 0).mean).collect();
+    let lowest = overall.iter().all(|o| *o >= overall[PREFERRED]);
+    section.targets.push(Check::at_most(
+        "variable PI, height overall",
+        Some(overall[PREFERRED]),
+        MOST_M,
+        "m",
+    ));
+    section.targets.push(Check::that(
+        "variable PI is the lowest overall",
+        lowest,
+        overall.iter().map(|o| format!("{o:.3}")).collect::<Vec<_>>().join(", "),
+    ));
+    let level = of(PREFERRED, 0, 0).mean;
+    let climb = of(PREFERRED, 2, 0).mean;
+    section.lines.push(Line::new(
+        match (lowest, overall[PREFERRED] <= MOST_M) {
+            (true, true) => Claim::Reproduced,
+            (false, false) => Claim::NotReproduced,
+            _ => Claim::Partly,
+        },
+        format!(
+            "Table 2, variable PI: overall {:.3} m (0.044), {} of the four, least in {ours} of 5 motions ({theirs}); height \
+             held in X {level:.3} m (0.049), stepped in Z {climb:.3} m (0.060).",
+            overall[PREFERRED],
+            if lowest { "least" } else { "not least" },
+        ),
+    ));
+    section.figures.push(figure(&flown));
     Ok(section)
+}
+
+/// Figure 8: height after the step out, mean of the repetitions.
+fn figure(flown: &[Vec<Heights>]) -> Figure {
+    let tones = [Tone::Command, Tone::Family(1), Tone::Family(3), Tone::Estimate];
+    let plots = DRAWN
+        .into_iter()
+        .enumerate()
+        .map(|(k, motion)| {
+            let mut series = vec![Series {
+                name: "command".into(),
+                tone: Tone::Truth,
+                mark: Mark::Dashed,
+                points: [0.0, WINDOW_S].map(|t| [t, HEIGHT_M + STEP_M * WAYS[motion][2]]).to_vec(),
+            }];
+            for ((flights, (name, ..)), tone) in flown.iter().zip(VARIANTS).zip(tones) {
+                let length = flights.iter().map(|f| f.drawn[k].len()).min().unwrap_or(0);
+                let mean = |i: usize| {
+                    flights.iter().map(|f| f.drawn[k][i]).sum::<f64>() / flights.len() as f64
+                };
+                series.push(Series {
+                    name: name.into(),
+                    tone,
+                    mark: Mark::Line,
+                    points: (0..length).step_by(4).map(|i| [i as f64 * 0.01, mean(i)]).collect(),
+                });
+            }
+            Plot {
+                title: format!("Height, {} motion", MOTIONS[motion]),
+                x_label: "s".into(),
+                y_label: "m".into(),
+                series,
+                size_px: PLOT_PX,
+                least_height: 0.2,
+                x_range: None,
+                ..Plot::default()
+            }
+        })
+        .collect();
+    Figure {
+        name: "Figure 8",
+        caption: "Height after the step out, mean of the repetitions.".into(),
+        plots,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The source's overall means are those of its motions.
+    #[test]
+    fn val_overall_of_the_source_is_the_mean_of_its_motions() {
+        for row in TABLE_2_M {
+            let mean = row[..5].iter().map(|c| c[0]).sum::<f64>() / 5.0;
+            assert!((mean - row[5][0]).abs() < 0.0011, "{mean} {}", row[5][0]);
+        }
+    }
+
+    #[test]
+    fn val_mean_and_deviation() {
+        assert_eq!(score(&[1.0, -1.0, 1.0, -1.0]), [1.0, 1.0]);
+        assert_eq!(score(&[0.5, 0.5]), [0.5, 0.0]);
+    }
 }

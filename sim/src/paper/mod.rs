@@ -1,15 +1,19 @@
 //! `haltere-sim paper`: every experiment of the source in lockstep, ours beside its numbers.
 //!
 //! One list, [`EXPERIMENTS`], drives what is run, printed, drawn and accepted by `--only`. Each
-//! experiment is a file of its own; `results` says what they give, `source` holds the source's numbers.
+//! experiment is a file of its own; `results` says what they give, `source` holds the source's numbers. The steps of
+//! `raw` are flown first: the window that they choose serves tables 2 and 3.
 
 mod angle_steps;
 mod bench;
+pub mod beside;
 mod contributions;
+mod document;
 mod drift;
 mod extrapolation;
 mod ground;
 mod height;
+mod limits;
 mod noise;
 mod page;
 mod print;
@@ -18,10 +22,12 @@ mod shapes;
 pub mod source;
 mod standing;
 mod step_tests;
+pub mod table_3;
 #[cfg(test)]
 mod tests;
 mod thrust;
 mod two_vehicles;
+mod worlds;
 
 use std::path::{Path, PathBuf};
 
@@ -34,7 +40,8 @@ use rayon::prelude::*;
 
 use crate::compare::pilot_config;
 use bench::Bench;
-use results::Section;
+use beside::Beside;
+use results::{Line, Section};
 
 /// `haltere-sim paper`
 #[derive(Debug, clap::Args)]
@@ -48,6 +55,9 @@ pub struct Options {
     /// Repetitions of each, each with a seed of its own; five as in the source.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=1000))]
     repetitions: u64,
+    /// Seed of the first repetition: the others follow it.
+    #[arg(long, default_value_t = bench::SEED)]
+    seed: u64,
     /// Threads; all cores when not given.
     #[arg(long)]
     threads: Option<usize>,
@@ -58,6 +68,12 @@ pub struct Options {
     /// Change one key, as for the companion.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Table 3 in another world, as `haltere-lab paper FILE` writes it, in a column of its own.
+    #[arg(long, value_name = "FILE")]
+    beside: Option<PathBuf>,
+    /// Also write the summary and every number as a document.
+    #[arg(long, value_name = "FILE")]
+    doc: Option<PathBuf>,
     /// Print JSON instead of tables.
     #[arg(long)]
     json: bool,
@@ -72,8 +88,8 @@ pub struct Experiment {
     number: &'static str,
     /// Heading.
     title: &'static str,
-    /// Simulated seconds that it takes, for the progress bar.
-    cost: fn(&Bench) -> u64,
+    /// Simulated seconds that a repetition takes, for the progress bar.
+    seconds: fn() -> u64,
     run: fn(&Bench) -> Result<Section>,
 }
 
@@ -83,70 +99,70 @@ static EXPERIMENTS: &[Experiment] = &[
         name: "noise",
         number: "1",
         title: "Standing at the origin, constant and variable UWB noise (figure 3)",
-        cost: noise::cost,
+        seconds: noise::seconds,
         run: noise::run,
     },
     Experiment {
         name: "drift",
         number: "1b",
         title: "Standing still: attitude with UWB and on the IMU alone",
-        cost: drift::cost,
+        seconds: drift::seconds,
         run: drift::run,
     },
     Experiment {
         name: "shapes",
         number: "2",
         title: "Path shapes (section 4)",
-        cost: shapes::cost,
+        seconds: shapes::seconds,
         run: shapes::run,
     },
     Experiment {
         name: "extrapolation",
         number: "3",
         title: "Final speed extrapolated from a part of the data (table 1, figures 4 and 5)",
-        cost: extrapolation::cost,
+        seconds: extrapolation::seconds,
         run: extrapolation::run,
     },
     Experiment {
         name: "laws",
         number: "4",
         title: "The exponential law for two vehicles (figure 6)",
-        cost: two_vehicles::cost,
+        seconds: two_vehicles::seconds,
         run: two_vehicles::run,
     },
     Experiment {
         name: "thrust",
         number: "5",
         title: "Throttle against battery voltage (figure 7)",
-        cost: thrust::cost,
+        seconds: thrust::seconds,
         run: thrust::run,
     },
     Experiment {
         name: "height",
         number: "6",
         title: "P and PI height control, constant and variable base thrust (table 2, figure 8)",
-        cost: height::cost,
+        seconds: height::seconds,
         run: height::run,
     },
     Experiment {
         name: "ground",
         number: "7",
         title: "Ground effect (figure 9, equation 7)",
-        cost: ground::cost,
+        seconds: ground::seconds,
         run: ground::run,
     },
     Experiment {
         name: "steps",
         number: "8",
         title: "Steps, raw against modified (table 3, figure 10)",
-        cost: step_tests::cost,
+        seconds: step_tests::seconds,
         run: step_tests::run,
     },
     Experiment {
         name: "contributions",
         number: "9",
         title: "What each enhancement contributes alone (beyond the source)",
-        cost: contributions::cost,
+        seconds: contributions::seconds,
         run: contributions::run,
     },
 ];
@@ -166,6 +182,11 @@ pub struct Outcome {
     section: Result<Section, String>,
 }
 
+/// The lines of the summary, in the order of the experiments.
+fn summary(outcomes: &[Outcome]) -> Vec<&Line> {
+    outcomes.iter().filter_map(|o| o.section.as_ref().ok()).flat_map(|s| &s.lines).collect()
+}
+
 /// Runs experiments side by side.
 fn run_all(experiments: &[&'static Experiment], bench: &Bench) -> Vec<Outcome> {
     experiments
@@ -182,7 +203,7 @@ fn run_all(experiments: &[&'static Experiment], bench: &Bench) -> Vec<Outcome> {
 const SOURCE_FILTER: &str = "estimator.board_vertical.fuse=false";
 
 /// The configuration that is flown; who gives one, whole or by keys, is taken at his word.
-fn pilot(file: Option<&Path>, set: &[String]) -> Result<PilotConfig> {
+pub fn pilot(file: Option<&Path>, set: &[String]) -> Result<PilotConfig> {
     let own = file.is_none().then(|| SOURCE_FILTER.to_owned());
     let keys: Vec<String> = own.into_iter().chain(set.iter().cloned()).collect();
     pilot_config(file, &keys)
@@ -194,9 +215,13 @@ const JSON: &str = "paper.json";
 
 /// Runs, prints, writes the report. `false`: a target is missed or an experiment failed.
 pub fn run(options: &Options) -> Result<bool> {
-    let inputs: Vec<&PathBuf> = options.config.iter().collect();
+    let inputs: Vec<&PathBuf> = options.config.iter().chain(&options.beside).collect();
     haltere_log::written::look_all(&options.directory, &[PAGE, JSON], &inputs)?;
+    if let Some(path) = &options.doc {
+        haltere_log::written::look(path, &inputs)?;
+    }
     let pilot = pilot(options.config.as_deref(), &options.set)?;
+    let beside = options.beside.as_deref().map(Beside::read).transpose()?;
     let chosen: Vec<&'static Experiment> = EXPERIMENTS
         .iter()
         .filter(|e| options.only.is_empty() || options.only.iter().any(|o| o.name == e.name))
@@ -205,9 +230,6 @@ pub fn run(options: &Options) -> Result<bool> {
     std::fs::create_dir_all(directory).with_context(|| {
         format!("{}: cannot be made a folder for the report", directory.display())
     })?;
-    let mut bench = Bench { pilot, repetitions: options.repetitions, progress: Progress::silent() };
-    let due = chosen.iter().map(|e| (e.cost)(&bench)).sum();
-    bench.progress = Progress::counted("s of flight", 0, due);
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = options.threads {
         if threads == 0 {
@@ -215,15 +237,23 @@ pub fn run(options: &Options) -> Result<bool> {
         }
         pool = pool.num_threads(threads);
     }
-    let outcomes = pool.build()?.install(|| run_all(&chosen, &bench));
-    bench.progress.end();
-    let took_s = bench.progress.seconds();
-    let about =
-        About { repetitions: options.repetitions, flown_s: due, took_s, changed: &options.set };
+    let repetitions = options.repetitions;
+    let flown_s = due(&chosen, repetitions);
+    let progress = Progress::counted("s of flight", 0, flown_s);
+    let (outcomes, progress) = pool.build()?.install(|| {
+        let bench = Bench::new(pilot, [options.seed, repetitions], progress, beside);
+        (run_all(&chosen, &bench), bench.progress)
+    });
+    progress.end();
+    let took_s = progress.seconds();
+    let about = About { repetitions, flown_s, took_s, changed: &options.set };
     let json = print::json(&outcomes, &about);
     let page = directory.join(PAGE);
     write(&page, &page::render(&outcomes, &about))?;
     write(&directory.join(JSON), &serde_json::to_string_pretty(&json)?)?;
+    if let Some(path) = &options.doc {
+        write(path, &document::render(&outcomes, &about))?;
+    }
     if options.json {
         say(&format!("{json}\n"))?;
     } else {
@@ -232,6 +262,12 @@ pub fn run(options: &Options) -> Result<bool> {
         say(&format!("\n{flown_s} s of flight in {took_s:.0} s; report: {}\n", page.display()))?;
     }
     Ok(outcomes.iter().all(|o| o.section.as_ref().is_ok_and(|s| all_passed(&s.targets))))
+}
+
+/// Simulated seconds of experiments and of the steps that they share.
+fn due(experiments: &[&'static Experiment], repetitions: u64) -> u64 {
+    let own: u64 = experiments.iter().map(|e| repetitions * (e.seconds)()).sum();
+    own + step_tests::cost_of_raw(repetitions)
 }
 
 /// How the whole run was made.

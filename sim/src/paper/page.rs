@@ -4,12 +4,12 @@
 use std::fmt::Write as _;
 
 use haltere::report::html;
-use haltere::report::svg::escape;
+use haltere::report::svg::{Mark, Plot, Series, Tone, escape};
 use haltere::report::verdict::all_passed;
 
-use super::print::unit;
-use super::results::{CREDIT, Cell, Section, Verdict};
-use super::{About, Outcome};
+use super::print::{HEAD, OTHER, OTHER_AT, WORDS, cells};
+use super::results::{CREDIT, Cell, Claim, Row, Section, Verdict};
+use super::{About, Outcome, summary};
 
 /// Style of what only this page has.
 const STYLE: &str = "h2{margin-top:44px;font-size:18px;border-top:2px solid var(--rule);padding-top:14px}\
@@ -33,6 +33,9 @@ fn prose(text: &str) -> String {
 
 /// Words of a cell that are longer than this are set as words, not as a number.
 const LONG: usize = 24;
+
+/// A table of fewer numbers needs no drawing.
+const LEAST_DOTS: usize = 4;
 
 /// The whole page.
 pub fn render(outcomes: &[Outcome], about: &About<'_>) -> String {
@@ -59,16 +62,21 @@ pub fn render(outcomes: &[Outcome], about: &About<'_>) -> String {
             format!("; changed: {}", escape(&about.changed.join(", ")))
         }
     );
-    let _ = write!(
-        page,
-        "<p>Source: González, de Croon, Olejnik, Karásek, <i>Position controller for a flapping-wing drone using \
-         UWB</i>, IMAV 2021. Its full text is not available to us; numbers of it that we have are named with \
-         their place, all others are said to be missing. Ours are means \u{b1} standard deviation over \
-         repetitions. A difference counts as explained only by a run or a calculation in this very report that \
-         closes {:.0} to {:.0} % of it with one thing changed; otherwise it says so.</p><nav>",
-        100.0 * CREDIT[0],
-        100.0 * CREDIT[1]
-    );
+    let _ = write!(page, "<p>{}</p><table><tbody>", escape(&about_rows()));
+    for line in summary(outcomes) {
+        let class = match line.claim {
+            Claim::Reproduced | Claim::Better => "good",
+            Claim::Partly | Claim::NotFlown => "none",
+            Claim::NotReproduced => "bad",
+        };
+        let _ = write!(
+            page,
+            "<tr><td class=\"{class}\">{}</td><td>{}</td></tr>",
+            line.claim.word(),
+            prose(&line.text)
+        );
+    }
+    page.push_str("</tbody></table><nav>");
     for Outcome { experiment, .. } in outcomes {
         let _ = write!(
             page,
@@ -79,7 +87,6 @@ pub fn render(outcomes: &[Outcome], about: &About<'_>) -> String {
         );
     }
     page.push_str("</nav>");
-    summary(&mut page, outcomes);
     for Outcome { experiment, section } in outcomes {
         let _ = write!(
             page,
@@ -99,80 +106,87 @@ pub fn render(outcomes: &[Outcome], about: &About<'_>) -> String {
     html::close(page)
 }
 
-/// Every number that the source has, at one glance.
-fn summary(page: &mut String, outcomes: &[Outcome]) {
-    let rows: Vec<_> = outcomes
-        .iter()
-        .filter_map(|o| Some((o.experiment, o.section.as_ref().ok()?)))
-        .flat_map(|(e, s)| s.rows.iter().map(move |r| (e, r)))
-        .filter(|(_, r)| r.source.is_some())
-        .collect();
-    if rows.is_empty() {
-        return;
-    }
-    page.push_str(
-        "<h3>Where the source has a number</h3><table><thead><tr><th></th><th>Quantity</th>\
-         <th class=\"n\">Ours</th><th class=\"n\">Source</th><th class=\"n\">Difference</th><th></th></tr>\
-         </thead><tbody>",
-    );
-    for (experiment, row) in rows {
-        let (class, word) = match row.verdict() {
-            Verdict::Agrees => ("good", "agrees"),
-            Verdict::Explained(_) => ("none", "differs, explained"),
-            Verdict::NotExplained => ("bad", "differs, not explained"),
-            Verdict::NotAvailable => ("none", ""),
-        };
-        let _ = write!(
-            page,
-            "<tr><td><a href=\"#{}\">{}</a></td><td>{}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
-             <td class=\"n\">{}</td><td class=\"{class}\">{word}</td></tr>",
-            experiment.name,
-            experiment.number,
-            escape(&row.what),
-            unit(row.unit),
-            row.ours.text(row.decimals),
-            row.source_text(),
-            row.difference_text(),
-        );
-    }
-    page.push_str("</tbody></table>");
+/// What the rows are.
+pub fn about_rows() -> String {
+    format!(
+        "Source: Gonz\u{e1}lez, de Croon, Olejnik, Kar\u{e1}sek, Position controller for a flapping-wing drone using UWB, IMAV 2021. \
+         Ours are means \u{b1} standard deviation over repetitions; ratio: ours over the source's, or over the nearer end of its \
+         range. A difference counts as explained only by a run or a calculation in this very report that closes {:.0} to {:.0} % \
+         of it with one thing changed, and as beyond a limit only where what the limit leaves at best is still worse than the \
+         source's number.",
+        100.0 * CREDIT[0],
+        100.0 * CREDIT[1]
+    )
 }
 
-/// Ours beside the source's, or alone where it has no number that we know.
+/// Ours beside the source's.
 fn rows(page: &mut String, section: &Section) {
     if section.rows.is_empty() {
         return;
     }
-    let compared = section.rows.iter().any(|r| r.source.is_some());
-    page.push_str("<table><thead><tr><th>Quantity</th><th class=\"n\">Ours</th>");
-    page.push_str(if compared {
-        "<th class=\"n\">Source</th><th>Place</th><th class=\"n\">Difference</th>\
-         <th>Why, as far as checked</th>"
-    } else {
-        "<th class=\"n\">Source</th>"
-    });
-    page.push_str("</tr></thead><tbody>");
+    let others = section.rows.iter().any(|r| r.other.is_some());
+    let mut head = HEAD.to_vec();
+    if others {
+        head.insert(OTHER_AT, OTHER);
+    }
+    page.push_str("<table><thead><tr>");
+    for name in &head {
+        let class = if WORDS.contains(name) { "" } else { " class=\"n\"" };
+        let _ = write!(page, "<th{class}>{name}</th>");
+    }
+    page.push_str("<th>place</th></tr></thead><tbody>");
     for row in &section.rows {
-        let _ = write!(
-            page,
-            "<tr><td>{}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>",
-            escape(&row.what),
-            unit(row.unit),
-            row.ours.text(row.decimals),
-            row.source_text(),
-        );
-        if compared {
-            let _ = write!(
-                page,
-                "<td>{}</td><td class=\"n\">{}</td><td class=\"why\">{}</td>",
-                row.source.map_or("", |s| s.origin),
-                row.difference_text(),
-                prose(&row.why_text())
-            );
+        page.push_str("<tr>");
+        for (name, cell) in head.iter().zip(cells(row, others)) {
+            let class = match *name {
+                "" => "",
+                "verdict" => match row.verdict() {
+                    Verdict::Agrees | Verdict::Better => "good",
+                    Verdict::Explained(_) | Verdict::BeyondLimit => "none",
+                    Verdict::NotExplained => "bad",
+                },
+                name if WORDS.contains(&name) => "why",
+                _ => "n",
+            };
+            let _ = write!(page, "<td class=\"{class}\">{}</td>", prose(&cell));
         }
-        page.push_str("</tr>");
+        let _ = write!(page, "<td>{}</td></tr>", row.source.origin);
     }
     page.push_str("</tbody></table>");
+    if let Some(plot) = against(section) {
+        let _ = write!(page, "<div class=\"two\">{}</div>", plot.render());
+    }
+}
+
+/// Every row of one unit as a dot, ours over the source's, and the line on which both are equal.
+fn against(section: &Section) -> Option<Plot> {
+    let single = |r: &&Row| r.source.range[0] == r.source.range[1];
+    let mut series = Vec::new();
+    let mut most = 0.0f64;
+    for (unit, tone) in [("m", Tone::Estimate), ("m/s", Tone::Command)] {
+        let of = section.rows.iter().filter(single).filter(|r| r.unit == unit);
+        let points: Vec<[f64; 2]> = of.map(|r| [r.source.range[0], r.ours.mean]).collect();
+        if points.len() >= LEAST_DOTS {
+            most = points.iter().map(|p| p[0]).fold(most, f64::max);
+            series.push(Series { name: unit.into(), tone, mark: Mark::Dots, points });
+        }
+    }
+    (!series.is_empty()).then(|| {
+        series.push(Series {
+            name: "equal".into(),
+            tone: Tone::Truth,
+            mark: Mark::Dashed,
+            points: vec![[0.0, 0.0], [most, most]],
+        });
+        Plot {
+            title: "Every cell".into(),
+            x_label: "source".into(),
+            y_label: "ours".into(),
+            series,
+            size_px: [540.0, 300.0],
+            ..Plot::default()
+        }
+    })
 }
 
 fn draw(page: &mut String, section: &Section) {

@@ -5,15 +5,20 @@ use std::fmt::Write as _;
 use haltere::report::verdict::Verdict as CheckVerdict;
 use serde_json::{Value, json};
 
-use super::results::{Cell, Section, Table, Verdict};
-use super::{About, Outcome};
+use super::results::{Cell, Row, Section, Table};
+use super::{About, Outcome, summary};
 
+/// Columns that hold words, set to the left.
+pub const WORDS: [&str; 2] = [HEAD[4], HEAD[5]];
 /// Points that a drawn series keeps in JSON.
 const POINTS: usize = 200;
 
-/// Everything as text.
+/// Everything as text, the summary first.
 pub fn text(outcomes: &[Outcome]) -> String {
     let mut out = String::new();
+    for line in summary(outcomes) {
+        let _ = writeln!(out, "{:<15} {}", line.claim.word(), line.text);
+    }
     for Outcome { experiment, section } in outcomes {
         let _ = writeln!(out, "\n{} {}", experiment.number, experiment.title);
         match section {
@@ -28,16 +33,12 @@ pub fn text(outcomes: &[Outcome]) -> String {
 
 fn section_text(out: &mut String, section: &Section) {
     if !section.rows.is_empty() {
-        let rows = section.rows.iter().map(|row| {
-            vec![
-                format!("{}{}", row.what, unit(row.unit)),
-                row.ours.text(row.decimals),
-                row.source_text(),
-                row.difference_text(),
-                row.why_text(),
-            ]
-        });
-        let head = ["", "ours", "source", "difference", ""].map(String::from).to_vec();
+        let mut head = HEAD.map(String::from).to_vec();
+        let others = section.rows.iter().any(|row| row.other.is_some());
+        if others {
+            head.insert(OTHER_AT, OTHER.into());
+        }
+        let rows = section.rows.iter().map(|row| cells(row, others));
         columns(out, std::iter::once(head).chain(rows).collect());
     }
     for Table { title, columns: names, rows, .. } in &section.tables {
@@ -59,6 +60,30 @@ fn section_text(out: &mut String, section: &Section) {
     }
 }
 
+/// Heads of the columns of rows.
+pub const HEAD: [&str; 6] = ["", "source", "ours", "ratio", "verdict", "why, as far as checked"];
+/// Of the other world, and its place among them.
+pub const OTHER: &str = "other world";
+/// See [`OTHER`].
+pub const OTHER_AT: usize = 3;
+
+/// A row under these heads; `others`: with the other world.
+pub fn cells(row: &Row, others: bool) -> Vec<String> {
+    let mut cells = vec![
+        format!("{}{}", row.what, unit(row.unit)),
+        row.source_text(),
+        row.ours.text(row.decimals),
+        format!("{:.2}", row.ratio()),
+        row.verdict().word().into(),
+        row.why_text(),
+    ];
+    if others {
+        let other = row.other.as_ref().map_or_else(String::new, |o| o.text(row.decimals));
+        cells.insert(OTHER_AT, other);
+    }
+    cells
+}
+
 /// A unit behind a name.
 pub fn unit(unit: &str) -> String {
     if unit.is_empty() { String::new() } else { format!(", {unit}") }
@@ -73,7 +98,8 @@ fn columns(out: &mut String, rows: Vec<Vec<String>>) {
         let mut line = String::from("   ");
         for (k, (cell, width)) in row.iter().zip(&widths).enumerate() {
             let pad = " ".repeat(width - cell.chars().count());
-            let _ = if k == 0 || k == 4 && count == 5 {
+            let words = rows.first().is_some_and(|head| WORDS.contains(&head[k].as_str()));
+            let _ = if k == 0 || words {
                 write!(line, " {cell}{pad} ")
             } else {
                 write!(line, " {pad}{cell} ")
@@ -90,6 +116,10 @@ pub fn json(outcomes: &[Outcome], about: &About<'_>) -> Value {
         "flown_s": about.flown_s,
         "took_s": about.took_s,
         "changed": about.changed,
+        "summary": summary(outcomes).iter().map(|l| json!({
+            "claim": l.claim.word(),
+            "text": l.text,
+        })).collect::<Vec<_>>(),
         "experiments": outcomes.iter().map(outcome_json).collect::<Vec<_>>(),
     })
 }
@@ -121,13 +151,10 @@ fn section_json(section: &Section) -> Value {
             "unit": row.unit,
             "ours": row.ours,
             "source": row.source,
-            "difference": row.source.map(|s| s.difference(row.ours.mean)),
-            "verdict": match row.verdict() {
-                Verdict::NotAvailable => "source not available",
-                Verdict::Agrees => "agrees",
-                Verdict::Explained(_) => "explained",
-                Verdict::NotExplained => "not explained",
-            },
+            "ratio": row.ratio(),
+            "other": row.other,
+            "verdict": row.verdict().word(),
+            "limit": row.limit.as_ref().map(|(what, at)| json!({ "what": what, "value": at })),
             "trials": row.trials.iter().map(|t| json!({
                 "change": t.change,
                 "value": t.value,

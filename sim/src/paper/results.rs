@@ -60,9 +60,14 @@ impl Source {
         Self { range: [value, value], origin }
     }
 
+    /// The number of it that is nearest to ours.
+    pub fn nearest(&self, ours: f64) -> f64 {
+        ours.clamp(self.range[0], self.range[1])
+    }
+
     /// How far a number is from it; 0 inside the range.
     pub fn difference(&self, ours: f64) -> f64 {
-        ours - ours.clamp(self.range[0], self.range[1])
+        ours - self.nearest(ours)
     }
 }
 
@@ -73,6 +78,17 @@ pub struct Trial {
     pub change: String,
     /// What came out.
     pub value: f64,
+}
+
+/// Which way a number of ours is better.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sense {
+    /// Neither: it should be the source's.
+    Equal,
+    /// An error.
+    Less,
+    /// A gain.
+    More,
 }
 
 /// Our number beside the source's.
@@ -86,35 +102,67 @@ pub struct Row {
     pub decimals: usize,
     /// Our number over the repetitions.
     pub ours: Spread,
-    /// The source's; `None`: not available to us.
-    pub source: Option<Source>,
+    /// The source's.
+    pub source: Source,
+    /// Which way ours would be better.
+    pub sense: Sense,
     /// What was tried to explain the difference.
     pub trials: Vec<Trial>,
+    /// The same quantity as a limit leaves it at best, and which limit that is.
+    pub limit: Option<(String, f64)>,
+    /// The same in the other world, where that was flown.
+    pub other: Option<Spread>,
 }
 
 /// What a row says of its difference.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Verdict {
-    /// The source's number is not available to us.
-    NotAvailable,
     /// Within a tenth of the source's number, or within our own spread.
     Agrees,
+    /// On the good side of it.
+    Better,
+    /// Not reached, and a limit does not let it be.
+    BeyondLimit,
     /// Trials that close the difference, and how much of it.
     Explained(Vec<(String, f64)>),
     /// None does.
     NotExplained,
 }
 
-impl Row {
-    /// A row; trials and source are added by hand.
-    pub fn new(what: impl Into<String>, unit: &'static str, decimals: usize, ours: Spread) -> Self {
-        Self { what: what.into(), unit, decimals, ours, source: None, trials: Vec::new() }
+impl Verdict {
+    /// For people.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Verdict::Agrees => "agrees",
+            Verdict::Better => "better",
+            Verdict::BeyondLimit => "beyond a limit",
+            Verdict::Explained(_) => "differs, explained",
+            Verdict::NotExplained => "differs, not explained",
+        }
     }
+}
 
-    /// With the source's number.
-    pub fn beside(mut self, source: Source) -> Self {
-        self.source = Some(source);
-        self
+impl Row {
+    /// A row; trials and limit are added by hand.
+    pub fn new(
+        what: impl Into<String>,
+        unit: &'static str,
+        decimals: usize,
+        ours: Spread,
+        source: Source,
+        sense: Sense,
+    ) -> Self {
+        Self {
+            what: what.into(),
+            unit,
+            decimals,
+            ours,
+            source,
+            sense,
+            trials: Vec::new(),
+            limit: None,
+            other: None,
+        }
     }
 
     /// With something that was tried.
@@ -125,19 +173,37 @@ impl Row {
 
     /// Share of the difference that a trial closes; more than 1 overshoots.
     pub fn closes(&self, trial: &Trial) -> Option<f64> {
-        let source = self.source?;
-        let before = source.difference(self.ours.mean);
-        let edge = self.ours.mean - before;
-        (before != 0.0).then(|| (self.ours.mean - trial.value) / (self.ours.mean - edge))
+        let difference = self.source.difference(self.ours.mean);
+        (difference != 0.0).then(|| (self.ours.mean - trial.value) / difference)
+    }
+
+    /// Whether ours is where the source has it, or on the good side of it.
+    pub fn reached(&self) -> bool {
+        matches!(self.verdict(), Verdict::Agrees | Verdict::Better)
     }
 
     /// What the difference comes to.
     pub fn verdict(&self) -> Verdict {
-        let Some(source) = self.source else { return Verdict::NotAvailable };
-        let difference = source.difference(self.ours.mean).abs();
-        let scale = source.range[0].abs().max(source.range[1].abs());
-        if difference <= (SAME * scale).max(self.ours.std.unwrap_or(0.0)) {
+        let difference = self.source.difference(self.ours.mean);
+        let scale = self.source.nearest(self.ours.mean).abs();
+        if difference.abs() <= (SAME * scale).max(self.ours.std.unwrap_or(0.0)) {
             return Verdict::Agrees;
+        }
+        let better = match self.sense {
+            Sense::Equal => false,
+            Sense::Less => difference < 0.0,
+            Sense::More => difference > 0.0,
+        };
+        if better {
+            return Verdict::Better;
+        }
+        // A limit that ours beats is none.
+        let short_of = |at: f64| match self.sense {
+            Sense::Less | Sense::Equal => self.source.difference(at) > 0.0 && self.ours.mean >= at,
+            Sense::More => self.source.difference(at) < 0.0 && self.ours.mean <= at,
+        };
+        if self.limit.as_ref().is_some_and(|(_, at)| short_of(*at)) {
+            return Verdict::BeyondLimit;
         }
         let credited: Vec<(String, f64)> = self
             .trials
@@ -148,31 +214,22 @@ impl Row {
         if credited.is_empty() { Verdict::NotExplained } else { Verdict::Explained(credited) }
     }
 
-    /// Difference and its share of the source's number, as text.
-    pub fn difference_text(&self) -> String {
-        let Some(source) = self.source else { return "\u{2013}".into() };
-        let difference = source.difference(self.ours.mean);
-        if difference == 0.0 {
-            return "inside".into();
-        }
-        let decimals = self.decimals;
-        let edge = self.ours.mean - difference;
-        format!("{difference:+.decimals$} ({:+.0} %)", 100.0 * difference / edge.abs())
+    /// Ours over the source's; over the nearer end of a range.
+    pub fn ratio(&self) -> f64 {
+        self.ours.mean / self.source.nearest(self.ours.mean)
     }
 
     /// The source's number as text.
     pub fn source_text(&self) -> String {
         let decimals = self.decimals;
-        match self.source {
-            None => "not available to us".into(),
-            Some(Source { range: [low, high], .. }) if low == high => format!("{low:.decimals$}"),
-            Some(Source { range: [low, high], .. }) => {
-                format!("{low:.decimals$} to {high:.decimals$}")
-            }
+        match self.source.range {
+            [low, high] if low == high => format!("{low:.decimals$}"),
+            [low, f64::INFINITY] => format!("above {low:.decimals$}"),
+            [low, high] => format!("{low:.decimals$} to {high:.decimals$}"),
         }
     }
 
-    /// Why it is believed to differ.
+    /// Why it is believed to differ; nothing where it does not.
     pub fn why_text(&self) -> String {
         let trial = |change: &str, share: f64| {
             let value =
@@ -180,23 +237,84 @@ impl Row {
             format!("{change}: {value:.*}, closes {:.0} %", self.decimals, 100.0 * share)
         };
         match self.verdict() {
-            Verdict::NotAvailable => String::new(),
-            Verdict::Agrees => "agrees: within a tenth or our spread".into(),
+            Verdict::Agrees | Verdict::Better => String::new(),
+            Verdict::BeyondLimit => self.limit.as_ref().map_or_else(String::new, |(limit, at)| {
+                format!("{limit}: {at:.*} at best", self.decimals)
+            }),
             Verdict::Explained(credited) => credited
                 .iter()
                 .map(|(change, share)| trial(change, *share))
                 .collect::<Vec<_>>()
                 .join("; "),
-            Verdict::NotExplained if self.trials.is_empty() => "not explained".into(),
-            Verdict::NotExplained => format!(
-                "not explained; tried {}",
-                self.trials
-                    .iter()
-                    .map(|t| trial(&t.change, self.closes(t).unwrap_or(0.0)))
-                    .collect::<Vec<_>>()
-                    .join("; ")
-            ),
+            Verdict::NotExplained => {
+                let closes = |t: &Trial| self.closes(t).unwrap_or(0.0);
+                let some = self.trials.iter().filter(|t| closes(t) >= SAME);
+                let some: Vec<String> = some.map(|t| trial(&t.change, closes(t))).collect();
+                match (self.trials.len(), some.is_empty()) {
+                    (0, _) => "nothing tried".into(),
+                    (tried, true) => format!("none of {tried} trials closes a tenth of it"),
+                    (tried, false) => format!("of {tried} trials: {}", some.join("; ")),
+                }
+            }
         }
+    }
+}
+
+/// How a claim of the source stands here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Claim {
+    /// Ours says the same.
+    Reproduced,
+    /// Ours is on the good side of it.
+    Better,
+    /// A part of it.
+    Partly,
+    /// Ours says something else.
+    NotReproduced,
+    /// Nothing was flown for it.
+    NotFlown,
+}
+
+impl Claim {
+    /// Of several rows: what all of them come to.
+    pub fn of<'a>(rows: impl IntoIterator<Item = &'a Row>) -> Self {
+        let verdicts: Vec<Verdict> = rows.into_iter().map(Row::verdict).collect();
+        let count = |of: &[Verdict]| verdicts.iter().filter(|v| of.contains(v)).count();
+        let (agrees, better) = (count(&[Verdict::Agrees]), count(&[Verdict::Better]));
+        match verdicts.len() {
+            0 => Self::NotFlown,
+            all if better + agrees == all && better > agrees => Self::Better,
+            all if better + agrees == all => Self::Reproduced,
+            _ if better + agrees > 0 => Self::Partly,
+            _ => Self::NotReproduced,
+        }
+    }
+
+    /// For people.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Reproduced => "reproduced",
+            Self::Better => "better",
+            Self::Partly => "in part",
+            Self::NotReproduced => "not reproduced",
+            Self::NotFlown => "not flown",
+        }
+    }
+}
+
+/// A line of the summary.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Line {
+    /// How the claim stands.
+    pub claim: Claim,
+    /// The claim, and what ours is.
+    pub text: String,
+}
+
+impl Line {
+    /// A line.
+    pub fn new(claim: Claim, text: impl Into<String>) -> Self {
+        Self { claim, text: text.into() }
     }
 }
 
@@ -254,6 +372,8 @@ pub struct Figure {
 pub struct Section {
     /// How it was done, and where that had to be chosen.
     pub method: String,
+    /// Its lines of the summary.
+    pub lines: Vec<Line>,
     /// Ours beside the source's.
     pub rows: Vec<Row>,
     /// Tables.
@@ -271,39 +391,56 @@ mod tests {
     use super::*;
 
     fn row(ours: &[f64], source: Source) -> Row {
-        Row::new("a", "m", 3, Spread::of(ours.iter().copied())).beside(source)
+        Row::new("a", "m", 3, Spread::of(ours.iter().copied()), source, Sense::Less)
     }
 
     #[test]
-    fn prop_only_a_trial_that_closes_the_difference_explains_it() {
+    fn prop_only_a_trial_or_a_limit_explains_a_difference() {
         let source = Source::number(0.10, "table 0");
         let apart = row(&[0.19, 0.20, 0.21], source);
         assert_eq!(apart.verdict(), Verdict::NotExplained);
-        assert_eq!(apart.why_text(), "not explained");
+        assert_eq!(apart.why_text(), "nothing tried");
         let tried = apart.clone().tried("less wind", 0.18);
         assert_eq!(tried.verdict(), Verdict::NotExplained);
-        assert!(
-            tried.why_text().starts_with("not explained; tried less wind"),
-            "{}",
-            tried.why_text()
-        );
+        assert!(tried.why_text().starts_with("of 1 trials: less wind"), "{}", tried.why_text());
         let wrong_way = apart.clone().tried("more wind", 0.30);
         assert_eq!(wrong_way.verdict(), Verdict::NotExplained);
-        let found = apart.tried("no wind", 0.12);
+        assert_eq!(wrong_way.why_text(), "none of 1 trials closes a tenth of it");
+        let found = apart.clone().tried("no wind", 0.12);
         assert!(matches!(found.verdict(), Verdict::Explained(_)));
         assert!(found.why_text().contains("closes 80 %"), "{}", found.why_text());
+        let limited = |at| Row { limit: Some(("full thrust".into(), at)), ..apart.clone() };
+        assert_eq!(limited(0.11).verdict(), Verdict::BeyondLimit);
+        assert_eq!(limited(0.09).verdict(), Verdict::NotExplained);
         assert_eq!(row(&[0.105, 0.104], source).verdict(), Verdict::Agrees);
+    }
+
+    #[test]
+    fn prop_what_is_better_depends_on_the_sense() {
+        let half = row(&[0.05], Source::number(0.10, "table 0"));
+        assert_eq!((half.verdict(), half.ratio()), (Verdict::Better, 0.5));
+        for sense in [Sense::More, Sense::Equal] {
+            let other = Row { sense, ..half.clone() };
+            assert_eq!((other.verdict(), other.reached()), (Verdict::NotExplained, false));
+        }
+        let twice = row(&[0.2], Source::number(0.10, "table 0"));
+        assert_eq!(Claim::of([&half, &half]), Claim::Better);
+        assert_eq!(Claim::of([&half, &twice]), Claim::Partly);
+        assert_eq!(Claim::of([&twice]), Claim::NotReproduced);
+        assert_eq!(Claim::of([]), Claim::NotFlown);
     }
 
     #[test]
     fn prop_a_range_is_left_at_its_nearer_end() {
         let range = Source { range: [0.08, 0.10], origin: "section 4" };
         assert_eq!(range.difference(0.09), 0.0);
-        let below = row(&[0.02], range);
+        let below = Row { sense: Sense::Equal, ..row(&[0.02], range) };
         assert!((range.difference(0.02) + 0.06).abs() < 1e-12);
-        assert_eq!(below.difference_text(), "-0.060 (-75 %)");
+        assert_eq!(below.ratio(), 0.25);
         let half = below.tried("worse radio", 0.05);
         assert!((half.closes(&half.trials[0]).unwrap() - 0.5).abs() < 1e-9);
+        let open = row(&[0.5], Source { range: [1.0, f64::INFINITY], origin: "section 4" });
+        assert_eq!((open.source_text(), open.ratio()), ("above 1.000".into(), 0.5));
     }
 
     #[test]
