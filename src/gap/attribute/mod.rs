@@ -17,6 +17,7 @@ mod library;
 mod linear;
 mod open_set;
 mod pairs;
+mod rungs;
 mod surrogate;
 mod teachers;
 mod theta;
@@ -33,6 +34,7 @@ use serde::{Deserialize, Serialize};
 
 use self::blocks::Groups;
 use self::library::{Library, Part};
+pub use self::rungs::Rungs;
 use self::teachers::Teachers;
 use self::trials::Limits;
 use crate::bank::{Bank, BankError};
