@@ -234,7 +234,8 @@ impl Attributor {
         order.sort_by(|a, b| posterior[*b].total_cmp(&posterior[*a]));
         let mut sum = 0.0;
         for (k, effect) in order.into_iter().enumerate() {
-            if k > 1 && sum >= self.settings.coverage {
+            let ruled_out = posterior[effect] < ambiguity::RULED_OUT;
+            if k > 1 && (ruled_out || sum >= self.settings.coverage) {
                 break;
             }
             sum += posterior[effect];
