@@ -12,6 +12,7 @@ use super::{
     gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_diagnose, gap_missions,
     gap_observe, gap_shrink, vehicles,
 };
+pub use gap_attribute::read as observed_flights;
 pub use gap_diagnose::diagnose;
 use haltere_core::checks::Problems;
 use haltere_gap::bank::{LEAST_DRAWS, LEAST_NULLS};

@@ -57,7 +57,7 @@ impl Attribute {
 
 /// Flights with statistics: the other fields, and the statistics. Lines without any are passed over: the names,
 /// flights that could not be observed.
-fn read(path: &Path) -> anyhow::Result<Vec<(Value, Vec<f64>)>> {
+pub fn read(path: &Path) -> anyhow::Result<Vec<(Value, Vec<f64>)>> {
     let place = || path.display().to_string();
     let file = std::fs::File::open(path).with_context(place)?;
     let mut flights = Vec::new();

@@ -138,7 +138,7 @@ impl Diagnose {
         let mut diagnosis = session.judge();
         diagnosis.made_with.log_sha256 = hash_of(first);
         diagnosis.truth = truth;
-        if !others.is_empty() && !diagnosis.effects.is_empty() {
+        if !others.is_empty() {
             self.shrink(&session, &mut diagnosis)?;
         }
         if self.report.is_some() || self.json {
@@ -255,15 +255,22 @@ impl Diagnose {
                 anyhow::bail!("{}: no held-out flight: {fault}", flown.path.display());
             }
         }
-        let Some(mut named) = explanation(diagnosis) else { return Ok(()) };
         let spec = |id: &str| session.workshop.spec(id);
+        let suspect = || {
+            let first = diagnosis.suspect()?;
+            let effects = vec![(spec(&first.id)?, first.theta.clone())];
+            Some(Explanation { name: first.id.clone(), effects })
+        };
+        let Some(mut named) = explanation(diagnosis).or_else(suspect) else { return Ok(()) };
         let mut rivals: Vec<Explanation> = Vec::new();
         if let Some(attribution) = &diagnosis.attribution {
             rivals.extend(
                 attribution
                     .candidates
                     .iter()
-                    .filter(|c| !diagnosis.set.contains(&c.id) && !c.theta.is_empty())
+                    .filter(|c| {
+                        !diagnosis.set.contains(&c.id) && c.id != named.name && !c.theta.is_empty()
+                    })
                     .take(RIVALS)
                     .filter_map(|c| {
                         let effects = vec![(spec(&c.id)?, c.theta.clone())];
@@ -311,6 +318,7 @@ impl Diagnose {
             wrong: r.wrong_median,
             references: accepted.len(),
         });
+        diagnosis.weigh_held_out(&session.workshop);
         Ok(())
     }
 }
@@ -351,6 +359,9 @@ fn text(d: &Diagnosis) -> String {
     let _ = writeln!(out, "VERDICT     {}", d.verdict);
     for fault in d.faults.iter().chain(&d.remarks) {
         let _ = writeln!(out, "            {fault}");
+    }
+    if let Some(explained) = &d.explained {
+        let _ = writeln!(out, "EXPLAINED   {}", explained.words());
     }
     for line in d.truth.iter().flat_map(BesideTruth::words) {
         let _ = writeln!(out, "TRUTH       {line}");

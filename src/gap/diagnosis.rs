@@ -3,10 +3,11 @@
 use serde::Serialize;
 
 use super::advise::Advice;
-use super::attribute::{Attribution, Attributor};
+use super::attribute::{Attribution, Attributor, Candidate};
 use super::beside_truth::BesideTruth;
+use super::library::whole;
 use super::logs::{Flown, ParameterDifference};
-use super::outcome::{Named, Outcome};
+use super::outcome::{Named, Outcome, Remainder};
 use super::picture::Picture;
 use super::shrink::{medians, scales};
 use super::statistics::{ANCHOR_SLOTS, Observation, observe, specs};
@@ -69,6 +70,8 @@ pub struct Diagnosis {
     pub outcome: &'static str,
     /// The verdict as a sentence.
     pub verdict: String,
+    /// What the best explanation explains and what it leaves; absent without a gap.
+    pub explained: Option<Explained>,
     /// Where, loudest first.
     #[serde(rename = "where")]
     pub places: Vec<Where>,
@@ -107,6 +110,53 @@ pub struct Diagnosis {
     pub attribution: Option<Attribution>,
     #[serde(skip)]
     exit_code: u8,
+}
+
+/// How far the best explanation of a gap goes, whether or not it is believed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Explained {
+    /// Its effects.
+    pub by: Vec<String>,
+    /// Share of the gap that it explains.
+    pub share: f64,
+    /// Share of the gap that the first effect foretells in statistics that its size was not fitted to.
+    pub foretold: f64,
+    /// What is left, and in which block.
+    pub left: Remainder,
+}
+
+impl Explained {
+    fn of(attribution: &Attribution) -> Option<Self> {
+        let outcome = &attribution.outcome;
+        if matches!(outcome, Outcome::NoMaterialGap | Outcome::Fault { .. }) {
+            return None;
+        }
+        let first = attribution.candidates.first()?;
+        let by = match outcome {
+            Outcome::Several { effects } => effects.iter().map(|e| e.id.clone()).collect(),
+            _ => vec![first.id.clone()],
+        };
+        let adequacy = &attribution.adequacy;
+        let left = attribution.remainder.clone();
+        Some(Self { by, share: adequacy.explained, foretold: adequacy.foretold, left })
+    }
+
+    /// For people.
+    pub fn words(&self) -> String {
+        let all = whole();
+        let name = |id: &String| {
+            let spec = all.iter().find(|spec| spec.id == *id);
+            spec.map_or_else(|| id.clone(), |spec| format!("{id} {}", spec.name))
+        };
+        let by: Vec<String> = self.by.iter().map(name).collect();
+        let foretold = if self.by.len() == 1 {
+            format!(", of which {:.2} is foretold from other statistics", self.foretold.max(0.0))
+        } else {
+            String::new()
+        };
+        let by = by.join(" and ");
+        format!("{:.2} of the gap by {by}{foretold}; left {}", self.share, self.left.sentence())
+    }
 }
 
 /// What a verdict hangs on besides the log.
@@ -182,10 +232,80 @@ pub struct ShrinkResult {
     pub references: usize,
 }
 
+/// Least held-out shrink that overrules a refusal: three times what retuning all constants reaches without any effect
+/// (docs/GAP_SCORES.md; judgement).
+const PREDICTS: f64 = 0.3;
+/// Held-out shrink below which a name is taken back: no more than retuned constants reach without any effect (0.09 there).
+const PREDICTS_NOTHING: f64 = 0.1;
+/// Least probability of an effect whose refusal other flights can overrule: it must be the first by far.
+const LIKELY: f64 = 0.5;
+
 impl Diagnosis {
     /// Exit code of `haltere gap diagnose`.
     pub fn exit_code(&self) -> u8 {
         self.exit_code
+    }
+
+    /// The effect whose shrink is measured though the verdict refuses it: other flights may know better.
+    pub fn suspect(&self) -> Option<&Candidate> {
+        let refused = self.outcome == "not_in_library";
+        let first = self.attribution.as_ref().filter(|_| refused)?.candidates.first()?;
+        (first.posterior >= LIKELY && !first.theta.is_empty()).then_some(first)
+    }
+
+    /// Held against flights that the fit did not see: a refused effect that makes the simulator more like them, and no other does so
+    /// more, is named with what it leaves; a name that makes it no more like them is taken back. Nothing is weighed without accepted
+    /// flights of their mission: then the distance holds all that the vehicle differs by.
+    pub fn weigh_held_out(&mut self, workshop: &Workshop) {
+        let (Some(shrink), Some(attribution)) = (&self.shrink, &self.attribution) else { return };
+        let Some(value) = shrink.value.filter(|_| shrink.references > 0) else { return };
+        let singles = shrink.others.iter().filter(|(name, _)| !name.contains('+'));
+        let best = singles.filter_map(|(_, other)| *other).all(|other| other <= value);
+        let predicts = value >= PREDICTS && shrink.low.is_none_or(|low| low > 0.0) && best;
+        let predicts_nothing =
+            value < PREDICTS_NOTHING && shrink.high.is_none_or(|high| high < PREDICTS);
+        let remainder = attribution.remainder.clone();
+        let (outcome, remark) = match (self.suspect(), &attribution.outcome) {
+            (Some(first), _) if predicts => {
+                let effect = Named {
+                    id: first.id.clone(),
+                    probability: first.posterior,
+                    theta: first.theta.clone(),
+                    theta_90: first.theta_90.clone(),
+                };
+                let remark = format!(
+                    "refused on this flight alone; named since it closes {value:.2} of the gap of other flights"
+                );
+                (Outcome::NamedWithRemainder { effect, remainder }, remark)
+            }
+            (None, Outcome::Named { effect } | Outcome::NamedWithRemainder { effect, .. })
+                if predicts_nothing =>
+            {
+                let remark = format!(
+                    "{} was named on this flight alone; taken back since it closes {value:.2} of the gap of other flights",
+                    effect.id
+                );
+                (Outcome::NotInLibrary { remainder }, remark)
+            }
+            _ => return,
+        };
+        self.remarks.push(remark);
+        self.conclude(workshop, &outcome);
+        if let Some(attribution) = &mut self.attribution {
+            attribution.outcome = outcome;
+        }
+    }
+
+    /// The verdict in all its words.
+    fn conclude(&mut self, workshop: &Workshop, outcome: &Outcome) {
+        self.outcome = outcome.key();
+        self.exit_code = outcome.exit_code();
+        self.effects = outcome.effects().iter().map(|e| effect(workshop, e)).collect();
+        self.set = self.effects.iter().map(|e| e.id.clone()).collect();
+        self.verdict = outcome.sentence(|id| {
+            let spec = workshop.spec(id);
+            spec.map_or_else(|| id.to_owned(), |spec| format!("{} {}", spec.id, spec.name))
+        });
     }
 }
 
@@ -212,6 +332,7 @@ pub fn unreadable(log: String, why: String) -> Diagnosis {
         outcome: outcome.key(),
         verdict: outcome.sentence(str::to_owned),
         exit_code: outcome.exit_code(),
+        explained: None,
         places: Vec::new(),
         effects: Vec::new(),
         set: Vec::new(),
@@ -244,6 +365,7 @@ pub fn judge(
         log: flown.path.display().to_string(),
         outcome: "",
         verdict: String::new(),
+        explained: None,
         places: Vec::new(),
         effects: Vec::new(),
         set: Vec::new(),
@@ -270,20 +392,37 @@ pub fn judge(
             let attribution = attributor.attribute(&observation.statistics);
             result.places = places(&attribution, observation, workshop);
             result.not_testable = not_testable(workshop, observation);
-            let outcome = attribution.outcome.clone();
+            let outcome = comparable(&attribution, references, seen, workshop);
             result.ladder = ladder(&attribution);
+            result.explained = Explained::of(&attribution);
             result.attribution = Some(attribution);
             outcome
         }
     };
-    result.outcome = outcome.key();
-    result.exit_code = outcome.exit_code();
-    result.effects = outcome.effects().iter().map(|e| effect(workshop, e)).collect();
-    result.set = result.effects.iter().map(|e| e.id.clone()).collect();
-    result.verdict = outcome.sentence(|id| {
-        workshop.spec(id).map_or_else(|| id.to_owned(), |spec| format!("{} {}", spec.id, spec.name))
-    });
+    result.conclude(workshop, &outcome);
     result
+}
+
+/// The outcome of an attribution, unless a refusal says nothing about the library: without accepted flights all that the vehicle
+/// itself differs from the simulator by is a gap, and half a mission differs from a whole one in most statistics.
+fn comparable(
+    attribution: &Attribution,
+    references: usize,
+    seen: &Observed,
+    workshop: &Workshop,
+) -> Outcome {
+    let refused = matches!(attribution.outcome, Outcome::NotInLibrary { .. });
+    let unsure = refused || matches!(attribution.outcome, Outcome::NamedWithRemainder { .. });
+    if refused && !seen.flown.trace.came_as_far_as(workshop.nominal.until_s) {
+        let why = "the mission ended too early to be compared with whole ones; the last events in the log say why";
+        return Outcome::NotTestable { why: why.to_owned() };
+    }
+    if unsure && references == 0 {
+        let why = "no effect makes this flight of the simulated vehicle, and without accepted flights all that this \
+                   vehicle differs by counts as gap: give eight or more of its healthy flights (--reference)";
+        return Outcome::NotTestable { why: why.to_owned() };
+    }
+    attribution.outcome.clone()
 }
 
 /// What the replay came to in one word: which of both differs where another build flew.

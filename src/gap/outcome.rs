@@ -161,7 +161,7 @@ impl Outcome {
                 );
             }
             Outcome::NotInLibrary { remainder } => {
-                let _ = write!(line, ": {}", remainder.sentence());
+                let _ = write!(line, ": the best explanation leaves {}", remainder.sentence());
             }
             Outcome::NotTestable { why } | Outcome::Fault { why } => {
                 let _ = write!(line, ": {why}");

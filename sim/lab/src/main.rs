@@ -43,6 +43,8 @@ enum Command {
     Detectable(cases::detectable::Options),
     /// Scores a sealed suite of flights.
     Blind(commands::blind::Blind),
+    /// Which step of the diagnosis loses the name of flights whose cause is known.
+    Ladder(commands::ladder::Ladder),
     /// Studies of the estimator on recorded UWB flights with motion capture: docs/ESTIMATOR.md.
     Recorded(commands::recorded::Recorded),
     /// Blocked lines of sight in recorded UWB flights with motion capture.
@@ -70,6 +72,7 @@ fn main() -> ExitCode {
         Command::Cases(options) => cases::run(&options).map(code),
         Command::Detectable(options) => cases::detectable::run(&options).map(code),
         Command::Blind(blind) => blind.run(),
+        Command::Ladder(ladder) => ladder.run(),
         Command::Recorded(recorded) => recorded.run(),
         Command::Sight(sight) => sight.run(),
         Command::Advise(advise) => advise.run(),

@@ -89,6 +89,7 @@ impl Outside {
                 log_evidence: f64::NAN,
                 theta: Vec::new(),
                 theta_90: Vec::new(),
+                explained: 0.0,
                 residual_score: f64::NAN,
                 distance: None,
             })
@@ -101,6 +102,7 @@ impl Outside {
             blocks: Vec::new(),
             gate: Gate::default(),
             adequacy: Adequacy { score: self.adequacy, ..Adequacy::default() },
+            remainder: Remainder::default(),
             used: 0,
             unknown: Vec::new(),
         })

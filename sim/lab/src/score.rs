@@ -338,6 +338,7 @@ mod tests {
             log_evidence: 10.0,
             theta: vec![1.0],
             theta_90: vec![[0.5, 1.5]],
+            explained: 0.0,
             residual_score: 0.0,
             distance: None,
         };
@@ -349,6 +350,7 @@ mod tests {
             blocks: vec![],
             gate: Gate::default(),
             adequacy: Adequacy { score: adequacy, limit: 2.0, ..Adequacy::default() },
+            remainder: Remainder::default(),
             used: 10,
             unknown: vec![],
         }

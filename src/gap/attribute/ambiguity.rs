@@ -9,9 +9,9 @@ use super::library::Library;
 
 /// Distance below which two effects are merged, sigma.
 pub(super) const MERGED: f64 = 3.3;
-/// A merged effect less probable than this is ruled out by the flight itself, whatever the
+/// An effect less probable than this is ruled out by the flight itself, whatever the
 /// distance between the signatures.
-const RULED_OUT: f64 = 0.02;
+pub(super) const RULED_OUT: f64 = 0.02;
 
 /// Distance from the signature of `fit` to the closest one of effect `other`.
 pub(super) fn distance(library: &Library, fit: &Fit, other: usize) -> f64 {

@@ -97,6 +97,11 @@ impl Calibration {
         p
     }
 
+    /// Probability of the first among explanations of another kind, best first, at the same temperature.
+    pub fn share_of_first(&self, log_z: &[f64]) -> f64 {
+        cooled(log_z, self.temperature).first().copied().unwrap_or(0.0)
+    }
+
     /// Set that holds the truth as often as asked.
     pub fn set(&self, posterior: &[f64]) -> Vec<usize> {
         let mut order: Vec<usize> = (0..posterior.len()).collect();

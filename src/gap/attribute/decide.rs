@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::ambiguity;
 use super::blocks::Groups;
 use super::evidence::Fit;
+use super::foretold::Foretold;
 use super::library::Library;
 use super::open_set::{features, remainder, score};
 use super::pairs::{self, PairFit};
@@ -16,8 +17,8 @@ use crate::outcome::{Named, Outcome, Remainder};
 
 /// Fewer known statistics than this say nothing.
 const LEAST_STATISTICS: usize = 8;
-/// Share of the gap that an effect must explain to be named beside a remainder.
-const MOSTLY: f64 = 0.9;
+/// More alternatives than this are no answer.
+const MOST_ALTERNATIVES: usize = 4;
 /// Rivals whose distance is computed.
 const RIVALS: usize = 8;
 /// A second effect costs at least `log C(53, 2) - log 53` of choice.
@@ -59,7 +60,12 @@ impl Attributor {
             pair_limit: limits.pair_gain,
             blocks: self.blocks(groups, statistics),
             gate,
-            adequacy: Adequacy { limit: limits.adequate, ..Adequacy::default() },
+            adequacy: Adequacy {
+                limit: limits.adequate,
+                foretold_limit: settings.foretold,
+                ..Adequacy::default()
+            },
+            remainder: Remainder::default(),
             used: width,
             unknown,
         };
@@ -97,6 +103,9 @@ impl Attributor {
         let inadequate = |left| {
             limits.judge.odds(&features(left, case.z.norm_squared(), width)) > limits.adequate
         };
+        // Two pairs as likely as one another are no answer: one effect, or none, is named.
+        let evidence: Vec<f64> = found.iter().map(|p| p.log_z).collect();
+        let sure = limits.calibration.share_of_first(&evidence) >= self.settings.sure;
         let alone = case.fits.first().map(|f| case.library.left(&case.z, f));
         found.into_iter().next().filter(|p| {
             let gain = p.log_z - top;
@@ -104,6 +113,20 @@ impl Attributor {
             gain > LEAST_PAIR_GAIN
                 && (pairs::relative(gain, first) > limits.pair_gain
                     || alone.is_some_and(inadequate) && !inadequate(p.left))
+                && sure
+                && self.each_foretells(case, p)
+        })
+    }
+
+    /// Whether each of two effects foretells what the other leaves.
+    fn each_foretells(&self, case: &Case<'_>, pair: &PairFit) -> bool {
+        [0, 1].into_iter().all(|k| {
+            let [own, other] = [k, 1 - k].map(|k| case.library.effects.get(pair.effects[k]));
+            let Some((own, other)) = own.zip(other) else { return false };
+            let rest = &case.z - other.mean(&other.coordinates(&pair.units[1 - k]));
+            let (unit, h) = (pair.units[k].clone(), own.coordinates(&pair.units[k]));
+            let fit = Fit { effect: pair.effects[k], unit, h, ..Fit::default() };
+            Foretold::new(case.library, &rest, &fit).share() >= self.settings.foretold
         })
     }
 
@@ -137,13 +160,15 @@ impl Attributor {
                 let fit = &case.fits[*k];
                 let named = self.named(library, fit, posterior(fit));
                 let apart = merged.iter().find(|(e, _)| *e == fit.effect);
+                let left = library.left(&case.z, fit).squared;
                 Candidate {
                     id: named.id,
                     posterior: named.probability,
                     log_evidence: fit.log_z - null,
                     theta: named.theta,
                     theta_90: named.theta_90,
-                    residual_score: score(library.left(&case.z, fit).squared, width),
+                    explained: explained(left, &case.z),
+                    residual_score: score(left, width),
                     distance: apart.map(|(_, d)| *d),
                 }
             })
@@ -152,52 +177,76 @@ impl Attributor {
             Some(p) => p.left,
             None => library.left(&case.z, first),
         };
-        let excess = case.z.norm_squared() - width as f64;
-        let left = (what.squared - width as f64).max(0.0);
         let judged = features(what, case.z.norm_squared(), width);
-        result.adequacy.score = self.limits.judge.odds(&judged);
-        result.adequacy.residual = score(what.squared, width);
-        result.adequacy.explained =
-            if excess > 0.0 { (1.0 - left / excess).clamp(0.0, 1.0) } else { 1.0 };
+        let adequacy = &mut result.adequacy;
+        adequacy.score = self.limits.judge.odds(&judged);
+        adequacy.residual = score(what.squared, width);
+        adequacy.explained = explained(what.squared, &case.z);
         if !alarm {
             return;
         }
-        let own = self.named(library, first, posterior(first));
         if pair.is_some() {
-            result.adequacy.limit = self.limits.adequate_pair;
+            adequacy.limit = self.limits.adequate_pair;
         }
-        let adequate = result.adequacy.score <= result.adequacy.limit;
+        let foretold = Foretold::new(library, &case.z, first);
+        adequacy.foretold = foretold.share();
+        let adequate = adequacy.score <= adequacy.limit;
+        let own = self.named(library, first, posterior(first));
+        let sure = own.probability >= self.settings.sure && merged.is_empty();
+        // What an effect foretells overrules what our own world says of it, either way; against a limit its name must be surer.
+        let overrules = own.probability >= self.settings.coverage
+            && adequacy.foretold >= adequacy.foretold_limit;
+        let believed = if adequate { !(sure && foretold.fails()) } else { sure && overrules };
+        let residual = match &pair {
+            Some(p) => p.residual.clone(),
+            None => library.residual(&case.z, first),
+        };
+        let share = 1.0 - adequacy.explained;
+        result.remainder = remainder(library, &residual, share, &self.bank.names, &self.blocks);
+        let rest = || result.remainder.clone();
         result.outcome = match pair {
             Some(p) if adequate => Outcome::Several { effects: self.both(case, &p) },
-            _ if !adequate => {
-                let rest = self.rest(case, first, left, excess, &result.blocks);
-                let mostly = result.adequacy.explained >= MOSTLY;
-                if mostly && own.probability >= self.settings.sure {
-                    Outcome::NamedWithRemainder { effect: own, remainder: rest }
-                } else {
-                    Outcome::NotInLibrary { remainder: rest }
-                }
-            }
-            _ if own.probability >= self.settings.sure && merged.is_empty() => {
-                Outcome::Named { effect: own }
-            }
+            _ if !believed => Outcome::NotInLibrary { remainder: rest() },
+            _ if sure && adequate => Outcome::Named { effect: own },
+            // What the simulator lacks of this vehicle is left by its true cause too.
+            _ if sure => Outcome::NamedWithRemainder { effect: own, remainder: rest() },
             _ => {
-                let mut set = self.limits.calibration.set(&case.posterior);
+                let mut set = self.set(&case.posterior);
                 set.extend(merged.iter().map(|(e, _)| *e));
                 let inside = order.iter().map(|k| &case.fits[*k]);
                 let effects: Vec<Named> = inside
                     .filter(|f| set.contains(&f.effect))
                     .map(|f| self.named(library, f, posterior(f)))
                     .collect();
-                match &effects[..] {
-                    [only] => Outcome::Named { effect: only.clone() },
-                    _ => Outcome::OneOf { effects },
+                if effects.len() > MOST_ALTERNATIVES {
+                    Outcome::NotInLibrary { remainder: rest() }
+                } else {
+                    Outcome::OneOf { effects }
                 }
             }
         };
     }
 
-    fn id(&self, effect: usize) -> String {
+    /// Effects that together are as probable as a set shall be, at least two: one alone is not sure.
+    fn set(&self, posterior: &[f64]) -> Vec<usize> {
+        let mut set = self.limits.calibration.set(posterior);
+        let mut order: Vec<usize> = (0..posterior.len()).collect();
+        order.sort_by(|a, b| posterior[*b].total_cmp(&posterior[*a]));
+        let mut sum = 0.0;
+        for (k, effect) in order.into_iter().enumerate() {
+            let ruled_out = posterior[effect] < ambiguity::RULED_OUT;
+            if k > 1 && (ruled_out || sum >= self.settings.coverage) {
+                break;
+            }
+            sum += posterior[effect];
+            if !set.contains(&effect) {
+                set.push(effect);
+            }
+        }
+        set
+    }
+
+    pub(super) fn id(&self, effect: usize) -> String {
         self.bank.effects.get(effect).map(|e| e.id.clone()).unwrap_or_default()
     }
 
@@ -240,20 +289,6 @@ impl Attributor {
             .to_vec()
     }
 
-    fn rest(
-        &self,
-        case: &Case<'_>,
-        fit: &Fit,
-        left: f64,
-        gap: f64,
-        blocks: &[BlockScore],
-    ) -> Remainder {
-        let mean = case.library.effects.get(fit.effect).map(|s| s.mean(&fit.h));
-        let residual = mean.map_or_else(|| case.z.clone(), |m| &case.z - m);
-        let block = blocks.first().map(|b| b.block.clone()).unwrap_or_default();
-        remainder(case.library, &residual, left, gap, &self.bank.names, block)
-    }
-
     fn blocks(&self, groups: &Groups, statistics: &[f64]) -> Vec<BlockScore> {
         let mut scores: Vec<BlockScore> = groups
             .scores(statistics)
@@ -290,4 +325,11 @@ impl Attributor {
             least.is_some_and(|least| expand(*v).abs() * standard.scale(k) >= *least)
         })
     }
+}
+
+/// Share of the excess of the squared distance of `z` that is not left.
+pub(super) fn explained(left: f64, z: &DVector<f64>) -> f64 {
+    let width = z.len() as f64;
+    let excess = z.norm_squared() - width;
+    if excess > 0.0 { (1.0 - (left - width).max(0.0) / excess).clamp(0.0, 1.0) } else { 1.0 }
 }

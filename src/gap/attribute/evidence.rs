@@ -35,7 +35,7 @@ pub(super) struct Sufficient<'a> {
 }
 
 /// What a flight says about one effect.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Fit {
     /// Place of the effect in the bank.
     pub effect: usize,

@@ -109,6 +109,11 @@ impl Library {
         fits
     }
 
+    /// The flight less what a single explanation does.
+    pub fn residual(&self, z: &DVector<f64>, fit: &Fit) -> DVector<f64> {
+        self.effects.get(fit.effect).map_or_else(|| z.clone(), |s| z - s.mean(&fit.h))
+    }
+
     /// What a single explanation leaves, by the noise at its level.
     pub fn left(&self, z: &DVector<f64>, fit: &Fit) -> Left {
         let Some(s) = self.effects.get(fit.effect) else {
@@ -116,7 +121,7 @@ impl Library {
         };
         let level = s.level(&fit.h);
         let noise = Noise::new(&(&s.spread.0 * level), &(&s.spread.1 * level.sqrt()));
-        let residual = z - s.mean(&fit.h);
+        let residual = self.residual(z, fit);
         Left { squared: noise.squared(&residual), peak: noise.peak(&residual) }
     }
 }

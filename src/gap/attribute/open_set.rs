@@ -4,11 +4,14 @@
 //! of the gap. It learns from held-out flights with their effect in the library and with it taken
 //! out: what the best of the other effects leaves is what an unknown effect looks like.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::library::Library;
 use crate::outcome::Remainder;
+use haltere_model::effects::Block;
 
 /// Statistics that are listed of a remainder, and their least size in sigma.
 const LISTED: usize = 5;
@@ -110,26 +113,37 @@ impl Judge {
     }
 }
 
-/// What sticks out of a residual in single statistics: sigma each, unwhitened so that names mean
-/// something.
+/// What is left of a gap: the block that holds most of it, and what sticks out in single statistics, sigma each, unwhitened
+/// so that names mean something.
+///
+/// Of two blocks with as large a remainder for each of their statistics the one with more of them holds more. `blocks`: of every
+/// statistic of the bank.
 pub(super) fn remainder(
     library: &Library,
     residual: &DVector<f64>,
-    left: f64,
-    gap: f64,
+    share: f64,
     names: &[String],
-    block: String,
+    blocks: &[Block],
 ) -> Remainder {
     let plain = library.whitening.undo(residual);
+    let columns = &library.whitening.standard.columns;
+    let mut held: BTreeMap<Block, f64> = BTreeMap::new();
+    for (v, column) in plain.iter().zip(columns) {
+        if let Some(block) = blocks.get(*column) {
+            // One is what a healthy flight has.
+            *held.entry(*block).or_default() += v * v - 1.0;
+        }
+    }
+    let most = held.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
     let mut sized: Vec<(String, f64)> = plain
         .iter()
-        .zip(&library.whitening.standard.columns)
+        .zip(columns)
         .filter(|(v, _)| v.abs() >= LEAST_LISTED)
         .filter_map(|(v, column)| Some((names.get(*column)?.clone(), *v)))
         .collect();
     sized.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
     sized.truncate(LISTED);
-    let share = if gap > 0.0 { (left / gap).clamp(0.0, 1.0) } else { 0.0 };
+    let block = most.map(|(block, _)| block.name().to_owned()).unwrap_or_default();
     Remainder { share, block, statistics: sized }
 }
 

@@ -35,6 +35,8 @@ pub(super) struct PairFit {
     pub log_z: f64,
     /// What it leaves.
     pub left: Left,
+    /// The same, whitened.
+    pub residual: DVector<f64>,
 }
 
 /// Best pairs, best first; `polished`: how many are fitted jointly.
@@ -121,5 +123,6 @@ fn joint(library: &Library, z: &DVector<f64>, first: &Fit, second: &Fit) -> Pair
     let (ua, ub) = unit.split_at(cut);
     let price = alone(a, &(z - b.mean(&b.coordinates(ub))), effects[0])
         + alone(b, &(z - a.mean(&a.coordinates(ua))), effects[1]);
-    PairFit { effects, units: [ua.to_vec(), ub.to_vec()], log_z: peak - price, left }
+    let units = [ua.to_vec(), ub.to_vec()];
+    PairFit { effects, units, log_z: peak - price, left, residual: rest }
 }

@@ -6,6 +6,7 @@ use crate::axis::Axis;
 use crate::bank::{Bank, Draw, EffectDraws};
 use crate::library::standard;
 use crate::nominal::Nominal;
+use crate::outcome::Remainder;
 use crate::scene::Scene;
 use haltere_core::measure::AnchorId;
 use haltere_log::replay::{Demand, Verdict};
@@ -67,6 +68,7 @@ fn attribution(blocks: &[(&str, f64)]) -> Attribution {
         log_evidence: 10.0,
         theta: vec![0.1],
         theta_90: vec![[0.05, 0.15]],
+        explained: 0.0,
         residual_score,
         distance: None,
     };
@@ -92,6 +94,7 @@ fn attribution(blocks: &[(&str, f64)]) -> Attribution {
             .collect(),
         gate: Gate { distance: 30.0, ..Gate::default() },
         adequacy: Adequacy::default(),
+        remainder: Remainder::default(),
         used: 100,
         unknown: Vec::new(),
     }

@@ -101,6 +101,11 @@ pub fn render(d: &Diagnosis) -> String {
                 adequacy.limit,
             ),
             (
+                "Foretold: share of the gap that the first effect predicts in statistics it was not fitted to, at least",
+                adequacy.foretold,
+                adequacy.foretold_limit,
+            ),
+            (
                 "Second effect: evidence relative to the first",
                 attribution.second_effect().unwrap_or(f64::NAN),
                 attribution.pair_limit,
@@ -161,6 +166,9 @@ fn summary(html: &mut String, d: &Diagnosis) {
         }
     };
     row("Verdict", format!("<b>{}</b>{}", escape(&d.verdict), sizes(d)));
+    if let Some(explained) = &d.explained {
+        row("Explained", escape(&explained.words()));
+    }
     let draws = d.made_with.bank_flights[2];
     if draws > 0 && draws < FULL_DRAWS {
         row(
@@ -456,7 +464,7 @@ fn shrink(html: &mut String, d: &Diagnosis) {
 
 fn candidates(html: &mut String, d: &Diagnosis) {
     let Some(attribution) = &d.attribution else { return };
-    html.push_str("<h2>Candidates</h2><table><tr><th>Effect</th><th class=\"n\">Probability</th><th class=\"n\">Log evidence over none</th><th class=\"n\">Left unexplained</th><th class=\"n\">Held-out shrink</th><th>Why not</th></tr>");
+    html.push_str("<h2>Candidates</h2><table><tr><th>Effect</th><th class=\"n\">Probability</th><th class=\"n\">Log evidence over none</th><th class=\"n\">Explained</th><th class=\"n\">Left unexplained</th><th class=\"n\">Held-out shrink</th><th>Why not</th></tr>");
     let Some(first) = attribution.candidates.first() else { return };
     for (k, c) in attribution.candidates.iter().take(LISTED).enumerate() {
         let shrunk = match &d.shrink {
@@ -466,16 +474,17 @@ fn candidates(html: &mut String, d: &Diagnosis) {
         };
         let _ = write!(
             html,
-            "<tr><td>{}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.1}</td><td class=\"n\">{:.1}</td><td class=\"n\">{}</td><td>{}</td></tr>",
+            "<tr><td>{}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.1}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.1}</td><td class=\"n\">{}</td><td>{}</td></tr>",
             escape(&c.id),
             c.posterior,
             c.log_evidence,
+            c.explained,
             c.residual_score,
             shrunk.map_or("not flown".to_owned(), |v| format!("{v:.2}")),
             escape(&why_not(k, c, first))
         );
     }
-    html.push_str("</table><p class=\"note\">Left unexplained: normal score of the distance that remains, near 0 when nothing does.</p>");
+    html.push_str("</table><p class=\"note\">Explained: share of the gap. Left unexplained: normal score of the distance that remains, near 0 when nothing does.</p>");
 }
 
 /// What speaks against a candidate, in words.

@@ -2,5 +2,6 @@
 
 pub mod advise;
 pub mod blind;
+pub mod ladder;
 pub mod recorded;
 pub mod sight;
