@@ -85,8 +85,8 @@ impl PilotConfig {
     }
 
     /// The filter with the enhancements that `[control]` switches on: version `raw` flies without
-    /// drag term and with constant UWB noise, whatever `[estimator]` says; learned errors of the UWB replace what it says
-    /// of them.
+    /// drag term and with constant UWB noise, whatever `[estimator]` says. Learned errors of the UWB
+    /// replace what it says of them by default; what it was told stays.
     pub fn estimator_in_force(&self) -> EstimatorConfig {
         let on = self.control.enhancements();
         let mut estimator = self.estimator.clone();

@@ -57,8 +57,8 @@ pub struct ControlConfig {
     /// UWB noise that depends on height: set to switch it alone, whatever the version.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub variable_uwb_noise: Option<bool>,
-    /// Errors of the UWB learned by anchor in flight: one set for all rooms in place of what `[estimator]` says of them.
-    /// Off in both versions.
+    /// Errors of the UWB learned by anchor in flight: one set for all rooms. What `[estimator]` says of them otherwise than
+    /// by default stays. Off in both versions.
     pub learned_uwb_errors: bool,
     /// How fast an output fades from its old value to the law's after a switch of a command axis
     /// between position and velocity, and after a handover: time constant. s

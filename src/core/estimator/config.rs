@@ -438,25 +438,33 @@ impl EstimatorConfig {
     /// quality, and an anchor left out that does not fit. Nothing is thrown away: what does not fit keeps the weight that
     /// its tail leaves it, so that a bad start converges. One set for all rooms, from the README of the recordings (white
     /// part 0.05 to 0.09 m, a part that wanders by 0.04 to 0.3 m, one of 0.06 m that stays) and within its ranges by the
-    /// recorded flights (docs/ESTIMATOR.md). With λ of the height its white part is 0.064 m from 1 m on.
-    pub fn learned_uwb_errors(self) -> Self {
-        Self {
-            std_uwb_m: 0.09,
-            uwb_correlation_s: 0.03,
-            gate: GateConfig { sigma: 10.0, tail_sigma: 1.2, reject: false, ..self.gate },
-            anchor_bias: AnchorBias {
-                estimate: true,
-                std_m: 0.08,
-                correlation_s: 8.0,
-                correlation_m: 1.2,
-                level_s: 20.0,
-                constant_std_m: 0.05,
-                ..self.anchor_bias
-            },
-            quality: Quality { learn: true, time_s: 0.6, least: 0.25, ..self.quality },
-            isolation: Isolation { leave_out: true, ..self.isolation },
-            ..self
+    /// recorded flights (docs/ESTIMATOR.md). With λ of the height its white part is 0.064 m from 1 m on. What was told otherwise than
+    /// by default stays.
+    pub fn learned_uwb_errors(mut self) -> Self {
+        let plain = Self::default();
+        macro_rules! unless_told {
+            ($($($key:ident).+ = $value:expr;)+) => {
+                $(if self.$($key).+ == plain.$($key).+ { self.$($key).+ = $value; })+
+            };
         }
+        unless_told! {
+            std_uwb_m = 0.09;
+            uwb_correlation_s = 0.03;
+            gate.sigma = 10.0;
+            gate.tail_sigma = 1.2;
+            gate.reject = false;
+            anchor_bias.estimate = true;
+            anchor_bias.std_m = 0.08;
+            anchor_bias.correlation_s = 8.0;
+            anchor_bias.correlation_m = 1.2;
+            anchor_bias.level_s = 20.0;
+            anchor_bias.constant_std_m = 0.05;
+            quality.learn = true;
+            quality.time_s = 0.6;
+            quality.least = 0.25;
+            isolation.leave_out = true;
+        }
+        self
     }
 
     /// The source's filter as published: constant noise, no drag term, no tails.
