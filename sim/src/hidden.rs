@@ -100,11 +100,11 @@ impl Hidden {
         };
         let spec = standard().into_iter().find(|spec| spec.id == id)?;
         let anchors = scene.survey.ids().len();
-        let drawn = draws(spec, &scene.room, anchors, DRAWS, &mut rng);
+        let drawn = draws(spec, &scene.vehicle, &scene.room, anchors, DRAWS, &mut rng);
         let picked = ((rng.uniform() * DRAWS as f64) as usize).min(DRAWS - 1);
         let strong = ((rng.uniform() * 3.0) as usize).min(2);
         let theta = drawn.get(picked)?;
-        let sizes = axes(spec, &scene.room, anchors).into_iter().zip(theta);
+        let sizes = axes(spec, &scene.vehicle, &scene.room, anchors).into_iter().zip(theta);
         let largest = sizes.filter_map(|(axis, value)| axis.share(*value)).fold(0.0, f64::max);
         let times = if largest > 0.0 { shares[strong] / largest } else { 1.0 };
         let theta = at_share(spec, theta, times);
@@ -146,7 +146,8 @@ mod tests {
             for seed in 0..12 {
                 let hidden = Hidden::draw(Some(id), seed, &scene).unwrap();
                 let spec = hidden.spec.unwrap();
-                let sizes = axes(spec, &scene.room, 8).into_iter().zip(&hidden.theta);
+                let sizes =
+                    axes(spec, &scene.vehicle, &scene.room, 8).into_iter().zip(&hidden.theta);
                 let most = sizes.filter_map(|(axis, v)| axis.share(*v)).fold(0.0, f64::max);
                 assert!(shares.iter().any(|s| (s - most).abs() < 1e-9), "{id} {most} {shares:?}");
                 haltere_model::Plant::new(hidden.within(scene.plant(seed)).unwrap()).unwrap();

@@ -90,7 +90,7 @@ impl Advise {
             },
             [] => anyhow::bail!("no report and no log"),
         };
-        let scene = flown.scene(&self.told.told()?).on_grid();
+        let scene = flown.scene(&self.told.told()?).for_bank(&flown.mission);
         if let Some(path) = &self.flown {
             return self.judge_flown(path, &flown, &scene, &remaining);
         }

@@ -9,15 +9,17 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::print;
+use haltere_core::measure::AnchorId;
 use haltere_gap::attribute::{Attributor, Settings};
 use haltere_gap::bank_file;
+use haltere_gap::places::{Heard, places};
 use haltere_gap::statistics::specs;
 use haltere_model::effects::Block;
 
 /// Attributes flights by their statistics, one JSON object a line, without reading a log again.
 ///
 /// Flights are lines as `haltere gap observe` and `haltere-lab detectable --labelled` write them. Each comes back
-/// with its own fields, the statistics left out, and with what the diagnosis says of it.
+/// with its own fields, the statistics left out, and with what the diagnosis says of it and where.
 #[derive(Debug, Args)]
 pub(super) struct Attribute {
     /// A bank of the same mission (`haltere gap bank`).
@@ -47,12 +49,22 @@ impl Attribute {
         let (references, calibration) = (known(&self.references)?, known(&self.calibration)?);
         let attributor = Attributor::new(&bank, &references, &calibration, &blocks, &settings)?;
         let (rest, flights): (Vec<Value>, Vec<Vec<f64>>) = read(&self.flights)?.into_iter().unzip();
-        for (mut line, attribution) in rest.into_iter().zip(attributor.attribute_all(&flights)) {
+        let judged = attributor.attribute_all(&flights);
+        for ((mut line, statistics), attribution) in rest.into_iter().zip(&flights).zip(judged) {
+            let (worst, surveyed) = (ids(&line["anchors"]), ids(&line["survey"]));
+            let heard = Heard { statistics, worst: &worst, surveyed: &surveyed };
+            line["where"] = json!(places(&attribution, heard, &bank));
             line["attribution"] = json!(attribution);
             print(&(line.to_string() + "\n"))?;
         }
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// Anchors of a line.
+fn ids(list: &Value) -> Vec<AnchorId> {
+    let numbers = list.as_array().into_iter().flatten();
+    numbers.filter_map(|id| Some(AnchorId(u8::try_from(id.as_u64()?).ok()?))).collect()
 }
 
 /// Flights with statistics: the other fields, and the statistics. Lines without any are passed over: the names,

@@ -45,7 +45,7 @@ impl BankCommand {
         let (scene, items) = match &self.log {
             Some(log) => {
                 let flown = logs::read(log)?;
-                (flown.scene(&told).on_grid(), flown.mission)
+                (flown.scene(&told).for_bank(&flown.mission), flown.mission)
             }
             None => {
                 let lab = Scene::lab().map_err(anyhow::Error::new)?;

@@ -20,7 +20,7 @@ use haltere_gap::advise::{Effort, advise};
 use haltere_gap::archive::Shelf;
 use haltere_gap::beside_truth::{BesideTruth, TruePoint, beside_truth};
 use haltere_gap::details::details;
-use haltere_gap::diagnosis::{Advised, Diagnosis, ShrinkResult};
+use haltere_gap::diagnosis::{Advised, Diagnosis, Part, ShrinkResult};
 use haltere_gap::held_out::{Explanation, measure};
 use haltere_gap::picture::picture;
 use haltere_gap::seal::digest;
@@ -368,11 +368,18 @@ fn text(d: &Diagnosis) -> String {
     }
     for place in &d.places {
         let anchor = place.anchor.map_or(String::new(), |a| format!(", anchor {a}"));
+        let (word, likely) = match place.part {
+            Part::Cause => ("WHERE  ", format!(", probability {:.2}", place.probability)),
+            Part::Consequence => ("FOLLOWS", String::new()),
+        };
         let _ = writeln!(
             out,
-            "WHERE       {} ({:.0} sigma{anchor}), loudest {}",
+            "{word}     {} ({:.0} sigma{likely}{anchor}), loudest {}",
             place.block, place.score, place.regime
         );
+    }
+    if !d.exonerated.is_empty() {
+        let _ = writeln!(out, "NOT THERE   {}: replayed bit for bit", d.exonerated.join(", "));
     }
     for effect in &d.effects {
         let _ = writeln!(

@@ -47,6 +47,7 @@ impl Observe {
                             Ok(o) => json!({
                                 "log": path,
                                 "faults": seen.flown.faults,
+                                "survey": seen.flown.trace.survey.ids().iter().map(|id| id.0).collect::<Vec<_>>(),
                                 "anchors": o.anchors.iter().map(|a| a.0).collect::<Vec<_>>(),
                                 // JSON has no NaN: unknown is null.
                                 "statistics": o.statistics,

@@ -14,7 +14,7 @@ use haltere_gap::logs::{self, Flown};
 pub(super) struct References {
     /// Accepted flights of this airframe on the mission of the first log, eight or more: logs, or folders of logs. Of a
     /// folder those that flew the mission of another log here are taken as `--held-out-reference`, others are left
-    /// out, and it is said which. All names that follow are taken, so the log to diagnose comes first.
+    /// out, and it is said which. Those of the mission of another log count there, too. All names that follow are taken, so the log to diagnose comes first.
     #[arg(long, value_name = "LOG|FOLDER", num_args = 1..)]
     reference: Vec<PathBuf>,
     /// Accepted flights of this airframe on the missions of the other logs: logs, or folders of logs.
@@ -68,7 +68,13 @@ impl References {
             let of_others = || others.iter().any(|other| same_flight(&flown, other).is_ok());
             match fits {
                 Ok(()) if first.is_some() => {
-                    taken.push(format!("reference: {}", path.display()));
+                    // On one mission the same flights are behind the verdict and behind the floor of the shrink.
+                    if of_others() {
+                        taken.push(format!("reference, also held out: {}", path.display()));
+                        accepted.held_out.push(flown.clone());
+                    } else {
+                        taken.push(format!("reference: {}", path.display()));
+                    }
                     accepted.first.push(flown);
                 }
                 _ if (in_folder || first.is_none()) && of_others() => {
@@ -98,6 +104,13 @@ impl References {
             }
         }
         progress.at(of, of);
+        if !others.is_empty() && self.any() && accepted.held_out.is_empty() {
+            taken.push(
+                "no accepted flight on the mission of a log to judge on: the floor of the shrink is the simulator's; give \
+                 some as --held-out-reference"
+                    .to_owned(),
+            );
+        }
         for line in taken {
             eprintln!("{line}");
         }

@@ -84,7 +84,7 @@ pub(super) fn open(
             first.len()
         );
     }
-    let scene = flown.scene(&told).on_grid();
+    let scene = flown.scene(&told).for_bank(&flown.mission);
     let progress = Progress::new("bank");
     let workshop = Workshop::open(
         &options.folder(),

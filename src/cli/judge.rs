@@ -72,6 +72,9 @@ impl Judging {
                 if !options.banks.as_os_str().is_empty() {
                     command.arg("--banks").arg(&options.banks);
                 }
+                if !options.vehicle.as_os_str().is_empty() {
+                    command.arg("--vehicle").arg(&options.vehicle);
+                }
                 command.arg(log);
                 for reference in logs_in(&options.references)? {
                     command.arg("--reference").arg(reference);

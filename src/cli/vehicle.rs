@@ -7,6 +7,8 @@ use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use haltere_core::checks::Problems;
 use haltere_model::Vehicle;
+use haltere_model::left_out::LeftOut;
+use haltere_model::vehicle::Battery as VehicleBattery;
 use serde::Serialize;
 
 use super::{print, print_json, vehicles};
@@ -46,21 +48,26 @@ pub(super) fn keys(told: &Path) -> anyhow::Result<VehicleKeys> {
             return Ok(VehicleKeys { name, text });
         }
     }
-    let vehicle = Told { vehicle: told.to_owned() }.read()?;
-    Ok(VehicleKeys { name, text: Meaning::of(&vehicle).for_companion(&vehicle) })
+    let (vehicle, _) = Told { vehicle: told.to_owned() }.read()?;
+    Ok(VehicleKeys { name, text: Meaning::of(&vehicle, &[]).for_companion(&vehicle) })
 }
 
 impl Told {
-    fn read(&self) -> anyhow::Result<Vehicle> {
+    /// The vehicle, and the keys of a vehicle of its own that its file leaves out.
+    fn read(&self) -> anyhow::Result<(Vehicle, Vec<LeftOut>)> {
         let refused =
             |problems: Problems| anyhow::anyhow!("{}: {problems}", self.vehicle.display());
-        let vehicle = Vehicle::from_toml(&vehicles::read(&self.vehicle)?).map_err(refused)?;
+        let (vehicle, left) = Vehicle::read(&vehicles::read(&self.vehicle)?).map_err(refused)?;
         let mut problems = Problems::new();
         vehicle.check("vehicle", &mut problems);
-        if problems.is_empty() { Ok(vehicle) } else { Err(refused(problems)) }
+        if problems.is_empty() { Ok((vehicle, left)) } else { Err(refused(problems)) }
     }
 }
 
+/// A cell of the pack: nominal, and the source's limits of two cells by the cell, V.
+const NOMINAL_CELL_V: f64 = 3.7;
+const LOW_CELL_V: f64 = 3.2;
+const CRITICAL_CELL_V: f64 = 3.0;
 /// A milliampere hour at one volt, J.
 const J_PER_MAH_V: f64 = 3.6;
 
@@ -77,6 +84,8 @@ struct Meaning {
     drag_per_s: [f64; 3],
     /// Time that the pack carries a hover, s.
     hover_s: f64,
+    /// Keys that the file leaves out, with the law that they are from.
+    left_out: Vec<[&'static str; 2]>,
 }
 
 impl Meaning {
@@ -87,7 +96,7 @@ impl Meaning {
     /// * drag κ_i = 2·f_h·k_i/m along x, y, z of the body frame, 1/s;
     /// * time t = E/(hover_w + electronics_w), s, with E = 3.6 J/mAh · charge · capacity · cells · mean of `cell_v`, J: the
     ///   curve is given at equal steps of charge, so its mean is the voltage over a whole discharge.
-    fn of(vehicle: &Vehicle) -> Self {
+    fn of(vehicle: &Vehicle, left: &[LeftOut]) -> Self {
         let (battery, hover_hz) = (&vehicle.battery, vehicle.hover_hz());
         let pack_v = |cell: f64| battery.cells * cell;
         let [empty, .., full] = battery.cell_v;
@@ -103,6 +112,7 @@ impl Meaning {
                 .k_ns_per_m_hz
                 .map(|k| 2.0 * hover_hz * k / vehicle.body.mass_kg),
             hover_s: energy_j / (battery.hover_w + battery.electronics_w),
+            left_out: left.iter().map(|l| [l.key, l.law]).collect(),
         }
     }
 
@@ -110,11 +120,35 @@ impl Meaning {
     fn for_companion(&self, vehicle: &Vehicle) -> String {
         let [x, y, z] = self.drag_per_s;
         let [tag_x, tag_y, tag_z] = vehicle.body.tag_B_m;
+        let cells = vehicle.battery.cells;
+        let pack = match cells == VehicleBattery::default().cells {
+            true => String::new(),
+            false => format!(
+                "\n[control.voltage]\ncells = {cells:.0}\nnominal_v = {:.1}\n\n\
+                 [limits]\nbattery_low_v = {:.1}\nbattery_critical_v = {:.1}\n",
+                NOMINAL_CELL_V * cells,
+                LOW_CELL_V * cells,
+                CRITICAL_CELL_V * cells
+            ),
+        };
         format!(
             "[flight]\ngear_height_m = {:?}\n\n\
-             [estimator]\ndrag_per_s = [{x:.3}, {y:.3}, {z:.3}]\np_BT_B_m = [{tag_x:?}, {tag_y:?}, {tag_z:?}]\n",
+             [estimator]\ndrag_per_s = [{x:.3}, {y:.3}, {z:.3}]\np_BT_B_m = [{tag_x:?}, {tag_y:?}, {tag_z:?}]\n{pack}",
             vehicle.body.gear_m
         )
+    }
+
+    /// What the file leaves out, in lines.
+    fn left_out(&self) -> String {
+        let lines: Vec<String> =
+            self.left_out.iter().map(|[key, law]| format!("  {key}: {law}\n")).collect();
+        match lines.is_empty() {
+            true => String::new(),
+            false => format!(
+                "left out, and taken by law (docs/VEHICLE.md, section 2):\n{}\n",
+                lines.concat()
+            ),
+        }
     }
 
     fn text(&self, vehicle: &Vehicle) -> String {
@@ -124,12 +158,13 @@ impl Meaning {
              hover    {:.1} Hz a wing; {:.2} of the full command with a full pack, {:.2} with an empty one\n\
              drag     {x:.2}, {y:.2}, {z:.2} 1/s along x, y, z\n\
              pack     {:.0} s of hover\n\n\
-             # for the companion\n{}",
+             {}# for the companion\n{}",
             self.name,
             self.hover_hz,
             self.hover_full_frac,
             self.hover_empty_frac,
             self.hover_s,
+            self.left_out(),
             self.for_companion(vehicle)
         )
     }
@@ -138,10 +173,10 @@ impl Meaning {
 impl VehicleCommand {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         match self {
-            VehicleCommand::Print(told) => print(&toml::to_string(&told.read()?)?)?,
+            VehicleCommand::Print(told) => print(&toml::to_string(&told.read()?.0)?)?,
             VehicleCommand::Check(Check { told, json }) => {
-                let vehicle = told.read()?;
-                let meaning = Meaning::of(&vehicle);
+                let (vehicle, left) = told.read()?;
+                let meaning = Meaning::of(&vehicle, &left);
                 if meaning.hover_full_frac >= 1.0 {
                     anyhow::bail!(
                         "{}: hover needs {:.2} of the full command with a full pack: it cannot take off; look at \
@@ -172,13 +207,14 @@ mod tests {
     fn prop_what_is_printed_is_the_vehicle_and_what_cannot_fly_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("own.toml");
-        let vehicle = told("delfly-nimble").read().unwrap();
+        let (vehicle, left) = told("delfly-nimble").read().unwrap();
+        assert_eq!(left, [], "the built-in one says all that the laws would");
         std::fs::write(&file, toml::to_string(&vehicle).unwrap()).unwrap();
-        assert_eq!(told(file.to_str().unwrap()).read().unwrap(), vehicle);
+        assert_eq!(told(file.to_str().unwrap()).read().unwrap().0, vehicle);
         for (text, says) in [
             ("[body]\nmass_kg = 102.0", "vehicle.body.mass_kg = 102"),
             ("[body]\nmass = 0.1", "line 2"),
-            ("[body]\nmass_kg = 0.3", "it cannot take off"),
+            ("base = \"flapper\"\n[body]\nmass_kg = 0.3", "it cannot take off"),
         ] {
             std::fs::write(&file, text).unwrap();
             let check = Check { told: told(file.to_str().unwrap()), json: false };
@@ -189,7 +225,7 @@ mod tests {
 
     #[test]
     fn val_the_flapper_hovers_as_published() {
-        let meaning = Meaning::of(&told("flapper").read().unwrap());
+        let meaning = Meaning::of(&told("flapper").read().unwrap().0, &[]);
         // 12 to 13 Hz a wing and 4 to 6 minutes a pack, the source; drag of recorded flights, docs/VEHICLE.md.
         assert!((12.0..13.0).contains(&meaning.hover_hz), "{meaning:?}");
         assert!((240.0..360.0).contains(&meaning.hover_s), "{meaning:?}");

@@ -174,10 +174,16 @@ pub fn edit_vehicle(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<Stri
         rows
     };
     let mut new = text.to_owned();
+    let says_mass =
+        new.parse::<toml::Table>().ok().and_then(|t| Some(t.get("body")?.get("mass_kg").is_some()));
     let mut changed = false;
     for ((table, key, old), (_, _, now)) in flat(&before).into_iter().zip(flat(&after)) {
         if old != now {
             changed = true;
+            // A file that says no mass changes the usual vehicle, and still does when it says one.
+            if key == "mass_kg" && says_mass != Some(true) && !new.contains("base =") {
+                new = format!("base = \"flapper\"\n{new}");
+            }
             new = set_key(&new, &table, &key, &toml_text(&now))?;
         }
     }
@@ -321,6 +327,7 @@ pub fn by_hand(id: &str) -> &'static str {
 mod tests {
     use super::*;
     use crate::library::standard;
+    use haltere_model::vehicle::Body;
 
     fn spec(id: &str) -> &'static EffectSpec {
         standard().into_iter().find(|s| s.id == id).unwrap()
@@ -366,6 +373,15 @@ mod tests {
         let vehicle = Vehicle::from_toml(&heavier).unwrap();
         assert!((vehicle.body.mass_kg - Vehicle::default().body.mass_kg - 0.006).abs() < 1e-7);
         assert_eq!(vehicle.name, "own");
+        let mass = vehicle.body.mass_kg;
+        assert_eq!(
+            vehicle,
+            Vehicle {
+                name: "own".into(),
+                body: Body { mass_kg: mass, ..Body::default() },
+                ..Vehicle::default()
+            }
+        );
         let rough = edit_vehicle("", spec("A1"), &[1.3, 1.0, 1.0]).unwrap();
         let vehicle = Vehicle::from_toml(&rough).unwrap();
         let (now, was) = (vehicle.drag.k_ns_per_m_hz[0], Vehicle::default().drag.k_ns_per_m_hz[0]);

@@ -356,7 +356,7 @@ fn middle(spec: &'static EffectSpec, scene: &Scene) -> Hypothesis {
         .map(|p| match p.name {
             "north" if placed => centre(scene.room.north_m),
             "east" if placed => centre(scene.room.east_m),
-            _ => p.default,
+            _ => p.of(&scene.vehicle).default,
         })
         .collect();
     let theta_90 = theta.iter().map(|v| [*v, *v]).collect();

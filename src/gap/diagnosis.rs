@@ -9,29 +9,13 @@ use super::library::whole;
 use super::logs::{Flown, ParameterDifference};
 use super::outcome::{Named, Outcome, Remainder};
 use super::picture::Picture;
+use super::places::{Heard, exonerated, places};
+pub use super::places::{Part, Where};
 use super::shrink::{medians, scales};
-use super::statistics::{ANCHOR_SLOTS, Observation, observe, specs};
+use super::statistics::{Observation, observe};
 use super::workshop::Workshop;
 use crate::nominal::Nominal;
 use haltere_log::replay::{Differs, Report};
-
-/// Blocks below this many sigma are not shown as places of the gap.
-const LOUD_SIGMA: f64 = 3.0;
-
-/// A block that the gap shows in.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Where {
-    /// Name of the block.
-    pub block: String,
-    /// Channel of its loudest statistic.
-    pub channel: String,
-    /// Anchor, where it is one that sticks out.
-    pub anchor: Option<u8>,
-    /// The loudest statistic, which names its regime.
-    pub regime: String,
-    /// Sigma above the null flights.
-    pub score: f64,
-}
 
 /// A named parameter.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -72,9 +56,11 @@ pub struct Diagnosis {
     pub verdict: String,
     /// What the best explanation explains and what it leaves; absent without a gap.
     pub explained: Option<Explained>,
-    /// Where, loudest first.
+    /// Where: blocks that can be the cause, likeliest first, then those where its consequences show.
     #[serde(rename = "where")]
     pub places: Vec<Where>,
+    /// Blocks that cannot be the cause, since they replay bit for bit from their logged inputs.
+    pub exonerated: Vec<String>,
     /// Effects that are named, or the set that cannot be told apart.
     pub effects: Vec<Effect>,
     /// Their ids.
@@ -334,6 +320,7 @@ pub fn unreadable(log: String, why: String) -> Diagnosis {
         exit_code: outcome.exit_code(),
         explained: None,
         places: Vec::new(),
+        exonerated: Vec::new(),
         effects: Vec::new(),
         set: Vec::new(),
         not_testable: Vec::new(),
@@ -367,6 +354,7 @@ pub fn judge(
         verdict: String::new(),
         explained: None,
         places: Vec::new(),
+        exonerated: Vec::new(),
         effects: Vec::new(),
         set: Vec::new(),
         not_testable: Vec::new(),
@@ -390,7 +378,13 @@ pub fn judge(
         (Err(why), None) => Outcome::NotTestable { why: why.clone() },
         (Ok(observation), None) => {
             let attribution = attributor.attribute(&observation.statistics);
-            result.places = places(&attribution, observation, workshop);
+            let heard = Heard {
+                statistics: &observation.statistics,
+                worst: &observation.anchors,
+                surveyed: flown.trace.survey.ids(),
+            };
+            result.places = places(&attribution, heard, &workshop.bank);
+            result.exonerated = exonerated(&flown.replay);
             result.not_testable = not_testable(workshop, observation);
             let outcome = comparable(&attribution, references, seen, workshop);
             result.ladder = ladder(&attribution);
@@ -482,42 +476,6 @@ fn effect(workshop: &Workshop, named: &Named) -> Effect {
             })
             .collect(),
     }
-}
-
-/// Loud blocks, with the statistic of each that lies farthest from the bank's nulls.
-fn places(attribution: &Attribution, seen: &Observation, workshop: &Workshop) -> Vec<Where> {
-    let sigma = scales(&workshop.bank.jitter);
-    let middle = medians(&workshop.bank.jitter);
-    let mut places = Vec::new();
-    for block in &attribution.blocks {
-        if block.sigma < LOUD_SIGMA {
-            continue;
-        }
-        let loudest = specs()
-            .iter()
-            .enumerate()
-            .filter(|(_, s)| s.block.name() == block.block)
-            .filter_map(|(j, s)| {
-                let z = (seen.statistics.get(j)? - middle.get(j)?) / sigma.get(j)?;
-                z.is_finite().then_some((z.abs(), s))
-            })
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((_, spec)) = loudest else { continue };
-        places.push(Where {
-            block: block.block.clone(),
-            channel: format!("{:?}", spec.channel),
-            anchor: (block.block == "uwb").then(|| anchor_of(&spec.name, seen)).flatten(),
-            regime: spec.name.clone(),
-            score: block.sigma,
-        });
-    }
-    places
-}
-
-/// The anchor behind a statistic that is sorted by anchors.
-pub fn anchor_of(name: &str, seen: &Observation) -> Option<u8> {
-    let slot = ANCHOR_SLOTS.iter().position(|slot| name.contains(slot))?;
-    seen.anchors.get(slot).map(|id| id.0)
 }
 
 /// An effect is testable when most of its own flights lie outside what null flights do, on the

@@ -11,9 +11,9 @@
 //! let mission = missions::diagnostic_file(&scene);
 //! assert!(mission.items.len() > 10);
 //! let effects = library::standard();
-//! let room = &scene.room;
+//! let (vehicle, room) = (&scene.vehicle, &scene.room);
 //! for spec in &effects {
-//!     assert!(!library::axes(spec, room, scene.survey.ids().len()).is_empty(), "{}", spec.id);
+//!     assert!(!library::axes(spec, vehicle, room, scene.survey.ids().len()).is_empty(), "{}", spec.id);
 //! }
 //! # Ok::<(), haltere_core::checks::Problems>(())
 //! ```
@@ -44,9 +44,11 @@ pub mod matrix;
 pub mod missions;
 pub mod nominal;
 mod normal;
+mod not_flown;
 pub mod onset;
 pub mod outcome;
 pub mod picture;
+pub mod places;
 pub mod regress;
 pub mod residuals;
 pub mod resize;

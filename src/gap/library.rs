@@ -9,6 +9,7 @@
 
 use super::axis::{Axis, Size};
 use super::make_bank::with_effect;
+use haltere_model::Vehicle;
 use haltere_model::effects::{ALL, EffectSet, EffectSpec, ParameterSpec, Role};
 use haltere_model::random::Stream;
 use haltere_model::room::Room;
@@ -102,16 +103,22 @@ pub fn asked(text: &str) -> Result<(&'static EffectSpec, Option<Vec<f64>>), Stri
     Ok((spec, Some(theta)))
 }
 
-/// `count` sets of values for the parameters of an effect, in their order.
+/// An effect with the sizes that are plausible on a vehicle, in the order of its parameters.
+fn sizes(spec: &EffectSpec, vehicle: &Vehicle) -> Vec<ParameterSpec> {
+    spec.parameters.iter().map(|p| p.of(vehicle)).collect()
+}
+
+/// `count` sets of values for the parameters of an effect on a vehicle, in their order.
 pub fn draws(
     spec: &EffectSpec,
+    vehicle: &Vehicle,
     room: &Room,
     anchors: usize,
     count: usize,
     rng: &mut Stream,
 ) -> Vec<Vec<f64>> {
-    let columns: Vec<Vec<f64>> = spec
-        .parameters
+    let sizes = sizes(spec, vehicle);
+    let columns: Vec<Vec<f64>> = sizes
         .iter()
         .map(|p| {
             let strata = shuffled(count, rng);
@@ -119,14 +126,13 @@ pub fn draws(
             shares.map(|share| value(spec, p, room, anchors, share)).collect()
         })
         .collect();
-    let components: Vec<usize> =
-        (0..columns.len()).filter(|k| is_component(&spec.parameters[*k])).collect();
+    let components: Vec<usize> = (0..columns.len()).filter(|k| is_component(&sizes[*k])).collect();
     let row = |k: usize| -> Vec<f64> {
         let mut row: Vec<f64> = columns.iter().map(|column| column[k]).collect();
         if components.len() > 1 && k % 2 == 1 {
             let alone = components[k / 2 % components.len()];
             for other in components.iter().filter(|c| **c != alone) {
-                row[*other] = spec.parameters[*other].off;
+                row[*other] = sizes[*other].off;
             }
         }
         row
@@ -135,13 +141,13 @@ pub fn draws(
 }
 
 /// What draws of the parameters of an effect range over, in their order.
-pub fn axes(spec: &EffectSpec, room: &Room, anchors: usize) -> Vec<Axis> {
+pub fn axes(spec: &EffectSpec, vehicle: &Vehicle, room: &Room, anchors: usize) -> Vec<Axis> {
     let axis = |p: &ParameterSpec| {
         let [a, b] = [0.0, 1.0].map(|share| value(spec, p, room, anchors, share));
         let size = is_size(p).then_some(if is_far(p) { Size::Inverse } else { Size::From(p.off) });
         Axis { low: a.min(b), high: a.max(b), choice: p.is_choice(), size }
     };
-    spec.parameters.iter().map(axis).collect()
+    sizes(spec, vehicle).iter().map(axis).collect()
 }
 
 /// Whether a parameter is a component of a vector: it can deviate to both sides of "off".
@@ -243,7 +249,7 @@ mod tests {
         let room = Room { north_m: [0.0, 6.0], east_m: [0.0, 6.0], ceiling_m: 3.0 };
         let rows = |id: &str| {
             let spec = standard().into_iter().find(|s| s.id == id).unwrap();
-            draws(spec, &room, 8, 12, &mut Stream::new(3, id))
+            draws(spec, &Vehicle::default(), &room, 8, 12, &mut Stream::new(3, id))
         };
         let alone = |id: &str, off: f64, of: usize| {
             let is_alone = |r: &&Vec<f64>| r[..of].iter().filter(|v| **v != off).count() == 1;
@@ -269,8 +275,8 @@ mod tests {
     fn prop_draws_cover_every_range_and_stay_inside() {
         let room = Room { north_m: [0.0, 6.0], east_m: [-1.0, 5.0], ceiling_m: 3.0 };
         for spec in whole() {
-            let rows = draws(spec, &room, 8, 40, &mut Stream::new(3, spec.id));
-            let axes = axes(spec, &room, 8);
+            let rows = draws(spec, &Vehicle::default(), &room, 8, 40, &mut Stream::new(3, spec.id));
+            let axes = axes(spec, &Vehicle::default(), &room, 8);
             for (k, p) in spec.parameters.iter().enumerate() {
                 let column: Vec<f64> = rows.iter().map(|r| r[k]).collect();
                 assert!(column.iter().all(|v| (p.low..=p.high).contains(v) || p.name == "east"));

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::axis::Axis;
 use super::bank::{Bank, Draw, EffectDraws};
-use super::fly::fly_observed_into;
+use super::fly::{NotFlown, fly_observed_into};
 use super::library;
 use super::nominal::Nominal;
 use super::scene::Scene;
@@ -22,9 +22,9 @@ use super::statistics::{specs, statistics_of};
 use super::trace::Trace;
 use haltere_core::checks::Problems;
 use haltere_core::frames::Vec3;
-use haltere_model::PlantConfig;
 use haltere_model::effects::{EffectSet, EffectSpec, Role, Source};
 use haltere_model::random::Stream;
+use haltere_model::{PlantConfig, Vehicle};
 
 /// Share by which nominal constants differ in jitter.
 const JITTER: f64 = 0.05;
@@ -110,6 +110,39 @@ pub struct Made {
     pub bank: Bank,
     /// Flights that never left the floor or could not be observed, by effect id; nulls under "".
     pub lost: Vec<(String, usize)>,
+    /// What became of healthy flights that are not in the bank: what, how many, and the seed of one.
+    pub ends: Vec<(End, usize, u64)>,
+}
+
+/// Why a flight is not in the bank.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum End {
+    /// The simulator refuses the vehicle or the effect.
+    Refused,
+    /// It was not armed or had no take-off.
+    NotBegun,
+    /// It fell.
+    Crashed,
+    /// Its mission did not come to its end: the supervisor landed it, or time was over.
+    EndedEarly,
+    /// The floor carried it during the mission.
+    Carried,
+    /// It cannot be observed.
+    NotObservable,
+}
+
+impl End {
+    /// What became of it, in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Refused => "refused by the simulator",
+            Self::NotBegun => "did not take off",
+            Self::Crashed => "crashed",
+            Self::EndedEarly => "did not come to the end of the mission",
+            Self::Carried => "sat on the floor during the mission",
+            Self::NotObservable => "too short to be observed",
+        }
+    }
 }
 
 /// Flies the whole bank on all cores. `progress` hears of every flight: done, of how many.
@@ -121,7 +154,7 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
     let hand = Hand { recipe, nominal: Nominal::of_scene(recipe.scene) };
     let trace = || Trace::new(recipe.scene.survey.clone());
 
-    let rows: Vec<Option<Vec<f64>>> = nulls
+    let rows: Vec<Result<Vec<f64>, End>> = nulls
         .par_iter()
         .map_init(trace, |trace, null| {
             let row = hand.fly(null.seed, null.jitter, None, trace);
@@ -134,19 +167,24 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
     // Of the flown flights with jitter.
     let mut seeds: Vec<u64> = Vec::new();
     let mut lost: BTreeMap<String, usize> = BTreeMap::new();
+    let mut ends: BTreeMap<End, (usize, u64)> = BTreeMap::new();
     for (null, row) in nulls.iter().zip(rows) {
         match row {
-            Some(row) if null.jitter => {
+            Ok(row) if null.jitter => {
                 seeds.push(null.seed);
                 bank.jitter.push(row);
             }
-            Some(row) => bank.seeds.push(row),
-            None => *lost.entry(String::new()).or_default() += 1,
+            Ok(row) => bank.seeds.push(row),
+            Err(end) => {
+                *lost.entry(String::new()).or_default() += 1;
+                ends.entry(end).or_insert((0, null.seed)).0 += 1;
+            }
         }
     }
 
+    let scene = recipe.scene;
     for spec in recipe.library {
-        let axes = library::axes(spec, &recipe.scene.room, anchors(recipe.scene));
+        let axes = library::axes(spec, &scene.vehicle, &scene.room, anchors(scene));
         bank.effects.push(EffectDraws { id: spec.id.to_owned(), axes, draws: Vec::new() });
     }
     let sigmas = scales(&bank.jitter);
@@ -183,7 +221,25 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
             effect.draws.push(draw);
         }
     }
-    Made { bank, lost: lost.into_iter().collect() }
+    let ends = ends.into_iter().map(|(end, (count, seed))| (end, count, seed)).collect();
+    Made { bank, lost: lost.into_iter().collect(), ends }
+}
+
+/// How many of `count` healthy flights of this recipe come to their end with another vehicle in its place.
+pub fn flown_by(recipe: &Recipe<'_>, vehicle: &Vehicle, count: usize) -> usize {
+    let scene = Scene { vehicle: vehicle.clone(), ..recipe.scene.clone() };
+    let hand =
+        Hand { recipe: &Recipe { scene: &scene, ..*recipe }, nominal: Nominal::of_scene(&scene) };
+    let nulls: Vec<Null> =
+        nulls(recipe).into_iter().filter(|null| null.jitter).take(count).collect();
+    nulls
+        .par_iter()
+        .map_init(
+            || Trace::new(scene.survey.clone()),
+            |trace, null| hand.fly(null.seed, true, None, trace),
+        )
+        .filter(Result::is_ok)
+        .count()
 }
 
 fn nulls(recipe: &Recipe<'_>) -> Vec<Null> {
@@ -200,13 +256,13 @@ fn nulls(recipe: &Recipe<'_>) -> Vec<Null> {
 /// the seed of a flight without one, so that both have the same constants, noise and start (common random numbers;
 /// Glasserman and Yao 1992), and differ by the effect alone. `seeds`: of the flown flights with jitter.
 fn drawn(recipe: &Recipe<'_>, seeds: &[u64]) -> Vec<Drawn> {
-    let draws = recipe.size.draws;
-    let anchors = anchors(recipe.scene);
+    let (draws, scene) = (recipe.size.draws, recipe.scene);
+    let anchors = anchors(scene);
     let twins = if seeds.len() < FOLDS { seeds.len() } else { seeds.len() - seeds.len() % FOLDS };
     let mut all: Vec<Drawn> = Vec::new();
     for (place, spec) in recipe.library.iter().enumerate() {
         let mut rng = Stream::new(recipe.seed, spec.id);
-        let thetas = library::draws(spec, &recipe.scene.room, anchors, draws, &mut rng);
+        let thetas = library::draws(spec, &scene.vehicle, &scene.room, anchors, draws, &mut rng);
         for (k, theta) in thetas.into_iter().enumerate() {
             let Some(twin) = (place * draws.next_multiple_of(FOLDS) + k).checked_rem(twins) else {
                 return all;
@@ -294,7 +350,7 @@ impl Hand<'_> {
         trace: &mut Trace,
     ) -> Option<(Vec<f64>, Vec<f64>)> {
         let spec = self.recipe.library[drawn.place];
-        let mut fly = |theta: &[f64]| self.fly(drawn.seed, true, Some((spec, theta)), trace);
+        let mut fly = |theta: &[f64]| self.fly(drawn.seed, true, Some((spec, theta)), trace).ok();
         let mut theta = drawn.theta.clone();
         let mut left = LOUDER;
         while left > 0 && heard.foretells_silence(size(&theta, axes)) {
@@ -340,23 +396,31 @@ impl Hand<'_> {
         jitter: bool,
         effect: Option<(&EffectSpec, &[f64])>,
         trace: &mut Trace,
-    ) -> Option<Vec<f64>> {
+    ) -> Result<Vec<f64>, End> {
         let Recipe { scene, items, .. } = *self.recipe;
         let mut plant = scene.plant(seed);
         if jitter {
-            plant = jittered(plant).ok()?;
+            plant = jittered(plant).map_err(|_| End::Refused)?;
         }
         if let Some((spec, theta)) = effect {
-            plant.effects = with_effect(plant.effects, spec, theta).ok()?;
+            plant.effects = with_effect(plant.effects, spec, theta).map_err(|_| End::Refused)?;
         }
-        fly_observed_into(trace, scene, items, plant, scene.pilot.clone()).ok()?;
+        fly_observed_into(trace, scene, items, plant, scene.pilot.clone()).map_err(
+            |why| match why {
+                NotFlown::Plant(_) => End::Refused,
+                NotFlown::Flight(_) => End::NotBegun,
+            },
+        )?;
         // A healthy vehicle that the floor carried for a while says nothing of healthy flight. With an effect it may
         // be the effect that set it down.
         let carried = effect.is_none() && trace.carried_s.is_some_and(|carried_s| carried_s > 0.0);
-        if carried || !trace.came_as_far_as(scene.until_s) {
-            return None;
+        if carried {
+            return Err(End::Carried);
         }
-        statistics_of(trace, &self.nominal).ok()
+        if !trace.came_as_far_as(scene.until_s) {
+            return Err(if trace.crashed == Some(true) { End::Crashed } else { End::EndedEarly });
+        }
+        statistics_of(trace, &self.nominal).map_err(|_| End::NotObservable)
     }
 }
 

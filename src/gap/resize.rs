@@ -8,6 +8,7 @@
 
 use super::held_out::HeldOut;
 use super::library;
+use haltere_model::Vehicle;
 use haltere_model::effects::{EffectSpec, ParameterSpec};
 
 /// Shares that are flown.
@@ -28,7 +29,7 @@ pub fn resize(model: &HeldOut<'_>, real: &[f64], spec: &EffectSpec, theta: &[f64
     let without = model.left(real, &[]);
     let mut best = Resized { theta: None, share: 0.0, distance: [without, without] };
     for share in SHARES {
-        let sized = at_share(spec, theta, share);
+        let sized = at_share(spec, model.vehicle(), theta, share);
         let left = model.left(real, &[(spec, &sized)]);
         if left < best.distance[1] {
             best = Resized { theta: Some(sized), share, distance: [without, left] };
@@ -37,12 +38,14 @@ pub fn resize(model: &HeldOut<'_>, real: &[f64], spec: &EffectSpec, theta: &[f64
     best
 }
 
-/// Parameters at a share of their size, within the range of the list.
-fn at_share(spec: &EffectSpec, theta: &[f64], share: f64) -> Vec<f64> {
+/// Parameters at a share of their size, within what is plausible on the vehicle.
+fn at_share(spec: &EffectSpec, vehicle: &Vehicle, theta: &[f64], share: f64) -> Vec<f64> {
     let sized = library::at_share(spec, theta, share);
     // A size that was already outside stays reachable.
-    let within =
-        |((p, v), was): ((&ParameterSpec, f64), &f64)| v.clamp(p.low.min(*was), p.high.max(*was));
+    let within = |((p, v), was): ((&ParameterSpec, f64), &f64)| {
+        let p = p.of(vehicle);
+        v.clamp(p.low.min(*was), p.high.max(*was))
+    };
     spec.parameters.iter().zip(sized).zip(theta).map(within).collect()
 }
 
@@ -52,7 +55,7 @@ mod tests {
 
     fn share_of(id: &str, theta: &[f64], share: f64) -> Vec<f64> {
         let spec = library::standard().into_iter().find(|s| s.id == id).unwrap();
-        at_share(spec, theta, share)
+        at_share(spec, &Vehicle::default(), theta, share)
     }
 
     #[test]

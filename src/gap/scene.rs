@@ -1,11 +1,14 @@
 //! The room in which the diagnostic flights are flown, and what the companion is told of it.
 
+use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame};
+
 use haltere_core::checks::Problems;
 use haltere_core::frames::Vec3;
 use haltere_core::survey::Survey;
 use haltere_model::room::Room;
 use haltere_model::{PlantConfig, Vehicle};
 use haltere_pilot::PilotConfig;
+use haltere_pilot::mission_file::LOCAL_SCALE;
 
 /// A room with anchors in its corners, a vehicle on its floor, and a companion configured for both.
 #[derive(Debug, Clone)]
@@ -50,6 +53,18 @@ const LAB_CEILING_M: f64 = 3.0;
 /// and the flight stays short.
 const LEG_ACCELERATION_MPS2: f64 = 1.5;
 
+/// Distance from the first place of a mission at which flights start that its bank serves, m. Measured
+/// (`val_a_bank_serves_flights_that_start_beside_it`): means of the statistics move by 0.04 sigma of benign jitter at 0.2 m, by
+/// 0.14 to 0.33 at 0.5 m; a quarter widens the healthy spread by 3 %.
+pub const SERVED_M: f64 = 0.3;
+
+/// First place that a mission flies to, where it is told in the frame of the room.
+fn first_place_NE_m(items: &[MISSION_ITEM_INT_DATA]) -> Option<[f64; 2]> {
+    let place = items.iter().find(|item| item.command == MavCmd::MAV_CMD_NAV_WAYPOINT as u16)?;
+    let local = place.frame == MavFrame::MAV_FRAME_LOCAL_NED as u8;
+    local.then(|| [place.x, place.y].map(|counts| f64::from(counts) / LOCAL_SCALE))
+}
+
 impl Scene {
     /// A laboratory of 6 × 6 × 3 m, eight anchors in its corners.
     pub fn lab() -> Result<Self, Problems> {
@@ -72,6 +87,23 @@ impl Scene {
     pub fn on_grid(mut self) -> Self {
         self.start_NE_m = self.start_NE_m.map(|v| (v * 4.0).round() / 4.0);
         self
+    }
+
+    /// The same with the start at the first place of the mission, which is where the vehicle stands for it give or take:
+    /// one bank serves the mission wherever it starts within [`SERVED_M`]. A start farther away has a leg that the bank's
+    /// flights do not have; its bank is that of the start, [`Scene::on_grid`], as where a mission names no place in the room.
+    pub fn for_bank(mut self, items: &[MISSION_ITEM_INT_DATA]) -> Self {
+        let served = |place_NE_m: &[f64; 2]| {
+            let [north_m, east_m] = self.start_NE_m;
+            (place_NE_m[0] - north_m).hypot(place_NE_m[1] - east_m) <= SERVED_M
+        };
+        match first_place_NE_m(items).filter(served) {
+            Some(place_NE_m) => {
+                self.start_NE_m = place_NE_m;
+                self
+            }
+            None => self.on_grid(),
+        }
     }
 
     /// The nominal plant in this room.

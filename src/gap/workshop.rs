@@ -9,10 +9,10 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use super::attribute::{AttributeError, Attributor, Learned, Settings};
 use super::bank::{Bank, LEAST_NULLS};
 use super::bank_file::{self, BankFileError};
-use super::fly::MOST_LIMIT_S;
 use super::kept_file::{self, Kind};
 use super::make_bank::{self, BankSize, Recipe};
 use super::nominal::Nominal;
+use super::not_flown;
 use super::scene::Scene;
 use super::statistics::specs;
 use haltere_model::effects::{Block, EffectSpec};
@@ -38,14 +38,15 @@ pub enum WorkshopError {
     },
     /// The simulator does not fly this mission to its end.
     #[error(
-        "{flown} of {of} simulated flights of this mission came to its end, at least {LEAST_NULLS} are needed: it lasts \
-         more than {MOST_LIMIT_S} s, or its room or vehicle is another one (--room, --vehicle)"
+        "{flown} of {of} simulated flights of this mission came to its end, at least {LEAST_NULLS} are needed: {why}"
     )]
     NotFlown {
         /// Flights that did.
         flown: usize,
         /// Flights that were tried.
         of: usize,
+        /// What became of the others, and what of the vehicle is the reason.
+        why: String,
     },
     /// Nothing can be learned from the bank.
     #[error(transparent)]
@@ -109,7 +110,8 @@ impl Workshop {
             let made = make_bank::make(&recipe, progress);
             let flown = made.bank.jitter.len();
             if flown < LEAST_NULLS {
-                return Err(WorkshopError::NotFlown { flown, of: size.jitter });
+                let why = not_flown::why(&recipe, &made.ends);
+                return Err(WorkshopError::NotFlown { flown, of: size.jitter, why });
             }
             let hash = bank_file::write(&path, &made.bank)?;
             (made.bank, hash, made.lost)

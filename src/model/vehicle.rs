@@ -7,9 +7,20 @@
 use serde::{Deserialize, Serialize};
 use toml::de::DeTable;
 
+use crate::left_out::{self, BASE, LeftOut};
 use haltere_core::checks::Problems;
 use haltere_core::checks::schema::Schema;
 use haltere_core::frames::G_MPS2;
+
+/// What a file names as its base.
+const FLAPPER: &str = "flapper";
+/// Nominal voltage of a cell, V.
+const CELL_V: f64 = 3.7;
+/// Masses that a file may say, kg.
+pub(crate) const MASS_KG: std::ops::RangeInclusive<f64> = 0.01..=2.0;
+/// What a tangent in hover may show at zero, over its value in hover, for thrust over flap rate and flap rate over
+/// command alike: a third power has -2. At 1 there would be no hover.
+const AT_ZERO: [f64; 2] = [-3.0, 0.9];
 
 /// Everything about the vehicle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -220,8 +231,24 @@ impl Vehicle {
         (self.hover_hz() - self.wings.flap_offset_hz) / self.wings.flap_hz_per_v
     }
 
-    /// From the text of a vehicle file; what it may not hold is refused, a newer one before anything in it.
+    /// Nominal voltage of the pack, V.
+    pub fn rated_v(&self) -> f64 {
+        CELL_V * self.battery.cells
+    }
+
+    /// Voltage over current of the motors in hover, Ω: what a resistance of the pack has to be seen beside.
+    pub fn hover_ohm(&self) -> f64 {
+        self.rated_v().powi(2) / self.battery.hover_w
+    }
+
+    /// From the text of a vehicle file; what it may not hold is refused, a newer one before anything in it. Keys that it
+    /// leaves out: `crate::left_out`.
     pub fn from_toml(text: &str) -> Result<Self, Problems> {
+        Self::read(text).map(|(vehicle, _)| vehicle)
+    }
+
+    /// The same, and the keys that were left out of the file of a vehicle of its own, with the law of each.
+    pub fn read(text: &str) -> Result<(Self, Vec<LeftOut>), Problems> {
         let refused = |why: String| {
             let mut problems = Problems::new();
             problems.say(why);
@@ -232,13 +259,25 @@ impl Vehicle {
             let shown = version.get_ref().as_integer().map_or("no whole number", |v| v.as_str());
             Schema::VEHICLE.check_text(shown).map_err(|e| refused(e.to_string()))?;
         }
+        if let Some(base) = root.get_mut().remove(BASE)
+            && base.get_ref().as_str() != Some(FLAPPER)
+        {
+            let found = base.get_ref().as_str().unwrap_or("no text");
+            return Err(refused(format!(
+                "base = {found:?}, allowed {FLAPPER:?}: the vehicle that what is left out is taken from; leave it out for \
+                 a vehicle of its own"
+            )));
+        }
         // With its place in the text, which the table alone does not know.
         let told = |e: toml::de::Error| {
             let start = e.span().map_or(0, |span| span.start);
             let line = 1 + text.bytes().take(start).filter(|byte| *byte == b'\n').count();
             refused(format!("line {line}: {}", e.message()))
         };
-        Self::deserialize(toml::Deserializer::from(root)).map_err(told)
+        let mut vehicle = Self::deserialize(toml::Deserializer::from(root)).map_err(told)?;
+        let said = text.parse().map_err(|e: toml::de::Error| refused(e.to_string()))?;
+        let left = left_out::complete(&mut vehicle, &said);
+        Ok((vehicle, left))
     }
 
     /// Refuses what cannot fly; every reason at once.
@@ -247,7 +286,7 @@ impl Vehicle {
             problems.range(format_args!("{key}.{name}"), value, low..=high, unit);
         };
         let Self { name: _, body, wings, drag, pitch_servo, yaw_servo, battery, ground } = self;
-        range("body.mass_kg", body.mass_kg, 0.01, 2.0, "kg");
+        range("body.mass_kg", body.mass_kg, *MASS_KG.start(), *MASS_KG.end(), "kg");
         for (axis, inertia) in ["x", "y", "z"].into_iter().zip(body.inertia_kgm2) {
             range(&format!("body.inertia_kgm2.{axis}"), inertia, 1e-6, 1.0, "kg·m²");
         }
@@ -259,9 +298,19 @@ impl Vehicle {
         }
         range("body.gear_m", body.gear_m, 0.0, 1.0, "m");
         range("wings.thrust_n_per_hz", wings.thrust_n_per_hz, 1e-3, 1.0, "N/Hz");
-        range("wings.thrust_offset_n", wings.thrust_offset_n, -1.0, 1.0, "N");
+        let [least, most] = AT_ZERO;
+        let weight_n = body.mass_kg * G_MPS2;
+        let offset_n = wings.thrust_offset_n;
+        range("wings.thrust_offset_n", offset_n, least * weight_n, most * weight_n, "N");
         range("wings.flap_hz_per_v", wings.flap_hz_per_v, 0.1, 50.0, "Hz/V");
-        range("wings.flap_offset_hz", wings.flap_offset_hz, -10.0, 10.0, "Hz");
+        let hover_hz = self.hover_hz();
+        range(
+            "wings.flap_offset_hz",
+            wings.flap_offset_hz,
+            least * hover_hz,
+            most * hover_hz,
+            "Hz",
+        );
         range("wings.flap_lag_s", wings.flap_lag_s, 0.001, 1.0, "s");
         range("wings.centre_m", wings.centre_m, 0.01, 1.0, "m");
         range("wings.cop_m", wings.cop_m, -0.2, 0.2, "m");
@@ -349,6 +398,26 @@ mod tests {
                 let there = written.get(table).map_or(written.get(key), |t| t.get(key));
                 assert!(there.is_some(), "{name} is not in the whole file of docs/VEHICLE.md");
             }
+        }
+    }
+
+    #[test]
+    fn prop_tangents_of_bent_laws_are_allowed_and_what_cannot_hover_is_not() {
+        // T = W (f/f_h)^2 at 40 g and 20 Hz: slope 2W/(2 f_h), offset -W. And one of 300 g whose offset is beyond 1 N.
+        for (mass_kg, weights, ok) in [
+            (0.04, -1.0, true),
+            (0.3, -1.0, true),
+            (0.3, -2.0, true),
+            (0.3, -3.5, false),
+            (0.04, 1.0, false),
+        ] {
+            let mut v = Vehicle::default();
+            let weight_n = mass_kg * G_MPS2;
+            (v.body.mass_kg, v.wings.thrust_offset_n) = (mass_kg, weights * weight_n);
+            v.wings.thrust_n_per_hz = (1.0_f64 - weights).max(0.1) * weight_n / 40.0;
+            let mut problems = Problems::new();
+            v.check("vehicle", &mut problems);
+            assert_eq!(problems.is_empty(), ok, "{mass_kg} {weights}: {problems}");
         }
     }
 

@@ -53,7 +53,7 @@ use serde::{Deserialize, Serialize};
 use haltere_core::checks::Problems;
 
 /// `MISSION_ITEM_INT` counts x and y of a local frame in 0.1 mm.
-const LOCAL_SCALE: f64 = 1e4;
+pub const LOCAL_SCALE: f64 = 1e4;
 /// Farthest coordinate that the wire can carry, with room to spare, m.
 const FARTHEST_M: f64 = 1000.0;
 

@@ -12,7 +12,7 @@
 use haltere_core::control::TiltAxis;
 use haltere_core::control::config::ControlConfig;
 use haltere_core::control::drag::{DragConfig, TESTED_LEAN_DEG};
-use haltere_core::control::voltage::{BaseThrust, HIGHEST_V};
+use haltere_core::control::voltage::BaseThrust;
 use haltere_core::estimate::Health;
 use haltere_core::frames::{E, G_MPS2, Vec3};
 use haltere_core::time::HostTime;
@@ -73,6 +73,7 @@ pub struct Envelope {
     tilt_limit_rad: f64,
     thrust_max_frac: f64,
     base: BaseThrust,
+    full_v: f64,
     drag: DragConfig,
     /// Below this voltage the vehicle lands, V.
     pub battery_critical_v: f64,
@@ -91,6 +92,7 @@ impl Envelope {
             tilt_limit_rad: control.limits.tilt_deg.to_radians(),
             thrust_max_frac: control.limits.thrust_max_frac,
             base: BaseThrust::new(&control.voltage),
+            full_v: control.voltage.highest_v(),
             drag: control.drag,
             battery_critical_v,
         }
@@ -182,7 +184,7 @@ impl TiltStep {
         let room_m = side(volume.north_m).max(side(volume.east_m)) - 2.0 * MARGIN_M;
         self.check_limit(envelope)?;
         self.check_way(envelope, room_m, "the longer side of the volume less margins")?;
-        self.check_thrust(envelope, HIGHEST_V)
+        self.check_thrust(envelope, envelope.full_v)
     }
 
     /// Whether the way to the fence in the direction of flight, m, is enough.

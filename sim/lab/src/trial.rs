@@ -219,7 +219,7 @@ fn one(scene: &Scene, k: usize) -> Option<Case> {
 
 /// Parameters from the range, drawn towards "off"; choices and places stay.
 fn weak(spec: &EffectSpec, scene: &Scene, rng: &mut Stream) -> Option<Vec<f64>> {
-    let theta = draws(spec, &scene.room, scene.survey.ids().len(), 1, rng).pop()?;
+    let theta = draws(spec, &scene.vehicle, &scene.room, scene.survey.ids().len(), 1, rng).pop()?;
     let shrunk = |(p, v): (&ParameterSpec, f64)| {
         let scaled = p.off.is_finite() && p.name != "anchor" && p.off != p.default;
         if scaled { p.off + WEAK * (v - p.off) } else { v }

@@ -8,7 +8,6 @@ use anyhow::{Context, Result, bail};
 use haltere::fit::polynomial::{OverVoltage, fit};
 use haltere::report::svg::{Mark, Plot, Series, Tone};
 use haltere_core::control::Version;
-use haltere_core::control::voltage::CENTRE_V;
 use haltere_dialect::mav::haltere::MavCmd;
 use haltere_model::PlantConfig;
 
@@ -17,6 +16,8 @@ use super::results::{Cell, Claim, Figure, Line, Row, Section, Sense, Spread, Tab
 use super::source;
 use crate::steps::item;
 
+/// Voltage that the polynomials are about, V: two cells, as the source has.
+const CENTRE_V: f64 = 7.4;
 /// Height of the hover, m, and what its start leaves out, s.
 const HEIGHT_M: f64 = 1.2;
 const SETTLE_S: f64 = 5.0;

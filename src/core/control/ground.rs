@@ -27,12 +27,14 @@ use crate::checks::Problems;
 pub const LOWEST_VALIDATED_M: f64 = 0.33;
 /// A ratio below this at [`LOWEST_VALIDATED_M`] is not ground effect but a pole nearby.
 pub const LOWEST_RATIO: f64 = 0.8;
+/// And one above this no loss by the floor: as much the other way.
+pub const HIGHEST_RATIO: f64 = 1.2;
 
 /// Parameters of the ground-effect correction, key `control.ground`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GroundConfig {
-    /// Strength λ. m²
+    /// Strength λ; below zero for a vehicle that loses thrust over the floor. m²
     pub lambda_m2: f64,
     /// Height of the law's pole, landing gear to ground. The printed 0.4213 is a misprint. m
     pub a_m: f64,
@@ -51,7 +53,7 @@ impl Default for GroundConfig {
 impl GroundConfig {
     /// Says what is wrong with the values under `key`.
     pub fn check(&self, key: &str, problems: &mut Problems) {
-        problems.range(format!("{key}.lambda_m2"), self.lambda_m2, 0.0..=0.1, "m²");
+        problems.range(format!("{key}.lambda_m2"), self.lambda_m2, -0.1..=0.1, "m²");
         problems.range(format!("{key}.filter_s"), self.filter_s, 0.0..=5.0, "s");
         // Written so that NaN is refused too.
         let pole_below = (0.0..LOWEST_VALIDATED_M).contains(&self.a_m);
@@ -65,16 +67,16 @@ impl GroundConfig {
             return;
         }
         let ratio = self.law(LOWEST_VALIDATED_M);
-        if ratio.is_nan() || ratio < LOWEST_RATIO {
+        if !(LOWEST_RATIO..=HIGHEST_RATIO).contains(&ratio) {
             problems.say(format!(
                 "{key}: the thrust ratio at {LOWEST_VALIDATED_M} m is {ratio:.3}, allowed \
-                 {LOWEST_RATIO} to 1; lower lambda_m2 (= {}) or a_m (= {})",
+                 {LOWEST_RATIO} to {HIGHEST_RATIO}; bring lambda_m2 (= {}) nearer to 0 or lower a_m (= {})",
                 self.lambda_m2, self.a_m
             ));
         }
     }
 
-    /// Factor on the free-air thrust at this height, in ([`LOWEST_RATIO`], 1] for a checked
+    /// Factor on the free-air thrust at this height, in [[`LOWEST_RATIO`], [`HIGHEST_RATIO`]] for a checked
     /// configuration. Held below [`LOWEST_VALIDATED_M`]; 1 for NaN.
     pub fn thrust_factor(&self, height_m: f64) -> f64 {
         if height_m.is_nan() { 1.0 } else { self.law(height_m.max(LOWEST_VALIDATED_M)) }
@@ -121,10 +123,18 @@ mod tests {
             GroundConfig { a_m: f64::NAN, ..Default::default() },
             GroundConfig { lambda_m2: 0.003, ..Default::default() },
             GroundConfig { lambda_m2: f64::NAN, ..Default::default() },
-            GroundConfig { lambda_m2: -0.001, ..Default::default() },
+            GroundConfig { lambda_m2: -0.003, ..Default::default() },
         ] {
             assert!(!problems_of(broken).is_empty(), "{broken:?}");
         }
+    }
+
+    #[test]
+    fn prop_a_floor_that_costs_thrust_asks_for_more_of_it() {
+        let loses = GroundConfig { lambda_m2: -0.00093, ..Default::default() };
+        assert!(problems_of(loses).is_empty());
+        assert!((loses.thrust_factor(0.33) - 1.079).abs() < 1e-3);
+        assert!(loses.thrust_factor(1.2) < 1.001);
     }
 
     #[test]

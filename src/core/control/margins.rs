@@ -29,7 +29,7 @@ use nalgebra::Complex;
 
 use crate::control::config::ControlConfig;
 use crate::control::gains::ControlGains;
-use crate::control::voltage::{BaseThrust, HIGHEST_V, LOWEST_V};
+use crate::control::voltage::BaseThrust;
 use crate::frames::G_MPS2;
 
 type C = Complex<f64>;
@@ -135,7 +135,8 @@ pub fn refusal(config: &ControlConfig) -> Option<String> {
 fn thrust_refusal(config: &ControlConfig) -> Option<String> {
     let base = BaseThrust::new(&config.voltage);
     let limits = &config.limits;
-    let (empty, full) = (base.at_frac(LOWEST_V), base.at_frac(HIGHEST_V));
+    let voltage = &config.voltage;
+    let (empty, full) = (base.at_frac(voltage.lowest_v()), base.at_frac(voltage.highest_v()));
     if limits.thrust_max_frac < CLIMB_SHARE * empty {
         return Some(format!(
             "control.limits.thrust_max_frac = {}: {:.2} needed with an empty battery",
@@ -153,10 +154,11 @@ fn thrust_refusal(config: &ControlConfig) -> Option<String> {
 }
 
 fn axis_refusal(config: &ControlConfig, axis: usize) -> Option<String> {
+    let (full_v, empty_v) = (config.voltage.highest_v(), config.voltage.lowest_v());
     let voltages: &[(f64, &str)] = if axis == 2 {
-        &[(HIGHEST_V, ", full battery"), (LOWEST_V, ", empty battery")]
+        &[(full_v, ", full battery"), (empty_v, ", empty battery")]
     } else {
-        &[(HIGHEST_V, "")]
+        &[(full_v, "")]
     };
     voltages.iter().find_map(|(supply_v, when)| {
         let found = margins(config, axis, *supply_v);

@@ -1,14 +1,15 @@
 //! Base thrust over battery voltage: a sagging battery needs more throttle for the same weight.
 //!
-//! **Equation.** `base(V) = c0 + c1·x + c2·x² + c3·x³`, `x = V − 7.4 V`, V the low-passed pack
-//! voltage.
+//! **Equation.** `base(V) = c0 + c1·x + c2·x² + c3·x³`, `x = V − 3.7 V · n`, V the low-passed pack
+//! voltage, n the number of cells.
 //!
 //! **Source.** Recorded hover flights: throttle counts (0 to 65535) times volts = 310 000 within
 //! 1.5 % from 7.9 to 7.1 V, exponent −1.01. That is `base = 310000/65535/V = 4.730/V`. The default
 //! coefficients are least-squares fits of it over 6.0 to 8.4 V, for each order; the tests derive
 //! them again. Largest error: order 1 0.014, order 2 0.0014, order 3 0.0001 (of full throttle).
 //!
-//! **Validity.** 6.0 V (critical) to 8.4 V (full), two cells; held at the ends. **Left out.**
+//! **Validity.** 3.0 V (critical) to 4.2 V (full) a cell; held at the ends. **Other packs.** Where the default
+//! coefficients are left, those of n cells are the same law of the voltage of a cell. **Left out.**
 //! Sag within the filter's time constant, temperature, age of the pack.
 
 use serde::{Deserialize, Serialize};
@@ -16,14 +17,16 @@ use serde::{Deserialize, Serialize};
 use crate::checks::Problems;
 use crate::control::filter::LowPass;
 
-/// Centre of the polynomial: nominal voltage of two cells, V.
-pub const CENTRE_V: f64 = 7.4;
-/// Lowest voltage the polynomial is used at, V: critical.
-pub const LOWEST_V: f64 = 6.0;
-/// Highest voltage the polynomial is used at, V: full.
-pub const HIGHEST_V: f64 = 8.4;
-/// A measured voltage outside of this cannot be two cells in flight, V.
-pub const PLAUSIBLE_V: std::ops::RangeInclusive<f64> = 5.0..=9.0;
+/// Cells of the vehicle that the defaults are of.
+const USUAL_CELLS: u8 = 2;
+/// Most cells in series: what a vehicle file may say.
+pub const MOST_CELLS: u8 = 6;
+/// Centre of the polynomial: nominal voltage of a cell, V.
+const CELL_V: f64 = 3.7;
+/// Voltage of a cell at which the polynomial is used, V: critical to full.
+const CELL_RANGE_V: [f64; 2] = [3.0, 4.2];
+/// A measured voltage of a cell outside of this cannot be one in flight, V.
+const CELL_PLAUSIBLE_V: [f64; 2] = [2.5, 4.5];
 /// Least-squares fits of 4.730/V of order 1, 2 and 3: frac, frac/V, frac/V², frac/V³.
 pub const FITS: [[f64; 4]; 3] = [
     [0.644662, -0.092813, 0.0, 0.0],
@@ -38,8 +41,10 @@ const PLAUSIBLE_BASE_FRAC: std::ops::RangeInclusive<f64> = 0.2..=0.95;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct VoltageConfig {
-    /// Coefficients of (V − 7.4) to the power 0, 1, 2, 3: two to four numbers, order 1 to 3.
-    /// frac, frac/V, frac/V², frac/V³
+    /// Cells of the pack in series: what voltages are plausible, and the centre of the polynomial, 3.7 V each.
+    pub cells: u8,
+    /// Coefficients of (V − 3.7 · cells) to the power 0, 1, 2, 3: two to four numbers, order 1 to 3. The default stands
+    /// for the same law of the voltage of a cell, however many there are. frac, frac/V, frac/V², frac/V³
     pub base_coefficients_frac: Vec<f64>,
     /// Voltage assumed for the constant base thrust and until a voltage is known. V
     pub nominal_v: f64,
@@ -50,8 +55,9 @@ pub struct VoltageConfig {
 impl Default for VoltageConfig {
     fn default() -> Self {
         Self {
+            cells: USUAL_CELLS,
             base_coefficients_frac: FITS[2].to_vec(),
-            nominal_v: CENTRE_V,
+            nominal_v: f64::from(USUAL_CELLS) * CELL_V,
             // Slower than the sag of a thrust burst (so that burst and sag do not chase each
             // other), faster than the discharge, which takes minutes.
             filter_s: 3.0,
@@ -60,9 +66,39 @@ impl Default for VoltageConfig {
 }
 
 impl VoltageConfig {
+    /// Centre of the polynomial: nominal voltage of the pack, V.
+    pub fn centre_v(&self) -> f64 {
+        self.of_pack(CELL_V)
+    }
+
+    /// Lowest voltage the polynomial is used at, V: critical.
+    pub fn lowest_v(&self) -> f64 {
+        self.of_pack(CELL_RANGE_V[0])
+    }
+
+    /// Highest voltage the polynomial is used at, V: full.
+    pub fn highest_v(&self) -> f64 {
+        self.of_pack(CELL_RANGE_V[1])
+    }
+
+    /// Whether a measured voltage can be that of this pack in flight.
+    pub fn is_plausible(&self, supply_v: f64) -> bool {
+        let [low, high] = CELL_PLAUSIBLE_V;
+        (self.of_pack(low)..=self.of_pack(high)).contains(&supply_v)
+    }
+
+    fn of_pack(&self, cell_v: f64) -> f64 {
+        f64::from(self.cells) * cell_v
+    }
+
     /// Says what is wrong with the values under `key`.
     pub fn check(&self, key: &str, problems: &mut Problems) {
-        problems.range(format!("{key}.nominal_v"), self.nominal_v, LOWEST_V..=HIGHEST_V, "V");
+        if !(1..=MOST_CELLS).contains(&self.cells) {
+            problems.say(format!("{key}.cells = {}, allowed 1 to {MOST_CELLS}", self.cells));
+            return;
+        }
+        let (lowest_v, highest_v) = (self.lowest_v(), self.highest_v());
+        problems.range(format!("{key}.nominal_v"), self.nominal_v, lowest_v..=highest_v, "V");
         problems.range(format!("{key}.filter_s"), self.filter_s, 0.0..=60.0, "s");
         let key = format!("{key}.base_coefficients_frac");
         let count = self.base_coefficients_frac.len();
@@ -73,7 +109,7 @@ impl VoltageConfig {
         let law = BaseThrust::new(self);
         let mut before = f64::INFINITY;
         for step in 0..=24 {
-            let v = LOWEST_V + 0.1 * f64::from(step);
+            let v = lowest_v + (highest_v - lowest_v) * f64::from(step) / 24.0;
             let base = law.at_frac(v);
             if !PLAUSIBLE_BASE_FRAC.contains(&base) {
                 problems.say(format!(
@@ -86,7 +122,7 @@ impl VoltageConfig {
             if base > before {
                 problems.say(format!(
                     "{key} give more base thrust at {v:.1} V ({base:.4}) than at a lower voltage \
-                     ({before:.4}); it must fall from {LOWEST_V} to {HIGHEST_V} V"
+                     ({before:.4}); it must fall from {lowest_v} to {highest_v} V"
                 ));
                 return;
             }
@@ -99,6 +135,8 @@ impl VoltageConfig {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BaseThrust {
     coefficients: [f64; 4],
+    centre_v: f64,
+    range_v: [f64; 2],
 }
 
 impl BaseThrust {
@@ -108,12 +146,18 @@ impl BaseThrust {
         for (slot, c) in coefficients.iter_mut().zip(&config.base_coefficients_frac) {
             *slot = *c;
         }
-        Self { coefficients }
+        if config.base_coefficients_frac == FITS[2] {
+            let per_volt = f64::from(USUAL_CELLS) / f64::from(config.cells.max(1));
+            coefficients.iter_mut().zip(0..).for_each(|(c, k)| *c *= per_volt.powi(k));
+        }
+        let range_v = [config.lowest_v(), config.highest_v()];
+        Self { coefficients, centre_v: config.centre_v(), range_v }
     }
 
     /// Base thrust at this voltage, held beyond the ends of the range.
     pub fn at_frac(&self, supply_v: f64) -> f64 {
-        let x = supply_v.clamp(LOWEST_V, HIGHEST_V) - CENTRE_V;
+        let [low_v, high_v] = self.range_v;
+        let x = supply_v.clamp(low_v, high_v) - self.centre_v;
         let [c0, c1, c2, c3] = self.coefficients;
         c0 + x * (c1 + x * (c2 + x * c3))
     }
@@ -146,7 +190,7 @@ impl SupplyFilter {
         dt_s: f64,
     ) -> (f64, SupplyQuality) {
         match supply_v {
-            Some(v) if PLAUSIBLE_V.contains(&v) => {
+            Some(v) if config.is_plausible(v) => {
                 (self.filter.step([v], config.filter_s, dt_s)[0], SupplyQuality::Measured)
             }
             _ => match self.filter.value() {
@@ -170,11 +214,11 @@ mod tests {
 
     #[test]
     fn val_coefficients_are_least_squares_fits_of_the_recorded_law() {
-        let volts: Vec<f64> = (0..=240).map(|i| LOWEST_V + 0.01 * f64::from(i)).collect();
+        let volts: Vec<f64> = (0..=240).map(|i| 6.0 + 0.01 * f64::from(i)).collect();
         for (fit, max_error) in FITS.iter().zip([0.0140, 0.0014, 0.00014]) {
             let order = FITS.iter().position(|f| f == fit).expect("listed") + 1;
             let a = DMatrix::from_fn(volts.len(), order + 1, |r, c| {
-                (volts[r] - CENTRE_V).powi(i32::try_from(c).expect("small"))
+                (volts[r] - 7.4).powi(i32::try_from(c).expect("small"))
             });
             let b = DVector::from_fn(volts.len(), |r, _| recorded_law_frac(volts[r]));
             let normal = (a.transpose() * &a).lu();
@@ -182,13 +226,44 @@ mod tests {
             for (stored, derived) in fit.iter().zip(x.iter()) {
                 assert!((stored - derived).abs() < 1e-6, "order {order}: {stored} {derived}");
             }
-            let law = BaseThrust { coefficients: *fit };
+            let law = of_two_cells(*fit);
             let worst = volts
                 .iter()
                 .map(|v| (law.at_frac(*v) - recorded_law_frac(*v)).abs())
                 .fold(0.0, f64::max);
             assert!(worst < max_error, "order {order}: {worst}");
         }
+    }
+
+    fn of_two_cells(coefficients: [f64; 4]) -> BaseThrust {
+        BaseThrust { coefficients, ..BaseThrust::new(&VoltageConfig::default()) }
+    }
+
+    #[test]
+    fn prop_one_cell_and_three_have_the_law_of_two_by_the_cell() {
+        let two = BaseThrust::new(&VoltageConfig::default());
+        for cells in [1, 3] {
+            let nominal_v = 3.7 * f64::from(cells);
+            let config = VoltageConfig { cells, nominal_v, ..Default::default() };
+            let mut problems = Problems::new();
+            config.check("v", &mut problems);
+            assert!(problems.is_empty(), "{problems}");
+            let law = BaseThrust::new(&config);
+            for cell_v in [2.9, 3.0, 3.3, 3.7, 4.2, 4.3] {
+                let of = |law: &BaseThrust, cells: u8| law.at_frac(cell_v * f64::from(cells));
+                assert!((of(&law, cells) - of(&two, 2)).abs() < 1e-12, "{cells} {cell_v}");
+            }
+            let mut supply = SupplyFilter::default();
+            let (used_v, quality) = supply.step(&config, Some(7.4), 0.01);
+            assert_eq!(
+                (used_v, quality),
+                (nominal_v, SupplyQuality::Nominal),
+                "two cells are none of {cells}"
+            );
+        }
+        let mut problems = Problems::new();
+        VoltageConfig { cells: 1, ..Default::default() }.check("v", &mut problems);
+        assert_eq!(problems.lines(), ["v.nominal_v = 7.4, allowed 3 to 4.2 V"]);
     }
 
     #[test]
@@ -263,7 +338,7 @@ mod tests {
         #[test]
         fn prop_base_thrust_falls_with_voltage(v in 5.0..9.0f64, up in 0.0..4.0f64) {
             for coefficients in FITS {
-                let law = BaseThrust { coefficients };
+                let law = of_two_cells(coefficients);
                 prop_assert!(law.at_frac(v) >= law.at_frac(v + up));
                 prop_assert!((0.5..0.8).contains(&law.at_frac(v)));
             }

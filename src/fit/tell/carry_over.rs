@@ -21,12 +21,13 @@ use crate::fit::outcome::{Outcome, Refusal, Table};
 use crate::fit::polynomial;
 use crate::fit::programs::Program;
 use crate::fit::source::Source;
-use haltere_core::control::voltage::CENTRE_V;
 use haltere_core::frames::G_MPS2;
 use haltere_log::import::{Recording, motion};
 
 /// An exponent whose standard error is above this is not told by the flight.
 const TOLD: f64 = 0.05;
+/// Voltage that commands are told at, V: two cells, as the recordings have.
+const CENTRE_V: f64 = 7.4;
 /// Exponent of physics: thrust at the same product of command and voltage.
 const PHYSICS: f64 = -1.0;
 

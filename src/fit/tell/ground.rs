@@ -5,6 +5,7 @@
 //! are those that were asked for: one rung is one height, and the noise of the estimate does not
 //! smear the law. The mean height by the estimate is shown beside it.
 
+use super::thrust::pack;
 use super::{PLOT_PX, logs};
 use crate::fit::columns::{HoverMean, hover_means};
 use crate::fit::ground::{self, Ground};
@@ -12,7 +13,6 @@ use crate::fit::outcome::{Outcome, Refusal, Table};
 use crate::fit::programs::Program;
 use crate::fit::source::{Source, names};
 use crate::report::svg::{Mark, Plot, Series, Tone};
-use haltere_core::control::voltage::CENTRE_V;
 
 /// Time between two flights that are fitted together, s.
 const APART_S: f64 = 1e4;
@@ -46,7 +46,8 @@ pub fn fit(sources: &[Source], exponent: f64, truth: bool) -> Result<Outcome, Re
             ..m
         }));
     }
-    let free = |m: &HoverMean| m.thrust_frac * (m.supply_v / CENTRE_V).powf(-exponent);
+    let centre_v = pack(sources).centre_v();
+    let free = |m: &HoverMean| m.thrust_frac * (m.supply_v / centre_v).powf(-exponent);
     let rungs = rungs(&means, &free);
     let on_rung = |m: &HoverMean| rungs.iter().any(|r| (r.height_m - m.height_m).abs() < RUNG_M);
     means.retain(on_rung);
@@ -100,7 +101,8 @@ fn told(sources: &[Source], found: &Ground, rungs: &[Rung], exponent: f64, truth
     outcome.parameter("lambda", "m²", found.lambda_m2);
     outcome.parameter("a", "m", found.a_m);
     outcome.parameter("ratio at the lowest rung", "", found.at_lowest);
-    outcome.parameter("free-air command at 7.4 V", "of full", found.free);
+    let centre_v = pack(sources).centre_v();
+    outcome.parameter(format!("free-air command at {centre_v} V"), "of full", found.free);
     outcome.quality("R²", found.r_squared, "");
     outcome.quality("scatter of half a second, one sigma", found.scatter_frac, "of free air");
     let [low, high] = found.range_m;

@@ -20,7 +20,7 @@ use crate::fit::programs::Program;
 use crate::fit::source::{Source, names};
 use crate::fit::value::Value;
 use crate::report::svg::{Mark, Plot, Series, Tone};
-use haltere_core::control::voltage::CENTRE_V;
+use haltere_core::control::voltage::VoltageConfig;
 use haltere_core::frames::G_MPS2;
 use haltere_log::import::motion;
 use haltere_log::import::stand::{Stand, StandRow};
@@ -146,6 +146,15 @@ pub fn fit(sources: &[Source]) -> Result<Outcome, Refusal> {
     over_voltage(sources, &columns)
 }
 
+/// The pack of the vehicle that flew: as its log says, else the usual one.
+pub fn pack(sources: &[Source]) -> VoltageConfig {
+    let told = sources.iter().find_map(|source| match source {
+        Source::Log { config, .. } => Some(config.control.voltage.clone()),
+        _ => None,
+    });
+    told.unwrap_or_default()
+}
+
 fn over_voltage(sources: &[Source], columns: &Columns) -> Result<Outcome, Refusal> {
     let refuse = |why: String| Refusal::NotExcited { why, program: Program::Thrust };
     let n = columns.t_s.len();
@@ -158,15 +167,19 @@ fn over_voltage(sources: &[Source], columns: &Columns) -> Result<Outcome, Refusa
             LEAST_RANGE_FRAC * 100.0
         )));
     }
-    let found = polynomial::fit(&columns.t_s, &columns.supply_v, &columns.frac, CENTRE_V)
+    let pack = pack(sources);
+    let centre_v = pack.centre_v();
+    let found = polynomial::fit(&columns.t_s, &columns.supply_v, &columns.frac, centre_v)
         .map_err(|why| refuse(why.to_string()))?;
     let mut outcome = Outcome::new(
         "thrust",
         names(sources),
-        "thrust command that carries the weight = y(7.4 V)·(V/7.4)^n, and polynomials of V - 7.4",
+        format!(
+            "thrust command that carries the weight = y({centre_v} V)·(V/{centre_v})^n, and polynomials of V - {centre_v}"
+        ),
     );
     outcome.parameter("exponent n", "", found.power.exponent);
-    outcome.parameter("command at 7.4 V", "of full", found.power.at_centre);
+    outcome.parameter(format!("command at {centre_v} V"), "of full", found.power.at_centre);
     outcome.quality("power law R²", found.power.r_squared, "");
     outcome.quality("power law rms of what is left", found.power.residual, "of full");
     outcome.quality("means of half a second", n as f64, "");
@@ -205,19 +218,23 @@ fn over_voltage(sources: &[Source], columns: &Columns) -> Result<Outcome, Refusa
         return Ok(outcome);
     }
     outcome.offer(format!(
-        "# least-squares cubic of the power law over 6.0 to 8.4 V\n[control.voltage]\n\
+        "# least-squares cubic of the power law over {:.1} to {:.1} V\n[control.voltage]\n\
          base_coefficients_frac = [{}]\n",
-        cubic(&found).map(|c| format!("{c:.6}")).join(", ")
+        pack.lowest_v(),
+        pack.highest_v(),
+        cubic(&found, &pack).map(|c| format!("{c:.6}")).join(", ")
     ));
     Ok(outcome)
 }
 
 /// The power law as the configuration takes it: a cubic over the whole range of the controller, so
 /// that nothing extrapolates a polynomial.
-pub fn cubic(found: &OverVoltage) -> [f64; 4] {
-    let volts: Vec<f64> = (0..=48).map(|k| 6.0 + 0.05 * f64::from(k)).collect();
+fn cubic(found: &OverVoltage, pack: &VoltageConfig) -> [f64; 4] {
+    let (low_v, high_v) = (pack.lowest_v(), pack.highest_v());
+    let volts: Vec<f64> =
+        (0..=48).map(|k| low_v + (high_v - low_v) / 48.0 * f64::from(k)).collect();
     let rows = Rows::from_fn(volts.len(), 4, |i, row| {
-        row.iter_mut().zip(0..).for_each(|(x, k)| *x = (volts[i] - CENTRE_V).powi(k));
+        row.iter_mut().zip(0..).for_each(|(x, k)| *x = (volts[i] - pack.centre_v()).powi(k));
     });
     let y: Vec<f64> = volts.iter().map(|v| found.power.at(*v)).collect();
     let beta = solve(&rows, &y, None).unwrap_or_default();

@@ -290,7 +290,7 @@ impl Attributor {
     }
 
     fn blocks(&self, groups: &Groups, statistics: &[f64]) -> Vec<BlockScore> {
-        let mut scores: Vec<BlockScore> = groups
+        let mut scores: Vec<(bool, BlockScore)> = groups
             .scores(statistics)
             .into_iter()
             .map(|(block, count, score)| {
@@ -300,17 +300,22 @@ impl Attributor {
                 let variance =
                     nulls.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
                 let above = nulls.iter().filter(|v| **v >= score).count();
-                BlockScore {
+                let score = BlockScore {
                     block: block.name().to_string(),
                     statistics: count,
                     score,
-                    sigma: (score - mean) / variance.sqrt().max(1e-9),
+                    // A score has a sigma of one where the covariance holds. Fewer in the simulator, where a clock is
+                    // exact, makes nothing of a real one loud.
+                    sigma: (score - mean) / variance.sqrt().max(1.0),
                     p_value: (above as f64 + 1.0) / (n + 1.0),
-                }
+                };
+                (block.is_consequence(), score)
             })
             .collect();
-        scores.sort_by(|a, b| b.sigma.total_cmp(&a.sigma));
-        scores
+        scores.sort_by(|(a_follows, a), (b_follows, b)| {
+            a_follows.cmp(b_follows).then(b.sigma.total_cmp(&a.sigma))
+        });
+        scores.into_iter().map(|(_, score)| score).collect()
     }
 
     /// Whether any statistic differs from the null by more than what matters.

@@ -191,7 +191,7 @@ pub struct Attribution {
     pub pairs: Vec<PairCandidate>,
     /// What a second effect must add, relative to the first.
     pub pair_limit: f64,
-    /// Where: blocks, loudest first.
+    /// Where: blocks that can be the cause, loudest first, then those where its consequences show.
     pub blocks: Vec<BlockScore>,
     /// Gate.
     pub gate: Gate,

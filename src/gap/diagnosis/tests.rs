@@ -8,6 +8,7 @@ use crate::library::standard;
 use crate::nominal::Nominal;
 use crate::outcome::Remainder;
 use crate::scene::Scene;
+use crate::statistics::specs;
 use haltere_core::measure::AnchorId;
 use haltere_log::replay::{Demand, Verdict};
 use haltere_model::random::Stream;
@@ -110,6 +111,16 @@ fn prop_an_effect_is_testable_only_where_its_statistic_was_visited() {
     assert_eq!(not_testable(&workshop, &observation(statistics)), ["P1", "A9"]);
 }
 
+fn found(
+    said: &Attribution,
+    seen: &Observation,
+    workshop: &Workshop,
+    surveyed: &[AnchorId],
+) -> Vec<Where> {
+    let heard = Heard { statistics: &seen.statistics, worst: &seen.anchors, surveyed };
+    places(said, heard, &workshop.bank)
+}
+
 #[test]
 fn prop_loud_blocks_name_their_loudest_statistic_and_its_anchor() {
     let moved = place("uwb.bias.first");
@@ -117,12 +128,44 @@ fn prop_loud_blocks_name_their_loudest_statistic_and_its_anchor() {
     let mut statistics = vec![0.0; specs().len()];
     statistics[moved] = -40.0;
     let seen = observation(statistics);
-    let found = places(&attribution(&[("uwb", 12.0), ("thrust", 2.9)]), &seen, &workshop);
+    let found = found(&attribution(&[("uwb", 12.0), ("thrust", 2.9)]), &seen, &workshop, &[]);
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!((found[0].block.as_str(), found[0].anchor), ("uwb", Some(4)));
     assert_eq!(found[0].regime, "uwb.bias.first");
-    assert_eq!(anchor_of("uwb.zone.first", &seen), Some(2));
-    assert_eq!(anchor_of("fx.const", &seen), None);
+}
+
+#[test]
+fn prop_the_cause_comes_first_however_loud_what_follows_from_it() {
+    let workshop = workshop(0);
+    let seen = observation(vec![0.0; specs().len()]);
+    let mut said = attribution(&[("controller", 90.0), ("battery", 30.0), ("thrust", 5.0)]);
+    said.outcome = Outcome::NotInLibrary { remainder: Remainder::default() };
+    said.candidates[0].posterior = 0.9;
+    said.candidates[1].posterior = 0.1;
+    let found = found(&said, &seen, &workshop, &[]);
+    let order: Vec<(&str, Part)> = found.iter().map(|p| (p.block.as_str(), p.part)).collect();
+    // P1 is of the thrust, A9 of the aerodynamics; nothing of the library is of the battery.
+    let want = [
+        ("thrust", Part::Cause),
+        ("aerodynamics", Part::Cause),
+        ("battery", Part::Cause),
+        ("controller", Part::Consequence),
+    ];
+    assert_eq!(order, want);
+}
+
+#[test]
+fn regress_a_named_survey_error_has_a_place_and_its_anchor_where_no_block_is_loud() {
+    let workshop = workshop(0);
+    let seen = observation(vec![0.0; specs().len()]);
+    let mut said = attribution(&[("uwb", 0.5)]);
+    // Fourth by ascending id.
+    let theta = vec![0.2, 0.1, 0.0, 3.2];
+    let theta_90 = vec![[0.0; 2]; 4];
+    let effect = Named { id: "U7".into(), probability: 0.9, theta, theta_90 };
+    said.outcome = Outcome::Named { effect };
+    let found = found(&said, &seen, &workshop, &[1, 3, 5, 9].map(AnchorId));
+    assert_eq!((found[0].block.as_str(), found[0].anchor), ("uwb", Some(9)), "{found:?}");
 }
 
 #[test]

@@ -57,6 +57,7 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
             if axis == 2 && (*n == "large" || *n == "drive") {
                 continue; // a heading has no zero
             }
+            let at = if *n == "const" { (Block::Actuators, channel) } else { at };
             sheet.put(at, format!("att.{name}.{n}"), unit, meaning, value);
         }
         let [std, quiet, r1, most, lag, depth, gain, swing, busy, steep] = more;
@@ -74,7 +75,9 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         sheet.put(at, format!("att.{name}.match"), "ln", "misfit at that lag", depth);
         sheet.put(at, format!("att.{name}.gain"), "1", "slope on the nominal response", gain);
         sheet.put(at, format!("att.{name}.swing"), "ln", "spread of the rate in hover", swing);
-        sheet.put(at, format!("att.{name}.small"), "1", "slope for small movements", busy);
+        // What a servo out of trim and one with play show, whatever the loops.
+        let of_servo = (Block::Actuators, channel);
+        sheet.put(of_servo, format!("att.{name}.small"), "1", "slope for small movements", busy);
         sheet.put(
             at,
             format!("att.{name}.bursts"),

@@ -66,6 +66,7 @@ fn north(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
     sheet.put(at, "north.pilot", "rad", "north of the board, by the pilot", v[0]);
     sheet.put(at, "north.pilot_time", "rad per min", "its ramp", v[1]);
     sheet.put(at, "north.pilot_std", "ln", "its spread", v[2]);
+    let at = (Block::InnerLoop, Channel::North);
     sheet.put(at, "north.own", "rad", "north of the board, by kinematics", v[3]);
     sheet.put(at, "north.own_time", "rad per min", "its ramp", v[4]);
 }

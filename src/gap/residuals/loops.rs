@@ -1,4 +1,5 @@
-//! LOOP: what the closed loops make of it all: tracking errors, trims, throttle in hover.
+//! LOOP: what the closed loops make of it all: tracking errors, trims, throttle in hover. Consequences, whatever the
+//! cause: they are of the controller and the estimator, which cannot be it.
 
 use nalgebra::Vector3;
 
@@ -151,12 +152,7 @@ fn trims(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         ("thrust_change", "V", "last third of the hovers beyond the first third"),
     ];
     for ((name, unit, meaning), value) in names.into_iter().zip(v) {
-        let block = match name {
-            "thrust" | "thrust_most" | "thrust_change" => Block::Thrust,
-            "thrust_low" | "thrust_high" => Block::Aerodynamics,
-            _ => Block::Controller,
-        };
-        let at = (block, Channel::Loop);
+        let at = (Block::Controller, Channel::Loop);
         sheet.put(at, format!("trim.{name}"), unit, meaning, value);
     }
 }

@@ -173,7 +173,7 @@ fn build(
         .zip(given)
         .map(|(p, given)| match p.source {
             Source::Vehicle(field) => *field(&mut file),
-            Source::List => given.unwrap_or(p.default),
+            Source::List => given.unwrap_or(p.of(nominal).default),
         })
         .collect();
     let rng = Stream::new(seed, spec.id);

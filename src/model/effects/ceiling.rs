@@ -12,7 +12,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Aerodynamics,
     role: Role::Deviation,
     parameters: &[ParameterSpec::new("gain", "", 0.0, 0.12, [0.05, 0.2], "gain at the ceiling"),
-ParameterSpec::new("length", "m", 0.3, 0.3, [0.1, 0.6], "length of decay")],
+ParameterSpec::new("length", "m", 0.3, 0.3, [0.1, 0.6], "length of decay; goes with the wing")
+        .beside(|v| v.wings.centre_m)],
     off: "no ceiling",
     source: "GAP.md 3.1",
     equation: "T -> T (1 + c e^(-(H-h)/l))",

@@ -12,8 +12,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "centre of mass",
     block: Block::Aerodynamics,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("x", "mm", 0.0, 1.0, [-5.0, 5.0], "forward"),
-ParameterSpec::new("y", "mm", 0.0, 0.0, [-5.0, 5.0], "right")],
+    parameters: &[ParameterSpec::new("x", "mm", 0.0, 1.0, [-5.0, 5.0], "forward; goes with the wing")
+        .beside(|v| v.wings.centre_m),
+ParameterSpec::new("y", "mm", 0.0, 0.0, [-5.0, 5.0], "right; goes with the wing")
+        .beside(|v| v.wings.centre_m)],
     off: "centre of mass of the vehicle file",
     source: "GAP.md 3.3",
     equation: "r -> r - Δ",

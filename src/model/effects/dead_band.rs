@@ -10,7 +10,7 @@ use crate::wings::{ActuatorCommand};
 pub const SPEC: EffectSpec = EffectSpec {
     id: "L4",
     name: "backlash",
-    block: Block::InnerLoop,
+    block: Block::Actuators,
     role: Role::Deviation,
     parameters: &[ParameterSpec::new("play", "deg", 0.0, 1.5, [0.5, 3.0], "whole width of the play")],
     off: "no play",

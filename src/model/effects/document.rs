@@ -2,21 +2,32 @@
 
 use std::fmt::Write as _;
 
-use super::{ALL, EffectSpec, Role};
+use super::{ALL, Block, EffectSpec, Role};
 
 /// The page, in Markdown.
 pub fn markdown() -> String {
     let mut page = String::from(
         "# Effects\n\nGenerated from the list in `src/model/effects` by `haltere-sim effects`; a \
          test compares.\n\n*Nominal* effects are on unless a scenario switches them off. \
-         *Deviations* are off unless it switches them on: they are what the diagnosis of the \
-         sim-to-real gap chooses from.\n",
+         *Deviations* are off unless it switches them on; which of them the diagnosis of the \
+         sim-to-real gap chooses from, GAP.md says in its section 3. Ranges and defaults are the \
+         Flapper's; of a size that goes with something another vehicle's are as much larger or smaller.\n",
     );
     for (role, title) in [(Role::Nominal, "Nominal"), (Role::Deviation, "Deviations")] {
         let _ = write!(page, "\n## {title}\n");
         for spec in ALL.iter().filter(|spec| spec.role == role) {
             describe(&mut page, spec);
         }
+    }
+    page.push_str(
+        "\n## Where\n\nWhere each deviation has its place in the chain: what the diagnosis says of a flight when it \
+         says where. Mission, controller and estimator are our own software and have none.\n\n\
+         | block | deviations |\n|---|---|\n",
+    );
+    for block in Block::CHAIN.into_iter().filter(|block| !block.is_consequence()) {
+        let own = ALL.iter().filter(|s| s.role == Role::Deviation && s.block == block);
+        let ids: Vec<&str> = own.map(|spec| spec.id).collect();
+        let _ = writeln!(page, "| `{}` | {} |", block.name(), ids.join(", "));
     }
     page
 }

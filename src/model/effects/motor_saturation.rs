@@ -1,6 +1,6 @@
 //! Motors cannot flap faster than the voltage allows.
 //!
-//! `f <= r f_h V / 7.4 V`, both wings; `f_h` hover flap rate (Hz), `V` supply (V). Acts on the rate itself, after
+//! `f <= r f_h V / V₀`, both wings; `f_h` hover flap rate (Hz), `V` supply (V), `V₀` 3.7 V a cell. Acts on the rate itself, after
 //! its lag. Source: GAP.md P5, r 1.05 to 1.3.
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
@@ -12,15 +12,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "motor saturation",
     block: Block::Thrust,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("ratio", "", f64::INFINITY, 1.15, [1.05, 1.3], "highest flap rate over that of hover, at 7.4 V")],
+    parameters: &[ParameterSpec::new("ratio", "", f64::INFINITY, 1.15, [1.05, 1.3], "highest flap rate over that of hover, at 3.7 V a cell")],
     off: "as fast as the command says",
     source: "GAP.md 3.2",
-    equation: "f <= r f_h V / 7.4 V",
-    build: |b| Box::new(MotorSaturation(b.value[0] * b.nominal.hover_hz() / RATED_V)),
+    equation: "f <= r f_h V / V₀",
+    build: |b| Box::new(MotorSaturation(b.value[0] * b.nominal.hover_hz() / b.nominal.rated_v())),
 };
-
-/// Voltage of a pack of two cells at which the ratio is stated, V.
-const RATED_V: f64 = 7.4;
 
 struct MotorSaturation(f64);
 

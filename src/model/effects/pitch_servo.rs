@@ -12,7 +12,7 @@ use crate::wings::Actuation;
 pub const SPEC: EffectSpec = EffectSpec {
     id: "N5",
     name: "pitch servo",
-    block: Block::InnerLoop,
+    block: Block::Actuators,
     role: Role::Nominal,
     parameters: &[
         ParameterSpec::new("frequency", "rad/s", 1e9, 40.0, [15.0, 80.0], "natural frequency")

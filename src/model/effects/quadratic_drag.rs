@@ -12,7 +12,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "quadratic body drag",
     block: Block::Aerodynamics,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("c", "1/m", 0.0, 0.6, [0.1, 2.0], "coefficient")],
+    parameters: &[ParameterSpec::new("c", "1/m", 0.0, 0.6, [0.1, 2.0], "coefficient; goes with the wing squared over the mass")
+        .beside(|v| v.wings.centre_m.powi(2) / v.body.mass_kg)],
     off: "no quadratic part",
     source: "GAP.md 3.1",
     equation: "F = -m c |v| v",

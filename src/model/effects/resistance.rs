@@ -11,7 +11,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "battery resistance",
     block: Block::Battery,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("extra", "Ω", 0.0, 0.15, [0.05, 0.3], "further resistance")],
+    parameters: &[ParameterSpec::new("extra", "Ω", 0.0, 0.15, [0.05, 0.3], "further resistance; goes with voltage over current in hover")
+        .beside(|v| v.hover_ohm())],
     off: "resistance of the vehicle file",
     source: "GAP.md 3.2",
     equation: "R -> R + ΔR",

@@ -11,7 +11,7 @@ use crate::wings::{ActuatorCommand};
 pub const SPEC: EffectSpec = EffectSpec {
     id: "L3",
     name: "servo trim",
-    block: Block::InnerLoop,
+    block: Block::Actuators,
     role: Role::Deviation,
     parameters: &[ParameterSpec::new("dihedral", "deg", 0.0, 3.0, [-6.0, 6.0], "dihedral servo, nose up"),
 ParameterSpec::new("yaw", "deg", 0.0, 0.0, [-10.0, 10.0], "wing-root servo, nose right")],

@@ -4,12 +4,14 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::effects::{ALL, EffectSpec, Role};
+use crate::effects::{ALL, EffectSpec, Role, Source};
 use haltere_core::checks::Problems;
 
 /// A value may leave its plausible range by this many times the width of the range: severities
 /// beyond the plausible are wanted in tests, slips of the unit are not.
 const RANGE_MARGIN: f64 = 5.0;
+/// The same of a size that goes with the vehicle, for the heaviest one that a file may describe.
+const VEHICLE_MARGIN: f64 = 100.0;
 
 /// Effects as written in a scenario file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -114,7 +116,9 @@ impl EffectSet {
                 continue;
             };
             let p = &spec.parameters[k];
-            let margin = RANGE_MARGIN * (p.high - p.low);
+            let of_vehicle = matches!(p.source, Source::Vehicle(_)) || p.beside.is_some();
+            let widths = if of_vehicle { VEHICLE_MARGIN } else { RANGE_MARGIN };
+            let margin = widths * (p.high - p.low);
             if *value != p.off {
                 let allowed = p.low - margin..=p.high + margin;
                 problems.range(format_args!("effects.{id}.{name}"), *value, allowed, p.unit);

@@ -18,6 +18,7 @@ pub enum Block {
     Controller,
     Link,
     InnerLoop,
+    Actuators,
     Thrust,
     Aerodynamics,
     Battery,
@@ -28,6 +29,28 @@ pub enum Block {
 }
 
 impl Block {
+    /// Every block, in the order in which one feeds the next.
+    pub const CHAIN: [Self; 12] = [
+        Self::Mission,
+        Self::Controller,
+        Self::Link,
+        Self::InnerLoop,
+        Self::Actuators,
+        Self::Thrust,
+        Self::Aerodynamics,
+        Self::Battery,
+        Self::Imu,
+        Self::Uwb,
+        Self::Estimator,
+        Self::Timing,
+    ];
+
+    /// Our own software, and what a closed loop makes of a fault elsewhere: a gap shows there and has its cause in
+    /// another block. Software that replays bit for bit cannot differ from its simulation.
+    pub fn is_consequence(self) -> bool {
+        matches!(self, Block::Mission | Block::Controller | Block::Estimator)
+    }
+
     /// Name on the command line and in reports.
     pub fn name(self) -> &'static str {
         match self {
@@ -35,6 +58,7 @@ impl Block {
             Block::Controller => "controller",
             Block::Link => "link",
             Block::InnerLoop => "inner_loop",
+            Block::Actuators => "actuators",
             Block::Thrust => "thrust",
             Block::Aerodynamics => "aerodynamics",
             Block::Battery => "battery",
@@ -83,6 +107,9 @@ pub struct ParameterSpec {
     pub doc: &'static str,
     /// Where the default comes from.
     pub source: Source,
+    /// What the size has to be seen beside: default and plausible range are the Flapper's, and another vehicle's are as
+    /// much larger as this number of its file. `None`: the same on any vehicle.
+    pub beside: Option<fn(&Vehicle) -> f64>,
 }
 
 impl ParameterSpec {
@@ -95,7 +122,23 @@ impl ParameterSpec {
         [low, high]: [f64; 2],
         doc: &'static str,
     ) -> Self {
-        Self { name, unit, off, default, low, high, doc, source: Source::List }
+        Self { name, unit, off, default, low, high, doc, source: Source::List, beside: None }
+    }
+
+    /// The size goes with this number of the vehicle.
+    pub const fn beside(mut self, number: fn(&Vehicle) -> f64) -> Self {
+        self.beside = Some(number);
+        self
+    }
+
+    /// This parameter with default and range as they are for a vehicle.
+    pub fn of(&self, vehicle: &Vehicle) -> Self {
+        let Some(number) = self.beside else { return *self };
+        let times = number(vehicle) / number(&Vehicle::default());
+        // What is off where it does nothing at the default, a shape, stays so.
+        let off = if self.off == self.default { self.off * times } else { self.off };
+        let [default, low, high] = [self.default, self.low, self.high].map(|v| v * times);
+        Self { off, default, low, high, ..*self }
     }
 
     /// Whether it says which one, as the place of an anchor in the survey does, and not how much.
@@ -162,6 +205,28 @@ impl std::fmt::Debug for EffectSpec {
 #[cfg(test)]
 mod tests {
     use crate::effects::ALL;
+    use crate::vehicle::Vehicle;
+
+    #[test]
+    fn prop_sizes_go_with_the_vehicle_and_the_flapper_has_those_of_the_list() {
+        let small = Vehicle::from_toml("[body]\nmass_kg = 0.03\n[battery]\ncells = 1").unwrap();
+        let flapper = Vehicle::default();
+        let of = |id: &str, name: &str, vehicle: &Vehicle| {
+            let spec = ALL.iter().find(|s| s.id == id).unwrap();
+            spec.parameters.iter().find(|p| p.name == name).unwrap().of(vehicle)
+        };
+        for p in ALL.iter().flat_map(|spec| spec.parameters) {
+            let same = p.of(&flapper);
+            assert_eq!((same.low, same.high, same.default), (p.low, p.high, p.default));
+        }
+        // 6 g on 102 g is 5.9 %, on any vehicle.
+        let share = of("I1", "extra", &small).default / (1e3 * small.body.mass_kg);
+        assert!((share - 6.0 / 102.0).abs() < 1e-12);
+        // A further resistance takes the same share of the voltage in hover.
+        let sag = |v: &Vehicle| of("P2", "extra", v).high / v.hover_ohm();
+        assert!((sag(&small) / sag(&flapper) - 1.0).abs() < 1e-12);
+        assert!(of("I2", "x", &small).high < 5.0 && of("T2", "delay", &small).high == 80.0);
+    }
 
     /// A verdict of two effects said "anchor = 0.52", and what was accepted of it was anchor 1.
     #[test]

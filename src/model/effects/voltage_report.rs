@@ -1,6 +1,6 @@
 //! The board measures its voltage late or wrongly, so voltage compensation goes wrong.
 //!
-//! `V_told = V₀ (V_lag / V₀)^e`, `V_lag' = (V - V_lag) / τ`, `V₀` 7.4 V. Source: GAP.md P8. Left out: errors inside
+//! `V_told = V₀ (V_lag / V₀)^e`, `V_lag' = (V - V_lag) / τ`, `V₀` 3.7 V a cell. Source: GAP.md P8. Left out: errors inside
 //! the companion.
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State, Supply};
@@ -16,15 +16,14 @@ ParameterSpec::new("exponent", "", 1.0, 0.8, [0.5, 1.5], "exponent")],
     off: "voltage reported as it is",
     source: "GAP.md 3.2",
     equation: "V_told = V₀ (V_lag / V₀)^e",
-    build: |b| Box::new(VoltageReport { gain: 1.0 - (-STEP_S / b.value[0].max(1e-9)).exp(), exponent: b.value[1], volt: None }),
+    build: |b| Box::new(VoltageReport { gain: 1.0 - (-STEP_S / b.value[0].max(1e-9)).exp(), exponent: b.value[1], rated_v: b.nominal.rated_v(), volt: None }),
 };
-
-/// Voltage at which the exponent does nothing, V: a pack of two cells.
-const RATED_V: f64 = 7.4;
 
 struct VoltageReport {
     gain: f64,
     exponent: f64,
+    /// Voltage at which the exponent does nothing, V.
+    rated_v: f64,
     volt: Option<f64>,
 }
 
@@ -38,7 +37,7 @@ impl Effect for VoltageReport {
         supply.volt = if self.exponent == 1.0 {
             *volt
         } else {
-            RATED_V * (volt.max(0.0) / RATED_V).powf(self.exponent)
+            self.rated_v * (volt.max(0.0) / self.rated_v).powf(self.exponent)
         };
     }
 }

@@ -12,7 +12,7 @@ use crate::wings::Actuation;
 pub const SPEC: EffectSpec = EffectSpec {
     id: "N6",
     name: "yaw servo",
-    block: Block::InnerLoop,
+    block: Block::Actuators,
     role: Role::Nominal,
     parameters: &[
         ParameterSpec::new("frequency", "rad/s", 1e9, 10.0, [6.0, 40.0], "natural frequency")

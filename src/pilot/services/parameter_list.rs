@@ -2,7 +2,7 @@
 
 use haltere_core::control::config::{MAX_TRIM_DEG, MAX_YAW_TRIM_DEG, TiltCompensation, Version};
 use haltere_core::control::drag::{DragReading, TESTED_LEAN_DEG};
-use haltere_core::control::voltage::{HIGHEST_V, LOWEST_V};
+use haltere_core::control::voltage::MOST_CELLS;
 use haltere_core::estimator::{SpecificForce, Tail, UwbNoise};
 
 use super::super::supervisor::Action;
@@ -340,13 +340,19 @@ pub static COMMON: &[Parameter] = &[
     number!("DRG_LIMIT", control.drag.limit_deg, OnFloor, 0.0, TESTED_LEAN_DEG, "deg", "Largest feed-forward angle per axis."),
     number!("DRG_FILTER_T", control.drag.filter_s, OnFloor, 0.0, 2.0, "s", "Time constant of the low-pass between velocity setpoint and feed-forward."),
     number!("DRG_INT_REF_T", control.drag.integral_reference_s, OnFloor, 0.0, 2.0, "s", "Time constant of the velocity that the integrators expect of the feed-forward."),
-    entry!("VLT_BASE_0", control.voltage.base_coefficients_frac, 0, OnFloor, -5.0, 5.0, "", "Base thrust is a polynomial of (V - 7.4): the coefficient of this power."),
-    entry!("VLT_BASE_1", control.voltage.base_coefficients_frac, 1, OnFloor, -5.0, 5.0, "", "Base thrust is a polynomial of (V - 7.4): the coefficient of this power."),
-    entry!("VLT_BASE_2", control.voltage.base_coefficients_frac, 2, OnFloor, -5.0, 5.0, "", "Base thrust is a polynomial of (V - 7.4): the coefficient of this power."),
-    entry!("VLT_BASE_3", control.voltage.base_coefficients_frac, 3, OnFloor, -5.0, 5.0, "", "Base thrust is a polynomial of (V - 7.4): the coefficient of this power."),
-    number!("VLT_NOMINAL", control.voltage.nominal_v, OnFloor, LOWEST_V, HIGHEST_V, "V", "Voltage assumed until one is known."),
+    entry!("VLT_BASE_0", control.voltage.base_coefficients_frac, 0, OnFloor, -5.0, 5.0, "", "Base thrust is a polynomial of (V - 3.7 a cell): the coefficient of this power."),
+    entry!("VLT_BASE_1", control.voltage.base_coefficients_frac, 1, OnFloor, -5.0, 5.0, "", "Base thrust is a polynomial of (V - 3.7 a cell): the coefficient of this power."),
+    entry!("VLT_BASE_2", control.voltage.base_coefficients_frac, 2, OnFloor, -5.0, 5.0, "", "Base thrust is a polynomial of (V - 3.7 a cell): the coefficient of this power."),
+    entry!("VLT_BASE_3", control.voltage.base_coefficients_frac, 3, OnFloor, -5.0, 5.0, "", "Base thrust is a polynomial of (V - 3.7 a cell): the coefficient of this power."),
+    Parameter {
+        kind: Kind::Whole,
+        get: |c| f64::from(c.control.voltage.cells),
+        set: |c, v| c.control.voltage.cells = v as u8,
+        ..choice("VLT_CELLS", "control.voltage.cells", When::OnFloor, 1.0, MOST_CELLS as f64, "Cells of the pack in series.")
+    },
+    number!("VLT_NOMINAL", control.voltage.nominal_v, OnFloor, 3.0, 4.2 * MOST_CELLS as f64, "V", "Voltage assumed until one is known. 3.0 to 4.2 a cell."),
     number!("VLT_FILTER_T", control.voltage.filter_s, OnFloor, 0.0, 60.0, "s", "Time constant of the low-pass on the measured voltage."),
-    number!("GND_LAMBDA", control.ground.lambda_m2, OnFloor, 0.0, 0.1, "m^2", "Strength of the ground effect."),
+    number!("GND_LAMBDA", control.ground.lambda_m2, OnFloor, -0.1, 0.1, "m^2", "Strength of the ground effect; below zero where the floor costs thrust."),
     number!("GND_POLE", control.ground.a_m, OnFloor, 0.0, 0.33, "m", "Height of the law's pole. Less than 0.33."),
     number!("GND_FILTER_T", control.ground.filter_s, OnFloor, 0.0, 5.0, "s", "Time constant of the low-pass on the height."),
     Parameter {

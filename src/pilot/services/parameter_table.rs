@@ -207,7 +207,7 @@ mod tests {
     /// its ends, they refuse too. Rules that join two values are left to the checks alone.
     #[test]
     fn prop_ranges_are_those_of_the_configuration() {
-        const JOINED: [&str; 13] = [
+        const JOINED: [&str; 14] = [
             "LIM_",
             "CLM_LEAN_INT",
             "CLM_TILT",
@@ -216,6 +216,7 @@ mod tests {
             "DRG_IPT",
             "DRG_IRL",
             "VLT_BASE",
+            "VLT_NOMINAL",
             "GND_LAMBDA",
             "GND_POLE",
             "EST_REST_HGT",

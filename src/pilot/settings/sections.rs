@@ -215,6 +215,8 @@ pub struct DiagnosisConfig {
     /// Folder with logs of accepted flights of the diagnostic mission, which set the floor. Empty: the
     /// floor is the simulator's.
     pub references: PathBuf,
+    /// Vehicle file that flights are judged by, or the name of a built-in one. Empty: the default vehicle.
+    pub vehicle: PathBuf,
 }
 
 /// Sizes of a bank, as `haltere gap --size` names them.
@@ -247,6 +249,7 @@ impl Default for DiagnosisConfig {
             size: BankSizeName::Full,
             banks: PathBuf::new(),
             references: PathBuf::new(),
+            vehicle: PathBuf::new(),
         }
     }
 }

@@ -10,23 +10,9 @@ use std::fmt::Write as _;
 use crate::report::html;
 use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
 use haltere_gap::attribute::{Candidate, Settings};
-use haltere_gap::diagnosis::{Diagnosis, ShrinkResult};
+use haltere_gap::diagnosis::{Diagnosis, Part, ShrinkResult};
 use haltere_model::effects::Block;
 
-/// The chain in the order in which one block feeds the next.
-const CHAIN: [Block; 11] = [
-    Block::Mission,
-    Block::Controller,
-    Block::Link,
-    Block::InnerLoop,
-    Block::Thrust,
-    Block::Aerodynamics,
-    Block::Battery,
-    Block::Imu,
-    Block::Uwb,
-    Block::Estimator,
-    Block::Timing,
-];
 /// Flights per effect from which a bank is not called small: half the default.
 const FULL_DRAWS: usize = 20;
 /// Candidates that the table lists.
@@ -230,10 +216,15 @@ fn whereabouts(d: &Diagnosis) -> String {
     if let Some(anchor) = first.anchor {
         let _ = write!(text, ", anchor {anchor}");
     }
-    let others: Vec<String> =
-        d.places.iter().skip(1).take(3).map(|p| format!("{} {:.0}", p.block, p.score)).collect();
-    if !others.is_empty() {
-        let _ = write!(text, "; also {}", others.join(", "));
+    for (word, part) in [("also", Part::Cause), ("follows", Part::Consequence)] {
+        let others = d.places.iter().skip(1).filter(|p| p.part == part).take(3);
+        let others: Vec<String> = others.map(|p| format!("{} {:.0}", p.block, p.score)).collect();
+        if !others.is_empty() {
+            let _ = write!(text, "; {word} {}", others.join(", "));
+        }
+    }
+    if !d.exonerated.is_empty() {
+        let _ = write!(text, "; not {}: replayed bit for bit", d.exonerated.join(", "));
     }
     if let Some(p) = &d.picture {
         let dots = p.matrix.squares.iter().filter(|s| s.significant).count();
@@ -273,25 +264,29 @@ fn list<'a>(html: &mut String, lines: impl Iterator<Item = &'a String>) {
 fn chain(html: &mut String, d: &Diagnosis) {
     html.push_str("<div class=\"chain\">");
     let scores = d.attribution.as_ref().map_or(&[][..], |a| &a.blocks[..]);
-    let loudest = scores.iter().map(|b| b.sigma).fold(0.0, f64::max);
-    for block in CHAIN {
+    let first = d.places.first().map_or("", |p| p.block.as_str());
+    for block in Block::CHAIN {
         let name = block.name();
         let found = scores.iter().find(|b| b.block == name);
         let (class, text) = match found {
             None => ("", "no statistic".to_owned()),
-            Some(b) if b.sigma >= LOUD[0] && b.sigma >= loudest => ("most", sigma(b.sigma)),
+            Some(b) if name == first => ("most", sigma(b.sigma)),
             Some(b) if b.sigma >= LOUD[0] => ("loud", sigma(b.sigma)),
             Some(b) => ("", sigma(b.sigma)),
         };
+        let follows = if block.is_consequence() { ", follows" } else { "" };
         let place = d.places.iter().find(|p| p.block == name);
         let anchor =
             place.and_then(|p| p.anchor).map_or(String::new(), |a| format!(", anchor {a}"));
-        let _ = write!(html, "<div class=\"{class}\">{name}<small>{text}{anchor}</small></div>");
+        let _ = write!(
+            html,
+            "<div class=\"{class}\">{name}<small>{text}{anchor}{follows}</small></div>"
+        );
     }
     let _ = write!(
         html,
         "</div><p class=\"note\">Sigma above flights without a gap; heavy border from {} sigma, \
-         heaviest the loudest.</p>",
+         heaviest where the cause most likely is. Our own software cannot be it.</p>",
         LOUD[0]
     );
 }

@@ -45,7 +45,7 @@ impl Hall<'_> {
         tell: &(impl Fn(String) + Sync),
     ) -> Result<Bench, BlindError> {
         let flown = logs::read(&self.dir.join(&first.log))?;
-        let mut scene = flown.scene(self.told).on_grid();
+        let mut scene = flown.scene(self.told).for_bank(&flown.mission);
         scene.until_s = until_s;
         let part = until_s.map_or(String::new(), |s| format!(", its first {s:.0} s"));
         tell(format!("bank of the {} mission{part}", first.mission));
