@@ -391,8 +391,8 @@ pub struct EstimatorConfig {
     /// Rest that is needed before a start from rest, s.
     pub align_s: f64,
     /// Height of the centre of mass above the origin while standing, m: near the floor TDOA alone tells height badly.
-    /// Unset: `flight.gear_height_m` where that is told, for a take-off from the floor; else not known. From a
-    /// table, say its height and the gear's.
+    /// Unset: `flight.gear_height_m` where that is told and errors of the UWB are learned, for a take-off from the
+    /// floor; else not known. From a table, say its height and the gear's.
     pub rest_height_m: Option<f64>,
 }
 

@@ -486,7 +486,7 @@ pub static COMMON: &[Parameter] = &[
         low: NOT_SET_M,
         high: 50.0,
         unit: "m",
-        doc: "Height of the centre of mass above the origin while standing. -51: FLT_GEAR_HGT, or not known where that is 0.",
+        doc: "Height of the centre of mass while standing. -51: not told.",
         get: |c| c.estimator.rest_height_m.unwrap_or(NOT_SET_M),
         set: |c, v| c.estimator.rest_height_m = (v > NOT_SET_M).then_some(v),
     },
