@@ -298,20 +298,15 @@ impl Vehicle {
         }
         range("body.gear_m", body.gear_m, 0.0, 1.0, "m");
         range("wings.thrust_n_per_hz", wings.thrust_n_per_hz, 1e-3, 1.0, "N/Hz");
-        let [least, most] = AT_ZERO;
-        // Of a sound mass: one that is refused says nothing of the others.
-        let weight_n = body.mass_kg.abs() * G_MPS2;
-        let offset_n = wings.thrust_offset_n;
-        range("wings.thrust_offset_n", offset_n, least * weight_n, most * weight_n, "N");
         range("wings.flap_hz_per_v", wings.flap_hz_per_v, 0.1, 50.0, "Hz/V");
-        let hover_hz = self.hover_hz().abs();
-        range(
-            "wings.flap_offset_hz",
-            wings.flap_offset_hz,
-            least * hover_hz,
-            most * hover_hz,
-            "Hz",
-        );
+        // A mass that is refused has no weight to hold the offsets against.
+        if MASS_KG.contains(&body.mass_kg) {
+            let [least, most] = AT_ZERO;
+            let (weight_n, hover_hz) = (body.mass_kg * G_MPS2, self.hover_hz());
+            let (thrust_n, flap_hz) = (wings.thrust_offset_n, wings.flap_offset_hz);
+            range("wings.thrust_offset_n", thrust_n, least * weight_n, most * weight_n, "N");
+            range("wings.flap_offset_hz", flap_hz, least * hover_hz, most * hover_hz, "Hz");
+        }
         range("wings.flap_lag_s", wings.flap_lag_s, 0.001, 1.0, "s");
         range("wings.centre_m", wings.centre_m, 0.01, 1.0, "m");
         range("wings.cop_m", wings.cop_m, -0.2, 0.2, "m");

@@ -28,6 +28,8 @@ const TAKEOFF_PATIENCE_S: f64 = 4.0;
 /// How far above the estimate the point of a take-off may be, m: with the position gain of 1.5 1/s some 0.08 m/s beside
 /// the speed of the point.
 const CLIMB_LEAD_M: f64 = 0.05;
+/// Time constant of the position loop, s: the default gain of 1.5 1/s, rounded down.
+const POSITION_LOOP_S: f64 = 0.6;
 
 /// What a step of guidance has to tell besides the command.
 #[derive(Debug, Default, Clone, PartialEq)]
@@ -370,12 +372,10 @@ impl Guidance {
     /// then climbs twice as fast, and no board catches that when setpoints stop.
     fn climb_command(&self, vel_ff_E_mps: Vec3<E>, estimate: &Estimate) -> Command {
         let mut command = self.position_command(vel_ff_E_mps);
-        let highest_z_m = estimate.pos_E_m.z() - CLIMB_LEAD_M;
-        if self.carrot.pos_E_m.z() < highest_z_m {
-            command.axes[2] = AxisCommand::Position_m(highest_z_m);
-            let [north, east, _] = vel_ff_E_mps.to_array();
-            command.vel_ff_E_mps = Vec3::new(north, east, -self.config.takeoff_speed_mps);
-        }
+        // What of the speed the point does not have itself, the position loop may ask for.
+        let spare_mps = (self.config.takeoff_speed_mps + vel_ff_E_mps.z()).max(0.0);
+        let highest_z_m = estimate.pos_E_m.z() - CLIMB_LEAD_M - spare_mps * POSITION_LOOP_S;
+        command.axes[2] = AxisCommand::Position_m(self.carrot.pos_E_m.z().max(highest_z_m));
         command
     }
 

@@ -6,7 +6,6 @@ use super::Estimator;
 use super::isolation::LEAST_ANCHORS;
 use super::state::{POS, State};
 use crate::estimate::Health;
-use crate::frames::{E, Vec3};
 use crate::measure::AnchorId;
 use crate::time::HostTime;
 
@@ -87,22 +86,6 @@ impl fmt::Display for Misgiving {
 }
 
 impl Estimator {
-    /// Height at the start as TDOA alone had it, m; `None` where no height was told (`rest_height_m`), and the
-    /// estimate itself is that. Far above the told one it says that the survey is wrong, or that the vehicle does not
-    /// stand where it was told.
-    pub fn start_height_by_uwb_m(&self) -> Option<f64> {
-        self.start_height_by_uwb_m
-    }
-
-    /// Where the TDOA of the last `window_s` have it at the estimated height, Earth frame, m. A filter that learns range
-    /// biases follows the IMU and takes for a bias what contradicts it: whoever asks whether the two agree must ask
-    /// this. `None`: no biases are learned and the estimate says it, or too few were heard.
-    pub fn pos_by_uwb_E_m(&self, window_s: f64) -> Option<Vec3<E>> {
-        let state = self.state.as_ref().filter(|state| state.biases.of_anchors())?;
-        let oldest = self.at.offset_us(-((window_s * 1e6) as i64));
-        self.recent.near(oldest, state.x_E).map(Vec3::from_raw)
-    }
-
     /// What speaks against the estimate at `now`; `None`: it is good.
     pub fn misgiving(&self, now: HostTime) -> Option<Misgiving> {
         match &self.state {

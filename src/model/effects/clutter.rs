@@ -1,6 +1,6 @@
 //! Things that stand or walk between the anchors and the tag: metal cabinets, and people.
 //!
-//! A cabinet of 0.6 × 0.6 × 1.8 m stands 1 to 3 m from an anchor, towards the middle of the room or aside of it; a
+//! A cabinet of 0.6 × 0.6 × 1.8 m stands 1 to 3 m from an anchor, aside of the line to the middle of the room, where vehicles start; a
 //! path through it is `ρ -> ρ + e min(1, l/0.3 m) + σ n`, `l` the length inside (m), `e` of the cabinet: a reflection
 //! is taken for the direct path, at full signal. A person, a column of 0.22 m radius and 1.75 m height, walks round the
 //! middle of the room at 1 m/s and does the same with less. Source: UTIL: metal box in flight 0.8 to 2.6 m (README of
@@ -36,9 +36,10 @@ pub const SPEC: EffectSpec = EffectSpec {
 /// Half width and height of a cabinet, m.
 const HALF_M: f64 = 0.3;
 const CABINET_M: f64 = 1.8;
-/// How far from its anchor and aside of the line to the middle of the room it stands, m.
+/// How far from its anchor and aside of the line to the middle of the room it stands, m: who starts in the middle sees
+/// every anchor.
 const AWAY_M: [f64; 2] = [1.0, 3.0];
-const ASIDE_M: f64 = 1.5;
+const ASIDE_M: [f64; 2] = [0.5, 1.5];
 /// Length inside from which a path is blocked altogether, m.
 const THROUGH_M: f64 = 0.3;
 /// More noise of a blocked path, one sigma: what metal and the wooden cabinet of the static tests have more than free
@@ -83,7 +84,8 @@ impl Clutter {
             let [to_n, to_e] = [middle_E_m[0] - site.x, middle_E_m[1] - site.y];
             let far_m = to_n.hypot(to_e).max(1e-6);
             let away_m = rng.between(AWAY_M[0], AWAY_M[1]).min(0.5 * far_m);
-            let aside_m = rng.between(-ASIDE_M, ASIDE_M);
+            let side = if rng.uniform() < 0.5 { -1.0 } else { 1.0 };
+            let aside_m = side * rng.between(ASIDE_M[0], ASIDE_M[1]);
             Cabinet {
                 middle_E_m: [
                     site.x + (to_n * away_m - to_e * aside_m) / far_m,

@@ -181,9 +181,7 @@ fn fell_short(
                 came.stood_s,
                 came.crashed
             );
-            // A climb goes on at its 0.5 m/s until the board levels, 0.5 s later, and coasts.
-            let rises_m = if part == Part::Climb { 0.45 } else { 0.3 };
-            let fine = came.rose_m < rises_m
+            let fine = came.rose_m < 0.3
                 && came.lifted_m < LIFTS_M
                 && came.touched_mps < 2.0
                 && came.stood_s < most_stood_s
