@@ -282,8 +282,10 @@ fn golden_table_3_and_the_shapes() {
     }
 }
 
+/// Version of the controller, axis and quantity of a row of table 3.
+type Labels = (&'static str, &'static str, &'static str);
 /// Mean absolute error in the window of the table, m and m/s, steps of 1 m and of 2 m.
-const TABLE_3: &[((&str, &str, &str), [f64; 2])] = &[
+const TABLE_3: &[(Labels, [f64; 2])] = &[
     (("raw", "x", "position"), [0.2187, 0.4698]),
     (("raw", "y", "position"), [0.1732, 0.3901]),
     (("raw", "z", "position"), [0.1214, 0.2979]),
