@@ -92,6 +92,8 @@ pub(super) struct Guidance {
     tilt: Option<TiltRun>,
     /// Since when a voltage is waited for.
     wait_since: HostTime,
+    /// Average of that voltage, V.
+    waited_v: Option<f64>,
     /// The item in force was refused in flight.
     refused: bool,
     /// Places to return to beside home, N and E, m.
@@ -134,6 +136,7 @@ impl Guidance {
             jumped: false,
             tilt: None,
             wait_since: at,
+            waited_v: None,
             refused: false,
             rally_NE_m: Vec::new(),
             no_way_home: false,

@@ -5,7 +5,8 @@ use crate::mission::{Mission, MissionItem};
 use crate::modes::Event;
 use haltere_core::frames::{E, Vec3, wrap_pi_rad};
 
-/// Voltage must be below the one that is waited for this long, s: as for an empty battery.
+/// Time constant of the average of the voltage that is waited for, and the least time of the wait, s: as for an empty
+/// battery. The present voltage trembles with the thrust, by a tenth of a volt and more.
 const VOLTAGE_FOR_S: f64 = 2.0;
 
 impl Guidance {
@@ -141,22 +142,20 @@ impl Guidance {
     ) -> bool {
         if first_look {
             self.wait_since = now.at;
-            self.arrived_at = None;
+            self.waited_v = None;
         }
         let item = self.current_item;
-        if now.at.seconds_since(self.wait_since) > limit_s {
+        let waited_s = now.at.seconds_since(self.wait_since);
+        if waited_s > limit_s {
             let found = now.supply_v.map_or("no voltage".to_owned(), |v| format!("{v:.2} V"));
             news.warning =
                 Some(format!("item {item}: {found} after {limit_s:.0} s, wanted {wanted_v:.2} V"));
             return true;
         }
-        match now.supply_v {
-            Some(v) if v <= wanted_v => self.arrived_since_s(now.at) >= VOLTAGE_FOR_S,
-            _ => {
-                self.arrived_at = None;
-                false
-            }
-        }
+        let Some(v) = now.supply_v else { return false };
+        let waited_v = self.waited_v.get_or_insert(v);
+        *waited_v += (v - *waited_v) * now.dt_s / (VOLTAGE_FOR_S + now.dt_s);
+        waited_s >= VOLTAGE_FOR_S && *waited_v <= wanted_v
     }
 
     /// Whether a jump is to be made once more; counts it.

@@ -37,6 +37,11 @@ pub(crate) struct Discharge {
 }
 
 impl Discharge {
+    /// The voltage of the last second, V: thrust that trembles pulls the present one over a limit and back.
+    pub fn slow_v(&self) -> Option<f64> {
+        self.slow_v.map(|(slow_v, _)| slow_v)
+    }
+
     /// A voltage; `flies`: under the load of a flight.
     pub fn note(&mut self, at: HostTime, supply_v: f64, flies: bool) {
         if !flies {
@@ -89,6 +94,12 @@ impl Pilot {
         (at.seconds_since(battery.received_at) < AGE_S).then_some(battery.supply_v)
     }
 
+    /// Whether the voltage is below a limit, now or on average over the last second.
+    fn is_below(&self, limit_v: f64, at: HostTime) -> bool {
+        let slow_v = self.supervisor.discharge.slow_v().unwrap_or(f64::INFINITY);
+        self.fresh_v(at).is_some_and(|v| v.min(slow_v) < limit_v)
+    }
+
     /// Time until the voltage is critical, s, once it can be told.
     pub(crate) fn battery_left_s(&self) -> Option<f64> {
         self.supervisor.discharge.time_to_s(self.config.limits.battery_critical_v)
@@ -123,7 +134,7 @@ fn words_of_voltage(pilot: &Pilot, what: &str) -> String {
 /// Low.
 pub(super) const LOW: Condition = Condition {
     name: "battery_low",
-    seen_by: "Voltage below `limits.battery_low_v`.",
+    seen_by: "Voltage below `limits.battery_low_v`, now or averaged over 1 s.",
     numbers: &[Number {
         key: "limits.battery_low_v",
         value: |c| c.limits.battery_low_v,
@@ -138,7 +149,7 @@ pub(super) const LOW: Condition = Condition {
     over: "",
     health: S::MAV_SYS_STATUS_SENSOR_BATTERY,
     severity: Severity::Warning,
-    is_seen: |pilot, at| pilot.fresh_v(at).is_some_and(|v| v < pilot.config.limits.battery_low_v),
+    is_seen: |pilot, at| pilot.is_below(pilot.config.limits.battery_low_v, at),
     words: |pilot, _| words_of_voltage(pilot, "low"),
     ..ROW
 };
@@ -177,7 +188,7 @@ pub(super) const HOME: Condition = Condition {
 /// Empty.
 pub(super) const CRITICAL: Condition = Condition {
     name: "battery_critical",
-    seen_by: "Voltage below `limits.battery_critical_v`.",
+    seen_by: "Voltage below `limits.battery_critical_v`, now or averaged over 1 s.",
     numbers: &[Number {
         key: "limits.battery_critical_v",
         value: |c| c.limits.battery_critical_v,
@@ -191,9 +202,7 @@ pub(super) const CRITICAL: Condition = Condition {
     over: "",
     health: S::MAV_SYS_STATUS_SENSOR_BATTERY,
     severity: Severity::Critical,
-    is_seen: |pilot, at| {
-        pilot.fresh_v(at).is_some_and(|v| v < pilot.config.limits.battery_critical_v)
-    },
+    is_seen: |pilot, at| pilot.is_below(pilot.config.limits.battery_critical_v, at),
     words: |pilot, _| words_of_voltage(pilot, "empty"),
     ..ROW
 };

@@ -201,8 +201,10 @@ fn val_hover_ends_at_the_voltage_asked_for() {
     let flight = fly(&mut world, &items, 400.0).unwrap();
     assert!(flight.landed);
     let hover: Vec<_> = flight.samples.iter().filter(|s| s.mode == Mode::Mission).collect();
-    let last_v = hover.last().unwrap().truth.supply_v;
-    println!("{:.0} s, {last_v:.3} V", hover.len() as f64 * 0.01);
-    assert!((7.5..7.65).contains(&last_v), "{last_v}");
     assert!(hover.len() > 1000, "over at once");
+    // The thrust trembles, and the voltage with it.
+    let last = &hover[hover.len() - 200..];
+    let last_v = last.iter().map(|s| s.truth.supply_v).sum::<f64>() / last.len() as f64;
+    println!("{:.0} s, {last_v:.3} V", hover.len() as f64 * 0.01);
+    assert!((7.57..7.63).contains(&last_v), "{last_v}");
 }
