@@ -449,7 +449,7 @@ impl EstimatorConfig {
         }
         unless_told! {
             std_uwb_m = 0.09;
-            uwb_correlation_s = 0.03;
+            uwb_correlation_s = 0.06;
             gate.sigma = 10.0;
             gate.tail_sigma = 1.2;
             gate.reject = false;
