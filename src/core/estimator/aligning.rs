@@ -94,7 +94,6 @@ impl Estimator {
         if self.config.gyro_bias.estimate {
             state.biases.restart_gyro(self.config.gyro_bias.std_radps);
         }
-        state.biases.keep_arrivals(self.config.uwb_arrival_frac > 0.0);
         self.qualities = Qualities::default();
         self.pending = Pending::default();
         self.state = Some(state);

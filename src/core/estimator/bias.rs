@@ -23,7 +23,6 @@
 
 use nalgebra::Vector3;
 
-use super::arrival::{Arrivals, SLOTS, Slot};
 use super::config::AnchorBias;
 use super::isolation::FREE_M;
 use super::predict::Transition;
@@ -31,24 +30,21 @@ use super::state::{ATT, POS, STATES, StateVec, VEL};
 
 /// Anchors that have a bias; of further ones it counts as noise.
 pub const MOST_ANCHORS: usize = 16;
-/// States at most: one that wanders and one that stays for each anchor, the gyroscope's (`gyro_bias.rs`), and the errors
-/// of the newest arrivals (`arrival.rs`).
-const MOST: usize = 2 * MOST_ANCHORS + 3 + SLOTS;
+/// States at most: one that wanders and one that stays for each anchor, and the gyroscope's (`gyro_bias.rs`).
+const MOST: usize = 2 * MOST_ANCHORS + 3;
 
 /// One number for each bias state.
 pub type BiasVec = [f64; MOST];
 /// Zero for each.
 pub const NO_BIASES: BiasVec = [0.0; MOST];
 
-/// Bias states, their covariance, and their ties to the nine: of the anchors, of the gyroscope, of arrivals.
+/// Bias states, their covariance, and their ties to the nine: of the anchors and of the gyroscope.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Biases {
     /// Anchors with a bias; 0: the plain nine-state filter.
     anchors: usize,
     /// States of the gyroscope, none or three.
     pub(super) gyro: usize,
-    /// Which arrivals have a state; none: each measurement's error is its own.
-    pub(super) arrivals: Option<[Slot; SLOTS]>,
     /// Values, m; of the gyroscope rad/s.
     pub(super) value: BiasVec,
     /// Covariance with the nine states, a row for each bias.
@@ -90,7 +86,6 @@ impl Default for Biases {
         Self {
             anchors: 0,
             gyro: 0,
-            arrivals: None,
             value: [0.0; MOST],
             cross: [[0.0; STATES]; MOST],
             own: [[0.0; MOST]; MOST],
@@ -131,7 +126,7 @@ impl Biases {
     /// Number of states.
     #[inline]
     pub(super) fn rows(&self) -> usize {
-        2 * self.anchors + self.gyro + if self.arrivals.is_some() { SLOTS } else { 0 }
+        2 * self.anchors + self.gyro
     }
 
     /// The first state of the gyroscope.
@@ -171,7 +166,6 @@ impl Biases {
     pub fn project(
         &self,
         pair: Option<Pair>,
-        arrivals: Arrivals,
         h: &StateVec,
         pht: &mut StateVec,
         own: &mut BiasVec,
@@ -192,20 +186,7 @@ impl Biases {
             for (slot, row) in own.iter_mut().zip(&self.own).take(rows) {
                 *slot += row[b] + row[n + b] - row[a] - row[n + a];
             }
-        }
-        for (row, sign) in self.arrival_rows(arrivals) {
-            for k in 0..STATES {
-                pht[k] += sign * self.cross[row][k];
-            }
-            for (slot, of) in own.iter_mut().zip(&self.own).take(rows) {
-                *slot += sign * of[row];
-            }
-        }
-        if let Some(Pair { a, b }) = pair.filter(|pair| self.holds(*pair)) {
-            var += own[b] + own[n + b] - own[a] - own[n + a];
-        }
-        for (row, sign) in self.arrival_rows(arrivals) {
-            var += sign * own[row];
+            var = own[b] + own[n + b] - own[a] - own[n + a];
         }
         var
     }

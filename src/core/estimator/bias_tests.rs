@@ -2,7 +2,6 @@
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
-use super::arrival::Arrivals;
 use super::bias::{Biases, MOST_ANCHORS, Pair, Wander};
 use super::bias_level::BiasLevel;
 use super::config::AnchorBias;
@@ -234,7 +233,6 @@ fn prop_a_gyroscope_that_is_off_is_found_out_where_the_attitude_is_seen() {
                         h_vel: none,
                         h_att,
                         pair: None,
-                        arrivals: Arrivals::default(),
                         var,
                     };
                     update::fuse(&mut state, &o);

@@ -16,7 +16,6 @@
 
 use nalgebra::Vector3;
 
-use super::arrival::Arrivals;
 use super::state::State;
 use super::update::Observation;
 use super::{Estimator, noise};
@@ -45,7 +44,6 @@ fn observe(state: &State, down_B: &Vector3<f64>, axis: usize, var: f64) -> Optio
         h_vel: Vector3::zeros(),
         h_att: a,
         pair: None,
-        arrivals: Arrivals::default(),
         var,
     })
 }

@@ -354,8 +354,6 @@ pub struct EstimatorConfig {
     /// Window over which the accelerometer is low-passed (time constant), s; 0 is off. It takes
     /// the edge off a beat of 13 Hz (factor 0.6 at the default) at the price of as much lag.
     pub acc_average_s: f64,
-    /// Whether the accelerometer is averaged over whole wing beats instead, the beat being tracked.
-    pub acc_over_beats: bool,
     /// Time from which on a force along body x and y counts that the drag model leaves out, such as wind, as the
     /// accelerometer shows it, s; 0 is off (`slow_force.rs`). With `thrust_axis` only.
     pub slow_force_s: f64,
@@ -366,9 +364,6 @@ pub struct EstimatorConfig {
     /// Time over which the error of an anchor stays the same, s; 0 is white noise. A measurement
     /// is then fused with the variance of the independent samples it is worth.
     pub uwb_correlation_s: f64,
-    /// Share of a TDOA's variance that is the error of one of its two arrivals, which it has in common with its
-    /// neighbours (`arrival.rs`); 0: errors of neighbours are independent.
-    pub uwb_arrival_frac: f64,
     /// Range biases that are known beforehand: number of the anchor and its bias, m, as `haltere fit
     /// anchors` prints them. They are taken off before anything else.
     pub range_bias_m: Vec<[f64; 2]>,
@@ -412,12 +407,10 @@ impl Default for EstimatorConfig {
             drag_per_s: [4.2, 1.8, 0.3],
             cop_z_m: 0.03,
             acc_average_s: 0.015,
-            acc_over_beats: false,
             slow_force_s: 0.0,
             uwb_noise: UwbNoise::HeightDependent,
             std_uwb_m: 0.15,
             uwb_correlation_s: 0.1,
-            uwb_arrival_frac: 0.0,
             range_bias_m: Vec::new(),
             p_BT_B_m: [0.0; 3],
             gate: GateConfig::default(),
@@ -524,7 +517,6 @@ impl EstimatorConfig {
         range("acc_average_s", self.acc_average_s, 0.0, 0.2, "s");
         range("std_uwb_m", self.std_uwb_m, 0.01, 5.0, "m");
         range("uwb_correlation_s", self.uwb_correlation_s, 0.0, 10.0, "s");
-        range("uwb_arrival_frac", self.uwb_arrival_frac, 0.0, 0.45, "");
         range("gate.sigma", self.gate.sigma, 2.0, 100.0, "sigma");
         range("gate.tail_sigma", self.gate.tail_sigma, 0.5, 100.0, "sigma");
         range("gate.doubt_frac", self.gate.doubt_frac, 0.1, 0.95, "");

@@ -26,9 +26,6 @@ const OLDEST_TDOA_S: f64 = 0.3;
 const FARTHEST_AHEAD_S: f64 = 0.1;
 /// A TDOA may exceed the separation of its anchors by noise and bias, m; beyond it is impossible.
 const IMPOSSIBLE_MARGIN_M: f64 = 0.5;
-/// What of a TDOA's variance is at least its own, whatever its arrivals share with others: keeps it positive where the
-/// quality of an anchor has fallen since; chosen.
-const LEAST_OWN_FRAC: f64 = 0.1;
 /// Longest interval that counts, s: after a pause an anchor's error is new.
 const LONGEST_INTERVAL_S: f64 = 0.5;
 /// Weight of the newest interval in the mean.
@@ -258,18 +255,8 @@ impl Estimator {
                 o.var = var;
             }
         }
-        let arrived = state.biases.arrive(
-            Pair { a: rank_a, b: rank_b },
-            tdoa.received_at,
-            c.uwb_arrival_frac * var,
-        );
-        // Theirs is in the prediction now.
-        let shared_var = state.biases.var_of_arrivals_m2(arrived);
-        o.innovation -= state.biases.arrivals_m(arrived);
-        o.arrivals = arrived;
-        let own_var = |whole: f64| (whole - shared_var).max(LEAST_OWN_FRAC * whole);
         let projected = update::project(state, &o);
-        let var_innovation = projected.var_predicted + own_var(var);
+        let var_innovation = projected.var_predicted + var;
         let ratio2 = o.innovation * o.innovation / var_innovation;
         let test_ratio = ratio2 / (c.gate.sigma * c.gate.sigma);
         record.innovation_m = o.innovation;
@@ -288,7 +275,7 @@ impl Estimator {
             return;
         }
         let tail = if beyond && c.gate.reject { Tail::Huber } else { c.gate.tail };
-        o.var = own_var(var * worth * gate::tail_factor(tail, c.gate.tail_sigma, ratio2));
+        o.var = var * worth * gate::tail_factor(tail, c.gate.tail_sigma, ratio2);
         record.fused = update::fuse_projected(state, &o, &projected);
         if record.fused {
             self.counts.tdoa_fused += 1;

@@ -24,10 +24,6 @@ use super::state::{ATT, Cov, STATES};
 impl Biases {
     /// The bias is zero with this sigma, rad/s, and tied to nothing.
     pub fn restart_gyro(&mut self, std_radps: f64) {
-        if self.gyro == 0 {
-            // The rows of arrivals come after these.
-            self.forget_arrivals();
-        }
         self.gyro = 3;
         let first = self.gyro_row();
         for i in first..first + 3 {

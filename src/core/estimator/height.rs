@@ -5,7 +5,6 @@
 
 use nalgebra::Vector3;
 
-use super::arrival::Arrivals;
 use super::state::State;
 use super::update::Observation;
 
@@ -59,7 +58,6 @@ impl BaroZero {
             h_vel: Vector3::zeros(),
             h_att: Vector3::zeros(),
             pair: None,
-            arrivals: Arrivals::default(),
             var,
         }
     }

@@ -23,7 +23,6 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::arrival::Arrivals;
 use super::config::{MagnetometerConfig, Motion};
 use super::state::{ATT, State};
 use super::update::Observation;
@@ -124,7 +123,6 @@ pub fn observe(
         h_vel: Vector3::zeros(),
         h_att: down_B,
         pair: None,
-        arrivals: Arrivals::default(),
         var: var_heading + var_tilt,
     })
 }

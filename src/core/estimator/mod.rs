@@ -8,8 +8,6 @@
 mod align;
 mod aligning;
 mod anchor_check;
-mod arrival;
-mod beat;
 mod bias;
 mod bias_level;
 mod board_vertical;
@@ -60,7 +58,6 @@ use crate::time::HostTime;
 
 use align::{Recent, RestAverage};
 pub use anchor_check::{AnchorCheck, AnchorFit, MOST_HIDDEN_M};
-use beat::Beat;
 pub use bias::MOST_ANCHORS;
 use bias::Wander;
 use bias_level::BiasLevel;
@@ -168,7 +165,6 @@ pub struct Estimator {
     anchors_m: Vec<f64>,
     /// Known range bias of each anchor number, m.
     range_bias_m: Box<[f64; 256]>,
-    beat: Beat,
     slow_force: SlowForce,
     board_vertical_at: Option<HostTime>,
     qualities: Qualities,
@@ -218,7 +214,6 @@ impl Estimator {
             hull: aligning::hull_E_m(&survey),
             anchors_m,
             range_bias_m,
-            beat: Beat::default(),
             slow_force: SlowForce::default(),
             board_vertical_at: None,
             qualities: Qualities::default(),
@@ -331,11 +326,7 @@ impl Estimator {
         }
         let mean_rate_B = (self.rate_B + unbiased_B) * 0.5;
         let weight = dt_s / (self.config.acc_average_s + dt_s);
-        if self.config.acc_over_beats {
-            self.acc_B = self.beat.add(dt_s, &acc_B);
-        } else {
-            self.acc_B += (acc_B - self.acc_B) * weight;
-        }
+        self.acc_B += (acc_B - self.acc_B) * weight;
         self.rate_B = unbiased_B;
         match self.state {
             Some(_) => self.predict(dt_s, mean_rate_B),

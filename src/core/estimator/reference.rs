@@ -2,7 +2,6 @@
 
 use nalgebra::Vector3;
 
-use super::arrival::Arrivals;
 use super::state::State;
 use super::update::Observation;
 
@@ -16,7 +15,6 @@ pub fn observe(state: &State, axis: usize, pos_E_m: f64, var: f64) -> Observatio
         h_vel: Vector3::zeros(),
         h_att: Vector3::zeros(),
         pair: None,
-        arrivals: Arrivals::default(),
         var,
     }
 }

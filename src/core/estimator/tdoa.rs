@@ -7,7 +7,6 @@
 
 use nalgebra::Vector3;
 
-use super::arrival::Arrivals;
 use super::bias::Pair;
 use super::state::State;
 use super::update::Observation;
@@ -59,7 +58,6 @@ pub fn observe(
         h_vel,
         h_att,
         pair,
-        arrivals: Arrivals::default(),
         var,
     })
 }

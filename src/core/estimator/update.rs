@@ -6,7 +6,6 @@
 
 use nalgebra::Vector3;
 
-use super::arrival::Arrivals;
 use super::bias::{BiasVec, NO_BIASES, Pair};
 use super::state::{ATT, POS, State, StateVec, VEL};
 
@@ -23,8 +22,6 @@ pub struct Observation {
     pub h_att: Vector3<f64>,
     /// Anchors whose range biases are in it.
     pub pair: Option<Pair>,
-    /// Arrivals whose errors have a state.
-    pub arrivals: Arrivals,
     /// Variance of the measurement.
     pub var: f64,
 }
@@ -62,7 +59,7 @@ pub fn project(state: &State, o: &Observation) -> Projected {
         h.fixed_rows_mut::<3>(POS).copy_from(&o.h_pos);
         h.fixed_rows_mut::<3>(VEL).copy_from(&o.h_vel);
         h.fixed_rows_mut::<3>(ATT).copy_from(&o.h_att);
-        var_biases = state.biases.project(o.pair, o.arrivals, &h, &mut pht, &mut own);
+        var_biases = state.biases.project(o.pair, &h, &mut pht, &mut own);
         own
     });
     let dot = |start: usize, h: &Vector3<f64>| {

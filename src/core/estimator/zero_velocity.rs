@@ -2,7 +2,6 @@
 
 use nalgebra::Vector3;
 
-use super::arrival::Arrivals;
 use super::state::State;
 use super::update::Observation;
 
@@ -21,7 +20,6 @@ pub fn observe(state: &State, axis: usize) -> Observation {
         h_vel,
         h_att: Vector3::zeros(),
         pair: None,
-        arrivals: Arrivals::default(),
         var: STD_MPS * STD_MPS,
     }
 }

@@ -38,7 +38,16 @@ pub enum Fate {
 }
 
 /// Every key that has left, oldest first.
-pub const RETIRED: &[Retired] = &[];
+pub const RETIRED: &[Retired] = &[
+    Retired {
+        key: "estimator.acc_over_beats",
+        fate: Fate::Gone { default: "false", heir: "estimator.acc_average_s" },
+    },
+    Retired {
+        key: "estimator.uwb_arrival_frac",
+        fate: Fate::Gone { default: "0.0", heir: "estimator.uwb_correlation_s" },
+    },
+];
 
 /// Sections that keep a flight safe: what is set in them is never ignored.
 const GUARDED: [&str; 4] = ["limits", "supervisor", "flight", "board"];

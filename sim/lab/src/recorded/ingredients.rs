@@ -41,7 +41,6 @@ const VARIANTS: [Variant; 21] = [
     },
     Variant { name: "what lasts beyond drag", change: |c| c.slow_force_s = 2.0 },
     Variant { name: "with the gyroscope's bias", change: |c| c.gyro_bias.estimate = true },
-    Variant { name: "neighbours share arrivals", change: |c| c.uwb_arrival_frac = 0.17 },
     Variant { name: "without barometer", change: |c| c.baro.fuse = false },
     Variant {
         name: "constant noise",
