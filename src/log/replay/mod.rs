@@ -194,7 +194,7 @@ impl Run {
                     let since = |us| HostTime::from_us(us).seconds_since(self.start);
                     let (from_s, to_s) = (since(from_us), since(to_us));
                     self.last = self.last.max(HostTime::from_us(to_us));
-                    self.report.holes.push(Hole { from_s, to_s, lost_raw, lost_topics });
+                    self.report.hole(Hole { from_s, to_s, lost_raw, lost_topics });
                     self.sequence = self.sequence.max(last_sequence).max(first_sequence);
                 }
             }
@@ -208,7 +208,7 @@ impl Run {
         // A hole may claim any number, the largest too.
         let expected = self.sequence.saturating_add(1);
         if sequence > expected {
-            self.report.holes.push(Hole {
+            self.report.hole(Hole {
                 from_s: self.last.seconds_since(self.start),
                 to_s: at.seconds_since(self.start),
                 lost_raw: sequence - expected,
@@ -221,6 +221,9 @@ impl Run {
 
     fn input(&mut self, sequence: u64, at: HostTime, input: &RawInput) {
         let wakes = *input == RawInput::Wake;
+        if wakes {
+            self.traffic.woken(at);
+        }
         if let Some(airborne) = self.airborne.told(at).filter(|_| wakes) {
             self.pilot.set_airborne_as_flown(airborne);
         }
