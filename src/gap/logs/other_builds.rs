@@ -183,7 +183,7 @@ fn told_by_bytes(controls: &[ControlRecord]) -> &[ControlRecord] {
 }
 
 fn read_rewritten(log: &LogReader) -> Flown {
-    read_log(log).unwrap()
+    read_log(log, None).unwrap()
 }
 
 #[test]
@@ -352,7 +352,7 @@ fn val_the_logs_of_a_stranger_pass_gate_0() {
             return;
         };
         let log = LogReader::from_bytes(name.clone().into(), unpacked.stdout).unwrap();
-        let flown = read_log(&log).unwrap();
+        let flown = read_log(&log, None).unwrap();
         println!("{}  remarks: {:?}", flown.replay, flown.remarks);
         assert_eq!(flown.faults, [] as [&str; 0], "{name}");
         assert!(flown.trace.mission_part().is_some_and(|part| part.whole), "{name}");

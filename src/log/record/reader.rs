@@ -78,6 +78,16 @@ pub enum LogError {
         /// Where the log ends, s.
         end_s: f64,
     },
+    /// It holds fewer flights than the number that was asked for, or none.
+    #[error("{}: no flight {asked}; the log holds {there}", path.display())]
+    NoSuchFlight {
+        /// Which file.
+        path: PathBuf,
+        /// Number that was asked for.
+        asked: usize,
+        /// The flights that it holds.
+        there: String,
+    },
     /// A log of a newer build.
     #[error(
         "{}: {why}, or read it with the build that wrote it (haltere {version}, source {source_hash})",
