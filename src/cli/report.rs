@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::Args;
 
+use super::log_export::say_end;
 use super::print;
 use super::which_flight::{WhichFlight, tell};
 use crate::report::flight::{Flight, ParameterRow};
@@ -55,6 +56,7 @@ impl Report {
                 flight.truth.retain(|row| row.at >= from && row.at <= to);
             }
         }
+        say_end(&log, &end);
         let name = self.log.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let one = part.flight().filter(|flight| flight.of > 1);
         let name = one.map_or(name.clone(), |flight| format!("{name}, {flight}"));
