@@ -26,7 +26,7 @@ pub fn mission_file(data: &[u8]) {
         }
     }
     if let Ok(text) = std::str::from_utf8(data)
-        && PlanFile::is_one(text)
+        && PlanFile::is_one(std::path::Path::new(""), text)
         && let Ok(file) = PlanFile::parse(text)
     {
         let _ = file.to_mission(&LocalOrigin::zero());
