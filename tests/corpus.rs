@@ -12,6 +12,8 @@ mod seed;
 
 use std::path::Path;
 
+use haltere_log::record::{Flights, LogReader};
+
 /// Most bytes of all kept inputs, and of one: they are in every clone.
 const MOST_KEPT_B: u64 = 2_000_000;
 const MOST_INPUT_B: u64 = 64_000;
@@ -71,6 +73,22 @@ fn prop_no_claim_of_a_log_is_too_much() {
         println!("many of kind {kind}");
         targets::log(&logs::any(kind as u64, 60, Some(kind), false));
         targets::log(&logs::any(kind as u64, 3000, Some(kind), true));
+    }
+}
+
+/// An index that names one message any number of times would have it in memory as often.
+#[test]
+fn regress_no_claim_of_a_tail_is_too_much() {
+    let log = logs::flights();
+    let reader = LogReader::from_bytes("flights.mcap".into(), log.clone()).expect("a log");
+    assert!(reader.outline().is_some(), "its tail tells");
+    assert!(Flights::recorded(&reader).part(&reader, Some(2)).is_ok(), "two flights");
+    for at in 0..log.len() {
+        for bits in [0x01, 0xff] {
+            let mut claims = log.clone();
+            claims[at] ^= bits;
+            targets::outline(&claims);
+        }
     }
 }
 

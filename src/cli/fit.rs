@@ -8,6 +8,7 @@ use anyhow::Context as _;
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::fit_program::ProgramCommand;
+use super::log_export::say_end;
 use super::{print, print_json};
 use crate::fit::outcome::{Outcome, Refusal};
 use crate::fit::source::Source;
@@ -214,7 +215,8 @@ impl Files {
                 )?;
                 let config =
                     Config::as_recorded("configuration in the log", &reader.session().config_toml)?;
-                let (mut flight, _) = from_log::read(&reader);
+                let (mut flight, end) = from_log::read(&reader);
+                say_end(&reader, &end);
                 if let Some(path) = &self.truth {
                     let name = || path.display().to_string();
                     let file = haltere_log::intake::open(path).with_context(name)?;
@@ -233,7 +235,8 @@ fn trims(log: &Path, json: bool) -> anyhow::Result<ExitCode> {
     let reader = LogReader::open(log)?;
     // The drag law that was flown with: it takes the lean of a drift off.
     let config = Config::as_recorded("configuration in the log", &reader.session().config_toml)?;
-    let (flight, _) = from_log::read(&reader);
+    let (flight, end) = from_log::read(&reader);
+    say_end(&reader, &end);
     let trims = trim::fit(&flight, &config.control.drag).context(name)?;
     if json {
         print_json(&trims)?;

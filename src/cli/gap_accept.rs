@@ -9,13 +9,14 @@ use serde_json::json;
 
 use super::gap::RoomOptions;
 use super::gap_report::Report;
+use super::which_flight::WhichFlight;
 use super::{print, print_json};
 use crate::progress::Progress;
 use haltere_core::frames::Vec3;
 use haltere_core::measure::AnchorId;
 use haltere_gap::accept::{by_hand, edit_anchor, edit_scenario, edit_vehicle, number, set_key};
 use haltere_gap::accepted::{self, LineChange, lines_changed};
-use haltere_gap::logs;
+use haltere_gap::logs::{self, Flown};
 use haltere_gap::scene::Told;
 use haltere_gap::trim::{Trim, trim};
 use haltere_model::effects::EffectSpec;
@@ -49,6 +50,8 @@ pub(super) struct Accept {
     /// The log behind the report, if it has moved.
     #[arg(long, value_name = "LOG")]
     log: Option<PathBuf>,
+    #[command(flatten)]
+    which: WhichFlight,
     #[command(flatten)]
     room: RoomOptions,
     /// Says what would change, and changes nothing.
@@ -183,7 +186,7 @@ impl Accept {
         report: &Report,
         effects: &[(&'static EffectSpec, Vec<f64>)],
     ) -> anyhow::Result<Trim> {
-        let flown = logs::read(&self.behind(report)?)?;
+        let flown = self.flown(report)?;
         let told = Told { room: self.room.room()?, ..Told::default() };
         let scene = flown.scene(&told).on_grid();
         let named: Vec<_> = effects.iter().map(|(spec, theta)| (*spec, &theta[..])).collect();
@@ -195,11 +198,13 @@ impl Accept {
         Ok(found)
     }
 
-    fn behind(&self, report: &Report) -> anyhow::Result<PathBuf> {
-        match &self.log {
-            Some(log) => Ok(log.clone()),
-            None => report.log_beside(&self.report),
-        }
+    /// The flight behind the report.
+    fn flown(&self, report: &Report) -> anyhow::Result<Flown> {
+        let log = match &self.log {
+            Some(log) => log.clone(),
+            None => report.log_beside(&self.report)?,
+        };
+        Ok(logs::read_flight(&log, self.which.number().or(report.flight()))?)
     }
 
     /// Anchor survey with the anchor where the flight says it is.
@@ -221,7 +226,7 @@ impl Accept {
             anyhow::bail!("U7: {} parameters in the report, 4 expected", theta.len());
         };
         // The effect counts anchors in the survey that was flown.
-        let flown = logs::read(&self.behind(report)?)?;
+        let flown = self.flown(report)?;
         let place = anchor.round().max(0.0) as usize;
         let ids = flown.trace.survey.ids();
         let Some(AnchorId(id)) = ids.get(place).copied() else {

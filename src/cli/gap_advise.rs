@@ -11,6 +11,7 @@ use super::gap::{BankOptions, SceneOptions};
 use super::gap_references::References;
 use super::gap_report::Report;
 use super::gap_session::{Opened, open};
+use super::which_flight::{WhichFlight, tell};
 use super::{moved, print, print_json};
 use crate::progress::Progress;
 use haltere_gap::advise::{Advice, Effort, Hypothesis, Remaining, advise, after_flight};
@@ -34,6 +35,8 @@ pub(super) struct Advise {
     /// Report of `gap diagnose` as JSON, or flight logs.
     #[arg(required_unless_present_any = ["check", "list"], value_name = "REPORT.json|LOG")]
     inputs: Vec<PathBuf>,
+    #[command(flatten)]
+    which: WhichFlight,
     #[command(flatten)]
     references: References,
     /// The log behind the report, if it has moved.
@@ -78,16 +81,19 @@ impl Advise {
             [report] if report.extension().is_some_and(|e| e == "json") => {
                 self.report_of(report)?
             }
-            [first, ..] => match open(first, &[], &self.references, &self.told, &self.options)? {
-                Opened::Fault(diagnosis) => {
-                    anyhow::bail!("{}: {}", diagnosis.log, diagnosis.verdict)
+            [first, ..] => {
+                match open(first, self.which, &[], &self.references, &self.told, &self.options)? {
+                    Opened::Fault(diagnosis) => {
+                        anyhow::bail!("{}: {}", diagnosis.log, diagnosis.verdict)
+                    }
+                    Opened::Ready(session) => {
+                        let diagnosis = session.judge();
+                        tell(first, session.seen.flown.flight);
+                        eprintln!("{}", diagnosis.verdict);
+                        (session.seen.flown.clone(), remaining(&diagnosis))
+                    }
                 }
-                Opened::Ready(session) => {
-                    let diagnosis = session.judge();
-                    eprintln!("{}", diagnosis.verdict);
-                    (session.seen.flown.clone(), remaining(&diagnosis))
-                }
-            },
+            }
             [] => anyhow::bail!("no report and no log"),
         };
         let scene = flown.scene(&self.told.told()?).for_bank(&flown.mission);
@@ -138,7 +144,7 @@ impl Advise {
             Some(log) => log.clone(),
             None => report.log_beside(path)?,
         };
-        let flown = logs::read(&log)?;
+        let flown = logs::read_flight(&log, self.which.number().or(report.flight()))?;
         if let Some(fault) = flown.faults.first() {
             anyhow::bail!("{}: {fault}", log.display());
         }
@@ -156,6 +162,7 @@ impl Advise {
             anyhow::bail!("fewer than two candidates are left: there is nothing to tell apart");
         }
         let second = logs::read(path)?;
+        tell(path, second.flight);
         if let Some(fault) = second.faults.first() {
             anyhow::bail!("{}: {fault}", path.display());
         }

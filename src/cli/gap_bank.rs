@@ -8,6 +8,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::gap::{BankOptions, SceneOptions};
+use super::which_flight::{WhichFlight, tell};
 use super::{print, print_json};
 use crate::progress::Progress;
 use haltere_gap::logs;
@@ -23,6 +24,8 @@ use haltere_log::written;
 pub(super) struct BankCommand {
     /// A flight of the mission.
     log: Option<PathBuf>,
+    #[command(flatten)]
+    which: WhichFlight,
     #[command(flatten)]
     told: SceneOptions,
     #[command(flatten)]
@@ -44,7 +47,8 @@ impl BankCommand {
         let told = self.told.told()?;
         let (scene, items) = match &self.log {
             Some(log) => {
-                let flown = logs::read(log)?;
+                let flown = logs::read_flight(log, self.which.number())?;
+                tell(log, flown.flight);
                 (flown.scene(&told).for_bank(&flown.mission), flown.mission)
             }
             None => {

@@ -13,6 +13,7 @@ use super::gap::{BankOptions, SceneOptions};
 use super::gap_advise::remaining;
 use super::gap_references::References;
 use super::gap_session::{Opened, Session, open};
+use super::which_flight::WhichFlight;
 use super::{print, print_json};
 use crate::progress::{self, Progress};
 use crate::report::{gap as page, truth};
@@ -23,7 +24,7 @@ use haltere_gap::details::details;
 use haltere_gap::diagnosis::{Advised, Diagnosis, Part, ShrinkResult};
 use haltere_gap::held_out::{Explanation, measure};
 use haltere_gap::picture::picture;
-use haltere_gap::seal::digest;
+use haltere_gap::seal::digest_of;
 use haltere_log::written;
 use haltere_model::effects::EffectSpec;
 
@@ -43,6 +44,8 @@ pub(super) struct Diagnose {
     /// Flight logs of the companion.
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
+    #[command(flatten)]
+    which: WhichFlight,
     #[command(flatten)]
     references: References,
     #[command(flatten)]
@@ -127,13 +130,14 @@ impl Diagnose {
         let [first, others @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
         // Before anything long: files that do not hold what they should.
         let truth = self.truth_file()?;
-        let session = match open(first, others, &self.references, &self.told, &self.options)? {
-            Opened::Ready(session) => session,
-            Opened::Fault(mut diagnosis) => {
-                diagnosis.made_with.log_sha256 = hash_of(first);
-                return Ok(*diagnosis);
-            }
-        };
+        let session =
+            match open(first, self.which, others, &self.references, &self.told, &self.options)? {
+                Opened::Ready(session) => session,
+                Opened::Fault(mut diagnosis) => {
+                    diagnosis.made_with.log_sha256 = hash_of(first);
+                    return Ok(*diagnosis);
+                }
+            };
         let truth = self.beside_truth(&session, truth)?;
         let mut diagnosis = session.judge();
         diagnosis.made_with.log_sha256 = hash_of(first);
@@ -325,7 +329,7 @@ impl Diagnose {
 
 /// SHA-256 of a file; empty where it cannot be read, which was said before.
 fn hash_of(path: &Path) -> String {
-    std::fs::read(path).map(|bytes| digest(&bytes)).unwrap_or_default()
+    haltere_log::intake::open(path).and_then(digest_of).unwrap_or_default()
 }
 
 /// What is named as one explanation: set members are alternatives, and the first stands for them;
@@ -355,7 +359,9 @@ fn text(d: &Diagnosis) -> String {
         0 => "the nominal simulator".to_owned(),
         n => format!("the nominal simulator and {n} reference flights"),
     };
-    let _ = writeln!(out, "GAP REPORT  {} against {against}, replay {}", d.log, d.replay);
+    let flight = d.flight.filter(|flight| flight.of > 1);
+    let flight = flight.map_or(String::new(), |flight| format!(", {flight},"));
+    let _ = writeln!(out, "GAP REPORT  {}{flight} against {against}, replay {}", d.log, d.replay);
     let _ = writeln!(out, "VERDICT     {}", d.verdict);
     for fault in d.faults.iter().chain(&d.remarks) {
         let _ = writeln!(out, "            {fault}");

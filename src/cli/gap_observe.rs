@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::gap::SceneOptions;
 use super::print;
+use super::which_flight::WhichFlight;
 use haltere_gap::diagnosis::observed;
 use haltere_gap::logs;
 use haltere_gap::nominal::Nominal;
@@ -24,6 +25,8 @@ pub(super) struct Observe {
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
     #[command(flatten)]
+    which: WhichFlight,
+    #[command(flatten)]
     told: SceneOptions,
 }
 
@@ -36,8 +39,9 @@ impl Observe {
         let lines: Vec<String> = self
             .logs
             .par_iter()
-            .map(|path| {
-                let line = match logs::read(path) {
+            .enumerate()
+            .map(|(place, path)| {
+                let line = match logs::read_flight(path, self.which.of_log(place)) {
                     Err(error) => json!({ "log": path, "fault": error.to_string() }),
                     Ok(flown) => {
                         let nominal = Nominal::of_scene(&flown.scene(&told).on_grid());
@@ -46,6 +50,7 @@ impl Observe {
                             Err(why) => json!({ "log": path, "fault": why }),
                             Ok(o) => json!({
                                 "log": path,
+                                "flight": seen.flown.flight,
                                 "faults": seen.flown.faults,
                                 "survey": seen.flown.trace.survey.ids().iter().map(|id| id.0).collect::<Vec<_>>(),
                                 "anchors": o.anchors.iter().map(|a| a.0).collect::<Vec<_>>(),

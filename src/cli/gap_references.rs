@@ -6,6 +6,7 @@ use anyhow::Context as _;
 use clap::Args;
 
 use super::gap_session::same_flight;
+use super::which_flight::tell;
 use crate::progress::Progress;
 use haltere_gap::logs::{self, Flown};
 
@@ -131,7 +132,10 @@ fn sound(path: &Path) -> anyhow::Result<Flown> {
     let flown = logs::read(path)?;
     match flown.faults.first() {
         Some(fault) => anyhow::bail!("{}: no reference: {fault}", path.display()),
-        None => Ok(flown),
+        None => {
+            tell(path, flown.flight);
+            Ok(flown)
+        }
     }
 }
 

@@ -13,6 +13,7 @@ use haltere_model::effects::EffectSpec;
 #[derive(Debug, Clone, Deserialize)]
 pub(super) struct Report {
     pub log: PathBuf,
+    flight: Option<Flight>,
     pub outcome: String,
     #[serde(default)]
     pub verdict: String,
@@ -23,6 +24,11 @@ pub(super) struct Report {
     #[serde(default)]
     not_testable: Vec<String>,
     attribution: Option<Attribution>,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct Flight {
+    number: usize,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -77,6 +83,11 @@ impl Report {
             "{}: the log behind this report is neither there nor beside the report; name it with --log",
             self.log.display()
         )
+    }
+
+    /// Number of the flight in the log.
+    pub fn flight(&self) -> Option<usize> {
+        self.flight.as_ref().map(|flight| flight.number)
     }
 
     /// What the diagnosis left open.

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::gap::{BankOptions, SceneOptions};
 use super::gap_references::{Accepted, References};
+use super::which_flight::{WhichFlight, tell};
 use crate::progress::Progress;
 use haltere_gap::attribute::{Attributor, Settings};
 use haltere_gap::details::{Details, details};
@@ -47,6 +48,7 @@ pub(super) enum Opened {
 /// Opens a log. Gate 0 comes before any bank is flown.
 pub(super) fn open(
     log: &Path,
+    flight: WhichFlight,
     others: &[PathBuf],
     references: &References,
     told: &SceneOptions,
@@ -55,17 +57,23 @@ pub(super) fn open(
     let told = told.told()?;
     let library = options.library()?;
     let name = log.display().to_string();
-    let fault = |why: String| Ok(Opened::Fault(Box::new(unreadable(name.clone(), why))));
-    let flown = match logs::read(log) {
+    let fault = |flight, why: String| {
+        let mut diagnosis = unreadable(name.clone(), why);
+        diagnosis.flight = flight;
+        Ok(Opened::Fault(Box::new(diagnosis)))
+    };
+    let flown = match logs::read_flight(log, flight.number()) {
         Ok(flown) => flown,
-        // A name that was typed wrongly is no verdict on a flight.
-        Err(error @ ReplayError::Log(LogError::Io { .. } | LogError::NotMcap { .. })) => {
-            return Err(error.into());
-        }
-        Err(error) => return fault(error.to_string()),
+        // A name or a number that was typed wrongly is no verdict on a flight.
+        Err(
+            error @ ReplayError::Log(
+                LogError::Io { .. } | LogError::NotMcap { .. } | LogError::NoSuchFlight { .. },
+            ),
+        ) => return Err(error.into()),
+        Err(error) => return fault(None, error.to_string()),
     };
     if let Some(why) = flown.faults.first() {
-        return fault(why.clone());
+        return fault(flown.flight, why.clone());
     }
     if flown.mission.is_empty() {
         anyhow::bail!(
@@ -75,6 +83,7 @@ pub(super) fn open(
     // Before anything long: flights that cannot stand beside this one.
     let others = others.iter().map(|path| logs::read(path)).collect::<Result<Vec<_>, _>>()?;
     for other in &others {
+        tell(&other.path, other.flight);
         same_survey(other, &flown)?;
     }
     let Accepted { first, held_out } = references.read(Some(&flown), &others)?;

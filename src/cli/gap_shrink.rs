@@ -9,6 +9,7 @@ use serde_json::json;
 use super::gap::{BankOptions, SceneOptions};
 use super::gap_references::References;
 use super::gap_session::{Opened, Session, open};
+use super::which_flight::{WhichFlight, tell};
 use super::{print, print_json};
 use crate::progress::Progress;
 use haltere_gap::diagnosis::observed;
@@ -31,6 +32,8 @@ pub(super) struct Shrink {
     /// Log to fit on (only with an effect without values), then logs to judge on.
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
+    #[command(flatten)]
+    which: WhichFlight,
     #[command(flatten)]
     references: References,
     #[command(flatten)]
@@ -68,8 +71,14 @@ impl Shrink {
                         spec.id
                     );
                 }
-                let session = match open(first, rest, &self.references, &self.told, &self.options)?
-                {
+                let session = match open(
+                    first,
+                    self.which,
+                    rest,
+                    &self.references,
+                    &self.told,
+                    &self.options,
+                )? {
                     Opened::Ready(session) => session,
                     Opened::Fault(d) => anyhow::bail!("{}: {}", d.log, d.verdict),
                 };
@@ -111,8 +120,9 @@ impl Shrink {
     fn judged(&self, paths: &[PathBuf]) -> anyhow::Result<Vec<Flown>> {
         let told = self.told.told()?;
         let mut flights = Vec::new();
-        for path in paths {
-            let flown = logs::read(path)?;
+        for (place, path) in paths.iter().enumerate() {
+            let flown = logs::read_flight(path, self.which.of_log(place))?;
+            tell(path, flown.flight);
             sound(&flown, &told)?;
             flights.push(flown);
         }

@@ -179,7 +179,8 @@ fn at_a_glance(log: &LogReader) -> Option<Info> {
     let (mut counts, mut lost_entries) = (BTreeMap::new(), 0_u64);
     for (channel, count) in outline.counts() {
         if let Some(name) = name_of(channel) {
-            *counts.entry(name).or_default() += count;
+            let sum: &mut u64 = counts.entry(name).or_default();
+            *sum = sum.saturating_add(count);
             continue;
         }
         // Few, and each has words of its own.

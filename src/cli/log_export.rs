@@ -184,7 +184,7 @@ pub(super) fn parse_link(text: &str) -> Result<LinkId, String> {
 }
 
 /// A log that does not end well is read as far as it goes, and people are told.
-fn say_end(log: &LogReader, end: &LogEnd) {
+pub(super) fn say_end(log: &LogReader, end: &LogEnd) {
     if *end != LogEnd::Complete {
         tracing::warn!("{}: {end}; taken is what is whole", log.path().display());
     }

@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::{print, print_json};
 use crate::progress::Progress;
 use haltere_core::time::HostTime;
-use haltere_log::record::{Decoded, Entry, LogEnd, LogReader, utc_text};
+use haltere_log::record::{Decoded, Entry, LogEnd, LogReader, is_on_floor, utc_text};
 use haltere_pilot::settings::RecordConfig;
 
 /// Lists logs.
@@ -41,10 +41,9 @@ struct Row {
     modes: Vec<String>,
     complete: bool,
     end: String,
+    /// Not by head and tail alone: damage in between would be seen.
+    read_whole: bool,
 }
-
-/// Modes that every log passes through on the floor.
-const ON_FLOOR: [&str; 4] = ["disarmed", "arming", "idle", "disarming"];
 
 impl List {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
@@ -85,6 +84,7 @@ fn look(path: &Path, whole: bool) -> Row {
         modes: Vec::new(),
         complete: false,
         end: String::new(),
+        read_whole: false,
     };
     let log = match LogReader::open(path) {
         Ok(log) => log,
@@ -100,6 +100,7 @@ fn look(path: &Path, whole: bool) -> Row {
     row.started = Some(utc_text(session.started_unix_us));
     let start = session.pilot_started_at;
     let glance = (!whole).then(|| at_a_glance(&log)).flatten();
+    row.read_whole = glance.is_none();
     let (seen, end) = glance.unwrap_or_else(|| read_whole(&log));
     let [first, last] = seen.ends.unwrap_or([start; 2]);
     let open_s = seen.since.map_or(0.0, |since| last.seconds_since(since).max(0.0));
@@ -155,7 +156,7 @@ impl Seen {
                 if let Some(since) = self.since.take() {
                     self.airborne_s += at.seconds_since(since);
                 }
-                if !ON_FLOOR.contains(&m.mode.as_str()) {
+                if !is_on_floor(&m.mode) {
                     self.since = Some(at);
                     if !self.modes.contains(&m.mode) {
                         self.modes.push(m.mode);
@@ -192,6 +193,9 @@ fn table(rows: &[Row]) -> String {
             text += &format!("  [{}]", row.end);
         }
         text += "\n";
+    }
+    if rows.iter().any(|row| row.complete && !row.read_whole) {
+        text += "by head and tail of each log; damage in between is not seen: --whole reads every byte\n";
     }
     text
 }

@@ -35,6 +35,7 @@ mod report;
 mod style;
 mod vehicle;
 pub mod vehicles;
+mod which_flight;
 
 use std::io::{self, Write as _};
 use std::process::ExitCode;

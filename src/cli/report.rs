@@ -7,13 +7,15 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::Args;
 
+use super::log_export::say_end;
 use super::print;
+use super::which_flight::{WhichFlight, tell};
 use crate::report::flight::{Flight, ParameterRow};
 use crate::report::svg::Limit;
 use crate::report::{Page, from_log, truth};
 use haltere_core::control::voltage::BaseThrust;
-use haltere_log::record::{LogEnd, LogReader};
-use haltere_log::replay::{changed_parameters, recorded_config, replay_observed};
+use haltere_log::record::{FlightPart, Flights, LogEnd, LogReader};
+use haltere_log::replay::{self, changed_parameters, recorded_config, replay_observed};
 use haltere_log::written::{self, look};
 
 /// Draws a flight log as a self-contained HTML page.
@@ -21,6 +23,8 @@ use haltere_log::written::{self, look};
 pub(super) struct Report {
     /// The log.
     log: PathBuf,
+    #[command(flatten)]
+    which: WhichFlight,
     /// Truth file of a simulated flight, from `haltere-sim serve --truth`.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
@@ -36,9 +40,11 @@ impl Report {
         // Before the log is lived through: it is known now.
         look(&output, &inputs)?;
         let log = LogReader::open(&self.log)?;
-        let (mut flight, end) = from_log::read(&log);
+        let part = flights(&log, self.which)?;
+        tell(&self.log, part.flight());
+        let (mut flight, end) = from_log::read_part(&log, part.clone());
         if flight.ends().is_none() {
-            relive(&mut flight, &log);
+            relive(&mut flight, &log, &part);
         }
         flight.facts = from_log::facts(&log, &flight);
         add_configuration(&mut flight, &log);
@@ -50,7 +56,10 @@ impl Report {
                 flight.truth.retain(|row| row.at >= from && row.at <= to);
             }
         }
+        say_end(&log, &end);
         let name = self.log.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let one = part.flight().filter(|flight| flight.of > 1);
+        let name = one.map_or(name.clone(), |flight| format!("{name}, {flight}"));
         let subtitle = match end {
             LogEnd::Complete => name,
             other => format!("{name}, log {other}: shown is what is whole"),
@@ -69,9 +78,15 @@ impl Report {
     }
 }
 
+/// The part to draw: of a log that this build cannot replay, whose topics do not tell its flights, all that is drawn.
+fn flights(log: &LogReader, which: WhichFlight) -> anyhow::Result<FlightPart> {
+    let flights = replay::flights(log).unwrap_or_else(|_| Flights::recorded(log));
+    Ok(flights.part(log, which.number())?)
+}
+
 /// A log that was recorded without decoded topics has them again when the core lives through it.
-fn relive(flight: &mut Flight, log: &LogReader) {
-    match replay_observed(log, |topic| flight.add_topic(topic)) {
+fn relive(flight: &mut Flight, log: &LogReader, part: &FlightPart) {
+    match replay_observed(log, part, |topic| flight.add_topic(topic)) {
         Ok((report, _)) if report.inputs > 0 => {
             tracing::info!(
                 "the log holds no decoded topics: they are those of a replay by this build"

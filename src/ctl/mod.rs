@@ -350,7 +350,7 @@ pub fn read_mission(
     mut tell: impl FnMut(&str),
 ) -> Result<MissionFile, CtlError> {
     let text = mission_text(path)?;
-    if !PlanFile::is_one(&text) {
+    if !PlanFile::is_one(path, &text) {
         return MissionFile::parse(&text).map_err(|why| wrong(path, why));
     }
     let file = PlanFile::parse(&text).map_err(|why| wrong(path, why))?;
@@ -374,7 +374,7 @@ pub fn read_mission(
 /// Reads a mission file, ours or a station's, as what is uploaded.
 pub fn read_plan(path: &Path) -> Result<PlanFile, CtlError> {
     let text = mission_text(path)?;
-    let read = match PlanFile::is_one(&text) {
+    let read = match PlanFile::is_one(path, &text) {
         true => PlanFile::parse(&text),
         false => MissionFile::parse(&text).map(|mission| PlanFile {
             mission: mission

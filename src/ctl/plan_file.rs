@@ -4,6 +4,8 @@
 //! Where the formats are described: QGroundControl's developer guide, "Plan File Format"; MAVLink's guide, "File
 //! Formats". What of a file is not taken is a remark, never silence.
 
+use std::path::Path;
+
 use haltere_core::geo::{Geodetic, LocalOrigin};
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
 use haltere_dialect::mav::{known, name_of};
@@ -37,16 +39,29 @@ pub struct PlanFile {
 }
 
 impl PlanFile {
-    /// Whether a text is of a station, and no mission file of ours.
-    pub fn is_one(text: &str) -> bool {
+    /// Whether a file is of a station, by its name or its text, and no mission file of ours.
+    pub fn is_one(name: &Path, text: &str) -> bool {
         let text = plain(text);
+        let named = |ending| name.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending));
+        if named("plan") || named("waypoints") {
+            return true;
+        }
         text.starts_with('{') || text.starts_with(WAYPOINTS)
     }
 
     /// Reads either format.
     pub fn parse(text: &str) -> Result<Self, String> {
         let text = plain(text);
-        let mut file = if text.starts_with(WAYPOINTS) { waypoints(text)? } else { plan(text)? };
+        let mut file = match () {
+            () if text.starts_with(WAYPOINTS) => waypoints(text)?,
+            () if text.starts_with('{') => plan(text)?,
+            () => {
+                return Err(format!(
+                    "neither a plan (JSON with `\"fileType\": \"Plan\"`) nor a list of waypoints (`{WAYPOINTS} \
+                     {WAYPOINTS_VERSION}` in its first line)"
+                ));
+            }
+        };
         for (items, kind) in [
             (&mut file.mission, MavMissionType::MAV_MISSION_TYPE_MISSION),
             (&mut file.fence, MavMissionType::MAV_MISSION_TYPE_FENCE),
@@ -502,7 +517,14 @@ mod tests {
 
     #[test]
     fn regress_plans_of_stations_are_read_with_fence_and_rally_points() {
-        assert!(PlanFile::is_one(PLAN) && !PlanFile::is_one("[[item]]\ncommand = \"land\"\n"));
+        let ours = "[[item]]\ncommand = \"land\"\n";
+        let named = |name: &str, text| PlanFile::is_one(Path::new(name), text);
+        assert!(named("a", PLAN) && named("a.toml", PLAN) && !named("a.toml", ours));
+        // What its name calls a plan and is none was read as TOML.
+        for (name, text) in [("a.plan", ""), ("a.PLAN", "[1, 2]"), ("a.waypoints", ours)] {
+            assert!(named(name, text));
+            assert!(PlanFile::parse(text).unwrap_err().starts_with("neither a plan"), "{name}");
+        }
         let file = PlanFile::parse(&format!("\u{feff}{PLAN}")).unwrap();
         let commands: Vec<u32> = file.mission.iter().map(|item| item.command as u32).collect();
         assert_eq!(commands, [22, 16, 177, 20]);

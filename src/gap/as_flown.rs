@@ -4,7 +4,7 @@
 use haltere_core::frames::wrap_pi_rad;
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ControlRecord, ModeRecord};
-use haltere_log::record::{Decoded, Entry, LogReader, back};
+use haltere_log::record::{Decoded, Entry, FlightPart, LogReader, back};
 use haltere_log::replay::{Setpoint, setpoint_of};
 use haltere_pilot::Mode;
 
@@ -26,9 +26,10 @@ pub(super) struct AsFlown {
 }
 
 impl AsFlown {
-    pub fn of(log: &LogReader) -> Self {
+    pub fn of(log: &LogReader, part: &FlightPart) -> Self {
         let mut flown = Self::default();
-        for entry in log.entries() {
+        let mut part = part.clone();
+        for entry in log.entries().filter(|entry| part.holds(entry)) {
             match entry {
                 Entry::Output { at, link, bytes, .. } => {
                     flown.setpoints.extend(setpoint_of(at, link, &bytes));

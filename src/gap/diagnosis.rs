@@ -15,6 +15,7 @@ use super::shrink::{medians, scales};
 use super::statistics::{Observation, observe};
 use super::workshop::Workshop;
 use crate::nominal::Nominal;
+use haltere_log::record::LogFlight;
 use haltere_log::replay::{Differs, Report};
 
 /// A named parameter.
@@ -50,6 +51,9 @@ pub struct Effect {
 pub struct Diagnosis {
     /// The log.
     pub log: String,
+    /// Which flight in it; absent: it holds none, or cannot be read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flight: Option<LogFlight>,
     /// Key of the outcome.
     pub outcome: &'static str,
     /// The verdict as a sentence.
@@ -315,6 +319,7 @@ pub fn unreadable(log: String, why: String) -> Diagnosis {
     let outcome = Outcome::Fault { why: why.clone() };
     Diagnosis {
         log,
+        flight: None,
         outcome: outcome.key(),
         verdict: outcome.sentence(str::to_owned),
         exit_code: outcome.exit_code(),
@@ -350,6 +355,7 @@ pub fn judge(
     let flown = &seen.flown;
     let mut result = Diagnosis {
         log: flown.path.display().to_string(),
+        flight: flown.flight,
         outcome: "",
         verdict: String::new(),
         explained: None,

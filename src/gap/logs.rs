@@ -16,9 +16,9 @@ use super::as_flown::AsFlown;
 use super::scene::{Scene, Told};
 use super::trace::Trace;
 use haltere_core::survey::Survey;
-use haltere_log::record::LogReader;
+use haltere_log::record::{LogFlight, LogReader};
 use haltere_log::replay::{
-    Differs, ReplayError, Report, Verdict, recorded_config, replay_observed,
+    Differs, ReplayError, Report, Verdict, flights, recorded_config, replay_observed,
 };
 use haltere_model::room::Room;
 use haltere_pilot::settings::Config;
@@ -50,6 +50,8 @@ const SHADOW_LOG: &str = "a shadow's log (flight.shadow): somebody else flew. mi
 pub struct Flown {
     /// Which log.
     pub path: PathBuf,
+    /// Which flight in it; `None`: it holds none.
+    pub flight: Option<LogFlight>,
     /// What the replay came to.
     pub replay: Report,
     /// Everything that the diagnosis may see.
@@ -77,22 +79,29 @@ pub struct ParameterDifference {
     pub default: String,
 }
 
-/// Reads and replays a log.
+/// Reads and replays a log, and takes its last flight.
 pub fn read(path: &Path) -> Result<Flown, ReplayError> {
-    read_log(&LogReader::open(path)?)
+    read_flight(path, None)
 }
 
-/// Replays a log that is read already.
-pub fn read_log(log: &LogReader) -> Result<Flown, ReplayError> {
+/// The same with a flight of that number, from 1; without one the last.
+pub fn read_flight(path: &Path, asked: Option<usize>) -> Result<Flown, ReplayError> {
+    read_log(&LogReader::open(path)?, asked)
+}
+
+/// The same of a log that is open already.
+pub fn read_log(log: &LogReader, asked: Option<usize>) -> Result<Flown, ReplayError> {
     let session = log.session();
+    let part = flights(log)?.part(log, asked)?;
     let mut trace = Trace::new(session.survey.clone());
-    let (replay, mission) = replay_observed(log, |topic| trace.take(topic))?;
+    let (replay, mission) = replay_observed(log, &part, |topic| trace.take(topic))?;
     if !replay.same_source && replay.differs == Some(Differs::Setpoints) {
-        AsFlown::of(log).put_into(&mut trace);
+        AsFlown::of(log, &part).put_into(&mut trace);
     }
     let config = recorded_config(log)?;
     let mut flown = Flown {
         path: log.path().to_owned(),
+        flight: part.flight(),
         parameters: differences(&config, &Config::default()),
         mission: mission.items.iter().map(|item| item.wire.clone()).collect(),
         replay,
@@ -107,6 +116,7 @@ pub fn read_log(log: &LogReader) -> Result<Flown, ReplayError> {
 
 impl Flown {
     fn examine(&mut self) {
+        self.remarks.extend(self.flight.and_then(|flight| flight.words()));
         if self.replay.same_source {
             self.examine_replay();
         } else {
@@ -159,6 +169,8 @@ impl Flown {
             Verdict::Identical | Verdict::WithinTolerance => {}
             Verdict::OnlyToHole | Verdict::NothingToCompare => self.examine_extent(),
             Verdict::Different => self.faults.push(match &self.replay.first_difference {
+                // What was sent behind this flight is nothing that it rests on.
+                Some(d) if self.is_before(d.time_s) => return self.examine_extent(),
                 Some(d) => format!(
                     "the replay does not send what was flown, from {:.2} s on: {}",
                     d.time_s, d.what
@@ -188,9 +200,14 @@ impl Flown {
         }
     }
 
+    /// Whether this flight was over, and is not the last of its log.
+    fn is_before(&self, at_s: f64) -> bool {
+        self.flight.is_some_and(|flight| flight.number < flight.of && flight.to_s < at_s)
+    }
+
     /// Holes, and logs without an output.
     fn examine_extent(&mut self) {
-        if let Some(hole) = self.replay.holes.first() {
+        if let Some(hole) = self.replay.holes.first().filter(|hole| !self.is_before(hole.from_s)) {
             self.faults.push(format!(
                 "the log has a hole at {:.1} s; what lies behind cannot be replayed",
                 hole.from_s

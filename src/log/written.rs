@@ -7,7 +7,7 @@
 
 use std::fs::{File, Metadata, OpenOptions, Permissions};
 use std::io::{self, Read as _, Write};
-use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
@@ -126,7 +126,7 @@ impl Output {
             return Err(OutputError::Exists { path: path.into() });
         }
         if there.as_ref().is_some_and(|there| !there.is_file()) {
-            let device = OpenOptions::new().write(true).open(path).map_err(io)?;
+            let device = device(path).map_err(io)?;
             return Ok(Self { path: path.into(), old, to: To::Device(device) });
         }
         let mode = match &there {
@@ -195,6 +195,21 @@ fn sync_folder(place: &Path) -> io::Result<()> {
 
 fn folder_of(place: &Path) -> &Path {
     place.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Opens what has no contents to lose. A pipe that nobody reads would hold the program for ever.
+fn device(path: &Path) -> io::Result<File> {
+    let mut open = OpenOptions::new();
+    open.write(true);
+    let flags = rustix::fs::OFlags::NONBLOCK.bits().cast_signed();
+    let first = open.clone().custom_flags(flags).open(path).map_err(|error| {
+        let nobody = error.raw_os_error() == Some(rustix::io::Errno::NXIO.raw_os_error());
+        if nobody { io::Error::new(error.kind(), "a pipe that nobody reads") } else { error }
+    })?;
+    // While the first is open its reader stays.
+    let device = open.open(path);
+    drop(first);
+    device
 }
 
 /// The words of the system, without those of the package, which name the file beside.
@@ -285,6 +300,28 @@ mod tests {
     use super::*;
 
     const NONE: [&str; 0] = [];
+
+    /// `haltere report a.mcap -o PIPE` waited for ever.
+    #[test]
+    fn regress_a_pipe_that_nobody_reads_is_refused_and_one_that_is_read_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        if !made.is_ok_and(|status| status.success()) {
+            return;
+        }
+        let refused = write(&pipe, "page", &NONE).unwrap_err().to_string();
+        assert!(
+            refused.ends_with("pipe: cannot be written: a pipe that nobody reads"),
+            "{refused}"
+        );
+        // Opened for both: a reader that is there.
+        let mut reader = OpenOptions::new().read(true).write(true).open(&pipe).unwrap();
+        write(&pipe, "page", &NONE).unwrap();
+        let mut page = [0; 4];
+        reader.read_exact(&mut page).unwrap();
+        assert_eq!(&page, b"page");
+    }
 
     #[test]
     fn regress_a_flight_log_is_never_written_over_through_no_kind_of_link() {

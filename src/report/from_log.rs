@@ -11,10 +11,15 @@ use haltere_core::measure::{
 use haltere_core::time::HostTime;
 use haltere_core::topics::{HealthRecord, ModeRecord, TextRecord, Topic, UwbRecord};
 use haltere_log::record::back::{control, vec3};
-use haltere_log::record::{Decoded, Entry, LogEnd, LogReader, RawInput, pb, utc_text};
+use haltere_log::record::{Decoded, Entry, FlightPart, LogEnd, LogReader, RawInput, pb, utc_text};
 
 /// Reads every decoded topic of a log; says how the log ends.
 pub fn read(log: &LogReader) -> (Flight, LogEnd) {
+    read_part(log, FlightPart::whole())
+}
+
+/// The same of a part of it.
+pub fn read_part(log: &LogReader, mut part: FlightPart) -> (Flight, LogEnd) {
     let session = log.session();
     let mut flight = Flight {
         survey: Some(session.survey.clone()),
@@ -22,7 +27,7 @@ pub fn read(log: &LogReader) -> (Flight, LogEnd) {
         ..Flight::default()
     };
     let mut entries = log.entries();
-    for entry in entries.by_ref() {
+    for entry in entries.by_ref().filter(|entry| part.holds(entry)) {
         match entry {
             Entry::Decoded(decoded) => flight.add_decoded(decoded),
             Entry::Input { at, input: RawInput::Wake, .. } => flight.wakes.push(at),

@@ -88,6 +88,44 @@ impl Maker {
     }
 }
 
+/// A log of two flights that was closed: with index and tail, in small chunks, without schemas.
+pub fn flights() -> Vec<u8> {
+    let options = mcap::WriteOptions::new().compression(None).chunk_size(Some(300));
+    let mut log =
+        options.create(std::io::Cursor::new(Vec::new())).expect("memory takes everything");
+    let anchors = (0..8_u32).map(|id| {
+        let far = |bit: u32, m: f64| if id & bit != 0 { m } else { 0.0 };
+        let pos_e_m = Some(pb::Vec3 { x: far(1, 6.0), y: far(2, 6.0), z: -far(4, 3.0) });
+        pb::SurveyedAnchor { id, pos_e_m }
+    });
+    let session = pb::Session { anchors: anchors.collect(), ..pb::Session::default() };
+    let channels = ["/config", "/wake", "/mode", "/hole"].map(|name| {
+        log.add_channel(0, name, "protobuf", &Default::default()).expect("a name of its own")
+    });
+    let mut put = |channel: usize, at_us: u64, message: &[u8]| {
+        let time = at_us * 1000;
+        let head = mcap::records::MessageHeader {
+            channel_id: channels[channel],
+            sequence: 0,
+            log_time: time,
+            publish_time: time,
+        };
+        log.write_to_known_channel(&head, message).expect("memory takes everything");
+    };
+    use prost::Message as _;
+    put(0, 0, &session.encode_to_vec());
+    let modes = ["disarmed", "arming", "takeoff", "land", "disarmed"];
+    for (n, mode) in (1..).zip(modes.iter().chain(&modes[1..])) {
+        let at_us = n * 1_000_000;
+        put(1, at_us, &pb::Wake { sequence: n, host_time_us: at_us }.encode_to_vec());
+        let mode = pb::Mode { at_us, mode: (*mode).to_owned(), ..pb::Mode::default() };
+        put(2, at_us, &mode.encode_to_vec());
+        put(3, at_us, &pb::Hole { lost_topics: 1, ..pb::Hole::default() }.encode_to_vec());
+    }
+    log.finish().expect("memory takes everything");
+    log.into_inner().into_inner()
+}
+
 /// Numbers by a seed; the same on every computer.
 pub struct Dice(pub u64);
 

@@ -160,6 +160,8 @@ pub fn write() -> std::io::Result<()> {
         write("log", &format!("claims-{seed}"), &super::logs::any(seed, 30, None, seed & 1 > 0))?;
     }
 
+    write("outline", "seed-flights", &super::logs::flights())?;
+
     // A short log of a core that hears noise.
     let folder = tempfile::tempdir()?;
     let at = HostTime::from_us(1_000_000);

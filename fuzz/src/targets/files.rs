@@ -10,7 +10,7 @@ use haltere_core::geo::LocalOrigin;
 use haltere_core::time::HostTime;
 use haltere_log::export::{self, Form};
 use haltere_log::import::{columns, flapper, stand};
-use haltere_log::record::{self, LogEnd, LogReader, recover, recovered_name};
+use haltere_log::record::{self, Flights, LogEnd, LogReader, recover, recovered_name};
 use haltere_pilot::mission_file::MissionFile;
 use haltere_pilot::services::{decode_plan, encode_plan};
 use haltere_pilot::settings::{Config, parse_anchors};
@@ -26,7 +26,7 @@ pub fn mission_file(data: &[u8]) {
         }
     }
     if let Ok(text) = std::str::from_utf8(data)
-        && PlanFile::is_one(text)
+        && PlanFile::is_one(std::path::Path::new(""), text)
         && let Ok(file) = PlanFile::parse(text)
     {
         let _ = file.to_mission(&LocalOrigin::zero());
@@ -48,7 +48,7 @@ pub fn log(data: &[u8]) {
     let _ = entries.end();
     exported(&log);
     let flight = shown(&log);
-    if let Ok(flown) = haltere_gap::logs::read_log(&log) {
+    if let Ok(flown) = haltere_gap::logs::read_log(&log, None) {
         let _ = flown.scene(&haltere_gap::scene::Told::default());
         let _ = haltere_gap::timeline::Timeline::new(&flown.trace, None);
         // A flight that was truly flown does not fit into an input; the fits refuse most of the rest.
@@ -56,6 +56,45 @@ pub fn log(data: &[u8]) {
         let name = "fuzz".to_owned();
         fitted(&[Source::Log { name, flight: Box::new(flight), config }]);
     }
+}
+
+/// Head and tail of a log, as `haltere log list` and `log info` read them, and the flights that they tell: whatever the
+/// tail claims, no more is found than there is.
+pub fn outline(data: &[u8]) {
+    let mut bytes = data.to_vec();
+    put_checksum_right(&mut bytes);
+    let Ok(log) = LogReader::from_bytes("fuzz.mcap".into(), bytes) else { return };
+    if let Some(outline) = log.outline() {
+        let channels: Vec<_> = outline.counts().into_keys().map(str::to_owned).collect();
+        for channel in channels {
+            let found = outline.entries(&channel).map_or(0, |entries| entries.len());
+            assert!(found <= data.len(), "{found} entries of {channel} in {} bytes", data.len());
+        }
+    }
+    let flights = Flights::recorded(&log);
+    for asked in [None, Some(1), Some(2), Some(usize::MAX)] {
+        let Ok(mut part) = flights.part(&log, asked) else { continue };
+        let _ = part.flight().map(|flight| flight.to_string());
+        log.entries().filter(|entry| part.holds(entry)).for_each(drop);
+    }
+}
+
+/// Checksum of the tail (CRC-32 of IEEE 802.3): a fuzzer that has changed a byte of it would come no further.
+fn put_checksum_right(bytes: &mut [u8]) {
+    // Footer: two offsets and the checksum; the closing magic.
+    let Some(checksum_at) = bytes.len().checked_sub(4 + 8) else { return };
+    let Some(start) = checksum_at.checked_sub(16).and_then(|at| bytes[at..].first_chunk::<8>())
+    else {
+        return;
+    };
+    let start = usize::try_from(u64::from_le_bytes(*start)).unwrap_or(usize::MAX);
+    let Some(tail) = bytes.get(start..checksum_at) else { return };
+    let crc = tail.iter().fold(u32::MAX, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
+            (crc >> 1) ^ (0xEDB8_8320 & (crc & 1).wrapping_neg())
+        })
+    });
+    bytes[checksum_at..checksum_at + 4].copy_from_slice(&(!crc).to_le_bytes());
 }
 
 fn exported(log: &LogReader) {

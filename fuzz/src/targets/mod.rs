@@ -7,14 +7,14 @@ mod files;
 mod wires;
 
 pub use self::core::{ftp, missions, parameters, pilot};
-pub use self::files::{config, csv, log, mission_file, split};
+pub use self::files::{config, csv, log, mission_file, outline, split};
 pub use self::wires::{mavlink, signing, sniffer, tdoa2, tdoa3};
 
 /// A target: bytes in, a panic where something is wrong.
 pub type Target = fn(&[u8]);
 
 /// Every target with the name of its folder in the corpus.
-pub const ALL: [(&str, Target); 14] = [
+pub const ALL: [(&str, Target); 15] = [
     ("sniffer", sniffer),
     ("tdoa2", tdoa2),
     ("tdoa3", tdoa3),
@@ -25,6 +25,7 @@ pub const ALL: [(&str, Target); 14] = [
     ("parameters", parameters),
     ("ftp", ftp),
     ("log", log),
+    ("outline", outline),
     ("split", split),
     ("csv", csv),
     ("config", config),

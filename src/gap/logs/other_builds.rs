@@ -21,56 +21,61 @@ use haltere_pilot::{Input, LinkId};
 /// A flight of a box, recorded by this build: once for all tests here.
 fn flight() -> &'static LogReader {
     static FLIGHT: OnceLock<LogReader> = OnceLock::new();
-    FLIGHT.get_or_init(|| {
-        let scene = Scene::lab().unwrap();
-        let mut config = Config { flight: scene.pilot.flight.clone(), ..Config::default() };
-        // Nobody here answers for a disk.
-        config.store.directory = PathBuf::new();
-        let folder = tempfile::tempdir().unwrap();
-        let session = Session {
-            build: BuildIdentity::current(),
-            started_unix_us: 0,
-            pilot_started_at: HostTime::from_us(HOST_START_US),
-            config_toml: config.to_toml(),
-            survey: scene.survey.clone(),
-        };
-        let recorder = Recorder::start_waiting(folder.path(), &session).unwrap();
-        let reel = Arc::new(Mutex::new((recorder, session.pilot_started_at)));
-        let (heard, sent) = (reel.clone(), reel.clone());
-        let mut world = Lockstep::in_world(
-            Plant::new(scene.plant(5)).unwrap(),
-            config.pilot(),
-            &scene.survey,
-            Some(Box::new(move |at, input| {
-                let mut reel = heard.lock().unwrap();
-                reel.1 = at;
-                if input == Input::Wake {
-                    reel.0.commit(at);
-                }
-                reel.0.input(at, input);
-            })),
-        )
-        .with_tap(Box::new(move |_, link, bytes| {
-            let mut reel = sent.lock().unwrap();
-            let at = reel.1;
-            reel.0.output(at, link, bytes);
-        }));
+    FLIGHT.get_or_init(|| recorded(1))
+}
+
+fn another() -> BuildIdentity {
+    BuildIdentity { source_hash: "another".into(), ..BuildIdentity::current() }
+}
+
+/// Flights of a box, one after the other, in one log of this build.
+fn recorded(flights: usize) -> LogReader {
+    let scene = Scene::lab().unwrap();
+    let mut config = Config { flight: scene.pilot.flight.clone(), ..Config::default() };
+    // Nobody here answers for a disk.
+    config.store.directory = PathBuf::new();
+    let folder = tempfile::tempdir().unwrap();
+    let session = Session {
+        build: BuildIdentity::current(),
+        started_unix_us: 0,
+        pilot_started_at: HostTime::from_us(HOST_START_US),
+        config_toml: config.to_toml(),
+        survey: scene.survey.clone(),
+    };
+    let recorder = Recorder::start_waiting(folder.path(), &session).unwrap();
+    let reel = Arc::new(Mutex::new((recorder, session.pilot_started_at)));
+    let (heard, sent) = (reel.clone(), reel.clone());
+    let mut world = Lockstep::in_world(
+        Plant::new(scene.plant(5)).unwrap(),
+        config.pilot(),
+        &scene.survey,
+        Some(Box::new(move |at, input| {
+            let mut reel = heard.lock().unwrap();
+            reel.1 = at;
+            if input == Input::Wake {
+                reel.0.commit(at);
+            }
+            reel.0.input(at, input);
+        })),
+    )
+    .with_tap(Box::new(move |_, link, bytes| {
+        let mut reel = sent.lock().unwrap();
+        let at = reel.1;
+        reel.0.output(at, link, bytes);
+    }));
+    for _ in 0..flights {
         let flown = fly_watched(&mut world, &missions::plain(&scene), 150.0, |world| {
             let at = world.host_now();
             let mut reel = reel.lock().unwrap();
             world.pilot_mut().drain_topics(|topic| reel.0.topic(at, topic));
         });
         assert!(flown.unwrap().landed);
-        drop(world);
-        let (recorder, _) = Arc::into_inner(reel).unwrap().into_inner().unwrap();
-        let path = recorder.finish().path.unwrap();
-        let bytes = std::fs::read(&path).unwrap();
-        LogReader::from_bytes("flight.mcap".into(), bytes).unwrap()
-    })
-}
-
-fn another() -> BuildIdentity {
-    BuildIdentity { source_hash: "another".into(), ..BuildIdentity::current() }
+    }
+    drop(world);
+    let (recorder, _) = Arc::into_inner(reel).unwrap().into_inner().unwrap();
+    let path = recorder.finish().path.unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    LogReader::from_bytes("flight.mcap".into(), bytes).unwrap()
 }
 
 /// The flight as another log: by this build, with this configuration, and each entry made into others.
@@ -183,7 +188,38 @@ fn told_by_bytes(controls: &[ControlRecord]) -> &[ControlRecord] {
 }
 
 fn read_rewritten(log: &LogReader) -> Flown {
-    read_log(log).unwrap()
+    read_log(log, None).unwrap()
+}
+
+/// A log of two flights was judged as one: the first mission, and the motors of both.
+#[test]
+fn regress_one_flight_of_a_log_of_several_is_taken_and_said() {
+    let log = recorded(2);
+    let [first, last] = [Some(1), None].map(|asked| read_log(&log, asked).unwrap());
+    assert_eq!(read_log(&log, Some(2)).unwrap().flight, last.flight);
+    for (number, flown) in [(1, &first), (2, &last)] {
+        assert_eq!(flown.faults, [] as [&str; 0], "flight {number}");
+        let flight = flown.flight.unwrap();
+        assert_eq!((flight.number, flight.of), (number, 2));
+        let said = format!("flight {number} of 2 in this log, ");
+        assert!(flown.remarks.iter().any(|r| r.starts_with(&said)), "{:?}", flown.remarks);
+        assert!(flown.trace.mission_part().is_some_and(|part| part.whole), "flight {number}");
+        let missions = flown.trace.modes.iter().filter(|m| m.mode == Mode::Mission.name());
+        assert_eq!((missions.count(), flown.mission.len()), (1, last.mission.len()));
+    }
+    assert!(first.flight.unwrap().to_s <= last.flight.unwrap().from_s);
+    let end = first.trace.controls.last().unwrap().at;
+    assert!(last.trace.controls[0].at > end, "no step is in both");
+    let error = read_log(&log, Some(3)).unwrap_err().to_string();
+    assert!(error.contains("no flight 3; the log holds 1 from "), "{error}");
+    // Without decoded topics the replay tells the flights.
+    let is_raw = |entry: &Entry| !matches!(entry, Entry::Decoded(_));
+    let bare = rewritten(BuildIdentity::current(), None, |entry| {
+        Some(entry).filter(is_raw).into_iter().collect()
+    });
+    let [own, relived] = [flight(), &bare].map(|log| read_log(log, Some(1)).unwrap());
+    assert_eq!(relived.flight, own.flight);
+    assert_eq!(relived.trace.controls.len(), own.trace.controls.len());
 }
 
 #[test]
@@ -352,7 +388,7 @@ fn val_the_logs_of_a_stranger_pass_gate_0() {
             return;
         };
         let log = LogReader::from_bytes(name.clone().into(), unpacked.stdout).unwrap();
-        let flown = read_log(&log).unwrap();
+        let flown = read_log(&log, None).unwrap();
         println!("{}  remarks: {:?}", flown.replay, flown.remarks);
         assert_eq!(flown.faults, [] as [&str; 0], "{name}");
         assert!(flown.trace.mission_part().is_some_and(|part| part.whole), "{name}");

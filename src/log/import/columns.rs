@@ -131,6 +131,7 @@ fn too_slow(rows: &[Row]) -> Option<String> {
     let apart_s = *middle;
     let likely = match apart_s {
         s if s <= LONGEST_ROW_S => return None,
+        s if s >= 1e6 => "; is it in nanoseconds?",
         s if s >= 1000.0 => "; is it in microseconds?",
         s if s >= 1.0 => "; is it in milliseconds?",
         _ => "",
@@ -217,14 +218,20 @@ pub fn read(path: &Path) -> Result<Recording, Error> {
 
 /// Reads the text of a file; `path` is for its name and for errors.
 pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
-    let io = |source| Error::Io { path: path.into(), source };
     let bad = |line: usize, what: String| Error::Layout { path: path.into(), line, what };
+    let unread = |line, source: std::io::Error| match source.kind() {
+        std::io::ErrorKind::InvalidData => {
+            bad(line, "no text in UTF-8; save it as such".to_owned())
+        }
+        _ => Error::Io { path: path.into(), source },
+    };
     let mut lines = reader.lines().zip(1..);
     let mut signs = None;
     let mut magic = false;
     let mut names: Option<Vec<String>> = None;
+    let mut names_line = 3;
     for (line, number) in lines.by_ref() {
-        let line = line.map_err(io)?;
+        let line = line.map_err(|source| unread(number, source))?;
         let text = line.trim_start_matches('\u{feff}').trim();
         if number == 1 {
             magic = text == MAGIC;
@@ -239,7 +246,15 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
                 }
             });
         } else if !text.starts_with('#') && !text.is_empty() {
+            let other = ['"', ';', '\t'].into_iter().find(|other| text.contains(*other));
+            if let Some(other) = other {
+                let what = format!(
+                    "{other:?} among the names; due are commas between columns, a point in numbers, and no quotes"
+                );
+                return Err(bad(number, what));
+            }
             names = Some(text.split(',').map(|n| n.trim().to_owned()).collect());
+            names_line = number;
             break;
         }
     }
@@ -254,7 +269,12 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
     let known = |name: &str| NEEDED.contains(&name) || GROUPS.iter().flatten().any(|n| *n == name);
     if let Some(unknown) = names.iter().find(|n| !known(n)) {
         let all = NEEDED.iter().chain(GROUPS.iter().flatten()).copied().collect::<Vec<_>>();
-        return Err(bad(3, format!("column `{unknown}`, allowed {}", all.join(", "))));
+        return Err(bad(names_line, format!("column `{unknown}`, allowed {}", all.join(", "))));
+    }
+    if let Some(twice) =
+        (1..).zip(&names).find(|(n, name)| names.iter().skip(*n).any(|o| o == *name))
+    {
+        return Err(bad(names_line, format!("column `{}` stands there twice", twice.1)));
     }
     let mut needed = [0; NEEDED.len()];
     for (slot, column) in needed.iter_mut().zip(NEEDED) {
@@ -265,7 +285,7 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
         let there = places.iter().flatten().count();
         if there != 0 && there != 3 {
             let what = format!("of {} either all columns or none", group.join(", "));
-            return Err(bad(3, what));
+            return Err(bad(names_line, what));
         }
     }
     let mut rows: Vec<Row> = Vec::new();
@@ -276,7 +296,7 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
     let (mut tilt, mut heading) = (0.0_f64, 0.0_f64);
     let mut last_line = 0;
     for (line, line_number) in lines {
-        let line = line.map_err(io)?;
+        let line = line.map_err(|source| unread(line_number, source))?;
         if line.trim().is_empty() || line.starts_with('#') {
             continue;
         }
@@ -284,6 +304,11 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
         let cells: Vec<&str> = line.split(',').map(str::trim).collect();
         let number =
             |at: usize| cells.get(at).and_then(|c| c.parse::<f64>().ok()).filter(|v| v.is_finite());
+        // Which of them is whose nobody knows; a comma at the end is none.
+        if cells.iter().skip(names.len()).any(|cell| !cell.is_empty()) {
+            skipped.too_long += 1;
+            continue;
+        }
         let values = needed.map(number);
         let [
             Some(t_s),
@@ -441,6 +466,30 @@ mod tests {
         assert_eq!(read(&["0", "0.01", "0.01", "0.02"]).unwrap().skipped.time_backwards, 1);
         let why = read(&["0", "0.01", "0"]).unwrap_err().to_string();
         assert!(why.contains("line 6: t_s = 0 does not advance on 0.01"), "{why}");
+    }
+
+    #[test]
+    fn regress_text_of_other_programs_is_refused_in_words_and_rows_too_long_are_counted() {
+        let row = "0,0,0,-1,0,0,0,0.5,7.4";
+        let rows = format!("{row}\n{row},\n0.01,{row}\n");
+        let recording = file("ned-frd", NAMES, &rows).unwrap();
+        assert_eq!((recording.skipped.too_long, recording.skipped.total()), (1, 2));
+        assert!(recording.skipped.to_string().starts_with("1 with more values than columns"));
+        for (from, to, says) in [
+            (",", ";", "line 3: ';' among the names; due are commas"),
+            (",", "\t", "line 3: '\\t' among the names"),
+            ("t_s", "\"t_s\"", "line 3: '\"' among the names"),
+            ("y_m", "x_m", "line 3: column `x_m` stands there twice"),
+        ] {
+            let why = file("ned-frd", &NAMES.replace(from, to), "").unwrap_err().to_string();
+            assert!(why.contains(says), "{why}");
+        }
+        let utf16: Vec<u8> =
+            MAGIC.encode_utf16().flat_map(u16::to_le_bytes).chain([0xff]).collect();
+        let why = parse(&utf16[..], Path::new("x.csv")).unwrap_err().to_string();
+        assert!(why.contains("line 1: no text in UTF-8"), "{why}");
+        let why = flown(100.0, |r| r[0] *= 1e9).unwrap_err().to_string();
+        assert!(why.contains("nanoseconds"), "{why}");
     }
 
     proptest::proptest! {

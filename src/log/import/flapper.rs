@@ -142,8 +142,13 @@ mod tests {
              1030, 0, 0, 0, 1, 7.\n\
              1040, 0, 0, 0, 1, 7.5, x, 0, 0, 0, 0, 0\n",
         );
-        let want =
-            Skipped { unreadable: 2, no_voltage: 1, reference_flipped: 1, time_backwards: 1 };
+        let want = Skipped {
+            unreadable: 2,
+            no_voltage: 1,
+            reference_flipped: 1,
+            time_backwards: 1,
+            ..Skipped::default()
+        };
         assert_eq!((recording.rows.len(), recording.skipped), (1, want));
     }
 

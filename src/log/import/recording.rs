@@ -75,6 +75,8 @@ pub struct Row {
 pub struct Skipped {
     /// Cut short or not a number.
     pub unreadable: usize,
+    /// More values than columns.
+    pub too_long: usize,
     /// Before the first log packet: no voltage yet, or none that can be.
     pub no_voltage: usize,
     /// Motion capture had the vehicle on its head.
@@ -86,6 +88,7 @@ pub struct Skipped {
 impl std::fmt::Display for Skipped {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let reasons = [
+            (self.too_long, "with more values than columns"),
             (self.unreadable, "without a number in each column"),
             (self.no_voltage, "without a voltage that can be"),
             (self.reference_flipped, "with the vehicle on its head"),
@@ -100,8 +103,8 @@ impl std::fmt::Display for Skipped {
 impl Skipped {
     /// All of them.
     pub fn total(&self) -> usize {
-        let Self { unreadable, no_voltage, reference_flipped, time_backwards } = self;
-        unreadable + no_voltage + reference_flipped + time_backwards
+        let Self { unreadable, too_long, no_voltage, reference_flipped, time_backwards } = self;
+        unreadable + too_long + no_voltage + reference_flipped + time_backwards
     }
 }
 

@@ -24,6 +24,7 @@ pub mod back;
 mod budget;
 mod channels;
 mod convert;
+mod flights;
 mod forms;
 mod gaps;
 mod identity;
@@ -44,6 +45,7 @@ mod trim;
 mod writer;
 
 pub use channels::Decoded;
+pub use flights::{FlightPart, Flights, LogFlight, is_on_floor};
 pub use identity::BuildIdentity;
 pub use names::utc_text;
 pub use outline::Outline;

@@ -61,7 +61,8 @@ impl<'a> Outline<'a> {
         let mut counts = BTreeMap::new();
         for (id, name) in &self.tail.channels {
             let count = self.tail.counts.get(id).copied().unwrap_or_default();
-            *counts.entry(&**name).or_default() += count;
+            let sum: &mut u64 = counts.entry(&**name).or_default();
+            *sum = sum.saturating_add(count);
         }
         counts
     }
@@ -71,12 +72,21 @@ impl<'a> Outline<'a> {
         let mut found = Vec::new();
         let mut window = Window::reaching(self.source, WINDOW_BYTES);
         let ids = self.ids(|name| name == channel);
+        // An index may claim the same message any number of times.
+        let mut ends: BTreeMap<u16, u64> = BTreeMap::new();
         for chunk in &self.tail.chunks {
-            let records_at = chunk.chunk_start_offset + RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES;
+            let records_at =
+                chunk.chunk_start_offset.checked_add(RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES)?;
             for id in &ids {
                 for (time_ns, offset) in self.places(chunk, *id)? {
                     let at = records_at.checked_add(offset)?;
-                    found.extend(message(&mut window, at, *id, time_ns, channel)?);
+                    let end = ends.entry(*id).or_default();
+                    if at < *end {
+                        return None;
+                    }
+                    let (entry, next) = message(&mut window, at, *id, time_ns, channel)?;
+                    *end = next;
+                    found.extend(entry);
                 }
             }
         }
@@ -108,14 +118,14 @@ impl<'a> Outline<'a> {
     }
 }
 
-/// The message that the index says is there; the inner `None` is one that this build does not know.
+/// The message that the index says is there, and where it ends; the inner `None` is one that this build does not know.
 fn message(
     window: &mut Window<'_>,
     at: u64,
     id: u16,
     time_ns: u64,
     channel: &str,
-) -> Option<Option<Entry>> {
+) -> Option<(Option<Entry>, u64)> {
     let (opcode, body, next) = record(window, at)?;
     let data_at = body + MESSAGE_HEAD_BYTES;
     if opcode != op::MESSAGE || window.u64_at(body + 6)? != time_ns {
@@ -136,5 +146,37 @@ fn message(
         data: window.some(data_at, bytes),
         places: 0,
     };
-    decode(&message).ok()
+    Some((decode(&message).ok()?, next))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::in_memory;
+    use super::super::{LogReader, pb};
+    use super::*;
+
+    /// A hostile index of 4 MB that names one message of 4 MB would fill the memory.
+    #[test]
+    fn regress_an_index_that_names_a_message_twice_tells_nothing() {
+        let (memory, mut log) = in_memory();
+        for sequence in 1..=20 {
+            let at = HostTime::from_us(sequence * 1_000_000);
+            let wake = pb::Wake { sequence, host_time_us: at.as_us() };
+            log.put(channels::WAKE, at, sequence, &wake).unwrap();
+        }
+        log.finish().unwrap();
+        let mut bytes = memory.bytes();
+        let found = |bytes: &[u8]| {
+            let log = LogReader::from_bytes("log.mcap".into(), bytes.to_vec()).unwrap();
+            log.outline().unwrap().entries(channels::WAKE.0).map(|entries| entries.len())
+        };
+        assert_eq!(found(&bytes), Some(20));
+        let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+        let (id, _) = summary.channels.iter().find(|(_, c)| c.topic == channels::WAKE.0).unwrap();
+        let chunk = summary.chunk_indexes.iter().find(|c| c.message_index_offsets.contains_key(id));
+        // Opcode, length, channel, length of the list; then time and place of each.
+        let list = chunk.unwrap().message_index_offsets[id] as usize + 1 + 8 + 2 + 4;
+        bytes.copy_within(list..list + 16, list + 16);
+        assert_eq!(found(&bytes), None);
+    }
 }

@@ -16,6 +16,8 @@ use super::pb;
 use super::session::Session;
 use super::source::{Source, Window};
 use super::tail::Tail;
+use super::writer::reason;
+use crate::written::OutputError;
 use haltere_core::checks::schema::NotReadable;
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
@@ -56,13 +58,22 @@ pub enum LogError {
         why: String,
     },
     /// The recovered copy cannot be written.
-    #[error("{}: cannot be written: {source}", path.display())]
+    #[error("{}: cannot be written: {}", path.display(), reason(source))]
     Copy {
         /// Which file.
         path: PathBuf,
         /// Why.
         source: mcap::McapError,
     },
+    /// The name of the new log is taken.
+    #[error("{}: exists already, and no log is written over a file; name another one", path.display())]
+    Exists {
+        /// Which file.
+        path: PathBuf,
+    },
+    /// The new log cannot be put in its place.
+    #[error(transparent)]
+    Output(OutputError),
     /// The part that was asked for is not in the log.
     #[error(
         "{}: nothing between {from_s} and {to_s} s; the log runs from 0 to {end_s:.1} s",
@@ -77,6 +88,16 @@ pub enum LogError {
         to_s: f64,
         /// Where the log ends, s.
         end_s: f64,
+    },
+    /// It holds fewer flights than the number that was asked for, or none.
+    #[error("{}: no flight {asked}; the log holds {there}", path.display())]
+    NoSuchFlight {
+        /// Which file.
+        path: PathBuf,
+        /// Number that was asked for.
+        asked: usize,
+        /// The flights that it holds.
+        there: String,
     },
     /// A log of a newer build.
     #[error(
@@ -127,6 +148,15 @@ pub enum LogError {
         /// What is there.
         why: String,
     },
+}
+
+impl From<OutputError> for LogError {
+    fn from(error: OutputError) -> Self {
+        match error {
+            OutputError::Exists { path } | OutputError::OverLog { path } => Self::Exists { path },
+            other => Self::Output(other),
+        }
+    }
 }
 
 /// How a log ends.
@@ -315,6 +345,8 @@ pub struct LogReader {
     session: Session,
     /// The message it was read from.
     head: Vec<u8>,
+    /// Whether it was the first message, with nothing damaged before it.
+    head_whole: bool,
 }
 
 impl LogReader {
@@ -344,7 +376,7 @@ impl LogReader {
     pub(super) fn headed(path: &Path, head: Vec<u8>) -> Result<Self, LogError> {
         let session = Self::session_of(path, 0, &head)?;
         let (path, source) = (path.to_owned(), Source::memory(Vec::new()));
-        Ok(Self { path, source, tail: None, session, head })
+        Ok(Self { path, source, tail: None, session, head, head_whole: true })
     }
 
     fn session_of(path: &Path, offset: u64, head: &[u8]) -> Result<Session, LogError> {
@@ -418,8 +450,9 @@ impl LogReader {
             });
         };
         let session = Self::session_of(&path, offset, &head)?;
+        let head_whole = messages.damage().is_empty();
         drop(messages);
-        Ok(Self { path, source, tail, session, head })
+        Ok(Self { path, source, tail, session, head, head_whole })
     }
 
     /// Refuses a file that holds a second session.
@@ -480,8 +513,11 @@ impl LogReader {
         Gaps::new(self.session.pilot_started_at, self.tail.as_ref())
     }
 
-    /// What its head and tail say. `None`: it was not closed, or its tail is damaged: then it must be read whole.
+    /// What its head and tail say. `None`: it was not closed, or head or tail is damaged: then it must be read whole.
     pub fn outline(&self) -> Option<Outline<'_>> {
+        if !self.head_whole {
+            return None;
+        }
         Outline::of(&self.source, self.tail.as_ref()?)
     }
 

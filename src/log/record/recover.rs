@@ -2,8 +2,7 @@
 //! it as a hole.
 
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
-use std::io::{BufWriter, Write as _};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -18,16 +17,19 @@ use super::gaps::Gaps;
 use super::messages::Message;
 use super::pb;
 use super::reader::{LogEnd, LogError, LogReader, fault};
+use crate::written::{Old, Output};
 
 /// Writes what is readable of `path` to `to` (which must not exist) with a proper end. Returns how
 /// many messages were saved and how the original ended.
 pub fn recover(path: &Path, to: &Path) -> Result<(u64, LogEnd), LogError> {
     let log = LogReader::open(path)?;
-    copy(&log, to).map_err(|source| LogError::Copy { path: to.to_owned(), source })
+    let mut out = Copy::create(to)?;
+    let end =
+        copy(&log, &mut out).map_err(|source| LogError::Copy { path: to.to_owned(), source })?;
+    Ok((out.finish(to)?, end))
 }
 
-fn copy(log: &LogReader, to: &Path) -> Result<(u64, LogEnd), McapError> {
-    let mut out = Copy::create(to)?;
+fn copy(log: &LogReader, out: &mut Copy) -> Result<LogEnd, McapError> {
     out.head(log)?;
     let (mut messages, mut gaps) = (log.messages(), log.gaps());
     while let Some(message) = messages.next() {
@@ -47,7 +49,7 @@ fn copy(log: &LogReader, to: &Path) -> Result<(u64, LogEnd), McapError> {
     if let Some(hole) = gaps.at_end(&messages) {
         out.hole(&hole)?;
     }
-    Ok((out.finish()?, gaps.end(&messages)))
+    Ok(gaps.end(&messages))
 }
 
 /// What is missing before a message.
@@ -60,25 +62,24 @@ pub(super) fn hole_before(gaps: &mut Gaps, message: &Message<'_>) -> Option<pb::
     }
 }
 
-/// A new log made of messages of another.
+/// A new log made of messages of another; without [`Copy::finish`] there is none.
 pub(super) struct Copy {
-    out: mcap::Writer<NoSeek<BufWriter<File>>>,
-    handle: File,
+    out: mcap::Writer<NoSeek<BufWriter<Output>>>,
     ids: BTreeMap<Arc<str>, u16>,
     saved: u64,
 }
 
 impl Copy {
     /// `to` must not exist.
-    pub(super) fn create(to: &Path) -> Result<Self, McapError> {
-        let file = OpenOptions::new().write(true).create_new(true).open(to)?;
-        let handle = file.try_clone()?;
+    pub(super) fn create(to: &Path) -> Result<Self, LogError> {
+        let output = Output::begin(to, &[""; 0], Old::Stays)?;
         let out = mcap::WriteOptions::new()
             .compression(None)
             .profile("haltere")
             .disable_seeking(true)
-            .create(NoSeek::new(BufWriter::new(file)))?;
-        Ok(Self { out, handle, ids: BTreeMap::new(), saved: 0 })
+            .create(NoSeek::new(BufWriter::new(output)))
+            .map_err(|source| LogError::Copy { path: to.to_owned(), source })?;
+        Ok(Self { out, ids: BTreeMap::new(), saved: 0 })
     }
 
     /// Configuration and survey, twice, in chunks of their own.
@@ -141,10 +142,12 @@ impl Copy {
     }
 
     /// Gives the number of messages, when they are on disk.
-    pub(super) fn finish(mut self) -> Result<u64, McapError> {
-        self.out.finish()?;
-        self.out.into_inner().flush()?;
-        self.handle.sync_all()?;
+    pub(super) fn finish(mut self, to: &Path) -> Result<u64, LogError> {
+        let failed = |source| LogError::Copy { path: to.to_owned(), source };
+        self.out.finish().map_err(failed)?;
+        let buffered = self.out.into_inner().into_inner();
+        let output = buffered.into_inner().map_err(|error| failed(error.into_error().into()))?;
+        output.finish()?;
         Ok(self.saved)
     }
 }

@@ -49,8 +49,9 @@ pub fn split(path: &Path) -> Result<Parts, LogError> {
     let names: Vec<PathBuf> = (1..=logs.len()).map(|n| part_name(path, n)).collect();
     let mut outs = Vec::new();
     for (log, name) in logs.iter().zip(&names) {
-        let begun = Copy::create(name).and_then(|mut out| out.head(log).map(|()| out));
-        outs.push(begun.map_err(|source| LogError::Copy { path: name.clone(), source })?);
+        let mut out = Copy::create(name)?;
+        out.head(log).map_err(|source| LogError::Copy { path: name.clone(), source })?;
+        outs.push(out);
     }
     let left_out = if found.woven {
         let owners =
@@ -62,8 +63,7 @@ pub fn split(path: &Path) -> Result<Parts, LogError> {
     .map_err(|source| LogError::Copy { path: path.to_owned(), source })?;
     let mut parts = Parts { logs: Vec::new(), left_out };
     for (out, path) in outs.into_iter().zip(names) {
-        let messages =
-            out.finish().map_err(|source| LogError::Copy { path: path.clone(), source })?;
+        let messages = out.finish(&path)?;
         parts.logs.push(Part { path, messages });
     }
     Ok(parts)

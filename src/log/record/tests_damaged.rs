@@ -302,3 +302,50 @@ fn prop_an_outline_tells_what_the_whole_log_holds() {
     bytes.truncate(bytes.len() / 2);
     assert!(LogReader::from_bytes("a.mcap".into(), bytes).unwrap().outline().is_none());
 }
+
+/// Of a log whose first copy of the head is bad the tail said that it is complete.
+#[test]
+fn regress_a_log_with_a_bad_head_is_not_told_by_its_tail() {
+    let mut bytes = recorded();
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    bytes[summary.chunk_indexes[0].chunk_start_offset as usize + 400] ^= 0xff;
+    let log = LogReader::from_bytes("a.mcap".into(), bytes).unwrap();
+    assert!(log.outline().is_none());
+    let mut entries = log.entries();
+    entries.by_ref().for_each(drop);
+    assert!(matches!(entries.end(), LogEnd::Damaged { .. }));
+}
+
+/// A copy that ended half-way, as on a full disk, was left behind and stood in the way of the next.
+#[test]
+fn regress_a_copy_of_a_log_is_there_whole_or_not_at_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    std::fs::write(&path, recorded()).unwrap();
+    let log = LogReader::open(&path).unwrap();
+    let taken = folder.path().join("notes");
+    std::fs::write(&taken, "notes").unwrap();
+    for to in [&path, &taken] {
+        let says = format!(
+            "{}: exists already, and no log is written over a file; name another one",
+            to.display()
+        );
+        assert_eq!(recover(&path, to).unwrap_err().to_string(), says);
+        assert_eq!(trim(&log, to, 0.0, 1.0).unwrap_err().to_string(), says);
+    }
+    assert_eq!(
+        (std::fs::read(&path).unwrap(), std::fs::read(&taken).unwrap()),
+        (recorded(), b"notes".to_vec())
+    );
+    // Logs that lie within one another, of which nothing tells whose an entry is: no part is left.
+    let head = |n: i64| Session { started_unix_us: n, ..session() };
+    let merged = put_together(&[(head(1), 6_000_000), (head(2), 6_000_000)], true);
+    let both = folder.path().join("both.mcap");
+    std::fs::write(&both, &merged).unwrap();
+    std::fs::write(folder.path().join("both.2.mcap"), "in the way").unwrap();
+    assert!(split(&both).is_err());
+    let mut names: Vec<_> =
+        std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["a.mcap", "both.2.mcap", "both.mcap", "notes"]);
+}

@@ -38,7 +38,7 @@ pub fn trim(log: &LogReader, to: &Path, from_s: f64, to_s: f64) -> Result<Trimme
         return Err(LogError::NothingThere { path: log.path().to_owned(), from_s, to_s, end_s });
     }
     let failed = |source| LogError::Copy { path: to.to_owned(), source };
-    let mut out = Copy::create(to).map_err(failed)?;
+    let mut out = Copy::create(to)?;
     out.head(log).map_err(failed)?;
     let mut span_s: Option<[f64; 2]> = None;
     // The mode in force where the part begins.
@@ -79,7 +79,7 @@ pub fn trim(log: &LogReader, to: &Path, from_s: f64, to_s: f64) -> Result<Trimme
             mode = Some((message.log_time, message.data.to_vec()));
         }
     }
-    let messages = out.finish().map_err(failed)?;
+    let messages = out.finish(to)?;
     Ok(Trimmed { messages, span_s: span_s.unwrap_or([from_s, to_s]) })
 }
 

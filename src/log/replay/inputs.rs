@@ -16,6 +16,9 @@ const AHEAD_US: i64 = 1_000_000;
 const COMPANION: u8 = 191;
 /// Contradictions that are told; the rest is counted.
 const MOST_TOLD: usize = 5;
+/// Wake-ups, and counts of control steps, that wait to be held against one another: 40 s of a flight, of which one
+/// count a second is told; what is decoded stands within a second of its wake-up.
+const MOST_WAITING: usize = 4_096;
 
 /// Reads along.
 #[derive(Debug)]
@@ -101,6 +104,7 @@ impl Inputs {
 
     fn wake(&mut self, at: HostTime) {
         self.wakes.push(at);
+        self.settle();
         let at_s = self.seconds(at);
         if at < self.last_wake {
             let by_s = self.last_wake.seconds_since(at);
@@ -137,6 +141,25 @@ impl Inputs {
 
     fn health(&mut self, health: &pb::Health) {
         self.steps.push((HostTime::from_us(health.at_us), health.control_steps));
+        self.settle();
+    }
+
+    /// Where much waits, all but the newest count and the wake-ups that it may need are looked at.
+    fn settle(&mut self) {
+        if self.wakes.len().max(self.steps.len()) < MOST_WAITING {
+            return;
+        }
+        let newest = self.steps.pop();
+        let before = self.steps.last().copied();
+        let kept = before.map(|(since, _)| {
+            self.wakes.iter().copied().filter(|at| *at > since).collect::<Vec<_>>()
+        });
+        self.count_steps();
+        // Where no count has come for long, nothing can be held against the wake-ups since.
+        if let Some(kept) = kept.filter(|kept| kept.len() < MOST_WAITING / 2) {
+            self.steps.extend(before.into_iter().chain(newest));
+            self.wakes = kept;
+        }
     }
 
     /// No more control steps than wake-ups: otherwise wake-ups are missing. Looked at up to a hole, or the end.
@@ -167,5 +190,50 @@ impl Inputs {
         } else {
             self.more += 1;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Wake-ups at 100 Hz with a count of control steps each second; of some second a wake-up is missing.
+    fn hours(count_s: u64, missing_at_s: Option<u64>) -> Inputs {
+        let mut inputs = Inputs::new(HostTime::from_us(0));
+        let mut sequence = 0;
+        for s in 1..=count_s {
+            for step in 0..100 {
+                if step == 50 && missing_at_s == Some(s) {
+                    continue;
+                }
+                let at = HostTime::from_us(s * 1_000_000 + step * 10_000);
+                sequence += 1;
+                inputs.take(&Entry::Input { sequence, at, input: RawInput::Wake });
+            }
+            let at_us = s * 1_000_000 + 990_000;
+            let health = pb::Health { at_us, control_steps: s * 100, ..pb::Health::default() };
+            inputs.take(&Entry::Decoded(Decoded::Health(health)));
+        }
+        inputs
+    }
+
+    #[test]
+    fn regress_what_waits_is_bounded_however_long_the_log() {
+        let whole = hours(2_000, None);
+        assert!(whole.wakes.len().max(whole.steps.len()) < MOST_WAITING);
+        assert_eq!(whole.end(), [] as [&str; 0]);
+        for at_s in [2, 39, 40, 41, 1_000, 2_000] {
+            let told = hours(2_000, Some(at_s)).end();
+            let says = "100 control steps were counted, and 99 wake-ups recorded";
+            assert!(told.len() == 1 && told[0].contains(says), "{at_s} s: {told:?}");
+        }
+        // Nothing but wake-ups: nothing is held against them.
+        let mut bare = Inputs::new(HostTime::from_us(0));
+        for sequence in 1..=10_000 {
+            let at = HostTime::from_us(sequence * 10_000);
+            bare.take(&Entry::Input { sequence, at, input: RawInput::Wake });
+        }
+        assert!(bare.wakes.len() < MOST_WAITING);
+        assert_eq!(bare.end(), [] as [&str; 0]);
     }
 }

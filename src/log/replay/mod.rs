@@ -26,7 +26,9 @@ use self::in_order::InOrder;
 use self::inputs::Inputs;
 use self::setpoints::Setpoints;
 use self::traffic::Traffic;
-use crate::record::{BuildIdentity, Entry, LogEnd, LogError, LogReader, RawInput, pb};
+use crate::record::{
+    BuildIdentity, Entry, FlightPart, Flights, LogEnd, LogError, LogReader, RawInput, pb,
+};
 use haltere_core::checks::Problems;
 use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
@@ -72,14 +74,32 @@ pub fn replay_log(log: &LogReader) -> Result<Report, ReplayError> {
     replay_with(log, None).map(|(report, _)| report)
 }
 
-/// The same, and hands out what the core tells about itself on the way: a log that was recorded
+/// The same, and hands out what the core tells about itself in one part of the log: one that was recorded
 /// without decoded topics has them again, and they are those of this build. Also gives the mission
-/// that was in force at the end.
+/// that was in force at the end of that flight.
 pub fn replay_observed(
     log: &LogReader,
+    part: &FlightPart,
     mut watch: impl FnMut(Topic),
 ) -> Result<(Report, Mission), ReplayError> {
-    replay_with(log, Some(&mut watch))
+    replay_with(log, Some((part.clone(), &mut watch)))
+}
+
+/// The flights of a log: as it tells, or where it holds no changes of mode, as a replay tells.
+pub fn flights(log: &LogReader) -> Result<Flights, ReplayError> {
+    let recorded = Flights::recorded(log);
+    if recorded.any_change() {
+        return Ok(recorded);
+    }
+    let mut modes = Vec::new();
+    let mut mode = |topic| {
+        if let Topic::Mode(m) = topic {
+            modes.push((m.at, m.mode));
+        }
+    };
+    let (report, _) = replay_with(log, Some((FlightPart::whole(), &mut mode)))?;
+    let end = log.session().pilot_started_at.offset_us((report.duration_s * 1e6) as i64);
+    Ok(Flights::replayed(&modes, end))
 }
 
 /// The configuration that was flown.
@@ -102,7 +122,7 @@ pub fn recorded_config(log: &LogReader) -> Result<Config, ReplayError> {
 
 fn replay_with(
     log: &LogReader,
-    mut watch: Option<&mut dyn FnMut(Topic)>,
+    mut watch: Option<(FlightPart, &mut dyn FnMut(Topic))>,
 ) -> Result<(Report, Mission), ReplayError> {
     let session = log.session();
     let config = recorded_config(log)?;
@@ -117,13 +137,24 @@ fn replay_with(
     let airborne = if same_source { Airborne::default() } else { Airborne::flown(log) };
     let mut run = Run::new(pilot, start, report, airborne);
     let mut entries = log.entries();
+    let mut mission = None;
     for entry in entries.by_ref() {
+        let Some((part, watch)) = &mut watch else {
+            run.take(entry);
+            continue;
+        };
+        part.holds(&entry);
         run.take(entry);
-        if let Some(watch) = &mut watch {
-            run.pilot.drain_topics(&mut **watch);
+        run.pilot.drain_topics(|topic| {
+            if part.holds_topic(&topic) {
+                watch(topic);
+            }
+        });
+        if part.is_over() && mission.is_none() {
+            mission = Some(run.pilot.mission().clone());
         }
     }
-    let mission = run.pilot.mission().clone();
+    let mission = mission.unwrap_or_else(|| run.pilot.mission().clone());
     Ok((run.finish(&entries.end()), mission))
 }
 
@@ -194,7 +225,7 @@ impl Run {
                     let since = |us| HostTime::from_us(us).seconds_since(self.start);
                     let (from_s, to_s) = (since(from_us), since(to_us));
                     self.last = self.last.max(HostTime::from_us(to_us));
-                    self.report.holes.push(Hole { from_s, to_s, lost_raw, lost_topics });
+                    self.report.hole(Hole { from_s, to_s, lost_raw, lost_topics });
                     self.sequence = self.sequence.max(last_sequence).max(first_sequence);
                 }
             }
@@ -208,7 +239,7 @@ impl Run {
         // A hole may claim any number, the largest too.
         let expected = self.sequence.saturating_add(1);
         if sequence > expected {
-            self.report.holes.push(Hole {
+            self.report.hole(Hole {
                 from_s: self.last.seconds_since(self.start),
                 to_s: at.seconds_since(self.start),
                 lost_raw: sequence - expected,
@@ -221,6 +252,9 @@ impl Run {
 
     fn input(&mut self, sequence: u64, at: HostTime, input: &RawInput) {
         let wakes = *input == RawInput::Wake;
+        if wakes {
+            self.traffic.woken(at);
+        }
         if let Some(airborne) = self.airborne.told(at).filter(|_| wakes) {
             self.pilot.set_airborne_as_flown(airborne);
         }

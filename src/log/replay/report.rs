@@ -101,8 +101,10 @@ pub struct Report {
     pub rounding_flips: u64,
     /// First difference that breaks the demand.
     pub first_difference: Option<Difference>,
-    /// Holes. Nothing is compared behind the first.
+    /// Holes, the first of them. Nothing is compared behind the first.
     pub holes: Vec<Hole>,
+    /// Those that are not listed.
+    pub more_holes: u64,
     /// Whether the build that wrote the log was made of the same source, so that nothing may differ.
     pub same_source: bool,
     /// What differs; absent: nothing.
@@ -139,11 +141,21 @@ impl Report {
             rounding_flips: 0,
             first_difference: None,
             holes: Vec::new(),
+            more_holes: 0,
             same_source,
             differs: None,
             setpoints: SetpointReport::default(),
             other_traffic: Vec::new(),
             input_faults: Vec::new(),
+        }
+    }
+
+    /// One hole more; a damaged log may have any number.
+    pub(super) fn hole(&mut self, hole: Hole) {
+        if self.holes.len() < MOST_HOLES {
+            self.holes.push(hole);
+        } else {
+            self.more_holes += 1;
         }
     }
 
@@ -236,6 +248,9 @@ impl std::fmt::Display for Report {
                 hole.from_s, hole.to_s, hole.lost_raw
             )?;
         }
+        if self.more_holes > 0 {
+            writeln!(f, "  and {} holes more", self.more_holes)?;
+        }
         if let Some(difference) = &self.first_difference {
             writeln!(
                 f,
@@ -278,5 +293,22 @@ impl std::fmt::Display for OtherTraffic {
     }
 }
 
+/// Holes that are told.
+const MOST_HOLES: usize = 64;
 /// Kinds of messages that are told.
 const MOST_KINDS: usize = 6;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_a_log_of_any_number_of_holes_is_told_in_some_lines() {
+        let mut report = Report::new(PathBuf::new(), Demand::BitExact, Vec::new(), true);
+        for _ in 0..5_000 {
+            report.hole(Hole { from_s: 0.0, to_s: 1.0, lost_raw: 1, lost_topics: 0 });
+        }
+        let text = report.to_string();
+        assert!(text.lines().count() < 80 && text.contains("and 4936 holes more"), "{text}");
+    }
+}

@@ -93,7 +93,7 @@ pub(super) struct Setpoints {
     recorded: VecDeque<Step>,
     replayed: VecDeque<Step>,
     /// Places and times of steps that the replay sends and that waited in vain: those behind the end do not count.
-    in_vain: Vec<(u64, HostTime)>,
+    in_vain: VecDeque<(u64, HostTime)>,
     pub report: SetpointReport,
     /// Steps in which the same bytes were sent.
     pub identical: u64,
@@ -109,7 +109,7 @@ impl Setpoints {
             tolerance: if exact { 0.0 } else { TOLERANCE },
             recorded: VecDeque::new(),
             replayed: VecDeque::new(),
-            in_vain: Vec::new(),
+            in_vain: VecDeque::new(),
             report: SetpointReport::default(),
             identical: 0,
             worst: 0.0,
@@ -138,7 +138,13 @@ impl Setpoints {
         if self.replayed.len() > MOST_WAITING
             && let Some(step) = self.replayed.pop_front()
         {
-            self.in_vain.push((step.sequence, step.at));
+            self.in_vain.push_back((step.sequence, step.at));
+        }
+        // So long before the end nothing is in doubt.
+        if self.in_vain.len() > MOST_WAITING
+            && let Some((sequence, at)) = self.in_vain.pop_front()
+        {
+            self.additional(sequence, at);
         }
         true
     }

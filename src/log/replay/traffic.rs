@@ -20,6 +20,12 @@ const WINDOW_US: i64 = 1_000_000;
 /// between two wake-ups are answered at the second.
 pub(super) const SAME_US: i64 = 20_000;
 
+/// Outputs of a kind on one side that wait: ten times those of the busiest link in that time. So many in so short a time
+/// are of a log whose time stands still.
+const MOST_WAITING: usize = 10_000;
+/// The last moment there is.
+const LAST: HostTime = HostTime::from_us(u64::MAX);
+
 /// Messages of one kind that have no counterpart.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct OtherTraffic {
@@ -68,6 +74,8 @@ type Kind = (LinkId, Option<u32>);
 #[derive(Debug, Default)]
 pub(super) struct Traffic {
     kinds: BTreeMap<Kind, Waiting>,
+    /// Time of the newest wake-up.
+    newest: HostTime,
     /// Outputs of which both sent the same bytes.
     pub identical: u64,
     /// Largest difference of a number of those that agree.
@@ -79,23 +87,41 @@ pub(super) struct Traffic {
 impl Traffic {
     pub fn recorded(&mut self, sequence: u64, at: HostTime, link: LinkId, bytes: &[u8]) {
         let (kind, piece) = piece(sequence, at, link, bytes);
-        self.kinds.entry(kind).or_default().recorded.push_back(piece);
+        let waiting = self.kinds.entry(kind).or_default();
+        waiting.recorded.push_back(piece);
+        if waiting.recorded.len() > MOST_WAITING {
+            self.judge(LAST, LAST);
+        }
     }
 
     /// `sequence`: of the input that it follows.
     pub fn replayed(&mut self, sequence: u64, at: HostTime, link: LinkId, bytes: &[u8]) {
         let (kind, piece) = piece(sequence, at, link, bytes);
-        self.kinds.entry(kind).or_default().replayed.push_back(piece);
+        let waiting = self.kinds.entry(kind).or_default();
+        waiting.replayed.push_back(piece);
+        // Where both send, those that were recorded reach their bound first, with each its counterpart.
+        if waiting.replayed.len() > 2 * MOST_WAITING {
+            self.judge(LAST, LAST);
+        }
     }
 
     /// Judges what is so old that its counterpart must have come.
     pub fn settle(&mut self, now: HostTime) {
-        self.judge(now.offset_us(-WINDOW_US), HostTime::from_us(u64::MAX));
+        self.newest = now;
+        self.judge(now.offset_us(-WINDOW_US), LAST);
+    }
+
+    /// A wake-up, before its outputs. Where time runs back, as in a log that was put together of parts, nothing more
+    /// will come of what waits.
+    pub fn woken(&mut self, now: HostTime) {
+        if now < self.newest {
+            self.judge(LAST, LAST);
+        }
     }
 
     /// Judges everything. `until`: what the replay sends from then on was not recorded any more.
     pub fn end(&mut self, until: HostTime) {
-        self.judge(HostTime::from_us(u64::MAX), until);
+        self.judge(LAST, until);
     }
 
     /// What found no counterpart, most first.
@@ -131,15 +157,14 @@ impl Traffic {
                         waiting.lost += 1;
                         let beside =
                             waiting.replayed.iter().find(|p| is_within(p, &piece, WINDOW_US));
-                        let what = match beside {
+                        first(&mut self.first, kind.0, &piece, || match beside {
                             Some(beside) => {
                                 format!("recorded {}, replayed {}", words(&piece), words(beside))
                             }
                             None => {
                                 format!("recorded, but the replay does not send {}", words(&piece))
                             }
-                        };
-                        first(&mut self.first, kind.0, &piece, what);
+                        });
                     }
                 }
             }
@@ -149,9 +174,9 @@ impl Traffic {
                 let Some(piece) = waiting.replayed.pop_front() else { break };
                 if piece.at < until {
                     waiting.gained += 1;
-                    let what =
-                        format!("the replay sends more than was recorded: {}", words(&piece));
-                    first(&mut self.first, kind.0, &piece, what);
+                    first(&mut self.first, kind.0, &piece, || {
+                        format!("the replay sends more than was recorded: {}", words(&piece))
+                    });
                 }
             }
         }
@@ -159,9 +184,14 @@ impl Traffic {
 }
 
 /// Keeps the earlier of two differences.
-fn first(kept: &mut Option<(LinkId, Odd)>, link: LinkId, piece: &Piece, what: String) {
+fn first(
+    kept: &mut Option<(LinkId, Odd)>,
+    link: LinkId,
+    piece: &Piece,
+    what: impl FnOnce() -> String,
+) {
     if kept.as_ref().is_none_or(|(_, (sequence, ..))| piece.sequence < *sequence) {
-        *kept = Some((link, (piece.sequence, piece.at, what)));
+        *kept = Some((link, (piece.sequence, piece.at, what())));
     }
 }
 
@@ -231,4 +261,35 @@ fn words(piece: &Piece) -> String {
 
 fn name(id: u32) -> String {
     name_of_id(id).map_or_else(|| format!("message {id}"), str::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A log that was put together of parts of one flight filled the memory: what waits was never old enough.
+    #[test]
+    fn regress_what_waits_is_bounded_where_time_runs_back_or_stands_still() {
+        for still in [false, true] {
+            let mut traffic = Traffic::default();
+            let mut most = 0;
+            for round in 0..40 {
+                for step in 0..1_000_u64 {
+                    let at = HostTime::from_us(if still { 7 } else { step * 10_000 });
+                    let bytes = [round, step.to_le_bytes()[0]];
+                    traffic.woken(at);
+                    traffic.replayed(step, at, LinkId::Board, &bytes);
+                    traffic.settle(at);
+                    traffic.recorded(step, at, LinkId::Board, &bytes);
+                    let waiting =
+                        traffic.kinds.values().map(|w| w.recorded.len() + w.replayed.len());
+                    most = most.max(waiting.sum());
+                }
+            }
+            traffic.end(LAST);
+            assert_eq!(traffic.identical, 40_000, "{:?}", traffic.first);
+            let bound = if still { 2 * MOST_WAITING } else { 250 };
+            assert!(most <= bound + 2, "{most} wait");
+        }
+    }
 }

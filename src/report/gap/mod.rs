@@ -33,6 +33,8 @@ pub fn render(d: &Diagnosis) -> String {
         0 => "the nominal simulator".to_owned(),
         n => format!("the nominal simulator and {n} reference flights"),
     };
+    let flight = d.flight.filter(|flight| flight.of > 1);
+    let flight = flight.map_or(String::new(), |flight| format!(", {flight},"));
     let tone = match d.outcome {
         "no_gap" => "good",
         "log_fault" | "not_testable" => "none",
@@ -40,7 +42,7 @@ pub fn render(d: &Diagnosis) -> String {
     };
     let _ = write!(
         html,
-        "{}<header><span class=\"verdict {tone}\">{}</span><div><h1>Gap report</h1><p>{} against \
+        "{}<header><span class=\"verdict {tone}\">{}</span><div><h1>Gap report</h1><p>{}{flight} against \
          {against}; replay: {}</p></div></header>",
         matrix::HATCH,
         escape(&d.outcome.replace('_', " ")),
