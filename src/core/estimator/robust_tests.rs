@@ -52,16 +52,16 @@ fn regress_learned_quality_does_not_hide_a_filter_that_is_wrong() {
 
 #[test]
 fn regress_an_estimate_that_is_too_low_does_not_hold_itself_near_the_floor() {
-    // Between 0.3 m and the 0.5 m below which the floor hides anchors the time near it began anew at each
+    // Between 0.3 m and the height below which the floor hides anchors the time near it began anew at each
     // measurement: a recorded flight whose height was 1 m too low stayed so for as long as it flew there.
     let mut run = Run::aligned(robust(), Truth::flying(middle()));
     run.fly(1.0);
     let low = |run: &mut Run, seconds: f64| {
         for _ in 0..(seconds / Run::DT_S) as usize {
-            run.estimator.state.as_mut().unwrap().x_E.z = -0.4;
+            run.estimator.state.as_mut().unwrap().x_E.z = -0.35;
             run.fly(1.5 * Run::DT_S);
         }
-        run.estimator.state.as_mut().unwrap().x_E.z = -0.4;
+        run.estimator.state.as_mut().unwrap().x_E.z = -0.35;
         run.estimator.is_near_floor(0.5)
     };
     assert!(low(&mut run, 1.0), "for a while the floor hides anchors");
