@@ -239,6 +239,21 @@ fn prop_mavsdk_fetches_and_stores() {
 }
 
 #[test]
+fn prop_logs_come_down_byte_for_byte() {
+    pytest_of_others("stations", "test_downloads.py");
+}
+
+#[test]
+fn prop_two_vehicles_and_one_station_fly_side_by_side() {
+    pytest("stations", "test_two_vehicles.py");
+}
+
+#[test]
+fn prop_a_mission_is_flown_over_a_slow_radio() {
+    pytest("stations", "test_radio.py");
+}
+
+#[test]
 fn prop_mavproxy_flies_it() {
     pytest_of_others("stations", "test_mavproxy.py");
 }
