@@ -77,25 +77,26 @@ impl fmt::Display for Neighbour {
 /// A place that we of this computer speak to, alone or as a vehicle of our number, until this is dropped.
 #[derive(Debug)]
 pub struct Claim {
-    /// Empty: the system has no such sockets, and everybody speaks where he likes.
-    _sockets: Vec<OwnedFd>,
+    /// `None`: shared, or the system has no such sockets, and everybody speaks where he likes.
+    _place: Option<OwnedFd>,
+    /// As a vehicle of our number.
+    _number: Option<OwnedFd>,
 }
 
 /// Lays claim to a place, or says who has done so.
 pub fn claim(place: SocketAddr) -> Result<Claim, Neighbour> {
-    lay(&tables::claim_name(place))
+    Ok(Claim { _place: lay(&tables::claim_name(place))?, _number: None })
 }
 
 /// Lays claim to a place where a station listens, for the vehicle with a system id. Where it `shares` the place, others of
 /// the same user that differ in it may speak there too. Else says who is there.
 pub fn claim_as(place: SocketAddr, system_id: u8, shares: bool) -> Result<Claim, Neighbour> {
-    let mut own = lay(&tables::claim_of(place, system_id))?;
+    let number = lay(&tables::claim_of(place, system_id))?;
     match claim(place) {
-        Ok(alone) => own._sockets.extend(alone._sockets),
-        Err(who) if !shares || who.is_another_person() || listens(&who, place) => return Err(who),
-        Err(_) => {}
+        Ok(alone) => Ok(Claim { _number: number, ..alone }),
+        Err(who) if !shares || who.is_another_person() || listens(&who, place) => Err(who),
+        Err(_) => Ok(Claim { _place: None, _number: number }),
     }
-    Ok(own)
 }
 
 /// Whether who claims a place listens there himself: no station does.
@@ -104,12 +105,12 @@ fn listens(who: &Neighbour, place: SocketAddr) -> bool {
     holder(Transport::Udp, place).is_some_and(|has| has.pid == who.pid || unknown(&has))
 }
 
-fn lay(name: &str) -> Result<Claim, Neighbour> {
-    let Some((socket, at)) = claim_socket(name) else { return Ok(Claim { _sockets: Vec::new() }) };
+fn lay(name: &str) -> Result<Option<OwnedFd>, Neighbour> {
+    let Some((socket, at)) = claim_socket(name) else { return Ok(None) };
     match bind(&socket, &at).and_then(|()| listen(&socket, MOST_ASKERS)) {
-        Ok(()) => Ok(Claim { _sockets: vec![socket] }),
+        Ok(()) => Ok(Some(socket)),
         Err(Errno::ADDRINUSE) => Err(who_laid(name).unwrap_or_default()),
-        Err(_) => Ok(Claim { _sockets: Vec::new() }),
+        Err(_) => Ok(None),
     }
 }
 
