@@ -11,8 +11,9 @@ class Programs(BuildHookInterface):
         root = pathlib.Path(self.root)
         name = "custom_mode_map.json"
         # In the repository it lies where docs/STATIONS.md tells people to take it from.
-        modes = next(folder / name for folder in (root, root.parent / "stations") if (folder / name).exists())
-        build_data["force_include"][str(modes)] = f"haltere_testing/{name}"
+        for folder in (root, root.parent / "stations"):
+            if (folder / name).exists():
+                build_data["force_include"][str(folder / name)] = f"haltere_testing/{name}"
         folder = root / "programs"
         if not folder.is_dir():
             return

@@ -128,7 +128,7 @@ def mavsdk_system(address: str, seconds: float = 20.0) -> tuple[Any, Any]:
 
 def dronekit_vehicle(address: str) -> Any:
     """DroneKit's vehicle, connected and ready; 2.9.2 asks for a name that Python 3.10 has moved."""
-    collections.MutableMapping = collections.abc.MutableMapping
+    setattr(collections, "MutableMapping", collections.abc.MutableMapping)
     import dronekit
     use_mode_map()
     return dronekit.connect(address, wait_ready=True, heartbeat_timeout=30)

@@ -40,8 +40,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.hookimpl(hookwrapper=True)
-def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> Iterator[None]:
-    outcome = yield
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> Iterator[Any]:
+    outcome: Any = yield
     report = outcome.get_result()
     vehicle = getattr(item, "funcargs", {}).get("haltere")
     if report.when == "call" and report.failed and isinstance(vehicle, Vehicle):
@@ -64,11 +64,11 @@ def haltere(request: pytest.FixtureRequest, tmp_path: pathlib.Path) -> Iterator[
     rig = Rig(tmp_path, **options)
     try:
         rig.settle()
-        rig.look_out()
+        lookout = rig.look_out()
         yield rig
         if _report not in request.node.stash:
-            rig.lookout.check()
-            rig.lookout.assert_all_came()
+            lookout.check()
+            lookout.assert_all_came()
     finally:
         _close(request, rig)
 

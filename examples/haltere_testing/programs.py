@@ -59,7 +59,9 @@ class Simulator:
         self.process = subprocess.Popen(
             [program(), *arguments, "--orders"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=open(self.said, "w"), text=True)
-        line = self.process.stdout.readline()
+        assert self.process.stdin and self.process.stdout  # both are pipes
+        self._orders, self._answers = self.process.stdin, self.process.stdout
+        line = self._answers.readline()
         if not line:
             raise RuntimeError(f"haltere-sim did not start: {self.said.read_text()}")
         self.greeting = json.loads(line)
@@ -68,9 +70,9 @@ class Simulator:
         """Gives an order, and its answer."""
         with self.lock:
             try:
-                self.process.stdin.write(json.dumps(order) + "\n")
-                self.process.stdin.flush()
-                line = self.process.stdout.readline()
+                self._orders.write(json.dumps(order) + "\n")
+                self._orders.flush()
+                line = self._answers.readline()
             except (BrokenPipeError, ValueError):
                 line = ""
         if not line:

@@ -66,7 +66,7 @@ class RealVehicle(Vehicle):
         super().__init__(folder)
         self.clock = RealTime()
         self.test = test
-        self.before_arming = lambda: ask(f"{test} is about to take off. Is the room clear, and somebody at the switch?")
+        self.before_arming = self._ask
         self.ports = {name: free_port() for name in ("generic", "px4", "gps")}
         own = [f'"udpin:127.0.0.1:{self.ports["generic"]}"',
                f'{{ address = "udpin:127.0.0.1:{self.ports["px4"]}", identity = "px4", vehicle_type = 2 }}',
@@ -90,6 +90,13 @@ class RealVehicle(Vehicle):
         self.look_out()
         wait_until(self.here, 10, self)
 
+    def _ask(self) -> None:
+        ask(f"{self.test} is about to take off. Is the room clear, and somebody at the switch?")
+
+    def _flies(self) -> bool:
+        here = self.here()
+        return here is not None and here.flies
+
     def _runs(self) -> bool:
         assert self.companion.poll() is None, f"the companion ended:\n{self.said()}"
         return True
@@ -97,7 +104,7 @@ class RealVehicle(Vehicle):
     def address(self, port: str = "generic", *, client: Optional[str] = None) -> str:
         if client is not None:
             # What such a client does is not seen here: asked before it can arm.
-            self.before_arming()
+            self._ask()
         return super().address(port, client=client)
 
     def here(self) -> Optional[Here]:
@@ -120,7 +127,7 @@ class RealVehicle(Vehicle):
         return newest_log(self._logs, self._started)
 
     def assert_landed(self) -> None:
-        wait_until(lambda: self.here() is not None and not self.here().flies, 30, self)
+        wait_until(lambda: self.here() is not None and not self._flies(), 30, self)
 
     def end(self) -> None:
         self.companion.terminate()
@@ -142,5 +149,5 @@ class RealVehicle(Vehicle):
                 yield
             finally:
                 station.catch_up()
-                if self.here().flies:
+                if self._flies():
                     station.land()

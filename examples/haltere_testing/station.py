@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib.util
 import os
 import socket
@@ -23,6 +24,7 @@ def _dialect() -> Any:
     if not path or os.environ.get("HALTERE_STOCK_DIALECT"):
         return mavutil.mavlink
     spec = importlib.util.spec_from_file_location("haltere_dialect", path)
+    assert spec and spec.loader, path
     module = importlib.util.module_from_spec(spec)
     sys.modules["haltere_dialect"] = module
     spec.loader.exec_module(module)
@@ -79,7 +81,7 @@ class Station:
     def __init__(self, address: str, system: int = 255, component: int = 190, timeout: float = 20,
                  clock: Any = None, vehicle: Optional[int] = 1, before_arming: Optional[Callable[[], None]] = None):
         self.clock = clock or RealTime()
-        self.vehicle = vehicle
+        self.vehicle = vehicle or 0
         self.before_arming, self._may_arm, self._was_armed = before_arming, False, False
         self.link = with_room(mavutil.mavlink_connection(address, source_system=system,
                                                          source_component=component))
@@ -91,13 +93,13 @@ class Station:
         self.heartbeat = self.wait(
             "HEARTBEAT", timeout, lambda m: m.autopilot != mavlink.MAV_AUTOPILOT_INVALID
             and of_vehicle(m, vehicle or m.get_srcSystem()))
-        self.vehicle = vehicle = self.heartbeat.get_srcSystem()
-        self.link.target_system, self.link.target_component = vehicle, 1
+        self.vehicle = self.heartbeat.get_srcSystem()
+        self.link.target_system, self.link.target_component = self.vehicle, 1
         for name, rate_hz in OWN_STREAMS.items():
             number = getattr(mavlink, f"MAVLINK_MSG_ID_{name}", None)
             if number is not None:
                 # Not waited for: the line may be one that loses answers.
-                self.link.mav.command_long_send(vehicle, 1, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0,
+                self.link.mav.command_long_send(self.vehicle, 1, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0,
                                                 number, 1e6 / rate_hz, 0, 0, 0, 0, 0)
 
     def close(self) -> None:
@@ -188,7 +190,7 @@ class Station:
 
     # -- commands
 
-    def _answer(self, command: int, timeout: float, target: Sequence[int]) -> int:
+    def _answer(self, command: int, timeout: float, system: int) -> int:
         self.backlog = []
         deadline = self.clock.now() + self.clock.patience(timeout)
         while self.clock.now() < deadline:
@@ -196,7 +198,7 @@ class Station:
             if message is None:
                 continue
             is_answer = (message.get_type() == "COMMAND_ACK" and message.command == command
-                         and target[0] in (0, message.get_srcSystem()))
+                         and system in (0, message.get_srcSystem()))
             if not is_answer:
                 self.backlog.append(message)
             elif message.result != mavlink.MAV_RESULT_IN_PROGRESS:
@@ -211,17 +213,17 @@ class Station:
             self.before_arming()
             self._may_arm, self._was_armed = True, False
         self.catch_up()
-        target = target or (self.vehicle, 1)
+        system, component = target or (self.vehicle, 1)
         filled = list(params) + [NAN] * (7 - len(params))
-        self.link.mav.command_long_send(*target, command, 0, *filled)
-        return self._answer(command, timeout, target)
+        self.link.mav.command_long_send(system, component, command, 0, *filled)
+        return self._answer(command, timeout, system)
 
     def command_int(self, command: int, frame: int, x: int, y: int, z: float,
                     params: Sequence[float] = (NAN, NAN, NAN, NAN), timeout: float = 4.0) -> int:
         """Sends a COMMAND_INT; gives the result of its answer."""
         self.catch_up()
         self.link.mav.command_int_send(self.vehicle, 1, frame, command, 0, 0, *params, x, y, z)
-        return self._answer(command, timeout, (self.vehicle, 1))
+        return self._answer(command, timeout, self.vehicle)
 
     def request(self, msg_id: int, param2: float = 0.0) -> int:
         """Asks for one message by its number."""
@@ -352,7 +354,7 @@ class Station:
             answers = message is not None and self.of_vehicle(message)
             name = message.get_type() if answers else None
             if name in ("MISSION_REQUEST_INT", "MISSION_REQUEST"):
-                again = lambda seq=message.seq: give(seq)  # noqa: E731
+                again = functools.partial(give, message.seq)
             elif name == "MISSION_ACK":
                 return message.type
             elif self.clock.now() < repeat:

@@ -153,7 +153,7 @@ class Vehicle:
         """Keeps the track from now on. The fixture does it by itself."""
         if self.lookout is None:
             self.lookout = Lookout(self._look)
-            if self.clock.lockstep:
+            if isinstance(self.clock, Simulated):
                 self.clock.lookers.append(self.lookout.look)
             else:
                 self.lookout.start()
@@ -246,7 +246,7 @@ class Vehicle:
         self._closed = True
         if self.lookout is not None:
             self.lookout.close()
-            if self.clock.lockstep:
+            if isinstance(self.clock, Simulated):
                 self.clock.lookers.remove(self.lookout.look)
         for station in [*self.stations, *([self._observer] if self._observer else [])]:
             station.close()

@@ -113,13 +113,3 @@ def test_as_qgroundcontrol_asks(still, loss):
     assert client.download() == log.read_bytes()
     # What is asked for comes, unless it is lost on the way.
     assert (client.asked_again == 0) == (loss == 0.0), client.asked_again
-
-
-def test_one_that_is_being_written_is_whole_as_far_as_it_was_listed(still):
-    station = still.station()
-    station.link.mav.log_request_list_send(1, 1, 0, 0xFFFF)
-    entry = station.wait("LOG_ENTRY", 5)
-    assert entry.size > 10_000
-    down = Qgc(station, entry.id, entry.size).download()
-    with open(still.log(), "rb") as file:
-        assert down == file.read(entry.size)

@@ -13,7 +13,7 @@ import pytest
 import haltere_testing
 from haltere_testing import Here, Rig, hall
 from haltere_testing.lookout import assert_along
-from haltere_testing.missions import local_item, route
+from haltere_testing.missions import route
 from haltere_testing.programs import Simulator, free_port
 from haltere_testing.station import Refused
 

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from haltere_testing.rig import degrees, wait_until
-from haltere_testing.station import NAN, Station, is_armed, local_item, mavlink, of_vehicle
+from haltere_testing.station import NAN, Station, local_item, mavlink, of_vehicle
 
 SPEED = 2
 
