@@ -236,16 +236,17 @@ fn regress_an_install_from_the_sources_leaves_nothing_in_them() {
     let prefix = format!("--prefix={}/", room.join("sources").display());
     copy.args(["checkout-index", "--all", &prefix]).current_dir(root());
     good(copy, room);
-    let sources = below(&room.join("sources"));
+    let examples = room.join("sources/examples");
+    let sources = below(&examples);
     let venv = room.join("venv");
     let mut make = Command::new("python3");
     make.args(["-m", "venv"]).arg(&venv);
     good(make, room);
     let bin = venv.join("bin");
     let mut install = bare(bin.join("pip"), &bin, room);
-    install.args(["install", "--quiet", "--no-deps"]).arg(room.join("sources/examples"));
+    install.args(["install", "--quiet", "--no-deps"]).arg(&examples);
     good(install, room);
-    assert_eq!(below(&room.join("sources")), sources);
+    assert_eq!(below(&examples), sources);
     let installed = below(&venv);
     for file in ["station.py", "py.typed", "custom_mode_map.json"] {
         let file = format!("haltere_testing/{file}");
