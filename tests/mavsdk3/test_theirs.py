@@ -1,7 +1,7 @@
 """Examples of MAVSDK-Python as their authors wrote them, each with a vehicle of its own, several at once.
 
 They count from where the vehicle stands, so the room lies around that; each has the room that its example needs. One goes to a
-place on the globe: the room's origin lies 10 m south of it. Two of them ask for 2 m/s and more and turn meanwhile, half a metre over the
+place on the globe: the room's origin lies 10 m south of it. Two of them ask for 2 m/s and more and turn meanwhile, near the
 floor: theirs is a vehicle that is told to fly 1 m/s at most, since this one leans by 41 degrees at 2 m/s, and tips over now and then."""
 
 import concurrent.futures
@@ -38,8 +38,8 @@ STARTS = threading.Lock()
 
 class Flight:
     """One example: the room that it needs (north, east, ceiling), and, where it never ends by itself, what it is to have
-    done by then. They wait by the clock: at a `speed` of two there is time enough to get where they go on a computer that
-    is busy; those that fly by velocities would get twice as far."""
+    done by then. They wait by the clock, and this vehicle takes off slower than a multicopter: at a `speed` of two there is
+    time enough to get where they go, on a computer that is busy too. One of them would get too far to come home."""
 
     def __init__(self, room=((-6.0, 6.0), (-6.0, 6.0), 7.0), speed=2, more="", until=None):
         self.room, self.speed, self.more, self.until = room, speed, more, until
@@ -99,11 +99,11 @@ def printed_all(flight, said):
 
 
 FLIGHTS = {
-    "offboard_velocity_body": Flight(((-12.0, 12.0), (-12.0, 12.0), 9.0), speed=1, more=SLOW),
+    "offboard_velocity_body": Flight(((-12.0, 12.0), (-12.0, 12.0), 9.0), more=SLOW),
     "offboard_position_ned": Flight(((-4.0, 12.0), (-4.0, 14.0), 8.0)),
     "goto": Flight(((-12.0, 14.0), (-12.0, 12.0), 23.0), until=lambda flight, said: flight.near(10.0, 0.0, 20.0)),
-    "offboard_velocity_ned": Flight(((-5.0, 13.0), (-13.0, 5.0), 11.0), speed=1, more=SLOW),
-    "offboard_position_velocity_ned": Flight(((-5.0, 55.0), (-15.0, 15.0), 14.0)),
+    "offboard_velocity_ned": Flight(((-5.0, 13.0), (-13.0, 5.0), 13.0), more=SLOW),
+    "offboard_position_velocity_ned": Flight(((-5.0, 55.0), (-15.0, 15.0), 14.0), speed=1),
     "manual_control": Flight(until=lambda flight, said: "Starting manual control" in said and flight.flown_m() > 6.0),
     "takeoff_and_land": Flight(),
     "logfile_download": Flight(),
@@ -180,7 +180,7 @@ def test_offboard_position_ned(flight):
 def test_offboard_velocity_body(flight):
     track = flight.lookout.track
     assert max(here.height_m for here in track) > 1.2
-    # Circles, how much of them hangs on the computer: out to each side, and no farther than two at 2 m/s lead.
+    # Circles, how much of them hangs on the computer: out to each side, and no farther than two at 1 m/s lead.
     for extent in ([here.north_m for here in track], [here.east_m for here in track]):
         assert 1.0 < max(extent) - min(extent) < 16.0, (min(extent), max(extent))
     truth = flight.rig.truth()
@@ -199,6 +199,6 @@ def test_offboard_velocity_ned(flight):
 
 def test_offboard_position_velocity_ned(flight):
     far = max(flight.lookout.track, key=lambda here: here.north_m)
-    assert far.north_m > 10.0
+    assert far.north_m > 3.0
     flight.passed([(0.0, 0.0, 10.0), (far.north_m, 0.5, 10.0)])
     assert flight.rig.truth()["crashed"] == 0
