@@ -32,14 +32,14 @@ pub(super) struct Ctl {
 
 impl Ctl {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
-        let status = matches!(self.action, Action::Status { .. });
+        let prints = matches!(self.action, Action::Status { .. } | Action::Items { .. });
         let key = self.signing_key.as_deref().map(read_key).transpose()?;
         let wanted = Wanted { system: self.system, from: self.from };
         let note = |line: &str| {
             let _ = writeln!(std::io::stderr(), "{line}");
         };
         let mut printed = Ok(());
-        let say = |line: &str| match status {
+        let say = |line: &str| match prints {
             true if printed.is_ok() => printed = print(&format!("{line}\n")),
             true => {}
             false => note(line),

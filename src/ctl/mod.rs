@@ -231,6 +231,11 @@ pub enum Action {
         /// `.waypoints`.
         file: std::path::PathBuf,
     },
+    /// Prints a mission file as the items that a station uploads, as JSON; speaks to no vehicle.
+    Items {
+        /// As for `mission`.
+        file: std::path::PathBuf,
+    },
     /// Starts a flight that the vehicle knows by name (built in, or a file of its missions) and waits
     /// until it is flown. Without a name: prints the names.
     Program {
@@ -444,6 +449,12 @@ pub fn run(
     mut note: impl FnMut(&str),
 ) -> Result<(), CtlError> {
     let mission = match action {
+        Action::Items { file } => {
+            let plan = read_plan(file)?;
+            plan.remarks.iter().for_each(|remark| note(remark));
+            say(&format!("{:#}", plan.json()));
+            return Ok(());
+        }
         Action::Mission { file } => Some(read_plan(file)?),
         _ => None,
     };
@@ -453,6 +464,8 @@ pub fn run(
         note(&format!("speaks to {vehicle}"));
     }
     match action {
+        // Answered above.
+        Action::Items { .. } => {}
         Action::Arm => station.arm()?,
         Action::Disarm => station.disarm()?,
         Action::Hold => station.set_mode(Mode::Hold)?,

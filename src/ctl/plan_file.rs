@@ -11,7 +11,7 @@ use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, Mav
 use haltere_dialect::mav::{known, name_of};
 use haltere_pilot::mission_file::{Command, Item, MissionFile};
 use num_traits::FromPrimitive as _;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// First words of the older format.
 const WAYPOINTS: &str = "QGC WPL";
@@ -85,6 +85,26 @@ impl PlanFile {
             return Err("holds no mission item, no fence and no rally point".to_owned());
         }
         Ok(file)
+    }
+
+    /// For scripts: the three lists in the numbers of MISSION_ITEM_INT; a parameter that is not given is null.
+    pub fn json(&self) -> Value {
+        let item = |item: &MISSION_ITEM_INT_DATA| {
+            json!({
+                "frame": item.frame,
+                "command": item.command,
+                "params": [item.param1, item.param2, item.param3, item.param4],
+                "x": item.x,
+                "y": item.y,
+                "z": item.z,
+            })
+        };
+        let list = |items: &[MISSION_ITEM_INT_DATA]| items.iter().map(item).collect::<Vec<_>>();
+        json!({
+            "mission": list(&self.mission),
+            "fence": list(&self.fence),
+            "rally": list(&self.rally),
+        })
     }
 
     /// The mission as one of our own files, its places around `origin`: for who flies without a station.
@@ -536,6 +556,17 @@ mod tests {
         assert_eq!(fence, [(5004, 0.5), (5001, 3.0), (5001, 3.0), (5001, 3.0)]);
         assert_eq!((file.rally.len(), file.rally[0].command as u32), (1, 5100));
         assert!(file.remarks[0].contains("breach return"), "{:?}", file.remarks);
+        // For scripts.
+        let told = file.json();
+        let first = &told["mission"][0];
+        assert_eq!(
+            (&first["command"], &first["x"], &first["params"][3]),
+            (&json!(22), &json!(473_977_000), &Value::Null)
+        );
+        assert_eq!(
+            (told["fence"].as_array().unwrap().len(), &told["rally"][0]["command"]),
+            (4, &json!(5100))
+        );
     }
 
     #[test]

@@ -101,8 +101,8 @@ pub enum LiveError {
     },
     /// Another vehicle of this computer speaks to the same stations.
     #[error(
-        "{key} = \"{address}\": {who} speaks to stations there, which would take two vehicles for one; name another \
-         port, here and to your stations"
+        "{key} = \"{address}\": {who} speaks to stations there, which would take two vehicles for one; give each its own \
+         ground.system_id, or name another port, here and to your stations"
     )]
     StationsShared {
         /// Which key.

@@ -9,10 +9,12 @@ use haltere_pilot::settings::{Address, HostPort};
 
 /// Lays claim to the places of stations, and to that of the board where we begin to speak. A place that is another
 /// vehicle's is refused where somebody asked for it; where nobody did another one is taken, told, and written into
-/// the configuration. The claims hold until they are dropped.
+/// the configuration. Where stations listen that were asked for, vehicles of one user may differ in their number. The
+/// claims hold until they are dropped.
 pub fn settle(loaded: &mut Loaded) -> Result<Vec<Claim>, LiveError> {
     let free = loaded.stations_unasked;
     let config = &mut loaded.config;
+    let system_id = config.ground.system_id;
     let mut claims = Vec::new();
     // Who only watches speaks beside somebody else, by the way that was set up for both.
     if let Address::UdpOut(to) = &config.board.address
@@ -30,16 +32,22 @@ pub fn settle(loaded: &mut Loaded) -> Result<Vec<Claim>, LiveError> {
         // A name is looked up later, and again until that works: it must not hold up the start.
         let Some(place) = neighbours::place(&at.host, at.port) else { continue };
         let key = format!("ground.endpoints[{i}]");
-        let claimed = neighbours::claim(place);
-        let listens = stranger(place).filter(|_| matches!(asked, Address::UdpOut(_)));
+        let speaks = matches!(asked, Address::UdpOut(_));
+        let claimed = match speaks {
+            true => neighbours::claim_as(place, system_id, !free),
+            false => neighbours::claim(place),
+        };
+        let listens = stranger(place).filter(|_| speaks);
         match (claimed, listens) {
             (Err(who), _) if !free => {
                 let who = who.to_string();
                 return Err(LiveError::StationsShared { key, address: asked, who });
             }
-            (Err(who), _) => claims.push(elsewhere(at, &key, &format!("{who} speaks there"))?),
+            (Err(who), _) => {
+                claims.push(elsewhere(at, system_id, &key, &format!("{who} speaks there"))?)
+            }
             (Ok(_), Some(who)) if free => {
-                claims.push(elsewhere(at, &key, &format!("{who} listens there"))?);
+                claims.push(elsewhere(at, system_id, &key, &format!("{who} listens there"))?);
             }
             (Ok(claim), listens) => {
                 if let Some(who) = listens {
@@ -66,7 +74,7 @@ fn stranger(place: SocketAddr) -> Option<Neighbour> {
 }
 
 /// The next port at which nobody is.
-fn elsewhere(at: &mut HostPort, key: &str, why: &str) -> Result<Claim, LiveError> {
+fn elsewhere(at: &mut HostPort, system_id: u8, key: &str, why: &str) -> Result<Claim, LiveError> {
     let usual = at.port;
     for port in neighbours::candidates(usual).skip(1) {
         at.port = port;
@@ -76,7 +84,7 @@ fn elsewhere(at: &mut HostPort, key: &str, why: &str) -> Result<Claim, LiveError
         else {
             continue;
         };
-        if let Ok(claim) = neighbours::claim(place) {
+        if let Ok(claim) = neighbours::claim_as(place, system_id, false) {
             tracing::warn!(
                 "{key}: port {usual} is not ours, {why}; this vehicle speaks to udpout:{at}: \
                  `haltere ctl --to udpin:{at}`"
@@ -129,6 +137,11 @@ mod tests {
         let moved = third.config.ground.endpoints[0].address.to_string();
         assert!(claims.len() == 1 && moved.starts_with("udpout:127.0.0.1:"), "{moved}");
         assert_ne!(moved, address);
+        assert!(settle(&mut loaded(&[moved], false)).is_err(), "its number speaks there");
+        // With another number it is another vehicle to them.
+        let mut numbered = loaded(std::slice::from_ref(&address), false);
+        numbered.config.ground.system_id = 2;
+        drop(settle(&mut numbered).unwrap());
         drop(first);
         let mut again = loaded(std::slice::from_ref(&address), true);
         assert!(settle(&mut again).is_ok());

@@ -74,26 +74,53 @@ impl fmt::Display for Neighbour {
     }
 }
 
-/// A place that we alone of this computer speak to, until this is dropped.
+/// A place that we of this computer speak to, alone or as a vehicle of our number, until this is dropped.
 #[derive(Debug)]
 pub struct Claim {
-    /// `None`: the system has no such sockets, and everybody speaks where he likes.
-    _socket: Option<OwnedFd>,
+    /// `None`: shared, or the system has no such sockets, and everybody speaks where he likes.
+    _place: Option<OwnedFd>,
+    /// As a vehicle of our number.
+    _number: Option<OwnedFd>,
 }
 
 /// Lays claim to a place, or says who has done so.
 pub fn claim(place: SocketAddr) -> Result<Claim, Neighbour> {
-    let Some((socket, name)) = claim_socket(place) else { return Ok(Claim { _socket: None }) };
-    match bind(&socket, &name).and_then(|()| listen(&socket, MOST_ASKERS)) {
-        Ok(()) => Ok(Claim { _socket: Some(socket) }),
-        Err(Errno::ADDRINUSE) => Err(claimant(place).unwrap_or_default()),
-        Err(_) => Ok(Claim { _socket: None }),
+    Ok(Claim { _place: lay(&tables::claim_name(place))?, _number: None })
+}
+
+/// Lays claim to a place where a station listens, for the vehicle with a system id. Where it `shares` the place, others of
+/// the same user that differ in it may speak there too. Else says who is there.
+pub fn claim_as(place: SocketAddr, system_id: u8, shares: bool) -> Result<Claim, Neighbour> {
+    let number = lay(&tables::claim_of(place, system_id))?;
+    match claim(place) {
+        Ok(alone) => Ok(Claim { _number: number, ..alone }),
+        Err(who) if !shares || who.is_another_person() || listens(&who, place) => Err(who),
+        Err(_) => Ok(Claim { _place: None, _number: number }),
+    }
+}
+
+/// Whether who claims a place listens there himself: no station does.
+fn listens(who: &Neighbour, place: SocketAddr) -> bool {
+    let unknown = |has: &Neighbour| has.pid.is_none() && has.uid == who.uid;
+    holder(Transport::Udp, place).is_some_and(|has| has.pid == who.pid || unknown(&has))
+}
+
+fn lay(name: &str) -> Result<Option<OwnedFd>, Neighbour> {
+    let Some((socket, at)) = claim_socket(name) else { return Ok(None) };
+    match bind(&socket, &at).and_then(|()| listen(&socket, MOST_ASKERS)) {
+        Ok(()) => Ok(Some(socket)),
+        Err(Errno::ADDRINUSE) => Err(who_laid(name).unwrap_or_default()),
+        Err(_) => Ok(None),
     }
 }
 
 /// Who has laid claim to a place.
 pub fn claimant(place: SocketAddr) -> Option<Neighbour> {
-    let (socket, name) = claim_socket(place)?;
+    who_laid(&tables::claim_name(place))
+}
+
+fn who_laid(name: &str) -> Option<Neighbour> {
+    let (socket, name) = claim_socket(name)?;
     match connect(&socket, &name) {
         Ok(()) => {}
         // It does not answer, it is only there.
@@ -105,8 +132,8 @@ pub fn claimant(place: SocketAddr) -> Option<Neighbour> {
     Some(Neighbour::new(pid, Some(made_by.uid.as_raw())))
 }
 
-fn claim_socket(place: SocketAddr) -> Option<(OwnedFd, SocketAddrUnix)> {
-    let name = SocketAddrUnix::new_abstract_name(tables::claim_name(place).as_bytes()).ok()?;
+fn claim_socket(name: &str) -> Option<(OwnedFd, SocketAddrUnix)> {
+    let name = SocketAddrUnix::new_abstract_name(name.as_bytes()).ok()?;
     let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
     let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None).ok()?;
     Some((socket, name))
@@ -230,6 +257,26 @@ mod tests {
         assert!(claim(place("10.0.0.1", at.port()).unwrap()).is_ok());
         drop(first);
         assert!(claim(at).is_ok());
+    }
+
+    #[test]
+    fn prop_vehicles_of_two_numbers_share_a_station_and_those_of_one_do_not() {
+        let at = place("127.0.0.1", free_port().unwrap()).unwrap();
+        let first = claim_as(at, 1, true).unwrap();
+        assert!(claim_as(at, 1, true).is_err());
+        let second = claim_as(at, 2, true).unwrap();
+        assert!(claim_as(at, 2, true).is_err());
+        // Whoever wants it for himself does not get it.
+        assert!(claim(at).is_err() && claim_as(at, 3, false).is_err());
+        drop(first);
+        assert!(claim_as(at, 2, true).is_err(), "its number is taken, whoever came first");
+        drop(second);
+        // Where a companion itself listens there is no station.
+        let listener = UdpSocket::bind(at).unwrap();
+        let alone = claim(at).unwrap();
+        assert!(claim_as(at, 3, true).is_err());
+        drop((listener, alone));
+        assert!(claim_as(at, 3, true).is_ok());
     }
 
     #[test]

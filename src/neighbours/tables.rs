@@ -107,6 +107,11 @@ pub(super) fn claim_name(place: SocketAddr) -> String {
     format!("haltere speaks to {}", SocketAddr::new(ip, place.port()))
 }
 
+/// The same for a vehicle that others speak beside.
+pub(super) fn claim_of(place: SocketAddr, system_id: u8) -> String {
+    format!("{} as system {system_id}", claim_name(place))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

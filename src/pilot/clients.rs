@@ -259,7 +259,8 @@ impl Pilot {
         let other = last.is_some_and(|s| flying && is_fresh(s) && s.owner != Some(from));
         let checked = match message {
             Ok(_) if other => Err("setpoint refused: another client flies".to_owned()),
-            Ok(m) => Setpoint::from_wire(&m, &self.estimate, last, at),
+            // Nothing is held before it flies: what came on the floor would lead back there.
+            Ok(m) => Setpoint::from_wire(&m, &self.estimate, last.filter(|_| flying), at),
             Err(why) => Err(why),
         };
         let volume = self.guidance.volume();

@@ -134,6 +134,12 @@ impl Setpoint {
         let axes = std::array::from_fn(|i| {
             if uses_pos[i] {
                 Axis::Position(target_E_m[i])
+            } else if uses_vel[i] && i == 2 && wire_vel[i] == 0.0 {
+                // A height, not a climb rate of zero: at 2 m/s the vehicle sank by up to a metre meanwhile.
+                Axis::Stay(match last.map(|last| last.axes[i]) {
+                    Some(Axis::Stay(x)) => x,
+                    _ => estimate.pos_E_m[i],
+                })
             } else if uses_vel[i] {
                 Axis::Velocity(wire_vel[i])
             } else if body_velocity && i < 2 && turned {
@@ -464,6 +470,23 @@ mod tests {
         let sunk = estimate([0.1, 0.1, -0.9], 0.0);
         let next = Setpoint::from_wire(&m, &sunk, Some(&first), HostTime::default()).unwrap();
         assert!(near(command(&next, &sunk)[2], Pos(-1.0)));
+    }
+
+    /// A client that asks for a level flight keeps its height: at 2 m/s it sank onto the floor.
+    #[test]
+    fn regress_a_climb_rate_of_zero_holds_the_height() {
+        let level = wire(MavFrame::MAV_FRAME_LOCAL_NED, 0xDC7, [0.0; 3], [2.0, 0.0, 0.0]);
+        let high = estimate([0.0, 0.0, -1.0], 0.0);
+        let sunk = estimate([1.0, 0.0, -0.8], 0.0);
+        let first = Setpoint::from_wire(&level, &high, None, high.at).unwrap();
+        let next = Setpoint::from_wire(&level, &sunk, Some(&first), sunk.at).unwrap();
+        assert!(near(command(&next, &sunk)[2], Pos(-1.0)) && next.needs_stream());
+        // It is the height at which the climb ended.
+        let up = wire(MavFrame::MAV_FRAME_LOCAL_NED, 0xDC7, [0.0; 3], [0.0, 0.0, -0.5]);
+        let climbs = Setpoint::from_wire(&up, &high, Some(&next), high.at).unwrap();
+        assert!(near(command(&climbs, &high)[2], Vel(-0.5)));
+        let ended = Setpoint::from_wire(&level, &sunk, Some(&climbs), sunk.at).unwrap();
+        assert!(near(command(&ended, &sunk)[2], Pos(-0.8)));
     }
 
     #[test]

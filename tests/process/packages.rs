@@ -188,7 +188,7 @@ fn prop_the_wheel_is_all_that_a_test_of_a_mission_needs() {
     let wheel = only(&wheels, ".whl");
 
     // A repository with missions of its own.
-    for test in ["test_anchor_lost.py", "test_more.py"] {
+    for test in ["test_square.py", "test_more.py"] {
         std::fs::copy(root().join("examples").join(test), room.join(test)).unwrap();
     }
     let steps = steps_of_the_job();
@@ -225,6 +225,33 @@ fn prop_the_wheel_is_all_that_a_test_of_a_mission_needs() {
     let ours = licences.filter(|file| file.contains("lib/") && file.contains("haltere_testing"));
     let ours: Vec<String> = ours.collect();
     assert_eq!(ours.len(), 3, "{ours:?}");
+}
+
+/// A folder `build/` and an egg-info were left behind, after which pytest found the plugin twice.
+#[test]
+fn regress_an_install_from_the_sources_leaves_nothing_in_them() {
+    let room = tempfile::tempdir().unwrap();
+    let room = room.path();
+    let mut copy = Command::new("git");
+    let prefix = format!("--prefix={}/", room.join("sources").display());
+    copy.args(["checkout-index", "--all", &prefix]).current_dir(root());
+    good(copy, room);
+    let examples = room.join("sources/examples");
+    let sources = below(&examples);
+    let venv = room.join("venv");
+    let mut make = Command::new("python3");
+    make.args(["-m", "venv"]).arg(&venv);
+    good(make, room);
+    let bin = venv.join("bin");
+    let mut install = bare(bin.join("pip"), &bin, room);
+    install.args(["install", "--quiet", "--no-deps"]).arg(&examples);
+    good(install, room);
+    assert_eq!(below(&examples), sources);
+    let installed = below(&venv);
+    for file in ["station.py", "py.typed", "custom_mode_map.json"] {
+        let file = format!("haltere_testing/{file}");
+        assert!(installed.iter().any(|path| path.ends_with(&file)), "{file}");
+    }
 }
 
 /// Half of what is needed is refused, not packed.

@@ -239,6 +239,21 @@ fn prop_mavsdk_fetches_and_stores() {
 }
 
 #[test]
+fn prop_logs_come_down_byte_for_byte() {
+    pytest_of_others("stations", "test_downloads.py");
+}
+
+#[test]
+fn prop_two_vehicles_and_one_station_fly_side_by_side() {
+    pytest("stations", "test_two_vehicles.py");
+}
+
+#[test]
+fn prop_a_mission_is_flown_over_a_slow_radio() {
+    pytest("stations", "test_radio.py");
+}
+
+#[test]
 fn prop_mavproxy_flies_it() {
     pytest_of_others("stations", "test_mavproxy.py");
 }
@@ -259,8 +274,13 @@ fn prop_the_examples_fly_as_they_stand() {
 }
 
 #[test]
-fn prop_a_mission_test_of_a_user_is_ten_lines() {
-    pytest("stations", "../../examples");
+fn prop_a_mission_test_of_a_user_is_eight_lines() {
+    pytest_of_others("stations", "../../examples");
+}
+
+#[test]
+fn prop_the_helper_breaks_judges_and_tells() {
+    pytest("stations", "test_helper.py");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from proxy import Proxy
+from haltere_testing.clients import MavProxy
 from haltere_testing.rig import degrees, wait_until
 
 SPEED = 2
@@ -10,7 +10,7 @@ SPEED = 2
 
 @pytest.fixture(scope="module")
 def proxy(rig):
-    proxy = Proxy(rig.ports["generic"], rig.folder)
+    proxy = MavProxy(rig.address(client="mavproxy"), rig.folder)
     yield proxy
     proxy.close()
 

@@ -75,6 +75,7 @@ impl Wires {
     pub fn open(config: &mut GroundConfig, pilot: &PilotConfig, free: bool) -> Result<Self> {
         let mut first = 0;
         let mut all = Vec::new();
+        let system_id = config.system_id;
         for (endpoint, told) in config.endpoints.iter_mut().zip(&pilot.endpoints) {
             let places = told.stations.max(1);
             let mut stations = vec![None; usize::from(places)];
@@ -89,10 +90,10 @@ impl Wires {
                 Address::UdpOut(to) => {
                     let peer = resolve(&Address::UdpOut(to.clone()), to)?;
                     stations[0] = Some(peer);
-                    let claim = neighbours::claim(peer).map_err(|who| {
+                    let claim = neighbours::claim_as(peer, system_id, true).map_err(|who| {
                         anyhow!(
                             "ground.endpoints: udpout:{to}: {who} speaks to stations there, which would take two \
-                             vehicles for one; name another port"
+                             vehicles for one; give each its own ground.system_id, or name another port"
                         )
                     })?;
                     let socket =
