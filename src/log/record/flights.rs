@@ -7,7 +7,8 @@
 use serde::Serialize;
 
 use super::channels::Decoded;
-use super::reader::{Entry, LogError, LogReader};
+use super::errors::LogError;
+use super::reader::{Entry, LogReader};
 use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
 use haltere_pilot::Mode;

@@ -1,8 +1,8 @@
 //! What is missing of a damaged log: which inputs and outputs, and which seconds.
 
+use super::errors::LogEnd;
 use super::messages::{Messages, WalkEnd};
 use super::pb;
-use super::reader::LogEnd;
 use super::tail::Tail;
 use haltere_core::time::HostTime;
 

@@ -13,10 +13,11 @@ use prost::Message as _;
 
 use super::DESCRIPTORS;
 use super::channels;
+use super::errors::{LogEnd, LogError};
 use super::gaps::Gaps;
 use super::messages::Message;
 use super::pb;
-use super::reader::{LogEnd, LogError, LogReader, fault};
+use super::reader::{LogReader, fault};
 use crate::written::{Old, Output};
 
 /// Writes what is readable of `path` to `to` (which must not exist) with a proper end. Returns how

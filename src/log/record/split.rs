@@ -11,7 +11,8 @@ use std::sync::Arc;
 use mcap::McapError;
 
 use super::channels;
-use super::reader::{LogError, LogReader, fault};
+use super::errors::LogError;
+use super::reader::{LogReader, fault};
 use super::recover::{Copy, hole_before};
 
 /// One of the logs that were in the file.

@@ -7,7 +7,8 @@
 use std::path::{Path, PathBuf};
 
 use super::channels;
-use super::reader::{LogError, LogReader, fault};
+use super::errors::LogError;
+use super::reader::{LogReader, fault};
 use super::recover::{Copy, hole_before};
 
 /// What was cut out.
