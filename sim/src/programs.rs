@@ -111,7 +111,7 @@ fn val_angle_steps_give_the_drag_of_the_vehicle() {
 
 #[test]
 fn val_a_long_hover_gives_the_discharge_law() {
-    let options = Options { until_v: 6.6, ..Options::default() };
+    let options = Options { until_v: 6.5, ..Options::default() };
     let source = flown(Program::Thrust, &options, 13);
     if let Source::Log { flight, .. } = &source {
         for chunk in haltere::fit::columns::hover_means(flight, false).chunks(40) {
