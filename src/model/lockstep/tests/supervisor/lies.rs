@@ -5,6 +5,9 @@ use super::walls::position;
 use super::*;
 use crate::faults::LineId;
 use crate::line_noise::LineNoise;
+use crate::room::Room;
+use haltere_core::frames::Vec3;
+use haltere_core::survey::Survey;
 
 /// The fastest sinking with which it met the floor, m/s, and the highest it was, m, until it was disarmed.
 fn way_down(world: &mut Lockstep, ground: &mut Ground, limit_s: f64) -> (f64, f64) {
@@ -96,6 +99,42 @@ fn regress_an_accelerometer_that_reads_too_much_in_the_last_metre_ends_no_landin
         assert!(meets_mps < 2.0, "{scale:?} from {from_m:.2} m: {meets_mps:.2} m/s");
         assert_landed(&world, &ground.texts);
     });
+}
+
+/// Echoes near the floor: the estimate had the standing vehicle 1 m high, and rose while it was led onto the floor, which
+/// was taken for an accelerometer of another scale. The descent for that took it off again, blindly.
+#[test]
+fn regress_a_floor_that_is_met_among_echoes_is_no_accelerometer_of_another_scale() {
+    let met: usize = (1..13_u64)
+        .into_par_iter()
+        .filter(|seed| {
+            let room = Room { north_m: [0.0, 6.0], east_m: [0.0, 6.0], ceiling_m: 3.0 };
+            let survey = Survey::new(&room.corner_anchors()).unwrap();
+            let mut plant = PlantConfig { room, ..PlantConfig::new(survey.clone(), *seed) };
+            plant.start_E_m = Vec3::new(3.0, 3.0, 0.0);
+            let echoes = [("bias", 0.33), ("below", 0.75), ("anchor_height", 0.35)];
+            plant.effects = plant.effects.with("U6", &echoes).unwrap();
+            let pilot = pilot_config(&plant);
+            let (mut world, mut ground) = hovering(Lockstep::new(plant, pilot, &survey).unwrap());
+            let [n, e, _] = world.truth().pos_E_m.to_array();
+            ground.goto(&mut world, [n, e, -0.55]);
+            let end_us = world.t_us() + 6_000_000;
+            let mut met = false;
+            while world.t_us() < end_us {
+                world.step();
+                ground.listen(&mut world);
+                met |= world.truth().on_ground;
+            }
+            println!("seed {seed}: met the floor: {met}, {:?}", world.pilot().mode());
+            assert!(
+                !said(&mut world, &mut ground, "times the force"),
+                "{seed} {:#?}",
+                ground.texts
+            );
+            met
+        })
+        .count();
+    assert!(met > 3, "the floor was met in {met} of 12 flights");
 }
 
 /// What was true a second ago was taken for the present once the delay had lasted for 4 s, and led out of the room.
