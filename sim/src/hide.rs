@@ -1,6 +1,8 @@
 //! `haltere-sim hide`: hides an effect in a simulated vehicle, gives the logs alone to the diagnosis, and then tells what was
 //! hidden.
 
+mod story;
+
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
@@ -8,23 +10,25 @@ use anyhow::{Context, Result, anyhow, bail};
 use haltere::cli::{gap, print, print_json};
 use haltere::progress::{self, Progress};
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
-use haltere_gap::diagnosis::Diagnosis;
 use haltere_gap::library::standard;
 use haltere_gap::scene::Scene;
 use haltere_gap::{missions, seal};
 use haltere_model::Plant;
-use haltere_sim::hidden::{Hidden, SHARES};
+use haltere_sim::ending::Ending;
+use haltere_sim::hidden::{Hidden, NOT_SHOWN, SHARES};
 use haltere_sim::taped::record;
 use rayon::prelude::*;
 use serde_json::json;
+
+use story::{Mark, REMARK};
 
 /// Good flights of each of the two missions: the diagnosis asks for eight.
 const GOOD: u64 = 10;
 /// Bad flights that the fit does not see: three make an interval.
 const HELD_OUT: u64 = 3;
-/// The page's word on what this shows.
-const REMARK: &str = "what is wrong here was hidden by the simulator's own laws, which the diagnosis knows: a real vehicle's are \
-                      others (docs/GAP_SCORES.md has what is reached where they are)";
+/// How often what is hidden is halved for a vehicle that does not come to the end of its missions: an eighth of the
+/// mildest effects is nothing any more.
+const HALVINGS: usize = 3;
 /// What is done before the diagnosis, and what that does, with its usual length on two cores by the small bank, s.
 const STAGES: [(&str, f64); 7] = [
     ("flights", 8.0),
@@ -39,7 +43,7 @@ const STAGES: [(&str, f64); 7] = [
 /// `haltere-sim hide`
 #[derive(Debug, clap::Args)]
 pub struct Options {
-    /// Hides this effect, or `none`; without it one of the library, drawn by the seed.
+    /// Hides this effect, or `none`; without it one of those that the flight shows, and more than just detectable.
     #[arg(long, value_name = "ID")]
     effect: Option<String>,
     /// Seed of effect, strength, place and flights; without it another one each time.
@@ -57,8 +61,8 @@ pub struct Options {
     /// Prints the effects and how strong they are hidden, and hides none.
     #[arg(long)]
     list: bool,
-    /// Hides every effect of the library in turn, one bad flight each, and counts the right verdicts: those that the
-    /// same seed gives with `--effect ID`.
+    /// Hides every effect of the library in turn and judges one bad flight of each: the verdicts that the same seed gives
+    /// with `--effect ID`, before other flights are held against them.
     #[arg(long, conflicts_with = "effect")]
     all: bool,
     /// Prints the result as JSON.
@@ -99,6 +103,10 @@ pub fn run(options: &Options) -> Result<bool> {
     };
     progress::stages(&STAGES);
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
+    let (bad, good) = plan(options, seed, "bad");
+    fly_all(&scene, &Hidden::none(), &good)?;
+    let flown = fly_hidden(&scene, hidden, &bad)?;
+    let hidden = &flown.hidden;
     let envelope = options.out.join("envelope.json");
     let key = json!({ "id": hidden.id(), "parameters": hidden.values(), "seed": seed });
     let text = serde_json::to_string_pretty(&key)? + "\n";
@@ -108,27 +116,19 @@ pub fn run(options: &Options) -> Result<bool> {
         envelope.display(),
         &seal::digest(text.as_bytes())[..16]
     );
-    let flights = plan(options, seed);
-    fly_all(&scene, &hidden, &flights)?;
     let report = options.out.join("report.html");
-    let diagnosis = gap::diagnose(arguments(options, flights.iter(), Some(&report)))?;
-    let ids: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.id.as_str()).collect();
-    let right = is_right(&hidden, &diagnosis);
+    let flights = flown.to_judge.iter().copied().chain(&good);
+    let diagnosis = gap::diagnose(arguments(options, flights, Some(&report)))?;
+    let took_s = began.elapsed().as_secs_f64();
     if options.json {
-        let result = json!({
-            "hidden": { "id": hidden.id(), "parameters": hidden.values() },
-            "said": { "outcome": diagnosis.outcome, "ids": ids },
-            "right": right,
-            "shrink": diagnosis.shrink.as_ref().and_then(|shrink| shrink.value),
-            "took_s": (began.elapsed().as_secs_f64() * 10.0).round() / 10.0,
-            "report": report,
-            "seed": seed,
-        });
+        let mut result = story::result(hidden, &flown.early, &diagnosis);
+        result["took_s"] = json!((took_s * 10.0).round() / 10.0);
+        result["report"] = json!(report);
+        result["seed"] = json!(seed);
         print_json(&result)?;
     } else {
-        print(&story(&hidden, &diagnosis, right))?;
+        print(&story::story(hidden, &flown.early, &diagnosis))?;
         print(&format!("PAGE    {}\n", report.display()))?;
-        let took_s = began.elapsed().as_secs_f64();
         print(&format!("TOOK    {took_s:.0} s by the {} bank\n", options.size))?;
         if options.size == "small" {
             print(&format!(
@@ -141,47 +141,44 @@ pub fn run(options: &Options) -> Result<bool> {
     Ok(true)
 }
 
-/// The effect that was hidden stands first, or nothing was hidden and nothing found.
-fn is_right(hidden: &Hidden, diagnosis: &Diagnosis) -> bool {
-    match hidden.spec {
-        None => diagnosis.outcome == "no_gap",
-        Some(spec) => diagnosis.effects.first().is_some_and(|first| first.id == spec.id),
-    }
-}
-
-/// Every effect of the library in turn, a line each, and how many were right.
+/// Every effect of the library in turn, a line each, and how often each word.
 fn run_all(options: &Options, scene: &Scene, seed: u64) -> Result<bool> {
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
-    let flights = plan(options, seed);
-    let (bad, good): (Vec<_>, Vec<_>) =
-        flights.into_iter().filter(|flight| !flight.held_out).partition(|flight| flight.bad);
-    let bad = bad.first().context("no flight")?;
+    let (_, good) = plan(options, seed, "bad");
     fly_all(scene, &Hidden::none(), &good)?;
-    let items = missions::diagnostic(scene);
-    let (mut rows, mut count) = (Vec::new(), 0);
+    let good: Vec<_> = good.iter().filter(|flight| !flight.held_out).collect();
+    let (mut rows, mut marks, mut weaker) = (Vec::new(), Vec::new(), 0);
     for (id, _) in SHARES {
         let hidden = Hidden::draw(Some(id), seed, scene).context("no such effect")?;
-        let path = options.out.join(format!("bad-{id}.mcap"));
-        let flight = Flight { path, ..*bad };
-        fly_one(scene, &hidden, &flight, &items)?;
-        let flights = good.iter().chain([&flight]);
-        let diagnosis = gap::diagnose(arguments(options, flights, None))?;
-        let ids: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.id.as_str()).collect();
-        let right = is_right(&hidden, &diagnosis);
-        count += usize::from(right);
+        let (bad, _) = plan(options, seed, &format!("bad-{id}"));
+        let flown = fly_hidden(scene, hidden, &bad)?;
+        let judged = bad.iter().take(1).chain(good.iter().copied());
+        let diagnosis = gap::diagnose(arguments(options, judged, None))?;
+        let mark = Mark::of(&flown.hidden, &diagnosis);
+        marks.push(mark);
+        weaker += usize::from(flown.hidden.halvings > 0);
         if options.json {
-            rows.push(json!({ "hidden": id, "said": { "outcome": diagnosis.outcome, "ids": ids }, "right": right }));
+            rows.push(story::result(&flown.hidden, &flown.early, &diagnosis));
         } else {
-            let word = if right { "right" } else { "wrong" };
-            println!("{id:<5}{word:<7}{}", diagnosis.verdict);
+            let halved = "/2".repeat(flown.hidden.halvings);
+            let strength = format!("{}{halved}", flown.hidden.strength);
+            println!("{id:<5}{:<13}{strength:<20}{}", mark.word(), diagnosis.verdict);
         }
     }
+    let count = |mark: Mark| marks.iter().filter(|m| **m == mark).count();
     if options.json {
-        let result = json!({ "seed": seed, "right": count, "of": SHARES.len(), "effects": rows });
+        let result = json!({
+            "seed": seed,
+            "right": count(Mark::Right),
+            "of": SHARES.len(),
+            "halved": weaker,
+            "effects": rows,
+        });
         println!("{}", serde_json::to_string_pretty(&result)?);
     } else {
+        let counted = Mark::ALL.map(|mark| format!("{} {}", mark.word(), count(mark))).join(", ");
         println!(
-            "right: {count} of {} with seed {seed} by the {} bank",
+            "of {} with seed {seed} by the {} bank: {counted}; {weaker} were halved for flights that ended early",
             SHARES.len(),
             options.size
         );
@@ -199,7 +196,8 @@ fn any_seed() -> u64 {
     u64::from(now.subsec_nanos()) % 100_000
 }
 
-fn plan(options: &Options, seed: u64) -> Vec<Flight> {
+/// Flights of the vehicle with the effect, the one to be diagnosed first, and of the healthy one.
+fn plan(options: &Options, seed: u64, name: &str) -> (Vec<Flight>, Vec<Flight>) {
     let one = |name: String, number: u64, bad, held_out| Flight {
         path: options.out.join(format!("{name}.mcap")),
         seed: seed.wrapping_mul(1000).wrapping_add(number),
@@ -212,9 +210,46 @@ fn plan(options: &Options, seed: u64) -> Vec<Flight> {
             one(format!("good-held-out-{n:02}"), 100 + n, false, true),
         ]
     });
-    let bad = std::iter::once(one("bad".into(), 200, true, false));
-    let held_out = (1..=HELD_OUT).map(|n| one(format!("bad-held-out-{n}"), 300 + n, true, true));
-    bad.chain(held_out).chain(good).collect()
+    let bad = std::iter::once(one(name.to_owned(), 200, true, false));
+    let held_out = (1..=HELD_OUT).map(|n| one(format!("{name}-held-out-{n}"), 300 + n, true, true));
+    (bad.chain(held_out).collect(), good.collect())
+}
+
+/// What was hidden in the end, and in which flights.
+struct Flown<'a> {
+    hidden: Hidden,
+    /// What was done about flights that ended early.
+    early: Vec<String>,
+    /// The one to be diagnosed, and those of the others that can be held against it.
+    to_judge: Vec<&'a Flight>,
+}
+
+/// Flies the vehicle with what is hidden, and with half of it where a flight does not come to the end of its mission: a
+/// flight that ends early shows little, and most effects look alike in it.
+fn fly_hidden<'a>(scene: &Scene, mut hidden: Hidden, flights: &'a [Flight]) -> Result<Flown<'a>> {
+    let mut early = Vec::new();
+    loop {
+        fly_all(scene, &hidden, flights)?;
+        let read = |flight: &Flight| {
+            Ending::of(&flight.path).with_context(|| flight.path.display().to_string())
+        };
+        let endings = flights.par_iter().map(read).collect::<Result<Vec<_>>>()?;
+        let first = flights.iter().zip(&endings).find_map(|(f, e)| Some((f, e.early.as_ref()?)));
+        let last = hidden.spec.is_none() || hidden.halvings == HALVINGS;
+        if let Some((flight, words)) = first {
+            let then = if last { "judged as it is" } else { "flown again with half of it" };
+            let line = format!("{}: {words}: {then}", flight.path.display());
+            eprintln!("{line}");
+            early.push(line);
+            if !last {
+                hidden = hidden.halved();
+                continue;
+            }
+        }
+        let usable = |(k, ending): &(usize, &Ending)| *k == 0 || ending.refused.is_none();
+        let to_judge = endings.iter().enumerate().filter(usable).map(|(k, _)| &flights[k]);
+        return Ok(Flown { hidden, early, to_judge: to_judge.collect() });
+    }
 }
 
 fn fly_all(scene: &Scene, hidden: &Hidden, flights: &[Flight]) -> Result<()> {
@@ -223,9 +258,7 @@ fn fly_all(scene: &Scene, hidden: &Hidden, flights: &[Flight]) -> Result<()> {
     let done = std::sync::atomic::AtomicUsize::new(0);
     flights.par_iter().try_for_each(|flight| {
         let items = &missions[usize::from(flight.held_out)];
-        let nothing = Hidden::none();
-        let within = if flight.bad { hidden } else { &nothing };
-        fly_one(scene, within, flight, items).with_context(|| flight.path.display().to_string())?;
+        fly_one(scene, hidden, flight, items).with_context(|| flight.path.display().to_string())?;
         let now = 1 + done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         progress.at(now, flights.len());
         Ok(())
@@ -274,43 +307,6 @@ fn arguments<'a>(
     args
 }
 
-fn story(hidden: &Hidden, diagnosis: &Diagnosis, right: bool) -> String {
-    use std::fmt::Write;
-    let mut out = String::new();
-    let what = match hidden.spec {
-        None => "nothing: the vehicle is healthy".to_owned(),
-        Some(spec) => {
-            let numbers: Vec<_> = hidden
-                .values()
-                .iter()
-                .map(|v| format!("{} {:.3} {}", v.name, v.value, v.unit).trim_end().to_owned())
-                .collect();
-            format!("{} {} ({}): {}", spec.id, spec.name, hidden.strength, numbers.join(", "))
-        }
-    };
-    let _ = writeln!(out, "SAID    {}", diagnosis.verdict);
-    let _ = writeln!(out, "HIDDEN  {what}");
-    let among = diagnosis.effects.iter().any(|effect| effect.id == hidden.id());
-    let word = match (right, among) {
-        (true, _) => "right",
-        (false, true) => "named, but not first",
-        (false, false) => "wrong",
-    };
-    let _ = writeln!(out, "        {word}");
-    if let Some(shrink) = &diagnosis.shrink {
-        let closed = shrink.value.map_or("there was nothing to shrink".to_owned(), |value| {
-            format!("{:.0} % of the gap is gone", 100.0 * value)
-        });
-        let _ = writeln!(
-            out,
-            "SHRINK  {closed} on {HELD_OUT} flights that the diagnosis had not seen: distance {:.2}, with the effect \
-             added {:.2}, of healthy flights {:.2}",
-            shrink.before, shrink.after, shrink.floor
-        );
-    }
-    out
-}
-
 /// The library, and how strong its effects are hidden.
 fn list() -> String {
     use std::fmt::Write;
@@ -321,7 +317,12 @@ fn list() -> String {
         SHARES.iter().filter_map(|row| Some((standard().into_iter().find(|s| s.id == row.0)?, row)))
     {
         let [low, middle, high] = shares;
-        let _ = writeln!(out, "{id:<5} {:<36}{low:.2} {middle:.2} {high:.2}", spec.name);
+        let why = if NOT_SHOWN.contains(id) {
+            "   not by chance: the flight does not show it"
+        } else {
+            ""
+        };
+        let _ = writeln!(out, "{id:<5} {:<36}{low:.2} {middle:.2} {high:.2}{why}", spec.name);
     }
     out += "Parameters and their plausible ranges: docs/EFFECTS.md, or `haltere-sim effects`.\n";
     out
@@ -356,9 +357,9 @@ mod tests {
     fn prop_the_diagnosis_is_asked_as_a_person_would_ask_it_and_sees_no_envelope() {
         let folder = tempfile::tempdir().unwrap();
         let options = options(folder.path(), None);
-        let flights = plan(&options, 1);
+        let (bad, good) = plan(&options, 1, "bad");
         let page = folder.path().join("report.html");
-        let args = arguments(&options, flights.iter(), Some(&page));
+        let args = arguments(&options, bad.iter().chain(&good), Some(&page));
         assert!(args.iter().all(|arg| !arg.to_string_lossy().contains("envelope")), "{args:?}");
         // Its options are understood: what is missing is the flight.
         let refused = gap::diagnose(args).unwrap_err().to_string();

@@ -17,6 +17,7 @@
 //! ```
 
 pub mod compare;
+pub mod ending;
 pub mod hidden;
 pub mod paper;
 pub mod paths;

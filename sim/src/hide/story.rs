@@ -1,0 +1,140 @@
+//! What was hidden beside what was said, for people and scripts.
+
+use std::fmt::Write;
+
+use haltere_gap::diagnosis::{Diagnosis, ShrinkResult};
+use haltere_sim::hidden::Hidden;
+use serde_json::{Value, json};
+
+/// The page's word on what this shows.
+pub const REMARK: &str = "what is wrong here was hidden by the simulator's own laws, which the diagnosis knows: a real vehicle's are \
+                          others (docs/GAP_SCORES.md has what is reached where they are)";
+/// Candidates among which the right one is worth something.
+const FEW: usize = 3;
+/// What is left of an effect after so many halvings.
+const LEFT: [&str; 4] = ["all of it", "a half of it", "a quarter of it", "an eighth of it"];
+
+/// What came of a diagnosis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mark {
+    /// What was hidden stands first, or nothing was hidden and nothing found.
+    Right,
+    /// It is one of the first three candidates.
+    AmongThree,
+    /// It is not.
+    Wrong,
+    /// No gap was found.
+    NotSeen,
+    /// The flight could not be judged.
+    NotJudged,
+}
+
+impl Mark {
+    /// All, in the order in which they are counted.
+    pub const ALL: [Self; 5] =
+        [Self::Right, Self::AmongThree, Self::Wrong, Self::NotSeen, Self::NotJudged];
+
+    /// Of this diagnosis.
+    pub fn of(hidden: &Hidden, diagnosis: &Diagnosis) -> Self {
+        let first = diagnosis.effects.first().is_some_and(|effect| effect.id == hidden.id());
+        match (diagnosis.outcome, hidden.spec) {
+            ("no_gap", None) => Self::Right,
+            ("no_gap", Some(_)) => Self::NotSeen,
+            ("log_fault" | "not_testable", _) => Self::NotJudged,
+            _ if first => Self::Right,
+            _ if rank(hidden, diagnosis).is_some_and(|rank| rank <= FEW) => Self::AmongThree,
+            _ => Self::Wrong,
+        }
+    }
+
+    /// For people and scripts.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Right => "right",
+            Self::AmongThree => "among three",
+            Self::Wrong => "wrong",
+            Self::NotSeen => "not seen",
+            Self::NotJudged => "not judged",
+        }
+    }
+}
+
+/// Place of what was hidden among the candidates, from 1; `None`: there are none, or it is not one of them.
+pub fn rank(hidden: &Hidden, diagnosis: &Diagnosis) -> Option<usize> {
+    let candidates = &diagnosis.attribution.as_ref()?.candidates;
+    candidates.iter().position(|candidate| candidate.id == hidden.id()).map(|place| place + 1)
+}
+
+/// The end of the story. `early`: what was done about flights that ended early.
+pub fn story(hidden: &Hidden, early: &[String], diagnosis: &Diagnosis) -> String {
+    let mut out = String::new();
+    let _ = writeln!(out, "HIDDEN  {}", what(hidden));
+    for line in early {
+        let _ = writeln!(out, "        {line}");
+    }
+    let _ = writeln!(out, "SAID    {}", diagnosis.verdict);
+    let remarks = diagnosis.remarks.iter().filter(|remark| *remark != REMARK);
+    for remark in diagnosis.faults.iter().chain(remarks) {
+        let _ = writeln!(out, "        {remark}");
+    }
+    let place = rank(hidden, diagnosis).map_or(String::new(), |rank| {
+        let of = diagnosis.attribution.as_ref().map_or(0, |all| all.candidates.len());
+        format!(", {} is candidate {rank} of {of}", hidden.id())
+    });
+    let _ = writeln!(out, "RESULT  {}{place}", Mark::of(hidden, diagnosis).word());
+    if diagnosis.not_testable.iter().any(|id| id == hidden.id()) {
+        let _ =
+            writeln!(out, "        what {} does to this flight is lost in its noise", hidden.id());
+    }
+    let _ = writeln!(
+        out,
+        "SHRINK  {}",
+        diagnosis.shrink.as_ref().map_or(
+            "not measured: no effect was named, or no other flight came to its end".to_owned(),
+            closed,
+        )
+    );
+    out
+}
+
+fn what(hidden: &Hidden) -> String {
+    let Some(spec) = hidden.spec else {
+        return "nothing: the vehicle is healthy".to_owned();
+    };
+    let left = match hidden.halvings {
+        0 => String::new(),
+        n => format!(", of which {} was left", LEFT[n.min(LEFT.len() - 1)]),
+    };
+    let numbers: Vec<_> = hidden
+        .values()
+        .iter()
+        .map(|v| format!("{} {:.3} {}", v.name, v.value, v.unit).trim_end().to_owned())
+        .collect();
+    format!("{} {} ({}{left}): {}", spec.id, spec.name, hidden.strength, numbers.join(", "))
+}
+
+fn closed(shrink: &ShrinkResult) -> String {
+    let closed = shrink.value.map_or("there was nothing to shrink".to_owned(), |value| {
+        format!("{:.0} % of the gap is gone", 100.0 * value)
+    });
+    format!(
+        "{closed} on flights that the diagnosis had not seen: distance {:.2}, with the effect added {:.2}, of healthy \
+         flights {:.2}",
+        shrink.before, shrink.after, shrink.floor
+    )
+}
+
+/// The same for scripts.
+pub fn result(hidden: &Hidden, early: &[String], diagnosis: &Diagnosis) -> Value {
+    let ids: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.id.as_str()).collect();
+    let mark = Mark::of(hidden, diagnosis);
+    json!({
+        "hidden": { "id": hidden.id(), "parameters": hidden.values(), "halvings": hidden.halvings },
+        "said": { "outcome": diagnosis.outcome, "ids": ids },
+        "right": mark == Mark::Right,
+        "mark": mark.word(),
+        "rank": rank(hidden, diagnosis),
+        "early": early,
+        "shrink": diagnosis.shrink.as_ref().and_then(|shrink| shrink.value),
+    })
+}
