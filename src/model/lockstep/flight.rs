@@ -99,22 +99,25 @@ pub fn start<W: World>(
         other => return Err(refused("mission", format!("{other:?}"), ground)),
     }
     let arm = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let asked_us = world.t_us();
     loop {
         match ground.command(world, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, arm) {
             Some(MavResult::MAV_RESULT_ACCEPTED) => break,
             // Not ready yet: alignment takes its time.
-            Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED) if world.t_us() < ALIGN_US => {
+            Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED)
+                if world.t_us() < asked_us + ALIGN_US =>
+            {
                 world.run_until(world.t_us() + 500_000);
             }
             Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED) => {
                 ground.listen(world);
                 return Err(FlightError::NotAligned {
-                    seconds: world.t_us() / 1_000_000,
+                    seconds: (world.t_us() - asked_us) / 1_000_000,
                     texts: ground.texts.clone(),
                 });
             }
             // The board is asked and takes its time, as one that settles after its boot does.
-            None | Some(MavResult::MAV_RESULT_FAILED) if world.t_us() < ARM_US => {
+            None | Some(MavResult::MAV_RESULT_FAILED) if world.t_us() < asked_us + ARM_US => {
                 world.run_until(world.t_us() + 500_000);
             }
             other => return Err(refused("arming", format!("{other:?}"), ground)),
