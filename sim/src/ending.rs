@@ -8,7 +8,7 @@ use haltere_log::replay::ReplayError;
 
 /// Texts of a control step belong to a change of the mode, s.
 const STEP_S: f64 = 0.01;
-/// MAVLink severity from which on a text is news to nobody but the curious.
+/// `MAV_SEVERITY_NOTICE` of MAVLink: whatever is graver has a smaller number, what is said in passing a larger one.
 const NOTICE: u8 = 5;
 
 /// The end of a flight.

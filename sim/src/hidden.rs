@@ -56,8 +56,9 @@ pub const SHARES: [(&str, [f64; 3]); 42] = [
     ("H1", [0.354, 0.707, 1.0]),
 ];
 
-/// What the diagnostic flight in the laboratory does not show, by the word of the diagnosis (NOT TESTABLE, small bank): hidden
-/// where it is asked for, but not by chance.
+/// What the diagnostic flight in the laboratory does not show, by the word of the diagnosis: `not_testable` of `haltere gap
+/// diagnose --size small --json`, the same on each of twelve flights of other effects. Hidden where it is asked for, but not by
+/// chance.
 pub const NOT_SHOWN: [&str; 7] = ["A8", "A9", "A10", "P5", "M1", "M3", "U3"];
 
 /// Words for the three.

@@ -26,8 +26,8 @@ use story::{Mark, REMARK};
 const GOOD: u64 = 10;
 /// Bad flights that the fit does not see: three make an interval.
 const HELD_OUT: u64 = 3;
-/// How often what is hidden is halved for a vehicle that does not come to the end of its missions: an eighth of the
-/// mildest effects is nothing any more.
+/// How often what is hidden is halved for a vehicle that does not come to the end of its missions: an eighth even
+/// of a strong one is half of what can just be detected (`SHARES`).
 const HALVINGS: usize = 3;
 /// What is done before the diagnosis, and what that does, with its usual length on two cores by the small bank, s.
 const STAGES: [(&str, f64); 7] = [
@@ -162,7 +162,7 @@ fn run_all(options: &Options, scene: &Scene, seed: u64) -> Result<bool> {
         } else {
             let halved = "/2".repeat(flown.hidden.halvings);
             let strength = format!("{}{halved}", flown.hidden.strength);
-            println!("{id:<5}{:<13}{strength:<20}{}", mark.word(), diagnosis.verdict);
+            println!("{id:<5}{:<13}{strength:<23}{}", mark.word(), diagnosis.verdict);
         }
     }
     let count = |mark: Mark| marks.iter().filter(|m| **m == mark).count();

@@ -11,8 +11,6 @@ pub const REMARK: &str = "what is wrong here was hidden by the simulator's own l
                           others (docs/GAP_SCORES.md has what is reached where they are)";
 /// Candidates among which the right one is worth something.
 const FEW: usize = 3;
-/// What is left of an effect after so many halvings.
-const LEFT: [&str; 4] = ["all of it", "a half of it", "a quarter of it", "an eighth of it"];
 
 /// What came of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -103,7 +101,7 @@ fn what(hidden: &Hidden) -> String {
     };
     let left = match hidden.halvings {
         0 => String::new(),
-        n => format!(", of which {} was left", LEFT[n.min(LEFT.len() - 1)]),
+        n => format!(", 1/{} of that", 1_u32 << n),
     };
     let numbers: Vec<_> = hidden
         .values()

@@ -13,6 +13,15 @@
 //! it was learned. Where the board is known to obey late, e is also formed with the thrust of 0.15 s before, and the
 //! larger one counts: a loop that swings over a late board reads no more than it sent.
 //!
+//! **Where the floor may be.** Below a height the floor may carry, and a reading counts only beyond what a touch-down makes
+//! of it, 1.3 g. Where the estimate had the standing vehicle high up, it does not know the floor, and the vehicle does not slow
+//! down for it: all of its sinking may end at once there. Low-passed like f, that is
+//!
+//! ```text
+//! f ≤ g + w / T_f                   T_f time constant of the low-pass, s
+//! ```
+//! at most, and only more than that counts; w is that of the fall which the thrust allows, since the estimate is what is in doubt.
+//!
 //! Only a sensor that reads too much is looked for: nothing in the air carries so much more than the thrust, while less
 //! lift than was sent is what damage makes as well (`lift_differs`).
 //!
@@ -158,7 +167,7 @@ impl Scale {
         let known = self.usual.filter(|_| free || self.free_s > 0.0);
         // What a weak pack or worn wings carry less is no reason to call a full thrust too much.
         self.ratio = ratio / known.unwrap_or(1.0).max(1.0);
-        // All of the sinking that the thrust allows may end in one low-pass.
+        // A floor that nobody knows may end all of the sinking at once (*Where the floor may be*).
         let met_mps2 = if floor_unknown { G_MPS2 + at_once.sink_mps / FILTER_S } else { 0.0 };
         self.wrong = self.ratio > most_ratio && (free || force_mps2 > CARRIED_MPS2.max(met_mps2));
         self.learn(ratio.clamp(USUAL[0], USUAL[1]), free, dt_s);
