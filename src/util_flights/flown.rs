@@ -39,9 +39,9 @@ impl Flown {
         Self::read(Sources { vehicle: Some(quadrotor()), ..Sources::default() })
     }
 
-    /// The same with the errors of the UWB learned by anchor.
-    pub fn learned() -> Result<Self, Problems> {
-        let overrides = vec!["control.learned_uwb_errors=true".into()];
+    /// The same with nine states alone, which learn no errors of the UWB.
+    pub fn nine_states() -> Result<Self, Problems> {
+        let overrides = vec!["control.learned_uwb_errors=false".into()];
         Self::read(Sources { vehicle: Some(quadrotor()), overrides, ..Sources::default() })
     }
 

@@ -216,7 +216,7 @@ mod tests {
     }
 
     fn flown() -> EstimatorConfig {
-        Flown::learned().unwrap().estimator
+        Flown::by_default().unwrap().estimator
     }
 
     /// Errors of the UWB learned by anchor, on recorded flights of others: whole flights below the plain filter of the recordings'

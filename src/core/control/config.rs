@@ -57,9 +57,10 @@ pub struct ControlConfig {
     /// UWB noise that depends on height: set to switch it alone, whatever the version.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub variable_uwb_noise: Option<bool>,
-    /// Errors of the UWB learned by anchor in flight: one set for all rooms. What `[estimator]` says of them otherwise than
-    /// by default stays. Off in both versions.
-    pub learned_uwb_errors: bool,
+    /// Errors of the UWB learned by anchor in flight, one set for all rooms: set to switch it alone, whatever the version.
+    /// What `[estimator]` says of them otherwise than by default stays.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub learned_uwb_errors: Option<bool>,
     /// How fast an output fades from its old value to the law's after a switch of a command axis
     /// between position and velocity, and after a handover: time constant. s
     pub switch_fade_s: f64,
@@ -175,7 +176,7 @@ impl Default for ControlConfig {
             tilt_compensation: None,
             filter_drag: None,
             variable_uwb_noise: None,
-            learned_uwb_errors: false,
+            learned_uwb_errors: None,
             // One time constant of the closed velocity loop.
             switch_fade_s: 0.3,
             limits: LimitsConfig::default(),
@@ -203,7 +204,7 @@ impl ControlConfig {
             }),
             filter_drag: self.filter_drag.unwrap_or(on),
             variable_uwb_noise: self.variable_uwb_noise.unwrap_or(on),
-            learned_uwb_errors: self.learned_uwb_errors,
+            learned_uwb_errors: self.learned_uwb_errors.unwrap_or(on),
         }
     }
 

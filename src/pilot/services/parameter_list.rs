@@ -278,7 +278,7 @@ pub static COMMON: &[Parameter] = &[
     },
     overriding!("CTL_FLT_DRAG", control.filter_drag, Restart, "Drag term in the filter's prediction."),
     overriding!("CTL_VAR_UWB", control.variable_uwb_noise, Restart, "UWB noise that depends on height."),
-    switch!("CTL_LEARN_UWB", control.learned_uwb_errors, Restart, "Errors of the UWB learned by anchor in flight."),
+    overriding!("CTL_LEARN_UWB", control.learned_uwb_errors, Restart, "Errors of the UWB learned by anchor in flight."),
     number!("CTL_FADE_T", control.switch_fade_s, AtOnce, 0.0, 5.0, "s", "How fast an output fades to the law's own after a switch: time constant."),
     number!("CLM_HOR_SPD", control.limits.horizontal_mps, AtOnce, 0.1, 4.0, "m/s", "Horizontal speed setpoint, as a vector."),
     number!("CLM_VER_SPD", control.limits.vertical_mps, AtOnce, 0.1, 3.0, "m/s", "Vertical speed setpoint, up and down."),

@@ -49,12 +49,12 @@ impl Recorded {
     /// Runs the study and prints it.
     pub fn run(&self) -> anyhow::Result<ExitCode> {
         let flights = load_all(&self.dir)?;
-        let learned = Flown::learned()?.estimator;
+        let flown = Flown::by_default()?.estimator;
         let progress = Progress::new("flights");
         let tell = |done: usize, of: usize, what: &str| progress.doing(done, of, what);
         let mut table = String::new();
         if let Some(path) = &self.document {
-            let page = document(&flights, &learned, tell);
+            let page = document(&flights, &flown, tell);
             haltere_log::written::write::<&std::path::Path>(path, page, &[])?;
             eprintln!("wrote {}", path.display());
         } else if self.leave_one_out {
@@ -66,13 +66,13 @@ impl Recorded {
                     flights.len()
                 );
             }
-            let left_out = leave_one_out(&flights, &learned, tell);
+            let left_out = leave_one_out(&flights, &flown, tell);
             if self.json {
                 print_json(&left_out)?;
             }
-            print_left_out(&mut table, &left_out, &learned)?;
+            print_left_out(&mut table, &left_out, &flown)?;
         } else if self.ingredients {
-            let rows = ingredients(&flights, &learned, tell);
+            let rows = ingredients(&flights, &flown, tell);
             if self.json {
                 print_json(&rows)?;
             }
@@ -90,7 +90,7 @@ impl Recorded {
             let mut tell = tell;
             let mut rows = Vec::new();
             for kind in [with_imu, unaided].into_iter().filter(|kind| !kind.is_empty()) {
-                rows.push(integrity(&kind, &learned, &mut tell));
+                rows.push(integrity(&kind, &flown, &mut tell));
             }
             if self.json {
                 print_json(&rows)?;
@@ -100,7 +100,7 @@ impl Recorded {
                 table.push('\n');
             }
         } else {
-            let starts = cold_starts(&flights, &learned, tell);
+            let starts = cold_starts(&flights, &flown, tell);
             if self.json {
                 print_json(&starts)?;
             }

@@ -227,7 +227,7 @@ mod tests {
         };
         let mut flights = load_all(&dir.join("full")).unwrap();
         flights.retain(|f| f.name.starts_with("jun05") || f.name.starts_with("apr26-traj02"));
-        let starts = cold_starts(&flights, &Flown::learned().unwrap().estimator, |_, _, _| {});
+        let starts = cold_starts(&flights, &Flown::by_default().unwrap().estimator, |_, _, _| {});
         let known: Vec<(f64, f64)> = starts
             .iter()
             .filter_map(|s| Some((s.heading_error_deg?.abs(), s.heading_std_deg?)))

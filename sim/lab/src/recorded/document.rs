@@ -119,11 +119,10 @@ fn more(
 fn what_flew(flown: &EstimatorConfig) -> String {
     let (bias, quality, gate) = (&flown.anchor_bias, &flown.quality, &flown.gate);
     format!(
-        "## What flew\n\n`control.learned_uwb_errors = true` on the defaults of `config/haltere.toml`, with the numbers of \
-         the recorded quadrotor (`src/util_flights/quadrotor.toml`) and, without IMU, `motion = \"unaided\"`. One set of \
-         parameters for all flights. By default it is off, and the nine states fly: their row stands among the \
-         ingredients, and `haltere replay --util DIR` prints it; with `--set control.learned_uwb_errors=true` it prints \
-         this page's. Of the UWB:\n\n\
+        "## What flew\n\nThe configuration that flies when nobody configures anything (`config/haltere.toml`), with the \
+         numbers of the recorded quadrotor (`src/util_flights/quadrotor.toml`) and, without IMU, `motion = \"unaided\"`. \
+         One set of parameters for all flights; `haltere replay --util DIR` prints the same. The nine states alone, with \
+         `control.learned_uwb_errors = false`, stand among the ingredients. Of the UWB:\n\n\
          | key of `[estimator]` | value |\n|---|---|\n\
          | `std_uwb_m`, `uwb_correlation_s`, `uwb_noise` | {}, {}, {:?} |\n\
          | `anchor_bias`: `std_m`, `correlation_s`, `correlation_m`, `level_s`, `constant_std_m` | {}, {}, {}, {}, {} |\n\
@@ -288,11 +287,11 @@ mod tests {
     #[test]
     fn golden_the_page_is_of_the_set_that_is_shipped() {
         let page = include_str!("../../../../docs/ESTIMATOR.md");
-        let flown = haltere::util_flights::Flown::learned().unwrap().estimator;
+        let flown = haltere::util_flights::Flown::by_default().unwrap().estimator;
         let said = what_flew(&flown);
         assert!(
             page.contains(&said),
-            "docs/ESTIMATOR.md was measured with other settings than `control.learned_uwb_errors` has now: write it anew \
+            "docs/ESTIMATOR.md was measured with other settings than fly now: write it anew \
              (`haltere-lab recorded DIR --document docs/ESTIMATOR.md`); expected in it:\n{said}"
         );
     }

@@ -16,7 +16,7 @@ struct Variant {
 
 /// The whole first, then each ingredient taken out or exchanged, then the older filters.
 const VARIANTS: [Variant; 20] = [
-    Variant { name: "**learned errors**", change: |_| {} },
+    Variant { name: "**what flies**", change: |_| {} },
     Variant { name: "without wandering biases", change: |c| c.anchor_bias.std_m = 1e-4 },
     Variant { name: "without constant biases", change: |c| c.anchor_bias.constant_std_m = 0.0 },
     Variant { name: "without any biases", change: |c| c.anchor_bias.estimate = false },
@@ -49,17 +49,17 @@ const VARIANTS: [Variant; 20] = [
             c.std_uwb_m *= FLIGHT_LAMBDA.sqrt();
         },
     },
-    Variant { name: "what flies by default: nine states", change: |c| c.clone_from(&by_default()) },
+    Variant { name: "nine states alone", change: |c| c.clone_from(&nine_states()) },
     Variant { name: "nine states of the source", change: |c| *c = source(c) },
 ];
 
 /// λ of the source above 1 m, where these flights are.
 const FLIGHT_LAMBDA: f64 = 0.5;
 
-/// What flies when nobody configures anything.
-fn by_default() -> EstimatorConfig {
+/// The companion's filter without learned errors of the UWB.
+fn nine_states() -> EstimatorConfig {
     // The defaults are no configuration that could be refused.
-    Flown::by_default().map_or_else(|_| EstimatorConfig::default(), |flown| flown.estimator)
+    Flown::nine_states().map_or_else(|_| EstimatorConfig::default(), |flown| flown.estimator)
 }
 
 /// The source's filter as published, for the vehicle of this one.
@@ -83,10 +83,10 @@ pub struct Ingredients {
     pub reports: Vec<FlightReport>,
 }
 
-/// Runs all variants of the learned errors. `tell` is told how far it is: done, of how many, what.
+/// Runs all variants of what flies. `tell` is told how far it is: done, of how many, what.
 pub fn ingredients(
     flights: &[Flight],
-    learned: &EstimatorConfig,
+    flown: &EstimatorConfig,
     mut tell: impl FnMut(usize, usize, &str),
 ) -> Vec<Ingredients> {
     let mut out = Vec::new();
@@ -95,7 +95,7 @@ pub fn ingredients(
         let reports = std::thread::scope(|scope| {
             let running: Vec<_> = flights
                 .iter()
-                .map(|f| scope.spawn(move || run_changed(f, learned, variant)))
+                .map(|f| scope.spawn(move || run_changed(f, flown, variant)))
                 .collect();
             running.into_iter().filter_map(|r| r.join().ok()).collect()
         });
@@ -104,8 +104,8 @@ pub fn ingredients(
     out
 }
 
-fn run_changed(flight: &Flight, learned: &EstimatorConfig, variant: &Variant) -> FlightReport {
-    let mut config = learned.clone();
+fn run_changed(flight: &Flight, flown: &EstimatorConfig, variant: &Variant) -> FlightReport {
+    let mut config = flown.clone();
     (variant.change)(&mut config);
     run_flight(flight, &config)
 }

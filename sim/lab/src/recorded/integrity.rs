@@ -238,7 +238,7 @@ mod tests {
         };
         let flights = load_all(&dir.join("full")).unwrap();
         let flight = flights.iter().find(|f| f.name.starts_with("jun05")).unwrap();
-        let flown = Flown::learned().unwrap().estimator;
+        let flown = Flown::by_default().unwrap().estimator;
         let sound = fly(flight, &flown, Fault::None);
         assert!(sound.wrong.is_none() && sound.vain_s < 0.05 * sound.fine_s, "{sound:?}");
         // Without UWB nobody knows where it is, and health says so.

@@ -149,7 +149,6 @@ pub fn simulated(name: &str, plant: PlantConfig) -> anyhow::Result<Flight> {
     let survey = plant.survey.clone();
     let mut pilot = PilotConfig::default();
     pilot.flight.gear_height_m = plant.vehicle.body.gear_m;
-    pilot.control.learned_uwb_errors = true;
     pilot.estimator.rest_height_m = Some(plant.vehicle.body.gear_m);
     let mut world = Lockstep::new(plant, pilot, &survey)?;
     let mut events = Vec::new();
