@@ -78,6 +78,9 @@ const EXPECTED: [(&str, &[Block]); 13] = [
     ("H1", &[Block::InnerLoop]),
 ];
 
+/// Flights of each effect.
+const SEEN: u64 = 4;
+
 #[test]
 fn val_each_effect_moves_its_statistics() {
     let scene = Scene::lab().unwrap();
@@ -103,27 +106,41 @@ fn val_each_effect_moves_its_statistics() {
         // The zone of the list is made for a hall of 10 m; this room has 6.
         let values: &[(&str, f64)] =
             if *id == "U5" { &[("north", 4.5), ("east", 4.5)] } else { &[] };
-        let seen = fly(1000, EffectSet::nominal().with(id, values).unwrap());
-        let (z, worst) = seen
-            .statistics
+        let seen: Vec<Vec<f64>> = (1000..1000 + SEEN)
+            .map(|seed| fly(seed, EffectSet::nominal().with(id, values).unwrap()).statistics)
+            .collect();
+        // Of their mean, in standard errors: one flight alone shows a weak effect by luck, or not.
+        let z: Vec<f64> = scale
             .iter()
             .enumerate()
-            .map(|(i, x)| (((x - scale[i][0]) / scale[i][1]).abs(), i))
+            .map(|(i, [mean, sigma])| {
+                let off = seen.iter().map(|x| (x[i] - mean) / sigma).sum::<f64>();
+                off.abs() / (SEEN as f64).sqrt()
+            })
+            .collect();
+        let (worst, z_worst) = z
+            .iter()
+            .copied()
+            .enumerate()
             // Our own software works on the sum of all that lies upstream: its errors and trims tell
             // that something is wrong, not where.
-            .filter(|(z, i)| z.is_finite() && !specs()[*i].block.is_consequence())
-            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .filter(|(i, z)| z.is_finite() && !specs()[*i].block.is_consequence())
+            .max_by(|a, b| a.1.total_cmp(&b.1))
             .unwrap();
         let spec = &specs()[worst];
-        println!("{id}: {} by {z:.1}", spec.name);
+        println!("{id}: {} by {z_worst:.1}", spec.name);
         // Wherever it is loudest, its own block must show it.
         let own =
-            seen.statistics.iter().enumerate().filter(|(i, _)| specs()[*i].block == blocks[0]);
-        let own_z = own.map(|(i, x)| ((x - scale[i][0]) / scale[i][1]).abs());
-        let own_z = own_z.filter(|z| z.is_finite()).fold(0.0, f64::max);
+            z.iter().enumerate().filter(|(i, z)| specs()[*i].block == blocks[0] && z.is_finite());
+        let own_z = own.map(|(_, z)| *z).fold(0.0, f64::max);
         assert!(own_z > 6.0, "{id}: {own_z} in {:?}", blocks[0]);
-        assert!(z > 6.0, "{id}: {} by {z}", spec.name);
-        assert!(blocks.contains(&spec.block), "{id}: {} of {:?} by {z}", spec.name, spec.block);
+        assert!(z_worst > 6.0, "{id}: {} by {z_worst}", spec.name);
+        assert!(
+            blocks.contains(&spec.block),
+            "{id}: {} of {:?} by {z_worst}",
+            spec.name,
+            spec.block
+        );
     });
 }
 
@@ -166,8 +183,11 @@ fn val_a_bank_serves_flights_that_start_beside_it() {
         (1..=24_u64).into_par_iter().map(|seed| fly(seed, off_m)).collect()
     };
     let there = flights([0.0; 2]);
-    let (middle, sigma) = (crate::shrink::medians(&there), crate::shrink::scales(&there));
-    // Root mean square of a flight's statistics in sigma, as compressed as the whitening has them.
+    let middle = crate::shrink::medians(&there);
+    // What a diagnosis measures by: as resolved and, below, as compressed as the whitening has it.
+    let resolved = crate::shrink::scales(&there).into_iter().zip(specs());
+    let sigma: Vec<f64> = resolved.map(|(s, spec)| s.hypot(spec.resolution)).collect();
+    // Root mean square of a flight's statistics in sigma.
     let far = |row: &Vec<f64>| {
         let z = row.iter().zip(middle.iter().zip(&sigma)).map(|(v, (m, s))| (v - m) / s);
         let z: Vec<f64> = z.filter(|z| z.is_finite()).map(|z| z.clamp(-8.0, 8.0)).collect();

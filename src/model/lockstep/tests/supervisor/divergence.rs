@@ -23,13 +23,13 @@ fn prop_an_accelerometer_that_drifts_is_found_before_it_leads_out() {
         let start_us = world.t_us();
         let mut most_m: f64 = 0.0;
         while world.pilot().mode() != Mode::Descend {
-            assert!(world.t_us() - start_us < 9_000_000, "not found: {:?}", world.truth());
+            assert!(world.t_us() - start_us < 15_000_000, "not found: {:?}", world.truth());
             world.step();
             most_m = most_m.max(world.truth().height_m);
         }
         let took_s = (world.t_us() - start_us) as f64 * 1e-6;
         println!("seed {seed} landing {landing}: after {took_s:.1} s, {most_m:.2} m at most");
-        assert!(most_m < if landing { 3.5 } else { 2.2 }, "{most_m}");
+        assert!(most_m < if landing { 3.2 } else { 1.8 }, "{most_m}");
         assert_comes_down(&mut world, &mut ground, 40.0);
         assert_said(&mut world, &mut ground, "faster than the vertical velocity says");
     });

@@ -37,7 +37,7 @@ fn prop_a_vehicle_that_leans_too_far_comes_down_level() {
         let mode = world.pilot().mode();
         let wing = |gain| Fault::WingThrust { wing: Some(seed as usize % 2), gain };
         world.plant_mut().inject(wing(0.0)).unwrap();
-        fly_for(&mut world, 0.172);
+        fly_for(&mut world, 0.164);
         world.plant_mut().inject(wing(1.0)).unwrap();
         let most_deg = until_left(&mut world, mode, 2.0, tilt_deg);
         println!("seed {seed}: {most_deg:.0} deg, {:?}", world.pilot().mode());
