@@ -14,13 +14,19 @@
 //! larger one counts: a loop that swings over a late board reads no more than it sent.
 //!
 //! **Where the floor may be.** Below a height the floor may carry, and a reading counts only beyond what a touch-down makes
-//! of it, 1.3 g. Where the estimate had the standing vehicle high up, it does not know the floor, and the vehicle does not slow
-//! down for it: all of its sinking may end at once there. Low-passed like f, that is
+//! of it, 1.3 g. Where the estimate had the standing vehicle high up, or has it stay up while the thrust lets it fall, it does
+//! not know the floor, and the vehicle does not slow down for it: all of its sinking may end at once there. Low-passed like f,
+//! that is
 //!
 //! ```text
 //! f ≤ g + w / T_f                   T_f time constant of the low-pass, s
 //! ```
 //! at most, and only more than that counts; w is that of the fall which the thrust allows, since the estimate is what is in doubt.
+//! How far it fell unseen, v being the estimate's sinking speed:
+//!
+//! ```text
+//! du/dt = w − v − u / T_u,  u ≥ 0   T_u how long an estimate is led astray before the thrust tells no more, s
+//! ```
 //!
 //! Only a sensor that reads too much is looked for: nothing in the air carries so much more than the thrust, while less
 //! lift than was sent is what damage makes as well (`lift_differs`).
@@ -40,6 +46,9 @@ use haltere_core::time::HostTime;
 pub(super) const WINGS_S: f64 = 0.08;
 pub(super) const DRAG_PER_S: f64 = 0.8;
 const FILTER_S: f64 = 0.15;
+/// How long what it fell unseen is remembered, s: a thrust that is 3 % off what hovers makes 0.4 m/s of it in the end, and
+/// so 0.4 m; a low hover among echoes was led 0.7 m down in 1 s.
+const UNSEEN_S: f64 = 1.0;
 /// What is usual is averaged over this time, s, once the vehicle is in free air. It begins, with the weight of a second,
 /// with the least of the ratio, low-passed over wing beats, until then: a floor only adds to the force. Before the thrust that hovers is
 /// learned it may be off by as much as the bounds of that.
@@ -101,9 +110,11 @@ struct Step {
     force_mps2: f64,
     /// Thrust over the one that hovers.
     share: f64,
+    /// Sinking speed by the estimate, m/s.
+    sink_mps: f64,
     /// Nothing but air carries it.
     free: bool,
-    /// The estimate had it as high when it stood: where the floor is nobody knows, nor slows down for it.
+    /// The estimate has it above the floor all the same: where that is nobody knows, nor slows down for it.
     floor_unknown: bool,
     /// It leans little, and is not held down.
     level: bool,
@@ -133,6 +144,8 @@ pub(crate) struct Scale {
     lowest_m: Option<f64>,
     /// How high the estimate had the vehicle when it last stood, m.
     stood_m: f64,
+    /// How far the thrust let it fall that the estimate did not see, m.
+    unseen_m: f64,
     /// Specific force over the expected one, over the usual.
     pub ratio: f64,
     wrong: bool,
@@ -140,7 +153,8 @@ pub(crate) struct Scale {
 
 impl Scale {
     fn step(&mut self, step: Step, dt_s: f64) {
-        let Step { force_mps2, share, free, floor_unknown, level, late, most_ratio } = step;
+        let Step { force_mps2, share, sink_mps, free, floor_unknown, level, late, most_ratio } =
+            step;
         self.obeys_late |= late;
         if !force_mps2.is_finite() || !share.is_finite() {
             return;
@@ -156,6 +170,8 @@ impl Scale {
         let [at_once, later] = self.expected.get_or_insert([Expected::new(share); 2]);
         at_once.step(share, dt_s);
         later.step(late_share, dt_s);
+        let unseen_mps = at_once.sink_mps - sink_mps - self.unseen_m / UNSEEN_S;
+        self.unseen_m = (self.unseen_m + unseen_mps * dt_s).max(0.0);
         let most_mps2 = if self.obeys_late { later.force_mps2 } else { 0.0 };
         let expected_mps2 = at_once.force_mps2.max(most_mps2).max(LEAST_MPS2);
         self.leaned_s = if level { self.leaned_s - dt_s } else { AFTER_LEAN_S };
@@ -225,15 +241,17 @@ impl Pilot {
         if self.mode != Mode::Land {
             self.supervisor.scale.lowest_m = None;
         }
-        // Among echoes near the floor it stands on it at 1 m, and was led onto it at 0.9 m with 0.6 to 1 m/s.
+        // Among echoes near the floor it stands on it at 1 m, and was led onto it at 0.9 m with 0.6 to 1 m/s. Where the filter
+        // learned on the floor what they do there, it stands at 0 m, and the same happens from a low hover.
         let floor_m = if stood_m > CLEAR_M { stood_m } else { 0.0 };
-        let above_m = height_m - floor_m;
+        let above_m = height_m - floor_m - self.supervisor.scale.unseen_m;
         let level = self.board_attitude.map_or(1.0, |board| board.attitude.matrix()[(2, 2)]);
         let step = Step {
             force_mps2: -self.touch.acc_z_mps2,
             share,
+            sink_mps,
             free: clear && above_m > CLEAR_M && self.touch.ceiling_frac.is_none(),
-            floor_unknown: floor_m > 0.0 && above_m <= CLEAR_M,
+            floor_unknown: above_m <= CLEAR_M && (floor_m > 0.0 || height_m > CLEAR_M),
             // Held below what carries it meets the floor harder than any landing.
             level: level > LEVEL_COS && !self.touch.is_held_low(),
             late: self.board.response_lag_s().is_some_and(|lag_s| lag_s > PROMPT_S),
@@ -256,7 +274,8 @@ pub(super) const SCALE: Condition = Condition {
               later than 0.3 s, the thrust of 0.15 s before may explain it as well. Below 0.5 m \
               (in landings once it came below 0.8 m, in take-offs by the barometer), and while the floor is felt for, only from 1.3 g on: there the \
               floor may carry; so it may up to 0.5 m above the height that the estimate had when the vehicle stood, if \
-              that was more than 0.5 m, and there as much more as would stop the sinking that the thrust allows. Not \
+              that was more than 0.5 m, and as much higher as the thrust let it sink within a second that the estimate did not see. \
+              There only what is more than would stop the sinking that the thrust allows counts. Not \
               looked at while the board's link is late, nor until 0.45 s \
               after the vehicle leaned by more than 30 degrees or was kept down near the floor. The descent begins with height and speed of half a second \
               before, carried on by the thrust.",
@@ -302,6 +321,7 @@ mod tests {
     const STEP: Step = Step {
         force_mps2: G_MPS2,
         share: 1.0,
+        sink_mps: 0.0,
         free: true,
         floor_unknown: false,
         level: true,
