@@ -285,7 +285,7 @@ impl Pilot {
             height_above_ground_m: height_m,
             dt_s,
             integrators_frozen,
-            thrust_ceiling_frac: self.touch.bounded(1.0),
+            thrust_ceiling_frac: self.thrust_ceiling_frac(at),
             held,
         })
     }

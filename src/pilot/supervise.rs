@@ -44,8 +44,13 @@ const CARRIED_MPS2: f64 = 1.5;
 const CARRIED_FOR_S: f64 = 0.1;
 /// A landing near the floor that cannot believe its estimate any more, or becomes a descent, goes on with the thrust
 /// that it had, but no less than this share of the base: with the ground effect it does not lift off, and in free air it
-/// sinks with 1.4 m/s at most from the height where the floor is expected.
+/// sinks with 1.4 m/s at most from the height where the floor is expected …
 const TURN_SHARE: f64 = 0.8;
+/// … and no more than this in its last second: what it had may be what a wrong reading made of it.
+const TURN_MOST_SHARE: f64 = 0.9;
+/// In the last second of a landing no more than this share of the hover thrust is needed: it stops the slow sinking within
+/// 0.25 s. An accelerometer that says anything is found after 0.4 s; by then full thrust had lifted it off with 1.5 m/s.
+const LAST_SHARE: f64 = 1.1;
 /// Without an accelerometer to feel for the floor with, so much of the base is taken from it per second: from half a metre
 /// it is down after 1.2 s, and the motors are off after 2.5 s.
 const TURN_PER_S: f64 = 0.15;
@@ -334,8 +339,23 @@ impl Pilot {
                 // Nothing tells whether it stands already.
                 self.touch.low_frac = Some(least_frac);
             }
-            self.touch.turn_frac = Some(self.touch.thrust_frac.max(least_frac));
+            let most_share = if self.is_in_last_second(at) { TURN_MOST_SHARE } else { f64::MAX };
+            let most_frac = most_share * self.control.thrust_base_frac;
+            self.touch.turn_frac = Some(self.touch.thrust_frac.clamp(least_frac, most_frac));
         }
+    }
+
+    /// Whether a landing is about to end, as estimate and barometer have it: one of them alone may be wrong, and the vehicle
+    /// fall.
+    fn is_in_last_second(&self, at: HostTime) -> bool {
+        self.touch.is_last && self.is_low_by_baro(at)
+    }
+
+    /// Most thrust of the loops.
+    pub(super) fn thrust_ceiling_frac(&self, at: HostTime) -> f64 {
+        let last = self.mode == Mode::Land && self.is_in_last_second(at);
+        let most_frac = if last { LAST_SHARE * self.hover_thrust_frac() } else { 1.0 };
+        self.touch.bounded(most_frac)
     }
 
     /// Without an accelerometer a descent that something holds up near the floor has found it: from here on thrust only

@@ -34,6 +34,8 @@ pub(super) struct SurveyCheck {
     floor_m: f64,
     floor_times: u32,
     floor_told: bool,
+    /// How often in a row no place fitted at all.
+    nowhere_times: u32,
 }
 
 impl SurveyCheck {
@@ -48,6 +50,7 @@ impl SurveyCheck {
             floor_m: 0.0,
             floor_times: 0,
             floor_told: false,
+            nowhere_times: 0,
         }
     }
 
@@ -63,6 +66,9 @@ impl SurveyCheck {
     pub fn refusal(&self) -> Option<String> {
         if self.floor_times >= NAMED_TIMES {
             return self.doubt();
+        }
+        if self.nowhere_times >= NAMED_TIMES {
+            return Some(NOWHERE.to_owned());
         }
         let (anchor, bias_m) = self.misfit()?;
         (bias_m.abs() >= self.most_m).then(|| words(anchor, bias_m))
@@ -92,6 +98,8 @@ impl SurveyCheck {
         self.floor_m = fit.map_or(0.0, |fit| fit.hidden_m);
         let too_much = self.floor_m.abs() > MOST_FLOOR_M;
         self.floor_times = if too_much { self.floor_times.saturating_add(1) } else { 0 };
+        let nowhere = fit.is_some_and(|fit| fit.fits_nowhere());
+        self.nowhere_times = if nowhere { self.nowhere_times.saturating_add(1) } else { 0 };
         let found = fit.filter(|fit| fit.is_at_fault(TOLD_SHARE * self.most_m));
         self.named = found.map(|fit| match self.named {
             Some((anchor, _, times)) if anchor == fit.worst => {
@@ -110,7 +118,7 @@ impl Pilot {
             if std::mem::take(&mut all.is_filled) {
                 all.check.clear();
                 (all.named, all.told) = (None, None);
-                (all.floor_m, all.floor_times) = (0.0, 0);
+                (all.floor_m, all.floor_times, all.nowhere_times) = (0.0, 0, 0);
             }
             return;
         }
@@ -135,6 +143,10 @@ impl Pilot {
         }
     }
 }
+
+/// A filter that learns the errors of anchors would make such a survey fit, until it flies.
+const NOWHERE: &str = "several anchors do not fit one another, whichever is left out: check which are exchanged in the \
+                       survey, and their lines of sight";
 
 fn words(anchor: AnchorId, bias_m: f64) -> String {
     let way = if bias_m > 0.0 { "far" } else { "near" };

@@ -55,6 +55,11 @@ const BIASES: usize = 4;
 const NAMED_DOUBT: f64 = 2.0;
 /// With the anchor set free the others must be this sound.
 const OTHERS_DOUBT: f64 = 1.0;
+/// Even with the worst anchor set free the others fit no place: as much as one of them that reads 0.6 m wrong, or 1 m over a
+/// floor that hides the low ones. Simulated halls: 0.3 at most without a fault, 15 and more with two anchors
+/// exchanged that the campaign exchanges; recordings: 0.1, over a floor that adds 3 m 7.5, and 29 there beside metal.
+const NOWHERE_DOUBT: f64 = 4.0;
+const NOWHERE_HIDDEN_DOUBT: f64 = 10.0;
 /// A floor that hides the low anchors by more than this, m, hides faults too: nothing is concluded.
 pub const MOST_HIDDEN_M: f64 = 1.0;
 
@@ -82,6 +87,13 @@ impl AnchorFit {
             && self.others_doubt < OTHERS_DOUBT
             && self.range_bias_m.abs() >= least_m
             && self.hidden_m.abs() < MOST_HIDDEN_M
+    }
+
+    /// Whether several anchors are at fault at once: no place of the vehicle and no single anchor explains what is measured.
+    pub fn fits_nowhere(&self) -> bool {
+        let hides = self.hidden_m.abs() >= MOST_HIDDEN_M;
+        let most = if hides { NOWHERE_HIDDEN_DOUBT } else { NOWHERE_DOUBT };
+        self.doubt > most && self.others_doubt > most
     }
 }
 
