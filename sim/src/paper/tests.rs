@@ -234,11 +234,17 @@ fn val_variable_base_thrust_helps_where_nothing_integrates() {
 
 #[test]
 fn val_modified_gains_over_raw_by_as_much_as_there_is_drag() {
-    let gain = |axis: &str| ours("steps", &format!("raw over modified, {axis}, position"));
-    let (x, y, z) = (gain("x"), gain("y"), gain("z"));
+    // The repetitions of the page: one alone scatters by 0.08 along z.
+    let bench = Bench::new(pilot(None, &[]).unwrap(), [bench::SEED, 5], Progress::silent(), None);
+    let rows = super::step_tests::run(&bench).unwrap().rows;
+    let of = |axis: &str| {
+        let what = format!("raw over modified, {axis}, position");
+        rows.iter().find(|row| row.what.starts_with(&what)).unwrap()
+    };
+    let (x, y, z) = (of("x").ours.mean, of("y").ours.mean, of("z").ours.mean);
     assert!(x > 1.5 && x > y && y > z && z > 0.9, "{x} {y} {z}");
     // With the forward drag sideways too, y gains as x does; with the public firmware's gains both gain more.
-    let y_row = row("steps", "raw over modified, y, position");
+    let y_row = of("y");
     let trial = |of: &str| y_row.trials.iter().find(|t| t.change.contains(of)).unwrap().value;
     assert!((trial("drag as large") / x - 1.0).abs() < 0.15, "{y_row:?}");
     assert!(trial("public firmware") > y, "{y_row:?}");
@@ -292,19 +298,19 @@ const TABLE_3: &[(Labels, [f64; 2])] = &[
     (("raw", "x", "velocity"), [0.1818, 0.3268]),
     (("raw", "y", "velocity"), [0.1450, 0.2143]),
     (("raw", "z", "velocity"), [0.1446, 0.2196]),
-    (("modified", "x", "position"), [0.1237, 0.2917]),
-    (("modified", "y", "position"), [0.1269, 0.3150]),
-    (("modified", "z", "position"), [0.1211, 0.2867]),
-    (("modified", "x", "velocity"), [0.1591, 0.2489]),
-    (("modified", "y", "velocity"), [0.1347, 0.1691]),
-    (("modified", "z", "velocity"), [0.1507, 0.1965]),
+    (("modified", "x", "position"), [0.1280, 0.2901]),
+    (("modified", "y", "position"), [0.1115, 0.2973]),
+    (("modified", "z", "position"), [0.1477, 0.3075]),
+    (("modified", "x", "velocity"), [0.1571, 0.2414]),
+    (("modified", "y", "velocity"), [0.1395, 0.1781]),
+    (("modified", "z", "velocity"), [0.1433, 0.2046]),
 ];
 /// Error of the estimate in x, y, z, m, by shape.
 const ESTIMATES: &[&[f64]] = &[
-    &[0.0125, 0.0227, 0.0487],
-    &[0.0118, 0.0144, 0.0475],
-    &[0.0151, 0.0143, 0.0357],
-    &[0.0141, 0.0141, 0.0378],
+    &[0.0142, 0.0219, 0.0477],
+    &[0.0119, 0.0125, 0.0470],
+    &[0.0141, 0.0130, 0.0361],
+    &[0.0130, 0.0115, 0.0399],
 ];
 
 #[test]
