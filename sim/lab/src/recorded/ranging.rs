@@ -117,10 +117,8 @@ pub fn ranging(flight: &Flight, p_BT_B_m: [f64; 3]) -> Ranging {
 pub fn beside_simulated(flights: &[Flight]) -> anyhow::Result<Vec<Ranging>> {
     let mut rows: Vec<_> = flights.iter().map(|f| ranging(f, f.p_BT_B_m())).collect();
     for (name, text) in ROOMS {
-        let scenario: Room = toml::from_str(text)?;
-        let effects = EffectSet::from_config(&scenario.effects)?;
         for seed in SEEDS {
-            let plant = PlantConfig { effects: effects.clone(), ..PlantConfig::hall(seed) };
+            let plant = room(text, seed)?;
             let tag_B_m = plant.vehicle.body.tag_B_m;
             let flight = simulated(&format!("simulated, {name}, seed {seed}"), plant)?;
             // Where the survey check saw a cabinet before the take-off nothing flew.
@@ -133,7 +131,7 @@ pub fn beside_simulated(flights: &[Flight]) -> anyhow::Result<Vec<Ranging>> {
 /// Seeds of the simulated flights.
 const SEEDS: std::ops::Range<u64> = 40..46;
 /// Rooms of the simulator: the default one, and a scenario.
-const ROOMS: [(&str, &str); 2] =
+pub const ROOMS: [(&str, &str); 2] =
     [("hall", ""), ("cluttered", include_str!("../../../scenarios/cluttered.toml"))];
 
 /// What of a scenario changes ranging.
@@ -141,6 +139,13 @@ const ROOMS: [(&str, &str); 2] =
 struct Room {
     #[serde(default)]
     effects: EffectConfig,
+}
+
+/// The hall with what a scenario does to ranging.
+pub fn room(scenario: &str, seed: u64) -> anyhow::Result<PlantConfig> {
+    let scenario: Room = toml::from_str(scenario)?;
+    let effects = EffectSet::from_config(&scenario.effects)?;
+    Ok(PlantConfig { effects, ..PlantConfig::hall(seed) })
 }
 
 /// A simulated flight as a recording of one: round the middle of a room, at the height and distance of the recorded

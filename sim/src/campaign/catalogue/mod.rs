@@ -117,6 +117,15 @@ const SINGLE: &[(&str, &str, &[&str], Reaction)] = &[
         &["part = 'effect'\neffect = 'U8'\nvalues = { rate = 10.0, anchor = 3.0 }"],
         UWB,
     ),
+    (
+        "UWB among metal cabinets and a person who walks",
+        "UWB",
+        &[
+            "part = 'effect'\neffect = 'N16'\nvalues = { std = 0.1, constant = 0.1 }",
+            "part = 'effect'\neffect = 'N20'\nvalues = { cabinets = 2.0, least = 0.3, most = 2.0, people = 1.0 }",
+        ],
+        GATES,
+    ),
     ("UWB frozen", "UWB", &["part = 'line'\nline = 'from-tag'\nfrozen = 1.0"], UWB),
     ("1 anchor of 8 off", "UWB", &["part = 'anchor'\nanchor = 2"], UWB),
     (
