@@ -30,13 +30,17 @@ enum Fault {
     Silent(&'static [u8]),
     /// An anchor is moved so far to the north, m.
     Moved(u8, f64),
+    /// These anchors read so much too far, m, as behind metal or by a reflection.
+    Far(&'static [u8], f64),
+    /// The same from the first measurement on.
+    AlwaysFar(&'static [u8], f64),
     /// All UWB comes so late, s, and is stamped so.
     Late(f64),
     /// Nothing comes for so long, s.
     Gap(f64),
 }
 
-const FAULTS: [(&str, Fault); 14] = [
+const FAULTS: [(&str, Fault); 18] = [
     ("none", Fault::None),
     ("anchor 2 silent", Fault::Silent(&[2])),
     ("anchors 0, 3 and 5 silent", Fault::Silent(&[0, 3, 5])),
@@ -46,6 +50,10 @@ const FAULTS: [(&str, Fault); 14] = [
     ("anchor 0 moved by 3 m", Fault::Moved(0, 3.0)),
     ("anchor 6 moved by 1 m", Fault::Moved(6, 1.0)),
     ("anchor 6 moved by 3 m", Fault::Moved(6, 3.0)),
+    ("anchors 1 and 4 read 1 m too far", Fault::Far(&[1, 4], 1.0)),
+    ("anchors 2 and 3 read 1 m too far", Fault::Far(&[2, 3], 1.0)),
+    ("anchor 6 reads 0.6 m too far throughout", Fault::AlwaysFar(&[6], 0.6)),
+    ("anchors 2 and 3 read 0.6 m too far throughout", Fault::AlwaysFar(&[2, 3], 0.6)),
     ("UWB late by 0.1 s", Fault::Late(0.1)),
     ("UWB late by 0.3 s", Fault::Late(0.3)),
     ("UWB late by 0.6 s", Fault::Late(0.6)),
@@ -161,11 +169,15 @@ fn with(flight: &Flight, fault: Fault, from: HostTime) -> Flight {
         if let Sample::Pose(pose) = &event.sample {
             at_E_m = pose.pos_E_m;
         }
-        if event.at < from {
+        if event.at < from && !matches!(fault, Fault::AlwaysFar(..)) {
             continue;
         }
         let Sample::Tdoa(tdoa) = &mut event.sample else { continue };
         match fault {
+            Fault::Far(ids, by_m) | Fault::AlwaysFar(ids, by_m) => {
+                let more = |id: u8| if ids.contains(&id) { by_m } else { 0.0 };
+                tdoa.distance_diff_m += more(tdoa.anchor_b.0) - more(tdoa.anchor_a.0);
+            }
             Fault::Moved(id, by_m) => {
                 tdoa.distance_diff_m += moved(tdoa, &flight.survey, at_E_m, id, by_m)
             }
