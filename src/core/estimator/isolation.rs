@@ -13,17 +13,27 @@
 //! explains in units of what is usual, as in the check on the floor (`anchor_check.rs`). The worst anchor is set
 //! free; only if the others then fit one another, for `confirm_s`, is it left out: its bias becomes free in the
 //! filter, the position moves by δp, what the other biases have swallowed is forgotten. It comes back when it has
-//! fitted for a while, or when the vehicle has landed. Where somebody must be at fault and nobody can be left out for it, that
-//! much is told: the anchors contradict one another.
+//! fitted for a while, or when the vehicle has landed.
+//!
+//! Two that are blocked at once can share their misfit with the position until none of them alone is doubted. For each pair,
+//! b and V being the values and covariance of both biases without their priors,
+//!
+//! ```text
+//! doubt = bᵀ (V + σ_β² I)⁻¹ b,   V⁻¹ = P⁻¹ − I/σ_β²,   b = V P⁻¹ β
+//! ```
+//!
+//! is what both explain. Where somebody must be at fault, one or a pair, and nobody can be left out for it, that much is
+//! told: the anchors contradict one another, and the position is δp elsewhere if it is those that explain most.
 //!
 //! Below [`LEAST_ANCHORS`] nothing can be found out, and integrity is not to be had: the
 //! estimator's health is degraded then.
 //!
 //! **Symbols.** r, δp, β m, frame `E`. **Source.** Parkinson and Axelrad, "Autonomous GPS integrity monitoring
-//! using the pseudorange residual", Navigation 35(2), 1988, for snapshots; the fading window and the
-//! priors on the biases are ours. **Left out.** Two anchors that fail within the memory at once.
+//! using the pseudorange residual", Navigation 35(2), 1988, for snapshots; the fading window, the pairs and the
+//! priors on the biases are ours. **Left out.** Two anchors that fail at once are told, not left out: of eight too few
+//! would remain to say that it is these.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::anchor_check::doubt;
 use super::bias::{MOST_ANCHORS, Pair};
@@ -54,6 +64,9 @@ const LEAST_EQUATIONS: f64 = 20.0;
 /// Somebody is at fault from so many times the doubt from which one is suspected, whether one can be named or not:
 /// from 1.5 to 3 times warned alike on the recorded flights with a fault in them (2026-11-23; no command repeats it).
 const CONTRADICTED: f64 = 2.0;
+/// … and a pair from so many times: of 1.25, 1.5 and 2 the one that warned most of two blocked anchors, and of sound recorded flights
+/// for half a per cent of their time more (`haltere-lab recorded DIR --faults`).
+const PAIR_CONTRADICTED: f64 = 1.25;
 /// Doubt below which one that is left out fits: its error is no larger than is usual.
 const FITS_DOUBT: f64 = 1.0;
 /// An anchor counts as heard with this share of an equal part of the equations: chosen, so that one that
@@ -73,6 +86,16 @@ pub struct LeaveOut {
     pub std_m: f64,
 }
 
+/// The anchors do not fit one another.
+#[derive(Debug, Clone, Copy)]
+struct Contradicted {
+    since: HostTime,
+    /// For long enough.
+    lasts: bool,
+    /// Where the position is, minus where the filter has it, if it is those that explain most, Earth frame, m.
+    shift_E_m: Vector3<f64>,
+}
+
 /// The equations of the last while, and who is left out.
 #[derive(Debug, Clone)]
 pub struct Isolation {
@@ -82,8 +105,8 @@ pub struct Isolation {
     judged_at: Option<HostTime>,
     /// Who may be at fault, and since when.
     suspect: Option<(usize, HostTime)>,
-    /// Since when somebody is, and whether for long enough.
-    contradicted: Option<(HostTime, bool)>,
+    /// Since when somebody is.
+    contradicted: Option<Contradicted>,
     /// Who is left out.
     out: [bool; MOST_ANCHORS],
     /// Since when one that is left out fits.
@@ -131,10 +154,11 @@ impl Isolation {
         self.contradicted = None;
     }
 
-    /// Whether the anchors have contradicted one another for a while, and none could be left out for it.
+    /// Whether the anchors have contradicted one another for a while, and none could be left out for it: by how much the
+    /// position may be off, Earth frame, m.
     #[inline]
-    pub fn is_contradicted(&self) -> bool {
-        self.contradicted.is_some_and(|(_, lasts)| lasts)
+    pub fn contradicted_by_E_m(&self) -> Option<Vector3<f64>> {
+        self.contradicted.filter(|all| all.lasts).map(|all| all.shift_E_m)
     }
 
     /// Whether an anchor is left out.
@@ -196,21 +220,17 @@ impl Isolation {
         }
         let heard = self.heard();
         let anchors = heard.iter().filter(|h| **h).count();
-        let first = self.fit(config, &heard, None)?;
+        let first = self.fit(config, &heard, [None; 2])?;
         if let Some(rank) = self.back(config, &first, &heard, at) {
             self.out[rank] = false;
             self.fits_since[rank] = None;
             return None;
         }
-        let most = first.worst(None).map_or(0.0, |w| first.doubts[w]);
-        self.contradicted = (most > CONTRADICTED * config.doubt).then(|| {
-            let since = self.contradicted.map_or(at, |(since, _)| since);
-            (since, at.seconds_since(since) >= config.confirm_s)
-        });
+        self.contradicted = self.contradiction(config, &first, &heard, at);
         let left = anchors - (0..MOST_ANCHORS).filter(|i| heard[*i] && self.out[*i]).count();
         let worst = first.worst(None).filter(|_| left >= LEAST_ANCHORS);
         let named = worst.filter(|w| first.doubts[*w] > config.doubt).and_then(|w| {
-            let second = self.fit(config, &heard, Some(w))?;
+            let second = self.fit(config, &heard, [Some(w), None])?;
             let others = second.worst(Some(w)).map_or(0.0, |o| second.doubts[o]);
             let bias_m = second.x[3 + w];
             let shift_E_m = second.shift_E_m();
@@ -242,6 +262,26 @@ impl Isolation {
         self.contradicted = None;
         let std_m = fitted.position_var.diagonal().max().max(0.0).sqrt();
         Some(LeaveOut { rank, bias_m: fitted.x[3 + rank], shift_E_m, std_m })
+    }
+
+    /// Whether somebody must be at fault, one or a pair.
+    fn contradiction(
+        &self,
+        config: &Config,
+        first: &Fitted,
+        heard: &[bool; MOST_ANCHORS],
+        at: HostTime,
+    ) -> Option<Contradicted> {
+        let most = CONTRADICTED * config.doubt;
+        let one = first.worst(None).filter(|w| first.doubts[*w] > most).map(|w| [Some(w), None]);
+        let free = one.or_else(|| {
+            let (pair, doubt) = first.worst_pair(heard, config.std_bias_m)?;
+            (doubt > PAIR_CONTRADICTED * config.doubt).then_some(pair.map(Some))
+        })?;
+        let shift_E_m = self.fit(config, heard, free)?.shift_E_m();
+        let since = self.contradicted.map_or(at, |before| before.since);
+        let lasts = at.seconds_since(since) >= config.confirm_s;
+        Some(Contradicted { since, lasts, shift_E_m })
     }
 
     /// One that is left out and has fitted for long enough.
@@ -278,13 +318,14 @@ impl Isolation {
         &self,
         config: &Config,
         heard: &[bool; MOST_ANCHORS],
-        free: Option<usize>,
+        free: [Option<usize>; 2],
     ) -> Option<Fitted> {
         let anchors = heard.iter().filter(|h| **h).count();
         // A mean of the pairs, as many as there are anchors: errors of one pair stay for longer than the memory.
         let scale = anchors as f64 / (self.equations * STD_PAIR_M * STD_PAIR_M);
-        let std_bias_m =
-            |i: usize| if free == Some(i) || self.out[i] { STD_FREE_M } else { config.std_bias_m };
+        let std_bias_m = |i: usize| {
+            if free.contains(&Some(i)) || self.out[i] { STD_FREE_M } else { config.std_bias_m }
+        };
         let mut information = *self.normal * scale;
         for k in 0..3 {
             information[(k, k)] += 1.0 / (STD_POSITION_M * STD_POSITION_M);
@@ -302,7 +343,9 @@ impl Isolation {
             doubts[i] = doubt(x[3 + i], var, std_m, config.std_bias_m);
         }
         let position_var = covariance.fixed_view::<3, 3>(0, 0).into_owned();
-        x.iter().all(|v| v.is_finite()).then_some(Fitted { x, out: self.out, doubts, position_var })
+        let bias_var = covariance.fixed_view::<MOST_ANCHORS, MOST_ANCHORS>(3, 3).into_owned();
+        let out = self.out;
+        x.iter().all(|v| v.is_finite()).then_some(Fitted { x, out, doubts, position_var, bias_var })
     }
 }
 
@@ -311,6 +354,7 @@ struct Fitted {
     out: [bool; MOST_ANCHORS],
     doubts: [f64; MOST_ANCHORS],
     position_var: Matrix3<f64>,
+    bias_var: SMatrix<f64, MOST_ANCHORS, MOST_ANCHORS>,
 }
 
 impl Fitted {
@@ -324,5 +368,27 @@ impl Fitted {
         (0..MOST_ANCHORS)
             .filter(|i| but != Some(*i) && !self.out[*i] && self.doubts[*i] > 0.0)
             .max_by(|i, j| self.doubts[*i].total_cmp(&self.doubts[*j]))
+    }
+
+    /// The two anchors that explain most together, and how much, in units of what is usual (equation above).
+    fn worst_pair(
+        &self,
+        heard: &[bool; MOST_ANCHORS],
+        usual_std_m: f64,
+    ) -> Option<([usize; 2], f64)> {
+        let usual = Matrix2::identity() * usual_std_m.powi(2);
+        let part = |i: usize| heard[i] && !self.out[i];
+        let doubt = |i: usize, j: usize| {
+            let information = self.bias_var.select_rows(&[i, j]).select_columns(&[i, j]);
+            let information = information.fixed_view::<2, 2>(0, 0).try_inverse()?;
+            let var = (information - usual.try_inverse()?).try_inverse()?;
+            let bias_m = var * information * Vector2::new(self.x[3 + i], self.x[3 + j]);
+            Some(bias_m.dot(&((var + usual).try_inverse()? * bias_m)))
+        };
+        (0..MOST_ANCHORS)
+            .flat_map(|i| (i + 1..MOST_ANCHORS).map(move |j| [i, j]))
+            .filter(|[i, j]| part(*i) && part(*j))
+            .filter_map(|[i, j]| Some(([i, j], doubt(i, j).filter(|d| d.is_finite())?)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))
     }
 }

@@ -49,7 +49,10 @@ pub enum Misgiving {
         least: usize,
     },
     /// The anchors do not fit one another, and none of them can be named that is alone at fault.
-    Contradiction,
+    Contradiction {
+        /// By how much the position may be off, Earth frame, m.
+        shift_E_m: [f64; 3],
+    },
     /// Measurements do not fit the filter, which has begun to doubt itself.
     DoesNotFit {
         /// Share of the recent ones beyond the gate.
@@ -77,8 +80,14 @@ impl fmt::Display for Misgiving {
             Self::DoesNotFit { share } => {
                 write!(f, "{:.0} % of the UWB measurements do not fit", 100.0 * share)
             }
-            Self::Contradiction => {
-                write!(f, "the anchors contradict one another, none of them alone is at fault")
+            Self::Contradiction { shift_E_m } => {
+                let axes = ["N", "E", "height"].into_iter().zip(shift_E_m);
+                let worst = axes.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+                let (axis, by_m) = worst.map_or(("", 0.0), |(axis, by_m)| (axis, by_m.abs()));
+                write!(
+                    f,
+                    "the anchors contradict one another, none of them alone is at fault: {axis} may be {by_m:.1} m off"
+                )
             }
             Self::ManySuspects => write!(f, "most anchors read far worse than usual"),
         }
@@ -127,8 +136,10 @@ impl Estimator {
         if share > DEGRADED_SHARE || self.doubt.is_active() {
             return Some(Misgiving::DoesNotFit { share });
         }
-        if self.config.isolation.leave_out && self.isolation.is_contradicted() {
-            return Some(Misgiving::Contradiction);
+        let contradicted =
+            self.isolation.contradicted_by_E_m().filter(|_| self.config.isolation.leave_out);
+        if let Some(shift_E_m) = contradicted {
+            return Some(Misgiving::Contradiction { shift_E_m: shift_E_m.into() });
         }
         self.most_are_suspect().then_some(Misgiving::ManySuspects)
     }

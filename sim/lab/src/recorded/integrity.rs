@@ -76,6 +76,8 @@ pub struct Integrity {
     pub in_vain: usize,
     /// Share of the time below 0.5 m of error in which a warning stood.
     pub vain_share: f64,
+    /// Longest time over 1 m in which health was good, s.
+    pub silent_s: f64,
     /// Largest error, m.
     pub worst_m: f64,
 }
@@ -105,6 +107,7 @@ pub fn integrity(
             unwarned: seen.iter().filter(|s| s.wrong == Some(false)).count(),
             in_vain: seen.iter().filter(|s| s.wrong.is_none() && s.warned_at.is_some()).count(),
             vain_share: if fine_s > 0.0 { vain_s / fine_s } else { 0.0 },
+            silent_s: seen.iter().map(|s| s.longest_s).fold(0.0, f64::max),
             worst_m: seen.iter().map(|s| s.worst_m).fold(0.0, f64::max),
         });
     }
@@ -119,6 +122,8 @@ struct Seen {
     warned_at: Option<HostTime>,
     fine_s: f64,
     vain_s: f64,
+    silent_s: f64,
+    longest_s: f64,
     worst_m: f64,
 }
 
@@ -145,6 +150,8 @@ fn fly(flight: &Flight, flown: &EstimatorConfig, fault: Fault) -> Seen {
             seen.fine_s += dt_s;
             seen.vain_s += if warns { dt_s } else { 0.0 };
         }
+        seen.silent_s = if error_m > WRONG_M && !warns { seen.silent_s + dt_s } else { 0.0 };
+        seen.longest_s = seen.longest_s.max(seen.silent_s);
         wrong_s = if error_m > WRONG_M { wrong_s + dt_s } else { 0.0 };
         if wrong_s > WRONG_FOR_S && seen.wrong.is_none() {
             seen.wrong = Some(seen.warned_at.is_some_and(|t| at.seconds_since(t) < STILL_WARNED_S));
@@ -218,18 +225,19 @@ pub fn print_integrity(out: &mut impl Write, rows: &[Integrity]) -> fmt::Result 
     writeln!(
         out,
         "| from the middle on | flights | over 1 m, warned before | over 1 m, not warned | warned, never \
-         over 1 m | warned below 0.5 m, % of time | worst, m |\n|---|---|---|---|---|---|---|"
+         over 1 m | warned below 0.5 m, % of time | longest over 1 m and good, s | worst, m |\n|---|---|---|---|---|---|---|---|"
     )?;
     for r in rows {
         writeln!(
             out,
-            "| {} | {} | {} | {} | {} | {:.1} | {:.2} |",
+            "| {} | {} | {} | {} | {} | {:.1} | {:.1} | {:.2} |",
             r.fault,
             r.flights,
             r.warned,
             r.unwarned,
             r.in_vain,
             r.vain_share * 100.0,
+            r.silent_s,
             r.worst_m
         )?;
     }
