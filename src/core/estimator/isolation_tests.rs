@@ -135,7 +135,7 @@ fn prop_anchors_that_contradict_one_another_are_told_of_though_none_can_be_named
         let mut it = Isolation::default();
         let (sound, p) = (usual(&mut noise), middle() + noise.vector(1.0));
         fly(&mut it, 0, 100, &Case::new(p, &sound), &mut Vector3::zeros(), &mut noise);
-        assert!(!it.contradicted_by_E_m().is_some(), "{n}: all are sound");
+        assert!(it.contradicted_by_E_m().is_none(), "{n}: all are sound");
         let mut bias_m = sound;
         for i in [n % 8, (n + 2) % 8, (n + 5) % 8] {
             bias_m[i] += 3.0;
@@ -185,7 +185,7 @@ fn prop_an_anchor_is_not_left_out_for_a_place_where_the_vehicle_cannot_be() {
     let done = fly(&mut it, 0, 100, &near, &mut off, &mut noise);
     assert!(done.is_empty() && it.contradicted_by_E_m().is_some(), "{done:?}");
     assert_eq!(fly(&mut it, 100, 100, &anywhere, &mut off, &mut noise).len(), 1);
-    assert!(!it.contradicted_by_E_m().is_some());
+    assert!(it.contradicted_by_E_m().is_none());
 }
 
 #[test]

@@ -231,7 +231,8 @@ a gate: what does not fit keeps the weight that a Student-t tail leaves it, so t
 most anchors at once do not fit, the filter is doubted, not they: a position is found anew by least squares, and
 taken if it explains the measurements better. One anchor that does not fit while all the others fit one another
 is left out, the position goes to where the others have it, and health is degraded until it fits again
-(`isolation.rs`). It is degraded as well when they contradict one another and none can be named. Without IMU
+(`isolation.rs`). It is degraded as well when they contradict one another and none can be named, one or two of them,
+and says which axis is in doubt and by how much. Without IMU
 nothing but the height says that the floor hides the low anchors, and with their biases free a height that is
 too low fits as well as the true one: as long as the height is uncertain there, a position is sought anew.
 
@@ -260,7 +261,9 @@ All else as in the first row. A variant is not tuned anew for what it lacks. Las
 flights.";
 const ABOUT_INTEGRITY: &str = "\
 Each recording with a fault from its middle to its end, in the air. Over 1 m: for longer than 0.2 s. Warned:
-health was not good then or within the 2 s before.
+health was not good then or within the 2 s before. Longest: so long an error of more than 1 m lasted while health was good.
+Two anchors that read too far together are told of where their pair explains the misfit, not left out; 1 and 4 hang on one
+wall under the ceiling, and the position takes most of what they do upon itself.
 Fewer than seven anchors heard count as a warning: one that is wrong would not be found out among them.
 Health is degraded while an anchor is left out, also where the estimate is good without it.";
 const ABOUT_FLOOR: &str = "\
