@@ -379,8 +379,9 @@ impl Fitted {
         let usual = Matrix2::identity() * usual_std_m.powi(2);
         let part = |i: usize| heard[i] && !self.out[i];
         let doubt = |i: usize, j: usize| {
-            let information = self.bias_var.select_rows(&[i, j]).select_columns(&[i, j]);
-            let information = information.fixed_view::<2, 2>(0, 0).try_inverse()?;
+            let P = &self.bias_var;
+            let both = Matrix2::new(P[(i, i)], P[(i, j)], P[(j, i)], P[(j, j)]);
+            let information = both.try_inverse()?;
             let var = (information - usual.try_inverse()?).try_inverse()?;
             let bias_m = var * information * Vector2::new(self.x[3 + i], self.x[3 + j]);
             Some(bias_m.dot(&((var + usual).try_inverse()? * bias_m)))
