@@ -111,8 +111,8 @@ impl Check {
                 "no anchor whose time differences miss those of all the others by \
                  `supervisor.anchor_misfit_m` along its line of sight; from half of that on it is only \
                  told. Looked at with 7 anchors or more, and not where the floor adds more than 1 m to \
-                 the low ones, which is told; more than 2.5 m is no floor. Nor may the rest still be as far off as one \
-                 anchor by 1 m once the worst is left out",
+                 the low ones, which is told; more than 2.5 m is no floor. Nor may another \
+                 still be off by 0.6 m once the worst is left out, by 1 m where the floor adds more than 1 m",
                 "anchor N does not fit the others: it reads D m too far (or too near); check its place in \
                  the survey and its line of sight; the floor adds N m to the low anchors, 2.5 m at most: check \
                  which anchors are low; several anchors do not fit one another, whichever is left out",

@@ -339,9 +339,10 @@ impl Pilot {
                 // Nothing tells whether it stands already.
                 self.touch.low_frac = Some(least_frac);
             }
-            let most_share = if self.is_in_last_second(at) { TURN_MOST_SHARE } else { f64::MAX };
-            let most_frac = most_share * self.control.thrust_base_frac;
-            self.touch.turn_frac = Some(self.touch.thrust_frac.clamp(least_frac, most_frac));
+            let last = self.is_in_last_second(at);
+            let most_frac =
+                if last { TURN_MOST_SHARE * self.control.thrust_base_frac } else { 1.0 };
+            self.touch.turn_frac = Some(self.touch.thrust_frac.max(least_frac).min(most_frac));
         }
     }
 

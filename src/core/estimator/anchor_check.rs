@@ -10,7 +10,8 @@
 //! ```
 //!
 //! is how much of the misfit this anchor alone explains, in units of what is usual. The worst one is set
-//! free and the rest fitted again: only if the others then fit one another is it the anchor. What is seen
+//! free and the rest fitted again: only if the others then fit one another is it the anchor. If they fit no place even then,
+//! several are at fault at once, as when two are exchanged in the survey. What is seen
 //! is the error along the line of sight; an anchor that stands wrong across it fits as well as before. An
 //! anchor behind metal looks the same as one with a wrong survey, and is as bad to take off with.
 
@@ -55,10 +56,10 @@ const BIASES: usize = 4;
 const NAMED_DOUBT: f64 = 2.0;
 /// With the anchor set free the others must be this sound.
 const OTHERS_DOUBT: f64 = 1.0;
-/// Even with the worst anchor set free the others fit no place: as much as one of them that reads 0.6 m wrong, or 1 m over a
-/// floor that hides the low ones. Simulated halls: 0.3 at most without a fault, 15 and more with two anchors
-/// exchanged that the campaign exchanges; recordings: 0.1, over a floor that adds 3 m 7.5, and 29 there beside metal.
+/// Even with the worst anchor set free the others fit no place: one of them reads as if it were 0.6 m off. Simulated halls:
+/// 0.3 at most without a fault, 15 and more with the two that the fault campaign exchanges; recordings: 0.1 at most …
 const NOWHERE_DOUBT: f64 = 4.0;
+/// … and over a floor that hides the low anchors 7.5, or 29 beside metal: there it must read as if it were 1 m off.
 const NOWHERE_HIDDEN_DOUBT: f64 = 10.0;
 /// A floor that hides the low anchors by more than this, m, hides faults too: nothing is concluded.
 pub const MOST_HIDDEN_M: f64 = 1.0;

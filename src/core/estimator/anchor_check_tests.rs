@@ -9,33 +9,8 @@ use crate::measure::{AnchorId, Tdoa};
 use crate::survey::Survey;
 use crate::time::HostTime;
 
-/// Pairs of neighbours and next neighbours on the ring, of anchors with these range biases and in truth
-/// moved by `moved`, from a vehicle at `p`.
-fn stand(
-    survey: &Survey,
-    p: Vector3<f64>,
-    bias_m: &[f64; 8],
-    moved: (u8, Vector3<f64>),
-    noise: &mut Noise,
-) -> AnchorCheck {
-    stand_told(survey, survey, p, bias_m, moved, noise)
-}
-
-/// The same with a check that was told another survey.
-fn stand_told(
-    told: &Survey,
-    survey: &Survey,
-    p: Vector3<f64>,
-    bias_m: &[f64; 8],
-    moved: (u8, Vector3<f64>),
-    noise: &mut Noise,
-) -> AnchorCheck {
-    let mut check = AnchorCheck::new(told, &[]);
-    let range = |id: u8| {
-        let site = survey.position_E_m(AnchorId(id)).unwrap().raw();
-        let shift = if moved.0 == id { moved.1 } else { Vector3::zeros() };
-        (p - site - shift).norm() + bias_m[usize::from(id)]
-    };
+/// Pairs of neighbours and next neighbours on the ring, by these ranges, m.
+fn hear(check: &mut AnchorCheck, range_m: impl Fn(u8) -> f64, noise: &mut Noise) {
     for turn in 0..40 {
         for a in 0..8u8 {
             for step in [1, 2] {
@@ -46,12 +21,29 @@ fn stand_told(
                     received_at: at,
                     anchor_a: AnchorId(a),
                     anchor_b: AnchorId(b),
-                    distance_diff_m: range(b) - range(a) + 0.15 * noise.normal(),
+                    distance_diff_m: range_m(b) - range_m(a) + 0.15 * noise.normal(),
                     std_m: None,
                 });
             }
         }
     }
+}
+
+/// Anchors with these range biases, in truth moved by `moved`, heard by a vehicle at `p`.
+fn stand(
+    survey: &Survey,
+    p: Vector3<f64>,
+    bias_m: &[f64; 8],
+    moved: (u8, Vector3<f64>),
+    noise: &mut Noise,
+) -> AnchorCheck {
+    let mut check = AnchorCheck::new(survey, &[]);
+    let range_m = |id: u8| {
+        let site = survey.position_E_m(AnchorId(id)).unwrap().raw();
+        let shift = if moved.0 == id { moved.1 } else { Vector3::zeros() };
+        (p - site - shift).norm() + bias_m[usize::from(id)]
+    };
+    hear(&mut check, range_m, noise);
     check
 }
 
@@ -118,8 +110,9 @@ fn regress_two_exchanged_anchors_are_no_survey() {
             })
             .collect();
         let (told, bias_m) = (Survey::new(&told).unwrap(), usual(&mut noise, true));
-        let moved = (0, Vector3::zeros());
-        let check = stand_told(&told, &survey, p, &bias_m, moved, &mut noise);
+        let mut check = AnchorCheck::new(&told, &[]);
+        let range_m = |id: u8| (p - site(id.into()).raw()).norm() + bias_m[usize::from(id)];
+        hear(&mut check, range_m, &mut noise);
         let fit = check.judge(0.1).unwrap();
         flights += 1;
         found += usize::from(fit.fits_nowhere() || fit.is_at_fault(0.6));

@@ -16,7 +16,7 @@
 //! fitted for a while, or when the vehicle has landed.
 //!
 //! Two that are blocked at once can share their misfit with the position until none of them alone is doubted. For each pair,
-//! b and V being the values and covariance of both biases without their priors,
+//! b and V being the values, m, and covariance, m², of both biases without their priors, β and P the same with them,
 //!
 //! ```text
 //! doubt = bᵀ (V + σ_β² I)⁻¹ b,   V⁻¹ = P⁻¹ − I/σ_β²,   b = V P⁻¹ β

@@ -140,12 +140,13 @@ fn paths(page: &mut String, n: u64) -> Result<()> {
         for (name, corners) in SHAPES {
             let errors: Vec<[f64; 3]> = (0..n)
                 .into_par_iter()
-                .filter_map(|i| {
-                    let plant = ranging::room(scenario, SEED + i).ok()?;
-                    Some(fly_path(&pilot, Version::Modified, corners, plant).ok()?.0.estimate_m)
+                .map(|i| {
+                    let plant = ranging::room(scenario, SEED + i)?;
+                    Ok(fly_path(&pilot, Version::Modified, corners, plant)?.0.estimate_m)
                 })
-                .filter(|error_m| error_m.iter().any(|e| *e > 0.0))
-                .collect();
+                // Nothing was flown.
+                .filter(|error_m| !matches!(error_m, Ok([0.0, 0.0, 0.0])))
+                .collect::<Result<_>>()?;
             let mean =
                 |axis: usize| errors.iter().map(|e| e[axis]).sum::<f64>() / errors.len() as f64;
             let [north, east, down] = [mean(0), mean(1), mean(2)];
