@@ -458,6 +458,11 @@ impl Pilot {
         &self.estimate
     }
 
+    /// The filter, for who measures it on a recorded flight.
+    pub fn estimator(&self) -> &Estimator {
+        &self.estimator
+    }
+
     /// The mission that is in force.
     pub fn mission(&self) -> &Mission {
         &self.mission

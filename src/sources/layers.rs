@@ -42,10 +42,22 @@ impl Layers {
     /// Reads every origin and refuses what cannot be typed. `gone`: the table of retired keys.
     pub(super) fn read(sources: &Sources, gone: &[Retired]) -> Result<Self, Problems> {
         let mut problems = Problems::new();
-        let (mut layers, mut notes) = (Vec::new(), Vec::new());
+        let (mut layers, mut notes): (Vec<Layer>, _) = (Vec::new(), Vec::new());
         let mut files = sources.files.clone();
-        if files.is_empty() && Path::new(DEFAULT_FILE).exists() {
-            files.push(DEFAULT_FILE.into());
+        match &sources.recorded {
+            Some(recorded) if files.is_empty() => {
+                match read_config(&recorded.name, &recorded.text, gone, Author::Recorder) {
+                    Ok(read) => {
+                        let name = recorded.name.clone();
+                        layers.push(Layer { name, path: None, table: read.table });
+                    }
+                    Err(found) => found.lines().iter().for_each(|line| problems.say(line)),
+                }
+            }
+            None if files.is_empty() && Path::new(DEFAULT_FILE).exists() => {
+                files.push(DEFAULT_FILE.into());
+            }
+            _ => {}
         }
         for path in files {
             match read_file(&path, gone, &mut notes) {

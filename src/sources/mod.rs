@@ -44,11 +44,22 @@ pub struct Loaded {
     pub stations_unasked: bool,
 }
 
+/// The configuration that a log holds.
+#[derive(Debug, Clone)]
+pub struct Recorded {
+    /// Which log, for people.
+    pub name: String,
+    /// Its text.
+    pub text: String,
+}
+
 /// Where a configuration comes from.
 #[derive(Debug, Clone, Default)]
 pub struct Sources {
-    /// TOML files, later ones win. None: [`DEFAULT_FILE`], if it exists.
+    /// TOML files, later ones win. None: what a log holds, or else [`DEFAULT_FILE`], if it exists.
     pub files: Vec<PathBuf>,
+    /// Configuration in a log, in place of files that nobody names.
+    pub recorded: Option<Recorded>,
     /// Environment, as `std::env::vars`.
     pub environment: Vec<(String, String)>,
     /// Numbers of a vehicle. They win over files.
@@ -64,7 +75,7 @@ impl Sources {
         let environment = std::env::vars_os()
             .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))
             .collect();
-        Self { files, environment, vehicle: None, overrides }
+        Self { files, environment, overrides, ..Self::default() }
     }
 }
 

@@ -30,7 +30,7 @@ fn load(text: &str, environment: &[(&str, &str)], sets: &[&str]) -> Result<Loade
         files: vec![folder.path().join("a.toml")],
         environment: environment.iter().map(|(n, v)| ((*n).into(), (*v).into())).collect(),
         overrides: sets.iter().map(|s| (*s).into()).collect(),
-        vehicle: None,
+        ..Sources::default()
     };
     Loaded::load_by(&sources, TABLE)
 }

@@ -3,10 +3,13 @@
 use std::fmt::{self, Write};
 
 use super::{FlightReport, run_flight, run_told};
-use crate::sources::{Origin, Sources, VehicleKeys, load_with_origins};
+use crate::sources::{Origin, Recorded, Sources, VehicleKeys, load_with_origins};
 use haltere_core::checks::Problems;
 use haltere_core::estimator::EstimatorConfig;
 use haltere_log::import::util::Flight;
+use haltere_log::record::LogReader;
+use haltere_pilot::settings::Config;
+use haltere_pilot::{FlightConfig, PilotConfig};
 
 /// Key of where the tag is on the vehicle.
 const TAG: &str = "estimator.p_BT_B_m";
@@ -16,7 +19,10 @@ const TAG: &str = "estimator.p_BT_B_m";
 pub struct Flown {
     /// Its filter.
     pub estimator: EstimatorConfig,
+    config: Config,
     origins: Vec<Origin>,
+    /// What a place of the tag is that nobody told.
+    untold_tag: &'static str,
 }
 
 /// The quadrotor of the recordings.
@@ -31,7 +37,29 @@ impl Flown {
     /// What these sources would fly; refuses with all that is wrong.
     pub fn read(sources: Sources) -> Result<Self, Problems> {
         let (config, origins) = load_with_origins(&sources)?;
-        Ok(Self { estimator: config.pilot().estimator_in_force(), origins })
+        let estimator = config.pilot().estimator_in_force();
+        // Where the tag was is written beside the recordings, by vehicle.
+        Ok(Self { estimator, config, origins, untold_tag: "as the recording says" })
+    }
+
+    /// The same for a log of one's own: what it was flown with where no file is named.
+    pub fn read_for(log: &LogReader, sources: Sources) -> Result<Self, Problems> {
+        let text = log.session().config_toml.clone();
+        let recorded = Some(Recorded { name: "as flown".into(), text });
+        Ok(Self { untold_tag: "default", ..Self::read(Sources { recorded, ..sources })? })
+    }
+
+    /// What lives through a log again: its links, board and room, and the filter of this configuration with what feeds it.
+    pub fn pilot_on(&self, flown: PilotConfig) -> PilotConfig {
+        let told = self.config.pilot();
+        let gear_height_m = told.flight.gear_height_m;
+        PilotConfig {
+            flight: FlightConfig { gear_height_m, ..flown.flight },
+            uwb: told.uwb,
+            estimator: told.estimator,
+            control: told.control,
+            ..flown
+        }
     }
 
     /// What flies when nobody configures anything, on the quadrotor of the recordings.
@@ -58,12 +86,16 @@ impl Flown {
     /// Writes the numbers of the vehicle, each with its origin.
     pub fn print(&self, out: &mut impl Write) -> fmt::Result {
         writeln!(out, "the vehicle; all else is the configuration that flies")?;
+        self.print_vehicle(out)
+    }
+
+    /// The numbers alone.
+    pub fn print_vehicle(&self, out: &mut impl Write) -> fmt::Result {
         let filter = self.origins.iter().filter(|origin| origin.key.starts_with("estimator."));
         for Origin { key, value, from } in filter {
             let value = value.as_ref().map_or("none".into(), ToString::to_string);
             let from = match from {
-                // Where the tag was is written beside the recordings, by vehicle.
-                None if *key == TAG => "as the recording says",
+                None if *key == TAG => self.untold_tag,
                 None => "default",
                 Some(from) => from,
             };

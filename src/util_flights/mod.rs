@@ -1,4 +1,4 @@
-//! Estimator on recorded flights in the UTIL layout, scored against motion capture.
+//! Estimator on recorded flights, in the UTIL layout and of one's own (`own.rs`), scored against motion capture.
 //!
 //! Recordings: Zhao, Goudar, Qiao, Schoellig, "UTIL: An ultra-wideband time-difference-of-arrival
 //! indoor localization dataset", IJRR 43(10), 2024. They come without a licence: they are read from
@@ -10,8 +10,10 @@
 //! pose came over the radio some 10 ms late (authors' figure) and is compared as it is stamped.
 
 pub mod airborne;
+mod clock;
 mod consistency;
 mod flown;
+mod own;
 mod score;
 pub mod table;
 
@@ -21,6 +23,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use airborne::Activity;
+pub use clock::{Clock, Frames};
 pub use consistency::Consistency;
 pub use flown::{Flown, quadrotor};
 use haltere_core::drops::DropReason;
@@ -29,8 +32,9 @@ use haltere_core::estimator::{Counts, Estimator, EstimatorConfig, Motion};
 use haltere_core::measure::{ImuSample, ReferencePose};
 use haltere_core::time::HostTime;
 use haltere_log::import::util::{Error, Flight, Sample, load_located};
+pub use own::{Beside, NotScored, logs, run_log};
 use score::Score;
-pub use table::print_table;
+pub use table::{print_table, print_truth};
 
 /// One sigma of the told heading, rad: motion capture of a hand-placed vehicle.
 const STD_HEADING_RAD: f64 = 0.05;
@@ -80,8 +84,58 @@ pub struct FlightReport {
     pub unwarned_s: f64,
     /// Whether there was an IMU.
     pub aided_by_imu: bool,
-    /// Time of one TDOA update, ns, clock reading included.
-    pub ns_per_update: f64,
+    /// Time of one TDOA update, ns, clock reading included; nothing where it was not taken by itself.
+    pub ns_per_update: Option<f64>,
+    /// What the estimate of a log of one's own was held against.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth: Option<Beside>,
+}
+
+/// What the filter did with what it was given.
+#[derive(Debug, Clone, Copy, Default)]
+struct Took {
+    counts: Counts,
+    impossible: u64,
+    aligned: bool,
+}
+
+impl Took {
+    fn of(estimator: &Estimator) -> Self {
+        let impossible = estimator.drops().count(DropReason::UwbImpossible);
+        Self { counts: estimator.counts(), impossible, aligned: estimator.is_aligned() }
+    }
+}
+
+impl FlightReport {
+    fn of(flight: String, score: Score, took: Took, aided_by_imu: bool) -> Self {
+        let summary = score.summary();
+        let Counts { tdoa_fused, tdoa_gated, remedies, .. } = took.counts;
+        Self {
+            flight,
+            rmse_3d_m: summary.rmse_m,
+            rmse_3d_airborne_m: summary.rmse_airborne_m,
+            median_m: summary.median_m,
+            p95_m: summary.p95_m,
+            worst_m: summary.worst_m,
+            bias_m: summary.bias_m,
+            diverged: summary.diverged || !took.aligned,
+            updates: tdoa_fused,
+            rejected: tdoa_gated,
+            impossible: took.impossible,
+            remedies,
+            nees_per_axis: summary.nees.map(|c| c.mean),
+            nees_band: summary.nees,
+            attitude_deg: summary.attitude_deg,
+            nis: summary.nis.map(|c| c.mean),
+            nis_band: summary.nis,
+            doubted_by_anchor: summary.doubted_by_anchor,
+            warned_s: summary.warned_s,
+            unwarned_s: summary.unwarned_s,
+            aided_by_imu,
+            ns_per_update: None,
+            truth: None,
+        }
+    }
 }
 
 /// Flights of a folder in the order of their names; of `full` and `tdoa_pos` in it, if it has those.
@@ -173,31 +227,11 @@ fn run_told(
             }
         }
     }
-    let Counts { tdoa_fused, tdoa_gated, remedies, .. } = estimator.counts();
-    let summary = score.summary();
+    let ns_per_update = Some(if timed == 0 { 0.0 } else { spent_ns as f64 / timed as f64 });
+    let took = Took::of(&estimator);
     FlightReport {
-        flight: flight.name.clone(),
-        rmse_3d_m: summary.rmse_m,
-        rmse_3d_airborne_m: summary.rmse_airborne_m,
-        median_m: summary.median_m,
-        p95_m: summary.p95_m,
-        worst_m: summary.worst_m,
-        bias_m: summary.bias_m,
-        diverged: summary.diverged || !estimator.is_aligned(),
-        updates: tdoa_fused,
-        rejected: tdoa_gated,
-        impossible: estimator.drops().count(DropReason::UwbImpossible),
-        remedies,
-        nees_per_axis: summary.nees.map(|c| c.mean),
-        nees_band: summary.nees,
-        attitude_deg: summary.attitude_deg,
-        nis: summary.nis.map(|c| c.mean),
-        nis_band: summary.nis,
-        doubted_by_anchor: summary.doubted_by_anchor,
-        warned_s: summary.warned_s,
-        unwarned_s: summary.unwarned_s,
-        aided_by_imu: flight.has_imu(),
-        ns_per_update: if timed == 0 { 0.0 } else { spent_ns as f64 / timed as f64 },
+        ns_per_update,
+        ..FlightReport::of(flight.name.clone(), score, took, flight.has_imu())
     }
 }
 

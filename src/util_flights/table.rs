@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write};
 
-use super::{Consistency, FlightReport};
+use super::{Beside, Consistency, FlightReport};
 
 /// Writes one line per flight, the medians of the whole-flight and airborne figures with and without
 /// IMU, whether the stated errors are honest, and what was doubted by anchor.
@@ -30,7 +30,7 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
         writeln!(
             out,
             "{:<26} {:>6} {:>8} {:>6} {:>6} {:>6}  {n:>6.3} {e:>6.3} {d:>6.3} {:>10} {:>8} \
-             {:>7} {:>6} {:>6} {:>5.0} {:>6}",
+             {:>7} {:>6} {:>6} {:>5} {:>6}",
             r.flight,
             metres(r.rmse_3d_m),
             metres(r.rmse_3d_airborne_m),
@@ -42,7 +42,7 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
             r.rejected,
             r.impossible,
             r.remedies,
-            r.ns_per_update,
+            r.ns_per_update.map_or("-".into(), |ns| format!("{ns:.0}")),
             if r.diverged { "DIVERGED" } else { "ok" }
         )?;
     }
@@ -67,6 +67,39 @@ pub fn print_table(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Resul
         let anchors: Vec<String> =
             r.doubted_by_anchor.iter().map(|(id, count)| format!("{id}: {count}")).collect();
         writeln!(out, "{:<26} {}", r.flight, anchors.join(", "))?;
+    }
+    Ok(())
+}
+
+/// Writes what each estimate of one's own flights was held against.
+pub fn print_truth(out: &mut impl Write, reports: &[FlightReport]) -> fmt::Result {
+    writeln!(
+        out,
+        "{:<26} assumed in the frame of the anchors and of the vehicle's centre; clock without what the estimate lags",
+        "truth"
+    )?;
+    for r in reports {
+        let Some(Beside { source, poses, unused, clock, frames, lost_inputs }) = &r.truth else {
+            continue;
+        };
+        write!(out, "{:<26} {source}: {poses} poses", r.flight)?;
+        if unused.count() > 0 {
+            write!(out, ", not used: {unused}")?;
+        }
+        if *lost_inputs > 0 {
+            write!(out, "; the log has lost {lost_inputs} inputs")?;
+        }
+        let clock = clock.map_or("that of the companion".into(), |c| c.to_string());
+        let [n, e, d] = frames.shift_E_m;
+        let turn = frames.yaw_rad.map_or("not turned".into(), |yaw_rad| {
+            format!("turned by {:+.1} deg from north to east", yaw_rad.to_degrees())
+        });
+        writeln!(
+            out,
+            "\n{:<26}   clock: {clock}\n{:<26}   what flew is off by {:.3} m rms; it would be by {:.3} m if the truth were {turn} \
+             and moved by N {n:+.3} E {e:+.3} D {d:+.3} m (not applied)",
+            "", "", frames.rms_m, frames.fitted_rms_m
+        )?;
     }
     Ok(())
 }

@@ -9,6 +9,7 @@ pub mod flapper;
 pub mod motion;
 pub mod recording;
 pub mod stand;
+pub mod truth;
 pub mod util;
 
 pub use recording::{Error, Recording, Row, Skipped};

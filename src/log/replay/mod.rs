@@ -6,6 +6,7 @@
 //! messages must agree within [`TOLERANCE`], each with one of its link and kind. Either way it is said whether
 //! the setpoints for the board agree, which a diagnosis rests on, or something else that was sent differs.
 
+mod again;
 mod airborne;
 mod compare;
 mod in_order;
@@ -35,6 +36,7 @@ use haltere_core::topics::Topic;
 use haltere_pilot::settings::Config;
 use haltere_pilot::{LinkId, Mission, Pilot};
 
+pub use again::live_again;
 pub use compare::TOLERANCE;
 pub use parameters::{ParameterChange, changed_parameters};
 pub use report::{Demand, Difference, Differs, Hole, Report, Verdict};

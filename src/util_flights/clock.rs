@@ -1,0 +1,696 @@
+//! The clock of a truth against the companion's, from how the vehicle moved: nobody sets the two by hand.
+//!
+//! ```text
+//! t = h − a − b (h − h̄)        a: offset, s; b: drift; h̄: middle of what both tell, s
+//! r(h) = p̂(h) − R(ψ) p(t) − c   p̂: estimate, p: truth, Earth frame, m; ψ, c: a turn about the vertical and a shift
+//! ```
+//!
+//! First the speeds are laid over one another at every offset, which no turn or shift of the frames moves; the likeliest
+//! offsets of normal speeds are those with the largest `−n ln(1 − ρ²)`, ρ their correlation over n steps. From each the
+//! sum of `r²` is made least by Gauss and Newton, residuals weighed by Huber; the one that explains most is taken. ψ and c
+//! are found with it, so that frames that differ are not taken for a clock. **Left out.** A lag of the estimate itself
+//! is part of the offset: no track can tell the two apart.
+
+use std::fmt;
+
+use nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
+use serde::Serialize;
+
+use haltere_core::measure::ReferencePose;
+use haltere_core::time::HostTime;
+use haltere_log::import::truth::TruePose;
+
+/// Steps over which speeds are taken and laid over one another, s: a vehicle changes its speed in some tenths.
+const STEP_S: f64 = 0.2;
+/// Positions are taken between poses no farther apart than this, s.
+pub const GAP_S: f64 = 0.25;
+/// Longest track and flight that are laid over one another, s: three hours each take some seconds.
+const LONGEST_S: f64 = 10_800.0;
+/// From this speed on it moves, m/s: twice what an estimate that stands trembles by.
+const MOVES_MPS: f64 = 0.2;
+/// It must move so long in what both tell, s: a take-off and one leg.
+const LEAST_MOVING_S: f64 = 5.0;
+/// Least correlation of the speeds. Of two flights that have nothing in common the best of all offsets reaches 0.6.
+const LEAST_CORRELATION: f64 = 0.7;
+/// Offsets that are tried to the end, and how far they lie apart, s.
+const TRIED: usize = 6;
+const APART_S: f64 = 1.0;
+/// How far the fit may lead from where it began, s.
+const REACH_S: f64 = 1.0;
+/// Two offsets fit alike where the second leaves less than this times the residual of the first.
+const ALIKE: f64 = 1.5;
+/// Largest standard error that is taken, s: at 1 m/s half of the best error on record, 0.06 m.
+const MOST_STD_S: f64 = 0.03;
+/// One sigma of the drift of a clock before anything is known: a crystal has 0.0001, a computer that is being set 0.0005.
+const STD_DRIFT: f64 = 1e-3;
+/// Errors of the estimate stay for so long, s, that only one value of each such time counts (what is measured on recordings:
+/// 20 to 150 independent errors in flights of one to three minutes).
+const STAYS_S: f64 = 2.0;
+/// Estimates that are fitted lie so far apart, s.
+const FIT_STEP_S: f64 = 0.1;
+/// From this height on it is in the air, m, as in the figures of the page.
+const ALOFT_M: f64 = 0.5;
+/// Rounds of Gauss and Newton.
+const ROUNDS: usize = 15;
+
+/// Where the estimate had the vehicle: host time, s since the log began; position, Earth frame, m; speed, m/s.
+#[derive(Debug, Clone, Copy)]
+pub struct Flown {
+    pub at_s: f64,
+    pub pos_E_m: Vector3<f64>,
+    pub speed_mps: f64,
+}
+
+/// What leads from the truth's clock to the companion's.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Clock {
+    /// Companion's time less the truth's in the middle of the flight, s; the companion's counts from the log's beginning.
+    pub offset_s: f64,
+    /// Its standard error, s.
+    pub std_offset_s: f64,
+    /// By how much faster the companion's runs, parts per million.
+    pub drift_ppm: f64,
+    /// Its standard error, parts per million.
+    pub std_drift_ppm: f64,
+    /// Middle of the flight, s since the log began.
+    pub middle_s: f64,
+    /// Correlation of the speeds there.
+    pub correlation: f64,
+}
+
+/// Why no clock was found.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NoClock {
+    /// Nothing to compare.
+    #[error(
+        "{what} lasts {found_s:.0} s, allowed {LEAST_MOVING_S:.0} to {LONGEST_S:.0} s; cut it to the flight"
+    )]
+    Length {
+        /// Estimate or truth.
+        what: &'static str,
+        /// How long.
+        found_s: f64,
+    },
+    /// It stood.
+    #[error(
+        "the vehicle did not move enough: {found_s:.1} s faster than {MOVES_MPS} m/s in what estimate and truth both tell, \
+         at least {LEAST_MOVING_S:.0} s needed; fly a leg there and back, or give the truth on the companion's clock (`host_time_us`)"
+    )]
+    TooStill {
+        /// How long it moved.
+        found_s: f64,
+    },
+    /// Speeds do not agree anywhere.
+    #[error(
+        "at no offset do the speeds of estimate and truth agree: correlation {found:.2} at best, at least \
+         {LEAST_CORRELATION} needed; is the truth of this flight?"
+    )]
+    NothingAgrees {
+        /// The best.
+        found: f64,
+    },
+    /// No metres.
+    #[error("{0}")]
+    Units(Units),
+    /// A path that repeats.
+    #[error(
+        "two offsets fit alike, {first_s:.2} s and {second_s:.2} s: the path repeats itself; give a truth that holds take-off or \
+         landing, or the companion's clock (`host_time_us`)"
+    )]
+    Repeats {
+        /// The better one, s.
+        first_s: f64,
+        /// The other one, s.
+        second_s: f64,
+    },
+    /// Not well enough.
+    #[error(
+        "the offset is known to {std_s:.3} s only, at most {MOST_STD_S} s allowed; fly farther or faster, or give the truth on the \
+         companion's clock (`host_time_us`)"
+    )]
+    Vague {
+        /// Standard error.
+        std_s: f64,
+    },
+}
+
+/// A truth that is in no metres.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error(
+    "the truth spreads {factor:.0} times as far as the estimate: is it in {unit}? name its columns x_{suffix},y_{suffix},z_{suffix}"
+)]
+pub struct Units {
+    factor: f64,
+    unit: &'static str,
+    suffix: &'static str,
+}
+
+impl Units {
+    /// Of a truth that spreads so many times as far as the estimate. Other factors are those of an estimate that is wrong.
+    pub fn of(factor: f64) -> Option<Self> {
+        let (unit, suffix) = match factor {
+            f if (300.0..3000.0).contains(&f) => ("millimetres", "mm"),
+            f if (30.0..300.0).contains(&f) => ("centimetres", "cm"),
+            _ => return None,
+        };
+        Some(Self { factor, unit, suffix })
+    }
+}
+
+impl Clock {
+    /// The same pose on the companion's clock; `None` before the log began.
+    pub fn pose(&self, pose: &TruePose, log_start: HostTime) -> Option<ReferencePose> {
+        let drift = self.drift_ppm * 1e-6;
+        // t = h − a − b (h − h̄), solved for h.
+        let at_s = (pose.t_s + self.offset_s - drift * self.middle_s) / (1.0 - drift);
+        ((0.0..LONGEST_S * 2.0).contains(&at_s))
+            .then(|| reference(pose, log_start.offset_us((at_s * 1e6).round() as i64)))
+    }
+}
+
+impl fmt::Display for Clock {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { offset_s, std_offset_s, drift_ppm, std_drift_ppm, middle_s, correlation } = self;
+        write!(
+            f,
+            "{offset_s:+.3} s (sigma {std_offset_s:.3}) from the truth's to the log's at {middle_s:.0} s, which runs \
+             {drift_ppm:+.0} ppm (sigma {std_drift_ppm:.0}) faster; speeds correlate by {correlation:.2}"
+        )
+    }
+}
+
+/// A pose at a host time.
+pub fn reference(pose: &TruePose, at: HostTime) -> ReferencePose {
+    ReferencePose { valid_at: at, received_at: at, pos_E_m: pose.pos_E_m, attitude: pose.attitude }
+}
+
+/// Finds the clock. Both in the order of their times.
+pub fn find(flown: &[Flown], truth: &[TruePose]) -> Result<Clock, NoClock> {
+    let estimated = Speeds::of_flown(flown)?;
+    let true_speeds = Speeds::of_truth(truth)?;
+    let mut lags = overlaid(&estimated, &true_speeds)?;
+    lags.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    let factor = lags.first().and_then(|lag| spread_factor(flown, truth, lag.offset_s));
+    if let Some(units) = factor.and_then(Units::of) {
+        return Err(NoClock::Units(units));
+    }
+    let mut tried: Vec<Fit> = Vec::new();
+    let mut begun: Vec<f64> = Vec::new();
+    for lag in &lags {
+        if begun.len() == TRIED {
+            break;
+        }
+        if begun.iter().all(|other| (other - lag.offset_s).abs() > APART_S) {
+            begun.push(lag.offset_s);
+            tried.extend(fit(flown, truth, lag));
+        }
+    }
+    let found = lags.first().map_or(0.0, |lag| lag.correlation);
+    tried.retain(|fit| fit.correlation >= LEAST_CORRELATION);
+    tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    let Some(best) = tried.first() else { return Err(NoClock::NothingAgrees { found }) };
+    let other = tried.iter().skip(1).find(|fit| {
+        (fit.clock.offset_s - best.clock.offset_s).abs() > APART_S / 2.0
+            && fit.rms_m < ALIKE * best.rms_m
+            && fit.points as f64 > 0.8 * best.points as f64
+    });
+    if let Some(other) = other {
+        let (first_s, second_s) = (best.clock.offset_s, other.clock.offset_s);
+        return Err(NoClock::Repeats { first_s, second_s });
+    }
+    if best.clock.std_offset_s > MOST_STD_S {
+        return Err(NoClock::Vague { std_s: best.clock.std_offset_s });
+    }
+    Ok(best.clock)
+}
+
+/// Speeds in steps of [`STEP_S`]; nothing where nothing is known.
+struct Speeds {
+    first_s: f64,
+    mps: Vec<Option<f64>>,
+}
+
+impl Speeds {
+    fn empty(what: &'static str, first_s: f64, last_s: f64) -> Result<Self, NoClock> {
+        let found_s = last_s - first_s;
+        if !(LEAST_MOVING_S..=LONGEST_S).contains(&found_s) {
+            return Err(NoClock::Length { what, found_s });
+        }
+        Ok(Self { first_s, mps: vec![None; (found_s / STEP_S) as usize] })
+    }
+
+    fn of_flown(flown: &[Flown]) -> Result<Self, NoClock> {
+        let first_s = flown.first().map_or(0.0, |f| f.at_s);
+        let mut speeds =
+            Self::empty("the estimate", first_s, flown.last().map_or(0.0, |f| f.at_s))?;
+        let mut sums = vec![(0.0, 0.0); speeds.mps.len()];
+        for f in flown {
+            if let Some((sum, n)) = sums.get_mut(((f.at_s - first_s) / STEP_S) as usize) {
+                *sum += f.speed_mps;
+                *n += 1.0;
+            }
+        }
+        speeds.mps = sums.into_iter().map(|(sum, n)| (n > 0.0).then(|| sum / n)).collect();
+        Ok(speeds)
+    }
+
+    fn of_truth(truth: &[TruePose]) -> Result<Self, NoClock> {
+        let first_s = truth.first().map_or(0.0, |p| p.t_s);
+        let mut speeds = Self::empty("the truth", first_s, truth.last().map_or(0.0, |p| p.t_s))?;
+        for (k, mps) in speeds.mps.iter_mut().enumerate() {
+            *mps = position_and_velocity(truth, first_s + (k as f64 + 0.5) * STEP_S, STEP_S)
+                .map(|(_, velocity)| velocity.norm());
+        }
+        Ok(speeds)
+    }
+}
+
+/// Position and velocity over `span_s` about a time; nothing in a gap.
+fn position_and_velocity(
+    truth: &[TruePose],
+    t_s: f64,
+    span_s: f64,
+) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    let at = |t_s: f64| {
+        let after = truth.partition_point(|p| p.t_s < t_s);
+        let (b, a) = (truth.get(after)?, truth.get(after.checked_sub(1)?)?);
+        let apart_s = b.t_s - a.t_s;
+        let part = (t_s - a.t_s) / apart_s;
+        let [p, q] = [a, b].map(|pose| pose.pos_E_m.raw());
+        (apart_s <= GAP_S).then(|| p + (q - p) * part)
+    };
+    let [before, after] = [at(t_s - 0.5 * span_s)?, at(t_s + 0.5 * span_s)?];
+    Some((at(t_s)?, (after - before) / span_s))
+}
+
+/// Speeds laid over one another at an offset.
+#[derive(Debug, Clone, Copy)]
+struct Overlaid {
+    offset_s: f64,
+    correlation: f64,
+    gain: f64,
+}
+
+/// At every offset at which the vehicle moves long enough in both.
+fn overlaid(estimated: &Speeds, truth: &Speeds) -> Result<Vec<Overlaid>, NoClock> {
+    let (n, m) = (estimated.mps.len() as isize, truth.mps.len() as isize);
+    let mut found = Vec::new();
+    let mut most_moving = 0usize;
+    for lag in 1 - m..n {
+        let (mut count, mut moving) = (0.0, 0usize);
+        let [mut x, mut y, mut xx, mut yy, mut xy] = [0.0; 5];
+        let (from, to) = (lag.max(0) as usize, (m + lag).min(n) as usize);
+        let beside = &truth.mps[(from as isize - lag) as usize..];
+        for (a, b) in estimated.mps[from..to].iter().zip(beside) {
+            let (Some(a), Some(b)) = (a, b) else { continue };
+            count += 1.0;
+            moving += usize::from(*a > MOVES_MPS && *b > MOVES_MPS);
+            x += a;
+            y += b;
+            xx += a * a;
+            yy += b * b;
+            xy += a * b;
+        }
+        most_moving = most_moving.max(moving);
+        let var = (count * xx - x * x) * (count * yy - y * y);
+        if moving as f64 * STEP_S < LEAST_MOVING_S || var <= 0.0 {
+            continue;
+        }
+        let correlation = (count * xy - x * y) / var.sqrt();
+        let gain = -count * (1.0 - correlation.max(0.0).powi(2)).max(1e-9).ln();
+        let offset_s = lag as f64 * STEP_S + estimated.first_s - truth.first_s;
+        found.push(Overlaid { offset_s, correlation, gain });
+    }
+    if found.is_empty() {
+        return Err(NoClock::TooStill { found_s: most_moving as f64 * STEP_S });
+    }
+    Ok(found)
+}
+
+/// How far the truth spreads at an offset, in that of the estimate.
+fn spread_factor(flown: &[Flown], truth: &[TruePose], offset_s: f64) -> Option<f64> {
+    let beside = |f: &Flown| {
+        let (p, _) = position_and_velocity(truth, f.at_s - offset_s, STEP_S)?;
+        Some((f.pos_E_m, p))
+    };
+    let pairs: Vec<_> = flown.iter().filter_map(beside).collect();
+    Frames::between(pairs.iter().copied()).map(|frames| frames.spread_factor)
+}
+
+/// Clock and frames that fit best near an offset.
+#[derive(Debug, Clone, Copy)]
+struct Fit {
+    clock: Clock,
+    rms_m: f64,
+    points: usize,
+    gain: f64,
+    correlation: f64,
+}
+
+fn fit(flown: &[Flown], truth: &[TruePose], begin: &Overlaid) -> Option<Fit> {
+    let found = descend(flown, truth, begin)?;
+    let points = found.points;
+    let clock = Clock {
+        offset_s: found.params[0],
+        std_offset_s: found.stds[0],
+        drift_ppm: found.params[1] * 1e6,
+        std_drift_ppm: found.stds[1] * 1e6,
+        middle_s: found.middle_s,
+        correlation: begin.correlation,
+    };
+    let gain = points as f64 * (found.spread_m / found.rms_m.max(1e-6)).ln();
+    Some(Fit { clock, rms_m: found.rms_m, points, gain, correlation: begin.correlation })
+}
+
+struct Descended {
+    /// Offset, s; drift; yaw, rad; shift, m.
+    params: [f64; 6],
+    stds: [f64; 6],
+    middle_s: f64,
+    rms_m: f64,
+    spread_m: f64,
+    points: usize,
+}
+
+/// Gauss and Newton on a b ψ c from an offset.
+fn descend(flown: &[Flown], truth: &[TruePose], begin: &Overlaid) -> Option<Descended> {
+    let inside = |f: &&Flown| {
+        let t_s = f.at_s - begin.offset_s;
+        truth.first().is_some_and(|p| p.t_s <= t_s) && truth.last().is_some_and(|p| t_s <= p.t_s)
+    };
+    let mut next_s = f64::NEG_INFINITY;
+    let mut used: Vec<&Flown> = flown.iter().filter(inside).collect();
+    let height_m = |f: &&Flown| {
+        let (p, _) = position_and_velocity(truth, f.at_s - begin.offset_s, STEP_S)?;
+        Some(truth.first()?.pos_E_m.z() - p.z)
+    };
+    used = aloft(used, height_m);
+    used.retain(|f| {
+        let due = f.at_s >= next_s;
+        if due {
+            next_s = f.at_s + FIT_STEP_S;
+        }
+        due
+    });
+    let middle_s = 0.5 * (used.first()?.at_s + used.last()?.at_s);
+    let mut x = Vector6::new(begin.offset_s, 0.0, 0.0, 0.0, 0.0, 0.0);
+    let mut last = None;
+    for round in 0..ROUNDS {
+        let seen: Vec<(&Flown, Vector3<f64>, Vector3<f64>)> = used
+            .iter()
+            .filter_map(|f| {
+                let t_s = f.at_s - x[0] - x[1] * (f.at_s - middle_s);
+                let (p, v) = position_and_velocity(truth, t_s, STEP_S)?;
+                Some((*f, p, v))
+            })
+            .collect();
+        if (seen.len() as f64) * FIT_STEP_S < LEAST_MOVING_S {
+            return None;
+        }
+        if round == 0 {
+            let frames = Frames::between(seen.iter().map(|(f, p, _)| (f.pos_E_m, *p)))?;
+            (x[2], x[3], x[4], x[5]) = (
+                frames.yaw_rad.unwrap_or(0.0),
+                frames.shift_E_m[0],
+                frames.shift_E_m[1],
+                frames.shift_E_m[2],
+            );
+        }
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), x[2]);
+        let shift = Vector3::new(x[3], x[4], x[5]);
+        let residuals: Vec<Vector3<f64>> =
+            seen.iter().map(|(f, p, _)| f.pos_E_m - turn * p - shift).collect();
+        let mut sizes: Vec<f64> = residuals.iter().map(Vector3::norm).collect();
+        let middle = sizes.len() / 2;
+        let (_, typical_m, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
+        let huber_m = (3.0 * *typical_m).max(1e-3);
+        let (mut A, mut g, mut square, mut weights) =
+            (Matrix6::zeros(), Vector6::zeros(), 0.0, 0.0);
+        for ((f, p, v), r) in seen.iter().zip(&residuals) {
+            let w = (huber_m / r.norm()).min(1.0);
+            let (rv, rp) = (turn * v, turn * p);
+            // ∂r/∂x, its columns for a, b, ψ and c.
+            let columns = [
+                rv,
+                rv * (f.at_s - middle_s),
+                Vector3::new(rp.y, -rp.x, 0.0),
+                -Vector3::x(),
+                -Vector3::y(),
+                -Vector3::z(),
+            ];
+            for i in 0..6 {
+                g[i] += w * columns[i].dot(r);
+                for k in 0..6 {
+                    A[(i, k)] += w * columns[i].dot(&columns[k]);
+                }
+            }
+            square += w * r.norm_squared();
+            weights += w;
+        }
+        // One axis; of errors that stay, one in each STAYS_S counts.
+        let var = (square / (3.0 * weights)).max(1e-10) * (STAYS_S / FIT_STEP_S).max(1.0);
+        A /= var;
+        g /= var;
+        A[(1, 1)] += STD_DRIFT.powi(-2);
+        g[1] += STD_DRIFT.powi(-2) * x[1];
+        // A vehicle that only climbs shows no turn.
+        A[(2, 2)] += 1.0;
+        let inverse = A.try_inverse()?;
+        let step = inverse * g;
+        x -= step;
+        if !x.iter().all(|v| v.is_finite()) || (x[0] - begin.offset_s).abs() > REACH_S {
+            return None;
+        }
+        let stds = std::array::from_fn(|i| inverse[(i, i)].max(0.0).sqrt());
+        let mean = seen.iter().map(|(_, p, _)| *p).sum::<Vector3<f64>>() / seen.len() as f64;
+        let spread = seen.iter().map(|(_, p, _)| (p - mean).norm_squared()).sum::<f64>();
+        last = Some(Descended {
+            params: x.into(),
+            stds,
+            middle_s,
+            rms_m: (square / weights).sqrt(),
+            spread_m: (spread / seen.len() as f64).sqrt(),
+            points: seen.len(),
+        });
+        if step[0].abs() < 1e-6 && step[1].abs() < 1e-8 {
+            break;
+        }
+    }
+    last
+}
+
+/// Those in the air, by their height above where the truth begins, m: on the floor echoes bend an estimate. All of them where
+/// few are.
+pub fn aloft<T: Clone>(all: Vec<T>, height_m: impl Fn(&T) -> Option<f64>) -> Vec<T> {
+    let high = |one: &&T| height_m(one).is_some_and(|height_m| height_m > ALOFT_M);
+    let found: Vec<T> = all.iter().filter(high).cloned().collect();
+    if found.len() >= all.len() / 10 { found } else { all }
+}
+
+/// Turn and shift that lay truth over estimate best, with what they leave; a hint, never applied.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Frames {
+    /// Turn of the truth about the vertical, rad, positive from north to east; nothing where the horizontal path is a point.
+    pub yaw_rad: Option<f64>,
+    /// Shift behind it, north, east, down, m.
+    pub shift_E_m: [f64; 3],
+    /// Distance between estimate and truth, rms, m.
+    pub rms_m: f64,
+    /// The same turned and shifted.
+    pub fitted_rms_m: f64,
+    /// How far the truth spreads, in that of the estimate; about 1 where both are metres.
+    pub spread_factor: f64,
+}
+
+/// A horizontal path within this shows no turn, m rms.
+const LEAST_SPREAD_M: f64 = 0.1;
+
+impl Frames {
+    /// Of estimates, each beside its truth, Earth frame, m.
+    pub fn between(
+        pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> + Clone,
+    ) -> Option<Self> {
+        let n = pairs.clone().count() as f64;
+        if n < 2.0 {
+            return None;
+        }
+        let (sum_e, sum_t) = pairs
+            .clone()
+            .fold((Vector3::zeros(), Vector3::zeros()), |(a, b), (e, t)| (a + e, b + t));
+        let (mean_e, mean_t) = (sum_e / n, sum_t / n);
+        let [mut dot, mut cross, mut ee, mut tt, mut level] = [0.0; 5];
+        for (e, t) in pairs.clone() {
+            let (e, t) = (e - mean_e, t - mean_t);
+            dot += e.x * t.x + e.y * t.y;
+            cross += e.y * t.x - e.x * t.y;
+            ee += e.norm_squared();
+            tt += t.norm_squared();
+            level += t.x * t.x + t.y * t.y;
+        }
+        let yaw_rad = ((level / n).sqrt() > LEAST_SPREAD_M).then(|| cross.atan2(dot));
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), yaw_rad.unwrap_or(0.0));
+        let shift = mean_e - turn * mean_t;
+        let rms = |of: &dyn Fn(&Vector3<f64>) -> Vector3<f64>| {
+            (pairs.clone().map(|(e, t)| (e - of(&t)).norm_squared()).sum::<f64>() / n).sqrt()
+        };
+        Some(Self {
+            yaw_rad,
+            shift_E_m: shift.into(),
+            rms_m: rms(&|t| *t),
+            fitted_rms_m: rms(&|t| turn * t + shift),
+            spread_factor: if ee > 0.0 { (tt / ee).sqrt() } else { 1.0 },
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use haltere_core::frames::{E, Vec3};
+
+    /// Two minutes and a half that never repeat: stands, climbs, flies about, comes down.
+    fn path(t_s: f64) -> Vector3<f64> {
+        let flown_s = (t_s - 10.0).clamp(0.0, 130.0);
+        let x = 2.0 * (0.31 * flown_s).sin() + (0.83 * flown_s).sin();
+        let y = 1.5 * (0.47 * flown_s).sin() - 0.6 * (1.07 * flown_s).cos();
+        let up_m = (0.8 * flown_s).min(1.5).min(0.6 * (130.0 - flown_s));
+        Vector3::new(x, y, -up_m)
+    }
+
+    /// An error as of an estimate: some centimetres that stay for seconds.
+    fn error(t_s: f64) -> Vector3<f64> {
+        0.04 * Vector3::new((1.3 * t_s).sin(), (0.9 * t_s + 1.0).cos(), (1.7 * t_s).sin())
+    }
+
+    fn flown() -> Vec<Flown> {
+        let velocity = |t_s: f64| (path(t_s + 0.01) - path(t_s - 0.01)) / 0.02;
+        let steps = (0..15_000).map(|k| 0.01 * f64::from(k));
+        let at = |at_s| Flown {
+            at_s,
+            pos_E_m: path(at_s) + error(at_s),
+            speed_mps: velocity(at_s).norm(),
+        };
+        steps.map(at).collect()
+    }
+
+    /// The same at 100 Hz on a clock that is `offset_s` behind in the middle and slow by `drift`, turned and moved.
+    fn truth(offset_s: f64, drift: f64, yaw_rad: f64) -> Vec<TruePose> {
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -yaw_rad);
+        let pose = |k: i32| {
+            let h_s = 0.01 * f64::from(k) + 0.003;
+            let p: Vec3<E> = Vec3::from_raw(turn * (path(h_s) - Vector3::new(0.5, -0.2, 0.1)));
+            TruePose { t_s: h_s - offset_s - drift * (h_s - 75.0), pos_E_m: p, attitude: None }
+        };
+        (0..14_990).map(pose).collect()
+    }
+
+    #[test]
+    fn prop_offset_and_drift_are_found_whatever_the_frames() {
+        for offset_s in [0.0, 3.7, -3.7, 412.25, -1_763_999_999.5] {
+            for (drift, yaw_rad) in [(0.0, 0.0), (1e-3, 0.0), (-1e-3, 0.4), (0.0, 3.0)] {
+                let clock = find(&flown(), &truth(offset_s, drift, yaw_rad)).unwrap();
+                let off_s = clock.offset_s + drift * (clock.middle_s - 75.0) - offset_s;
+                println!("{offset_s} {drift} {yaw_rad}: {off_s:.4}, {clock}");
+                assert!(off_s.abs() < 0.005, "{clock:?}");
+                let drift_off_ppm = (clock.drift_ppm - 1e6 * drift).abs();
+                assert!(
+                    drift_off_ppm < 200.0 && drift_off_ppm < 3.0 * clock.std_drift_ppm,
+                    "{clock:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn prop_a_pose_comes_back_to_its_time() {
+        let truth = truth(3.7, 1e-3, 0.0);
+        let clock = find(&flown(), &truth).unwrap();
+        let start = HostTime::from_us(5_000_000);
+        for k in [1500, 7000, 13_000] {
+            let at = clock.pose(&truth[k], start).unwrap().valid_at;
+            let off_s = at.seconds_since(start) - (0.01 * k as f64 + 0.003);
+            assert!(off_s.abs() < 0.01, "{k}: {off_s}");
+        }
+        let before = TruePose { t_s: -1e9, ..truth[0] };
+        assert_eq!(clock.pose(&before, start), None);
+    }
+
+    #[test]
+    fn prop_a_gap_in_the_truth_costs_nothing_but_its_poses() {
+        let mut gap = truth(3.7, 0.0, 0.0);
+        gap.retain(|pose| !(20.0..27.0).contains(&pose.t_s));
+        let clock = find(&flown(), &gap).unwrap();
+        assert!((clock.offset_s - 3.7).abs() < 0.01, "{clock:?}");
+    }
+
+    #[test]
+    fn prop_what_cannot_be_found_is_said_with_its_reason() {
+        let flight = flown();
+        let scaled = |factor: f64| {
+            let mut truth = truth(3.7, 0.0, 0.0);
+            truth.iter_mut().for_each(|pose| pose.pos_E_m = pose.pos_E_m * factor);
+            truth
+        };
+        let still: Vec<TruePose> = truth(0.0, 0.0, 0.0)
+            .into_iter()
+            .map(|p| TruePose { pos_E_m: Vec3::zero(), ..p })
+            .collect();
+        let mut other = truth(0.0, 0.0, 0.0);
+        for pose in &mut other {
+            let t_s = 1.9 * pose.t_s;
+            pose.pos_E_m =
+                Vec3::new((0.9 * t_s).cos(), 2.0 * (0.23 * t_s).sin(), -(1.1 * t_s).sin());
+        }
+        for (truth, says) in [
+            (scaled(1000.0), "in millimetres? name its columns x_mm"),
+            (scaled(100.0), "in centimetres? name its columns x_cm"),
+            (still, "did not move enough: 0.0 s"),
+            (other, "is the truth of this flight?"),
+            (Vec::new(), "the truth lasts 0 s"),
+            (truth(0.0, 0.0, 0.0)[..300].to_vec(), "the truth lasts 3 s"),
+        ] {
+            let error = find(&flight, &truth).unwrap_err().to_string();
+            assert!(error.contains(says), "{says}: {error}");
+        }
+        assert!(
+            find(&[], &truth(0.0, 0.0, 0.0))
+                .unwrap_err()
+                .to_string()
+                .contains("the estimate lasts")
+        );
+    }
+
+    /// Laps alone, without take-off and landing, and a truth of some of them.
+    #[test]
+    fn prop_laps_that_look_alike_are_not_told_apart() {
+        let lap = |t_s: f64| {
+            let a = std::f64::consts::TAU * t_s / 8.0;
+            Vector3::new(2.0 * a.sin(), (2.0 * a).sin(), -1.0)
+        };
+        let speed = |t_s: f64| (lap(t_s + 0.01) - lap(t_s - 0.01)).norm() / 0.02;
+        let steps = (0..8000).map(|k| 0.01 * f64::from(k));
+        let flight: Vec<Flown> = steps
+            .map(|at_s| Flown { at_s, pos_E_m: lap(at_s) + error(at_s), speed_mps: speed(at_s) })
+            .collect();
+        let pose = |k: i32| {
+            let t_s = 0.01 * f64::from(k);
+            TruePose { t_s, pos_E_m: Vec3::from_raw(lap(t_s)), attitude: None }
+        };
+        let truth: Vec<TruePose> = (0..3000).map(pose).collect();
+        let error = find(&flight, &truth).unwrap_err();
+        assert!(matches!(error, NoClock::Repeats { .. }), "{error}");
+    }
+
+    #[test]
+    fn prop_frames_that_differ_are_found_and_nothing_is_found_of_nothing() {
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.2);
+        let shift = Vector3::new(0.3, -0.1, 0.05);
+        let pairs: Vec<_> =
+            (0..500).map(|k| path(0.1 * f64::from(k))).map(|t| (turn * t + shift, t)).collect();
+        let frames = Frames::between(pairs.iter().copied()).unwrap();
+        assert!((frames.yaw_rad.unwrap() - 0.2).abs() < 1e-9 && frames.fitted_rms_m < 1e-9);
+        assert!((Vector3::from(frames.shift_E_m) - shift).norm() < 1e-9 && frames.rms_m > 0.2);
+        assert!((frames.spread_factor - 1.0).abs() < 1e-9);
+        assert_eq!(Frames::between(std::iter::empty()), None);
+    }
+}
