@@ -30,7 +30,7 @@ const LONGEST_S: f64 = 10_800.0;
 const MOVES_MPS: f64 = 0.2;
 /// It must move so long in what both tell, s: a take-off and one leg.
 const LEAST_MOVING_S: f64 = 5.0;
-/// Least correlation of the speeds. Of two flights that have nothing in common the best of all offsets reaches 0.6.
+/// Least correlation of the speeds (judgement: 0.89 on two simulated flights of 35 s; flights of others were not measured).
 const LEAST_CORRELATION: f64 = 0.7;
 /// Offsets that are tried to the end, and how far they lie apart, s.
 const TRIED: usize = 6;
