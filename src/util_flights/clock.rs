@@ -83,7 +83,7 @@ pub struct Clock {
 pub enum NoClock {
     /// Nothing to compare.
     #[error(
-        "{what} lasts {found_s:.0} s, allowed {LEAST_MOVING_S:.0} to {LONGEST_S:.0} s; cut it to the flight"
+        "{what} lasts {found_s:.0} s, allowed {LEAST_MOVING_S:.0} to {LONGEST_S:.0} s; give the whole flight, and little else"
     )]
     Length {
         /// Estimate or truth.

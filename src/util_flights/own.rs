@@ -207,7 +207,7 @@ fn as_flown(
 /// The estimate at a time shortly after that of its newest IMU sample.
 fn carried(mut estimate: Estimate, to: HostTime) -> Estimate {
     let late_s = to.seconds_since(estimate.at).clamp(-CARRIED_S, CARRIED_S);
-    estimate.pos_E_m = estimate.pos_E_m + estimate.vel_E_mps() * late_s;
+    estimate.pos_E_m += estimate.vel_E_mps() * late_s;
     estimate
 }
 
