@@ -9,4 +9,4 @@ def test_a_square_with_anchors_lost(haltere):
     haltere.station().fly(SQUARE)
     haltere.assert_track(SQUARE, within=0.5)
     haltere.assert_landed()
-    haltere.assert_no_events(but=["anchor", "estimate degraded"])
+    haltere.assert_no_events(but=["anchor"])

@@ -82,10 +82,11 @@ impl Check {
                  \"degraded\" is let pass. Not higher than 1 m above the floor of the survey, where no vehicle \
                  stands: a survey of the wrong scale says so, and a take-off by it would end before it began",
                 "estimator not aligned: N of M anchors heard, keep the vehicle still and level; estimate \
-                 degraded or lost, and why: no UWB measurement used for N s; position sigma N m; anchor N does \
-                 not fit the others; N anchors heard, M needed to find a wrong one; N % of the UWB \
-                 measurements do not fit; most anchors read far worse than usual; stands N m above the floor \
-                 by UWB, 1.0 m at most",
+                 degraded or lost, and why: no UWB measurement used for N s; position sigma N m; the floor \
+                 hides the low anchors, position sigma N m; anchor N does not fit the others; N anchors heard, \
+                 M needed to find a wrong one; N % of the UWB measurements do not fit; the anchors contradict \
+                 one another, none of them alone is at fault: N, E or height may be N m off; most anchors read \
+                 far worse than usual; stands N m above the floor by UWB, 1.0 m at most",
             ],
             Check::Imu => ["imu", "a sample within 0.5 s", "no IMU data from the board"],
             Check::Uwb => [

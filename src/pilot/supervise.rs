@@ -3,6 +3,7 @@
 //! `arming`.
 
 use haltere_core::estimate::Health;
+use haltere_core::estimator::Misgiving;
 use haltere_core::frames::G_MPS2;
 use haltere_core::measure::BaroSample;
 use haltere_core::time::HostTime;
@@ -476,9 +477,14 @@ impl Pilot {
         }
     }
 
-    /// Tells people when the estimate gets worse or better, calmly.
+    /// Tells people when the estimate gets worse or better, and why, calmly.
     pub(super) fn watch_health(&mut self, at: HostTime) {
-        let health = self.estimate.health;
+        let why = self.estimator.misgiving(at);
+        // As it is at each take-off: a warning that always comes is not read.
+        let health = match (self.estimate.health, why) {
+            (Health::Degraded, Some(Misgiving::FloorHides { .. })) => Health::Good,
+            (health, _) => health,
+        };
         let was = self.health_told;
         if health == was {
             return;
@@ -491,6 +497,7 @@ impl Pilot {
         self.health_told_at = at;
         let pos = self.estimate.pos_E_m;
         let place = format!("N {:.2} E {:.2} height {:.2} m", pos.x(), pos.y(), -pos.z());
+        let why = why.map_or(String::new(), |why| format!(": {why}"));
         let (severity, text) = match (was, health) {
             (Health::NotAligned, Health::Good | Health::Degraded) => {
                 self.guidance.home_is_here(pos);
@@ -498,8 +505,10 @@ impl Pilot {
                 (Severity::Info, format!("estimator aligned at {place}"))
             }
             (_, Health::Good) => (Severity::Info, "estimate good again".to_owned()),
-            (_, Health::Degraded) => (Severity::Warning, format!("estimate degraded near {place}")),
-            (_, Health::Lost) => (Severity::Critical, "estimate lost".to_owned()),
+            (_, Health::Degraded) => {
+                (Severity::Warning, format!("estimate degraded near {place}{why}"))
+            }
+            (_, Health::Lost) => (Severity::Critical, format!("estimate lost{why}")),
             (_, Health::NotAligned) => (Severity::Critical, "estimator starts anew".to_owned()),
         };
         self.say(at, severity, text);

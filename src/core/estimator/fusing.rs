@@ -181,6 +181,24 @@ impl Estimator {
         self.is_near_floor(below_m).then_some(config.hidden_std_m * frac)
     }
 
+    /// The same for a step, which remembers it.
+    #[inline]
+    pub(super) fn note_hidden(&mut self) -> Option<f64> {
+        let hidden_std_m = self.hidden_std_m();
+        if hidden_std_m.is_some() {
+            self.hidden_at = self.at;
+        }
+        hidden_std_m
+    }
+
+    /// Whether the floor hides low anchors, or did until just now.
+    pub(super) fn floor_hides(&self) -> bool {
+        let config = &self.config.anchor_bias;
+        let low = |height_m: &f64| *height_m < config.low_anchor_m;
+        let since_s = self.at.seconds_since(self.hidden_at);
+        config.estimate && self.anchors_m.iter().any(low) && since_s < 2.0 * config.hidden_s
+    }
+
     pub(super) fn fuse_tdoa(
         &mut self,
         tdoa: &Tdoa,

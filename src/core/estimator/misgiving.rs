@@ -39,6 +39,11 @@ pub enum Misgiving {
         /// Its largest sigma, m.
         std_m: f64,
     },
+    /// The same while the floor hides low anchors: so it is at each take-off among anchors on the floor, for two seconds.
+    FloorHides {
+        /// Its largest sigma, m.
+        std_m: f64,
+    },
     /// An anchor is left out because it does not fit the others.
     LeftOut(AnchorId),
     /// One that is wrong would not be found out.
@@ -72,6 +77,9 @@ impl fmt::Display for Misgiving {
             Self::NothingFused { .. } => write!(f, "no UWB measurement used yet"),
             Self::Uncertain { std_m } => {
                 write!(f, "position sigma {std_m:.1} m, at most {DEGRADED_STD_POS_M}")
+            }
+            Self::FloorHides { std_m } => {
+                write!(f, "the floor hides the low anchors, position sigma {std_m:.1} m")
             }
             Self::LeftOut(id) => write!(f, "anchor {} does not fit the others", id.0),
             Self::FewAnchors { heard, least } => {
@@ -112,6 +120,8 @@ impl Estimator {
         let std_m = state.std3(POS).into_iter().fold(0.0, f64::max);
         let (old, uncertain) = (Misgiving::NothingFused { age_s }, Misgiving::Uncertain { std_m });
         let lost = [(age_s > LOST_AGE_S, old), (std_m > LOST_STD_POS_M, uncertain)];
+        let uncertain =
+            if self.floor_hides() { Misgiving::FloorHides { std_m } } else { uncertain };
         let degraded = [(age_s > DEGRADED_AGE_S, old), (std_m > DEGRADED_STD_POS_M, uncertain)];
         let first = |all: [(bool, Misgiving); 2], health| {
             all.into_iter().find(|(holds, _)| *holds).map(|(_, why)| (health, why))

@@ -155,6 +155,8 @@ pub struct Estimator {
     /// Attitude from rest, carried on by the gyroscope until there is a position to start with.
     level: Option<UnitQuaternion<f64>>,
     rested_at: HostTime,
+    /// When the floor last was taken to hide anchors.
+    hidden_at: HostTime,
     /// When it last had rested long enough to be sure of it.
     stood_at: Option<HostTime>,
     above_floor_at: HostTime,
@@ -230,6 +232,7 @@ impl Estimator {
             rest: RestAverage::default(),
             level: None,
             rested_at: HostTime::default(),
+            hidden_at: HostTime::default(),
             stood_at: None,
             above_floor_at: HostTime::default(),
             gyro_bias_B: Vector3::zeros(),
@@ -361,7 +364,7 @@ impl Estimator {
         } else {
             (self.acc_B, rate_B)
         };
-        let hidden_std_m = self.hidden_std_m();
+        let hidden_std_m = self.note_hidden();
         let Some(state) = &mut self.state else { return };
         if forgets {
             state.v_B = Vector3::zeros();
@@ -446,7 +449,7 @@ impl Estimator {
 
     /// Carries a state without IMU to a measurement's time.
     fn coast(&mut self, to: HostTime) {
-        let hidden_std_m = self.hidden_std_m();
+        let hidden_std_m = self.note_hidden();
         let Some(state) = &mut self.state else { return };
         let dt_s = to.seconds_since(self.at).min(LONGEST_GAP_S);
         if dt_s <= 0.0 {

@@ -232,7 +232,8 @@ most anchors at once do not fit, the filter is doubted, not they: a position is 
 taken if it explains the measurements better. One anchor that does not fit while all the others fit one another
 is left out, the position goes to where the others have it, and health is degraded until it fits again
 (`isolation.rs`). It is degraded as well when they contradict one another and none can be named, one or two of them,
-and says which axis is in doubt and by how much. Without IMU
+and says which axis is in doubt and by how much. At each take-off among anchors on the floor it is degraded for some two
+seconds, in telemetry and log: that is no fault, and no warning is told. Without IMU
 nothing but the height says that the floor hides the low anchors, and with their biases free a height that is
 too low fits as well as the true one: as long as the height is uncertain there, a position is sought anew.
 
