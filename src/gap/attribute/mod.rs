@@ -23,6 +23,7 @@ mod teachers;
 mod theta;
 mod trials;
 mod whiten;
+pub(crate) use whiten::KNEE;
 
 #[cfg(test)]
 mod tests;
