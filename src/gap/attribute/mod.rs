@@ -23,7 +23,6 @@ mod teachers;
 mod theta;
 mod trials;
 mod whiten;
-pub(crate) use whiten::KNEE;
 
 #[cfg(test)]
 mod tests;

@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, DVector};
 use super::linear::{matrix, shrunk_covariance, whitener};
 
 /// Sigma at which compression sets in.
-pub(crate) const KNEE: f64 = 8.0;
+const KNEE: f64 = 8.0;
 /// Largest standardised value; beyond it a number says no more than "very large".
 const LARGEST: f64 = 1e5;
 /// A statistic unknown in more than this share of null flights is not used.

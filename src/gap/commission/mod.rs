@@ -11,10 +11,10 @@
 //!
 //! **What flights do not show** stays as the file says: a constant of which they leave more than [`solve::SHOWN`] of its prior's sigma.
 //!
-//! **Cross-validation.** The accepted flights are dealt into folds; the constants are found anew without each of them, from the last
-//! slopes, and flown. How far the held-out flights are from the simulator, before and after, is told block by block, in squares of what
-//! healthy vehicles differ by, beside the limit that 95 % of flights with benign jitter keep and beside what the vehicle's own flights
-//! differ by.
+//! **Cross-validation.** The constants are found anew without each accepted flight, from the last slopes, and flown. How far that flight
+//! is from the simulator, before and after, is told block by block, in squares of what healthy vehicles differ by. The simulator is
+//! this vehicle's where that is within what 95 % of flights with benign jitter keep, or within what the accepted flights do to one
+//! another: each of them beside the mean of the others, as it stands beside the simulator.
 
 mod constants;
 mod crossed;
@@ -29,7 +29,6 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::attribute::KNEE;
 use super::fly::fly_observed_into;
 use super::logs::Flown;
 use super::make_bank::jittered;
@@ -136,28 +135,19 @@ pub struct Commissioned {
 }
 
 impl Commissioned {
-    /// Why the simulator is not this vehicle's yet; `None`: it can be judged by. Flights that it was not fitted to are so far off in a block
-    /// that the diagnosis no longer sees by how much.
+    /// Why the simulator is not this vehicle's yet; `None`: it can be judged by. Flights that it was not fitted to are farther off in a
+    /// block than a simulator of this vehicle is.
     pub fn why_not_yet(&self) -> Option<String> {
-        let beyond = |n: &&Nearness| n.after > KNEE * KNEE;
-        let far: Vec<String> = self
-            .blocks
-            .iter()
-            .filter(beyond)
-            .map(|n| format!("{} {:.0} sigma", n.block, n.after.sqrt()))
-            .collect();
+        let beyond = self.blocks.iter().filter(|n| !n.holds());
+        let far: Vec<String> =
+            beyond.map(|n| format!("{} {:.1} (limit {:.1})", n.block, n.after, n.limit)).collect();
         (!far.is_empty()).then(|| {
             format!(
-                "the simulator is not this vehicle's yet: accepted flights that it was not fitted to are off by more than \
-                 {KNEE} sigma of healthy vehicles: {}",
+                "the simulator is not this vehicle's yet: accepted flights that it was not fitted to are farther off than healthy \
+                 vehicles and than they are from one another: {}",
                 far.join(", ")
             )
         })
-    }
-
-    /// Blocks in which such flights are farther than 95 % of healthy vehicles.
-    pub fn outside(&self) -> Vec<&'static str> {
-        self.blocks.iter().filter(|n| n.after > n.limit).map(|n| n.block).collect()
     }
 }
 
@@ -190,7 +180,9 @@ fn commission_for(
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Commissioned, NotCommissioned> {
     let file = &scene.vehicle;
-    let hand = Hand { constants, scene, items, done: AtomicUsize::new(0), progress };
+    let of = ROUNDS * (MEAN_FLIGHTS + 2 * SLOPE_FLIGHTS * constants.len())
+        + crossed::flights(accepted.len());
+    let hand = Hand { constants, scene, items, done: AtomicUsize::new(0), of, progress };
     let mut at = vec![0.0; constants.len()];
     for _ in 1..ROUNDS {
         let line = Linear::at(&hand, &at, accepted)?;
@@ -228,6 +220,8 @@ struct Hand<'a> {
     scene: &'a Scene,
     items: &'a [MISSION_ITEM_INT_DATA],
     done: AtomicUsize,
+    /// Of how many, if every step is taken at once.
+    of: usize,
     progress: &'a (dyn Fn(usize, usize) + Sync),
 }
 
@@ -253,11 +247,9 @@ impl Hand<'_> {
         nominal: &Nominal,
         jitter: bool,
     ) -> Vec<Option<Vec<f64>>> {
-        let of =
-            ROUNDS * (MEAN_FLIGHTS + 2 * SLOPE_FLIGHTS * self.constants.len()) + crossed::FLIGHTS;
         let fly = |trace: &mut Trace, (vehicle, seed): &(&Vehicle, u64)| {
             let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
-            (self.progress)(done.min(of), of);
+            (self.progress)(done.min(self.of), self.of);
             let mut problems = Problems::new();
             vehicle.check("vehicle", &mut problems);
             problems.into_result().ok()?;
