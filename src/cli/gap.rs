@@ -9,8 +9,8 @@ use clap::{Args, Subcommand};
 
 use super::moved::Moved;
 use super::{
-    gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_diagnose, gap_missions,
-    gap_observe, gap_shrink, vehicles,
+    gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_commission, gap_diagnose,
+    gap_missions, gap_observe, gap_shrink, vehicles,
 };
 pub use gap_attribute::read as observed_flights;
 pub use gap_diagnose::diagnose;
@@ -36,6 +36,8 @@ pub(super) enum Gap {
     Accept(gap_accept::Accept),
     /// Takes the newest change by `accept` to a file back.
     Undo(gap_accept::Undo),
+    /// Finds the constants of a vehicle file with which the simulator flies as accepted flights were flown.
+    Commission(gap_commission::Commission),
     /// Flies the bank that flights of a mission are compared with, and keeps it.
     Bank(gap_bank::BankCommand),
     /// Prints the statistics of flights, for other methods.
@@ -62,6 +64,7 @@ impl Gap {
             Gap::Shrink(shrink) => shrink.run(),
             Gap::Accept(accept) => accept.run(),
             Gap::Undo(undo) => undo.run(),
+            Gap::Commission(commission) => commission.run(),
             Gap::Bank(bank) => bank.run(),
             Gap::Observe(observe) => observe.run(),
             Gap::Attribute(attribute) => attribute.run(),

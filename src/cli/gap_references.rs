@@ -119,6 +119,28 @@ impl References {
     }
 }
 
+/// Accepted flights of one mission: logs, or folders of them. The mission is that of the first; of a folder the flights of another are
+/// left out, and it is said.
+pub(super) fn of_one_mission(names: &[PathBuf]) -> anyhow::Result<Vec<Flown>> {
+    let named = found(names)?;
+    let of = named.len();
+    let progress = Progress::new("reference flights");
+    let mut flights: Vec<Flown> = Vec::new();
+    for (k, Found { path, in_folder }) in named.into_iter().enumerate() {
+        progress.at(k, of);
+        let read = sound(&path).and_then(|flown| {
+            flights.first().map_or(Ok(()), |first| same_flight(&flown, first)).map(|()| flown)
+        });
+        match read {
+            Ok(flown) => flights.push(flown),
+            Err(why) if in_folder => eprintln!("left out: {why:#}"),
+            Err(why) => return Err(why),
+        }
+    }
+    progress.at(of, of);
+    Ok(flights)
+}
+
 /// Whether this is one of the flights that are judged.
 fn judged<'a>(mut flights: impl Iterator<Item = &'a Flown>, path: &Path) -> bool {
     let whole = |path: &Path| std::fs::canonicalize(path).ok();

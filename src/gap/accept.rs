@@ -161,40 +161,56 @@ pub fn edit_vehicle(text: &str, spec: &EffectSpec, theta: &[f64]) -> Result<Stri
     let (mut board, mut sites) = (BoardSettings::default(), Vec::new());
     let room = haltere_model::room::Room::default();
     haltere_model::effects::Bank::new(&set, 1, &mut after, &mut board, &room, &mut sites);
-    let flat = |vehicle: &Vehicle| -> Vec<(String, String, toml::Value)> {
-        let Ok(toml::Value::Table(tables)) = toml::Value::try_from(vehicle) else {
-            return Vec::new();
-        };
-        let mut rows = Vec::new();
-        for (table, value) in tables {
-            if let toml::Value::Table(keys) = value {
-                rows.extend(keys.into_iter().map(|(key, v)| (table.clone(), key, v)));
-            }
-        }
-        rows
-    };
+    match rewrite_vehicle(text, &after)? {
+        Some(new) => Ok(new),
+        None => Err(EditError::NotOfTheVehicle { id: spec.id, name: spec.name }),
+    }
+}
+
+/// The text of a vehicle file with the lines changed that make it this vehicle; `None`: it is already. What the file leaves out is left
+/// out still, unless it would be another number by the laws of what is left out.
+pub fn rewrite_vehicle(text: &str, vehicle: &Vehicle) -> Result<Option<String>, EditError> {
+    let read = |text: &str| Vehicle::from_toml(text).map_err(|e| EditError::Parse(e.to_string()));
+    let said: toml::Table =
+        text.parse().map_err(|e: toml::de::Error| EditError::Parse(e.to_string()))?;
+    let says_mass = said.get("body").is_some_and(|body| body.get("mass_kg").is_some());
     let mut new = text.to_owned();
-    let says_mass =
-        new.parse::<toml::Table>().ok().and_then(|t| Some(t.get("body")?.get("mass_kg").is_some()));
-    let mut changed = false;
-    for ((table, key, old), (_, _, now)) in flat(&before).into_iter().zip(flat(&after)) {
-        if old != now {
-            changed = true;
+    loop {
+        let (found, wanted) = (numbers(&read(&new)?), numbers(vehicle));
+        let off: Vec<_> = wanted.iter().filter(|row| !found.contains(row)).collect();
+        if off.is_empty() {
+            break;
+        }
+        // A servo that is said must be said whole.
+        let begun = |table: &str| {
+            table.ends_with("_servo")
+                && !said.contains_key(table)
+                && off.iter().any(|row| row.0 == table)
+        };
+        for (table, key, number) in wanted.iter().filter(|row| off.contains(row) || begun(&row.0)) {
             // A file that says no mass changes the usual vehicle, and still does when it says one.
-            if key == "mass_kg" && says_mass != Some(true) && !new.contains("base =") {
+            if key == "mass_kg" && !says_mass && !new.contains("base =") {
                 new = format!("base = \"flapper\"\n{new}");
             }
-            new = set_key(&new, &table, &key, &toml_text(&now))?;
+            new = set_key(&new, table, key, number)?;
         }
     }
-    if !changed {
-        return Err(EditError::NotOfTheVehicle { id: spec.id, name: spec.name });
-    }
-    let vehicle = Vehicle::from_toml(&new).map_err(|e| EditError::Parse(e.to_string()))?;
     let mut problems = haltere_core::checks::Problems::new();
-    vehicle.check("vehicle", &mut problems);
+    read(&new)?.check("vehicle", &mut problems);
     problems.into_result().map_err(|e| EditError::Value(e.to_string()))?;
-    Ok(new)
+    Ok((new != text).then_some(new))
+}
+
+/// Table, key and number of a vehicle as its file has them.
+fn numbers(vehicle: &Vehicle) -> Vec<(String, String, String)> {
+    let Ok(toml::Value::Table(tables)) = toml::Value::try_from(vehicle) else { return Vec::new() };
+    let mut rows = Vec::new();
+    for (table, value) in tables {
+        if let toml::Value::Table(keys) = value {
+            rows.extend(keys.iter().map(|(key, v)| (table.clone(), key.clone(), toml_text(v))));
+        }
+    }
+    rows
 }
 
 fn toml_text(value: &toml::Value) -> String {

@@ -29,6 +29,7 @@ pub mod bank;
 pub mod bank_file;
 pub mod beside_truth;
 pub mod cells;
+pub mod commission;
 pub mod details;
 pub mod diagnosis;
 pub mod discriminate;

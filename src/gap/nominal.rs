@@ -1,6 +1,7 @@
 //! Nominal: what the nominal chain predicts from logged inputs, block by block. Closed forms of the
 //! vehicle file, and a small linear model of each attitude loop; the plant is not called.
 
+use haltere_core::frames::G_MPS2;
 use haltere_model::Vehicle;
 use haltere_model::board::BoardSettings;
 use haltere_model::room::Room;
@@ -46,13 +47,22 @@ impl Nominal {
         if thrust_frac <= 0.0 {
             return 0.0;
         }
-        (w.flap_hz_per_v * thrust_frac * supply_v + w.flap_offset_hz).max(0.0)
+        let share = (supply_v / self.vehicle.rated_v()).max(0.1);
+        let turned_hz =
+            w.flap_hz_per_v * thrust_frac * supply_v * share.powf(w.voltage_exponent - 1.0);
+        (turned_hz + w.flap_offset_hz).max(0.0)
     }
 
     /// Thrust of both wings, N.
     pub fn thrust_n(&self, flap_hz: f64) -> f64 {
         let w = &self.vehicle.wings;
-        (2.0 * w.thrust_n_per_hz * flap_hz + w.thrust_offset_n).max(0.0)
+        let line_n = (2.0 * w.thrust_n_per_hz * flap_hz + w.thrust_offset_n).max(0.0);
+        if flap_hz <= 0.0 {
+            return line_n;
+        }
+        let weight_n = self.vehicle.body.mass_kg * G_MPS2;
+        let bend = flap_hz / self.vehicle.hover_hz() - 1.0;
+        (line_n + weight_n * w.thrust_curve * bend * bend).max(0.0)
     }
 
     /// Drag rate along a body axis at a flap rate, 1/s.
@@ -89,7 +99,8 @@ impl Nominal {
     /// leaves of the flap lag; pitch and yaw: the servo), `D` damping of airframe and lever.
     pub fn response_rad(&self, axis: usize, setpoint_rad: &[f64], start_rad: f64) -> Vec<f64> {
         let (v, s) = (&self.vehicle, &self.board);
-        let (w, z) = (s.attitude_radps[axis], s.attitude_damping[axis]);
+        let l = &v.inner_loop;
+        let (w, z) = (l.frequency_radps[axis], l.damping[axis]);
         let beats = 2.0 * v.hover_hz();
         let k = v.drag.k_ns_per_m_hz;
         let (arm, lever) = (v.wings.centre_m.powi(2), v.wings.cop_m.powi(2));
@@ -106,21 +117,23 @@ impl Nominal {
             _ => Some((v.yaw_servo.frequency_radps, v.yaw_servo.damping)),
         };
         let dt = RESPONSE_STEP_S / TURNS as f64;
-        let keep = (-RESPONSE_STEP_S / EXPECTED_S).exp();
+        let keep = (-dt / EXPECTED_S).exp();
         let (mut angle, mut rate, mut acc, mut jerk) = (start_rad, 0.0, 0.0, 0.0);
         let (mut boost, mut expected) = (0.0, 0.0);
         let mut last = setpoint_rad.first().copied().unwrap_or(0.0);
         let mut out = Vec::with_capacity(setpoint_rad.len());
-        for &target in setpoint_rad {
-            expected = (expected + target - last) * keep;
-            last = target;
-            for _ in 0..TURNS {
+        let late = (l.delay_ms * 1e-3 / dt).round() as usize;
+        for k in 0..setpoint_rad.len() {
+            for turn in 0..TURNS {
+                let target = setpoint_rad[(k * TURNS + turn).saturating_sub(late) / TURNS];
+                expected = (expected + target - last) * keep;
+                last = target;
                 let mut e = target - angle;
                 if axis == 2 {
                     e = e.clamp(-YAW_ERROR_LIMIT_RAD, YAW_ERROR_LIMIT_RAD);
                 } else {
                     let lasting = e - expected;
-                    boost += (lasting * s.attitude_boost - boost) * dt / s.boost_s;
+                    boost += (lasting * l.boost - boost) * dt / l.boost_s;
                     e += boost;
                 }
                 let wanted = w * w * e - rate_gain * rate;

@@ -102,11 +102,16 @@ pub fn distance(a: &[f64], b: &[f64], scales: &[f64]) -> f64 {
     for ((x, y), s) in a.iter().zip(b).zip(scales) {
         let z = (x - y) / s;
         if z.is_finite() {
-            sum += (LARGE * (z / LARGE).asinh()).powi(2);
+            sum += compressed(z).powi(2);
             count += 1.0;
         }
     }
     sum / count
+}
+
+/// A standardised difference, compressed where it is large: one broken statistic is not the whole gap.
+pub(super) fn compressed(z: f64) -> f64 {
+    LARGE * (z / LARGE).asinh()
 }
 
 /// Mean distance of one flight to many.

@@ -41,6 +41,7 @@ pub mod body;
 pub mod effects;
 pub mod faults;
 pub mod gust;
+pub mod instruments;
 pub mod left_out;
 pub mod line_noise;
 pub mod link;

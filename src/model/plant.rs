@@ -179,8 +179,11 @@ impl Plant {
         let to_board_line = SlowLine::new(board.manners.baud);
         let mut plant = Self {
             body: Body::new(pos_E_m, q_EB, Vector3::from(vehicle.body.inertia_kgm2)),
-            // The board knows the vehicle of the file, not what has become of it.
-            board: Board::new(board, &nominal),
+            // The board knows the vehicle of the file, not what has become of it; its loops are its own.
+            board: Board::new(
+                board,
+                &Vehicle { inner_loop: vehicle.inner_loop.clone(), ..nominal },
+            ),
             port: Port::new(protocol, &mut tag_out),
             antenna_B_m: Vector3::from(vehicle.body.tag_B_m) - Vector3::from(vehicle.body.cg_B_m),
             anchors,

@@ -7,6 +7,7 @@
 use serde::{Deserialize, Serialize};
 use toml::de::DeTable;
 
+use crate::instruments::{Imu, InnerLoop, Link, Uwb};
 use crate::left_out::{self, BASE, LeftOut};
 use haltere_core::checks::Problems;
 use haltere_core::checks::schema::Schema;
@@ -42,6 +43,14 @@ pub struct Vehicle {
     pub battery: Battery,
     /// Ground effect.
     pub ground: Ground,
+    /// Attitude loops of the board.
+    pub inner_loop: InnerLoop,
+    /// Inertial sensor.
+    pub imu: Imu,
+    /// UWB radio in its room.
+    pub uwb: Uwb,
+    /// Lines between tag, board and companion.
+    pub link: Link,
 }
 
 /// Mass properties and fixed points.
@@ -68,10 +77,14 @@ pub struct Wings {
     pub thrust_n_per_hz: f64,
     /// Thrust of both wings at no flapping, N \[M\].
     pub thrust_offset_n: f64,
+    /// What thrust bends off that line by, over the weight: `m g c (f/f_h - 1)²` \[D: 0, the public model is linear\].
+    pub thrust_curve: f64,
     /// Flap rate against command times voltage, Hz/V \[D: hover at command · V = 4.73 V, R\].
     pub flap_hz_per_v: f64,
     /// Flap rate at no command, Hz \[M\].
     pub flap_offset_hz: f64,
+    /// Power of the voltage that the flap rate goes with, about the pack's nominal voltage \[R: 1.01\].
+    pub voltage_exponent: f64,
     /// First-order lag of the flap rate, s \[M\].
     pub flap_lag_s: f64,
     /// Wing centre from the middle plane, m \[M\].
@@ -97,6 +110,8 @@ pub struct Drag {
     pub k_ns_per_m_hz: [f64; 3],
     /// Inverse of the speed at which drag has fallen to half of its linear law, s/m. 0: linear.
     pub saturation_s_per_m: f64,
+    /// Drag of the body itself: `F = -m c |v| v`, 1/m \[D: 0, the flights' law is linear to 2 m/s\].
+    pub body_per_m: f64,
     /// Factor on the rotational damping that the moving wings give.
     pub damping_factor: f64,
 }
@@ -154,6 +169,10 @@ impl Default for Vehicle {
             yaw_servo: Servo { frequency_radps: 10.0, damping: 0.7, limit_deg: 45.0 },
             battery: Battery::default(),
             ground: Ground::default(),
+            inner_loop: InnerLoop::default(),
+            imu: Imu::default(),
+            uwb: Uwb::default(),
+            link: Link::default(),
         }
     }
 }
@@ -175,8 +194,10 @@ impl Default for Wings {
         Self {
             thrust_n_per_hz: 0.040,
             thrust_offset_n: -0.02,
+            thrust_curve: 0.0,
             flap_hz_per_v: 2.724,
             flap_offset_hz: -0.13,
+            voltage_exponent: 1.0,
             flap_lag_s: 0.08,
             centre_m: 0.08,
             cop_m: 0.027,
@@ -193,6 +214,7 @@ impl Default for Drag {
         Self {
             k_ns_per_m_hz: [0.0169, 0.0080, 0.0026],
             saturation_s_per_m: 0.0,
+            body_per_m: 0.0,
             damping_factor: 1.0,
         }
     }
@@ -285,7 +307,7 @@ impl Vehicle {
         let mut range = |name: &str, value: f64, low: f64, high: f64, unit: &str| {
             problems.range(format_args!("{key}.{name}"), value, low..=high, unit);
         };
-        let Self { name: _, body, wings, drag, pitch_servo, yaw_servo, battery, ground } = self;
+        let Self { name: _, body, wings, drag, pitch_servo, yaw_servo, battery, ground, .. } = self;
         range("body.mass_kg", body.mass_kg, *MASS_KG.start(), *MASS_KG.end(), "kg");
         for (axis, inertia) in ["x", "y", "z"].into_iter().zip(body.inertia_kgm2) {
             range(&format!("body.inertia_kgm2.{axis}"), inertia, 1e-6, 1.0, "kg·m²");
@@ -307,6 +329,8 @@ impl Vehicle {
             range("wings.thrust_offset_n", thrust_n, least * weight_n, most * weight_n, "N");
             range("wings.flap_offset_hz", flap_hz, least * hover_hz, most * hover_hz, "Hz");
         }
+        range("wings.thrust_curve", wings.thrust_curve, -1.0, 2.0, "");
+        range("wings.voltage_exponent", wings.voltage_exponent, 0.0, 3.0, "");
         range("wings.flap_lag_s", wings.flap_lag_s, 0.001, 1.0, "s");
         range("wings.centre_m", wings.centre_m, 0.01, 1.0, "m");
         range("wings.cop_m", wings.cop_m, -0.2, 0.2, "m");
@@ -316,6 +340,7 @@ impl Vehicle {
         let bend = wings.passive_dihedral_rad_per_mps;
         range("wings.passive_dihedral_rad_per_mps", bend, -0.5, 0.5, "rad per m/s");
         range("drag.saturation_s_per_m", drag.saturation_s_per_m, 0.0, 10.0, "s/m");
+        range("drag.body_per_m", drag.body_per_m, 0.0, 10.0, "1/m");
         range("drag.damping_factor", drag.damping_factor, 0.0, 10.0, "");
         for (name, servo) in [("pitch_servo", pitch_servo), ("yaw_servo", yaw_servo)] {
             range(&format!("{name}.frequency_radps"), servo.frequency_radps, 1.0, 500.0, "rad/s");
@@ -333,6 +358,10 @@ impl Vehicle {
         range("battery.electronics_w", battery.electronics_w, 0.0, 100.0, "W");
         range("ground.gain", ground.gain, -0.5, 1.0, "");
         range("ground.length_m", ground.length_m, 0.01, 2.0, "m");
+        self.inner_loop.check(&format!("{key}.inner_loop"), problems);
+        self.imu.check(&format!("{key}.imu"), problems);
+        self.uwb.check(&format!("{key}.uwb"), problems);
+        self.link.check(&format!("{key}.link"), problems);
     }
 }
 

@@ -58,8 +58,8 @@ pub struct Loops {
 impl Loops {
     /// For this vehicle.
     pub fn new(settings: &BoardSettings, vehicle: &Vehicle) -> Self {
-        let w = Vector3::from(settings.attitude_radps);
-        let z = Vector3::from(settings.attitude_damping);
+        let w = Vector3::from(vehicle.inner_loop.frequency_radps);
+        let z = Vector3::from(vehicle.inner_loop.damping);
         let [lag_s, left_s] = settings.lead_s;
         let wings = &vehicle.wings;
         // The airframe damps yaw by itself; the loop only adds what is missing.
@@ -71,8 +71,8 @@ impl Loops {
         Self {
             angle_gain: w.component_mul(&w),
             rate_gain,
-            boost: settings.attitude_boost,
-            boost_gain: 1.0 - (-STEP_S / settings.boost_s).exp(),
+            boost: vehicle.inner_loop.boost,
+            boost_gain: 1.0 - (-STEP_S / vehicle.inner_loop.boost_s).exp(),
             boost_rad: Vector3::zeros(),
             last_target: None,
             expected_rad: Vector3::zeros(),

@@ -51,15 +51,6 @@ pub struct BoardSettings {
     pub boot_us: u64,
     /// Its clock runs fast by this much, ppm.
     pub clock_ppm: f64,
-    /// Natural frequency of the attitude loops, rad/s.
-    pub attitude_radps: [f64; 3],
-    /// Damping of the attitude loops.
-    pub attitude_damping: [f64; 3],
-    /// Gain that the attitude error gains at low frequency, and its time constant, s: a leaky
-    /// integrator. A steady moment leans the vehicle by 1 / (1 + boost) of what it would without.
-    pub attitude_boost: f64,
-    /// Time constant of the boost, s.
-    pub boost_s: f64,
     /// Flap lag that the roll loop leads away, s, and what is left of it.
     pub lead_s: [f64; 2],
     /// Time to spin up from standstill, attitude relaxed, s.
@@ -91,10 +82,6 @@ impl Default for BoardSettings {
             system_id: 1,
             boot_us: 4_321_000,
             clock_ppm: 12.0,
-            attitude_radps: [9.0, 9.0, 5.0],
-            attitude_damping: [0.9, 0.9, 1.2],
-            attitude_boost: 4.0,
-            boost_s: 1.0,
             lead_s: [0.08, 0.02],
             spool_up_s: 0.0,
             setpoint_timeout_s: 0.5,
@@ -118,13 +105,6 @@ impl BoardSettings {
         range("system_id", f64::from(self.system_id), 1.0, 250.0, "");
         range("boot_us", self.boot_us as f64, 0.0, 1e15, "µs");
         range("clock_ppm", self.clock_ppm, -200.0, 200.0, "ppm");
-        for i in 0..3 {
-            let (w, z) = (self.attitude_radps[i], self.attitude_damping[i]);
-            range(&format!("attitude_radps[{i}]"), w, 0.5, 40.0, "rad/s");
-            range(&format!("attitude_damping[{i}]"), z, 0.2, 3.0, "");
-        }
-        range("attitude_boost", self.attitude_boost, 0.0, 20.0, "");
-        range("boost_s", self.boost_s, 0.05, 10.0, "s");
         range("lead_s[0]", self.lead_s[0], 0.0, 0.5, "s");
         range("lead_s[1]", self.lead_s[1], STEP_S, 0.5, "s");
         range("spool_up_s", self.spool_up_s, 0.0, 5.0, "s");
@@ -183,7 +163,7 @@ pub struct Board {
 }
 
 impl Board {
-    /// A board that knows `vehicle` as its maker did.
+    /// A board that knows `vehicle` as its maker did, with the loops that stand there.
     pub fn new(mut settings: BoardSettings, vehicle: &Vehicle) -> Self {
         let parameters = Parameters::new(settings.firmware, &settings.parameters);
         if settings.firmware == Firmware::Ardupilot {

@@ -17,7 +17,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::InnerLoop,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("std", "deg", 0.0, 0.4, [0.1, 1.5], "lean, each of roll and pitch"),
+        ParameterSpec::new("std", "deg", 0.0, 0.4, [0.1, 1.5], "lean, each of roll and pitch")
+            .of_vehicle(|v| &mut v.imu.std_lean_deg),
         ParameterSpec::new("tau", "s", 15.0, 15.0, [3.0, 60.0], "correlation time"),
     ],
     off: "the board knows up exactly",

@@ -4,7 +4,7 @@
 //! of commands (T2).
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
-use crate::board::BoardSettings;
+use crate::vehicle::Vehicle;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -22,9 +22,9 @@ pub const SPEC: EffectSpec = EffectSpec {
 struct AttitudeLag(f64);
 
 impl Effect for AttitudeLag {
-    fn board(&mut self, board: &mut BoardSettings) {
-        board.attitude_radps[0] *= self.0;
-        board.attitude_radps[1] *= self.0;
+    fn vehicle(&mut self, vehicle: &mut Vehicle) {
+        vehicle.inner_loop.frequency_radps[0] *= self.0;
+        vehicle.inner_loop.frequency_radps[1] *= self.0;
     }
 }
 
@@ -35,9 +35,8 @@ mod tests {
 
     #[test]
     fn prop_slows_roll_and_pitch() {
-        let (mut board, before) = (BoardSettings::default(), BoardSettings::default());
-        probe::build(&SPEC, &[]).board(&mut board);
-        assert_eq!(board.attitude_radps[0], 0.6 * before.attitude_radps[0]);
-        assert_eq!(board.attitude_radps[2], before.attitude_radps[2]);
+        let (slowed, before) = (probe::edited(&SPEC, &[]).inner_loop, Vehicle::default().inner_loop);
+        assert_eq!(slowed.frequency_radps[0], 0.6 * before.frequency_radps[0]);
+        assert_eq!(slowed.frequency_radps[2], before.frequency_radps[2]);
     }
 }

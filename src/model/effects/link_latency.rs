@@ -16,8 +16,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Link,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("least", "ms", 0.0, 0.5, [0.1, 5.0], "least delay"),
-        ParameterSpec::new("jitter", "ms", 0.0, 1.0, [0.0, 5.0], "width of the jitter"),
+        ParameterSpec::new("least", "ms", 0.0, 0.5, [0.1, 5.0], "least delay")
+            .of_vehicle(|v| &mut v.link.delay_ms),
+        ParameterSpec::new("jitter", "ms", 0.0, 1.0, [0.0, 5.0], "width of the jitter")
+            .of_vehicle(|v| &mut v.link.jitter_ms),
     ],
     off: "bytes arrive in the step in which they are sent",
     source: "USB frame, 921600 baud; round trips seen on two boards",

@@ -8,6 +8,7 @@ pub static ALL: &[EffectSpec] = &[
     super::drag::SPEC,
     super::rotational_damping::SPEC,
     super::passive_dihedral::SPEC,
+    super::drive_voltage::SPEC,
     super::flap_lag::SPEC,
     super::pitch_servo::SPEC,
     super::yaw_servo::SPEC,
@@ -25,6 +26,9 @@ pub static ALL: &[EffectSpec] = &[
     super::packet_loss::SPEC,
     super::link_latency::SPEC,
     super::clutter::SPEC,
+    super::board_delay::NOMINAL,
+    super::thrust_curve::SPEC,
+    super::quadratic_drag::NOMINAL,
     super::drag_scale::SPEC,           // A1
     super::drag_saturation::SPEC,      // A2
     super::quadratic_drag::SPEC,       // A3

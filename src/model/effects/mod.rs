@@ -247,9 +247,9 @@ macro_rules! files {
 }
 // Nominal.
 files! {
-    anchor_clocks attitude_error battery drag flap_lag flap_vibration floor_multipath ground_effect
+    anchor_clocks attitude_error battery drag drive_voltage flap_lag flap_vibration floor_multipath ground_effect
     heading_offset imu_bias imu_noise link_latency packet_loss passive_dihedral path_bias pitch_servo
-    clutter receive_noise rotational_damping yaw_servo
+    clutter receive_noise rotational_damping thrust_curve yaw_servo
 }
 // Deviations.
 files! {

@@ -14,7 +14,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Deviation,
     parameters: &[ParameterSpec::new("factor", "", 1.0, 2.0, [1.4, 3.0], "standard deviation over the nominal one"),
-ParameterSpec::new("std", "m", 0.035, 0.035, [0.01, 0.1], "nominal standard deviation per reception")],
+ParameterSpec::new("std", "m", 0.035, 0.035, [0.01, 0.1], "nominal standard deviation per reception; goes with that of the vehicle")
+    .beside(|v| v.uwb.std_m)],
     off: "noise of N15",
     source: "GAP.md 3.6",
     equation: "σ -> x σ",

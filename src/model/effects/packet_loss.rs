@@ -12,7 +12,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "packet loss",
     block: Block::Uwb,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("probability", "", 0.0, 0.01, [0.0, 0.1], "per reception")],
+    parameters: &[ParameterSpec::new("probability", "", 0.0, 0.01, [0.0, 0.1], "per reception")
+        .of_vehicle(|v| &mut v.uwb.loss)],
     off: "every packet is heard by all",
     source: "recorded flights",
     equation: "P(lost) = p",

@@ -23,7 +23,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("std", "m", 0.0, 0.035, [0.01, 0.3], "per path; a pair has √2 of it"),
+        ParameterSpec::new("std", "m", 0.0, 0.035, [0.01, 0.3], "per path; a pair has √2 of it")
+            .of_vehicle(|v| &mut v.uwb.path_bias_m),
         ParameterSpec::new("constant", "m", 0.0, 0.0, [0.0, 0.3], "that stays, per path"),
     ],
     off: "paths are straight",

@@ -1,7 +1,7 @@
 //! Body drag that grows with the square of speed.
 //!
 //! `F = -m c |v| v` (N), `v` velocity through the air (m/s, body), `c` (1/m), at the centre of mass. Not
-//! coupled to flap rate, which tells it from A1. Source: GAP.md A3, 0.1 to 2 1/m.
+//! coupled to flap rate, which tells it from A1. Source: GAP.md A3, 0.1 to 2 1/m. N23 is the same of the nominal vehicle.
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 use crate::wings::{Wrench};
@@ -18,6 +18,17 @@ pub const SPEC: EffectSpec = EffectSpec {
     source: "GAP.md 3.1",
     equation: "F = -m c |v| v",
     build: |b| Box::new(QuadraticDrag(b.value[0] * b.nominal.body.mass_kg)),
+};
+
+/// The nominal vehicle's own, from its file.
+pub const NOMINAL: EffectSpec = EffectSpec {
+    id: "N23",
+    name: "nominal body drag",
+    role: Role::Nominal,
+    parameters: &[ParameterSpec::new("c", "1/m", 0.0, 0.0, [0.0, 2.0], "coefficient")
+        .of_vehicle(|v| &mut v.drag.body_per_m)],
+    source: "`haltere gap commission`",
+    ..SPEC
 };
 
 struct QuadraticDrag(f64);

@@ -1,0 +1,474 @@
+//! Commissioning: the constants of the vehicle file with which the simulator flies as accepted flights were flown, each with an
+//! interval, and how far that brings it on flights that it was not fitted to.
+//!
+//! The diagnosis asks what a flight has that the simulator lacks. What the simulator lacks on every flight, a wrong thrust law or
+//! another inner loop, has to go first, or each effect is sought through it (docs/GAP.md, 2.9).
+//!
+//! **Method.** Indirect inference (Gouriéroux, Monfort and Renault 1993): real and simulated flights of one mission are observed alike,
+//! and the constants are those with which the means of their statistics agree. Slopes are central differences of simulated flights
+//! with the same seeds; [`solve`] makes the step, with the file as prior; a step is taken as far as flights at its end are nearer. The
+//! nominal chain that residuals are formed with follows the constants, so that a statistic near zero stays a sharp one.
+//!
+//! **What flights do not show** stays as the file says: a constant of which they leave more than [`solve::SHOWN`] of its prior's sigma.
+//!
+//! **Cross-validation.** The constants are found anew without each accepted flight, from the last slopes, and flown. How far that flight
+//! is from the simulator, before and after, is told block by block, in squares of what healthy vehicles differ by. The simulator is
+//! this vehicle's where that is within what 95 % of flights with benign jitter keep, or within what the accepted flights do to one
+//! another: each of them beside the mean of the others, as it stands beside the simulator.
+
+mod constants;
+mod crossed;
+mod solve;
+#[cfg(test)]
+mod tests;
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::fly::fly_observed_into;
+use super::logs::Flown;
+use super::make_bank::jittered;
+use super::nominal::Nominal;
+use super::normal;
+use super::scene::Scene;
+use super::statistics::{specs, statistics_of};
+use super::trace::Trace;
+use constants::{CONSTANTS, Constant, moved};
+use haltere_core::checks::Problems;
+use haltere_model::Vehicle;
+use solve::{Evidence, Posterior};
+
+pub use crossed::Nearness;
+
+/// Fewest accepted flights: of fewer the spread from flight to flight is not known (as for a diagnosis).
+pub const LEAST_FLIGHTS: usize = 8;
+/// Slopes are taken this often, each time where the last step ended: the first step crosses most of the way, the third is within
+/// its noise (on simulated vehicles whose constants were moved by 15 %).
+const ROUNDS: usize = 3;
+/// Simulated flights that a mean and its spread are of.
+const MEAN_FLIGHTS: usize = 24;
+/// Pairs of flights behind a slope, and half of their distance in sigma of the prior.
+const SLOPE_FLIGHTS: usize = 4;
+const SLOPE_SIGMAS: f64 = 0.5;
+/// Share of a slope that is not believed: so much it changes within a sigma of the prior, and differs from pair to pair (judgement). It
+/// keeps a statistic that hardly varies from knowing a constant without end.
+const SLOPE_ERROR: f64 = 0.05;
+/// Fewest flights of the file as it is that must come to their end: less than half of a bank's may, since commissioning is to mend that.
+const LEAST_FLOWN: usize = 6;
+/// Shares of a step that are tried, and flights for each.
+const SHARES: [f64; 3] = [1.0, 0.5, 0.25];
+const TRIAL_FLIGHTS: usize = 8;
+/// Changes of a statistic below this share of it are rounding.
+const NEGLIGIBLE: f64 = 1e-9;
+/// First seed of these flights: none of a bank's.
+const SEED: u64 = 7_900_000;
+
+/// Why nothing was found.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NotCommissioned {
+    /// Too few flights.
+    #[error(
+        "{found} accepted flights that can be observed, at least {LEAST_FLIGHTS} needed, 20 are better{why}"
+    )]
+    TooFew {
+        /// How many.
+        found: usize,
+        /// What became of one of the others.
+        why: String,
+    },
+    /// The simulator does not fly the mission with the vehicle file as it is.
+    #[error(
+        "{flown} of {MEAN_FLIGHTS} simulated flights of this mission came to its end with the vehicle file as it is, at least \
+         {LEAST_FLOWN} are needed: `haltere gap bank LOG --vehicle FILE` says which number they fail by"
+    )]
+    NotFlown {
+        /// How many did.
+        flown: usize,
+    },
+}
+
+/// A constant as it was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Found {
+    /// Key in the vehicle file, with its axis.
+    pub key: &'static str,
+    /// As the file says.
+    pub file: f64,
+    /// As found; that of the file where flights do not show it.
+    pub value: f64,
+    /// 90 % interval.
+    pub low: f64,
+    /// Its upper end.
+    pub high: f64,
+    /// By how many sigma of its prior it moved.
+    pub sigmas: f64,
+    /// Whether flights show it.
+    pub shown: bool,
+}
+
+impl Found {
+    /// Whether it moved by more than its owner may be wrong by.
+    pub fn moved_far(&self) -> bool {
+        self.sigmas.abs() > 1.0
+    }
+}
+
+/// What was found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Commissioned {
+    /// The vehicle.
+    pub vehicle: Vehicle,
+    /// Its constants, in the order of the file.
+    pub constants: Vec<Found>,
+    /// How near the simulator is to accepted flights that it was not fitted to, by block.
+    pub blocks: Vec<Nearness>,
+    /// The same over all of them.
+    pub whole: Nearness,
+    /// Accepted flights.
+    pub flights: usize,
+    /// Simulated flights that were flown for it.
+    pub simulated: usize,
+}
+
+impl Commissioned {
+    /// Why the simulator is not this vehicle's yet; `None`: it can be judged by. Flights that it was not fitted to are farther off in a
+    /// block than a simulator of this vehicle is.
+    pub fn why_not_yet(&self) -> Option<String> {
+        let beyond = self.blocks.iter().filter(|n| !n.holds());
+        let far: Vec<String> =
+            beyond.map(|n| format!("{} {:.1} (limit {:.1})", n.block, n.after, n.limit)).collect();
+        (!far.is_empty()).then(|| {
+            format!(
+                "the simulator is not this vehicle's yet: accepted flights that it was not fitted to are farther off than healthy \
+                 vehicles and than they are from one another: {}",
+                far.join(", ")
+            )
+        })
+    }
+}
+
+/// Finds the constants. `scene`: room, companion and the vehicle file as it is; `progress`: done, of how many.
+pub fn commission(
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    accepted: &[Flown],
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<Commissioned, NotCommissioned> {
+    let traces: Vec<&Trace> = accepted.iter().map(|flown| &flown.trace).collect();
+    commission_traces(scene, items, &traces, progress)
+}
+
+/// The same from what was recorded of the flights.
+pub fn commission_traces(
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    accepted: &[&Trace],
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<Commissioned, NotCommissioned> {
+    commission_for(&CONSTANTS, scene, items, accepted, &progress)
+}
+
+fn commission_for(
+    constants: &[Constant],
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    accepted: &[&Trace],
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Commissioned, NotCommissioned> {
+    let file = &scene.vehicle;
+    let of = ROUNDS * (MEAN_FLIGHTS + 2 * SLOPE_FLIGHTS * constants.len())
+        + crossed::flights(accepted.len());
+    let hand = Hand { constants, scene, items, done: AtomicUsize::new(0), of, progress };
+    let mut at = vec![0.0; constants.len()];
+    for _ in 1..ROUNDS {
+        let line = Linear::at(&hand, &at, accepted)?;
+        let posterior = line.evidence().solve();
+        let Some(better) = line.step(&hand, &posterior) else { break };
+        at = better;
+    }
+    let line = Linear::at(&hand, &at, accepted)?;
+    let posterior = line.evidence().solve_shown();
+    let vehicle = hand.moved(&posterior.at);
+    let judged = crossed::judge(&hand, &line, &posterior, accepted);
+    let z90 = normal::quantile(0.95);
+    let found = |(k, constant): (usize, &Constant)| Found {
+        key: constant.key,
+        file: constant.value(file),
+        value: constant.value(&vehicle),
+        low: constant.moved(file, posterior.at[k] - z90 * posterior.std[k]),
+        high: constant.moved(file, posterior.at[k] + z90 * posterior.std[k]),
+        sigmas: constant.sigmas(file, constant.value(&vehicle)),
+        shown: posterior.shows(k),
+    };
+    Ok(Commissioned {
+        constants: constants.iter().enumerate().map(found).collect(),
+        vehicle,
+        blocks: judged.blocks,
+        whole: judged.whole,
+        flights: accepted.len(),
+        simulated: hand.done(),
+    })
+}
+
+/// Who flies.
+struct Hand<'a> {
+    constants: &'a [Constant],
+    scene: &'a Scene,
+    items: &'a [MISSION_ITEM_INT_DATA],
+    done: AtomicUsize,
+    /// Of how many, if every step is taken at once.
+    of: usize,
+    progress: &'a (dyn Fn(usize, usize) + Sync),
+}
+
+impl Hand<'_> {
+    /// The vehicle of the file with its constants so many sigma of their priors from there.
+    fn moved(&self, at: &[f64]) -> Vehicle {
+        moved(self.constants, &self.scene.vehicle, at)
+    }
+
+    fn done(&self) -> usize {
+        self.done.load(Ordering::Relaxed)
+    }
+
+    /// The nominal chain of a vehicle in this scene.
+    fn nominal(&self, vehicle: &Vehicle) -> Nominal {
+        Nominal { vehicle: vehicle.clone(), ..Nominal::of_scene(self.scene) }
+    }
+
+    /// Flights of vehicles by seeds, as a nominal chain sees them; `None`: refused, or not to its end.
+    fn fly(
+        &self,
+        jobs: &[(&Vehicle, u64)],
+        nominal: &Nominal,
+        jitter: bool,
+    ) -> Vec<Option<Vec<f64>>> {
+        let fly = |trace: &mut Trace, (vehicle, seed): &(&Vehicle, u64)| {
+            let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
+            (self.progress)(done.min(self.of), self.of);
+            let mut problems = Problems::new();
+            vehicle.check("vehicle", &mut problems);
+            problems.into_result().ok()?;
+            let scene = Scene { vehicle: (*vehicle).clone(), ..self.scene.clone() };
+            let mut plant = scene.plant(*seed);
+            if jitter {
+                plant = jittered(plant).ok()?;
+            }
+            fly_observed_into(trace, &scene, self.items, plant, scene.pilot.clone()).ok()?;
+            let whole = trace.came_as_far_as(scene.until_s) && trace.crashed != Some(true);
+            whole.then(|| statistics_of(trace, nominal).ok())?
+        };
+        jobs.par_iter().map_init(|| Trace::new(self.scene.survey.clone()), fly).collect()
+    }
+
+    /// Flights of one vehicle by these seeds that came to their end.
+    fn rows(
+        &self,
+        vehicle: &Vehicle,
+        nominal: &Nominal,
+        seeds: &[u64],
+        jitter: bool,
+    ) -> Vec<Vec<f64>> {
+        let jobs: Vec<_> = seeds.iter().map(|seed| (vehicle, *seed)).collect();
+        self.fly(&jobs, nominal, jitter).into_iter().flatten().collect()
+    }
+}
+
+fn seeds(flights: usize) -> Vec<u64> {
+    (0..flights as u64).map(|k| SEED + k).collect()
+}
+
+/// Real and simulated flights beside one another where the constants are, and what each of these does there.
+struct Linear {
+    nominal: Nominal,
+    at: Vec<f64>,
+    /// Statistics that all flights could say.
+    places: Vec<usize>,
+    /// A row for each accepted flight and for each simulated one, of these statistics.
+    real: Vec<Vec<f64>>,
+    simulated: Vec<Vec<f64>>,
+    /// Seeds of the simulated ones: where a vehicle is not flown by every seed, it is flown by these.
+    seeds: Vec<u64>,
+    slopes: DMatrix<f64>,
+}
+
+impl Linear {
+    fn at(hand: &Hand<'_>, at: &[f64], accepted: &[&Trace]) -> Result<Self, NotCommissioned> {
+        let vehicle = hand.moved(at);
+        let nominal = hand.nominal(&vehicle);
+        let real = observed(accepted, &nominal)?;
+        let jobs: Vec<_> = seeds(MEAN_FLIGHTS).into_iter().map(|seed| (&vehicle, seed)).collect();
+        let flown = hand.fly(&jobs, &nominal, false).into_iter().zip(jobs);
+        let (seeds, simulated): (Vec<u64>, Vec<Vec<f64>>) =
+            flown.filter_map(|(row, (_, seed))| Some((seed, row?))).unzip();
+        if simulated.len() < LEAST_FLOWN {
+            return Err(NotCommissioned::NotFlown { flown: simulated.len() });
+        }
+        let known = |j: &usize| {
+            let of = |row: &Vec<f64>| row[*j];
+            let first = of(&simulated[0]);
+            // One that never varies says nothing, and would say it without end.
+            real.iter().chain(&simulated).all(|row| of(row).is_finite())
+                && simulated.iter().any(|row| (of(row) - first).abs() > NEGLIGIBLE * first.abs())
+        };
+        let places: Vec<usize> = (0..specs().len()).filter(known).collect();
+        let slopes = slopes(hand, at, &nominal, &places, &seeds, &simulated);
+        let [real, simulated] = [real, simulated]
+            .map(|rows| rows.iter().map(|row| places.iter().map(|j| row[*j]).collect()).collect());
+        Ok(Self { nominal, at: at.to_vec(), places, real, simulated, seeds, slopes })
+    }
+
+    /// What all accepted flights show.
+    fn evidence(&self) -> Evidence {
+        self.evidence_without(|_| false)
+    }
+
+    /// What those show that are not left out, by their place.
+    fn evidence_without(&self, left_out: impl Fn(usize) -> bool) -> Evidence {
+        let kept = self.real.iter().enumerate().filter(|(k, _)| !left_out(*k));
+        let real: Vec<&Vec<f64>> = kept.map(|(_, row)| row).collect();
+        let simulated: Vec<&Vec<f64>> = self.simulated.iter().collect();
+        let (n, m) = (real.len() as f64, simulated.len() as f64);
+        let (mut off, mut chance, mut flight) = (Vec::new(), Vec::new(), Vec::new());
+        for (place, j) in self.places.iter().enumerate() {
+            let [mean, of_flights] = moments(&real, place);
+            let [of_simulator, by_chance] = moments(&simulated, place);
+            let resolution = specs()[*j].resolution.powi(2);
+            // What simulated flights differ by and real ones do not is one draw for this vehicle and room: it stays in their mean.
+            let stays = (by_chance - of_flights).max(0.0);
+            off.push(mean - of_simulator);
+            chance.push(of_flights / n + stays + by_chance / m + resolution);
+            flight.push(of_flights.max(by_chance) + resolution);
+            let steepest = SLOPE_ERROR * self.slopes.row(place).norm();
+            if let Some(chance) = chance.last_mut() {
+                *chance += steepest * steepest;
+            }
+        }
+        let group: Vec<usize> = self.places.iter().map(|j| specs()[*j].channel as usize).collect();
+        let news = solve::news(&self.simulated, &group);
+        Evidence {
+            off,
+            chance,
+            flight,
+            slopes: self.slopes.clone(),
+            group,
+            news,
+            at: self.at.clone(),
+        }
+    }
+
+    /// The farthest share of the step to a posterior at whose end flights are nearer; `None`: at none.
+    fn step(&self, hand: &Hand<'_>, to: &Posterior) -> Option<Vec<f64>> {
+        let count = TRIAL_FLIGHTS.min(self.seeds.len());
+        let seeds = &self.seeds[..count];
+        let mut best = (self.left(to, &self.simulated[..count], &self.at), None);
+        for share in SHARES {
+            let at: Vec<f64> =
+                self.at.iter().zip(&to.at).map(|(from, to)| from + share * (to - from)).collect();
+            let rows = hand.rows(&hand.moved(&at), &self.nominal, seeds, false);
+            if rows.len() * 2 < count {
+                continue;
+            }
+            let rows: Vec<Vec<f64>> =
+                rows.iter().map(|row| self.places.iter().map(|j| row[*j]).collect()).collect();
+            let left = self.left(to, &rows, &at);
+            if left < best.0 {
+                best = (left, Some(at));
+            }
+        }
+        best.1
+    }
+
+    fn left(&self, posterior: &Posterior, rows: &[Vec<f64>], at: &[f64]) -> f64 {
+        let (real, rows): (Vec<_>, Vec<_>) = (self.real.iter().collect(), rows.iter().collect());
+        let off = |place| moments(&real, place)[0] - moments(&rows, place)[0];
+        posterior.left(&(0..self.places.len()).map(off).collect::<Vec<_>>(), at)
+    }
+}
+
+/// Statistics of accepted flights by a nominal chain.
+fn observed(accepted: &[&Trace], nominal: &Nominal) -> Result<Vec<Vec<f64>>, NotCommissioned> {
+    let seen: Vec<_> = accepted
+        .par_iter()
+        .map(|trace| statistics_of(trace, nominal).map_err(|e| e.to_string()))
+        .collect();
+    let why =
+        seen.iter().find_map(|row| row.as_ref().err()).map_or(String::new(), |e| format!(": {e}"));
+    let rows: Vec<Vec<f64>> = seen.into_iter().flatten().collect();
+    if rows.len() < LEAST_FLIGHTS {
+        return Err(NotCommissioned::TooFew { found: rows.len(), why });
+    }
+    Ok(rows)
+}
+
+/// Slopes of the statistics on the constants, from pairs of flights with the same seed. What pairs differ by among one another makes a
+/// slope smaller, to nothing where it is no larger than that (James and Stein 1961, one by one).
+fn slopes(
+    hand: &Hand<'_>,
+    at: &[f64],
+    nominal: &Nominal,
+    places: &[usize],
+    seeds: &[u64],
+    middle: &[Vec<f64>],
+) -> DMatrix<f64> {
+    let seeds = &seeds[..SLOPE_FLIGHTS.min(seeds.len())];
+    let (file, constants) = (&hand.scene.vehicle, hand.constants);
+    let vehicles: Vec<[Vehicle; 2]> = (0..constants.len())
+        .map(|k| {
+            [SLOPE_SIGMAS, -SLOPE_SIGMAS].map(|by| {
+                let mut there = at.to_vec();
+                there[k] += by;
+                hand.moved(&there)
+            })
+        })
+        .collect();
+    let jobs: Vec<(&Vehicle, u64)> = vehicles
+        .iter()
+        .flat_map(|pair| seeds.iter().flat_map(move |seed| pair.iter().map(move |v| (v, *seed))))
+        .collect();
+    let rows = hand.fly(&jobs, nominal, false);
+    let mut slopes = DMatrix::zeros(places.len(), constants.len());
+    for (k, (flown, vehicles)) in rows.chunks(2 * seeds.len()).zip(&vehicles).enumerate() {
+        let sigmas =
+            [0, 1].map(|side| constants[k].sigmas(file, constants[k].value(&vehicles[side])));
+        // Where one side is not flown to its end, the middle stands for it.
+        let pairs: Vec<[(&Vec<f64>, f64); 2]> = flown
+            .chunks(2)
+            .zip(middle)
+            .map(|(pair, middle)| {
+                [0, 1].map(|side| {
+                    pair[side].as_ref().map_or((middle, at[k]), |row| (row, sigmas[side]))
+                })
+            })
+            .filter(|[above, below]| above.1 > below.1)
+            .collect();
+        for (place, j) in places.iter().enumerate() {
+            let differences: Vec<f64> = pairs
+                .iter()
+                .map(|[above, below]| (above.0[*j] - below.0[*j]) / (above.1 - below.1))
+                .filter(|slope| slope.is_finite())
+                .collect();
+            let n = differences.len() as f64;
+            if n < 2.0 {
+                continue;
+            }
+            let mean = differences.iter().sum::<f64>() / n;
+            let square =
+                differences.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n * (n - 1.0));
+            slopes[(place, k)] = mean * (1.0 - square / (mean * mean + f64::MIN_POSITIVE)).max(0.0);
+        }
+    }
+    slopes
+}
+
+/// Mean and variance of one statistic.
+fn moments(rows: &[&Vec<f64>], place: usize) -> [f64; 2] {
+    let n = rows.len() as f64;
+    let mean = rows.iter().map(|row| row[place]).sum::<f64>() / n;
+    let square = rows.iter().map(|row| (row[place] - mean).powi(2)).sum::<f64>();
+    [mean, square / (n - 1.0).max(1.0)]
+}
