@@ -47,6 +47,7 @@ impl Nominal {
         if thrust_frac <= 0.0 {
             return 0.0;
         }
+        // Bounded as in effect N24: no power of a voltage that is none.
         let share = (supply_v / self.vehicle.rated_v()).max(0.1);
         let turned_hz =
             w.flap_hz_per_v * thrust_frac * supply_v * share.powf(w.voltage_exponent - 1.0);

@@ -13,6 +13,7 @@ use super::matrix::{Matrix, Square, floor, matrix};
 use super::onset::{Onset, onset};
 use super::residuals::uwb::SIDE;
 use super::scene::Scene;
+use super::shrink::mean;
 use haltere_core::measure::AnchorId;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_model::effects::EffectSpec;
@@ -173,15 +174,6 @@ pub fn of_flights(
 
 /// Reference flights from which they replace null flights over time.
 const LEAST_REFERENCES: usize = 12;
-
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for v in values.filter(|v| v.is_finite()) {
-        sum += v;
-        count += 1.0;
-    }
-    sum / count
-}
 
 fn second(from: &[Details], line: usize, t: usize) -> impl Iterator<Item = f64> + '_ {
     from.iter().filter_map(move |d| d.lines.get(line)?.values.get(t).copied())

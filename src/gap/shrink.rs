@@ -128,7 +128,8 @@ fn among(sims: &[Vec<f64>], scales: &[f64]) -> f64 {
     mean(pairs)
 }
 
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
+/// Mean of the finite values; NaN of none.
+pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for v in values.filter(|v| v.is_finite()) {
         sum += v;

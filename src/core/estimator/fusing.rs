@@ -45,6 +45,8 @@ const COMING_DOWN_FRAC: f64 = 0.4;
 /// And only below this height, m: from 0.2 m on the low anchors of the recordings read as elsewhere, and with all of 0.5 m a
 /// hover at 0.45 m errs by 0.14 m in place of 0.05. With 0.3 m a recorded landing behind metal ends 6 m off.
 const COMING_DOWN_BELOW_M: f64 = 0.4;
+/// What the floor had hidden is left in the sigma for so many times `hidden_s`: the variance of a bias then has e^-4 of itself.
+const SHOWN_AFTER: f64 = 2.0;
 /// Standing vehicles have a constant height to this sigma, m.
 const STD_REST_HEIGHT_M: f64 = 0.05;
 /// A fix replaces the position when it explains the measurements this much better: the median
@@ -196,7 +198,7 @@ impl Estimator {
         let config = &self.config.anchor_bias;
         let low = |height_m: &f64| *height_m < config.low_anchor_m;
         let since_s = self.at.seconds_since(self.hidden_at);
-        config.estimate && self.anchors_m.iter().any(low) && since_s < 2.0 * config.hidden_s
+        config.estimate && self.anchors_m.iter().any(low) && since_s < SHOWN_AFTER * config.hidden_s
     }
 
     pub(super) fn fuse_tdoa(

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::solve::Posterior;
 use super::{Hand, Linear, TRIAL_FLIGHTS, seeds};
 use crate::normal::student_quantile;
-use crate::shrink::{compressed, scales};
+use crate::shrink::{compressed, mean, scales};
 use crate::statistics::{specs, statistics_of};
 use crate::trace::Trace;
 use haltere_model::Vehicle;
@@ -137,13 +137,6 @@ fn apart(row: &[f64], from: &[f64], sigmas: &[f64], places: &[usize]) -> f64 {
 
 fn means(rows: &[Vec<f64>]) -> Vec<f64> {
     (0..specs().len()).map(|j| mean(rows.iter().map(|row| row[j]))).collect()
-}
-
-/// Of what is known.
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) =
-        values.filter(|v| v.is_finite()).fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
-    sum / count
 }
 
 #[cfg(test)]

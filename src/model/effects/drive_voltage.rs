@@ -7,6 +7,9 @@
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 use crate::wings::Actuation;
 
+/// Least share of the nominal voltage in the law: a pack without voltage turns nothing, and no power of zero is asked for.
+const LEAST_VOLTAGE_SHARE: f64 = 0.1;
+
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "N24",
@@ -41,7 +44,7 @@ impl Effect for DriveVoltage {
         if self.exponent == 0.0 {
             return;
         }
-        let factor = (s.supply_v * self.inverse_rated_v).max(0.1).powf(self.exponent);
+        let factor = (s.supply_v * self.inverse_rated_v).max(LEAST_VOLTAGE_SHARE).powf(self.exponent);
         for f in &mut actuation.flap_hz {
             // A wing that stands has no command.
             if *f > 0.0 {
