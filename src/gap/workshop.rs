@@ -20,7 +20,7 @@ use haltere_model::effects::{Block, EffectSpec};
 /// Seed of the banks that a diagnosis uses.
 pub const BANK_SEED: u64 = 20_211_117;
 
-const LEARNED: Kind = Kind { what: "learned limits", magic: b"HALTLRND", version: 2 };
+const LEARNED: Kind = Kind { what: "learned limits", magic: b"HALTLRND", version: 3 };
 
 /// Why there is no workshop.
 #[derive(Debug, thiserror::Error)]

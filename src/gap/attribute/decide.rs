@@ -10,7 +10,7 @@ use super::foretold::Foretold;
 use super::library::Library;
 use super::open_set::{features, remainder, score};
 use super::pairs::{self, PairFit};
-use super::trials::{by_effect, seen_of};
+use super::trials::seen_of;
 use super::whiten::expand;
 use super::{Adequacy, Attribution, Attributor, BlockScore, Candidate, Gate, PairCandidate};
 use crate::outcome::{Named, Outcome, Remainder};
@@ -47,12 +47,10 @@ impl Attributor {
         let width = library.whitening.width();
         let z = library.flight(statistics).z;
         let fits = library.explain(&z, settings.survivors);
-        let posterior = limits.calibration.posterior(&by_effect(&fits));
+        let seen = seen_of(library, &z, &fits);
+        let posterior = limits.calibration.posterior(&seen.evidence);
         let case = Case { library, z, fits, posterior };
-        let gate = Gate {
-            material: self.material(library, &case.z),
-            ..limits.gate.gate(&seen_of(library, &case.z, &case.fits))
-        };
+        let gate = Gate { material: self.material(library, &case.z), ..limits.gate.gate(&seen) };
         let mut result = Attribution {
             outcome: Outcome::NoMaterialGap,
             candidates: Vec::new(),
@@ -98,13 +96,14 @@ impl Attributor {
                 residual_score: score(p.left.squared, width),
             })
             .collect();
-        let first = top - Library::null(&case.z);
+        let null = Library::null(&case.z);
+        let first = top - null;
         let limits = &self.limits;
         let inadequate = |left| {
             limits.judge.odds(&features(left, case.z.norm_squared(), width)) > limits.adequate
         };
         // Two pairs as likely as one another are no answer: one effect, or none, is named.
-        let evidence: Vec<f64> = found.iter().map(|p| p.log_z).collect();
+        let evidence: Vec<f64> = found.iter().map(|p| p.log_z - null).collect();
         let sure = limits.calibration.share_of_first(&evidence) >= self.settings.sure;
         let alone = case.fits.first().map(|f| case.library.left(&case.z, f));
         found.into_iter().next().filter(|p| {

@@ -98,7 +98,7 @@ fn run(size: Size, flights: usize, foreign: bool) -> Tally {
     let found = it.attribute_all(&doubles);
     t.pairs = found.iter().zip(&want).filter(exact).count() as f64 / want.len() as f64;
     println!(
-        "learned in {learned:.1} s, {:.0} ms a flight; judged {:?}; T {}; limits pair {:.2} \
+        "learned in {learned:.1} s, {:.0} ms a flight; judged {:?}; {:?}; limits pair {:.2} \
          adequate {:.1}; {:?}",
         1e3 * each,
         it.judged(),

@@ -219,9 +219,10 @@ fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
             .collect(),
         _ => Vec::new(),
     };
+    let seen = seen_of(library, &flight.z, &fits);
     Trial {
-        judged: Judged { log_z: by_effect(&fits), truth: known.effect },
-        seen: seen_of(library, &flight.z, &fits),
+        judged: Judged { evidence: seen.evidence.clone(), truth: known.effect },
+        seen,
         single,
         without: without.map(leaves),
         pair,
@@ -231,7 +232,7 @@ fn trial(library: &Library, settings: &Settings, known: &Known) -> Trial {
 }
 
 /// Evidences in the order of the bank.
-pub(super) fn by_effect(fits: &[Fit]) -> Vec<f64> {
+fn by_effect(fits: &[Fit]) -> Vec<f64> {
     let mut values = vec![f64::NEG_INFINITY; fits.len()];
     for fit in fits {
         if let Some(place) = values.get_mut(fit.effect) {
