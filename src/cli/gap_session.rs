@@ -8,6 +8,7 @@ use super::gap_references::{Accepted, References};
 use super::which_flight::{WhichFlight, tell};
 use crate::progress::Progress;
 use haltere_gap::attribute::{Attributor, Settings};
+use haltere_gap::commission::not_yet;
 use haltere_gap::details::{Details, details};
 use haltere_gap::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
 use haltere_gap::held_out::{Explanation, HeldOut, resize_all};
@@ -125,7 +126,15 @@ pub(super) fn open(
 impl Session {
     /// The verdict.
     pub fn judge(&self) -> Diagnosis {
-        judge(&self.workshop, &self.attributor, self.references.len(), &self.seen)
+        let mut diagnosis =
+            judge(&self.workshop, &self.attributor, self.references.len(), &self.seen);
+        let not_yet = not_yet(&self.workshop.bank, &self.references);
+        diagnosis.remarks.extend(not_yet.map(|why| {
+            format!(
+                "{why}: `haltere gap commission` finds the constants of the vehicle file by them"
+            )
+        }));
+        diagnosis
     }
 
     /// Searches the sizes of explanations in closed loop on this flight, and says what was found of the

@@ -57,7 +57,8 @@ pub struct Judged {
 /// An accepted flight beside simulator and vehicle, neither of which has seen it.
 struct HeldOut<'a> {
     row: &'a [f64],
-    simulator: Vec<f64>,
+    before: &'a [f64],
+    after: Vec<f64>,
     others: Vec<f64>,
 }
 
@@ -69,36 +70,57 @@ pub fn judge(hand: &Hand<'_>, line: &Linear, found: &Posterior, accepted: &[&Tra
         accepted.iter().filter_map(|trace| statistics_of(trace, &nominal).ok()).collect();
     let vehicle = hand.moved(&found.at);
     let benign = hand.rows(&vehicle, &nominal, &seeds(BENIGN_FLIGHTS), true);
-    let mut sigmas = scales(&benign);
-    for (sigma, spec) in sigmas.iter_mut().zip(specs()) {
-        *sigma = sigma.hypot(spec.resolution);
-    }
     // As few as accepted flights are: a mean of either is known alike.
     let few = seeds(TRIAL_FLIGHTS);
     let flown = |vehicle: &Vehicle| means(&hand.rows(vehicle, &nominal, &few, false));
     let (before, after_all) = (flown(file), flown(&vehicle));
     let shown: Vec<usize> = (0..hand.constants.len()).filter(|k| found.shows(*k)).collect();
+    let without = |left_out: usize| {
+        let at = line.evidence_without(|k| k == left_out).solve_for(&shown).at;
+        flown(&hand.moved(&at))
+    };
+    nearness(&real, &before, without, &benign, &after_all)
+}
+
+/// The same of a simulator as it is: `seeds` are its flights, `benign` those with jitter.
+pub fn judge_as_is(seeds: &[Vec<f64>], benign: &[Vec<f64>], accepted: &[Vec<f64>]) -> Judged {
+    let simulator = means(seeds);
+    nearness(accepted, &simulator, |_| simulator.clone(), benign, &simulator)
+}
+
+/// `before`: mean of the simulator that all flights are beside; `after`: of the one that has not seen the flight of this number;
+/// `middle`: mean of the one whose flights with jitter are `benign`.
+fn nearness(
+    real: &[Vec<f64>],
+    before: &[f64],
+    after: impl Fn(usize) -> Vec<f64>,
+    benign: &[Vec<f64>],
+    middle: &[f64],
+) -> Judged {
+    let mut sigmas = scales(benign);
+    for (sigma, spec) in sigmas.iter_mut().zip(specs()) {
+        *sigma = sigma.hypot(spec.resolution);
+    }
     let held_out: Vec<HeldOut<'_>> = real
         .iter()
         .enumerate()
-        .map(|(left_out, row)| {
-            let at = line.evidence_without(|k| k == left_out).solve_for(&shown).at;
-            let others: Vec<Vec<f64>> = [&real[..left_out], &real[left_out + 1..]].concat();
-            HeldOut { row, simulator: flown(&hand.moved(&at)), others: means(&others) }
+        .map(|(k, row)| {
+            let others = means(&[&real[..k], &real[k + 1..]].concat());
+            HeldOut { row, before, after: after(k), others }
         })
         .collect();
     let nearness = |block: &'static str, of: usize, is_of: &dyn Fn(usize) -> bool| {
         let places: Vec<usize> = (0..specs().len()).filter(|j| is_of(*j)).collect();
         let far = |row: &[f64], from: &[f64]| apart(row, from, &sigmas, &places);
-        let mut benign: Vec<f64> = benign.iter().map(|row| far(row, &after_all)).collect();
+        let mut benign: Vec<f64> = benign.iter().map(|row| far(row, middle)).collect();
         benign.sort_by(f64::total_cmp);
         let place = ((WITHIN * benign.len() as f64) as usize).min(benign.len().saturating_sub(1));
         let healthy = benign.get(place).copied().unwrap_or(f64::NAN);
         let own: Vec<f64> = held_out.iter().map(|h| far(h.row, &h.others)).collect();
         Nearness {
             block,
-            before: mean(held_out.iter().map(|h| far(h.row, &before))),
-            after: mean(held_out.iter().map(|h| far(h.row, &h.simulator))),
+            before: mean(held_out.iter().map(|h| far(h.row, h.before))),
+            after: mean(held_out.iter().map(|h| far(h.row, &h.after))),
             healthy,
             own: mean(own.iter().copied()),
             limit: healthy.max(by_chance(&own, of)),

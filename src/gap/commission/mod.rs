@@ -29,6 +29,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::bank::Bank;
 use super::fly::fly_observed_into;
 use super::logs::Flown;
 use super::make_bank::jittered;
@@ -138,17 +139,29 @@ impl Commissioned {
     /// Why the simulator is not this vehicle's yet; `None`: it can be judged by. Flights that it was not fitted to are farther off in a
     /// block than a simulator of this vehicle is.
     pub fn why_not_yet(&self) -> Option<String> {
-        let beyond = self.blocks.iter().filter(|n| !n.holds());
-        let far: Vec<String> =
-            beyond.map(|n| format!("{} {:.1} (limit {:.1})", n.block, n.after, n.limit)).collect();
-        (!far.is_empty()).then(|| {
-            format!(
-                "the simulator is not this vehicle's yet: accepted flights that it was not fitted to are farther off than healthy \
-                 vehicles and than they are from one another: {}",
-                far.join(", ")
-            )
-        })
+        why_not_yet(&self.blocks)
     }
+}
+
+/// Why the simulator of a bank is not this vehicle's yet, by accepted flights; `None`: it can be judged by, or too few were given to say.
+pub fn not_yet(bank: &Bank, accepted: &[Vec<f64>]) -> Option<String> {
+    if accepted.len() < LEAST_FLIGHTS {
+        return None;
+    }
+    why_not_yet(&crossed::judge_as_is(&bank.seeds, &bank.jitter, accepted).blocks)
+}
+
+fn why_not_yet(blocks: &[Nearness]) -> Option<String> {
+    let beyond = blocks.iter().filter(|n| !n.holds());
+    let far: Vec<String> =
+        beyond.map(|n| format!("{} {:.1} (limit {:.1})", n.block, n.after, n.limit)).collect();
+    (!far.is_empty()).then(|| {
+        format!(
+            "the simulator is not this vehicle's yet: accepted flights that it was not fitted to are farther off than healthy \
+             vehicles and than they are from one another: {}",
+            far.join(", ")
+        )
+    })
 }
 
 /// Finds the constants. `scene`: room, companion and the vehicle file as it is; `progress`: done, of how many.

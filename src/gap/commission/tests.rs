@@ -4,6 +4,9 @@ use super::constants::CONSTANTS;
 use super::*;
 use crate::fly::fly_observed;
 use crate::missions;
+use crate::residuals::StatSpec;
+use haltere_model::effects::Block;
+use haltere_model::random::Stream;
 
 const MOVED: [(&str, f64); 8] = [
     ("wings.thrust_n_per_hz", 1.15),
@@ -82,4 +85,24 @@ fn prop_too_few_flights_are_refused_in_words() {
     let scene = Scene::lab().unwrap();
     let said = commission_traces(&scene, &missions::plain(&scene), &[], |_, _| ()).unwrap_err();
     assert!(said.to_string().contains("0 accepted flights"), "{said}");
+}
+
+#[test]
+fn prop_a_bank_whose_flights_are_unlike_accepted_ones_is_not_yet_this_vehicles() {
+    let mut rng = Stream::new(4, "not yet");
+    let mut flights = |count: usize, off: f64| -> Vec<Vec<f64>> {
+        let inner_loop = |spec: &StatSpec| f64::from(u8::from(spec.block == Block::InnerLoop));
+        let mut row = || {
+            let of =
+                |s: &StatSpec| 10.0 * s.resolution.max(1.0) * (rng.normal() + off * inner_loop(s));
+            specs().iter().map(of).collect()
+        };
+        (0..count).map(|_| row()).collect()
+    };
+    let names = specs().iter().map(|s| s.name.clone()).collect();
+    let bank = Bank { names, seeds: flights(24, 0.0), jitter: flights(60, 0.0), effects: vec![] };
+    assert_eq!(not_yet(&bank, &flights(LEAST_FLIGHTS, 0.0)), None);
+    assert_eq!(not_yet(&bank, &flights(LEAST_FLIGHTS - 1, 3.0)), None, "too few to say");
+    let said = not_yet(&bank, &flights(LEAST_FLIGHTS, 3.0)).unwrap();
+    assert!(said.contains("inner_loop") && !said.contains("thrust"), "{said}");
 }
