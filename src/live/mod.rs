@@ -227,7 +227,7 @@ async fn fly(
     let recorder = begin_recording(loaded, started)?;
     let pilot = Pilot::new(loaded.config.pilot(), loaded.survey.clone(), started);
     let own_logs = OwnLogs::default();
-    own_logs.add(recorder.name());
+    own_logs.add(recorder.file());
     let (files, file_thread) = start_files(loaded, own_logs.clone(), programs, &shared)?;
     let (rotation, log_thread) = rotation::start(loaded, own_logs)?;
     let (watch, feed) = watch.map_or((None, Feed::off()), |(watch, feed)| (Some(watch), feed));

@@ -111,16 +111,16 @@ pub(super) fn start(loaded: &Loaded, own_logs: OwnLogs) -> std::io::Result<(Rota
                     let _ = done.send(begin(&loaded, *settings, &own_logs).map(Box::new));
                 }
                 Task::Close(pair) => {
-                    let name = pair.recorder.name();
+                    let file = pair.recorder.file();
                     closed.push(pair.recorder.finish());
-                    own_logs.remove(&name);
+                    own_logs.remove(&file);
                 }
                 Task::Forget(pair) => {
-                    let name = pair.recorder.name();
+                    let file = pair.recorder.file();
                     if let Some(log) = pair.recorder.finish().path {
                         let _ = std::fs::remove_file(log);
                     }
-                    own_logs.remove(&name);
+                    own_logs.remove(&file);
                 }
             }
         }
@@ -144,7 +144,7 @@ fn begin(loaded: &Loaded, settings: PilotConfig, own_logs: &OwnLogs) -> Option<P
     };
     // Without room for another one the old one goes on, as far as there is any.
     recorder.path()?;
-    own_logs.add(recorder.name());
+    own_logs.add(recorder.file());
     let pilot = Pilot::new(loaded.config.pilot(), loaded.survey, started);
     Some(Pair { pilot, recorder })
 }

@@ -15,10 +15,12 @@ mod atomic;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::UNIX_EPOCH;
 
 use crate::sources::stored;
+use haltere_core::time::HostTime;
+use haltere_log::record::LogFile;
 use haltere_log::written;
 use haltere_pilot::services::{
     FileFault, FileName, FileTask, Folder, Judgement, MOST_MISSION_BYTES, Plan, crc32,
@@ -68,32 +70,29 @@ impl Programs for NoPrograms {
 
 /// Logs that are being written, which are never erased; the newest last.
 #[derive(Debug, Clone, Default)]
-pub struct OwnLogs(Arc<Mutex<Vec<Name>>>);
-
-/// The name of a log that may be begun later.
-type Name = Arc<OnceLock<PathBuf>>;
+pub struct OwnLogs(Arc<Mutex<Vec<Arc<LogFile>>>>);
 
 impl OwnLogs {
     /// Another one is begun.
-    pub fn add(&self, log: Name) {
+    pub fn add(&self, log: Arc<LogFile>) {
         self.lock().push(log);
     }
 
     /// This one is written no more.
-    pub fn remove(&self, log: &Name) {
+    pub fn remove(&self, log: &Arc<LogFile>) {
         self.lock().retain(|own| !Arc::ptr_eq(own, log));
     }
 
-    fn newest(&self) -> Option<PathBuf> {
-        self.lock().last()?.get().cloned()
+    fn newest(&self) -> Option<Arc<LogFile>> {
+        self.lock().last().cloned()
     }
 
     fn holds(&self, name: &str) -> bool {
-        let is_it = |log: &PathBuf| log.file_name().is_some_and(|own| own == name);
-        self.lock().iter().filter_map(|log| log.get()).any(is_it)
+        let is_it = |log: &Path| log.file_name().is_some_and(|own| own == name);
+        self.lock().iter().filter_map(|log| log.path()).any(is_it)
     }
 
-    fn lock(&self) -> MutexGuard<'_, Vec<Name>> {
+    fn lock(&self) -> MutexGuard<'_, Vec<Arc<LogFile>>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -138,7 +137,7 @@ impl Store {
     ) -> Self {
         let own_logs = OwnLogs::default();
         if let Some(log) = own_log {
-            own_logs.add(Arc::new(log.to_owned().into()));
+            own_logs.add(Arc::new(LogFile::complete(log.to_owned())));
         }
         Self { directory: directory.to_owned(), logs: logs.to_owned(), own_logs, programs }
     }
@@ -190,7 +189,7 @@ impl Store {
             FileTask::EraseLogs => self.erase_logs(),
             FileTask::LoadProgram(name) if name.is_empty() => self.program_names(),
             FileTask::LoadProgram(name) => self.load_program(name),
-            FileTask::Judge(name) => self.judge(name),
+            FileTask::Judge { program, flown_until } => self.judge(program, *flown_until),
             FileTask::StopJudging => {
                 self.programs.stop_judging();
                 Ok(Vec::new())
@@ -315,9 +314,16 @@ impl Store {
         Ok(names.join("\n").into_bytes())
     }
 
-    fn judge(&self, name: &str) -> Answer {
-        let Some(log) = self.own_logs.newest() else { return Err(fault(FileFault::Off)) };
-        match self.programs.judge(name, &log) {
+    fn judge(&self, name: &str, flown_until: HostTime) -> Answer {
+        let newest = self.own_logs.newest();
+        let Some((log, file)) = newest.as_ref().and_then(|file| Some((file.path()?, file))) else {
+            return Err(fault(FileFault::Off));
+        };
+        // A card that is slow to take the landing.
+        if !file.has_settled(flown_until) {
+            return Err(fault(FileFault::Busy));
+        }
+        match self.programs.judge(name, log) {
             None => Err(fault(FileFault::NotFound)),
             Some(Ok(judgement)) => Ok(judgement.encode()),
             Some(Err(why)) => Err((FileFault::Failed, why.into_bytes())),

@@ -109,10 +109,48 @@ pub struct RecorderSummary {
     pub error: Option<RecordError>,
 }
 
+/// A log that may be begun later, for who asks from elsewhere.
+#[derive(Debug)]
+pub struct LogFile {
+    path: OnceLock<PathBuf>,
+    settled_us: AtomicU64,
+}
+
+impl Default for LogFile {
+    fn default() -> Self {
+        Self { path: OnceLock::new(), settled_us: AtomicU64::new(0) }
+    }
+}
+
+impl LogFile {
+    /// One that nobody writes any more.
+    pub fn complete(path: PathBuf) -> Self {
+        Self { path: path.into(), settled_us: AtomicU64::new(u64::MAX) }
+    }
+
+    /// Where it lies, once it is begun.
+    pub fn path(&self) -> Option<&Path> {
+        self.path.get().map(PathBuf::as_path)
+    }
+
+    /// Whether what was recorded until then is on the disk, or never comes there.
+    pub fn has_settled(&self, until: HostTime) -> bool {
+        self.settled_us.load(Relaxed) >= until.as_us()
+    }
+
+    pub(super) fn begin(&self, path: &Path) {
+        let _ = self.path.set(path.to_owned());
+    }
+
+    pub(super) fn settle(&self, until_us: u64) {
+        self.settled_us.fetch_max(until_us, Relaxed);
+    }
+}
+
 /// Takes everything, never waits.
 #[derive(Debug)]
 pub struct Recorder {
-    path: Arc<OnceLock<PathBuf>>,
+    file: Arc<LogFile>,
     queue: Option<Arc<Queue>>,
     thread: Option<JoinHandle<Ended>>,
     batch: Batch,
@@ -146,7 +184,7 @@ pub(super) struct Queue {
     /// Entries that were left out because the recording had stopped.
     pub unrecorded: AtomicU64,
     /// The log, once it is begun.
-    pub path: Arc<OnceLock<PathBuf>>,
+    pub file: Arc<LogFile>,
 }
 
 impl Queue {
@@ -166,7 +204,7 @@ impl Queue {
             news: ArrayQueue::new(1),
             size_B: AtomicU64::new(0),
             unrecorded: AtomicU64::new(0),
-            path: Arc::default(),
+            file: Arc::default(),
         }
     }
 
@@ -235,7 +273,7 @@ impl Recorder {
     /// A recorder that forgets everything.
     pub fn off() -> Self {
         Self {
-            path: Arc::default(),
+            file: Arc::default(),
             queue: None,
             thread: None,
             batch: Batch::default(),
@@ -260,7 +298,7 @@ impl Recorder {
     ) -> Result<Self, RecordError> {
         let queue = Arc::new(Queue::new(depth));
         if let Some(log) = &disk.log {
-            let _ = queue.path.set(log.path().to_owned());
+            queue.file.begin(log.path());
         }
         queue.tell(stands.0, stands.1.clone());
         let batches = queue.clone();
@@ -269,7 +307,7 @@ impl Recorder {
             .spawn(move || write_all(disk, stands, &batches))
             .map_err(RecordError::Thread)?;
         let mut recorder = Self::off();
-        recorder.path = queue.path.clone();
+        recorder.file = queue.file.clone();
         recorder.queue = Some(queue);
         recorder.thread = Some(thread);
         recorder.batch = Batch::ready();
@@ -308,14 +346,14 @@ impl Recorder {
         self.queue.as_ref().map_or(0, |queue| queue.size_B.load(Relaxed))
     }
 
-    /// The log's name, for who asks later: it may be begun later.
-    pub fn name(&self) -> Arc<OnceLock<PathBuf>> {
-        self.path.clone()
+    /// The log, for who asks later: it may be begun later.
+    pub fn file(&self) -> Arc<LogFile> {
+        self.file.clone()
     }
 
     /// The log that is being written.
     pub fn path(&self) -> Option<&Path> {
-        self.path.get().map(PathBuf::as_path)
+        self.file.path()
     }
 
     /// An event as handed to the core, in order.
@@ -417,7 +455,7 @@ impl Recorder {
         let ended = self.thread.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
         let unrecorded = queue.map_or(0, |queue| queue.unrecorded.load(Relaxed));
         RecorderSummary {
-            path: self.path.get().cloned(),
+            path: self.path().map(Path::to_owned),
             lost_entries: self.lost.saturating_add(unrecorded),
             error: ended.error,
         }

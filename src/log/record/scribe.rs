@@ -89,6 +89,7 @@ struct Deserts<'a>(&'a Queue);
 impl Drop for Deserts<'_> {
     fn drop(&mut self) {
         self.0.deserted.store(true, SeqCst);
+        self.0.file.settle(u64::MAX);
     }
 }
 
@@ -176,7 +177,7 @@ impl<W: Write + Seek> Scribe<'_, W> {
         if state == Recording::Runs && self.disk.log.is_none() && self.broken.is_none() {
             match (self.disk.begin)() {
                 Ok(log) => {
-                    let _ = self.queue.path.set(log.path().to_owned());
+                    self.queue.file.begin(log.path());
                     self.disk.log = Some(log);
                 }
                 Err(error) => (state, why) = (Recording::Stopped, error.cause()),
@@ -198,7 +199,7 @@ impl<W: Write + Seek> Scribe<'_, W> {
         }
         self.tidied = Some(Instant::now());
         let (folder, queue) = (&self.disk.folder, self.queue);
-        let own = queue.path.get().map(PathBuf::as_path);
+        let own = queue.file.path();
         let tidied = tidy(folder, budget_B, own, SystemTime::now(), || !queue.armed.load(Relaxed));
         let gb = |bytes: u64| bytes as f64 * 1e-9;
         let budget = format!("record.budget_gb = {}", gb(budget_B));
@@ -226,8 +227,10 @@ impl<W: Write + Seek> Scribe<'_, W> {
 
     fn persist(&mut self) {
         let Some(log) = &mut self.disk.log else { return };
-        if let Err(error) = log.persist() {
-            self.breaks(&error);
+        match log.persist() {
+            Ok(()) if log.fault().is_none() => self.queue.file.settle(self.tail.at.as_us()),
+            Ok(()) => {}
+            Err(error) => self.breaks(&error),
         }
     }
 
@@ -289,7 +292,9 @@ impl<W: Write + Seek> Scribe<'_, W> {
         if let Some(other) = &batch.hole {
             hole = Some(joined(hole, other));
         }
-        self.hole = Some(widen(hole, &batch.items));
+        let hole = widen(hole, &batch.items);
+        self.queue.file.settle(hole.to_us);
+        self.hole = Some(hole);
         self.queue.unrecorded.fetch_add(batch.items.len() as u64, Relaxed);
     }
 
@@ -306,7 +311,7 @@ impl<W: Write + Seek> Scribe<'_, W> {
             error = error.or(Some(RecordError::NotBegun { reason }));
         }
         if error.is_none() && self.state == Recording::Stopped {
-            let path = self.queue.path.get().unwrap_or(&self.disk.folder).clone();
+            let path = self.queue.file.path().unwrap_or(&self.disk.folder).to_owned();
             error = Some(RecordError::Write { path, reason: std::mem::take(&mut self.why) });
         }
         Ended { error }

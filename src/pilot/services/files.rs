@@ -114,7 +114,12 @@ pub enum FileTask {
     LoadProgram(String),
     /// Judge the newest flight, which the program of this name flew, or say how far that is: a
     /// [`super::Judgement`].
-    Judge(String),
+    Judge {
+        /// Its name.
+        program: String,
+        /// When the vehicle was disarmed after it.
+        flown_until: HostTime,
+    },
     /// End that.
     StopJudging,
 }

@@ -19,7 +19,7 @@ use super::files::{FileFault, FileTask};
 
 /// Param1 of `MAV_CMD_USER_4` that asks for a judgement.
 pub const ASKED_BY: f32 = -1.0;
-/// The log of the landing is on the disk after this time, s: three times what the recorder holds back.
+/// So long after a flight it is judged, µs: what is said of the landing is in its log by then.
 const SETTLE_US: i64 = 3_000_000;
 /// Period of asking how far it is, µs.
 const POLL_US: i64 = 1_000_000;
@@ -113,6 +113,8 @@ pub(in super::super) struct Judge {
     program: Option<(u32, String)>,
     /// The program of the newest flight.
     flown: Option<String>,
+    /// When that ended.
+    flown_until: HostTime,
     /// It is to be judged when the vehicle is disarmed.
     is_due: bool,
     running: Option<Running>,
@@ -199,11 +201,16 @@ impl Pilot {
             }
         }
         if self.mode != Mode::Disarmed {
+            self.services.judge.flown_until = at;
             self.end_judging(at, "the vehicle is armed");
             return;
         }
-        if std::mem::take(&mut self.services.judge.is_due) && self.config.judge_programs {
-            self.begin_judging(at, None, SETTLE_US);
+        if std::mem::take(&mut self.services.judge.is_due) {
+            // With what is said of the landing.
+            self.services.judge.flown_until = at;
+            if self.config.judge_programs {
+                self.begin_judging(at, None, SETTLE_US);
+            }
         }
         let Some(running) = &mut self.services.judge.running else { return };
         if running.is_asked || at < running.next_poll {
@@ -211,7 +218,8 @@ impl Pilot {
         }
         running.is_asked = true;
         running.next_poll = at.offset_us(POLL_US);
-        let task = FileTask::Judge(running.name.clone());
+        let (program, flown_until) = (running.name.clone(), self.services.judge.flown_until);
+        let task = FileTask::Judge { program, flown_until };
         if let Err((fault, _)) = self.services.desk.ask(task, Purpose::Judge, at) {
             self.judge_answer(at, Err(fault), &[]);
         }
@@ -246,7 +254,7 @@ impl Pilot {
         running.is_asked = false;
         let judgement = match result {
             Ok(()) => Judgement::decode(bytes),
-            Err(FileFault::Busy) => return, // asked again
+            Err(FileFault::Busy) => return, // the landing is not on the disk yet
             Err(fault) => {
                 let Some(running) = self.services.judge.running.take() else { return };
                 let why = match std::str::from_utf8(bytes) {

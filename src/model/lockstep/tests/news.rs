@@ -241,12 +241,12 @@ fn judged_world(seed: u64, log: &Arc<Mutex<Vec<FileTask>>>) -> Lockstep {
             FileTask::SavePlan(..) | FileTask::StopJudging => Ok(Vec::new()),
             FileTask::LoadProgram(name) if name.is_empty() => Ok(b"square".to_vec()),
             FileTask::LoadProgram(_) => Ok(encode_plan(&square())),
-            FileTask::Judge(_) if looks < 2 => {
+            FileTask::Judge { .. } if looks < 2 => {
                 looks += 1;
                 let what = "bank".to_owned();
                 Ok(Judgement::Running { percent: 40 * looks, what }.encode())
             }
-            FileTask::Judge(_) => Ok(Judgement::Done(vec![
+            FileTask::Judge { .. } => Ok(Judgement::Done(vec![
                 Told::Text("drag is missing".to_owned()),
                 Told::Value("VERDICT".to_owned(), 10.0),
             ])
@@ -258,7 +258,7 @@ fn judged_world(seed: u64, log: &Arc<Mutex<Vec<FileTask>>>) -> Lockstep {
 }
 
 fn judges(log: &Arc<Mutex<Vec<FileTask>>>) -> usize {
-    log.lock().unwrap().iter().filter(|t| matches!(t, FileTask::Judge(_))).count()
+    log.lock().unwrap().iter().filter(|t| matches!(t, FileTask::Judge { .. })).count()
 }
 
 #[test]
