@@ -306,7 +306,10 @@ impl Pilot {
     fn watch_descent(&mut self, at: HostTime) {
         // So near the floor nothing is to be gained by an estimate that was just lost: it is over sooner than that is known.
         let near = self.supervisor.descent.height_m() < TOUCH_BELOW_M || self.is_low_by_baro(at);
-        let bad = !self.is_uwb_fresh(at) || self.estimate.health != Health::Good;
+        // One that settles is better than none.
+        let settles = matches!(self.estimator.misgiving(at), Some(Misgiving::Returns { .. }));
+        let good = self.estimate.health == Health::Good || settles;
+        let bad = !self.is_uwb_fresh(at) || !good;
         if near || bad || self.needs_descent() {
             self.good_since = None;
         } else if at.seconds_since(*self.good_since.get_or_insert(at)) > self.back_for_s() {

@@ -99,7 +99,7 @@ impl Estimator {
         self.state = Some(state);
         self.at = self.at.max(at);
         self.doubt.clear();
-        self.fused_at = Some(self.at);
+        self.note_fused(self.at);
     }
 
     /// Finds the position in the air from the recent TDOA; attitude is kept, velocity unknown.

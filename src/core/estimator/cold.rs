@@ -255,6 +255,7 @@ impl Estimator {
         self.rate_B = rival.rate_B;
         self.above_floor_at = rival.above_floor_at;
         self.fused_at = rival.fused_at;
+        self.returned_at = rival.returned_at;
         self.doubt.clear();
     }
 }

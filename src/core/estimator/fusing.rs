@@ -299,7 +299,7 @@ impl Estimator {
         record.fused = update::fuse_projected(state, &o, &projected);
         if record.fused {
             self.counts.tdoa_fused += 1;
-            self.fused_at = Some(self.at.max(tdoa.valid_at));
+            self.note_fused(self.at.max(tdoa.valid_at));
         }
     }
 
@@ -421,7 +421,7 @@ impl Estimator {
             let o = reference::observe(state, axis, pose.pos_E_m[axis], var);
             self.fuse_soft(o, 1.0);
         }
-        self.fused_at = Some(self.at);
+        self.note_fused(self.at);
     }
 
     /// Fuses with a heavy tail and no gate; `worth` is the variance factor of correlated samples.

@@ -283,3 +283,26 @@ fn prop_health_tells_that_too_few_are_heard() {
     let later = now.offset_us(2_500_000);
     assert!(matches!(run.estimator.misgiving(later), Some(Misgiving::NothingFused { .. })));
 }
+
+/// The fault: after 10 s without UWB the estimate was called good with the first measurements, and was more than 1 m off for 3 s more.
+#[test]
+fn regress_after_a_loss_in_the_air_health_waits_until_the_estimate_has_settled() {
+    let mut run = Run::aligned(leaving_out(), Truth::flying(middle()));
+    run.fly(2.0);
+    let nothing = |t: &mut Tdoa| t.anchor_a = AnchorId(99);
+    run.fly_spoiled(1.0, nothing);
+    run.fly(1.0);
+    assert_eq!(run.estimator.estimate().health, Health::Good, "a short one is none");
+    run.fly_spoiled(2.5, nothing);
+    run.fly(1.0);
+    let now = run.estimator.estimate().at;
+    assert!(
+        matches!(run.estimator.misgiving(now), Some(Misgiving::Returns { since_s }) if since_s < 1.1)
+    );
+    assert_eq!(run.estimator.estimate().health, Health::Degraded);
+    let mut landed = run.estimator.clone();
+    landed.set_airborne(false);
+    assert_eq!(landed.misgiving(now), None);
+    run.fly(5.0);
+    assert_eq!(run.estimator.estimate().health, Health::Good);
+}

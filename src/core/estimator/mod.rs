@@ -187,6 +187,8 @@ pub struct Estimator {
     compass: Compass,
     zero_velocity_at: Option<HostTime>,
     fused_at: Option<HostTime>,
+    /// When something was fused again in the air after a loss.
+    returned_at: Option<HostTime>,
     sought_fix_at: Option<HostTime>,
     /// Height at the start as TDOA alone had it, where a known height was taken, m.
     start_height_by_uwb_m: Option<f64>,
@@ -247,6 +249,7 @@ impl Estimator {
             compass: Compass::default(),
             zero_velocity_at: None,
             fused_at: None,
+            returned_at: None,
             sought_fix_at: None,
             start_height_by_uwb_m: None,
             counts: Counts::default(),
