@@ -233,7 +233,8 @@ taken if it explains the measurements better. One anchor that does not fit while
 is left out, the position goes to where the others have it, and health is degraded until it fits again
 (`isolation.rs`). It is degraded as well when they contradict one another and none can be named, one or two of them,
 and says which axis is in doubt and by how much. At each take-off among anchors on the floor it is degraded for some two
-seconds, in telemetry and log: that is no fault, and no warning is told. Without IMU
+seconds, in telemetry and log: that is no fault, and no warning is told. After a loss of UWB in the air it is
+degraded for 5 s more, until a tilt that has drifted is back. Without IMU
 nothing but the height says that the floor hides the low anchors, and with their biases free a height that is
 too low fits as well as the true one: as long as the height is uncertain there, a position is sought anew.
 
