@@ -26,6 +26,8 @@ pub(super) enum Next {
     Mission,
     /// The setpoints of a client. Asked for on the floor, their stream lifts off by itself.
     Offboard,
+    /// The same once the stream lifts off.
+    Stream,
     /// A joystick.
     Manual,
     /// A point.
@@ -38,7 +40,7 @@ impl Next {
         match self {
             Next::Nothing => None,
             Next::Mission => Some(Mode::Mission),
-            Next::Offboard => Some(Mode::Offboard),
+            Next::Offboard | Next::Stream => Some(Mode::Offboard),
             Next::Manual => Some(Mode::Manual),
             Next::Point { .. } => Some(Mode::Goto),
         }
@@ -61,6 +63,10 @@ impl Pilot {
     pub(super) fn pursue_next(&mut self, at: HostTime) {
         match (self.guidance.next, self.mode) {
             (Next::Offboard, Mode::Disarmed | Mode::Arming | Mode::Idle) => self.lift_to_stream(at),
+            (Next::Stream, Mode::Spool) if self.stream(at).is_none() => {
+                self.call_off_stream(at);
+                self.fire(at, Event::LandAsked);
+            }
             (Next::Manual | Next::Point { .. }, Mode::Takeoff)
                 if self.height_above_floor_m() >= CLEAR_M =>
             {
@@ -73,14 +79,9 @@ impl Pilot {
     /// Offboard on the floor: the vehicle lifts off to the first setpoint that is up, once the stream has run for a
     /// while. A stream that stops calls it off.
     fn lift_to_stream(&mut self, at: HostTime) {
-        let limit_s = self.config.limits.offboard_loss_s;
-        let Some(setpoint) = self.guidance.setpoint.filter(|s| s.age_s(at) < limit_s) else {
-            self.guidance.next = Next::Nothing;
-            let text = format!("offboard called off: no setpoint for {limit_s} s");
-            self.say(at, Severity::Warning, text);
-            return;
-        };
-        let runs = at.seconds_since(setpoint.since) >= STREAM_S;
+        let Some(setpoint) = self.stream(at) else { return self.call_off_stream(at) };
+        // Between its first and its newest setpoint: what follows the newest is silence.
+        let runs = at.seconds_since(setpoint.since) - setpoint.age_s(at) >= STREAM_S;
         let Some(height_m) = setpoint.climbs_to_m(CLEAR_M).filter(|_| runs) else { return };
         if self.mode != Mode::Idle {
             return;
@@ -91,7 +92,30 @@ impl Pilot {
             return;
         }
         self.guidance.set_takeoff_height(height_m);
+        self.guidance.next = Next::Stream;
         self.lift_off(at);
+    }
+
+    /// The newest setpoint of a client, if their stream has not stopped.
+    fn stream(&self, at: HostTime) -> Option<Setpoint> {
+        let limit_s = self.config.limits.offboard_loss_s;
+        self.guidance.setpoint.filter(|s| s.age_s(at) < limit_s)
+    }
+
+    fn call_off_stream(&mut self, at: HostTime) {
+        self.guidance.next = Next::Nothing;
+        let limit_s = self.config.limits.offboard_loss_s;
+        self.say(
+            at,
+            Severity::Warning,
+            format!("offboard called off: no setpoint for {limit_s} s"),
+        );
+    }
+
+    /// Whether the mission is flown: its take-off is a part of it.
+    pub(super) fn flies_mission(&self) -> bool {
+        let lifts_off = matches!(self.mode, Mode::Spool | Mode::Takeoff);
+        self.mode == Mode::Mission || lifts_off && self.guidance.next == Next::Mission
     }
 
     /// Lets what waits for the take-off follow it. `false`: nothing does, or what it follows has stopped.
@@ -101,7 +125,7 @@ impl Pilot {
         let next = std::mem::take(&mut self.guidance.next);
         let (event, runs) = match next {
             Next::Nothing | Next::Mission => return false,
-            Next::Offboard => {
+            Next::Offboard | Next::Stream => {
                 let stays = self.guidance.setpoint.is_some_and(|s| !s.needs_stream());
                 (Event::OffboardAsked, stays || runs(&self.guidance.setpoint))
             }

@@ -254,7 +254,8 @@ pub struct Pilot {
     output_lost_told: bool,
     /// What a client last asked for, by number; 0: nothing yet.
     intended_mode: u32,
-    refused_setpoint_told: bool,
+    /// When people were last told that a setpoint is not followed.
+    refused_setpoint_told: Option<HostTime>,
     /// When people were last told that a system may not command.
     refused_told_at: Option<HostTime>,
     /// When people were last told that frames are kept out.
@@ -363,7 +364,7 @@ impl Pilot {
             full_told_at: None,
             output_lost_told: false,
             intended_mode: 0,
-            refused_setpoint_told: false,
+            refused_setpoint_told: None,
             refused_told_at: None,
             kept_out_told_at: None,
             other_address_told: [false; 2],

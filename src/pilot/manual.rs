@@ -18,6 +18,8 @@ const DEAD_SHARE: f64 = 0.08;
 const VERTICAL_MPS: f64 = 0.4;
 /// Fastest turn by stick, rad/s: the rate at which the controller lets the yaw setpoint follow.
 const YAW_RADPS: f64 = 1.0;
+/// While setpoints are refused people are told why so often, s: a stream brings 20 a second.
+const REFUSED_TOLD_S: f64 = 5.0;
 /// A stick that the sender does not have.
 const ABSENT: i16 = i16::MAX;
 
@@ -84,11 +86,12 @@ impl Pilot {
         self.guidance.sticks = Some(setpoint);
     }
 
-    /// Counts a setpoint that is not followed, and says why, once.
+    /// Counts a setpoint that is not followed, and says why, every few seconds as long as others come.
     pub(super) fn refuse_setpoint(&mut self, at: HostTime, link: super::LinkId, why: String) {
         self.drops_of(link).add(haltere_core::drops::DropReason::BadValue, 1);
-        if !self.refused_setpoint_told {
-            self.refused_setpoint_told = true;
+        let told = self.refused_setpoint_told;
+        if told.is_none_or(|told| at.seconds_since(told) >= REFUSED_TOLD_S) {
+            self.refused_setpoint_told = Some(at);
             self.say(at, Severity::Warning, why);
         }
     }

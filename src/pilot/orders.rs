@@ -336,7 +336,7 @@ impl Pilot {
                 format!("{} refused: send {what} first", mode.name()),
             );
         }
-        self.refused_setpoint_told = false;
+        self.refused_setpoint_told = None;
         let next = if mode == Mode::Offboard { Next::Offboard } else { Next::Manual };
         let on_floor = matches!(self.mode, Mode::Disarmed | Mode::Arming | Mode::Idle);
         if mode == Mode::Offboard && on_floor {

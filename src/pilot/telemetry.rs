@@ -379,7 +379,7 @@ impl Pilot {
         let total = self.mission.items.len() as u16;
         let seq = self.guidance.current_item;
         // Its landing is a part of it.
-        let flies = self.mode == Mode::Mission || self.guidance.landing;
+        let flies = self.flies_mission() || self.guidance.landing;
         let mission_state = if total == 0 {
             MissionState::MISSION_STATE_NO_MISSION
         } else if seq >= total {

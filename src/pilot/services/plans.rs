@@ -321,8 +321,9 @@ impl Pilot {
     /// Why a list cannot be replaced now.
     pub(super) fn plan_is_locked(&self, plan: Plan) -> Option<&'static str> {
         match plan {
-            Plan::Mission if self.mode == Mode::Mission => Some("mission in flight, hold first"),
-            Plan::Fence if self.mode == Mode::Mission => Some("mission in flight, hold first"),
+            Plan::Mission | Plan::Fence if self.flies_mission() => {
+                Some("mission in flight, hold first")
+            }
             Plan::Rally if self.mode == Mode::Return => Some("returning, hold first"),
             _ => None,
         }

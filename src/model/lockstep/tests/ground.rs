@@ -186,6 +186,46 @@ fn regress_a_stream_on_the_floor_lifts_off_and_the_next_arming_asks_anew() {
     assert_eq!(world.pilot().mode(), Mode::Idle, "{:?}", ground.texts);
 }
 
+/// The fault: 0.78 s of setpoints and 0.22 s of silence were taken for a stream of 1 s, and one that stopped while the wings
+/// spooled up lifted the vehicle off with nobody speaking.
+#[test]
+fn regress_a_stream_that_stops_before_the_lift_off_lifts_nothing() {
+    for seconds in [0.75, 1.3] {
+        let mut world = world(2);
+        let mut ground = Ground::new();
+        arm(&mut world, &mut ground);
+        fly_for(&mut world, 1.1);
+        let above = setpoint(POSITION, [5.0, 5.0, -1.0], [0.0; 3]);
+        ground.send(&mut world, &above);
+        let set_mode = MavCmd::MAV_CMD_DO_SET_MODE;
+        let answer = ground.command(&mut world, set_mode, mode(Mode::Offboard));
+        assert_eq!(answer, Some(R::MAV_RESULT_ACCEPTED));
+        stream(&mut world, &mut ground, &above, seconds);
+        fly_for(&mut world, 3.0);
+        said(&mut world, &mut ground, "offboard called off: no setpoint for");
+        assert!(world.truth().pos_E_m.z() > -0.2, "{seconds} s: {:?}", world.truth().pos_E_m);
+        until(&mut world, Mode::Disarmed, 20.0);
+    }
+}
+
+/// The fault: the first refused setpoint was told, and none after it however long they came.
+#[test]
+fn regress_setpoints_that_go_on_being_refused_are_told_again() {
+    let mut world = world(2);
+    let mut ground = Ground::new();
+    let far = |x| setpoint(POSITION, [x, 5.0, -1.0], [0.0; 3]);
+    stream(&mut world, &mut ground, &far(30.0), 2.0);
+    stream(&mut world, &mut ground, &far(40.0), 5.0);
+    ground.listen(&mut world);
+    let told = |x: &str| ground.texts.iter().filter(|t| t.contains(x)).count();
+    assert_eq!(
+        [told("N 30.00 m is outside"), told("N 40.00 m is outside")],
+        [1, 1],
+        "{:?}",
+        ground.texts
+    );
+}
+
 /// A velocity names no height: a climb lifts off, rest does not.
 #[test]
 fn prop_a_climb_rate_lifts_off_too() {
@@ -526,14 +566,24 @@ fn regress_an_upload_does_not_replace_the_mission_in_flight() {
     ground.upload(&mut world, &square());
     arm(&mut world, &mut ground);
     ground.command(&mut world, MavCmd::MAV_CMD_MISSION_START, [0.0; 7]);
-    until(&mut world, Mode::Takeoff, 5.0);
-    let count = MISSION_COUNT_DATA {
+    let count = MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
         count: 1,
         target_system: 1,
         target_component: 1,
         ..Default::default()
+    });
+    ground.send(&mut world, &count);
+    // Its take-off is a part of it.
+    until(&mut world, Mode::Takeoff, 5.0);
+    ground.listen(&mut world);
+    while ground.take(|m| matches!(m, MavMessage::MISSION_ACK(_)).then_some(())).is_some() {}
+    ground.send(&mut world, &count);
+    let acked = |m: &MavMessage| match m {
+        MavMessage::MISSION_ACK(ack) => known(ack.mavtype),
+        _ => None,
     };
-    ground.send(&mut world, &MavMessage::MISSION_COUNT(count));
+    let answer = ground.wait_for(&mut world, 2_000_000, acked);
+    assert_eq!(answer, Some(MavMissionResult::MAV_MISSION_DENIED));
     until(&mut world, Mode::Mission, 15.0);
     ground.listen(&mut world);
     while ground.take(|m| matches!(m, MavMessage::MISSION_ACK(_)).then_some(())).is_some() {}
