@@ -3,11 +3,11 @@
 //! Commissioning believes the file and moves all that flights show. Here the file itself is in doubt ([`Constant::in_doubt`]), and the
 //! answer is to be short: the fewest constants that explain the flights.
 //!
-//! **Choice.** The best lists of each length are made longer by each other constant (beam search), and the one with which the flights are
-//! likeliest ([`Posterior::unlikely`]) stands for its length. An addition has to gain more than the best
-//! of all constants gains on simulated flights, each of which plays the real one in turn: a limit that is measured, for these
-//! statistics and this number of flights. Constants that do as well within that limit are told beside the chosen one. Slopes are taken
-//! anew where the first choice ends, of constants that came near to being chosen.
+//! **Choice.** The best lists of each length are made longer by each other constant (beam search), and the one with which the flights
+//! are likeliest ([`Posterior::unlikely`]) stands for its length. An addition has to gain more than the best of all constants gains on
+//! simulated flights, each of which plays the real one in turn: a limit that is measured, for these statistics and this number of
+//! flights. Constants that do as well within that limit are told beside the chosen one. Slopes are taken anew where the first choice
+//! ends, of constants that came near to being chosen.
 //!
 //! What is chosen has to show in flights as well: a constant without which the others, fitted anew, come as near is given back.
 //!
@@ -211,14 +211,18 @@ fn budget_for(
             let hand = hand.asking(&near);
             let at: Vec<f64> = first.near.iter().map(|k| at[*k]).collect();
             let line = Linear::at(&hand, &at, &fitted)?;
-            let again = Found::from(&line, limit);
-            // Another choice lies elsewhere.
-            let elsewhere = again.keys(&near) != first.keys(&all);
-            let better = elsewhere.then(|| line.step(&hand, &again.choice.posterior)).flatten();
-            let found = match better {
-                Some(at) => Found::from(&Linear::at(&hand, &at, &fitted)?, limit),
-                None => again,
-            };
+            let mut found = Found::from(&line, limit);
+            // Another choice lies elsewhere; where flights there are no nearer, the one that led here stays.
+            if found.keys(&near) != first.keys(&all) {
+                match line.step(&hand, &found.choice.posterior) {
+                    Some(at) => found = Found::from(&Linear::at(&hand, &at, &fitted)?, limit),
+                    None => {
+                        let place = |k: &usize| first.near.iter().position(|near| near == k);
+                        let led_here = first.choice.chosen.iter().filter_map(place).collect();
+                        found.choice = Choice::new(&found.bare, led_here);
+                    }
+                }
+            }
             (hand, found)
         }
         None => (hand, first),
