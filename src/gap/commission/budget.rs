@@ -325,10 +325,10 @@ impl Found {
         self.choice.chosen.iter().map(|k| constants[*k].key).collect()
     }
 
-    /// The likeliest choice that is shorter by one.
-    fn shorter(&self) -> Option<Choice> {
+    /// Choices that are shorter by one, the likeliest first.
+    fn shorter(&self) -> Vec<Choice> {
         let shorter = self.choice.chosen.iter().map(|k| self.without(*k)).collect();
-        Choice::each(&self.bare, shorter).into_iter().next()
+        Choice::each(&self.bare, shorter)
     }
 
     /// Constants that explain as much in the place of this one, best first.
@@ -415,13 +415,13 @@ impl<'a> Shares<'a> {
         };
         let mut after = fly(&found.choice);
         let whole = shrink(&paired(&after), &scales, 0);
-        while let Some(shorter) = found.shorter() {
-            let rows = fly(&shorter);
+        let as_near = |choice: Choice| {
+            let rows = fly(&choice);
             let far = shrink(&paired(&rows), &scales, 0).after;
-            if far.is_nan() || far > whole.after + whole.noise {
-                break;
-            }
-            (found.choice, after) = (shorter, rows);
+            (far <= whole.after + whole.noise).then_some((choice, rows))
+        };
+        while let Some(shorter) = found.shorter().into_iter().find_map(&as_near) {
+            (found.choice, after) = shorter;
         }
         let paired = paired(&after);
         let whole = shrink(&paired, &scales, 0);
