@@ -9,8 +9,8 @@ use clap::{Args, Subcommand};
 
 use super::moved::Moved;
 use super::{
-    gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_commission, gap_diagnose,
-    gap_missions, gap_observe, gap_shrink, vehicles,
+    gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_budget, gap_commission,
+    gap_diagnose, gap_missions, gap_observe, gap_shrink, vehicles,
 };
 pub use gap_attribute::read as observed_flights;
 pub use gap_diagnose::diagnose;
@@ -38,6 +38,8 @@ pub(super) enum Gap {
     Undo(gap_accept::Undo),
     /// Finds the constants of a vehicle file with which the simulator flies as accepted flights were flown.
     Commission(gap_commission::Commission),
+    /// Says which constants of the vehicle file differ and what share of the gap each closes, without accepted flights.
+    Budget(gap_budget::BudgetCommand),
     /// Flies the bank that flights of a mission are compared with, and keeps it.
     Bank(gap_bank::BankCommand),
     /// Prints the statistics of flights, for other methods.
@@ -65,6 +67,7 @@ impl Gap {
             Gap::Accept(accept) => accept.run(),
             Gap::Undo(undo) => undo.run(),
             Gap::Commission(commission) => commission.run(),
+            Gap::Budget(budget) => budget.run(),
             Gap::Bank(bank) => bank.run(),
             Gap::Observe(observe) => observe.run(),
             Gap::Attribute(attribute) => attribute.run(),

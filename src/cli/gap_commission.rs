@@ -10,6 +10,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::gap::SceneOptions;
+use super::gap_budget::number;
 use super::gap_references::of_one_mission;
 use super::{print, print_json, vehicles};
 use crate::progress::Progress;
@@ -146,13 +147,4 @@ fn report(found: &Commissioned, seconds: f64) -> String {
         }
     };
     out
-}
-
-/// Four digits.
-fn number(value: f64) -> String {
-    if value == 0.0 {
-        return "0".to_owned();
-    }
-    let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
-    format!("{value:.digits$}")
 }

@@ -15,6 +15,7 @@ mod gap_advise;
 mod gap_attribute;
 mod gap_balance;
 mod gap_bank;
+mod gap_budget;
 mod gap_commission;
 mod gap_diagnose;
 mod gap_missions;

@@ -43,6 +43,14 @@ impl Constant {
         }
     }
 
+    /// The same where the file itself is in doubt, however well its way of measuring is good.
+    pub fn in_doubt(self) -> Self {
+        match self.prior {
+            Prior::Share(share) => Self { prior: Prior::Share(share.max(MISTAKEN)), ..self },
+            Prior::Of(..) => self,
+        }
+    }
+
     /// How many sigma of the prior `value` lies from the file's; 0 where the prior does not let it move.
     pub fn sigmas(&self, file: &Vehicle, value: f64) -> f64 {
         let of_file = self.value(file);
@@ -53,6 +61,9 @@ impl Constant {
         if sigmas.is_finite() { sigmas } else { 0.0 }
     }
 }
+
+/// What a number of a file is off by that may be mistaken or another vehicle's: 15 to 30 % are one to one and a half sigma.
+const MISTAKEN: f64 = 0.2;
 
 /// The file with each of these constants so many sigma from where it stands there.
 pub fn moved(constants: &[Constant], file: &Vehicle, sigmas: &[f64]) -> Vehicle {

@@ -16,6 +16,7 @@
 //! this vehicle's where that is within what 95 % of flights with benign jitter keep, or within what the accepted flights do to one
 //! another: each of them beside the mean of the others, as it stands beside the simulator.
 
+pub mod budget;
 mod constants;
 mod crossed;
 mod solve;
@@ -195,7 +196,9 @@ fn commission_for(
     let file = &scene.vehicle;
     let of = ROUNDS * (MEAN_FLIGHTS + 2 * SLOPE_FLIGHTS * constants.len())
         + crossed::flights(accepted.len());
-    let hand = Hand { constants, scene, items, done: AtomicUsize::new(0), of, progress };
+    let done = AtomicUsize::new(0);
+    let (least, pairs) = (LEAST_FLIGHTS, SLOPE_FLIGHTS);
+    let hand = Hand { constants, scene, items, done, of, least, pairs, progress };
     let mut at = vec![0.0; constants.len()];
     for _ in 1..ROUNDS {
         let line = Linear::at(&hand, &at, accepted)?;
@@ -235,6 +238,10 @@ struct Hand<'a> {
     done: AtomicUsize,
     /// Of how many, if every step is taken at once.
     of: usize,
+    /// Fewest real flights.
+    least: usize,
+    /// Pairs of flights behind a slope.
+    pairs: usize,
     progress: &'a (dyn Fn(usize, usize) + Sync),
 }
 
@@ -313,7 +320,7 @@ impl Linear {
     fn at(hand: &Hand<'_>, at: &[f64], accepted: &[&Trace]) -> Result<Self, NotCommissioned> {
         let vehicle = hand.moved(at);
         let nominal = hand.nominal(&vehicle);
-        let real = observed(accepted, &nominal)?;
+        let real = observed(accepted, hand.least, &nominal)?;
         let jobs: Vec<_> = seeds(MEAN_FLIGHTS).into_iter().map(|seed| (&vehicle, seed)).collect();
         let flown = hand.fly(&jobs, &nominal, false).into_iter().zip(jobs);
         let (seeds, simulated): (Vec<u64>, Vec<Vec<f64>>) =
@@ -344,22 +351,26 @@ impl Linear {
     fn evidence_without(&self, left_out: impl Fn(usize) -> bool) -> Evidence {
         let kept = self.real.iter().enumerate().filter(|(k, _)| !left_out(*k));
         let real: Vec<&Vec<f64>> = kept.map(|(_, row)| row).collect();
-        let simulated: Vec<&Vec<f64>> = self.simulated.iter().collect();
+        let mut evidence = self.evidence_of(&real, &self.simulated.iter().collect::<Vec<_>>());
+        for (chance, slopes) in evidence.chance.iter_mut().zip(self.slopes.row_iter()) {
+            *chance += (SLOPE_ERROR * slopes.norm()).powi(2);
+        }
+        evidence
+    }
+
+    /// What these flights show beside simulated ones, with slopes that are right.
+    fn evidence_of(&self, real: &[&Vec<f64>], simulated: &[&Vec<f64>]) -> Evidence {
         let (n, m) = (real.len() as f64, simulated.len() as f64);
         let (mut off, mut chance, mut flight) = (Vec::new(), Vec::new(), Vec::new());
         for (place, j) in self.places.iter().enumerate() {
-            let [mean, of_flights] = moments(&real, place);
-            let [of_simulator, by_chance] = moments(&simulated, place);
+            let [mean, of_flights] = moments(real, place);
+            let [of_simulator, by_chance] = moments(simulated, place);
             let resolution = specs()[*j].resolution.powi(2);
             // What simulated flights differ by and real ones do not is one draw for this vehicle and room: it stays in their mean.
             let stays = (by_chance - of_flights).max(0.0);
             off.push(mean - of_simulator);
             chance.push(of_flights / n + stays + by_chance / m + resolution);
             flight.push(of_flights.max(by_chance) + resolution);
-            let steepest = SLOPE_ERROR * self.slopes.row(place).norm();
-            if let Some(chance) = chance.last_mut() {
-                *chance += steepest * steepest;
-            }
         }
         let group: Vec<usize> = self.places.iter().map(|j| specs()[*j].channel as usize).collect();
         let news = solve::news(&self.simulated, &group);
@@ -403,8 +414,12 @@ impl Linear {
     }
 }
 
-/// Statistics of accepted flights by a nominal chain.
-fn observed(accepted: &[&Trace], nominal: &Nominal) -> Result<Vec<Vec<f64>>, NotCommissioned> {
+/// Statistics of flights by a nominal chain, of so many at least.
+fn observed(
+    accepted: &[&Trace],
+    least: usize,
+    nominal: &Nominal,
+) -> Result<Vec<Vec<f64>>, NotCommissioned> {
     let seen: Vec<_> = accepted
         .par_iter()
         .map(|trace| statistics_of(trace, nominal).map_err(|e| e.to_string()))
@@ -412,7 +427,7 @@ fn observed(accepted: &[&Trace], nominal: &Nominal) -> Result<Vec<Vec<f64>>, Not
     let why =
         seen.iter().find_map(|row| row.as_ref().err()).map_or(String::new(), |e| format!(": {e}"));
     let rows: Vec<Vec<f64>> = seen.into_iter().flatten().collect();
-    if rows.len() < LEAST_FLIGHTS {
+    if rows.len() < least {
         return Err(NotCommissioned::TooFew { found: rows.len(), why });
     }
     Ok(rows)
@@ -428,7 +443,7 @@ fn slopes(
     seeds: &[u64],
     middle: &[Vec<f64>],
 ) -> DMatrix<f64> {
-    let seeds = &seeds[..SLOPE_FLIGHTS.min(seeds.len())];
+    let seeds = &seeds[..hand.pairs.min(seeds.len())];
     let (file, constants) = (&hand.scene.vehicle, hand.constants);
     let vehicles: Vec<[Vehicle; 2]> = (0..constants.len())
         .map(|k| {

@@ -48,6 +48,9 @@ pub struct Posterior {
     pub std: Vec<f64>,
     /// Weight of each statistic: the reciprocal of its variance.
     pub weight: Vec<f64>,
+    /// Minus twice the logarithm of how likely these flights are where these constants are free and the others are the file's, but for
+    /// a number that is the same for all choices (Laplace 1774: what a constant could have been as well counts against it).
+    pub unlikely: f64,
 }
 
 impl Posterior {
@@ -85,6 +88,18 @@ impl Evidence {
         }
     }
 
+    /// The same where a step to there is in doubt: by a share of what it does to each statistic, and by so much more for each sigma.
+    pub fn doubting(&self, to: &[f64], share: f64, curve: f64) -> Self {
+        let mut doubting = self.clone();
+        for (chance, slopes) in doubting.chance.iter_mut().zip(self.slopes.row_iter()) {
+            for (slope, (to, at)) in slopes.iter().zip(to.iter().zip(&self.at)) {
+                let step = to - at;
+                *chance += ((share + curve * step.abs()) * slope * step).powi(2);
+            }
+        }
+        doubting
+    }
+
     /// These constants; the others at their priors.
     pub fn solve_for(&self, free: &[usize]) -> Posterior {
         let n = self.off.len();
@@ -101,6 +116,7 @@ impl Evidence {
         let mut step = DVector::zeros(free.len());
         let mut covariance = DMatrix::identity(free.len(), free.len());
         let mut weight = vec![0.0; n];
+        let mut unlikely = f64::INFINITY;
         for _ in 0..ROUNDS {
             for j in 0..n {
                 let variance = self.chance[j] + misfit[self.group[j]] * self.flight[j];
@@ -112,12 +128,16 @@ impl Evidence {
             let Some(cholesky) = information.cholesky() else { break };
             step = cholesky.solve(&(weighted.tr_mul(&off) - &at));
             covariance = cholesky.inverse();
+            unlikely = cholesky.ln_determinant() + (&at + &step).norm_squared();
             let left = &off - &slopes * &step;
             let spread = &slopes * &covariance;
             let mut sums = vec![[0.0; 3]; groups];
             for j in 0..n {
                 let variance = self.chance[j] + misfit[self.group[j]] * self.flight[j];
-                robust[j] = (FREEDOM + 1.0) / (FREEDOM + left[j] * left[j] / variance);
+                let square = left[j] * left[j] / variance;
+                unlikely +=
+                    self.news[j] * (variance.ln() + (FREEDOM + 1.0) * (square / FREEDOM).ln_1p());
+                robust[j] = (FREEDOM + 1.0) / (FREEDOM + square);
                 let square = robust[j] * (left[j] * left[j] + spread.row(j).dot(&slopes.row(j)));
                 let sum = &mut sums[self.group[j]];
                 sum[0] += (square - self.chance[j]) / self.flight[j];
@@ -127,8 +147,8 @@ impl Evidence {
                 *misfit = (0.5 * *misfit + 0.5 * excess / f64::max(count, 1.0)).max(0.0);
             }
         }
-        let mut posterior =
-            Posterior { at: vec![0.0; self.at.len()], std: vec![1.0; self.at.len()], weight };
+        let (origin, whole) = (vec![0.0; self.at.len()], vec![1.0; self.at.len()]);
+        let mut posterior = Posterior { at: origin, std: whole, weight, unlikely };
         for (place, k) in free.iter().enumerate() {
             posterior.at[*k] = at[place] + step[place];
             posterior.std[*k] = covariance[(place, place)].sqrt();
