@@ -89,10 +89,6 @@ where
     Ok(diagnosis)
 }
 
-/// What else answers, where no effect does.
-const ASK_FOR_A_BUDGET: &str = "without accepted flights it may be the vehicle file that is wrong: `haltere gap budget LOG --vehicle FILE` \
-     says which of its constants differ and what share of the gap each is";
-
 /// What a diagnosis does, with its usual length on two cores, s.
 const STAGES: [(&str, f64); 7] = [
     ("reference flights", 3.0),
@@ -151,10 +147,6 @@ impl Diagnose {
         }
         if self.report.is_some() || self.json {
             self.draw(&session, &mut diagnosis);
-        }
-        // Without accepted flights most of such a gap is the vehicle file's.
-        if diagnosis.outcome == "not_in_library" && !self.references.any() {
-            diagnosis.remarks.push(ASK_FOR_A_BUDGET.to_owned());
         }
         diagnosis.remarks.extend(self.remark.iter().cloned());
         Ok(diagnosis)

@@ -419,7 +419,8 @@ fn comparable(
     }
     if unsure && references == 0 {
         let why = "no effect makes this flight of the simulated vehicle, and without accepted flights all that this \
-                   vehicle differs by counts as gap: give eight or more of its healthy flights (--reference)";
+                   vehicle differs by counts as gap: give eight or more of its healthy flights (--reference), or ask \
+                   `haltere gap budget` which constants of the vehicle file differ";
         return Outcome::NotTestable { why: why.to_owned() };
     }
     attribution.outcome.clone()

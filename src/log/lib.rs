@@ -48,6 +48,7 @@
 pub mod export;
 pub mod import;
 pub mod intake;
+pub mod log_file;
 pub mod record;
 pub mod replay;
 pub mod written;

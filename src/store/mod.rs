@@ -20,7 +20,7 @@ use std::time::UNIX_EPOCH;
 
 use crate::sources::stored;
 use haltere_core::time::HostTime;
-use haltere_log::record::LogFile;
+use haltere_log::log_file::LogFile;
 use haltere_log::written;
 use haltere_pilot::services::{
     FileFault, FileName, FileTask, Folder, Judgement, MOST_MISSION_BYTES, Plan, crc32,

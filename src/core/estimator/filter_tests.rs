@@ -401,7 +401,10 @@ fn prop_health_follows_the_age_of_the_uwb() {
         }
     }
     assert_eq!(seen, [Health::Good, Health::Degraded, Health::Lost]);
+    // It settles before it is good again.
     run.fly(3.0);
+    assert_eq!(run.estimator.estimate().health, Health::Degraded);
+    run.fly(2.5);
     assert_eq!(run.estimator.estimate().health, Health::Good);
 }
 

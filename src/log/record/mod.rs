@@ -52,7 +52,7 @@ pub use identity::BuildIdentity;
 pub use names::utc_text;
 pub use outline::Outline;
 pub use reader::{Entries, Entry, LogReader, RawInput};
-pub use recorder::{GlueState, LogFile, Recorder, RecorderSummary};
+pub use recorder::{GlueState, Recorder, RecorderSummary};
 pub use recover::{recover, recovered_name};
 pub use room::{Limits, Room};
 pub use session::Session;

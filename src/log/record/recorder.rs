@@ -6,8 +6,8 @@
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed, Ordering::SeqCst};
-use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -17,6 +17,7 @@ use super::room::{Limits, Room};
 use super::scribe::{Disk, Ended, write_all};
 use super::session::Session;
 use super::writer::{LogWriter, RecordError};
+use crate::log_file::LogFile;
 use crossbeam_queue::ArrayQueue;
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
@@ -107,44 +108,6 @@ pub struct RecorderSummary {
     pub lost_entries: u64,
     /// Why recording ended early.
     pub error: Option<RecordError>,
-}
-
-/// A log that may be begun later, for who asks from elsewhere.
-#[derive(Debug)]
-pub struct LogFile {
-    path: OnceLock<PathBuf>,
-    settled_us: AtomicU64,
-}
-
-impl Default for LogFile {
-    fn default() -> Self {
-        Self { path: OnceLock::new(), settled_us: AtomicU64::new(0) }
-    }
-}
-
-impl LogFile {
-    /// One that nobody writes any more.
-    pub fn complete(path: PathBuf) -> Self {
-        Self { path: path.into(), settled_us: AtomicU64::new(u64::MAX) }
-    }
-
-    /// Where it lies, once it is begun.
-    pub fn path(&self) -> Option<&Path> {
-        self.path.get().map(PathBuf::as_path)
-    }
-
-    /// Whether what was recorded until then is on the disk, or never comes there.
-    pub fn has_settled(&self, until: HostTime) -> bool {
-        self.settled_us.load(Relaxed) >= until.as_us()
-    }
-
-    pub(super) fn begin(&self, path: &Path) {
-        let _ = self.path.set(path.to_owned());
-    }
-
-    pub(super) fn settle(&self, until_us: u64) {
-        self.settled_us.fetch_max(until_us, Relaxed);
-    }
 }
 
 /// Takes everything, never waits.
