@@ -8,7 +8,6 @@
 //!
 //! How far it may have sunk: `v t + ½ a t²`, with the speed v that it had, from the board's time-out on.
 
-use haltere_core::estimate::Health;
 use haltere_core::time::HostTime;
 
 use super::Pilot;
@@ -122,7 +121,7 @@ impl Pilot {
         let new = |t: Option<HostTime>| t.is_some_and(|t| t > end && at.seconds_since(t) < NEW_S);
         let heard = new(self.resumption.uwb_at)
             && new(self.last_imu)
-            && self.estimate.health == Health::Good
+            && self.estimate_is_back()
             && self.estimate.std_vel_B_mps.z() < STD_VEL_MPS;
         if !heard {
             self.resumption.heard_since = None;

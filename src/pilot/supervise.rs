@@ -306,10 +306,7 @@ impl Pilot {
     fn watch_descent(&mut self, at: HostTime) {
         // So near the floor nothing is to be gained by an estimate that was just lost: it is over sooner than that is known.
         let near = self.supervisor.descent.height_m() < TOUCH_BELOW_M || self.is_low_by_baro(at);
-        // One that settles is better than none.
-        let settles = matches!(self.estimator.misgiving(at), Some(Misgiving::Returns { .. }));
-        let good = self.estimate.health == Health::Good || settles;
-        let bad = !self.is_uwb_fresh(at) || !good;
+        let bad = !self.is_uwb_fresh(at) || !self.estimate_is_back();
         if near || bad || self.needs_descent() {
             self.good_since = None;
         } else if at.seconds_since(*self.good_since.get_or_insert(at)) > self.back_for_s() {
@@ -478,6 +475,12 @@ impl Pilot {
                 self.say(at, Severity::Info, format!("anchor {id} is heard again"));
             }
         }
+    }
+
+    /// Whether the estimate is good, or would be but for what it was before: one that settles is better than none.
+    pub(super) fn estimate_is_back(&self) -> bool {
+        let why = self.estimator.misgiving(self.estimate.at);
+        self.estimate.health == Health::Good || matches!(why, Some(Misgiving::Returns { .. }))
     }
 
     /// Tells people when the estimate gets worse or better, and why, calmly.

@@ -209,11 +209,11 @@ fn regress_points_outside_are_refused_and_the_default_volume_keeps_the_wings_off
         assert_eq!(world.pilot().mode(), Mode::Offboard);
     }
     let told: Vec<_> = ground.texts.iter().filter(|t| t.contains("setpoint refused")).collect();
-    assert_eq!(told.len(), 1, "{told:?}");
-    assert!(
-        told[0].contains("N 12.00 m is outside the limits, allowed 0.45 to 9.55 m"),
-        "{told:?}"
-    );
+    for outside in ["N 12.00 m is", "N 9.80 m is", "E -0.20 m is", "height 6.90 m is"] {
+        let times = told.iter().filter(|t| t.contains(outside)).count();
+        assert!((1..=2).contains(&times), "{outside} {times} times in 8 s: {told:?}");
+    }
+    assert!(told[0].contains("outside the limits, allowed 0.45 to 9.55 m"), "{told:?}");
     let farthest = stream(&mut world, &mut ground, [9.54, 5.0, -1.2], 160);
     println!("at the edge: N {farthest:.2}");
     assert!((9.3..9.75).contains(&farthest), "{farthest}");
