@@ -12,7 +12,7 @@ use super::gap::SceneOptions;
 use super::gap_references::of_one_mission;
 use super::{print, print_json};
 use crate::progress::Progress;
-use crate::report::gap::budget as page;
+use crate::report::gap::budget::{self as page, number};
 use haltere_gap::commission::budget::{Budget, budget};
 use haltere_log::written;
 
@@ -121,13 +121,4 @@ fn text(found: &Budget, seconds: f64) -> String {
         );
     }
     out
-}
-
-/// Four digits.
-pub(super) fn number(value: f64) -> String {
-    if value == 0.0 {
-        return "0".to_owned();
-    }
-    let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
-    format!("{value:.digits$}")
 }

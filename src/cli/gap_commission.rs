@@ -10,10 +10,10 @@ use clap::Args;
 use serde_json::json;
 
 use super::gap::SceneOptions;
-use super::gap_budget::number;
 use super::gap_references::of_one_mission;
 use super::{print, print_json, vehicles};
 use crate::progress::Progress;
+use crate::report::gap::budget::number;
 use haltere_gap::accept::rewrite_vehicle;
 use haltere_gap::accepted;
 use haltere_gap::commission::{Commissioned, LEAST_FLIGHTS, commission};

@@ -8,9 +8,10 @@
 //! S_k = min over g of low-pass |y(t) − g u(t − k h)|²        h = 20 ms, k = 0 … 35
 //! lag = h argmin S_k
 //! ```
-//! with a gain, since a vehicle that tilts less than it was asked to is not late for that; as tilts the horizontal parts of "down" seen from the body count, which no heading turns. The lag holds the inner
-//! loop's own (0.17 s) and both ways of the link. It is told only where tilts move by several degrees and most of
-//! what is seen is what was asked for: in a calm hover nothing can be told, and need not be.
+//! with a gain, since a vehicle that tilts less than it was asked to is not late for that. As tilts the horizontal parts
+//! of "down" seen from the body count, which no heading turns. The lag holds the inner loop's own (0.17 s) and both
+//! ways of the link. It is told only where tilts move by several degrees, most of what is seen is what was asked for,
+//! and other lags explain less: in a calm hover or a slow sweep nothing can be told, and need not be.
 
 use std::collections::VecDeque;
 

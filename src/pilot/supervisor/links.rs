@@ -137,7 +137,8 @@ pub(super) const RESPONSE: Condition = Condition {
     name: "response_late",
     seen_by: "The board's attitude shows the tilts that were asked for later than 0.48 s after they were sent, \
               where they move by 4 deg and more (one sigma) and explain 60 % of what is seen: the board obeys \
-              late, or setpoints wait where TIMESYNC does not. What is asked for before the vehicle has tilted by \
+              late, or setpoints wait where TIMESYNC does not. A delay counts that explains more than others do, whatever the \
+              size of the answer. What is asked for before the vehicle has tilted by \
               2 deg from how it stood does not count: the floor holds it.",
     numbers: &[Number {
         key: "",

@@ -44,14 +44,14 @@ pub fn render(budget: &Budget, logs: &[String]) -> String {
             let share = |share: Option<f64>| share.map_or("-".to_owned(), |s| format!("{s:.2}"));
             let _ = write!(
                 html,
-                "<tr><td>{}{}</td><td class=\"n\">{:.4}</td><td class=\"n\">{:.4}</td><td class=\"n\">{:.4} to {:.4}</td>\
+                "<tr><td>{}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{} to {}</td>\
                  <td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
                 part.key,
                 escape(&part.or_words()),
-                part.file,
-                part.value,
-                part.low,
-                part.high,
+                number(part.file),
+                number(part.value),
+                number(part.low),
+                number(part.high),
                 share(part.share),
                 share(part.left_after),
             );
@@ -75,4 +75,13 @@ pub fn render(budget: &Budget, logs: &[String]) -> String {
         );
     }
     html::close(html)
+}
+
+/// A constant of the vehicle file in four digits: some are millionths.
+pub fn number(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let digits = (3 - value.abs().log10().floor() as i32).clamp(0, 12) as usize;
+    format!("{value:.digits$}")
 }
