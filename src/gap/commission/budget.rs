@@ -135,7 +135,7 @@ impl Budget {
                 return "no gap beyond what simulated flights of the file differ by among one another"
                     .to_owned();
             }
-            0 => return "a gap that no constant of the vehicle file closes".to_owned(),
+            0 => return "a gap of which these flights show no constant of the vehicle file to be the cause".to_owned(),
             1 => "one constant of the vehicle file differs".to_owned(),
             n => format!("{n} constants of the vehicle file differ"),
         };
