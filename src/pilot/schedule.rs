@@ -72,6 +72,7 @@ impl Pilot {
         self.supervisor.evidence.note_remedies(at, remedies);
         self.check_survey(at);
         self.watch_lying(at, dt_s);
+        self.watch_floor(at, dt_s);
         self.supervise(at);
         self.control_step(at, dt_s);
         self.touch.sent(self.control.thrust_frac, dt_s);
