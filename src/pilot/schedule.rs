@@ -372,6 +372,7 @@ impl Pilot {
                 continue;
             }
             let link = self.grounds[n].link;
+            self.tell_misaddressed(at, n);
             self.grounds[n].streams.begin(at);
             // Answers first: they are booked before any stream.
             self.settle(n);
