@@ -52,7 +52,7 @@ pub enum DropReason {
     ImuOutOfOrder,
     /// Magnetic field too far from the room's own.
     MagDisturbed,
-    /// Input queue of the pilot was full.
+    /// Input queue of the pilot was full, or that of a link's requests for logs.
     InputQueueFull,
     /// Queue to a link was full.
     OutputQueueFull,

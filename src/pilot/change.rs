@@ -25,7 +25,7 @@ impl Cause {
     fn of_row(from: Mode, event: Event, because: &'static str) -> Self {
         let severity = match event {
             Event::NotLifted | Event::SetpointsIgnored | Event::LandingOverdue => Severity::Error,
-            Event::NoWayHome => Severity::Warning,
+            Event::NoWayHome | Event::FloorCarries => Severity::Warning,
             _ => Severity::Info,
         };
         Self { because, severity, number: services::cause_number(from, event) }

@@ -84,13 +84,12 @@ impl Pilot {
             let decoded = frame.decode();
             let target = decoded.as_ref().map_or((0, 0), mav_stream::target);
             let passed = self.route_from_ground(at, index, &frame, decoded.as_ref().ok(), target);
+            if let Ok(message) = &decoded {
+                self.note_addressee(at, index, target, (header.msg_id, message), passed);
+            }
             match decoded {
                 Ok(_) if !self.is_for_us(target) => {
                     self.drops_of(link).add(DropReason::MavWrongPeer, 1);
-                    if !passed {
-                        let what = (header.msg_id, decoded.as_ref().ok());
-                        self.tell_misaddressed(at, link, target, what);
-                    }
                 }
                 Ok(message) if self.is_refused(at, link, peer, &message) => {}
                 Ok(message) => self.ground_message(at, link, peer, message),

@@ -7,6 +7,7 @@ use haltere_core::time::HostTime;
 use super::LinkId;
 use super::endpoint::Endpoint;
 use super::streams::Streams;
+use super::unheard::Addressees;
 
 /// Peers on one link whose sequence numbers are followed.
 const MOST_PEERS: usize = 16;
@@ -50,6 +51,8 @@ pub(super) struct GroundLink {
     pub link_cursor: usize,
     /// Whether the station knows where the numbers of events stand.
     pub event_sequence_told: bool,
+    /// Whom its stations speak to.
+    pub addressees: Addressees,
     /// Who was heard, for loss accounting and routing. Bounded: the oldest is forgotten.
     peers: Vec<Peer>,
 }
@@ -69,6 +72,7 @@ impl GroundLink {
             drop_cursor: 0,
             link_cursor: 0,
             event_sequence_told: false,
+            addressees: Addressees::default(),
             peers: Vec::new(),
         }
     }

@@ -46,6 +46,7 @@ mod awaited;
 mod bench;
 mod board;
 mod calendar;
+mod carried;
 mod change;
 mod clients;
 mod commands;
@@ -233,6 +234,7 @@ pub struct Pilot {
     mode: Mode,
     mode_since: HostTime,
     touch: Touch,
+    carried: carried::Carried,
     resumption: Resumption,
     supervisor: Supervisor,
     survey_check: SurveyCheck,
@@ -350,6 +352,7 @@ impl Pilot {
             mode: Mode::Disarmed,
             mode_since: at,
             touch: Touch::default(),
+            carried: carried::Carried::default(),
             resumption: Resumption::default(),
             supervisor: Supervisor::default(),
             survey_check: SurveyCheck::new(&config, &survey),

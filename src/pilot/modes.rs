@@ -175,6 +175,8 @@ pub enum Event {
     LandAsked,
     /// The mission has come to its landing.
     MissionLands,
+    /// The floor carries a vehicle that is not asked to land.
+    FloorCarries,
     /// The floor carries the vehicle.
     TouchDown,
     /// Armed on the floor for too long.
@@ -281,6 +283,13 @@ pub static TABLE: &[Transition] = &[
     row(&[M::Return], Ev::NoWayHome, M::Land, "the fence bars the way home"),
     row(LANDABLE, Ev::LandAsked, M::Land, "landing asked"),
     row(&[M::Mission], Ev::MissionLands, M::Land, MISSION_LANDS),
+    // A take-off that does not come off the floor ends by itself.
+    row(
+        &[M::Hold, M::Goto, M::Mission, M::Offboard, M::Manual, M::Return],
+        Ev::FloorCarries,
+        M::Land,
+        "it stands on the floor",
+    ),
     row(
         &[M::Hold, M::Goto, M::Mission, M::Offboard, M::Return],
         Ev::Ordered(Reaction::TakeOver),

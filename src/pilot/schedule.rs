@@ -72,6 +72,7 @@ impl Pilot {
         self.supervisor.evidence.note_remedies(at, remedies);
         self.check_survey(at);
         self.watch_lying(at, dt_s);
+        self.watch_floor(at, dt_s);
         self.supervise(at);
         self.control_step(at, dt_s);
         self.touch.sent(self.control.thrust_frac, dt_s);
@@ -371,6 +372,7 @@ impl Pilot {
                 continue;
             }
             let link = self.grounds[n].link;
+            self.tell_misaddressed(at, n);
             self.grounds[n].streams.begin(at);
             // Answers first: they are booked before any stream.
             self.settle(n);

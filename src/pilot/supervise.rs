@@ -40,7 +40,7 @@ const FEEL_FOR_S: f64 = 0.5;
 const CARRIED_SHARE: f64 = 0.62;
 /// The floor carries if the specific force is then gravity's to within this, m/s²: an accelerometer that is off by
 /// a third is none to tell.
-const CARRIED_MPS2: f64 = 1.5;
+pub(super) const CARRIED_MPS2: f64 = 1.5;
 /// … for this long, s.
 const CARRIED_FOR_S: f64 = 0.1;
 /// A landing near the floor that cannot believe its estimate any more, or becomes a descent, goes on with the thrust
@@ -80,7 +80,7 @@ const LATELY_S: f64 = 1.0;
 const USUAL_S: f64 = 5.0;
 /// Thrust that no vehicle lifts off with, as a share of the base: the ground effect adds a fifth, and the base is a tenth
 /// off.
-const DOWN_SHARE: f64 = 0.7;
+pub(super) const DOWN_SHARE: f64 = 0.7;
 /// A longer interval between two samples is a gap, s.
 const GAP_S: f64 = 0.1;
 /// After a fall has begun the loops have this long to catch it, s.

@@ -2,6 +2,9 @@
 //!
 //! What signatures, places and addresses keep out stands in `voice` and `losses`. Here is the rest: bytes that are no
 //! MAVLink, frames of another dialect, and requests for a system that nobody is.
+//!
+//! Two vehicles that send to one port of a station each hear what it says to the other. That is no fault: a station that
+//! speaks to us by our number knows us, and a system that was heard on the link is there.
 
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
@@ -14,6 +17,18 @@ use super::{LinkId, Pilot, Severity};
 const MOST_NOISE_BYTES: u64 = 1000;
 /// Frames with a wrong checksum: so many a bad line has now and then.
 const MOST_DAMAGED: u64 = 10;
+
+/// A station that knows us speaks to us within this time of a request for another system, s: three heartbeats.
+const KNOWN_WITHIN_S: f64 = 3.0;
+
+/// Whom those on a link speak to.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Addressees {
+    /// Somebody spoke to us by our system id.
+    us: bool,
+    /// A system and component that is not here was asked for something, and when.
+    other: Option<(HostTime, (u8, u8))>,
+}
 
 /// What was told: link and reason, each once.
 pub(super) type Told = Vec<(LinkId, DropReason)>;
@@ -42,24 +57,48 @@ impl Pilot {
         self.tell_once(at, link, reason, format!("ground.endpoints[{number}]: {what}"));
     }
 
-    /// A message was for another system, and nobody was there to pass it on to.
-    pub(super) fn tell_misaddressed(
+    /// Takes note of whom a message is for. `passed`: it went on to somebody.
+    pub(super) fn note_addressee(
         &mut self,
         at: HostTime,
-        link: LinkId,
-        (system, component): (u8, u8),
-        (msg_id, message): (u32, Option<&MavMessage>),
+        index: usize,
+        target: (u8, u8),
+        (msg_id, message): (u32, &MavMessage),
+        passed: bool,
     ) {
-        let asks = is_command(msg_id) || message.is_some_and(asks);
-        if system == self.own.system_id || !asks {
+        let own_id = self.own.system_id;
+        let Some(ground) = self.grounds.get_mut(index) else { return };
+        if target.0 == own_id {
+            ground.addressees = Addressees { us: true, other: None };
+        } else if target.0 != 0
+            && !passed
+            && !ground.addressees.us
+            && (is_command(msg_id) || asks(message))
+        {
+            ground.addressees.other.get_or_insert((at, target));
+        }
+    }
+
+    /// A station asked a system that is not here, and has not spoken to us since.
+    pub(super) fn tell_misaddressed(&mut self, at: HostTime, index: usize) {
+        let own = self.own;
+        let Some(ground) = self.grounds.get_mut(index) else { return };
+        let other = ground.addressees.other;
+        let Some((since, (system, component))) = other else { return };
+        if at.seconds_since(since) < KNOWN_WITHIN_S {
             return;
         }
+        ground.addressees.other = None;
+        if ground.has_heard_system(system) {
+            return;
+        }
+        let link = ground.link;
         let text = format!(
             "link {}: a station asks system {system}, component {component}, which is not here: this vehicle is system \
              {}, component {}",
             link.number(),
-            self.own.system_id,
-            self.own.component_id
+            own.system_id,
+            own.component_id
         );
         self.tell_once(at, link, DropReason::MavWrongPeer, text);
     }
@@ -151,26 +190,62 @@ mod tests {
         }
     }
 
+    /// What is said when a station, and whoever else speaks on its link, says this, each message 1 s after the one before.
+    fn told_of(messages: &[(u8, MavMessage)]) -> Vec<String> {
+        let mut pilot = pilot();
+        pilot.handle(AT, Input::LinkUp { link: LINK });
+        told(&mut pilot);
+        let mut now = AT;
+        for (n, (system, message)) in messages.iter().enumerate() {
+            let mut bytes = Vec::new();
+            encode(&mut bytes, *system, 190, n as u8, message);
+            pilot.handle(now, Input::Bytes { link: LINK, bytes: &bytes });
+            let next = now.offset_us(1_000_000);
+            while pilot.next_deadline() <= next {
+                now = pilot.next_deadline();
+                pilot.handle(now, Input::Wake);
+            }
+            now = next;
+        }
+        let mut told = told(&mut pilot);
+        told.retain(|text| text.contains("asks system"));
+        told
+    }
+
+    fn heartbeat() -> MavMessage {
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA::default())
+    }
+
+    fn command(target_system: u8) -> MavMessage {
+        let command =
+            COMMAND_LONG_DATA { target_system, target_component: 1, ..Default::default() };
+        MavMessage::COMMAND_LONG(command)
+    }
+
     /// A station that was set to another vehicle's id waited for ever.
     #[test]
     fn regress_a_request_for_a_system_that_nobody_is_is_told_once() {
-        let mut pilot = pilot();
-        pilot.handle(AT, Input::LinkUp { link: LINK });
-        let say = |pilot: &mut Pilot, message: &MavMessage, sequence| {
-            let mut bytes = Vec::new();
-            encode(&mut bytes, 255, 190, sequence, message);
-            pilot.handle(AT, Input::Bytes { link: LINK, bytes: &bytes });
-        };
-        say(&mut pilot, &MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()), 0);
-        told(&mut pilot);
-        for sequence in 1..4 {
-            let command =
-                COMMAND_LONG_DATA { target_system: 7, target_component: 1, ..Default::default() };
-            say(&mut pilot, &MavMessage::COMMAND_LONG(command), sequence);
-        }
-        let told = told(&mut pilot);
+        let mut said = vec![(255, heartbeat())];
+        said.extend((0..12).map(|_| (255, command(7))));
+        let told = told_of(&said);
         assert_eq!(told.len(), 1, "{told:?}");
         assert!(told[0].contains("asks system 7, component 1"), "{told:?}");
         assert!(told[0].contains("this vehicle is system 1, component 1"), "{told:?}");
+        // Also where it asked once and waits.
+        let waits = [command(7), heartbeat(), heartbeat(), heartbeat()].map(|m| (255, m));
+        assert_eq!(told_of(&waits), told);
+    }
+
+    /// Each of two vehicles at one port of a station said that the other one is not there.
+    #[test]
+    fn regress_what_a_station_asks_another_vehicle_is_not_told() {
+        // It speaks to both, to the other one first.
+        let both = [command(2), heartbeat(), command(1), command(2), heartbeat(), heartbeat()];
+        let both: Vec<_> = both.into_iter().cycle().take(30).map(|m| (255, m)).collect();
+        assert_eq!(told_of(&both), [""; 0]);
+        // The other one is heard on this link, as through a radio or a bridge.
+        let mut heard = vec![(255, command(2)), (2, heartbeat())];
+        heard.extend((0..8).map(|_| (255, command(2))));
+        assert_eq!(told_of(&heard), [""; 0]);
     }
 }

@@ -54,6 +54,7 @@ fn event_words(event: Event) -> &'static str {
         }
         Event::LandAsked => "a client asks to land",
         Event::MissionLands => "the mission has come to its landing",
+        Event::FloorCarries => "the floor carries the vehicle, which nobody has asked to land",
         Event::TouchDown => "the floor carries the vehicle",
         Event::IdleTooLong => "armed on the floor for too long (`flight.idle_disarm_s`)",
         Event::EstimateBack => "the estimate has been good again for a while",

@@ -53,6 +53,11 @@ floor, thrust stays at or below 80 % of the base from then on, which does not li
 any more. No order to fly is taken once the floor is felt for, or once a landing has come to 0.3 m by the estimate. A landing near the \
 floor whose estimate is not measured any more, or that becomes a descent, goes on with no more thrust than it had; \
 without an accelerometer it is lowered from there, and the motors are off after 2.5 s.
+* Who stands has landed. Near the floor the estimate is up to half a metre too high, and a low height that somebody asks for may \
+press the vehicle onto it. Where thrust, on the average of 1 s, is below 70 % of what hovers and the specific force is gravity's all the \
+same, near the floor by estimate or barometer, it lands in whichever mode it is (\"it stands on the floor\"): within 4 s in lockstep, 12 s \
+where the height that was asked for is the one that is estimated there. Until then a climb that is asked for lifts it off; afterwards \
+it takes off anew.
 * In the spool-up the floor still carries the vehicle: every reaction from **hold** on is **disarm** there.
 
 What the reactions are:

@@ -4,11 +4,15 @@
 //! their names, which is that of time. The list is read anew with every request for it; data are
 //! paced and read in blocks. Silence is a fault for clients: "no logs" is one LOG_ENTRY with
 //! `num_logs` = 0.
+//!
+//! Requests for data wait for one another: all that a client asks for is sent, in the order in which it was asked for.
+//! One that covers what is still to be sent of an earlier one takes its place: a client that began anew.
 
 use haltere_dialect::mav::haltere::{
     LOG_DATA_DATA, LOG_ENTRY_DATA, LOG_REQUEST_DATA_DATA, LOG_REQUEST_LIST_DATA, MavMessage,
 };
 
+use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
 use super::super::mission_transfer::Client;
@@ -19,8 +23,10 @@ use super::files::{FileFault, FileName, FileTask, Folder, MOST_READ_BYTES};
 
 /// Most logs that are listed: the newest.
 const MOST_LOGS: usize = 1000;
-/// Downloads at once.
-const MOST_DOWNLOADS: usize = 4;
+/// Requests for data that wait on one link: MAVProxy asks for 20 holes at once, and again after 0.7 s.
+const MOST_WAITING: usize = 40;
+/// People are told again that more was asked for after this time, s.
+const FULL_TELL_S: f64 = 5.0;
 /// Data of one LOG_DATA.
 const PIECE: usize = 90;
 /// Bytes of one read: whole pieces, since clients take a shorter one for the end of the log.
@@ -43,17 +49,41 @@ struct Listing {
     last: u16,
 }
 
+/// A request for data.
 #[derive(Debug)]
 struct Download {
     client: Client,
     serial: u32,
     id: u16,
-    file: FileName,
+    /// Which file that is, from its turn on.
+    file: Option<FileName>,
     offset: u64,
     end: u64,
     block: Vec<u8>,
     block_at: u64,
+    /// The disk was asked for the list or for a block.
     is_fetching: bool,
+}
+
+impl Download {
+    /// The next piece, as far as it was read.
+    fn piece(&self) -> Option<&[u8]> {
+        let left = self.end.saturating_sub(self.offset);
+        let start = usize::try_from(self.offset.checked_sub(self.block_at)?).ok()?;
+        let rest = self.block.get(start..).filter(|rest| !rest.is_empty())?;
+        Some(rest.get(..PIECE.min(usize::try_from(left).unwrap_or(PIECE))).unwrap_or(rest))
+    }
+}
+
+/// What became of a download in a control step.
+#[derive(Debug)]
+enum Turn {
+    /// All of it was sent.
+    Over,
+    /// For the disk, or for room on the link.
+    Waits,
+    /// The disk is to be asked.
+    Asks(Job, FileTask),
 }
 
 /// What an answer of the disk is for.
@@ -64,12 +94,9 @@ pub(in super::super) enum Job {
         start: u16,
         end: u16,
     },
-    /// The list was not there yet when data were asked for.
+    /// The list was not there yet when data were to be sent.
     ListForData {
-        client: Client,
-        id: u16,
-        offset: u32,
-        count: u32,
+        serial: u32,
     },
     Block {
         serial: u32,
@@ -83,8 +110,10 @@ pub(in super::super) enum Job {
 pub(in super::super) struct Logs {
     logs: Vec<Log>,
     listings: Vec<Listing>,
+    /// Those of one client in their order.
     downloads: Vec<Download>,
     next_serial: u32,
+    full_told_at: Option<HostTime>,
 }
 
 impl Logs {
@@ -152,39 +181,34 @@ impl Pilot {
     }
 
     fn log_data(&mut self, at: HostTime, client: Client, m: &LOG_REQUEST_DATA_DATA) {
-        let (id, offset, count) = (m.id, m.ofs, m.count);
-        if self.services.logs.logs.is_empty() {
-            let job = Job::ListForData { client, id, offset, count };
-            self.log_ask(at, job, FileTask::List(Folder::Logs));
-            return;
-        }
         let logs = &mut self.services.logs;
-        let log = id.checked_sub(1).and_then(|n| logs.logs.get(usize::from(n)));
-        let file = log.and_then(|log| FileName::new(Folder::Logs, &log.name));
-        logs.downloads.retain(|d| d.client != client);
-        let (Some(log), Some(file)) = (log, file) else {
-            self.send_log_data(client, id, offset, &[]);
-            let text = format!("no log {id}: {} are listed", self.services.logs.logs.len());
-            self.say(at, Severity::Warning, text);
+        let offset = u64::from(m.ofs);
+        let end = offset.saturating_add(u64::from(m.count));
+        let covers =
+            |d: &Download| d.client == client && d.id == m.id && offset <= d.offset && d.end <= end;
+        logs.downloads.retain(|d| !covers(d));
+        let waiting = logs.downloads.iter().filter(|d| d.client.link == client.link).count();
+        if waiting >= MOST_WAITING {
+            let told = logs.full_told_at.is_some_and(|t| at.seconds_since(t) < FULL_TELL_S);
+            self.drops_of(client.link).add(DropReason::InputQueueFull, 1);
+            if !told {
+                self.services.logs.full_told_at = Some(at);
+                let text = format!(
+                    "log {} from byte {offset} is not sent: {waiting} requests wait on link {}, ask again",
+                    m.id,
+                    client.link.number()
+                );
+                self.say(at, Severity::Warning, text);
+            }
             return;
-        };
-        let start = u64::from(offset);
-        let end = start.saturating_add(u64::from(count)).min(log.size);
-        if start >= end {
-            // Beyond the end: a piece of nothing says so.
-            self.send_log_data(client, id, offset, &[]);
-            return;
-        }
-        if logs.downloads.len() == MOST_DOWNLOADS {
-            logs.downloads.remove(0);
         }
         logs.next_serial = logs.next_serial.wrapping_add(1);
         logs.downloads.push(Download {
             client,
             serial: logs.next_serial,
-            id,
-            file,
-            offset: start,
+            id: m.id,
+            file: None,
+            offset,
             end,
             block: Vec::new(),
             block_at: 0,
@@ -192,7 +216,9 @@ impl Pilot {
         });
     }
 
-    fn send_log_data(&mut self, client: Client, id: u16, ofs: u32, bytes: &[u8]) {
+    /// A piece from a byte on; one of nothing says that there is no more.
+    fn send_log_data(&mut self, client: Client, id: u16, offset: u64, bytes: &[u8]) {
+        let ofs = u32::try_from(offset).unwrap_or(u32::MAX);
         let mut data = [0; PIECE];
         for (slot, byte) in data.iter_mut().zip(bytes) {
             *slot = *byte;
@@ -222,14 +248,15 @@ impl Pilot {
                     self.services.logs.listings.push(Listing { client, next: first, last });
                 }
             }
-            Job::ListForData { client, id, offset, count } => {
+            Job::ListForData { serial } => {
                 self.services.logs.logs = if result.is_ok() { parse(bytes) } else { Vec::new() };
-                if self.services.logs.logs.is_empty() {
+                let is_empty = self.services.logs.logs.is_empty();
+                let downloads = &mut self.services.logs.downloads;
+                let Some(index) = downloads.iter().position(|d| d.serial == serial) else { return };
+                downloads[index].is_fetching = false;
+                if is_empty {
+                    let Download { client, id, offset, .. } = downloads.remove(index);
                     self.send_log_data(client, id, offset, &[]);
-                } else {
-                    let ask =
-                        LOG_REQUEST_DATA_DATA { ofs: offset, count, id, ..Default::default() };
-                    self.log_data(at, client, &ask);
                 }
             }
             Job::Block { serial, offset } => {
@@ -238,9 +265,8 @@ impl Pilot {
                 let Some(download) = downloads.get_mut(index) else { return };
                 download.is_fetching = false;
                 if result.is_err() || bytes.is_empty() {
-                    let (client, id, ofs) = (download.client, download.id, download.offset as u32);
-                    downloads.remove(index);
-                    self.send_log_data(client, id, ofs, &[]);
+                    let Download { client, id, offset, .. } = downloads.remove(index);
+                    self.send_log_data(client, id, offset, &[]);
                     return;
                 }
                 download.block = bytes.to_vec();
@@ -285,38 +311,77 @@ impl Pilot {
                 self.services.logs.listings.push(listing);
             }
         }
-        let downloads = &mut self.services.logs.downloads;
-        let Some(index) = downloads.iter().position(|d| d.client.link == link) else { return };
-        let mut download = downloads.swap_remove(index);
-        let mut is_over = false;
-        while !is_over {
-            let left = download.end.saturating_sub(download.offset);
-            let start = download.offset.checked_sub(download.block_at);
-            let piece = start
-                .and_then(|start| download.block.get(usize::try_from(start).ok()?..))
-                .map(|rest| rest.get(..PIECE.min(left as usize)).unwrap_or(rest))
-                .filter(|piece| !piece.is_empty());
-            let Some(piece) = piece.map(<[u8]>::to_vec) else {
-                if !download.is_fetching {
+        self.send_logs(at, link, budget);
+    }
+
+    /// Goes on with the downloads of a link: those of one client, one after another, and of the next one in the next step.
+    fn send_logs(&mut self, at: HostTime, link: LinkId, budget: &mut Budget<'_>) {
+        let logs = &self.services.logs;
+        let Some(first) = logs.downloads.iter().find(|d| d.client.link == link) else { return };
+        let client = first.client;
+        loop {
+            let downloads = &mut self.services.logs.downloads;
+            let Some(index) = downloads.iter().position(|d| d.client == client) else { return };
+            let mut download = downloads.remove(index);
+            let turn = self.send_log(at, &mut download, budget);
+            let downloads = &mut self.services.logs.downloads;
+            match turn {
+                Turn::Over => continue,
+                Turn::Waits => downloads.insert(index, download),
+                Turn::Asks(job, task) => {
                     download.is_fetching = true;
-                    let (offset, serial) = (download.offset, download.serial);
-                    let file = download.file.clone();
-                    self.services.logs.downloads.push(download);
-                    let task = FileTask::Read { file, offset, count: BLOCK_BYTES };
-                    self.log_ask(at, Job::Block { serial, offset }, task);
-                    return;
+                    downloads.insert(index, download);
+                    self.log_ask(at, job, task);
                 }
-                break;
-            };
-            if !budget.take(DATA_BYTES) {
-                break;
             }
-            self.send_log_data(download.client, download.id, download.offset as u32, &piece);
-            download.offset += piece.len() as u64;
-            is_over = download.offset >= download.end;
+            break;
         }
-        if !is_over {
-            self.services.logs.downloads.push(download);
+        self.services.logs.downloads.sort_by_key(|d| d.client == client);
+    }
+
+    /// Goes on with a download.
+    fn send_log(&mut self, at: HostTime, download: &mut Download, budget: &mut Budget<'_>) -> Turn {
+        let Download { client, serial, id, .. } = *download;
+        if download.file.is_none() && !download.is_fetching {
+            if self.services.logs.logs.is_empty() {
+                return Turn::Asks(Job::ListForData { serial }, FileTask::List(Folder::Logs));
+            }
+            let logs = &self.services.logs.logs;
+            let log = id.checked_sub(1).and_then(|n| logs.get(usize::from(n)));
+            let end = log.map_or(0, |log| download.end.min(log.size));
+            let file = log.and_then(|log| FileName::new(Folder::Logs, &log.name));
+            if file.is_none() || download.offset >= end {
+                if !budget.take(DATA_BYTES) {
+                    return Turn::Waits;
+                }
+                if file.is_none() && self.may_echo(at) {
+                    let text = format!("no log {id}: {} are listed", self.services.logs.logs.len());
+                    self.say(at, Severity::Warning, text);
+                }
+                // Beyond the end: a piece of nothing says so.
+                self.send_log_data(client, id, download.offset, &[]);
+                return Turn::Over;
+            }
+            (download.file, download.end) = (file, end);
+        }
+        while let Some(piece) = download.piece() {
+            if !budget.take(DATA_BYTES) {
+                return Turn::Waits;
+            }
+            self.send_log_data(client, id, download.offset, piece);
+            download.offset += piece.len() as u64;
+            if download.offset >= download.end {
+                return Turn::Over;
+            }
+        }
+        match &download.file {
+            Some(file) if !download.is_fetching => {
+                let (file, offset) = (file.clone(), download.offset);
+                let left = u32::try_from(download.end - offset).unwrap_or(u32::MAX);
+                let task = FileTask::Read { file, offset, count: left.min(BLOCK_BYTES) };
+                Turn::Asks(Job::Block { serial, offset }, task)
+            }
+            _ => Turn::Waits,
         }
     }
 
@@ -333,23 +398,28 @@ mod tests {
     use crate::bench::Bench;
     use crate::{Input, PilotConfig};
 
-    /// MAVProxy ends a download at the first piece that is not full, QGroundControl counts pieces of 90 bytes.
-    #[test]
-    fn regress_every_piece_of_a_download_but_the_last_is_full() {
-        const SIZE: usize = 40_000;
-        let mut bench = Bench::new(PilotConfig { store: true, ..PilotConfig::default() });
-        bench.says(&MavMessage::LOG_REQUEST_DATA(LOG_REQUEST_DATA_DATA {
-            id: 1,
-            count: u32::MAX,
-            ..Default::default()
-        }));
+    const SIZE: usize = 40_000;
+
+    fn bench() -> Bench {
+        Bench::new(PilotConfig { store: true, ..PilotConfig::default() })
+    }
+
+    fn ask(bench: &mut Bench, id: u16, ofs: u32, count: u32) -> Vec<MavMessage> {
+        let request = LOG_REQUEST_DATA_DATA { id, ofs, count, ..Default::default() };
+        bench.says(&MavMessage::LOG_REQUEST_DATA(request))
+    }
+
+    /// What comes of two logs on a disk: log, offset and bytes of each piece.
+    fn sent(bench: &mut Bench) -> Vec<(u16, usize, usize)> {
         let mut sent = Vec::new();
         for _ in 0..100 {
             let mut requests = Vec::new();
             bench.pilot.drain_file_requests(|request| requests.push(request));
             for request in requests {
                 let bytes = match request.task {
-                    FileTask::List(Folder::Logs) => format!("a.mcap\t{SIZE}\t1\n").into_bytes(),
+                    FileTask::List(Folder::Logs) => {
+                        format!("a.mcap\t{SIZE}\t1\nb.mcap\t{SIZE}\t2\n").into_bytes()
+                    }
                     FileTask::Read { offset, count, .. } => {
                         let left = SIZE.saturating_sub(offset as usize);
                         vec![7; left.min(count as usize)]
@@ -361,13 +431,90 @@ mod tests {
                 bench.pilot.handle(bench.now, input);
             }
             sent.extend(bench.run(0.01).into_iter().filter_map(|m| match m {
-                MavMessage::LOG_DATA(m) => Some((m.ofs as usize, usize::from(m.count))),
+                MavMessage::LOG_DATA(m) => Some((m.id, m.ofs as usize, usize::from(m.count))),
                 _ => None,
             }));
         }
+        sent
+    }
+
+    /// The pieces of a log from a byte to another.
+    fn pieces(id: u16, bytes: std::ops::Range<usize>) -> impl Iterator<Item = (u16, usize, usize)> {
+        let end = bytes.end;
+        bytes.step_by(PIECE).map(move |offset| (id, offset, PIECE.min(end - offset)))
+    }
+
+    /// MAVProxy ends a download at the first piece that is not full, QGroundControl counts pieces of 90 bytes.
+    #[test]
+    fn regress_every_piece_of_a_download_but_the_last_is_full() {
+        let mut bench = bench();
+        ask(&mut bench, 1, 0, u32::MAX);
+        assert_eq!(sent(&mut bench), pieces(1, 0..SIZE).collect::<Vec<_>>());
+    }
+
+    /// MAVProxy fetches the holes of a log by 20 requests at once, of which the last alone was served.
+    #[test]
+    fn regress_requests_that_come_at_once_are_all_served_in_their_order() {
+        let mut bench = bench();
+        let holes: Vec<usize> = (0..20).map(|n| 36_000 - 1800 * n).collect();
+        for (n, hole) in holes.iter().enumerate() {
+            ask(&mut bench, 1 + n as u16 % 2, *hole as u32, 450);
+        }
+        let wanted = holes.iter().enumerate();
         let wanted: Vec<_> =
-            (0..SIZE).step_by(PIECE).map(|ofs| (ofs, PIECE.min(SIZE - ofs))).collect();
-        assert_eq!(sent, wanted);
+            wanted.flat_map(|(n, from)| pieces(1 + n as u16 % 2, *from..from + 450)).collect();
+        assert_eq!(sent(&mut bench), wanted);
+        // Who begins anew does not wait for what it asked for before.
+        ask(&mut bench, 1, 0, u32::MAX);
+        bench.run(0.02);
+        ask(&mut bench, 1, 0, u32::MAX);
+        assert_eq!(sent(&mut bench), pieces(1, 0..SIZE).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn prop_what_does_not_fit_is_counted_and_said() {
+        let mut bench = bench();
+        let told: Vec<_> = (0..MOST_WAITING as u32 + 3)
+            .flat_map(|n| ask(&mut bench, 1, 900 * n, 90))
+            .filter_map(|m| match m {
+                MavMessage::STATUSTEXT(m) => {
+                    Some(String::from_utf8_lossy(&m.text[..]).into_owned())
+                }
+                _ => None,
+            })
+            .collect();
+        let wanted: Vec<_> = (0..MOST_WAITING).map(|n| (1, 900 * n, PIECE)).collect();
+        assert_eq!(sent(&mut bench), wanted);
+        let link = usize::from(LinkId::Ground(0).number());
+        assert_eq!(bench.pilot.drops()[link].count(DropReason::InputQueueFull), 3);
+
+        assert_eq!(told.iter().filter(|t| t.contains("is not sent")).count(), 1, "{told:?}");
+    }
+
+    #[test]
+    fn prop_what_waits_ends_with_its_client_its_logs_or_its_link() {
+        use haltere_dialect::mav::haltere::{LOG_ERASE_DATA, LOG_REQUEST_END_DATA};
+        for ends in ["end", "erase", "link"] {
+            let mut bench = bench();
+            for n in 0..20 {
+                ask(&mut bench, 1, 900 * n, 90);
+            }
+            match ends {
+                "end" => {
+                    let end = LOG_REQUEST_END_DATA::default();
+                    bench.says(&MavMessage::LOG_REQUEST_END(end));
+                }
+                "erase" => {
+                    bench.says(&MavMessage::LOG_ERASE(LOG_ERASE_DATA::default()));
+                }
+                _ => {
+                    let link = LinkId::Ground(0);
+                    bench.pilot.handle(bench.now, Input::LinkDown { link });
+                    bench.pilot.handle(bench.now, Input::LinkUp { link });
+                }
+            }
+            assert_eq!(sent(&mut bench), [], "{ends}");
+        }
     }
 
     #[test]

@@ -17,6 +17,7 @@ mod instances;
 mod kept;
 mod landing;
 mod late;
+mod low;
 mod news;
 mod pauses;
 mod programs;
