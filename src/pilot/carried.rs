@@ -4,61 +4,69 @@
 //! then press the vehicle onto the floor, where the estimate goes on to say that it flies.
 //!
 //! **Law.** In the air the specific force is the thrust over the mass, with what the ground effect adds. Who feels gravity
-//! with less thrust than lifts off stands on something.
+//! with less thrust than lifts off stands on something:
 //!
-//! **Source.** Both bounds are those by which a landing finds the floor. The mean is over as long as the land detector of
+//! ```text
+//! f = k g u                         u thrust over the configured base, f specific force upwards
+//! stands:  k₀ u < 0.7, f ≈ g        k₀ least of k in this flight, at least 1
+//! ```
+//! A floor only adds to f, so the least of k is that of the air: of a vehicle that is lighter than configured more than 1.
+//!
+//! **Source.** Both bounds are those by which a landing finds the floor. The means are over as long as the land detector of
 //! ArduPilot looks (`LAND_DETECTOR_TRIGGER_SEC`, 1 s): in lockstep a vehicle that sinks from 1.5 to 0.3 m as fast as it can
-//! has so little thrust for 0.34 s. **Validity.** The base thrust is right to a tenth, or the hover thrust was learned.
+//! has so little thrust for 0.34 s. **Validity.** The base thrust is at most a tenth too small. A lighter vehicle, whose least
+//! thrust is nearer to what carries it, may stand unfound.
 
 use haltere_core::frames::G_MPS2;
 use haltere_core::time::HostTime;
 
 use super::Pilot;
-use super::modes::{Event, transition};
+use super::modes::{Event, Mode, transition};
 use super::supervise::{CARRIED_MPS2, DOWN_SHARE};
 
 /// Time constant of the means, s.
 const MEAN_S: f64 = 1.0;
+/// Less thrust than this, as a share of the base, tells nothing of what thrust makes of force: half of the least that is sent.
+const LEAST_SHARE: f64 = 0.25;
 
-/// Means of thrust and specific force.
-#[derive(Debug, Clone, Copy)]
+/// What is known of thrust and force in a flight.
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Carried {
-    /// Thrust over what hovers.
-    share: f64,
-    /// Specific force along body z, m/s².
-    acc_z_mps2: f64,
-}
-
-impl Default for Carried {
-    /// As in hover.
-    fn default() -> Self {
-        Self { share: 1.0, acc_z_mps2: -G_MPS2 }
-    }
+    /// Means of the thrust over the base, and of the specific force upwards, m/s².
+    means: Option<[f64; 2]>,
+    /// Least of force over thrust, in units of gravity and of the base.
+    least: Option<f64>,
 }
 
 impl Carried {
     /// Takes a control step in. Whether the floor carries.
-    fn step(&mut self, share: f64, acc_z_mps2: f64, dt_s: f64) -> bool {
+    fn step(&mut self, share: f64, force_mps2: f64, dt_s: f64) -> bool {
         let weight = dt_s / (MEAN_S + dt_s);
-        self.share += (share - self.share) * weight;
-        self.acc_z_mps2 += (acc_z_mps2 - self.acc_z_mps2) * weight;
-        self.share < DOWN_SHARE && (self.acc_z_mps2 + G_MPS2).abs() < CARRIED_MPS2
+        let [mean_share, mean_mps2] = self.means.get_or_insert([share, force_mps2]);
+        *mean_share += (share - *mean_share) * weight;
+        *mean_mps2 += (force_mps2 - *mean_mps2) * weight;
+        let ratio = *mean_mps2 / G_MPS2 / mean_share.max(LEAST_SHARE);
+        let least = self.least.get_or_insert(ratio);
+        *least = least.min(ratio);
+        *mean_share * least.max(1.0) < DOWN_SHARE && (*mean_mps2 - G_MPS2).abs() < CARRIED_MPS2
     }
 }
 
 impl Pilot {
     /// A vehicle that came to stand without being asked to lands, where it is felt for the floor, and disarms.
     pub(super) fn watch_floor(&mut self, at: HostTime, dt_s: f64) {
-        if transition(self.mode, Event::FloorCarries).is_none() {
+        if !self.mode.has_thrust() || self.mode == Mode::Spool {
             self.carried = Carried::default();
             return;
         }
-        // What was learned with a load that was set down is too much, and what is configured may be.
-        let hover_frac = self.control.thrust_base_frac.min(self.hover_thrust_frac()).max(0.05);
-        let share = self.control.thrust_frac / hover_frac;
-        let carried = self.carried.step(share, self.touch.acc_z_mps2, dt_s);
+        let watched = transition(self.mode, Event::FloorCarries).is_some();
         let heard = self.imu_is_alive(at) && !self.is_numb();
-        if carried && heard && self.is_near_floor(at) {
+        if !heard || !(watched || self.mode == Mode::Takeoff) {
+            return;
+        }
+        let share = self.control.thrust_frac / self.control.thrust_base_frac.max(0.05);
+        let carried = self.carried.step(share, -self.touch.acc_z_mps2, dt_s);
+        if watched && carried && self.is_near_floor(at) {
             self.fire(at, Event::FloorCarries);
         }
     }
@@ -68,29 +76,41 @@ impl Pilot {
 mod tests {
     use super::*;
 
-    /// Seconds until the floor is found, of at most 10, for vehicles that feel this much of gravity.
-    fn found_after_s(share: f64, felt_g: f64) -> Option<f64> {
+    /// Seconds until the floor is found, of at most 10, after a hover with this share of the base, for vehicles that then feel
+    /// this much of gravity with another share.
+    fn found_after_s(hover: f64, share: f64, felt_g: f64) -> Option<f64> {
         let mut carried = Carried::default();
+        assert!((0..500).all(|_| !carried.step(hover, G_MPS2, 0.01)));
         (1..=1000)
-            .find(|_| carried.step(share, -felt_g * G_MPS2, 0.01))
+            .find(|_| carried.step(share, felt_g * G_MPS2, 0.01))
             .map(|step| 0.01 * f64::from(step))
     }
 
     #[test]
     fn prop_who_feels_gravity_with_less_thrust_than_lifts_off_stands() {
-        let after_s = found_after_s(0.52, 1.0).unwrap();
+        let after_s = found_after_s(1.0, 0.52, 1.0).unwrap();
         assert!((0.5..1.5).contains(&after_s), "{after_s} s");
         // In the air that thrust is felt, however hard the floor's cushion carries.
-        assert_eq!(found_after_s(0.52, 0.52 / 0.8), None);
+        assert_eq!(found_after_s(1.0, 0.52, 0.52 / 0.8), None);
         // Hover, and hover at the floor's cushion.
-        assert_eq!(found_after_s(1.0, 1.0), None);
-        assert_eq!(found_after_s(0.8, 1.0), None);
+        assert_eq!(found_after_s(1.0, 1.0, 1.0), None);
+        assert_eq!(found_after_s(1.0, 0.8, 1.0), None);
+    }
+
+    /// Found with a vehicle that took off to 0.5 m for the first time, where no hover thrust is learned.
+    #[test]
+    fn regress_a_vehicle_that_is_lighter_than_configured_flies() {
+        for hover in [0.5, 0.65, 0.8] {
+            assert_eq!(found_after_s(hover, 0.9 * hover, 1.0), None, "{hover}");
+            assert!(found_after_s(hover, 0.6 * hover, 1.0).is_some(), "{hover}");
+        }
     }
 
     #[test]
     fn prop_the_start_of_a_descent_is_no_floor() {
         let mut carried = Carried::default();
+        carried.step(1.0, G_MPS2, 0.01);
         // Nearly no thrust for as long as 0.34 s, whatever is felt.
-        assert!((0..34).all(|_| !carried.step(0.3, -G_MPS2, 0.01)));
+        assert!((0..34).all(|_| !carried.step(0.3, G_MPS2, 0.01)));
     }
 }

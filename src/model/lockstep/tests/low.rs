@@ -132,3 +132,32 @@ fn prop_who_flies_low_is_left_alone() {
         .collect();
     assert!(bad.is_empty(), "{} fell short: {}", bad.len(), bad.join("\n"));
 }
+
+/// The first hop of a vehicle that is lighter than configured: what hovers is not learned so low.
+#[test]
+fn prop_a_light_vehicle_hops() {
+    let cases: Vec<_> = [0.6, 0.75, 1.0]
+        .into_iter()
+        .flat_map(|mass| (1..=4).map(move |seed| (mass, seed)))
+        .collect();
+    let bad: Vec<String> = cases
+        .into_par_iter()
+        .filter_map(|(mass, seed)| {
+            let mut plant = PlantConfig::hall(seed);
+            plant.vehicle.body.mass_kg *= mass;
+            let survey = plant.survey.clone();
+            let pilot = pilot_config(&plant);
+            let mut world = Lockstep::new(plant, pilot, &survey).unwrap();
+            let mut ground = Ground::new();
+            let takeoff = [0.0, 0.0, 0.0, f32::NAN, f32::NAN, f32::NAN, 0.5];
+            ground.command(&mut world, MavCmd::MAV_CMD_NAV_TAKEOFF, takeoff);
+            arm(&mut world, &mut ground);
+            until(&mut world, Mode::Hold, 20.0);
+            fly_for(&mut world, 15.0);
+            ground.listen(&mut world);
+            let flies = world.pilot().mode() == Mode::Hold && !world.truth().on_ground;
+            (!flies).then(|| format!("mass {mass} seed {seed}: {:#?}", ground.texts))
+        })
+        .collect();
+    assert!(bad.is_empty(), "{} fell short: {}", bad.len(), bad.join("\n"));
+}
