@@ -56,7 +56,8 @@ impl BudgetCommand {
         let scene = first.scene(&told).for_bank(&first.mission);
         let started = Instant::now();
         let progress = Progress::new("budget");
-        let found = budget(&scene, &first.mission, &flights, |done, of| progress.at(done, of));
+        let all: Vec<_> = flights.iter().collect();
+        let found = budget(&scene, &first.mission, &all, |done, of| progress.at(done, of));
         let seconds = started.elapsed().as_secs_f64();
         let found = match found {
             Ok(found) => found,
@@ -92,6 +93,13 @@ fn text(found: &Budget, seconds: f64) -> String {
         found.simulated
     );
     let _ = writeln!(out, "VERDICT     {}", found.words());
+    out.push_str(&parts(found));
+    out
+}
+
+/// What differs, and what is left.
+pub(super) fn parts(found: &Budget) -> String {
+    let mut out = String::new();
     for part in &found.parts {
         let _ = writeln!(
             out,

@@ -11,8 +11,9 @@ use clap::{Args, Parser};
 
 use super::gap::{BankOptions, SceneOptions};
 use super::gap_advise::remaining;
+use super::gap_budget;
 use super::gap_references::References;
-use super::gap_session::{Opened, Session, open};
+use super::gap_session::{Opened, Session, open, same_flight};
 use super::which_flight::WhichFlight;
 use super::{print, print_json};
 use crate::progress::{self, Progress};
@@ -20,6 +21,7 @@ use crate::report::{gap as page, truth};
 use haltere_gap::advise::{Effort, advise};
 use haltere_gap::archive::Shelf;
 use haltere_gap::beside_truth::{BesideTruth, TruePoint, beside_truth};
+use haltere_gap::commission::budget::budget;
 use haltere_gap::details::details;
 use haltere_gap::diagnosis::{Advised, Diagnosis, Part, ShrinkResult};
 use haltere_gap::held_out::{Explanation, measure};
@@ -37,8 +39,11 @@ use haltere_model::effects::EffectSpec;
 /// A log of another build is judged too: where this one would have sent the board other setpoints, those recorded
 /// count, and the report says so with the largest difference.
 ///
+/// Without accepted flights a gap that no effect explains is the vehicle file's to begin with: then the answer is a budget of its
+/// constants, as of `haltere gap budget`.
+///
 /// Exit codes: 0 no gap, 10 named, 11 one of a set, 12 several, 13 not in the library, 14 named with
-/// a remainder, 20 not testable, 30 log or replay fault.
+/// a remainder, 15 a budget, 20 not testable, 30 log or replay fault.
 #[derive(Debug, Args)]
 pub(super) struct Diagnose {
     /// Flight logs of the companion.
@@ -90,10 +95,11 @@ where
 }
 
 /// What a diagnosis does, with its usual length on two cores, s.
-const STAGES: [(&str, f64); 7] = [
+const STAGES: [(&str, f64); 8] = [
     ("reference flights", 3.0),
     ("bank", 230.0),
     ("learning the bank", 20.0),
+    ("budget", 120.0),
     ("sizes", 40.0),
     ("shrink", 30.0),
     ("cells", 5.0),
@@ -119,6 +125,7 @@ impl Diagnose {
             "cells" => self.report.is_some() || self.json,
             "advice" => (self.report.is_some() || self.json) && !self.without_advice,
             "reference flights" => self.references.any(),
+            "budget" => !self.references.any(),
             _ => true,
         };
         let usual = |(name, usual_s): (&'static str, f64)| match name {
@@ -142,6 +149,9 @@ impl Diagnose {
         let mut diagnosis = session.judge();
         diagnosis.made_with.log_sha256 = hash_of(first);
         diagnosis.truth = truth;
+        if diagnosis.wants_budget {
+            budgeted(&session, &mut diagnosis);
+        }
         if !others.is_empty() {
             self.shrink(&session, &mut diagnosis)?;
         }
@@ -327,6 +337,21 @@ impl Diagnose {
     }
 }
 
+/// Asks which constants of the vehicle file differ, by all flights of the mission.
+fn budgeted(session: &Session, diagnosis: &mut Diagnosis) {
+    let own = &session.seen.flown;
+    let fellows = session.others.iter().filter(|flown| same_flight(own, flown).is_ok());
+    let flights: Vec<_> = std::iter::once(own).chain(fellows).collect();
+    let progress = Progress::new("budget");
+    let found = budget(&session.scene, &session.workshop.items, &flights, |done, of| {
+        progress.at(done, of);
+    });
+    match found {
+        Ok(found) => diagnosis.budgeted(found),
+        Err(why) => diagnosis.remarks.push(format!("no budget: {why}")),
+    }
+}
+
 /// SHA-256 of a file; empty where it cannot be read, which was said before.
 fn hash_of(path: &Path) -> String {
     haltere_log::intake::open(path).and_then(digest_of).unwrap_or_default()
@@ -372,6 +397,7 @@ fn text(d: &Diagnosis) -> String {
     for line in d.truth.iter().flat_map(BesideTruth::words) {
         let _ = writeln!(out, "TRUTH       {line}");
     }
+    out.push_str(&d.budget.as_ref().map_or(String::new(), gap_budget::parts));
     for place in &d.places {
         let anchor = place.anchor.map_or(String::new(), |a| format!(", anchor {a}"));
         let (word, likely) = match place.part {

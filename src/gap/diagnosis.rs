@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::advise::Advice;
 use super::attribute::{Attribution, Attributor, Candidate};
 use super::beside_truth::BesideTruth;
+use super::commission::budget::Budget;
 use super::library::whole;
 use super::logs::{Flown, ParameterDifference};
 use super::outcome::{Named, Outcome, Remainder};
@@ -73,6 +74,9 @@ pub struct Diagnosis {
     pub not_testable: Vec<String>,
     /// How far, on held-out flights; absent without any.
     pub shrink: Option<ShrinkResult>,
+    /// Which constants of the vehicle file differ, where no accepted flights told what the vehicle itself differs by.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub budget: Option<Budget>,
     /// What the replay came to.
     pub replay: String,
     /// Reasons why the log cannot be judged.
@@ -98,6 +102,9 @@ pub struct Diagnosis {
     pub advice: Option<Advised>,
     /// Everything behind the verdict.
     pub attribution: Option<Attribution>,
+    /// Whether a budget is the answer.
+    #[serde(skip)]
+    pub wants_budget: bool,
     #[serde(skip)]
     exit_code: u8,
 }
@@ -236,6 +243,18 @@ impl Diagnosis {
         self.exit_code
     }
 
+    /// Takes a budget for the answer, if it has parts.
+    pub fn budgeted(&mut self, budget: Budget) {
+        if budget.parts.is_empty() {
+            self.remarks.push(format!("the vehicle file: {}", budget.words()));
+        } else {
+            self.outcome = budget.outcome;
+            self.exit_code = budget.exit_code();
+            self.verdict = format!("budget: {}", budget.words());
+        }
+        self.budget = Some(budget);
+    }
+
     /// The effect whose shrink is measured though the verdict refuses it: other flights may know better.
     pub fn suspect(&self) -> Option<&Candidate> {
         let refused = self.outcome == "not_in_library";
@@ -330,6 +349,7 @@ pub fn unreadable(log: String, why: String) -> Diagnosis {
         set: Vec::new(),
         not_testable: Vec::new(),
         shrink: None,
+        budget: None,
         replay: "not_possible".to_owned(),
         faults: vec![why],
         remarks: Vec::new(),
@@ -342,6 +362,7 @@ pub fn unreadable(log: String, why: String) -> Diagnosis {
         picture: None,
         advice: None,
         attribution: None,
+        wants_budget: false,
     }
 }
 
@@ -365,6 +386,7 @@ pub fn judge(
         set: Vec::new(),
         not_testable: Vec::new(),
         shrink: None,
+        budget: None,
         replay: replay_word(&flown.replay),
         faults: flown.faults.clone(),
         remarks: flown.remarks.clone(),
@@ -377,6 +399,7 @@ pub fn judge(
         picture: None,
         advice: None,
         attribution: None,
+        wants_budget: false,
         exit_code: 0,
     };
     let outcome = match (&seen.observation, flown.faults.first()) {
@@ -392,7 +415,13 @@ pub fn judge(
             result.places = places(&attribution, heard, &workshop.bank);
             result.exonerated = exonerated(&flown.replay);
             result.not_testable = not_testable(workshop, observation);
-            let outcome = comparable(&attribution, references, seen, workshop);
+            let came_far = flown.trace.came_as_far_as(workshop.nominal.until_s);
+            let unsure = matches!(
+                attribution.outcome,
+                Outcome::NotInLibrary { .. } | Outcome::NamedWithRemainder { .. }
+            );
+            result.wants_budget = unsure && references == 0 && came_far;
+            let outcome = comparable(&attribution, came_far, result.wants_budget);
             result.ladder = ladder(&attribution);
             result.explained = Explained::of(&attribution);
             result.attribution = Some(attribution);
@@ -403,24 +432,17 @@ pub fn judge(
     result
 }
 
-/// The outcome of an attribution, unless a refusal says nothing about the library: without accepted flights all that the vehicle
-/// itself differs from the simulator by is a gap, and half a mission differs from a whole one in most statistics.
-fn comparable(
-    attribution: &Attribution,
-    references: usize,
-    seen: &Observed,
-    workshop: &Workshop,
-) -> Outcome {
+/// The outcome of an attribution, unless it says nothing about the library: half a mission differs from a whole one in most
+/// statistics, and without accepted flights all that the vehicle itself differs from the simulator by is a gap.
+fn comparable(attribution: &Attribution, came_far: bool, wants_budget: bool) -> Outcome {
     let refused = matches!(attribution.outcome, Outcome::NotInLibrary { .. });
-    let unsure = refused || matches!(attribution.outcome, Outcome::NamedWithRemainder { .. });
-    if refused && !seen.flown.trace.came_as_far_as(workshop.nominal.until_s) {
+    if refused && !came_far {
         let why = "the mission ended too early to be compared with whole ones; the last events in the log say why";
         return Outcome::NotTestable { why: why.to_owned() };
     }
-    if unsure && references == 0 {
+    if wants_budget {
         let why = "no effect makes this flight of the simulated vehicle, and without accepted flights all that this \
-                   vehicle differs by counts as gap: give eight or more of its healthy flights (--reference), or ask \
-                   `haltere gap budget` which constants of the vehicle file differ";
+                   vehicle differs by counts as gap: give eight or more of its healthy flights (--reference)";
         return Outcome::NotTestable { why: why.to_owned() };
     }
     attribution.outcome.clone()

@@ -72,7 +72,7 @@ pub enum NotBudgeted {
 }
 
 /// A constant of the vehicle file that differs.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Part {
     /// Key in the vehicle file, with its axis.
     pub key: &'static str,
@@ -104,7 +104,7 @@ pub struct BlockGap {
 }
 
 /// The budget.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Budget {
     /// `no_gap` or `budget`.
     pub outcome: &'static str,
@@ -168,7 +168,7 @@ const BUDGET: &str = "budget";
 pub fn budget(
     scene: &Scene,
     items: &[MISSION_ITEM_INT_DATA],
-    flights: &[Flown],
+    flights: &[&Flown],
     progress: impl Fn(usize, usize) + Sync,
 ) -> Result<Budget, NotBudgeted> {
     let traces: Vec<&Trace> = flights.iter().map(|flown| &flown.trace).collect();

@@ -4,6 +4,7 @@ use super::*;
 use crate::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate, Settings};
 use crate::axis::Axis;
 use crate::bank::{Bank, Draw, EffectDraws};
+use crate::commission::budget;
 use crate::library::standard;
 use crate::nominal::Nominal;
 use crate::outcome::Remainder;
@@ -186,6 +187,26 @@ fn prop_a_log_that_cannot_be_read_has_a_whole_report() {
         assert!(json.get(key).is_some(), "{key} is missing");
     }
     assert_eq!(json["faults"][0], "byte 3: not a log");
+}
+
+#[test]
+fn prop_a_budget_is_the_answer_only_where_it_has_parts() {
+    let part = budget::Part { key: "mass_kg", file: 0.1, value: 0.12, ..budget::Part::default() };
+    for (parts, outcome, code) in [(vec![part], "budget", 15), (vec![], "log_fault", 30)] {
+        let mut d = unreadable("x.mcap".into(), "byte 3: not a log".into());
+        d.budgeted(Budget { outcome: "budget", parts, ..Budget::default() });
+        assert_eq!((d.outcome, d.exit_code()), (outcome, code));
+        assert_eq!(d.remarks.len(), usize::from(code == 30), "what was looked for is told");
+        assert_eq!(serde_json::to_value(&d).unwrap()["budget"]["outcome"], "budget");
+    }
+}
+
+#[test]
+fn prop_without_accepted_flights_a_refusal_is_no_verdict() {
+    let mut said = attribution(&[]);
+    said.outcome = Outcome::NotInLibrary { remainder: Remainder::default() };
+    let code = |came_far, alone| comparable(&said, came_far, alone).exit_code();
+    assert_eq!([code(true, false), code(true, true), code(false, false)], [13, 20, 20]);
 }
 
 #[test]

@@ -19,6 +19,12 @@ pub fn render(budget: &Budget, logs: &[String]) -> String {
         escape(&logs.join(", ")),
         escape(&budget.words()),
     );
+    section(&mut html, budget);
+    html::close(html)
+}
+
+/// What differs, what each closes, what is left.
+pub(super) fn section(html: &mut String, budget: &Budget) {
     let mut steps = vec![("file".to_owned(), vec![(Tone::Estimate, 1.0)])];
     steps.extend(budget.parts.iter().filter_map(|part| {
         Some((format!("+ {}", part.key), vec![(Tone::Estimate, part.left_after?)]))
@@ -74,7 +80,6 @@ pub fn render(budget: &Budget, logs: &[String]) -> String {
              one another, in sigma of what healthy vehicles differ by.</p>",
         );
     }
-    html::close(html)
 }
 
 /// A constant of the vehicle file in four digits: some are millionths.

@@ -69,6 +69,10 @@ pub fn render(d: &Diagnosis) -> String {
         html.push_str("</div></div><h2>Since when</h2>");
         html.push_str(&plan::strip(p));
     }
+    if let Some(found) = d.budget.as_ref().filter(|found| !found.parts.is_empty()) {
+        html.push_str("<h2>Budget</h2>");
+        budget::section(&mut html, found);
+    }
     if let Some(attribution) = &d.attribution {
         effects(&mut html, d);
         candidates(&mut html, d);
