@@ -17,8 +17,6 @@ use crate::outcome::{Named, Outcome, Remainder};
 
 /// Fewer known statistics than this say nothing.
 const LEAST_STATISTICS: usize = 8;
-/// More alternatives than this are no answer.
-const MOST_ALTERNATIVES: usize = 4;
 /// Rivals whose distance is computed.
 const RIVALS: usize = 8;
 /// A second effect costs at least `log C(53, 2) - log 53` of choice.
@@ -217,11 +215,8 @@ impl Attributor {
                     .filter(|f| set.contains(&f.effect))
                     .map(|f| self.named(library, f, posterior(f)))
                     .collect();
-                if effects.len() > MOST_ALTERNATIVES {
-                    Outcome::NotInLibrary { remainder: rest() }
-                } else {
-                    Outcome::OneOf { effects }
-                }
+                // However many: what is explained is not missing from the library.
+                Outcome::OneOf { effects }
             }
         };
     }
