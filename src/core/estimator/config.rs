@@ -451,11 +451,11 @@ impl EstimatorConfig {
             anchor_bias.std_m = 0.08;
             anchor_bias.correlation_s = 8.0;
             anchor_bias.correlation_m = 1.2;
-            anchor_bias.level_s = 20.0;
-            anchor_bias.constant_std_m = 0.05;
+            anchor_bias.level_s = 10.0;
+            anchor_bias.constant_std_m = 0.045;
             quality.learn = true;
             quality.time_s = 0.6;
-            quality.least = 0.25;
+            quality.least = 0.35;
             isolation.leave_out = true;
         }
         self

@@ -228,22 +228,24 @@ impl Estimator {
         } else {
             self.config.uwb_correlation_s
         };
-        let since_s = [tdoa.anchor_a, tdoa.anchor_b]
-            .map(|anchor| tdoa.valid_at.seconds_since(self.intervals[usize::from(anchor.0)].0));
         let worth = 0.5
             * (self.worth(tdoa.anchor_a.0, tdoa.valid_at, correlation_s)
                 + self.worth(tdoa.anchor_b.0, tdoa.valid_at, correlation_s));
-        let factor = if self.config.quality.learn {
-            0.5 * (self.qualities.of(rank_a) + self.qualities.of(rank_b))
+        let ranks = Pair { a: rank_a, b: rank_b };
+        let (factor, stated) = if self.config.quality.learn {
+            let q = &self.qualities;
+            (0.5 * (q.of(rank_a) + q.of(rank_b)), 0.5 * (q.stated(rank_a) + q.stated(rank_b)))
         } else {
-            1.0
+            (1.0, 1.0)
         };
+        let hidden = self.floor_hides();
         let Some(state) = &mut self.state else { return };
         let c = &self.config;
         let std_m =
             tdoa.std_m.filter(|s| s.is_finite()).map_or(c.std_uwb_m, |s| s.max(c.std_uwb_m));
-        let mut var = noise::height_factor(c.uwb_noise, -state.x_E.z) * std_m * std_m * factor;
-        let pair = biased.then_some(Pair { a: rank_a, b: rank_b });
+        let plain_var = noise::height_factor(c.uwb_noise, -state.x_E.z) * std_m * std_m;
+        let mut var = plain_var * factor;
+        let pair = biased.then_some(ranks);
         if pair.is_some_and(|pair| !state.biases.holds(pair)) {
             // More anchors than there are biases for: theirs is noise.
             let b = &c.anchor_bias;
@@ -260,7 +262,6 @@ impl Estimator {
             return;
         };
         if c.isolation.leave_out {
-            let ranks = Pair { a: rank_a, b: rank_b };
             // Near the floor low anchors are hidden, which is known; what was before says nothing then.
             if near_floor {
                 self.isolation.clear();
@@ -276,7 +277,7 @@ impl Estimator {
             }
         }
         let projected = update::project(state, &o);
-        let var_innovation = projected.var_predicted + var;
+        let var_innovation = projected.var_predicted + var - plain_var * (factor - stated);
         let ratio2 = o.innovation * o.innovation / var_innovation;
         let test_ratio = ratio2 / (c.gate.sigma * c.gate.sigma);
         record.innovation_m = o.innovation;
@@ -285,8 +286,9 @@ impl Estimator {
         let beyond = test_ratio > 1.0;
         self.doubt.note(beyond, rank_a, rank_b);
         if c.quality.learn && !(self.isolation.is_out(rank_a) || self.isolation.is_out(rank_b)) {
-            for (rank, since_s) in [rank_a, rank_b].into_iter().zip(since_s) {
-                self.qualities.learn(&c.quality, rank, ratio2, since_s);
+            for (rank, anchor) in [(rank_a, tdoa.anchor_a), (rank_b, tdoa.anchor_b)] {
+                let (_, interval_s) = self.intervals[usize::from(anchor.0)];
+                self.qualities.learn(&c.quality, rank, ratio2, interval_s, hidden);
             }
         }
         if beyond && c.gate.reject && !(c.gate.recover && self.doubt.open()) {
