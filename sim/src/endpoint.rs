@@ -153,13 +153,9 @@ pub fn serve(options: &Options) -> Result<()> {
         orders::answer_without_waiting()?;
     }
     let orders = options.orders.then(Orders::listen).transpose()?;
-    // Late bytes of tag and board would look like jitter of the real devices. Not at many times real
-    // time, where the loop may never sleep, nor with a firmware, which has to run as well.
-    if interface.is_none()
-        && options.speed <= REALTIME_SPEED
-        && let Err(why) = insist_on_deadlines(PRIORITY)
-    {
-        tracing::debug!("{why}");
+    // Late bytes of tag and board would look like jitter of the real devices. Not with a firmware, which has to run as well.
+    if interface.is_none() {
+        keep_time(options.speed);
     }
     let wires = Wires { tag: &mut tag, board: &mut board, orders };
     let ticks = run(options, &stop, faults, &mut plant, wires, truth.as_mut());
@@ -175,6 +171,16 @@ pub fn serve(options: &Options) -> Result<()> {
         "ended"
     );
     Ok(())
+}
+
+/// Puts the loop of a world before all that does not keep time itself, where that is permitted. Not at many times real time,
+/// where the loop may never sleep.
+pub fn keep_time(speed: f64) {
+    if speed <= REALTIME_SPEED
+        && let Err(why) = insist_on_deadlines(PRIORITY)
+    {
+        tracing::debug!("{why}");
+    }
 }
 
 /// The world of a scenario.

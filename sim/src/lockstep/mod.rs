@@ -26,7 +26,7 @@ use serde_json::json;
 
 use self::log::Tape;
 use self::wire::Wires;
-use crate::endpoint::{plant, truth_row};
+use crate::endpoint::{keep_time, plant, truth_row};
 use crate::faults::happen;
 use crate::orders::{self, Next, Order, Orders};
 use crate::scenario::Scenario;
@@ -117,6 +117,8 @@ pub fn run(options: &Options) -> Result<()> {
         "speed": options.speed,
     }));
     if paced {
+        // Clients that wait by the clock would else find less time passed on a busy computer.
+        keep_time(options.speed);
         session.pace(options.speed, &stop, orders.as_ref());
     } else if let Some(orders) = orders {
         session.follow(&stop, &orders);
