@@ -37,12 +37,12 @@ def rigs(tmp_path_factory, port):
 @pytest.fixture(scope="module")
 def station(rigs, port):
     station = Station(f"udpin:127.0.0.1:{port}", vehicle=None)
-    heard = {m.get_srcSystem() for m in station.drain(3.0) if m.get_type() == "HEARTBEAT"}
-    assert heard == set(SQUARES), heard
-    # As a station does that has found them: it asks each for its version.
+    # As a station does that finds several: it asks each for its version, and not the first one alone.
     for number in SQUARES:
         station.link.mav.command_long_send(
             number, 1, mavlink.MAV_CMD_REQUEST_MESSAGE, 0, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, 0, 0, 0, 0, 0, 0)
+    heard = {m.get_srcSystem() for m in station.drain(3.0) if m.get_type() == "HEARTBEAT"}
+    assert heard == set(SQUARES), heard
     yield station
     station.close()
 
