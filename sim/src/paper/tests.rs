@@ -300,7 +300,7 @@ const TABLE_3: &[(Labels, [f64; 2])] = &[
     (("raw", "z", "velocity"), [0.1446, 0.2196]),
     (("modified", "x", "position"), [0.1269, 0.2910]),
     (("modified", "y", "position"), [0.1119, 0.2990]),
-    (("modified", "z", "position"), [0.1391, 0.3010]),
+    (("modified", "z", "position"), [0.1391, 0.301]),
     (("modified", "x", "velocity"), [0.1573, 0.2429]),
     (("modified", "y", "velocity"), [0.1395, 0.1794]),
     (("modified", "z", "velocity"), [0.1427, 0.2029]),
