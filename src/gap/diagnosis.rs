@@ -102,7 +102,7 @@ pub struct Diagnosis {
     pub advice: Option<Advised>,
     /// Everything behind the verdict.
     pub attribution: Option<Attribution>,
-    /// Whether a budget is the answer.
+    /// Whether a budget is to be asked for ([`Diagnosis::budgeted`]): a whole mission, no accepted flights, and no effect that explains it.
     #[serde(skip)]
     pub wants_budget: bool,
     #[serde(skip)]
@@ -420,8 +420,9 @@ pub fn judge(
                 attribution.outcome,
                 Outcome::NotInLibrary { .. } | Outcome::NamedWithRemainder { .. }
             );
-            result.wants_budget = unsure && references == 0 && came_far;
-            let outcome = comparable(&attribution, came_far, result.wants_budget);
+            let alone = unsure && references == 0;
+            result.wants_budget = alone && came_far;
+            let outcome = comparable(&attribution, came_far, alone);
             result.ladder = ladder(&attribution);
             result.explained = Explained::of(&attribution);
             result.attribution = Some(attribution);
@@ -433,14 +434,15 @@ pub fn judge(
 }
 
 /// The outcome of an attribution, unless it says nothing about the library: half a mission differs from a whole one in most
-/// statistics, and without accepted flights all that the vehicle itself differs from the simulator by is a gap.
-fn comparable(attribution: &Attribution, came_far: bool, wants_budget: bool) -> Outcome {
+/// statistics, and without accepted flights all that the vehicle itself differs from the simulator by is a gap. `alone`: it is not
+/// sure, and there are none.
+fn comparable(attribution: &Attribution, came_far: bool, alone: bool) -> Outcome {
     let refused = matches!(attribution.outcome, Outcome::NotInLibrary { .. });
     if refused && !came_far {
         let why = "the mission ended too early to be compared with whole ones; the last events in the log say why";
         return Outcome::NotTestable { why: why.to_owned() };
     }
-    if wants_budget {
+    if alone {
         let why = "no effect makes this flight of the simulated vehicle, and without accepted flights all that this \
                    vehicle differs by counts as gap: give eight or more of its healthy flights (--reference)";
         return Outcome::NotTestable { why: why.to_owned() };

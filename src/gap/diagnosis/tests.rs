@@ -205,8 +205,14 @@ fn prop_a_budget_is_the_answer_only_where_it_has_parts() {
 fn prop_without_accepted_flights_a_refusal_is_no_verdict() {
     let mut said = attribution(&[]);
     said.outcome = Outcome::NotInLibrary { remainder: Remainder::default() };
-    let code = |came_far, alone| comparable(&said, came_far, alone).exit_code();
-    assert_eq!([code(true, false), code(true, true), code(false, false)], [13, 20, 20]);
+    let code = |said: &Attribution, came_far, alone| comparable(said, came_far, alone).exit_code();
+    let codes =
+        [(true, false), (true, true), (false, false)].map(|(far, alone)| code(&said, far, alone));
+    assert_eq!(codes, [13, 20, 20]);
+    // Half a mission that an effect explains in part is no verdict either.
+    let effect = Named { id: "P1".into(), probability: 0.9, theta: vec![], theta_90: vec![] };
+    said.outcome = Outcome::NamedWithRemainder { effect, remainder: Remainder::default() };
+    assert_eq!([code(&said, false, true), code(&said, false, false)], [20, 14]);
 }
 
 #[test]
