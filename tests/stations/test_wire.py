@@ -179,10 +179,10 @@ def test_the_verdict_on_a_program_comes_over_the_link(rig):
     station.drain(4.0)
     station.texts.clear()
     values = {}
-    began = time.monotonic()
     station.link.mav.command_long_send(1, 1, user_4, 0, -1, 0, 0, 0, 0, 0, 0)
     result = mavlink.MAV_RESULT_IN_PROGRESS
-    while result == mavlink.MAV_RESULT_IN_PROGRESS and time.monotonic() < began + 90:
+    # It reads a log and fits at a low priority: how long that takes is the computer's affair. Who runs this file has a limit.
+    while result == mavlink.MAV_RESULT_IN_PROGRESS:
         message = station.receive()
         kind = message.get_type() if message else None
         if kind == "COMMAND_ACK" and message.command == user_4:
