@@ -9,7 +9,7 @@ use crate::estimate::Health;
 use crate::measure::AnchorId;
 use crate::time::HostTime;
 
-// All chosen by judgement, none fitted; how often they warn, in vain and in time, is in docs/ESTIMATOR.md
+// Chosen by judgement unless it is said otherwise; how often they warn, in vain and in time, is in docs/ESTIMATOR.md
 // (*Warnings before the estimate is wrong*).
 
 /// Age of the newest fused TDOA, s: some hundred measurements missed at the usual 400 a second; after 2 s without
@@ -19,8 +19,9 @@ const LOST_AGE_S: f64 = 2.0;
 /// After a loss in the air the estimate is not good for so long, s: position and velocity find back at once, a tilt that has drifted
 /// takes longer. After 10 s without UWB the recorded flights were more than 1 m off for up to 3 s from there.
 const RETURNS_S: f64 = 5.0;
-/// One sigma of the position, m.
-const DEGRADED_STD_POS_M: f64 = 0.6;
+/// One sigma of the position, m: from here on an error of 1 m is within 2.5 sigma. At 0.6 m one anchor that was moved by 1 m made 1.7 s
+/// of more than 1 m on a recorded flight without a warning; at 0.4 m those flights are warned of no more often.
+const DEGRADED_STD_POS_M: f64 = 0.4;
 const LOST_STD_POS_M: f64 = 2.0;
 /// Share of the recent measurements beyond the gate: an anchor that is wrong spoils a quarter of the pairs of eight.
 const DEGRADED_SHARE: f64 = 0.4;

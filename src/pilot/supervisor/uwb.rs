@@ -141,7 +141,7 @@ pub(super) const LOST: Condition = Condition {
             key: "supervisor.uwb_loss_std_m",
             value: |c| c.supervisor.uwb_loss_std_m,
             unit: "m",
-            origin: "between the filter's own 0.6 m (degraded) and 2 m (lost)",
+            origin: "between the filter's own 0.4 m (degraded) and 2 m (lost)",
         },
     ],
     wanted: |_| Reaction::Land,
