@@ -28,7 +28,7 @@ const DEGRADED_SHARE: f64 = 0.4;
 /// An anchor is heard for so long after its newest measurement, s.
 const HEARD_S: f64 = 1.0;
 
-/// What speaks against an estimate, the gravest first. Its text is what people are told.
+/// What speaks against an estimate. Its text is what people are told.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Misgiving {
     /// No start values yet.
@@ -135,18 +135,19 @@ impl Estimator {
         let std_m = state.std3(POS).into_iter().fold(0.0, f64::max);
         let (old, uncertain) = (Misgiving::NothingFused { age_s }, Misgiving::Uncertain { std_m });
         let lost = [(age_s > LOST_AGE_S, old), (std_m > LOST_STD_POS_M, uncertain)];
-        let uncertain =
-            if self.floor_hides() { Misgiving::FloorHides { std_m } } else { uncertain };
-        let degraded = [(age_s > DEGRADED_AGE_S, old), (std_m > DEGRADED_STD_POS_M, uncertain)];
-        let first = |all: [(bool, Misgiving); 2], health| {
-            all.into_iter().find(|(holds, _)| *holds).map(|(_, why)| (health, why))
-        };
+        let floor_hides = self.floor_hides().then_some(Misgiving::FloorHides { std_m });
+        let degraded = (age_s > DEGRADED_AGE_S).then_some(old);
+        let is_uncertain = std_m > DEGRADED_STD_POS_M;
         let since_s = self.returned_at.map_or(f64::INFINITY, |at| now.seconds_since(at));
         let returns = self.airborne && since_s < RETURNS_S;
-        let returns = returns.then_some(Misgiving::Returns { since_s });
-        first(lost, Health::Lost)
-            .or_else(|| first(degraded, Health::Degraded))
-            .or_else(|| self.does_not_fit(now).or(returns).map(|why| (Health::Degraded, why)))
+        let lost = lost.into_iter().find(|(holds, _)| *holds).map(|(_, why)| (Health::Lost, why));
+        // What is at fault says more than how uncertain the position is for it.
+        let degraded = degraded
+            .or(floor_hides.filter(|_| is_uncertain))
+            .or_else(|| self.does_not_fit(now))
+            .or(returns.then_some(Misgiving::Returns { since_s }))
+            .or(is_uncertain.then_some(uncertain));
+        lost.or(degraded.map(|why| (Health::Degraded, why)))
     }
 
     /// Something has been fused.
