@@ -9,8 +9,9 @@ use haltere_model::effects::EffectSpec;
 use haltere_model::random::Stream;
 use serde::Serialize;
 
-/// Strength of each effect of the library, as a share of the strong end of its plausible range: just detectable, twice and
-/// four times as strong, as the sealed suite has it (sim/lab/PROTOCOL.md). The laboratory's tests hold the two together.
+/// Strength of each effect of the sealed suite (those of the library but P7 and H2), as a share of the strong end of its
+/// plausible range: just detectable, twice and four times as strong (sim/lab/PROTOCOL.md). The laboratory's tests hold the
+/// two together.
 pub const SHARES: [(&str, [f64; 3]); 42] = [
     ("A1", [0.25, 0.5, 1.0]),
     ("A2", [0.6, 1.0, 1.0]),
