@@ -187,7 +187,10 @@ impl Attributor {
         }
         let foretold = Foretold::new(library, &case.z, first);
         adequacy.foretold = foretold.share();
-        let adequate = adequacy.score <= adequacy.limit;
+        // Where no more than noise is left, and the effect foretells the gap, nothing speaks of another cause.
+        let leaves_nothing =
+            adequacy.explained >= 1.0 && adequacy.foretold >= adequacy.foretold_limit;
+        let adequate = adequacy.score <= adequacy.limit || (leaves_nothing && pair.is_none());
         let own = self.named(library, first, posterior(first));
         let sure = own.probability >= self.settings.sure && merged.is_empty();
         // What an effect foretells overrules what our own world says of it, either way; against a limit its name must be surer.
