@@ -225,3 +225,29 @@ fn prop_a_small_bank_is_quiet_on_healthy_flights() {
     let alarms = judged.iter().filter(|a| a.outcome != Outcome::NoMaterialGap).count();
     assert!(alarms < 20, "{alarms} of 200");
 }
+
+/// "Not in the library: the best explanation leaves 0 % of the gap" was said of flights of a stranger's vehicle.
+#[test]
+fn regress_what_leaves_nothing_and_is_foretold_is_not_refused() {
+    let mut toy = Toy::new(SMALL, 7);
+    let bank = toy.bank();
+    let settings = Settings { law: 0.0, ..Settings::default() };
+    let mut it = Attributor::new(&bank, &[], &[], &toy.blocks(), &settings).unwrap();
+    // No explanation is adequate by what some statistics stick out.
+    it.limits.adequate = f64::NEG_INFINITY;
+    it.limits.adequate_pair = f64::NEG_INFINITY;
+    let flights: Vec<_> = (0..60)
+        .map(|k| {
+            let truth = (k % SMALL.effects, toy.theta(k % SMALL.effects));
+            toy.flight(&[truth], true, false)
+        })
+        .collect();
+    let is_refused = |a: &Attribution| matches!(a.outcome, Outcome::NotInLibrary { .. });
+    let leaves_nothing = |a: &Attribution| {
+        a.adequacy.explained >= 1.0 && a.adequacy.foretold >= a.adequacy.foretold_limit
+    };
+    let judged = it.attribute_all(&flights);
+    let (nothing, some): (Vec<_>, Vec<_>) = judged.iter().partition(|a| leaves_nothing(a));
+    assert!(nothing.len() > 5 && !nothing.iter().any(|a| is_refused(a)), "{}", nothing.len());
+    assert!(some.iter().any(|a| is_refused(a)), "{}", some.len());
+}
