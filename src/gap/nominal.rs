@@ -120,6 +120,7 @@ impl Nominal {
         let dt = RESPONSE_STEP_S / TURNS as f64;
         let keep = (-dt / EXPECTED_S).exp();
         let (mut angle, mut rate, mut acc, mut jerk) = (start_rad, 0.0, 0.0, 0.0);
+        let most_boost = if axis == 2 { l.boost_yaw } else { l.boost };
         let (mut boost, mut expected) = (0.0, 0.0);
         let mut last = setpoint_rad.first().copied().unwrap_or(0.0);
         let mut out = Vec::with_capacity(setpoint_rad.len());
@@ -132,11 +133,9 @@ impl Nominal {
                 let mut e = target - angle;
                 if axis == 2 {
                     e = e.clamp(-YAW_ERROR_LIMIT_RAD, YAW_ERROR_LIMIT_RAD);
-                } else {
-                    let lasting = e - expected;
-                    boost += (lasting * l.boost - boost) * dt / l.boost_s;
-                    e += boost;
                 }
+                boost += ((e - expected) * most_boost - boost) * dt / l.boost_s;
+                e += boost;
                 let wanted = w * w * e - rate_gain * rate;
                 match servo {
                     None => acc += (wanted - acc) * dt / s.lead_s[1],

@@ -18,7 +18,9 @@ pub struct InnerLoop {
     /// Gain that the error of roll and pitch gains at low frequency: a leaky integrator. A steady moment leans the
     /// vehicle by 1 / (1 + boost) of what it would without.
     pub boost: f64,
-    /// Time constant of the boost, s.
+    /// The same of yaw.
+    pub boost_yaw: f64,
+    /// Time constant of the boosts, s.
     pub boost_s: f64,
     /// Setpoints wait for this long in the board, ms.
     pub delay_ms: f64,
@@ -70,6 +72,7 @@ impl Default for InnerLoop {
             frequency_radps: [9.0, 9.0, 5.0],
             damping: [0.9, 0.9, 1.2],
             boost: 4.0,
+            boost_yaw: 0.0,
             boost_s: 1.0,
             delay_ms: 0.0,
         }
@@ -101,7 +104,26 @@ impl Default for Link {
     }
 }
 
+/// Largest boost: what a steady moment leaves then, nobody sees.
+const MOST_BOOST: f64 = 200.0;
+
 impl InnerLoop {
+    /// A board of which a steady moment leaves this share of the error that it leaves now, 0 to 1: what it does in a second
+    /// stays nearly the same, and only its integrator leaks less.
+    pub(crate) fn keeping(&self, share: f64) -> Self {
+        if share >= 1.0 {
+            return self.clone();
+        }
+        let stiffer = 1.0 / share.max(1.0 / MOST_BOOST);
+        let boost = |now: f64| ((1.0 + now) * stiffer - 1.0).min(MOST_BOOST);
+        Self {
+            boost: boost(self.boost),
+            boost_yaw: boost(self.boost_yaw),
+            boost_s: self.boost_s * stiffer,
+            ..self.clone()
+        }
+    }
+
     pub(crate) fn check(&self, key: &str, problems: &mut Problems) {
         let mut range = |name: &str, value: f64, low: f64, high: f64, unit: &str| {
             problems.range(format_args!("{key}.{name}"), value, low..=high, unit);
@@ -112,6 +134,7 @@ impl InnerLoop {
             range(&format!("damping.{axis}"), z, 0.2, 3.0, "");
         }
         range("boost", self.boost, 0.0, 20.0, "");
+        range("boost_yaw", self.boost_yaw, 0.0, 20.0, "");
         range("boost_s", self.boost_s, 0.05, 10.0, "s");
         range("delay_ms", self.delay_ms, 0.0, 300.0, "ms");
     }

@@ -138,6 +138,10 @@ pub struct Battery {
     pub capacity_mah: f64,
     /// Inner resistance of the pack with leads, Ω \[GAP.md 3.0: 0.15 to 0.20\].
     pub resistance_ohm: f64,
+    /// Further resistance that acts late: the pack's polarisation, Ω.
+    pub slow_ohm: f64,
+    /// Its time constant, s \[Chen and Rincón-Mora 2006: tens of seconds\].
+    pub slow_s: f64,
     /// Charge at start, 0 to 1.
     pub charge_frac: f64,
     /// Open-circuit voltage of a cell at charge 0, 0.1 … 1, V \[usual LiPo curve\].
@@ -226,6 +230,8 @@ impl Default for Battery {
             cells: 2.0,
             capacity_mah: 300.0,
             resistance_ohm: 0.17,
+            slow_ohm: 0.0,
+            slow_s: 20.0,
             charge_frac: 1.0,
             cell_v: [3.27, 3.62, 3.70, 3.74, 3.77, 3.80, 3.84, 3.90, 3.97, 4.07, 4.20],
             hover_w: 24.5,
@@ -350,6 +356,8 @@ impl Vehicle {
         range("battery.cells", battery.cells, 1.0, 6.0, "");
         range("battery.capacity_mah", battery.capacity_mah, 10.0, 10_000.0, "mAh");
         range("battery.resistance_ohm", battery.resistance_ohm, 0.0, 1.0, "Ω");
+        range("battery.slow_ohm", battery.slow_ohm, 0.0, 1.0, "Ω");
+        range("battery.slow_s", battery.slow_s, 0.5, 300.0, "s");
         range("battery.charge_frac", battery.charge_frac, 0.05, 1.0, "");
         for (tenth, volt) in battery.cell_v.into_iter().enumerate() {
             range(&format!("battery.cell_v[{tenth}]"), volt, 2.0, 4.5, "V");

@@ -93,7 +93,7 @@ const fn of(
 }
 
 /// All of them, in the order of the vehicle file.
-pub const CONSTANTS: [Constant; 54] = [
+pub const CONSTANTS: [Constant; 56] = [
     share("body.mass_kg", |v| &mut v.body.mass_kg, 0.01),
     share("body.inertia_kgm2.x", |v| &mut v.body.inertia_kgm2[0], 0.1),
     share("body.inertia_kgm2.y", |v| &mut v.body.inertia_kgm2[1], 0.1),
@@ -126,6 +126,13 @@ pub const CONSTANTS: [Constant; 54] = [
     share("yaw_servo.damping", |v| &mut v.yaw_servo.damping, 0.2),
     share("battery.capacity_mah", |v| &mut v.battery.capacity_mah, 0.1),
     share("battery.resistance_ohm", |v| &mut v.battery.resistance_ohm, 0.3),
+    of(
+        "battery.slow_ohm",
+        |v| &mut v.battery.slow_ohm,
+        |v| 0.3 * v.battery.resistance_ohm,
+        NOT_BELOW_0,
+    ),
+    share("battery.slow_s", |v| &mut v.battery.slow_s, 0.7),
     of("battery.charge_frac", |v| &mut v.battery.charge_frac, |_| 0.03, [0.05, 1.0]),
     share("battery.hover_w", |v| &mut v.battery.hover_w, 0.1),
     share("battery.electronics_w", |v| &mut v.battery.electronics_w, 0.3),

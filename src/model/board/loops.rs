@@ -3,7 +3,7 @@
 //! ```text
 //! e     = 2 sgn(w) vec(q_believed⁻¹ q_set)                       attitude error, body, rad
 //! h'    = Δq_set - h / τ_h                                       error that the last steps explain
-//! b'    = (B (e - h) - b) / τ_b                                  boost at low frequency, not in yaw
+//! b'    = (B (e - h) - b) / τ_b                                  boost at low frequency, usually not in yaw
 //! α     = ω² (e + b) - 2 ζ ω ω_B                                 wanted angular acceleration
 //! Δf    = J_x α_x / (2 l_w k)      with a lead (1 + τ s)/(1 + τ' s) against the flap lag
 //! sin δ = J_y α_y / (T (l_w - l_z l_h / l_k))
@@ -40,7 +40,7 @@ pub struct Loops {
     angle_gain: Vector3<f64>,
     rate_gain: Vector3<f64>,
     vehicle: Vehicle,
-    boost: f64,
+    boost: Vector3<f64>,
     boost_gain: f64,
     boost_rad: Vector3<f64>,
     last_target: Option<UnitQuaternion<f64>>,
@@ -58,8 +58,9 @@ pub struct Loops {
 impl Loops {
     /// For this vehicle.
     pub fn new(settings: &BoardSettings, vehicle: &Vehicle) -> Self {
-        let w = Vector3::from(vehicle.inner_loop.frequency_radps);
-        let z = Vector3::from(vehicle.inner_loop.damping);
+        let inner = vehicle.inner_loop.keeping(settings.kept);
+        let w = Vector3::from(inner.frequency_radps);
+        let z = Vector3::from(inner.damping);
         let [lag_s, left_s] = settings.lead_s;
         let wings = &vehicle.wings;
         // The airframe damps yaw by itself; the loop only adds what is missing.
@@ -71,8 +72,8 @@ impl Loops {
         Self {
             angle_gain: w.component_mul(&w),
             rate_gain,
-            boost: vehicle.inner_loop.boost,
-            boost_gain: 1.0 - (-STEP_S / vehicle.inner_loop.boost_s).exp(),
+            boost: Vector3::new(inner.boost, inner.boost, inner.boost_yaw),
+            boost_gain: 1.0 - (-STEP_S / inner.boost_s).exp(),
             boost_rad: Vector3::zeros(),
             last_target: None,
             expected_rad: Vector3::zeros(),
@@ -115,9 +116,8 @@ impl Loops {
         });
         self.last_target = Some(target.q);
         self.expected_rad = (self.expected_rad + moved) * EXPECTED_KEEP;
-        let mut lasting = e - self.expected_rad;
-        lasting.z = 0.0;
-        self.boost_rad += (lasting * self.boost - self.boost_rad) * self.boost_gain;
+        let lasting = e - self.expected_rad;
+        self.boost_rad += (lasting.component_mul(&self.boost) - self.boost_rad) * self.boost_gain;
         self.boost_rad.apply(|b| *b = b.clamp(-BOOST_LIMIT_RAD, BOOST_LIMIT_RAD));
         let e = e + self.boost_rad;
         let acc = self.angle_gain.component_mul(&e) - self.rate_gain.component_mul(&rate_B_radps);

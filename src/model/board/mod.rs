@@ -22,6 +22,7 @@ use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream::MavSplitter;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 
 use crate::effects::{AttitudeError, Bank, ImuReading, STEP_S, Setpoint, State, Supply};
 use crate::faults::Fault;
@@ -53,6 +54,10 @@ pub struct BoardSettings {
     pub clock_ppm: f64,
     /// Flap lag that the roll loop leads away, s, and what is left of it.
     pub lead_s: [f64; 2],
+    /// Time from what it senses and is asked to what it tells the actuators, s: its filters and its own pace.
+    pub loop_delay_s: f64,
+    /// Share of a standing error that its integrator leaves, of what the vehicle file's would.
+    pub kept: f64,
     /// Time to spin up from standstill, attitude relaxed, s.
     pub spool_up_s: f64,
     /// A setpoint is obeyed for this long, s (INTERFACES.md).
@@ -83,6 +88,8 @@ impl Default for BoardSettings {
             boot_us: 4_321_000,
             clock_ppm: 12.0,
             lead_s: [0.08, 0.02],
+            loop_delay_s: 0.0,
+            kept: 1.0,
             spool_up_s: 0.0,
             setpoint_timeout_s: 0.5,
             descend_s: 3.0,
@@ -107,6 +114,8 @@ impl BoardSettings {
         range("clock_ppm", self.clock_ppm, -200.0, 200.0, "ppm");
         range("lead_s[0]", self.lead_s[0], 0.0, 0.5, "s");
         range("lead_s[1]", self.lead_s[1], STEP_S, 0.5, "s");
+        range("loop_delay_s", self.loop_delay_s, 0.0, 0.2, "s");
+        range("kept", self.kept, 0.0, 1.0, "");
         range("spool_up_s", self.spool_up_s, 0.0, 5.0, "s");
         range("setpoint_timeout_s", self.setpoint_timeout_s, 0.05, 10.0, "s");
         range("descend_s", self.descend_s, 0.0, 60.0, "s");
@@ -148,6 +157,9 @@ pub struct Board {
     hold: Option<UnitQuaternion<f64>>,
     spool_s: f64,
     output: ActuatorCommand,
+    /// Commands of the last [`BoardSettings::loop_delay_s`], oldest first, and how many they are.
+    waiting: VecDeque<ActuatorCommand>,
+    loop_delay_steps: usize,
     losses: u64,
     /// Plant time of its last reboot, µs.
     rebooted_us: Option<u64>,
@@ -192,6 +204,8 @@ impl Board {
             hold: None,
             spool_s: 0.0,
             output: ActuatorCommand::default(),
+            waiting: VecDeque::new(),
+            loop_delay_steps: (settings.loop_delay_s / STEP_S).round() as usize,
             losses: 0,
             rebooted_us: None,
             lies: lies::Lies::default(),
@@ -322,11 +336,20 @@ impl Board {
                 ..ActuatorCommand::default()
             };
         }
-        self.loops.step(&self.believed, &target, s.rate_B_radps, s.supply_v)
+        let command = self.loops.step(&self.believed, &target, s.rate_B_radps, s.supply_v);
+        if self.loop_delay_steps == 0 {
+            return command;
+        }
+        self.waiting.push_back(command);
+        if self.waiting.len() > self.loop_delay_steps + 1 {
+            self.waiting.pop_front();
+        }
+        self.waiting.front().copied().unwrap_or(command)
     }
 
     fn stop(&mut self) -> ActuatorCommand {
         self.loops.reset();
+        self.waiting.clear();
         self.spool_s = 0.0;
         ActuatorCommand::default()
     }

@@ -1,11 +1,12 @@
 //! Battery: charge, open-circuit voltage, inner resistance.
 //!
 //! ```text
-//! P = P_e + ½ P_h Σ (f_i / f_h)³        I = P / V        V = n U(q) - R I        q' = -I / C
+//! P = P_e + ½ P_h Σ (f_i / f_h)³     I = P / V     V = n U(q) - R I - W     q' = -I / C     W' = (R_s I - W) / τ_s
 //! ```
 //! `P` power (W), `P_e` electronics, `P_h` both motors in hover, `f_h` hover flap rate (Hz), `I`
 //! current (A), `V` voltage at the plug (V), `U` open-circuit voltage of a cell, `q` charge (0 to 1),
-//! `C` capacity (A·s), `R` resistance (Ω). Source: 2 cells, 300 mAh, 4 to 6 min (paper); OCV curve
+//! `C` capacity (A·s), `R` resistance (Ω), `R_s` and `τ_s` those of the polarisation `W` (V; one of the two of Chen and
+//! Rincón-Mora 2006; none unless the vehicle file says so). Source: 2 cells, 300 mAh, 4 to 6 min (paper); OCV curve
 //! usual for LiPo; power of flapping as the cube of its rate. Left out: temperature, recovery.
 
 use crate::effects::{
@@ -45,6 +46,7 @@ struct Battery {
     inverse_hover_hz: f64,
     volt: f64,
     charge_frac: f64,
+    polarised_v: f64,
 }
 
 impl Battery {
@@ -55,6 +57,7 @@ impl Battery {
             inverse_hover_hz: 1.0 / b.nominal.hover_hz(),
             volt,
             charge_frac: file.charge_frac,
+            polarised_v: 0.0,
             file,
         }
     }
@@ -71,9 +74,12 @@ impl Effect for Battery {
         self.charge_frac = (self.charge_frac
             - current_a * STEP_S / (self.file.capacity_mah * AS_PER_MAH))
             .max(0.0);
+        self.polarised_v +=
+            (self.file.slow_ohm * current_a - self.polarised_v) * STEP_S / self.file.slow_s;
         // A step later this voltage sets the current: the loop gain R I / V is below 0.1.
         self.volt = (self.file.cells * open_circuit_v(&self.file.cell_v, self.charge_frac)
-            - self.file.resistance_ohm * current_a)
+            - self.file.resistance_ohm * current_a
+            - self.polarised_v)
             .max(self.file.cells * FLOOR_V_PER_CELL);
         *supply = Supply { volt: self.volt, current_a, charge_frac: self.charge_frac };
     }
