@@ -3,6 +3,8 @@
 //! `r -> r - Δ` for every force, so thrust gives a moment `Δ × T`. Body frame, millimetres. Source: GAP.md I2, 1 to
 //! 5 mm. Left out: change of inertia.
 
+use super::servo_trim::KEPT;
+use crate::board::BoardSettings;
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
@@ -15,7 +17,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new("x", "mm", 0.0, 1.0, [-5.0, 5.0], "forward; goes with the wing")
         .beside(|v| v.wings.centre_m),
 ParameterSpec::new("y", "mm", 0.0, 0.0, [-5.0, 5.0], "right; goes with the wing")
-        .beside(|v| v.wings.centre_m)],
+        .beside(|v| v.wings.centre_m),
+        KEPT],
     off: "centre of mass of the vehicle file",
     source: "GAP.md 3.3",
     equation: "r -> r - Δ",
@@ -25,8 +28,11 @@ ParameterSpec::new("y", "mm", 0.0, 0.0, [-5.0, 5.0], "right; goes with the wing"
 struct Edit(Vec<f64>);
 
 impl Effect for Edit {
+    fn board(&mut self, board: &mut BoardSettings) {
+        board.kept *= self.0.get(2).copied().unwrap_or(1.0);
+    }
     fn vehicle(&mut self, vehicle: &mut Vehicle) {
-        if let [x, y] = self.0[..] {
+        if let [x, y, _] = self.0[..] {
             vehicle.body.cg_B_m[0] += x * 1e-3;
             vehicle.body.cg_B_m[1] += y * 1e-3;
         }

@@ -1,8 +1,11 @@
 //! Commands reach the board late.
 //!
-//! `delay += d` towards the board (ms). Source: GAP.md T2, 20 to 80 ms. Nearest confounder: slow inner loop (L1).
+//! `delay += d` of setpoints, `delay += s d` of all else towards the board (ms). A slow link delays everything, its time
+//! synchronisation too (`s` 1); a queue before the loops delays setpoints alone (`s` 0). Source: GAP.md T2, 20 to 80 ms. Nearest
+//! confounder: slow inner loop (L1).
 
-use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use super::board_delay::Queue;
+use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Setpoint, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -10,23 +13,39 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "command delay",
     block: Block::Link,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("delay", "ms", 0.0, 40.0, [20.0, 80.0], "delay")],
+    parameters: &[
+        ParameterSpec::new("delay", "ms", 0.0, 40.0, [20.0, 80.0], "delay"),
+        ParameterSpec::new("share", "", 1.0, 1.0, [0.0, 1.0], "share of it that all but setpoints have"),
+    ],
     off: "no delay beyond N19",
     source: "GAP.md 3.7",
-    equation: "delay += d",
-    build: |b| Box::new(CommandDelay(b.value[0] * 1e-3)),
+    equation: "delay += d of setpoints, s d of all else",
+    build: |b| {
+        let [delay_s, share] = [b.value[0] * 1e-3, b.value[1]];
+        Box::new(CommandDelay {
+            link_s: share * delay_s,
+            queue: Queue::new((1.0 - share) * delay_s),
+        })
+    },
 };
 
-struct CommandDelay(f64);
+struct CommandDelay {
+    link_s: f64,
+    /// Before the loops.
+    queue: Queue,
+}
 
 impl Effect for CommandDelay {
     fn stages(&self) -> &'static [Stage] {
-        &[Stage::Link]
+        &[Stage::Link, Stage::Setpoint]
     }
     fn link(&mut self, _s: &State, delivery: &mut Delivery) {
         if delivery.cargo == Cargo::ToBoard {
-            delivery.delay_s += self.0;
+            delivery.delay_s += self.link_s;
         }
+    }
+    fn setpoint(&mut self, _s: &State, setpoint: &mut Setpoint) {
+        self.queue.pass(setpoint);
     }
 }
 
@@ -37,11 +56,23 @@ mod tests {
 
     #[test]
     fn prop_delays_commands_only() {
-        let delay = |cargo| {
+        let delay = |cargo, share| {
             let mut d = Delivery { cargo, delay_s: 0.0, lost: false };
-            probe::build(&SPEC, &[]).link(&probe::hover(), &mut d);
+            probe::build(&SPEC, &[("share", share)]).link(&probe::hover(), &mut d);
             d.delay_s
         };
-        assert_eq!((delay(Cargo::ToBoard), delay(Cargo::FromTag)), (0.04, 0.0));
+        assert_eq!([Cargo::ToBoard, Cargo::FromTag].map(|cargo| delay(cargo, 1.0)), [0.04, 0.0]);
+        assert_eq!([Cargo::ToBoard, Cargo::FromTag].map(|cargo| delay(cargo, 0.0)), [0.0, 0.0]);
+        let obeyed = |share| {
+            let mut late = probe::build(&SPEC, &[("share", share)]);
+            let mut pass = |k: u32| {
+                let q = nalgebra::UnitQuaternion::identity();
+                let mut s = Setpoint { q, thrust_frac: f64::from(k) };
+                late.setpoint(&probe::hover(), &mut s);
+                s.thrust_frac
+            };
+            (0..40).map(&mut pass).last()
+        };
+        assert_eq!((obeyed(1.0), obeyed(0.0)), (Some(39.0), Some(19.0)), "20 steps of 2 ms");
     }
 }

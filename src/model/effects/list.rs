@@ -53,7 +53,7 @@ pub static ALL: &[EffectSpec] = &[
     super::cg_offset::SPEC,            // I2
     super::inertia_scale::SPEC,        // I3
     super::attitude_lag::SPEC,         // L1
-    super::board_delay::SPEC,          // L2
+    super::loop_delay::SPEC,           // L2
     super::servo_trim::SPEC,           // L3
     super::dead_band::SPEC,            // L4
     super::tilt_saturation::SPEC,      // L5

@@ -256,7 +256,7 @@ files! {
     acc_bias acc_clipping acc_drift acc_misalignment acc_scale anchor_bias anchor_drift anchor_survey
     attitude_lag board_delay capacity ceiling command_delay dead_band distance_bias drag_saturation
     drag_scale draught gusts gyro_bias heading_drift heading_misalignment inertia_scale
-    lever_arm low_multipath mass_error cg_offset motor_saturation near_ground nlos_zone noise_level
+    lever_arm loop_delay low_multipath mass_error cg_offset motor_saturation near_ground nlos_zone noise_level
     outlier_bursts packet_drops pose_bias quadratic_drag resistance rectification roll_yaw_coupling
     sampling_jitter servo_trim setpoint_bursts speed_pitch steady_wind tag_latency
     thermal_droop thrust_expo thrust_lag thrust_loss tilt_saturation voltage_report wall wing_asymmetry

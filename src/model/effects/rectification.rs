@@ -1,7 +1,7 @@
 //! A vibrating accelerometer reads an offset: its nonlinearity rectifies the shaking.
 //!
-//! `a_z += k a_vib²`, `a_vib² ∝ (f/f_h)⁴`, hence `a_z += b_h (f/f_h)⁴` with `b_h` the offset in hover
-//! (m/s²); `f` flap rate, `f_h` in hover (Hz). Source: GAP.md M6, given there per squared vibration and
+//! `a += k a_vib²`, `a_vib² ∝ (f/f_h)⁴`, hence `a += b_h (f/f_h)⁴` with `b_h` the offset in hover
+//! (m/s²), along z and along x; `f` flap rate, `f_h` in hover (Hz). Source: GAP.md M6, given there per squared vibration and
 //! scaled; here as the offset itself. Gone with motors off, which is how it is told from scale.
 
 use crate::effects::{
@@ -14,17 +14,24 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "vibration rectification",
     block: Block::Imu,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("offset", "m/s²", 0.0, 0.5, [-1.2, 1.2], "offset along z in hover")],
+    parameters: &[
+        ParameterSpec::new("offset", "m/s²", 0.0, 0.5, [-1.2, 1.2], "offset along z in hover"),
+        ParameterSpec::new("forward", "m/s²", 0.0, 0.0, [-1.2, 1.2], "offset along x in hover"),
+    ],
     off: "linear accelerometer",
     source: "GAP.md 3.5",
-    equation: "a_z += b_h (f/f_h)⁴",
+    equation: "a += b_h (f/f_h)⁴",
     build: |b| {
-        Box::new(Rectification { offset: b.value[0], inverse_hover_hz: 1.0 / b.nominal.hover_hz() })
+        Box::new(Rectification {
+            offset: [b.value[0], b.value[1]],
+            inverse_hover_hz: 1.0 / b.nominal.hover_hz(),
+        })
     },
 };
 
 struct Rectification {
-    offset: f64,
+    /// Along z and x, m/s².
+    offset: [f64; 2],
     inverse_hover_hz: f64,
 }
 
@@ -34,7 +41,9 @@ impl Effect for Rectification {
     }
     fn imu(&mut self, s: &State, reading: &mut ImuReading) {
         let rate = 0.5 * (s.flap_hz[0] + s.flap_hz[1]) * self.inverse_hover_hz;
-        reading.acc_B_mps2.z += self.offset * (rate * rate) * (rate * rate);
+        let share = (rate * rate) * (rate * rate);
+        reading.acc_B_mps2.z += self.offset[0] * share;
+        reading.acc_B_mps2.x += self.offset[1] * share;
     }
 }
 

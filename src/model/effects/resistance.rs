@@ -1,6 +1,7 @@
 //! Battery or connector with more inner resistance.
 //!
-//! `R -> R + ΔR` in N7 (Ω). Source: GAP.md P2, 0.05 to 0.3 Ω.
+//! `R -> R + (1 - s) ΔR`, `R_s -> R_s + s ΔR` in N7 (Ω). Source: GAP.md P2, 0.05 to 0.3 Ω. A corroded plug acts at once (`s` 0); in
+//! an aged pack the polarisation grows as well.
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
@@ -12,10 +13,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Battery,
     role: Role::Deviation,
     parameters: &[ParameterSpec::new("extra", "Ω", 0.0, 0.15, [0.05, 0.3], "further resistance; goes with voltage over current in hover")
-        .beside(|v| v.hover_ohm())],
+        .beside(|v| v.hover_ohm()),
+        ParameterSpec::new("slow", "", 0.0, 0.0, [0.0, 1.0], "share of it that acts late, by the pack's polarisation")],
     off: "resistance of the vehicle file",
     source: "GAP.md 3.2",
-    equation: "R -> R + ΔR",
+    equation: "R -> R + (1 - s) ΔR, R_s -> R_s + s ΔR",
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 
@@ -23,8 +25,9 @@ struct Edit(Vec<f64>);
 
 impl Effect for Edit {
     fn vehicle(&mut self, vehicle: &mut Vehicle) {
-        if let [extra] = self.0[..] {
-            vehicle.battery.resistance_ohm += extra;
+        if let [extra, slow] = self.0[..] {
+            vehicle.battery.resistance_ohm += (1.0 - slow) * extra;
+            vehicle.battery.slow_ohm += slow * extra;
         }
     }
 }

@@ -282,12 +282,12 @@ fn regress_a_board_that_obeys_late_is_found_by_its_attitude() {
     let cases: [(&str, &[Effect], Option<bool>); 8] = [
         ("nominal", &[], Some(false)),
         ("loop at 0.6", &[("L1", "factor", 0.6)], Some(false)),
-        ("board 60 ms", &[("L2", "delay", 60.0)], Some(false)),
+        ("board 60 ms", &[("T2", "delay", 60.0), ("T2", "share", 0.0)], Some(false)),
         ("line 80 ms", &[("T2", "delay", 80.0)], Some(false)),
-        ("board 150 ms", &[("L2", "delay", 150.0)], Some(false)),
-        ("board 200 ms", &[("L2", "delay", 200.0)], None),
-        ("board 250 ms", &[("L2", "delay", 250.0)], None),
-        ("board 300 ms", &[("L2", "delay", 300.0)], Some(true)),
+        ("board 150 ms", &[("T2", "delay", 150.0), ("T2", "share", 0.0)], Some(false)),
+        ("board 200 ms", &[("T2", "delay", 200.0), ("T2", "share", 0.0)], None),
+        ("board 250 ms", &[("T2", "delay", 250.0), ("T2", "share", 0.0)], None),
+        ("board 300 ms", &[("T2", "delay", 300.0), ("T2", "share", 0.0)], Some(true)),
     ];
     let flown: Vec<_> = cases
         .par_iter()

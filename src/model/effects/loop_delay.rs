@@ -1,0 +1,43 @@
+//! Time passes inside the board's loop: what it tells the actuators is late.
+//!
+//! `u_told(t) = u(t - d)`, `u` of setpoint, attitude and rate alike; `d` a whole number of steps of 2 ms: filters, buses and
+//! servos that are driven slowly. Source: GAP.md L2, 10 to 60 ms; beyond some 40 ms the loop of the Flapper rings without end.
+//! It takes damping and leaves the frequency: of `s² + (2ζω s + ω²) e^(-sd)` the terms to first order in `d` are a loop with
+//! `2ζω - ω² d` in place of `2ζω`. Nearest confounder: commands that come late (T2), which ring no more than before.
+
+use crate::board::BoardSettings;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+
+/// Entry in the list.
+pub const SPEC: EffectSpec = EffectSpec {
+    id: "L2",
+    name: "inner delay",
+    block: Block::InnerLoop,
+    role: Role::Deviation,
+    parameters: &[ParameterSpec::new("delay", "ms", 0.0, 20.0, [6.0, 40.0], "delay inside the loop")],
+    off: "actuators told at once",
+    source: "GAP.md 3.4",
+    equation: "u_told(t) = u(t - d)",
+    build: |b| Box::new(LoopDelay(b.value[0] * 1e-3)),
+};
+
+struct LoopDelay(f64);
+
+impl Effect for LoopDelay {
+    fn board(&mut self, board: &mut BoardSettings) {
+        board.loop_delay_s += self.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::probe;
+
+    #[test]
+    fn prop_the_board_is_late() {
+        let mut board = BoardSettings::default();
+        probe::build(&SPEC, &[]).board(&mut board);
+        assert_eq!(board.loop_delay_s, 0.02);
+    }
+}
