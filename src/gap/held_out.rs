@@ -219,7 +219,8 @@ impl<'a> HeldOut<'a> {
         }
         // What the recording computer adds is no gap either: a simulator is punctual to the microsecond.
         for (own, spec) in result.scales.iter_mut().zip(specs()) {
-            *own = own.hypot(spec.resolution);
+            let unknown = spec.relative && references.len() < LEAST_REFERENCES;
+            *own = if unknown { f64::NAN } else { own.hypot(spec.resolution) };
         }
         let nominal = medians(&result.before);
         result.offset = if references.is_empty() {

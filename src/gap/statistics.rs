@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use super::cells::{Cell, cells};
 use super::nominal::Nominal;
-use super::residuals::{Flight, Sheet, attitude, battery, bias, force, loops, timing, uwb};
+use super::residuals::{Flight, Sheet, attitude, battery, bias, force, loops, servos, timing, uwb};
 use super::timeline::STEP_S;
 use super::trace::Trace;
 use haltere_core::measure::AnchorId;
@@ -63,6 +63,7 @@ fn fill(f: Option<(&Flight<'_>, &uwb::Rows)>, sheet: &mut Sheet) -> Vec<AnchorId
     let flight = f.map(|(flight, _)| flight);
     force::put(flight, sheet);
     attitude::put(flight, sheet);
+    servos::put(flight, sheet);
     battery::put(flight, sheet);
     bias::put(flight, sheet);
     let anchors = uwb::put(f, sheet);
@@ -82,6 +83,6 @@ mod tests {
         names.sort_unstable();
         names.dedup();
         assert_eq!(names.len(), specs.len());
-        assert!((150..=260).contains(&specs.len()), "{}", specs.len());
+        assert!((150..=270).contains(&specs.len()), "{}", specs.len());
     }
 }

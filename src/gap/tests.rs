@@ -11,6 +11,7 @@ use super::scene::Scene;
 use super::statistics::{observe, specs};
 use super::timeline::NotObservable;
 use super::trace::Trace;
+use haltere_core::measure::ServoOutput;
 use haltere_model::EffectSet;
 use haltere_model::effects::Block;
 use haltere_model::lockstep::{Lockstep, fly_watched};
@@ -144,6 +145,50 @@ fn val_each_effect_moves_its_statistics() {
             spec.block
         );
     });
+}
+
+/// What holds the vehicle level is told to the servos, whatever the board leaves of it in the attitude; a tilted accelerometer
+/// is not. Travel, unit and sign of an output say nothing, and outputs in another order are not read.
+#[test]
+fn prop_servos_tell_a_trim_from_a_tilted_accelerometer_whatever_their_sign() {
+    let scene = Scene::lab().unwrap();
+    let items = missions::diagnostic(&scene);
+    let nominal = Nominal::of_scene(&scene);
+    let place = |name: &str| specs().iter().position(|s| s.name == name).unwrap();
+    let fly = |effect: Option<(&str, &[(&str, f64)])>| {
+        let mut plant = scene.plant(5);
+        if let Some((id, values)) = effect {
+            plant.effects = EffectSet::nominal().with(id, values).unwrap();
+        }
+        fly_observed(&scene, &items, plant, scene.pilot.clone()).unwrap()
+    };
+    let seen =
+        |trace: &Trace, name: &str| observe(trace, &nominal).unwrap().statistics[place(name)];
+    let healthy = fly(None);
+    let trimmed = fly(Some(("L3", &[("dihedral", 3.0), ("kept", 0.1)])));
+    let tilted = fly(Some(("M4", &[])));
+    let moved = |trace: &Trace, name: &str| (seen(trace, name) - seen(&healthy, name)).abs();
+    for half in ["servo.pitch.early", "servo.pitch.late"] {
+        let [trim, tilt] = [&trimmed, &tilted].map(|trace| moved(trace, half));
+        assert!(trim > 0.4 && tilt < 0.1, "{half}: {trim} {tilt}");
+    }
+    // The board holds it against the trim: a third of a degree is what is left of some 1.5.
+    assert!(moved(&trimmed, "att.pitch.const") < 0.006);
+    assert!(moved(&trimmed, "servo.thrust.delay") < 0.005);
+
+    let told = |order: [usize; 4], scale: [f32; 4]| {
+        let mut other = trimmed.clone();
+        for servos in &mut other.servos {
+            let us = servos.outputs().to_vec();
+            let us = order.iter().zip(scale).map(|(n, s)| 1500.0 + s * (us[*n] - 1500.0));
+            *servos = ServoOutput::new(servos.received_at, servos.port, us.collect::<Vec<_>>());
+        }
+        seen(&other, "servo.pitch.early")
+    };
+    let as_it_is = seen(&trimmed, "servo.pitch.early");
+    let reversed = told([0, 1, 2, 3], [-0.5, 1.0, -1.0, 1.0]);
+    assert!((reversed - as_it_is).abs() < 0.02 * as_it_is.abs(), "{reversed} {as_it_is}");
+    assert!(told([1, 0, 3, 2], [1.0; 4]).is_nan(), "motors where servos should be");
 }
 
 #[test]

@@ -3,7 +3,9 @@
 //! A trace from lockstep, from a flight log and from an import look alike; truth is not in it.
 
 use haltere_core::estimate::Estimate;
-use haltere_core::measure::{BaroSample, BatterySample, BoardAttitude, ImuSample, ReferencePose};
+use haltere_core::measure::{
+    BaroSample, BatterySample, BoardAttitude, ImuSample, ReferencePose, ServoOutput,
+};
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ControlRecord, HealthRecord, ModeRecord, TextRecord, Topic, UwbRecord};
@@ -50,6 +52,8 @@ pub struct Trace {
     pub attitudes: Vec<BoardAttitude>,
     /// Air pressure.
     pub baros: Vec<BaroSample>,
+    /// What the board told motors and servos.
+    pub servos: Vec<ServoOutput>,
     /// Changes of mode.
     pub modes: Vec<ModeRecord>,
     /// Motion capture.
@@ -78,6 +82,7 @@ impl Trace {
             batteries: Vec::new(),
             attitudes: Vec::with_capacity(STEPS_EXPECTED),
             baros: Vec::new(),
+            servos: Vec::new(),
             modes: Vec::new(),
             references: Vec::new(),
             health: Vec::new(),
@@ -98,6 +103,7 @@ impl Trace {
         self.batteries.clear();
         self.attitudes.clear();
         self.baros.clear();
+        self.servos.clear();
         self.modes.clear();
         self.references.clear();
         self.health.clear();
@@ -145,8 +151,9 @@ impl Trace {
             Topic::Battery(r) => self.batteries.push(r),
             Topic::BoardAttitude(r) => self.attitudes.push(r),
             Topic::Baro(r) => self.baros.push(r),
+            Topic::Servos(r) => self.servos.push(r),
             // The diagnosis has no use for these.
-            Topic::Mag(_) | Topic::OtherBattery(_) | Topic::Servos(_) | Topic::Shadow(_) => {}
+            Topic::Mag(_) | Topic::OtherBattery(_) | Topic::Shadow(_) => {}
             Topic::Reference(r) => self.references.push(r),
             Topic::Mode(r) => self.modes.push(r),
             Topic::Text(r) => self.texts.push(r),

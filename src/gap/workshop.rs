@@ -83,7 +83,8 @@ impl Settings {
     /// These choices for flights by [`specs`].
     pub fn beside_flights(self) -> Self {
         let resolution = specs().iter().map(|s| s.resolution).collect();
-        Self { resolution, ..self }
+        let relative = specs().iter().map(|s| s.relative).collect();
+        Self { resolution, relative, ..self }
     }
 }
 

@@ -37,6 +37,7 @@ use self::library::{Library, Part};
 pub use self::rungs::Rungs;
 use self::teachers::Teachers;
 use self::trials::Limits;
+use self::whiten::LEAST_REFERENCES;
 use crate::bank::{Bank, BankError};
 use crate::outcome::{Outcome, Remainder};
 use haltere_model::effects::Block;
@@ -77,6 +78,20 @@ pub struct Settings {
     pub resolution: Vec<f64>,
     /// Least change of every statistic that matters, in its unit; empty: everything matters.
     pub material: Vec<f64>,
+    /// Statistics that say something beside references only, by place; empty: none.
+    pub relative: Vec<bool>,
+}
+
+impl Settings {
+    /// Whether a statistic may be used beside these references. What this vehicle does not say, as a board that tells nothing of
+    /// its servos, is no gap.
+    fn usable(&self, place: usize, references: &[Vec<f64>]) -> bool {
+        if references.len() < LEAST_REFERENCES {
+            return !self.relative.get(place).is_some_and(|it| *it);
+        }
+        let known = |row: &&Vec<f64>| row.get(place).is_some_and(|v| v.is_finite());
+        references.iter().filter(known).count() >= LEAST_REFERENCES
+    }
 }
 
 impl Default for Settings {
@@ -95,6 +110,7 @@ impl Default for Settings {
             polished: 8,
             resolution: Vec::new(),
             material: Vec::new(),
+            relative: Vec::new(),
         }
     }
 }
@@ -298,14 +314,15 @@ impl Attributor {
         let mut teachers = Teachers::new(bank, references, blocks);
         teachers.calibration = calibration;
         let all = Part { held_out: None };
-        let library = teachers.library(all, &teachers.reference_rows(), |_| true, settings);
+        let allowed = |j: usize| settings.usable(j, references);
+        let library = teachers.library(all, &teachers.reference_rows(), allowed, settings);
         if library.whitening.width() == 0 {
             return Err(BankError::NothingUsable { names: expected }.into());
         }
         let groups = teachers.groups(all, &library);
         let limits = match learned {
             Some(Learned(limits)) => limits,
-            None => trials::limits(&teachers, settings, |_| true),
+            None => trials::limits(&teachers, settings, allowed),
         };
         Ok(Self {
             library,
@@ -320,7 +337,10 @@ impl Attributor {
 
     /// Explains a flight. NaN statistics are left out, with all that was learned about them.
     pub fn attribute(&self, statistics: &[f64]) -> Attribution {
-        let known = |j: usize| statistics.get(j).is_some_and(|v| v.is_finite());
+        let known = |j: usize| {
+            statistics.get(j).is_some_and(|v| v.is_finite())
+                && self.settings.usable(j, &self.references)
+        };
         let unknown: Vec<String> = self
             .library
             .whitening

@@ -251,3 +251,30 @@ fn regress_what_leaves_nothing_and_is_foretold_is_not_refused() {
     assert!(nothing.len() > 5 && !nothing.iter().any(|a| is_refused(a)), "{}", nothing.len());
     assert!(some.iter().any(|a| is_refused(a)), "{}", some.len());
 }
+
+/// A board that tells nothing of its servos is no gap, and a number that only accepted flights of the vehicle give a meaning to
+/// says nothing without them.
+#[test]
+fn prop_what_a_vehicle_does_not_say_is_not_asked_of_its_flights() {
+    let mut toy = Toy::new(SMALL, 29);
+    let (bank, blocks) = (toy.bank(), toy.blocks());
+    let mut references: Vec<Vec<f64>> = (0..8).map(|_| toy.flight(&[], true, false)).collect();
+    let mut flight = toy.flight(&[], true, false);
+    let learn = |references: &[Vec<f64>], relative: Vec<bool>| {
+        let settings = Settings { relative, ..Settings::default() };
+        Attributor::new(&bank, references, &[], &blocks, &settings).unwrap()
+    };
+    let all = learn(&references, Vec::new()).attribute(&flight).used;
+    let relative: Vec<bool> = (0..flight.len()).map(|j| j == 3).collect();
+    assert_eq!(learn(&references, relative.clone()).attribute(&flight).used, all);
+    let without = learn(&[], relative).attribute(&flight);
+    assert_eq!((without.used, without.unknown.len()), (all - 1, 0));
+    references.iter_mut().for_each(|row| row[3] = f64::NAN);
+    let silent = learn(&references, Vec::new());
+    assert_eq!(
+        (silent.attribute(&flight).used, silent.attribute(&flight).unknown.len()),
+        (all - 1, 0)
+    );
+    flight[3] = f64::NAN;
+    assert!(silent.attribute(&flight).unknown.is_empty());
+}

@@ -23,7 +23,7 @@ const SIGMA_PER_MAD: f64 = 1.4826;
 /// A robust sigma below this share of the plain one is that of a variable that is mostly constant.
 const LEAST_ROBUST_SHARE: f64 = 0.3;
 /// Fewer reference flights say nothing about a centre and a scatter.
-const LEAST_REFERENCES: usize = 4;
+pub(super) const LEAST_REFERENCES: usize = 4;
 /// Weight of "no correlation" on the covariance of reference flights: there are far fewer of them
 /// than statistics.
 const REFERENCE_SHRINKAGE: f64 = 0.7;

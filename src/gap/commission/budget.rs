@@ -397,7 +397,7 @@ impl<'a> Shares<'a> {
         let seeds: Vec<u64> = (0..BENIGN_FLIGHTS as u64).map(|k| SHARE_SEED + k).collect();
         let mut scales = scales(&hand.rows(&vehicle, &nominal, &seeds, true));
         for (scale, spec) in scales.iter_mut().zip(specs()) {
-            *scale = scale.hypot(spec.resolution);
+            *scale = if spec.relative { f64::NAN } else { scale.hypot(spec.resolution) };
         }
         let before = flown(hand, &[]);
         let paired = |after: &[Vec<f64>]| -> Vec<Paired> {

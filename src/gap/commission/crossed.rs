@@ -110,7 +110,8 @@ fn nearness(
         })
         .collect();
     let nearness = |block: &'static str, of: usize, is_of: &dyn Fn(usize) -> bool| {
-        let places: Vec<usize> = (0..specs().len()).filter(|j| is_of(*j)).collect();
+        let places: Vec<usize> =
+            (0..specs().len()).filter(|j| is_of(*j) && !specs()[*j].relative).collect();
         let far = |row: &[f64], from: &[f64]| apart(row, from, &sigmas, &places);
         let mut benign: Vec<f64> = benign.iter().map(|row| far(row, middle)).collect();
         benign.sort_by(f64::total_cmp);

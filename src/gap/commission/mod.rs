@@ -332,7 +332,8 @@ impl Linear {
             let of = |row: &Vec<f64>| row[*j];
             let first = of(&simulated[0]);
             // One that never varies says nothing, and would say it without end.
-            real.iter().chain(&simulated).all(|row| of(row).is_finite())
+            !specs()[*j].relative
+                && real.iter().chain(&simulated).all(|row| of(row).is_finite())
                 && simulated.iter().any(|row| (of(row) - first).abs() > NEGLIGIBLE * first.abs())
         };
         let places: Vec<usize> = (0..specs().len()).filter(known).collect();

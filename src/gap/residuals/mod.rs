@@ -6,6 +6,7 @@ pub mod battery;
 pub mod bias;
 pub mod force;
 pub mod loops;
+pub mod servos;
 pub mod timing;
 pub mod uwb;
 
@@ -56,6 +57,9 @@ pub struct StatSpec {
     /// Smallest difference that says anything about the vehicle, in the statistic's unit; zero: any.
     /// The simulator is exact to the last bit where a computer is not.
     pub resolution: f64,
+    /// Says something beside accepted flights of the same vehicle only: laws and trims of its board, which no vehicle file
+    /// knows.
+    pub relative: bool,
 }
 
 /// Statistics as they are written: what they are and how large, in one list.
@@ -84,8 +88,16 @@ impl Sheet {
             unit,
             meaning,
             resolution: 0.0,
+            relative: false,
         });
         self.values.push(if value.is_finite() { value } else { f64::NAN });
+    }
+
+    /// The statistic that was put last is [`StatSpec::relative`].
+    pub fn relative(&mut self) {
+        if let Some(spec) = self.specs.last_mut() {
+            spec.relative = true;
+        }
     }
 
     /// Resolution of the statistic that was put last.
