@@ -148,16 +148,13 @@ impl BankOptions {
 
     /// Flights of this bank, as a share of those of the full one with the standard library.
     pub fn share(&self) -> f64 {
-        let effects = haltere_gap::library::standard().len();
-        let kept = if self.only.is_empty() {
-            effects - self.without.len().min(effects)
-        } else {
-            self.only.len()
+        let all = haltere_gap::library::standard();
+        let flights = |size: &BankSize, library: &[&EffectSpec]| {
+            (size.seeds + size.jitter + size.draws_of_all(library)) as f64
         };
-        let flights = |size: &BankSize, effects: usize| {
-            (size.seeds + size.jitter + size.draws * effects) as f64
-        };
-        flights(&self.size(), kept) / flights(&BankSize::default(), effects)
+        // What is wrong with the library is said where it is asked for.
+        let kept = self.library().unwrap_or_default();
+        flights(&self.size(), &kept) / flights(&BankSize::default(), &all)
     }
 
     /// The standard library without what is left out; an unknown id is refused.

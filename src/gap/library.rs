@@ -14,13 +14,13 @@ use haltere_model::effects::{ALL, EffectSet, EffectSpec, ParameterSpec, Role};
 use haltere_model::random::Stream;
 use haltere_model::room::Room;
 
-/// The 44 effects that GAP.md marks, ids of its section 3: what is a candidate unless the user
-/// says otherwise. The nine others of the list are not candidates yet: some of them cannot be
-/// told from one of these on a flight (L2 from T2), A12 takes what backlash of another law does, the rest was not tried.
-pub const STANDARD: [&str; 44] = [
+/// The 46 effects that GAP.md marks, ids of its section 3: what is a candidate unless the user
+/// says otherwise. The seven others of the list are not candidates: A12 takes what backlash of another
+/// law does, P8 was not found where it was, T4 is no gap of a vehicle, the rest was not tried.
+pub const STANDARD: [&str; 46] = [
     "A1", "A2", "A3", "A4", "A5", "A6", "A7", "A8", "A9", "A10", "P1", "P2", "P3", "P4", "P5",
-    "P6", "P7", "I1", "I2", "L1", "L3", "L4", "L5", "L6", "M1", "M2", "M3", "M4", "M5", "M6", "U1",
-    "U2", "U3", "U5", "U6", "U7", "U8", "U9", "U10", "T1", "T2", "T3", "H1", "H2",
+    "P6", "P7", "I1", "I2", "L1", "L2", "L3", "L4", "L5", "L6", "M1", "M2", "M3", "M4", "M5", "M6",
+    "U1", "U2", "U3", "U4", "U5", "U6", "U7", "U8", "U9", "U10", "T1", "T2", "T3", "H1", "H2",
 ];
 
 /// Distance of a drawn place from the walls, m: where the standard flights come.

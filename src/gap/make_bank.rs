@@ -12,7 +12,7 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use rayon::prelude::*;
 
 use super::axis::Axis;
-use super::bank::{Bank, Draw, EffectDraws};
+use super::bank::{Bank, Draw, EffectDraws, LEAST_DRAWS};
 use super::fly::{NotFlown, fly_observed_into};
 use super::library;
 use super::nominal::Nominal;
@@ -58,12 +58,27 @@ pub struct BankSize {
     pub seeds: usize,
     /// Flights with jitter.
     pub jitter: usize,
-    /// Flights per effect.
+    /// Flights of an effect with two parameters ([`BankSize::draws_of`]).
     pub draws: usize,
 }
 
+impl BankSize {
+    /// Flights of this effect. A place in the room and one of six anchors take more of them to learn than a loss of thrust, so
+    /// their number goes with that of the parameters: 0.75 of `draws` for one, twice for six. A choice counts twice.
+    pub fn draws_of(&self, spec: &EffectSpec) -> usize {
+        let few = self.draws.min(LEAST_DRAWS);
+        let choices = spec.parameters.iter().filter(|p| p.is_choice()).count();
+        (self.draws * (spec.parameters.len() + choices + 2)).div_ceil(4).max(few)
+    }
+
+    /// Flights of all effects of a library.
+    pub fn draws_of_all(&self, library: &[&EffectSpec]) -> usize {
+        library.iter().map(|spec| self.draws_of(spec)).sum()
+    }
+}
+
 impl Default for BankSize {
-    /// Some 1900 flights with the standard library: GAP.md 2.8 allows three minutes on two cores. What fewer and more of them are
+    /// Some 2100 flights with the standard library: GAP.md 2.8 allows three minutes on two cores. What fewer and more of them are
     /// worth, and how long they take: sim/lab/RUNS.md, runs 32 to 40. GAP.md asks for 200 seeds (2.3): flights with
     /// jitter are what limits rest on, and 24 seeds serve as well as 120.
     fn default() -> Self {
@@ -151,7 +166,7 @@ impl End {
 /// Flies the whole bank on all cores. `progress` hears of every flight: done, of how many.
 pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made {
     let nulls = nulls(recipe);
-    let total = nulls.len() + recipe.library.len() * recipe.size.draws;
+    let total = nulls.len() + recipe.size.draws_of_all(recipe.library);
     let done = AtomicUsize::new(0);
     let tell = || progress(done.fetch_add(1, Ordering::Relaxed) + 1, total);
     let hand = Hand { recipe, nominal: Nominal::of_scene(recipe.scene) };
@@ -259,19 +274,22 @@ fn nulls(recipe: &Recipe<'_>) -> Vec<Null> {
 /// the seed of a flight without one, so that both have the same constants, noise and start (common random numbers;
 /// Glasserman and Yao 1992), and differ by the effect alone. `seeds`: of the flown flights with jitter.
 fn drawn(recipe: &Recipe<'_>, seeds: &[u64]) -> Vec<Drawn> {
-    let (draws, scene) = (recipe.size.draws, recipe.scene);
+    let scene = recipe.scene;
     let anchors = anchors(scene);
     let twins = if seeds.len() < FOLDS { seeds.len() } else { seeds.len() - seeds.len() % FOLDS };
     let mut all: Vec<Drawn> = Vec::new();
+    let mut first = 0;
     for (place, spec) in recipe.library.iter().enumerate() {
+        let draws = recipe.size.draws_of(spec);
         let mut rng = Stream::new(recipe.seed, spec.id);
         let thetas = library::draws(spec, &scene.vehicle, &scene.room, anchors, draws, &mut rng);
         for (k, theta) in thetas.into_iter().enumerate() {
-            let Some(twin) = (place * draws.next_multiple_of(FOLDS) + k).checked_rem(twins) else {
+            let Some(twin) = (first + k).checked_rem(twins) else {
                 return all;
             };
             all.push(Drawn { seed: seeds[twin], place, theta, number: k, twin });
         }
+        first += draws.next_multiple_of(FOLDS);
     }
     all
 }
@@ -598,7 +616,10 @@ mod tests {
         let made = make(&recipe, |_, _| {});
         assert!(made.lost.is_empty(), "{:?}", made.lost);
         assert_eq!((made.bank.seeds.len(), made.bank.jitter.len()), (1, 1));
-        assert!(made.bank.effects.iter().all(|e| e.draws.len() == 1));
+        let asked = library.iter().map(|spec| recipe.size.draws_of(spec));
+        assert!(made.bank.effects.iter().map(|e| e.draws.len()).eq(asked.clone()));
+        // Of one draw for two parameters: one of P1, two of U2, which has an anchor to choose.
+        assert_eq!(asked.collect::<Vec<_>>(), [1, 2]);
         let known = made.bank.seeds[0].iter().filter(|v| v.is_finite()).count();
         assert!(known * 2 > made.bank.names.len(), "{known} of {}", made.bank.names.len());
     }

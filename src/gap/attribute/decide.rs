@@ -196,7 +196,7 @@ impl Attributor {
         // What an effect foretells overrules what our own world says of it, either way; against a limit its name must be surer.
         let overrules = own.probability >= self.settings.coverage
             && adequacy.foretold >= adequacy.foretold_limit;
-        let believed = if adequate { !(sure && foretold.fails()) } else { sure && overrules };
+        let believed = if adequate { !foretold.fails() } else { sure && overrules };
         let residual = match &pair {
             Some(p) => p.residual.clone(),
             None => library.residual(&case.z, first),

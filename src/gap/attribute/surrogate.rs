@@ -25,7 +25,8 @@ const KEPT_SHARE: f64 = 0.999;
 /// Directions of residual noise that are kept.
 const MOST_NOISE_DIRECTIONS: usize = 6;
 /// Levels of `τ²` at which the noise is prepared; between them the likelihood is interpolated.
-pub(super) const LEVELS: [f64; 5] = [0.015_625, 0.0625, 0.25, 1.0, 4.0];
+pub(super) const LEVELS: [f64; 7] =
+    [0.000_976_562_5, 0.003_906_25, 0.015_625, 0.0625, 0.25, 1.0, 4.0];
 
 /// Form of the dependence on θ.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -464,10 +465,11 @@ mod tests {
         let z = DMatrix::from_fn(41, p, |i, j| rows[i][j]);
         let refs: Vec<&[f64]> = thetas.iter().map(|t| t.as_slice()).collect();
         let law = Law { form: 0.3, whitening: &whitening };
+        let whole = LEVELS.iter().position(|level| *level == 1.0).unwrap();
         let left = |law: Option<&Law<'_>>, off: usize| {
             let s = Surrogate::new(&axes(&refs), &refs, &z, law);
             let h = s.coordinates(&s.space.to_unit(&[0.8]));
-            s.noise[3].squared(&(seen(0.8, off, 0.3) - s.mean(&h)))
+            s.noise[whole].squared(&(seen(0.8, off, 0.3) - s.mean(&h)))
         };
         // One statistic of the signature off by 30 % is one sigma of the law; the same error of a statistic that the
         // effect does not touch stays what it is.
