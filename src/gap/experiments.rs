@@ -87,7 +87,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         title: "roll and pitch doublets of two sizes and two lengths",
         how: "a lag scales with size, a dead band swallows the small ones, a delay only shifts them",
         cost_s: 49.0,
-        separates: &[&["L1", "T2", "L4", "T3"], &["A11", "I3", "L1"]],
+        separates: &[&["L1", "L2", "T2", "L4", "T3"], &["A11", "I3", "L1"]],
         means: Means::Flight(lean_doublets),
     },
     Experiment {
@@ -111,7 +111,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         title: "square along the walls at two heights",
         how: "a constant bias stays, a survey error turns with the direction, a blocked path has its place",
         cost_s: 62.0,
-        separates: &[&["U2", "U7", "U8", "U5"], &["A10", "A6"]],
+        separates: &[&["U2", "U4", "U7", "U8", "U5"], &["A10", "A6"]],
         means: Means::Flight(room_edge_square),
     },
     Experiment {
@@ -290,7 +290,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         title: "measure the anchors again",
         how: "distances from each suspect to three others, by tape",
         cost_s: 300.0,
-        separates: &[&["U2", "U7", "U8", "U5"]],
+        separates: &[&["U2", "U4", "U7", "U8", "U5"]],
         means: Means::Bench(&[
             Reading { what: "north", unit: "m", resolution: 0.03, of: &[("U7", "north", 1.0)] },
             Reading { what: "east", unit: "m", resolution: 0.03, of: &[("U7", "east", 1.0)] },
@@ -329,7 +329,7 @@ pub static EXPERIMENTS: &[Experiment] = &[
         title: "log when the board receives each setpoint",
         how: "compare with the companion's own log over 60 s on the bench, clocks aligned by TIMESYNC",
         cost_s: 300.0,
-        separates: &[&["L1", "T2", "L4", "T3"]],
+        separates: &[&["L1", "L2", "T2", "L4", "T3"]],
         means: Means::Bench(&[
             Reading { what: "delay", unit: "ms", resolution: 4.0, of: &[("T2", "delay", 1.0)] },
             Reading {

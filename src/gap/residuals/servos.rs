@@ -21,18 +21,18 @@ use haltere_model::effects::Block;
 
 /// Pulse widths, µs: what is beyond is in another unit.
 const PULSES_US: std::ops::RangeInclusive<f32> = 800.0..=2200.0;
-/// Middle of the travel, µs.
+/// Middle of the travel, µs: of hobby servos, and where the Flapper centres its own.
 const MIDDLE_US: f64 = 1500.0;
 /// Fewest outputs in the air: 20 s of them at 10 Hz.
 const LEAST: usize = 200;
-/// Least share of the variance that a regression must take away.
+/// Least share of the variance that a regression must take away (judgement).
 const FOLLOWS: f64 = 0.25;
 /// Lags of the motors that are looked at, in steps of 10 ms.
 const LAG_STEPS: std::ops::RangeInclusive<i32> = -5..=30;
 const LAG_STEP_S: f64 = 0.01;
 /// Commands come every 10 ms and are held, to half of which a lag is told.
 const HELD_S: f64 = 0.005;
-/// Prior of `c`, `P`, `D`, `t`: full travel, per rad, per rad/s, per weight.
+/// Prior of `c`, `P`, `D`, `t`, µs: full travel; six times it per rad, twice per rad/s, once per weight.
 const PRIOR_US: [f64; 4] = [500.0, 3000.0, 1000.0, 500.0];
 /// Largest error of attitude that is looked at, rad: beyond it boards act on no more.
 const ACTED_ON_RAD: f64 = 0.3;
@@ -40,7 +40,7 @@ const ACTED_ON_RAD: f64 = 0.3;
 const OF_SPREAD: f64 = 0.1;
 /// What pulses come in, µs.
 const QUANTUM_US: f64 = 1.0;
-/// Noise of a row, µs: a tenth of the travel.
+/// Noise of a row, µs: a tenth of the travel. Both are judgement: hundreds of rows outweigh them.
 const ROW_US: f64 = 50.0;
 
 const AXES: [(&str, Channel); 3] =
@@ -90,7 +90,7 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
 
 fn told(f: &Flight<'_>) -> Vec<Told> {
     let one = |s: &ServoOutput| {
-        let pulses = s.outputs().first_chunk::<4>().filter(|_| s.port == 0 || s.port == 1)?;
+        let pulses = s.outputs().first_chunk::<4>().filter(|_| s.port == 0)?;
         if pulses.iter().any(|p| !PULSES_US.contains(p)) {
             return None;
         }
