@@ -189,6 +189,7 @@ fn prop_servos_tell_a_trim_from_a_tilted_accelerometer_whatever_their_sign() {
     let reversed = told([0, 1, 2, 3], [-0.5, 1.0, -1.0, 1.0]);
     assert!((reversed - as_it_is).abs() < 0.02 * as_it_is.abs(), "{reversed} {as_it_is}");
     assert!(told([1, 0, 3, 2], [1.0; 4]).is_nan(), "motors where servos should be");
+    assert!(told([1, 0, 2, 3], [1.0; 4]).is_nan(), "the Flapper's board of 2021");
 }
 
 #[test]

@@ -54,6 +54,7 @@ pub mod servo;
 pub mod tag;
 pub mod truth;
 pub mod vehicle;
+mod waiting;
 pub mod wings;
 
 pub use effects::EffectSet;

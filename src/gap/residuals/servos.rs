@@ -2,17 +2,19 @@
 //!
 //! Whatever holds the vehicle level has to be told: a servo out of trim, a centre of mass beside the middle and a weak wing
 //! show here in full, while a board with an integrator leaves nothing of them in the attitude; a tilted accelerometer shows
-//! nothing. Outputs in the order of the Flapper's firmware (Crazyflie, `power_distribution_flapper.c`): pitch servo, left motor,
-//! yaw servo, right motor. Per axis
+//! nothing. Outputs in the order of the Flapper's firmware (Crazyflie, `power_distribution_flapper.c`, boards since 2022): pitch
+//! servo, left motor, yaw servo, right motor. Per body axis
 //!
 //! ```text
-//! u = c + P e - D ω + t (T/W - 1)        e attitude error, rad; ω rate, rad/s; T/W thrust over weight
+//! u = c + P e - D ω + t (T/W - 1)     u command, µs from the middle, of roll left less right; e attitude error, rad;
+//!                                     ω rate, rad/s; T/W thrust over weight
 //! ```
 //! and ± mean(u) / std(u) and ± `t` / std(u) with the sign of `P`: what the vehicle is held with against what it is steered with;
 //! `P / D`, 1/s, of roll and pitch, for the airframe damps yaw by itself. Travel, unit and sign of an output cancel, so that boards
 //! that differ in them can be compared.
 //! Both motors follow the commanded throttle, so the lag of theirs is that of commands, without any dynamics of the vehicle.
-//! Where they do not follow it, outputs are in another order, and nothing is said.
+//! Where one of them does not, outputs are in another order, as on the Flapper's board of 2021, and nothing is said. The regression is
+//! our own, chosen by which numbers repeat from flight to flight.
 
 use super::{Channel, Flight, Sheet};
 use crate::regress::{Ridge, log, moments};
@@ -21,7 +23,7 @@ use haltere_model::effects::Block;
 
 /// Pulse widths, µs: what is beyond is in another unit.
 const PULSES_US: std::ops::RangeInclusive<f32> = 800.0..=2200.0;
-/// Middle of the travel, µs: of hobby servos, and where the Flapper centres its own.
+/// Middle of the travel, µs: of hobby servos, and where the Flapper's stand unless its owner trims them.
 const MIDDLE_US: f64 = 1500.0;
 /// Fewest outputs in the air: 20 s of them at 10 Hz.
 const LEAST: usize = 200;
@@ -53,7 +55,13 @@ struct Told {
     share: f64,
     t_s: f64,
     axes_us: [f64; 3],
-    motors_us: f64,
+    motors_us: [f64; 2],
+}
+
+impl Told {
+    fn throttle_us(&self) -> f64 {
+        0.5 * (self.motors_us[0] + self.motors_us[1])
+    }
 }
 
 /// Writes the statistics; `None` lists them.
@@ -64,21 +72,24 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         let found = told.as_ref().filter(|_| lag.is_some());
         let [early, late, thrust, stiff] =
             found.and_then(|(f, told)| regress(f, told, axis)).unwrap_or([f64::NAN; 4]);
-        let mut put = |what: &str, block, unit, meaning, value| {
-            sheet.put((block, channel), format!("servo.{name}.{what}"), unit, meaning, value);
-            sheet.relative();
-            if unit == "1" {
-                sheet.resolved_to(OF_SPREAD);
-            }
-        };
         // Two numbers, so that one can be held against what the other says.
-        put("early", Block::Actuators, "1", "mean command over its spread, first half", early);
-        put("late", Block::Actuators, "1", "the same of the second half", late);
-        put("thrust", Block::Actuators, "1", "in proportion to thrust beyond hover", thrust);
+        for (what, meaning, value) in [
+            ("early", "mean command over its spread, first half", early),
+            ("late", "the same of the second half", late),
+            ("thrust", "in proportion to thrust beyond hover", thrust),
+        ] {
+            let at = (Block::Actuators, channel);
+            sheet.put(at, format!("servo.{name}.{what}"), "1", meaning, value);
+            sheet.relative();
+            sheet.resolved_to(OF_SPREAD);
+        }
         if axis == 2 {
             continue; // the airframe damps it by itself
         }
-        put("stiff", Block::InnerLoop, "1/s", "command per error over command per rate", stiff);
+        let at = (Block::InnerLoop, channel);
+        let meaning = "command per error over command per rate";
+        sheet.put(at, format!("servo.{name}.stiff"), "1/s", meaning, stiff);
+        sheet.relative();
     }
     let [late, misfit] = lag.unwrap_or([f64::NAN; 2]);
     let at = (Block::Link, Channel::Timing);
@@ -101,7 +112,7 @@ fn told(f: &Flight<'_>) -> Vec<Told> {
             share,
             t_s: s.received_at.seconds_since(f.line.start),
             axes_us: [left - right, pitch - MIDDLE_US, yaw - MIDDLE_US],
-            motors_us: 0.5 * (left + right),
+            motors_us: [left, right],
         })
     };
     f.trace.servos.iter().filter_map(one).collect()
@@ -115,26 +126,22 @@ fn motor_lag(f: &Flight<'_>, told: &[Told]) -> Option<[f64; 2]> {
     }
     let controls = &f.trace.controls;
     let times: Vec<f64> = controls.iter().map(|c| c.at.seconds_since(f.line.start)).collect();
-    let n = told.len() as f64;
-    let mean = told.iter().map(|t| t.motors_us).sum::<f64>() / n;
-    let all = told.iter().map(|t| (t.motors_us - mean).powi(2)).sum::<f64>() / n;
-    let mut misfits = Vec::new();
-    for lag in LAG_STEPS {
-        let lag_s = f64::from(lag) * LAG_STEP_S;
-        let (mut x1, mut xx, mut xy) = (0.0, 0.0, 0.0);
-        for t in told {
-            let at = times.partition_point(|s| *s <= t.t_s - lag_s).saturating_sub(1);
-            let x = controls[at].thrust_frac;
-            (x1, xx, xy) = (x1 + x / n, xx + x * x / n, xy + x * (t.motors_us - mean) / n);
-        }
-        let variance = xx - x1 * x1;
-        if variance <= f64::EPSILON {
-            return None;
-        }
-        misfits.push(all - xy * xy / variance * f64::from(u8::from(xy > 0.0)));
-    }
+    let throttle = |lag: i32| -> Vec<f64> {
+        let held = |t: &Told| {
+            let before = times.partition_point(|s| *s <= t.t_s - f64::from(lag) * LAG_STEP_S);
+            controls[before.saturating_sub(1)].thrust_frac
+        };
+        told.iter().map(held).collect()
+    };
+    let both: Vec<f64> = told.iter().map(Told::throttle_us).collect();
+    let misfits: Vec<f64> = LAG_STEPS.map(|lag| misfit(&throttle(lag), &both)).collect();
     let (i, best) = misfits.iter().copied().enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    if best > (1.0 - FOLLOWS) * all {
+    let at_best = throttle(*LAG_STEPS.start() + i as i32);
+    let follows = |motor: usize| {
+        let us: Vec<f64> = told.iter().map(|t| t.motors_us[motor]).collect();
+        misfit(&at_best, &us) < (1.0 - FOLLOWS) * moments(us.iter().copied()).std.powi(2)
+    };
+    if !(follows(0) && follows(1)) {
         return None;
     }
     let mut lag = f64::from(*LAG_STEPS.start()) + i as f64;
@@ -142,7 +149,17 @@ fn motor_lag(f: &Flight<'_>, told: &[Told]) -> Option<[f64; 2]> {
         let (a, b, c) = (misfits[i - 1], misfits[i], misfits[i + 1]);
         lag += 0.5 * (a - c) / (a - 2.0 * b + c).max(1e-9);
     }
+    let all = moments(both.iter().copied()).std.powi(2);
     Some([lag * LAG_STEP_S, 0.5 * log((best + QUANTUM_US * QUANTUM_US) / all)])
+}
+
+/// Mean square that a line through `x` that rises leaves of `y`.
+fn misfit(x: &[f64], y: &[f64]) -> f64 {
+    let [mx, my] = [x, y].map(|v| moments(v.iter().copied()));
+    let n = x.len() as f64;
+    let together = x.iter().zip(y).map(|(x, y)| (x - mx.mean) * (y - my.mean)).sum::<f64>() / n;
+    let variance = mx.std.powi(2).max(f64::MIN_POSITIVE);
+    my.std.powi(2) - together.max(0.0).powi(2) / variance
 }
 
 /// ± mean(u) / std(u) of both halves of the flight, ± `t` / std(u) and `P / D` of an axis.

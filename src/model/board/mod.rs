@@ -22,12 +22,12 @@ use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream::MavSplitter;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
 
 use crate::effects::{AttitudeError, Bank, ImuReading, STEP_S, Setpoint, State, Supply};
 use crate::faults::Fault;
 use crate::magnetometer::MagnetometerSettings;
 use crate::vehicle::Vehicle;
+use crate::waiting::Waiting;
 use crate::wings::ActuatorCommand;
 use haltere_core::checks::Problems;
 
@@ -157,9 +157,8 @@ pub struct Board {
     hold: Option<UnitQuaternion<f64>>,
     spool_s: f64,
     output: ActuatorCommand,
-    /// Commands of the last [`BoardSettings::loop_delay_s`], oldest first, and how many they are.
-    waiting: VecDeque<ActuatorCommand>,
-    loop_delay_steps: usize,
+    /// Commands of the last [`BoardSettings::loop_delay_s`].
+    waiting: Waiting<ActuatorCommand>,
     losses: u64,
     /// Plant time of its last reboot, µs.
     rebooted_us: Option<u64>,
@@ -204,8 +203,7 @@ impl Board {
             hold: None,
             spool_s: 0.0,
             output: ActuatorCommand::default(),
-            waiting: VecDeque::new(),
-            loop_delay_steps: (settings.loop_delay_s / STEP_S).round() as usize,
+            waiting: Waiting::new(settings.loop_delay_s),
             losses: 0,
             rebooted_us: None,
             lies: lies::Lies::default(),
@@ -337,14 +335,7 @@ impl Board {
             };
         }
         let command = self.loops.step(&self.believed, &target, s.rate_B_radps, s.supply_v);
-        if self.loop_delay_steps == 0 {
-            return command;
-        }
-        self.waiting.push_back(command);
-        if self.waiting.len() > self.loop_delay_steps + 1 {
-            self.waiting.pop_front();
-        }
-        self.waiting.front().copied().unwrap_or(command)
+        self.waiting.pass(command)
     }
 
     fn stop(&mut self) -> ActuatorCommand {

@@ -119,6 +119,29 @@ mod tests {
     }
 
     #[test]
+    fn prop_polarisation_takes_its_voltage_late() {
+        // Nothing else lowers the voltage, and so little that the current stays what it is.
+        let mut plain = vehicle::Vehicle::default();
+        (plain.battery.resistance_ohm, plain.battery.capacity_mah) = (0.0, 1e4);
+        let mut polarised = plain.clone();
+        polarised.battery.slow_ohm = 0.01;
+        let share_lost = |seconds: f64| {
+            let [plain_v, [late_v, current_a]] = [&plain, &polarised].map(|vehicle| {
+                let mut battery = probe::build_values(&SPEC, &[], vehicle);
+                let mut supply = Supply { volt: 0.0, current_a: 0.0, charge_frac: 1.0 };
+                for _ in 0..(seconds / STEP_S) as usize {
+                    battery.battery(&probe::hover(), &mut supply);
+                }
+                [supply.volt, supply.current_a]
+            });
+            (plain_v[0] - late_v) / (0.01 * current_a)
+        };
+        // 1 - 1/e after the time constant of 20 s, all of it after five of them.
+        let seen = [0.1, 20.0, 100.0].map(share_lost);
+        assert!(seen[0] < 0.01 && (seen[1] - 0.632).abs() < 0.01 && (seen[2] - 0.993).abs() < 0.02, "{seen:?}");
+    }
+
+    #[test]
     fn prop_rest_draws_the_electronics_only() {
         let mut battery = probe::build(&SPEC, &[]);
         let s = State { flap_hz: [0.0; 2], ..probe::hover() };

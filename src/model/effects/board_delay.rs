@@ -3,8 +3,8 @@
 //! `q_obeyed(t) = q_set(t - d)`, thrust alike; `d` a whole number of steps of 2 ms. Commands that are late without more ado are
 //! T2; time inside the loop is L2.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Setpoint, Stage, State};
-use std::collections::VecDeque;
+use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Setpoint, Stage, State};
+use crate::waiting::Waiting;
 
 /// The nominal vehicle's own, from its file.
 pub const NOMINAL: EffectSpec = EffectSpec {
@@ -17,42 +17,17 @@ pub const NOMINAL: EffectSpec = EffectSpec {
     off: "setpoints obeyed at once",
     source: "`haltere gap commission`",
     equation: "q_obeyed(t) = q_set(t - d)",
-    build: |b| Box::new(BoardDelay(Queue::new(b.value[0] * 1e-3))),
+    build: |b| Box::new(BoardDelay(Waiting::new(b.value[0] * 1e-3))),
 };
 
-struct BoardDelay(Queue);
+struct BoardDelay(Waiting<Setpoint>);
 
 impl Effect for BoardDelay {
     fn stages(&self) -> &'static [Stage] {
         &[Stage::Setpoint]
     }
     fn setpoint(&mut self, _s: &State, setpoint: &mut Setpoint) {
-        self.0.pass(setpoint);
-    }
-}
-
-/// Setpoints that wait.
-pub struct Queue {
-    steps: usize,
-    waiting: VecDeque<Setpoint>,
-}
-
-impl Queue {
-    /// For so long, s: whole steps, at most 500.
-    pub fn new(delay_s: f64) -> Self {
-        let steps = (delay_s / STEP_S).round().clamp(0.0, 500.0) as usize;
-        Self { steps, waiting: VecDeque::new() }
-    }
-
-    /// One goes in, and the one that has waited comes out; until then the first.
-    pub fn pass(&mut self, setpoint: &mut Setpoint) {
-        self.waiting.push_back(*setpoint);
-        if self.waiting.len() > self.steps + 1 {
-            self.waiting.pop_front();
-        }
-        if let Some(old) = self.waiting.front() {
-            *setpoint = *old;
-        }
+        *setpoint = self.0.pass(*setpoint);
     }
 }
 

@@ -4,8 +4,8 @@
 //! synchronisation too (`s` 1); a queue before the loops delays setpoints alone (`s` 0). Source: GAP.md T2, 20 to 80 ms. Nearest
 //! confounder: slow inner loop (L1).
 
-use super::board_delay::Queue;
 use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Setpoint, Stage, State};
+use crate::waiting::Waiting;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -24,7 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         let [delay_s, share] = [b.value[0] * 1e-3, b.value[1]];
         Box::new(CommandDelay {
             link_s: share * delay_s,
-            queue: Queue::new((1.0 - share) * delay_s),
+            queue: Waiting::new((1.0 - share) * delay_s),
         })
     },
 };
@@ -32,7 +32,7 @@ pub const SPEC: EffectSpec = EffectSpec {
 struct CommandDelay {
     link_s: f64,
     /// Before the loops.
-    queue: Queue,
+    queue: Waiting<Setpoint>,
 }
 
 impl Effect for CommandDelay {
@@ -45,7 +45,7 @@ impl Effect for CommandDelay {
         }
     }
     fn setpoint(&mut self, _s: &State, setpoint: &mut Setpoint) {
-        self.queue.pass(setpoint);
+        *setpoint = self.queue.pass(*setpoint);
     }
 }
 

@@ -1,8 +1,8 @@
 //! Time passes inside the board's loop: what it tells the actuators is late.
 //!
-//! `u_told(t) = u(t - d)`, `u` of setpoint, attitude and rate alike; `d` a whole number of steps of 2 ms: filters, buses and
-//! servos that are driven slowly. Source: GAP.md L2, 10 to 60 ms; beyond some 40 ms the loop of the Flapper rings without end.
-//! It takes damping and leaves the frequency: of `s² + (2ζω s + ω²) e^(-sd)` the terms to first order in `d` are a loop with
+//! `u_told(t) = u(t - d)`, `u` of setpoint, attitude and rate alike; `d` (s) a whole number of steps of 2 ms: filters, buses and
+//! servos that are driven slowly. Source: GAP.md L2, 10 to 60 ms; up to 40 here, since a loop bears less inside than before it
+//! (judgement). It takes damping and leaves the frequency: of `s² + (2ζω s + ω²) e^(-sd)` the terms to first order in `d` are a loop with
 //! `2ζω - ω² d` in place of `2ζω`. Nearest confounder: commands that come late (T2), which ring no more than before.
 
 use crate::board::BoardSettings;
