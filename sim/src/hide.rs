@@ -30,9 +30,10 @@ const HELD_OUT: u64 = 3;
 /// of a strong one is half of what can just be detected (`SHARES`).
 const HALVINGS: usize = 3;
 /// What is done before the diagnosis, and what that does, with its usual length on two cores by the small bank, s.
-const STAGES: [(&str, f64); 7] = [
+const STAGES: [(&str, f64); 8] = [
     ("flights", 8.0),
     ("reference flights", 3.0),
+    ("commissioning", 10.0),
     ("bank", 80.0),
     ("learning the bank", 10.0),
     ("sizes", 30.0),

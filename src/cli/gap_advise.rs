@@ -21,7 +21,7 @@ use haltere_gap::experiments::{EXPERIMENTS, Means, find};
 use haltere_gap::library::whole;
 use haltere_gap::logs::{self, Flown};
 use haltere_gap::nominal::Nominal;
-use haltere_gap::scene::Scene;
+use haltere_gap::scene::{Scene, Told};
 use haltere_model::effects::EffectSpec;
 
 /// Ranks manoeuvres and bench actions by how well they would tell apart what a diagnosis did not rule
@@ -77,9 +77,10 @@ impl Advise {
         if self.check.is_some() {
             return Ok(moved::say("haltere gap advise --check", "haltere-lab advise --check N"));
         }
+        let mut told = self.told.told()?;
         let (flown, remaining) = match &self.inputs[..] {
             [report] if report.extension().is_some_and(|e| e == "json") => {
-                self.report_of(report)?
+                self.report_of(report, &mut told)?
             }
             [first, ..] => {
                 match open(first, self.which, &[], &self.references, &self.told, &self.options)? {
@@ -90,13 +91,14 @@ impl Advise {
                         let diagnosis = session.judge();
                         tell(first, session.seen.flown.flight);
                         eprintln!("{}", diagnosis.verdict);
+                        told = session.told;
                         (session.seen.flown.clone(), remaining(&diagnosis))
                     }
                 }
             }
             [] => anyhow::bail!("no report and no log"),
         };
-        let scene = flown.scene(&self.told.told()?).for_bank(&flown.mission);
+        let scene = flown.scene(&told).for_bank(&flown.mission);
         if let Some(path) = &self.flown {
             return self.judge_flown(path, &flown, &scene, &remaining);
         }
@@ -138,8 +140,12 @@ impl Advise {
         Ok(ExitCode::SUCCESS)
     }
 
-    fn report_of(&self, path: &Path) -> anyhow::Result<(Flown, Remaining)> {
+    /// Flight and candidates of a report; the vehicle that it was judged by goes to what is told.
+    fn report_of(&self, path: &Path, told: &mut Told) -> anyhow::Result<(Flown, Remaining)> {
         let report = Report::read(path)?;
+        if let Some(vehicle) = report.vehicle() {
+            told.vehicle = vehicle.clone();
+        }
         let log = match &self.log {
             Some(log) => log.clone(),
             None => report.log_beside(path)?,

@@ -95,8 +95,9 @@ where
 }
 
 /// What a diagnosis does, with its usual length on two cores, s.
-const STAGES: [(&str, f64); 8] = [
+const STAGES: [(&str, f64); 9] = [
     ("reference flights", 3.0),
+    ("commissioning", 150.0),
     ("bank", 230.0),
     ("learning the bank", 20.0),
     ("budget", 120.0),
@@ -124,7 +125,7 @@ impl Diagnose {
             "sizes" | "shrink" => self.logs.len() > 1,
             "cells" => self.report.is_some() || self.json,
             "advice" => (self.report.is_some() || self.json) && !self.without_advice,
-            "reference flights" => self.references.any(),
+            "reference flights" | "commissioning" => self.references.any(),
             "budget" => !self.references.any(),
             _ => true,
         };
@@ -303,8 +304,7 @@ impl Diagnose {
         let all = std::iter::once(&mut named).chain(&mut rivals);
         session.resize(&mut all.collect::<Vec<_>>());
         let progress = Progress::new("shrink");
-        let told = self.told.told()?;
-        let r = measure(flights, accepted, &told, &named, &rivals, |done, of| {
+        let r = measure(flights, accepted, &session.told, &named, &rivals, |done, of| {
             progress.at(done, of);
         })?;
         for (k, rung) in diagnosis.ladder.iter_mut().enumerate() {

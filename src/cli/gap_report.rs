@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use haltere_gap::advise::{Hypothesis, Remaining};
 use haltere_gap::library::whole;
+use haltere_model::Vehicle;
 use haltere_model::effects::EffectSpec;
 
 /// A report.
@@ -23,12 +24,18 @@ pub(super) struct Report {
     set: Vec<String>,
     #[serde(default)]
     not_testable: Vec<String>,
+    commissioned: Option<Commissioned>,
     attribution: Option<Attribution>,
 }
 
 #[derive(Debug, Clone, Deserialize)]
 struct Flight {
     number: usize,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+struct Commissioned {
+    vehicle: Vehicle,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -88,6 +95,11 @@ impl Report {
     /// Number of the flight in the log.
     pub fn flight(&self) -> Option<usize> {
         self.flight.as_ref().map(|flight| flight.number)
+    }
+
+    /// The vehicle that was flown in place of the file's.
+    pub fn vehicle(&self) -> Option<&Vehicle> {
+        self.commissioned.as_ref().map(|c| &c.vehicle)
     }
 
     /// What the diagnosis left open.

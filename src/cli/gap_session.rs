@@ -8,13 +8,13 @@ use super::gap_references::{Accepted, References};
 use super::which_flight::{WhichFlight, tell};
 use crate::progress::Progress;
 use haltere_gap::attribute::{Attributor, Settings};
-use haltere_gap::commission::not_yet;
+use haltere_gap::commission::{Fitted, NotCommissioned, fitted, not_yet};
 use haltere_gap::details::{Details, details};
 use haltere_gap::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
 use haltere_gap::held_out::{Explanation, HeldOut, resize_all};
 use haltere_gap::logs::{self, Flown};
 use haltere_gap::nominal::Nominal;
-use haltere_gap::scene::Scene;
+use haltere_gap::scene::{Scene, Told};
 use haltere_gap::workshop::Workshop;
 use haltere_log::record::LogError;
 use haltere_log::replay::ReplayError;
@@ -24,6 +24,10 @@ const LEAST_REFERENCES: usize = 8;
 
 /// A log that can be judged, and everything to judge it by.
 pub(super) struct Session {
+    /// What the user said, with the vehicle that is flown.
+    pub told: Told,
+    /// That vehicle, where accepted flights had to say it.
+    pub fitted: Option<Fitted>,
     pub scene: Scene,
     pub workshop: Workshop,
     pub attributor: Attributor,
@@ -55,7 +59,7 @@ pub(super) fn open(
     told: &SceneOptions,
     options: &BankOptions,
 ) -> anyhow::Result<Opened> {
-    let told = told.told()?;
+    let mut told = told.told()?;
     let library = options.library()?;
     let name = log.display().to_string();
     let fault = |flight, why: String| {
@@ -94,6 +98,14 @@ pub(super) fn open(
             first.len()
         );
     }
+    let until_s = flown.scene(&told).until_s;
+    if let Some(early) = first.iter().find(|flown| !flown.trace.came_as_far_as(until_s)) {
+        anyhow::bail!("{}: no reference: its mission ended too early", early.path.display());
+    }
+    let fitted = vehicle_of(&first, &told, &options.folder())?;
+    if let Some(fitted) = &fitted {
+        told.vehicle = fitted.vehicle.clone();
+    }
     let scene = flown.scene(&told).for_bank(&flown.mission);
     let progress = Progress::new("bank");
     let workshop = Workshop::open(
@@ -111,6 +123,8 @@ pub(super) fn open(
     progress.at(1, 1);
     let seen = observed(flown, &workshop.nominal);
     let session = Session {
+        told,
+        fitted,
         scene,
         workshop,
         attributor,
@@ -123,16 +137,35 @@ pub(super) fn open(
     Ok(Opened::Ready(Box::new(session)))
 }
 
+/// The vehicle as accepted flights show it, where they are not as those of its file are.
+fn vehicle_of(accepted: &[Flown], told: &Told, folder: &Path) -> anyhow::Result<Option<Fitted>> {
+    let Some(first) = accepted.first() else { return Ok(None) };
+    let scene = first.scene(told).for_bank(&first.mission);
+    let progress = Progress::new("commissioning");
+    let tell = |done, of| progress.at(done, of);
+    match fitted(folder, &scene, &first.mission, accepted, tell) {
+        // The bank says which number of the file they fail by.
+        Err(NotCommissioned::NotFlown { .. }) => Ok(None),
+        found => Ok(found?),
+    }
+}
+
 impl Session {
     /// The verdict.
     pub fn judge(&self) -> Diagnosis {
         let mut diagnosis =
             judge(&self.workshop, &self.attributor, self.references.len(), &self.seen);
+        diagnosis.remarks.extend(self.fitted.as_ref().map(Fitted::words));
+        diagnosis.commissioned.clone_from(&self.fitted);
         let not_yet = not_yet(&self.workshop.bank, &self.references);
         diagnosis.remarks.extend(not_yet.map(|why| {
-            format!(
-                "{why}: `haltere gap commission` finds the constants of the vehicle file by them"
-            )
+            // Where they were found already, a constant more is no way out.
+            match self.told.vehicle.commissioned.flights {
+                0 => format!(
+                    "{why}: `haltere gap commission` finds the constants of the vehicle file by them"
+                ),
+                _ => why,
+            }
         }));
         diagnosis
     }
@@ -165,9 +198,6 @@ fn accepted(
     let (mut rows, mut pictures) = (Vec::new(), Vec::new());
     for reference in flights {
         let path = reference.path.clone();
-        if !reference.trace.came_as_far_as(nominal.until_s) {
-            anyhow::bail!("{}: no reference: its mission ended too early", path.display());
-        }
         pictures.extend(details(&reference.trace, nominal).ok());
         match observed(reference, nominal).observation {
             Ok(observation) => rows.push(observation.statistics),

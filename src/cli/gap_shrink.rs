@@ -55,6 +55,7 @@ impl Shrink {
         let explain =
             |theta| Explanation { name: spec.id.to_owned(), effects: vec![(spec, theta)] };
         let accepted;
+        let mut told = self.told.told()?;
         let (asked, others, judged_on) = match given {
             Some(theta) => {
                 let flown = self.judged(&self.logs)?;
@@ -86,15 +87,14 @@ impl Shrink {
                 let mut own = explain(theta);
                 let all = std::iter::once(&mut own).chain(&mut others);
                 session.resize(&mut all.collect::<Vec<_>>());
-                let told = self.told.told()?;
                 for flown in &session.others {
-                    sound(flown, &told)?;
+                    sound(flown, &session.told)?;
                 }
+                told = session.told;
                 accepted = session.held_out_references;
                 (own, others, session.others)
             }
         };
-        let told = self.told.told()?;
         // No parameters: the effect helps at no size.
         let theta = asked.effects.first().map_or(&[][..], |(_, theta)| theta);
         let progress = Progress::new("shrink");

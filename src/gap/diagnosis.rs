@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::advise::Advice;
 use super::attribute::{Attribution, Attributor, Candidate};
 use super::beside_truth::BesideTruth;
+use super::commission::Fitted;
 use super::commission::budget::Budget;
 use super::library::whole;
 use super::logs::{Flown, ParameterDifference};
@@ -77,6 +78,9 @@ pub struct Diagnosis {
     /// Which constants of the vehicle file differ, where no accepted flights told what the vehicle itself differs by.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget: Option<Budget>,
+    /// The vehicle that the simulator flew, where accepted flights had to say it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub commissioned: Option<Fitted>,
     /// What the replay came to.
     pub replay: String,
     /// Reasons why the log cannot be judged.
@@ -350,6 +354,7 @@ pub fn unreadable(log: String, why: String) -> Diagnosis {
         not_testable: Vec::new(),
         shrink: None,
         budget: None,
+        commissioned: None,
         replay: "not_possible".to_owned(),
         faults: vec![why],
         remarks: Vec::new(),
@@ -387,6 +392,7 @@ pub fn judge(
         not_testable: Vec::new(),
         shrink: None,
         budget: None,
+        commissioned: None,
         replay: replay_word(&flown.replay),
         faults: flown.faults.clone(),
         remarks: flown.remarks.clone(),

@@ -51,6 +51,16 @@ pub struct Vehicle {
     pub uwb: Uwb,
     /// Lines between tag, board and companion.
     pub link: Link,
+    /// Whether these numbers are those of flights.
+    pub commissioned: Commissioned,
+}
+
+/// What commissioning (`haltere gap commission`) has made of a file.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Commissioned {
+    /// Accepted flights that constants were found from; 0: none. A diagnosis commissions a file of none by itself.
+    pub flights: u32,
 }
 
 /// Mass properties and fixed points.
@@ -177,6 +187,7 @@ impl Default for Vehicle {
             imu: Imu::default(),
             uwb: Uwb::default(),
             link: Link::default(),
+            commissioned: Commissioned::default(),
         }
     }
 }

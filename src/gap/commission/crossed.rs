@@ -12,7 +12,7 @@ use haltere_model::Vehicle;
 use haltere_model::effects::Block;
 
 /// Flights with benign jitter that say what healthy vehicles differ by.
-const BENIGN_FLIGHTS: usize = 40;
+pub const BENIGN_FLIGHTS: usize = 40;
 /// Share of healthy vehicles within the limit.
 const WITHIN: f64 = 0.95;
 /// How often a simulator that is right is called wrong by what the vehicle's own flights differ by, over all blocks (the usual level).

@@ -19,6 +19,7 @@
 pub mod budget;
 mod constants;
 mod crossed;
+mod kept;
 mod solve;
 #[cfg(test)]
 mod tests;
@@ -45,6 +46,7 @@ use haltere_model::Vehicle;
 use solve::{Evidence, Posterior};
 
 pub use crossed::Nearness;
+pub use kept::{Fitted, Moved, fitted};
 
 /// Fewest accepted flights: of fewer the spread from flight to flight is not known (as for a diagnosis).
 pub const LEAST_FLIGHTS: usize = 8;
@@ -194,11 +196,7 @@ fn commission_for(
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Commissioned, NotCommissioned> {
     let file = &scene.vehicle;
-    let of = ROUNDS * (MEAN_FLIGHTS + 2 * SLOPE_FLIGHTS * constants.len())
-        + crossed::flights(accepted.len());
-    let done = AtomicUsize::new(0);
-    let (least, pairs) = (LEAST_FLIGHTS, SLOPE_FLIGHTS);
-    let hand = Hand { constants, scene, items, done, of, least, pairs, progress };
+    let hand = Hand::of(constants, scene, items, accepted.len(), progress);
     let mut at = vec![0.0; constants.len()];
     for _ in 1..ROUNDS {
         let line = Linear::at(&hand, &at, accepted)?;
@@ -208,7 +206,8 @@ fn commission_for(
     }
     let line = Linear::at(&hand, &at, accepted)?;
     let posterior = line.evidence().solve_shown();
-    let vehicle = hand.moved(&posterior.at);
+    let mut vehicle = hand.moved(&posterior.at);
+    vehicle.commissioned.flights = accepted.len().try_into().unwrap_or(u32::MAX);
     let judged = crossed::judge(&hand, &line, &posterior, accepted);
     let z90 = normal::quantile(0.95);
     let found = |(k, constant): (usize, &Constant)| Found {
@@ -243,6 +242,21 @@ struct Hand<'a> {
     /// Pairs of flights behind a slope.
     pairs: usize,
     progress: &'a (dyn Fn(usize, usize) + Sync),
+}
+
+impl<'a> Hand<'a> {
+    fn of(
+        constants: &'a [Constant],
+        scene: &'a Scene,
+        items: &'a [MISSION_ITEM_INT_DATA],
+        accepted: usize,
+        progress: &'a (dyn Fn(usize, usize) + Sync),
+    ) -> Self {
+        let slopes = 2 * SLOPE_FLIGHTS * constants.len();
+        let of = ROUNDS * (MEAN_FLIGHTS + slopes) + crossed::flights(accepted);
+        let (done, least, pairs) = (AtomicUsize::new(0), LEAST_FLIGHTS, SLOPE_FLIGHTS);
+        Self { constants, scene, items, done, of, least, pairs, progress }
+    }
 }
 
 impl Hand<'_> {
