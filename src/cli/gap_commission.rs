@@ -134,10 +134,12 @@ fn report(found: &Commissioned, seconds: f64) -> String {
     let _ = writeln!(out, "AS THE FILE {}: these flights do not show them", kept.join(", "));
     let _ = writeln!(out, "HELD OUT    block          before   after   limit  healthy    own");
     for n in found.blocks.iter().chain(std::iter::once(&found.whole)) {
+        // Of a file that is not flown there is no before.
+        let before = if n.before.is_nan() { "-".to_owned() } else { format!("{:.2}", n.before) };
         let _ = writeln!(
             out,
-            "            {:<14} {:>6.2}  {:>6.2}  {:>6.2}   {:>6.2} {:>6.2}",
-            n.block, n.before, n.after, n.limit, n.healthy, n.own
+            "            {:<14} {:>6}  {:>6.2}  {:>6.2}   {:>6.2} {:>6.2}",
+            n.block, before, n.after, n.limit, n.healthy, n.own
         );
     }
     let _ = match found.why_not_yet() {

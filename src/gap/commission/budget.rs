@@ -120,6 +120,8 @@ pub struct Budget {
     pub held_out: usize,
     /// Simulated flights that were flown for it.
     pub simulated: usize,
+    /// Whether the simulator flies the mission with the file as it is; without that there are no shares.
+    pub flies: bool,
 }
 
 impl Budget {
@@ -141,6 +143,9 @@ impl Budget {
         };
         match self.left {
             Some(left) => format!("{differ}: {:.2} of the gap is closed", 1.0 - left),
+            None if !self.flies => format!(
+                "{differ}; the simulator does not fly the mission with the file as it is, so that there are no shares"
+            ),
             None => format!("{differ}; all in all the gap is too small for shares"),
         }
     }
@@ -199,7 +204,7 @@ fn budget_for(
     let (judged, fitted) = (of_these(&held_out), of_these(&fitted));
     let real = observed(&hand, if judged.is_empty() { &fitted } else { &judged })?;
 
-    let line = Linear::at(&hand, &vec![0.0; all.len()], &fitted)?;
+    let line = Linear::first(&hand, &fitted)?;
     let limit = limit(&line);
     let first = Found::from(&line, limit);
     let better = (!first.choice.chosen.is_empty())
@@ -387,6 +392,8 @@ struct Shares<'a> {
     /// With the file as it is, and as found.
     paired: Vec<Paired>,
     whole: Shrink,
+    /// Whether there are flights with the file as it is; else those as found stand for them, and there are no shares.
+    flies: bool,
 }
 
 impl<'a> Shares<'a> {
@@ -400,10 +407,11 @@ impl<'a> Shares<'a> {
             *scale = if spec.relative { f64::NAN } else { scale.hypot(spec.resolution) };
         }
         let before = flown(hand, &[]);
+        let flies = before.len() * 2 >= TRIAL_FLIGHTS;
         let paired = |after: &[Vec<f64>]| -> Vec<Paired> {
             let beside = |real: &Vec<f64>| Paired {
                 real: real.clone(),
-                before: before.clone(),
+                before: if flies { before.clone() } else { after.to_vec() },
                 after: after.to_vec(),
                 healthy: Vec::new(),
             };
@@ -413,8 +421,12 @@ impl<'a> Shares<'a> {
             [] => before.clone(),
             _ => flown(hand, &choice.posterior.at),
         };
+        let told = |paired: &[Paired]| {
+            let whole = shrink(paired, &scales, 0);
+            Shrink { value: whole.value.filter(|_| flies), ..whole }
+        };
         let mut after = fly(&found.choice);
-        let whole = shrink(&paired(&after), &scales, 0);
+        let whole = told(&paired(&after));
         let as_near = |choice: Choice| {
             let rows = fly(&choice);
             let far = shrink(&paired(&rows), &scales, 0).after;
@@ -424,8 +436,8 @@ impl<'a> Shares<'a> {
             (found.choice, after) = shorter;
         }
         let paired = paired(&after);
-        let whole = shrink(&paired, &scales, 0);
-        Self { hand, real, scales, paired, whole }
+        let whole = told(&paired);
+        Self { hand, real, scales, paired, whole, flies }
     }
 
     /// Share of the gap that is left with these constants.
@@ -466,8 +478,8 @@ impl<'a> Shares<'a> {
                 left_after: self.left(&choice.put_back(&put_back)),
             });
         }
-        let gap = self.whole.value.is_some() || !parts.is_empty();
-        let blocks = if gap { self.blocks() } else { Vec::new() };
+        let gap = self.whole.value.is_some() || !parts.is_empty() || !self.flies;
+        let blocks = if gap && self.flies { self.blocks() } else { Vec::new() };
         Budget {
             outcome: if gap { BUDGET } else { NO_GAP },
             left: self.whole.value.map(|closed| 1.0 - closed),
@@ -476,6 +488,7 @@ impl<'a> Shares<'a> {
             flights: 0,
             held_out: 0,
             simulated: self.hand.done(),
+            flies: self.flies,
         }
     }
 

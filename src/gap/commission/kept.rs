@@ -141,7 +141,8 @@ fn found(
     }
     let tell = |done, of| progress(FLIGHTS_AS_IS + done, FLIGHTS_AS_IS + of);
     let found = commission_traces(scene, items, accepted, tell)?;
-    let nearer = found.whole.after < found.whole.before;
+    // Of a file that is not flown there is no before.
+    let nearer = found.whole.before.is_nan() || found.whole.after < found.whole.before;
     Ok(if nearer { found.vehicle } else { file.clone() })
 }
 

@@ -42,6 +42,7 @@ use super::statistics::{specs, statistics_of};
 use super::trace::Trace;
 use constants::{CONSTANTS, Constant, moved};
 use haltere_core::checks::Problems;
+use haltere_core::frames::G_MPS2;
 use haltere_model::Vehicle;
 use solve::{Evidence, Posterior};
 
@@ -86,8 +87,8 @@ pub enum NotCommissioned {
     },
     /// The simulator does not fly the mission with the vehicle file as it is.
     #[error(
-        "{flown} of {MEAN_FLIGHTS} simulated flights of this mission came to its end with the vehicle file as it is, at least \
-         {LEAST_FLOWN} are needed: `haltere gap bank LOG --vehicle FILE` says which number they fail by"
+        "{flown} of {MEAN_FLIGHTS} simulated flights of this mission came to its end with the vehicle file as it is, and no more with \
+         thrust for the flap rates of the real ones; at least {LEAST_FLOWN} are needed: `haltere gap bank LOG --vehicle FILE` says which number they fail by"
     )]
     NotFlown {
         /// How many did.
@@ -197,14 +198,12 @@ fn commission_for(
 ) -> Result<Commissioned, NotCommissioned> {
     let file = &scene.vehicle;
     let hand = Hand::of(constants, scene, items, accepted.len(), progress);
-    let mut at = vec![0.0; constants.len()];
+    let mut line = Linear::first(&hand, accepted)?;
     for _ in 1..ROUNDS {
-        let line = Linear::at(&hand, &at, accepted)?;
         let posterior = line.evidence().solve();
         let Some(better) = line.step(&hand, &posterior) else { break };
-        at = better;
+        line = Linear::at(&hand, &better, accepted)?;
     }
-    let line = Linear::at(&hand, &at, accepted)?;
     let posterior = line.evidence().solve_shown();
     let mut vehicle = hand.moved(&posterior.at);
     vehicle.commissioned.flights = accepted.len().try_into().unwrap_or(u32::MAX);
@@ -330,7 +329,40 @@ struct Linear {
     slopes: DMatrix<f64>,
 }
 
+/// The constant that carries the vehicle, and the statistic that shows how well it does.
+const CARRIES: &str = "wings.thrust_n_per_hz";
+const CARRIED: &str = "force.z.const";
+
+/// Where the constants are with thrust that carries the vehicle at the flap rates at which the real one hovered; `None`: flights do not say,
+/// or thrust is not asked for.
+fn carried(hand: &Hand<'_>, accepted: &[&Trace]) -> Result<Option<Vec<f64>>, NotCommissioned> {
+    let file = &hand.scene.vehicle;
+    let real = observed(accepted, hand.least, &hand.nominal(file))?;
+    let statistic = specs().iter().position(|spec| spec.name == CARRIED);
+    let constant = hand.constants.iter().position(|constant| constant.key == CARRIES);
+    let (Some(j), Some(k)) = (statistic, constant) else { return Ok(None) };
+    let [beyond_mps2, _] = moments(&real.iter().collect::<Vec<_>>(), j);
+    // Specific force as measured minus that of nominal thrust, along body z, which points down.
+    let times = G_MPS2 / (G_MPS2 + beyond_mps2);
+    let constant = &hand.constants[k];
+    let by = constant.sigmas(file, times * constant.value(file));
+    let mut at = vec![0.0; hand.constants.len()];
+    at[k] = by;
+    Ok((times > 0.0 && by.is_finite()).then_some(at))
+}
+
 impl Linear {
+    /// At the file, or, where its simulator does not fly, where thrust carries it.
+    fn first(hand: &Hand<'_>, accepted: &[&Trace]) -> Result<Self, NotCommissioned> {
+        let at_file = Self::at(hand, &vec![0.0; hand.constants.len()], accepted);
+        let Err(not_flown @ NotCommissioned::NotFlown { .. }) = at_file else { return at_file };
+        match carried(hand, accepted)? {
+            // What is told is what became of the file's own flights.
+            Some(at) => Self::at(hand, &at, accepted).map_err(|_| not_flown),
+            None => Err(not_flown),
+        }
+    }
+
     fn at(hand: &Hand<'_>, at: &[f64], accepted: &[&Trace]) -> Result<Self, NotCommissioned> {
         let vehicle = hand.moved(at);
         let nominal = hand.nominal(&vehicle);

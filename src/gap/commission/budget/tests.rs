@@ -68,3 +68,18 @@ fn prop_a_file_that_is_right_has_no_budget() {
     assert_eq!((budget.outcome, budget.exit_code()), ("no_gap", 0), "{budget:#?}");
     assert!(budget.parts.is_empty() && budget.blocks.is_empty(), "{budget:#?}");
 }
+
+#[test]
+fn val_a_thrust_too_low_to_fly_with_is_found_from_what_carries_the_real_vehicle() {
+    let budget = of_file(|v| v.wings.thrust_n_per_hz *= 0.7, 1);
+    assert_eq!(
+        (keys(&budget), budget.exit_code()),
+        (vec!["wings.thrust_n_per_hz"], 15),
+        "{budget:#?}"
+    );
+    let (part, truth) = (&budget.parts[0], Vehicle::default().wings.thrust_n_per_hz);
+    assert!((part.value / truth - 1.0).abs() < 0.02, "{part:?}");
+    // There is nothing to take shares of.
+    assert!(!budget.flies && budget.left.is_none() && part.share.is_none(), "{budget:#?}");
+    assert!(budget.words().contains("does not fly"), "{}", budget.words());
+}
