@@ -37,6 +37,7 @@ use super::logs::Flown;
 use super::make_bank::jittered;
 use super::nominal::Nominal;
 use super::normal;
+use super::residuals::Flight;
 use super::scene::Scene;
 use super::statistics::{specs, statistics_of};
 use super::trace::Trace;
@@ -329,26 +330,24 @@ struct Linear {
     slopes: DMatrix<f64>,
 }
 
-/// The constant that carries the vehicle, and the statistic that shows how well it does.
+/// The constant that carries the vehicle.
 const CARRIES: &str = "wings.thrust_n_per_hz";
-const CARRIED: &str = "force.z.const";
 
 /// Where the constants are with thrust that carries the vehicle at the flap rates at which the real one hovered; `None`: flights do not say,
 /// or thrust is not asked for.
-fn carried(hand: &Hand<'_>, accepted: &[&Trace]) -> Result<Option<Vec<f64>>, NotCommissioned> {
+fn carried(hand: &Hand<'_>, accepted: &[&Trace]) -> Option<Vec<f64>> {
     let file = &hand.scene.vehicle;
-    let real = observed(accepted, hand.least, &hand.nominal(file))?;
-    let statistic = specs().iter().position(|spec| spec.name == CARRIED);
-    let constant = hand.constants.iter().position(|constant| constant.key == CARRIES);
-    let (Some(j), Some(k)) = (statistic, constant) else { return Ok(None) };
-    let [beyond_mps2, _] = moments(&real.iter().collect::<Vec<_>>(), j);
-    // Specific force as measured minus that of nominal thrust, along body z, which points down.
-    let times = G_MPS2 / (G_MPS2 + beyond_mps2);
-    let constant = &hand.constants[k];
-    let by = constant.sigmas(file, times * constant.value(file));
+    let nominal = hand.nominal(file);
+    let hover_hz = |trace: &&Trace| Flight::new(trace, &nominal).ok()?.hover_hz();
+    let hover_hz: Vec<f64> = accepted.par_iter().filter_map(hover_hz).collect();
+    let hover_hz =
+        (!hover_hz.is_empty()).then(|| hover_hz.iter().sum::<f64>() / hover_hz.len() as f64)?;
+    let k = hand.constants.iter().position(|constant| constant.key == CARRIES)?;
+    let weight_n = file.body.mass_kg * G_MPS2;
+    let thrust_n_per_hz = (weight_n - file.wings.thrust_offset_n) / (2.0 * hover_hz);
     let mut at = vec![0.0; hand.constants.len()];
-    at[k] = by;
-    Ok((times > 0.0 && by.is_finite()).then_some(at))
+    at[k] = hand.constants[k].sigmas(file, thrust_n_per_hz);
+    at[k].is_finite().then_some(at)
 }
 
 impl Linear {
@@ -356,7 +355,7 @@ impl Linear {
     fn first(hand: &Hand<'_>, accepted: &[&Trace]) -> Result<Self, NotCommissioned> {
         let at_file = Self::at(hand, &vec![0.0; hand.constants.len()], accepted);
         let Err(not_flown @ NotCommissioned::NotFlown { .. }) = at_file else { return at_file };
-        match carried(hand, accepted)? {
+        match carried(hand, accepted) {
             // What is told is what became of the file's own flights.
             Some(at) => Self::at(hand, &at, accepted).map_err(|_| not_flown),
             None => Err(not_flown),

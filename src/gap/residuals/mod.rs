@@ -227,6 +227,13 @@ impl<'a> Flight<'a> {
     pub fn hovering(&self, k: usize) -> bool {
         self.clear[k] && self.states[k].vel_E_mps.norm() < 0.25
     }
+
+    /// Flap rate of a wing in hover, as the nominal drive makes it; `None`: there was none.
+    pub fn hover_hz(&self) -> Option<f64> {
+        let hover: Vec<usize> = (0..self.line.len()).filter(|k| self.hovering(*k)).collect();
+        let sum: f64 = hover.iter().map(|k| self.flap_hz[*k]).sum();
+        (!hover.is_empty()).then_some(sum / hover.len() as f64)
+    }
 }
 
 /// Throttle times voltage through the nominal lag.
