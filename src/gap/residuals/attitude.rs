@@ -2,7 +2,7 @@
 //! setpoints, rad, both in the board's own frame, so that its errors of attitude cancel. GYR: gyro
 //! minus the change of the board's attitude, rad/s.
 
-use super::{Channel, FINE, Flight, Sheet};
+use super::{Channel, FINE, Flight, LAG_KNOWN_S, Sheet};
 use crate::regress::{Moments, Ridge, autocorrelation, log, moments};
 use crate::timeline::STEP_S;
 use haltere_model::effects::Block;
@@ -59,6 +59,9 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
             }
             let at = if *n == "const" { (Block::Actuators, channel) } else { at };
             sheet.put(at, format!("att.{name}.{n}"), unit, meaning, value);
+            if *n == "lag" {
+                sheet.resolved_to(LAG_KNOWN_S);
+            }
         }
         let [std, quiet, r1, most, lag, depth, gain, swing, busy, steep] = more;
         sheet.put(at, format!("att.{name}.std"), "ln", "spread of what is left", std);
@@ -72,6 +75,7 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         sheet.put(at, format!("att.{name}.corr"), "1", "autocorrelation at 0.4 s", r1);
         sheet.put(at, format!("att.{name}.most"), "ln", "largest of what is left", most);
         sheet.put(at, format!("att.{name}.delay"), "s", "lag of the best match", lag);
+        sheet.resolved_to(LAG_KNOWN_S);
         sheet.put(at, format!("att.{name}.match"), "ln", "misfit at that lag", depth);
         sheet.put(at, format!("att.{name}.gain"), "1", "slope on the nominal response", gain);
         sheet.put(at, format!("att.{name}.swing"), "ln", "spread of the rate in hover", swing);

@@ -7,8 +7,9 @@
 //! centre of mass (m); `T` nominal thrust at the lagged flap rate (N); `G` nominal ground factor.
 //! The accelerometer's own bias is left in: the channel Bias shows it in another way.
 
-use super::{Channel, Flight, Sheet};
+use super::{Channel, Flight, LAG_KNOWN_S, Sheet};
 use crate::regress::{Ridge, autocorrelation, log, moments};
+use haltere_core::frames::G_MPS2;
 use haltere_model::effects::Block;
 use nalgebra::Vector3;
 
@@ -119,6 +120,9 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
     }
     for ((name, block, unit, meaning, _), value) in VERTICAL.iter().zip(&up) {
         sheet.put((*block, channel(name)), format!("force.{name}"), unit, meaning, *value);
+        if *name == "z.lag" {
+            sheet.resolved_to(G_MPS2 * LAG_KNOWN_S); // thrust in proportion to flap rate
+        }
     }
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let at = (Block::Aerodynamics, channel(name));

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Channel, Flight, Sheet};
+use super::{Channel, Flight, LAG_KNOWN_S, Sheet};
 use crate::regress::{Ridge, log, moments};
 use haltere_model::effects::Block;
 
@@ -191,5 +191,8 @@ fn filter(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
     for ((name, unit, meaning), value) in names.into_iter().zip(v) {
         let at = (Block::Estimator, Channel::Loop);
         sheet.put(at, format!("filter.{name}"), unit, meaning, value);
+        if name == "late" {
+            sheet.resolved_to(LAG_KNOWN_S);
+        }
     }
 }

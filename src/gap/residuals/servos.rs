@@ -34,6 +34,9 @@ const LAG_STEPS: std::ops::RangeInclusive<i32> = -5..=30;
 const LAG_STEP_S: f64 = 0.01;
 /// Commands come every 10 ms and are held, to half of which a lag is told.
 const HELD_S: f64 = 0.005;
+/// What the wait of a command for the board's step may change of the share that is left, which half a command more or less
+/// at least doubles: half of the logarithm of two.
+const HALF_A_COMMAND: f64 = 0.35;
 /// Prior of `c`, `P`, `D`, `t`, µs: full travel; six times it per rad, twice per rad/s, once per weight.
 const PRIOR_US: [f64; 4] = [500.0, 3000.0, 1000.0, 500.0];
 /// Largest error of attitude that is looked at, rad: beyond it boards act on no more.
@@ -95,8 +98,10 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
     let at = (Block::Link, Channel::Timing);
     sheet.put(at, "servo.thrust.delay", "s", "lag of the motors after the command", late);
     sheet.resolved_to(HELD_S);
-    sheet.put(at, "servo.thrust.match", "ln", "share that is left at that lag", misfit);
+    let meaning = "share that is left within half a command of that lag";
+    sheet.put(at, "servo.thrust.match", "ln", meaning, misfit);
     sheet.relative();
+    sheet.resolved_to(HALF_A_COMMAND);
 }
 
 fn told(f: &Flight<'_>) -> Vec<Told> {
@@ -145,12 +150,16 @@ fn motor_lag(f: &Flight<'_>, told: &[Told]) -> Option<[f64; 2]> {
         return None;
     }
     let mut lag = f64::from(*LAG_STEPS.start()) + i as f64;
+    // What half a command beside the best lag leaves, by the parabola through it.
+    let mut beside = 0.0;
     if i > 0 && i + 1 < misfits.len() {
         let (a, b, c) = (misfits[i - 1], misfits[i], misfits[i + 1]);
-        lag += 0.5 * (a - c) / (a - 2.0 * b + c).max(1e-9);
+        let bend = (a - 2.0 * b + c).max(1e-9);
+        lag += 0.5 * (a - c) / bend;
+        beside = bend / 8.0;
     }
     let all = moments(both.iter().copied()).std.powi(2);
-    Some([lag * LAG_STEP_S, 0.5 * log((best + QUANTUM_US * QUANTUM_US) / all)])
+    Some([lag * LAG_STEP_S, 0.5 * log((best + beside + QUANTUM_US * QUANTUM_US) / all)])
 }
 
 /// Mean square that a line through `x` that rises leaves of `y`.
