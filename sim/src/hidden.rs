@@ -9,7 +9,7 @@ use haltere_model::effects::EffectSpec;
 use haltere_model::random::Stream;
 use serde::Serialize;
 
-/// Strength of each effect of the sealed suite (those of the library but P7 and H2), as a share of the strong end of its
+/// Strength of each effect of the sealed suite (those of the library but P7, H2, L2 and U4), as a share of the strong end of its
 /// plausible range: just detectable, twice and four times as strong (sim/lab/PROTOCOL.md). The laboratory's tests hold the
 /// two together.
 pub const SHARES: [(&str, [f64; 3]); 42] = [

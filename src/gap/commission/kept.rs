@@ -8,7 +8,7 @@ use haltere_log::{intake, written};
 use haltere_model::Vehicle;
 use serde::Serialize;
 
-use super::constants::CONSTANTS;
+use super::constants::{CONSTANTS, Constant};
 use super::crossed::{BENIGN_FLIGHTS, judge_as_is};
 use super::{
     Hand, LEAST_FLIGHTS, LEAST_FLOWN, MEAN_FLIGHTS, NotCommissioned, commission_traces, observed,
@@ -22,6 +22,8 @@ use crate::workshop::mission_key;
 
 /// Flights that show whether the file will do: as many as the means and limits of commissioning are of.
 const FLIGHTS_AS_IS: usize = MEAN_FLIGHTS + BENIGN_FLIGHTS;
+/// Constants that are listed in words.
+const SHOWN: usize = 4;
 /// Largest vehicle file that is read, bytes: some hundred times one.
 const MOST_BYTES: u64 = 1 << 20;
 
@@ -51,10 +53,10 @@ pub struct Moved {
 
 impl Fitted {
     fn of(file: &Vehicle, vehicle: Vehicle, kept: PathBuf) -> Self {
-        let row = |constant: &super::Constant| {
-            let (file_s, value) = (constant.value(file), constant.value(&vehicle));
+        let row = |constant: &Constant| {
+            let (of_file, value) = (constant.value(file), constant.value(&vehicle));
             let sigmas = constant.sigmas(file, value);
-            Moved { key: constant.key, file: file_s, value, sigmas }
+            Moved { key: constant.key, file: of_file, value, sigmas }
         };
         let mut moved: Vec<Moved> =
             CONSTANTS.iter().map(row).filter(|m| m.sigmas.abs() > 1.0).collect();
@@ -79,9 +81,6 @@ impl Fitted {
         )
     }
 }
-
-/// Constants that are listed in words.
-const SHOWN: usize = 4;
 
 /// The vehicle as accepted flights of one mission show it; `None`: as its file says, which they do not contradict, or which was commissioned
 /// already, or of which too few flights were given to say. `folder`: where banks lie; `progress`: done, of how many.
