@@ -24,7 +24,8 @@ const LEAST_SPREAD: f64 = 0.5;
 /// that loses least at 5 % of false alarms, on labelled flights of another world (sim/lab/PROTOCOL.md, Development).
 const USUAL_WEIGHT: f64 = 20.0;
 /// How much more healthy flights of all hours scatter than accepted ones of one hour do: what is measured scatters 1.5 to 2 times as much
-/// between laboratories as within one (Horwitz, Kamps and Boyer 1980).
+/// between laboratories as within one (Horwitz, Kamps and Boyer 1980). Of 14 flights of a stranger's vehicle in the two hours after ten
+/// accepted ones, four are called a gap with 1 and one with 2.
 pub(super) const OTHER_HOURS: f64 = 2.0;
 /// Share of a normal distribution below one sigma.
 const ONE_SIGMA: f64 = 0.8413;

@@ -11,8 +11,8 @@ use serde::Serialize;
 use super::constants::{CONSTANTS, Constant};
 use super::crossed::{BENIGN_FLIGHTS, judge_as_is};
 use super::{
-    Hand, LEAST_FLIGHTS, LEAST_FLOWN, MEAN_FLIGHTS, NotCommissioned, commission_traces, observed,
-    seeds, why_not_yet,
+    Hand, LEAST_FLIGHTS, LEAST_FLOWN, MEAN_FLIGHTS, NotCommissioned, commission_traces, moved_far,
+    observed, seeds, why_not_yet,
 };
 use crate::logs::Flown;
 use crate::nominal::Nominal;
@@ -59,7 +59,7 @@ impl Fitted {
             Moved { key: constant.key, file: of_file, value, sigmas }
         };
         let mut moved: Vec<Moved> =
-            CONSTANTS.iter().map(row).filter(|m| m.sigmas.abs() > 1.0).collect();
+            CONSTANTS.iter().map(row).filter(|m| moved_far(m.sigmas)).collect();
         moved.sort_by(|a, b| b.sigmas.abs().total_cmp(&a.sigmas.abs()));
         Self { vehicle, file: kept, moved }
     }

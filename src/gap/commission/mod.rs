@@ -119,8 +119,13 @@ pub struct Found {
 impl Found {
     /// Whether it moved by more than its owner may be wrong by.
     pub fn moved_far(&self) -> bool {
-        self.sigmas.abs() > 1.0
+        moved_far(self.sigmas)
     }
+}
+
+/// Whether a constant moved by more than its owner may be wrong by.
+fn moved_far(sigmas: f64) -> bool {
+    sigmas.abs() > 1.0
 }
 
 /// What was found.
