@@ -22,8 +22,8 @@ use serde_json::json;
 
 use story::{Mark, REMARK};
 
-/// Good flights of each of the two missions: the diagnosis asks for eight.
-const GOOD: u64 = 10;
+/// Good flights of each of the two missions: fewer than twenty are taken for those of one hour (docs/GAP.md, 2.5).
+const GOOD: u64 = 20;
 /// Bad flights that the fit does not see: three make an interval.
 const HELD_OUT: u64 = 3;
 /// How often what is hidden is halved for a vehicle that does not come to the end of its missions: an eighth even
@@ -31,7 +31,7 @@ const HELD_OUT: u64 = 3;
 const HALVINGS: usize = 3;
 /// What is done before the diagnosis, and what that does, with its usual length on two cores by the small bank, s.
 const STAGES: [(&str, f64); 8] = [
-    ("flights", 8.0),
+    ("flights", 14.0),
     ("reference flights", 3.0),
     ("commissioning", 10.0),
     ("bank", 80.0),

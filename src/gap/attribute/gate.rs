@@ -26,7 +26,17 @@ const USUAL_WEIGHT: f64 = 20.0;
 /// How much more healthy flights of all hours scatter than accepted ones of one hour do: what is measured scatters 1.5 to 2 times as much
 /// between laboratories as within one (Horwitz, Kamps and Boyer 1980). Of 14 flights of a stranger's vehicle in the two hours after ten
 /// accepted ones, four are called a gap with 1 and one with 2.
-pub(super) const OTHER_HOURS: f64 = 2.0;
+const OTHER_HOURS: f64 = 2.0;
+/// Accepted flights that are an hour's work, and those that are surely of several: packs have to be charged between (judgement).
+const OF_ONE_HOUR: f64 = 10.0;
+const OF_SEVERAL: f64 = 20.0;
+
+/// How many times as much other flights scatter as these accepted ones.
+pub(super) fn other_hours(accepted: usize) -> f64 {
+    let of_one = (OF_SEVERAL - accepted as f64) / (OF_SEVERAL - OF_ONE_HOUR);
+    1.0 + (OTHER_HOURS - 1.0) * of_one.clamp(0.0, 1.0)
+}
+
 /// Share of a normal distribution below one sigma.
 const ONE_SIGMA: f64 = 0.8413;
 

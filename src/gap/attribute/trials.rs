@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::blocks::Groups;
 use super::calibrate::{Calibration, Judged};
 use super::evidence::Fit;
-use super::gate::{Limit, OTHER_HOURS, Rule, Seen};
+use super::gate::{Limit, Rule, Seen, other_hours};
 use super::library::{Library, Part};
 use super::open_set::{Judge, features, score};
 use super::pairs;
@@ -127,7 +127,7 @@ pub(super) fn limits(
     // Two ways to raise an alarm share the allowance.
     let share = 1.0 - settings.false_alarm / 2.0;
     let gate = if judged.len() >= LEAST_JUDGED {
-        Limit::new(&judged.iter().collect::<Vec<_>>(), Rule::Few(share, OTHER_HOURS))
+        Limit::new(&judged.iter().collect::<Vec<_>>(), Rule::Few(share, other_hours(judged.len())))
     } else {
         Limit::new(&nulls.iter().map(|n| &n.seen).collect::<Vec<_>>(), Rule::Share(share))
     };
