@@ -218,6 +218,26 @@ mod tests {
     }
 
     #[test]
+    fn prop_flights_of_one_hour_allow_more_than_those_of_several() {
+        assert_eq!([8, 10, 15, 20, 24].map(other_hours), [2.0, 2.0, 1.5, 1.0, 1.0]);
+        let mut rng = Stream::new(10, "hours");
+        let mut flights = |count: usize, times: f64| -> Vec<Seen> {
+            let mut one = || Seen {
+                evidence: vec![times * rng.normal(), times * rng.normal()],
+                distance: times * rng.normal(),
+            };
+            (0..count).map(|_| one()).collect()
+        };
+        let (few, later) = (flights(10, 1.0), flights(1000, 2.0));
+        let alarms = |times: f64| {
+            let limit = Limit::new(&few.iter().collect::<Vec<_>>(), Rule::Few(0.99, times));
+            later.iter().filter(|f| limit.gate(f).open()).count()
+        };
+        let [narrow, wide] = [1.0, other_hours(few.len())].map(alarms);
+        assert!(wide * 3 < narrow, "{wide} and {narrow} of 1000");
+    }
+
+    #[test]
     fn prop_no_flights_give_no_alarm() {
         let limit = Limit::new(&[], Rule::Share(0.99));
         let seen = Seen { evidence: vec![1e6], distance: 1e6 };

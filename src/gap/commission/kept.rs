@@ -75,7 +75,7 @@ impl Fitted {
         };
         format!(
             "the simulator of the vehicle file does not fly as the accepted flights do; it was commissioned to {} of them first: {far}; \
-             this vehicle is {}, and `haltere gap commission` says how near it comes",
+             that vehicle is kept in {}, and `haltere gap commission` says how near it comes",
             self.vehicle.commissioned.flights,
             self.file.display()
         )

@@ -339,7 +339,8 @@ struct Linear {
 const CARRIES: &str = "wings.thrust_n_per_hz";
 
 /// Where the constants are with thrust that carries the vehicle at the flap rates at which the real one hovered; `None`: flights do not say,
-/// or thrust is not asked for.
+/// or thrust is not asked for. In hover `m g = 2 k f + T₀` (docs/VEHICLE.md, 3), so `k = (m g - T₀) / (2 f)`: `k` thrust a flap rate, N/Hz;
+/// `f` mean flap rate of a wing in hover by the nominal drive, Hz; `T₀` thrust at no flapping, N.
 fn carried(hand: &Hand<'_>, accepted: &[&Trace]) -> Option<Vec<f64>> {
     let file = &hand.scene.vehicle;
     let nominal = hand.nominal(file);

@@ -34,8 +34,8 @@ const LAG_STEPS: std::ops::RangeInclusive<i32> = -5..=30;
 const LAG_STEP_S: f64 = 0.01;
 /// Commands come every 10 ms and are held, to half of which a lag is told.
 const HELD_S: f64 = 0.005;
-/// What the wait of a command for the board's step may change of the share that is left, which half a command more or less
-/// at least doubles: half of the logarithm of two.
+/// What the wait of a command for the board's step may change of that logarithm: half a command beside the lag that is told, the mean
+/// square that is left is twice as large by the same parabola, and its root by half of the logarithm of two.
 const HALF_A_COMMAND: f64 = 0.35;
 /// Prior of `c`, `P`, `D`, `t`, µs: full travel; six times it per rad, twice per rad/s, once per weight.
 const PRIOR_US: [f64; 4] = [500.0, 3000.0, 1000.0, 500.0];
