@@ -1,5 +1,5 @@
 //! Documents that sources and documents name are in the repository, and so are the sections that they cite by number;
-//! the map of the documents leads to each.
+//! the map of the documents leads to each, and marks those that a program writes.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -178,6 +178,28 @@ fn prop_the_map_leads_to_every_document() {
         .filter(|name| !map.contains(&format!("]({name})")))
         .collect();
     assert!(missing.is_empty(), "docs/MAP.md does not lead to {missing:?}");
+}
+
+/// A page that a program writes says so in its first lines, before its text.
+fn is_made(page: &str) -> bool {
+    let head = page.lines().take(4).collect::<Vec<_>>().join(" ");
+    ["Generated from", "Written by", "writes this page"].iter().any(|said| head.contains(said))
+}
+
+#[test]
+fn prop_the_map_marks_pages_that_a_program_writes() {
+    let map = std::fs::read_to_string(root().join("docs/MAP.md")).expect("docs/MAP.md");
+    let (mut made, mut wrong) = (0, Vec::new());
+    for entry in std::fs::read_dir(root().join("docs")).expect("docs/").flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let page = std::fs::read_to_string(entry.path()).unwrap_or_default();
+        if name.ends_with(".md") && map.contains(&format!("]({name})*")) != is_made(&page) {
+            wrong.push(name.clone());
+        }
+        made += usize::from(is_made(&page));
+    }
+    assert!(made > 8, "only {made} pages say that a program writes them");
+    assert!(wrong.is_empty(), "docs/MAP.md marks with a star what a program writes: {wrong:?}");
 }
 
 #[test]
