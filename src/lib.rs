@@ -1,6 +1,11 @@
 //! Companion autopilot for flapping-wing drones on ultra-wideband positioning: what the program `haltere` is made of beside
 //! the libraries that it names here. It never needs the simulator's programs.
 //!
+//! Begin with `live/core.rs`, the threads and deadlines around the pilot core, and `cli/mod.rs`, the commands. [`sources`]
+//! says where a configuration comes from, [`store`] is the disk behind the core, [`watch`] the flight in a browser,
+//! [`preflight`] what `haltere check` looks at, [`ctl`] a small station, [`fit`] the identification, [`report`] the pages,
+//! [`util_flights`] recorded flights through the filter that flies, [`reference`] pages of `docs/` made from the code.
+//!
 //! `ARCHITECTURE.md` beside `Cargo.toml` states the layers; `tests/` enforces them.
 //!
 //! ```

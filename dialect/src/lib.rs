@@ -1,6 +1,9 @@
 //! The languages haltere speaks outside, as pure codecs: bytes in, messages out, and back. They keep no link and ask no
 //! clock.
 //!
+//! Begin with [`mav_stream`], whose header says what damage costs. `xml/haltere.xml` holds our messages, one file for every
+//! generator; `lps` reads the sniffer's frames, TDoA2 and TDoA3; `signing` makes and checks signatures as bytes.
+//!
 //! ```
 //! use haltere_dialect::mav::haltere::{MavMessage, PING_DATA};
 //! use haltere_dialect::mav_stream::{MavSplitter, encode};

@@ -1,4 +1,9 @@
 //! `haltere-sim`: the endpoint that stands in for tag and board, and the demo.
+//!
+//! Begin with `scenario`, what a simulated flight is, and `endpoint`, the plant in real time. `lockstep` and `fly` fly on
+//! simulated time, `rig` starts endpoint and companion as processes, `demo` and `hide` are what a reader runs first,
+//! `campaign` flies hundreds, `firmware` puts a real firmware in the place of the simulated board. `paper`, `soak`, `flood`
+//! and `kills` measure the companion. `built_in` holds files by name.
 
 mod board_wire;
 mod built_in;

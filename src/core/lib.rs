@@ -2,6 +2,11 @@
 //! no clock, draws no random number and knows no wire format: measurements and times come in, estimates and setpoints go
 //! out.
 //!
+//! Begin with [`frames`] and [`time`]: vectors carry their frame, and three clocks do not mix. In [`estimator`] `predict.rs`
+//! carries nine states on, each sensor has a file that says what it measures, and `update.rs` alone fuses into the
+//! covariance; biases of anchors and what lasts beyond drag are further states, off unless configured. In [`control`]
+//! `controller.rs` is the cascade, each enhancement has a file, and `margins` judges a set of gains.
+//!
 //! ```
 //! use haltere_core::estimator::{Estimator, EstimatorConfig};
 //! use haltere_core::frames::{G_MPS2, Vec3};

@@ -2,6 +2,14 @@
 //! effect causes it, how far it shrinks once that effect is added. It draws no page and never sees the truth of a flight,
 //! except where it is asked how far the estimate was off.
 //!
+//! Begin with [`diagnosis`] and `attribute/mod.rs`. The way of a flight: [`logs`] is gate 0, [`trace`] what may be seen of
+//! it, [`smoother`] where it was, `residuals` one channel a file, [`statistics`] its numbers. What it is held against:
+//! [`scene`] room, vehicle and companion, [`library`] and [`make_bank`] the simulated flights, where every effect flies
+//! beside a twin without it, [`workshop`] what is kept on disk. What is said: `attribute` which effect, with `gate.rs`
+//! whether there is a gap at all and `foretold.rs` what it foretells, [`places`] where, [`shrink`] how far, [`advise`] what
+//! to fly next, [`accept`] what is written back, [`commission`] the constants with which the simulator flies as accepted
+//! flights were flown.
+//!
 //! ```
 //! use haltere_gap::scene::Scene;
 //! use haltere_gap::{library, missions};

@@ -1,6 +1,11 @@
 //! What was flown: logs are written, read, lived through again and given to other programs, and recordings of others are
 //! read. It never flies, judges or draws anything.
 //!
+//! Begin with [`record`]: `recorder` is the side of the flight, `scribe` the thread that writes, `reader` steps over what is
+//! damaged, `outline` tells by head and tail what a log holds, `haltere.proto` is the format. [`replay`] compares every
+//! outgoing byte, for another build by link and message; [`export`] makes tables; [`import`] brings recordings of others to
+//! one form, where signs and units are turned. [`written`] is the one writer of files and [`intake`] the one way in.
+//!
 //! ```
 //! use haltere_core::frames::Vec3;
 //! use haltere_core::measure::AnchorId;

@@ -13,6 +13,11 @@
 //! No clock, no I/O; random numbers come from generators seeded per effect, so that switching one
 //! effect on does not shift the draws of another.
 //!
+//! Begin with `effects/mod.rs` and `lockstep/flight.rs`. [`plant`] joins `body`, `wings`, `servo`, the simulated board
+//! (`board/`: `persona` a kind of firmware, `lies` what it says that is not so) and the tag (`tag/`); [`faults`] is what
+//! breaks. [`vehicle`] is the vehicle file, `left_out` the laws by which it follows from what it says, and `instruments`
+//! its tables of inner loops, IMU, radio and lines.
+//!
 //! ```
 //! use haltere_dialect::mav::haltere::MavCmd;
 //! use haltere_model::PlantConfig;

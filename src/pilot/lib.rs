@@ -4,12 +4,19 @@
 //! clock and no thread. Glue calls [`Pilot::handle`] with whatever arrives and with a wake-up at
 //! [`Pilot::next_deadline`], then sends what [`Pilot::drain_output`] yields.
 //!
-//! One idea per file: `schedule` the control step and what is due beside it, `supervisor` what
-//! can go wrong and what is then done, `supervise` how a flight ends, `modes` the table of transitions,
-//! `ending` how a program ends that flies, `anew` when another core may take this one's place,
-//! `change` what a transition does, `awaited` what follows a take-off, `guidance` what the controller is asked for, `voice` what people are
-//! told, `losses` what was thrown away, `board` and `ground` the links, `commands` and `telemetry` what clients say and see, `services`
-//! what they fetch and store: parameters, plans, files and logs.
+//! Begin with `modes`, the table of transitions, `schedule`, the control step and what is due beside it, and
+//! `supervisor/list.rs`, what can go wrong and what is then done. One idea per file:
+//!
+//! * a flight: `supervise` how it begins and ends, `ending` how a program ends that flies, `change` what a transition does,
+//!   `awaited` what follows a take-off, `guidance` what the controller is asked for, `arming` what must hold before,
+//!   `shadow` the same beside somebody else who flies;
+//! * what comes in: `input` all that can happen, `ingest` tag and board, `uwb` from packets to time differences, `board` the
+//!   link to the board with what firmwares are like, `ground` and `streams` the links to stations, `guard` which frames come
+//!   in at all, `permits` who may command, `routing` frames for others;
+//! * what clients are answered: `commands` and `orders`, `setpoint` and `manual`, `telemetry`, and in `services` what they
+//!   fetch and store: parameters, plans, files, logs, programs. The core asks for files and has no disk;
+//! * what people hear: `voice` the texts, `losses` what was thrown away and why, `recording` whether it is recorded;
+//! * `settings` what can be configured, `anew` when another core may take this one's place.
 //!
 //! ```
 //! use haltere_core::frames::Vec3;

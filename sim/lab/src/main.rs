@@ -1,6 +1,11 @@
 //! `haltere-lab`: the laboratory, which measures the companion and its diagnosis: scores on sealed flights, what each
 //! part is worth, the search for gains, recorded flights of others. It is no part of the product: nothing that flies,
 //! diagnoses or is packaged ever needs it, and neither `haltere` nor `haltere-sim` depends on it.
+//!
+//! Begin with `sim/lab/PROTOCOL.md`. `generator` is another world without shared physics, `cases` the sealed suite that is
+//! flown in it, `blind` its scorer (`hall.rs` answers before any key is opened), `withheld`, `retune` and `outside` what the
+//! diagnosis is compared with; `recorded` and `lines_of_sight` study recorded flights, `aids` and `tune` the estimator and
+//! the gains.
 
 mod aids;
 mod blind;
