@@ -26,56 +26,83 @@ const COLUMNS: [(&str, Mode); 13] = [
 const HEAD: &str = "\
 # Safety
 
-Generated from `pilot::CONDITIONS`; do not edit. In every control step (100 Hz) the supervisor walks this \
-list. What it finds is told, and the hardest reaction to all that holds is flown. Nothing else ends a flight \
-but the orders of clients, the mission itself ([MODES.md](MODES.md)) and the end of the program (below). Defaults below are those of \
+Generated from `pilot::CONDITIONS`; do not edit. In every control step (100 Hz) the supervisor walks the list below. What it \
+finds is told, and the hardest reaction to all that holds is flown. Nothing else ends a flight \
+but the orders of clients, the mission itself ([MODES.md](MODES.md)) and the end of the program (below). Defaults are those of \
 `config/haltere.toml`; a station may change most of them ([PARAMETERS.md](PARAMETERS.md), `SUP_` and `LIM_`).
 
-## How several conditions go together
+## The ways down
 
-* Reactions are ordered: **tell** < **manual** < **hold** < **return** < **land** < **descend** < **yield**; on \
-the floor **disarm**. The hardest of all that hold wins, exactly one. Where several want the same, the one \
-that stands first in the list gives its name.
-* Whatever the vehicle already does that is harder goes on: a landing is not turned into a return.
-* While a condition holds, a client cannot order anything milder: the command is refused with the reason. \
-Forced disarming and harder orders are always taken.
-* When a condition ends, the mode that it brought about stays; a client may then order another. Only a \
-**descend** becomes a landing by itself, once nothing asks for it and the estimate has been good for 0.3 s; an estimate \
-that was contradicted is not taken back.
-* A silence is judged only after listening. When two control steps were more than 0.05 s apart, that time is taken \
-off the age of IMU, board and client for 0.05 s: the threads that read for us stood still as well, and what came \
-meanwhile may wait to be read. Only the newest pause is taken off: a loop that always pauses hides no silence.
-* Down is down. A landing that turns into a descent, or the other way round, is one way down: what was found of the \
-floor holds, and only an accelerometer that shows a fall takes it back. Where thrust is below 62 % of the base and the \
-specific force is gravity's all the same, near the floor by estimate or barometer, the floor carries: thrust is lowered \
-from there to none, whatever the estimate says. Where the accelerometer shows that something stopped a descent near the \
-floor, thrust stays at or below 80 % of the base from then on, which does not lift it off. An estimate that comes back below 0.8 m is not flown on \
-any more. No order to fly is taken once the floor is felt for, or once a landing has come to 0.3 m by the estimate. A landing near the \
-floor whose estimate is not measured any more, or that becomes a descent, goes on with no more thrust than it had; \
-without an accelerometer it is lowered from there, and the motors are off after 2.5 s.
-* Who stands has landed. Near the floor the estimate is up to half a metre too high, and a low height that somebody asks for may \
-press the vehicle onto it. Where thrust, on the average of 1 s, is below 70 % of what hovers and the specific force is gravity's all the \
-same, near the floor by estimate or barometer, it lands in whichever mode it is (\"it stands on the floor\"): within 4 s in lockstep, 12 s \
-where the height that was asked for is the one that is estimated there. Until then a climb that is asked for lifts it off; afterwards \
-it takes off anew.
-* In the spool-up the floor still carries the vehicle: every reaction from **hold** on is **disarm** there.
+```text
+              in flight: takeoff, hold, goto, mission, offboard, manual
+       │                    │                     │                      │
+       │ return             │ land                │ descend              │ yield
+       ▼                    ▼                     ▼                      ▼
+    return ──over home──► land ──no estimate──► descend               yielded
+    flies home            under position        level, by thrust      the board
+                          control               and barometer         flies by itself
+                            │  ◄─estimate good──  │
+                            │      for 0.3 s      │
+                            ▼                     ▼
+                          the floor carries the vehicle
+                                       │
+                                       ▼
+                          disarming ──► disarmed
 
-What the reactions are:
+    milder   tell < manual < hold < return < land < descend < yield   harder
+```
 
-| reaction | |
+A reaction leads from any box to a harder one at once, and never to a milder one. A client may order the vehicle out of a return or a \
+landing, but not out of a descent. Motors are cut by **disarm** alone: in the spool-up, and later only of a vehicle that lies on the floor \
+([tipped_over](#tipped_over)). A forced order to disarm cuts them anywhere.
+
+| reaction | what the vehicle does |
 |---|---|
-| tell | STATUSTEXT, event, health bit; the flight goes on |
+| tell | the flight goes on; STATUSTEXT, event and health bit say what is wrong |
 | manual | the joystick flies |
 | hold | the vehicle stays where it is, inside the walls |
 | return | flies home (or to a rally point that is nearer) and lands |
 | land | lands here under position control, by dead reckoning if need be; from outside the walls back inside |
-| descend | level by the board's attitude, down on thrust model and barometer (0.8 m/s, below 1.2 m 0.45 m/s); \
-without a barometer at 92 % of the hover thrust. Near the floor by its own account, by the barometer's, or where \
-something holds it up for 1 s, the floor is felt for, with the accelerometer where the IMU \
-is alive; without one thrust goes down slowly where something holds it up near the floor, and fades out when the floor \
-must have come |
+| descend | sinks level by the board's attitude, on thrust model and barometer, at 0.8 m/s and below 1.2 m at 0.45 m/s; without a \
+barometer at 92 % of the hover thrust |
 | yield | the board flies by itself; no setpoint is sent that it could take for our will |
-| disarm | motors off; in the air only of a vehicle that lies on the floor (`tipped_over`) |
+| disarm | motors off |
+
+### What beats what
+
+* The hardest of all reactions that are wanted is flown, exactly one. Of several conditions that want it, the first in the list gives the reason.
+* Whatever the vehicle already does that is harder goes on: a landing is not turned into a return.
+* While a condition holds, an order that is milder is refused with the reason. Harder orders and forced disarming are always taken.
+* A condition that ends leaves its mode in force; a client may then order another. Only a **descend** becomes a landing by itself, when \
+nothing asks for it any more and the estimate has been good for 0.3 s. An estimate that was contradicted is not taken back.
+* In the spool-up the floor still carries the vehicle: every reaction from **hold** on is **disarm** there.
+* A pause of the companion is no silence of others. When two control steps were more than 0.05 s apart, the pause is taken off the age of \
+IMU, board and client for the next 0.05 s, because what came meanwhile may wait to be read. Only the newest pause is taken off, so a \
+loop that pauses again and again hides no silence.
+
+### Near the floor
+
+Landing and descent are one way down: what one has found of the floor holds for the other, and only an accelerometer that shows a fall takes \
+it back. Base thrust is what hovers at the present voltage; \"near the floor\" is so by the estimate or by the barometer.
+
+| what is seen | what follows |
+|---|---|
+| a descent comes near the floor, or something holds it up for 1 s | the floor is felt for with the accelerometer. Without one thrust \
+goes down slowly where something holds the vehicle up near the floor, and fades out when the floor must have come |
+| thrust below 62 % of the base near the floor, and the specific force is gravity's all the same | the floor carries: thrust is lowered to \
+none, whatever the estimate says |
+| the accelerometer shows that something stopped a descent near the floor | thrust stays at or below 80 % of the base, which does not lift \
+the vehicle off |
+| an estimate comes back below 0.8 m | it is not flown on any more |
+| the floor is felt for, or a landing has come to 0.3 m by the estimate | no order to fly is taken |
+| a landing near the floor becomes a descent, or its estimate is not measured any more | no more thrust than it had; without an accelerometer \
+thrust is lowered from there, and the motors are off after 2.5 s |
+| in any mode, thrust averaged over 1 s is below 70 % of what hovers near the floor, and the specific force is gravity's | the vehicle \
+stands: it lands (\"it stands on the floor\") within 4 s in lockstep, within 12 s where the height that was asked for is the one \
+that is estimated there. A climb that is asked for until then lifts it off, later it takes off anew |
+
+The last row is needed because the estimate is up to half a metre too high near the floor, where a low height that somebody asks for may press \
+the vehicle onto it.
 ";
 
 /// Between conditions and arming checks.
