@@ -110,6 +110,11 @@ fn prop_the_package_holds_what_the_tutorials_need() {
     ] {
         assert!(files.iter().any(|file| file == needed), "{needed} is not among {files:#?}");
     }
+    let documents = package.join("usr/share/doc/haltere");
+    let readme = std::fs::read_to_string(documents.join("README.md")).unwrap();
+    let links = readme.split("](").skip(1).filter_map(|rest| rest.split([')', '#']).next());
+    let lost: Vec<_> = links.filter(|link| !documents.join(link).exists()).collect();
+    assert_eq!(lost, ["ARCHITECTURE.md", "CONTRIBUTING.md"], "these come with the sources alone");
     let strange = |file: &&String| {
         file.contains("haltere-lab") || file.contains("/lab/") || file.contains("__pycache__")
     };
