@@ -14,5 +14,6 @@ mod own_truth;
 mod packages;
 mod pymavlink;
 mod rotation;
+mod square;
 mod support;
 mod tutorials;
