@@ -1,5 +1,5 @@
 //! Documents that sources and documents name are in the repository, and so are the sections that they cite by number;
-//! the map of the documents leads to each, and marks those that a program writes.
+//! the map of the documents leads to each, and marks those that a program writes; a release has one version.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -200,6 +200,23 @@ fn prop_the_map_marks_pages_that_a_program_writes() {
     }
     assert!(made > 8, "only {made} pages say that a program writes them");
     assert!(wrong.is_empty(), "docs/MAP.md marks with a star what a program writes: {wrong:?}");
+}
+
+/// What follows this at the begin of a line.
+fn after<'a>(text: &'a str, begin: &str) -> &'a str {
+    let line = text.lines().find_map(|line| line.strip_prefix(begin));
+    line.unwrap_or_default().trim_matches('"')
+}
+
+#[test]
+fn prop_a_release_has_one_version() {
+    let text =
+        |name: &str| std::fs::read_to_string(root().join(name)).expect("a file of the repository");
+    let version = text("Cargo.toml");
+    let version = after(&version, "version = ");
+    assert_eq!(after(&text("examples/pyproject.toml"), "version = "), version);
+    assert_eq!(after(&text("CITATION.cff"), "version: "), version);
+    assert!(after(&text("CHANGELOG.md"), "## ").starts_with(version), "the newest of CHANGELOG.md");
 }
 
 #[test]
