@@ -4,7 +4,7 @@ use haltere_core::frames::{E, Vec3};
 use haltere_core::time::HostTime;
 
 use super::modes::{Event, Mode};
-use super::setpoint::Setpoint;
+use super::setpoint::{Setpoint, rests_at_E_m};
 use super::{Pilot, Severity};
 
 /// A stream of setpoints that lifts the vehicle off has run for so long, s: one that stops at once would leave it in
@@ -15,6 +15,20 @@ const STREAM_S: f64 = 1.0;
 const LIFT_OFF_M: f64 = 1.0;
 /// A take-off is so high before it turns into something else, m: clear of the floor's cushion, with room to lean.
 const CLEAR_M: f64 = 0.5;
+/// So much less than was asked for is told of a climb by its rate, m, and as a share of it.
+const SHORT_M: f64 = 0.5;
+const SHORT_SHARE: f64 = 0.2;
+
+/// A climb that a client asks for by its rate, from its first setpoint to its last.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Climb {
+    /// Down, where it began, m.
+    from_z_m: f64,
+    /// What rate and time come to so far, m.
+    asked_m: f64,
+    since: HostTime,
+    looked_at: HostTime,
+}
 
 /// What follows the take-off.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -61,6 +75,7 @@ pub(super) fn too_far(setpoint: &Setpoint, pos_E_m: Vec3<E>) -> Option<String> {
 impl Pilot {
     /// Begins what can begin now, one look in each control step.
     pub(super) fn pursue_next(&mut self, at: HostTime) {
+        self.follow_climb(at);
         match (self.guidance.next, self.mode) {
             (Next::Offboard, Mode::Disarmed | Mode::Arming | Mode::Idle) => self.lift_to_stream(at),
             (Next::Stream, Mode::Spool) if self.stream(at).is_none() => {
@@ -73,6 +88,34 @@ impl Pilot {
                 self.begin_next(at);
             }
             _ => {}
+        }
+    }
+
+    /// Adds up a climb by rate, and tells when it is over how much of it was flown: on the floor the stream must run for a
+    /// while, and the take-off has a speed of its own.
+    fn follow_climb(&mut self, at: HostTime) {
+        let waits = matches!(self.guidance.next, Next::Offboard | Next::Stream);
+        let setpoint = self.stream(at).filter(|_| waits || self.mode == Mode::Offboard);
+        let rate_mps = setpoint.map_or(0.0, |s| s.climb_mps());
+        let z_m = rests_at_E_m(&self.estimate).z();
+        let fresh = Climb { from_z_m: z_m, asked_m: 0.0, since: at, looked_at: at };
+        let climb = self.guidance.climb.get_or_insert(fresh);
+        if rate_mps > 0.0 {
+            climb.asked_m += rate_mps * at.seconds_since(climb.looked_at);
+            climb.looked_at = at;
+            return;
+        }
+        let Climb { from_z_m, asked_m, since, looked_at } = *climb;
+        self.guidance.climb = None;
+        let flown_m = (from_z_m - z_m).max(0.0);
+        if asked_m - flown_m > SHORT_M.max(SHORT_SHARE * asked_m) {
+            let took_s = looked_at.seconds_since(since);
+            let text = format!(
+                "offboard climb: {flown_m:.1} of {asked_m:.1} m flown that its rate asked for in {took_s:.1} s, stays \
+                 at {:.1} m",
+                -z_m
+            );
+            self.say(at, Severity::Info, text);
         }
     }
 
@@ -126,6 +169,10 @@ impl Pilot {
         let (event, runs) = match next {
             Next::Nothing | Next::Mission => return false,
             Next::Offboard | Next::Stream => {
+                let height_m = self.guidance.takeoff_height_m();
+                if let Some(setpoint) = &mut self.guidance.setpoint {
+                    setpoint.took_off(height_m);
+                }
                 let stays = self.guidance.setpoint.is_some_and(|s| !s.needs_stream());
                 (Event::OffboardAsked, stays || runs(&self.guidance.setpoint))
             }

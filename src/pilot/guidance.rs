@@ -10,14 +10,14 @@ use haltere_core::estimate::Estimate;
 use haltere_core::frames::{E, Vec3, wrap_pi_rad};
 use haltere_core::time::HostTime;
 
-use super::awaited::Next;
+use super::awaited::{Climb, Next};
 use super::config::FlightConfig;
 use super::excitation::Doublet;
 use super::landing_ramp::LandingRamp;
 use super::mission::{Mission, Volume};
 use super::modes::{Event, Mode};
 use super::services::fence::Fence;
-use super::setpoint::Setpoint;
+use super::setpoint::{Setpoint, rests_at_E_m};
 use super::tilt_step::{Envelope, TiltRun};
 use carrot::Carrot;
 
@@ -104,6 +104,8 @@ pub(super) struct Guidance {
     jumps_made: Vec<(u16, u32)>,
     /// What a client wants in Offboard mode.
     pub setpoint: Option<Setpoint>,
+    /// The climb by rate that is under way.
+    pub climb: Option<Climb>,
     /// What a joystick wants in Manual mode.
     pub sticks: Option<Setpoint>,
 }
@@ -142,6 +144,7 @@ impl Guidance {
             no_way_home: false,
             jumps_made: Vec::new(),
             setpoint: None,
+            climb: None,
             sticks: None,
         }
     }
@@ -352,7 +355,7 @@ impl Guidance {
                 let command =
                     setpoint.command(estimate, &self.envelope.volume, &mut self.yaw_rad, dt_s);
                 // Where Hold would stay.
-                self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
+                self.carrot = Carrot::resting(self.envelope.volume.clamp(rests_at_E_m(estimate)));
                 (command, news)
             }
             _ => {

@@ -7,7 +7,7 @@ use haltere_dialect::mav::haltere::{
 
 use haltere_dialect::mav::{known, name_of};
 
-use haltere_core::control::{AxisCommand, Command};
+use haltere_core::control::{AxisCommand, Command, within_lead_rad};
 use haltere_core::estimate::Estimate;
 use haltere_core::frames::{B, E, Rot, Vec3, wrap_pi_rad};
 use haltere_core::geo::{Geodetic, LocalOrigin};
@@ -25,6 +25,15 @@ const ROUNDED_M: f64 = 0.01;
 /// Fastest turn that is passed on, rad/s: what the yaw servo of this class can follow.
 const YAW_RATE_LIMIT_RADPS: f64 = 2.0;
 
+/// Time constant with which the velocity loop stops, s: that of the closed loop (`control.switch_fade_s`).
+const STOP_S: f64 = 0.3;
+
+/// Where a vehicle that is told to stay comes to rest: a point behind that would be flown back to, and a climb that is
+/// over would sink.
+pub(super) fn rests_at_E_m(estimate: &Estimate) -> Vec3<E> {
+    estimate.pos_E_m + estimate.vel_E_mps() * STOP_S
+}
+
 /// One axis of a setpoint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Axis {
@@ -39,6 +48,19 @@ enum Yaw {
     Keep,
     Angle(f64),
     Rate(f64),
+}
+
+impl Yaw {
+    /// A turn by rate that is over ends where the vehicle comes to rest, not where the heading asked for was ahead.
+    fn stopped(self, last: Option<&Setpoint>, estimate: &Estimate) -> Self {
+        match (self, last.map(|last| last.yaw)) {
+            (Yaw::Keep | Yaw::Rate(0.0), Some(Yaw::Rate(before_radps))) if before_radps != 0.0 => {
+                let turns_rad = estimate.rate_B_radps.z() * STOP_S;
+                Yaw::Angle(wrap_pi_rad(estimate.R_EB.yaw_rad() + turns_rad))
+            }
+            (yaw, _) => yaw,
+        }
+    }
 }
 
 /// Link, system and component of a client.
@@ -138,7 +160,7 @@ impl Setpoint {
                 // A height, not a climb rate of zero: at 2 m/s the vehicle sank by up to a metre meanwhile.
                 Axis::Stay(match last.map(|last| last.axes[i]) {
                     Some(Axis::Stay(x)) => x,
-                    _ => estimate.pos_E_m[i],
+                    _ => rests_at_E_m(estimate)[i],
                 })
             } else if uses_vel[i] {
                 Axis::Velocity(wire_vel[i])
@@ -149,7 +171,7 @@ impl Setpoint {
             } else {
                 match last.map(|last| last.axes[i]) {
                     Some(Axis::Stay(x) | Axis::Position(x)) => Axis::Stay(x),
-                    _ => Axis::Stay(estimate.pos_E_m[i]),
+                    _ => Axis::Stay(rests_at_E_m(estimate)[i]),
                 }
             }
         });
@@ -165,7 +187,8 @@ impl Setpoint {
                 Yaw::Rate(yaw_rate.clamp(-YAW_RATE_LIMIT_RADPS, YAW_RATE_LIMIT_RADPS))
             } else {
                 Yaw::Keep
-            };
+            }
+            .stopped(last, estimate);
         let feed_mps =
             std::array::from_fn(|i| if uses_pos[i] && uses_vel[i] { wire_vel[i] } else { 0.0 });
         Ok(Self {
@@ -197,11 +220,12 @@ impl Setpoint {
             } else {
                 match last.map(|last| last.axes[i]) {
                     Some(Axis::Stay(x)) => Axis::Stay(x),
-                    _ => Axis::Stay(estimate.pos_E_m[i]),
+                    _ => Axis::Stay(rests_at_E_m(estimate)[i]),
                 }
             }
         });
         let yaw = if yaw_rate_radps == 0.0 { Yaw::Keep } else { Yaw::Rate(yaw_rate_radps) };
+        let yaw = yaw.stopped(last, estimate);
         Self {
             received_at,
             since: received_at,
@@ -259,6 +283,21 @@ impl Setpoint {
         }
     }
 
+    /// Climb rate that it asks for, m/s; zero where it asks for a height or sinks.
+    pub fn climb_mps(&self) -> f64 {
+        match self.axes[2] {
+            Axis::Velocity(down_mps) => (-down_mps).max(0.0),
+            Axis::Position(_) | Axis::Stay(_) => 0.0,
+        }
+    }
+
+    /// A height that was to be kept while the vehicle still took off is that to which it took off, m.
+    pub fn took_off(&mut self, height_m: f64) {
+        if let Axis::Stay(down_m) = &mut self.axes[2] {
+            *down_m = down_m.min(-height_m);
+        }
+    }
+
     /// Whether silence must end it: a velocity that nobody renews would fly on for ever, and one
     /// of zero would drift with the noise.
     pub fn needs_stream(&self) -> bool {
@@ -278,7 +317,10 @@ impl Setpoint {
         match self.yaw {
             Yaw::Keep => {}
             Yaw::Angle(angle_rad) => *yaw_rad = angle_rad,
-            Yaw::Rate(rate_radps) => *yaw_rad = wrap_pi_rad(*yaw_rad + rate_radps * dt_s),
+            Yaw::Rate(rate_radps) => {
+                let now_rad = estimate.R_EB.yaw_rad();
+                *yaw_rad = within_lead_rad(*yaw_rad + rate_radps * dt_s, now_rad);
+            }
         }
         let asked_vel = Vec3::<B>::from_array(self.axes.map(|axis| match axis {
             Axis::Velocity(v) => v,

@@ -19,6 +19,10 @@
 //!   the force is wanted while the yaw is still on its way.
 //! * Integrators of the velocity loop live in the heading frame: what they hold (trim, centre of
 //!   mass) turns with the body.
+//! * The yaw setpoint stays near the present yaw: roll and pitch of an attitude that is turned far away are not
+//!   those that carry the vehicle now, and a board that is asked for it leans where nobody wants it. In a turn a
+//!   lean that points one way of the room goes round the body as fast as the heading turns, and the attitude
+//!   lags behind it: the more it leans, the slower it turns.
 //! * Anti-windup is conditional: while an output is cut, its integrator only moves back.
 
 use crate::control::config::{ControlConfig, Enhancements, TiltCompensation};
@@ -40,8 +44,18 @@ const MAX_ERROR_M: f64 = 1e4;
 const MAX_SPEED_MPS: f64 = 100.0;
 /// Least cosine of tilt that compensation divides by; the limit of the factor acts long before.
 const MIN_COS_TILT: f64 = 0.2;
+/// The yaw setpoint is ahead of the present yaw by at most this, rad (30 degrees).
+const YAW_LEAD_RAD: f64 = std::f64::consts::FRAC_PI_6;
+/// In a turn the lean goes round the body no faster than this, rad/s (20 deg/s): an attitude that lags by 0.15 s is then
+/// off by 3 degrees, whatever the lean.
+const LEAN_SWING_RADPS: f64 = 0.35;
 /// Largest lean across a held tilt, rad (10 degrees): enough to keep the line, little beside it.
 const MAX_ACROSS_RAD: f64 = 0.175;
+
+/// A yaw setpoint, kept near enough to the present yaw to be followed, rad.
+pub fn within_lead_rad(wanted_rad: f64, now_rad: f64) -> f64 {
+    wrap_pi_rad(now_rad + bounded(wrap_pi_rad(wanted_rad - now_rad), YAW_LEAD_RAD))
+}
 
 /// Kind of command on one axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -197,8 +211,7 @@ impl Controller {
             ..ControlRecord::default()
         };
         let seen = Seen::from(input.estimate);
-        let yaw_now_rad = seen.as_ref().map(|s| s.yaw_rad);
-        let yaw_rad = self.yaw_setpoint_rad(input.command.yaw_rad, yaw_now_rad, dt_s);
+        let yaw_rad = self.yaw_setpoint_rad(input.command.yaw_rad, seen.as_ref(), dt_s);
         let lean = match &seen {
             Some(seen) => {
                 let vel_setpoint = self.position_loop(seen, input, dt_s, &mut record);
@@ -439,13 +452,17 @@ impl Controller {
         }
     }
 
-    /// Follows the commanded yaw at a limited rate, the short way round. Starts at the present yaw.
-    fn yaw_setpoint_rad(&mut self, command_rad: f64, now_rad: Option<f64>, dt_s: f64) -> f64 {
-        let from = self.memory.yaw_setpoint_rad.or(now_rad);
+    /// Follows the commanded yaw at a limited rate, the short way round, and no farther ahead of the present yaw than
+    /// can be followed. Starts at the present yaw.
+    fn yaw_setpoint_rad(&mut self, command_rad: f64, seen: Option<&Seen>, dt_s: f64) -> f64 {
+        let from = self.memory.yaw_setpoint_rad.or(seen.map(|s| s.yaw_rad));
         let Some(from) = from else { return 0.0 };
         let turn = if command_rad.is_finite() { wrap_pi_rad(command_rad - from) } else { 0.0 };
-        let most = self.config.limits.yaw_rate_degps.to_radians() * dt_s;
-        let yaw = wrap_pi_rad(from + bounded(turn, most));
+        let sin_lean = seen.map_or(0.0, |s| s.down_B[0].hypot(s.down_B[1]));
+        let most_radps =
+            self.config.limits.yaw_rate_degps.to_radians().min(LEAN_SWING_RADPS / sin_lean);
+        let wanted = wrap_pi_rad(from + bounded(turn, most_radps * dt_s));
+        let yaw = seen.map_or(wanted, |s| within_lead_rad(wanted, s.yaw_rad));
         self.memory.yaw_setpoint_rad = Some(yaw);
         yaw
     }

@@ -27,7 +27,7 @@ mod closed_loop;
 mod tests;
 
 pub use config::{ControlConfig, Enhancements, TiltCompensation, Version};
-pub use controller::Controller;
+pub use controller::{Controller, within_lead_rad};
 pub use gains::{ControlGains, Tunable};
 pub use voltage::SupplyQuality;
 

@@ -3,6 +3,7 @@
 use super::{Carrot, Guidance};
 use crate::modes::Mode;
 use crate::services::fence::Fence;
+use crate::setpoint::rests_at_E_m;
 use haltere_core::estimate::Estimate;
 use haltere_core::frames::Vec3;
 use haltere_core::time::HostTime;
@@ -30,7 +31,7 @@ impl Guidance {
             Mode::Hold
                 // A leg that has arrived is held where it ends: no step from estimate noise.
                 if (!self.carrot.has_arrived() || self.is_far_from_carrot(estimate)) => {
-                    self.carrot = Carrot::resting(self.envelope.volume.clamp(estimate.pos_E_m));
+                    self.carrot = Carrot::resting(self.envelope.volume.clamp(rests_at_E_m(estimate)));
                 }
             Mode::Mission => {
                 self.item_started = false;

@@ -25,6 +25,7 @@ mod rooms;
 mod second_board;
 mod services;
 mod shadow;
+mod streams;
 mod supervisor;
 mod tipped;
 mod touch_down;
