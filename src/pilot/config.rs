@@ -202,6 +202,13 @@ impl FlightConfig {
             + slow_m / self.land_slow_speed_mps.max(LEAST_SPEED_MPS)
     }
 
+    /// Time of a leg from rest to rest, s: `d/v + v/a`, or `2 √(d/a)` where `d < v²/a` is too short for `v`, with `d` m,
+    /// `v` m/s and `a` = `cruise_acceleration_mps2`.
+    pub(super) fn travel_s(&self, distance_m: f64, speed_mps: f64) -> f64 {
+        let (v, a) = (speed_mps.max(LEAST_SPEED_MPS), self.cruise_acceleration_mps2);
+        if distance_m * a > v * v { distance_m / v + v / a } else { 2.0 * (distance_m / a).sqrt() }
+    }
+
     /// Adds what is out of range to `problems`; `key` is the name of the section.
     pub fn check(&self, key: &str, problems: &mut Problems) {
         let mut range = |name: &str, value, low, high, unit| {

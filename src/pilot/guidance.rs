@@ -56,6 +56,8 @@ pub(super) struct Now<'a> {
     pub dt_s: f64,
     /// Where the vehicle may be.
     pub fence: &'a Fence,
+    /// Least speed of a return, m/s.
+    pub return_mps: f64,
 }
 
 /// Guidance state.
@@ -324,6 +326,7 @@ impl Guidance {
                 (command, news)
             }
             Mode::Return => {
+                self.leg_speed_mps = self.leg_speed_mps.max(now.return_mps);
                 let vel = self.advance_leg(dt_s);
                 let over_home = self.carrot.has_arrived() && !self.is_far_from_carrot(estimate);
                 if self.no_way_home {

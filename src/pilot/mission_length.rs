@@ -90,13 +90,7 @@ impl Walk<'_> {
     fn leg_s(&mut self, to_E_m: Vec3<E>) -> f64 {
         let distance_m = (to_E_m - self.at_E_m).norm();
         self.at_E_m = to_E_m;
-        let (v, a) = (self.speed_mps.min(JUMP_MPS), self.flight.cruise_acceleration_mps2);
-        let travel_s = if distance_m * a > v * v {
-            distance_m / v + v / a
-        } else {
-            2.0 * (distance_m / a).sqrt()
-        };
-        travel_s + SETTLE_S
+        self.flight.travel_s(distance_m, self.speed_mps.min(JUMP_MPS)) + SETTLE_S
     }
 
     /// Over a place at the height it has, and down.

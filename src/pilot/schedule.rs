@@ -1,5 +1,7 @@
 //! The schedule: the control step at 100 Hz, and what is due beside it.
 
+use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
+
 use haltere_core::control::{Command, ControlInput, Handover, HeldTilt};
 use haltere_core::drops::DropReason;
 use haltere_core::estimate::Health;
@@ -165,7 +167,10 @@ impl Pilot {
             _ => {
                 let fence = &self.services.plans.fence;
                 let supply_v = self.supply_v(at);
-                let now = Now { estimate: &self.estimate, supply_v, at, dt_s, fence };
+                let hurries =
+                    self.supervisor.unhealthy().contains(S::MAV_SYS_STATUS_SENSOR_BATTERY);
+                let return_mps = if hurries { self.config.control.sustained_mps() } else { 0.0 };
+                let now = Now { estimate: &self.estimate, supply_v, at, dt_s, fence, return_mps };
                 let (mut command, news) = self.guidance.step(self.mode, &self.mission, &now);
                 self.keep_inside_fence(at, &mut command);
                 // Nor while the board flies something else.

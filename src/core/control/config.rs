@@ -189,7 +189,17 @@ impl Default for ControlConfig {
     }
 }
 
+/// Share of the fastest speed that is asked of the vehicle for long: with the rest the position loop catches the point up.
+const SUSTAINED_SHARE: f64 = 0.9;
+
 impl ControlConfig {
+    /// Horizontal speed that the limits on speed and lean let the vehicle keep up along a leg, whichever way it faces, m/s.
+    pub fn sustained_mps(&self) -> f64 {
+        let limits = &self.limits;
+        let by_lean_mps = self.drag.speed_mps(0, limits.tilt_deg.to_radians());
+        SUSTAINED_SHARE * limits.horizontal_mps.min(by_lean_mps)
+    }
+
     /// Which enhancements version and switches leave on.
     pub fn enhancements(&self) -> Enhancements {
         let on = self.version == Version::Modified;

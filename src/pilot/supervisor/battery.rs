@@ -2,7 +2,6 @@
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
-use super::super::config::LEAST_SPEED_MPS;
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
@@ -21,7 +20,7 @@ const FILTER_S: f64 = 1.0;
 const SETTLE_S: f64 = 5.0;
 /// Slower discharge is none that can be seen over noise, V/s.
 const SLOWEST_VPS: f64 = 2e-4;
-/// Way home takes this much longer than at cruise speed: starting, turning, wind.
+/// Way home takes this much longer than planned: turning, wind.
 const HOME_SHARE: f64 = 1.3;
 
 /// Discharge as it is seen in this flight.
@@ -113,7 +112,7 @@ impl Pilot {
         // Where no way leads home it lands here.
         let away_m = refuge.map_or(0.0, |[n, e]| (pos.x() - n).hypot(pos.y() - e));
         let height_m = self.height_above_floor_m().max(flight.return_height_m).max(0.0);
-        HOME_SHARE * away_m / flight.cruise_speed_mps.max(LEAST_SPEED_MPS)
+        HOME_SHARE * flight.travel_s(away_m, self.config.control.sustained_mps())
             + flight.landing_s(height_m)
     }
 
@@ -158,8 +157,8 @@ pub(super) const LOW: Condition = Condition {
 pub(super) const HOME: Condition = Condition {
     name: "battery_home",
     seen_by: "By the discharge seen in this flight (middle slope of three times 10 s) the voltage is \
-              critical before the vehicle could be home, on the floor, and `supervisor.battery_reserve_s` \
-              be over. Known from 35 s of flight on.",
+              critical before the vehicle could be home, at nine tenths of the speed that `control.limits` allow, on \
+              the floor, and `supervisor.battery_reserve_s` be over. Known from 35 s of flight on.",
     numbers: &[Number {
         key: "supervisor.battery_reserve_s",
         value: |c| c.supervisor.battery_reserve_s,
