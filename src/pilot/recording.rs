@@ -72,7 +72,8 @@ impl Pilot {
         self.recording = Told { state, why: why.chars().take(LONGEST_REASON).collect() };
         // That it stops is told by the supervisor's list.
         if state == Recording::Runs && matches!(before, Recording::Waits | Recording::Stopped) {
-            self.say(at, Severity::Info, "log goes on".to_owned());
+            let missing = if why.is_empty() { String::new() } else { format!("; {why}") };
+            self.say(at, Severity::Info, format!("log goes on{missing}"));
         }
     }
 
@@ -146,7 +147,8 @@ mod tests {
         let now = HostTime::from_us(3_000_000);
         assert_eq!(pilot.arming_check(Check::Log, now), Ok(()));
         assert_eq!(pilot.arming_warning(Check::Log).as_ref(), stopped.first());
-        assert_eq!(told(&mut pilot, 3, Recording::Runs, ""), ["log goes on"]);
+        let missing = ["log goes on; 7 entries are missing"];
+        assert_eq!(told(&mut pilot, 3, Recording::Runs, "7 entries are missing"), missing);
         assert!(is_healthy(&pilot) && pilot.arming_warning(Check::Log).is_none());
         // On the bench: the next flight is recorded, so nobody is warned of it.
         let waits = told(&mut pilot, 4, Recording::Waits, "0.9 GB free");

@@ -49,7 +49,7 @@ pub use channels::Decoded;
 pub use errors::{LogEnd, LogError};
 pub use flights::{FlightPart, Flights, LogFlight, is_on_floor};
 pub use identity::BuildIdentity;
-pub use names::utc_text;
+pub use names::{in_the_way, utc_text};
 pub use outline::Outline;
 pub use reader::{Entries, Entry, LogReader, RawInput};
 pub use recorder::{GlueState, Recorder, RecorderSummary};

@@ -11,6 +11,9 @@ const SECONDS_PER_DAY: i64 = 86_400;
 
 /// Creates the next log file in `directory`, and the directory if need be.
 pub(super) fn create_log(directory: &Path, unix_us: i64) -> io::Result<(PathBuf, File)> {
+    if let Some(why) = in_the_way(directory) {
+        return Err(io::Error::new(io::ErrorKind::NotADirectory, why));
+    }
     std::fs::create_dir_all(directory)?;
     let stamp = stamp(unix_us.div_euclid(1_000_000));
     for number in 0..MOST_PER_SECOND {
@@ -29,6 +32,21 @@ pub(super) fn create_log(directory: &Path, unix_us: i64) -> io::Result<(PathBuf,
         io::ErrorKind::AlreadyExists,
         format!("{MOST_PER_SECOND} logs of {stamp} exist"),
     ))
+}
+
+/// What stands where a folder is, or would be made, and is none: the system says "File exists" of a link to a disk that
+/// is not there. `None`: nothing.
+pub fn in_the_way(folder: &Path) -> Option<String> {
+    let whole = std::path::absolute(folder).ok()?;
+    let place = whole.ancestors().find(|place| place.symlink_metadata().is_ok())?;
+    if place.is_dir() {
+        return None;
+    }
+    let what = match std::fs::read_link(place) {
+        Ok(to) if !place.exists() => format!("a link to {}, which is not there", to.display()),
+        _ => "a file, no folder".to_owned(),
+    };
+    Some(if place == whole { what } else { format!("{} is {what}", place.display()) })
 }
 
 /// Whether a file's name is one that is made here.
@@ -94,6 +112,24 @@ mod tests {
         {
             assert!(!is_log_name(other), "{other}");
         }
+    }
+
+    #[test]
+    fn regress_a_folder_that_cannot_be_is_named_with_what_is_there_instead() {
+        let directory = tempfile::tempdir().unwrap();
+        let here = |name: &str| directory.path().join(name);
+        std::fs::write(here("notes"), "text").unwrap();
+        std::os::unix::fs::symlink("/mnt/not-there/logs", here("gone")).unwrap();
+        std::os::unix::fs::symlink(here("notes"), here("note-link")).unwrap();
+        let said = |name: &str| create_log(&here(name), 0).unwrap_err().to_string();
+        let gone = "a link to /mnt/not-there/logs, which is not there";
+        assert_eq!(said("gone"), gone);
+        assert_eq!(said("gone/deeper"), format!("{} is {gone}", here("gone").display()));
+        for file in ["notes", "note-link"] {
+            assert_eq!(said(file), "a file, no folder");
+        }
+        std::os::unix::fs::symlink(directory.path(), here("good")).unwrap();
+        create_log(&here("good/new"), 0).unwrap();
     }
 
     #[test]

@@ -47,6 +47,14 @@ impl<W: Write + Seek> Patient<W> {
         self.fault = settled.err().map(|error| (error.kind(), error.to_string()));
     }
 
+    /// Writes what waits if that is more than this, unless the medium has refused it before.
+    pub(super) fn put_out_beyond(&mut self, most_B: usize) {
+        if self.waiting_B > most_B && self.fault.is_none() {
+            let put = self.put_out();
+            self.fault = put.err().map(|error| (error.kind(), error.to_string()));
+        }
+    }
+
     fn put_out(&mut self) -> io::Result<()> {
         while let Some((to, bytes)) = self.waiting.front_mut() {
             if self.medium_at != Some(*to) {
@@ -86,10 +94,7 @@ impl<W: Write + Seek> Write for Patient<W> {
         self.waiting_B += bytes.len();
         self.at += bytes.len() as u64;
         self.end = self.end.max(self.at);
-        if self.waiting_B > self.buffer_B && self.fault.is_none() {
-            let put = self.put_out();
-            self.fault = put.err().map(|error| (error.kind(), error.to_string()));
-        }
+        self.put_out_beyond(self.buffer_B);
         Ok(bytes.len())
     }
 

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed, Ordering::SeqCst};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::channels::Decoded;
 use super::pb;
@@ -24,15 +24,15 @@ use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
 use haltere_pilot::{Input, LinkId, Recording};
 
-/// Batches that may wait for the disk. With [`BATCH_ENTRIES`] entries each and some 1500 entries/s
-/// this rides out a stall of the disk of about 20 s, in about 5 MB.
-const QUEUE_BATCHES: usize = 512;
+/// Batches that may wait for the disk: one each 20 ms ([`BATCH_AGE_US`]), so that it may stall for 80 s.
+const QUEUE_BATCHES: usize = 4096;
 
-/// Bytes of links that may wait for the disk, when a station sends as much as it may: beyond, batches are
-/// lost as if the queue were full. A flight brings 100 kB/s.
+/// Memory of what may wait for the disk, bytes: beyond, batches are lost as if the queue were full.
 const QUEUE_BYTES: usize = 64 << 20;
 /// Batches that are there from the first, with room for what comes between two of them.
 const READY_BATCHES: usize = 8;
+/// So many are kept for use again; what a stall has made beyond is given back.
+const KEPT_BATCHES: usize = 64;
 const READY_ENTRIES: usize = 4 * BATCH_ENTRIES;
 const READY_BYTES: usize = 16 << 10;
 /// A batch that once held more than this gives the memory back.
@@ -43,6 +43,8 @@ const BATCH_ENTRIES: usize = 64;
 /// … or when its first entry is this old, µs.
 const BATCH_AGE_US: i64 = 20_000;
 
+/// How long the beginning of a log is waited for.
+const WAIT_FOR_BEGINNING: Duration = Duration::from_secs(1);
 /// How long lockstep waits for the disk before it looks again.
 const WAIT_FOR_ROOM: Duration = Duration::from_micros(200);
 
@@ -77,6 +79,11 @@ impl Batch {
             items: Vec::with_capacity(READY_ENTRIES),
             bytes: Vec::with_capacity(READY_BYTES),
         }
+    }
+
+    /// Memory of what it holds.
+    pub(super) fn size_B(&self) -> usize {
+        self.bytes.len() + size_of_val(self.items.as_slice())
     }
 
     pub(super) fn clear(&mut self) {
@@ -122,6 +129,10 @@ pub struct Recorder {
     lost: u64,
     /// Whether a full queue is waited for instead of dropped into.
     waits: bool,
+    /// How the recorder's thread says that the recording stands.
+    stands: (Recording, String),
+    /// Entries are lost because the disk is behind; until half of the queue is free again.
+    is_behind: bool,
 }
 
 /// Batches on their way to the recorder's thread and back. Neither end takes a lock, so the pilot's
@@ -152,7 +163,7 @@ pub(super) struct Queue {
 
 impl Queue {
     fn new(depth: usize) -> Self {
-        let empty = ArrayQueue::new(depth + 2);
+        let empty = ArrayQueue::new(KEPT_BATCHES);
         for _ in 0..READY_BATCHES.min(depth) {
             let _ = empty.push(Batch::ready());
         }
@@ -169,6 +180,15 @@ impl Queue {
             unrecorded: AtomicU64::new(0),
             file: Arc::default(),
         }
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.full.is_empty()
+    }
+
+    /// Whether more than half of what may wait waits.
+    fn is_half_full(&self) -> bool {
+        2 * self.full.len() > self.full.capacity() || 2 * self.waiting_B.load(Relaxed) > QUEUE_BYTES
     }
 
     /// Tells how the recording stands; only the newest counts.
@@ -201,7 +221,8 @@ impl Recorder {
     }
 
     /// Begins a log that leaves room on the disk: where there is none it is begun later, and where there is no more it
-    /// stops, until there is some ([`Self::news`] tells). An error is one that no waiting mends.
+    /// stops, until there is some ([`Self::news`] tells). A disk that takes its time is not waited for longer than
+    /// people wait for a prompt.
     pub fn within(
         limits: Limits,
         directory: &Path,
@@ -209,18 +230,21 @@ impl Recorder {
     ) -> Result<Self, RecordError> {
         let (folder, head) = (directory.to_owned(), session.clone());
         let place = folder.clone();
-        let mut disk = Disk {
+        let disk = Disk {
             log: None,
             begin: Box::new(move || LogWriter::create(&folder, &head)),
             room: Box::new(move || Room::of(&place)),
             folder: directory.to_owned(),
             limits,
         };
-        let stands = disk.open()?;
-        let recorder = Self::spawn_on(disk, stands, QUEUE_BATCHES)?;
+        let recorder = Self::spawn_on(disk, QUEUE_BATCHES)?;
         if let Some(queue) = &recorder.queue {
             // Until somebody says that it is.
             queue.eventful.store(false, Relaxed);
+            let began = Instant::now();
+            while queue.news.is_empty() && began.elapsed() < WAIT_FOR_BEGINNING {
+                std::thread::sleep(WAIT_FOR_ROOM);
+            }
         }
         Ok(recorder)
     }
@@ -244,6 +268,8 @@ impl Recorder {
             sequence: 0,
             lost: 0,
             waits: false,
+            stands: (Recording::Off, String::new()),
+            is_behind: false,
         }
     }
 
@@ -251,23 +277,21 @@ impl Recorder {
         log: LogWriter<W>,
         depth: usize,
     ) -> Result<Self, RecordError> {
-        Self::spawn_on(Disk::of(log), (Recording::Runs, String::new()), depth)
+        Self::spawn_on(Disk::of(log), depth)
     }
 
     pub(super) fn spawn_on<W: std::io::Write + std::io::Seek + Send + 'static>(
         disk: Disk<W>,
-        stands: (Recording, String),
         depth: usize,
     ) -> Result<Self, RecordError> {
         let queue = Arc::new(Queue::new(depth));
         if let Some(log) = &disk.log {
             queue.file.begin(log.path());
         }
-        queue.tell(stands.0, stands.1.clone());
         let batches = queue.clone();
         let thread = std::thread::Builder::new()
             .name("recorder".into())
-            .spawn(move || write_all(disk, stands, &batches))
+            .spawn(move || write_all(disk, &batches))
             .map_err(RecordError::Thread)?;
         let mut recorder = Self::off();
         recorder.file = queue.file.clone();
@@ -278,8 +302,30 @@ impl Recorder {
     }
 
     /// How the recording stands, with the reason if it does not run, once whenever that has changed; never waits.
-    pub fn news(&self) -> Option<(Recording, String)> {
-        self.queue.as_ref()?.news.pop()
+    /// That the disk is behind is seen at this end: the recorder's thread hangs in the write that does not come back.
+    pub fn news(&mut self) -> Option<(Recording, String)> {
+        let queue = self.queue.as_ref()?;
+        let told = queue.news.pop();
+        let is_behind = self.hole.is_some() || (self.is_behind && queue.is_half_full());
+        let has_turned = std::mem::replace(&mut self.is_behind, is_behind) != is_behind;
+        if told.is_none() && !has_turned {
+            return None;
+        }
+        let missing = self.lost.saturating_add(queue.unrecorded.load(Relaxed));
+        self.stands = told.unwrap_or_else(|| self.stands.clone());
+        Some(match &self.stands {
+            _ if is_behind => (
+                Recording::Stopped,
+                match self.path() {
+                    Some(path) => format!("{}: the disk does not keep up", path.display()),
+                    None => "the disk does not begin one".to_owned(),
+                },
+            ),
+            (Recording::Runs, _) if missing > 0 => {
+                (Recording::Runs, format!("{missing} entries are missing"))
+            }
+            stands => stands.clone(),
+        })
     }
 
     /// Whether somebody flies, or is about to: then the reserve is for him.
@@ -409,7 +455,7 @@ impl Recorder {
         if let Some(queue) = &queue {
             let mut last = std::mem::take(&mut self.batch);
             last.hole = self.hole.take();
-            queue.waiting_B.fetch_add(last.bytes.len(), Relaxed);
+            queue.waiting_B.fetch_add(last.size_B(), Relaxed);
             // Nothing is flying any more: waiting is right.
             let _ = self.put_waiting(queue, last);
             queue.closed.store(true, SeqCst);
@@ -450,7 +496,7 @@ impl Recorder {
         let next = queue.empty.pop().unwrap_or_default();
         let mut batch = std::mem::replace(&mut self.batch, next);
         batch.hole = self.hole.take();
-        let bytes = batch.bytes.len();
+        let bytes = batch.size_B();
         let waiting_B = queue.waiting_B.fetch_add(bytes, Relaxed).saturating_add(bytes);
         let sent = if queue.deserted.load(SeqCst) || (!self.waits && waiting_B > QUEUE_BYTES) {
             Err(batch)

@@ -58,21 +58,20 @@ impl<W: Write + Seek> Disk<W> {
         }
     }
 
-    /// How the recording stands before anything is recorded: a log is begun if there is room. The error is one that
-    /// no waiting mends.
-    pub(super) fn open(&mut self) -> Result<(Recording, String), RecordError> {
+    /// How the recording stands before anything is recorded: a log is begun if there is room. Whatever keeps it from
+    /// being begun keeps nobody from flying, and is tried again.
+    fn open(&mut self) -> (Recording, String) {
         let room = (self.room)();
         let (state, why) = self.limits.judge(room, false, Recording::Runs, &self.folder);
-        if state != Recording::Runs {
-            return Ok((state, why));
+        if state != Recording::Runs || self.log.is_some() {
+            return (state, why);
         }
         match (self.begin)() {
             Ok(log) => {
                 self.log = Some(log);
-                Ok((Recording::Runs, String::new()))
+                (Recording::Runs, String::new())
             }
-            Err(error) if error.may_pass() => Ok((Recording::Stopped, error.cause())),
-            Err(error) => Err(error),
+            Err(error) => (Recording::Stopped, error.cause()),
         }
     }
 }
@@ -119,13 +118,14 @@ struct Scribe<'a, W: Write + Seek> {
     broken: Option<RecordError>,
 }
 
-/// Body of the recorder's thread.
-pub(super) fn write_all<W: Write + Seek>(
-    disk: Disk<W>,
-    (state, why): (Recording, String),
-    queue: &Arc<Queue>,
-) -> Ended {
+/// Body of the recorder's thread. What comes while the disk takes its time with the beginning waits in the queue.
+pub(super) fn write_all<W: Write + Seek>(mut disk: Disk<W>, queue: &Arc<Queue>) -> Ended {
     let _deserts = Deserts(queue);
+    let (state, why) = disk.open();
+    if let Some(log) = &disk.log {
+        queue.file.begin(log.path());
+    }
+    queue.tell(state, why.clone());
     let mut scribe = Scribe {
         disk,
         queue,
@@ -145,17 +145,21 @@ pub(super) fn write_all<W: Write + Seek>(
         let Ok(batch) = queue.take(wait) else { break };
         let armed = queue.armed.load(Relaxed);
         let due = looked.elapsed() >= PERSIST_PERIOD;
-        if due {
-            looked = Instant::now();
-        }
         if due || armed != scribe.was_armed {
             scribe.look(armed);
         }
+        if due {
+            // From its end: a look that takes a second leaves a second for what has come meanwhile.
+            looked = Instant::now();
+        }
         if let Some(mut batch) = batch {
             scribe.take(&batch);
-            queue.waiting_B.fetch_sub(batch.bytes.len(), Relaxed);
+            queue.waiting_B.fetch_sub(batch.size_B(), Relaxed);
             batch.clear();
             let _ = queue.empty.push(batch);
+        }
+        if queue.is_empty() {
+            scribe.put_out();
         }
     }
     scribe.close()
@@ -232,6 +236,11 @@ impl<W: Write + Seek> Scribe<'_, W> {
             Ok(()) => {}
             Err(error) => self.breaks(&error),
         }
+    }
+
+    fn put_out(&mut self) {
+        let Some(Err(error)) = self.disk.log.as_mut().map(LogWriter::put_out) else { return };
+        self.breaks(&error);
     }
 
     /// Why what was written does not come to the disk.

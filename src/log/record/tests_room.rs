@@ -2,7 +2,7 @@
 
 use std::io::{self, Seek, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering::SeqCst};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::SeqCst};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -22,10 +22,15 @@ struct Small {
     bytes: Arc<Mutex<io::Cursor<Vec<u8>>>>,
     free_B: Arc<AtomicU64>,
     room_B: Arc<AtomicU64>,
+    /// It takes nothing now, and does not come back either.
+    stalls: Arc<AtomicBool>,
 }
 
 impl Write for Small {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        while self.stalls.load(SeqCst) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
         let n = (bytes.len() as u64).min(self.room_B.load(SeqCst));
         if n == 0 && !bytes.is_empty() {
             return Err(io::ErrorKind::StorageFull.into());
@@ -53,20 +58,23 @@ impl Small {
     }
 
     fn recorder(&self) -> Recorder {
+        self.recorder_of(4096)
+    }
+
+    fn recorder_of(&self, depth: usize) -> Recorder {
         let (medium, free_B) = (self.clone(), self.free_B.clone());
         let begin = move || {
             let sync = Box::new(|| Ok(()));
             LogWriter::on(PathBuf::from("/logs/a.mcap"), medium.clone(), sync, &session())
         };
-        let mut disk = Disk {
+        let disk = Disk {
             log: None,
             begin: Box::new(begin),
             room: Box::new(move || Some(Room { free_B: free_B.load(SeqCst), size_B: 100 * GB })),
             folder: "/logs".into(),
             limits: Limits { reserve_B: GB, budget_B: None },
         };
-        let stands = disk.open().unwrap();
-        Recorder::spawn_on(disk, stands, 4096).unwrap()
+        Recorder::spawn_on(disk, depth).unwrap()
     }
 
     fn read(&self) -> (Vec<Entry>, LogEnd) {
@@ -142,6 +150,81 @@ fn regress_a_full_disk_stops_the_log_which_goes_on_when_there_is_room() {
     let (entries, end) = small.read();
     assert_eq!(end, LogEnd::Complete);
     assert_eq!(accounted(&entries, n), 1);
+}
+
+/// A write that took 20 s cost 4.8 s of the log, and nobody was told.
+#[test]
+fn regress_a_disk_that_stalls_is_told_and_what_it_cost_is_counted() {
+    let small = Small::new(50 * GB);
+    let (mut recorder, mut n) = (small.recorder_of(16), 0);
+    until(&mut recorder, &mut n, Recording::Runs);
+    small.stalls.store(true, SeqCst);
+    // As much as may wait is not told: it is not lost.
+    for _ in 0..15 {
+        wake(&mut recorder, &mut n);
+        assert_eq!(recorder.news(), None);
+    }
+    let why = until(&mut recorder, &mut n, Recording::Stopped);
+    assert_eq!(why, "/logs/a.mcap: the disk does not keep up");
+    for _ in 0..50 {
+        wake(&mut recorder, &mut n);
+        assert_eq!(recorder.news(), None, "said once");
+    }
+    small.stalls.store(false, SeqCst);
+    let why = until(&mut recorder, &mut n, Recording::Runs);
+    let lost = recorder.lost();
+    assert!(lost >= 50, "{lost}");
+    assert_eq!(why, format!("{lost} entries are missing"));
+    wake(&mut recorder, &mut n);
+    let summary = recorder.finish();
+    assert!(summary.error.is_none() && summary.lost_entries == lost, "{summary:?}");
+    let (entries, end) = small.read();
+    assert_eq!(end, LogEnd::Complete);
+    assert!(accounted(&entries, n) >= 1);
+}
+
+/// A disk that takes its time with the first bytes held up the companion.
+#[test]
+fn regress_what_comes_before_the_log_is_begun_is_in_it() {
+    let small = Small::new(50 * GB);
+    small.stalls.store(true, SeqCst);
+    let (mut recorder, mut n) = (small.recorder(), 0);
+    for _ in 0..100 {
+        wake(&mut recorder, &mut n);
+    }
+    assert_eq!(recorder.path(), None);
+    assert_eq!(recorder.news(), None);
+    small.stalls.store(false, SeqCst);
+    until(&mut recorder, &mut n, Recording::Runs);
+    let summary = recorder.finish();
+    assert!(summary.error.is_none() && summary.lost_entries == 0, "{summary:?}");
+    assert_eq!(accounted(&small.read().0, n), 0);
+}
+
+/// Without its folder the companion did not start.
+#[test]
+fn regress_a_folder_that_is_not_there_is_told_and_waited_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let disk = folder.path().join("disk");
+    for (name, what) in [("link", "a link to "), ("file", "a file, no folder")] {
+        let logs = folder.path().join(name);
+        match name {
+            "link" => std::os::unix::fs::symlink(&disk, &logs).unwrap(),
+            _ => std::fs::write(&logs, "notes").unwrap(),
+        }
+        let (mut recorder, mut n) =
+            (Recorder::within(Limits::default(), &logs, &session()).unwrap(), 0);
+        let why = until(&mut recorder, &mut n, Recording::Stopped);
+        assert!(why.starts_with(&format!("{}: {what}", logs.display())), "{why}");
+        // The disk comes, or somebody puts the file away.
+        match name {
+            "link" => std::fs::create_dir(&disk).unwrap(),
+            _ => std::fs::remove_file(&logs).unwrap(),
+        }
+        until(&mut recorder, &mut n, Recording::Runs);
+        wake(&mut recorder, &mut n);
+        assert!(LogReader::open(recorder.finish().path.unwrap()).is_ok());
+    }
 }
 
 #[test]

@@ -26,8 +26,10 @@ use haltere_pilot::LinkId;
 
 /// A chunk ends with the record that reaches this, bytes: some seconds of a flight.
 const CHUNK_BYTES: usize = 1 << 20;
-/// Bytes that are gathered before they are written.
+/// Bytes that are gathered before they are written, when nothing more waits to be gathered …
 const BUFFER_BYTES: usize = if cfg!(test) { 0 } else { 1 << 16 };
+/// … and when more waits: where each write takes half a second, what came meanwhile is one write and not twenty.
+const MOST_BUFFER_BYTES: usize = if cfg!(test) { 0 } else { 1 << 20 };
 /// What a message takes in a chunk besides its data: opcode, length, channel, sequence, two times, bytes.
 const MESSAGE_HEAD_BYTES: usize = 1 + 8 + 2 + 4 + 8 + 8;
 
@@ -66,25 +68,6 @@ pub enum RecordError {
 }
 
 impl RecordError {
-    /// Whether waiting may mend it: a disk that is full, or fails for a while. What is wrong with the
-    /// configuration stays wrong.
-    pub fn may_pass(&self) -> bool {
-        use io::ErrorKind as K;
-        match self {
-            RecordError::Create { source, .. } => !matches!(
-                source.kind(),
-                K::PermissionDenied
-                    | K::NotFound
-                    | K::NotADirectory
-                    | K::AlreadyExists
-                    | K::InvalidInput
-                    | K::InvalidFilename
-            ),
-            RecordError::Write { .. } | RecordError::NotBegun { .. } => true,
-            RecordError::Thread(_) => false,
-        }
-    }
-
     /// Where and why alone, without what to do about it.
     pub(super) fn cause(&self) -> String {
         match self {
@@ -182,7 +165,7 @@ impl<W: Write + Seek> LogWriter<W> {
         sync: Sync,
         session: &Session,
     ) -> Result<Self, RecordError> {
-        let medium = Shared(Arc::new(Mutex::new(Patient::new(medium, BUFFER_BYTES))));
+        let medium = Shared(Arc::new(Mutex::new(Patient::new(medium, MOST_BUFFER_BYTES))));
         let begun = WriteOptions::new()
             .compression(None)
             .profile("haltere")
@@ -354,6 +337,12 @@ impl<W: Write + Seek> LogWriter<W> {
         self.told = (self.channels.len(), if known == self.channels.len() { times + 1 } else { 1 });
         let names = self.channels.iter().map(|(name, id)| (name.as_str(), *id));
         self.mcap.write_metadata(&channels::to_metadata(names))
+    }
+
+    /// Writes what has gathered, if it is worth it: nothing more waits.
+    pub(super) fn put_out(&mut self) -> Result<(), McapError> {
+        self.medium.medium()?.put_out_beyond(BUFFER_BYTES);
+        Ok(())
     }
 
     fn settle(&mut self) -> io::Result<()> {

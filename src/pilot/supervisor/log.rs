@@ -9,10 +9,10 @@ use super::condition::{Condition, ROW, Watched};
 /// Nothing is recorded.
 pub(super) const STOPPED: Condition = Condition {
     name: "log_stopped",
-    seen_by: "Recording has stopped, or never began: less than 200 MB are free where logs go (a twentieth of a disk of \
-              less than 4 GB), or a write failed. The room is looked at and the write tried again every second, and the \
-              log goes on, with a hole in it (`/hole`), which is told. What is lost is counted as `recording_stopped`. \
-              Told to a station that comes later as well. With `flight.log_required` nothing arms meanwhile.",
+    seen_by: "Nothing is recorded: less than 200 MB are free where logs go (a twentieth of a disk below 4 GB), the \
+              folder cannot be made, a write failed, or lasts longer than what comes can wait (80 s, 64 MB). It is \
+              tried again each second; then the log goes on with a hole (`/hole`), which is told and counted \
+              (`recording_stopped`, `recorder_queue_full`). With `flight.log_required` nothing arms meanwhile.",
     gone_s: 0.0,
     watched: Watched::Always,
     because: "nothing is recorded",
