@@ -73,8 +73,8 @@ impl Check {
                 "there, speaking within `limits.board_loss_s`, disarmed, streams at their rates, \
                  parameters and vehicle type as its firmware needs them, a line that is fast enough \
                  (docs/BOARDS.md)",
-                "no board found on its link; board silent for N s; board is already armed, but not by us: \
-                 disarm it first; and what docs/BOARDS.md lists",
+                "tag and board are exchanged, or one speaks on the other's line; no board found on its link; board \
+                 silent for N s; board is already armed, but not by us: disarm it first; and what docs/BOARDS.md lists",
             ],
             Check::Estimate => [
                 "estimate",
@@ -187,7 +187,7 @@ impl Pilot {
     /// One check; the error is for people.
     pub(super) fn arming_check(&self, check: Check, at: HostTime) -> Result<(), String> {
         match check {
-            Check::Board => self.check_board(at),
+            Check::Board => self.check_lines().and_then(|()| self.check_board(at)),
             Check::Estimate => self.check_estimate(at),
             Check::Imu if !is_fresh(self.last_imu, at) => {
                 Err("no IMU data from the board".to_owned())

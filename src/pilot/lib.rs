@@ -74,6 +74,7 @@ mod landing_ramp;
 mod losses;
 mod magnetics;
 mod manual;
+mod misplaced;
 mod mission;
 pub mod mission_file;
 mod mission_items;
@@ -118,6 +119,7 @@ pub use endpoint::{
 };
 pub use excitation::Doublet;
 pub use input::{Input, LinkId};
+pub use misplaced::{Ear, Lines, Speaker};
 pub use mission::{MOST_ITEMS, Mission, MissionItem, Volume};
 pub use modes::{Event, MISSION_LANDS, Mode, TABLE, Transition, transition};
 pub use permits::Commanders;
@@ -203,6 +205,7 @@ pub struct Pilot {
     baro_at: Option<HostTime>,
     pairs: Vec<PairStats>,
 
+    lines: Lines,
     board: BoardLink,
     board_splitter: MavSplitter,
     board_peers: Peers,
@@ -324,6 +327,7 @@ impl Pilot {
             imu: None,
             baro_at: None,
             pairs: Vec::new(),
+            lines: Lines::default(),
             board: BoardLink::new(
                 LinkConfig {
                     profile: config.board_profile,
@@ -424,8 +428,14 @@ impl Pilot {
             self.supervisor.punctuality.host_clock_went_back(by_s);
         }
         match input {
-            Input::Bytes { link: LinkId::Tag, bytes } => self.tag_bytes(at, bytes),
-            Input::Bytes { link: LinkId::Board, bytes } => self.board_bytes(at, bytes),
+            Input::Bytes { link: link @ LinkId::Tag, bytes } => {
+                self.tag_bytes(at, bytes);
+                self.look_at_line(at, link, bytes);
+            }
+            Input::Bytes { link: link @ LinkId::Board, bytes } => {
+                self.board_bytes(at, bytes);
+                self.look_at_line(at, link, bytes);
+            }
             Input::Bytes { link: LinkId::Ground(n), bytes } => self.ground_bytes(at, n, bytes),
             Input::Peer { link: LinkId::Board, address } => self.board_peers.sender(address),
             // Each station has a link of its own, and the tag a line.
@@ -455,8 +465,13 @@ impl Pilot {
     }
 
     /// Yields the bytes to send, in order, and forgets them.
-    pub fn drain_output(&mut self, send: impl FnMut(LinkId, &[u8])) {
-        self.out.drain(send);
+    pub fn drain_output(&mut self, mut send: impl FnMut(LinkId, &[u8])) {
+        let is_tag = self.board.system_id().is_none() && self.lines.board.is_tag();
+        self.out.drain(|link, bytes| {
+            if !(is_tag && link == LinkId::Board) {
+                send(link, bytes);
+            }
+        });
     }
 
     /// Yields the decoded records, in order, and forgets them.
