@@ -114,6 +114,20 @@ pub enum LogError {
         /// When the second was.
         second: String,
     },
+    /// One log that another program has put into a file twice.
+    #[error(
+        "{}: byte {offset}: the session from {first} begins here once more: one log that was put into a file twice; take \
+         the log itself, or `haltere log split {}` writes it once",
+        path.display(), path.display()
+    )]
+    Twice {
+        /// Which file.
+        path: PathBuf,
+        /// Where it begins again; 0: it lies within itself.
+        offset: u64,
+        /// When it was recorded.
+        first: String,
+    },
     /// They cannot be taken apart.
     #[error("{}: {why}; take the logs themselves, from before they were put into one file", path.display())]
     Woven {

@@ -1,7 +1,9 @@
 //! Reads a log: whole, cut by a power loss, or damaged in places; what is bad is stepped over and named.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use prost::Message as _;
 
@@ -260,45 +262,42 @@ impl LogReader {
 
     /// Refuses a file that holds a second session.
     fn alone(self) -> Result<Self, LogError> {
+        let first = utc_text(self.session.started_unix_us);
         match self.second() {
             None => Ok(self),
-            Some((offset, started_unix_us)) => Err(LogError::Merged {
+            Some((offset, None)) => Err(LogError::Twice { offset, first, path: self.path }),
+            Some((offset, Some(started_unix_us))) => Err(LogError::Merged {
                 offset,
-                first: utc_text(self.session.started_unix_us),
+                first,
                 second: utc_text(started_unix_us),
                 path: self.path,
             }),
         }
     }
 
-    /// Where another session begins, and when it was recorded.
-    fn second(&self) -> Option<(u64, i64)> {
-        let begins = |message: &Message<'_>| {
-            if *message.channel != *channels::CONFIG.0 || message.data == self.head {
-                return None;
-            }
-            let other = pb::Session::decode(message.data).ok()?;
-            Some((message.offset, other.started_unix_us))
-        };
+    /// Where another session begins, and when it was recorded; without a time it is the same session once more.
+    fn second(&self) -> Option<(u64, Option<i64>)> {
+        let mut heads = Heads::default();
         let Some(tail) = self.tail.as_ref().filter(|tail| tail.tells_chunks()) else {
             let mut messages = self.messages();
             while let Some(message) = messages.next() {
-                if let Some(second) = begins(&message) {
-                    return Some(second);
+                if let Some(second) = heads.begins(&message, &self.head) {
+                    return Some((message.offset, second));
                 }
             }
             return None;
         };
-        // The end of the file says in which chunks there are heads.
+        // The end of the file says in which chunks there are heads, and which channels there are.
         for (from, to) in tail.chunks_with(channels::CONFIG.0) {
             let mut messages = Messages::from(&self.source, Some(tail), from);
             while let Some(message) = messages.next().filter(|message| message.offset < to) {
-                if let Some(second) = begins(&message) {
-                    return Some(second);
+                if let Some(second) = heads.begins(&message, &self.head) {
+                    return Some((message.offset, second));
                 }
             }
         }
-        None
+        let mut ids = tail.channels.iter();
+        ids.any(|(id, name)| heads.is_told_twice(*id, name)).then_some((0, None))
     }
 
     /// Name of the file.
@@ -337,6 +336,34 @@ impl LogReader {
     /// Everything after the head. [`Entries::end`] tells how the log ended once it is exhausted.
     pub fn entries(&self) -> Entries<'_> {
         Entries { messages: self.messages(), gaps: self.gaps(), waiting: None, over: false }
+    }
+}
+
+/// What a log of one session, written once, holds once: each of the two copies of its head, before everything else, and
+/// each other channel.
+#[derive(Default)]
+struct Heads {
+    seen: BTreeSet<u16>,
+    channels: BTreeMap<Arc<str>, u16>,
+    has_begun: bool,
+}
+
+impl Heads {
+    /// Whether a session begins with this message that is not the one that runs: when it was recorded, or `None` inside
+    /// if it is the same once more.
+    fn begins(&mut self, message: &Message<'_>, head: &[u8]) -> Option<Option<i64>> {
+        if *message.channel != *channels::CONFIG.0 {
+            self.has_begun |= message.sequence > 0;
+            return self.is_told_twice(message.channel_id, &message.channel).then_some(None);
+        }
+        if message.data != head {
+            return Some(Some(pb::Session::decode(message.data).ok()?.started_unix_us));
+        }
+        (self.has_begun || !self.seen.insert(message.channel_id)).then_some(None)
+    }
+
+    fn is_told_twice(&mut self, id: u16, name: &Arc<str>) -> bool {
+        **name != *channels::CONFIG.0 && *self.channels.entry(name.clone()).or_insert(id) != id
     }
 }
 

@@ -3,8 +3,10 @@
 //! One behind the other, or in order of their time where they do not overlap, they are parted where the next head
 //! stands. Woven into one another they can be told apart as long as each kept its own channels: the numbers of
 //! inputs and outputs follow one another within a session. Decoded records have none, and are left out and counted.
+//! What is there twice, since a log was put into a file twice, goes out once.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -12,6 +14,7 @@ use mcap::McapError;
 
 use super::channels;
 use super::errors::LogError;
+use super::messages::Message;
 use super::reader::{LogReader, fault};
 use super::recover::{Copy, hole_before};
 
@@ -54,7 +57,8 @@ pub fn split(path: &Path) -> Result<Parts, LogError> {
         out.head(log).map_err(|source| LogError::Copy { path: name.clone(), source })?;
         outs.push(out);
     }
-    let left_out = if found.woven {
+    // Of one log that is there twice every message is, and goes out once.
+    let left_out = if found.woven && logs.len() > 1 {
         let owners =
             found.owners().map_err(|why| LogError::Woven { path: path.to_owned(), why })?;
         unweave(&file, &owners, &mut outs)
@@ -169,7 +173,7 @@ fn between(group: &Numbers, numbers: &Numbers) -> bool {
 
 fn cut(file: &LogReader, heads: &[Vec<u8>], outs: &mut [Copy]) -> Result<u64, McapError> {
     let mut messages = file.messages();
-    let (mut n, mut gaps) = (0, file.gaps());
+    let (mut n, mut gaps, mut seen) = (0, file.gaps(), HashSet::new());
     while let Some(message) = messages.next() {
         if *message.channel == *channels::CONFIG.0 {
             let known = heads.iter().position(|head| head == message.data);
@@ -182,6 +186,12 @@ fn cut(file: &LogReader, heads: &[Vec<u8>], outs: &mut [Copy]) -> Result<u64, Mc
         if let Some(why) = fault(&message) {
             let offset = message.offset;
             messages.note(offset, why);
+            continue;
+        }
+        let Message { channel, sequence, log_time, data, .. } = &message;
+        let mut print = DefaultHasher::new();
+        (n, channel, sequence, log_time, data).hash(&mut print);
+        if !seen.insert(print.finish()) {
             continue;
         }
         let hole = hole_before(&mut gaps, &message);
