@@ -17,6 +17,7 @@ use haltere_model::magnetometer::MagnetometerSettings;
 use haltere_model::room::Room;
 use haltere_model::tag::TagProtocol;
 use haltere_model::{Fault, PlantConfig, Vehicle};
+use haltere_pilot::OriginConfig;
 use haltere_pilot::settings::parse_anchors;
 use serde::{Deserialize, Serialize};
 
@@ -38,6 +39,8 @@ pub struct Scenario {
     pub room: Room,
     /// Anchor survey file, relative to the scenario; absent: the corners of the room.
     pub anchors_file: Option<PathBuf>,
+    /// Where the room lies on Earth, for the companion of `lockstep`; absent: where its configuration has it.
+    pub origin: Option<OriginConfig>,
     /// Where the vehicle stands.
     pub start: Start,
     /// The tag.
@@ -108,6 +111,7 @@ impl Default for Scenario {
             seed: 1,
             room: Room::default(),
             anchors_file: None,
+            origin: None,
             start: Start::default(),
             tag: Tag::default(),
             board: Board::default(),
@@ -207,6 +211,9 @@ impl Scenario {
             fault.to_mishap(&format!("fault[{i}]"), &mut problems);
         }
         self.told.check("told", &mut problems);
+        if let Some(origin) = &self.origin {
+            origin.check("origin", &mut problems);
+        }
         self.faults.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         if let Err(more) = EffectSet::from_config(&self.effects) {
             more.lines().iter().for_each(|line| problems.say(line.clone()));
@@ -215,7 +222,7 @@ impl Scenario {
             bail!(problems);
         }
         let survey = match &self.anchors_file {
-            Some(file) => anchors(&folder.join(file))?,
+            Some(file) => anchors(&built_in::survey(folder, file))?,
             None => Survey::new(&corners(&self.room))?,
         };
         self.told_survey = Some(self.told.survey(&survey)?);

@@ -264,7 +264,7 @@ fn plain(text: &str) -> Value {
 fn digest(file: &CampaignFile, base: &Base, faults: &[catalogue::Entry]) -> Result<String> {
     let anchors = match base.scenario.get("anchors_file").and_then(Value::as_str) {
         Some(name) => {
-            let file = base.scenario_folder.join(name);
+            let file = built_in::survey(&base.scenario_folder, Path::new(name));
             built_in::read(&file).with_context(|| file.display().to_string())?
         }
         None => String::new(),
