@@ -2,9 +2,9 @@
 its argument says:
 
     haltere-sim lockstep --speed 2 &          # a vehicle; or a real companion
-    python mavproxy_square.py udpout:127.0.0.1:14550
+    python mavproxy_square.py udpin:127.0.0.1:14550
 
-By hand: `mavproxy.py --master=udpout:127.0.0.1:14550 --mav20`, then the lines that this prints after `>`.
+By hand: `mavproxy.py --master=udpin:127.0.0.1:14550 --mav20`, then the lines that this prints after `>`.
 """
 
 import os
@@ -83,4 +83,4 @@ def main(address):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "udpout:127.0.0.1:14550")
+    main(sys.argv[1] if len(sys.argv) > 1 else "udpin:127.0.0.1:14550")

@@ -2,7 +2,7 @@
 with `gps = "origin+gps"`: MAVSDK waits for a global position.
 
     haltere-sim lockstep --speed 2 &          # a vehicle; or a real companion
-    python mavsdk_square.py udpout://127.0.0.1:14540
+    python mavsdk_square.py udpin://0.0.0.0:14540
 """
 
 import math
@@ -75,4 +75,4 @@ def main(address):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "udpout://127.0.0.1:14540")
+    main(sys.argv[1] if len(sys.argv) > 1 else "udpin://0.0.0.0:14540")

@@ -1,7 +1,7 @@
 """A square of 2 m with pymavlink: upload, arm, start, wait, land. Connects where its argument says:
 
     haltere-sim lockstep --speed 5 &          # a vehicle; or a real companion
-    python pymavlink_square.py udpout:127.0.0.1:14550
+    python pymavlink_square.py udpin:127.0.0.1:14550
 """
 
 import os
@@ -35,11 +35,16 @@ class Vehicle:
         self.wait("HEARTBEAT", 20)
         self.link.target_system = self.link.target_component = 1
 
+    def beat(self):
+        self.beat_at = time.monotonic()
+        self.link.mav.heartbeat_send(MAV.MAV_TYPE_GCS, MAV.MAV_AUTOPILOT_INVALID, 0, 0, 4)
+
     def receive(self):
         if time.monotonic() - self.beat_at > 1.0:  # the companion flies on without; others may not
-            self.beat_at = time.monotonic()
-            self.link.mav.heartbeat_send(MAV.MAV_TYPE_GCS, MAV.MAV_AUTOPILOT_INVALID, 0, 0, 4)
+            self.beat()
         message = self.link.recv_match(blocking=True, timeout=0.2)
+        if message is not None and message.get_type() == "HEARTBEAT":
+            self.beat()  # as often as the vehicle's, whose second may be shorter: --speed
         if message is not None and message.get_type() == "STATUSTEXT":
             print("vehicle:", message.text)
         return message
@@ -92,4 +97,4 @@ def main(address):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "udpout:127.0.0.1:14550")
+    main(sys.argv[1] if len(sys.argv) > 1 else "udpin:127.0.0.1:14550")

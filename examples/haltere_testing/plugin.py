@@ -20,13 +20,18 @@ from typing import Any, Callable, Iterator
 import pytest
 
 from .clients import MavProxy, dronekit_vehicle, mavsdk_system
+from .programs import NOT_JUDGED
 from .rig import Rig
-from .vehicle import Vehicle
+from .vehicle import Vehicle, or_none
 
 #: Fixtures whose client has a clock of its own, and how many times as fast as real time passes then.
 CLOCKED, SPEED = ("dronekit", "mavproxy", "mavsdk"), 2
 
 _report = pytest.StashKey[Any]()
+#: The vehicle of a test, from its start on.
+_vehicle = pytest.StashKey[Vehicle]()
+#: Tests that failed while their simulator was not given the time.
+_late = pytest.StashKey[list[str]]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -36,6 +41,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.stash[_late] = []
     config.addinivalue_line("markers", "haltere(**options): how the fixture `haltere` is started")
 
 
@@ -43,11 +49,31 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> Iterator[Any]:
     outcome: Any = yield
     report = outcome.get_result()
-    vehicle = getattr(item, "funcargs", {}).get("haltere")
-    if report.when == "call" and report.failed and isinstance(vehicle, Vehicle):
+    if not report.failed or report.when == "teardown":
+        return
+    vehicles = [item.stash.get(_vehicle, None), *getattr(item, "funcargs", {}).values()]
+    vehicle = next((each for each in vehicles if isinstance(each, Vehicle)), None)
+    if vehicle is None:
+        return
+    late = or_none(vehicle.not_judged)
+    if late:
+        item.config.stash[_late].append(f"{item.nodeid}: {late}")
+    if report.when == "call" and _vehicle in item.stash:
         # At once, as it stands when the test fails.
         report.sections.append(("haltere", "\n".join(vehicle.facts())))
         item.stash[_report] = report
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    for words in config.stash[_late]:
+        terminalreporter.write_line(words)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    # What failed beside them is a failure.
+    if session.testsfailed and session.testsfailed == len(session.config.stash[_late]):
+        session.exitstatus = NOT_JUDGED
 
 
 @pytest.fixture
@@ -61,7 +87,7 @@ def haltere(request: pytest.FixtureRequest, tmp_path: pathlib.Path) -> Iterator[
     options = {"lockstep": True, **(marker.kwargs if marker else {})}
     if options["lockstep"] and any(name in request.fixturenames for name in CLOCKED):
         options.setdefault("speed", SPEED)
-    rig = Rig(tmp_path, **options)
+    rig = request.node.stash[_vehicle] = Rig(tmp_path, **options)
     try:
         rig.settle()
         lookout = rig.look_out()
@@ -75,7 +101,7 @@ def haltere(request: pytest.FixtureRequest, tmp_path: pathlib.Path) -> Iterator[
 
 def _real(request: pytest.FixtureRequest, config: pathlib.Path, folder: pathlib.Path) -> Iterator[Vehicle]:
     from .real import RealVehicle
-    vehicle = RealVehicle(config, folder, request.node.nodeid)
+    vehicle = request.node.stash[_vehicle] = RealVehicle(config, folder, request.node.nodeid)
     try:
         vehicle.settle()
         with vehicle.kept():

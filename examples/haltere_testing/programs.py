@@ -49,6 +49,10 @@ def free_port(kind: int = socket.SOCK_DGRAM) -> int:
         return s.getsockname()[1]
 
 
+#: Exit code of a simulator that was not given the time, and of a run of pytest in which nothing else failed.
+NOT_JUDGED = 75
+
+
 class Simulator:
     """A process of haltere-sim that takes orders: `serve` (tag and board in real time) or `lockstep`
     (companion included, on simulated time). `said` is the file that holds what it says."""

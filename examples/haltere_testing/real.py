@@ -67,10 +67,11 @@ class RealVehicle(Vehicle):
         self.clock = RealTime()
         self.test = test
         self.before_arming = self._ask
-        self.ports = {name: free_port() for name in ("generic", "px4", "gps")}
+        self.ports = {name: free_port() for name in ("generic", "px4", "gps", "script")}
         own = [f'"udpin:127.0.0.1:{self.ports["generic"]}"',
                f'{{ address = "udpin:127.0.0.1:{self.ports["px4"]}", identity = "px4", vehicle_type = 2 }}',
-               f'{{ address = "udpin:127.0.0.1:{self.ports["gps"]}", gps = "origin+gps" }}']
+               f'{{ address = "udpin:127.0.0.1:{self.ports["gps"]}", gps = "origin+gps" }}',
+               f'"udpout:127.0.0.1:{self.ports["script"]}"']
         told = configuration(config)
         others = told.get("ground", {}).get("endpoints", ["udpout:127.0.0.1:14550"])
         endpoints = ", ".join([*map(inline, others), *own])

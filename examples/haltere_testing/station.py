@@ -72,7 +72,8 @@ def name_of(enum: str, value: int) -> str:
 
 
 class Station:
-    """Connects as a ground station does: it speaks first, and sends a heartbeat every second.
+    """Connects as a ground station does: it speaks first, and sends a heartbeat every second, of the vehicle's time where
+    that passes faster.
 
     `vehicle` is the system id of the vehicle that is commanded, None the first that is heard; one station may change it to
     command another one.
@@ -89,6 +90,7 @@ class Station:
         self.chunks = ""
         self.backlog: list[Any] = []  # what came between the last command and its answer
         self.beat_at: Optional[float] = None
+        self._due = False
         self.beat()
         self.heartbeat = self.wait(
             "HEARTBEAT", timeout, lambda m: m.autopilot != mavlink.MAV_AUTOPILOT_INVALID
@@ -112,8 +114,8 @@ class Station:
 
     def beat(self) -> None:
         """Sends a heartbeat if one is due."""
-        if self.beat_at is None or self.clock.now() - self.beat_at >= 1.0:
-            self.beat_at = self.clock.now()
+        if self.beat_at is None or self._due or self.clock.now() - self.beat_at >= 1.0:
+            self.beat_at, self._due = self.clock.now(), False
             self.link.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID,
                                          0, 0, 4)
 
@@ -133,6 +135,8 @@ class Station:
                 self.texts.append(self.chunks)
                 self.chunks = ""
         elif kind == "HEARTBEAT":
+            # As often as the vehicle's, whose second may be shorter than ours.
+            self._due = True
             armed = is_armed(message, self.vehicle)
             # The next take-off is another one.
             self._may_arm = self._may_arm and (armed or not self._was_armed)

@@ -14,7 +14,7 @@ from .lookout import Here, Lookout, Moment, Point, assert_along
 from .programs import program
 
 #: The endpoint that each client needs, and how it writes an address.
-CLIENTS = {"pymavlink": ("generic", "udpout:"), "mavproxy": ("generic", "udpout:"), "dronekit": ("gps", "udpout:"),
+CLIENTS = {"pymavlink": ("script", "udpin:"), "mavproxy": ("generic", "udpout:"), "dronekit": ("gps", "udpout:"),
            "mavsdk": ("gps", "udpout://"), "qgroundcontrol": ("px4", "")}
 
 #: A line in which the companion says that something is wrong.
@@ -89,6 +89,10 @@ class Vehicle:
     def truth(self) -> dict[str, float]:
         """What really is, which the companion does not know: by the columns of a truth file."""
         raise NotImplementedError
+
+    def not_judged(self) -> Optional[str]:
+        """Why a failure says nothing of the vehicle: its simulator did not keep its time. None: it did."""
+        return None
 
     def position(self) -> tuple[float, float, float]:
         """North, east and height over the floor, m: in truth, of a real vehicle as estimated."""
@@ -207,15 +211,17 @@ class Vehicle:
         """How it stands, for who reads of a failure."""
         place = "north {:.2f}, east {:.2f}, height {:.2f} m"
         facts = []
-        here = _or_none(self.here)
+        here = or_none(self.here)
         if here is not None:
             name = "estimated position" if self.real else "true position"
             facts += [f"vehicle's time: {here.t_s:.2f} s", f"{name}: {place.format(*here.place)}"]
-        estimate = None if self.real else _or_none(self.estimate)
+        estimate = None if self.real else or_none(self.estimate)
         if estimate is not None:
             facts.append(f"estimated position: {place.format(*estimate)}")
         lines = self.said().splitlines()
-        facts += ["the companion said last:", *[f"  {line}" for line in lines[-12:]], f"log: {_or_none(self.log)}"]
+        late = or_none(self.not_judged)
+        facts += [late] if late else []
+        facts += ["the companion said last:", *[f"  {line}" for line in lines[-12:]], f"log: {or_none(self.log)}"]
         return facts
 
     def estimate(self) -> Optional[tuple[float, float, float]]:
@@ -263,7 +269,7 @@ class Vehicle:
         self.close()
 
 
-def _or_none(look: Callable[[], Any]) -> Any:
+def or_none(look: Callable[[], Any]) -> Any:
     """A failure is told with what can be found, whatever else is broken."""
     try:
         return look()

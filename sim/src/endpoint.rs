@@ -22,6 +22,7 @@ use serde_json::json;
 use crate::board_wire::BoardWire;
 use crate::faults::happen;
 use crate::firmware::{InnerLoop, Interface};
+use crate::lateness::Lateness;
 use crate::orders::{self, Next, Order, Orders};
 use crate::pty::{Dtr, TagPty};
 use crate::scenario::Scenario;
@@ -67,7 +68,7 @@ pub struct Options {
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
     /// Takes orders of a script on standard input, one JSON object a line, and answers on standard output:
-    /// {"fault": {"part": "anchor", "anchor": 3}}, {"truth": true}. Ends when standard input ends.
+    /// {"fault": {"part": "anchor", "anchor": 3}}, {"truth": true}, {"late": true}. Ends when standard input ends.
     #[arg(long)]
     pub orders: bool,
 }
@@ -104,8 +105,8 @@ fn companion_protocol(protocol: TagProtocol) -> &'static str {
     }
 }
 
-/// Runs until a signal or the end of `--duration`.
-pub fn serve(options: &Options) -> Result<()> {
+/// Runs until a signal or the end of `--duration`. `false`: it was too late to stand in for anything.
+pub fn serve(options: &Options) -> Result<bool> {
     if !SPEEDS.contains(&options.speed) {
         bail!("--speed {}: allowed {} to {}", options.speed, SPEEDS.start(), SPEEDS.end());
     }
@@ -170,7 +171,13 @@ pub fn serve(options: &Options) -> Result<()> {
         truth_lost_rows = lost_rows,
         "ended"
     );
-    Ok(())
+    // Who started it may have gone.
+    orders::answer(&ticks.lateness.json());
+    let not_judged = ticks.lateness.not_judged();
+    if let Some(words) = &not_judged {
+        tracing::error!("{words}");
+    }
+    Ok(not_judged.is_none())
 }
 
 /// Puts the loop of a world before all that does not keep time itself, where that is permitted. Not at many times real time,
@@ -199,6 +206,7 @@ pub fn plant(vehicle: Option<&Path>, scenario: &Scenario) -> Result<Plant> {
 #[derive(Debug, Default)]
 struct Ticks {
     late: u64,
+    lateness: Lateness,
     /// Turns in which the world stood, because the firmware had not said what its motors do.
     waited: u64,
 }
@@ -260,6 +268,9 @@ fn run(
         if late_us > TICK_US {
             ticks.late += 1;
         }
+        if matches!(board, BoardSide::Simulated(_)) {
+            ticks.lateness.note(late_us);
+        }
         if late_us > give_up_us {
             start_us += late_us;
             deadline_us += late_us;
@@ -279,7 +290,7 @@ fn run(
             happen(fault, plant);
         }
         if let Some(orders) = &orders
-            && !obey(orders, plant, start_us, options.speed)
+            && !obey(orders, plant, start_us, options.speed, &ticks.lateness)
         {
             break;
         }
@@ -321,11 +332,18 @@ fn run(
 }
 
 /// `false`: the script is gone.
-fn obey(orders: &Orders, plant: &mut Plant, start_us: u64, speed: f64) -> bool {
+fn obey(
+    orders: &Orders,
+    plant: &mut Plant,
+    start_us: u64,
+    speed: f64,
+    lateness: &Lateness,
+) -> bool {
     loop {
         match orders.next() {
             Next::Order(Order::Fault(fault)) => orders::inject(plant, fault),
             Next::Order(Order::Truth) => orders::tell_truth(&row(plant, start_us, speed)),
+            Next::Order(Order::Late) => orders::answer(&lateness.json()),
             Next::Order(Order::Run(_)) => orders::refuse(&anyhow::anyhow!(
                 "run_s: time passes by itself here; `haltere-sim lockstep --speed 0` leaves it to the script"
             )),

@@ -16,6 +16,8 @@ mod flood;
 mod fly;
 mod hide;
 mod kills;
+mod lateness;
+mod leavings;
 mod lockstep;
 mod orders;
 #[cfg(test)]
@@ -52,18 +54,35 @@ struct Cli {
 #[derive(Debug, clap::Subcommand)]
 enum Command {
     /// The endpoint alone; the first line on standard output is a JSON object that names the tag's
-    /// device and the board's address as the companion has to be told.
+    /// device and the board's address as the companion has to be told; the last one says how late the simulator itself
+    /// was. Exit code 75, with NOT JUDGED, when it was too late to stand in for anything.
+    #[command(
+        after_help = "Examples:\n  haltere-sim serve --tag-link tag --truth truth.csv\n  haltere-sim serve --scenario corridor --tag-protocol tdoa3"
+    )]
     Serve(endpoint::Options),
     /// Simulator and companion in one program on simulated time, faster than real time; ground stations and
     /// clients connect as to any vehicle. The first line on standard output is a JSON object that says where.
+    #[command(
+        after_help = "Examples:\n  haltere-sim lockstep --speed 5\n  haltere-sim lockstep --scenario zurich"
+    )]
     Lockstep(lockstep::Options),
-    /// Endpoint, companion and mission together, in real time; leaves a log and a report.
+    /// Endpoint, companion and mission together, in real time; leaves a log and a report. Exit code 1 when a bound is
+    /// broken; 75, with NOT JUDGED, when one is broken and the simulator itself was not given the time.
+    #[command(
+        after_help = "Examples:\n  haltere-sim demo\n  haltere-sim demo --short --scenario draughty --json"
+    )]
     Demo(demo::Options),
     /// Hide an effect in a simulated vehicle, diagnose its logs alone, then tell what was hidden, what
     /// was said, how far the gap shrank on flights not used, and the page.
+    #[command(
+        after_help = "Examples:\n  haltere-sim hide\n  haltere-sim hide --effect P1 --seed 7 --size full"
+    )]
     Hide(hide::Options),
     /// Print a scenario, a campaign or a vehicle that comes with the program, to start a file of your own from; without
     /// a name, which there are.
+    #[command(
+        after_help = "Examples:\n  haltere-sim print scenario\n  haltere-sim print scenario corridor"
+    )]
     Print(built_in::Print),
     /// Print the completion script of a shell.
     Completions(Completions),
@@ -73,12 +92,18 @@ enum Command {
     Effects,
     /// Fly missions in lockstep, as fast as the computer is: one log each. Exit code 1 when one did not end on
     /// its feet, in the room.
+    #[command(
+        after_help = "Examples:\n  haltere-sim fly diagnostic --count 8 --out good\n  haltere-sim fly square.toml --effect P1.loss=0.12"
+    )]
     Fly(fly::Options),
     /// Every experiment of the source, ours beside its numbers: one HTML report with all figures, and
     /// JSON beside it. Exit code 1 when a target is missed.
     Paper(paper::Options),
     /// Many flights over distributions of a scenario, on all cores, resumable; the fault campaign
     /// (docs/CAMPAIGNS.md).
+    #[command(
+        after_help = "Examples:\n  haltere-sim campaign lab --out lab\n  haltere-sim campaign faults --list"
+    )]
     Campaign(campaign::Options),
     /// The companion hovers while others shout at its ground endpoints: how late its control steps are
     /// then, what it throws away, its memory. Exit code 1 when a bound is broken.
@@ -135,7 +160,10 @@ fn main() -> ExitCode {
         Command::Serve(options) => {
             // The board must not wait for who reads its log.
             let _console = Console::start();
-            endpoint::serve(&options).map(|()| true)
+            match endpoint::serve(&options) {
+                Ok(false) => return ExitCode::from(lateness::EXIT_NOT_JUDGED),
+                ended => ended,
+            }
         }
         Command::Lockstep(options) => {
             log_to_stderr();
@@ -143,7 +171,10 @@ fn main() -> ExitCode {
         }
         Command::Demo(options) => {
             log_to_stderr();
-            demo::run(&options)
+            match demo::run(&options) {
+                Ok(demo::Judged::Not) => return ExitCode::from(lateness::EXIT_NOT_JUDGED),
+                judged => judged.map(|judged| judged == demo::Judged::Well),
+            }
         }
         Command::Print(print) => print.run().map(|()| true),
         Command::Completions(completions) => {
@@ -195,6 +226,22 @@ fn log_to_stderr() {
 mod tests {
     use super::*;
     use haltere::reference::commands::{MANUALS, commands_of};
+
+    #[test]
+    fn prop_the_main_commands_show_examples_that_are_understood() {
+        let mut shown = 0;
+        for command in Cli::command().get_subcommands().filter(|c| !c.is_hide_set()) {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            for line in help.lines().filter(|line| line.starts_with("  ")) {
+                assert!(line.contains(&format!("{PROGRAM} {}", command.get_name())), "{line}");
+                if let Err(error) = Cli::try_parse_from(line.split_whitespace()) {
+                    panic!("`{line}` is refused:\n{error}");
+                }
+                shown += 1;
+            }
+        }
+        assert!(shown > 10, "{shown} examples");
+    }
 
     #[test]
     fn prop_commands_of_the_manuals_are_understood() {

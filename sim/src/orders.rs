@@ -1,7 +1,8 @@
 //! Orders of a script: one JSON object a line on standard input, one answer a line on standard output.
 //!
 //! `{"fault": {"part": "anchor", "anchor": 3}}` breaks something now, in the words of a scenario's
-//! `[[fault]]`; `{"truth": true}` asks what really is; `{"run_s": 0.02}` lets simulated time pass where
+//! `[[fault]]`; `{"truth": true}` asks what really is; `{"late": true}` how
+//! late the simulator itself was; `{"run_s": 0.02}` lets simulated time pass where
 //! the script keeps it. When standard input ends, so does the simulator: none outlives its script.
 
 use std::io::{BufRead as _, Read as _, Write as _};
@@ -34,6 +35,8 @@ pub enum Order {
     Truth,
     /// Time passes, µs.
     Run(u64),
+    /// How late was the simulator itself?
+    Late,
 }
 
 /// The form of a line.
@@ -42,6 +45,7 @@ pub enum Order {
 enum Line {
     Fault(Map<String, Value>),
     Truth(bool),
+    Late(bool),
     RunS(f64),
 }
 
@@ -49,7 +53,9 @@ enum Line {
 fn parse(line: &str) -> Result<Order> {
     Ok(match serde_json::from_str(line).context("an order is one JSON object a line")? {
         Line::Truth(true) => Order::Truth,
+        Line::Late(true) => Order::Late,
         Line::Truth(false) => return Err(anyhow!("truth = false, allowed true")),
+        Line::Late(false) => return Err(anyhow!("late = false, allowed true")),
         Line::RunS(s) if (0.0..=MOST_RUN_S).contains(&s) => Order::Run((s * 1e6).round() as u64),
         Line::RunS(s) => return Err(anyhow!("run_s = {s}, allowed 0 to {MOST_RUN_S} s")),
         Line::Fault(mut map) => {

@@ -9,10 +9,12 @@ use clap::{Args, ValueEnum};
 
 use super::print;
 use crate::live::usb::serial_devices;
+use crate::neighbours::Transport;
 use crate::preflight::first::{self, Answers};
 use crate::preflight::probe;
+use crate::preflight::stations::{self, Client};
 use haltere_pilot::TagProtocol;
-use haltere_pilot::settings::{Address, TagPort, parse_anchors};
+use haltere_pilot::settings::{Address, EndpointConfig, TagPort, parse_anchors};
 
 /// Axes of anchors that are written as lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -51,6 +53,9 @@ pub(super) struct Init {
     /// Where a ground station is; may be given several times.
     #[arg(long, value_name = "ADDR")]
     ground: Vec<Address>,
+    /// What the vehicle is commanded with: writes the endpoint that it finds by itself; may be given several times.
+    #[arg(long, value_enum, value_name = "NAME", conflicts_with = "ground")]
+    station: Vec<Client>,
     /// Anchors: an anchor file, or lines `id x y z` in metres; - reads standard input.
     #[arg(long, value_name = "FILE")]
     anchors: Option<PathBuf>,
@@ -188,19 +193,35 @@ impl Init {
         }
     }
 
-    fn ground(&self, asks: bool, default: &[Address]) -> anyhow::Result<Vec<Address>> {
+    fn ground(
+        &self,
+        asks: bool,
+        default: &[EndpointConfig],
+    ) -> anyhow::Result<Vec<EndpointConfig>> {
+        let plain = |all: &[Address]| all.iter().cloned().map(EndpointConfig::from).collect();
         if !self.ground.is_empty() {
-            return Ok(self.ground.clone());
+            return Ok(plain(&self.ground));
+        }
+        if !self.station.is_empty() {
+            return chosen(&self.station, asks);
         }
         if !asks {
             return Ok(default.to_owned());
         }
-        let shown = default.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
+        let names = Client::value_variants().iter().filter_map(ValueEnum::to_possible_value);
+        let names = names.map(|name| name.get_name().to_owned()).collect::<Vec<_>>().join(", ");
+        let question = format!("what commands it ({names}), or addresses; spaces between");
         loop {
-            let told = ask("ground stations, addresses with spaces between", &shown)?;
-            match told.split_whitespace().map(str::parse).collect::<Result<Vec<Address>, _>>() {
-                Ok(all) => return Ok(all),
-                Err(error) => say(&error.to_string()),
+            let told = ask(&question, "pymavlink")?;
+            let words: Vec<&str> = told.split_whitespace().collect();
+            let clients: Result<Vec<_>, _> =
+                words.iter().map(|word| Client::from_str(word, true)).collect();
+            if let Ok(clients) = clients {
+                return chosen(&clients, true);
+            }
+            match words.into_iter().map(str::parse).collect::<Result<Vec<Address>, _>>() {
+                Ok(all) => return Ok(plain(&all)),
+                Err(error) => say(&format!("{error}; or of {names}")),
             }
         }
     }
@@ -287,6 +308,31 @@ fn heard(address: &Address) {
         Ok(None) => say(&format!("board: nobody heard at {address}; it is written as told")),
         Err(why) => say(&format!("board: {why}; it is written as told")),
     }
+}
+
+/// The endpoints of these, with what is typed in each; offers the map of modes to those that need it.
+fn chosen(clients: &[Client], asks: bool) -> anyhow::Result<Vec<EndpointConfig>> {
+    let serves =
+        |client: Client, port| first::serves(Transport::Udp, "127.0.0.1", port, client.port());
+    let all = stations::endpoints(clients, serves);
+    for (client, port, _) in &all {
+        let name = client.to_possible_value();
+        let name = name.as_ref().map_or("", |name| name.get_name());
+        say(&format!("{name}: {}", client.typed(*port)));
+    }
+    let home = std::env::home_dir().filter(|_| clients.iter().any(|client| client.wants_map()));
+    if let Some(place) = home.and_then(|home| stations::map_is_due(&home)) {
+        let shown = place.display();
+        if asks && ask(&format!("write the names of modes to {shown}"), "yes")? == "yes" {
+            stations::lay_map(&place).map_err(|why| anyhow!(why))?;
+        } else {
+            say(&format!(
+                "{shown} would name the modes: copy stations/custom_mode_map.json of the sources there, or let \
+                 `haltere init` do it, on a terminal"
+            ));
+        }
+    }
+    Ok(all.into_iter().map(|(_, _, endpoint)| endpoint).collect())
 }
 
 fn look_for_board() -> Option<Address> {

@@ -5,16 +5,14 @@ use std::net::SocketAddr;
 use super::LiveError;
 use crate::neighbours::{self, Claim, Neighbour, Transport};
 use crate::sources::Loaded;
-use haltere_pilot::settings::{Address, HostPort};
+use haltere_pilot::settings::{Address, GroundConfig, HostPort};
 
 /// Lays claim to the places of stations, and to that of the board where we begin to speak. A place that is another
 /// vehicle's is refused where somebody asked for it; where nobody did another one is taken, told, and written into
 /// the configuration. Where stations listen that were asked for, vehicles of one user may differ in their number. The
 /// claims hold until they are dropped.
 pub fn settle(loaded: &mut Loaded) -> Result<Vec<Claim>, LiveError> {
-    let free = loaded.stations_unasked;
     let config = &mut loaded.config;
-    let system_id = config.ground.system_id;
     let mut claims = Vec::new();
     // Who only watches speaks beside somebody else, by the way that was set up for both.
     if let Address::UdpOut(to) = &config.board.address
@@ -26,7 +24,15 @@ pub fn settle(loaded: &mut Loaded) -> Result<Vec<Claim>, LiveError> {
             who: who.to_string(),
         })?);
     }
-    for (i, endpoint) in config.ground.endpoints.iter_mut().enumerate() {
+    claims.extend(stations(&mut config.ground, loaded.stations_unasked)?);
+    Ok(claims)
+}
+
+/// The same for the places of stations alone; `free`: nobody asked for them. Says how a client writes each.
+pub fn stations(ground: &mut GroundConfig, free: bool) -> Result<Vec<Claim>, LiveError> {
+    let system_id = ground.system_id;
+    let mut claims = Vec::new();
+    for (i, endpoint) in ground.endpoints.iter_mut().enumerate() {
         let asked = endpoint.address.clone();
         let (Address::UdpIn(at) | Address::UdpOut(at)) = &mut endpoint.address else { continue };
         // A name is looked up later, and again until that works: it must not hold up the start.
@@ -59,8 +65,8 @@ pub fn settle(loaded: &mut Loaded) -> Result<Vec<Claim>, LiveError> {
             }
         }
     }
-    for endpoint in &config.ground.endpoints {
-        tracing::info!("stations: {}", endpoint.address);
+    for endpoint in &ground.endpoints {
+        tracing::info!("stations: {}", endpoint.address.for_client());
     }
     Ok(claims)
 }

@@ -7,7 +7,8 @@ use haltere_core::checks::schema::Schema;
 use haltere_log::written::{Old, Output};
 use haltere_pilot::TagProtocol;
 use haltere_pilot::settings::{
-    Address, Config, HostPort, RecordConfig, StoreConfig, TagPort, parse_anchors, reference,
+    Address, Config, EndpointConfig, HostPort, RecordConfig, StoreConfig, TagPort, parse_anchors,
+    reference,
 };
 
 /// Name of the anchor file.
@@ -23,7 +24,7 @@ pub struct Answers {
     /// Where the board is.
     pub board: Address,
     /// Where ground stations are.
-    pub ground: Vec<Address>,
+    pub ground: Vec<EndpointConfig>,
     /// Where the page is served, for browsers on this computer.
     pub watch: Address,
     /// Content of the anchor file.
@@ -41,7 +42,7 @@ impl Default for Answers {
             tag: config.tag.port,
             tag_protocol: config.tag.protocol,
             board: config.board.address,
-            ground: config.ground.endpoints.into_iter().map(|e| e.address).collect(),
+            ground: config.ground.endpoints,
             watch: Address::TcpIn(HostPort { host: "127.0.0.1".into(), port: WATCH_PORT }),
             anchors: String::new(),
             logs: RecordConfig::default().directory,
@@ -54,24 +55,28 @@ impl Answers {
     /// Where nobody asked for a port, leaves those that another person of this computer has or speaks to, for the
     /// next that nobody has. Those of the own user stay: most likely it is this companion that runs.
     pub fn leave_ports_of_others(&mut self) {
-        for address in self.ground.iter_mut().chain([&mut self.watch]) {
+        let ground = self.ground.iter_mut().map(|endpoint| &mut endpoint.address);
+        for address in ground.chain([&mut self.watch]) {
             let transport = match address {
                 Address::TcpIn(_) => Transport::Tcp,
                 _ => Transport::Udp,
             };
             let (Address::UdpOut(at) | Address::TcpIn(at)) = address else { continue };
             let usual = at.port;
-            let serves = |port: &u16| {
-                let Some(place) = neighbours::place(&at.host, *port) else { return true };
-                let both = [neighbours::claimant(place), neighbours::holder(transport, place)];
-                let mut there = both.into_iter().flatten();
-                there.all(|who| *port == usual && !who.is_another_person())
-            };
+            let serves = |port: &u16| serves(transport, &at.host, *port, usual);
             if let Some(port) = neighbours::candidates(usual).find(serves) {
                 at.port = port;
             }
         }
     }
+}
+
+/// Whether a port may be written where nobody asked for it: nobody has it or speaks to it. At the usual one the own
+/// user may be.
+pub fn serves(transport: Transport, host: &str, port: u16, usual: u16) -> bool {
+    let Some(place) = neighbours::place(host, port) else { return true };
+    let both = [neighbours::claimant(place), neighbours::holder(transport, place)];
+    both.into_iter().flatten().all(|who| port == usual && !who.is_another_person())
 }
 
 /// Writes `haltere.toml` and the anchor file into `directory`; gives both paths. Nothing is written
@@ -114,7 +119,7 @@ pub fn none_there(directory: &Path) -> Result<(), String> {
 /// The file, with the words of the sample above each key.
 fn configuration(answers: &Answers) -> String {
     let quoted = |text: String| toml::Value::String(text).to_string();
-    let list = answers.ground.iter().map(|a| quoted(a.to_string())).collect::<Vec<_>>().join(", ");
+    let list = answers.ground.iter().map(plain).collect::<Vec<_>>().join(", ");
     let set = [
         ("", Schema::KEY, Schema::CONFIGURATION.newest().to_string()),
         ("tag", "port", quoted(String::from(answers.tag.clone()))),

@@ -7,6 +7,7 @@ pub mod key;
 pub mod ports;
 pub mod probe;
 pub mod rates;
+pub mod stations;
 pub mod survey;
 pub mod system;
 

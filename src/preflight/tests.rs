@@ -115,7 +115,7 @@ fn prop_a_first_configuration_is_accepted_and_replaces_nothing() {
     let answers = first::Answers {
         tag: TagPort::Auto,
         board: "udpin:0.0.0.0:14551".parse().unwrap(),
-        ground: vec!["udpout:127.0.0.1:14550".parse().unwrap()],
+        ground: vec!["udpout:127.0.0.1:14550".parse::<Address>().unwrap().into()],
         anchors: SAMPLE_ANCHORS.to_owned(),
         ..first::Answers::default()
     };

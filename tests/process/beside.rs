@@ -98,7 +98,7 @@ fn two_vehicles() {
     let companions = [0, 1].map(|n: usize| {
         let dir = folders[n].path();
         let flies = fly(dir, &simulators[n].1, "");
-        (flies, said(&dir.join("said.txt"), "stations: udpout:"))
+        (flies, said(&dir.join("said.txt"), "stations: udpin:"))
     });
     let stations = [0, 1].map(|n: usize| format!("udpin:{}", companions[n].1));
     assert_ne!(stations[0], stations[1]);

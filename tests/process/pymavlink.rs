@@ -269,6 +269,11 @@ fn prop_four_clients_fly_it_together_twice() {
 }
 
 #[test]
+fn prop_the_first_script_runs_unchanged_against_each() {
+    pytest_of_others("stations", "test_first_script.py");
+}
+
+#[test]
 fn prop_the_examples_fly_as_they_stand() {
     pytest_of_others("stations", "test_examples.py");
 }

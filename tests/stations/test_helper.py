@@ -56,6 +56,32 @@ def test_a_track_is_held_against_the_ways_between_its_corners():
         assert_along([], SQUARE, 1.0)
 
 
+STARVED = """
+import pathlib, pytest
+from haltere_testing.vehicle import Vehicle
+
+class Late(Vehicle):
+    def not_judged(self):
+        return "NOT JUDGED: the simulator itself was 569 times late; end other work"
+
+@pytest.fixture
+def vehicle(tmp_path):
+    return Late(tmp_path)
+
+def test_late(vehicle):
+    assert not "landed"
+"""
+
+
+@pytest.mark.parametrize("also, code", [("", 75), ("def test_wrong():\n    assert not 'right'\n", 1)])
+def test_a_failure_of_a_simulator_that_starved_is_told_apart(tmp_path, also, code):
+    (tmp_path / "test_starved.py").write_text(STARVED + also)
+    ran = subprocess.run([sys.executable, "-m", "pytest", "-p", "haltere_testing.plugin", "-p", "no:cacheprovider", "-q"],
+                         cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(PACKAGE)}, text=True, capture_output=True)
+    assert ran.returncode == code, ran
+    assert "test_late: NOT JUDGED: the simulator itself was 569 times late; end other work" in ran.stdout
+
+
 def test_what_is_broken_at_a_moment_is_broken_then(rig):
     at_item = rig.at(item=2).fault("anchor", anchor=3)
     rig.at(near=(4.0, 6.0, 1.2), within=0.4).mend("anchor", anchor=3)

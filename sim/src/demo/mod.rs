@@ -59,8 +59,19 @@ const PROGRESS_PERIOD: Duration = Duration::from_secs(10);
 const WRITTEN: [&str; 5] =
     ["haltere.toml", "anchors.toml", "truth.csv", "companion.txt", "report.html"];
 
-/// Runs the demo. `false`: a bound is broken.
-pub fn run(options: &Options) -> Result<bool> {
+/// What a demo came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Judged {
+    /// Every bound held.
+    Well,
+    /// One is broken.
+    Badly,
+    /// The simulator did not keep its time, and a bound is broken.
+    Not,
+}
+
+/// Runs the demo.
+pub fn run(options: &Options) -> Result<Judged> {
     let inputs: Vec<&PathBuf> = options.scenario.iter().collect();
     written::look_all(&options.output, &WRITTEN, &inputs).context("--output")?;
     std::fs::create_dir_all(&options.output)
@@ -83,9 +94,9 @@ pub fn run(options: &Options) -> Result<bool> {
             Err(format!("{error:#}"))
         }
     };
-    stopped?;
+    let late = stopped?;
     let log = newest_log(&processes.log_directory)?;
-    let outcome = result::judge(&plan, &log, &processes.truth, landed)?;
+    let outcome = result::judge(&plan, &log, &processes.truth, landed, late)?;
     let report = options.output.join("report.html");
     written::write(&report, outcome.html(&log), &[&log])?;
     if options.json {
@@ -95,7 +106,7 @@ pub fn run(options: &Options) -> Result<bool> {
         print(&outcome.table().to_string())?;
         print(&format!("log:    {}\nreport: {}\n", log.display(), report.display()))?;
     }
-    Ok(outcome.ok())
+    Ok(outcome.judged())
 }
 
 /// What a ground station does.

@@ -111,8 +111,9 @@ impl Processes {
         self.stop.asked()
     }
 
-    /// Asks both to end and waits for it; the companion first, so that its log shows no lost links.
-    pub fn stop(&mut self) -> Result<()> {
+    /// Asks both to end and waits for it; the companion first, so that its log shows no lost links. Why nothing can be said
+    /// of the flight; `None`: the endpoint kept its time.
+    pub fn stop(&mut self) -> Result<Option<String>> {
         let companion = self.companion.stop();
         let firmware = self.firmware.as_mut().map_or(Ok(()), Firmware::stop);
         let endpoint = self.endpoint.stop();

@@ -15,6 +15,7 @@ use haltere::report::{Page, from_log, truth};
 use haltere_log::record::{LogEnd, LogReader};
 use serde_json::{Value, json};
 
+use super::Judged;
 use super::plan::{Plan, SHAPES};
 
 /// Estimate against truth on the shapes, mean absolute error of each axis, m: the upper end of
@@ -28,6 +29,8 @@ pub struct Outcome {
     errors: Vec<AxisErrors>,
     paths: Vec<FlownPath>,
     checks: Vec<Check>,
+    /// Why what went wrong says nothing of the vehicle.
+    late: Option<String>,
 }
 
 /// Reads log and truth and judges them.
@@ -36,6 +39,7 @@ pub fn judge(
     log: &Path,
     truth_file: &Path,
     flown: Result<(), String>,
+    late: Option<String>,
 ) -> Result<Outcome> {
     let reader = LogReader::open(log)?;
     let (mut flight, end) = from_log::read(&reader);
@@ -49,7 +53,7 @@ pub fn judge(
     let (paths, found) = find_paths(&plan.legs, &flight.controls);
     let errors = axis_errors(&flight, &paths);
     let checks = checks(&flight, &errors, &found, &flown, &end);
-    Ok(Outcome { flight, errors, paths, checks })
+    Ok(Outcome { flight, errors, paths, checks, late })
 }
 
 fn checks(
@@ -113,6 +117,15 @@ impl Outcome {
     /// Whether every bound was checked and held.
     pub fn ok(&self) -> bool {
         all_passed(&self.checks)
+    }
+
+    /// What it came to. A flight that held every bound did so for all that it was disturbed.
+    pub fn judged(&self) -> Judged {
+        match &self.late {
+            _ if self.ok() => Judged::Well,
+            Some(_) => Judged::Not,
+            None => Judged::Badly,
+        }
     }
 
     fn deadline_misses(&self) -> u64 {
@@ -194,7 +207,12 @@ impl Outcome {
             let Check { name, found, allowed, .. } = check;
             let _ = writeln!(out, "{word}  {name}: {found} (allowed: {allowed})");
         }
-        let _ = writeln!(out, "\n{}", if self.ok() { "PASS" } else { "FAIL" });
+        let word = match self.judged() {
+            Judged::Well => "PASS",
+            Judged::Badly => "FAIL",
+            Judged::Not => self.late.as_deref().unwrap_or_default(),
+        };
+        let _ = writeln!(out, "\n{word}");
         out
     }
 
@@ -218,6 +236,7 @@ impl Outcome {
             self.flight.drops().iter().map(|(r, n)| (r.name().to_string(), n.into())).collect();
         json!({
             "ok": self.ok(),
+            "not_judged": self.late.as_ref().filter(|_| self.judged() == Judged::Not),
             "paths": paths,
             "deadline_misses": self.deadline_misses(),
             "drops": drops,

@@ -28,6 +28,7 @@ use self::log::Tape;
 use self::wire::Wires;
 use crate::endpoint::{keep_time, plant, truth_row};
 use crate::faults::happen;
+use crate::lateness::Lateness;
 use crate::orders::{self, Next, Order, Orders};
 use crate::scenario::Scenario;
 use crate::stop::Stop;
@@ -37,9 +38,9 @@ use crate::truth_file::TruthFile;
 #[derive(Debug, clap::Args)]
 pub struct Options {
     /// Configuration of the companion, as for `haltere fly`, anchors included; may be given several times.
-    /// Default: a vehicle in the scenario's room, with clients at udpin:127.0.0.1:14540 (which claims a
-    /// receiver, as MAVSDK and DroneKit want it) and udpin:127.0.0.1:14550; where one of these ports is somebody
-    /// else's, the next that is free.
+    /// Default: a vehicle in the scenario's room, which speaks as the simulators of PX4 and ArduPilot do, to clients
+    /// that listen at udpin:127.0.0.1:14550, and at udpin:127.0.0.1:14540, where it claims a receiver, as MAVSDK
+    /// wants it; where another vehicle speaks to one of these ports, to the next that is free.
     #[arg(long, value_name = "FILE")]
     config: Vec<PathBuf>,
     /// One value of it, for example control.version=raw.
@@ -71,14 +72,6 @@ pub struct Options {
     orders: bool,
 }
 
-impl Options {
-    /// Whether somebody asked for the ports of stations.
-    fn names_endpoints(&self) -> bool {
-        let names = |set: &String| set.trim_start().starts_with("ground.endpoints");
-        !self.config.is_empty() || self.set.iter().any(names)
-    }
-}
-
 /// Speeds that make sense.
 const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
 /// Period of the loop, host time.
@@ -92,7 +85,7 @@ const TRUTH_US: u64 = 10_000;
 /// How often it is looked whether to end while a script says nothing.
 const PATIENCE: Duration = Duration::from_millis(100);
 /// Endpoints where the configuration names none.
-const ENDPOINTS: &str = r#"ground.endpoints=[{ address = "udpin:127.0.0.1:14540", gps = "origin+gps" }, "udpin:127.0.0.1:14550"]"#;
+const ENDPOINTS: &str = r#"ground.endpoints=["udpout:127.0.0.1:14550", { address = "udpout:127.0.0.1:14540", gps = "origin+gps" }]"#;
 
 /// Runs until a signal, the end of `--duration` or that of standard input.
 pub fn run(options: &Options) -> Result<()> {
@@ -105,7 +98,7 @@ pub fn run(options: &Options) -> Result<()> {
     scenario.seed = options.seed.unwrap_or(scenario.seed);
     let mut loaded = configuration(options, &scenario)?;
     let pilot = loaded.config.pilot();
-    let wires = Wires::open(&mut loaded.config.ground, &pilot, !options.names_endpoints())?;
+    let wires = Wires::open(&mut loaded.config.ground, &pilot, loaded.stations_unasked)?;
     let world = plant(options.vehicle.as_deref(), &scenario)?;
     let mut session = Session::start(options, &loaded, wires, world, &scenario)?;
     let orders = (options.orders || !paced).then(Orders::listen).transpose()?;
@@ -139,7 +132,11 @@ fn configuration(options: &Options, scenario: &Scenario) -> Result<Loaded> {
             "store.directory=\"\"".to_owned(),
             format!("board.north_offset_deg={:?}", scenario.told.north_offset_deg(0.0)),
         ];
+        if let Some(origin) = &scenario.origin {
+            overrides.push(format!("ground.origin={}", toml::Value::try_from(origin)?));
+        }
         overrides.extend(options.set.iter().cloned());
+        let names = |set: &String| set.trim_start().starts_with("ground.endpoints");
         let config = sources::load(&Sources::new(Vec::new(), overrides)).map_err(refused)?;
         Loaded {
             config,
@@ -147,7 +144,7 @@ fn configuration(options: &Options, scenario: &Scenario) -> Result<Loaded> {
             files: Vec::new(),
             notes: Vec::new(),
             lost: None,
-            stations_unasked: false,
+            stations_unasked: !options.set.iter().any(names),
         }
     } else {
         Loaded::load(&Sources::new(options.config.clone(), options.set.clone())).map_err(refused)?
@@ -171,6 +168,8 @@ struct Session {
     /// Time, s, and what breaks or is mended.
     faults: std::iter::Peekable<std::vec::IntoIter<(f64, Fault)>>,
     until_us: u64,
+    /// Of who keeps the time by the clock.
+    lateness: Lateness,
 }
 
 impl Session {
@@ -221,6 +220,7 @@ impl Session {
                 .transpose()?,
             truth_due_us: 0,
             faults: scenario.fixed_faults()?.into_iter().peekable(),
+            lateness: Lateness::default(),
             until_us: options.duration.map_or(u64::MAX, |s| (s.max(0.0) * 1e6) as u64),
         })
     }
@@ -233,6 +233,7 @@ impl Session {
             next += TICK;
             std::thread::sleep(next.saturating_duration_since(Instant::now()));
             let late = Instant::now().saturating_duration_since(next);
+            self.lateness.note(u64::try_from(late.as_micros()).unwrap_or(u64::MAX));
             if late > GIVE_UP {
                 began += late;
                 next += late;
@@ -268,6 +269,7 @@ impl Session {
             Order::Truth => {
                 orders::tell_truth(&truth_row(&self.lockstep.truth(), self.lockstep.host_now()))
             }
+            Order::Late => orders::answer(&self.lateness.json()),
             Order::Run(us) if follows => {
                 let until_us = self.lockstep.t_us().saturating_add(us);
                 while self.lockstep.t_us() < until_us {

@@ -4,6 +4,7 @@
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 
 use anyhow::{Context, Result, anyhow, bail};
+use haltere::live::places;
 use haltere::neighbours::{self, Claim, Transport};
 use haltere_model::lockstep::Lockstep;
 use haltere_pilot::settings::{Address, GroundConfig, HostPort};
@@ -23,12 +24,14 @@ struct Endpoint {
     first: u8,
     /// Who has its places.
     stations: Vec<Option<SocketAddr>>,
-    _claim: Claim,
 }
 
 /// All of them.
 #[derive(Debug)]
-pub struct Wires(Vec<Endpoint>);
+pub struct Wires {
+    endpoints: Vec<Endpoint>,
+    _claims: Vec<Claim>,
+}
 
 fn resolve(address: &Address, at: &HostPort) -> Result<SocketAddr> {
     (at.host.as_str(), at.port)
@@ -38,89 +41,49 @@ fn resolve(address: &Address, at: &HostPort) -> Result<SocketAddr> {
         .with_context(|| format!("ground.endpoints: {address}: the host is not known"))
 }
 
-/// Listens where no other vehicle listens or speaks; else who does.
-fn listen(place: SocketAddr) -> Result<(UdpSocket, Claim), String> {
-    let socket = UdpSocket::bind(place).map_err(|error| {
-        neighbours::why_not(Transport::Udp, &place.ip().to_string(), place.port(), &error)
-    })?;
-    let claim =
-        neighbours::claim(place).map_err(|who| format!("{who} speaks to stations there"))?;
-    Ok((socket, claim))
-}
-
-/// Listens there or at the next port that is free, and tells which.
-fn listen_free(at: &mut HostPort) -> Result<(UdpSocket, Claim)> {
-    let usual = at.port;
-    let mut taken = None;
-    for port in neighbours::candidates(usual) {
-        at.port = port;
-        match listen(resolve(&Address::UdpIn(at.clone()), at)?) {
-            Ok(opened) => {
-                if let Some(why) = taken {
-                    tracing::warn!(
-                        "port {usual} is not ours, {why}; stations of this vehicle connect to udpout:{at}"
-                    );
-                }
-                return Ok(opened);
-            }
-            Err(why) => taken = taken.or(Some(why)),
-        }
-    }
-    bail!("no free port for stations: name one with --set ground.endpoints=udpin:127.0.0.1:PORT")
-}
-
 impl Wires {
     /// Opens the endpoints of a configuration. `free`: nobody asked for these ports; where one is somebody else's
     /// the next one is taken, told, and written into the configuration.
     pub fn open(config: &mut GroundConfig, pilot: &PilotConfig, free: bool) -> Result<Self> {
+        let claims = places::stations(config, free)?;
         let mut first = 0;
         let mut all = Vec::new();
-        let system_id = config.system_id;
-        for (endpoint, told) in config.endpoints.iter_mut().zip(&pilot.endpoints) {
-            let places = told.stations.max(1);
-            let mut stations = vec![None; usize::from(places)];
-            let (socket, claim) = match &mut endpoint.address {
-                Address::UdpIn(at) if free => listen_free(at)?,
-                Address::UdpIn(at) => {
-                    let place = resolve(&Address::UdpIn(at.clone()), at)?;
-                    listen(place).map_err(|why| {
-                        anyhow!("ground.endpoints: udpin:{at}: cannot listen there: {why}; name another port")
-                    })?
-                }
+        for (endpoint, told) in config.endpoints.iter().zip(&pilot.endpoints) {
+            let seats = told.stations.max(1);
+            let mut stations = vec![None; usize::from(seats)];
+            let address = endpoint.address.clone();
+            let socket = match &address {
+                Address::UdpIn(at) => UdpSocket::bind(resolve(&address, at)?).map_err(|error| {
+                    let why = neighbours::why_not(Transport::Udp, &at.host, at.port, &error);
+                    anyhow!(
+                        "ground.endpoints: {address}: cannot listen there: {why}; name another port"
+                    )
+                })?,
                 Address::UdpOut(to) => {
-                    let peer = resolve(&Address::UdpOut(to.clone()), to)?;
+                    let peer = resolve(&address, to)?;
                     stations[0] = Some(peer);
-                    let claim = neighbours::claim_as(peer, system_id, true).map_err(|who| {
-                        anyhow!(
-                            "ground.endpoints: udpout:{to}: {who} speaks to stations there, which would take two \
-                             vehicles for one; give each its own ground.system_id, or name another port"
-                        )
-                    })?;
-                    let socket =
-                        UdpSocket::bind(if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })
-                            .context("ground.endpoints: no socket")?;
-                    (socket, claim)
+                    UdpSocket::bind(if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" })
+                        .context("ground.endpoints: no socket")?
                 }
                 other => {
                     bail!("ground.endpoints: {other}: lockstep speaks UDP, use udpin or udpout")
                 }
             };
             socket.set_nonblocking(true).context("ground.endpoints: no socket")?;
-            let address = endpoint.address.clone();
-            all.push(Endpoint { address, socket, first, stations, _claim: claim });
-            first = first.saturating_add(places);
+            all.push(Endpoint { address, socket, first, stations });
+            first = first.saturating_add(seats);
         }
-        Ok(Self(all))
+        Ok(Self { endpoints: all, _claims: claims })
     }
 
-    /// As the configuration names them.
+    /// As clients write them.
     pub fn addresses(&self) -> Vec<String> {
-        self.0.iter().map(|endpoint| endpoint.address.to_string()).collect()
+        self.endpoints.iter().map(|endpoint| endpoint.address.for_client()).collect()
     }
 
     /// Whether somebody has this link from the start.
     pub fn is_open(&self, link: u8) -> bool {
-        self.0.iter().any(|endpoint| {
+        self.endpoints.iter().any(|endpoint| {
             let place = link.checked_sub(endpoint.first).map(usize::from);
             place.and_then(|n| endpoint.stations.get(n)).is_some_and(Option::is_some)
         })
@@ -129,7 +92,7 @@ impl Wires {
     /// Hands in what has come.
     pub fn receive(&mut self, lockstep: &mut Lockstep) {
         let mut buffer = [0; 4096];
-        for endpoint in &mut self.0 {
+        for endpoint in &mut self.endpoints {
             for _ in 0..MOST_AT_ONCE {
                 // An error that is not `WouldBlock` is about an earlier datagram that nobody took.
                 let (length, from) = match endpoint.socket.recv_from(&mut buffer) {
@@ -158,7 +121,7 @@ impl Wires {
 
     /// Sends what is for the stations: whole frames, as many as a datagram holds.
     pub fn send(&mut self, lockstep: &mut Lockstep) {
-        for endpoint in &self.0 {
+        for endpoint in &self.endpoints {
             for (n, station) in (endpoint.first..).zip(&endpoint.stations) {
                 let bytes = lockstep.ground_out_of(n);
                 if let Some(peer) = station {

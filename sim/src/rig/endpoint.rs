@@ -1,17 +1,19 @@
 //! `haltere-sim serve` as a process.
 
 use std::ffi::OsStr;
-use std::io::{BufRead as _, BufReader};
-use std::process::{Child, Command, Stdio};
+use std::io::{BufRead, BufReader};
+use std::process::{ChildStdout, Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 
 use super::process::{Process, told};
+use crate::lateness::EXIT_NOT_JUDGED;
 
 /// The endpoint, running.
 #[derive(Debug)]
 pub struct Endpoint {
     process: Process,
+    output: BufReader<ChildStdout>,
     greeting: serde_json::Value,
 }
 
@@ -27,8 +29,10 @@ impl Endpoint {
             .spawn()
             .context("starting the endpoint")?;
         let mut process = Process(child);
-        let greeting = greeting(&mut process.0)?;
-        Ok(Self { process, greeting })
+        let output = process.0.stdout.take().context("the endpoint's output")?;
+        let mut output = BufReader::new(output);
+        let greeting = line(&mut output, "first")?;
+        Ok(Self { process, output, greeting })
     }
 
     /// What it says of itself.
@@ -37,20 +41,20 @@ impl Endpoint {
         value.with_context(|| format!("the endpoint did not name its {key}"))
     }
 
-    /// Asks it to end and waits.
-    pub fn stop(&mut self) -> Result<()> {
+    /// Asks it to end and waits. Why nothing that was flown with it says something of the vehicle; `None`: it kept its time.
+    pub fn stop(&mut self) -> Result<Option<String>> {
         let status = self.process.end()?;
-        if !status.success() {
+        if !status.success() && status.code() != Some(i32::from(EXIT_NOT_JUDGED)) {
             bail!("the endpoint ended with {}", told(status));
         }
-        Ok(())
+        let last = line(&mut self.output, "last")?;
+        Ok(last["not_judged"].as_str().map(str::to_owned))
     }
 }
 
-fn greeting(endpoint: &mut Child) -> Result<serde_json::Value> {
-    let output = endpoint.stdout.take().context("the endpoint's output")?;
+fn line(output: &mut impl BufRead, which: &str) -> Result<serde_json::Value> {
     let mut line = String::new();
-    BufReader::new(output).read_line(&mut line).context("the endpoint's first line")?;
+    output.read_line(&mut line).with_context(|| format!("the endpoint's {which} line"))?;
     serde_json::from_str(&line)
-        .with_context(|| format!("the endpoint's first line is no JSON object: {line:?}"))
+        .with_context(|| format!("the endpoint's {which} line is no JSON object: {line:?}"))
 }

@@ -82,6 +82,22 @@ impl Address {
             Address::Serial { device, .. } => device.display().to_string(),
         }
     }
+
+    /// How a client on the same computer writes it, in the spelling of pymavlink: the other end of the link.
+    pub fn for_client(&self) -> String {
+        let here = |host: &str| match host {
+            "0.0.0.0" | "::" => "127.0.0.1".to_owned(),
+            host => host.to_owned(),
+        };
+        let place = |at: &HostPort| HostPort { host: here(&at.host), port: at.port };
+        match self {
+            Address::UdpIn(at) => format!("udpout:{}", place(at)),
+            Address::UdpOut(to) => format!("udpin:{to}"),
+            Address::TcpIn(at) => format!("tcp:{}", place(at)),
+            Address::TcpOut(to) => format!("tcpin:{to}"),
+            Address::Serial { .. } => self.to_string(),
+        }
+    }
 }
 
 impl FromStr for Address {
@@ -164,6 +180,20 @@ impl fmt::Display for HostPort {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn prop_a_client_is_told_its_own_end() {
+        for (ours, theirs) in [
+            ("udpout:127.0.0.1:14550", "udpin:127.0.0.1:14550"),
+            ("udpin:0.0.0.0:14540", "udpout:127.0.0.1:14540"),
+            ("udpin:[::1]:14540", "udpout:[::1]:14540"),
+            ("tcpin:0.0.0.0:5760", "tcp:127.0.0.1:5760"),
+            ("tcpout:10.0.0.2:5760", "tcpin:10.0.0.2:5760"),
+            ("serial:/dev/ttyUSB0:57600", "serial:/dev/ttyUSB0:57600"),
+        ] {
+            assert_eq!(ours.parse::<Address>().unwrap().for_client(), theirs);
+        }
+    }
 
     #[test]
     fn prop_addresses_survive_a_round_trip() {
