@@ -24,6 +24,7 @@ use crate::campaign::file::{Base, CampaignFile};
 use crate::campaign::flight::{self, Keep, TRUTH};
 use crate::campaign::plan::Plan;
 use crate::campaign::row::{Outcome, Row};
+use crate::leavings;
 
 /// Longest flight, s: a pack is empty before.
 const LIMIT_S: f64 = 900.0;
@@ -101,6 +102,7 @@ pub fn run(options: &Options) -> Result<bool> {
         bail!("--count {}: allowed 1 to {MOST}", options.count);
     }
     let due = due(options)?;
+    leavings::say_before(due.len(), &options.out);
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let progress = Progress::counted("flights", 0, due.len() as u64);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.jobs).build()?;
@@ -120,6 +122,9 @@ pub fn run(options: &Options) -> Result<bool> {
     progress.end();
     if options.json {
         print_json(&flown)?;
+    } else if flown.len() > 1 {
+        let logs: Vec<_> = flown.iter().map(|flight| flight.log.clone()).collect();
+        leavings::tell(&logs, &options.out);
     }
     Ok(flown.iter().all(|flight| on_its_feet(&flight.row)))
 }

@@ -12,7 +12,7 @@ use haltere::progress::{self, Progress};
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_gap::library::standard;
 use haltere_gap::scene::Scene;
-use haltere_gap::{missions, seal};
+use haltere_gap::{missions, seal, workshop};
 use haltere_model::Plant;
 use haltere_sim::ending::Ending;
 use haltere_sim::hidden::{Hidden, NOT_SHOWN, SHARES};
@@ -20,6 +20,7 @@ use haltere_sim::taped::record;
 use rayon::prelude::*;
 use serde_json::json;
 
+use crate::leavings;
 use story::{Mark, REMARK};
 
 /// Good flights of each of the two missions: fewer than twenty are taken for those of one hour (docs/GAP.md, 2.5).
@@ -102,9 +103,10 @@ pub fn run(options: &Options) -> Result<bool> {
             )
         })?,
     };
-    progress::stages(&STAGES);
+    progress::stages(&STAGES, workshop::costs_file());
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let (bad, good) = plan(options, seed, "bad");
+    leavings::say_before(bad.len() + good.len(), &options.out);
     fly_all(&scene, &Hidden::none(), &good)?;
     let flown = fly_hidden(&scene, hidden, &bad)?;
     let hidden = &flown.hidden;
@@ -138,6 +140,8 @@ pub fn run(options: &Options) -> Result<bool> {
             ))?;
         }
         print(&format!("NOTE    {REMARK}\n"))?;
+        let logs: Vec<_> = bad.iter().chain(&good).map(|flight| flight.path.clone()).collect();
+        leavings::offer(&logs, &options.out, "The page and the envelope stay.");
     }
     Ok(true)
 }

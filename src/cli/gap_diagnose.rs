@@ -27,6 +27,7 @@ use haltere_gap::diagnosis::{Advised, Diagnosis, Part, ShrinkResult};
 use haltere_gap::held_out::{Explanation, measure};
 use haltere_gap::picture::picture;
 use haltere_gap::seal::digest_of;
+use haltere_gap::workshop;
 use haltere_log::written;
 use haltere_model::effects::EffectSpec;
 
@@ -134,7 +135,7 @@ impl Diagnose {
             _ => (name, usual_s),
         };
         let due: Vec<_> = STAGES.into_iter().filter(|(name, _)| is_due(name)).map(usual).collect();
-        progress::stages(&due);
+        progress::stages(&due, workshop::costs_file());
         let [first, others @ ..] = &self.logs[..] else { anyhow::bail!("no log") };
         // Before anything long: files that do not hold what they should.
         let truth = self.truth_file()?;

@@ -67,8 +67,12 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Flies: the companion, until it is stopped.
+    #[command(
+        after_help = "Examples:\n  haltere fly\n  haltere fly --config lab.toml --set control.version=raw"
+    )]
     Fly(fly::Fly),
     /// Lives through recorded flights again and says whether the same bytes go out.
+    #[command(after_help = "Examples:\n  haltere replay logs/*.mcap")]
     Replay(replay::Replay),
     /// Handles flight logs.
     #[command(subcommand)]
@@ -83,12 +87,24 @@ enum Command {
     #[command(subcommand)]
     Vehicle(vehicle::VehicleCommand),
     /// Arms, flies and lands a running companion: a small ground station for scripts.
+    #[command(
+        after_help = "Examples:\n  haltere ctl status\n  haltere ctl takeoff 1.2\n  haltere ctl mission square.toml\n  haltere ctl --to udpout:10.0.0.7:14551 land"
+    )]
     Ctl(ctl::Ctl),
     /// Draws a flight log as one page.
+    #[command(
+        after_help = "Examples:\n  haltere report logs/flight.mcap\n  haltere report logs/flight.mcap --truth truth.csv -o flight.html"
+    )]
     Report(report::Report),
     /// Examines configuration, survey, ports, system and disk, and says what to put right.
+    #[command(
+        after_help = "Examples:\n  haltere check\n  haltere check --live --config haltere.toml"
+    )]
     Check(check::Check),
     /// Asks a few questions and writes a first configuration.
+    #[command(
+        after_help = "Examples:\n  haltere init\n  haltere init --yes --station mavsdk --station qgroundcontrol --anchors anchors.txt"
+    )]
     Init(init::Init),
     /// Prints the completion script of a shell.
     Completions(complete::Completions),
@@ -246,6 +262,22 @@ mod tests {
         assert_eq!(sentence(&error), "a.csv: a pipe");
         let apart = anyhow::anyhow!("cause").context("what");
         assert_eq!(sentence(&apart), "what: cause");
+    }
+
+    #[test]
+    fn prop_the_main_commands_show_examples_that_are_understood() {
+        let mut shown = 0;
+        for command in Cli::command().get_subcommands() {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            for line in help.lines().filter(|line| line.starts_with("  ")) {
+                assert!(line.contains(&format!("{PROGRAM} {}", command.get_name())), "{line}");
+                if let Err(error) = Cli::try_parse_from(line.split_whitespace()) {
+                    panic!("`{line}` is refused:\n{error}");
+                }
+                shown += 1;
+            }
+        }
+        assert!(shown > 8, "{shown} examples");
     }
 
     #[test]

@@ -202,11 +202,19 @@ pub(super) fn mission_key(scene: &Scene, items: &[MISSION_ITEM_INT_DATA], rest: 
 
 /// Where banks are kept unless the user says otherwise: the user's cache.
 pub fn default_folder() -> PathBuf {
+    cache().join("gap-banks")
+}
+
+/// Where it is kept how long the stages of a diagnosis took on this computer.
+pub fn costs_file() -> PathBuf {
+    cache().join("stages.json")
+}
+
+fn cache() -> PathBuf {
     let home = || std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".cache"));
     std::env::var_os("XDG_CACHE_HOME")
         .map(PathBuf::from)
         .or_else(home)
         .unwrap_or_else(std::env::temp_dir)
         .join("haltere")
-        .join("gap-banks")
 }

@@ -147,11 +147,10 @@ impl Progress {
         let here = self.before + done;
         let own_s =
             (done > 0).then(|| self.seconds() / done as f64 * total.saturating_sub(here) as f64);
-        let plan::Place { number, usual_s } = plan::place(self.what);
-        let left = match (usual_s, own_s) {
-            (Some([usual_s, after_s]), own_s) => {
-                format!(", {:.0} s left in all", own_s.unwrap_or(usual_s) + after_s)
-            }
+        let share = here as f64 / total.max(1) as f64;
+        let plan::Place { number, left_s } = plan::place(self.what, share);
+        let left = match (left_s, own_s) {
+            (Some(left_s), _) => format!(", {left_s:.0} s left in all"),
             (None, Some(own_s)) => format!(", {own_s:.0} s left"),
             (None, None) => String::new(),
         };
