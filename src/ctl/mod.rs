@@ -68,8 +68,8 @@ pub enum CtlError {
     },
     /// Nothing can be heard there.
     #[error(
-        "udpin:{at}: cannot listen there: {why}; end that program; or, if it is the vehicle that listens (`haltere-sim \
-         lockstep`), speak to it with --to udpout:{at}; or give your vehicle another ground endpoint, and name that \
+        "udpin:{at}: cannot listen there: {why}; end that program; or, if it is the vehicle that listens (a \
+         `udpin` endpoint), speak to it with --to udpout:{at}; or give your vehicle another ground endpoint, and name that \
          with --to"
     )]
     Listen {
@@ -321,17 +321,23 @@ fn fly_mission(
     let mut told = None;
     // That it is armed may be heard after the order was answered.
     let mut flies = false;
-    let done = station.wait("the end of the mission", MISSION_TIMEOUT, |vehicle| {
-        if vehicle.reached != told {
-            told = vehicle.reached;
-            say(&format!("item {} done", told.unwrap_or(0)));
-        }
-        flies |= vehicle.armed;
-        let is_done = vehicle.reached >= Some(last);
-        (is_done || (flies && !vehicle.armed)).then_some(is_done)
-    })?;
+    let mut heard = Vec::new();
+    let done =
+        station.wait_hearing("the end of the mission", MISSION_TIMEOUT, |vehicle, texts| {
+            for text in texts.drain(..) {
+                say(&text);
+                heard.push(text);
+            }
+            if vehicle.reached != told {
+                told = vehicle.reached;
+                say(&format!("item {} done", told.unwrap_or(0)));
+            }
+            flies |= vehicle.armed;
+            let is_done = vehicle.reached >= Some(last);
+            (is_done || (flies && !vehicle.armed)).then_some(is_done)
+        })?;
     if !done {
-        return Err(CtlError::Ended { reached: told, items, texts: station.take_texts() });
+        return Err(CtlError::Ended { reached: told, items, texts: heard });
     }
     if lands { station.wait_down() } else { Ok(()) }
 }
@@ -427,9 +433,9 @@ pub struct Target {
 }
 
 impl Target {
-    fn connect(self) -> Result<GroundStation, CtlError> {
+    fn connect(self, brief: bool) -> Result<GroundStation, CtlError> {
         let address = self.to.as_deref().unwrap_or(USUAL);
-        let station = GroundStation::find(address, self.key, &self.wanted)?;
+        let station = GroundStation::find(address, self.key, &self.wanted, brief)?;
         let chosen = station.chosen();
         let who = chosen.and_then(|c| neighbours::sender(Transport::Udp, c.from?));
         let asked = self.to.is_some() || self.wanted.from.is_some();
@@ -458,7 +464,7 @@ pub fn run(
         Action::Mission { file } => Some(read_plan(file)?),
         _ => None,
     };
-    let mut station = target.connect()?;
+    let mut station = target.connect(matches!(action, Action::Status { .. }))?;
     let vehicle = station.chosen().as_ref().map(named).unwrap_or_default();
     if !matches!(action, Action::Status { .. }) {
         note(&format!("speaks to {vehicle}"));
@@ -557,4 +563,97 @@ pub fn run(
         note(&format!("another vehicle spoke here and was not listened to: {}", named(&other)));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use haltere_dialect::mav::haltere::{
+        COMMAND_ACK_DATA, HEARTBEAT_DATA, MISSION_ITEM_REACHED_DATA, MavAutopilot, MavMessage,
+        MavModeFlag, STATUSTEXT_DATA,
+    };
+    use haltere_dialect::mav_stream::{MavSplitter, encode};
+    use std::net::UdpSocket;
+    use std::time::Instant;
+
+    fn beat(armed: bool) -> MavMessage {
+        let base_mode =
+            if armed { MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED } else { MavModeFlag::empty() };
+        let autopilot = MavAutopilot::MAV_AUTOPILOT_GENERIC as u8;
+        MavMessage::HEARTBEAT(HEARTBEAT_DATA { autopilot, base_mode, ..Default::default() })
+    }
+
+    fn text(words: &str) -> MavMessage {
+        MavMessage::STATUSTEXT(STATUSTEXT_DATA { text: words.into(), ..Default::default() })
+    }
+
+    /// The texts of a flight were printed when it was over, the last item before the take-off.
+    #[test]
+    fn regress_texts_of_a_mission_come_as_they_are_said() {
+        let vehicle = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let to = vehicle.local_addr().unwrap();
+        let reached = |seq| MavMessage::MISSION_ITEM_REACHED(MISSION_ITEM_REACHED_DATA { seq });
+        let flight = [
+            text("take-off height reached"),
+            reached(0),
+            text("on the way"),
+            reached(1),
+            text("landed"),
+            beat(false),
+        ];
+        let flies = std::thread::spawn(move || {
+            let (mut splitter, mut buffer, mut sequence) = (MavSplitter::new(), [0; 2048], 0_u8);
+            let mut flight = flight.into_iter();
+            let mut begun = false;
+            loop {
+                let Ok((n, from)) = vehicle.recv_from(&mut buffer) else { return };
+                splitter.push(&buffer[..n]);
+                let mut answers = vec![beat(true)];
+                while let Some(Ok(frame)) = splitter.next() {
+                    if let Ok(MavMessage::COMMAND_LONG(asked)) = frame.decode() {
+                        begun = true;
+                        let command = asked.command;
+                        answers.push(MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
+                            command,
+                            ..Default::default()
+                        }));
+                    }
+                }
+                if begun && answers.len() == 1 {
+                    let Some(next) = flight.next() else { return };
+                    answers = vec![next];
+                }
+                for answer in answers {
+                    let mut bytes = Vec::new();
+                    encode(&mut bytes, 1, 1, sequence, &answer);
+                    sequence = sequence.wrapping_add(1);
+                    vehicle.send_to(&bytes, from).unwrap();
+                }
+            }
+        });
+        let mut station = GroundStation::connect(&format!("udpout:{to}")).unwrap();
+        let mut said = Vec::new();
+        let error =
+            fly_mission(&mut station, 3, false, &mut |line: &str| said.push(line.to_owned()));
+        assert_eq!(
+            said,
+            ["take-off height reached", "item 0 done", "on the way", "item 1 done", "landed"]
+        );
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("after item 1") && error.contains("landed"), "{error}");
+        drop(station);
+        flies.join().unwrap();
+    }
+
+    /// Who only asks how it stands waited for ten seconds.
+    #[test]
+    fn regress_status_says_soon_that_nobody_is_there() {
+        let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let target = Target { to: Some(format!("udpin:{free}")), ..Target::default() };
+        let began = Instant::now();
+        let status = Action::Status { json: false };
+        let error = run(target, &status, |_| {}, |_| {}).unwrap_err().to_string();
+        assert!(error.contains("no heartbeat of a vehicle within 2 s"), "{error}");
+        assert!(began.elapsed() < Duration::from_secs(8), "{:?}", began.elapsed());
+    }
 }

@@ -30,6 +30,9 @@ const LOOK: Duration = Duration::from_millis(20);
 const MOST_STREAMS: usize = 16;
 /// Wait for the first heartbeat, which comes once a second.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
+/// Wait for anything at all of who only wants to know: a vehicle on this computer has said a lot by then, and one behind a
+/// radio its heartbeat.
+const SILENCE: Duration = Duration::from_secs(2);
 /// Our own heartbeat: several a second, because a vehicle that flies on simulated time faster than real counts
 /// its own seconds without one.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(200);
@@ -132,15 +135,21 @@ impl GroundStation {
     /// As [`connect`](Self::connect), with a wait of its own.
     pub fn connect_within(address: &str, timeout: Duration) -> Result<Self, CtlError> {
         let mut station = Self::open(address, KeyRing::default())?;
-        station.choose(&Wanted::default(), timeout, Duration::ZERO)?;
+        station.choose(&Wanted::default(), [timeout; 2], Duration::ZERO)?;
         Ok(station)
     }
 
     /// Opens the link, signing where there is a key, and finds the vehicle that is wanted; refuses to choose
-    /// between two.
-    pub fn find(address: &str, key: Option<SigningKey>, wanted: &Wanted) -> Result<Self, CtlError> {
+    /// between two. Whoever is `brief` gives up soon where nothing at all is heard.
+    pub fn find(
+        address: &str,
+        key: Option<SigningKey>,
+        wanted: &Wanted,
+        brief: bool,
+    ) -> Result<Self, CtlError> {
         let mut station = Self::open(address, KeyRing::new(key, 0))?;
-        station.choose(wanted, HEARTBEAT_TIMEOUT, LOOK_AROUND)?;
+        let silence = if brief { SILENCE } else { HEARTBEAT_TIMEOUT };
+        station.choose(wanted, [silence, HEARTBEAT_TIMEOUT], LOOK_AROUND)?;
         Ok(station)
     }
 
@@ -163,15 +172,18 @@ impl GroundStation {
         })
     }
 
-    /// Until the vehicle that is wanted was heard, and for `look_around` whether there is another one.
+    /// Until the vehicle that is wanted was heard, and for `look_around` whether there is another one. Waits for it, and
+    /// before for anything at all, so long.
     fn choose(
         &mut self,
         wanted: &Wanted,
-        timeout: Duration,
+        [silence, timeout]: [Duration; 2],
         look_around: Duration,
     ) -> Result<(), CtlError> {
-        let (mut deadline, mut heard) = (Instant::now() + timeout, false);
+        let began = Instant::now();
+        let (mut deadline, mut heard) = (began + timeout, false);
         loop {
+            let patience = if self.streams.is_empty() { silence } else { timeout };
             let fitting = self.callers.fitting(wanted);
             if let Some(first) = fitting.first() {
                 if !std::mem::replace(&mut heard, true) {
@@ -189,12 +201,12 @@ impl GroundStation {
                     }
                     return Ok(());
                 }
-            } else if Instant::now() >= deadline {
+            } else if began.elapsed() >= patience {
                 let others = self.callers.fitting(&Wanted::default()).iter().map(named).collect();
                 return Err(CtlError::NoHeartbeat {
                     address: self.address.clone(),
                     wanted: *wanted,
-                    waited: timeout,
+                    waited: patience,
                     others,
                 });
             }
@@ -315,9 +327,19 @@ impl GroundStation {
         timeout: Duration,
         mut done: impl FnMut(&Vehicle) -> Option<T>,
     ) -> Result<T, CtlError> {
+        self.wait_hearing(what, timeout, |vehicle, _| done(vehicle))
+    }
+
+    /// The same for who wants the texts as they come.
+    pub fn wait_hearing<T>(
+        &mut self,
+        what: &str,
+        timeout: Duration,
+        mut done: impl FnMut(&Vehicle, &mut Vec<String>) -> Option<T>,
+    ) -> Result<T, CtlError> {
         let deadline = Instant::now() + timeout;
         loop {
-            if let Some(result) = done(&self.vehicle) {
+            if let Some(result) = done(&self.vehicle, &mut self.texts) {
                 return Ok(result);
             }
             if self.next_message(deadline)?.is_none() {
