@@ -10,6 +10,7 @@ use clap::Args;
 use super::log_export::say_end;
 use super::print;
 use super::which_flight::{WhichFlight, tell};
+use crate::report::errors::{axis_errors, legs};
 use crate::report::flight::{Flight, ParameterRow};
 use crate::report::svg::Limit;
 use crate::report::{Page, from_log, truth};
@@ -64,11 +65,13 @@ impl Report {
             LogEnd::Complete => name,
             other => format!("{name}, log {other}: shown is what is whole"),
         };
+        let known = !flight.truth.is_empty() || !flight.references.is_empty();
+        let legs = if known { legs(&flight) } else { Vec::new() };
         let page = Page {
             title: "Flight",
             subtitle: &subtitle,
             checks: &[],
-            errors: &[],
+            errors: &axis_errors(&flight, &legs),
             paths: &[],
             flight: &flight,
         };

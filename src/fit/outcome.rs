@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::programs::Program;
 use super::value::Value;
-use crate::report::STYLE;
+use crate::report::html::{self, Cell};
 use crate::report::svg::{Plot, escape};
 use haltere_core::checks::Problems;
 use haltere_pilot::settings::Config;
@@ -17,6 +17,9 @@ const ALONE_PX: [f64; 2] = [1120.0, 380.0];
 
 /// Probability of the intervals that are shown.
 const SHOWN: f64 = 0.95;
+
+/// Parameters that the sentence on top tells.
+const MOST_SAID: usize = 3;
 
 /// Cells longer than this wrap.
 const LONG_CELL: usize = 30;
@@ -139,7 +142,7 @@ impl Outcome {
     pub fn text(&self) -> String {
         let mut out = String::new();
         let _ = writeln!(out, "fit {}: {}", self.what, self.source.join(", "));
-        let _ = writeln!(out, "{}", self.law);
+        let _ = writeln!(out, "{}\n{}", self.sentence(), self.law);
         let width = self.parameters.iter().map(|p| p.name.chars().count()).max().unwrap_or(0);
         for p in &self.parameters {
             let [low, high] = p.value.interval(SHOWN);
@@ -180,49 +183,46 @@ impl Outcome {
         out
     }
 
+    /// What came out, in a sentence.
+    pub fn sentence(&self) -> String {
+        // Of several for one thing (axis, anchor) the first: it is what was asked for.
+        let thing = |p: &Named| p.name.split(' ').next().unwrap_or_default().to_owned();
+        let mut firsts: Vec<&Named> = Vec::new();
+        for p in &self.parameters {
+            if firsts.iter().all(|first| thing(first) != thing(p)) {
+                firsts.push(p);
+            }
+        }
+        // All of one thing: the one that is surest to differ from nothing.
+        let many = firsts.len() == 1 && self.parameters.len() > MOST_SAID;
+        if many {
+            let sure = |p: &Named| (p.value.value / p.value.std).abs();
+            firsts = self.parameters.iter().collect();
+            firsts.sort_by(|a, b| sure(b).total_cmp(&sure(a)));
+        }
+        firsts.truncate(if many { 1 } else { MOST_SAID });
+        let told = firsts.iter().map(|p| {
+            let Value { value, std, .. } = p.value;
+            format!("{} = {} {}", p.name, with_error(value, std), p.unit).trim_end().to_owned()
+        });
+        let told = told.collect::<Vec<_>>().join("; ");
+        let first = if many { "surest: " } else { "" };
+        let offered = match self.snippet {
+            Some(_) => "what the configuration gets stands at the end",
+            None => "nothing of it goes into the configuration",
+        };
+        let more = self.parameters.len().saturating_sub(firsts.len());
+        let more = if more > 0 { format!("; {more} more below") } else { String::new() };
+        format!("{first}{told}{more}; {offered}.")
+    }
+
     /// One self-contained page.
     pub fn html(&self) -> String {
-        let mut html = String::new();
-        let _ = write!(
-            html,
-            "<!DOCTYPE html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-             <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
-             <title>Fit: {what}</title><style>{STYLE}</style></head><body><main>\
-             <header><div><h1>Fit: {what}</h1><p>{}</p></div></header><p>{}</p>\
-             <table><tr><th>Parameter</th><th class=\"n\">Value</th><th class=\"n\">Standard error</th>\
-             <th class=\"n\">95 % interval</th><th>Unit</th></tr>",
-            escape(&self.source.join(", ")),
-            escape(&self.law),
-            what = self.what,
-        );
-        for p in &self.parameters {
-            let [low, high] = p.value.interval(SHOWN);
-            let _ = write!(
-                html,
-                "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
-                 <td class=\"n\">{} to {}</td><td>{}</td></tr>",
-                escape(&p.name),
-                number(p.value.value),
-                number(p.value.std),
-                number(low),
-                number(high),
-                escape(p.unit),
-            );
-        }
-        html.push_str("</table>");
-        if !self.quality.is_empty() {
-            html.push_str("<h2>Quality</h2><table>");
-            for q in &self.quality {
-                let _ = write!(
-                    html,
-                    "<tr><td>{}</td><td class=\"n\">{} {}</td></tr>",
-                    escape(&q.name),
-                    number(q.value),
-                    escape(q.unit)
-                );
-            }
-            html.push_str("</table>");
-        }
+        let title = format!("Fit: {}", self.what);
+        let mut html = html::open(&title, "");
+        html += &html::header(None, &title, &self.source.join(", "));
+        html += &html::said("", &self.sentence());
+        let _ = write!(html, "<p>{}</p>", escape(&self.law));
         if !self.plots.is_empty() {
             html.push_str("<h2>Data and fit</h2><div class=\"two\">");
             for plot in &self.plots {
@@ -231,26 +231,33 @@ impl Outcome {
                     // Alone it gets the whole width; drawn for it, letters keep their size.
                     plot.size_px = ALONE_PX;
                 }
-                let _ = write!(html, "<figure>{}</figure>", plot.render());
+                html.push_str(&plot.render());
             }
             html.push_str("</div>");
         }
+        let rows = self.parameters.iter().map(|p| {
+            let [low, high] = p.value.interval(SHOWN);
+            let interval = format!("{} to {}", number(low), number(high));
+            let [value, std] = [p.value.value, p.value.std].map(number);
+            [&*p.name, &value, &std, &interval, p.unit].map(Cell::from).into()
+        });
+        let heads = ["Parameter", "#Value", "#Standard error", "#95 % interval", "Unit"];
+        html += &html::table(heads, &rows.collect::<Vec<_>>());
+        if !self.quality.is_empty() {
+            let rows = self.quality.iter();
+            let rows = rows.map(|q| [&*q.name, &number(q.value), q.unit].map(Cell::from).into());
+            html += "<h2>Quality</h2>";
+            html += &html::table(["", "#Value", "Unit"], &rows.collect::<Vec<_>>());
+        }
         for table in &self.tables {
-            let _ = write!(html, "<h2>{}</h2><table><tr>", escape(&table.title));
-            for head in &table.head {
-                let _ = write!(html, "<th class=\"n\">{}</th>", escape(head));
-            }
-            html.push_str("</tr>");
-            for row in &table.rows {
-                html.push_str("<tr>");
-                for cell in row {
-                    // A long one may wrap.
-                    let class = if cell.chars().count() > LONG_CELL { "" } else { "n" };
-                    let _ = write!(html, "<td class=\"{class}\">{}</td>", escape(cell));
-                }
-                html.push_str("</tr>");
-            }
-            html.push_str("</table>");
+            let _ = write!(html, "<h2>{}</h2>", escape(&table.title));
+            let heads: Vec<String> = table.head.iter().map(|head| format!("#{head}")).collect();
+            let cell = |text: &String| {
+                let class = if text.chars().count() > LONG_CELL { html::WRAPS } else { "" };
+                Cell::of(class, text)
+            };
+            let rows = table.rows.iter().map(|row| row.iter().map(cell).collect());
+            html += &html::table(heads.iter().map(String::as_str), &rows.collect::<Vec<_>>());
         }
         if !self.notes.is_empty() {
             html.push_str("<h2>What to know</h2><ul>");
@@ -263,10 +270,10 @@ impl Outcome {
             let _ = write!(html, "<h2>For the configuration</h2><pre>{}</pre>", escape(snippet));
         }
         html.push_str(
-            "<p class=\"note\">Standard errors count the time over which noise lasts; intervals take \
-             Student's quantile for how well that is known.</p></main></body></html>",
+            "<footer>Standard errors count the time over which noise lasts; intervals take \
+             Student's quantile for how well that is known.</footer>",
         );
-        html
+        html::close(html)
     }
 }
 
@@ -276,6 +283,15 @@ pub fn accepted(snippet: &str) -> Result<(), Problems> {
     let mut problems = Problems::new();
     config.check(&mut problems);
     problems.into_result()
+}
+
+/// A value and its standard error, of which two digits tell enough.
+fn with_error(value: f64, std: f64) -> String {
+    if !(value.is_finite() && std.is_finite() && std > 0.0) {
+        return format!("{} \u{b1} {}", number(value), number(std));
+    }
+    let digits = (1 - std.log10().floor() as i32).clamp(0, 8) as usize;
+    format!("{value:.digits$} \u{b1} {std:.digits$}")
 }
 
 /// Four significant digits without a zero too many.
@@ -313,6 +329,8 @@ mod tests {
         outcome.notes.push("only here".into());
         let text = outcome.text();
         assert!(text.contains("-1.010 ± 0.02000") && text.contains("note: only here"), "{text}");
+        let sentence = "exponent = -1.010 ± 0.020; nothing of it goes into the configuration.";
+        assert!(text.contains(sentence) && outcome.html().contains(sentence), "{text}");
         let html = outcome.html();
         assert!(html.contains("&lt;flight&gt;") && html.contains("-1.010"));
         assert_eq!(number(f64::NAN), "NaN");

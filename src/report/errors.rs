@@ -7,10 +7,15 @@
 //! a perfect vehicle does not score zero.
 
 use crate::report::flight::Flight;
-use crate::report::truth::interpolate;
 use haltere_core::frames::{E, Vec3};
 use haltere_core::time::HostTime;
 use haltere_core::topics::ControlRecord;
+use haltere_pilot::Mode;
+
+/// A leg shorter than this is none, s: an item that is done at once.
+const LEAST_LEG_S: f64 = 0.1;
+/// Name of all legs together.
+const WHOLE: &str = "whole flight";
 
 /// Window over which a step is judged, s. Longer than any settling seen, so that steps of 1 m and
 /// of 2 m are judged alike.
@@ -54,7 +59,7 @@ pub struct Path {
     pub spans: Vec<(HostTime, HostTime)>,
 }
 
-/// Mean absolute error and standard deviation of one signed error.
+/// Mean absolute error, root mean square, standard deviation and largest of one signed error.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Spread {
     /// Samples.
@@ -62,6 +67,7 @@ pub struct Spread {
     sum: f64,
     sum_abs: f64,
     sum_squares: f64,
+    worst: f64,
 }
 
 impl Spread {
@@ -71,12 +77,23 @@ impl Spread {
             self.sum += error;
             self.sum_abs += error.abs();
             self.sum_squares += error * error;
+            self.worst = self.worst.max(error.abs());
         }
     }
 
     /// Mean absolute error.
     pub fn mae(&self) -> Option<f64> {
         (self.count > 0).then(|| self.sum_abs / f64::from(self.count))
+    }
+
+    /// Root mean square.
+    pub fn rms(&self) -> Option<f64> {
+        (self.count > 0).then(|| (self.sum_squares / f64::from(self.count)).sqrt())
+    }
+
+    /// The largest, without its sign.
+    pub fn worst(&self) -> Option<f64> {
+        (self.count > 0).then_some(self.worst)
     }
 
     /// Standard deviation of the error about its mean.
@@ -172,6 +189,36 @@ pub fn find_paths(plan: &[Leg], controls: &[ControlRecord]) -> (Vec<Path>, Resul
     (paths, Ok(()))
 }
 
+/// What was flown last as legs: all of it, then each mode under position control, a mission item by item. Items
+/// count from 1.
+pub fn legs(flight: &Flight) -> Vec<Path> {
+    let flying = flight.flown_modes().filter(|(mode, ..)| mode.is_flying());
+    let mut whole = Path { name: WHOLE.to_owned(), kind: PathKind::Shape, spans: Vec::new() };
+    let mut legs: Vec<Path> = Vec::new();
+    for (mode, from, to) in flying {
+        whole.spans.push((from, to));
+        let items = flight.reached.iter().filter(|(at, _)| *at > from && *at < to);
+        let items = items.filter(|_| mode == Mode::Mission);
+        let named = items.map(|(at, seq)| (format!("item {}", u32::from(*seq) + 1), *at));
+        let mut from = from;
+        for (name, to) in named.chain([(mode.name().to_owned(), to)]) {
+            if to.seconds_since(from) >= LEAST_LEG_S {
+                match legs.iter_mut().find(|leg| leg.name == name) {
+                    Some(leg) => leg.spans.push((from, to)),
+                    None => {
+                        legs.push(Path { name, kind: PathKind::Shape, spans: vec![(from, to)] });
+                    }
+                }
+                from = to;
+            }
+        }
+    }
+    if legs.len() > 1 {
+        legs.insert(0, whole);
+    }
+    legs
+}
+
 /// Errors of each path: a step on its own axis, a shape on all three.
 pub fn axis_errors(flight: &Flight, paths: &[Path]) -> Vec<AxisErrors> {
     let mut all = Vec::new();
@@ -192,22 +239,26 @@ pub fn axis_errors(flight: &Flight, paths: &[Path]) -> Vec<AxisErrors> {
         }));
         for (from, to) in &path.spans {
             for control in flight.controls.iter().filter(|c| c.at >= *from && c.at <= *to) {
-                let Some(truth) = interpolate(&flight.truth, control.at) else { continue };
+                let Some((pos_E_m, vel_E_mps)) = flight.truth_at(control.at) else { continue };
                 for row in &mut all[first..] {
                     if let Some(setpoint_m) = control.pos_setpoint_E_m[row.axis] {
-                        row.position_m.add(truth.pos_E_m[row.axis] - setpoint_m);
+                        row.position_m.add(pos_E_m[row.axis] - setpoint_m);
                     }
-                    let setpoint_mps = control.vel_setpoint_E_mps[row.axis];
-                    row.velocity_mps.add(truth.vel_E_mps[row.axis] - setpoint_mps);
+                    if let Some(vel_E_mps) = vel_E_mps {
+                        let setpoint_mps = control.vel_setpoint_E_mps[row.axis];
+                        row.velocity_mps.add(vel_E_mps[row.axis] - setpoint_mps);
+                    }
                 }
             }
             for estimate in flight.estimates.iter().filter(|e| e.at >= *from && e.at <= *to) {
-                let Some(truth) = interpolate(&flight.truth, estimate.at) else { continue };
-                let vel_E_mps = estimate.vel_E_mps();
+                let Some((pos_E_m, vel_E_mps)) = flight.truth_at(estimate.at) else { continue };
+                let estimated_E_mps = estimate.vel_E_mps();
                 for row in &mut all[first..] {
-                    let error_m = estimate.pos_E_m[row.axis] - truth.pos_E_m[row.axis];
-                    row.estimate_position_m.add(error_m);
-                    row.estimate_velocity_mps.add(vel_E_mps[row.axis] - truth.vel_E_mps[row.axis]);
+                    row.estimate_position_m.add(estimate.pos_E_m[row.axis] - pos_E_m[row.axis]);
+                    if let Some(vel_E_mps) = vel_E_mps {
+                        let error_mps = estimated_E_mps[row.axis] - vel_E_mps[row.axis];
+                        row.estimate_velocity_mps.add(error_mps);
+                    }
                 }
             }
         }

@@ -3,15 +3,21 @@
 use std::collections::BTreeMap;
 
 use crate::report::svg::Limit;
-use crate::report::truth::TruthRow;
+use crate::report::truth::{TruthRow, interpolate};
 use haltere_core::drops::Drops;
 use haltere_core::estimate::Estimate;
+use haltere_core::frames::{E, Vec3};
 use haltere_core::measure::{
     AnchorId, BatterySample, BoardAttitude, ImuSample, OtherBattery, ReferencePose, ServoOutput,
 };
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ControlRecord, HealthRecord, TextRecord, UwbRecord};
+use haltere_log::record::is_on_floor;
+use haltere_pilot::Mode;
+
+/// Between two poses of motion capture further apart than this there is none, s.
+const REFERENCE_GAP_S: f64 = 0.2;
 
 /// A flight in memory.
 #[derive(Debug, Clone, Default)]
@@ -36,6 +42,10 @@ pub struct Flight {
     pub references: Vec<ReferencePose>,
     /// Changes of mode.
     pub modes: Vec<ModeRow>,
+    /// Mission items that were told as reached, as the wire counts them: from 0.
+    pub reached: Vec<(HostTime, u16)>,
+    /// How many items the mission has, where that changed.
+    pub mission_items: Vec<(HostTime, u16)>,
     /// Texts.
     pub texts: Vec<TextRecord>,
     /// Losses and timing, once a second.
@@ -90,6 +100,37 @@ impl Flight {
         ];
         let known = || times.iter().flatten().copied();
         Some((known().min()?, known().max()?))
+    }
+
+    /// Changes of mode of what was flown last, the disarming included. Empty: it never left the floor.
+    pub fn last_flown(&self) -> &[ModeRow] {
+        let flights = self.modes.split_inclusive(|row| row.mode == Mode::Disarmed.name());
+        let flown = flights.filter(|rows| rows.iter().any(|row| !is_on_floor(&row.mode)));
+        flown.last().unwrap_or_default()
+    }
+
+    /// Each mode of what was flown last, with its begin and end.
+    pub fn flown_modes(&self) -> impl Iterator<Item = (Mode, HostTime, HostTime)> {
+        let (rows, end) =
+            (self.last_flown(), self.ends().map_or(HostTime::default(), |ends| ends.1));
+        rows.iter().enumerate().filter_map(move |(i, row)| {
+            let to = rows.get(i + 1).map_or(end.max(row.at), |next| next.at);
+            Some((Mode::from_name(&row.mode)?, row.at, to))
+        })
+    }
+
+    /// Position and, where it is told, velocity by the simulator's truth, else by motion capture.
+    pub fn truth_at(&self, at: HostTime) -> Option<(Vec3<E>, Option<Vec3<E>>)> {
+        if !self.truth.is_empty() {
+            return interpolate(&self.truth, at).map(|row| (row.pos_E_m, Some(row.vel_E_mps)));
+        }
+        let after = self.references.partition_point(|r| r.valid_at < at);
+        let b = self.references.get(after)?;
+        let a = self.references.get(after.checked_sub(1)?)?;
+        let span_s = b.valid_at.seconds_since(a.valid_at);
+        let share = at.seconds_since(a.valid_at) / span_s;
+        (span_s > 0.0 && span_s < REFERENCE_GAP_S)
+            .then(|| (a.pos_E_m + (b.pos_E_m - a.pos_E_m) * share, None))
     }
 
     /// Batteries that were not flown on: id, least and greatest voltage, V.

@@ -1,5 +1,7 @@
 //! From a flight log to a [`Flight`].
 
+use std::collections::BTreeMap;
+
 use crate::report::flight::{Flight, GlueRow, ModeRow};
 use haltere_core::drops::{DropReason, Drops};
 use haltere_core::estimate::{Estimate, Health};
@@ -10,8 +12,14 @@ use haltere_core::measure::{
 };
 use haltere_core::time::HostTime;
 use haltere_core::topics::{HealthRecord, ModeRecord, TextRecord, Topic, UwbRecord};
+use haltere_dialect::mav::haltere::MavMessage;
+use haltere_dialect::mav_stream::MavSplitter;
 use haltere_log::record::back::{control, vec3};
 use haltere_log::record::{Decoded, Entry, FlightPart, LogEnd, LogReader, RawInput, pb, utc_text};
+use haltere_pilot::LinkId;
+
+/// MISSION_CURRENT and MISSION_ITEM_REACHED.
+const OF_MISSION: [u32; 2] = [42, 46];
 
 /// Reads every decoded topic of a log; says how the log ends.
 pub fn read(log: &LogReader) -> (Flight, LogEnd) {
@@ -26,11 +34,15 @@ pub fn read_part(log: &LogReader, mut part: FlightPart) -> (Flight, LogEnd) {
         started: Some(session.pilot_started_at),
         ..Flight::default()
     };
+    let mut stations: BTreeMap<LinkId, MavSplitter> = BTreeMap::new();
     let mut entries = log.entries();
     for entry in entries.by_ref().filter(|entry| part.holds(entry)) {
         match entry {
             Entry::Decoded(decoded) => flight.add_decoded(decoded),
             Entry::Input { at, input: RawInput::Wake, .. } => flight.wakes.push(at),
+            Entry::Output { at, link, bytes, .. } if matches!(link, LinkId::Ground(_)) => {
+                flight.add_told(at, &bytes, stations.entry(link).or_default());
+            }
             _ => {}
         }
     }
@@ -101,6 +113,29 @@ impl Flight {
             }
             Topic::Text(text) => self.texts.push(text),
             Topic::Health(health) => self.health.push(health),
+        }
+    }
+
+    /// What stations were told of the mission. Each of them is told the same.
+    fn add_told(&mut self, at: HostTime, bytes: &[u8], station: &mut MavSplitter) {
+        station.push(bytes);
+        while let Some(found) = station.next() {
+            let Some(frame) = found.ok().filter(|f| OF_MISSION.contains(&f.header.msg_id)) else {
+                continue;
+            };
+            match frame.decode() {
+                Ok(MavMessage::MISSION_ITEM_REACHED(m)) => {
+                    if self.reached.last() != Some(&(at, m.seq)) {
+                        self.reached.push((at, m.seq));
+                    }
+                }
+                Ok(MavMessage::MISSION_CURRENT(m)) => {
+                    if self.mission_items.last().is_none_or(|(_, items)| *items != m.total) {
+                        self.mission_items.push((at, m.total));
+                    }
+                }
+                _ => {}
+            }
         }
     }
 

@@ -1,4 +1,4 @@
-//! What every page of ours has in common: head, style, the table of what was checked, the end.
+//! What every page of ours has in common: head, style, header, tables, the end.
 
 use std::fmt::Write as _;
 
@@ -6,7 +6,7 @@ use crate::report::svg::escape;
 use crate::report::verdict::{Check, Verdict};
 
 /// Style of every page.
-pub const STYLE: &str = include_str!("page.css");
+const STYLE: &str = include_str!("page.css");
 /// Shows the values under the pointer.
 const SCRIPT: &str = include_str!("page.js");
 
@@ -23,38 +23,119 @@ pub fn open(title: &str, own_style: &str) -> String {
     html
 }
 
+/// Heading and what stands under it, with a badge where somebody has judged: its class and its words.
+pub fn header(badge: Option<(&str, &str)>, title: &str, subtitle: &str) -> String {
+    let badge = badge.map_or_else(String::new, |(class, words)| {
+        format!("<span class=\"verdict {class}\">{}</span>", escape(words))
+    });
+    format!(
+        "<header>{badge}<div><h1>{}</h1><p>{}</p></div></header>",
+        escape(title),
+        escape(subtitle)
+    )
+}
+
+/// The sentence that says what came out, of a class: good, bad or none.
+pub fn said(class: &str, sentence: &str) -> String {
+    format!("<p class=\"said {class}\">{}</p>", escape(sentence))
+}
+
 /// The end of a page.
 pub fn close(mut html: String) -> String {
     let _ = write!(html, "</main><script>{SCRIPT}</script></body></html>");
     html
 }
 
-/// A table of checks; nothing without a check.
-pub fn checks(checks: &[Check]) -> String {
+/// Class of a cell of words that wrap, among numbers too.
+pub const WRAPS: &str = "why";
+
+/// A cell of a table.
+#[derive(Debug, Clone)]
+pub struct Cell {
+    class: &'static str,
+    html: String,
+}
+
+impl Cell {
+    /// Of a class of its own: good, bad, none, or [`WRAPS`].
+    pub fn of(class: &'static str, text: &str) -> Self {
+        Self { class, html: escape(text) }
+    }
+
+    /// The same of what is HTML already.
+    pub fn markup(class: &'static str, html: String) -> Self {
+        Self { class, html }
+    }
+}
+
+impl<T: AsRef<str>> From<T> for Cell {
+    fn from(text: T) -> Self {
+        Self::of("", text.as_ref())
+    }
+}
+
+/// A table. Heads that begin with # are of numbers. Nothing without a row, and no column in which nothing stands.
+pub fn table<'a>(heads: impl IntoIterator<Item = &'a str>, rows: &[Vec<Cell>]) -> String {
+    let filled = |k: usize| rows.iter().any(|row| row.get(k).is_some_and(|c| !c.html.is_empty()));
+    let columns: Vec<(usize, &str)> =
+        heads.into_iter().enumerate().filter(|(k, _)| filled(*k)).collect();
     let mut html = String::new();
-    if checks.is_empty() {
+    if columns.is_empty() {
         return html;
     }
-    html.push_str(
-        "<table><thead><tr><th>Bound</th><th>Found</th><th>Allowed</th><th>Verdict</th></tr>\
-         </thead><tbody>",
-    );
-    for check in checks {
+    let class = |class: &str| match class.trim() {
+        "" => String::new(),
+        class => format!(" class=\"{class}\""),
+    };
+    let number = |head: &str| if head.starts_with('#') { "n" } else { "" };
+    html.push_str("<table><thead><tr>");
+    for (_, head) in &columns {
+        let name = escape(head.trim_start_matches('#'));
+        let _ = write!(html, "<th{}>{name}</th>", class(number(head)));
+    }
+    html.push_str("</tr></thead><tbody>");
+    for row in rows {
+        html.push_str("<tr>");
+        for (k, head) in &columns {
+            let (own, text) = row.get(*k).map_or(("", ""), |cell| (cell.class, &cell.html));
+            let number = if own == WRAPS { "" } else { number(head) };
+            let _ = write!(html, "<td{}>{text}</td>", class(&format!("{number} {own}")));
+        }
+        html.push_str("</tr>");
+    }
+    html.push_str("</tbody></table>");
+    html
+}
+
+/// A table of checks; nothing without a check.
+pub fn checks(checks: &[Check]) -> String {
+    let rows = checks.iter().map(|check| {
         let (class, word) = match &check.verdict {
             Verdict::Pass => ("good", "\u{2713} pass".to_string()),
             Verdict::Warn => ("none", "! look".to_string()),
             Verdict::Fail => ("bad", "\u{2717} fail".to_string()),
             Verdict::NotChecked { why } => ("bad", format!("\u{2717} not checked: {why}")),
         };
-        let _ = write!(
+        let words = [&check.name, &check.found, &check.allowed].map(Cell::from);
+        words.into_iter().chain([Cell::of(class, &word)]).collect()
+    });
+    table(["Bound", "Found", "Allowed", "Verdict"], &rows.collect::<Vec<_>>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_a_table_has_no_column_in_which_nothing_stands() {
+        let row = |a: &str| vec![Cell::from(a), Cell::from(""), Cell::of("bad", "7")];
+        let html = table(["name <", "why", "#count"], &[row("x & y"), row("")]);
+        assert_eq!(
             html,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td class=\"{class}\">{}</td></tr>",
-            escape(&check.name),
-            escape(&check.found),
-            escape(&check.allowed),
-            escape(&word)
+            "<table><thead><tr><th>name &lt;</th><th class=\"n\">count</th></tr></thead><tbody>\
+             <tr><td>x &amp; y</td><td class=\"n bad\">7</td></tr>\
+             <tr><td></td><td class=\"n bad\">7</td></tr></tbody></table>"
         );
+        assert_eq!(table(["a"], &[]), "");
     }
-    html.push_str("</tbody></table>");
-    html
 }

@@ -13,6 +13,7 @@ mod lanes;
 mod lists;
 mod path;
 mod plots;
+pub mod said;
 mod spectrum;
 pub mod svg;
 mod ticks;
@@ -22,10 +23,9 @@ pub mod verdict;
 
 use std::fmt::Write as _;
 
-pub use html::STYLE;
-
-use errors::{AXES, AxisErrors, Path, PathKind, STEP_WINDOW_S};
+use errors::{AXES, AxisErrors, Path, STEP_WINDOW_S, Spread};
 use flight::Flight;
+use html::Cell;
 use svg::escape;
 use verdict::{Check, all_passed};
 
@@ -46,27 +46,33 @@ pub struct Page<'a> {
 }
 
 impl Page<'_> {
-    /// The whole page.
+    /// The whole page: what came of it, then pictures, then numbers.
     pub fn render(&self) -> String {
         let mut html = html::open(self.title, "");
-        self.header(&mut html);
-        lists::facts(&mut html, self.flight);
-        html.push_str(&html::checks(self.checks));
-        self.errors(&mut html);
+        let badge = match all_passed(self.checks) {
+            _ if self.checks.is_empty() => None,
+            true => Some(("good", "PASS")),
+            false => Some(("bad", "FAIL")),
+        };
+        html += &html::header(badge, self.title, self.subtitle);
+        let said = said::said(self.flight);
+        html += &html::said(if said.bad { "bad" } else { "" }, &said.words);
         let shapes = plots::shapes(self.flight, self.paths);
         if !shapes.is_empty() {
             let _ = write!(html, "<h2>Shapes, from above</h2><div class=\"maps\">{shapes}</div>");
         }
-        for section in plots::sections(self.flight) {
+        html += &html::checks(self.checks);
+        for (i, section) in plots::sections(self.flight).into_iter().enumerate() {
             let _ = write!(html, "<h2>{}</h2>", escape(section.title));
             if !section.note.is_empty() {
                 let _ = write!(html, "<p class=\"note\">{}</p>", escape(&section.note));
             }
-            html.push_str("<div class=\"two\">");
-            for plot in section.plots {
-                html.push_str(&plot);
+            let _ = write!(html, "<div class=\"two\">{}</div>", section.plots.concat());
+            if i == 0 {
+                lists::facts(&mut html, self.flight);
+            } else if i == 1 {
+                self.errors(&mut html);
             }
-            html.push_str("</div>");
         }
         lists::all(&mut html, self.flight);
         let _ = write!(
@@ -79,78 +85,43 @@ impl Page<'_> {
         html::close(html)
     }
 
-    fn header(&self, html: &mut String) {
-        let (class, word) = if self.checks.is_empty() {
-            ("none", "NOT JUDGED")
-        } else if all_passed(self.checks) {
-            ("good", "PASS")
-        } else {
-            ("bad", "FAIL")
-        };
-        let _ = write!(
-            html,
-            "<header><span class=\"verdict {class}\">{word}</span><div><h1>{}</h1><p>{}</p></div>\
-             </header>",
-            escape(self.title),
-            escape(self.subtitle)
-        );
-    }
-
     fn errors(&self, html: &mut String) {
         if self.errors.is_empty() {
             return;
         }
         let _ = write!(
             html,
-            "<h2>Errors</h2><p class=\"note\">Mean absolute error, then standard deviation of the \
-             signed error. A step is judged on its own axis over {STEP_WINDOW_S} s from the jump of \
-             the setpoint, rise included; a shape from leaving its first corner to the setpoint's \
-             arrival at its last. Velocity command is the velocity setpoint of the cascade.</p>\
-             <table><thead><tr><th rowspan=\"2\">Path</th><th rowspan=\"2\">Axis</th>\
-             <th class=\"n\" colspan=\"2\">truth \u{2212} command, m</th>\
-             <th class=\"n\" colspan=\"2\">truth \u{2212} command, m/s</th>\
-             <th class=\"n\" colspan=\"2\">estimate \u{2212} truth, m</th>\
-             <th class=\"n\" colspan=\"2\">estimate \u{2212} truth, m/s</th></tr><tr>"
+            "<h2>Errors</h2><p class=\"note\">Without sign: mean, root mean square, largest. Track: truth \u{2212} \
+             setpoint, of the velocity that of the cascade. Estimate: estimate \u{2212} truth. A step is judged on its \
+             own axis over {STEP_WINDOW_S} s from the jump of the setpoint, rise included; a shape from leaving its \
+             first corner to the setpoint's arrival at its last.</p>{}\
+             <details><summary>Errors of the velocity</summary>{}</details>",
+            self.table("m", |row| [&row.position_m, &row.estimate_position_m]),
+            self.table("m/s", |row| [&row.velocity_mps, &row.estimate_velocity_mps]),
         );
-        for _ in 0..4 {
-            html.push_str("<th class=\"n\">mean abs</th><th class=\"n\">std</th>");
-        }
-        html.push_str("</tr></thead><tbody>");
+    }
+
+    /// Errors of track and estimate by path and axis.
+    fn table(&self, unit: &str, pick: fn(&AxisErrors) -> [&Spread; 2]) -> String {
+        let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.3}")).into();
         let mut before = "";
-        for row in self.errors {
-            let new = row.path != before;
+        let rows = self.errors.iter().map(|row| {
+            let name = if row.path == before { "" } else { &row.path };
             before = &row.path;
-            let _ = write!(
-                html,
-                "<tr{}><td>{}</td><td>{}</td>",
-                if new && row.kind == PathKind::Shape { " class=\"first\"" } else { "" },
-                if new { escape(&row.path) } else { String::new() },
-                AXES[row.axis]
-            );
-            for spread in [
-                &row.position_m,
-                &row.velocity_mps,
-                &row.estimate_position_m,
-                &row.estimate_velocity_mps,
-            ] {
-                for value in [spread.mae(), spread.std()] {
-                    let _ = write!(
-                        html,
-                        "<td class=\"n\">{}</td>",
-                        value.map_or("\u{2013}".to_string(), |v| format!("{v:.3}"))
-                    );
-                }
-            }
-            html.push_str("</tr>");
-        }
-        html.push_str("</tbody></table>");
+            let numbers = pick(row).into_iter().flat_map(|s| [s.mae(), s.rms(), s.worst()]);
+            [name, AXES[row.axis]].map(Cell::from).into_iter().chain(numbers.map(number)).collect()
+        });
+        let rows: Vec<Vec<Cell>> = rows.collect();
+        let [track, estimate] = ["track", "estimate"].map(|what| format!("#{what}, {unit}: mean"));
+        let heads = ["path", "axis", &track, "#RMSE", "#worst", &estimate, "#RMSE", "#worst"];
+        html::table(heads, &rows)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use errors::{Leg, axis_errors, find_paths};
+    use errors::{Leg, PathKind, axis_errors, find_paths};
     use flight::ModeRow;
     use haltere_core::drops::{DropReason, Drops};
     use haltere_core::estimate::{Estimate, Health};
@@ -312,6 +283,7 @@ mod tests {
             paths: &[],
             flight: &flight,
         };
-        assert!(page.render().contains("NOT JUDGED"));
+        let html = page.render();
+        assert!(html.contains("Nothing was flown.") && !html.contains("class=\"verdict"), "{html}");
     }
 }

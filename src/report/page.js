@@ -41,7 +41,7 @@ const draw=p=>{
  const fx=x=>sx(p,ox(p,x)),fy=y=>sy(p,oy(p,y)),a=p.bx+(p.view[0]-p.X[0])/(p.X[1]-p.X[0])*p.bw,b=p.bx+(p.view[1]-p.X[0])/(p.X[1]-p.X[0])*p.bw;
  const shown=p.lines.map(l=>l.runs.map(r=>cut(r,a,b)).filter(r=>r.length));
  if(!p.equal&&!p.decades&&p.lines.length&&!whole){
-  let low=Infinity,high=-Infinity;shown.forEach(l=>l.forEach(r=>r.forEach(q=>{const v=oy(p,q[1]);if(v<low)low=v;if(v>high)high=v})));
+  let low=Infinity,high=-Infinity;shown.forEach((l,i)=>p.lines[i].e.classList.contains('bound')||l.forEach(r=>r.forEach(q=>{const v=oy(p,q[1]);if(v<low)low=v;if(v>high)high=v})));
   if(low<=high){const least=(p.Y[1]-p.Y[0])/200,more=Math.max(high-low,least)*.08+Math.max(0,least-(high-low))/2;p.view[2]=low-more;p.view[3]=high+more+(p.svg.querySelector('[data-span]')?more:0)}
  }
  const seen=q=>!p.equal||(q[1]>=p.by-1&&q[1]<=p.by+p.bh+1);

@@ -41,6 +41,8 @@ pub enum Mark {
     Line,
     /// Dashed line, for what is asked rather than measured.
     Dashed,
+    /// Dashed line that may leave the plot: axes are not scaled to it.
+    Bound,
     /// One dot a point.
     Dots,
 }
@@ -119,6 +121,8 @@ pub struct Plot {
     pub least_height: f64,
     /// Ends of the horizontal axis; `None` takes those of the data.
     pub x_range: Option<[f64; 2]>,
+    /// The vertical axis is scaled to what lies between these places of x; `None`, or nothing there: to everything.
+    pub scaled_to: Option<[f64; 2]>,
     /// Instead of round ticks: place, label and second label.
     pub categories: Vec<(f64, String, String)>,
     /// Lines from bottom to top with names, such as a frequency.
@@ -140,10 +144,18 @@ const TICK_X_PX: f64 = 70.0;
 const TICK_Y_PX: f64 = 34.0;
 /// Dots kept of a series; more would only make the page slow.
 const MOST_DOTS: usize = 1500;
+/// Dots on an axis stand out of the drawing by half of their width, pixels.
+const DOT_PX: f64 = 3.5;
+/// So many dots or fewer are drawn large.
+const FEW_DOTS: usize = 60;
 /// Width of a character of the small font, pixels: for legend and span labels.
 const CHAR_PX: f64 = 6.1;
+/// The same of the title.
+const TITLE_CHAR_PX: f64 = 7.2;
 /// Key of a legend entry and the gaps around it, pixels.
 const LEGEND_KEY_PX: f64 = 34.0;
+/// From one row of the legend to the next, pixels.
+const LEGEND_ROW_PX: f64 = 15.0;
 /// Head room for the names of spans, pixels.
 const SPAN_NAME_PX: f64 = 15.0;
 
@@ -215,33 +227,47 @@ impl Plot {
         }
         for upright in self.uprights.iter().filter(|u| u.x >= x.low && u.x <= x.high) {
             let at = x.px(upright.x);
+            let fits = at + 3.0 + width_px(&upright.name) < width;
+            let (class, beside) = if fits { ("tick", at + 3.0) } else { ("tick end", at - 3.0) };
             let _ = write!(
                 svg,
                 "<g data-at=\"{at:.1}\"><line class=\"limit\" x1=\"{at:.1}\" x2=\"{at:.1}\" \
-                 y1=\"{}\" y2=\"{}\"/><text class=\"tick\" x=\"{:.1}\" y=\"{}\">{}</text></g>",
+                 y1=\"{}\" y2=\"{}\"/><text class=\"{class}\" x=\"{beside:.1}\" y=\"{}\">{}</text></g>",
                 y.to_px,
                 y.from_px,
-                at + 3.0,
                 y.to_px + 11.0,
                 escape(&upright.name)
             );
         }
+        // Plots of one size are cut at one box: the name says which.
+        let [left, top] = [x.from_px, y.to_px];
+        let _ = write!(
+            svg,
+            "<clipPath id=\"b{width}-{height}-{top}\"><rect x=\"{left}\" y=\"{}\" width=\"{}\" height=\"{}\"/>\
+             </clipPath><g clip-path=\"url(#b{width}-{height}-{top})\">",
+            top - DOT_PX,
+            x.to_px - left + DOT_PX,
+            y.from_px - top + 2.0 * DOT_PX
+        );
         for series in &self.series {
             self.draw_series(&mut svg, series, &x, &y);
         }
+        svg.push_str("</g>");
         for pin in &self.pins {
             let [px, py] = [x.px(pin.at[0]), y.px(pin.at[1])];
+            // A name that would leave the drawing stands on the other side.
+            let fits = px + 7.0 + width_px(&pin.name) < width;
+            let (class, beside) = if fits { ("tick", px + 7.0) } else { ("tick end", px - 7.0) };
             let _ = write!(
                 svg,
                 "<g data-pin=\"{px:.1},{py:.1}\"><path class=\"pin\" d=\"M{px:.1} {:.1}l5 8h-10z\"/>\
-                 <text class=\"tick\" x=\"{:.1}\" y=\"{:.1}\">{}</text></g>",
+                 <text class=\"{class}\" x=\"{beside:.1}\" y=\"{:.1}\">{}</text></g>",
                 py - 5.0,
-                px + 7.0,
                 py + 4.0,
                 escape(&pin.name)
             );
         }
-        self.draw_legend(&mut svg, &x);
+        self.draw_legend(&mut svg);
         svg.push_str("<g class=\"hover\"></g></svg></figure>");
         svg
     }
@@ -249,36 +275,43 @@ impl Plot {
     /// Least and greatest finite value on an axis.
     fn extent(&self, axis: usize) -> Option<[f64; 2]> {
         let fixed = if axis == 0 { self.x_range } else { None };
-        let mut range: Option<[f64; 2]> = None;
-        let points = self.series.iter().flat_map(|s| s.points.iter());
-        for point in points.chain(self.pins.iter().map(|p| &p.at)) {
-            let v = point[axis];
-            if point.iter().all(|c| c.is_finite()) {
-                range = Some(range.map_or([v, v], |[a, b]| [a.min(v), b.max(v)]));
-            }
-        }
-        if range.is_some() { fixed.or(range) } else { None }
+        let all = [f64::NEG_INFINITY, f64::INFINITY];
+        let range = match self.scaled_to.filter(|_| axis == 1) {
+            Some(within) => self.range(axis, within, false).or_else(|| self.range(axis, all, true)),
+            None => self.range(axis, all, false).or_else(|| self.range(axis, all, true)),
+        };
+        range.map(|range| fixed.unwrap_or(range))
+    }
+
+    /// The same of what lies between two places of x, with bounds or without.
+    fn range(&self, axis: usize, [from, to]: [f64; 2], bounds: bool) -> Option<[f64; 2]> {
+        let series = self.series.iter().filter(|s| bounds || s.mark != Mark::Bound);
+        let points = series.flat_map(|s| &s.points).chain(self.pins.iter().map(|p| &p.at));
+        let inside =
+            points.filter(|p| p.iter().all(|c| c.is_finite()) && p[0] >= from && p[0] <= to);
+        inside.map(|p| [p[axis]; 2]).reduce(|[low, high], [v, _]| [low.min(v), high.max(v)])
     }
 
     fn scales(&self, xs: [f64; 2], ys: [f64; 2]) -> (Scale, Scale) {
         let [width, height] = self.size_px;
         let (right, bottom) = (width - RIGHT_PX, height - BOTTOM_PX);
+        let top = self.top_px();
         let least = if self.least_height > 0.0 { self.least_height } else { 1e-6 };
         let mut ys = widened(ys, least, 0.06);
         if !self.spans.is_empty() {
-            let free_px = (bottom - TOP_PX - SPAN_NAME_PX).max(1.0);
+            let free_px = (bottom - top - SPAN_NAME_PX).max(1.0);
             ys[1] += (ys[1] - ys[0]) * SPAN_NAME_PX / free_px;
         }
         let mut xs = if self.equal { widened(xs, least, 0.06) } else { widened(xs, 1e-6, 0.0) };
         if self.equal {
-            let (px_x, px_y) = (right - LEFT_PX, bottom - TOP_PX);
+            let (px_x, px_y) = (right - LEFT_PX, bottom - top);
             let per_px = ((xs[1] - xs[0]) / px_x).max((ys[1] - ys[0]) / px_y);
             xs = widened(xs, per_px * px_x, 0.0);
             ys = widened(ys, per_px * px_y, 0.0);
         }
         (
             Scale { low: xs[0], high: xs[1], from_px: LEFT_PX, to_px: right },
-            Scale { low: ys[0], high: ys[1], from_px: bottom, to_px: TOP_PX },
+            Scale { low: ys[0], high: ys[1], from_px: bottom, to_px: top },
         )
     }
 
@@ -299,7 +332,7 @@ impl Plot {
                 b - a,
                 y.from_px - y.to_px
             );
-            if b - a > CHAR_PX * span.name.chars().count() as f64 {
+            if b - a > width_px(&span.name) {
                 let _ = write!(
                     svg,
                     "<text class=\"tick mid faint\" x=\"{:.1}\" y=\"{}\">{}</text>",
@@ -380,9 +413,9 @@ impl Plot {
                 for p in series.points.iter().filter(inside).step_by(step) {
                     pen.dot(to_px(p));
                 }
-                "dots"
+                kind_of(series)
             }
-            Mark::Line | Mark::Dashed => {
+            Mark::Line | Mark::Dashed | Mark::Bound => {
                 for run in series.points.split(|p| !p.iter().all(|c| c.is_finite())) {
                     let run: Vec<[f64; 2]> = if self.equal {
                         merged(run.iter().map(to_px))
@@ -397,33 +430,72 @@ impl Plot {
                         }
                     }
                 }
-                if series.mark == Mark::Dashed { "line dashed" } else { "line" }
+                kind_of(series)
             }
         };
         let data = pen.data();
         let _ = write!(svg, "<path class=\"{kind} {class}\" data-name=\"{name}\" d=\"{data}\"/>");
     }
 
-    fn draw_legend(&self, svg: &mut String, x: &Scale) {
-        let mut at = x.to_px;
+    /// Names of the series in rows, each with the place of its left end: beside the title as far as there is room,
+    /// the rest below.
+    fn legend(&self) -> Vec<Vec<(f64, &Series)>> {
+        let right = self.size_px[0] - RIGHT_PX;
+        let title_end = LEFT_PX + TITLE_CHAR_PX * self.title.chars().count() as f64;
+        let mut rows = vec![Vec::new()];
+        let mut at = right;
         for series in self.series.iter().rev().filter(|s| !s.name.is_empty()) {
-            at -= CHAR_PX * series.name.chars().count() as f64 + LEGEND_KEY_PX;
-            let class = series.tone.class();
-            let kind = match series.mark {
-                Mark::Line => "line",
-                Mark::Dashed => "line dashed",
-                Mark::Dots => "dots",
-            };
+            let wide = width_px(&series.name) + LEGEND_KEY_PX;
+            let least = if rows.len() == 1 { title_end } else { 0.0 };
+            if at - wide < least {
+                rows.push(Vec::new());
+                at = right;
+            }
+            at -= wide;
+            rows.last_mut().into_iter().for_each(|row: &mut Vec<_>| row.push((at, series)));
+        }
+        rows
+    }
+
+    /// Where the drawing begins: below title and legend.
+    fn top_px(&self) -> f64 {
+        TOP_PX + LEGEND_ROW_PX * (self.legend().len() - 1) as f64
+    }
+
+    fn draw_legend(&self, svg: &mut String) {
+        let rows = self.legend().into_iter().zip(0..);
+        for ((at, series), row) in
+            rows.flat_map(|(all, n)| all.into_iter().zip(std::iter::repeat(n)))
+        {
+            let y = 12.0 + LEGEND_ROW_PX * f64::from(row);
+            let (class, kind) = (series.tone.class(), kind_of(series));
             let key = if series.mark == Mark::Dots { "h0" } else { "h16" };
             let _ = write!(
                 svg,
-                "<path class=\"key {kind} {class}\" d=\"M{at:.1} 12{key}\"/>\
-                 <text class=\"tick\" x=\"{:.1}\" y=\"16\">{}</text>",
+                "<path class=\"key {kind} {class}\" d=\"M{at:.1} {y}{key}\"/>\
+                 <text class=\"tick\" x=\"{:.1}\" y=\"{}\">{}</text>",
                 at + 20.0,
+                y + 4.0,
                 escape(&series.name)
             );
         }
     }
+}
+
+/// Classes of `page.css` by which a series is drawn.
+fn kind_of(series: &Series) -> &'static str {
+    match series.mark {
+        Mark::Line => "line",
+        Mark::Dashed => "line dashed",
+        Mark::Bound => "line dashed bound",
+        Mark::Dots if series.points.len() > FEW_DOTS => "dots",
+        Mark::Dots => "dots few",
+    }
+}
+
+/// Width of a text in the small font, pixels.
+fn width_px(text: &str) -> f64 {
+    CHAR_PX * text.chars().count() as f64
 }
 
 /// A range no narrower than `least`, with a margin on either side.
@@ -451,6 +523,52 @@ pub fn escape(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn plot_of(mark: Mark, points: Vec<[f64; 2]>) -> Plot {
+        let series =
+            |mark, points| Series { name: "a name".into(), tone: Tone::Truth, mark, points };
+        Plot {
+            series: vec![
+                series(Mark::Line, vec![[0.0, 9.0], [1.0, 0.0], [2.0, 1.0], [3.0, 9.0]]),
+                series(mark, points),
+            ],
+            size_px: [400.0, 200.0],
+            ..Plot::default()
+        }
+    }
+
+    #[test]
+    fn prop_axes_are_scaled_to_the_flight_and_not_to_bounds() {
+        let bound = || vec![[0.0, 50.0], [2.0, -50.0]];
+        let high = |plot: &Plot| plot.extent(1).unwrap();
+        assert_eq!(high(&plot_of(Mark::Dashed, bound())), [-50.0, 50.0]);
+        assert_eq!(high(&plot_of(Mark::Bound, bound())), [0.0, 9.0]);
+        let flown = |scaled_to| Plot { scaled_to, ..plot_of(Mark::Bound, bound()) };
+        assert_eq!(high(&flown(Some([0.5, 2.5]))), [0.0, 1.0]);
+        // Nothing was told while it flew.
+        assert_eq!(high(&flown(Some([7.0, 8.0]))), [-50.0, 50.0]);
+        assert!(flown(None).render().contains("clip-path=\"url(#b400-200-30)\""));
+    }
+
+    #[test]
+    fn prop_names_leave_neither_the_drawing_nor_the_title_uncovered() {
+        let mut plot = plot_of(Mark::Dots, vec![[1.0, 1.0]]);
+        plot.title = "A title of some length".into();
+        plot.pins = vec![Pin { name: "at its very end".into(), at: [3.0, 1.0] }];
+        assert_eq!(plot.legend().len(), 1);
+        let wide = LEFT_PX + TITLE_CHAR_PX * plot.title.len() as f64;
+        assert!(plot.legend().iter().flatten().all(|(at, _)| *at > wide));
+        for series in &mut plot.series {
+            series.name = "a name that is far longer".into();
+        }
+        assert!(plot.legend().len() > 1 && plot.legend().iter().flatten().all(|(at, _)| *at > 0.0));
+        assert!(plot.top_px() > TOP_PX);
+        let svg = plot.render();
+        assert!(
+            svg.contains("class=\"tick end\" x=\"381.0\"") && svg.contains("dots few"),
+            "{svg}"
+        );
+    }
 
     #[test]
     fn prop_odd_input_draws_without_nan() {

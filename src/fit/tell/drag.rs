@@ -257,6 +257,9 @@ fn shares_table(outcome: &mut Outcome, name: &str, fitted: &[Fitted<'_>], noise:
     });
 }
 
+/// Two steps whose angles add up to less than this go to both sides by the same, rad.
+const MIRRORED_RAD: f64 = 0.01;
+
 fn transient_plot(outcome: &mut Outcome, name: &str, fitted: &[Fitted<'_>]) {
     let mut series = Vec::new();
     let mut pins = Vec::new();
@@ -268,8 +271,16 @@ fn transient_plot(outcome: &mut Outcome, name: &str, fitted: &[Fitted<'_>]) {
             mark: Mark::Dots,
             points: f.step.t_s.iter().zip(&f.step.speed_mps).map(|(t, v)| [*t, *v]).collect(),
         });
-        if let Some(t) = f.step.t_s.last() {
-            pins.push(Pin { name: format!("{angle:+.0}°"), at: [*t, f.whole.at(*t)] });
+        // Both directions of a step end at about one place: one name for them.
+        let mirrored = |o: &Fitted<'_>| (o.step.angle_rad + f.step.angle_rad).abs() < MIRRORED_RAD;
+        let other = fitted[..k].iter().any(mirrored);
+        if let Some(t) = f.step.t_s.last().filter(|_| !other) {
+            let name = if fitted[k..].iter().any(mirrored) {
+                format!("\u{b1}{:.0}°", angle.abs())
+            } else {
+                format!("{angle:+.0}°")
+            };
+            pins.push(Pin { name, at: [*t, f.whole.at(*t)] });
         }
         series.push(Series {
             name: String::new(),
@@ -320,10 +331,21 @@ fn steady_outcome(outcome: &mut Outcome, name: &str, law: &Steady, snippet: &mut
         [(_, a), (_, b), (_, c)] => Some((l.at_bound, [a, b, c])),
         _ => None,
     });
-    if let Some((false, values)) = exponential {
-        for ((n, unit), v) in [("a", "deg"), ("b", "deg"), ("c", "s/m")].into_iter().zip(values) {
-            outcome.parameter(format!("{name} {n}, lean = -(a + b·exp(-c·v))"), unit, v);
+    // What was not chosen stands in the table of forms alone.
+    let chosen = law.law(law.chosen).into_iter().flat_map(|l| &l.parameters);
+    if law.chosen == Form::AngleOfVelocity {
+        for ((n, unit), (_, v)) in
+            [("a", "deg"), ("b", "deg"), ("c", "s/m")].into_iter().zip(chosen)
+        {
+            outcome.parameter(format!("{name} {n}, lean = -(a + b·exp(-c·v))"), unit, *v);
         }
+    } else {
+        for (parameter, value) in chosen {
+            outcome.parameter(format!("{name} {parameter}, {}", law.chosen.name()), "", *value);
+        }
+        outcome.notes.push(format!(
+            "{name}: the configuration knows lean = -(a + b·exp(-c·v)) alone and gets the one nearest to the same points"
+        ));
     }
     // At the near bound of the search speed does not grow with the lean, which is no law; at the far one it is a line.
     let configured = match exponential.map(|(at_bound, values)| (at_bound, values.map(|v| v.value)))
@@ -347,20 +369,21 @@ fn steady_outcome(outcome: &mut Outcome, name: &str, law: &Steady, snippet: &mut
             "{name} = {{ a_deg = {a_deg:.3}, b_deg = {b_deg:.3}, c_s_per_m = {c_s_per_m:.4} }}\n"
         ));
     }
-    let mut series = Vec::new();
-    for (k, l) in law.laws.iter().enumerate() {
-        series.push(Series {
+    let mut series: Vec<Series> = law
+        .law(law.chosen)
+        .map(|l| Series {
             name: l.form.name().into(),
-            tone: Tone::Family(k as u8),
-            mark: if l.form == law.chosen { Mark::Line } else { Mark::Dashed },
+            tone: Tone::Command,
+            mark: Mark::Line,
             points: (0..=60)
                 .map(|i| low + (high - low) * f64::from(i) / 60.0)
                 .map(|lean| [lean, l.speed_mps(lean)])
                 .collect(),
-        });
-    }
+        })
+        .into_iter()
+        .collect();
     series.push(Series {
-        name: String::new(),
+        name: "held steps".into(),
         tone: Tone::Truth,
         mark: Mark::Dots,
         points: law.points.iter().map(|p| [p.lean_deg, p.speed_mps]).collect(),

@@ -199,7 +199,7 @@ fn over_voltage(sources: &[Source], columns: &Columns) -> Result<Outcome, Refusa
         })
         .collect();
     outcome.tables.push(Table {
-        title: "polynomials".into(),
+        title: "polynomials of the same, for comparison alone".into(),
         head: ["order", "c0", "c1", "c2", "c3", "R²", "rms"].map(String::from).to_vec(),
         rows,
     });
@@ -248,31 +248,23 @@ fn plot(columns: &Columns, found: &OverVoltage, [low, high]: [f64; 2]) -> Plot {
             .map(|v| [v, of(v)])
             .collect::<Vec<_>>()
     };
-    let mut series = vec![Series {
+    let measured = Series {
         name: "measured".into(),
         tone: Tone::Family(0),
         mark: Mark::Dots,
         points: columns.supply_v.iter().zip(&columns.frac).map(|(v, u)| [*v, *u]).collect(),
-    }];
-    series.push(Series {
+    };
+    let law = Series {
         name: format!("power {:.2}", found.power.exponent.value),
         tone: Tone::Command,
         mark: Mark::Line,
         points: line(&|v| found.power.at(v)),
-    });
-    for p in &found.polynomials {
-        series.push(Series {
-            name: format!("order {}", p.order),
-            tone: Tone::Family(p.order as u8 + 1),
-            mark: Mark::Dashed,
-            points: line(&|v| p.at(v)),
-        });
-    }
+    };
     Plot {
         title: "Command that carries the weight".into(),
         x_label: "battery, V".into(),
         y_label: "command, share of full".into(),
-        series,
+        series: vec![measured, law],
         size_px: PLOT_PX,
         ..Plot::default()
     }
@@ -389,6 +381,7 @@ fn from_stands(sources: &[Source], stands: &[&Stand]) -> Result<Outcome, Refusal
     outcome.quality("rms of what is left", law.residual_n, "N");
     outcome.quality("rms without voltage", plain.residual_n, "N");
     outcome.quality("rows with thrust", rows.len() as f64, "");
+    let (chosen, told) = if law.command.std > TOLD { (&plain, "without") } else { (&law, "with") };
     if law.command.std > TOLD {
         outcome.notes.push(format!(
             "the voltage is not told apart from the command here (exponent ± {:.1}): the load of one \
@@ -403,23 +396,15 @@ fn from_stands(sources: &[Source], stands: &[&Stand]) -> Result<Outcome, Refusal
             .into(),
     );
     outcome.plots.push(Plot {
-        title: "Thrust on the stand".into(),
+        title: format!("Thrust on the stand, {told} voltage"),
         x_label: "measured, N".into(),
         y_label: "law, N".into(),
-        series: vec![
-            Series {
-                name: "with voltage".into(),
-                tone: Tone::Estimate,
-                mark: Mark::Dots,
-                points: rows.iter().map(|r| [r.thrust_n, law.thrust_n(r)]).collect(),
-            },
-            Series {
-                name: "without".into(),
-                tone: Tone::Family(1),
-                mark: Mark::Dots,
-                points: rows.iter().map(|r| [r.thrust_n, plain.thrust_n(r)]).collect(),
-            },
-        ],
+        series: vec![Series {
+            name: String::new(),
+            tone: Tone::Estimate,
+            mark: Mark::Dots,
+            points: rows.iter().map(|r| [r.thrust_n, chosen.thrust_n(r)]).collect(),
+        }],
         size_px: PLOT_PX,
         ..Plot::default()
     });

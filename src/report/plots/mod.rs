@@ -7,12 +7,10 @@ mod timeline;
 mod timing;
 mod vibration;
 
-use std::fmt::Write as _;
-
 pub use motion::shapes;
 
 use crate::report::flight::Flight;
-use crate::report::svg::{Mark, Plot, Series, Span, Tone, escape};
+use crate::report::svg::{Mark, Plot, Series, Span, Tone};
 use haltere_core::frames::{E, Vec3};
 use haltere_core::time::HostTime;
 
@@ -42,20 +40,25 @@ pub fn sections(flight: &Flight) -> Vec<Section> {
         start,
         span_s: [since(first).max(0.0), since(end)],
         modes: modes(flight, start, [first, end]),
+        flown_s: flight
+            .flown_modes()
+            .filter(|(mode, ..)| mode.has_thrust())
+            .map(|(_, from, to)| [since(from), since(to)])
+            .reduce(|all, mode| [all[0].min(mode[0]), all[1].max(mode[1])]),
     };
     let section = |title, note: &str, plots| Section { title, note: note.to_owned(), plots };
     let all = vec![
-        section(
-            "Timeline",
-            "Marks in the row of messages: what people were told; its words appear under the pointer \
-             and stand at the end of the page.",
-            vec![timeline::timeline(flight, &clock)],
-        ),
         section(
             "Where it flew",
             "Truth, where there is any, is the simulator's or motion capture's: the companion never \
              sees it.",
             motion::place(flight, &clock),
+        ),
+        section(
+            "Timeline",
+            "Marks in the row of messages: what people were told; its words appear under the pointer \
+             and stand at the end of the page.",
+            vec![timeline::timeline(flight, &clock)],
         ),
         section("Velocity, and the error of the estimate", "", motion::velocity(flight, &clock)),
         section(
@@ -104,6 +107,8 @@ struct Clock {
     /// First and last thing told, s since start.
     span_s: [f64; 2],
     modes: Vec<Span>,
+    /// Begin and end of what was flown last, s since start: plots are scaled to it.
+    flown_s: Option<[f64; 2]>,
 }
 
 impl Clock {
@@ -121,6 +126,7 @@ impl Clock {
             spans: self.modes.clone(),
             size_px: PLOT_PX,
             x_range: Some([low, high.max(low + 1.0)]),
+            scaled_to: self.flown_s,
             shared_time: true,
             ..Plot::default()
         }
@@ -150,20 +156,3 @@ type Shown = fn(Vec3<E>) -> f64;
 /// What a plot of frame E shows of a vector: north, east, height.
 const SHOWN: [(&str, Shown); 3] =
     [("north x", |v| v.x()), ("east y", |v| v.y()), ("height \u{2212}z", |v| -v.z())];
-
-/// Modes as a list for people who cannot see the shading.
-pub fn mode_list(flight: &Flight) -> String {
-    let Some((first, _)) = flight.ends() else { return String::new() };
-    let start = flight.started.unwrap_or(first);
-    let mut rows = String::new();
-    for record in &flight.modes {
-        let _ = write!(
-            rows,
-            "<tr><td class=\"n\">{:.1}</td><td>{}</td><td>{}</td></tr>",
-            record.at.seconds_since(start),
-            escape(&record.mode),
-            escape(&record.cause)
-        );
-    }
-    rows
-}

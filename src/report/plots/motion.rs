@@ -7,7 +7,7 @@ use super::{Clock, SHOWN, WIDE_PX, series};
 use crate::report::errors::{AXES, Path, PathKind};
 use crate::report::flight::Flight;
 use crate::report::svg::{Mark, Pin, Plot, Series, Tone};
-use crate::report::truth::{TruthRow, interpolate};
+use crate::report::truth::TruthRow;
 use haltere_core::estimate::{Estimate, Health};
 use haltere_core::frames::{E, Vec3};
 use haltere_core::time::HostTime;
@@ -18,8 +18,6 @@ const MAP_PX: [f64; 2] = [540.0, 430.0];
 /// Smallest extents of vertical axes, so that noise does not fill a plot.
 const LEAST_M: f64 = 0.5;
 const LEAST_MPS: f64 = 0.4;
-/// Between two poses of motion capture further apart than this there is none, s.
-const REFERENCE_GAP_S: f64 = 0.2;
 
 /// Maps and position.
 pub(super) fn place(flight: &Flight, clock: &Clock) -> Vec<String> {
@@ -203,7 +201,7 @@ fn estimate_error(flight: &Flight, clock: &Clock) -> String {
     let mut lines: [Vec<[f64; 2]>; 3] = Default::default();
     let mut bound = Vec::new();
     for estimate in flight.estimates.iter().filter(|e| e.health != Health::NotAligned) {
-        let Some(truth_E_m) = true_position(flight, estimate.at) else { continue };
+        let Some((truth_E_m, _)) = flight.truth_at(estimate.at) else { continue };
         let error = estimate.pos_E_m - truth_E_m;
         let at_s = clock.s(estimate.at);
         for (axis, line) in lines.iter_mut().enumerate() {
@@ -214,7 +212,7 @@ fn estimate_error(flight: &Flight, clock: &Clock) -> String {
     }
     let below = bound.iter().map(|p| [p[0], -p[1]]).collect();
     let bounds = [("3\u{3c3} of the filter", bound), ("", below)]
-        .map(|(name, points)| series(name, Tone::Family(3), Mark::Dashed, points));
+        .map(|(name, points)| series(name, Tone::Family(3), Mark::Bound, points));
     let tones = [Tone::Command, Tone::Estimate, Tone::Family(2)];
     let lines = lines.into_iter().zip(AXES).zip(tones);
     let lines = lines.map(|((points, axis), tone)| series(axis, tone, Mark::Line, points));
@@ -222,17 +220,4 @@ fn estimate_error(flight: &Flight, clock: &Clock) -> String {
     let mut plot = clock.plot("Estimate \u{2212} truth", "m", series);
     plot.least_height = 0.2;
     plot.render()
-}
-
-/// The simulator's truth, else that of motion capture.
-fn true_position(flight: &Flight, at: HostTime) -> Option<Vec3<E>> {
-    if !flight.truth.is_empty() {
-        return interpolate(&flight.truth, at).map(|row| row.pos_E_m);
-    }
-    let after = flight.references.partition_point(|r| r.valid_at < at);
-    let b = flight.references.get(after)?;
-    let a = flight.references.get(after.checked_sub(1)?)?;
-    let span_s = b.valid_at.seconds_since(a.valid_at);
-    (span_s > 0.0 && span_s < REFERENCE_GAP_S)
-        .then(|| a.pos_E_m + (b.pos_E_m - a.pos_E_m) * (at.seconds_since(a.valid_at) / span_s))
 }
