@@ -159,6 +159,7 @@ impl Core {
             rounds.glue_due = now.offset_us(GLUE_PERIOD_US);
             self.recorder.glue(now, &rounds.glue);
             self.watch.glue(now, &rounds.glue);
+            self.watch.mission(now, self.pilot.mission_progress());
             if self.rotation.is_due(self.recorder.size_B(), now) && self.may_begin_anew(rounds) {
                 self.rotation.ask(self.pilot.settings());
             }

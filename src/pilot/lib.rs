@@ -494,6 +494,12 @@ impl Pilot {
         &self.mission
     }
 
+    /// Items of the mission in force that are done, and how many it has.
+    pub fn mission_progress(&self) -> [u16; 2] {
+        let items = u16::try_from(self.mission.items.len()).unwrap_or(u16::MAX);
+        [self.guidance.current_item.min(items), items]
+    }
+
     /// Inside of the newest control step.
     pub fn control_record(&self) -> &ControlRecord {
         &self.control

@@ -72,6 +72,8 @@ pub enum WatchError {
 enum Item {
     Topic(Topic),
     Glue(GlueState),
+    /// Items of the mission that are done, and all of them.
+    Mission([u16; 2]),
 }
 
 type Told = (HostTime, Item);
@@ -112,6 +114,13 @@ impl Feed {
     pub fn glue(&mut self, at: HostTime, state: &GlueState) {
         if self.queue.is_some() {
             self.put(at, Item::Glue(*state));
+        }
+    }
+
+    /// How far the mission is: items done, and all of them.
+    pub fn mission(&mut self, at: HostTime, progress: [u16; 2]) {
+        if self.queue.is_some() {
+            self.put(at, Item::Mission(progress));
         }
     }
 

@@ -63,6 +63,9 @@ pub(super) struct Picture {
     mode: Option<ModeRecord>,
     /// What is shown of losses and timing. The record itself goes back to the core.
     health: Value,
+    /// When losses were told last, how many there were, and how many a second were added.
+    thrown: (HostTime, u64, Option<f64>),
+    mission: [u16; 2],
     glue: GlueState,
     /// Of UWB measurements since the last look: age when they were used, sum and worst, s.
     uwb_delay: (f64, f64, u32),
@@ -88,13 +91,21 @@ fn round(value: f64, digits: i32) -> f64 {
     (value * scale).round() / scale
 }
 
+/// Everything that was thrown away, of all links.
+fn thrown(health: &HealthRecord) -> u64 {
+    health
+        .drops
+        .iter()
+        .flat_map(|(_, drops)| drops.iter())
+        .fold(0, |all, (_, n)| all.saturating_add(n))
+}
+
 fn health_shown(health: &HealthRecord, survey: &Survey) -> Value {
     let ids = survey.ids().iter().enumerate().take(u16::BITS as usize);
     let left_out: Vec<u8> =
         ids.filter(|(n, _)| health.left_out >> n & 1 == 1).map(|(_, id)| id.0).collect();
-    let drops: u64 = health.drops.iter().flat_map(|(_, drops)| drops.iter()).map(|(_, n)| n).sum();
     json!({ "misses": health.deadline_misses, "steps": health.control_steps, "uwb_age": health.uwb_age_s,
-            "imu_age": health.imu_age_s, "clock": health.std_board_clock_s, "drops": drops,
+            "imu_age": health.imu_age_s, "clock": health.std_board_clock_s, "drops": thrown(health),
             "left_out": left_out })
 }
 
@@ -154,6 +165,8 @@ impl Picture {
             servos: None,
             mode: None,
             health: Value::Null,
+            thrown: (HostTime::from_us(0), 0, None),
+            mission: [0; 2],
             glue: GlueState::default(),
             uwb_delay: (0.0, 0.0, 0),
             trail: VecDeque::with_capacity(TRAIL_POINTS),
@@ -182,7 +195,14 @@ impl Picture {
             }
             Topic::Control(control) => self.control = Some(*control),
             Topic::Battery(battery) => self.battery = Some(*battery),
-            Topic::Health(health) => self.health = health_shown(health, &self.survey),
+            Topic::Health(health) => {
+                self.health = health_shown(health, &self.survey);
+                let (before, had, _) = self.thrown;
+                let (has, since_s) = (thrown(health), at.seconds_since(before));
+                let hz = (before.as_us() > 0 && since_s > 0.0)
+                    .then(|| round(has.saturating_sub(had) as f64 / since_s, 1));
+                self.thrown = (at, has, hz);
+            }
             Topic::Mode(mode) => {
                 self.mode = Some(mode.clone());
                 self.event(at, SEVERITY_NOTICE, &change(mode), true);
@@ -208,6 +228,11 @@ impl Picture {
     pub(super) fn glue(&mut self, at: HostTime, glue: GlueState) {
         self.now = self.now.max(at);
         self.glue = glue;
+    }
+
+    /// Takes in how far the mission is.
+    pub(super) fn mission(&mut self, progress: [u16; 2]) {
+        self.mission = progress;
     }
 
     /// The newest of each pack; ids are of one byte, so there is an end to them.
@@ -315,6 +340,8 @@ impl Picture {
             "others": others,
             "servos": servos,
             "health": self.health,
+            "thrown_hz": self.thrown.2,
+            "mission": self.mission,
             "late": { "worst": round(self.glue.worst_lateness_s, 4), "n": self.glue.late_wake_ups,
                       "of": self.glue.wake_ups },
             "uwb_delay": (n > 0).then(|| json!({ "mean": round(sum / f64::from(n), 4), "worst": round(worst, 4) })),
@@ -375,6 +402,7 @@ impl Picture {
 pub(super) mod tests {
     use super::super::anchors::tests::record;
     use super::*;
+    use haltere_core::drops::{DropReason, Drops};
     use haltere_core::frames::Rot;
     use haltere_core::topics::TextRecord;
 
@@ -403,6 +431,19 @@ pub(super) mod tests {
             std_att_B_rad: Vec3::zero(),
             uwb_noise_factor: 1.0,
             health: Health::NotAligned,
+        }
+    }
+
+    fn health() -> HealthRecord {
+        HealthRecord {
+            at: at(0),
+            drops: Vec::new().into(),
+            deadline_misses: 0,
+            control_steps: 1,
+            uwb_age_s: None,
+            imu_age_s: None,
+            std_board_clock_s: None,
+            left_out: 0,
         }
     }
 
@@ -485,19 +526,27 @@ pub(super) mod tests {
     fn prop_anchors_that_are_left_out_are_told_by_their_numbers() {
         let mut picture = picture();
         let third = picture.survey.ids()[2].0;
-        let health = HealthRecord {
-            at: at(0),
-            drops: Vec::new().into(),
-            deadline_misses: 0,
-            control_steps: 1,
-            uwb_age_s: None,
-            imu_age_s: None,
-            std_board_clock_s: None,
-            // The last bit stands for no anchor of this survey.
-            left_out: 0b100 | 1 << 15,
-        };
+        // The last bit stands for no anchor of this survey.
+        let health = HealthRecord { left_out: 0b100 | 1 << 15, ..health() };
         picture.topic(at(0), &Topic::Health(health));
         assert_eq!(json(&picture.slow(0, 1))["health"]["left_out"], json!([third]));
+    }
+
+    #[test]
+    fn prop_progress_and_losses_of_now_are_told() {
+        let mut picture = picture();
+        let told = |picture: &mut Picture| json(&picture.slow(0, 1));
+        assert!(told(&mut picture)["thrown_hz"].is_null());
+        for (ms, garbage) in [(1000, 200), (3000, 230)] {
+            let mut drops = Drops::default();
+            drops.add(DropReason::TagGarbageByte, garbage);
+            let health = HealthRecord { drops: vec![(0, drops)].into(), ..health() };
+            picture.topic(at(ms), &Topic::Health(health));
+        }
+        picture.mission([3, 8]);
+        let slow = told(&mut picture);
+        assert_eq!((&slow["thrown_hz"], &slow["health"]["drops"]), (&json!(15.0), &json!(230)));
+        assert_eq!(slow["mission"], json!([3, 8]));
     }
 
     #[test]

@@ -139,6 +139,7 @@ async fn feed(
                         publish(hub, &Decoded::from_topic(&topic), unix_from_host_us);
                     }
                 }
+                Item::Mission(progress) => picture.mission(progress),
                 Item::Glue(glue) => {
                     picture.glue(at, glue);
                     if wanted {

@@ -7,8 +7,10 @@ const state = { frame: null, slow: null, cuts: null, hello: null, trail: [], at:
 const TRAIL_POINTS = 600, EVENTS = 200;
 // No message for so long: what is shown is old, ms.
 const STALE_MS = 1500;
-// A dilution from which on the ramp stays at its end.
-const WORST = 5;
+// A dilution from which on the ramp stays at its end, and one up to which it is good.
+const WORST = 5, SOUND = 3;
+// Thrown away a second, of some 800 that come: a sound flight has none. Up to here good, and bad beyond.
+const FEW_HZ = 20, MANY_HZ = 200;
 
 const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const colours = () => Object.fromEntries(
@@ -124,6 +126,13 @@ function rows(id, list) {
   }));
 }
 
+/** A number with the word for it and its colour: good up to `few`, bad beyond `many`. */
+function judged(v, text, few, many) {
+  if (v === null || v === undefined) return [text, ''];
+  const kind = v > many ? 'bad' : v > few ? 'warn' : 'good';
+  return [text + ' · ' + { good: 'good', warn: 'look', bad: 'bad' }[kind], kind];
+}
+
 const axes = ['north', 'east', 'height'];
 function position() {
   const f = state.frame;
@@ -135,13 +144,17 @@ function position() {
   });
   list.push(['speed', f.v ? fixed(Math.hypot(...f.v), 2, ' m/s') : '–']);
   list.push(['roll, pitch, yaw', f.att ? f.att.map(a => fixed(a, 0)).join('°, ') + '°' : '–']);
-  list.push(['dilution here', fixed(f.dop, 2), f.dop > WORST ? 'bad' : f.dop > 3 ? 'warn' : '']);
+  list.push(['dilution here', ...judged(f.dop, fixed(f.dop, 2), SOUND, WORST)]);
   rows('pos', list);
 }
 
 function tables() {
   const s = state.slow, f = state.frame, h = state.hello;
   if (!s || !h) return;
+  const [done, of] = s.mission ?? [0, 0];
+  $('mission').hidden = !of;
+  $('mission').textContent = 'mission ' + done + ' of ' + of + ' items';
+  $('mission').style.setProperty('--done', 100 * done / of + '%');
   const b = s.battery;
   if (b) {
     const kind = b.v < h.battery.critical ? 'bad' : b.v < h.battery.low ? 'warn' : 'good';
@@ -166,7 +179,8 @@ function tables() {
     ['IMU, age', ms(x.imu_age), x.imu_age > 0.1 ? 'bad' : ''],
     ['control woken late', s.late.of ? s.late.n + ' of ' + s.late.of : '–', s.late.n > 0 ? 'warn' : ''],
     ['worst of them', s.late.of ? ms(s.late.worst) : '–', s.late.worst > 0.005 ? 'warn' : ''],
-    ['thrown away', String(x.drops ?? '–')],
+    ['thrown away now', ...judged(s.thrown_hz, fixed(s.thrown_hz, 0, '/s'), FEW_HZ, MANY_HZ)],
+    ['since the start', String(x.drops ?? '–')],
     ['this page', state.rate + '/s, ' + (state.rtt === null ? '–' : fixed(state.rtt, 0, ' ms')) + (s.lost ? ', lost ' + s.lost : '')],
   ]);
   const heard = anchorsOf(s);
