@@ -129,8 +129,8 @@ pub enum LiveError {
         /// Which key.
         key: String,
     },
-    /// The log cannot be begun, and waiting mends nothing. Flying unrecorded is a decision: `record.enabled = false`.
-    #[error("{0}; or set record.enabled = false to fly without a log")]
+    /// There can be no recorder. A log that cannot be begun keeps nobody from flying (`flight.log_required` does).
+    #[error(transparent)]
     Record(#[from] RecordError),
     /// The signing key is not used as it is.
     #[error(transparent)]
@@ -390,9 +390,9 @@ fn begin_recording(
     let limits =
         Limits { reserve_B: bytes(record.reserve_gb), budget_B: record.budget_gb.map(bytes) };
     let recorder = Recorder::within(limits, &record.directory, &session)?;
-    match recorder.path() {
-        Some(path) => tracing::info!("recording to {}", path.display()),
-        None => tracing::warn!("without log until there is room in {}", record.directory.display()),
+    // Why there is none is said by the core, to stations as well.
+    if let Some(path) = recorder.path() {
+        tracing::info!("recording to {}", path.display());
     }
     Ok(recorder)
 }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::Finding;
+use haltere_log::record::in_the_way;
 use haltere_pilot::settings::Config;
 
 /// What a flight writes, bytes/s: the demo's log, 27.3 MB in 81 s, with one station.
@@ -46,12 +47,9 @@ fn existing(directory: &Path) -> PathBuf {
 fn writable(key: &str, directory: &Path) -> Finding {
     let place = existing(directory);
     let name = directory.display();
-    if !place.is_dir() {
-        return Finding::problem(
-            key,
-            format!("{name}: {} is a file", place.display()),
-            format!("name a folder in {key}"),
-        );
+    if let Some(why) = in_the_way(directory) {
+        let way_out = format!("name a folder in {key}, or bring back the disk that it lies on");
+        return Finding::problem(key, format!("{name}: {why}"), way_out);
     }
     let trial = place.join(format!(".haltere-check-{}", std::process::id()));
     let written = std::fs::write(&trial, b"x").and_then(|()| std::fs::remove_file(&trial));

@@ -17,7 +17,7 @@ use crate::sources::Loaded;
 use haltere_core::time::HostTime;
 use haltere_log::record::{Decoded, Entry, LogReader, RawInput};
 use haltere_pilot::settings::StoreConfig;
-use haltere_pilot::{LinkId, TagProtocol};
+use haltere_pilot::{Lines, LinkId, TagProtocol};
 
 /// Time in which links open and streams begin, s; it is not counted.
 const SETTLE_S: f64 = 2.0;
@@ -43,6 +43,8 @@ struct Heard {
     heartbeats: u64,
     std_board_clock_s: Option<f64>,
     late: Option<(u64, u64)>,
+    /// Whoever speaks, with which reader ever.
+    lines: Lines,
 }
 
 /// Listens for `seconds`.
@@ -96,6 +98,7 @@ fn count(log: &LogReader, protocol: TagProtocol) -> Heard {
                 match link {
                     LinkId::Tag => {
                         heard.tag_bytes += if counts { bytes.len() as u64 } else { 0 };
+                        heard.lines.tag.hear(&bytes);
                         let mut add = |anchor: u8| {
                             *heard.anchors.entry(anchor).or_default() += u64::from(counts);
                         };
@@ -118,6 +121,7 @@ fn count(log: &LogReader, protocol: TagProtocol) -> Heard {
                     }
                     LinkId::Board => {
                         heard.board_bytes += if counts { bytes.len() as u64 } else { 0 };
+                        heard.lines.board.hear(&bytes);
                         each_message(&mut board, &bytes, |message| {
                             if counts && matches!(message, MavMessage::HEARTBEAT(_)) {
                                 heard.heartbeats += 1;
@@ -160,8 +164,20 @@ fn decoded_one(heard: &mut Heard, decoded: &Decoded, begin: HostTime) {
 }
 
 fn judge(loaded: &Loaded, heard: &Heard) -> Vec<Finding> {
-    let mut findings = tag(loaded, heard);
-    findings.extend(board(heard));
+    let has_anchors = heard.anchors.values().any(|n| *n > 0);
+    let misplaced = heard.lines.misplaced(loaded.config.tag.protocol);
+    // Of a line on which somebody else speaks no more is to be said.
+    let misplaced = misplaced.filter(|_| !has_anchors || heard.heartbeats == 0);
+    let mut findings = Vec::new();
+    findings.extend(
+        misplaced.map(|[what, way_out]| Finding::problem("tag.port, board.address", what, way_out)),
+    );
+    if misplaced.is_none() || has_anchors {
+        findings.extend(tag(loaded, heard));
+    }
+    if misplaced.is_none() || heard.heartbeats > 0 {
+        findings.extend(board(heard));
+    }
     if let Some((late, of)) = heard.late {
         let text = format!("{late} of {of} wake-ups came more than 5 ms late");
         let way_out = "end what loads this computer, and see timing.realtime";
@@ -277,4 +293,47 @@ fn board(heard: &Heard) -> Vec<Finding> {
         ),
     });
     findings
+}
+
+#[cfg(test)]
+mod tests {
+    use haltere_dialect::mav::haltere::{HEARTBEAT_DATA, MavAutopilot};
+    use haltere_dialect::mav_stream;
+
+    use super::super::tests::loaded;
+    use super::*;
+
+    /// The advice was to check anchors and speed.
+    #[test]
+    fn regress_a_line_on_which_somebody_else_speaks_is_what_is_told() {
+        let loaded = loaded("");
+        let mut board = Vec::new();
+        let beat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            autopilot: MavAutopilot::MAV_AUTOPILOT_GENERIC as u8,
+            ..Default::default()
+        });
+        mav_stream::encode(&mut board, 1, 1, 0, &beat);
+        let tag = b"From 0a to ff @010203040a: 30050000008000\r\n";
+        let all = |heard: &Heard| {
+            let lines = judge(&loaded, heard);
+            lines
+                .iter()
+                .map(|f| format!("{}: {}; {}", f.what, f.found, f.way_out))
+                .collect::<Vec<_>>()
+        };
+        let mut heard = Heard { span_s: 5.0, tag_bytes: 9, board_bytes: 9, ..Heard::default() };
+        assert_eq!(all(&heard).len(), 2, "nobody was recognised: {:?}", all(&heard));
+        heard.lines.tag.hear(&board);
+        heard.lines.board.hear(tag);
+        let told = all(&heard);
+        assert!(told.len() == 1 && told[0].contains("tag and board are exchanged"), "{told:?}");
+        // One alone: of the other one it is said how it is.
+        let mut heard = Heard { span_s: 5.0, tag_bytes: 9, heartbeats: 5, ..Heard::default() };
+        heard.lines.tag.hear(&board);
+        heard.lines.board.hear(&board);
+        let told = all(&heard);
+        assert!(told[0].contains("a board speaks MAVLink on the tag's line"), "{told:?}");
+        assert!(told.iter().any(|t| t.starts_with("board: inertial")), "{told:?}");
+        assert!(!told.iter().any(|t| t.contains("anchors are on")), "{told:?}");
+    }
 }

@@ -8,7 +8,7 @@ use haltere_pilot::settings::{Address, Config, TagPort};
 
 const SAMPLE_ANCHORS: &str = include_str!("../../config/anchors.toml");
 
-fn loaded(text: &str) -> Loaded {
+pub(super) fn loaded(text: &str) -> Loaded {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("a.toml"), text).unwrap();
     std::fs::write(folder.path().join("anchors.toml"), SAMPLE_ANCHORS).unwrap();
