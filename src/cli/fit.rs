@@ -15,6 +15,7 @@ use crate::fit::source::Source;
 use crate::fit::{tell, trim};
 use crate::report::{from_log, truth};
 use haltere_log::import::{columns, flapper, motion, stand};
+use haltere_log::log_file::shown_name;
 use haltere_log::record::LogReader;
 use haltere_log::written;
 use haltere_pilot::settings::Config;
@@ -222,8 +223,7 @@ impl Files {
                     let file = haltere_log::intake::open(path).with_context(name)?;
                     flight.truth = truth::read(BufReader::new(file)).with_context(name)?;
                 }
-                let name =
-                    path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+                let name = shown_name(&path);
                 Source::Log { name, flight: Box::new(flight), config: Box::new(config) }
             }
         })

@@ -9,6 +9,7 @@ use super::gap_session::same_flight;
 use super::which_flight::tell;
 use crate::progress::Progress;
 use haltere_gap::logs::{self, Flown};
+use haltere_log::log_file::has_log_ending;
 
 /// Where accepted flights lie.
 #[derive(Debug, Clone, Args)]
@@ -173,7 +174,7 @@ fn found(names: &[PathBuf]) -> anyhow::Result<Vec<Found>> {
         let mut paths: Vec<PathBuf> = entries
             .flatten()
             .map(|entry| entry.path())
-            .filter(|path| path.extension().is_some_and(|e| e == "mcap"))
+            .filter(|path| has_log_ending(path))
             .collect();
         if paths.is_empty() {
             anyhow::bail!("{}: no log (*.mcap) lies there", name.display());

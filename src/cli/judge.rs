@@ -9,6 +9,7 @@ use std::sync::OnceLock;
 
 use serde_json::Value;
 
+use haltere_log::log_file::has_log_ending;
 use haltere_pilot::services::{Judgement, Told};
 use haltere_pilot::settings::DiagnosisConfig;
 
@@ -166,7 +167,7 @@ fn logs_in(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let mut logs = Vec::new();
     for entry in fs::read_dir(folder).map_err(told)? {
         let path = entry.map_err(told)?.path();
-        if path.extension().is_some_and(|e| e == "mcap") {
+        if has_log_ending(&path) {
             logs.push(path);
         }
     }

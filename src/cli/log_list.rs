@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::{print, print_json};
 use crate::progress::Progress;
 use haltere_core::time::HostTime;
+use haltere_log::log_file::{has_log_ending, shown_name};
 use haltere_log::record::{Decoded, Entry, LogEnd, LogReader, is_on_floor, utc_text};
 use haltere_pilot::settings::RecordConfig;
 
@@ -51,13 +52,13 @@ impl List {
         let mut logs: Vec<PathBuf> = std::fs::read_dir(&self.directory)
             .with_context(|| format!("{name}: cannot be listed; name the folder of the logs"))?
             .filter_map(|entry| Some(entry.ok()?.path()))
-            .filter(|path| path.extension().is_some_and(|e| e == "mcap"))
+            .filter(|path| has_log_ending(path))
             .collect();
         logs.sort();
         let progress = Progress::new("logs");
         let mut rows = Vec::new();
         for (i, path) in logs.iter().enumerate() {
-            progress.doing(i, logs.len(), &file_name(path));
+            progress.doing(i, logs.len(), &shown_name(path));
             rows.push(look(path, self.whole));
         }
         progress.end();
@@ -168,12 +169,8 @@ impl Seen {
     }
 }
 
-fn file_name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
 fn table(rows: &[Row]) -> String {
-    let width = rows.iter().map(|row| file_name(&row.log).chars().count()).max().unwrap_or(0);
+    let width = rows.iter().map(|row| shown_name(&row.log).chars().count()).max().unwrap_or(0);
     let mut text = format!(
         "{:width$}  {:23}  {:>8}  {:>8}  {:>9}  flown\n",
         "log", "started", "length", "flown", "size"
@@ -183,7 +180,7 @@ fn table(rows: &[Row]) -> String {
         let modes = if row.modes.is_empty() { "-".to_owned() } else { row.modes.join(" ") };
         text += &format!(
             "{:width$}  {:23}  {:>8}  {:>8}  {:>9}  {modes}",
-            file_name(&row.log),
+            shown_name(&row.log),
             row.started.as_deref().unwrap_or("-"),
             seconds(row.duration_s),
             seconds(row.airborne_s),

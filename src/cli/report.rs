@@ -15,6 +15,7 @@ use crate::report::flight::{Flight, ParameterRow};
 use crate::report::svg::Limit;
 use crate::report::{Page, from_log, truth};
 use haltere_core::control::voltage::BaseThrust;
+use haltere_log::log_file::shown_name;
 use haltere_log::record::{FlightPart, Flights, LogEnd, LogReader};
 use haltere_log::replay::{self, changed_parameters, recorded_config, replay_observed};
 use haltere_log::written::{self, look};
@@ -58,7 +59,7 @@ impl Report {
             }
         }
         say_end(&log, &end);
-        let name = self.log.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let name = shown_name(&self.log);
         let one = part.flight().filter(|flight| flight.of > 1);
         let name = one.map_or(name.clone(), |flight| format!("{name}, {flight}"));
         let subtitle = match end {

@@ -20,6 +20,7 @@ use haltere_core::measure::ReferencePose;
 use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
 use haltere_log::import::truth::{self, TruthError, Unused};
+use haltere_log::log_file::{has_log_ending, shown_name};
 use haltere_log::record::{LogError, LogReader};
 use haltere_log::replay::{ReplayError, live_again, recorded_config};
 
@@ -119,7 +120,7 @@ pub fn logs(dir: &Path) -> std::io::Result<Vec<PathBuf>> {
     }
     let entries = std::fs::read_dir(dir)?.collect::<Result<Vec<_>, _>>()?;
     let mut logs: Vec<PathBuf> = entries.into_iter().map(|entry| entry.path()).collect();
-    logs.retain(|path| path.extension().is_some_and(|ending| ending == "mcap"));
+    logs.retain(|path| has_log_ending(path));
     logs.sort();
     Ok(logs)
 }
@@ -165,7 +166,7 @@ pub fn run_log(
             }
         });
     });
-    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let name = shown_name(&path.with_extension(""));
     let aided_by_imu = flown.estimator.motion == Motion::Inertial;
     let mut report = FlightReport::of(name, score, took, aided_by_imu);
     report.truth = Some(Beside {

@@ -19,6 +19,7 @@ use haltere::ctl::{GroundStation, Mode};
 use self::plan::Plan;
 use crate::firmware::Which;
 use haltere::cli::{print, print_json};
+use haltere_log::log_file::has_log_ending;
 use haltere_log::written;
 
 pub use self::processes::Processes;
@@ -154,8 +155,9 @@ fn fly(processes: &Processes, plan: &Plan) -> Result<()> {
     let reached = station.vehicle().reached;
     if reached.is_none_or(|seq| seq + 1 < last) {
         bail!(
-            "the vehicle landed after item {} of {last}",
-            reached.map_or("none".to_string(), |seq| seq.to_string())
+            "the vehicle landed after {} of {} items",
+            reached.map_or(0, |seq| seq.saturating_add(1)),
+            plan.items.len()
         );
     }
     Ok(())
@@ -196,9 +198,10 @@ impl<'a> Progress<'a> {
         let percent = (100.0 * flown_s / self.plan.duration_s()).min(99.0);
         let [north_m, east_m, down_m] = vehicle.position_m.unwrap_or([f64::NAN; 3]);
         let line = format!(
-            "demo: {percent:2.0} %, {:.0} s left  item {current:2}/{}  {doing:12}  N {north_m:5.2}  E {east_m:5.2}  \
+            "demo: {percent:2.0} %, {:.0} s left  item {:2}/{}  {doing:12}  N {north_m:5.2}  E {east_m:5.2}  \
              height {:5.2} m  {:4.2} V",
             (self.plan.duration_s() - flown_s).max(0.0),
+            (current + 1).min(self.plan.items.len()),
             self.plan.items.len(),
             -down_m,
             vehicle.supply_v.unwrap_or(f64::NAN),
@@ -231,7 +234,7 @@ pub fn newest_log(directory: &Path) -> Result<PathBuf> {
     entries
         .flatten()
         .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|e| e == "mcap"))
+        .filter(|path| has_log_ending(path))
         .max()
         .with_context(|| format!("the companion left no log in {}", directory.display()))
 }

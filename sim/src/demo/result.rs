@@ -12,6 +12,7 @@ use haltere::report::errors::{
 use haltere::report::flight::Flight;
 use haltere::report::verdict::{Check, Verdict, all_passed};
 use haltere::report::{Page, from_log, truth};
+use haltere_log::log_file::shown_name;
 use haltere_log::record::{LogEnd, LogReader};
 use serde_json::{Value, json};
 
@@ -247,7 +248,7 @@ impl Outcome {
 
     /// The page.
     pub fn html(&self, log: &Path) -> String {
-        let name = log.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let name = shown_name(log);
         Page {
             title: "Demo flight",
             subtitle: &format!("simulated Flapper, {name}"),

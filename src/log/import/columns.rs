@@ -371,7 +371,7 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
     if let Some(what) = too_slow(&rows).or_else(|| is_radians(&rows, tilt, heading)) {
         return Err(bad(last_line, what));
     }
-    let file = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let file = crate::log_file::shown_name(path);
     let name = file.trim_end_matches(".gz").trim_end_matches(".csv").to_owned();
     Ok(Recording { name, rows, skipped })
 }

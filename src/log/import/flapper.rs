@@ -96,7 +96,7 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Recording, Error> {
             setpoint_rad: None,
         });
     }
-    let file = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let file = crate::log_file::shown_name(path);
     Ok(Recording { name: file.trim_end_matches(".csv.gz").to_owned(), rows, skipped })
 }
 

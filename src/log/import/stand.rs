@@ -72,7 +72,7 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Stand, Error> {
             _ => skipped += 1,
         }
     }
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let name = crate::log_file::shown_name(path);
     Ok(Stand { name, rows, skipped })
 }
 

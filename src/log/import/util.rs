@@ -204,7 +204,7 @@ fn load_flight(path: &Path, anchors: &Path, needs: Needs) -> Result<Option<Fligh
     if !(enough && has(Stream::Tdoa)) {
         return Ok(None);
     }
-    let file = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let file = crate::log_file::shown_name(path);
     let name = file.trim_end_matches(".csv.gz").to_owned();
     let survey = load_survey(anchors, constellation(&name))?;
     let mut events = Vec::new();
