@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::{print, print_json};
-use haltere_log::export::{Form, create, links, write_tables, write_tlog};
+use haltere_log::export::{Form, create, links, write_tables, write_tlog, write_tum};
 use haltere_log::record::{LogEnd, LogReader};
 use haltere_pilot::LinkId;
 
@@ -19,6 +19,8 @@ enum Format {
     Csv,
     /// Apache Parquet, typed, with nulls where there is no value.
     Parquet,
+    /// Tracks for `evo`: estimate, reference and truth as `time x y z qx qy qz qw`, z up.
+    Tum,
 }
 
 /// Writes the decoded topics as tables.
@@ -35,6 +37,9 @@ pub(super) struct Export {
     /// Only these topics, such as estimate or uwb; may be given several times.
     #[arg(long, value_name = "NAME")]
     topic: Vec<String>,
+    /// Truth file for --format tum, from `haltere-sim serve --truth`. Default: NAME.truth.csv beside the log, if there is one.
+    #[arg(long, value_name = "FILE")]
+    truth: Option<PathBuf>,
     /// Replace tables that are there already.
     #[arg(long)]
     overwrite: bool,
@@ -55,13 +60,26 @@ impl Export {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
         let log = LogReader::open(&self.log)?;
         let form = match self.format {
-            Format::Csv => Form::Csv,
-            Format::Parquet => Form::Parquet,
+            Format::Csv => Some(Form::Csv),
+            Format::Parquet => Some(Form::Parquet),
+            Format::Tum => None,
         };
-        let dir = self.dir.unwrap_or_else(|| self.log.with_extension(form.ending()));
+        match form {
+            None if !self.topic.is_empty() => {
+                bail!("--topic: --format tum writes poses alone; name topics with csv or parquet")
+            }
+            Some(_) if self.truth.is_some() => bail!("--truth: goes with --format tum alone"),
+            _ => {}
+        }
+        let ending = form.map_or("tum", Form::ending);
+        let dir = self.dir.unwrap_or_else(|| self.log.with_extension(ending));
         std::fs::create_dir_all(&dir)
             .with_context(|| format!("{}: the folder cannot be made", dir.display()))?;
-        let (tables, end) = write_tables(&log, form, &dir, &self.topic, self.overwrite)?;
+        let beside = Some(self.log.with_extension("truth.csv")).filter(|path| path.exists());
+        let (tables, end) = match form {
+            Some(form) => write_tables(&log, form, &dir, &self.topic, self.overwrite)?,
+            None => write_tum(&log, &dir, self.truth.or(beside).as_deref(), self.overwrite)?,
+        };
         say_end(&log, &end);
         let written: Vec<_> = tables
             .into_iter()

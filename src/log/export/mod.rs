@@ -6,6 +6,7 @@ pub mod parquet;
 mod stream;
 mod tables;
 mod tlog;
+mod tum;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -15,7 +16,9 @@ use thiserror::Error;
 pub use stream::{Exported, stream_tables, write_tables};
 pub use tables::{Column, Table, Values};
 pub use tlog::{LinkTraffic, TlogCount, links, write_tlog};
+pub use tum::write_tum;
 
+use crate::import::truth::TruthError;
 use crate::record::LogReader;
 use crate::written::{Old, Output, OutputError};
 
@@ -58,6 +61,18 @@ pub enum ExportError {
         /// Which log.
         path: PathBuf,
     },
+    /// The truth cannot be read.
+    #[error(transparent)]
+    Truth(#[from] TruthError),
+    /// It cannot be laid beside the log as it is.
+    #[error(
+        "{}: its clock is not the companion's, so its track does not belong to these times; `haltere replay --util LOG \
+         --truth` finds the offset, and `evo` takes one with --t_offset", path.display()
+    )]
+    OtherClock {
+        /// Which.
+        path: PathBuf,
+    },
     /// A file cannot be written.
     #[error("{}: cannot be written: {source}", path.display())]
     Write {
@@ -76,7 +91,7 @@ pub fn create(log: &LogReader, path: &Path, overwrite: bool) -> Result<Output, O
 /// What a table should say about where it came from.
 fn about(log: &LogReader) -> Vec<(String, String)> {
     let session = log.session();
-    let name = log.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let name = crate::log_file::shown_name(log.path());
     [
         ("haltere.log", name),
         ("haltere.started_unix_us", session.started_unix_us.to_string()),
