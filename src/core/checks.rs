@@ -5,6 +5,15 @@ pub mod schema;
 use std::fmt::{Display, Write as _};
 use std::ops::RangeInclusive;
 
+/// A number as people write it: what was reckoned with is off in its sixteenth digit and prints as 25.200000000000003, what
+/// came as a float of 32 bits in its eighth.
+pub fn shown(value: f64) -> f64 {
+    let single = value as f32;
+    let is_single = f64::from(single) == value;
+    let text = if is_single { single.to_string() } else { format!("{value:.12e}") };
+    text.parse().unwrap_or(value)
+}
+
 /// Collects everything that is wrong, so that a user mends a file in one go.
 #[derive(Debug, Default, Clone, PartialEq, Eq)]
 pub struct Problems {
@@ -32,11 +41,8 @@ impl Problems {
     ) {
         if !(value.is_finite() && allowed.contains(&value)) {
             let space = if unit.is_empty() { "" } else { " " };
-            self.say(format!(
-                "{key} = {value}, allowed {} to {}{space}{unit}",
-                allowed.start(),
-                allowed.end()
-            ));
+            let [value, low, high] = [value, *allowed.start(), *allowed.end()].map(shown);
+            self.say(format!("{key} = {value}, allowed {low} to {high}{space}{unit}"));
         }
     }
 
@@ -78,6 +84,24 @@ impl std::error::Error for Problems {}
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn regress_numbers_are_shown_as_people_write_them() {
+        for (value, says) in [
+            (0.3 - 1.12, "-0.8200000000000001 is -0.82"),
+            (6.0 * 4.2, "25.200000000000003 is 25.2"),
+            (f64::from(0.1_f32), "0.10000000149011612 is 0.1"),
+            (47.397_741_8, "47.3977418 is 47.3977418"),
+            (-2.0, "-2 is -2"),
+            (f64::NAN, "NaN is NaN"),
+            (f64::INFINITY, "inf is inf"),
+        ] {
+            assert_eq!(format!("{value} is {}", shown(value)), says);
+        }
+        let mut problems = Problems::new();
+        problems.range("limits.low_m", 0.3 - 1.12, 0.0..=6.0 * 4.2, "m");
+        assert_eq!(problems.lines(), ["limits.low_m = -0.82, allowed 0 to 25.2 m"]);
+    }
 
     #[test]
     fn prop_refusal_names_key_value_range_and_unit() {

@@ -2,6 +2,7 @@
 
 use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
+use haltere_core::checks::shown;
 use haltere_core::estimate::Health;
 use haltere_core::frames::Vec3;
 use haltere_core::time::HostTime;
@@ -381,7 +382,8 @@ impl Pilot {
             return refuse(
                 MavResult::MAV_RESULT_DENIED,
                 format!(
-                    "speed = {speed_mps} m/s, allowed {} to {} m/s, or -2 for default",
+                    "speed = {} m/s, allowed {} to {} m/s, or -2 for default",
+                    shown(speed_mps),
                     SPEED_MPS.start(),
                     SPEED_MPS.end()
                 ),

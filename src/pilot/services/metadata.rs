@@ -10,6 +10,7 @@ use haltere_dialect::mav::haltere::{
 };
 use serde_json::{Value, json};
 
+use haltere_core::checks::shown;
 use haltere_core::time::HostTime;
 
 use super::super::config::PilotConfig;
@@ -114,8 +115,8 @@ fn parameter_json(p: &Parameter, defaults: &PilotConfig) -> Value {
         "longDesc": long(p),
         "units": p.unit,
         "rebootRequired": p.when == When::Restart,
-        "min": p.low,
-        "max": p.high,
+        "min": shown(p.low),
+        "max": shown(p.high),
     });
     if p.has_default() {
         entry["default"] = json!(p.default_value(defaults));
@@ -184,7 +185,7 @@ pub fn markdown() -> String {
             }
             Kind::Fixed(_) => "fixed".to_owned(),
             Kind::Alias(of) => format!("as {of}"),
-            _ => format!("{} to {}", p.low, p.high),
+            _ => format!("{} to {}", shown(p.low), shown(p.high)),
         };
         let default =
             if p.has_default() { p.default_value(&defaults).to_string() } else { "".into() };

@@ -7,7 +7,7 @@
 
 use super::super::config::PilotConfig;
 use super::parameter_list::{COMMON, PX4_ONLY};
-use haltere_core::checks::Problems;
+use haltere_core::checks::{Problems, shown};
 
 /// When a new value acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -78,6 +78,7 @@ impl Parameter {
     /// The number a client means, or why it cannot be taken.
     pub fn checked(&self, value: f32) -> Result<f64, String> {
         let Self { name, low, high, unit, .. } = *self;
+        let [low_shown, high_shown] = [low, high].map(shown);
         if !value.is_finite() {
             return Err(format!("{name} = {value}: not a number"));
         }
@@ -92,11 +93,13 @@ impl Parameter {
             Kind::Choice(_) => {}
             Kind::Whole if exact.fract() != 0.0 => {
                 return Err(format!(
-                    "{name} = {value}, allowed whole numbers {low} to {high} {unit}"
+                    "{name} = {value}, allowed whole numbers {low_shown} to {high_shown} {unit}"
                 ));
             }
             _ if !(low..=high).contains(&exact) => {
-                return Err(format!("{name} = {value}, allowed {low} to {high} {unit}"));
+                return Err(format!(
+                    "{name} = {value}, allowed {low_shown} to {high_shown} {unit}"
+                ));
             }
             _ => {}
         }
