@@ -57,6 +57,11 @@ OWN_STREAMS = {"HALTERE_ESTIMATE": 10, "HALTERE_CONTROL": 10, "HALTERE_PAIR": 4,
 WORDS_WITHIN_S = 0.4
 
 
+def done(reached: Optional[int]) -> int:
+    """How many items are done; MAVLink counts them from 0."""
+    return 0 if reached is None else reached + 1
+
+
 class Refused(AssertionError):
     """The vehicle refused something. `result` is the protocol's answer, `words` what the vehicle said about it."""
 
@@ -313,11 +318,11 @@ class Station:
                 reached = message.seq
             elif message.get_type() == "HEARTBEAT" and not is_armed(message, self.vehicle):
                 assert reached == last, (
-                    f"the flight ended after item {reached} of 0 to {last}; the vehicle said: "
+                    f"the flight ended after {done(reached)} of {last + 1} items; the vehicle said: "
                     f"{'; '.join(self.texts[before:])}")
                 return
-        raise AssertionError(f"the mission was not flown within {timeout} s, item {reached} of 0 to {last} was "
-                             f"reached; the vehicle said: {'; '.join(self.texts[before:])}")
+        raise AssertionError(f"the mission was not flown within {timeout} s, {done(reached)} of {last + 1} "
+                             f"items were done; the vehicle said: {'; '.join(self.texts[before:])}")
 
     def upload(self, mission: Union[str, os.PathLike, Sequence[Item]]) -> None:
         """Replaces the mission: by a file (`.toml`, `.plan` with its fence and rally points, `.waypoints`) or by items as

@@ -299,10 +299,9 @@ fn load_program(
 }
 
 fn ended_after(reached: Option<u16>, items: usize) -> String {
-    let last = items.saturating_sub(1);
     match reached {
-        Some(item) => format!("after item {item} of 0 to {last}"),
-        None => format!("before item 0 of 0 to {last}"),
+        Some(item) => format!("after item {} of {items}", item.saturating_add(1)),
+        None => format!("before the first of {items} items was done"),
     }
 }
 
@@ -330,7 +329,8 @@ fn fly_mission(
             }
             if vehicle.reached != told {
                 told = vehicle.reached;
-                say(&format!("item {} done", told.unwrap_or(0)));
+                let done = told.map_or(0, |seq| seq.saturating_add(1));
+                say(&format!("item {done} of {items} done"));
             }
             flies |= vehicle.armed;
             let is_done = vehicle.reached >= Some(last);

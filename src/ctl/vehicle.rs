@@ -154,7 +154,10 @@ impl Vehicle {
             format!("position: {}", known(point)),
             format!("battery:  {}", known(self.supply_v.map(|v| format!("{v:.2} V")))),
             format!("outputs:  {}", known(self.outputs_us.map(outputs))),
-            format!("mission:  item {}", known(self.current.map(|n| n.to_string()))),
+            format!(
+                "mission:  item {}",
+                known(self.current.map(|n| n.saturating_add(1).to_string()))
+            ),
         ];
         for (number, link) in &self.links {
             let own = if link.own == 1 { ", this one" } else { "" };

@@ -358,7 +358,7 @@ impl MissionFile {
             problems.say("no [[item]]: a mission needs at least one");
         }
         for (i, item) in mission.items.iter().enumerate() {
-            item.check(&format!("item {i}"), &mut problems);
+            item.check(&format!("item {}", i + 1), &mut problems);
         }
         problems.into_result().map_err(|p| p.to_string())?;
         Ok(mission)
@@ -391,8 +391,8 @@ mod tests {
             assert!(why.contains(needed), "{why}");
         };
         says("", "no [[item]]");
-        says("[[item]]\ncommand = \"waypoint\"", "item 0.position_m is missing");
-        says("[[item]]\ncommand = \"land\"\nhold_s = 1", "item 0.hold_s does not go with `land`");
+        says("[[item]]\ncommand = \"waypoint\"", "item 1.position_m is missing");
+        says("[[item]]\ncommand = \"land\"\nhold_s = 1", "item 1.hold_s does not go with `land`");
         says(
             "[[item]]\ncommand = \"waypoint\"\nposition_m = [1, 2, 3, 4]",
             "position_m has 4 numbers, allowed 3",
@@ -401,7 +401,7 @@ mod tests {
         says("[[item]]\ncommand = \"land\"\nheigth = 1", "unknown field `heigth`");
         says(
             "[[item]]\ncommand = \"takeoff\"\nheight_m = 0.1",
-            "item 0.height_m = 0.1, allowed 0.3 to 1000 m",
+            "item 1.height_m = 0.1, allowed 0.3 to 1000 m",
         );
     }
 }

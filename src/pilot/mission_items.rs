@@ -8,6 +8,7 @@
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionResult};
 use haltere_dialect::mav::{known, name_of};
 
+use haltere_core::checks::shown;
 use haltere_core::frames::{E, Vec3};
 use haltere_core::geo::{Geodetic, LocalOrigin};
 
@@ -70,12 +71,16 @@ pub(super) fn place_E_m(
     if !is_global(item.frame) {
         let why = format!(
             "item {seq}: frame {} not supported, use LOCAL_NED, GLOBAL or GLOBAL_RELATIVE_ALT",
-            name_of::<F>(item.frame)
+            name_of::<F>(item.frame),
+            seq = seq.saturating_add(1)
         );
         return Err((MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME, why));
     }
     let Some(origin) = origin else {
-        let why = format!("item {seq}: the room has no origin on the globe, send one first");
+        let why = format!(
+            "item {seq}: the room has no origin on the globe, send one first",
+            seq = seq.saturating_add(1)
+        );
         return Err((MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME, why));
     };
     let above_sea =
@@ -88,7 +93,12 @@ pub(super) fn place_E_m(
             Ok(Vec3::new(pos.x(), pos.y(), -height_m))
         }
         None => {
-            let why = format!("item {seq}: {} {} is not on the globe", item.x, item.y);
+            let why = format!(
+                "item {seq}: {} {} is not on the globe",
+                item.x,
+                item.y,
+                seq = seq.saturating_add(1)
+            );
             Err((MavMissionResult::MAV_MISSION_INVALID_PARAM5_X, why))
         }
     }
@@ -113,7 +123,9 @@ fn in_range(
     if (low..=high).contains(&value) {
         Ok(value)
     } else {
-        Err((result, format!("item {seq}: {what} = {value}, allowed {low} to {high} {unit}")))
+        let [value, low, high] = [value, low, high].map(shown);
+        let nth = seq.saturating_add(1);
+        Err((result, format!("item {nth}: {what} = {value}, allowed {low} to {high} {unit}")))
     }
 }
 
@@ -132,7 +144,7 @@ fn place_inside(
     let why = format!(
         "item {}: N {:.2} E {:.2} height {:.2} m is outside N {:.1} to {:.1}, E {:.1} to {:.1}, \
          height {LOWEST_M} to {:.1} m",
-        item.seq,
+        item.seq.saturating_add(1),
         pos.x(),
         pos.y(),
         -pos.z(),
@@ -161,7 +173,11 @@ pub(super) fn from_wire(
         in_range(seq, given(item.param1).unwrap_or(0.0), [0.0, LONGEST_S], result, "time", "s")
     };
     let Some(command) = known(item.command) else {
-        let why = format!("item {seq}: command {} not supported", item.command);
+        let why = format!(
+            "item {seq}: command {} not supported",
+            item.command,
+            seq = seq.saturating_add(1)
+        );
         return Err((R::MAV_MISSION_UNSUPPORTED, why));
     };
     match command {
@@ -226,7 +242,10 @@ pub(super) fn from_wire(
         }
         MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH => Ok(MissionItem::Return),
         MavCmd::MAV_CMD_NAV_DELAY if given(item.param1).is_none_or(|s| s < 0.0) => {
-            let why = format!("item {seq}: a delay until a time of day is not supported");
+            let why = format!(
+                "item {seq}: a delay until a time of day is not supported",
+                seq = seq.saturating_add(1)
+            );
             Err((R::MAV_MISSION_INVALID_PARAM1, why))
         }
         MavCmd::MAV_CMD_NAV_DELAY | MavCmd::MAV_CMD_CONDITION_DELAY => {
@@ -246,7 +265,7 @@ pub(super) fn from_wire(
                 Some(in_range(seq, times, range, result, "repetitions (-1: for ever)", "")? as u32)
             };
             if to as u16 == seq {
-                let why = format!("item {seq}: jumps to itself");
+                let why = format!("item {seq}: jumps to itself", seq = seq.saturating_add(1));
                 return Err((R::MAV_MISSION_INVALID_PARAM1, why));
             }
             Ok(MissionItem::Jump { to: to as u16, times })
@@ -281,15 +300,23 @@ pub(super) fn from_wire(
         }
         MavCmd::MAV_CMD_USER_1 => {
             let [axis, amplitude, half_s] = [item.param1, item.param2, item.param3].map(f64::from);
-            Doublet::from_params(axis, amplitude, half_s)
-                .map(MissionItem::Doublet)
-                .map_err(|why| (R::MAV_MISSION_INVALID, format!("item {seq}: doublet: {why}")))
+            Doublet::from_params(axis, amplitude, half_s).map(MissionItem::Doublet).map_err(|why| {
+                (
+                    R::MAV_MISSION_INVALID,
+                    format!("item {seq}: doublet: {why}", seq = seq.saturating_add(1)),
+                )
+            })
         }
         MavCmd::MAV_CMD_USER_2 => {
             let params = [item.param1, item.param2, item.param3, item.param4].map(f64::from);
             TiltStep::from_params(params, f64::from(item.z))
                 .and_then(|step| step.check(envelope).map(|()| MissionItem::Tilt(step)))
-                .map_err(|why| (R::MAV_MISSION_INVALID, format!("item {seq}: tilt: {why}")))
+                .map_err(|why| {
+                    (
+                        R::MAV_MISSION_INVALID,
+                        format!("item {seq}: tilt: {why}", seq = seq.saturating_add(1)),
+                    )
+                })
         }
         MavCmd::MAV_CMD_USER_3 => Ok(MissionItem::UntilVoltage {
             supply_v: in_range(
@@ -312,7 +339,10 @@ pub(super) fn from_wire(
                 _ => LONGEST_S,
             },
         }),
-        other => Err((R::MAV_MISSION_UNSUPPORTED, format!("item {seq}: {other:?} not supported"))),
+        other => Err((
+            R::MAV_MISSION_UNSUPPORTED,
+            format!("item {seq}: {other:?} not supported", seq = seq.saturating_add(1)),
+        )),
     }
 }
 
@@ -372,7 +402,7 @@ mod tests {
         use MavMissionResult as R;
         // What MAVProxy and QGroundControl send for a local frame: scaled by 1e7, 1000 times too far.
         let scaled = MISSION_ITEM_INT_DATA { x: 10_000_000, seq: 3, ..waypoint() };
-        check(scaled, R::MAV_MISSION_INVALID, "item 3: N 1000.00");
+        check(scaled, R::MAV_MISSION_INVALID, "item 4: N 1000.00");
         let body =
             MISSION_ITEM_INT_DATA { frame: MavFrame::MAV_FRAME_BODY_FRD as u8, ..waypoint() };
         check(body, R::MAV_MISSION_UNSUPPORTED_FRAME, "use LOCAL_NED");

@@ -222,7 +222,8 @@ impl MissionTransfer {
         if at.seconds_since(session.heard_at) > GIVE_UP_S {
             let cancelled = MavMissionResult::MAV_MISSION_OPERATION_CANCELLED;
             let answer = ack(client.peer, session.mission_type, cancelled, 0);
-            let why = format!("upload given up: item {} never came", session.next());
+            let why =
+                format!("upload given up: item {} never came", session.next().saturating_add(1));
             self.session = None;
             return Progress::GivenUp(client, answer, why);
         }

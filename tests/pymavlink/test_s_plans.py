@@ -130,7 +130,7 @@ def test_fence_and_rally_points_have_lists_of_their_own(world):
     leaving = [item(0, mavlink.MAV_CMD_NAV_TAKEOFF, 5, 5, -1),
                item(1, mavlink.MAV_CMD_NAV_WAYPOINT, 8, 5, -1)]
     assert upload(world, leaving) == mavlink.MAV_MISSION_INVALID
-    said(world, "item 1: it, or the way to it, is outside the fence")
+    said(world, "item 2: it, or the way to it, is outside the fence")
     for kind in (MISSION, FENCE, RALLY):
         world.link.mav.mission_clear_all_send(1, 1, kind)
         assert world.wait("MISSION_ACK").type == ACCEPTED

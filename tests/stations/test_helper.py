@@ -117,7 +117,7 @@ def test_a_fault_in_wrong_words_fails_the_test(rig):
 
 def test_a_mission_is_refused_in_the_vehicles_words(rig, tmp_path):
     station = rig.station()
-    with pytest.raises(Refused, match="mission refused: MAV_MISSION_INVALID.*item 2"):
+    with pytest.raises(Refused, match="mission refused: MAV_MISSION_INVALID.*item 3"):
         station.upload(route([SQUARE[0], (40.0, 4.0, 1.2)]))
     with pytest.raises(Refused, match="take-off refused"):
         station.takeoff(60.0)

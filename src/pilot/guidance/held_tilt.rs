@@ -30,7 +30,9 @@ impl Guidance {
         let run = self.tilt.get_or_insert_with(|| TiltRun::new(now.at));
         let (progress, because) = run.step(step, &self.envelope, now);
         let item = self.current_item;
-        news.warning = because.map(|why| format!("item {item}: {} {why}", step.name()));
+        news.warning = because.map(|why| {
+            format!("item {item}: {} {why}", step.name(), item = item.saturating_add(1))
+        });
         match progress {
             Progress::Wait => false,
             Progress::Hold(stop_E_m) => {
@@ -44,7 +46,11 @@ impl Guidance {
             }
             Progress::Done => true,
             Progress::Refused(why) => {
-                news.warning = Some(format!("item {item}: {} refused: {why}", step.name()));
+                news.warning = Some(format!(
+                    "item {item}: {} refused: {why}",
+                    step.name(),
+                    item = item.saturating_add(1)
+                ));
                 self.refused = true;
                 true
             }

@@ -30,7 +30,10 @@ impl Guidance {
             let from = self.carrot.pos_E_m;
             if !now.fence.allows_way([from.x(), from.y()], to) {
                 let item = self.current_item;
-                news.warning = Some(format!("item {item}: the fence bars the straight way to it"));
+                news.warning = Some(format!(
+                    "item {item}: the fence bars the straight way to it",
+                    item = item.saturating_add(1)
+                ));
                 news.event = Some(Event::HoldAsked);
                 return;
             }
@@ -148,8 +151,10 @@ impl Guidance {
         let waited_s = now.at.seconds_since(self.wait_since);
         if waited_s > limit_s {
             let found = now.supply_v.map_or("no voltage".to_owned(), |v| format!("{v:.2} V"));
-            news.warning =
-                Some(format!("item {item}: {found} after {limit_s:.0} s, wanted {wanted_v:.2} V"));
+            news.warning = Some(format!(
+                "item {item}: {found} after {limit_s:.0} s, wanted {wanted_v:.2} V",
+                item = item.saturating_add(1)
+            ));
             return true;
         }
         let Some(v) = now.supply_v else { return false };

@@ -281,8 +281,11 @@ impl Fence {
                 ) => {
                     let radius_m = f64::from(item.param1);
                     if !(0.1..=1000.0).contains(&radius_m) {
-                        let why =
-                            format!("fence item {seq}: radius = {radius_m}, allowed 0.1 to 1000 m");
+                        let why = format!(
+                            "fence item {seq}: radius = {}, allowed 0.1 to 1000 m",
+                            item.param1,
+                            seq = seq.saturating_add(1)
+                        );
                         return Err((R::MAV_MISSION_INVALID_PARAM1, why));
                     }
                     fence.add(item, Shape::Circle { centre: place, radius_m });
@@ -295,7 +298,8 @@ impl Fence {
                     if !(3.0..=MOST_CORNERS as f64).contains(&count) || count.fract() != 0.0 {
                         let why = format!(
                             "fence item {seq}: a polygon of {count} corners, allowed 3 to \
-                             {MOST_CORNERS}"
+                             {MOST_CORNERS}",
+                            seq = seq.saturating_add(1)
                         );
                         return Err((R::MAV_MISSION_INVALID_PARAM1, why));
                     }
@@ -310,7 +314,8 @@ impl Fence {
                             _ => {
                                 let why = format!(
                                     "fence item {seq}: its polygon has {} of {count} corners",
-                                    corners.len()
+                                    corners.len(),
+                                    seq = seq.saturating_add(1)
                                 );
                                 return Err((R::MAV_MISSION_INVALID, why));
                             }
@@ -320,7 +325,10 @@ impl Fence {
                 }
                 _ => {
                     let name = name_of::<MavCmd>(item.command);
-                    let why = format!("fence item {seq}: {name} not supported");
+                    let why = format!(
+                        "fence item {seq}: {name} not supported",
+                        seq = seq.saturating_add(1)
+                    );
                     return Err((R::MAV_MISSION_UNSUPPORTED, why));
                 }
             }
@@ -417,7 +425,7 @@ mod tests {
         };
         check((0..2).map(|n| item(n, corner, 2.0)).collect(), "allowed 3 to 200");
         check((0..3).map(|n| item(n, corner, 4.0)).collect(), "3 of 4 corners");
-        check(vec![item(7, corner, f32::NAN)], "item 7");
+        check(vec![item(7, corner, f32::NAN)], "item 8");
         check(vec![item(0, MavCmd::MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, -1.0)], "radius = -1");
         check(vec![item(0, MavCmd::MAV_CMD_NAV_WAYPOINT, 0.0)], "not supported");
     }

@@ -87,7 +87,8 @@ impl Pilot {
                 if let Some(seq) = leg_outside(&stored, &self.services.plans.fence) {
                     let why = format!(
                         "item {seq}: it, or the way to it, is outside the fence, or within \
-                         {KEEP_M} m of its border"
+                         {KEEP_M} m of its border",
+                        seq = seq.saturating_add(1)
                     );
                     return Err((MavMissionResult::MAV_MISSION_INVALID, why));
                 }
@@ -134,8 +135,12 @@ impl Pilot {
     /// Looks whether the mission still lies inside the fence.
     fn bar_mission(&mut self) {
         let barred = leg_outside(&self.mission.items, &self.services.plans.fence);
-        self.services.plans.mission_is_barred = barred
-            .map(|seq| format!("mission barred: item {seq} or the way to it is outside the fence"));
+        self.services.plans.mission_is_barred = barred.map(|seq| {
+            format!(
+                "mission barred: item {seq} or the way to it is outside the fence",
+                seq = seq.saturating_add(1)
+            )
+        });
     }
 
     /// Why the mission cannot begin here: the fence lies between the vehicle and its first place.
@@ -149,7 +154,10 @@ impl Pilot {
         let pos = self.estimate.pos_E_m;
         let is_free = self.services.plans.fence.allows_way([pos.x(), pos.y()], first);
         (!is_free).then(|| {
-            format!("mission refused: the fence bars the straight way from here to item {seq}")
+            format!(
+                "mission refused: the fence bars the straight way from here to item {seq}",
+                seq = seq.saturating_add(1)
+            )
         })
     }
 
@@ -252,7 +260,8 @@ fn places(
                 let why = format!(
                     "item {seq}: N {north:.0} E {east:.0} m is more than {farthest_m} m away: is \
                      the origin set? (frame {:?})",
-                    item.frame
+                    item.frame,
+                    seq = seq.saturating_add(1)
                 );
                 return Err((MavMissionResult::MAV_MISSION_INVALID, why));
             }
@@ -268,7 +277,11 @@ fn check_jumps(items: &[StoredItem]) -> Result<(), Refusal> {
             && usize::from(to) >= count
         {
             let seq = stored.wire.seq;
-            let why = format!("item {seq}: jumps to {to}, the mission has {count} items");
+            let why = format!(
+                "item {seq}: jumps to {to}, the mission has {count} items",
+                seq = seq.saturating_add(1),
+                to = to.saturating_add(1)
+            );
             return Err((MavMissionResult::MAV_MISSION_INVALID_PARAM1, why));
         }
     }

@@ -20,14 +20,18 @@ pub fn check(
     for (item, [north, east]) in items.iter().zip(places.iter().copied()) {
         let seq = item.seq;
         if item.command != MavCmd::MAV_CMD_NAV_RALLY_POINT as u16 {
-            let why =
-                format!("rally item {seq}: {} not supported", name_of::<MavCmd>(item.command));
+            let why = format!(
+                "rally item {seq}: {} not supported",
+                name_of::<MavCmd>(item.command),
+                seq = seq.saturating_add(1)
+            );
             return Err((MavMissionResult::MAV_MISSION_UNSUPPORTED, why));
         }
         let pos = haltere_core::frames::Vec3::new(north, east, 0.0);
         if !volume.contains_over(pos) || !fence.contains([north, east]) {
             let why = format!(
-                "rally item {seq}: N {north:.2} E {east:.2} m is outside the limits or the fence"
+                "rally item {seq}: N {north:.2} E {east:.2} m is outside the limits or the fence",
+                seq = seq.saturating_add(1)
             );
             return Err((MavMissionResult::MAV_MISSION_INVALID, why));
         }
@@ -49,7 +53,7 @@ mod tests {
         };
         let rally = MavCmd::MAV_CMD_NAV_RALLY_POINT;
         assert!(try_at(rally, [1.0, -1.0]).is_ok());
-        assert!(try_at(rally, [9.0, 0.0]).unwrap_err().1.contains("item 4: N 9.00"));
+        assert!(try_at(rally, [9.0, 0.0]).unwrap_err().1.contains("item 5: N 9.00"));
         assert!(try_at(MavCmd::MAV_CMD_NAV_WAYPOINT, [0.0, 0.0]).is_err());
     }
 }

@@ -199,7 +199,7 @@ fn fly_way(world: &mut Lockstep, ground: &mut Ground, way: Way, pillar: Pillar) 
             ground.upload(world, &[home]);
             let start = ground.command(world, MavCmd::MAV_CMD_MISSION_START, [0.0; 7]);
             assert_eq!(start, Some(MavResult::MAV_RESULT_DENIED));
-            assert!(said(ground, "the fence bars the straight way from here to item 0"));
+            assert!(said(ground, "the fence bars the straight way from here to item 1"));
         }
         Way::Jump => {
             // The way is free until somebody jumps over the items that lead round.

@@ -96,7 +96,7 @@ fn prop_a_mission_outside_is_refused_and_the_old_one_stays() {
     far[2].x = 6_000_000;
     let answer = ground.upload(&mut world, &far);
     assert_eq!(answer, Some(MavMissionResult::MAV_MISSION_INVALID));
-    said(&mut world, &mut ground, "mission refused: item 2: N 600.00");
+    said(&mut world, &mut ground, "mission refused: item 3: N 600.00");
     assert!(fly(&mut world, &square(), 60.0).unwrap().landed);
 }
 

@@ -185,7 +185,7 @@ fn prop_a_step_too_near_the_fence_is_left_out_and_the_flight_goes_on() {
     ];
     let flight = fly(&mut world, &items, 60.0).unwrap();
     assert!(flight.landed);
-    let said = |t: &String| t.contains("item 2: pitch -33.0 deg refused") && t.contains("fence");
+    let said = |t: &String| t.contains("item 3: pitch -33.0 deg refused") && t.contains("fence");
     assert!(flight.texts.iter().any(said), "{:?}", flight.texts);
     assert!(flight.samples.iter().all(|s| s.truth.pos_E_m.x() < 9.7));
 }

@@ -305,7 +305,7 @@ fn prop_three_lists_are_held_apart_and_come_back() {
     leaving.insert(2, item(MavCmd::MAV_CMD_NAV_WAYPOINT, [8.0, 5.0, -1.2], 0.0));
     let answer = upload_as(&mut world, &mut ground, T::MAV_MISSION_TYPE_MISSION, &leaving);
     assert_eq!(answer, Some(MavMissionResult::MAV_MISSION_INVALID));
-    said(&mut world, &mut ground, "item 2: it, or the way to it, is outside the fence");
+    said(&mut world, &mut ground, "item 3: it, or the way to it, is outside the fence");
     // Everything at once.
     let clear = MISSION_CLEAR_ALL_DATA {
         target_system: 1,
