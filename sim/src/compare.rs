@@ -60,11 +60,11 @@ pub fn fly(
     let crashed = flight.samples.iter().any(|s| s.truth.crashed);
     if !is_complete(&scores) || crashed {
         bail!(
-            "seed {seed}: {} of {} steps, {}; {:?}",
+            "seed {seed}: {} of {} steps, {}; {}",
             scores.len(),
             2 * AXES.len() * SIZES_M.len(),
             if crashed { "crashed" } else { "not crashed" },
-            flight.texts.last()
+            flight.last_words()
         );
     }
     Ok(Flown { scores, length_s: world.t_us() as f64 * 1e-6, landed: flight.landed })

@@ -17,7 +17,12 @@ pub fn insist_on_deadlines(priority: u8) -> Result<(), String> {
                 ThreadPriority::Crossplatform(value),
                 ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
             )
-            .map_err(|error| format!("{error:?}"))
+            .map_err(|error| match error {
+                thread_priority::Error::OS(code) => {
+                    std::io::Error::from_raw_os_error(code).to_string()
+                }
+                other => other.to_string(),
+            })
         },
     );
     told.map_err(|why| {

@@ -105,7 +105,7 @@ fn fly(bench: &Bench, control: &ControlConfig, seed: u64) -> Result<Scores> {
     let mut world = bench.world(PlantConfig::hall(seed), control)?;
     let (steps, flight) = fly_steps(&mut world, CENTRE_NE_M)?;
     if !is_complete(&steps) {
-        bail!("seed {seed}: {} steps flown; {:?}", steps.len(), flight.texts.last());
+        bail!("seed {seed}: {} steps flown; {}", steps.len(), flight.last_words());
     }
     let mut scores = [0.0; 6];
     for (axis, score) in scores.iter_mut().take(3).enumerate() {
@@ -126,7 +126,7 @@ fn fly(bench: &Bench, control: &ControlConfig, seed: u64) -> Result<Scores> {
         let of = |number, pick: fn(&Sample) -> Option<f64>| {
             let leg = leg(&flight, number);
             mean(leg.get(RISE_SAMPLES..).unwrap_or_default(), pick).with_context(|| {
-                format!("seed {seed}, charge {charge_frac}: no hover; {:?}", flight.texts.last())
+                format!("seed {seed}, charge {charge_frac}: no hover; {}", flight.last_words())
             })
         };
         let height = |s: &Sample| Some(s.truth.pos_E_m.z() - s.control.pos_setpoint_E_m[2]?);

@@ -64,7 +64,7 @@ fn hover(bench: &Bench, height_m: f64, seed: u64) -> Result<Hover> {
     let flight = bench.fly_in(plant, &bench.version(Version::Raw), &plan.land())?;
     // Command times voltage: the command for one thrust goes with one over the voltage.
     let thrust = |s: &Sample| s.control.thrust_frac * s.truth.supply_v;
-    let missing = || format!("{height_m} m, seed {seed}: no hover; {:?}", flight.texts.last());
+    let missing = || format!("{height_m} m, seed {seed}: no hover; {}", flight.last_words());
     let (out, low) = (leg(&flight, out), leg(&flight, low));
     let thrust_out = mean(out, thrust).with_context(missing)?;
     let ratio = mean(low, thrust).with_context(missing)? / thrust_out;

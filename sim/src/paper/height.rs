@@ -107,9 +107,9 @@ pub fn run(bench: &Bench) -> Result<Section> {
             for number in [first, first + 1] {
                 let samples = leg(&flight, number).get(..count).with_context(|| {
                     format!(
-                        "{name}, seed {seed}: motion {} is missing; {:?}",
+                        "{name}, seed {seed}: motion {} is missing; {}",
                         MOTIONS[motion],
-                        flight.texts.last()
+                        flight.last_words()
                     )
                 })?;
                 of.extend(samples.iter().filter_map(error_m));

@@ -49,7 +49,7 @@ pub fn run(bench: &Bench) -> Result<Section> {
         let (score, flight) = fly_path(&bench.pilot, Version::Modified, corners, plant)?;
         let path = on_path(&flight);
         if score.crashed || path.is_empty() {
-            bail!("{name}, seed {seed}: not flown to its end; {:?}", flight.texts.last());
+            bail!("{name}, seed {seed}: not flown to its end; {}", flight.last_words());
         }
         let first = seed == bench.seed && radio.is_none();
         let thin = if first { path.iter().step_by(5).map(|s| **s).collect() } else { Vec::new() };

@@ -122,7 +122,7 @@ impl Flown {
 pub fn fly<W: World>(world: &mut Lockstep<W>) -> Result<(Flown, Flight)> {
     let (scores, flight) = fly_steps(world, CENTRE_NE_M)?;
     if !is_complete(&scores) || flight.samples.iter().any(|s| s.truth.crashed) {
-        bail!("{} steps flown; {:?}", scores.len(), flight.texts.last());
+        bail!("{} steps flown; {}", scores.len(), flight.last_words());
     }
     let errors = Cell::all().map(|cell| errors(&flight, cell)).collect::<Result<_>>()?;
     Ok((Flown { errors }, flight))

@@ -59,7 +59,7 @@ fn hover(bench: &Bench, plant: PlantConfig, seed: u64) -> Result<Points> {
         .map(|s| [s.t_us as f64 * 1e-6, s.truth.supply_v, s.control.thrust_frac])
         .collect();
     if points.len() < 100 {
-        bail!("seed {seed}: {} points of hover; {:?}", points.len(), flight.texts);
+        bail!("seed {seed}: {} points of hover; {}", points.len(), flight.texts.join("; "));
     }
     Ok(points)
 }

@@ -46,6 +46,13 @@ pub struct Flight {
     pub landed: bool,
 }
 
+impl Flight {
+    /// What the vehicle said last, for who has to say why a flight is none.
+    pub fn last_words(&self) -> &str {
+        self.texts.last().map_or("the vehicle said nothing", String::as_str)
+    }
+}
+
 /// A mission item at a place, Earth, m, with its first parameter; no heading is asked for.
 pub fn local_item(command: MavCmd, point_E_m: [f64; 3], param1: f32) -> MISSION_ITEM_INT_DATA {
     MISSION_ITEM_INT_DATA {
@@ -64,7 +71,7 @@ pub fn local_item(command: MavCmd, point_E_m: [f64; 3], param1: f32) -> MISSION_
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FlightError {
     /// The estimator found no start values.
-    #[error("not aligned after {seconds} s; the vehicle said: {texts:?}")]
+    #[error("not aligned after {seconds} s; the vehicle said: {}", texts.join("; "))]
     NotAligned {
         /// How long was waited.
         seconds: u64,
@@ -72,7 +79,7 @@ pub enum FlightError {
         texts: Vec<String>,
     },
     /// The vehicle refused.
-    #[error("{what} refused with {result}; the vehicle said: {texts:?}")]
+    #[error("{what} refused with {result}; the vehicle said: {}", texts.join("; "))]
     Refused {
         /// What was asked.
         what: &'static str,
@@ -96,7 +103,7 @@ pub fn start<W: World>(
     };
     match ground.upload(world, items) {
         Some(MavMissionResult::MAV_MISSION_ACCEPTED) => {}
-        other => return Err(refused("mission", format!("{other:?}"), ground)),
+        other => return Err(refused("mission", answer(other), ground)),
     }
     let arm = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     let asked_us = world.t_us();
@@ -120,13 +127,17 @@ pub fn start<W: World>(
             None | Some(MavResult::MAV_RESULT_FAILED) if world.t_us() < asked_us + ARM_US => {
                 world.run_until(world.t_us() + 500_000);
             }
-            other => return Err(refused("arming", format!("{other:?}"), ground)),
+            other => return Err(refused("arming", answer(other), ground)),
         }
     }
     match ground.command(world, MavCmd::MAV_CMD_MISSION_START, [0.0; 7]) {
         Some(MavResult::MAV_RESULT_ACCEPTED) => Ok(()),
-        other => Err(refused("mission start", format!("{other:?}"), ground)),
+        other => Err(refused("mission start", answer(other), ground)),
     }
+}
+
+fn answer(result: Option<impl std::fmt::Debug>) -> String {
+    result.map_or_else(|| "no answer".to_owned(), |result| format!("{result:?}"))
 }
 
 /// Flies a mission to its end, or until `limit_s` of simulated time.
