@@ -16,6 +16,8 @@ static PLAN: Mutex<Option<Plan>> = Mutex::new(None);
 struct Plan {
     /// Name, and how long it takes: as it took here the last time, else on two cores of some years ago, s.
     stages: Vec<(&'static str, f64)>,
+    /// Under which each is kept.
+    keys: Vec<String>,
     at: usize,
     began: Instant,
     /// Expected and true length of the stages that are over, s.
@@ -68,8 +70,13 @@ impl Plan {
     fn new(stages: &[(&'static str, f64)], kept: PathBuf) -> Self {
         let text = std::fs::read_to_string(&kept).unwrap_or_default();
         let costs: BTreeMap<String, f64> = serde_json::from_str(&text).unwrap_or_default();
+        let here = |stage: &(&'static str, f64)| {
+            let known = costs.get(&key(*stage)).copied();
+            (stage.0, known.filter(|s| s.is_finite() && *s > 0.0).unwrap_or(stage.1))
+        };
         Self {
-            stages: stages.to_vec(),
+            stages: stages.iter().map(here).collect(),
+            keys: stages.iter().map(|stage| key(*stage)).collect(),
             at: 0,
             began: Instant::now(),
             expected_s: 0.0,
@@ -77,15 +84,6 @@ impl Plan {
             costs,
             kept,
         }
-    }
-
-    /// How long a stage takes here, s.
-    fn usual_s(&self, stage: (&str, f64)) -> f64 {
-        self.costs
-            .get(&key(stage))
-            .copied()
-            .filter(|s| s.is_finite() && *s > 0.0)
-            .unwrap_or(stage.1)
     }
 
     fn begin(&mut self, name: &str) {
@@ -98,12 +96,11 @@ impl Plan {
 
     /// The stage under way is over.
     fn over(&mut self, took_s: f64) {
-        let stage = self.stages[self.at];
-        let expected_s = self.usual_s(stage);
+        let expected_s = self.stages[self.at].1;
         if took_s > DONE_BEFORE * expected_s {
             self.took_s += took_s;
             self.expected_s += expected_s;
-            self.costs.insert(key(stage), took_s);
+            self.costs.insert(self.keys[self.at].clone(), took_s);
             // Where it cannot be kept the next estimate is one of another computer.
             if let Ok(text) = serde_json::to_string(&self.costs) {
                 let folder = self.kept.parent().map_or(Ok(()), std::fs::create_dir_all);
@@ -113,20 +110,19 @@ impl Plan {
     }
 
     fn place(&self, name: &str, share: f64) -> Option<Place> {
-        let stage = *self.stages.get(self.at).filter(|(known, _)| *known == name)?;
+        self.stages.get(self.at).filter(|(known, _)| *known == name)?;
         let number = format!("[{}/{}] ", self.at + 1, self.stages.len());
-        let left_s = Some(self.left_s(stage, share, self.began.elapsed().as_secs_f64()));
+        let left_s = Some(self.left_s(share, self.began.elapsed().as_secs_f64()));
         Some(Place { number, left_s })
     }
 
     /// What is left by its weights, times how slow this run is so far. A short stage says little of a long one: what was
     /// done counts for as much as it is of the whole, and the rest is taken for as it usually is.
-    fn left_s(&self, stage: (&str, f64), share: f64, running_s: f64) -> f64 {
-        let own_s = self.usual_s(stage);
-        let after_s: f64 =
-            self.stages[self.at + 1..].iter().map(|stage| self.usual_s(*stage)).sum();
-        let before_s: f64 = self.stages[..self.at].iter().map(|stage| self.usual_s(*stage)).sum();
-        let trust_s = TRUST * (before_s + own_s + after_s);
+    fn left_s(&self, share: f64, running_s: f64) -> f64 {
+        let own_s = self.stages[self.at].1;
+        let after_s: f64 = self.stages[self.at + 1..].iter().map(|(_, s)| s).sum();
+        let whole_s: f64 = self.stages.iter().map(|(_, s)| s).sum();
+        let trust_s = TRUST * whole_s;
         let slow =
             (self.took_s + running_s + trust_s) / (self.expected_s + share * own_s + trust_s);
         ((1.0 - share) * own_s + after_s) * slow
@@ -166,11 +162,11 @@ mod tests {
         let mut plan = Plan::new(&STAGES, file.clone());
         let took_s = [50.0, 80.0, 20.0, 5.0];
         let mut told: Vec<f64> = Vec::new();
-        for (n, stage) in STAGES.into_iter().enumerate() {
+        for n in 0..STAGES.len() {
             plan.at = n;
             for step in 0..=100 {
                 let share = f64::from(step) * 0.01;
-                told.push(plan.left_s(stage, share, share * took_s[n]));
+                told.push(plan.left_s(share, share * took_s[n]));
             }
             plan.over(took_s[n]);
         }
@@ -181,7 +177,7 @@ mod tests {
         assert_eq!(told.last(), Some(&0.0));
         // The next time it is known what the stages cost here.
         let again = Plan::new(&STAGES, file);
-        let left_s = again.left_s(STAGES[0], 0.0, 0.0);
+        let left_s = again.left_s(0.0, 0.0);
         assert!((left_s - took_s.iter().sum::<f64>()).abs() < 1e-9, "{left_s}");
     }
 }
