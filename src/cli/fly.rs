@@ -14,6 +14,7 @@ use crate::live::signals::{ENDED_ARMED, Signals};
 use crate::live::{self, RunSummary, realtime};
 use crate::sources::{Loaded, Sources};
 use haltere_core::checks::Problems;
+use haltere_core::drops::DropReason;
 
 /// Where the configuration comes from.
 #[derive(Debug, Args)]
@@ -124,7 +125,8 @@ fn in_words(summary: &RunSummary) -> String {
         summary.worst_lateness_s * 1e3
     );
     for (link, reason, count) in &summary.drops {
-        let _ = writeln!(words, "lost on link {link}: {reason} {count}");
+        let _ =
+            writeln!(words, "{}", DropReason::in_words(reason, *count, &format!("link {link}")));
     }
     words
 }

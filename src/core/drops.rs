@@ -88,11 +88,15 @@ pub enum DropReason {
     MavAgain,
     /// Recording has stopped: no room on the disk, or it cannot be written.
     RecordingStopped,
+    /// Bytes that the tag says before its first frame: the text of its start.
+    TagStartByte,
+    /// MAVLink frame of a board that has not said yet, by its heartbeat, that it is one.
+    MavBeforeHeartbeat,
 }
 
 impl DropReason {
     /// All reasons, in the order of their numbers.
-    pub const ALL: [DropReason; 42] = [
+    pub const ALL: [DropReason; 44] = [
         DropReason::TagGarbageByte,
         DropReason::TagBadLength,
         DropReason::TagUnknownType,
@@ -135,7 +139,28 @@ impl DropReason {
         DropReason::OtherInstance,
         DropReason::MavAgain,
         DropReason::RecordingStopped,
+        DropReason::TagStartByte,
+        DropReason::MavBeforeHeartbeat,
     ];
+
+    /// Whether every healthy flight has some, at its start: nothing is lost by it.
+    pub fn is_usual(self) -> bool {
+        use DropReason as D;
+        matches!(self, D::TagStartByte | D::UwbClockUnsettled | D::MavBeforeHeartbeat)
+    }
+
+    /// The reason of a [`name`](Self::name).
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|reason| reason.name() == name)
+    }
+
+    /// How many, for people: what is usual is not called lost. `place` is the link.
+    pub fn in_words(name: &str, count: u64, place: &str) -> String {
+        match Self::named(name).is_some_and(Self::is_usual) {
+            true => format!("unused on {place}, as at every start: {name} {count}"),
+            false => format!("lost on {place}: {name} {count}"),
+        }
+    }
 
     /// Name in logs, reports and messages.
     pub fn name(self) -> &'static str {
@@ -169,6 +194,8 @@ impl DropReason {
             DropReason::OutputQueueFull => "output_queue_full",
             DropReason::RecorderQueueFull => "recorder_queue_full",
             DropReason::RecordingStopped => "recording_stopped",
+            DropReason::TagStartByte => "tag_start_byte",
+            DropReason::MavBeforeHeartbeat => "mav_before_heartbeat",
             DropReason::LinkWriteFailed => "link_write_failed",
             DropReason::StationsFull => "stations_full",
             DropReason::MavUnsigned => "mav_unsigned",
@@ -231,6 +258,15 @@ mod tests {
     fn prop_numbers_match_the_list() {
         for (i, reason) in DropReason::ALL.into_iter().enumerate() {
             assert_eq!(reason as usize, i);
+            assert_eq!(DropReason::named(reason.name()), Some(reason));
         }
+    }
+
+    #[test]
+    fn prop_what_is_usual_is_not_called_lost() {
+        let words = |name| DropReason::in_words(name, 201, "tag");
+        assert_eq!(words("tag_start_byte"), "unused on tag, as at every start: tag_start_byte 201");
+        assert_eq!(words("tag_garbage_byte"), "lost on tag: tag_garbage_byte 201");
+        assert_eq!(words("of_a_later_build"), "lost on tag: of_a_later_build 201");
     }
 }

@@ -7,6 +7,8 @@ use serde_json::json;
 use haltere_dialect::mav::haltere::{HALTERE_LINK_DATA, MavMessage, MavModeFlag};
 use haltere_dialect::mav::known;
 
+use haltere_core::drops::DropReason;
+
 pub use haltere_dialect::mav::haltere::MavLandedState as LandedState;
 
 /// What the vehicle has told so far.
@@ -175,7 +177,7 @@ impl Vehicle {
             ));
         }
         for ((number, reason), count) in &self.drops {
-            lines.push(format!("lost on {}: {reason} {count}", link_name(*number)));
+            lines.push(DropReason::in_words(reason, u64::from(*count), &link_name(*number)));
         }
         lines
     }

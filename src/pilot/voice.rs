@@ -8,6 +8,8 @@ use super::{LinkId, Pilot, telemetry};
 
 /// People are told again that frames are kept out after this time, s.
 const KEPT_OUT_TELL_S: f64 = 10.0;
+/// Control steps of the first second, in which tag and board are being found.
+const FIRST_STEPS: u64 = 1_000_000 / super::schedule::CONTROL_PERIOD_US.cast_unsigned();
 
 /// MAVLink severities in use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,6 +46,10 @@ impl Pilot {
         if self.answering && severity == Severity::Warning && !self.may_echo(at) {
             return;
         }
+        // Who asks at once is told that it is too early, which is no matter of concern.
+        let early = self.answering && self.control_steps < FIRST_STEPS;
+        let severity =
+            if early && severity == Severity::Warning { Severity::Info } else { severity };
         self.text_id = self.text_id.wrapping_add(1).max(1);
         for ground in self.grounds.iter().filter(|g| g.is_open) {
             telemetry::send_text(

@@ -58,7 +58,8 @@ fn modes(html: &mut String, flight: &Flight) {
 fn losses(html: &mut String, flight: &Flight) {
     let drops = flight.drops();
     let rows = drops.iter().map(|(reason, count)| {
-        vec![reason.name().replace('_', " ").into(), count.to_string().into()]
+        let usual = if reason.is_usual() { ", as at every start" } else { "" };
+        vec![format!("{}{usual}", reason.name().replace('_', " ")).into(), count.to_string().into()]
     });
     let mut rows: Vec<Vec<Cell>> = rows.collect();
     if rows.is_empty() {

@@ -195,7 +195,8 @@ impl Outcome {
             out.push_str("dropped: nothing\n");
         }
         for (reason, count) in drops.iter() {
-            let _ = writeln!(out, "dropped: {} {count}", reason.name());
+            let how = if reason.is_usual() { "unused, as at every start" } else { "dropped" };
+            let _ = writeln!(out, "{how}: {} {count}", reason.name());
         }
         out.push('\n');
         for check in &self.checks {

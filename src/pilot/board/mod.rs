@@ -425,7 +425,11 @@ impl BoardLink {
             }
         }
         if self.system_id != Some(header.system_id) || header.component_id != BOARD_COMPONENT {
-            drops.add(DropReason::MavWrongPeer, 1);
+            let waits = self.system_id.is_none() && header.component_id == BOARD_COMPONENT;
+            drops.add(
+                if waits { DropReason::MavBeforeHeartbeat } else { DropReason::MavWrongPeer },
+                1,
+            );
             return;
         }
         if let Some(last) = self.last_sequence {

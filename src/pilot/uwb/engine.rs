@@ -113,6 +113,10 @@ pub struct TdoaEngine {
     gate_ticks: f64,
     latency_us: i64,
     decoder: SnifferDecoder,
+    /// Whether a frame came since the tag was connected: it says text before.
+    framed: bool,
+    /// Whether a packet was ever paired with another one.
+    paired: bool,
     anchors: Box<[Anchor; 256]>,
     tag_clock: TagClock,
     /// Unwrapped tag time of the last packet that fitted, and when it came.
@@ -144,6 +148,8 @@ impl TdoaEngine {
             latency_us: (config.tag_latency_s * 1e6).round() as i64,
             config,
             decoder: SnifferDecoder::new(),
+            framed: false,
+            paired: false,
             anchors,
             tag_clock: TagClock::new(),
             now: None,
@@ -173,12 +179,18 @@ impl TdoaEngine {
         while let Some(found) = decoder.next() {
             match found {
                 Ok(frame) => {
+                    self.framed = true;
                     if let Err(reason) = self.frame(received_at, &frame, out, drops) {
                         drops.add(reason, 1);
                     }
                 }
                 Err(loss) => {
-                    let (reason, n) = reason_of(loss);
+                    let (reason, n) = match loss {
+                        SnifferLoss::GarbageBytes(n) if !self.framed => {
+                            (DropReason::TagStartByte, n as u64)
+                        }
+                        loss => reason_of(loss),
+                    };
                     drops.add(reason, n);
                 }
             }
@@ -190,6 +202,7 @@ impl TdoaEngine {
     /// Clocks go on if the tag did not lose power.
     pub fn reconnected(&mut self) {
         self.decoder.flush();
+        self.framed = false;
         self.may_be_elsewhere = true;
         if std::mem::take(&mut self.old) {
             self.tag_clock.reset();
@@ -289,8 +302,13 @@ impl TdoaEngine {
         let (pairs, found) = self.pairs(&packet, t_n);
         let wanted = usize::from(self.config.pairs_per_packet).min(found);
         if wanted == 0 {
-            return Err(DropReason::UwbNoPair);
+            // The first one has nothing to be paired with.
+            return Err(match self.paired {
+                true => DropReason::UwbNoPair,
+                false => DropReason::UwbClockUnsettled,
+            });
         }
+        self.paired = true;
         for pair in pairs.get(..wanted).unwrap_or_default() {
             let Some(pos_r) = self.anchor(pair.id).pos_E_m else { continue };
             let stretch = clock_n.skew() * pair.sent_after_ticks as f64;
