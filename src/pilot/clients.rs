@@ -271,6 +271,7 @@ impl Pilot {
                     self.guidance.setpoint.filter(|s| is_fresh(s) && s.owner == setpoint.owner);
                 setpoint.since = before.map_or(at, |s| s.since);
                 self.guidance.setpoint = Some(setpoint);
+                self.tell_unobeyed(at);
             }
             Err(why) => self.refuse_setpoint(at, from.0, why),
         }

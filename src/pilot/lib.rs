@@ -274,6 +274,9 @@ pub struct Pilot {
     kept_out_told_at: Option<HostTime>,
     /// Whether it was told that somebody answers from another address: on the board's link, on a station's.
     other_address_told: [bool; 2],
+    /// Since when setpoints come that the mode does not follow, and when that was told.
+    unobeyed_since: Option<HostTime>,
+    unobeyed_told_at: Option<HostTime>,
     unheard_told: unheard::Told,
     passed_on: PassedOn,
     /// How much may still be said to people because of what clients and board say.
@@ -383,6 +386,8 @@ impl Pilot {
             kept_out_told_at: None,
             other_address_told: [false; 2],
             unheard_told: unheard::Told::new(),
+            unobeyed_since: None,
+            unobeyed_told_at: None,
             passed_on: PassedOn::new(),
             echoes: Echoes::new(at),
             answering: false,

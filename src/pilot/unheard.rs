@@ -11,12 +11,16 @@ use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
 
 use super::clients::is_command;
+use super::modes::Mode;
 use super::{LinkId, Pilot, Severity};
 
 /// Bytes that are no frame: as many as no noise makes before a station has said a word.
 const MOST_NOISE_BYTES: u64 = 1000;
 /// Frames with a wrong checksum: so many a bad line has now and then.
 const MOST_DAMAGED: u64 = 10;
+
+/// Setpoints may come for so long before the mode that follows them is asked for, s: PX4 wants a second of them.
+const UNOBEYED_S: f64 = 2.0;
 
 /// A station that knows us speaks to us within this time of a request for another system, s: three heartbeats.
 const KNOWN_WITHIN_S: f64 = 3.0;
@@ -101,6 +105,25 @@ impl Pilot {
             own.component_id
         );
         self.tell_once(at, link, DropReason::MavWrongPeer, text);
+    }
+
+    /// A setpoint came. Who streams them in another mode waits for a vehicle that does not move.
+    pub(super) fn tell_unobeyed(&mut self, at: HostTime) {
+        let follows = [Some(self.mode), self.guidance.next.mode()].contains(&Some(Mode::Offboard));
+        if follows || self.mode == Mode::Disarmed {
+            self.unobeyed_since = None;
+            return;
+        }
+        let since = *self.unobeyed_since.get_or_insert(at);
+        let is_told = self.unobeyed_told_at.is_some_and(|told| told >= since);
+        if at.seconds_since(since) >= UNOBEYED_S && !is_told {
+            self.unobeyed_told_at = Some(at);
+            let mode = self.mode.name();
+            let text = format!(
+                "setpoints come and are not followed in mode {mode}: ask for OFFBOARD (DO_SET_MODE 1, 6)"
+            );
+            self.say(at, Severity::Warning, text);
+        }
     }
 
     fn tell_once(&mut self, at: HostTime, link: LinkId, reason: DropReason, text: String) {

@@ -1,5 +1,7 @@
 //! What ground stations ask, grant and refuse included.
 
+use haltere_core::drops::DropReason;
+use haltere_core::topics::Topic;
 use haltere_dialect::mav::haltere::{
     MANUAL_CONTROL_DATA, MavFrame, MavMessage, MavMissionResult, PositionTargetTypemask as Mask,
     SET_POSITION_TARGET_LOCAL_NED_DATA,
@@ -48,6 +50,72 @@ fn stream(world: &mut Lockstep, ground: &mut Ground, message: &MavMessage, secon
         ground.send(world, message);
         fly_for(world, 0.05);
     }
+}
+
+/// A client streamed setpoints in Hold, and nobody said why the vehicle did not move.
+#[test]
+fn regress_setpoints_that_nobody_follows_are_told_once_with_the_mode_to_ask_for() {
+    let mut world = world(1);
+    let mut ground = Ground::new();
+    let takeoff = [0.0, 0.0, 0.0, f32::NAN, f32::NAN, f32::NAN, 1.0];
+    ground.command(&mut world, MavCmd::MAV_CMD_NAV_TAKEOFF, takeoff);
+    arm(&mut world, &mut ground);
+    until(&mut world, Mode::Hold, 20.0);
+    let north = setpoint(POSITION, [6.0, 5.0, -1.0], [0.0; 3]);
+    let told = |ground: &Ground| {
+        ground
+            .texts
+            .iter()
+            .filter(|text| text.contains("not followed in mode hold: ask for OFFBOARD"))
+            .count()
+    };
+    // PX4 wants a second of them before the mode: so long nothing is wrong.
+    stream(&mut world, &mut ground, &north, 1.5);
+    ground.listen(&mut world);
+    assert_eq!(told(&ground), 0, "{:?}", ground.texts);
+    stream(&mut world, &mut ground, &north, 5.0);
+    ground.listen(&mut world);
+    assert_eq!(told(&ground), 1, "{:?}", ground.texts);
+    let offboard = mode(Mode::Offboard);
+    assert_eq!(
+        ground.command(&mut world, MavCmd::MAV_CMD_DO_SET_MODE, offboard),
+        Some(R::MAV_RESULT_ACCEPTED)
+    );
+    stream(&mut world, &mut ground, &north, 3.0);
+    ground.listen(&mut world);
+    assert_eq!(told(&ground), 1, "{:?}", ground.texts);
+    // Taken out of it, it is told anew.
+    ground.command(&mut world, MavCmd::MAV_CMD_DO_SET_MODE, mode(Mode::Hold));
+    stream(&mut world, &mut ground, &north, 3.0);
+    ground.listen(&mut world);
+    assert_eq!(told(&ground), 2, "{:?}", ground.texts);
+}
+
+/// Who asked for arming at once was warned five times within the first second of every flight.
+#[test]
+fn regress_a_healthy_start_warns_of_nothing_in_its_first_second() {
+    let mut world = world(1);
+    let mut ground = Ground::new();
+    for _ in 0..3 {
+        ground.command(&mut world, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, ARM);
+        fly_for(&mut world, 0.02);
+    }
+    ground.listen(&mut world);
+    assert!(ground.texts.iter().any(|text| text.contains("arming refused")), "{:?}", ground.texts);
+    let mut warnings = Vec::new();
+    world.pilot_mut().drain_topics(|topic| match topic {
+        Topic::Text(text) if text.severity <= 4 => warnings.push(text.text),
+        _ => {}
+    });
+    assert_eq!(warnings, [""; 0]);
+    // Nor is what every start brings called lost.
+    let usual =
+        [DropReason::TagStartByte, DropReason::UwbClockUnsettled, DropReason::MavBeforeHeartbeat];
+    fly_for(&mut world, 3.0);
+    let lost: Vec<_> =
+        world.pilot().drops().iter().flat_map(|drops| drops.iter().collect::<Vec<_>>()).collect();
+    assert!(lost.iter().any(|(reason, _)| usual.contains(reason)), "{lost:?}");
+    assert!(lost.iter().all(|(reason, _)| reason.is_usual()), "{lost:?}");
 }
 
 #[test]
