@@ -78,6 +78,9 @@ pub(super) fn thrust(flight: &Flight, clock: &Clock) -> Vec<String> {
     plots
 }
 
+/// Outputs of a board that tells four, as the two-winged vehicles of this kind have them (docs/GAP.md, 2).
+const FOUR: [&str; 4] = ["Pitch servo", "Left motor", "Yaw servo", "Right motor"];
+
 /// What the board told each motor and servo.
 pub(super) fn outputs(flight: &Flight, clock: &Clock) -> Vec<String> {
     let outputs = flight.outputs();
@@ -85,9 +88,14 @@ pub(super) fn outputs(flight: &Flight, clock: &Clock) -> Vec<String> {
     let plot = |((port, n), told): (&(u8, usize), &Vec<(HostTime, f32)>)| {
         let points = told.iter().map(|(at, value)| [clock.s(*at), f64::from(*value)]).collect();
         let lines = vec![series("told by the board", Tone::Command, Mark::Line, points)];
-        let port = if ports > 1 { format!(" of port {port}") } else { String::new() };
-        let mut plot =
-            clock.plot(&format!("Output {n}{port}"), "\u{b5}s, or as its driver takes", lines);
+        let all = outputs.keys().filter(|(of, _)| of == port).count();
+        let name = FOUR.get(n.wrapping_sub(1)).filter(|_| all == FOUR.len());
+        let of = if ports > 1 { format!(" of port {port}") } else { String::new() };
+        let title = match name {
+            Some(name) => format!("{name} (output {n}{of})"),
+            None => format!("Output {n}{of}"),
+        };
+        let mut plot = clock.plot(&title, "\u{b5}s, or as its driver takes", lines);
         plot.least_height = 20.0;
         plot.render()
     };
