@@ -3,7 +3,7 @@
 //! A fault is brought in where it belongs: the plant breaks, the companion's computer stands still, or somebody
 //! at the station orders something.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
@@ -113,6 +113,7 @@ struct Flight<'a> {
     first_timed_us: Option<u64>,
     start_us: u64,
     reached: u16,
+    items_flown: BTreeSet<u16>,
     phases_begun: Vec<Phase>,
     modes: Vec<Mode>,
     errors: [Mean; 2],
@@ -180,6 +181,7 @@ impl<'a> Flight<'a> {
                 .map(|(at_s, _)| (at_s * 1e6) as u64),
             start_us: 0,
             reached: 0,
+            items_flown: BTreeSet::new(),
             phases_begun: Vec::new(),
             modes: Vec::new(),
             errors: [Mean::default(), Mean::default()],
@@ -233,6 +235,7 @@ impl<'a> Flight<'a> {
                     _ => None,
                 }) {
                     self.reached = seq;
+                    self.items_flown.insert(seq);
                 }
                 self.measure(world, &truth);
                 if let Some(kept) = kept.as_deref_mut() {
@@ -381,6 +384,8 @@ impl<'a> Flight<'a> {
         row.crashed_s = judge.crash.as_ref().and_then(|(us, _)| after(*us));
         row.again_s = judge.again_us.and_then(after);
         row.outside_m = grain(judge.outside_m);
+        row.items = self.plan.mission.items.len() as u64;
+        row.items_flown = self.items_flown.len() as u64;
         row.flown_s = grain(seconds(world.t_us() - self.start_us));
         row.airborne_s = grain(seconds(judge.airborne_steps * STEP_US));
         row.tilt_worst_deg = grain(judge.tilt_deg);

@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
-use haltere::report::html;
+use haltere::report::html::{self, Cell, WRAPS};
 use haltere::report::svg::{Mark, Plot, Series, Tone, escape};
 use serde_json::Value;
 
@@ -15,7 +15,7 @@ use super::table::plain;
 /// Style of what only this page has.
 const STYLE: &str = "h2{margin-top:40px;font-size:18px;border-top:2px solid var(--rule);padding-top:14px}\
 h3{font-size:14px;margin:20px 0 2px}table{margin:8px 0}p{max-width:92ch}\
-td.why{max-width:52ch;font-size:12.5px}code{font-size:12px;word-break:break-all}\
+code{font-size:12px;word-break:break-all}\
 .plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(340px,1fr));gap:8px}";
 /// Bins of a histogram, and of a drawn number.
 const BINS: usize = 24;
@@ -43,27 +43,28 @@ const MEASURES: [Measure; 8] = [
 pub fn render(identity: &Identity, rows: &[&Row], again: &str) -> String {
     let title = format!("Campaign {}", identity.name);
     let mut page = html::open(&title, STYLE);
-    let good = rows.iter().filter(|r| matches!(r.outcome, Outcome::Landed | Outcome::NotTakenOff));
-    let (good, all) = (good.count(), rows.len());
+    let (all, safe) = (rows.len(), rows.iter().filter(|r| r.is_safe()).count());
+    let flown = rows.iter().filter(|r| r.flew_mission()).count();
+    let class = match (safe == all, flown == all) {
+        (true, true) => "good",
+        (true, false) => "none",
+        (false, _) => "bad",
+    };
+    let words = format!("{safe} of {all} safe, {flown} of {all} missions flown");
     let shard = match identity.shard {
         [_, 1] => String::new(),
         [i, n] => format!(", shard {i} of {n}"),
     };
-    let _ = write!(
-        page,
-        "<header><span class=\"verdict {}\">{good} of {all} safe</span><div><h1>{}</h1><p>{all} of {} flights{shard}, \
-         simulated in lockstep by haltere {} ({}), campaign {:.12}</p></div></header>",
-        if good == all { "good" } else { "bad" },
-        escape(&title),
-        identity.flights,
-        escape(&identity.program.version),
-        escape(&identity.program.commit),
-        escape(&identity.digest)
+    let subtitle = format!(
+        "{all} of {} flights{shard}, simulated in lockstep by haltere {} ({}), campaign {:.12}",
+        identity.flights, identity.program.version, identity.program.commit, identity.digest
     );
+    page += &html::header(Some((class, &words)), &title, &subtitle);
     page.push_str(
         "<p>Judged by the truth of the simulator. Safe: landed whole inside the fence, or never off the floor. \
          Crashed: tumbled, or met the floor faster than 2 m/s, sliding faster than 1.5 m/s or leaning by more than \
-         45°. Left: the centre of mass was outside the fence by any amount.</p>",
+         45°. Left: the centre of mass was outside the fence by any amount. A mission is flown when each of its \
+         items was.</p>",
     );
     outcomes(&mut page, rows);
     page.push_str("<h2>How the flights are spread</h2><div class=\"plots\">");
@@ -84,17 +85,15 @@ pub fn render(identity: &Identity, rows: &[&Row], again: &str) -> String {
 }
 
 fn outcomes(page: &mut String, rows: &[&Row]) {
-    page.push_str("<table><thead><tr><th>Outcome</th><th class=\"n\">Flights</th><th class=\"n\">Share</th></tr></thead><tbody>");
-    for outcome in Outcome::ALL {
-        let count = rows.iter().filter(|r| r.outcome == outcome).count();
+    let told = |name: &str, count: usize| {
         let share = 100.0 * count as f64 / rows.len().max(1) as f64;
-        let _ = write!(
-            page,
-            "<tr><td>{}</td><td class=\"n\">{count}</td><td class=\"n\">{share:.1} %</td></tr>",
-            outcome.name()
-        );
-    }
-    page.push_str("</tbody></table>");
+        vec![name.into(), count.to_string().into(), format!("{share:.1} %").into()]
+    };
+    let count = |outcome| rows.iter().filter(|r| r.outcome == outcome).count();
+    let lines = Outcome::ALL.into_iter().map(|outcome| told(outcome.name(), count(outcome)));
+    let missions = told("mission flown", rows.iter().filter(|r| r.flew_mission()).count());
+    let lines: Vec<Vec<Cell>> = lines.chain([missions]).collect();
+    *page += &html::table(["Outcome", "#Flights", "#Share"], &lines);
 }
 
 fn histogram(page: &mut String, name: &str, mut values: Vec<f64>) {
@@ -174,28 +173,25 @@ fn by_value(page: &mut String, key: &str, rows: &[&Row]) {
         let _ = write!(page, "<p>{} different values.</p>", groups.len());
         return;
     }
-    page.push_str("<table><thead><tr><th>Value</th><th class=\"n\">Flights</th>");
-    for outcome in Outcome::ALL {
-        let _ = write!(page, "<th class=\"n\">{}</th>", outcome.name());
-    }
-    page.push_str(
-        "<th class=\"n\">Estimate m</th><th class=\"n\">Setpoint m</th></tr></thead><tbody>",
-    );
-    for (value, group) in groups {
-        let _ = write!(page, "<tr><td>{}</td><td class=\"n\">{}</td>", escape(&value), group.len());
-        for outcome in Outcome::ALL {
-            let count = group.iter().filter(|r| r.outcome == outcome).count();
-            let class = if count > 0 && outcome >= Outcome::Left { "n bad" } else { "n" };
-            let text = if count == 0 { String::new() } else { count.to_string() };
-            let _ = write!(page, "<td class=\"{class}\">{text}</td>");
-        }
-        for pick in [|r: &Row| r.estimate_mean_m, |r: &Row| r.tracking_mean_m] {
-            let _ =
-                write!(page, "<td class=\"n\">{}</td>", mean(group.iter().filter_map(|r| pick(r))));
-        }
-        page.push_str("</tr>");
-    }
-    page.push_str("</tbody></table>");
+    let outcomes = Outcome::ALL.map(|outcome| format!("#{}", outcome.name()));
+    let heads = ["Value", "#Flights"].into_iter().chain(outcomes.iter().map(String::as_str));
+    let heads = heads.chain(["#mission flown", "#Estimate m", "#Setpoint m"]);
+    let lines = groups.into_iter().map(|(value, group)| {
+        let counted = |class: &'static str, count: usize| match count {
+            0 => Cell::from(""),
+            count => Cell::of(class, &count.to_string()),
+        };
+        let count = |outcome| {
+            let class = if outcome >= Outcome::Left { "bad" } else { "" };
+            counted(class, group.iter().filter(|r| r.outcome == outcome).count())
+        };
+        let flown = counted("", group.iter().filter(|r| r.flew_mission()).count());
+        let picks = [|r: &Row| r.estimate_mean_m, |r: &Row| r.tracking_mean_m];
+        let means = picks.map(|pick| mean(group.iter().filter_map(|r| pick(r))).into());
+        let begin = [value, group.len().to_string()].map(Cell::from);
+        begin.into_iter().chain(Outcome::ALL.map(count)).chain([flown]).chain(means).collect()
+    });
+    *page += &html::table(heads, &lines.collect::<Vec<_>>());
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> String {
@@ -204,30 +200,35 @@ fn mean(values: impl Iterator<Item = f64>) -> String {
 }
 
 fn worst(page: &mut String, rows: &[&Row], again: &str) {
-    let mut sorted: Vec<&Row> = rows.to_vec();
-    sorted.sort_by(|a, b| b.badness().total_cmp(&a.badness()).then(a.index.cmp(&b.index)));
-    let _ = write!(
-        page,
-        "<h2>The worst flights</h2><p>Each is flown again, and its log and truth are kept, by the command beside \
-         it.</p><table><thead><tr><th class=\"n\">Flight</th><th>Outcome</th><th>What happened</th><th>Drawn</th>\
-         <th>Modes</th><th>Again</th></tr></thead><tbody>"
+    let mut sorted: Vec<(f64, String, &Row)> = rows
+        .iter()
+        .map(|row| {
+            let (score, number) = row.badness();
+            (score, number, *row)
+        })
+        .collect();
+    sorted.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.2.index.cmp(&b.2.index)));
+    page.push_str(
+        "<h2>The worst flights</h2><p>By outcome, missions that were not flown before others, then by the number beside it. \
+         Each is flown again, and its log and truth are kept, by the command at its end.</p>",
     );
-    for row in sorted.iter().take(WORST) {
+    let lines = sorted.into_iter().take(WORST).map(|(_, number, row)| {
         let drawn: Vec<String> =
             row.drawn.iter().map(|(k, v)| format!("{k} = {}", plain(v))).collect();
-        let _ = write!(
-            page,
-            "<tr><td class=\"n\">{i}</td><td>{}</td><td class=\"why\">{}</td><td class=\"why\">{}</td>\
-             <td class=\"why\">{}</td><td><code>{} --fly {i} --log flight-{i}.mcap</code></td></tr>",
-            row.outcome.name(),
-            escape(&row.why),
-            escape(&drawn.join(", ")),
-            escape(&row.modes.replace('>', " › ")),
-            escape(again),
-            i = row.index
-        );
-    }
-    page.push_str("</tbody></table>");
+        let i = row.index;
+        let items = format!("{} of {}", row.items_flown, row.items);
+        let why = [&row.why, &drawn.join(", "), &row.modes.replace('>', " › ")];
+        let command = format!("<code>{} --fly {i} --log flight-{i}.mcap</code>", escape(again));
+        [i.to_string(), row.outcome.name().to_owned(), number, items]
+            .map(Cell::from)
+            .into_iter()
+            .chain(why.map(|words| Cell::of(WRAPS, words)))
+            .chain([Cell::markup("", command)])
+            .collect()
+    });
+    let heads =
+        ["#Flight", "Outcome", "At worst", "#Items", "What happened", "Drawn", "Modes", "Again"];
+    *page += &html::table(heads, &lines.collect::<Vec<_>>());
 }
 
 #[cfg(test)]
@@ -241,6 +242,9 @@ mod tests {
         let mut rows: Vec<Row> = (0..40).map(|i| Row::blank(i, i, drawn(i as f64))).collect();
         rows[7].outcome = Outcome::Crashed;
         rows[7].why = "hit <the> floor".into();
+        for row in &mut rows[..30] {
+            (row.items, row.items_flown, row.estimate_worst_m) = (8, 8, Some(0.3));
+        }
         let identity = Identity {
             name: "x & y".into(),
             digest: "d".into(),
@@ -252,7 +256,8 @@ mod tests {
         let all: Vec<&Row> = rows.iter().collect();
         let page = render(&identity, &all, "haltere-sim campaign x.toml");
         for needed in [
-            "39 of 40 safe",
+            "39 of 40 safe, 30 of 40 missions flown",
+            "estimate off by 0.30 m",
             "x &amp; y",
             "a&lt;b",
             "hit &lt;the&gt; floor",
@@ -263,6 +268,11 @@ mod tests {
             assert!(page.contains(needed), "{needed} is missing");
         }
         assert_eq!(groups("a<b", &all).iter().map(|(_, g)| g.len()).sum::<usize>(), 40);
+        // No column in which nothing stands: nobody left the volume.
+        assert!(
+            !page.contains("<th class=\"n\">left the volume") && !page.contains("<th>Modes"),
+            "{page}"
+        );
         assert!(render(&identity, &[], "x").contains("0 of 0 safe"));
     }
 }

@@ -78,6 +78,10 @@ pub struct Row {
     pub fault_mode: String,
     /// From the fault to the next change of mode.
     pub reacted_after_s: Option<f64>,
+    /// Items of its mission.
+    pub items: u64,
+    /// Of those flown, in whatever order.
+    pub items_flown: u64,
     /// Length of the flight.
     pub flown_s: f64,
     /// Of that in the air.
@@ -107,6 +111,16 @@ pub struct Row {
 }
 
 impl Row {
+    /// Whether it ended whole, inside, or never off the floor.
+    pub fn is_safe(&self) -> bool {
+        matches!(self.outcome, Outcome::Landed | Outcome::NotTakenOff)
+    }
+
+    /// Whether its mission was flown to the end.
+    pub fn flew_mission(&self) -> bool {
+        self.items > 0 && self.items_flown == self.items
+    }
+
     /// Whether it was outside, whatever came first.
     pub fn left(&self) -> bool {
         self.left_s.is_some()
@@ -147,6 +161,8 @@ impl Row {
             fault_s: None,
             fault_mode: String::new(),
             reacted_after_s: None,
+            items: 0,
+            items_flown: 0,
             flown_s: 0.0,
             airborne_s: 0.0,
             estimate_mean_m: None,
@@ -163,12 +179,20 @@ impl Row {
         }
     }
 
-    /// How bad it was, for lists of the worst: larger is worse.
-    pub fn badness(&self) -> f64 {
+    /// How bad it was, for lists of the worst: larger is worse. By the outcome, then by whether the mission was flown,
+    /// then by the number that is given in words.
+    pub fn badness(&self) -> (f64, String) {
         let rank = Outcome::ALL.iter().position(|o| *o == self.outcome).unwrap_or_default();
-        1e6 * rank as f64
-            + 1e3 * self.outside_m
-            + 10.0 * self.estimate_worst_m.unwrap_or_default()
-            + self.tracking_worst_m.unwrap_or_default()
+        let short = f64::from(u8::from(!self.flew_mission()));
+        let estimate_m = self.estimate_worst_m.unwrap_or_default();
+        let tracking_m = self.tracking_worst_m.unwrap_or_default();
+        let numbers = [
+            (1e3 * self.outside_m, format!("{:.2} m outside", self.outside_m)),
+            (10.0 * estimate_m, format!("estimate off by {estimate_m:.2} m")),
+            (tracking_m, format!("{tracking_m:.2} m from the setpoint")),
+        ];
+        let worst = numbers.into_iter().filter(|n| n.0 > 0.0).max_by(|a, b| a.0.total_cmp(&b.0));
+        let (most, words) = worst.unwrap_or_default();
+        (1e6 * rank as f64 + 1e5 * short + most, words)
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! DIR/campaign.json   which campaign, which program, which shard
-//! DIR/rows.jsonl      one line a flight: the first 16 digits of its SHA-256, a blank, the row as JSON
+//! DIR/rows.jsonl      one line a flight: the row as JSON, its first key `sha256` the first 16 digits of the
+//!                     SHA-256 of the row without that key
 //! ```
 //! A line that a kill or a full disk tore does not fit its digest: it is counted, taken out, and the
 //! flight is flown again.
@@ -120,6 +121,9 @@ pub struct Store {
 pub const IDENTITY: &str = "campaign.json";
 pub const ROWS: &str = "rows.jsonl";
 const LOCK: &str = "lock";
+/// What stands before the digest of a line, and between it and the row.
+const BEFORE: &str = "{\"sha256\":\"";
+const BEHIND: &str = "\",";
 /// Digits of a line's digest.
 const DIGITS: usize = 16;
 
@@ -129,12 +133,14 @@ fn digest(text: &str) -> String {
 
 fn line(row: &Row) -> Result<String> {
     let json = serde_json::to_string(row)?;
-    Ok(format!("{} {json}\n", digest(&json)))
+    let rest = json.trim_start_matches('{');
+    Ok(format!("{BEFORE}{}{BEHIND}{rest}\n", digest(&json)))
 }
 
 fn parse(text: &str) -> Option<Row> {
-    let (sum, json) = text.split_once(' ')?;
-    (sum == digest(json)).then(|| serde_json::from_str(json).ok())?
+    let (sum, rest) = text.strip_prefix(BEFORE)?.split_once(BEHIND)?;
+    let json = format!("{{{rest}");
+    (sum == digest(&json)).then(|| serde_json::from_str(&json).ok())?
 }
 
 /// Whole or not at all.
@@ -241,6 +247,7 @@ pub fn write_all(directory: &Path, identity: &Identity, rows: &BTreeMap<u64, Row
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
 
     fn identity() -> Identity {
         Identity {
@@ -268,6 +275,14 @@ mod tests {
         drop(store);
         let path = dir.path().join(ROWS);
         let whole = std::fs::read(&path).unwrap();
+        // JSON lines, as anybody reads them.
+        for (line, index) in String::from_utf8(whole.clone()).unwrap().lines().zip(0..) {
+            let read: serde_json::Value = serde_json::from_str(line).unwrap();
+            assert_eq!(
+                (&read["index"], &read["outcome"]),
+                (&json!(index), &json!("not-taken-off"))
+            );
+        }
         // Cut at every byte: what is whole comes back as it was, the rest is told.
         let starts: Vec<usize> = std::iter::once(0)
             .chain(whole.iter().enumerate().filter(|(_, b)| **b == b'\n').map(|(i, _)| i + 1))

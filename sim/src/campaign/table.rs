@@ -45,6 +45,8 @@ fn table(rows: &[&Row]) -> Table {
         real("fault_s", rows, |r| r.fault_s),
         text("fault_mode", rows, |r| r.fault_mode.clone()),
         real("reacted_after_s", rows, |r| r.reacted_after_s),
+        whole("items", rows, |r| r.items),
+        whole("items_flown", rows, |r| r.items_flown),
         real("flown_s", rows, |r| Some(r.flown_s)),
         real("airborne_s", rows, |r| Some(r.airborne_s)),
         real("estimate_error_mean_m", rows, |r| r.estimate_mean_m),

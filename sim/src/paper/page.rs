@@ -3,19 +3,19 @@
 
 use std::fmt::Write as _;
 
-use haltere::report::html;
+use haltere::report::html::{self, Cell, WRAPS};
 use haltere::report::svg::{Mark, Plot, Series, Tone, escape};
 use haltere::report::verdict::all_passed;
 
 use super::print::{HEAD, OTHER, OTHER_AT, WORDS, cells};
-use super::results::{CREDIT, Cell, Claim, Row, Section, Verdict};
+use super::results::{CREDIT, Cell as PaperCell, Claim, Row, Section, Verdict};
 use super::{About, Outcome, summary};
 
 /// Style of what only this page has.
 const STYLE: &str = "h2{margin-top:44px;font-size:18px;border-top:2px solid var(--rule);padding-top:14px}\
 h3{font-size:14px;margin:20px 0 2px}\
 nav{columns:2;margin:10px 0 20px}nav a{color:var(--e);text-decoration:none;display:block}\
-table{margin:8px 0}p{max-width:92ch}td.why{max-width:44ch;font-size:12.5px}\
+table{margin:8px 0}p{max-width:92ch}td.why{max-width:44ch}\
 figcaption{color:var(--soft);font-size:12.5px;margin:2px 0 6px}";
 
 /// Prose with `names` in backticks.
@@ -46,12 +46,10 @@ pub fn render(outcomes: &[Outcome], about: &About<'_>) -> String {
     let all = targets().count();
     let good = !failed && met == all;
     let mut page = html::open("The source's experiments", STYLE);
-    let _ = write!(
-        page,
-        "<header><span class=\"verdict {}\">{}</span><div><h1>The source's experiments</h1><p>haltere {}, \
-         simulated in lockstep: {} repetitions, {} s of flight in {:.0} s{}</p></div></header>",
-        if good { "good" } else { "bad" },
-        if failed { "FAILED".into() } else { format!("{met} of {all} targets") },
+    let class = if good { "good" } else { "bad" };
+    let words = if failed { "FAILED".into() } else { format!("{met} of {all} targets") };
+    let subtitle = format!(
+        "haltere {}, simulated in lockstep: {} repetitions, {} s of flight in {:.0} s{}",
         env!("CARGO_PKG_VERSION"),
         about.repetitions,
         about.flown_s,
@@ -59,9 +57,10 @@ pub fn render(outcomes: &[Outcome], about: &About<'_>) -> String {
         if about.changed.is_empty() {
             String::new()
         } else {
-            format!("; changed: {}", escape(&about.changed.join(", ")))
+            format!("; changed: {}", about.changed.join(", "))
         }
     );
+    page += &html::header(Some((class, &words)), "The source's experiments", &subtitle);
     let _ = write!(page, "<p>{}</p><table><tbody>", escape(&about_rows()));
     for line in summary(outcomes) {
         let class = match line.claim {
@@ -129,30 +128,28 @@ fn rows(page: &mut String, section: &Section) {
     if others {
         head.insert(OTHER_AT, OTHER);
     }
-    page.push_str("<table><thead><tr>");
-    for name in &head {
-        let class = if WORDS.contains(name) { "" } else { " class=\"n\"" };
-        let _ = write!(page, "<th{class}>{name}</th>");
-    }
-    page.push_str("<th>place</th></tr></thead><tbody>");
-    for row in &section.rows {
-        page.push_str("<tr>");
-        for (name, cell) in head.iter().zip(cells(row, others)) {
+    let lines = section.rows.iter().map(|row| {
+        let cell = |(name, text): (&&str, String)| {
             let class = match *name {
-                "" => "",
                 "verdict" => match row.verdict() {
                     Verdict::Agrees | Verdict::Better => "good",
                     Verdict::Explained(_) | Verdict::BeyondLimit => "none",
                     Verdict::NotExplained => "bad",
                 },
-                name if WORDS.contains(&name) => "why",
-                _ => "n",
+                name if WORDS.contains(&name) => WRAPS,
+                _ => "",
             };
-            let _ = write!(page, "<td class=\"{class}\">{}</td>", prose(&cell));
-        }
-        let _ = write!(page, "<td>{}</td></tr>", row.source.origin);
-    }
-    page.push_str("</tbody></table>");
+            Cell::markup(class, prose(&text))
+        };
+        let cells = head.iter().zip(cells(row, others)).map(cell);
+        cells.chain([Cell::from(&row.source.origin)]).collect()
+    });
+    let heads = head.iter().map(|name| match name.is_empty() || WORDS.contains(name) {
+        true => (*name).to_owned(),
+        false => format!("#{name}"),
+    });
+    let heads: Vec<String> = heads.chain(["place".to_owned()]).collect();
+    *page += &html::table(heads.iter().map(String::as_str), &lines.collect::<Vec<_>>());
     if let Some(plot) = against(section) {
         let _ = write!(page, "<div class=\"two\">{}</div>", plot.render());
     }
@@ -193,26 +190,16 @@ fn draw(page: &mut String, section: &Section) {
     let _ = write!(page, "<p class=\"note\">{}</p>", prose(&section.method));
     rows(page, section);
     for table in &section.tables {
-        let _ = write!(page, "<h3>{}</h3><table><thead><tr>", escape(&table.title));
-        for (k, name) in table.columns.iter().enumerate() {
-            let class = if k == 0 { "" } else { " class=\"n\"" };
-            let _ = write!(page, "<th{class}>{}</th>", escape(name));
-        }
-        page.push_str("</tr></thead><tbody>");
-        for row in &table.rows {
-            page.push_str("<tr>");
-            for (k, cell) in row.iter().enumerate() {
-                let text = cell.text();
-                let class = match cell {
-                    _ if k == 0 => "",
-                    Cell::Text(text) if text.len() > LONG => " class=\"why\"",
-                    _ => " class=\"n\"",
-                };
-                let _ = write!(page, "<td{class}>{}</td>", escape(&text));
-            }
-            page.push_str("</tr>");
-        }
-        page.push_str("</tbody></table>");
+        let _ = write!(page, "<h3>{}</h3>", escape(&table.title));
+        let heads = table.columns.iter().enumerate();
+        let heads = heads.map(|(k, name)| if k == 0 { name.clone() } else { format!("#{name}") });
+        let heads: Vec<String> = heads.collect();
+        let cell = |cell: &PaperCell| match cell {
+            PaperCell::Text(text) if text.len() > LONG => Cell::of(WRAPS, text),
+            cell => cell.text().into(),
+        };
+        let rows = table.rows.iter().map(|row| row.iter().map(cell).collect());
+        *page += &html::table(heads.iter().map(String::as_str), &rows.collect::<Vec<_>>());
         if !table.note.is_empty() {
             let _ = write!(page, "<p class=\"note\">{}</p>", prose(&table.note));
         }
