@@ -8,7 +8,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::gap::{BankOptions, SceneOptions};
-use super::gap_references::References;
+use super::gap_references::{References, each_once};
 use super::gap_report::Report;
 use super::gap_session::{Opened, open};
 use super::which_flight::{WhichFlight, tell};
@@ -173,6 +173,7 @@ impl Advise {
             anyhow::bail!("{}: {fault}", path.display());
         }
         super::gap_session::same_survey(&second, first)?;
+        each_once(&[first, &second])?;
         let items = second.mission.clone();
         if items.is_empty() {
             anyhow::bail!("{}: no mission in this log", path.display());

@@ -31,6 +31,8 @@ pub(super) struct Accepted {
     pub first: Vec<Flown>,
     /// On missions of the others.
     pub held_out: Vec<Flown>,
+    /// Logs on the mission of the first that were not counted: of a flight that is judged, or of one that was given already.
+    pub copies: usize,
 }
 
 /// A name that was given, or that lies in a folder that was given.
@@ -52,12 +54,12 @@ impl References {
         let of = named.len() + held_out.len();
         let progress = Progress::new("reference flights");
         let mut taken = Vec::new();
-        for (k, Found { path, in_folder }) in named.into_iter().enumerate() {
+        let mut given: Vec<Flown> = Vec::new();
+        let named = named.into_iter().map(|found| (found, true));
+        for (k, (Found { path, in_folder }, is_first)) in
+            named.chain(held_out.into_iter().map(|found| (found, false))).enumerate()
+        {
             progress.at(k, of);
-            // The flights that are judged may lie beside those that they are judged by.
-            if judged(first.into_iter().chain(others), &path) {
-                continue;
-            }
             let flown = match sound(&path) {
                 Ok(flown) => flown,
                 Err(why) if in_folder => {
@@ -66,6 +68,22 @@ impl References {
                 }
                 Err(why) => return Err(why),
             };
+            // The flights that are judged may lie beside those that they are judged by, and a flight counts once.
+            let judged = first.into_iter().chain(others);
+            let before = if is_first { &given } else { &accepted.held_out };
+            let known = again(&flown, judged, "is judged");
+            if let Some(why) = known.or_else(|| again(&flown, before, "was given already")) {
+                taken.push(why);
+                let on_first = first.is_some_and(|first| same_flight(&flown, first).is_ok());
+                accepted.copies += usize::from(is_first && on_first);
+                continue;
+            }
+            if !is_first {
+                taken.push(format!("held-out reference: {}", path.display()));
+                accepted.held_out.push(flown);
+                continue;
+            }
+            given.push(flown.clone());
             let fits = first.map_or(Ok(()), |first| same_flight(&flown, first));
             let of_others = || others.iter().any(|other| same_flight(&flown, other).is_ok());
             match fits {
@@ -89,20 +107,6 @@ impl References {
                     "left out: {}: flew another mission than the logs to judge on",
                     path.display()
                 )),
-            }
-        }
-        for Found { path, in_folder } in held_out {
-            if judged(first.into_iter().chain(others), &path) {
-                continue;
-            }
-            progress.at(accepted.first.len() + accepted.held_out.len(), of);
-            match sound(&path) {
-                Ok(flown) => {
-                    taken.push(format!("held-out reference: {}", path.display()));
-                    accepted.held_out.push(flown);
-                }
-                Err(why) if in_folder => taken.push(format!("left out: {why:#}")),
-                Err(why) => return Err(why),
             }
         }
         progress.at(of, of);
@@ -133,7 +137,10 @@ pub(super) fn of_one_mission(names: &[PathBuf]) -> anyhow::Result<Vec<Flown>> {
             flights.first().map_or(Ok(()), |first| same_flight(&flown, first)).map(|()| flown)
         });
         match read {
-            Ok(flown) => flights.push(flown),
+            Ok(flown) => match again(&flown, &flights, "was given already") {
+                Some(why) => eprintln!("{why}"),
+                None => flights.push(flown),
+            },
             Err(why) if in_folder => eprintln!("left out: {why:#}"),
             Err(why) => return Err(why),
         }
@@ -142,12 +149,26 @@ pub(super) fn of_one_mission(names: &[PathBuf]) -> anyhow::Result<Vec<Flown>> {
     Ok(flights)
 }
 
-/// Whether this is one of the flights that are judged.
-fn judged<'a>(mut flights: impl Iterator<Item = &'a Flown>, path: &Path) -> bool {
-    let whole = |path: &Path| std::fs::canonicalize(path).ok();
-    flights.any(|flown| {
-        flown.path == path || whole(&flown.path).is_some_and(|p| Some(p) == whole(path))
-    })
+/// That this log is of the flight of another, which is judged or was given already; `None`: it is of none.
+fn again<'a>(
+    flown: &Flown,
+    others: impl IntoIterator<Item = &'a Flown>,
+    what: &str,
+) -> Option<String> {
+    let other = others.into_iter().find(|other| other.is_of_the_flight_of(flown))?;
+    let (path, other) = (flown.path.display(), other.path.display());
+    Some(format!("not counted: {path}: is the flight of {other}, which {what}"))
+}
+
+/// Refuses logs of which two are of one flight: what is judged on flights that were fitted says nothing, and twice the same says it
+/// once.
+pub(super) fn each_once(flights: &[&Flown]) -> anyhow::Result<()> {
+    for (k, flown) in flights.iter().enumerate() {
+        if let Some(why) = again(flown, flights[..k].iter().copied(), "was given already") {
+            anyhow::bail!("{why}; leave it out");
+        }
+    }
+    Ok(())
 }
 
 /// A log that can stand for a good flight.

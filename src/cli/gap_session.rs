@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use super::gap::{BankOptions, SceneOptions};
-use super::gap_references::{Accepted, References};
+use super::gap_references::{Accepted, References, each_once};
 use super::which_flight::{WhichFlight, tell};
 use crate::progress::Progress;
 use haltere_gap::attribute::{Attributor, Settings};
@@ -91,10 +91,15 @@ pub(super) fn open(
         tell(&other.path, other.flight);
         same_survey(other, &flown)?;
     }
-    let Accepted { first, held_out } = references.read(Some(&flown), &others)?;
-    if !first.is_empty() && first.len() < LEAST_REFERENCES {
+    each_once(&std::iter::once(&flown).chain(&others).collect::<Vec<_>>())?;
+    let Accepted { first, held_out, copies } = references.read(Some(&flown), &others)?;
+    if (copies > 0 || !first.is_empty()) && first.len() < LEAST_REFERENCES {
+        let copies = match copies {
+            0 => String::new(),
+            n => format!(", beside {n} logs of a flight that is judged or was given already"),
+        };
         anyhow::bail!(
-            "{} reference flights on the mission of {name}, at least {LEAST_REFERENCES} needed, 20 are better",
+            "{} reference flights on the mission of {name}{copies}; at least {LEAST_REFERENCES} needed, 20 are better",
             first.len()
         );
     }

@@ -7,7 +7,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::gap::{BankOptions, SceneOptions};
-use super::gap_references::References;
+use super::gap_references::{References, each_once};
 use super::gap_session::{Opened, Session, open};
 use super::which_flight::{WhichFlight, tell};
 use super::{print, print_json};
@@ -126,6 +126,7 @@ impl Shrink {
             sound(&flown, &told)?;
             flights.push(flown);
         }
+        each_once(&flights.iter().collect::<Vec<_>>())?;
         Ok(flights)
     }
 }

@@ -38,6 +38,7 @@ pub mod bank_file;
 pub mod beside_truth;
 pub mod cells;
 pub mod commission;
+mod content;
 pub mod details;
 pub mod diagnosis;
 pub mod discriminate;

@@ -13,6 +13,7 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::Serialize;
 
 use super::as_flown::AsFlown;
+use super::content::Content;
 use super::scene::{Scene, Told};
 use super::trace::Trace;
 use haltere_core::survey::Survey;
@@ -66,6 +67,8 @@ pub struct Flown {
     pub remarks: Vec<String>,
     /// Keys whose value differs from the default configuration, flown against default.
     pub parameters: Vec<ParameterDifference>,
+    /// What it is known by in another file.
+    content: Content,
 }
 
 /// A key of the configuration that is not at its default.
@@ -99,6 +102,7 @@ pub fn read_log(log: &LogReader, asked: Option<usize>) -> Result<Flown, ReplayEr
         AsFlown::of(log, &part).put_into(&mut trace);
     }
     let config = recorded_config(log)?;
+    let content = Content::of(&trace);
     let mut flown = Flown {
         path: log.path().to_owned(),
         flight: part.flight(),
@@ -107,6 +111,7 @@ pub fn read_log(log: &LogReader, asked: Option<usize>) -> Result<Flown, ReplayEr
         replay,
         trace,
         config,
+        content,
         faults: Vec::new(),
         remarks: Vec::new(),
     };
@@ -115,6 +120,11 @@ pub fn read_log(log: &LogReader, asked: Option<usize>) -> Result<Flown, ReplayEr
 }
 
 impl Flown {
+    /// Whether this and another log are of one flight, whatever their files are called and whichever part they hold.
+    pub fn is_of_the_flight_of(&self, other: &Self) -> bool {
+        self.content.is_of_the_flight_of(&other.content)
+    }
+
     fn examine(&mut self) {
         self.remarks.extend(self.flight.and_then(|flight| flight.words()));
         if self.replay.same_source {

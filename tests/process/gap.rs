@@ -213,6 +213,31 @@ fn val_a_gap_is_diagnosed_advised_shrunk_accepted_and_undone() {
     says("other.mcap", &["other.mcap", "another mission"]);
     says("surveyed.mcap", &["surveyed.mcap", "another anchor survey"]);
     says("again.mcap", &["1 reference flights", "at least 8"]);
+    // A flight is known by what it holds: eight copies of the judged one were eight references, and eight of another one too.
+    let copies = |of: &str| -> Vec<String> {
+        let name = |k| format!("copy {k}.mcap");
+        let copied = (0..8).map(|k| fs::copy(dir.join(of), dir.join(name(k))).map(|_| name(k)));
+        copied.map(Result::unwrap).collect()
+    };
+    for (of, left, said) in [
+        ("worn.mcap", 0, "not counted: copy 7.mcap: is the flight of worn.mcap, which is judged"),
+        (
+            "again.mcap",
+            1,
+            "not counted: copy 7.mcap: is the flight of copy 0.mcap, which was given already",
+        ),
+    ] {
+        let copies = copies(of);
+        let mut args = vec!["worn.mcap", "--reference"];
+        args.extend(copies.iter().map(String::as_str));
+        let beside = format!(
+            "{left} reference flights on the mission of worn.mcap, beside {} logs",
+            8 - left
+        );
+        diagnose(dir, &args).refused(&[said, &beside]);
+    }
+    diagnose(dir, &["worn.mcap", "copy 0.mcap", "copy 1.mcap"])
+        .refused(&["copy 1.mcap: is the flight of copy 0.mcap"]);
     // Of a folder what does not fit is left out, and said.
     fs::create_dir(dir.join("refs")).unwrap();
     for (from, to) in [("again.mcap", "a.mcap"), ("other.mcap", "b.mcap"), ("cut.mcap", "c.mcap")] {
