@@ -1,5 +1,6 @@
 //! Faults: things that break in flight, by call or by `MAV_CMD_INJECT_FAILURE`.
 
+use haltere_core::checks::Problems;
 use haltere_dialect::mav::haltere::{FailureType, FailureUnit};
 use nalgebra::Vector3;
 
@@ -94,8 +95,8 @@ pub enum Fault {
     },
     /// A gust begins.
     Gust(Gust),
-    /// The accelerometer reads so many times what it should, by body axis.
-    AccelerometerScale([f64; 3]),
+    /// A sensor that works reads something else than what is: unit, scale, offset, sign, axes.
+    Misread(Sensor, Misreading),
     /// The tag says what it heard in the last so many seconds again and again; `None`: what it hears.
     TagReplay(Option<TagReplay>),
     /// So many of the board's next heartbeats, the first of them at once, say that it is disarmed.
@@ -108,6 +109,60 @@ pub enum Fault {
     HeadingOff(f64),
     /// A leg of the gear is broken: where it stands on the floor, it falls over to its right.
     GearLeg(bool),
+}
+
+/// A sensor as the board reports it; it flies on others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sensor {
+    /// Accelerometer, m/s², body axes.
+    Accelerometer,
+    /// Gyroscope, rad/s, body axes.
+    Gyroscope,
+    /// Both together: the IMU.
+    Imu,
+    /// Barometer, Pa, on the first axis.
+    Barometer,
+    /// Voltage and current of the pack, V and A, on the first two axes.
+    Battery,
+    /// The attitude that is said; of a misreading the rotation nearest to its matrix.
+    Attitude,
+}
+
+/// What a sensor reads of the true value y: `M y + o`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Misreading {
+    /// M, by rows.
+    pub matrix: [[f64; 3]; 3],
+    /// o, in the unit of the sensor.
+    pub offset: [f64; 3],
+}
+
+impl Misreading {
+    /// What is.
+    pub const NONE: Self =
+        Self { matrix: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], offset: [0.0; 3] };
+
+    /// So many times what is, by axis.
+    pub fn scale([x, y, z]: [f64; 3]) -> Self {
+        Self { matrix: [[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, z]], ..Self::NONE }
+    }
+
+    /// The value read.
+    pub fn of(&self, y: &Vector3<f64>) -> Vector3<f64> {
+        let dot = |row: &[f64; 3]| row[0] * y.x + row[1] * y.y + row[2] * y.z;
+        let [x, y, z] = &self.matrix;
+        Vector3::new(dot(x), dot(y), dot(z)) + Vector3::from(self.offset)
+    }
+
+    /// Says what is out of range.
+    pub fn check(&self, key: &str, problems: &mut Problems) {
+        for value in self.matrix.iter().flatten() {
+            problems.range(format_args!("{key}.scale"), *value, -1000.0..=1000.0, "");
+        }
+        for value in self.offset {
+            problems.range(format_args!("{key}.offset"), value, -2e5..=2e5, "");
+        }
+    }
 }
 
 /// What a tag says again.
@@ -164,6 +219,11 @@ const UNITS: [FailureUnit; 9] = [
 ];
 
 impl Fault {
+    /// The accelerometer reads so many times what it should, by body axis.
+    pub fn accelerometer_scale(scale: [f64; 3]) -> Self {
+        Fault::Misread(Sensor::Accelerometer, Misreading::scale(scale))
+    }
+
     /// What mends it. `None`: it passes by itself, or has no state to go back to.
     pub fn mended(&self) -> Option<Fault> {
         let healthy = FaultKind::Healthy;
@@ -184,7 +244,7 @@ impl Fault {
             Fault::LineNoise { line, .. } => {
                 Fault::LineNoise { line: *line, noise: LineNoise::default() }
             }
-            Fault::AccelerometerScale(_) => Fault::AccelerometerScale([1.0; 3]),
+            Fault::Misread(sensor, _) => Fault::Misread(*sensor, Misreading::NONE),
             Fault::TagReplay(_) => Fault::TagReplay(None),
             Fault::SecondBoard(_) => Fault::SecondBoard(None),
             Fault::SecondPack(_) => Fault::SecondPack(None),
@@ -241,8 +301,8 @@ pub struct SensorFault {
     kind: FaultKind,
     since_s: f64,
     held: Vector3<f64>,
-    /// Times the true value by axis, whatever else is wrong.
-    gain: Vector3<f64>,
+    /// What it makes of the true value, whatever else is wrong.
+    misreading: Misreading,
     /// Size of a typical error, unit of the sensor.
     scale: f64,
     /// Axes that carry a value, the first ones.
@@ -257,7 +317,7 @@ impl SensorFault {
             kind: FaultKind::Healthy,
             since_s: 0.0,
             held: Vector3::zeros(),
-            gain: Vector3::repeat(1.0),
+            misreading: Misreading::NONE,
             scale,
             axes: 3,
             rng: Stream::new(seed, name),
@@ -276,16 +336,16 @@ impl SensorFault {
         self.since_s = t_s;
     }
 
-    /// It reads so many times the true value, by axis.
-    pub fn set_gain(&mut self, gain: [f64; 3]) {
-        self.gain = gain.into();
+    /// It makes this of the true value.
+    pub fn misread(&mut self, misreading: Misreading) {
+        self.misreading = misreading;
     }
 
     /// What it reads for the value `y`; `false`: nothing new.
     #[inline]
     pub fn apply(&mut self, t_s: f64, y: &mut Vector3<f64>) -> bool {
         let age_s = t_s - self.since_s;
-        y.component_mul_assign(&self.gain);
+        *y = self.misreading.of(y);
         match self.kind {
             FaultKind::Healthy => {
                 self.held = *y;
@@ -349,7 +409,7 @@ mod tests {
     #[test]
     fn prop_a_gain_acts_on_its_axis_whatever_else_is_wrong() {
         let mut sensor = SensorFault::new(2.0, 1, "test");
-        sensor.set_gain([1.0, 1.0, 3.0]);
+        sensor.misread(Misreading::scale([1.0, 1.0, 3.0]));
         let mut read = |kind| {
             sensor.set(kind, 0.0);
             let mut y = Vector3::new(1.0, 0.5, -9.8);

@@ -351,6 +351,8 @@ impl Plant {
         // The board measures what it runs on, a broken cell included.
         let mut reported = Supply { volt: self.state.supply_v, ..self.supply };
         self.bank.battery_report(&self.state, &mut reported);
+        let said = self.broken.battery.of(&Vector3::new(reported.volt, reported.current_a, 0.0));
+        (reported.volt, reported.current_a) = (said.x, said.y);
         self.scratch.clear();
         let (pos_E_m, R_EB) = (self.state.pos_E_m, self.state.R_EB);
         let field_B_ut = match &mut self.magnetometer {

@@ -6,14 +6,14 @@ mod words;
 
 pub use order::{Order, Shape, Unit, Way, failure_number};
 pub use told::Told;
-pub use words::{LineName, Part, Phase, State, Voice, Wing};
+pub use words::{LineName, Part, Phase, SensorName, State, Voice, Wing};
 
 use std::collections::BTreeMap;
 
 use haltere_core::checks::Problems;
-use haltere_core::frames::Vec3;
+use haltere_core::frames::{B, E, Rot, Vec3};
 use haltere_model::effects::EffectSet;
-use haltere_model::faults::TagReplay;
+use haltere_model::faults::{Misreading, TagReplay};
 use haltere_model::gust::Gust;
 use haltere_model::line_noise::LineNoise;
 use haltere_model::tag::MOST_REPLAY_S;
@@ -89,9 +89,21 @@ pub struct FaultAt {
     /// Values of its parameters.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub values: BTreeMap<String, f64>,
-    /// What the accelerometer reads of the true value, by body axis.
+    /// What a sensor reads of the true value, by axis (of the body).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale: Option<[f64; 3]>,
+    /// Which sensor misreads.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<SensorName>,
+    /// What each axis reads: 1 to 3 for x, y, z, below 0 with the other sign.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axes: Option<[i8; 3]>,
+    /// How the sensor is mounted: turned by roll, pitch and yaw, degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn_deg: Option<[f64; 3]>,
+    /// What is added, in the unit of the sensor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset: Option<[f64; 3]>,
     /// Length of the stretch that a tag says again, s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub window_s: Option<f64>,
@@ -277,13 +289,20 @@ impl FaultAt {
                     _ => Fault::EffectOn { id, values },
                 }
             }
-            Part::AccelerometerScale if !broken => Fault::AccelerometerScale([1.0; 3]),
+            Part::AccelerometerScale if !broken => Fault::accelerometer_scale([1.0; 3]),
             Part::AccelerometerScale => {
                 let scale = need(self.scale, key, "scale", problems)?;
                 for (i, gain) in scale.into_iter().enumerate() {
                     problems.range(format_args!("{key}.scale[{i}]"), gain, -10.0..=10.0, "");
                 }
-                Fault::AccelerometerScale(scale)
+                Fault::accelerometer_scale(scale)
+            }
+            Part::Misread => {
+                let sensor = need(self.sensor, key, "sensor", problems)?.sensor();
+                Fault::Misread(
+                    sensor,
+                    if broken { self.misreading(key, problems) } else { Misreading::NONE },
+                )
             }
             Part::TagReplay if !broken => Fault::TagReplay(None),
             Part::TagReplay => {
@@ -315,6 +334,30 @@ impl FaultAt {
                 return None;
             }
         })
+    }
+
+    /// Scale of what the axes read of the vehicle as it is turned, and the offset.
+    fn misreading(&self, key: &str, problems: &mut Problems) -> Misreading {
+        let axes = self.axes.unwrap_or([1, 2, 3]);
+        if axes.iter().any(|axis| !(1..=3).contains(&axis.unsigned_abs())) {
+            problems.say(format!("{key}.axes = {axes:?}: each is 1, 2 or 3, or that below 0"));
+            return Misreading::NONE;
+        }
+        let [roll, pitch, yaw] = self.turn_deg.unwrap_or_default().map(f64::to_radians);
+        let turned = Rot::<E, B>::from_euler_rad(roll, pitch, yaw).matrix().transpose();
+        let scale = self.scale.unwrap_or([1.0; 3]);
+        let matrix = std::array::from_fn(|i| {
+            let row = usize::from(axes[i].unsigned_abs()) - 1;
+            std::array::from_fn(|j| scale[i] * f64::from(axes[i].signum()) * turned[(row, j)])
+        });
+        let misreading = Misreading { matrix, offset: self.offset.unwrap_or_default() };
+        misreading.check(key, problems);
+        if misreading == Misreading::NONE {
+            problems.say(format!(
+                "{key}: a misreading needs one or more of scale, axes, turn_deg, offset"
+            ));
+        }
+        misreading
     }
 
     fn noise(&self) -> LineNoise {

@@ -1,6 +1,6 @@
 //! Words of a scenario's `[[fault]]`.
 
-use haltere_model::faults::{FaultKind, LineId, SecondVoice};
+use haltere_model::faults::{FaultKind, LineId, SecondVoice, Sensor};
 use serde::{Deserialize, Serialize};
 
 /// A part of a flight, as a bystander would tell it.
@@ -97,6 +97,8 @@ pub enum Part {
     Effect,
     /// Scale of the accelerometer; needs `scale`.
     AccelerometerScale,
+    /// A sensor that works reads something else; needs `sensor`, and one or more of `scale`, `axes`, `turn_deg`, `offset`.
+    Misread,
     /// The tag says its last `window_s` again and again; `times_go_on`.
     TagReplay,
     /// Heartbeats of the board that say disarmed; `count`, 1 without it.
@@ -141,6 +143,38 @@ pub enum State {
     Drift,
     /// Single wild samples among good ones.
     Spike,
+}
+
+/// A sensor that misreads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SensorName {
+    /// Accelerometer, m/s².
+    Accelerometer,
+    /// Gyroscope, rad/s.
+    Gyroscope,
+    /// Accelerometer and gyroscope alike.
+    Imu,
+    /// Barometer, Pa, on the first axis.
+    Barometer,
+    /// Voltage and current, V and A, on the first two axes.
+    Battery,
+    /// The board's attitude: turns alone.
+    Attitude,
+}
+
+impl SensorName {
+    /// As the plant knows it.
+    pub fn sensor(self) -> Sensor {
+        match self {
+            SensorName::Accelerometer => Sensor::Accelerometer,
+            SensorName::Gyroscope => Sensor::Gyroscope,
+            SensorName::Imu => Sensor::Imu,
+            SensorName::Barometer => Sensor::Barometer,
+            SensorName::Battery => Sensor::Battery,
+            SensorName::Attitude => Sensor::Attitude,
+        }
+    }
 }
 
 /// Sides.

@@ -4,6 +4,8 @@ use haltere_dialect::mav::haltere::{
     BATTERY_STATUS_DATA, HEARTBEAT_DATA, MavBatteryFunction, MavMessage, MavModeFlag,
 };
 
+use nalgebra::{Matrix3, UnitQuaternion};
+
 use crate::board::Board;
 
 /// Lies in force.
@@ -14,6 +16,8 @@ pub(super) struct Lies {
     /// Voltage of a second pack, V.
     second_pack_v: Option<f64>,
     heading_off_rad: f64,
+    /// What is said of the attitude is turned by this, body frame.
+    turn: Option<UnitQuaternion<f64>>,
 }
 
 impl Lies {
@@ -42,6 +46,17 @@ impl Board {
     /// Its heading is off by this, clockwise, rad.
     pub fn turn_heading(&mut self, angle_rad: f64) {
         self.lies.heading_off_rad = angle_rad;
+    }
+
+    /// Says an attitude that is turned by this, in the body frame.
+    pub fn turn_attitude(&mut self, matrix: &[[f64; 3]; 3]) {
+        let rows = Matrix3::from_fn(|i, j| matrix[i][j]);
+        self.lies.turn = (rows != Matrix3::identity()).then(|| UnitQuaternion::from_matrix(&rows));
+    }
+
+    /// The attitude as it is said.
+    pub(super) fn said_attitude(&self) -> UnitQuaternion<f64> {
+        self.lies.turn.map_or(self.believed, |turn| self.believed * turn)
     }
 
     /// The heartbeat as it is said.

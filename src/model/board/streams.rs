@@ -336,7 +336,7 @@ impl Board {
     }
 
     fn attitude(&self, r: &Readings<'_>) -> MavMessage {
-        let q = self.believed;
+        let q = self.said_attitude();
         let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
         let w = r.state.rate_B_radps;
         MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {

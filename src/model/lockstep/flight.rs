@@ -96,6 +96,23 @@ pub fn start<W: World>(
     ground: &mut Ground,
     items: &[MISSION_ITEM_INT_DATA],
 ) -> Result<(), FlightError> {
+    make_ready(world, ground, items)?;
+    match ground.command(world, MavCmd::MAV_CMD_MISSION_START, [0.0; 7]) {
+        Some(MavResult::MAV_RESULT_ACCEPTED) => Ok(()),
+        other => Err(FlightError::Refused {
+            what: "mission start",
+            result: answer(other),
+            texts: ground.texts.clone(),
+        }),
+    }
+}
+
+/// Uploads a mission and arms as soon as the vehicle allows it.
+pub fn make_ready<W: World>(
+    world: &mut Lockstep<W>,
+    ground: &mut Ground,
+    items: &[MISSION_ITEM_INT_DATA],
+) -> Result<(), FlightError> {
     let refused = |what, result: String, ground: &Ground| FlightError::Refused {
         what,
         result,
@@ -109,7 +126,7 @@ pub fn start<W: World>(
     let asked_us = world.t_us();
     loop {
         match ground.command(world, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, arm) {
-            Some(MavResult::MAV_RESULT_ACCEPTED) => break,
+            Some(MavResult::MAV_RESULT_ACCEPTED) => return Ok(()),
             // Not ready yet: alignment takes its time.
             Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED)
                 if world.t_us() < asked_us + ALIGN_US =>
@@ -129,10 +146,6 @@ pub fn start<W: World>(
             }
             other => return Err(refused("arming", answer(other), ground)),
         }
-    }
-    match ground.command(world, MavCmd::MAV_CMD_MISSION_START, [0.0; 7]) {
-        Some(MavResult::MAV_RESULT_ACCEPTED) => Ok(()),
-        other => Err(refused("mission start", answer(other), ground)),
     }
 }
 

@@ -15,7 +15,8 @@ mod world;
 mod tests;
 
 pub use flight::{
-    Flight, FlightError, SAMPLE_US, Sample, fly, fly_unsampled, fly_watched, local_item, start,
+    Flight, FlightError, SAMPLE_US, Sample, fly, fly_unsampled, fly_watched, local_item,
+    make_ready, start,
 };
 pub use ground::Ground;
 pub use world::World;

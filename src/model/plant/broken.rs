@@ -2,7 +2,7 @@
 
 use super::Plant;
 use super::second_board::SecondBoard;
-use crate::faults::{Fault, FaultKind, LineId, SensorFault};
+use crate::faults::{Fault, FaultKind, LineId, Misreading, Sensor, SensorFault};
 use crate::gust::Gust;
 use crate::tag::MOST_REPLAY_S;
 use haltere_core::checks::Problems;
@@ -15,6 +15,8 @@ pub(super) struct Broken {
     pub wing_gain: [f64; 2],
     pub servos: (FaultKind, f64),
     pub battery_drop_v: f64,
+    /// What is said of voltage, V, and current, A.
+    pub battery: Misreading,
     pub board_link: (FaultKind, f64),
     pub to_board: (FaultKind, f64),
     /// A gust and its begin, s.
@@ -34,6 +36,7 @@ impl Broken {
             wing_gain: [1.0; 2],
             servos: (FaultKind::Healthy, 0.0),
             battery_drop_v: 0.0,
+            battery: Misreading::NONE,
             board_link: (FaultKind::Healthy, 0.0),
             to_board: (FaultKind::Healthy, 0.0),
             gust: None,
@@ -102,12 +105,10 @@ impl Plant {
                     self.broken.gust = Some((gust, t_s));
                 }
             }
-            Fault::AccelerometerScale(gain) => {
-                for (axis, gain) in ["x", "y", "z"].into_iter().zip(gain) {
-                    problems.range(format_args!("fault.scale.{axis}"), gain, -10.0..=10.0, "");
-                }
+            Fault::Misread(sensor, misreading) => {
+                misreading.check("fault", &mut problems);
                 if problems.is_empty() {
-                    self.broken.accelerometer.set_gain(gain);
+                    self.misread(sensor, misreading);
                 }
             }
             Fault::TagReplay(replay) => {
@@ -139,5 +140,20 @@ impl Plant {
             }
         }
         problems.into_result()
+    }
+
+    fn misread(&mut self, sensor: Sensor, misreading: Misreading) {
+        let broken = &mut self.broken;
+        match sensor {
+            Sensor::Accelerometer => broken.accelerometer.misread(misreading),
+            Sensor::Gyroscope => broken.gyroscope.misread(misreading),
+            Sensor::Imu => {
+                broken.accelerometer.misread(misreading);
+                broken.gyroscope.misread(misreading);
+            }
+            Sensor::Barometer => broken.barometer.misread(misreading),
+            Sensor::Battery => broken.battery = misreading,
+            Sensor::Attitude => self.board.turn_attitude(&misreading.matrix),
+        }
     }
 }

@@ -37,7 +37,7 @@ fn regress_an_accelerometer_that_reads_too_much_is_found_before_the_vehicle_fall
         .collect();
     cases.into_par_iter().for_each(|(seed, phase, scale)| {
         let (mut world, mut ground) = aloft(world(seed), phase);
-        world.plant_mut().inject(Fault::AccelerometerScale(scale)).unwrap();
+        world.plant_mut().inject(Fault::accelerometer_scale(scale)).unwrap();
         let found_s = until(&mut world, Mode::Descend, 1.0);
         let (meets_mps, _) = way_down(&mut world, &mut ground, 40.0);
         println!("{scale:?} {phase:?} seed {seed}: after {found_s:.2} s, floor met with {meets_mps:.2} m/s");
@@ -63,7 +63,7 @@ fn regress_an_accelerometer_that_reads_twice_is_found_where_a_client_flies() {
             position(&mut ground, &mut world, [n + aside, e, d]);
             if step == 80 {
                 assert_eq!(world.pilot().mode(), Mode::Offboard, "{:#?}", ground.texts);
-                world.plant_mut().inject(Fault::AccelerometerScale([scale; 3])).unwrap();
+                world.plant_mut().inject(Fault::accelerometer_scale([scale; 3])).unwrap();
             }
             if step == 2 {
                 let answer = ground.command(&mut world, MavCmd::MAV_CMD_DO_SET_MODE, OFFBOARD);
@@ -93,7 +93,7 @@ fn regress_an_accelerometer_that_reads_too_much_in_the_last_metre_ends_no_landin
             world.step();
         }
         let scale = if n < 6 { [1.0, 1.0, 1.5] } else { [1.5; 3] };
-        world.plant_mut().inject(Fault::AccelerometerScale(scale)).unwrap();
+        world.plant_mut().inject(Fault::accelerometer_scale(scale)).unwrap();
         let (meets_mps, _) = way_down(&mut world, &mut ground, 40.0);
         println!("{scale:?} from {from_m:.2} m: floor met with {meets_mps:.2} m/s");
         assert!(meets_mps < 2.0, "{scale:?} from {from_m:.2} m: {meets_mps:.2} m/s");
