@@ -22,7 +22,7 @@ use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
 use haltere_log::record::{GlueState, Recorder, RecorderSummary};
-use haltere_pilot::{Input, LinkId, Mode, Pilot};
+use haltere_pilot::{Input, LinkId, Look, Mode, Pilot, Quantity};
 
 /// Longest sleep: how soon the end of the program is noticed, µs.
 const LONGEST_SLEEP_US: i64 = 50_000;
@@ -73,6 +73,8 @@ pub(super) struct CoreSummary {
     pub recording: RecorderSummary,
     pub glue: GlueState,
     pub losses: Losses,
+    /// What was known of the vehicle at the end, if it stood: name, what it came to, and what to do.
+    pub at_rest: Vec<(&'static Quantity, Look)>,
 }
 
 /// What the thread carries from one wake-up to the next.
@@ -125,7 +127,9 @@ impl Core {
         self.report_losses(&mut rounds);
         self.recorder.glue(clock::now(), &rounds.glue);
         let Rounds { glue, losses, .. } = rounds;
-        CoreSummary { recording: self.recorder.finish(), glue, losses }
+        let stands = self.pilot.mode() == Mode::Disarmed;
+        let at_rest = if stands { self.pilot.at_rest(clock::now()).collect() } else { Vec::new() };
+        CoreSummary { recording: self.recorder.finish(), glue, losses, at_rest }
     }
 
     /// What is done at a wake-up: takes what has come, lets the core work, hands on what it yields.

@@ -62,7 +62,7 @@ use crate::watch::{Feed, Watch, WatchError};
 use haltere_core::topics::Topic;
 use haltere_log::record::{BuildIdentity, Limits, RecordError, Recorder, RecorderSummary, Session};
 use haltere_pilot::settings::{Address, Config, HostPort, TagPort};
-use haltere_pilot::{LinkId, Pilot};
+use haltere_pilot::{LinkId, Look, Pilot, Quantity};
 
 /// Largest piece that goes out: a MAVLink frame with a signature, and some.
 const OUT_BYTES: usize = mav_stream::MAX_FRAME + 24;
@@ -168,6 +168,9 @@ pub struct RunSummary {
     pub worst_lateness_s: f64,
     /// Losses around the core: link number, reason, count.
     pub drops: Vec<(u8, &'static str, u64)>,
+    /// What was known of the vehicle at the end, if it stood.
+    #[serde(skip)]
+    pub at_rest: Vec<(&'static Quantity, Look)>,
     /// It ended while the vehicle was armed: the board's own failsafe is in charge.
     pub ended_armed: bool,
 }
@@ -503,7 +506,7 @@ fn tell(topic: &Topic) {
 }
 
 fn summarise(summary: CoreSummary, earlier: Vec<RecorderSummary>, ended_armed: bool) -> RunSummary {
-    let CoreSummary { recording, glue, losses } = summary;
+    let CoreSummary { recording, glue, losses, at_rest } = summary;
     let lost_entries = earlier.iter().map(|log| log.lost_entries).sum::<u64>();
     let earlier_logs = earlier.iter().filter_map(|log| log.path.clone()).collect();
     let error = earlier.into_iter().find_map(|log| log.error).or(recording.error);
@@ -519,6 +522,7 @@ fn summarise(summary: CoreSummary, earlier: Vec<RecorderSummary>, ended_armed: b
             .into_iter()
             .map(|((link, reason), count)| (link.number(), reason.name(), count))
             .collect(),
+        at_rest,
         ended_armed,
     }
 }

@@ -194,21 +194,23 @@ impl Pilot {
                 self.last_imu = Some(sample.valid_at);
                 self.imu = Some(sample);
                 self.supervisor.repetition.note(&sample);
+                let weighed = self.estimator.weighed(&sample);
                 // What repeats itself says nothing new, and what waited in a pause is over.
                 let repeats = self.supervisor.repetition.accelerometer_s() > 0.0;
                 if !repeats && !self.resumption.is_before_its_end(sample.valid_at) {
-                    self.touch.acc_z(sample.acc_B_mps2.z(), dt_s);
+                    self.touch.acc_z(weighed.acc_B_mps2.z(), dt_s);
                 } else if self.is_numb() {
                     self.touch.deaf();
                 }
                 if let Some(board) = &self.board_attitude {
-                    self.supervisor.lying.imu(&sample, &board.attitude);
+                    self.supervisor.lying.imu(&weighed, &board.attitude);
                 }
                 self.estimator.imu(&sample);
                 self.record(|| Topic::Imu(sample));
             }
             BoardNews::Attitude(attitude) => {
                 self.board_attitude = Some(attitude);
+                self.board_down.note(&attitude);
                 self.estimator.board_vertical(&attitude);
                 if self.estimate.health == Health::NotAligned {
                     let yaw_rad = self.north.room_yaw_rad(attitude.attitude);
@@ -228,6 +230,7 @@ impl Pilot {
                 self.record(|| Topic::Servos(servos));
             }
             BoardNews::Baro(sample) => {
+                self.pressure_pa = Some((sample.pressure_pa, sample.received_at));
                 self.estimator.baro(&sample);
                 self.watch_baro(&sample);
                 self.record(|| Topic::Baro(sample));

@@ -48,6 +48,7 @@
 
 mod anew;
 mod arming;
+mod at_rest;
 mod awaited;
 #[cfg(test)]
 mod bench;
@@ -112,7 +113,7 @@ mod unheard;
 pub mod uwb;
 mod voice;
 
-pub use arming::Check as ArmingCheck;
+pub use at_rest::{AT_REST, Look, Quantity};
 pub use config::{BoardProfile, FlightConfig, LimitsConfig, PilotConfig, TagProtocol};
 pub use endpoint::{
     Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig, Routing,
@@ -140,6 +141,7 @@ use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ControlRecord, Topic};
 
+use at_rest::BoardDown;
 use board::{BoardLink, BoardNews, LinkConfig, Peers};
 use calendar::Calendar;
 use change::Cause;
@@ -161,9 +163,6 @@ use supervisor::{SteadyClock, Supervisor};
 use survey_check::SurveyCheck;
 use telemetry_counts::PairStats;
 use voice::{Echoes, Severity};
-
-/// Every check before a flight, in its order.
-pub const ARMING_CHECKS: [ArmingCheck; 12] = ArmingCheck::ALL;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -212,6 +211,9 @@ pub struct Pilot {
     board_bytes_at: HostTime,
     board_news: Vec<BoardNews>,
     board_attitude: Option<BoardAttitude>,
+    board_down: BoardDown,
+    /// The newest pressure that is one, Pa.
+    pressure_pa: Option<(f64, HostTime)>,
     battery: Option<BatterySample>,
     /// What the board last told motors and servos.
     servos: Option<ServoOutput>,
@@ -344,6 +346,8 @@ impl Pilot {
             board_bytes_at: at,
             board_news: Vec::new(),
             board_attitude: None,
+            board_down: BoardDown::default(),
+            pressure_pa: None,
             battery: None,
             servos: None,
             north: BoardNorth::new(config.board_north_offset_rad),

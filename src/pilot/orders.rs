@@ -7,7 +7,7 @@ use haltere_core::estimate::Health;
 use haltere_core::frames::Vec3;
 use haltere_core::time::HostTime;
 
-use super::arming::{Check, SHADOW_WORDS};
+use super::arming::SHADOW_WORDS;
 use super::awaited::{Next, too_far};
 use super::commands::{Answer, Awaits, Refusal, Request, refuse};
 use super::identity::SHOWN_MODES;
@@ -58,10 +58,7 @@ impl Pilot {
                     format!("arming refused: {why}"),
                 );
             }
-            for check in Check::ALL {
-                let Some(warning) = self.arming_warning(check) else { continue };
-                self.say(at, Severity::Warning, format!("arming {warning}"));
-            }
+            self.tell_at_rest(at);
             self.board.command_arm(true, false, at);
             self.wait_for_board(at, request, Awaits::Arm);
             self.fire(at, Event::ArmAsked);

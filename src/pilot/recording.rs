@@ -95,7 +95,7 @@ impl Pilot {
 mod tests {
     use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
-    use super::super::arming::Check;
+    use super::super::at_rest::{LOG, Look};
     use super::super::{Input, PilotConfig};
     use super::*;
     use haltere_core::frames::Vec3;
@@ -145,27 +145,27 @@ mod tests {
         assert!(!is_healthy(&pilot));
         // It is told to whoever arms, and keeps nobody from it.
         let now = HostTime::from_us(3_000_000);
-        assert_eq!(pilot.arming_check(Check::Log, now), Ok(()));
-        assert_eq!(pilot.arming_warning(Check::Log).as_ref(), stopped.first());
+        let fits = Look::Fits(String::new());
+        assert_eq!((LOG.look)(&pilot, now), Look::Told(stopped[0].clone()));
         let missing = ["log goes on; 7 entries are missing"];
         assert_eq!(told(&mut pilot, 3, Recording::Runs, "7 entries are missing"), missing);
-        assert!(is_healthy(&pilot) && pilot.arming_warning(Check::Log).is_none());
+        assert!(is_healthy(&pilot) && (LOG.look)(&pilot, now) == fits);
         // On the bench: the next flight is recorded, so nobody is warned of it.
         let waits = told(&mut pilot, 4, Recording::Waits, "0.9 GB free");
         assert_eq!(waits, ["log waits for a flight: 0.9 GB free"]);
-        assert!(!is_healthy(&pilot) && pilot.arming_warning(Check::Log).is_none());
+        assert!(!is_healthy(&pilot) && (LOG.look)(&pilot, now) == fits);
     }
 
     #[test]
     fn regress_nothing_arms_without_a_log_where_one_is_required() {
         let mut pilot = pilot(true);
         let now = HostTime::from_us(9_000_000);
-        assert_eq!(pilot.arming_check(Check::Log, now), Ok(()), "nobody records");
+        let fits = Look::Fits(String::new());
+        assert_eq!((LOG.look)(&pilot, now), fits, "nobody records");
         told(&mut pilot, 1, Recording::Stopped, "no room");
-        let refusal = pilot.arming_check(Check::Log, now).unwrap_err();
-        assert_eq!(refusal, "without log: no room: make room, or set flight.log_required = false");
-        assert!(pilot.arming_warning(Check::Log).is_none());
+        let refusal = "without log: no room: make room, or set flight.log_required = false";
+        assert_eq!(pilot.refusal(&LOG, now).as_deref(), Some(refusal));
         told(&mut pilot, 2, Recording::Waits, "little room");
-        assert_eq!(pilot.arming_check(Check::Log, now), Ok(()));
+        assert_eq!((LOG.look)(&pilot, now), fits);
     }
 }

@@ -17,7 +17,7 @@ use crate::sources::Loaded;
 use haltere_core::time::HostTime;
 use haltere_log::record::{Decoded, Entry, LogReader, RawInput};
 use haltere_pilot::settings::StoreConfig;
-use haltere_pilot::{Lines, LinkId, TagProtocol};
+use haltere_pilot::{Lines, LinkId, Look, Quantity, TagProtocol};
 
 /// Time in which links open and streams begin, s; it is not counted.
 const SETTLE_S: f64 = 2.0;
@@ -45,6 +45,8 @@ struct Heard {
     late: Option<(u64, u64)>,
     /// Whoever speaks, with which reader ever.
     lines: Lines,
+    /// The table of what is known at rest, at the end.
+    at_rest: Vec<(&'static Quantity, Look)>,
 }
 
 /// Listens for `seconds`.
@@ -80,6 +82,7 @@ fn listen(loaded: &Loaded, seconds: f64, directory: PathBuf) -> Result<Heard, St
     let log = LogReader::open(path).map_err(|error| error.to_string())?;
     let mut heard = count(&log, quiet.config.tag.protocol);
     heard.late = Some((summary.late_wake_ups, summary.wake_ups));
+    heard.at_rest = summary.at_rest;
     Ok(heard)
 }
 
@@ -178,6 +181,7 @@ fn judge(loaded: &Loaded, heard: &Heard) -> Vec<Finding> {
     if misplaced.is_none() || heard.heartbeats > 0 {
         findings.extend(board(heard));
     }
+    findings.extend(heard.at_rest.iter().filter_map(|(row, look)| at_rest(row, look)));
     if let Some((late, of)) = heard.late {
         let text = format!("{late} of {of} wake-ups came more than 5 ms late");
         let way_out = "end what loads this computer, and see timing.realtime";
@@ -189,6 +193,20 @@ fn judge(loaded: &Loaded, heard: &Heard) -> Vec<Finding> {
         });
     }
     findings
+}
+
+/// What is measured in the vehicle, as whoever arms would hear it.
+fn at_rest(row: &Quantity, look: &Look) -> Option<Finding> {
+    let what = format!("at rest: {}", row.name);
+    let way_out =
+        if row.way_out.is_empty() { "docs/SAFETY.md, What is known at rest" } else { row.way_out };
+    match look {
+        _ if !row.is_measured => None,
+        Look::Fits(found) if found.is_empty() => None,
+        Look::Fits(found) => Some(Finding::ok(what, found)),
+        Look::Told(found) => Some(Finding::warning(what, found, way_out)),
+        Look::Refused(found) => Some(Finding::problem(what, found, way_out)),
+    }
 }
 
 fn tag(loaded: &Loaded, heard: &Heard) -> Vec<Finding> {

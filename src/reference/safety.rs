@@ -2,9 +2,7 @@
 
 use std::fmt::Write as _;
 
-use haltere_pilot::{
-    ARMING_CHECKS, CONDITIONS, Condition, Mode, Number, PilotConfig, Reaction, Watched,
-};
+use haltere_pilot::{AT_REST, CONDITIONS, Condition, Mode, Number, PilotConfig, Reaction, Watched};
 
 /// Modes with columns of their own; the others are said in words.
 const COLUMNS: [(&str, Mode); 13] = [
@@ -125,6 +123,20 @@ that is silent for 2 s.
 simulator that flies its faults at an endpoint of its own (`haltere-sim serve --orders`).
 * **Frames that are routed to the board** (`ground.routing = \"board\"`) while we are in control: of commands those that \
 ask for messages, and for streams that we do not fly by. Every other command is kept back, known or not.
+";
+
+/// Before the rows of what is known at rest.
+const AT_REST_HEAD: &str = "
+## What is known at rest
+
+One table (`src/pilot/at_rest.rs`). It is asked in this order when a client asks to arm; the first row that lets nothing \
+fly is the answer, and all of them are reported as health. Forced arming skips none. What can be flown with is told to \
+whoever arms, with what was measured (`at rest: …`). All rows but the board's are asked again when the motors are to turn: an \
+estimator that has lost its alignment since, a vehicle that was carried outside the fence or tipped over does not take off. \
+What is marked *live* is also what `haltere check --live` says.
+
+| quantity | must be, and how well | looked at | said | follows |
+|---|---|---|---|---|
 ";
 
 const TAIL: &str = "
@@ -273,14 +285,21 @@ pub fn page() -> String {
     page += "\nEvery beginning and end is also an event (`condition_begins`, `condition_ends` in \
              `events.json`), and stands in the log with its text.\n";
     page += BOARD;
-    page += "\n## Arming checks\n\nMade in this order when a client asks to arm; the first that fails is the \
-             answer, and all of them are reported as health. Forced arming skips none. All but the board's \
-             are made again when the motors are to turn: an estimator that has lost its alignment since, a \
-             vehicle that was carried outside the fence or tipped over does not take off.\n\n\
-             | check | looks at | texts |\n|---|---|---|\n";
-    for check in ARMING_CHECKS {
-        let [name, at, texts] = check.words();
-        let _ = writeln!(page, "| {name} | {at} | {texts} |");
+    page += AT_REST_HEAD;
+    for row in &AT_REST {
+        let numbers: String =
+            row.numbers.iter().map(|n| format!("; {}", number(&config, n))).collect();
+        let looked_at = match row.looked_at_s {
+            0.0 => "newest".to_owned(),
+            s => format!("{s} s"),
+        };
+        let live = if row.is_measured { ", live" } else { "" };
+        let way_out = if row.way_out.is_empty() { "" } else { ": " };
+        let _ = writeln!(
+            page,
+            "| {} | {}{numbers} | {looked_at}{live} | {}{way_out}{} | {} |",
+            row.name, row.must_be, row.said, row.way_out, row.follows
+        );
     }
     page += TAIL;
     page

@@ -7,7 +7,17 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+use crate::frames::{B, G_MPS2, Vec3};
 use crate::time::HostTime;
+
+/// Specific force at rest over gravity: farther than this from 1 it is told and taken into the filter as a scale. The
+/// healthy ones of the recorded strangers are within 0.01, gravity itself differs by 0.005 over the earth.
+pub const FORCE_TOLD_SHARE: f64 = 0.02;
+/// Farther than this from 1 it is no gravity that is read: what a calibrated sensor keeps over temperature is a third of
+/// it, and what is left after the scale was taken in is 0.15 m/s² where thrust changes by a third.
+pub const FORCE_MOST_SHARE: f64 = 0.05;
+/// Time constant of what the IMU reads while the vehicle stands, s, and how long it is looked at before it is known.
+pub const STANDING_S: f64 = 1.0;
 
 /// A rest ends when a sample differs from the mean by this much, m/s².
 const REST_ACC_MPS2: f64 = 1.0;
@@ -16,7 +26,44 @@ const REST_RATE_RADPS: f64 = 0.1;
 /// Samples over which the mean runs at most: a bias that drifts while standing is followed.
 const LONGEST_MEAN: f64 = 5000.0;
 /// Bias a gyroscope may have, rad/s: more is a rotation.
-const LARGEST_BIAS_RADPS: f64 = 0.2;
+pub const LARGEST_BIAS_RADPS: f64 = 0.2;
+
+/// What the IMU reads while the vehicle stands, whether it rests or not: mean and scatter.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Standing {
+    /// Mean specific force.
+    pub acc_B_mps2: Vec3<B>,
+    /// Mean rate.
+    pub rate_B_radps: Vec3<B>,
+    /// Scatter about the first, of all three axes together, m/s².
+    pub std_acc_mps2: f64,
+    /// The same of the second, rad/s.
+    pub std_rate_radps: f64,
+    seen_s: f64,
+}
+
+impl Standing {
+    /// Takes a sample that came `dt_s` after the one before.
+    pub fn add(&mut self, dt_s: f64, acc_B_mps2: Vec3<B>, rate_B_radps: Vec3<B>) {
+        if self.seen_s == 0.0 {
+            *self = Self { acc_B_mps2, rate_B_radps, ..Self::default() };
+        }
+        self.seen_s += dt_s;
+        let weight = dt_s / (STANDING_S + dt_s);
+        let follow = |mean: &mut Vec3<B>, std: &mut f64, now: Vec3<B>| {
+            let off = now - *mean;
+            *mean = *mean + off * weight;
+            *std = ((1.0 - weight) * (*std * *std + weight * off.norm().powi(2))).sqrt();
+        };
+        follow(&mut self.acc_B_mps2, &mut self.std_acc_mps2, acc_B_mps2);
+        follow(&mut self.rate_B_radps, &mut self.std_rate_radps, rate_B_radps);
+    }
+
+    /// Whether it was looked at for long enough.
+    pub fn is_known(&self) -> bool {
+        self.seen_s >= STANDING_S
+    }
+}
 
 /// Mean of the IMU while nothing moves.
 #[derive(Debug, Clone, Default)]
@@ -57,6 +104,14 @@ impl RestAverage {
     /// Mean rate: the bias, rad/s.
     pub fn rate_B(&self) -> Vector3<f64> {
         self.rate_B
+    }
+
+    /// What the specific force is to be multiplied with, so that it is gravity at rest: 1 where it is so nearly, or where it
+    /// is so far from it that no scale is the reason.
+    pub fn force_gain(&self) -> f64 {
+        let share = self.acc_B.norm() / G_MPS2;
+        let off = (share - 1.0).abs();
+        if (FORCE_TOLD_SHARE..=FORCE_MOST_SHARE).contains(&off) { share.recip() } else { 1.0 }
     }
 
     /// Roll and pitch from the mean specific force, with a heading.
@@ -270,4 +325,49 @@ fn residual(kept: &Kept, x_E: &Vector3<f64>, hidden_m: f64) -> (f64, Vector3<f64
     let (from_a, from_b) = (x_E - kept.a_E, x_E - kept.b_E);
     let (a, b) = (from_a.norm().max(1e-3), from_b.norm().max(1e-3));
     (kept.distance_diff_m - kept.hidden * hidden_m - (b - a), from_b / b - from_a / a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_a_few_percent_of_gravity_are_a_scale_and_more_is_none() {
+        let gain = |share: f64| {
+            let mut rest = RestAverage::default();
+            let acc_B = Vector3::new(0.3, -0.2, -1.0).normalize() * (share * G_MPS2);
+            (0..100).for_each(|n| rest.add(HostTime::from_us(n * 4000), &acc_B, &Vector3::zeros()));
+            rest.force_gain()
+        };
+        for share in [0.96, 1.04] {
+            assert!((gain(share) * share - 1.0).abs() < 1e-9, "{share}: {}", gain(share));
+        }
+        for share in [0.5, 0.94, 0.99, 1.0, 1.015, 1.06, 2.0] {
+            assert_eq!(gain(share), 1.0, "{share}");
+        }
+    }
+
+    #[test]
+    fn prop_standing_tells_mean_and_scatter_and_forgets_what_was() {
+        let mut standing = Standing::default();
+        let mut feel = |seconds: f64, rate_radps: f64, scatter_radps: f64| {
+            for n in 0..(seconds * 250.0) as u32 {
+                let sign = if n.is_multiple_of(2) { 1.0 } else { -1.0 };
+                let rate_B = Vec3::new(0.0, rate_radps + sign * scatter_radps, 0.0);
+                standing.add(0.004, Vec3::new(0.0, 0.0, -G_MPS2), rate_B);
+            }
+            standing
+        };
+        assert!(!feel(0.5, 0.0, 0.01).is_known());
+        let quiet = feel(2.0, 0.02, 0.01);
+        assert!(quiet.is_known() && (quiet.rate_B_radps.y() - 0.02).abs() < 0.005, "{quiet:?}");
+        assert!(
+            (quiet.std_rate_radps - 0.01).abs() < 0.005 && quiet.std_acc_mps2 < 1e-9,
+            "{quiet:?}"
+        );
+        let loud = feel(3.0, 0.5, 0.2);
+        assert!(loud.rate_B_radps.y() > 0.45 && loud.std_rate_radps > 0.15, "{loud:?}");
+        let again = feel(6.0, 0.0, 0.0);
+        assert!(again.std_rate_radps < 0.05 && again.rate_B_radps.y().abs() < 0.01, "{again:?}");
+    }
 }

@@ -56,6 +56,7 @@ use crate::measure::{AnchorId, ImuSample};
 use crate::survey::Survey;
 use crate::time::HostTime;
 
+pub use align::{FORCE_MOST_SHARE, FORCE_TOLD_SHARE, LARGEST_BIAS_RADPS, STANDING_S, Standing};
 use align::{Recent, RestAverage};
 pub use anchor_check::{AnchorCheck, AnchorFit, MOST_HIDDEN_M};
 pub use bias::MOST_ANCHORS;
@@ -152,6 +153,9 @@ pub struct Estimator {
     airborne: bool,
     heading: Option<(f64, f64)>,
     rest: RestAverage,
+    standing: Standing,
+    /// What the specific force is multiplied with, as the last rest had it.
+    force_gain: f64,
     /// Attitude from rest, carried on by the gyroscope until there is a position to start with.
     level: Option<UnitQuaternion<f64>>,
     rested_at: HostTime,
@@ -232,6 +236,8 @@ impl Estimator {
             airborne,
             heading: None,
             rest: RestAverage::default(),
+            standing: Standing::default(),
+            force_gain: 1.0,
             level: None,
             rested_at: HostTime::default(),
             hidden_at: HostTime::default(),
@@ -282,6 +288,17 @@ impl Estimator {
         self.rest.duration_s()
     }
 
+    /// What the IMU reads while the vehicle stands, or read when it last did; `None`: it did not for long enough yet.
+    pub fn standing(&self) -> Option<&Standing> {
+        Some(&self.standing).filter(|standing| standing.is_known())
+    }
+
+    /// A sample whose specific force is gravity's where the vehicle rests: an accelerometer of a few percent too much or
+    /// too little is used so.
+    pub fn weighed(&self, sample: &ImuSample) -> ImuSample {
+        ImuSample { acc_B_mps2: sample.acc_B_mps2 * self.force_gain, ..*sample }
+    }
+
     /// Heading at the start, which rest cannot show: without it there is no start from rest.
     pub fn set_initial_heading(&mut self, yaw_rad: f64, std_rad: f64) {
         if yaw_rad.is_finite() && std_rad.is_finite() && std_rad > 0.0 {
@@ -293,11 +310,11 @@ impl Estimator {
 
     /// Takes an IMU sample and predicts to it.
     pub fn imu(&mut self, sample: &ImuSample) {
-        let acc_B = sample.acc_B_mps2.raw();
+        let read_acc_B = sample.acc_B_mps2.raw();
         let rate_B = sample.rate_B_radps.raw();
         let plausible = sample.acc_B_mps2.is_finite()
             && sample.rate_B_radps.is_finite()
-            && acc_B.amax() < LARGEST_ACC_MPS2
+            && read_acc_B.amax() < LARGEST_ACC_MPS2
             && rate_B.amax() < LARGEST_RATE_RADPS;
         if !plausible {
             self.drops.add(DropReason::BadValue, 1);
@@ -312,10 +329,14 @@ impl Estimator {
         self.imu_seen = true;
         self.at = sample.valid_at.max(self.at);
         if !self.airborne {
-            self.rest.add(sample.valid_at, &acc_B, &rate_B);
+            self.rest.add(sample.valid_at, &read_acc_B, &rate_B);
+            // The first sample, and one after a gap, stand for no time.
+            let dt_s = if (0.0..GAP_S).contains(&dt_s) { dt_s } else { 0.0 };
+            self.standing.add(dt_s, sample.acc_B_mps2, sample.rate_B_radps);
             self.rested_at = self.at;
             if self.rest.duration_s() >= self.config.align_s {
                 self.stood_at = Some(self.at);
+                self.force_gain = self.rest.force_gain();
                 self.gyro_bias_B = self.rest.rate_B();
                 let gyro = self.config.gyro_bias;
                 if let Some(state) = self.state.as_mut().filter(|_| gyro.estimate) {
@@ -323,6 +344,8 @@ impl Estimator {
                 }
             }
         }
+        let sample = &self.weighed(sample);
+        let acc_B = sample.acc_B_mps2.raw();
         let learned_B = self.state.as_ref().map(|s| s.biases.gyro_B_radps()).unwrap_or_default();
         let unbiased_B = rate_B - self.gyro_bias_B - learned_B;
         if first {

@@ -128,6 +128,8 @@ pub(super) struct BoardLink {
     /// Our heartbeat is withheld, so that its own failsafe acts.
     mute: bool,
     slow: [SlowFields; SLOW_SETS],
+    /// The newest pressure that is none, as it was sent.
+    odd_pressure: Option<(f64, HostTime)>,
     /// Which of several are flown on, by [`Kind`].
     instances: [Instances; Kind::COUNT],
     events: Events,
@@ -175,6 +177,7 @@ impl BoardLink {
             held: false,
             mute: false,
             slow: Default::default(),
+            odd_pressure: None,
             instances: Default::default(),
             events: Events::default(),
             text: TextJoiner::default(),
@@ -193,6 +196,11 @@ impl BoardLink {
             (true, false) => "",
         };
         format!("; system {system_id}, component {component_id} speaks on its link{what}")
+    }
+
+    /// The newest pressure that is neither in hPa nor in Pa, as it was sent.
+    pub fn odd_pressure(&self) -> Option<(f64, HostTime)> {
+        self.odd_pressure
     }
 
     /// Its system id, once it was found.

@@ -210,10 +210,9 @@ impl BoardLink {
         let slow = &mut self.slow[usize::from(m.id) % SLOW_SETS];
         let fields = fields & slow.really_new(self.firmware, m);
         if fields & Fields::HIGHRES_IMU_UPDATED_ABS_PRESSURE.bits() != 0 {
-            // The field is in hPa. PX4 sends pascal (seen with 1.16.1), which nothing in hPa comes near.
+            // The field is in hPa. Some send pascal (seen with PX4 1.16.1), which nothing in hPa comes near.
             let raw = f64::from(m.abs_pressure);
-            let in_pa = self.firmware == Firmware::Px4 && raw > *PRESSURE_HPA.end();
-            let hpa = if in_pa { raw * 0.01 } else { raw };
+            let hpa = if raw > *PRESSURE_HPA.end() { raw * 0.01 } else { raw };
             if PRESSURE_HPA.contains(&hpa) && !self.flies_on(Kind::Barometer, at, (m.id, 0), news) {
                 drops.add(DropReason::OtherInstance, 1);
             } else if PRESSURE_HPA.contains(&hpa) {
@@ -223,6 +222,7 @@ impl BoardLink {
                     pressure_pa: hpa * 100.0,
                 }));
             } else {
+                self.odd_pressure = Some((raw, at));
                 drops.add(DropReason::BadValue, 1);
             }
         }

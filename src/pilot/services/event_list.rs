@@ -6,7 +6,7 @@
 use serde_json::{Map, Value, json};
 
 use super::super::OWN_COMPONENT;
-use super::super::arming::Check;
+use super::super::at_rest::{AT_REST, Quantity, is};
 use super::super::identity::SHOWN_MODES;
 use super::super::modes::{Event as Cause, Mode, TABLE};
 use super::super::supervisor::CONDITIONS;
@@ -21,7 +21,7 @@ pub const HEALTH_SUMMARY: u32 = 3;
 pub const CONDITION_BEGINS: u32 = 4;
 /// Numbers of events.
 pub const CONDITION_ENDS: u32 = 5;
-/// Number of the first check's event; the others follow in the order of [`Check::ALL`].
+/// Number of the event of the first row of [`AT_REST`]; the others follow in their order.
 pub const FIRST_CHECK: u32 = 16;
 
 /// The id of an event on the wire.
@@ -29,14 +29,14 @@ pub fn wire_id(number: u32) -> u32 {
     u32::from(OWN_COMPONENT) << 24 | number
 }
 
-/// Bit of a component of health: 0 is "none", the checks follow.
-pub fn health_bit(check: Check) -> u32 {
-    1 << health_index(check)
+/// Bit of a component of health: 0 is "none", what is known at rest follows.
+pub fn health_bit(row: &Quantity) -> u32 {
+    1 << health_index(row)
 }
 
 /// Index of the same.
-pub fn health_index(check: Check) -> u8 {
-    Check::ALL.iter().position(|c| *c == check).unwrap_or(0) as u8 + 1
+pub fn health_index(row: &Quantity) -> u8 {
+    AT_REST.iter().position(|other| is(other, row)).unwrap_or(0) as u8 + 1
 }
 
 /// All modes that can be chosen: each has a bit, in the order of AVAILABLE_MODES.
@@ -54,28 +54,6 @@ pub fn cause_number(from: Mode, on: Cause) -> u8 {
     TABLE.iter().position(|row| row.on == on && row.from.contains(&from)).unwrap_or(0) as u8
 }
 
-/// Name of a component of health, what it is called, and what is said when its check fails.
-fn words(check: Check) -> [&'static str; 3] {
-    match check {
-        Check::Board => {
-            ["board", "Inner-loop board", "The board is missing, silent, slow or armed"]
-        }
-        Check::Estimate => ["estimate", "Position estimate", "The estimate is not good"],
-        Check::Imu => ["imu", "Inertial sensors", "No IMU data from the board"],
-        Check::Uwb => ["uwb", "Ultra-wideband", "No UWB measurements"],
-        Check::Attitude => ["attitude", "Attitude", "The vehicle does not stand level"],
-        Check::Fence => ["fence", "Fence", "The vehicle stands outside the fence"],
-        Check::Anchors => ["anchors", "Anchor survey", "An anchor does not fit the others"],
-        Check::Kept => {
-            ["kept", "Kept files", "Kept files are damaged: upload them anew, or clear them"]
-        }
-        Check::Battery => ["battery", "Battery", "Battery low, or no voltage from the board"],
-        Check::Gains => ["gains", "Control gains", "The loops cannot fly with these gains"],
-        Check::Log => ["log", "Flight log", "Flights are not recorded"],
-        Check::Shadow => ["shadow", "Shadow", "This companion only watches"],
-    }
-}
-
 fn argument(kind: &str, name: &str) -> Value {
     json!({ "type": kind, "name": name })
 }
@@ -89,9 +67,9 @@ fn entries<'a>(of: impl Iterator<Item = (u64, &'a str, &'a str)>) -> Value {
 
 /// The file.
 pub fn json() -> Value {
-    let checks = || Check::ALL.into_iter();
+    let checks = || AT_REST.iter();
     let health = std::iter::once((1, "none", "None"))
-        .chain(checks().map(|c| (u64::from(health_bit(c)), words(c)[0], words(c)[1])));
+        .chain(checks().map(|row| (u64::from(health_bit(row)), row.name, row.title)));
     let choices = SHOWN_MODES.iter().enumerate();
     let groups: Map<String, Value> =
         choices.clone().map(|(i, m)| (i.to_string(), json!([m.mode.custom_mode()]))).collect();
@@ -101,10 +79,10 @@ pub fn json() -> Value {
         || TABLE.iter().map(|row| row.because).chain(CONDITIONS.iter().map(|row| row.because));
     let check_events: Map<String, Value> = checks()
         .zip(FIRST_CHECK..)
-        .map(|(check, number)| {
+        .map(|(row, number)| {
             let event = json!({
-                "name": format!("check_{}", words(check)[0]),
-                "message": words(check)[2],
+                "name": format!("check_{}", row.name),
+                "message": row.failed,
                 "arguments": [
                     argument("navigation_mode_group_t", "modes"),
                     argument("uint8_t", "health_component_index"),
@@ -244,6 +222,6 @@ mod tests {
         }
         let first = &enums["health_component_t"]["entries"]["1"]["name"];
         assert_eq!(first, "none");
-        assert_eq!(numbers.len(), 5 + Check::ALL.len());
+        assert_eq!(numbers.len(), 5 + AT_REST.len());
     }
 }

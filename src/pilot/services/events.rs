@@ -15,7 +15,7 @@ use haltere_dialect::mav::haltere::{
 use haltere_core::time::HostTime;
 use haltere_core::topics::{TextRecord, Topic};
 
-use super::super::arming::Check;
+use super::super::at_rest::{AT_REST, Look, Quantity};
 use super::super::mission_transfer::Client;
 use super::super::modes::Mode;
 use super::super::telemetry::send_text;
@@ -179,32 +179,33 @@ impl Pilot {
 
     /// The report of all checks; `anyway`: even if nothing has changed.
     pub(super) fn report_checks(&mut self, at: HostTime, anyway: bool) {
-        let of = |checks: &[Check]| checks.iter().map(|c| list::health_bit(*c)).sum::<u32>();
-        let warned: Vec<Check> =
-            Check::ALL.into_iter().filter(|c| self.arming_warning(*c).is_some()).collect();
-        let failed: Vec<Check> =
-            Check::ALL.into_iter().filter(|c| self.arming_check(*c, at).is_err()).collect();
+        let (mut failed, mut warned): (Vec<&Quantity>, Vec<&Quantity>) = Default::default();
+        for (row, look) in self.at_rest(at) {
+            match look {
+                Look::Refused(_) => failed.push(row),
+                Look::Told(_) => warned.push(row),
+                Look::Fits(_) => {}
+            }
+        }
+        let of = |rows: &[&Quantity]| rows.iter().map(|row| list::health_bit(row)).sum::<u32>();
         let (errors, warnings) = (of(&failed), of(&warned));
         let events = &mut self.services.events;
         events.reported_at = at;
         if events.reported.replace((errors, warnings)) == Some((errors, warnings)) && !anyway {
             return;
         }
-        let all = of(&Check::ALL);
+        let all = AT_REST.iter().map(list::health_bit).sum::<u32>();
         let modes = list::all_modes();
         let can = if failed.is_empty() { modes } else { 0 };
         let [errors, all, warnings, modes, can] =
             [errors, all, warnings, modes, can].map(|word: u32| word.to_le_bytes());
         self.event(at, list::ARMING_SUMMARY, PROTOCOL, &[&[0], &errors, &warnings, &can, &can]);
-        let failed = failed.into_iter().map(|check| (check, Severity::Error));
-        let warned = warned.into_iter().map(|check| (check, Severity::Warning));
-        for (check, severity) in failed.chain(warned) {
-            let number = (list::FIRST_CHECK..)
-                .zip(Check::ALL)
-                .find(|(_, c)| *c == check)
-                .map_or(list::FIRST_CHECK, |(number, _)| number);
-            let index = [list::health_index(check)];
-            self.event(at, number, level(severity), &[&modes, &index]);
+        let failed = failed.into_iter().map(|row| (row, Severity::Error));
+        let warned = warned.into_iter().map(|row| (row, Severity::Warning));
+        for (row, severity) in failed.chain(warned) {
+            let index = list::health_index(row);
+            let number = list::FIRST_CHECK + u32::from(index) - 1;
+            self.event(at, number, level(severity), &[&modes, &[index]]);
         }
         self.event(at, list::HEALTH_SUMMARY, PROTOCOL, &[&[0], &all, &errors, &warnings]);
     }

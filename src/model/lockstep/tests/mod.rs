@@ -1,6 +1,7 @@
 //! Whole flights in lockstep: what they share, and one file per kind of question.
 
 mod anchors;
+mod at_rest;
 mod board_word;
 mod boards;
 mod boards_in_flight;
