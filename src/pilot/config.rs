@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::uwb::UwbConfig;
 use haltere_core::checks::Problems;
 use haltere_core::control::ControlConfig;
+use haltere_core::control::voltage::VoltageConfig;
 use haltere_core::estimator::{EstimatorConfig, UwbNoise};
 use haltere_core::survey::Survey;
 
@@ -315,6 +316,24 @@ impl LimitsConfig {
             north_m: self.north_m.unwrap_or(default.north_m),
             east_m: self.east_m.unwrap_or(default.east_m),
             height_m: self.height_m.unwrap_or(default.height_m),
+        }
+    }
+
+    /// Says which limits of the battery cannot be those of this pack.
+    pub fn check_pack(&self, key: &str, pack: &VoltageConfig, problems: &mut Problems) {
+        let (cells, allowed_v) = (pack.cells, pack.limits_v());
+        let limits = [
+            ("battery_low_v", self.battery_low_v),
+            ("battery_critical_v", self.battery_critical_v),
+        ];
+        for (name, volt) in limits.into_iter().filter(|(_, volt)| !allowed_v.contains(volt)) {
+            let cell_v = volt / f64::from(cells.max(1));
+            problems.say(format!(
+                "{key}.{name} = {volt}: {cell_v:.2} V a cell with control.voltage.cells = {cells}, allowed {:.1} to \
+                 {:.1} V for that pack",
+                allowed_v.start(),
+                allowed_v.end()
+            ));
         }
     }
 

@@ -25,6 +25,9 @@ pub const MOST_CELLS: u8 = 6;
 const CELL_V: f64 = 3.7;
 /// Voltage of a cell at which the polynomial is used, V: critical to full.
 const CELL_RANGE_V: [f64; 2] = [3.0, 4.2];
+/// A limit of the battery below this empties a cell for good, V a cell: lithium polymer suffers below 3.0 at rest, and what
+/// is measured in flight sags.
+const CELL_LEAST_LIMIT_V: f64 = 2.8;
 /// A measured voltage of a cell outside of this cannot be one in flight, V.
 const CELL_PLAUSIBLE_V: [f64; 2] = [2.5, 4.5];
 /// Least-squares fits of 4.730/V of order 1, 2 and 3: frac, frac/V, frac/V², frac/V³.
@@ -85,6 +88,11 @@ impl VoltageConfig {
     pub fn is_plausible(&self, supply_v: f64) -> bool {
         let [low, high] = CELL_PLAUSIBLE_V;
         (self.of_pack(low)..=self.of_pack(high)).contains(&supply_v)
+    }
+
+    /// Voltages that a limit of this pack can have, V.
+    pub fn limits_v(&self) -> std::ops::RangeInclusive<f64> {
+        self.of_pack(CELL_LEAST_LIMIT_V)..=self.highest_v()
     }
 
     fn of_pack(&self, cell_v: f64) -> f64 {

@@ -185,6 +185,7 @@ pub fn problems(config: &PilotConfig) -> Problems {
     config.uwb.check("uwb", &mut problems);
     config.estimator.check("estimator", &mut problems);
     config.control.check("control", &mut problems);
+    config.limits.check_pack("limits", &config.control.voltage, &mut problems);
     problems
 }
 

@@ -92,6 +92,7 @@ impl Config {
         self.uwb.check("uwb", problems);
         self.estimator.check("estimator", problems);
         self.control.check("control", problems);
+        self.limits.check_pack("limits", &self.control.voltage, problems);
         self.check_addresses(problems);
         self.check_signing(problems);
     }

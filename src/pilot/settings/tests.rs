@@ -164,3 +164,26 @@ fn prop_differences_name_what_is_not_the_default() {
         found.iter().map(|d| format!("{} {} {}", d.key, d.value, d.default)).collect();
     assert_eq!(shown, ["flight.spool_s 1.5 1.0", "limits.height_m 2.5 not set"]);
 }
+
+/// Three cells with the limits of two passed, and were flown to 2 V a cell.
+#[test]
+fn regress_limits_of_another_pack_are_refused() {
+    let says = |cells: u8, low_v: f64, critical_v: f64| {
+        let text = format!(
+            "[control.voltage]\ncells = {cells}\nnominal_v = {:.1}\n[limits]\nbattery_low_v = {low_v:?}\n\
+             battery_critical_v = {critical_v:?}\n",
+            3.7 * f64::from(cells)
+        );
+        let mut problems = Problems::new();
+        Config::from_toml("test", &text).unwrap().check(&mut problems);
+        problems.lines().join("; ")
+    };
+    for cells in 1..=6_u8 {
+        for limits_of in 1..=cells {
+            let [low_v, critical_v] = [3.2, 3.0].map(|cell_v| f64::from(limits_of) * cell_v);
+            let said = says(cells, low_v, critical_v);
+            let told = said.contains("V a cell with control.voltage.cells");
+            assert_eq!(told, cells != limits_of, "{cells}, limits of {limits_of}: {said}");
+        }
+    }
+}
