@@ -12,22 +12,36 @@
 //! ```
 //! A floor only adds to f, so the least of k is that of the air: of a vehicle that is lighter than configured more than 1.
 //!
+//! **Asking.** The thrust of one that stands may be any that does not lift off, and within a hand of the floor its cushion
+//! carries with as little. So where less carries than free air needs, the vehicle is asked: its thrust is held below what
+//! carries anything, for 0.3 s. In the air it falls, which is felt at once, by a few centimetres, and it is asked half as
+//! often from then on. What stands feels nothing.
+//!
 //! **Source.** Both bounds are those by which a landing finds the floor. The means are over as long as the land detector of
 //! ArduPilot looks (`LAND_DETECTOR_TRIGGER_SEC`, 1 s): in lockstep a vehicle that sinks from 1.5 to 0.3 m as fast as it can
 //! has so little thrust for 0.34 s. **Validity.** The base thrust is at most a tenth too small. A lighter vehicle, whose least
-//! thrust is nearer to what carries it, may stand unfound.
+//! thrust is nearer to what carries it, is found by asking alone.
 
 use haltere_core::frames::G_MPS2;
 use haltere_core::time::HostTime;
 
 use super::Pilot;
 use super::modes::{Event, Mode, transition};
-use super::supervise::{CARRIED_MPS2, DOWN_SHARE};
+use super::supervise::{CARRIED_MPS2, DOWN_SHARE, TURN_SHARE};
 
 /// Time constant of the means, s.
 const MEAN_S: f64 = 1.0;
 /// Less thrust than this, as a share of the base, tells nothing of what thrust makes of force: half of the least that is sent.
 const LEAST_SHARE: f64 = 0.25;
+/// Less thrust than this, as the mean is, does not carry in free air: it stands, or the cushion of the floor carries, which
+/// is a fifth at most …
+const SEEMS_SHARE: f64 = 0.88;
+/// … and after so long it is asked, s, with this share, which carries nothing …
+const SEEMS_S: f64 = 1.5;
+const ASKED_SHARE: f64 = 0.6;
+/// … and has answered after this time, s, if it did not fall by so much, m/s²: as a landing feels for the floor.
+const ANSWER_S: f64 = 0.15;
+const FALLS_MPS2: f64 = 1.0;
 
 /// What is known of thrust and force in a flight.
 #[derive(Debug, Clone, Copy, Default)]
@@ -36,6 +50,11 @@ pub(super) struct Carried {
     means: Option<[f64; 2]>,
     /// Least of force over thrust, in units of gravity and of the base.
     least: Option<f64>,
+    /// How long it has seemed to stand, s, and so many times longer it must before it is asked.
+    seems_s: f64,
+    patience: u32,
+    /// How long too little thrust has been felt to carry it while it is asked, s.
+    asked_s: Option<f64>,
 }
 
 impl Carried {
@@ -50,6 +69,39 @@ impl Carried {
         *least = least.min(ratio);
         *mean_share * least.max(1.0) < DOWN_SHARE && (*mean_mps2 - G_MPS2).abs() < CARRIED_MPS2
     }
+
+    /// Least of what thrust makes of force, at least 1.
+    fn least(&self) -> f64 {
+        self.least.unwrap_or(1.0).max(1.0)
+    }
+
+    /// Asks one that seems to stand. Whether it has answered that it does.
+    fn ask(&mut self, share: f64, force_mps2: f64, dt_s: f64) -> bool {
+        let least = self.least();
+        let Some(asked_s) = &mut self.asked_s else {
+            let seems = self.means.is_some_and(|[mean_share, mean_mps2]| {
+                mean_share * least < SEEMS_SHARE && (mean_mps2 - G_MPS2).abs() < CARRIED_MPS2
+            });
+            self.seems_s = if seems { self.seems_s + dt_s } else { 0.0 };
+            if self.seems_s > SEEMS_S * f64::from(1 << self.patience.min(6)) {
+                self.asked_s = Some(0.0);
+            }
+            return false;
+        };
+        if share * least < DOWN_SHARE {
+            *asked_s += dt_s;
+        }
+        if force_mps2 < G_MPS2 - FALLS_MPS2 {
+            (self.asked_s, self.seems_s, self.patience) = (None, 0.0, self.patience + 1);
+            return false;
+        }
+        *asked_s > ANSWER_S
+    }
+
+    /// Most thrust while it is asked, as a share of the base.
+    pub(super) fn most_share(&self) -> Option<f64> {
+        self.asked_s.map(|_| ASKED_SHARE / self.least())
+    }
 }
 
 impl Pilot {
@@ -62,12 +114,21 @@ impl Pilot {
         let watched = transition(self.mode, Event::FloorCarries).is_some();
         let heard = self.imu_is_alive(at) && !self.is_numb();
         if !heard || !(watched || self.mode == Mode::Takeoff) {
+            self.carried.asked_s = None;
             return;
         }
-        let share = self.control.thrust_frac / self.control.thrust_base_frac.max(0.05);
-        let carried = self.carried.step(share, -self.touch.acc_z_mps2, dt_s);
-        if watched && carried && self.is_near_floor(at) {
-            self.fire(at, Event::FloorCarries);
+        // Low-passed as the force is.
+        let share = self.touch.thrust_frac / self.control.thrust_base_frac.max(0.05);
+        let force_mps2 = -self.touch.acc_z_mps2;
+        let carried = self.carried.step(share, force_mps2, dt_s);
+        if watched && self.is_near_floor(at) {
+            if self.carried.ask(share, force_mps2, dt_s) || carried {
+                self.fire(at, Event::FloorCarries);
+                // Whatever the landing's estimate says from here on, it does not lift off again.
+                self.touch.low_frac = Some(TURN_SHARE * self.control.thrust_base_frac);
+            }
+        } else {
+            (self.carried.asked_s, self.carried.seems_s) = (None, 0.0);
         }
     }
 }

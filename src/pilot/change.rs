@@ -103,7 +103,7 @@ impl Pilot {
                 }
                 self.supervisor.descents += 1;
                 let late_s = self.board.response_lag_s().filter(|s| *s > RESPONSE_MOST_S);
-                self.touch.obeyed_after(late_s.unwrap_or(0.0));
+                self.touch.lag_s = late_s.unwrap_or(0.0);
                 if from == Mode::Land {
                     self.hold_thrust_near_floor(at);
                 }

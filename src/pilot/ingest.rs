@@ -196,7 +196,7 @@ impl Pilot {
                 self.supervisor.repetition.note(&sample);
                 let weighed = self.estimator.weighed(&sample);
                 // What repeats itself says nothing new, and what waited in a pause is over.
-                let repeats = self.supervisor.repetition.accelerometer_s() > 0.0;
+                let repeats = self.supervisor.repetition.acc_s > 0.0;
                 if !repeats && !self.resumption.is_before_its_end(sample.valid_at) {
                     self.touch.acc_z(weighed.acc_B_mps2.z(), dt_s);
                 } else if self.is_numb() {
@@ -344,11 +344,11 @@ impl Pilot {
     /// Whether the vehicle is off the floor by our height, or on a way down that has not found it: that ends on the floor
     /// soon, and motors that stop half a metre above it are a fall.
     fn is_in_the_air(&self) -> bool {
-        if matches!(self.mode, Mode::Land | Mode::Descend) && !self.touch.stands() {
+        if matches!(self.mode, Mode::Land | Mode::Descend) && !self.touch.stands {
             return true;
         }
         let height_m = match self.mode {
-            Mode::Descend => self.supervisor.descent.height_m(),
+            Mode::Descend => self.supervisor.descent.height_m,
             _ => self.height_above_floor_m(),
         };
         height_m > AIR_M

@@ -136,7 +136,7 @@ mod tests {
     fn regress_a_log_that_stops_is_told_and_shown_and_goes_on() {
         let mut pilot = pilot(false);
         let is_healthy =
-            |pilot: &Pilot| !pilot.supervisor.unhealthy().contains(S::MAV_SYS_STATUS_LOGGING);
+            |pilot: &Pilot| !pilot.supervisor.unhealthy.contains(S::MAV_SYS_STATUS_LOGGING);
         assert!(told(&mut pilot, 0, Recording::Runs, "").is_empty());
         assert!(is_healthy(&pilot));
         let why = "150 MB free in logs, 200 MB needed";

@@ -97,7 +97,7 @@ impl Pilot {
             return;
         }
         let (known_m, sink_mps) = match self.mode {
-            Mode::Descend => self.supervisor.descent.height_and_sink(),
+            Mode::Descend => (self.supervisor.descent.height_m, self.supervisor.descent.sink_mps),
             _ => (self.last_height_m, self.last_sink_mps),
         };
         let sink_mps = sink_mps.max(0.0);

@@ -149,7 +149,7 @@ impl Pilot {
                 let command = self.stay_command();
                 let output = self.run_controller(at, &command, dt_s, true, None);
                 self.control = output.record;
-                self.supervisor.descent.over_late_link(self.obeys_late());
+                self.supervisor.descent.late = self.obeys_late();
                 let Some(share) = self.supervisor.descent.step(dt_s) else {
                     self.fire(at, Event::TouchDown);
                     self.send_idle(at);
@@ -159,7 +159,7 @@ impl Pilot {
                 let yaw_rad = self.board_attitude.map_or(0.0, |a| a.attitude.yaw_rad());
                 let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
                 let share = share.min(self.most_share(at));
-                let thrust_frac = self.touch.bounded(self.hover_thrust_frac() * share);
+                let thrust_frac = self.bounded_frac(self.hover_thrust_frac() * share);
                 self.control.thrust_frac = thrust_frac;
                 self.supervisor.lying.asked(&level);
                 self.board.send_setpoint(at, level, thrust_frac, &mut self.out);
@@ -314,8 +314,8 @@ impl Pilot {
         self.control.yaw_board_offset_rad = self.north.offset_rad();
         self.control.hover_factor = self.hover.factor();
         self.control.thrust_frac = thrust_frac;
-        self.supervisor.lying.asked(&attitude);
         let for_board = self.north.setpoint_for_board(attitude);
+        self.supervisor.lying.asked(&for_board);
         self.board.send_setpoint(at, for_board, thrust_frac, &mut self.out);
     }
 

@@ -46,7 +46,7 @@ const CARRIED_FOR_S: f64 = 0.1;
 /// A landing near the floor that cannot believe its estimate any more, or becomes a descent, goes on with the thrust
 /// that it had, but no less than this share of the base: with the ground effect it does not lift off, and in free air it
 /// sinks with 1.4 m/s at most from the height where the floor is expected …
-const TURN_SHARE: f64 = 0.8;
+pub(super) const TURN_SHARE: f64 = 0.8;
 /// … and no more than this in its last second: what it had may be what a wrong reading made of it.
 const TURN_MOST_SHARE: f64 = 0.9;
 /// In the last second of a landing no more than this share of the hover thrust is needed: it stops the slow sinking within
@@ -134,7 +134,7 @@ pub(super) struct Touch {
     /// Thrust is held below this since a landing near the floor lost its estimate.
     turn_frac: Option<f64>,
     /// Thrust is held below this since something stopped a descent near the floor.
-    low_frac: Option<f64>,
+    pub low_frac: Option<f64>,
     /// When it was found that the vehicle is in the air.
     pub fell_at: Option<HostTime>,
     /// Searches in vain so far.
@@ -142,7 +142,7 @@ pub(super) struct Touch {
     /// Since when the floor seems to carry.
     carried_since: Option<HostTime>,
     /// The floor carries.
-    stands: bool,
+    pub stands: bool,
     /// Specific force along body z, low-passed, m/s², and for how long it has been taken in, s.
     pub acc_z_mps2: f64,
     felt_s: f64,
@@ -151,9 +151,9 @@ pub(super) struct Touch {
     /// Speed gained upward by the accelerometer alone, as far as it is recent, m/s.
     up_mps: f64,
     /// Thrust that was sent, low-passed alike.
-    thrust_frac: f64,
+    pub thrust_frac: f64,
     /// What is sent is obeyed this much later, s, where that was found before the way down.
-    lag_s: f64,
+    pub lag_s: f64,
 }
 
 impl Touch {
@@ -185,21 +185,6 @@ impl Touch {
             low_frac: None,
             ..self.restarted()
         }
-    }
-
-    /// What is sent is obeyed so much later, s.
-    pub fn obeyed_after(&mut self, lag_s: f64) {
-        self.lag_s = lag_s;
-    }
-
-    /// Whether the floor carries.
-    pub fn stands(&self) -> bool {
-        self.stands
-    }
-
-    /// Whether thrust is held below what carries, since something stopped it near the floor.
-    pub fn is_held_low(&self) -> bool {
-        self.low_frac.is_some()
     }
 
     /// A thrust, held below what was found.
@@ -305,7 +290,7 @@ impl Pilot {
     /// In a descent without an estimate: whether the floor is there, and whether the estimate is back.
     fn watch_descent(&mut self, at: HostTime) {
         // So near the floor nothing is to be gained by an estimate that was just lost: it is over sooner than that is known.
-        let near = self.supervisor.descent.height_m() < TOUCH_BELOW_M || self.is_low_by_baro(at);
+        let near = self.supervisor.descent.height_m < TOUCH_BELOW_M || self.is_low_by_baro(at);
         let bad = !self.is_uwb_fresh(at) || !self.estimate_is_back();
         if near || bad || self.needs_descent() {
             self.good_since = None;
@@ -314,7 +299,7 @@ impl Pilot {
             return;
         }
         let numb = self.is_numb() || !self.imu_is_alive(at);
-        self.supervisor.descent.numb(numb);
+        self.supervisor.descent.numb = numb;
         if self.imu_is_alive(at) {
             if self.touch.fell_at.is_none() && self.touch.ceiling_frac.is_none() {
                 self.touch.ceiling_frac = self.standing_ceiling_frac();
@@ -357,7 +342,14 @@ impl Pilot {
     pub(super) fn thrust_ceiling_frac(&self, at: HostTime) -> f64 {
         let last = self.mode == Mode::Land && self.is_in_last_second(at);
         let most_frac = if last { LAST_SHARE * self.hover_thrust_frac() } else { 1.0 };
-        self.touch.bounded(most_frac)
+        self.bounded_frac(most_frac)
+    }
+
+    /// A thrust, held below what was found, and below what carries while it is asked whether it stands, or lies.
+    pub(super) fn bounded_frac(&self, thrust_frac: f64) -> f64 {
+        let asked_share = self.carried.most_share().unwrap_or(f64::INFINITY);
+        let asked_share = if self.supervisor.lying.is_asked() { 0.0 } else { asked_share };
+        self.touch.bounded(thrust_frac.min(asked_share * self.control.thrust_base_frac))
     }
 
     /// Without an accelerometer a descent that something holds up near the floor has found it: from here on thrust only
@@ -365,8 +357,9 @@ impl Pilot {
     fn take_hold_of_floor(&mut self, at: HostTime) {
         let share = self.control.thrust_frac / self.hover_thrust_frac().max(0.05);
         let descent = &self.supervisor.descent;
+        let low = descent.is_low() || self.is_low_by_baro(at);
         if self.touch.turn_frac.is_some()
-            || !(descent.is_low() && descent.is_held_up(share, BLIND_HELD_UP_SHARE))
+            || !(low && descent.is_held_up(share, BLIND_HELD_UP_SHARE))
         {
             self.touch.since = None;
         } else if at.seconds_since(*self.touch.since.get_or_insert(at)) > HELD_UP_FOR_S {
@@ -385,7 +378,7 @@ impl Pilot {
         }
     }
 
-    fn is_uwb_fresh(&self, at: HostTime) -> bool {
+    pub(super) fn is_uwb_fresh(&self, at: HostTime) -> bool {
         self.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_BACK_S)
     }
 
@@ -421,12 +414,13 @@ impl Pilot {
         if standing && self.estimate.health == Health::NotAligned {
             return;
         }
-        let on_floor_at_m = standing.then(|| -self.estimate.pos_E_m.z());
+        // The estimate is of the last step.
+        let since_s = self.estimate.at.seconds_since(sample.valid_at);
+        let known_m = -self.estimate.pos_E_m.z() + self.estimate.vel_E_mps().z() * since_s;
         let dt_s = self.baro_at.map_or(0.0, |t| sample.valid_at.seconds_since(t));
         self.baro_at = Some(sample.valid_at);
-        let Some(height_m) = self.supervisor.evidence.note_baro(sample, on_floor_at_m) else {
-            return;
-        };
+        let evidence = &mut self.supervisor.evidence;
+        let Some(height_m) = evidence.note_baro(sample, known_m, standing) else { return };
         self.resume_at_height(sample.valid_at, height_m - self.config.flight.gear_height_m);
         if self.mode == Mode::Descend {
             self.supervisor.descent.baro(height_m, dt_s);
@@ -556,7 +550,7 @@ impl Pilot {
     }
 
     /// How long what is sent takes to be seen, s; 0 where it is not late.
-    fn obeyed_after_s(&self) -> f64 {
+    pub(super) fn obeyed_after_s(&self) -> f64 {
         self.board.lateness().latency_s().max(self.touch.lag_s)
     }
 
@@ -629,7 +623,7 @@ impl Pilot {
 
     /// Whether the accelerometer has repeated itself for so long that it shows no fall.
     pub(super) fn is_numb(&self) -> bool {
-        self.supervisor.repetition.accelerometer_s() > FEEL_BLIND_S
+        self.supervisor.repetition.acc_s > FEEL_BLIND_S
     }
 
     /// Whether the floor carries already, whatever the estimate says of height and speed.

@@ -272,7 +272,7 @@ impl Pilot {
         health.set(S::MAV_SYS_STATUS_SENSOR_BATTERY, charged);
         health.set(S::MAV_SYS_STATUS_AHRS, self.estimate.health == Health::Good);
         health.set(S::MAV_SYS_STATUS_LOGGING, self.recording.state == Recording::Runs);
-        health.remove(self.supervisor.unhealthy());
+        health.remove(self.supervisor.unhealthy);
         let ready = self.mode != Mode::Disarmed || self.may_arm(self.now).is_ok();
         health.set(S::MAV_SYS_STATUS_PREARM_CHECK, ready);
         MavMessage::SYS_STATUS(SYS_STATUS_DATA {

@@ -88,8 +88,9 @@ const HELD_UP_MPS: f64 = 0.2;
 /// A descent under way.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Descent {
-    height_m: f64,
-    sink_mps: f64,
+    /// Height above the floor, m, and sinking speed, m/s, by its own account.
+    pub height_m: f64,
+    pub sink_mps: f64,
     bias_mps2: f64,
     /// Height at its beginning, m.
     from_m: f64,
@@ -102,9 +103,10 @@ pub(crate) struct Descent {
     disbelief_s: f64,
     /// Thrust share that is taken away because the floor was felt for and not found.
     push: f64,
-    late: bool,
+    /// The link is late now.
+    pub late: bool,
     /// Nothing tells of the floor: by the accelerometer.
-    numb: bool,
+    pub numb: bool,
     /// Share that is taken away since the floor should have come.
     taken: f64,
 }
@@ -121,11 +123,6 @@ impl Descent {
     /// It may rise with this speed, m/s, whatever was measured when it began.
     pub fn may_rise(&mut self, up_mps: f64) {
         self.from_m = self.from_m.max(self.height_m + RISES_FOR_S * up_mps);
-    }
-
-    /// Height above the floor, m, by its own account.
-    pub fn height_m(&self) -> f64 {
-        self.height_m
     }
 
     /// A barometric height, m, from any zero.
@@ -193,16 +190,6 @@ impl Descent {
         }
     }
 
-    /// Whether the link is late now.
-    pub fn over_late_link(&mut self, late: bool) {
-        self.late = late;
-    }
-
-    /// Whether the accelerometer tells nothing now.
-    pub fn numb(&mut self, numb: bool) {
-        self.numb = numb;
-    }
-
     /// When the floor must have come, s.
     fn longest_s(&self) -> f64 {
         // A barometer that lives and says that it is high up may be right.
@@ -210,11 +197,6 @@ impl Descent {
         let slack = if high { BARO_SLACK } else { 1.0 };
         let slowest_mps = if self.late { SLOWEST_LATE_MPS } else { SLOWEST_MPS };
         (((self.from_m + MARGIN_M) / slowest_mps + START_S) * slack).min(LONGEST_S)
-    }
-
-    /// Height above the floor, m, and sinking speed, m/s, by its own account.
-    pub fn height_and_sink(&self) -> (f64, f64) {
-        (self.height_m, self.sink_mps)
     }
 
     /// Whether something carries it that a descent in free air has not: with less than `least_share`, the share that
@@ -275,7 +257,7 @@ mod tests {
         let [mut thrusts, mut heights] = late_s
             .map(|s| std::collections::VecDeque::from(vec![None; (s * 100.0).round() as usize]));
         let mut descent = Descent::begin(from_m, from_mps);
-        descent.over_late_link(late_s[0] + late_s[1] > 0.0);
+        descent.late = late_s[0] + late_s[1] > 0.0;
         let (mut h, mut w, mut u, mut fastest) = (from_m, from_mps, 1.0, 0.0_f64);
         for n in 0..4000 {
             let Some(share) = descent.step(0.01) else { return (w, fastest) };

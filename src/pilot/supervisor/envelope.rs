@@ -197,18 +197,20 @@ pub(super) const LEAP: Condition = Condition {
     ..ROW
 };
 
+const OFF_COURSE: Number = Number {
+    key: "supervisor.off_course_m",
+    value: |c| c.supervisor.off_course_m,
+    unit: "m",
+    origin: "four times the lag at cruise speed",
+};
+
 /// Led away by a loop that flies in another room.
 pub(super) const ASTRAY: Condition = Condition {
     name: "driven_away",
     seen_by: "The vehicle is farther than half of `supervisor.off_course_m` from where it should be, and one of the wrong \
               rooms of `room_differs` is likelier than every sound one: the loop itself may drive it, and a landing would \
               fly by it.",
-    numbers: &[Number {
-        key: "supervisor.off_course_m",
-        value: |c| c.supervisor.off_course_m,
-        unit: "m",
-        origin: "four times the lag at cruise speed",
-    }],
+    numbers: &[OFF_COURSE],
     lasts_s: |_| 0.3,
     watched: Watched::In(&[Mode::Takeoff, Mode::Hold, Mode::Goto, Mode::Mission, Mode::Return]),
     wanted: |_| Reaction::Descend,
@@ -234,12 +236,7 @@ pub(super) const COURSE: Condition = Condition {
     seen_by: "The vehicle is farther than `supervisor.off_course_m` from the point that is held or that \
               moves along its leg: wind, damage, or a board that does not obey. Not looked at while \
               setpoints jump (cruise speed at the controller's limit) or a tilt step is flown.",
-    numbers: &[Number {
-        key: "supervisor.off_course_m",
-        value: |c| c.supervisor.off_course_m,
-        unit: "m",
-        origin: "four times the lag at cruise speed",
-    }],
+    numbers: &[OFF_COURSE],
     lasts_s: |_| 1.0,
     watched: Watched::In(&[Mode::Hold, Mode::Goto, Mode::Mission, Mode::Return]),
     wanted: |_| Reaction::Land,

@@ -1,13 +1,14 @@
 //! The estimate: lost by its own word, diverged from its measurements, or from sensors that do not enter it.
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::super::{Pilot, Severity};
 use super::condition::{Condition, Number, ROW, Watched};
 use super::envelope::LEAP;
 use super::reaction::Reaction;
 use super::scale::SCALE;
-use super::slip::SLIP_MPS;
+use super::slip::{SLIP, SLIP_MPS};
 use haltere_core::estimate::Health;
 use haltere_core::estimator::standard_height_m;
 use haltere_core::measure::BaroSample;
@@ -46,8 +47,8 @@ pub(crate) struct Evidence {
     remedied_at: [Option<HostTime>; MOST_REMEDIES],
     baro_zero_m: f64,
     zero_samples: f64,
-    /// Low-passed barometric height, m, and when it was last new.
-    baro: Option<(f64, HostTime)>,
+    /// Barometric height and the one that was estimated at its time, low-passed alike, m, and when they were last new.
+    baro: Option<([f64; 2], HostTime)>,
 }
 
 impl Evidence {
@@ -66,12 +67,12 @@ impl Evidence {
         self.beyond_share += (beyond - self.beyond_share) / WINDOW;
     }
 
-    /// Air pressure; on the floor it sets the zero to the height of the estimate.
-    pub fn note_baro(&mut self, sample: &BaroSample, on_floor_at_m: Option<f64>) -> Option<f64> {
+    /// Air pressure, and the height that was estimated at its time, m; `on_floor`: it sets the zero to that height.
+    pub fn note_baro(&mut self, sample: &BaroSample, known_m: f64, on_floor: bool) -> Option<f64> {
         let raw_m = standard_height_m(sample.pressure_pa)?;
-        if let Some(height_m) = on_floor_at_m {
+        if on_floor {
             self.zero_samples = (self.zero_samples + 1.0).min(ZERO_SAMPLES);
-            self.baro_zero_m += (raw_m - height_m - self.baro_zero_m) / self.zero_samples;
+            self.baro_zero_m += (raw_m - known_m - self.baro_zero_m) / self.zero_samples;
             self.baro = None;
             return None;
         }
@@ -79,14 +80,10 @@ impl Evidence {
             return None;
         }
         let new_m = raw_m - self.baro_zero_m;
-        let slow_m = match self.baro {
-            None => new_m,
-            Some((was_m, t)) => {
-                let dt_s = sample.valid_at.seconds_since(t).max(0.0);
-                was_m + (new_m - was_m) * (dt_s / (BARO_FILTER_S + dt_s))
-            }
-        };
-        self.baro = Some((slow_m, sample.valid_at));
+        let (was_m, t) = self.baro.unwrap_or(([new_m, known_m], sample.valid_at));
+        let dt_s = sample.valid_at.seconds_since(t).max(0.0);
+        let slow = |was_m: f64, m: f64| was_m + (m - was_m) * (dt_s / (BARO_FILTER_S + dt_s));
+        self.baro = Some(([slow(was_m[0], new_m), slow(was_m[1], known_m)], sample.valid_at));
         Some(new_m)
     }
 }
@@ -97,17 +94,21 @@ impl Pilot {
         let board = self.board_attitude?;
         let usable = self.estimate.health != Health::NotAligned
             && at.seconds_since(board.received_at) < ATTITUDE_AGE_S;
-        let (ours, theirs) = (self.estimate.R_EB.matrix(), board.attitude.matrix());
-        // Third rows: down seen from the body.
-        let dot: f64 = (0..3).map(|i| ours[(2, i)] * theirs[(2, i)]).sum();
-        usable.then(|| dot.clamp(-1.0, 1.0).acos())
+        // Third rows: down seen from the body, ours as it was when the board's was true.
+        let down_B = |m: Matrix3<f64>| m.row(2).transpose();
+        let theirs_B = down_B(board.attitude.matrix());
+        let since_s = self.estimate.at.seconds_since(board.valid_at).clamp(0.0, ATTITUDE_AGE_S);
+        let turned_rad =
+            Vector3::from(self.imu.map_or([0.0; 3], |i| i.rate_B_radps.to_array())) * since_s;
+        let ours_B = Rotation3::new(turned_rad) * down_B(self.estimate.R_EB.matrix());
+        usable.then(|| ours_B.angle(&theirs_B))
     }
 
     /// Height above the floor, m, and sinking speed, m/s, with which a descent begins: the estimate's, or those of a
     /// moment ago where the estimate has followed an accelerometer that lies. The height is the barometer's where that is
     /// larger: taken too high it costs seconds, taken too low it ends in a fall.
     pub(crate) fn height_and_sink_to_descend_from(&self, at: HostTime) -> (f64, f64) {
-        let leapt = [SCALE, LEAP].iter().any(|row| self.supervisor.has(row.name));
+        let leapt = [SCALE, LEAP, SLIP].iter().any(|row| self.supervisor.has(row.name));
         let before = self.supervisor.before.carried_on().filter(|_| leapt);
         let sink_mps = if self.imu_is_alive(at) { self.last_sink_mps } else { 0.0 };
         let (known_m, sink_mps) = before.unwrap_or((self.last_height_m, sink_mps));
@@ -117,7 +118,7 @@ impl Pilot {
 
     /// Height of the landing gear above the floor by the barometer, low-passed, m.
     pub(crate) fn baro_above_floor_m(&self, at: HostTime) -> Option<f64> {
-        let (baro_m, t) = self.supervisor.evidence.baro?;
+        let ([baro_m, _], t) = self.supervisor.evidence.baro?;
         let fresh = at.seconds_since(t) < BARO_AGE_S;
         fresh.then_some(baro_m - self.config.flight.gear_height_m)
     }
@@ -137,10 +138,10 @@ impl Pilot {
         slips || self.supervisor.evidence.beyond_share > DOUBT_SHARE
     }
 
-    /// Estimated minus barometric height, m.
+    /// Estimated minus barometric height, both of one time and low-passed alike: a climb is no difference, m.
     fn height_difference_m(&self, at: HostTime) -> Option<f64> {
-        let (baro_m, t) = self.supervisor.evidence.baro?;
-        (at.seconds_since(t) < BARO_AGE_S).then(|| -self.estimate.pos_E_m.z() - baro_m)
+        let ([baro_m, known_m], t) = self.supervisor.evidence.baro?;
+        (at.seconds_since(t) < BARO_AGE_S).then_some(known_m - baro_m)
     }
 }
 
@@ -261,6 +262,13 @@ pub(super) const UNHEALED: Condition = Condition {
     ..ROW
 };
 
+const HEIGHT_MOST: Number = Number {
+    key: "supervisor.height_difference_m",
+    value: |c| c.supervisor.height_difference_m,
+    unit: "m",
+    origin: "three sigma of the barometer as the filter takes it",
+};
+
 /// Barometer and UWB both say that the estimate is elsewhere.
 pub(super) const CONTRADICTED: Condition = Condition {
     name: "estimate_contradicted",
@@ -269,12 +277,7 @@ pub(super) const CONTRADICTED: Condition = Condition {
               height changes otherwise than the accelerometer's velocity, by 0.6 m/s and away from the barometer's. \
               The estimate is not taken back before the vehicle is disarmed: it would be climbed by again.",
     numbers: &[
-        Number {
-            key: "supervisor.height_difference_m",
-            value: |c| c.supervisor.height_difference_m,
-            unit: "m",
-            origin: "three sigma of the barometer as the filter takes it",
-        },
+        HEIGHT_MOST,
         Number {
             key: "",
             value: |_| DOUBT_SHARE,
@@ -314,12 +317,7 @@ pub(super) const BAROMETER: Condition = Condition {
               door that opens moves the pressure of a room. The estimate is not taken back before the vehicle is \
               disarmed.",
     numbers: &[
-        Number {
-            key: "supervisor.height_difference_m",
-            value: |c| c.supervisor.height_difference_m,
-            unit: "m",
-            origin: "three sigma of the barometer as the filter takes it",
-        },
+        HEIGHT_MOST,
         Number {
             key: "",
             value: |_| BARO_ALONE_S,
@@ -341,14 +339,9 @@ pub(super) const BAROMETER: Condition = Condition {
 /// The barometer says another height.
 pub(super) const HEIGHT: Condition = Condition {
     name: "height_differs",
-    seen_by: "Estimated and barometric height (low-pass of 1 s, zero from the floor) differ by more \
+    seen_by: "Estimated and barometric height (both low-passed over 1 s, zero from the floor) differ by more \
               than `supervisor.height_difference_m`.",
-    numbers: &[Number {
-        key: "supervisor.height_difference_m",
-        value: |c| c.supervisor.height_difference_m,
-        unit: "m",
-        origin: "three sigma of the barometer as the filter takes it",
-    }],
+    numbers: &[HEIGHT_MOST],
     lasts_s: |_| 2.0,
     watched: Watched::Air,
     because: "height differs from the barometer's",

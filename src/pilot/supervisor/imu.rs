@@ -79,7 +79,8 @@ impl Roughness {
 #[derive(Debug, Default)]
 pub(crate) struct Repetition {
     last: Option<ImuSample>,
-    acc_s: f64,
+    /// How long accelerometer and gyroscope have repeated themselves, s.
+    pub acc_s: f64,
     rate_s: f64,
     rough_acc: Roughness,
     rough_rate: Roughness,
@@ -120,11 +121,6 @@ impl Repetition {
         } else {
             None
         }
-    }
-
-    /// How long the accelerometer has repeated itself, s.
-    pub fn accelerometer_s(&self) -> f64 {
-        self.acc_s
     }
 
     fn longest_s(&self) -> f64 {
@@ -188,7 +184,8 @@ impl Pilot {
         if self.supervisor.lift.leaned_s > 0.0 {
             return;
         }
-        let share = self.control.thrust_frac / hover_frac;
+        // Low-passed as the force is.
+        let share = self.touch.thrust_frac / hover_frac;
         self.supervisor.lift.step(self.touch.acc_z_mps2, share, dt_s);
     }
 

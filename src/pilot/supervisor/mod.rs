@@ -87,7 +87,7 @@ pub(super) struct Supervisor {
     /// Descents in this flight.
     pub descents: i32,
     /// Bits of health that conditions take away.
-    unhealthy: MavSysStatusSensor,
+    pub unhealthy: MavSysStatusSensor,
 }
 
 impl Supervisor {
@@ -100,11 +100,6 @@ impl Supervisor {
     /// Whether the condition of this name holds.
     pub fn has(&self, name: &str) -> bool {
         self.holding().any(|(_, row)| row.name == name)
-    }
-
-    /// Health bits that are taken away by what holds.
-    pub fn unhealthy(&self) -> MavSysStatusSensor {
-        self.unhealthy
     }
 
     /// The motors begin to turn: what was before does not count.

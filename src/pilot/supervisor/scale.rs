@@ -207,10 +207,6 @@ impl Scale {
             self.usual = Some(self.usual.map_or(*slow, |least| least.min(*slow)));
         }
     }
-
-    fn is_wrong(&self) -> bool {
-        self.wrong
-    }
 }
 
 impl Pilot {
@@ -230,10 +226,10 @@ impl Pilot {
         let share = self.control.thrust_frac / hover_frac;
         let (height_m, sink_mps) = (self.height_above_floor_m(), self.estimate.vel_E_mps().z());
         self.supervisor.before.note(height_m, sink_mps, share, dt_s);
-        let by_baro = || self.baro_above_floor_m(at).is_some_and(|baro_m| baro_m > CLEAR_M);
+        let baro_m = self.baro_above_floor_m(at);
         let clear = match self.mode {
             // An estimate that is wrong on the floor is so before the take-off.
-            Mode::Takeoff => by_baro(),
+            Mode::Takeoff => baro_m.is_some_and(|baro_m| baro_m > CLEAR_M),
             // On the floor the estimate may rise again: what carries it is taken for thrust.
             Mode::Land => self.supervisor.scale.lowest_since_m(height_m) > CLEAR_LANDING_M,
             _ => true,
@@ -244,7 +240,9 @@ impl Pilot {
         // Among echoes near the floor it stands on it at 1 m, and was led onto it at 0.9 m with 0.6 to 1 m/s. Where the filter
         // learned on the floor what they do there, it stands at 0 m, and the same happens from a low hover.
         let floor_m = if stood_m > CLEAR_M { stood_m } else { 0.0 };
-        let above_m = height_m - floor_m - self.supervisor.scale.unseen_m;
+        // An estimate that is led upwards meets the floor as well: the lower of the two heights counts.
+        let low_m = baro_m.map_or(height_m, |baro_m| height_m.min(baro_m));
+        let above_m = low_m - floor_m - self.supervisor.scale.unseen_m;
         let level = self.board_attitude.map_or(1.0, |board| board.attitude.matrix()[(2, 2)]);
         let step = Step {
             force_mps2: -self.touch.acc_z_mps2,
@@ -253,7 +251,7 @@ impl Pilot {
             free: clear && above_m > CLEAR_M && self.touch.ceiling_frac.is_none(),
             floor_unknown: above_m <= CLEAR_M && (floor_m > 0.0 || height_m > CLEAR_M),
             // Held below what carries it meets the floor harder than any landing.
-            level: level > LEVEL_COS && !self.touch.is_held_low(),
+            level: level > LEVEL_COS && self.touch.low_frac.is_none(),
             late: self.board.response_lag_s().is_some_and(|lag_s| lag_s > PROMPT_S),
             most_ratio: match self.mode {
                 Mode::Offboard | Mode::Manual => MOST_RATIO_THROWN,
@@ -271,7 +269,7 @@ pub(super) const SCALE: Condition = Condition {
               drag of the fall that the thrust allows), is more than 1.33 times (by a client or joystick 1.55 times) what \
               is usual in this flight, or so much where that is less than 1. What the \
               loop cuts because of a wrong reading is on both sides of the ratio. Where the board's attitude follows \
-              later than 0.3 s, the thrust of 0.15 s before may explain it as well. Below 0.5 m \
+              later than 0.3 s, the thrust of 0.15 s before may explain it as well. Below 0.5 m by estimate or barometer \
               (in landings once it came below 0.8 m, in take-offs by the barometer), and while the floor is felt for, only from 1.3 g on: there the \
               floor may carry; so it may up to 0.5 m above the height that the estimate had when the vehicle stood, if \
               that was more than 0.5 m, and as much higher as the thrust let it sink within a second that the estimate did not see. \
@@ -303,7 +301,7 @@ pub(super) const SCALE: Condition = Condition {
     latched: true,
     health: haltere_dialect::mav::haltere::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_3D_ACCEL,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.supervisor.scale.is_wrong(),
+    is_seen: |pilot, _| pilot.supervisor.scale.wrong,
     words: |pilot, _| {
         format!(
             "accelerometer reads {:.1} times the force of the thrust",
@@ -344,7 +342,7 @@ mod tests {
             scale.step(Step { force_mps2, share, ..step }, 0.01);
             // An inner loop on what is read: half of the surplus is cut.
             share = (1.0 - 0.5 * (force_mps2 / G_MPS2 - 1.0)).clamp(0.3, 1.5);
-            wrong = if scale.is_wrong() { wrong + 1 } else { 0 };
+            wrong = if scale.wrong { wrong + 1 } else { 0 };
             if wrong == 6 {
                 return Some(n - 500);
             }
@@ -369,7 +367,7 @@ mod tests {
         for n in 0..300 {
             let share = 1.0 - f64::from(n) * 0.003;
             scale.step(Step { share, free: false, ..STEP }, 0.01);
-            assert!(!scale.is_wrong(), "{share}");
+            assert!(!scale.wrong, "{share}");
         }
     }
 
@@ -393,7 +391,7 @@ mod tests {
             force_mps2 += (true_mps2 - force_mps2) * (0.01 / (FILTER_S + 0.01));
             scale.step(Step { force_mps2, share, ..near }, 0.01);
             most_mps2 = most_mps2.max(force_mps2);
-            assert!(!scale.is_wrong(), "{n}: {force_mps2}");
+            assert!(!scale.wrong, "{n}: {force_mps2}");
         }
         assert!(most_mps2 > CARRIED_MPS2, "{most_mps2}");
         // A sensor that reads too much in a hover is found all the same.

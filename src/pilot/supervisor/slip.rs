@@ -28,6 +28,12 @@ use haltere_core::time::HostTime;
 
 /// Time constant of the low-pass, s: multipath near the floor moves the height by half a metre within it.
 const FILTER_S: f64 = 1.5;
+/// It must last so long, s …
+const LASTS_S: f64 = 0.8;
+/// … or so long within the first seconds of a take-off, of which the mean is over as long as they have lasted: one that
+/// climbs by a wrong velocity is at the ceiling after two.
+const LASTS_FIRST_S: f64 = 0.1;
+const FIRST_S: [f64; 2] = [0.25, 1.5];
 /// A step of the height counts as no faster than this, m/s: the filter may seek its position anew.
 const MOST_MPS: f64 = 2.0;
 /// Difference that no flight has, m/s.
@@ -47,12 +53,17 @@ pub(crate) struct Slip {
     pub mps: f64,
     /// Specific force beyond the thrust that was sent, low-passed, body z, m/s².
     off_mps2: f64,
+    /// Since the take-off began, s, and how long it has been of the accelerometer.
+    flown_s: f64,
+    seen_s: f64,
 }
 
 impl Slip {
     /// A control step of flight; `off_mps2`: specific force minus that of the thrust.
     pub fn step(&mut self, down_m: f64, vel_down_mps: f64, off_mps2: f64, dt_s: f64) {
-        let weight = dt_s / (FILTER_S + dt_s);
+        let weight = dt_s / (self.flown_s.min(FILTER_S) + dt_s);
+        self.flown_s += dt_s;
+        self.seen_s = if self.is_of_the_accelerometer() { self.seen_s + dt_s } else { 0.0 };
         if off_mps2.is_finite() {
             self.off_mps2 += (off_mps2 - self.off_mps2) * weight;
         }
@@ -67,6 +78,12 @@ impl Slip {
     fn is_of_the_accelerometer(&self) -> bool {
         self.mps.abs() > SLIP_MPS && -self.off_mps2 * self.mps.signum() > OFF_MPS2
     }
+
+    /// Whether that is so for long enough.
+    fn is_wrong(&self) -> bool {
+        let first = (FIRST_S[0]..FIRST_S[1]).contains(&self.flown_s);
+        self.seen_s > if first { LASTS_FIRST_S } else { LASTS_S }
+    }
 }
 
 impl Pilot {
@@ -79,7 +96,8 @@ impl Pilot {
         } else if usable && measured && self.imu_age_s(at) < IMU_AGE_S {
             let vel_down_mps = self.estimate.vel_E_mps().z();
             let hover_frac = (self.hover_thrust_frac() * self.control.ground_factor).max(0.05);
-            let sent_mps2 = G_MPS2 * self.control.thrust_frac / hover_frac;
+            // Low-passed as the force is.
+            let sent_mps2 = G_MPS2 * self.touch.thrust_frac / hover_frac;
             let off_mps2 = self.touch.acc_z_mps2 + sent_mps2;
             self.supervisor.slip.step(self.estimate.pos_E_m.z(), vel_down_mps, off_mps2, dt_s);
         } else {
@@ -94,8 +112,8 @@ pub(super) const SLIP: Condition = Condition {
     seen_by: "The estimated height changes by more than 0.6 m/s faster or slower, averaged over 1.5 s, than \
               the estimated vertical velocity says: UWB and barometer pull the height one way and the \
               accelerometer the other; and the specific force, averaged as long, is by more than 1 m/s² \
-              not that of the thrust, in the direction that explains it. Gusts do the first without the \
-              second.",
+              not that of the thrust, in the direction that explains it, for 0.8 s. Gusts do the first without the second. Until 1.5 s after the take-off \
+              began both are averaged over the time since, and 0.1 s is enough.",
     numbers: &[
         Number {
             key: "",
@@ -110,7 +128,6 @@ pub(super) const SLIP: Condition = Condition {
             origin: "half of what a drift of 0.3 m/s² per second reaches before it is found; gusts stay below it, or for a moment only",
         },
     ],
-    lasts_s: |_| 0.8,
     latched: true,
     watched: Watched::Air,
     wanted: |_| Reaction::Descend,
@@ -118,7 +135,7 @@ pub(super) const SLIP: Condition = Condition {
     over: "",
     health: haltere_dialect::mav::haltere::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_3D_ACCEL,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.supervisor.slip.is_of_the_accelerometer(),
+    is_seen: |pilot, _| pilot.supervisor.slip.is_wrong(),
     words: |pilot, _| {
         let slip_mps = -pilot.supervisor.slip.mps;
         format!("height climbs {slip_mps:+.1} m/s faster than the vertical velocity says")

@@ -11,9 +11,9 @@ use super::*;
 
 /// Most time on the floor until the motors are off, s: the mean over 1 s, and a landing's feeling for the floor …
 const STANDS_S: f64 = 4.0;
-/// … and where the height that is asked for is nearly the one that is estimated on the floor: the thrust then sinks only
-/// with the integral of the height.
-const STANDS_WAVERING_S: f64 = 15.0;
+/// … and where the height that is asked for is nearly the one that is estimated on the floor: the thrust may then be any that
+/// does not lift off, and it is asked, at times while it hops. It was 15 s.
+const STANDS_WAVERING_S: f64 = 6.0;
 
 fn setpoint(height_m: f32) -> MavMessage {
     MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {

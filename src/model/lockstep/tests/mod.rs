@@ -30,6 +30,7 @@ mod streams;
 mod supervisor;
 mod tipped;
 mod touch_down;
+mod velocities;
 
 use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavResult};
 

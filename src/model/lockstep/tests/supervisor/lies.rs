@@ -202,3 +202,34 @@ fn prop_a_barometer_that_contradicts_is_told_at_first_and_ends_the_flight_when_i
         assert!(!said(&mut world, &mut ground, "estimate is back"), "{:#?}", ground.texts);
     }
 }
+
+/// It reads too little from the moment on in which the motors turn. The loop takes the climb for a fall: with 0.8 it was
+/// 4.67 m high where 1.5 were asked for. (Two of twelve descents that follow still
+/// meet the floor with nearly 3 m/s.)
+#[test]
+fn regress_a_height_that_outruns_the_velocity_ends_the_take_off() {
+    let cases: Vec<_> = [0.65, 0.8]
+        .into_iter()
+        .flat_map(|scale| (0..6u64).map(move |seed| (seed, scale)))
+        .collect();
+    let bad: Vec<String> = cases
+        .into_par_iter()
+        .filter_map(|(seed, scale)| {
+            let (mut world, mut ground) = (world(seed), Ground::new());
+            let takeoff = [0.0, 0.0, 0.0, f32::NAN, f32::NAN, f32::NAN, 1.5];
+            ground.command(&mut world, MavCmd::MAV_CMD_NAV_TAKEOFF, takeoff);
+            arm(&mut world, &mut ground);
+            until(&mut world, Mode::Spool, 10.0);
+            world.plant_mut().inject(Fault::AccelerometerScale([1.0, 1.0, scale])).unwrap();
+            let (meets_mps, highest_m) = way_down(&mut world, &mut ground, 60.0);
+            println!(
+                "{scale} seed {seed}: {highest_m:.2} m high, floor met with {meets_mps:.2} m/s"
+            );
+            let fine = highest_m < 2.3 && world.truth().on_ground;
+            (!fine).then(|| {
+                format!("{scale} seed {seed}: {highest_m} m {meets_mps} m/s {:#?}", ground.texts)
+            })
+        })
+        .collect();
+    assert!(bad.is_empty(), "{} fell short: {}", bad.len(), bad.join("\n"));
+}
