@@ -122,3 +122,51 @@ impl ByHand {
             + self.core.watch.lost()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use haltere_dialect::mav::haltere::{MavMessage, PARAM_REQUEST_LIST_DATA};
+    use haltere_dialect::mav_stream;
+
+    use super::*;
+
+    /// PARAM_VALUE as its frame says it: the message id's three bytes.
+    const PARAM_VALUE_ID: [u8; 3] = [22, 0, 0];
+
+    /// The fault: 24 values were put in a step whether they left or not, and of a list that was asked for beside a computer
+    /// at work only the first two or three steps' arrived. The link's thread is heard here five times a second.
+    #[test]
+    fn regress_a_list_waits_for_a_link_that_does_not_get_rid_of_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let anchors = concat!(env!("CARGO_MANIFEST_DIR"), "/config/anchors.toml");
+        let survey = crate::sources::read_anchors(anchors.as_ref()).unwrap();
+        let began = HostTime::from_us(1_000_000);
+        let mut flight =
+            ByHand::new(PilotConfig::default(), &survey, began, folder.path()).unwrap();
+        let station = LinkId::Ground(0);
+        flight.up(station);
+        let mut ask = Vec::new();
+        let list = PARAM_REQUEST_LIST_DATA { target_system: 1, target_component: 1 };
+        mav_stream::encode(&mut ask, 255, 190, 0, &MavMessage::PARAM_REQUEST_LIST(list));
+        let mut arrived = std::collections::BTreeSet::new();
+        let mut count = usize::MAX;
+        for step in 0..400 {
+            let at = began.offset_us(10_000 * step);
+            if step == 5 {
+                flight.bytes(at, station, &ask);
+            }
+            flight.round(at);
+            if step % 20 == 19 {
+                while let Ok(Some(piece)) = flight.boxes[usize::from(station.number())].try_take() {
+                    if piece.bytes.get(7..10) == Some(&PARAM_VALUE_ID) {
+                        // Payload: value, then how many there are and which it is.
+                        count = usize::from(u16::from_le_bytes([piece.bytes[14], piece.bytes[15]]));
+                        arrived.insert([piece.bytes[16], piece.bytes[17]]);
+                    }
+                }
+                flight.rest();
+            }
+        }
+        assert_eq!((arrived.len(), flight.losses()), (count, 0));
+    }
+}

@@ -12,7 +12,7 @@ use tokio::sync::mpsc::Sender;
 use super::clock;
 use super::console;
 use super::files::FileDesk;
-use super::inbox::{Arrival, Arrivals, MOST_LINKS, Shared, What};
+use super::inbox::{Arrival, Arrivals, MOST_LINKS, Shared, Waits, What};
 use super::mailbox::{Outgoing, Refused, Slot};
 use super::pool::Pool;
 use super::rotation::{Pair, Rotation};
@@ -87,6 +87,8 @@ pub(super) struct Rounds {
     end_asked: bool,
     /// Links that are open, by number.
     up: [bool; MOST_LINKS],
+    /// Links of which the core was told that more waits for them than they take.
+    full: [bool; MOST_LINKS],
     /// Of logs that were closed: entries that found no room, and that were left out.
     lost_before: [u64; 2],
 }
@@ -100,6 +102,7 @@ impl Rounds {
             calendar_due: now,
             end_asked: false,
             up: [false; MOST_LINKS],
+            full: [false; MOST_LINKS],
             lost_before: [0; 2],
         }
     }
@@ -140,7 +143,7 @@ impl Core {
         deadline: HostTime,
         now: impl Fn() -> HostTime,
     ) {
-        self.take_arrivals(&mut rounds.up);
+        self.take_arrivals(rounds);
         self.take_file_answers();
         self.report_losses(rounds);
         self.report_recording();
@@ -153,6 +156,7 @@ impl Core {
             rounds.calendar_due = now.offset_us(CALENDAR_PERIOD_US);
             self.feed(now, Input::Calendar { unix_us: clock::unix_us() });
         }
+        self.report_backlogs(now, rounds);
         rounds.late(now.seconds_since(deadline));
         self.feed(now, Input::Wake);
         self.send_outputs(now);
@@ -203,34 +207,37 @@ impl Core {
         self.rotation.close(Box::new(Pair { pilot, recorder }));
         self.board_peer = None;
         rounds.calendar_due = now;
+        rounds.full = [false; MOST_LINKS];
         for number in (0..).zip(rounds.up).filter_map(|(number, is_up)| is_up.then_some(number)) {
             self.feed(now, Input::LinkUp { link: LinkId::from_number(number) });
         }
     }
 
-    fn take_arrivals(&mut self, up: &mut [bool; MOST_LINKS]) {
+    fn take_arrivals(&mut self, rounds: &mut Rounds) {
         for _ in 0..MOST_FROM_DEVICES {
             let Ok(arrival) = self.arrivals.devices.try_recv() else { break };
-            self.take(arrival, up);
+            self.take(arrival, rounds);
         }
         let began = clock::now();
         for _ in 0..MOST_FROM_STATIONS {
             let Ok(arrival) = self.arrivals.stations.try_recv() else { return };
-            self.take(arrival, up);
+            self.take(arrival, rounds);
             if clock::now().seconds_since(began) > STATIONS_S {
                 return;
             }
         }
     }
 
-    fn take(&mut self, arrival: Arrival, up: &mut [bool; MOST_LINKS]) {
+    fn take(&mut self, arrival: Arrival, rounds: &mut Rounds) {
         let Arrival { from, at, link, what } = arrival;
-        if let Some(is_up) = up.get_mut(usize::from(link.number())) {
-            match what {
-                What::Bytes(..) => {}
-                What::Up => *is_up = true,
-                What::Down => *is_up = false,
-            }
+        let number = usize::from(link.number());
+        if let (Some(is_up), Some(is_full)) =
+            (rounds.up.get_mut(number), rounds.full.get_mut(number))
+            && !matches!(what, What::Bytes(..))
+        {
+            *is_up = matches!(what, What::Up);
+            // The core begins anew with it.
+            *is_full = false;
         }
         if let Some(address) = from
             && self.board_peer.replace(address) != Some(address)
@@ -241,6 +248,17 @@ impl Core {
             What::Bytes(bytes, _share) => self.feed(at, Input::Bytes { link, bytes: &bytes }),
             What::Up => self.feed(at, Input::LinkUp { link }),
             What::Down => self.feed(at, Input::LinkDown { link }),
+        }
+    }
+
+    /// Tells the core of which links more waits than they take, when that has changed.
+    fn report_backlogs(&mut self, now: HostTime, rounds: &mut Rounds) {
+        for (number, (told, is_up)) in (0..).zip(rounds.full.iter_mut().zip(rounds.up)) {
+            let link = LinkId::from_number(number);
+            let is_full = is_up && matches!(link, LinkId::Ground(_)) && self.shared.is_full(link);
+            if std::mem::replace(told, is_full) != is_full {
+                self.feed(now, Input::Backlog { link, is_full });
+            }
         }
     }
 
@@ -274,7 +292,9 @@ impl Core {
             let Some(output) = outputs.get(usize::from(link.number())) else { return };
             let piece = pool.lend(bytes).ok_or(Refused::Full);
             let to = board.filter(|_| link == LinkId::Board);
-            match piece.and_then(|bytes| output.put(Outgoing { link, to, bytes })) {
+            let waits = Waits::new(shared, link);
+            let outgoing = piece.map(|bytes| Outgoing { link, to, bytes, _waits: waits });
+            match outgoing.and_then(|outgoing| output.put(outgoing)) {
                 Ok(()) => {}
                 Err(Refused::Full) => shared.lost(link, DropReason::OutputQueueFull),
                 Err(Refused::Gone) => shared.lost(link, DropReason::LinkWriteFailed),

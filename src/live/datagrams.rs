@@ -227,7 +227,9 @@ mod tests {
         addresses.iter().for_each(|address| assert!(heard.heard(*address, clock::now())));
         let mut buffer = [0; 8];
         let mut got = |far: &mut Far, to| {
-            let outgoing = Outgoing { link: LinkId::Board, to, bytes: pool.lend(&[7]).unwrap() };
+            let waits = super::super::inbox::Waits::new(&Default::default(), LinkId::Board);
+            let bytes = pool.lend(&[7]).unwrap();
+            let outgoing = Outgoing { link: LinkId::Board, to, bytes, _waits: waits };
             far.send(&socket, &inbox, outgoing);
             std::thread::sleep(Duration::from_millis(20));
             [0, 1].map(|i: usize| boards[i].recv_from(&mut buffer).is_ok())

@@ -31,6 +31,9 @@ const READY_BYTES: usize = 2048;
 
 /// Chunks that may wait for a link: half a second of setpoints, several of telemetry.
 pub(super) const OUTPUT_QUEUE_CHUNKS: usize = 64;
+/// With more than this waiting a link counts as full: what can wait is then not put in, and 24 frames of
+/// services and the telemetry of 0.2 s still find room.
+const FULL_CHUNKS: usize = OUTPUT_QUEUE_CHUNKS / 4;
 
 /// Reasons that occur outside of the core.
 const REASONS: [DropReason; 14] = [
@@ -60,6 +63,8 @@ pub(super) struct Shared {
     /// Rounds of the pilot's thread, each with a wake-up of the core.
     steps: AtomicU64,
     drops: [[AtomicU64; REASONS.len()]; MOST_LINKS],
+    /// Pieces that wait for each link, in whatever queue.
+    waiting: [AtomicUsize; MOST_LINKS],
 }
 
 impl Default for Shared {
@@ -68,11 +73,42 @@ impl Default for Shared {
             stop: AtomicBool::new(false),
             steps: AtomicU64::new(0),
             drops: [const { [const { AtomicU64::new(0) }; REASONS.len()] }; MOST_LINKS],
+            waiting: [const { AtomicUsize::new(0) }; MOST_LINKS],
+        }
+    }
+}
+
+/// A piece's part of what waits for its link, given back when the piece has left or is lost.
+#[derive(Debug)]
+pub(super) struct Waits {
+    shared: Arc<Shared>,
+    link: LinkId,
+}
+
+impl Waits {
+    pub(super) fn new(shared: &Arc<Shared>, link: LinkId) -> Self {
+        if let Some(waiting) = shared.waiting.get(usize::from(link.number())) {
+            waiting.fetch_add(1, Relaxed);
+        }
+        Self { shared: shared.clone(), link }
+    }
+}
+
+impl Drop for Waits {
+    fn drop(&mut self) {
+        if let Some(waiting) = self.shared.waiting.get(usize::from(self.link.number())) {
+            waiting.fetch_sub(1, Relaxed);
         }
     }
 }
 
 impl Shared {
+    /// Whether more waits for a link than it takes.
+    pub(super) fn is_full(&self, link: LinkId) -> bool {
+        let waiting = self.waiting.get(usize::from(link.number()));
+        waiting.is_some_and(|waiting| waiting.load(Relaxed) > FULL_CHUNKS)
+    }
+
     /// Asks every thread to end.
     pub(super) fn stop(&self) {
         self.stop.store(true, Relaxed);

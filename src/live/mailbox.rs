@@ -14,6 +14,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pipe::{PipeFlags, pipe_with};
 use tokio::net::unix::pipe;
 
+use super::inbox::Waits;
 use super::pool::Chunk;
 use haltere_pilot::LinkId;
 
@@ -24,6 +25,8 @@ pub(super) struct Outgoing {
     /// Who is meant, on a link of many ends. `None`: all of them.
     pub to: Option<SocketAddr>,
     pub bytes: Chunk,
+    /// Counts it among what waits for the link.
+    pub _waits: Waits,
 }
 
 /// Why a piece was not taken.
@@ -194,7 +197,9 @@ mod tests {
     use super::*;
 
     fn piece(pool: &Pool, n: u32) -> Outgoing {
-        Outgoing { link: LinkId::Board, to: None, bytes: pool.lend(&n.to_le_bytes()).unwrap() }
+        let bytes = pool.lend(&n.to_le_bytes()).unwrap();
+        let waits = Waits::new(&Default::default(), LinkId::Board);
+        Outgoing { link: LinkId::Board, to: None, bytes, _waits: waits }
     }
 
     fn number(piece: &Outgoing) -> u32 {

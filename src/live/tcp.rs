@@ -241,7 +241,9 @@ mod tests {
         }
         let to = Some(boards[1].local_addr().unwrap());
         for (to, bytes) in [(to, b"one"), (None, b"all")] {
-            let outgoing = Outgoing { link: LinkId::Board, to, bytes: pool.lend(bytes).unwrap() };
+            let waits = super::super::inbox::Waits::new(&Default::default(), LinkId::Board);
+            let bytes = pool.lend(bytes).unwrap();
+            let outgoing = Outgoing { link: LinkId::Board, to, bytes, _waits: waits };
             assert!(output.put(outgoing).is_ok());
         }
         let mut first = [0; 3];

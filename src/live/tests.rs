@@ -136,6 +136,7 @@ fn prop_bytes_of_every_kind_of_link_reach_the_log() {
                     garbage += count;
                 }
                 RawInput::File { .. } | RawInput::Calendar { .. } | RawInput::Wake => {}
+                RawInput::Backlog { .. } => {}
                 RawInput::Recording { state, .. } => assert_eq!(state, Recording::Runs),
                 RawInput::EndAsked => panic!("nobody asked"),
             }

@@ -39,6 +39,8 @@ pub(super) struct GroundLink {
     pub endpoint_number: u8,
     /// Whether somebody is there. Nothing is sent to a link without a station.
     pub is_open: bool,
+    /// Whether more waits for it than it takes: what can wait does.
+    pub is_full: bool,
     pub splitter: MavSplitter,
     pub streams: Streams,
     pub counts: LinkCounts,
@@ -64,6 +66,7 @@ impl GroundLink {
             endpoint,
             endpoint_number,
             is_open: false,
+            is_full: false,
             splitter: MavSplitter::new(),
             streams: Streams::new(&endpoint, at),
             counts: LinkCounts::default(),

@@ -65,6 +65,13 @@ pub enum Input<'a> {
         /// Which.
         link: LinkId,
     },
+    /// More waits for a link than it takes, or no longer: whoever can wait does, and nothing is thrown away.
+    Backlog {
+        /// On which link.
+        link: LinkId,
+        /// Whether it is so.
+        is_full: bool,
+    },
     /// The glue had to throw something away.
     Lost {
         /// On which link.

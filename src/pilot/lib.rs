@@ -454,6 +454,11 @@ impl Pilot {
             }
             Input::LinkUp { link } => self.link_up(at, link),
             Input::LinkDown { link } => self.link_down(at, link),
+            Input::Backlog { link, is_full } => {
+                if let Some(ground) = self.ground_mut(link) {
+                    ground.is_full = is_full;
+                }
+            }
             Input::Lost { link, reason, count } => self.glue_lost(at, link, reason, count),
             Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
             Input::Recording { state, why } => self.recording_told(at, state, why),

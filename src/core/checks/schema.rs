@@ -38,7 +38,7 @@ impl std::error::Error for NotReadable {}
 
 impl Schema {
     /// Flight logs: `Session.schema_version` in `haltere.proto`.
-    pub const LOG: Self = Self { what: "log", newest: 2 };
+    pub const LOG: Self = Self { what: "log", newest: 3 };
     /// Configuration files.
     pub const CONFIGURATION: Self = Self { what: "configuration", newest: 1 };
     /// Vehicle files.

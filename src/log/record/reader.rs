@@ -43,6 +43,13 @@ pub enum RawInput {
         /// Which.
         link: LinkId,
     },
+    /// See [`Input::Backlog`].
+    Backlog {
+        /// On which link.
+        link: LinkId,
+        /// Whether it is so.
+        is_full: bool,
+    },
     /// See [`Input::Peer`].
     Peer {
         /// Which link.
@@ -93,6 +100,9 @@ impl RawInput {
             RawInput::Bytes { link, bytes } => Input::Bytes { link: *link, bytes },
             RawInput::LinkUp { link } => Input::LinkUp { link: *link },
             RawInput::LinkDown { link } => Input::LinkDown { link: *link },
+            RawInput::Backlog { link, is_full } => {
+                Input::Backlog { link: *link, is_full: *is_full }
+            }
             RawInput::Peer { link, address } => Input::Peer { link: *link, address: *address },
             RawInput::Lost { link, reason, count } => {
                 Input::Lost { link: *link, reason: *reason, count: *count }
@@ -495,6 +505,8 @@ pub(super) fn decode(message: &Message<'_>) -> Result<Option<Entry>, prost::Deco
         let input = match event.kind() {
             pb::link_event::Kind::Up => RawInput::LinkUp { link },
             pb::link_event::Kind::Down => RawInput::LinkDown { link },
+            pb::link_event::Kind::Full => RawInput::Backlog { link, is_full: true },
+            pb::link_event::Kind::Room => RawInput::Backlog { link, is_full: false },
             pb::link_event::Kind::Unknown => return Ok(None),
         };
         Entry::Input { sequence: event.sequence, at: HostTime::from_us(event.host_time_us), input }

@@ -375,6 +375,11 @@ impl Recorder {
             Input::LinkDown { link } => {
                 self.raw(at, Item::Event { link, kind: pb::link_event::Kind::Down });
             }
+            Input::Backlog { link, is_full } => {
+                use pb::link_event::Kind;
+                let kind = if is_full { Kind::Full } else { Kind::Room };
+                self.raw(at, Item::Event { link, kind });
+            }
             Input::Peer { link, address } => self.raw(at, Item::Peer { link, address }),
             Input::Lost { link, reason, count } => {
                 self.raw(at, Item::Lost { link, reason, count });

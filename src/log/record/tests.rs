@@ -156,6 +156,7 @@ fn script(recorder: &mut Recorder, cycles: u64) -> Vec<Entry> {
             RawInput::Bytes { link: LinkId::Tag, bytes: vec![cycle as u8; 33] },
             RawInput::Bytes { link: LinkId::Board, bytes: vec![0xfd, 0, cycle as u8] },
             RawInput::Bytes { link: LinkId::Ground(3), bytes: vec![] },
+            RawInput::Backlog { link: LinkId::Ground(3), is_full: cycle % 2 == 0 },
             RawInput::LinkDown { link: LinkId::Ground(3) },
             RawInput::Lost { link: LinkId::Board, reason: DropReason::InputQueueFull, count: 3 },
             RawInput::Calendar { unix_us: 1_795_000_000_000_000 },

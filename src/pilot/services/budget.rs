@@ -1,6 +1,7 @@
 //! How much of a link the services may use: lists and files wait, telemetry and control do not.
 
-/// Frames of services in one control step. A link's queue holds 64; the rest is telemetry's.
+/// Frames of services in one control step. A link's queue holds 64 and counts as full beyond 16; the rest is
+/// telemetry's.
 const FRAMES_PER_STEP: usize = 24;
 /// Bytes of services in one control step where no line limits: [`FRAMES_PER_STEP`] of the longest.
 const BYTES_PER_STEP: f64 = FRAMES_PER_STEP as f64 * LONGEST_FRAME_BYTES;
@@ -38,12 +39,13 @@ pub(in super::super) struct Bucket {
 }
 
 impl Bucket {
-    /// The budget of the next step, on a line that carries so many bytes/s.
-    pub fn step(&mut self, line_Bps: Option<f64>) -> Budget<'_> {
+    /// The budget of the next step, on a line that carries so many bytes/s; nothing while there is no room for more.
+    pub fn step(&mut self, line_Bps: Option<f64>, has_room: bool) -> Budget<'_> {
         let per_step = line_Bps
             .map_or(BYTES_PER_STEP, |bps| (SHARE * bps / STEPS_PER_S).clamp(0.0, BYTES_PER_STEP));
         let most = per_step.max(LONGEST_FRAME_BYTES);
         self.credit_bytes = (self.credit_bytes + per_step).min(most);
-        Budget { frames: FRAMES_PER_STEP, credit_bytes: &mut self.credit_bytes }
+        let frames = if has_room { FRAMES_PER_STEP } else { 0 };
+        Budget { frames, credit_bytes: &mut self.credit_bytes }
     }
 }

@@ -298,7 +298,7 @@ impl Pilot {
                 Some(index) => buckets.swap_remove(index).1,
                 None => Bucket::default(),
             };
-            let mut budget = bucket.step(line_Bps);
+            let mut budget = bucket.step(line_Bps, !self.grounds[n].is_full);
             self.partial_tick(link, &mut budget);
             self.parameter_tick(link, &mut budget);
             self.log_tick(at, link, &mut budget);

@@ -350,7 +350,7 @@ mod tests {
         let mut list = Listing { link: LinkId::Ground(0), next: 0 };
         let mut bucket = Bucket::default();
         let (mut sent, mut steps) = (Vec::new(), 0);
-        while list.send(1000, &mut bucket.step(None), |index| sent.push(index)) {
+        while list.send(1000, &mut bucket.step(None, true), |index| sent.push(index)) {
             steps += 1;
         }
         assert!(sent.iter().copied().eq(0..1000));
@@ -364,7 +364,7 @@ mod tests {
         let mut bucket = Bucket::default();
         let mut sent = 0;
         for _ in 0..1000 {
-            list.send(10_000, &mut bucket.step(Some(5760.0)), |_| sent += 1);
+            list.send(10_000, &mut bucket.step(Some(5760.0), true), |_| sent += 1);
         }
         let bytes_per_s = f64::from(sent) * VALUE_BYTES as f64 / 10.0;
         assert!((2500.0..=2900.0).contains(&bytes_per_s), "{bytes_per_s}");
