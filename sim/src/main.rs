@@ -30,13 +30,13 @@ mod stop;
 mod truth_file;
 
 use std::ffi::OsString;
-use std::io::{IsTerminal as _, Write as _};
+use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser};
 use haltere::cli::complete::{Completions, Man};
 use haltere::cli::moved::Moved;
-use haltere::cli::{is_unwritten, print, sentence};
+use haltere::cli::{is_unwritten, print, tell};
 use haltere::live::console::Console;
 use haltere_sim::paper;
 
@@ -207,7 +207,7 @@ fn main() -> ExitCode {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(EXIT_BOUND),
         Err(error) => {
-            let _ = writeln!(std::io::stderr(), "haltere-sim: {}", sentence(&error));
+            tell(PROGRAM, &error);
             ExitCode::from(if is_unwritten(&error) { EXIT_UNWRITTEN } else { EXIT_ERROR })
         }
     }

@@ -152,8 +152,7 @@ pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
     match result {
         Ok(code) => code,
         Err(error) => {
-            // A sentence for people; each layer has named what it knows.
-            let _ = writeln!(std::io::stderr(), "haltere: {}", sentence(&error));
+            tell(PROGRAM, &error);
             ExitCode::from(FAILED)
         }
     }
@@ -187,6 +186,18 @@ pub fn sentence(error: &anyhow::Error) -> String {
             () => said + ": " + &text,
         }
     })
+}
+
+/// Says why a command failed: a sentence for people; each layer has named what it knows. Of a reader that went away, as
+/// `head` does when it has enough, nothing is said: who reads knows, and a script has the exit code.
+pub fn tell(program: &str, error: &anyhow::Error) {
+    let kind_of =
+        |cause: &(dyn std::error::Error + 'static)| Some(cause.downcast_ref::<io::Error>()?.kind());
+    let reader_is_gone =
+        error.chain().filter_map(kind_of).any(|kind| kind == io::ErrorKind::BrokenPipe);
+    if !(reader_is_gone && is_unwritten(error)) {
+        let _ = writeln!(std::io::stderr(), "{program}: {}", sentence(error));
+    }
 }
 
 /// Whether an error is of this kind.
@@ -230,19 +241,48 @@ pub fn parsed<C: Parser>(
     args: impl IntoIterator<Item = std::ffi::OsString>,
     program: &str,
 ) -> Result<C, ExitCode> {
-    C::try_parse_from(args).map_err(|said| {
+    C::try_parse_from(args).map_err(|mut said| {
+        suggest(&mut said, &C::command());
         let printed = said.print().and_then(|()| std::io::stdout().flush());
         let code = u8::try_from(said.exit_code()).unwrap_or(FAILED);
         match printed.map_err(Unwritten) {
             Err(error) if !said.use_stderr() => {
-                let error = anyhow::Error::new(error);
-                let _ = writeln!(std::io::stderr(), "{program}: {error:#}");
+                tell(program, &anyhow::Error::new(error));
                 ExitCode::from(FAILED)
             }
             _ => ExitCode::from(code),
         }
     })
 }
+
+/// Names the command that was meant where one of another level is: `haltere diagnose` for `haltere gap diagnose`.
+fn suggest(said: &mut clap::Error, command: &clap::Command) {
+    use clap::error::{ContextKind, ContextValue};
+    let Some(ContextValue::String(wrong)) = said.get(ContextKind::InvalidSubcommand) else {
+        return;
+    };
+    let wrong = wrong.to_lowercase();
+    let mut open: Vec<(String, &clap::Command)> = vec![(String::new(), command)];
+    let mut found = Vec::new();
+    while let Some((path, command)) = open.pop() {
+        for below in command.get_subcommands().filter(|below| !below.is_hide_set()) {
+            let name = below.get_name();
+            let path = if path.is_empty() { name.to_owned() } else { format!("{path} {name}") };
+            let begins = wrong.len() >= LEAST_BEGINNING && name.starts_with(&wrong);
+            if path != name && (begins || wrong.starts_with(name)) {
+                found.push(path.clone());
+            }
+            open.push((path, below));
+        }
+    }
+    if !found.is_empty() {
+        found.sort();
+        said.insert(ContextKind::SuggestedSubcommand, ContextValue::Strings(found));
+    }
+}
+
+/// A shorter beginning of a name means too many, letters.
+const LEAST_BEGINNING: usize = 3;
 
 /// Prints as JSON.
 pub fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
@@ -253,6 +293,28 @@ pub fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
 mod tests {
     use super::*;
     use crate::reference::commands::{MANUALS, commands_of};
+
+    #[test]
+    fn regress_a_command_of_another_level_is_named() {
+        let said = |words: &str| {
+            let error = Cli::try_parse_from(words.split(' ')).map_err(|mut error| {
+                suggest(&mut error, &<Cli as clap::CommandFactory>::command());
+                error.to_string()
+            });
+            error.unwrap_err()
+        };
+        for (words, meant) in [
+            ("haltere diagnose a.mcap", "'gap diagnose'"),
+            ("haltere diagnoses", "'gap diagnose'"),
+            ("haltere export a.mcap", "'log export'"),
+            ("haltere Takeoff 1.2", "'ctl takeoff'"),
+        ] {
+            let text = said(words);
+            assert!(text.contains("similar subcommand exists") && text.contains(meant), "{text}");
+        }
+        // One of this level that is close is named as before.
+        assert!(said("haltere repot").contains("'report'"));
+    }
 
     #[test]
     fn regress_path_and_cause_are_said_once() {
