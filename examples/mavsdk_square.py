@@ -15,7 +15,7 @@ from mavsdk.plugins.offboard import Offboard, PositionNedYaw
 from mavsdk.plugins.telemetry import Telemetry
 
 HEIGHT_M = 1.2
-CORNERS = [(4.0, 4.0), (4.0, 6.0), (6.0, 6.0), (6.0, 4.0), (5.0, 5.0)]
+CORNERS = [(4.0, 4.0), (4.0, 6.0), (6.0, 6.0), (6.0, 4.0), (4.0, 4.0)]
 
 
 class Newest:

@@ -21,11 +21,11 @@ def item(command, north=0.0, east=0.0, height=0.0, params=(0, 0, 0, NAN)):
     return command, params, round(north * 1e4), round(east * 1e4), -height
 
 
-CORNERS = [(4.0, 4.0), (4.0, 6.0), (6.0, 6.0), (6.0, 4.0), (5.0, 5.0)]
+CORNERS = [(4.0, 4.0), (4.0, 6.0), (6.0, 6.0), (6.0, 4.0), (4.0, 4.0)]
 MISSION = [item(MAV.MAV_CMD_NAV_TAKEOFF, 5.0, 5.0, HEIGHT_M)]
 MISSION += [item(MAV.MAV_CMD_NAV_WAYPOINT, north, east, HEIGHT_M, (1.0, 0.4, 0, NAN))
             for north, east in CORNERS]
-MISSION += [item(MAV.MAV_CMD_NAV_LAND, 5.0, 5.0)]
+MISSION += [item(MAV.MAV_CMD_NAV_LAND, 4.0, 4.0)]
 
 
 class Vehicle:
