@@ -9,10 +9,11 @@ use super::fly::Configuration;
 use super::print;
 use crate::fit::programs::{Options, Program, RUNG_S, plan};
 use haltere_core::control::TiltAxis;
+use haltere_model::PlantConfig;
 use haltere_pilot::Envelope;
 
 /// Prints a program as a mission file (TOML), placed in the volume of the configuration and checked
-/// against its limits.
+/// against its limits. Where there is neither a configuration nor a survey, that is the hall of `haltere-sim fly`.
 ///
 /// Fly it with `haltere ctl mission`, or in the simulator with `haltere-sim fly`.
 #[derive(Debug, Args)]
@@ -72,7 +73,14 @@ enum Axes {
 
 impl ProgramCommand {
     pub(super) fn run(self) -> anyhow::Result<ExitCode> {
-        let loaded = self.configuration.load()?;
+        let hall = PlantConfig::hall(0).survey;
+        let loaded = self.configuration.load_or_in(hall)?;
+        if loaded.files.is_empty() {
+            eprintln!(
+                "no configuration and no survey here: placed in the hall of `haltere-sim fly`; for a room of your own name its \
+                 survey (--set anchors.file=FILE), or begin with `haltere init`"
+            );
+        }
         let pilot = loaded.config.pilot();
         let envelope = Envelope::of(&pilot, &loaded.survey);
         let program = match self.name {

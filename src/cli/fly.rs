@@ -15,6 +15,7 @@ use crate::live::{self, RunSummary, realtime};
 use crate::sources::{Loaded, Sources};
 use haltere_core::checks::Problems;
 use haltere_core::drops::DropReason;
+use haltere_core::survey::Survey;
 
 /// Where the configuration comes from.
 #[derive(Debug, Args)]
@@ -30,15 +31,22 @@ pub(super) struct Configuration {
 
 impl Configuration {
     pub(super) fn load(self) -> anyhow::Result<Loaded> {
-        self.read().map_err(|problems| {
-            anyhow!("the configuration is refused (`haltere check` examines it):\n{problems}")
-        })
+        self.read().map_err(refused)
+    }
+
+    /// The same; where nothing is told, in this room.
+    pub(super) fn load_or_in(self, room: Survey) -> anyhow::Result<Loaded> {
+        Loaded::load_or_in(&Sources::new(self.config, self.set), room).map_err(refused)
     }
 
     /// The same, with all that is wrong one by one.
     pub(super) fn read(self) -> Result<Loaded, Problems> {
         Loaded::load(&Sources::new(self.config, self.set))
     }
+}
+
+fn refused(problems: Problems) -> anyhow::Error {
+    anyhow!("the configuration is refused (`haltere check` examines it):\n{problems}")
 }
 
 /// Flies.

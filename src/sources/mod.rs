@@ -82,10 +82,20 @@ impl Sources {
 impl Loaded {
     /// Reads and checks everything; refuses with all that is wrong.
     pub fn load(sources: &Sources) -> Result<Self, Problems> {
-        Self::load_by(sources, RETIRED)
+        Self::load_by(sources, RETIRED, None)
     }
 
-    fn load_by(sources: &Sources, gone: &[Retired]) -> Result<Self, Problems> {
+    /// The same for what can be said of a room that is not told: where no file and no key tells anything and no survey lies there, this
+    /// one is taken, and no file is named for it.
+    pub fn load_or_in(sources: &Sources, room: Survey) -> Result<Self, Problems> {
+        Self::load_by(sources, RETIRED, Some(room))
+    }
+
+    fn load_by(
+        sources: &Sources,
+        gone: &[Retired],
+        untold: Option<Survey>,
+    ) -> Result<Self, Problems> {
         let (mut config, mut layers) = load_layers(sources, gone)?;
         let notes = std::mem::take(&mut layers.notes);
         if !config.watch.token_file.as_os_str().is_empty() {
@@ -95,9 +105,16 @@ impl Loaded {
             config.signing.key_file = layers.beside("signing.key_file", &config.signing.key_file);
         }
         let anchor_file = layers.beside("anchors.file", &config.anchors.file);
-        let survey = read_anchors(&anchor_file)?;
         let mut files = layers.files();
-        files.push(anchor_file);
+        let is_told = !files.is_empty() || layers.is_set("anchors.file") || anchor_file.exists();
+        let survey = match untold.filter(|_| !is_told) {
+            Some(survey) => survey,
+            None => {
+                let survey = read_anchors(&anchor_file)?;
+                files.push(anchor_file);
+                survey
+            }
+        };
         let stations_unasked = !layers.is_set("ground.endpoints");
         let mut loaded = Self { config, survey, files, notes, lost: None, stations_unasked };
         stored::apply(&mut loaded, &layers);

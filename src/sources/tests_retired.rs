@@ -32,7 +32,7 @@ fn load(text: &str, environment: &[(&str, &str)], sets: &[&str]) -> Result<Loade
         overrides: sets.iter().map(|s| (*s).into()).collect(),
         ..Sources::default()
     };
-    Loaded::load_by(&sources, TABLE)
+    Loaded::load_by(&sources, TABLE, None)
 }
 
 /// Through the way that the head of a log is read.

@@ -6,17 +6,18 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use super::support::{companion, root, sim};
+use super::support::{companion, sim};
 
 const LIMIT: Duration = Duration::from_secs(300);
 
-/// Prints the program, flies it and fits its log.
+/// Prints the program, flies it and fits its log: in an empty folder, where a survey was asked for, in the simulator's hall.
 fn fitted(folder: &Path, program: &str) -> Value {
-    let anchors = format!("anchors.file={:?}", root().join("config/anchors.toml"));
-    let printed = companion(&["fit", "program", program, "--set", &anchors], folder, LIMIT);
+    let printed = companion(&["fit", "program", program], folder, LIMIT);
     assert_eq!(printed.code, Some(0), "{program}: {}", printed.text);
+    let (said, text) = printed.text.split_at(printed.text.find("# haltere fit program").unwrap());
+    assert!(said.contains("no survey here: placed in the hall of `haltere-sim fly`"), "{said}");
     let mission = format!("fly-{program}.toml");
-    fs::write(folder.join(&mission), &printed.text).unwrap();
+    fs::write(folder.join(&mission), text).unwrap();
     let flown = sim(&["fly", &mission, "--out", "flown"], folder, LIMIT);
     assert_eq!(flown.code, Some(0), "{program}: {}", flown.text);
     let log = format!("flown/fly-{program}-1.mcap");
