@@ -143,6 +143,11 @@ impl Layers {
         self.origin(key).is_some_and(|layer| layer.path.is_none())
     }
 
+    /// Whether a file of the configuration has the last word on a key.
+    pub(super) fn is_of_file(&self, key: &str) -> bool {
+        self.origin(key).is_some_and(|layer| layer.path.is_some())
+    }
+
     /// Whether any origin sets a key.
     pub(super) fn is_set(&self, key: &str) -> bool {
         self.origin(key).is_some()

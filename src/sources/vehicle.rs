@@ -42,6 +42,8 @@ pub struct Origin {
     pub value: Option<Value>,
     /// Name of the file, or the option that set it; nothing where it is the default.
     pub from: Option<String>,
+    /// Whether it is told over the files of the configuration: by a vehicle, the environment or the command line.
+    pub over_files: bool,
 }
 
 impl VehicleKeys {
@@ -79,6 +81,7 @@ pub(super) fn origins(config: &Config, layers: &Layers) -> Vec<Origin> {
         key,
         value: lookup(&values, key).cloned(),
         from: layers.origin_name(key).map(str::to_owned),
+        over_files: layers.is_set(key) && !layers.is_of_file(key),
     };
     VEHICLE_KEYS.map(origin).into()
 }

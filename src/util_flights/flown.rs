@@ -21,8 +21,9 @@ pub struct Flown {
     pub estimator: EstimatorConfig,
     config: Config,
     origins: Vec<Origin>,
-    /// What a place of the tag is that nobody told.
-    untold_tag: &'static str,
+    /// Whether the tag is where the recording says: a number of its vehicle, which no configuration knows and which goes over its
+    /// files, as the others do.
+    tag_is_recorded: bool,
 }
 
 /// The quadrotor of the recordings.
@@ -38,15 +39,16 @@ impl Flown {
     pub fn read(sources: Sources) -> Result<Self, Problems> {
         let (config, origins) = load_with_origins(&sources)?;
         let estimator = config.pilot().estimator_in_force();
-        // Where the tag was is written beside the recordings, by vehicle.
-        Ok(Self { estimator, config, origins, untold_tag: "as the recording says" })
+        let is_told = |origin: &Origin| origin.key == TAG && origin.over_files;
+        let tag_is_recorded = !origins.iter().any(is_told);
+        Ok(Self { estimator, config, origins, tag_is_recorded })
     }
 
     /// The same for a log of one's own: what it was flown with where no file is named.
     pub fn read_for(log: &LogReader, sources: Sources) -> Result<Self, Problems> {
         let text = log.session().config_toml.clone();
         let recorded = Some(Recorded { name: "as flown".into(), text });
-        Ok(Self { untold_tag: "default", ..Self::read(Sources { recorded, ..sources })? })
+        Ok(Self { tag_is_recorded: false, ..Self::read(Sources { recorded, ..sources })? })
     }
 
     /// What lives through a log again: its links, board and room, and the filter of this configuration with what feeds it.
@@ -73,13 +75,12 @@ impl Flown {
         Self::read(Sources { vehicle: Some(quadrotor()), overrides, ..Sources::default() })
     }
 
-    /// Runs one flight, the tag where the recording says unless the sources say it.
+    /// Runs one flight, the tag where the recording says unless a vehicle or the command line says it.
     pub fn run(&self, flight: &Flight) -> FlightReport {
-        let is_told = |origin: &Origin| origin.key == TAG && origin.from.is_some();
-        if self.origins.iter().any(is_told) {
-            run_told(flight, self.estimator.clone(), |_, _, _| {})
-        } else {
+        if self.tag_is_recorded {
             run_flight(flight, &self.estimator)
+        } else {
+            run_told(flight, self.estimator.clone(), |_, _, _| {})
         }
     }
 
@@ -92,10 +93,15 @@ impl Flown {
     /// The numbers alone.
     pub fn print_vehicle(&self, out: &mut impl Write) -> fmt::Result {
         let filter = self.origins.iter().filter(|origin| origin.key.starts_with("estimator."));
-        for Origin { key, value, from } in filter {
-            let value = value.as_ref().map_or("none".into(), ToString::to_string);
+        for Origin { key, value, from, .. } in filter {
+            let recorded = *key == TAG && self.tag_is_recorded;
+            let value = match value {
+                _ if recorded => "by recording".into(),
+                Some(value) => value.to_string(),
+                None => "none".into(),
+            };
             let from = match from {
-                None if *key == TAG => self.untold_tag,
+                _ if recorded => "where its authors say, else at the centre",
                 None => "default",
                 Some(from) => from,
             };

@@ -257,7 +257,8 @@ the number of poses and of measurements. Of 20 figures of honest filters one is 
 errors are was taken from the ranges in the README of the recordings, and within them by NEES and NIS of these
 flights; the accuracy hardly changes within them. The filter is told the heading at the first instant when there
 is an IMU, and nothing else but the anchors and where the tag is on the vehicle, as its authors wrote it down
-(June and `const`: 9 cm above the centre; April: unknown, taken as zero).";
+(June and `const`: 9 cm above the centre; April: unknown, taken as zero). A configuration does
+not move it: it is the vehicle's, as drag is, and yields to `--vehicle` and `--set` alone.";
 const ABOUT_INGREDIENTS: &str = "\
 All else as in the first row. A variant is not tuned anew for what it lacks. Last column: median over the whole
 flights.";
