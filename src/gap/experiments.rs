@@ -360,6 +360,15 @@ pub fn find(id: &str) -> Option<&'static Experiment> {
     EXPERIMENTS.iter().find(|e| e.id == id)
 }
 
+/// What tells at least two of these effects apart, the cheapest first.
+pub fn telling_apart(ids: &[String]) -> Vec<&'static Experiment> {
+    let of_these = |set: &&[&str]| set.iter().filter(|id| ids.iter().any(|own| own == *id)).count();
+    let mut all: Vec<_> =
+        EXPERIMENTS.iter().filter(|e| e.separates.iter().any(|set| of_these(&set) > 1)).collect();
+    all.sort_by(|a, b| a.whole_cost_s().total_cmp(&b.whole_cost_s()));
+    all
+}
+
 impl Experiment {
     /// Time that it costs with what comes before and after, s.
     pub fn whole_cost_s(&self) -> f64 {

@@ -174,6 +174,10 @@ impl Outcome {
 impl Remainder {
     /// In words.
     pub fn sentence(&self) -> String {
+        // Less than is printed is nothing, wherever it lies.
+        if self.share < 0.005 {
+            return "nothing that stands out from noise".to_owned();
+        }
         let mut line = format!("{:.0} % of the gap", 100.0 * self.share);
         if !self.block.is_empty() {
             let _ = write!(line, ", mostly {}", self.block);
@@ -190,6 +194,13 @@ impl Remainder {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn regress_nothing_left_is_said_in_words() {
+        let left = |share| Remainder { share, block: "actuators".into(), statistics: Vec::new() };
+        assert_eq!(left(0.001).sentence(), "nothing that stands out from noise");
+        assert_eq!(left(0.24).sentence(), "24 % of the gap, mostly actuators");
+    }
 
     #[test]
     fn prop_names_codes_and_json_agree() {

@@ -80,6 +80,9 @@ pub fn story(hidden: &Hidden, early: &[String], diagnosis: &Diagnosis) -> String
         format!(", {} is candidate {rank} of {of}", hidden.id())
     });
     let _ = writeln!(out, "RESULT  {}{place}", Mark::of(hidden, diagnosis).word());
+    for line in sizes(hidden, diagnosis) {
+        let _ = writeln!(out, "SIZE    {line}");
+    }
     if diagnosis.not_testable.iter().any(|id| id == hidden.id()) {
         let _ =
             writeln!(out, "        what {} does to this flight is lost in its noise", hidden.id());
@@ -109,6 +112,21 @@ fn what(hidden: &Hidden) -> String {
         .map(|v| format!("{} {:.3} {}", v.name, v.value, v.unit).trim_end().to_owned())
         .collect();
     format!("{} {} ({}{left}): {}", spec.id, spec.name, hidden.strength, numbers.join(", "))
+}
+
+/// Of what was hidden and named: each number as it was hidden beside what was found.
+fn sizes(hidden: &Hidden, diagnosis: &Diagnosis) -> Vec<String> {
+    let found = diagnosis.effects.iter().find(|effect| effect.id == hidden.id());
+    let values = hidden.values();
+    let beside = values.iter().filter_map(|value| {
+        let p = found?.parameters.iter().find(|p| p.name == value.name)?;
+        let line = format!(
+            "{} hidden {:.3}, found {:.3} (90 %: {:.3} to {:.3}) {}",
+            value.name, value.value, p.value, p.low, p.high, value.unit
+        );
+        Some(line.trim_end().to_owned())
+    });
+    beside.collect()
 }
 
 fn closed(shrink: &ShrinkResult) -> String {

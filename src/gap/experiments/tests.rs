@@ -76,3 +76,16 @@ fn prop_missions_stay_in_any_room_or_say_why_not() {
         }
     }
 }
+
+/// A set of mass and thrust was told to replace the wings before anybody had weighed the vehicle.
+#[test]
+fn regress_the_cheapest_test_that_tells_a_set_apart_comes_first() {
+    let first = |ids: &[&str]| {
+        let ids: Vec<String> = ids.iter().map(|id| (*id).to_owned()).collect();
+        telling_apart(&ids).first().map(|e| e.id)
+    };
+    assert_eq!(first(&["P1", "I1"]), Some("scale"));
+    assert_eq!(first(&["M3", "M6"]), Some("rest-log"));
+    assert_eq!(first(&["P1"]), None, "one effect is told apart from nothing");
+    assert_eq!(first(&["P1", "U1"]), None);
+}

@@ -159,6 +159,7 @@ fn summary(html: &mut String, d: &Diagnosis) {
         }
     };
     row("Verdict", format!("<b>{}</b>{}", escape(&d.verdict), sizes(d)));
+    row("What to do", next::remedy(d));
     if let Some(explained) = &d.explained {
         row("Explained", escape(&explained.words()));
     }
@@ -215,6 +216,12 @@ fn sizes(d: &Diagnosis) -> String {
         })
         .collect();
     format!("<br>{}", escape(&all.join("; ")))
+}
+
+/// An effect by its id, with its name.
+fn named(id: &str) -> String {
+    let spec = haltere_gap::library::whole().into_iter().find(|spec| spec.id == id);
+    spec.map_or_else(|| id.to_owned(), |spec| format!("{id} {}", spec.name))
 }
 
 fn whereabouts(d: &Diagnosis) -> String {
@@ -454,7 +461,10 @@ fn shrink(html: &mut String, d: &Diagnosis) {
     let others: Vec<String> = s
         .others
         .iter()
-        .map(|(id, v)| format!("{id} {}", v.map_or("none".to_owned(), |v| format!("{v:.2}"))))
+        .map(|(id, v)| {
+            let ids: Vec<String> = id.split(" + ").map(named).collect();
+            format!("{} {}", ids.join(" + "), v.map_or("none".to_owned(), |v| format!("{v:.2}")))
+        })
         .collect();
     let _ = write!(
         html,
@@ -477,7 +487,7 @@ fn candidates(html: &mut String, d: &Diagnosis) {
         let _ = write!(
             html,
             "<tr><td>{}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.1}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.1}</td><td class=\"n\">{}</td><td>{}</td></tr>",
-            escape(&c.id),
+            escape(&named(&c.id)),
             c.posterior,
             c.log_evidence,
             c.explained,

@@ -4,7 +4,10 @@ use std::fmt::Write as _;
 
 use crate::report::svg::escape;
 use haltere_gap::accept::by_hand;
-use haltere_gap::diagnosis::Diagnosis;
+use haltere_gap::diagnosis::{Diagnosis, Effect};
+use haltere_gap::experiments::telling_apart;
+
+use super::named;
 
 /// Experiments that the table lists.
 const LISTED: usize = 10;
@@ -18,8 +21,32 @@ const SHOWS: f64 = 0.5;
 /// Candidates that are left, in a line.
 pub(super) fn open(d: &Diagnosis) -> String {
     let Some(a) = d.advice.as_ref().filter(|a| a.open.len() > 1) else { return String::new() };
-    let all: Vec<String> = a.open.iter().map(|(id, p)| format!("{id} {p:.2}")).collect();
+    let all: Vec<String> = a.open.iter().map(|(id, p)| format!("{} {p:.2}", named(id))).collect();
     escape(&all.join(", "))
+}
+
+/// What to do about what is named, cheapest first: of a set the test that tells it apart, before anything is replaced.
+pub(super) fn remedy(d: &Diagnosis) -> String {
+    let mut steps = Vec::new();
+    if d.effects.len() > 1 && d.outcome == "ambiguous" {
+        let cheapest = telling_apart(&d.set).into_iter().next();
+        steps.extend(cheapest.map(|e| {
+            let minutes = (e.whole_cost_s() / 60.0).ceil();
+            format!("<b>first {}</b> ({minutes:.0} min): {}", escape(e.title), escape(e.how))
+        }));
+    }
+    let if_it_is = if steps.is_empty() { "" } else { "if it is " };
+    let of = |e: &Effect| {
+        format!("{if_it_is}{} {}: {}", escape(&e.id), escape(&e.name), escape(by_hand(&e.id)))
+    };
+    steps.extend(repaired(d).map(of));
+    steps.join("<br>")
+}
+
+/// Effects whose repair is told.
+fn repaired(d: &Diagnosis) -> impl Iterator<Item = &Effect> {
+    let named = matches!(d.outcome, "named" | "several" | "named_with_remainder" | "ambiguous");
+    d.effects.iter().filter(move |_| named).take(REPAIRS)
 }
 
 /// The first advice, in a line.
@@ -37,15 +64,13 @@ pub(super) fn first(d: &Diagnosis) -> String {
 /// The table.
 pub(super) fn section(html: &mut String, d: &Diagnosis) {
     html.push_str("<h2>What next</h2>");
-    let named = matches!(d.outcome, "named" | "several" | "named_with_remainder" | "ambiguous");
-    for effect in d.effects.iter().filter(|_| named).take(REPAIRS) {
+    for effect in repaired(d) {
         let _ = write!(
             html,
-            "<p><b>{} {}</b> on the vehicle: {}. In the simulator: <code>haltere gap accept REPORT.json --effect {} \
+            "<p><b>{} {}</b> in the simulator: <code>haltere gap accept REPORT.json --effect {} \
              --scenario FILE</code>, <code>haltere gap undo FILE</code> takes it back.</p>",
             escape(&effect.id),
             escape(&effect.name),
-            escape(by_hand(&effect.id)),
             escape(&effect.id)
         );
     }
