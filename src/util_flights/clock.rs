@@ -13,12 +13,12 @@
 
 use std::fmt;
 
-use nalgebra::{Matrix6, Rotation3, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3, Vector6};
 use serde::Serialize;
 
 use haltere_core::measure::ReferencePose;
 use haltere_core::time::HostTime;
-use haltere_log::import::truth::TruePose;
+use haltere_log::import::truth::{PositionNames, TruePose, turns};
 
 /// Steps over which speeds are taken and laid over one another, s: a vehicle changes its speed in some tenths.
 const STEP_S: f64 = 0.2;
@@ -109,9 +109,9 @@ pub enum NoClock {
         /// The best.
         found: f64,
     },
-    /// No metres.
+    /// No metres, or other axes.
     #[error("{0}")]
-    Units(Units),
+    Misnamed(Misnamed),
     /// A path that repeats.
     #[error(
         "two offsets fit alike, {first_s:.2} s and {second_s:.2} s: the path repeats itself; give a truth that holds take-off or \
@@ -134,26 +134,106 @@ pub enum NoClock {
     },
 }
 
-/// A truth that is in no metres.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[error(
-    "the truth spreads {factor:.0} times as far as the estimate: is it in {unit}? name its columns x_{suffix},y_{suffix},z_{suffix}"
-)]
-pub struct Units {
-    factor: f64,
-    unit: &'static str,
-    suffix: &'static str,
+/// A truth whose columns are named otherwise than what they hold: in no metres, or along other axes than those of the anchors.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Misnamed {
+    /// How far it spreads, in that of the estimate, and what it is in; nothing where it is in metres.
+    unit: Option<(f64, &'static str)>,
+    /// How the axes lie; nothing where they are those of the anchors.
+    axes: Option<OtherAxes>,
+    /// What its columns are to be named.
+    names: [String; 3],
 }
 
-impl Units {
-    /// Of a truth that spreads so many times as far as the estimate. Other factors are those of an estimate that is wrong.
-    pub fn of(factor: f64) -> Option<Self> {
-        let (unit, suffix) = match factor {
-            f if (300.0..3000.0).contains(&f) => ("millimetres", "mm"),
-            f if (30.0..300.0).contains(&f) => ("centimetres", "cm"),
-            _ => return None,
+/// Another of the 48 ways to name axes that fits, where the one that is told does not.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct OtherAxes {
+    /// From the truth as it was read to the truth, Earth frame.
+    turn_EE: Matrix3<f64>,
+    /// Distance from the estimate, shifted and turned by no more than [`MOST_TURN_RAD`] about the vertical, rms, m: as the axes are named, and so.
+    as_named_m: f64,
+    renamed_m: f64,
+}
+
+/// Places that are laid beside one another in 48 ways; more of them show no more (some ten a second of a flight).
+const MOST_PAIRS: usize = 5000;
+/// Axes that leave more than this share of the spread of the truth are those of no naming: the estimate is wrong (judgement).
+const MOST_LEFT: f64 = 0.5;
+/// A turn about the vertical beyond this is told as axes that are named otherwise, rad (45 degrees).
+const MOST_TURN_RAD: f64 = std::f64::consts::FRAC_PI_4;
+/// Of the axes as they are named a turn that is no other naming is none: so near to one of a quarter it must be, rad (3 degrees).
+const NEAR_QUARTER_RAD: f64 = 0.05;
+
+impl Misnamed {
+    /// Of places, each beside its truth, Earth frame, m. Spreads by other factors than those of a unit are those of an estimate that
+    /// is wrong; axes that fit no better than as they are named are those of a path that does not tell.
+    pub fn of(
+        pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)>,
+        names: &PositionNames,
+    ) -> Option<Self> {
+        let pairs: Vec<_> = pairs.collect();
+        let pairs = pairs.iter().step_by(1 + pairs.len() / MOST_PAIRS).copied();
+        let factor = Frames::between(pairs.clone())?.spread_factor;
+        let unit = match factor {
+            f if (300.0..3000.0).contains(&f) => Some(("millimetres", "mm", 1e-3)),
+            f if (30.0..300.0).contains(&f) => Some(("centimetres", "cm", 1e-2)),
+            _ => None,
         };
-        Some(Self { factor, unit, suffix })
+        let unit_m = unit.map_or(1.0, |(_, _, unit_m)| unit_m);
+        let axes = OtherAxes::of(pairs.map(|(e, t)| (e, t * unit_m)));
+        (unit.is_some() || axes.is_some()).then(|| {
+            let turn_EE = axes.map_or_else(Matrix3::identity, |axes| axes.turn_EE);
+            let names = names.renamed(&turn_EE, unit.map(|(_, suffix, _)| suffix));
+            Self { unit: unit.map(|(unit, ..)| (factor, unit)), axes, names }
+        })
+    }
+}
+
+impl OtherAxes {
+    fn of(pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> + Clone) -> Option<Self> {
+        let named = |turn_EE: Matrix3<f64>| {
+            let frames = Frames::between(pairs.clone().map(|(e, t)| (e, turn_EE * t)))?;
+            let yaw_rad = frames.yaw_rad.unwrap_or(0.0);
+            (yaw_rad.abs() <= MOST_TURN_RAD).then_some((turn_EE, yaw_rad, frames.fitted_rms_m))
+        };
+        let (turn_EE, yaw_rad, renamed_m) =
+            turns().filter_map(named).min_by(|a, b| a.2.total_cmp(&b.2))?;
+        let own = Frames::between(pairs)?;
+        let own_yaw_rad = own.yaw_rad.unwrap_or(0.0);
+        let is_turn = turn_EE[(2, 2)] == 1.0 && turn_EE.determinant() > 0.0;
+        let as_named_m = match own_yaw_rad.abs() <= MOST_TURN_RAD {
+            true => own.fitted_rms_m,
+            false => own.shifted_rms_m,
+        };
+        let is_other =
+            turn_EE != Matrix3::identity() && (!is_turn || yaw_rad.abs() < NEAR_QUARTER_RAD);
+        let fits = renamed_m * ALIKE < as_named_m && renamed_m < MOST_LEFT * own.spread_m;
+        (is_other && fits).then_some(Self { turn_EE, as_named_m, renamed_m })
+    }
+}
+
+impl fmt::Display for Misnamed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some((factor, unit)) = self.unit {
+            write!(
+                f,
+                "the truth spreads {factor:.0} times as far as the estimate: is it in {unit}? "
+            )?;
+        }
+        if let Some(OtherAxes { turn_EE, as_named_m, renamed_m }) = self.axes {
+            let hand =
+                if turn_EE.determinant() < 0.0 { ", a mirror image of the room" } else { "" };
+            write!(
+                f,
+                "the truth has other axes than the anchors{hand}: with those that its columns are named after it lies {as_named_m:.2} m \
+                 rms beside the estimate, with these {renamed_m:.2} m: "
+            )?;
+        }
+        write!(f, "name its columns {}", self.names.join(","))?;
+        if self.names.iter().any(|name| name.starts_with('-')) {
+            write!(f, " (one named with a minus holds its axis with the other sign)")?;
+        }
+        Ok(())
     }
 }
 
@@ -184,16 +264,20 @@ pub fn reference(pose: &TruePose, at: HostTime) -> ReferencePose {
     ReferencePose { valid_at: at, received_at: at, pos_E_m: pose.pos_E_m, attitude: pose.attitude }
 }
 
-/// Finds the clock. Both in the order of their times.
-pub fn find(flown: &[Flown], truth: &[TruePose]) -> Result<Clock, NoClock> {
+/// Finds the clock. Both in the order of their times; `names`: of the truth's columns. What the columns do not hold that they are
+/// named after is told before anything else: no offset fits such a truth.
+pub fn find(flown: &[Flown], truth: &[TruePose], names: &PositionNames) -> Result<Clock, NoClock> {
     let estimated = Speeds::of_flown(flown)?;
     let true_speeds = Speeds::of_truth(truth)?;
     let mut lags = overlaid(&estimated, &true_speeds)?;
     lags.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    let factor = lags.first().and_then(|lag| spread_factor(flown, truth, lag.offset_s));
-    if let Some(units) = factor.and_then(Units::of) {
-        return Err(NoClock::Units(units));
-    }
+    // At an offset where speeds do not agree no axes do.
+    let agrees = lags.first().filter(|lag| lag.correlation >= LEAST_CORRELATION);
+    let misnamed = agrees.and_then(|lag| Misnamed::of(beside(flown, truth, lag.offset_s), names));
+    let misnamed = match misnamed {
+        Some(misnamed) if misnamed.unit.is_some() => return Err(NoClock::Misnamed(misnamed)),
+        misnamed => misnamed,
+    };
     let mut tried: Vec<Fit> = Vec::new();
     let mut begun: Vec<f64> = Vec::new();
     for lag in &lags {
@@ -208,6 +292,12 @@ pub fn find(flown: &[Flown], truth: &[TruePose]) -> Result<Clock, NoClock> {
     let found = lags.first().map_or(0.0, |lag| lag.correlation);
     tried.retain(|fit| fit.correlation >= LEAST_CORRELATION);
     tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    // Laps are their own mirror image half a lap later: where they fit as they are named, that is so.
+    let as_named_m = tried.first().map_or(f64::INFINITY, |best| best.rms_m);
+    let is_better = |axes: OtherAxes| axes.renamed_m * ALIKE < as_named_m;
+    if let Some(misnamed) = misnamed.filter(|m| m.axes.is_some_and(is_better)) {
+        return Err(NoClock::Misnamed(misnamed));
+    }
     let Some(best) = tried.first() else { return Err(NoClock::NothingAgrees { found }) };
     let other = tried.iter().skip(1).find(|fit| {
         (fit.clock.offset_s - best.clock.offset_s).abs() > APART_S / 2.0
@@ -327,14 +417,16 @@ fn overlaid(estimated: &Speeds, truth: &Speeds) -> Result<Vec<Overlaid>, NoClock
     Ok(found)
 }
 
-/// How far the truth spreads at an offset, in that of the estimate.
-fn spread_factor(flown: &[Flown], truth: &[TruePose], offset_s: f64) -> Option<f64> {
-    let beside = |f: &Flown| {
+/// Places of the estimate beside those of the truth at an offset.
+fn beside<'a>(
+    flown: &'a [Flown],
+    truth: &'a [TruePose],
+    offset_s: f64,
+) -> impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> + Clone + 'a {
+    flown.iter().filter_map(move |f| {
         let (p, _) = position_and_velocity(truth, f.at_s - offset_s, STEP_S)?;
         Some((f.pos_E_m, p))
-    };
-    let pairs: Vec<_> = flown.iter().filter_map(beside).collect();
-    Frames::between(pairs.iter().copied()).map(|frames| frames.spread_factor)
+    })
 }
 
 /// Clock and frames that fit best near an offset.
@@ -496,9 +588,15 @@ pub struct Frames {
     pub shift_E_m: [f64; 3],
     /// Distance between estimate and truth, rms, m.
     pub rms_m: f64,
+    /// The same shifted.
+    #[serde(skip)]
+    pub shifted_rms_m: f64,
     /// The same turned and shifted.
     pub fitted_rms_m: f64,
-    /// How far the truth spreads, in that of the estimate; about 1 where both are metres.
+    /// How far the truth spreads, rms, m.
+    #[serde(skip)]
+    pub spread_m: f64,
+    /// The same in that of the estimate; about 1 where both are metres.
     pub spread_factor: f64,
 }
 
@@ -537,7 +635,9 @@ impl Frames {
             yaw_rad,
             shift_E_m: shift.into(),
             rms_m: rms(&|t| *t),
+            shifted_rms_m: rms(&|t| t + mean_e - mean_t),
             fitted_rms_m: rms(&|t| turn * t + shift),
+            spread_m: (tt / n).sqrt(),
             spread_factor: if ee > 0.0 { (tt / ee).sqrt() } else { 1.0 },
         })
     }
@@ -584,11 +684,62 @@ mod tests {
         (0..14_990).map(pose).collect()
     }
 
+    fn clock_of(flown: &[Flown], truth: &[TruePose]) -> Result<Clock, NoClock> {
+        find(flown, truth, &PositionNames::default())
+    }
+
+    /// A truth of the other hand was answered with "fly farther or faster", one with y up likewise.
+    #[test]
+    fn regress_axes_that_are_named_otherwise_are_told_before_anything_else() {
+        let flight = flown();
+        // Every tenth estimate shows as much.
+        let few: Vec<Flown> = flight.iter().step_by(10).copied().collect();
+        for turn in turns() {
+            // A turn about the vertical that is no quarter is told as a turn.
+            let is_turn = turn[(2, 2)] == 1.0 && turn.determinant() > 0.0;
+            let cases = [(0.0, 1.0), (0.0, 1000.0), (0.1, 1.0), (-0.1, 1000.0)];
+            for (yaw_rad, unit) in cases.into_iter().take(if is_turn { 2 } else { 4 }) {
+                let mut truth = truth(3.7, 0.0, yaw_rad);
+                for pose in &mut truth {
+                    pose.pos_E_m = Vec3::from_raw(turn.transpose() * pose.pos_E_m.raw() * unit);
+                }
+                let found = clock_of(&few, &truth);
+                if is_turn && unit == 1.0 {
+                    // The clock is found whatever the turn, which is told of where the truth lies then.
+                    let offset_s = found.unwrap().offset_s;
+                    let names = PositionNames::default();
+                    let told = Misnamed::of(beside(&few, &truth, offset_s), &names);
+                    let told = told.and_then(|told| told.axes).map(|axes| axes.turn_EE);
+                    assert_eq!(told, Some(turn).filter(|turn| *turn != Matrix3::identity()));
+                    continue;
+                }
+                let Err(NoClock::Misnamed(found)) = found else { panic!("{turn} {found:?}") };
+                let found_turn = found.axes.map_or_else(Matrix3::identity, |axes| axes.turn_EE);
+                assert_eq!(found_turn, turn, "{yaw_rad} {unit}: {found}");
+                assert_eq!(found.unit.is_some(), unit > 1.0, "{found}");
+                let says = found.to_string();
+                assert_eq!(says.contains("a mirror image"), turn.determinant() < 0.0, "{says}");
+            }
+        }
+        // The other hand, as a survey of x, y and up has it.
+        let mut mirrored = truth(3.7, 0.0, 0.0);
+        for pose in &mut mirrored {
+            pose.pos_E_m = Vec3::new(-pose.pos_E_m.x(), pose.pos_E_m.y(), pose.pos_E_m.z());
+        }
+        let says = clock_of(&flight, &mirrored).unwrap_err().to_string();
+        assert!(says.contains("name its columns x,-y,z (one named with a minus"), "{says}");
+        // A path up and down a line is its own mirror image: nothing is told of axes.
+        let line = |t_s: f64| Vector3::new(path(t_s).x, 0.0, path(t_s).z);
+        let pairs: Vec<_> =
+            (0..1500).map(|k| 0.1 * f64::from(k)).map(|t| (line(t) + error(t), line(t))).collect();
+        assert_eq!(Misnamed::of(pairs.iter().copied(), &PositionNames::default()), None);
+    }
+
     #[test]
     fn prop_offset_and_drift_are_found_whatever_the_frames() {
         for offset_s in [0.0, 3.7, -3.7, 412.25, -1_763_999_999.5] {
             for (drift, yaw_rad) in [(0.0, 0.0), (1e-3, 0.0), (-1e-3, 0.4), (0.0, 3.0)] {
-                let clock = find(&flown(), &truth(offset_s, drift, yaw_rad)).unwrap();
+                let clock = clock_of(&flown(), &truth(offset_s, drift, yaw_rad)).unwrap();
                 let off_s = clock.offset_s + drift * (clock.middle_s - 75.0) - offset_s;
                 println!("{offset_s} {drift} {yaw_rad}: {off_s:.4}, {clock}");
                 assert!(off_s.abs() < 0.005, "{clock:?}");
@@ -604,7 +755,7 @@ mod tests {
     #[test]
     fn prop_a_pose_comes_back_to_its_time() {
         let truth = truth(3.7, 1e-3, 0.0);
-        let clock = find(&flown(), &truth).unwrap();
+        let clock = clock_of(&flown(), &truth).unwrap();
         let start = HostTime::from_us(5_000_000);
         for k in [1500, 7000, 13_000] {
             let at = clock.pose(&truth[k], start).unwrap().valid_at;
@@ -619,7 +770,7 @@ mod tests {
     fn prop_a_gap_in_the_truth_costs_nothing_but_its_poses() {
         let mut gap = truth(3.7, 0.0, 0.0);
         gap.retain(|pose| !(20.0..27.0).contains(&pose.t_s));
-        let clock = find(&flown(), &gap).unwrap();
+        let clock = clock_of(&flown(), &gap).unwrap();
         assert!((clock.offset_s - 3.7).abs() < 0.01, "{clock:?}");
     }
 
@@ -649,11 +800,11 @@ mod tests {
             (Vec::new(), "the truth lasts 0 s"),
             (truth(0.0, 0.0, 0.0)[..300].to_vec(), "the truth lasts 3 s"),
         ] {
-            let error = find(&flight, &truth).unwrap_err().to_string();
+            let error = clock_of(&flight, &truth).unwrap_err().to_string();
             assert!(error.contains(says), "{says}: {error}");
         }
         assert!(
-            find(&[], &truth(0.0, 0.0, 0.0))
+            clock_of(&[], &truth(0.0, 0.0, 0.0))
                 .unwrap_err()
                 .to_string()
                 .contains("the estimate lasts")
@@ -677,7 +828,7 @@ mod tests {
             TruePose { t_s, pos_E_m: Vec3::from_raw(lap(t_s)), attitude: None }
         };
         let truth: Vec<TruePose> = (0..3000).map(pose).collect();
-        let error = find(&flight, &truth).unwrap_err();
+        let error = clock_of(&flight, &truth).unwrap_err();
         assert!(matches!(error, NoClock::Repeats { .. }), "{error}");
     }
 

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::clock::{self, Clock, Frames, NoClock, Units};
+use super::clock::{self, Clock, Frames, Misnamed, NoClock};
 use super::flown::Flown;
 use super::score::Score;
 use super::{FlightReport, Took};
@@ -19,7 +19,7 @@ use haltere_core::estimator::Motion;
 use haltere_core::measure::ReferencePose;
 use haltere_core::time::HostTime;
 use haltere_core::topics::Topic;
-use haltere_log::import::truth::{self, TruthError, Unused};
+use haltere_log::import::truth::{self, PositionNames, TruthError, Unused};
 use haltere_log::log_file::{has_log_ending, shown_name};
 use haltere_log::record::{LogError, LogReader};
 use haltere_log::replay::{ReplayError, live_again, recorded_config};
@@ -103,13 +103,13 @@ pub enum NotScored {
         /// Poses in it.
         poses: u64,
     },
-    /// No metres.
-    #[error("{truth}: {units}")]
-    Units {
+    /// No metres, or other axes.
+    #[error("{truth}: {misnamed}")]
+    Misnamed {
         /// Which truth.
         truth: String,
-        /// What they are.
-        units: Units,
+        /// What its columns hold.
+        misnamed: Box<Misnamed>,
     },
 }
 
@@ -145,8 +145,9 @@ pub fn run_log(
         let (truth, poses) = (truth.source.clone(), truth.poses.len() as u64);
         NotScored::NothingBeside { truth, log: path.to_owned(), poses }
     })?;
-    if let Some(units) = Units::of(frames.spread_factor) {
-        return Err(NotScored::Units { truth: truth.source, units });
+    let pairs = truth.beside(&flight, log.session().pilot_started_at);
+    if let Some(misnamed) = Misnamed::of(pairs, &truth.names) {
+        return Err(NotScored::Misnamed { truth: truth.source, misnamed: misnamed.into() });
     }
     let mut score = Score::default();
     let mut poses = truth.poses.iter().peekable();
@@ -218,6 +219,7 @@ struct Truth {
     poses: Vec<ReferencePose>,
     unused: Unused,
     clock: Option<Clock>,
+    names: PositionNames,
 }
 
 impl Truth {
@@ -235,7 +237,8 @@ impl Truth {
                 return Err(NotScored::Without { log: log.to_owned(), looked });
             }
             let source = format!("motion capture in {}", log.display());
-            return Ok(Self { source, poses: captured, unused: Unused::default(), clock: None });
+            let (unused, names) = (Unused::default(), PositionNames::default());
+            return Ok(Self { source, poses: captured, unused, clock: None, names });
         };
         let source = file.display().to_string();
         let track = truth::read(&file)?;
@@ -243,20 +246,26 @@ impl Truth {
             let host = |t_s: f64| HostTime::from_us((t_s * 1e6).round().max(0.0) as u64);
             let poses = track.poses.iter().map(|pose| clock::reference(pose, host(pose.t_s)));
             let poses = poses.filter(|pose| pose.valid_at >= start).collect();
-            return Ok(Self { source, poses, unused: track.unused, clock: None });
+            let (unused, names) = (track.unused, track.names);
+            return Ok(Self { source, poses, unused, clock: None, names });
         }
-        match clock::find(flight, &track.poses) {
+        match clock::find(flight, &track.poses, &track.names) {
             Ok(found) => {
                 let poses = track.poses.iter().filter_map(|pose| found.pose(pose, start)).collect();
-                Ok(Self { source, poses, unused: track.unused, clock: Some(found) })
+                let (unused, names) = (track.unused, track.names);
+                Ok(Self { source, poses, unused, clock: Some(found), names })
             }
             Err(why) => Err(NotScored::Clock { truth: source, why }),
         }
     }
 
-    /// How it lies to what flew.
-    fn frames(&self, flight: &[clock::Flown], start: HostTime) -> Option<Frames> {
-        let beside = |pose: &ReferencePose| -> Option<(Vector3<f64>, Vector3<f64>)> {
+    /// What flew beside it.
+    fn beside<'a>(
+        &'a self,
+        flight: &'a [clock::Flown],
+        start: HostTime,
+    ) -> impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> + Clone + 'a {
+        self.poses.iter().filter_map(move |pose| {
             let at_s = pose.valid_at.seconds_since(start);
             let after = flight.partition_point(|f| f.at_s < at_s);
             let (b, a) = (flight.get(after)?, flight.get(after.checked_sub(1)?)?);
@@ -264,9 +273,13 @@ impl Truth {
             let part = (at_s - a.at_s) / apart_s;
             (apart_s <= clock::GAP_S)
                 .then(|| (a.pos_E_m + (b.pos_E_m - a.pos_E_m) * part, pose.pos_E_m.raw()))
-        };
-        let pairs: Vec<_> = self.poses.iter().filter_map(beside).collect();
+        })
+    }
+
+    /// How it lies to what flew.
+    fn frames(&self, flight: &[clock::Flown], start: HostTime) -> Option<Frames> {
         let floor_z_m = self.poses.first()?.pos_E_m.z();
+        let pairs = self.beside(flight, start).collect();
         let pairs = clock::aloft(pairs, |(_, pose)| Some(floor_z_m - pose.z));
         Frames::between(pairs.iter().copied())
     }

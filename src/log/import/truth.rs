@@ -10,13 +10,16 @@
 //! qw, qx, qy, qz (or q_w …), all four or none        body forward-left-up in that frame
 //! ```
 //!
+//! A position may be named with a minus, `-y` or `-z_mm`: the column holds it with the other sign. A frame with y up, of the
+//! other hand or with axes exchanged is read so, without another word; its attitude is none, then.
+//!
 //! The truth of the simulator (`haltere-sim serve --truth`) names `host_time_us`, the companion's own clock,
 //! `pos_E_x_m` … and `q_EB_w` …, which are our frames.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Quaternion, UnitQuaternion};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 use super::bounded::Bounded;
@@ -65,6 +68,49 @@ pub struct Track {
     pub unused: Unused,
     /// Whether its clock is the companion's.
     pub on_companion_clock: bool,
+    /// How its positions are named.
+    pub names: PositionNames,
+}
+
+/// How the columns of a position are named.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PositionNames {
+    /// What stands before the axis.
+    lead: String,
+    /// What stands behind it, with the unit.
+    unit: String,
+    axes: Axes,
+    /// Signs with which x, y and z are held.
+    signs: [f64; 3],
+}
+
+impl Default for PositionNames {
+    fn default() -> Self {
+        Self { lead: String::new(), unit: String::new(), axes: Axes::Survey, signs: [1.0; 3] }
+    }
+}
+
+impl PositionNames {
+    /// What the columns of x, y and z are to be named where `turn_EE` leads from what was read to what is so, both in the Earth
+    /// frame; a unit in place of theirs, where one is told.
+    pub fn renamed(&self, turn_EE: &Matrix3<f64>, unit: Option<&str>) -> [String; 3] {
+        let of_ours =
+            Matrix3::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| {
+                match self.axes {
+                    Axes::Ours => axis,
+                    Axes::Survey => earth_from_survey(Vec3::from_raw(axis)).raw(),
+                }
+            }));
+        // Axis of the file's frame as read, in those as they are; the turn of a frame onto itself is undone by its transpose.
+        let turn = of_ours.transpose() * turn_EE * of_ours;
+        let unit = unit.map_or_else(|| self.unit.clone(), |unit| format!("_{unit}"));
+        std::array::from_fn(|read| {
+            let is = turn.column(read).iamax();
+            let held = turn[(is, read)] * self.signs[read];
+            let minus = if held < 0.0 { "-" } else { "" };
+            format!("{minus}{}{}{unit}", self.lead, ["x", "y", "z"][is])
+        })
+    }
 }
 
 /// Why there is no track.
@@ -146,6 +192,21 @@ impl Unused {
     }
 }
 
+/// The 48 ways to name the axes of a frame after those of another.
+pub fn turns() -> impl Iterator<Item = Matrix3<f64>> {
+    const ORDERS: [[usize; 3]; 6] =
+        [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+    ORDERS.into_iter().flat_map(|order| {
+        (0..8).map(move |signs| {
+            let mut turn = Matrix3::zeros();
+            for (row, column) in order.into_iter().enumerate() {
+                turn[(row, column)] = if signs >> row & 1 == 0 { 1.0 } else { -1.0 };
+            }
+            turn
+        })
+    })
+}
+
 /// Reads a track.
 pub fn read(path: &Path) -> Result<Track, TruthError> {
     let file = intake::open(path).map_err(|source| TruthError::Io { path: path.into(), source })?;
@@ -201,7 +262,8 @@ pub fn parse(reader: impl BufRead, path: &Path) -> Result<Track, TruthError> {
             return Err(TruthError::TooSlow { path: path.into(), apart_s, column });
         }
     }
-    Ok(Track { poses, unused, on_companion_clock: columns.time == COMPANION_TIME })
+    let on_companion_clock = columns.time == COMPANION_TIME;
+    Ok(Track { poses, unused, on_companion_clock, names: columns.names })
 }
 
 /// Name of the companion's clock.
@@ -240,7 +302,7 @@ struct Columns {
     time_at: (usize, f64),
     position_at: [usize; 3],
     length_m: f64,
-    position_axes: Axes,
+    names: PositionNames,
     attitude_at: Option<([usize; 4], Axes)>,
 }
 
@@ -257,6 +319,10 @@ impl Columns {
         let names: Vec<String> =
             cells(line.trim_start_matches(['#', '%']), separator).map(plain).collect();
         let at = |name: &str| names.iter().position(|n| n == name);
+        let held = |name: &str| {
+            let minus = || Some((at(&format!("-{name}"))?, -1.0));
+            at(name).map(|at| (at, 1.0)).or_else(minus)
+        };
         let companion = at(COMPANION_TIME).map(|at| (COMPANION_TIME.to_owned(), (at, 1e-6)));
         let own = || {
             TIMES
@@ -264,20 +330,20 @@ impl Columns {
                 .flat_map(|stem| TIME_UNITS.map(|(unit, s)| (format!("{stem}{unit}"), s)))
                 .find_map(|(name, s)| Some((name.clone(), (at(&name)?, s))))
         };
-        let all = |of: &dyn Fn(&str) -> String, axes: [&str; 3]| -> Option<[usize; 3]> {
-            let [x, y, z] = axes.map(|axis| at(&of(axis)));
-            Some([x?, y?, z?])
+        let all = |lead: &str, unit: &str, axes: Axes| {
+            let [x, y, z] = ["x", "y", "z"].map(|axis| held(&format!("{lead}{axis}{unit}")));
+            let all = [x?, y?, z?];
+            let (lead, unit) = (lead.to_owned(), unit.to_owned());
+            let names = PositionNames { lead, unit, axes, signs: all.map(|(_, sign)| sign) };
+            Some((all.map(|(at, _)| at), names))
         };
-        let xyz = ["x", "y", "z"];
-        let ours = || Some((all(&|axis| format!("pos_e_{axis}_m"), xyz)?, 1.0, Axes::Ours));
+        let ours = || Some((all("pos_e_", "_m", Axes::Ours)?, 1.0));
         let survey = || {
             let spelt =
                 POSITIONS.iter().flat_map(|lead| LENGTH_UNITS.map(|(unit, m)| (lead, unit, m)));
-            spelt.into_iter().find_map(|(lead, unit, m)| {
-                Some((all(&|axis| format!("{lead}{axis}{unit}"), xyz)?, m, Axes::Survey))
-            })
+            spelt.into_iter().find_map(|(lead, unit, m)| Some((all(lead, unit, Axes::Survey)?, m)))
         };
-        let (Some((time, time_at)), Some((position_at, length_m, position_axes))) =
+        let (Some((time, time_at)), Some(((position_at, position_names), length_m))) =
             (companion.or_else(own), ours().or_else(survey))
         else {
             return Ok(None);
@@ -292,8 +358,9 @@ impl Columns {
         let read = [time_at.0].into_iter().chain(position_at);
         for name in read.chain(attitude_at.iter().flat_map(|(four, _)| *four)).map(|at| &names[at])
         {
-            if names.iter().filter(|n| *n == name).count() > 1 {
-                return Err(name.clone());
+            let name = name.trim_start_matches('-');
+            if names.iter().filter(|n| n.trim_start_matches('-') == name).count() > 1 {
+                return Err(name.to_owned());
             }
         }
         Ok(Some(Self {
@@ -302,7 +369,7 @@ impl Columns {
             time_at,
             position_at,
             length_m,
-            position_axes,
+            names: position_names,
             attitude_at,
         }))
     }
@@ -320,16 +387,18 @@ impl Columns {
         let (at, unit_s) = self.time_at;
         let t_s = number(at)? * unit_s;
         let [x, y, z] = self.position_at;
-        let p = [number(x)?, number(y)?, number(z)?].map(|value| value * self.length_m);
+        let [sx, sy, sz] = self.names.signs.map(|sign| sign * self.length_m);
+        let p = [number(x)? * sx, number(y)? * sy, number(z)? * sz];
         if p.iter().any(|value| value.abs() > FARTHEST_M) {
             return Err(NoPose::Unreadable);
         }
-        let pos_E_m = match self.position_axes {
+        let pos_E_m = match self.names.axes {
             Axes::Ours => Vec3::from_array(p),
             Axes::Survey => earth_from_survey(Vec3::from_array(p)),
         };
         // A pose without a readable attitude is a position all the same.
-        let attitude = self.attitude_at.and_then(|(four, axes)| {
+        let mirrors = self.names.signs.iter().any(|sign| *sign < 0.0);
+        let attitude = self.attitude_at.filter(|_| !mirrors).and_then(|(four, axes)| {
             let [w, x, y, z] = four.map(|at| number(at).ok());
             let q = Quaternion::new(w?, x?, y?, z?);
             NORM.contains(&q.norm()).then_some(())?;
@@ -406,6 +475,39 @@ mod tests {
         assert!(track.poses[0].attitude.unwrap().yaw_rad().abs() < 1e-12);
     }
 
+    /// A frame that is not that of the anchors is read by the names that are told for it, whichever of the 48 it is.
+    #[test]
+    fn prop_a_frame_is_read_by_the_names_that_are_told_for_it() {
+        let place = [1.0, 2.0, 3.0];
+        for (head, unit, factor) in [
+            ("x,y,z", None, 1.0),
+            ("x,y,z", Some("mm"), 1e3),
+            ("pos_E_x_m,pos_E_y_m,pos_E_z_m", None, 1.0),
+        ] {
+            let row = |head: &str, [a, b, c]: [f64; 3]| {
+                parsed(&format!("t,{head},qw,qx,qy,qz\n0,{a},{b},{c},1,0,0,0\n")).unwrap()
+            };
+            let right = row(head, place);
+            let is = right.poses[0].pos_E_m.raw();
+            for turn in turns() {
+                let names = right.names.renamed(&turn, unit);
+                let held = names.each_ref().map(|name| {
+                    let axis = name.trim_start_matches('-').trim_start_matches("pos_e_");
+                    let axis = "xyz".find(&axis[..1]).unwrap();
+                    factor * if name.starts_with('-') { -place[axis] } else { place[axis] }
+                });
+                let misread = row(head, held);
+                let off = turn * misread.poses[0].pos_E_m.raw() / factor - is;
+                assert!(off.norm() < 1e-9, "{names:?}: {off}");
+                let read = row(&misread.names.renamed(&turn, unit).join(","), held);
+                let off = read.poses[0].pos_E_m.raw() - is;
+                assert!(off.norm() < 1e-9, "{names:?}: {off}");
+                let minus = names.iter().any(|name| name.starts_with('-'));
+                assert_eq!(read.poses[0].attitude.is_none(), minus, "{names:?}");
+            }
+        }
+    }
+
     #[test]
     fn prop_rows_that_hold_no_pose_are_counted_by_reason() {
         let track = parsed(
@@ -426,6 +528,7 @@ mod tests {
             ("t_s,x_m,y_m,z_m\n0,,,\n", "no pose in 1 rows: 1 without a position"),
             ("t_s,x_m,y_m,z_m\n0,\"a\",b,c\n", "1 unreadable"),
             ("Frame,Time,X,Y,Z,W,X,Y,Z\n1,0,0,0,0,1,1,1,1\n", "line 1 names `x` twice"),
+            ("t,x,y,z,-y\n0,1,2,3,4\n", "line 1 names `y` twice"),
             ("t,x,y,z\n0,1,1,1\n10,1,1,1\n20,1,1,1\n", "rows are 10 s apart"),
         ] {
             let error = refused(text);
