@@ -26,6 +26,7 @@ use haltere_gap::details::details;
 use haltere_gap::diagnosis::{Advised, Diagnosis, Part, ShrinkResult};
 use haltere_gap::held_out::{Explanation, measure};
 use haltere_gap::picture::picture;
+use haltere_gap::scene::Scene;
 use haltere_gap::seal::digest_of;
 use haltere_gap::workshop;
 use haltere_log::written;
@@ -344,7 +345,9 @@ fn budgeted(session: &Session, diagnosis: &mut Diagnosis) {
     let fellows = session.others.iter().filter(|flown| same_flight(own, flown).is_ok());
     let flights: Vec<_> = std::iter::once(own).chain(fellows).collect();
     let progress = Progress::new("budget");
-    let found = budget(&session.scene, &session.workshop.items, &flights, |done, of| {
+    // What differs is told beside the file, also where that is not what flies.
+    let scene = Scene { vehicle: session.file.clone(), ..session.scene.clone() };
+    let found = budget(&scene, &session.workshop.items, &flights, |done, of| {
         progress.at(done, of);
     });
     match found {

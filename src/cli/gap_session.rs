@@ -8,16 +8,17 @@ use super::gap_references::{Accepted, References, each_once};
 use super::which_flight::{WhichFlight, tell};
 use crate::progress::Progress;
 use haltere_gap::attribute::{Attributor, Settings};
-use haltere_gap::commission::{Fitted, NotCommissioned, fitted, not_yet};
+use haltere_gap::commission::{Fitted, NotCommissioned, begun_with, fitted, not_yet};
 use haltere_gap::details::{Details, details};
 use haltere_gap::diagnosis::{Diagnosis, Observed, judge, observed, unreadable};
 use haltere_gap::held_out::{Explanation, HeldOut, resize_all};
 use haltere_gap::logs::{self, Flown};
 use haltere_gap::nominal::Nominal;
 use haltere_gap::scene::{Scene, Told};
-use haltere_gap::workshop::Workshop;
+use haltere_gap::workshop::{Workshop, WorkshopError};
 use haltere_log::record::LogError;
 use haltere_log::replay::ReplayError;
+use haltere_model::Vehicle;
 
 /// Fewest reference flights that say anything about a spread.
 const LEAST_REFERENCES: usize = 8;
@@ -26,7 +27,9 @@ const LEAST_REFERENCES: usize = 8;
 pub(super) struct Session {
     /// What the user said, with the vehicle that is flown.
     pub told: Told,
-    /// That vehicle, where accepted flights had to say it.
+    /// The vehicle of the file.
+    pub file: Vehicle,
+    /// The vehicle that is flown, where accepted flights had to say it, or the flight itself.
     pub fitted: Option<Fitted>,
     pub scene: Scene,
     pub workshop: Workshop,
@@ -107,20 +110,32 @@ pub(super) fn open(
     if let Some(early) = first.iter().find(|flown| !flown.trace.came_as_far_as(until_s)) {
         anyhow::bail!("{}: no reference: its mission ended too early", early.path.display());
     }
-    let fitted = vehicle_of(&first, &told, &options.folder())?;
+    let file = told.vehicle.clone();
+    let mut fitted = vehicle_of(&first, &told, &options.folder())?;
     if let Some(fitted) = &fitted {
         told.vehicle = fitted.vehicle.clone();
     }
-    let scene = flown.scene(&told).for_bank(&flown.mission);
+    let mut scene = flown.scene(&told).for_bank(&flown.mission);
     let progress = Progress::new("bank");
-    let workshop = Workshop::open(
-        &options.folder(),
-        scene.clone(),
-        flown.mission.clone(),
-        library,
-        options.size(),
-        |done, of| progress.at(done, of),
-    )?;
+    let bank_of = |scene: &Scene| {
+        let (scene, items) = (scene.clone(), flown.mission.clone());
+        let tell = |done, of| progress.at(done, of);
+        Workshop::open(&options.folder(), scene, items, library.clone(), options.size(), tell)
+    };
+    let workshop = match bank_of(&scene) {
+        Err(not_flown @ WorkshopError::NotFlown { .. }) => {
+            let flights: Vec<_> = std::iter::once(&flown.trace).collect();
+            let Some(begun) = begun_with(&options.folder(), &scene, &flown.mission, &flights)
+            else {
+                return Err(not_flown.into());
+            };
+            told.vehicle = begun.vehicle.clone();
+            scene.vehicle = begun.vehicle.clone();
+            fitted = Some(begun);
+            bank_of(&scene)?
+        }
+        workshop => workshop?,
+    };
     let (references, reference_details) = accepted(first, &workshop.nominal)?;
     let settings = Settings::for_flights();
     let progress = Progress::new("learning the bank");
@@ -129,6 +144,7 @@ pub(super) fn open(
     let seen = observed(flown, &workshop.nominal);
     let session = Session {
         told,
+        file,
         fitted,
         scene,
         workshop,

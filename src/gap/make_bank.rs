@@ -128,7 +128,7 @@ pub struct Made {
     pub bank: Bank,
     /// Flights that never left the floor or could not be observed, by effect id; nulls under "".
     pub lost: Vec<(String, usize)>,
-    /// What became of healthy flights that are not in the bank: what, how many, and the seed of one.
+    /// What became of healthy flights with jitter that are not in the bank: what, how many, and the seed of one.
     pub ends: Vec<(End, usize, u64)>,
 }
 
@@ -195,6 +195,10 @@ pub fn make(recipe: &Recipe<'_>, progress: impl Fn(usize, usize) + Sync) -> Made
             Ok(row) => bank.seeds.push(row),
             Err(end) => {
                 *lost.entry(String::new()).or_default() += 1;
+                // Those with jitter are counted: they and what became of the others make up their number.
+                if !null.jitter {
+                    continue;
+                }
                 ends.entry(end).or_insert((0, null.seed)).0 += 1;
             }
         }

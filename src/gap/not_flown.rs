@@ -12,10 +12,10 @@ use super::make_bank::{End, Recipe, flown_by};
 const FLIGHTS: usize = 6;
 
 /// Part of a vehicle, by its keys in the file, taken over from another.
-type Part = (&'static str, fn(&mut Vehicle, &Vehicle), fn(&Vehicle) -> String);
+pub(super) type Part = (&'static str, fn(&mut Vehicle, &Vehicle), fn(&Vehicle) -> String);
 
 /// Parts that one flies or falls by, simple ones first.
-const PARTS: [Part; 10] = [
+pub(super) const PARTS: [Part; 10] = [
     (
         "wings.passive_dihedral_rad_per_mps",
         |v, of| v.wings.passive_dihedral_rad_per_mps = of.wings.passive_dihedral_rad_per_mps,
@@ -106,7 +106,7 @@ pub(super) fn why(recipe: &Recipe<'_>, ends: &[(End, usize, u64)]) -> String {
 }
 
 /// What a file with this mass, pack and wing alone describes.
-fn usual(vehicle: &Vehicle) -> Vehicle {
+pub(super) fn usual(vehicle: &Vehicle) -> Vehicle {
     let text = format!(
         "[body]\nmass_kg = {:?}\n[wings]\ncentre_m = {:?}\n[battery]\ncells = {:?}\n",
         vehicle.body.mass_kg, vehicle.wings.centre_m, vehicle.battery.cells

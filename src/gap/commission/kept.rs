@@ -8,6 +8,7 @@ use haltere_log::{intake, written};
 use haltere_model::Vehicle;
 use serde::Serialize;
 
+use super::begun::begun;
 use super::constants::{CONSTANTS, Constant};
 use super::crossed::{BENIGN_FLIGHTS, judge_as_is};
 use super::{
@@ -34,7 +35,7 @@ pub struct Fitted {
     pub vehicle: Vehicle,
     /// Its file among the banks.
     pub file: PathBuf,
-    /// Constants that moved by more than their prior's sigma, the farthest first.
+    /// Constants that moved by more than their prior's sigma, the farthest first; of one that was begun with all that were taken.
     pub moved: Vec<Moved>,
 }
 
@@ -53,13 +54,15 @@ pub struct Moved {
 
 impl Fitted {
     fn of(file: &Vehicle, vehicle: Vehicle, kept: PathBuf) -> Self {
+        let is_begun = vehicle.commissioned.flights == 0;
         let row = |constant: &Constant| {
             let (of_file, value) = (constant.value(file), constant.value(&vehicle));
             let sigmas = constant.sigmas(file, value);
             Moved { key: constant.key, file: of_file, value, sigmas }
         };
         let mut moved: Vec<Moved> =
-            CONSTANTS.iter().map(row).filter(|m| moved_far(m.sigmas)).collect();
+            CONSTANTS.iter().map(row).filter(|m| is_begun || moved_far(m.sigmas)).collect();
+        moved.retain(|m| m.value != m.file);
         moved.sort_by(|a, b| b.sigmas.abs().total_cmp(&a.sigmas.abs()));
         Self { vehicle, file: kept, moved }
     }
@@ -73,6 +76,13 @@ impl Fitted {
             (false, 0) => far.join(", "),
             (false, more) => format!("{}, and {more} more", far.join(", ")),
         };
+        if self.vehicle.commissioned.flights == 0 {
+            return format!(
+                "the simulator does not fly this mission with the vehicle file; it was begun with what the log itself shows: {far}; \
+                 that vehicle is kept in {}: name the file of your own (--vehicle), or let `haltere gap budget` say what else differs",
+                self.file.display()
+            );
+        }
         format!(
             "the simulator of the vehicle file does not fly as the accepted flights do; it was commissioned to {} of them first: {far}; \
              that vehicle is kept in {}, and `haltere gap commission` says how near it comes",
@@ -93,6 +103,20 @@ pub fn fitted(
 ) -> Result<Option<Fitted>, NotCommissioned> {
     let traces: Vec<&Trace> = accepted.iter().map(|flown| &flown.trace).collect();
     fitted_to(folder, scene, items, &traces, &progress)
+}
+
+/// The vehicle to begin with where the bank of a mission is not flown with the file as it is, by flights of that mission; `None`: they
+/// give none that flies.
+pub fn begun_with(
+    folder: &Path,
+    scene: &Scene,
+    items: &[MISSION_ITEM_INT_DATA],
+    flights: &[&Trace],
+) -> Option<Fitted> {
+    let vehicle = begun(scene, items, flights)?;
+    let kept = folder.join(format!("{}.toml", mission_key(scene, items, &format!("{vehicle:?}"))));
+    remember(&kept, &vehicle);
+    Some(Fitted::of(&scene.vehicle, vehicle, kept))
 }
 
 fn fitted_to(

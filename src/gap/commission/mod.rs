@@ -16,6 +16,7 @@
 //! this vehicle's where that is within what 95 % of flights with benign jitter keep, or within what the accepted flights do to one
 //! another: each of them beside the mean of the others, as it stands beside the simulator.
 
+mod begun;
 pub mod budget;
 mod constants;
 mod crossed;
@@ -37,18 +38,16 @@ use super::logs::Flown;
 use super::make_bank::jittered;
 use super::nominal::Nominal;
 use super::normal;
-use super::residuals::Flight;
 use super::scene::Scene;
 use super::statistics::{specs, statistics_of};
 use super::trace::Trace;
 use constants::{CONSTANTS, Constant, moved};
 use haltere_core::checks::Problems;
-use haltere_core::frames::G_MPS2;
 use haltere_model::Vehicle;
 use solve::{Evidence, Posterior};
 
 pub use crossed::Nearness;
-pub use kept::{Fitted, Moved, fitted};
+pub use kept::{Fitted, Moved, begun_with, fitted};
 
 /// Fewest accepted flights: of fewer the spread from flight to flight is not known (as for a diagnosis).
 pub const LEAST_FLIGHTS: usize = 8;
@@ -89,7 +88,7 @@ pub enum NotCommissioned {
     /// The simulator does not fly the mission with the vehicle file as it is.
     #[error(
         "{flown} of {MEAN_FLIGHTS} simulated flights of this mission came to its end with the vehicle file as it is, and no more with \
-         thrust for the flap rates of the real ones; at least {LEAST_FLOWN} are needed: `haltere gap bank LOG --vehicle FILE` says which number they fail by"
+         the thrust, drag and lag of the real ones; at least {LEAST_FLOWN} are needed: `haltere gap bank LOG --vehicle FILE` says which number they fail by"
     )]
     NotFlown {
         /// How many did.
@@ -335,35 +334,20 @@ struct Linear {
     slopes: DMatrix<f64>,
 }
 
-/// The constant that carries the vehicle.
-const CARRIES: &str = "wings.thrust_n_per_hz";
-
-/// Where the constants are with thrust that carries the vehicle at the flap rates at which the real one hovered; `None`: flights do not say,
-/// or thrust is not asked for. In hover `m g = 2 k f + T₀` (docs/VEHICLE.md, 3), so `k = (m g - T₀) / (2 f)`: `k` thrust a flap rate, N/Hz;
-/// `f` mean flap rate of a wing in hover by the nominal drive, Hz; `T₀` thrust at no flapping, N.
-fn carried(hand: &Hand<'_>, accepted: &[&Trace]) -> Option<Vec<f64>> {
-    let file = &hand.scene.vehicle;
-    let nominal = hand.nominal(file);
-    let hover_hz = |trace: &&Trace| Flight::new(trace, &nominal).ok()?.hover_hz();
-    let hover_hz: Vec<f64> = accepted.par_iter().filter_map(hover_hz).collect();
-    let hover_hz =
-        (!hover_hz.is_empty()).then(|| hover_hz.iter().sum::<f64>() / hover_hz.len() as f64)?;
-    let k = hand.constants.iter().position(|constant| constant.key == CARRIES)?;
-    let weight_n = file.body.mass_kg * G_MPS2;
-    let thrust_n_per_hz = (weight_n - file.wings.thrust_offset_n) / (2.0 * hover_hz);
-    let mut at = vec![0.0; hand.constants.len()];
-    at[k] = hand.constants[k].sigmas(file, thrust_n_per_hz);
-    at[k].is_finite().then_some(at)
-}
-
 impl Linear {
-    /// At the file, or, where its simulator does not fly, where thrust carries it.
+    /// At the file, or, where its simulator does not fly, at what the flights themselves say of it ([`begun`]), as far as that is asked
+    /// for.
     fn first(hand: &Hand<'_>, accepted: &[&Trace]) -> Result<Self, NotCommissioned> {
         let at_file = Self::at(hand, &vec![0.0; hand.constants.len()], accepted);
         let Err(not_flown @ NotCommissioned::NotFlown { .. }) = at_file else { return at_file };
-        match carried(hand, accepted) {
+        let file = &hand.scene.vehicle;
+        match begun::begun(hand.scene, hand.items, accepted) {
             // What is told is what became of the file's own flights.
-            Some(at) => Self::at(hand, &at, accepted).map_err(|_| not_flown),
+            Some(vehicle) => {
+                let sigmas = |constant: &Constant| constant.sigmas(file, constant.value(&vehicle));
+                let at: Vec<f64> = hand.constants.iter().map(sigmas).collect();
+                Self::at(hand, &at, accepted).map_err(|_| not_flown)
+            }
             None => Err(not_flown),
         }
     }

@@ -233,6 +233,17 @@ impl<'a> Flight<'a> {
         self.clear[k] && self.states[k].vel_E_mps.norm() < 0.25
     }
 
+    /// What a loop of another nominal chain leaves of the measured attitude, mean square about its mean, rad².
+    pub fn left_by_loop(&self, nominal: &Nominal, axis: usize) -> f64 {
+        let fine = &fine_setpoints(self.trace, &self.line)[axis];
+        let response_rad = nominal.response_rad(axis, fine, self.line.euler_rad[0][axis]);
+        let last = response_rad.len() - 1;
+        let left = |k: usize| self.line.euler_rad[k][axis] - response_rad[(k * FINE).min(last)];
+        let n = self.clear_points().count() as f64;
+        let mean = self.clear_points().map(left).sum::<f64>() / n;
+        self.clear_points().map(|k| (left(k) - mean).powi(2)).sum::<f64>() / n
+    }
+
     /// Flap rate of a wing in hover, as the nominal drive makes it; `None`: there was none.
     pub fn hover_hz(&self) -> Option<f64> {
         let hover: Vec<usize> = (0..self.line.len()).filter(|k| self.hovering(*k)).collect();
