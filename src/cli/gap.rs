@@ -230,3 +230,40 @@ impl RoomOptions {
         Ok(Some(room))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use haltere_gap::library::{standard, whole};
+
+    const GAP: &str = include_str!("../../docs/GAP.md");
+    const GLOSSARY: &str = include_str!("../../docs/GLOSSARY.md");
+    const TUTORIAL: &str = include_str!("../../docs/TUTORIAL_GAP.md");
+
+    /// Outcomes were eight and nine, the small bank an eighth and a quarter, the library 42, 46 and 53.
+    #[test]
+    fn regress_pages_say_the_numbers_of_the_code() {
+        let (some, all) = (standard().len(), whole().len());
+        assert!(GAP.contains(&format!("The list has {all} effects; {some} of them")));
+        assert!(GLOSSARY.contains(&format!("{some} of {all} unless you say otherwise")));
+        let share = |size| {
+            let (banks, seeds, jitter, draws) = (None, None, None, None);
+            let (only, without) = (Vec::new(), Vec::new());
+            BankOptions { banks, size, seeds, jitter, draws, only, without }.share()
+        };
+        assert!((0.22..0.28).contains(&share(Size::Small)), "{}", share(Size::Small));
+        assert!((2.0..3.0).contains(&share(Size::Large)), "{}", share(Size::Large));
+        assert!(GAP.contains("`--size small` has a quarter of the flights"));
+        assert!(TUTORIAL.contains("is a quarter of the full one"));
+        // A row of the table each: a key and an exit code.
+        let is_outcome = |line: &&str| {
+            let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+            cells.len() > 3 && cells[1].starts_with('`') && cells[2].parse::<u8>().is_ok()
+        };
+        let outcomes = GAP.lines().filter(is_outcome).count();
+        let words = ["seven", "eight", "nine", "ten"][outcomes - 7];
+        assert!(GAP.contains(&format!("Exactly one of the following {words}.")), "{outcomes}");
+        assert!(GLOSSARY.contains(&format!("exactly one of {words}")), "{outcomes}");
+        assert!(TUTORIAL.contains(&format!("one of {words} outcomes")), "{outcomes}");
+    }
+}

@@ -110,3 +110,34 @@ impl Flown {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The sample configuration says where the tag is not, as every configuration does: 0.354 m in place of 0.444 on a recording of
+    /// whose vehicle its authors wrote down where it was.
+    #[test]
+    fn regress_a_configuration_does_not_move_the_tag_of_a_recording() {
+        let folder = tempfile::tempdir().unwrap();
+        let sample = folder.path().join("sample.toml");
+        std::fs::write(&sample, include_str!("../../config/haltere.toml")).unwrap();
+        let read = |files: Vec<std::path::PathBuf>, text: &str, overrides: &[&str]| {
+            let vehicle = VehicleKeys { name: "quad.toml".into(), text: text.into() };
+            let overrides = overrides.iter().map(|set| (*set).to_owned()).collect();
+            Flown::read(Sources { files, vehicle: Some(vehicle), overrides, ..Sources::default() })
+        };
+        let own = quadrotor().text;
+        let [plain, told] =
+            [vec![], vec![sample.clone()]].map(|files| read(files, &own, &[]).unwrap());
+        assert_eq!(plain.estimator, told.estimator);
+        assert!(plain.tag_is_recorded && told.tag_is_recorded);
+        let mut page = String::new();
+        told.print(&mut page).unwrap();
+        assert!(page.contains("by recording"), "{page}");
+        let moved = "estimator.p_BT_B_m=[0.0, 0.0, -0.05]";
+        assert!(!read(vec![sample], &own, &[moved]).unwrap().tag_is_recorded);
+        let vehicle = "[estimator]\np_BT_B_m = [0.0, 0.0, -0.05]\n";
+        assert!(!read(vec![], vehicle, &[]).unwrap().tag_is_recorded);
+    }
+}
