@@ -17,7 +17,7 @@ use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
 use haltere_log::written;
-use haltere_model::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, start};
+use haltere_model::lockstep::{Ground, HOST_START_US, Lockstep, STEP_US, make_ready, start};
 use haltere_model::{Plant, Truth};
 use haltere_pilot::Mode;
 use haltere_pilot::mission_file::{Command as ItemCommand, Item};
@@ -27,6 +27,7 @@ use super::judge::Judge;
 use super::operator::{Operator, Scene};
 use super::plan::Plan;
 use super::row::{Outcome, Row};
+use super::takeoff::TakeOff;
 use crate::endpoint::truth_row;
 use crate::faults::{Mishap, Part, Phase, Told};
 
@@ -200,12 +201,17 @@ impl<'a> Flight<'a> {
             .zip(0..)
             .map(|(item, seq)| item.to_wire(seq, 0, 0))
             .collect();
-        if let Err(error) = start(world, &mut ground, &items) {
+        let begun = match self.plan.take_off {
+            TakeOff::Mission => start(world, &mut ground, &items),
+            _ => make_ready(world, &mut ground, &items),
+        };
+        if let Err(error) = begun {
             self.row.why = error.to_string();
             self.row.said = last(&ground.texts);
             return Ok(self.row);
         }
         let mut operator = Operator::new(ground);
+        operator.take_off(self.plan.take_off, self.home);
         self.start_us = world.t_us();
         self.row.lowest_supply_v = world.truth().supply_v;
         let end_us = self.start_us + (self.plan.limit_s * 1e6) as u64;

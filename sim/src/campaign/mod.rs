@@ -17,6 +17,7 @@ pub(crate) mod plan;
 pub(crate) mod row;
 mod store;
 mod table;
+mod takeoff;
 
 use std::any::Any;
 use std::collections::BTreeMap;

@@ -16,12 +16,18 @@ use haltere_model::lockstep::{Ground, Lockstep, local_item};
 use haltere_pilot::mission_file::{Command as ItemCommand, Item};
 
 use super::judge::{Fence, Forbidden};
+use super::takeoff::{HEIGHT_M, TakeOff};
 use crate::faults::{Order, Shape, Way, failure_number};
 
 /// Numbers of the mode "offboard" as stations write it (PX4's).
 const OFFBOARD: [f32; 3] = [1.0, 6.0, 0.0];
 /// Positions only, in SET_POSITION_TARGET_LOCAL_NED.
 const POSITION_MASK: u16 = 0xDF8;
+/// Velocities only.
+const VELOCITY_MASK: u16 = 0xDC7;
+/// A take-off by a rate climbs so fast, m/s; it is then held for so long before it lands, s.
+const CLIMB_MPS: f64 = 0.6;
+const STAY_S: f64 = 10.0;
 /// A client sends its setpoints so often, µs.
 const STREAM_US: u64 = 100_000;
 /// It does so for this long before it asks for the mode, s.
@@ -49,6 +55,13 @@ const GO_AWAY_S: f64 = 8.0;
 /// A place seen from above: room north and east, m.
 type Place = [f64; 2];
 
+/// What a client asks for.
+#[derive(Debug, Clone, Copy)]
+enum Asked {
+    Place([f64; 3]),
+    Velocity([f64; 3]),
+}
+
 /// A step of a script.
 #[derive(Debug, Clone)]
 enum Step {
@@ -58,8 +71,8 @@ enum Step {
     Send(Box<MavMessage>),
     /// This is drawn as the fence.
     Draw(Forbidden),
-    /// A client asks for this place from now on, E, m; `None`: no more.
-    Stream(Option<[f64; 3]>),
+    /// A client asks for this place (E, m) or velocity (E, m/s) from now on; `None`: no more.
+    Stream(Option<Asked>),
     /// What this order needs next is worked out from where the vehicle then is.
     Go(Order),
 }
@@ -72,7 +85,7 @@ pub struct Operator {
     wait_until_us: u64,
     /// What is being drawn, until the vehicle has answered.
     drawing: Option<Forbidden>,
-    streamed: Option<([f64; 3], u64)>,
+    streamed: Option<(Asked, u64)>,
     went_away: bool,
 }
 
@@ -168,17 +181,46 @@ impl Operator {
 
     fn ask_for(&mut self, way: Way, to_E_m: [f64; 3]) {
         if way == Way::Offboard {
-            self.steps.push_back(Step::Stream(Some(to_E_m)));
-            self.steps.push_back(Step::Wait(STREAM_FIRST_S));
-            self.send(command(MavCmd::MAV_CMD_DO_SET_MODE, OFFBOARD));
+            self.stream(Asked::Place(to_E_m));
         } else {
             let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
             self.send(command_int(MavCmd::MAV_CMD_DO_REPOSITION, params, to_E_m));
         }
     }
 
+    /// Streams setpoints, and asks for their mode.
+    fn stream(&mut self, asked: Asked) {
+        self.steps.push_back(Step::Stream(Some(asked)));
+        self.steps.push_back(Step::Wait(STREAM_FIRST_S));
+        self.send(command(MavCmd::MAV_CMD_DO_SET_MODE, OFFBOARD));
+    }
+
+    /// Takes off in this way from where the vehicle stands, stays, and lands; the mission has been started.
+    pub fn take_off(&mut self, way: TakeOff, [north_m, east_m]: Place) {
+        let above_E_m = [north_m, east_m, -HEIGHT_M];
+        match way {
+            TakeOff::Mission => return,
+            TakeOff::Command => {
+                let params = [0.0, 0.0, 0.0, f32::NAN];
+                self.send(command_int(MavCmd::MAV_CMD_NAV_TAKEOFF, params, above_E_m));
+            }
+            TakeOff::Place => self.stream(Asked::Place(above_E_m)),
+            TakeOff::Climb => {
+                self.stream(Asked::Velocity([0.0, 0.0, -CLIMB_MPS]));
+                self.steps.push_back(Step::Wait(HEIGHT_M / CLIMB_MPS));
+                self.steps.push_back(Step::Stream(Some(Asked::Velocity([0.0; 3]))));
+            }
+            TakeOff::Point => self.ask_for(Way::Goto, above_E_m),
+        }
+        self.land_after(STAY_S);
+    }
+
     fn land_later(&mut self) {
-        self.steps.push_back(Step::Wait(WATCH_S));
+        self.land_after(WATCH_S);
+    }
+
+    fn land_after(&mut self, wait_s: f64) {
+        self.steps.push_back(Step::Wait(wait_s));
         self.send(command(MavCmd::MAV_CMD_NAV_LAND, [0.0; 3]));
         self.steps.push_back(Step::Stream(None));
     }
@@ -214,7 +256,7 @@ impl Operator {
             && now_us >= *next_us
         {
             *next_us += STREAM_US;
-            let message = position(*to);
+            let message = setpoint(*to);
             self.ground.send(world, &message);
         }
         taken
@@ -353,16 +395,23 @@ fn command_int(command: MavCmd, params: [f32; 4], at: [f64; 3]) -> MavMessage {
     })
 }
 
-fn position(to_E_m: [f64; 3]) -> MavMessage {
-    let [x, y, z] = to_E_m.map(|at| at as f32);
+fn setpoint(asked: Asked) -> MavMessage {
+    let (mask, place, velocity) = match asked {
+        Asked::Place(to_E_m) => (POSITION_MASK, to_E_m, [0.0; 3]),
+        Asked::Velocity(vel_E_mps) => (VELOCITY_MASK, [0.0; 3], vel_E_mps),
+    };
+    let ([x, y, z], [vx, vy, vz]) = (place.map(|at| at as f32), velocity.map(|speed| speed as f32));
     MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
         target_system: 1,
         target_component: 1,
         coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED as u8,
-        type_mask: PositionTargetTypemask::from_bits_truncate(POSITION_MASK),
+        type_mask: PositionTargetTypemask::from_bits_truncate(mask),
         x,
         y,
         z,
+        vx,
+        vy,
+        vz,
         ..Default::default()
     })
 }

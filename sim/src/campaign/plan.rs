@@ -18,6 +18,7 @@ use super::catalogue::Parts;
 use super::draw::{grain, set};
 use super::file::{Base, Campaign};
 use super::judge::Fence;
+use super::takeoff::TakeOff;
 use crate::faults::{FaultAt, Phase};
 use crate::scenario::Scenario;
 
@@ -38,6 +39,8 @@ pub struct Plan {
     pub config: Config,
     /// What is flown.
     pub mission: MissionFile,
+    /// How it takes off.
+    pub take_off: TakeOff,
     /// Where it may be.
     pub fence: Fence,
     /// Longest, s.
@@ -51,6 +54,10 @@ const REPEAT: &str = "repeat";
 pub const FAULT_AT: &str = "fault_at_s";
 /// Volume that the companion is told; `default`: none.
 pub const VOLUME: &str = "volume";
+/// How a flight with a fault from the floor on takes off.
+pub const TAKE_OFF: &str = "take_off";
+/// Such a flight may come so much higher than anybody asked for, m.
+const OVER_ASKED_M: f64 = 0.8;
 /// Phase of a fault that is there before the flight begins.
 pub const FROM_START: &str = "start";
 
@@ -126,15 +133,21 @@ impl Campaign {
             forget_volume(config);
             drawn.insert(VOLUME.to_owned(), "default".into());
         }
-        let (entry, phase) = (&self.faults[fault], self.phases[phase]);
-        let Parts { fault: faults, told } = entry.parts()?;
-        if let Some(told) = told {
+        let entry = &self.faults[fault];
+        let Parts { fault: faults, told, floor } = entry.parts()?;
+        if floor {
+            let way = TakeOff::ALL[phase % TakeOff::ALL.len()];
+            drawn.insert(TAKE_OFF.to_owned(), way.name().into());
+            drawn.insert(PHASE.to_owned(), FROM_START.into());
+            add_faults(scenario, faults, None, 0.0)?;
+        } else if let Some(told) = told {
             set(scenario, "told", Value::Table(told))?;
             drawn.insert(PHASE.to_owned(), FROM_START.into());
         } else {
+            let phase = self.phases[phase];
             let [low_s, high_s] = span_s(phase);
             let at_s = grain(Stream::new(seed, FAULT_AT).between(low_s, high_s));
-            add_faults(scenario, faults, phase, at_s)?;
+            add_faults(scenario, faults, Some(phase), at_s)?;
             drawn.insert(PHASE.to_owned(), phase.name().into());
             drawn.insert(FAULT_AT.to_owned(), at_s.into());
         }
@@ -174,6 +187,11 @@ impl Campaign {
         {
             plan.fence = fence;
         }
+        let named = drawn.get(TAKE_OFF).and_then(serde_json::Value::as_str);
+        if let Some(way) = TakeOff::ALL.into_iter().find(|way| named == Some(way.name())) {
+            plan.take_off = way;
+            plan.fence.height_m = plan.fence.height_m.min(way.highest_m(&mission) + OVER_ASKED_M);
+        }
         Ok(Plan { index, drawn, mission, ..plan })
     }
 }
@@ -187,17 +205,34 @@ impl Plan {
         let vehicle = Vehicle::from_toml(&base.vehicle).context("vehicle")?;
         let config = companion(&base.config, &scenario, &vehicle)?;
         let (index, drawn, mission) = (0, BTreeMap::new(), MissionFile::default());
+        let take_off = TakeOff::Mission;
         let fence = Fence::of_room(&scenario.room);
-        Ok(Self { index, seed, drawn, scenario, vehicle, config, mission, fence, limit_s })
+        Ok(Self {
+            index,
+            seed,
+            drawn,
+            scenario,
+            vehicle,
+            config,
+            mission,
+            take_off,
+            fence,
+            limit_s,
+        })
     }
 }
 
-/// Adds the faults of an entry: in this phase, so long after its begin, s.
-fn add_faults(scenario: &mut Table, faults: Vec<FaultAt>, phase: Phase, at_s: f64) -> Result<()> {
+/// Adds the faults of an entry: in this phase, so long after its begin, s; without a phase at that time.
+fn add_faults(
+    scenario: &mut Table,
+    faults: Vec<FaultAt>,
+    phase: Option<Phase>,
+    at_s: f64,
+) -> Result<()> {
     let mut list = scenario.get("fault").cloned().unwrap_or(Value::Array(Vec::new()));
     let many = list.as_array_mut().context("fault: not a list")?;
     for one in faults {
-        many.push(Value::try_from(FaultAt { at_s, phase: Some(phase), ..one })?);
+        many.push(Value::try_from(FaultAt { at_s, phase, ..one })?);
     }
     set(scenario, "fault", list)
 }
@@ -345,7 +380,12 @@ mod tests {
             let plan = c.plan(i).unwrap();
             let default = plan.drawn.contains_key(VOLUME);
             assert_eq!(plan.config.limits.height_m, if default { None } else { Some(4.0) });
-            assert_eq!(plan.fence.height_m, if default { 7.0 } else { 4.0 });
+            let height_m = plan.fence.height_m;
+            if plan.drawn.contains_key(TAKE_OFF) {
+                assert!(height_m <= 2.3, "no higher than was asked for: {height_m}");
+            } else {
+                assert_eq!(height_m, if default { 7.0 } else { 4.0 });
+            }
             shares[c.fault_place(i).unwrap().0] += u32::from(default);
         }
         assert!(shares.iter().all(|n| *n == 7), "of 28 each: {shares:?}");

@@ -5,6 +5,7 @@
 //! faults are made of a kind, a line and a share.
 
 mod families;
+mod floor;
 
 use anyhow::{Context, Result};
 use serde::Deserialize;
@@ -41,6 +42,8 @@ pub struct Parts {
     pub fault: Vec<FaultAt>,
     /// What is told wrongly, from the start.
     pub told: Option<toml::Table>,
+    /// It is broken before anybody arms, and the vehicle takes off in each of the ways (`takeoff.rs`).
+    pub floor: bool,
 }
 
 impl Entry {
@@ -51,7 +54,12 @@ impl Entry {
 
     /// Whether it is there before the flight begins, so that it has no part of the flight.
     pub fn is_from_start(&self) -> bool {
-        self.text.contains("[told]")
+        self.text.contains("[told]") || self.is_from_floor()
+    }
+
+    /// Whether something is broken before anybody arms.
+    pub fn is_from_floor(&self) -> bool {
+        self.text.starts_with(FROM_FLOOR)
     }
 
     /// Whether `word` names it or its group: small letters and digits count, `_` or anything else between them.
@@ -78,6 +86,9 @@ const LINES: Reaction = Exists("checksums, sequence numbers, asking again, silen
 const LATE: Reaction = Exists("a descent by nothing that is faster than the link");
 const BOARD: Reaction = Exists("the board's failsafe: level, sink, cut");
 const ATTITUDE: Reaction = Exists("the controller");
+
+/// First line of what is broken from the floor on.
+const FROM_FLOOR: &str = "floor = true";
 
 /// Faults that are named one by one: name, group, fields of each `[[fault]]`, reaction.
 const SINGLE: &[(&str, &str, &[&str], Reaction)] = &[
@@ -304,6 +315,7 @@ pub fn all() -> Vec<Entry> {
         }
     }
     list.extend(families::all());
+    list.extend(floor::all());
     list
 }
 
@@ -322,9 +334,10 @@ mod tests {
         names.dedup();
         assert_eq!(names.len(), all.len(), "two entries of one name");
         for entry in &all {
-            let Parts { fault, told } = entry.parts().unwrap_or_else(|e| panic!("{e:#}"));
+            let Parts { fault, told, floor } = entry.parts().unwrap_or_else(|e| panic!("{e:#}"));
             assert_eq!(fault.is_empty(), told.is_some(), "{}", entry.name);
-            assert_eq!(entry.is_from_start(), told.is_some(), "{}", entry.name);
+            assert_eq!(entry.is_from_start(), told.is_some() || floor, "{}", entry.name);
+            assert_eq!(entry.is_from_floor(), floor, "{}", entry.name);
             for mut fault in fault {
                 assert!(fault.phase.is_none() && fault.at_s == 0.0, "{}", entry.name);
                 fault.phase = Some(Phase::Hover);
