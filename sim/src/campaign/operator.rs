@@ -200,9 +200,13 @@ impl Operator {
         let above_E_m = [north_m, east_m, -HEIGHT_M];
         match way {
             TakeOff::Mission => return,
-            TakeOff::Command => {
+            TakeOff::Command | TakeOff::Point => {
                 let params = [0.0, 0.0, 0.0, f32::NAN];
                 self.send(command_int(MavCmd::MAV_CMD_NAV_TAKEOFF, params, above_E_m));
+                if way == TakeOff::Point {
+                    self.steps.push_back(Step::Wait(STREAM_FIRST_S));
+                    self.ask_for(Way::Goto, above_E_m);
+                }
             }
             TakeOff::Place => self.stream(Asked::Place(above_E_m)),
             TakeOff::Climb => {
@@ -210,7 +214,6 @@ impl Operator {
                 self.steps.push_back(Step::Wait(HEIGHT_M / CLIMB_MPS));
                 self.steps.push_back(Step::Stream(Some(Asked::Velocity([0.0; 3]))));
             }
-            TakeOff::Point => self.ask_for(Way::Goto, above_E_m),
         }
         self.land_after(STAY_S);
     }

@@ -16,7 +16,7 @@ pub enum TakeOff {
     Place,
     /// Setpoints of a rate upwards, and the mode offboard.
     Climb,
-    /// `MAV_CMD_DO_REPOSITION` on the floor.
+    /// The same, and `MAV_CMD_DO_REPOSITION` before it has left the floor.
     Point,
 }
 
