@@ -223,7 +223,7 @@ impl Files {
                     let file = haltere_log::intake::open(path).with_context(name)?;
                     flight.truth = truth::read(BufReader::new(file)).with_context(name)?;
                 }
-                let name = shown_name(&path);
+                let name = shown_name(path);
                 Source::Log { name, flight: Box::new(flight), config: Box::new(config) }
             }
         })

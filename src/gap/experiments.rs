@@ -364,7 +364,7 @@ pub fn find(id: &str) -> Option<&'static Experiment> {
 pub fn telling_apart(ids: &[String]) -> Vec<&'static Experiment> {
     let of_these = |set: &&[&str]| set.iter().filter(|id| ids.iter().any(|own| own == *id)).count();
     let mut all: Vec<_> =
-        EXPERIMENTS.iter().filter(|e| e.separates.iter().any(|set| of_these(&set) > 1)).collect();
+        EXPERIMENTS.iter().filter(|e| e.separates.iter().any(|set| of_these(set) > 1)).collect();
     all.sort_by(|a, b| a.whole_cost_s().total_cmp(&b.whole_cost_s()));
     all
 }

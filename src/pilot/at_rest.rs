@@ -169,7 +169,6 @@ const FORCE: Quantity = Quantity {
     way_out: "calibrate it, or mend its unit and scale on the board",
     is_measured: true,
     look: force,
-    ..ROW
 };
 
 const GYROSCOPE: Quantity = Quantity {
@@ -212,7 +211,6 @@ const LEVEL: Quantity = Quantity {
     way_out: "wait until the board has settled, else calibrate its level, and mend axes and mounting of its IMU",
     is_measured: true,
     look: level,
-    ..ROW
 };
 
 pub(super) const ESTIMATE: Quantity = Quantity {

@@ -167,8 +167,7 @@ impl Pilot {
             _ => {
                 let fence = &self.services.plans.fence;
                 let supply_v = self.supply_v(at);
-                let hurries =
-                    self.supervisor.unhealthy().contains(S::MAV_SYS_STATUS_SENSOR_BATTERY);
+                let hurries = self.supervisor.unhealthy.contains(S::MAV_SYS_STATUS_SENSOR_BATTERY);
                 let return_mps = if hurries { self.config.control.sustained_mps() } else { 0.0 };
                 let now = Now { estimate: &self.estimate, supply_v, at, dt_s, fence, return_mps };
                 let (mut command, news) = self.guidance.step(self.mode, &self.mission, &now);

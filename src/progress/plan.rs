@@ -162,13 +162,13 @@ mod tests {
         let mut plan = Plan::new(&STAGES, file.clone());
         let took_s = [50.0, 80.0, 20.0, 5.0];
         let mut told: Vec<f64> = Vec::new();
-        for n in 0..STAGES.len() {
+        for (n, took_s) in took_s.into_iter().enumerate() {
             plan.at = n;
             for step in 0..=100 {
                 let share = f64::from(step) * 0.01;
-                told.push(plan.left_s(share, share * took_s[n]));
+                told.push(plan.left_s(share, share * took_s));
             }
-            plan.over(took_s[n]);
+            plan.over(took_s);
         }
         let jump_s = told.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
         assert!(jump_s < 10.0, "{jump_s} s from one line to the next");

@@ -105,8 +105,8 @@ impl Flight {
     /// Changes of mode of what was flown last, the disarming included. Empty: it never left the floor.
     pub fn last_flown(&self) -> &[ModeRow] {
         let flights = self.modes.split_inclusive(|row| row.mode == Mode::Disarmed.name());
-        let flown = flights.filter(|rows| rows.iter().any(|row| !is_on_floor(&row.mode)));
-        flown.last().unwrap_or_default()
+        let mut flown = flights.filter(|rows| rows.iter().any(|row| !is_on_floor(&row.mode)));
+        flown.next_back().unwrap_or_default()
     }
 
     /// Each mode of what was flown last, with its begin and end.

@@ -124,15 +124,15 @@ impl Flight {
                 continue;
             };
             match frame.decode() {
-                Ok(MavMessage::MISSION_ITEM_REACHED(m)) => {
-                    if self.reached.last() != Some(&(at, m.seq)) {
-                        self.reached.push((at, m.seq));
-                    }
+                Ok(MavMessage::MISSION_ITEM_REACHED(m))
+                    if self.reached.last() != Some(&(at, m.seq)) =>
+                {
+                    self.reached.push((at, m.seq));
                 }
-                Ok(MavMessage::MISSION_CURRENT(m)) => {
-                    if self.mission_items.last().is_none_or(|(_, items)| *items != m.total) {
-                        self.mission_items.push((at, m.total));
-                    }
+                Ok(MavMessage::MISSION_CURRENT(m))
+                    if self.mission_items.last().is_none_or(|(_, items)| *items != m.total) =>
+                {
+                    self.mission_items.push((at, m.total));
                 }
                 _ => {}
             }

@@ -111,7 +111,7 @@ pub enum NoClock {
     },
     /// No metres, or other axes.
     #[error("{0}")]
-    Misnamed(Misnamed),
+    Misnamed(Box<Misnamed>),
     /// A path that repeats.
     #[error(
         "two offsets fit alike, {first_s:.2} s and {second_s:.2} s: the path repeats itself; give a truth that holds take-off or \
@@ -275,7 +275,9 @@ pub fn find(flown: &[Flown], truth: &[TruePose], names: &PositionNames) -> Resul
     let agrees = lags.first().filter(|lag| lag.correlation >= LEAST_CORRELATION);
     let misnamed = agrees.and_then(|lag| Misnamed::of(beside(flown, truth, lag.offset_s), names));
     let misnamed = match misnamed {
-        Some(misnamed) if misnamed.unit.is_some() => return Err(NoClock::Misnamed(misnamed)),
+        Some(misnamed) if misnamed.unit.is_some() => {
+            return Err(NoClock::Misnamed(misnamed.into()));
+        }
         misnamed => misnamed,
     };
     let mut tried: Vec<Fit> = Vec::new();
@@ -296,7 +298,7 @@ pub fn find(flown: &[Flown], truth: &[TruePose], names: &PositionNames) -> Resul
     let as_named_m = tried.first().map_or(f64::INFINITY, |best| best.rms_m);
     let is_better = |axes: OtherAxes| axes.renamed_m * ALIKE < as_named_m;
     if let Some(misnamed) = misnamed.filter(|m| m.axes.is_some_and(is_better)) {
-        return Err(NoClock::Misnamed(misnamed));
+        return Err(NoClock::Misnamed(misnamed.into()));
     }
     let Some(best) = tried.first() else { return Err(NoClock::NothingAgrees { found }) };
     let other = tried.iter().skip(1).find(|fit| {

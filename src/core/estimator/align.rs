@@ -52,7 +52,7 @@ impl Standing {
         let weight = dt_s / (STANDING_S + dt_s);
         let follow = |mean: &mut Vec3<B>, std: &mut f64, now: Vec3<B>| {
             let off = now - *mean;
-            *mean = *mean + off * weight;
+            *mean += off * weight;
             *std = ((1.0 - weight) * (*std * *std + weight * off.norm().powi(2))).sqrt();
         };
         follow(&mut self.acc_B_mps2, &mut self.std_acc_mps2, acc_B_mps2);

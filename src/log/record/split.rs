@@ -5,7 +5,7 @@
 //! inputs and outputs follow one another within a session. Decoded records have none, and are left out and counted.
 //! What is there twice, since a log was put into a file twice, goes out once.
 
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -173,7 +173,7 @@ fn between(group: &Numbers, numbers: &Numbers) -> bool {
 
 fn cut(file: &LogReader, heads: &[Vec<u8>], outs: &mut [Copy]) -> Result<u64, McapError> {
     let mut messages = file.messages();
-    let (mut n, mut gaps, mut seen) = (0, file.gaps(), HashSet::new());
+    let (mut n, mut gaps, mut seen) = (0, file.gaps(), BTreeSet::new());
     while let Some(message) = messages.next() {
         if *message.channel == *channels::CONFIG.0 {
             let known = heads.iter().position(|head| head == message.data);
