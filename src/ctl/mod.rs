@@ -637,10 +637,16 @@ mod tests {
             fly_mission(&mut station, 3, false, &mut |line: &str| said.push(line.to_owned()));
         assert_eq!(
             said,
-            ["take-off height reached", "item 0 done", "on the way", "item 1 done", "landed"]
+            [
+                "take-off height reached",
+                "item 1 of 3 done",
+                "on the way",
+                "item 2 of 3 done",
+                "landed"
+            ]
         );
         let error = error.unwrap_err().to_string();
-        assert!(error.contains("after item 1") && error.contains("landed"), "{error}");
+        assert!(error.contains("after item 2 of 3") && error.contains("landed"), "{error}");
         drop(station);
         // Whoever plays the vehicle waits for more; that ends with this program.
         drop(flies);
