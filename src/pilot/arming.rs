@@ -2,6 +2,7 @@
 //! looked at.
 
 use haltere_core::estimate::Health;
+use haltere_core::estimator::STANDING_S;
 use haltere_core::time::HostTime;
 
 use super::at_rest::{AT_REST, BOARD, ESTIMATE, Look, Quantity, is};
@@ -91,8 +92,13 @@ pub(super) fn board(pilot: &Pilot, at: HostTime) -> Look {
 }
 
 pub(super) fn imu(pilot: &Pilot, at: HostTime) -> Look {
-    let heard = is_fresh(pilot.last_imu, at);
-    or_refused(heard.then_some(()).ok_or_else(|| "no IMU data from the board".to_owned()))
+    or_refused(if !is_fresh(pilot.last_imu, at) {
+        Err("no IMU data from the board".to_owned())
+    } else if pilot.estimator.standing().is_none() {
+        Err(format!("has not stood for {STANDING_S:.0} s yet: keep the vehicle still"))
+    } else {
+        Ok(())
+    })
 }
 
 pub(super) fn uwb(pilot: &Pilot, at: HostTime) -> Result<(), String> {
