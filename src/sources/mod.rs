@@ -139,7 +139,7 @@ fn load_layers(sources: &Sources, gone: &[Retired]) -> Result<(Config, Layers), 
     let layers = Layers::read(sources, gone)?;
     let config = layers.merged()?;
     let mut problems = Problems::new();
-    config.check(&mut problems);
+    config.check_to_fly(&mut problems);
     let mut traced = Problems::new();
     for line in problems.lines() {
         traced.say(layers.with_origin(line));

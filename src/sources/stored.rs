@@ -149,7 +149,7 @@ fn apply_one(loaded: &mut Loaded, layers: &Layers, name: &str, value: f64) -> Re
     changed.take_over(pilot);
     let check = |config: &Config| {
         let mut problems = Problems::new();
-        config.check(&mut problems);
+        config.check_to_fly(&mut problems);
         problems
     };
     let before = check(&loaded.config);

@@ -242,7 +242,7 @@ fn prop_what_is_recorded_is_read_back() {
     let mut got: Vec<_> = entries.by_ref().collect();
     assert_eq!(entries.end(), LogEnd::Complete);
     let Some(Entry::Closing(closing)) = got.pop() else { panic!("closing missing") };
-    assert_eq!(closing.last_sequence, 200 * 16);
+    assert_eq!(closing.last_sequence, 200 * 17);
     assert_eq!(closing.lost_entries, 0);
     assert!(got == expected);
 }

@@ -175,7 +175,7 @@ fn regress_limits_of_another_pack_are_refused() {
             3.7 * f64::from(cells)
         );
         let mut problems = Problems::new();
-        Config::from_toml("test", &text).unwrap().check(&mut problems);
+        Config::from_toml("test", &text).unwrap().check_to_fly(&mut problems);
         problems.lines().join("; ")
     };
     for cells in 1..=6_u8 {
