@@ -209,6 +209,7 @@ impl Pilot {
                 self.record(|| Topic::Imu(sample));
             }
             BoardNews::Attitude(attitude) => {
+                self.watch_turn(&attitude);
                 self.board_attitude = Some(attitude);
                 self.board_down.note(&attitude);
                 self.estimator.board_vertical(&attitude);

@@ -11,7 +11,7 @@ use super::scale::SCALE;
 use super::slip::{SLIP, SLIP_MPS};
 use haltere_core::estimate::Health;
 use haltere_core::estimator::standard_height_m;
-use haltere_core::measure::BaroSample;
+use haltere_core::measure::{BaroSample, BoardAttitude};
 use haltere_core::time::HostTime;
 use haltere_core::topics::UwbRecord;
 
@@ -19,6 +19,11 @@ use haltere_core::topics::UwbRecord;
 const WINDOW: f64 = 200.0;
 /// The board's attitude may be this old to be compared with ours, s.
 const ATTITUDE_AGE_S: f64 = 0.2;
+/// Time constant of the low-pass on both turns that are compared, s: it leaves nothing of the noise of an attitude that is
+/// told 50 times a second.
+const TURN_FILTER_S: f64 = 0.2;
+/// A board's attitude that turns faster has jumped, rad/s: the yaw servo of this class follows 2.
+const JUMP_RADPS: f64 = 10.0;
 /// Samples over which the zero of the barometer is averaged on the floor.
 const ZERO_SAMPLES: f64 = 50.0;
 /// Time constant of the low-pass on barometric height, s.
@@ -49,9 +54,25 @@ pub(crate) struct Evidence {
     zero_samples: f64,
     /// Barometric height and the one that was estimated at its time, low-passed alike, m, and when they were last new.
     baro: Option<([f64; 2], HostTime)>,
+    /// Turns about the vertical by the gyroscope and by the board's attitude, low-passed alike, rad/s.
+    turns_radps: [f64; 2],
+    /// How far the two have turned against one another, rad.
+    turned_apart_rad: f64,
 }
 
 impl Evidence {
+    /// Turns about the vertical by the gyroscope and by the board's attitude, rad/s, for `dt_s`. Only what both do counts:
+    /// a compass that drifts turns no gyroscope.
+    fn note_turns(&mut self, now_radps: [f64; 2], dt_s: f64) {
+        let weight = dt_s / (TURN_FILTER_S + dt_s);
+        for (slow, now) in self.turns_radps.iter_mut().zip(now_radps) {
+            *slow += (now - *slow) * weight;
+        }
+        let [ours, theirs] = self.turns_radps;
+        let apart_radps = -2.0 * (ours * theirs).signum() * ours.abs().min(theirs.abs());
+        self.turned_apart_rad = (self.turned_apart_rad + apart_radps * dt_s).max(0.0);
+    }
+
     /// The filter has done something about itself so often in all.
     pub fn note_remedies(&mut self, at: HostTime, remedies: u64) {
         let new = remedies.saturating_sub(std::mem::replace(&mut self.remedies, remedies));
@@ -89,6 +110,25 @@ impl Evidence {
 }
 
 impl Pilot {
+    /// Holds the turn that the board's new attitude shows against the gyroscope's.
+    pub(crate) fn watch_turn(&mut self, board: &BoardAttitude) {
+        let (Some(before), Some(imu)) = (self.board_attitude, self.imu) else { return };
+        let dt_s = board.valid_at.seconds_since(before.valid_at);
+        let turned = board.attitude.matrix() * before.attitude.matrix().transpose();
+        let theirs_radps = 0.5 * (turned[(1, 0)] - turned[(0, 1)]) / dt_s;
+        if dt_s > 0.0 && dt_s < ATTITUDE_AGE_S && theirs_radps.abs() < JUMP_RADPS {
+            let ours_radps = (board.attitude * imu.rate_B_radps).z();
+            self.supervisor.evidence.note_turns([ours_radps, theirs_radps], dt_s);
+        }
+    }
+
+    /// Angle between our attitude and the board's, rad: of the verticals, or of headings that turn against one another;
+    /// `None`: nothing fresh to compare with.
+    fn attitude_difference_rad(&self, at: HostTime) -> Option<f64> {
+        let turned_rad = self.supervisor.evidence.turned_apart_rad;
+        self.vertical_difference_rad(at).map(|rad| rad.max(turned_rad))
+    }
+
     /// Angle between our vertical and the board's, rad; `None`: nothing fresh to compare with.
     fn vertical_difference_rad(&self, at: HostTime) -> Option<f64> {
         let board = self.board_attitude?;
@@ -175,7 +215,8 @@ pub(super) const LOST: Condition = Condition {
 pub(super) const ATTITUDE: Condition = Condition {
     name: "attitude_differs",
     seen_by: "Our vertical and the board's, which has a filter of its own, differ by more than \
-              `supervisor.attitude_difference_deg`.",
+              `supervisor.attitude_difference_deg`, or gyroscope and board's attitude have turned about the vertical against \
+              one another by as much.",
     numbers: &[Number {
         key: "supervisor.attitude_difference_deg",
         value: |c| c.supervisor.attitude_difference_deg,
@@ -191,10 +232,10 @@ pub(super) const ATTITUDE: Condition = Condition {
     severity: Severity::Emergency,
     is_seen: |pilot, at| {
         let most_rad = pilot.config.supervisor.attitude_difference_deg.to_radians();
-        pilot.vertical_difference_rad(at).is_some_and(|rad| rad > most_rad)
+        pilot.attitude_difference_rad(at).is_some_and(|rad| rad > most_rad)
     },
     words: |pilot, at| {
-        let deg = pilot.vertical_difference_rad(at).unwrap_or_default().to_degrees();
+        let deg = pilot.attitude_difference_rad(at).unwrap_or_default().to_degrees();
         format!("attitude differs from the board's by {deg:.0} deg")
     },
     ..ROW

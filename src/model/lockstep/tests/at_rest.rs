@@ -148,3 +148,24 @@ fn regress_below_the_floor_of_the_survey_and_high_above_it_nothing_is_armed() {
         }
     }
 }
+
+/// A gyroscope that reads a turn about the vertical the other way round stands as any other. The mission turns, and flown by
+/// that heading the vehicle left the room by 5 m.
+#[test]
+fn regress_a_gyroscope_that_turns_the_other_way_is_found_by_the_first_turn() {
+    for seed in 0..4 {
+        let mut world = world(seed);
+        let matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]];
+        let fault = Fault::Misread(Sensor::Gyroscope, Misreading { matrix, ..Misreading::NONE });
+        world.plant_mut().inject(fault).unwrap();
+        let (mut world, mut ground) = hovering(world);
+        let from_m = world.truth().pos_E_m;
+        let turn = [90.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0];
+        ground.command(&mut world, MavCmd::MAV_CMD_CONDITION_YAW, turn);
+        fly_for(&mut world, 20.0);
+        ground.listen(&mut world);
+        let told = ground.texts.iter().any(|t| t.contains("attitude differs from the board's"));
+        let far_m = (world.truth().pos_E_m.raw() - from_m.raw()).xy().norm();
+        assert!(told && far_m < 2.0, "seed {seed}: {far_m} m {:#?}", ground.texts);
+    }
+}
