@@ -2,11 +2,11 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::{Child, Command};
+use std::process::Command;
 use std::time::Duration;
 
 use super::packages::companion;
-use super::support::{finish, root, wait};
+use super::support::{finish, root};
 
 const LIMIT: Duration = Duration::from_secs(1800);
 
@@ -88,24 +88,6 @@ fn pieces(text: &str) -> Vec<String> {
         last = Some(kind);
     }
     pieces
-}
-
-/// What is told in real time, of other processes and times: every line that is shown begins with a word with which one
-/// begins that came.
-fn told_of(sample: &str, came: &str) -> Result<(), String> {
-    let heads = |text: &str| -> Vec<String> {
-        text.lines()
-            .filter_map(|line| Some(line.split([' ', ':', '=']).next()?.to_owned()))
-            .collect()
-    };
-    let came = heads(came);
-    let name = |head: &str| {
-        head.chars().next().is_some_and(char::is_alphabetic) && !head.contains(".mcap")
-    };
-    match heads(sample).into_iter().find(|head| name(head) && !came.contains(head)) {
-        Some(head) => Err(format!("no line begins with `{head}`")),
-        None => Ok(()),
-    }
 }
 
 /// The output that a page shows below its n-th block of commands that has one.
@@ -237,7 +219,8 @@ fn val_the_square_is_flown_before_a_vehicle_flies_it() {
     // What needs no second terminal: the survey, and a configuration of it.
     let room = steps.iter().position(|step| step.commands.contains("haltere init")).unwrap();
     for step in &steps[room..room + 2] {
-        hold(SQUARE, step, &run(&step.commands, dir.path(), 0), alike);
+        // What a person sees: both outputs.
+        hold(SQUARE, step, &run(&format!("exec 2>&1\n{}", step.commands), dir.path(), 0), alike);
     }
     assert!(fs::read_to_string(dir.path().join("haltere.toml")).unwrap().contains("gear_height_m"));
     assert!(is_square(&fs::read_to_string(dir.path().join("square.toml")).unwrap()));
@@ -256,39 +239,4 @@ fn is_square(mission: &str) -> bool {
             let ([a, b], [c, d]) = (side(k), side(k + 1));
             a * c + b * d == 0.0 && a.hypot(b) == c.hypot(d)
         })
-}
-
-#[test]
-#[ignore = "two minutes of real time, on the ports of the tutorial; .ci/nightly runs it"]
-fn val_the_square_is_flown_in_real_time() {
-    let dir = tempfile::tempdir().unwrap();
-    let folder = dir.path();
-    let mut behind: Vec<(Child, Step)> = Vec::new();
-    let shown = |name: &str| fs::read_to_string(folder.join(name)).unwrap_or_default();
-    for step in steps(SQUARE) {
-        let first = step.commands.split_whitespace().take(2).collect::<Vec<_>>().join(" ");
-        match &*first {
-            "haltere-sim serve" | "haltere fly" => {
-                let file = format!("behind-{}.txt", behind.len());
-                let output = fs::File::create(folder.join(&file)).unwrap();
-                let block = format!("exec {}", step.commands);
-                behind.push((shell(&block, folder).stdout(output).spawn().unwrap(), step));
-                // It stands, its anchors and its board are heard.
-                std::thread::sleep(Duration::from_secs(15));
-            }
-            // Says what a busy computer, or one without a calendar, is not in order with.
-            "haltere check" => drop(finish(shell(&step.commands, folder), folder, LIMIT)),
-            "haltere log" => {
-                while let Some((mut child, step)) = behind.pop() {
-                    let pid = child.id().to_string();
-                    assert!(Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
-                    assert_eq!(wait(&mut child, LIMIT), Some(0), "{}", step.commands);
-                    hold(SQUARE, &step, &shown(&format!("behind-{}.txt", behind.len())), told_of);
-                }
-                hold(SQUARE, &step, &run(&step.commands, folder, 0), told_of);
-            }
-            _ => hold(SQUARE, &step, &run(&step.commands, folder, 0), told_of),
-        }
-    }
-    assert!(behind.is_empty());
 }

@@ -148,7 +148,7 @@ def test_bad_items_are_refused_by_name(world):
         (item(1, mavlink.MAV_CMD_NAV_WAYPOINT, 5000, 5000, -1), mavlink.MAV_MISSION_INVALID,
          "outside"),
         (item(1, mavlink.MAV_CMD_DO_JUMP, 0, 0, 0, mavlink.MAV_FRAME_MISSION, (9, 1, 0, 0)),
-         mavlink.MAV_MISSION_INVALID_PARAM1, "jumps to 9"),
+         mavlink.MAV_MISSION_INVALID_PARAM1, "jumps to 10"),
     ]:
         world.texts.clear()
         assert upload(world, [takeoff, bad]) == result
