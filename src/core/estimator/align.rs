@@ -343,7 +343,7 @@ mod tests {
         for share in [0.96, 1.04] {
             assert!((gain(share) * share - 1.0).abs() < 1e-9, "{share}: {}", gain(share));
         }
-        for share in [0.5, 0.94, 0.99, 1.0, 1.015, 1.06, 2.0] {
+        for share in [0.5, 0.92, 0.99, 1.0, 1.015, 1.08, 2.0] {
             assert_eq!(gain(share), 1.0, "{share}");
         }
     }

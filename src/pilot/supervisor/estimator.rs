@@ -10,7 +10,7 @@ use super::reaction::Reaction;
 use super::scale::SCALE;
 use super::slip::{SLIP, SLIP_MPS};
 use haltere_core::estimate::Health;
-use haltere_core::estimator::standard_height_m;
+use haltere_core::estimator::{LARGEST_BIAS_RADPS, standard_height_m};
 use haltere_core::measure::{BaroSample, BoardAttitude};
 use haltere_core::time::HostTime;
 use haltere_core::topics::UwbRecord;
@@ -61,15 +61,20 @@ pub(crate) struct Evidence {
 }
 
 impl Evidence {
-    /// Turns about the vertical by the gyroscope and by the board's attitude, rad/s, for `dt_s`. Only what both do counts:
-    /// a compass that drifts turns no gyroscope.
+    /// Turns about the vertical by the gyroscope and by the board's attitude, rad/s, for `dt_s`. Only what both do counts,
+    /// since a compass that drifts turns no gyroscope, and only what no bias of a gyroscope makes of a turn.
     fn note_turns(&mut self, now_radps: [f64; 2], dt_s: f64) {
         let weight = dt_s / (TURN_FILTER_S + dt_s);
         for (slow, now) in self.turns_radps.iter_mut().zip(now_radps) {
             *slow += (now - *slow) * weight;
         }
         let [ours, theirs] = self.turns_radps;
-        let apart_radps = -2.0 * (ours * theirs).signum() * ours.abs().min(theirs.abs());
+        let both_radps = ours.abs().min(theirs.abs());
+        let apart_radps = if ours * theirs > 0.0 {
+            -2.0 * both_radps
+        } else {
+            2.0 * (both_radps - LARGEST_BIAS_RADPS).max(0.0)
+        };
         self.turned_apart_rad = (self.turned_apart_rad + apart_radps * dt_s).max(0.0);
     }
 

@@ -162,8 +162,10 @@ fn regress_a_gyroscope_that_turns_the_other_way_is_found_by_the_first_turn() {
         let from_m = world.truth().pos_E_m;
         let turn = [90.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0];
         ground.command(&mut world, MavCmd::MAV_CMD_CONDITION_YAW, turn);
-        fly_for(&mut world, 20.0);
-        ground.listen(&mut world);
+        for _ in 0..40 {
+            fly_for(&mut world, 0.5);
+            ground.listen(&mut world);
+        }
         let told = ground.texts.iter().any(|t| t.contains("attitude differs from the board's"));
         let far_m = (world.truth().pos_E_m.raw() - from_m.raw()).xy().norm();
         assert!(told && far_m < 2.0, "seed {seed}: {far_m} m {:#?}", ground.texts);
