@@ -2,7 +2,7 @@
 //! looked at, what is said and what follows.
 //!
 //! Arming, the last look before the motors turn (`arming`), health and events of stations, `haltere check --live` and
-//! docs/SAFETY.md are made of it; alignment takes from the same means what it starts with (`estimator::Standing`).
+//! docs/SAFETY.md are made of it. Alignment looks at the same samples by means of its own, and refuses nothing.
 
 use haltere_core::estimator::{
     FORCE_MOST_SHARE, FORCE_TOLD_SHARE, LARGEST_BIAS_RADPS, STANDING_S, Standing,
