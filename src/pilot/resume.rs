@@ -12,6 +12,7 @@ use haltere_core::time::HostTime;
 
 use super::Pilot;
 use super::modes::Mode;
+use super::supervise::TURN_SHARE;
 use super::supervisor::Descent;
 
 /// Acceleration with which a board that gave up may sink, m/s²: 0.82 of the thrust that hovers (the generic board) leave
@@ -126,6 +127,10 @@ impl Pilot {
         if !heard {
             self.resumption.heard_since = None;
         } else if at.seconds_since(*self.resumption.heard_since.get_or_insert(at)) > HEARD_FOR_S {
+            if self.mode == Mode::Descend && self.resumption.may_stand() && self.is_near_floor(at) {
+                // Whatever is heard, what may have come to stand meanwhile does not lift off again.
+                self.touch.low_frac = Some(TURN_SHARE * self.control.thrust_base_frac);
+            }
             self.resumption = Resumption::default();
         }
     }
@@ -147,7 +152,9 @@ impl Pilot {
 
     /// Largest thrust over the one that hovers.
     pub(super) fn most_share(&self, at: HostTime) -> f64 {
-        let flies = self.touch.fell_at.is_some_and(|t| at.seconds_since(t) < FLIES_S);
+        let fell = self.touch.fell_at.is_some_and(|t| at.seconds_since(t) < FLIES_S);
+        // A hop ends with a fall as well, and the floor with what made up for it.
+        let flies = fell && self.touch.sinks_still();
         if self.resumption.pause.is_none() {
             f64::INFINITY
         } else if self.resumption.may_stand() && !flies {

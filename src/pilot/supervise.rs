@@ -231,6 +231,11 @@ impl Touch {
         self.up_mps = (self.up_mps + gained_mps) * (1.0 - dt_s / (LATELY_S + dt_s));
     }
 
+    /// Whether the accelerometer has felt more of a fall lately than of what stopped it.
+    pub fn sinks_still(&self) -> bool {
+        self.up_mps < 0.0
+    }
+
     /// Whether the sinking was stopped by something: near the floor by the floor.
     fn is_stopped(&self, low: bool) -> bool {
         self.up_mps > if low { STOPPED_MPS } else { STOPPED_HIGH_MPS }

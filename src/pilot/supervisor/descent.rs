@@ -34,9 +34,11 @@ const GAIN_S_PER_M: f64 = 0.12;
 /// Bounds of the thrust share. The lower one is far below what a sound vehicle needs: ground effect, a
 /// draught from below and a hover thrust that was learned from a wrong estimate all carry.
 const SHARES: [f64; 2] = [0.6, 1.05];
-/// The upper one while the link is late, and near the floor, where the ground effect carries a fifth more.
+/// The upper one while the link is late …
 const LATE_MOST: f64 = 1.0;
-const LATE_MOST_LOW: f64 = 0.84;
+/// … and near the floor, where the ground effect carries a fifth more, while no accelerometer tells of the floor, or what
+/// is sent comes late.
+const MOST_LOW: f64 = 0.84;
 /// Share without a barometer. With a drag of 0.65 to 1 1/s a deficit of 8 % sinks at 0.8 to 1.2 m/s.
 const BLIND_SHARE: f64 = 0.92;
 /// Where the accelerometer does not tell of the floor either, so much of the share is taken away per second from the
@@ -180,13 +182,16 @@ impl Descent {
         (fade > 0.0).then_some(share * fade)
     }
 
-    /// Most thrust share. Over a late link what was meant to brake arrives when the vehicle has met the floor, whose
-    /// cushion carries a tenth more: it was thrown up by 0.8 m.
+    /// Most thrust share. What brakes when the vehicle has met the floor throws it up, since the cushion there carries a
+    /// tenth more: by 0.8 m over a late link, by 0.5 m where no accelerometer tells of the floor.
     fn most_share(&self) -> f64 {
-        match (self.late, self.height_m < FEEL_BELOW_M) {
-            (false, _) => SHARES[1],
-            (true, false) => LATE_MOST,
-            (true, true) => LATE_MOST_LOW,
+        let low = self.height_m < FEEL_BELOW_M;
+        if low && (self.late || self.numb) {
+            MOST_LOW
+        } else if self.late {
+            LATE_MOST
+        } else {
+            SHARES[1]
         }
     }
 
@@ -223,10 +228,16 @@ mod tests {
     /// Speed at the floor and time of the way down; `k` is the true hover thrust over the one believed,
     /// `baro`: what the barometer adds to the height at a time.
     fn fly(from_m: f64, k: f64, d: f64, baro: Option<fn(f64) -> f64>) -> (f64, f64) {
-        let mut descent = Descent::begin(from_m, 0.0);
+        fly_on(Descent::begin(from_m, 0.0), k, d, baro)
+    }
+
+    fn fly_on(mut descent: Descent, k: f64, d: f64, baro: Option<fn(f64) -> f64>) -> (f64, f64) {
+        let from_m = descent.height_m;
         let (mut h, mut w, mut t, mut u) = (from_m, 0.0, 0.0, 1.0);
         while h > 0.0 {
             let Some(share) = descent.step(0.01) else { return (w, t) };
+            // The cushion of the floor carries a fifth more.
+            assert!(!descent.numb || descent.height_m > FEEL_BELOW_M || share * 1.2 < 1.02);
             if let Some(error) = baro {
                 descent.baro(h + 101.0 + error(t), 0.01);
             }
@@ -298,6 +309,19 @@ mod tests {
             }
         }
         println!("at the floor {:.2} m/s at most, {:.2} on the way", worst.0, worst.1);
+    }
+
+    #[test]
+    fn regress_where_no_accelerometer_tells_of_the_floor_it_does_not_throw_the_vehicle_up() {
+        for from_m in [0.3, 1.2, 3.0] {
+            for k in [0.95, 1.0, 1.05] {
+                for d in [0.65, 0.8, 1.0] {
+                    let descent = Descent { numb: true, ..Descent::begin(from_m, 0.0) };
+                    let (w, t) = fly_on(descent, k, d, Some(|_| 0.0));
+                    assert!((0.05..1.8).contains(&w), "{from_m} m, k {k}, d {d}: {w} m/s, {t} s");
+                }
+            }
+        }
     }
 
     #[test]
