@@ -7,7 +7,9 @@ use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream::{self, MavSplitter};
 
-use crate::{Input, LinkId, Pilot, PilotConfig};
+use crate::Pilot;
+use crate::config::PilotConfig;
+use crate::input::{Input, LinkId};
 
 /// Who speaks: a ground station.
 pub(crate) const STATION: (u8, u8) = (255, 190);

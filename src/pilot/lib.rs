@@ -4,19 +4,19 @@
 //! clock and no thread. Glue calls [`Pilot::handle`] with whatever arrives and with a wake-up at
 //! [`Pilot::next_deadline`], then sends what [`Pilot::drain_output`] yields.
 //!
-//! Begin with `modes`, the table of transitions, `schedule`, the control step and what is due beside it, and
-//! `supervisor/list.rs`, what can go wrong and what is then done. One idea per file:
+//! Begin with `flight/modes`, the table of transitions, `schedule`, the control step and what is due beside it, and
+//! `flight/supervisor/list.rs`, what can go wrong and what is then done. Beside them are `input`, all that can
+//! happen, `settings` and `config`, what can be configured, and five folders:
 //!
-//! * a flight: `supervise` how it begins and ends, `ending` how a program ends that flies, `change` what a transition does,
-//!   `awaited` what follows a take-off, `guidance` what the controller is asked for, `arming` what must hold before,
-//!   `shadow` the same beside somebody else who flies;
-//! * what comes in: `input` all that can happen, `ingest` tag and board, `uwb` from packets to time differences, `board` the
-//!   link to the board with what firmwares are like, `ground` and `streams` the links to stations, `guard` which frames come
-//!   in at all, `permits` who may command, `routing` frames for others;
-//! * what clients are answered: `commands` and `orders`, `setpoint` and `manual`, `telemetry`, and in `services` what they
-//!   fetch and store: parameters, plans, files, logs, programs. The core asks for files and has no disk;
-//! * what people hear: `voice` the texts, `losses` what was thrown away and why, `recording` whether it is recorded;
-//! * `settings` what can be configured, `anew` when another core may take this one's place.
+//! * `out`: bytes by link, texts and events for people, records, and what was thrown away and why;
+//! * `navigation`: from packets of the tag to time differences, from all that is measured to an estimate, and what is
+//!   found of floor, room and sensors beside it;
+//! * `board`: the link to the board with what firmwares are like, and who else speaks there;
+//! * `flight`: how a flight begins and ends, what the controller is asked for, what must hold before, the same beside
+//!   somebody else who flies;
+//! * `stations`: links, which frames come in at all, who may command, frames for others, what clients are answered
+//!   and streamed, and in `services` what they fetch and store: parameters, plans, files, logs, programs. The core
+//!   asks for files and has no disk.
 //!
 //! ```
 //! use haltere_core::frames::Vec3;
@@ -46,87 +46,38 @@
 // The definitions call some messages superseded; today's clients still send and expect them.
 #![allow(deprecated)]
 
-mod anew;
-mod arming;
-mod at_rest;
-mod awaited;
 #[cfg(test)]
 mod bench;
 mod board;
-mod calendar;
-mod carried;
-mod change;
-mod clients;
-mod commands;
+mod clock;
 mod config;
-mod ending;
-mod endpoint;
-mod excitation;
-mod ground;
-pub mod guard;
-mod guidance;
-mod heading;
-mod home;
-mod hover;
-mod identity;
-mod ingest;
+mod flight;
 mod input;
-mod landing_ramp;
-mod losses;
-mod magnetics;
-mod manual;
-mod misplaced;
-mod mission;
-pub mod mission_file;
-mod mission_items;
-mod mission_length;
-mod mission_transfer;
-mod modes;
-mod orders;
-mod output;
-mod passed_on;
-mod permits;
-mod place;
-mod radio;
-mod recording;
-mod reference;
-mod resume;
-mod routing;
+mod navigation;
+mod out;
 mod schedule;
-mod second_board;
-pub mod services;
-mod setpoint;
 pub mod settings;
-mod shadow;
-mod shelf;
-mod streams;
-mod supervise;
-mod supervisor;
-mod survey_check;
-mod telemetry;
-mod telemetry_counts;
-mod telemetry_estimator;
-mod telemetry_global;
-mod telemetry_imu;
-mod tilt_step;
-mod unheard;
-pub mod uwb;
-mod voice;
+mod stations;
 
-pub use at_rest::{AT_REST, Look, Quantity};
+pub use board::misplaced::{Ear, Lines, Speaker};
 pub use config::{BoardProfile, FlightConfig, LimitsConfig, PilotConfig, TagProtocol};
-pub use endpoint::{
+pub use flight::at_rest::{AT_REST, Look, Quantity};
+pub use flight::excitation::Doublet;
+pub use flight::mission::{MOST_ITEMS, Mission, MissionItem, Volume};
+pub use flight::mission_file;
+pub use flight::modes::{Event, MISSION_LANDS, Mode, TABLE, Transition, transition};
+pub use flight::supervisor::{
+    Action, CONDITIONS, Condition, Number, Reaction, SupervisorConfig, Watched,
+};
+pub use flight::tilt_step::{Envelope, TiltStep, stopping_m};
+pub use input::{Input, LinkId};
+pub use navigation::uwb;
+pub use out::recording::Recording;
+pub use stations::endpoint::{
     Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig, Routing,
 };
-pub use excitation::Doublet;
-pub use input::{Input, LinkId};
-pub use misplaced::{Ear, Lines, Speaker};
-pub use mission::{MOST_ITEMS, Mission, MissionItem, Volume};
-pub use modes::{Event, MISSION_LANDS, Mode, TABLE, Transition, transition};
-pub use permits::Commanders;
-pub use recording::Recording;
-pub use supervisor::{Action, CONDITIONS, Condition, Number, Reaction, SupervisorConfig, Watched};
-pub use tilt_step::{Envelope, TiltStep, stopping_m};
+pub use stations::permits::Commanders;
+pub use stations::{guard, services};
 
 use haltere_dialect::mav_stream::MavSplitter;
 
@@ -141,28 +92,31 @@ use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ControlRecord, Topic};
 
-use at_rest::BoardDown;
-use board::{BoardLink, BoardNews, LinkConfig, Peers};
-use calendar::Calendar;
-use change::Cause;
-use commands::Asker;
-use ending::Ending;
-use ground::GroundLink;
-use guidance::Guidance;
-use heading::BoardNorth;
-use hover::HoverThrust;
-use losses::losses_of;
-use output::{Address, Outbox};
-use passed_on::PassedOn;
-use resume::Resumption;
-use services::Services;
-use shadow::Shadow;
-use shelf::Shelf;
-use supervise::Touch;
-use supervisor::{SteadyClock, Supervisor};
-use survey_check::SurveyCheck;
-use telemetry_counts::PairStats;
-use voice::{Echoes, Severity};
+use board::link::news::BoardNews;
+use board::link::peers::Peers;
+use board::link::{BoardLink, LinkConfig};
+use clock::Calendar;
+use flight::at_rest::BoardDown;
+use flight::ending::Ending;
+use flight::guidance::Guidance;
+use flight::hover::HoverThrust;
+use flight::resume::Resumption;
+use flight::shadow::Shadow;
+use flight::supervise::Touch;
+use flight::supervisor::{SteadyClock, Supervisor};
+use navigation::carried::Carried;
+use navigation::heading::BoardNorth;
+use navigation::survey_check::SurveyCheck;
+use out::output::{Address, Outbox};
+use out::passed_on::PassedOn;
+use out::recording;
+use out::shelf::Shelf;
+use out::voice::{Echoes, Severity};
+use stations::commands::Asker;
+use stations::ground::GroundLink;
+use stations::services::Services;
+use stations::telemetry_counts::PairStats;
+use stations::unheard;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -246,7 +200,7 @@ pub struct Pilot {
     mode: Mode,
     mode_since: HostTime,
     touch: Touch,
-    carried: carried::Carried,
+    carried: Carried,
     resumption: Resumption,
     supervisor: Supervisor,
     survey_check: SurveyCheck,
@@ -370,7 +324,7 @@ impl Pilot {
             mode: Mode::Disarmed,
             mode_since: at,
             touch: Touch::default(),
-            carried: carried::Carried::default(),
+            carried: Carried::default(),
             resumption: Resumption::default(),
             supervisor: Supervisor::default(),
             survey_check: SurveyCheck::new(&config, &survey),
@@ -407,7 +361,7 @@ impl Pilot {
         };
         pilot.say(at, Severity::Info, "haltere started, waiting for tag and board".to_owned());
         if pilot.config.flight.shadow {
-            pilot.say(at, Severity::Warning, arming::SHADOW_WORDS.to_owned());
+            pilot.say(at, Severity::Warning, flight::arming::SHADOW_WORDS.to_owned());
         }
         pilot
     }

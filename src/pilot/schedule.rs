@@ -9,11 +9,13 @@ use haltere_core::frames::{B, E, Rot};
 use haltere_core::time::HostTime;
 use haltere_core::topics::{HealthRecord, Topic};
 
-use super::guidance::Now;
-use super::hover;
-use super::modes::{Event, Mode};
-use super::streams::Streams;
-use super::{LinkId, Pilot, Severity};
+use crate::Pilot;
+use crate::flight::guidance::Now;
+use crate::flight::hover;
+use crate::flight::modes::{Event, Mode};
+use crate::input::LinkId;
+use crate::out::voice::Severity;
+use crate::stations::streams::Streams;
 
 /// Period of the control step, µs: 100 Hz as in the source.
 pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
@@ -335,7 +337,7 @@ impl Pilot {
         let Self { drops, estimator, shelf, .. } = self;
         let core = drops.len() - 1;
         let rows = (0..drops.len()).map(|slot| {
-            let total = super::losses_of(drops, estimator, slot);
+            let total = crate::out::losses::losses_of(drops, estimator, slot);
             (if slot == core { u8::MAX } else { slot as u8 }, total)
         });
         let drops = shelf.fill(rows.filter(|(_, d)| d.iter().next().is_some()));
