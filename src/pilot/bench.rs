@@ -33,7 +33,7 @@ impl Bench {
         let survey = Survey::new(&(0..8).map(corner).collect::<Vec<_>>()).unwrap();
         let now = HostTime::from_us(1_000_000);
         let mut pilot = Pilot::new(config, survey, now);
-        for n in 0..pilot.grounds.len() as u8 {
+        for n in 0..pilot.stations.grounds.len() as u8 {
             pilot.handle(now, Input::LinkUp { link: LinkId::Ground(n) });
         }
         pilot.drain_output(|_, _| {});

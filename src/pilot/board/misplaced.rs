@@ -116,14 +116,16 @@ impl Pilot {
     /// Takes in bytes of tag or board as long as nothing on their line is understood, and tells who is recognised.
     pub(crate) fn look_at_line(&mut self, at: HostTime, link: LinkId, bytes: &[u8]) {
         let is_new = match link {
-            LinkId::Tag if self.last_fused.is_none_or(|t| at.seconds_since(t) > SILENCE_S) => {
-                self.lines.tag.hear(bytes)
+            LinkId::Tag
+                if self.navigation.last_fused.is_none_or(|t| at.seconds_since(t) > SILENCE_S) =>
+            {
+                self.board.lines.tag.hear(bytes)
             }
-            LinkId::Board if self.board.silence_s(at).is_none_or(|s| s > SILENCE_S) => {
-                self.lines.board.hear(bytes)
+            LinkId::Board if self.board.link.silence_s(at).is_none_or(|s| s > SILENCE_S) => {
+                self.board.lines.board.hear(bytes)
             }
-            LinkId::Tag => return self.lines.tag.rest(),
-            LinkId::Board => return self.lines.board.rest(),
+            LinkId::Tag => return self.board.lines.tag.rest(),
+            LinkId::Board => return self.board.lines.board.rest(),
             LinkId::Ground(_) => return,
         };
         if is_new
@@ -136,7 +138,7 @@ impl Pilot {
 
     /// Whether tag and board are where they are looked for, as far as can be told.
     pub(crate) fn check_lines(&self) -> Result<(), String> {
-        let misplaced = self.lines.misplaced(self.config.tag_protocol);
+        let misplaced = self.board.lines.misplaced(self.config.tag_protocol);
         misplaced.map_or(Ok(()), |[what, way_out]| Err(format!("{what}: {way_out}")))
     }
 }

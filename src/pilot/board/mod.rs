@@ -3,3 +3,57 @@
 pub(crate) mod link;
 pub(crate) mod misplaced;
 pub(crate) mod second_board;
+
+use haltere_dialect::mav_stream::MavSplitter;
+
+use haltere_core::measure::{BatterySample, BoardAttitude, ServoOutput};
+use haltere_core::time::HostTime;
+
+use crate::config::PilotConfig;
+use crate::flight::at_rest::BoardDown;
+
+use link::news::BoardNews;
+use link::peers::Peers;
+use link::{BoardLink, LinkConfig};
+use misplaced::Lines;
+
+/// The link to the board, and what the board last said.
+#[derive(Debug)]
+pub(crate) struct Board {
+    pub(crate) lines: Lines,
+    pub(crate) link: BoardLink,
+    pub(crate) splitter: MavSplitter,
+    pub(crate) peers: Peers,
+    pub(crate) bytes_at: HostTime,
+    pub(crate) news: Vec<BoardNews>,
+    pub(crate) attitude: Option<BoardAttitude>,
+    pub(crate) down: BoardDown,
+    /// The newest pressure that is one, Pa.
+    pub(crate) pressure_pa: Option<(f64, HostTime)>,
+    pub(crate) battery: Option<BatterySample>,
+    /// What the board last told motors and servos.
+    pub(crate) servos: Option<ServoOutput>,
+}
+
+impl Board {
+    pub(crate) fn new(config: &PilotConfig, at: HostTime) -> Self {
+        let link = LinkConfig {
+            profile: config.board_profile,
+            set_parameters: config.board_set_parameters && !config.flight.shadow,
+            shadow: config.flight.shadow,
+        };
+        Self {
+            lines: Lines::default(),
+            link: BoardLink::new(link, at),
+            splitter: MavSplitter::new(),
+            peers: Peers::default(),
+            bytes_at: at,
+            news: Vec::new(),
+            attitude: None,
+            down: BoardDown::default(),
+            pressure_pa: None,
+            battery: None,
+            servos: None,
+        }
+    }
+}

@@ -18,20 +18,20 @@ use crate::out::voice::Severity;
 impl Pilot {
     /// Where the board is, if its link has many ends and it was found: nothing is to be sent to others.
     pub fn board_address(&self) -> Option<SocketAddr> {
-        self.board_peers.board()
+        self.board.peers.board()
     }
 
     pub(crate) fn board_bytes(&mut self, at: HostTime, bytes: &[u8]) {
-        match self.board_peers.other(at) {
+        match self.board.peers.other(at) {
             Ok(None) => {
-                self.board_bytes_at = at;
-                self.board_splitter.push(bytes);
+                self.board.bytes_at = at;
+                self.board.splitter.push(bytes);
                 self.board_frames(at);
             }
             Ok(Some(index)) => self.other_bytes(at, index, bytes),
             Err(()) => self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, 1),
         }
-        let forgotten = self.board_peers.take_forgotten();
+        let forgotten = self.board.peers.take_forgotten();
         if forgotten > 0 {
             self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, forgotten);
         }
@@ -39,19 +39,19 @@ impl Pilot {
 
     /// The silence of the board, s.
     fn board_silence_s(&self, at: HostTime) -> f64 {
-        self.board.silence_s(at).unwrap_or(f64::INFINITY)
+        self.board.link.silence_s(at).unwrap_or(f64::INFINITY)
     }
 
     /// Whether it is we who do not listen to the board yet, at the address that it seems to speak from by now.
     pub(crate) fn board_is_moving(&self, at: HostTime) -> bool {
-        self.board_peers.is_moving(at, self.board_silence_s(at))
+        self.board.peers.is_moving(at, self.board_silence_s(at))
     }
 
     /// A second board that speaks on the link of the first, for people.
     pub(crate) fn second_board(&self, at: HostTime) -> Option<String> {
-        let first = self.board_peers.board()?;
-        let system_id = self.board.system_id()?;
-        let second = self.board_peers.second(at, system_id, self.board_silence_s(at))?;
+        let first = self.board.peers.board()?;
+        let system_id = self.board.link.system_id()?;
+        let second = self.board.peers.second(at, system_id, self.board_silence_s(at))?;
         Some(format!(
             "a second board with system id {system_id} speaks at {second}, beside ours at {first}"
         ))
@@ -60,14 +60,15 @@ impl Pilot {
     /// A board that is disarmed and silent loses its place to another system that speaks on its line, disarmed: a
     /// stray heartbeat that came first must not be the board for ever, nor the number that a board had before.
     pub(crate) fn give_up_board(&mut self, at: HostTime, frame: &MavFrame<'_>) {
-        let Some(was) = self.board.system_id().filter(|id| *id != frame.header.system_id) else {
+        let Some(was) = self.board.link.system_id().filter(|id| *id != frame.header.system_id)
+        else {
             return;
         };
         let disarmed = heartbeat_of(frame).is_some_and(|beat| !says_armed(&beat));
-        let rests = self.mode == Mode::Disarmed && !self.board.is_armed();
+        let rests = self.flight.mode == Mode::Disarmed && !self.board.link.is_armed();
         let gone = Peers::is_gone(self.board_silence_s(at));
         if disarmed && rests && gone && speaks_as_board(frame, None) {
-            self.board.replaced(at);
+            self.board.link.replaced(at);
             let now = frame.header.system_id;
             let text = format!(
                 "board with system id {was} is silent, another one speaks: system id {now}"
@@ -78,16 +79,16 @@ impl Pilot {
 
     /// Who else speaks where a board is missed, for people.
     fn other_speaker(&self, at: HostTime) -> String {
-        match self.board_peers.speaker(at) {
+        match self.board.peers.speaker(at) {
             Some((system, address)) => format!("; system {system} speaks at {address}"),
-            None => self.board.other_speaker(at),
+            None => self.board.link.other_speaker(at),
         }
     }
 
     /// Why nothing arms with a board that was not found, or says nothing for so long, s.
     pub(crate) fn board_missing(&self, at: HostTime, silent_s: Option<f64>) -> String {
         let other = self.other_speaker(at);
-        match (silent_s, self.board.system_id()) {
+        match (silent_s, self.board.link.system_id()) {
             (Some(s), Some(id)) if !other.is_empty() => {
                 format!("board silent for {s:.1} s (system {id}){other}")
             }
@@ -98,33 +99,33 @@ impl Pilot {
 
     /// Bytes of somebody else than the board, who may be the board at a new address.
     fn other_bytes(&mut self, at: HostTime, index: usize, bytes: &[u8]) {
-        let Some(other) = self.board_peers.other_mut(index) else { return };
+        let Some(other) = self.board.peers.other_mut(index) else { return };
         let mut splitter = std::mem::take(&mut other.splitter);
         splitter.push(bytes);
         while let Some(next) = splitter.next() {
             crate::stations::clients::count_frame(self.drops_of(LinkId::Board), &next);
             let Ok(frame) = next else { continue };
-            if !speaks_as_board(&frame, self.board.system_id()) {
+            if !speaks_as_board(&frame, self.board.link.system_id()) {
                 self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, 1);
                 continue;
             }
-            self.board_peers.other_spoke(at, index, &frame);
+            self.board.peers.other_spoke(at, index, &frame);
             if !self.is_new_address(at, index, &frame) {
                 continue;
             }
             // The rest of what was cut off at the old address will not come.
-            self.board_splitter = MavSplitter::new();
+            self.board.splitter = MavSplitter::new();
             // What it said while nobody knew who it is: half of it are IMU samples, without which a turn goes unseen.
-            let late = self.board_peers.bind(index);
+            let late = self.board.peers.bind(index);
             for (came_at, frame) in late.frames() {
-                self.board_splitter.push(frame);
+                self.board.splitter.push(frame);
                 self.board_frames(came_at);
             }
-            self.board_splitter = splitter;
-            self.board_bytes_at = at;
+            self.board.splitter = splitter;
+            self.board.bytes_at = at;
             return self.board_frames(at);
         }
-        if let Some(other) = self.board_peers.other_mut(index) {
+        if let Some(other) = self.board.peers.other_mut(index) {
             other.splitter = splitter;
         }
     }
@@ -134,21 +135,21 @@ impl Pilot {
     fn is_new_address(&mut self, at: HostTime, index: usize, frame: &MavFrame<'_>) -> bool {
         let silent_s = self.board_silence_s(at);
         let beat = heartbeat_of(frame);
-        let Some(was) = self.board_peers.board() else { return beat.is_some() };
-        let Some(now) = self.board_peers.other_mut(index).map(|other| other.address) else {
+        let Some(was) = self.board.peers.board() else { return beat.is_some() };
+        let Some(now) = self.board.peers.other_mut(index).map(|other| other.address) else {
             return false;
         };
-        if self.board.system_id() == Some(frame.header.system_id)
-            && self.board_peers.is_same_board(index, silent_s)
+        if self.board.link.system_id() == Some(frame.header.system_id)
+            && self.board.peers.is_same_board(index, silent_s)
         {
             let text =
                 format!("board speaks from {now} now, no more from {was}: the same by its clock");
             self.say(at, Severity::Warning, text);
             return true;
         }
-        let rests = matches!(self.mode, Mode::Disarmed | Mode::Disarming);
+        let rests = matches!(self.flight.mode, Mode::Disarmed | Mode::Disarming);
         if rests && Peers::is_gone(silent_s) && beat.is_some_and(|beat| !says_armed(&beat)) {
-            self.board.replaced(at);
+            self.board.link.replaced(at);
             let text = format!("board at {was} is gone, another one speaks from {now}");
             self.say(at, Severity::Warning, text);
             return true;
@@ -207,10 +208,10 @@ mod tests {
         // Another vehicle is heard once, before the board begins to speak on the same line.
         let mut pilot = pilot();
         beat(&mut pilot, 0.0, 7, false, GENERIC);
-        assert_eq!(pilot.board.system_id(), Some(7));
+        assert_eq!(pilot.board.link.system_id(), Some(7));
         for second in [1.0, 2.0] {
             beat(&mut pilot, second, 1, false, GENERIC);
-            assert_eq!(pilot.board.system_id(), Some(7), "{second}");
+            assert_eq!(pilot.board.link.system_id(), Some(7), "{second}");
         }
         let why = pilot.board_missing(at(2.0), Some(2.0));
         assert_eq!(
@@ -219,13 +220,13 @@ mod tests {
         );
         for second in [3.0, 4.0] {
             beat(&mut pilot, second, 1, false, GENERIC);
-            assert_eq!(pilot.board.system_id(), Some(1), "{second}");
+            assert_eq!(pilot.board.link.system_id(), Some(1), "{second}");
         }
         // The number that was changed on the advice about routing.
         for second in [4.9, 5.9, 6.9, 7.9] {
             beat(&mut pilot, second, 2, false, GENERIC);
         }
-        assert_eq!(pilot.board.system_id(), Some(2));
+        assert_eq!(pilot.board.link.system_id(), Some(2));
     }
 
     #[test]
@@ -236,14 +237,14 @@ mod tests {
         for second in [4.0, 5.0] {
             beat(&mut pilot, second, 1, false, GENERIC);
         }
-        assert_eq!(pilot.board.system_id(), Some(7));
+        assert_eq!(pilot.board.link.system_id(), Some(7));
         let why = pilot.board_missing(at(5.0), Some(4.5));
         assert!(why.ends_with("(system 7); system 1, component 1 speaks on its link"), "{why}");
         // Nor is an armed one taken in the place of another.
         let mut pilot = super::tests::pilot();
         beat(&mut pilot, 0.0, 7, false, GENERIC);
         beat(&mut pilot, 5.0, 1, true, GENERIC);
-        assert_eq!(pilot.board.system_id(), Some(7));
+        assert_eq!(pilot.board.link.system_id(), Some(7));
         assert!(pilot.board_missing(at(5.0), Some(5.0)).contains("armed"));
         // Who is no board at all is named as that.
         let mut pilot = super::tests::pilot();

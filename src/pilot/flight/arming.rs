@@ -23,11 +23,11 @@ pub(crate) const SHADOW_WORDS: &str = "haltere only watches (flight.shadow): arm
 impl Pilot {
     /// Whether arming may be asked of the board; the error is the first reason why not.
     pub(crate) fn may_arm(&self, at: HostTime) -> Result<(), String> {
-        if self.ending.is_some() {
+        if self.flight.ending.is_some() {
             return Err(ENDS.to_owned());
         }
-        if self.mode != Mode::Disarmed {
-            return Err(format!("already {}", self.mode.name()));
+        if self.flight.mode != Mode::Disarmed {
+            return Err(format!("already {}", self.flight.mode.name()));
         }
         AT_REST.iter().try_for_each(|row| self.refusal(row, at).map_or(Ok(()), Err))
     }
@@ -35,7 +35,7 @@ impl Pilot {
     /// Whether the motors may turn: armed, and everything still holds that armed it. Between arming and
     /// take-off a vehicle may be carried away, or lose what it knows.
     pub(crate) fn may_lift_off(&self, at: HostTime) -> Result<(), String> {
-        if self.board.lateness().is_late() {
+        if self.board.link.lateness().is_late() {
             return Err("link to the board is late".to_owned());
         }
         // For a moment the estimate may be less than good; it may not be none.
@@ -77,10 +77,10 @@ pub(crate) fn board(pilot: &Pilot, at: HostTime) -> Look {
     if let Err(misplaced) = pilot.check_lines() {
         return Look::Refused(misplaced);
     }
-    if pilot.board.is_armed() {
+    if pilot.board.link.is_armed() {
         return Look::Refused("board is already armed, but not by us: disarm it first".to_owned());
     }
-    match pilot.board.silence_s(at) {
+    match pilot.board.link.silence_s(at) {
         Some(s) if s <= pilot.config.limits.board_loss_s => {}
         silent_s => return Look::Refused(pilot.board_missing(at, silent_s)),
     }
@@ -89,13 +89,13 @@ pub(crate) fn board(pilot: &Pilot, at: HostTime) -> Look {
             "{second}: give each vehicle a port or a number of its own, or switch one off"
         ));
     }
-    or_refused(pilot.board.refusal(at).map_or(Ok(()), Err))
+    or_refused(pilot.board.link.refusal(at).map_or(Ok(()), Err))
 }
 
 pub(crate) fn imu(pilot: &Pilot, at: HostTime) -> Look {
-    or_refused(if !is_fresh(pilot.last_imu, at) {
+    or_refused(if !is_fresh(pilot.navigation.last_imu, at) {
         Err("no IMU data from the board".to_owned())
-    } else if pilot.estimator.standing().is_none() {
+    } else if pilot.navigation.estimator.standing().is_none() {
         Err(format!("has not stood for {STANDING_S:.0} s yet: keep the vehicle still"))
     } else {
         Ok(())
@@ -104,7 +104,7 @@ pub(crate) fn imu(pilot: &Pilot, at: HostTime) -> Look {
 
 pub(crate) fn uwb(pilot: &Pilot, at: HostTime) -> Result<(), String> {
     let (heard, needed) = (pilot.anchors_alive(at), pilot.anchors_needed());
-    if !is_fresh(pilot.last_fused, at) {
+    if !is_fresh(pilot.navigation.last_fused, at) {
         Err("no UWB measurements".to_owned())
     } else if heard < needed {
         let all = pilot.survey.ids().len();
@@ -119,12 +119,16 @@ pub(crate) fn estimate(pilot: &Pilot, at: HostTime) -> Result<(), String> {
         Health::Good => Ok(()),
         Health::NotAligned => Err(format!(
             "estimator not aligned: {} of {} anchors heard, keep the vehicle still and level",
-            pilot.uwb.anchors_heard().count(),
+            pilot.navigation.uwb.anchors_heard().count(),
             pilot.survey.ids().len()
         )),
         health => {
             let word = if health == Health::Lost { "lost" } else { "degraded" };
-            let why = pilot.estimator.misgiving(at).map_or(String::new(), |w| format!(": {w}"));
+            let why = pilot
+                .navigation
+                .estimator
+                .misgiving(at)
+                .map_or(String::new(), |w| format!(": {w}"));
             Err(format!("estimate {word}{why}"))
         }
     }
@@ -145,7 +149,7 @@ pub(crate) fn attitude(pilot: &Pilot) -> Result<(), String> {
 
 pub(crate) fn battery(pilot: &Pilot, at: HostTime) -> Look {
     let fresh = |t: HostTime| at.seconds_since(t) < ARM_BATTERY_AGE_S;
-    let Some(b) = pilot.battery.filter(|b| fresh(b.received_at)) else {
+    let Some(b) = pilot.board.battery.filter(|b| fresh(b.received_at)) else {
         return Look::Refused("no battery voltage from the board".to_owned());
     };
     let (least_v, pack) = (pilot.config.limits.battery_low_v, &pilot.config.control.voltage);

@@ -350,7 +350,7 @@ const ANCHORS: Quantity = Quantity {
            of sight; the floor adds N m to the low anchors, 2.5 m at most: check which anchors are low; several anchors do \
            not fit one another, whichever is left out",
     is_measured: true,
-    look: |pilot, _| or_refused(pilot.survey_check.refusal().map_or(Ok(()), Err)),
+    look: |pilot, _| or_refused(pilot.navigation.survey_check.refusal().map_or(Ok(()), Err)),
     ..ROW
 };
 
@@ -363,7 +363,7 @@ const GAINS: Quantity = Quantity {
               parameter that would break this is refused",
     said: "control.gains.NAME = V (default D): the forward (sideways, vertical) loop is unstable, has too small a margin, \
            or does not hold a place; control.limits.thrust_max_frac (thrust_min_frac) = V",
-    look: |pilot, _| or_refused(pilot.gains_refusal.clone().map_or(Ok(()), Err)),
+    look: |pilot, _| or_refused(pilot.flight.gains_refusal.clone().map_or(Ok(()), Err)),
     ..ROW
 };
 
@@ -412,7 +412,7 @@ impl Pilot {
 
 /// What the IMU reads while the vehicle stands; where that is not known yet, its own row says so.
 fn standing(pilot: &Pilot, judge: impl FnOnce(&Standing) -> Look) -> Look {
-    pilot.estimator.standing().map_or_else(|| Look::Fits(String::new()), judge)
+    pilot.navigation.estimator.standing().map_or_else(|| Look::Fits(String::new()), judge)
 }
 
 fn force(pilot: &Pilot, _: HostTime) -> Look {
@@ -450,7 +450,7 @@ fn gyroscope(pilot: &Pilot, _: HostTime) -> Look {
 
 fn level(pilot: &Pilot, _: HostTime) -> Look {
     // Where the board sends no attitude, its own row says so.
-    let Some(down_B) = pilot.board_down.mean_B else { return Look::Fits(String::new()) };
+    let Some(down_B) = pilot.board.down.mean_B else { return Look::Fits(String::new()) };
     standing(pilot, |standing| {
         let up_B = standing.acc_B_mps2;
         let cos = -up_B.dot(down_B) / (up_B.norm() * down_B.norm()).max(f64::MIN_POSITIVE);
@@ -468,10 +468,11 @@ fn level(pilot: &Pilot, _: HostTime) -> Look {
 }
 
 fn floor(pilot: &Pilot, _: HostTime) -> Look {
-    if !pilot.estimator.is_aligned() {
+    if !pilot.navigation.estimator.is_aligned() {
         return Look::Fits(String::new()); // nothing is known, and the estimate's row says so
     }
-    let by_uwb_m = pilot.estimator.start_height_by_uwb_m().unwrap_or(-pilot.estimate.pos_E_m.z());
+    let by_uwb_m =
+        pilot.navigation.estimator.start_height_by_uwb_m().unwrap_or(-pilot.estimate.pos_E_m.z());
     let stands_m = by_uwb_m - pilot.config.flight.gear_height_m;
     let words = if stands_m > STANDS_HIGHEST_M {
         format!("stands {stands_m:.1} m above the floor by UWB, {STANDS_HIGHEST_M:.1} m at most")
@@ -488,7 +489,7 @@ fn floor(pilot: &Pilot, _: HostTime) -> Look {
 
 fn barometer(pilot: &Pilot, at: HostTime) -> Look {
     let fresh = |t: HostTime| at.seconds_since(t) < BARO_AGE_S;
-    match (pilot.pressure_pa, pilot.board.odd_pressure()) {
+    match (pilot.board.pressure_pa, pilot.board.link.odd_pressure()) {
         (Some((pa, t)), _) if fresh(t) => Look::Fits(format!("barometer {:.1} hPa", pa * 0.01)),
         (_, Some((raw, t))) if fresh(t) => Look::Told(format!(
             "without barometer: the board sends a pressure of {raw}, which is neither hPa nor Pa"
@@ -498,7 +499,7 @@ fn barometer(pilot: &Pilot, at: HostTime) -> Look {
 }
 
 fn outputs(pilot: &Pilot, _: HostTime) -> Look {
-    match pilot.battery.and_then(|battery| battery.current_a) {
+    match pilot.board.battery.and_then(|battery| battery.current_a) {
         Some(a) if a > STANDING_MOST_A => {
             Look::Told(format!("with a current of {a:.1} A while it stands"))
         }

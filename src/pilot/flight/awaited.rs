@@ -77,7 +77,7 @@ impl Pilot {
     /// Begins what can begin now, one look in each control step.
     pub(crate) fn pursue_next(&mut self, at: HostTime) {
         self.follow_climb(at);
-        match (self.guidance.next, self.mode) {
+        match (self.flight.guidance.next, self.flight.mode) {
             (Next::Offboard, Mode::Disarmed | Mode::Arming | Mode::Idle) => self.lift_to_stream(at),
             (Next::Stream, Mode::Spool) if self.stream(at).is_none() => {
                 self.call_off_stream(at);
@@ -95,19 +95,19 @@ impl Pilot {
     /// Adds up a climb by rate, and tells when it is over how much of it was flown: on the floor the stream must run for a
     /// while, and the take-off has a speed of its own.
     fn follow_climb(&mut self, at: HostTime) {
-        let waits = matches!(self.guidance.next, Next::Offboard | Next::Stream);
-        let setpoint = self.stream(at).filter(|_| waits || self.mode == Mode::Offboard);
+        let waits = matches!(self.flight.guidance.next, Next::Offboard | Next::Stream);
+        let setpoint = self.stream(at).filter(|_| waits || self.flight.mode == Mode::Offboard);
         let rate_mps = setpoint.map_or(0.0, |s| s.climb_mps());
         let z_m = rests_at_E_m(&self.estimate).z();
         let fresh = Climb { from_z_m: z_m, asked_m: 0.0, since: at, looked_at: at };
-        let climb = self.guidance.climb.get_or_insert(fresh);
+        let climb = self.flight.guidance.climb.get_or_insert(fresh);
         if rate_mps > 0.0 {
             climb.asked_m += rate_mps * at.seconds_since(climb.looked_at);
             climb.looked_at = at;
             return;
         }
         let Climb { from_z_m, asked_m, since, looked_at } = *climb;
-        self.guidance.climb = None;
+        self.flight.guidance.climb = None;
         let flown_m = (from_z_m - z_m).max(0.0);
         if asked_m - flown_m > SHORT_M.max(SHORT_SHARE * asked_m) {
             let took_s = looked_at.seconds_since(since);
@@ -127,27 +127,27 @@ impl Pilot {
         // Between its first and its newest setpoint: what follows the newest is silence.
         let runs = at.seconds_since(setpoint.since) - setpoint.age_s(at) >= STREAM_S;
         let Some(height_m) = setpoint.climbs_to_m(CLEAR_M).filter(|_| runs) else { return };
-        if self.mode != Mode::Idle {
+        if self.flight.mode != Mode::Idle {
             return;
         }
         if let Some(why) = too_far(&setpoint, self.estimate.pos_E_m) {
-            self.guidance.next = Next::Nothing;
+            self.flight.guidance.next = Next::Nothing;
             self.say(at, Severity::Warning, why);
             return;
         }
-        self.guidance.set_takeoff_height(height_m);
-        self.guidance.next = Next::Stream;
+        self.flight.guidance.set_takeoff_height(height_m);
+        self.flight.guidance.next = Next::Stream;
         self.lift_off(at);
     }
 
     /// The newest setpoint of a client, if their stream has not stopped.
     fn stream(&self, at: HostTime) -> Option<Setpoint> {
         let limit_s = self.config.limits.offboard_loss_s;
-        self.guidance.setpoint.filter(|s| s.age_s(at) < limit_s)
+        self.flight.guidance.setpoint.filter(|s| s.age_s(at) < limit_s)
     }
 
     fn call_off_stream(&mut self, at: HostTime) {
-        self.guidance.next = Next::Nothing;
+        self.flight.guidance.next = Next::Nothing;
         let limit_s = self.config.limits.offboard_loss_s;
         self.say(
             at,
@@ -158,32 +158,32 @@ impl Pilot {
 
     /// Whether the mission is flown: its take-off is a part of it.
     pub(crate) fn flies_mission(&self) -> bool {
-        let lifts_off = matches!(self.mode, Mode::Spool | Mode::Takeoff);
-        self.mode == Mode::Mission || lifts_off && self.guidance.next == Next::Mission
+        let lifts_off = matches!(self.flight.mode, Mode::Spool | Mode::Takeoff);
+        self.flight.mode == Mode::Mission || lifts_off && self.flight.guidance.next == Next::Mission
     }
 
     /// Lets what waits for the take-off follow it. `false`: nothing does, or what it follows has stopped.
     pub(crate) fn begin_next(&mut self, at: HostTime) -> bool {
         let limit_s = self.config.limits.offboard_loss_s;
         let runs = |s: &Option<Setpoint>| s.is_some_and(|s| s.age_s(at) < limit_s);
-        let next = std::mem::take(&mut self.guidance.next);
+        let next = std::mem::take(&mut self.flight.guidance.next);
         let (event, runs) = match next {
             Next::Nothing | Next::Mission => return false,
             Next::Offboard | Next::Stream => {
-                let height_m = self.guidance.takeoff_height_m();
-                if let Some(setpoint) = &mut self.guidance.setpoint {
+                let height_m = self.flight.guidance.takeoff_height_m();
+                if let Some(setpoint) = &mut self.flight.guidance.setpoint {
                     setpoint.took_off(height_m);
                 }
-                let stays = self.guidance.setpoint.is_some_and(|s| !s.needs_stream());
-                (Event::OffboardAsked, stays || runs(&self.guidance.setpoint))
+                let stays = self.flight.guidance.setpoint.is_some_and(|s| !s.needs_stream());
+                (Event::OffboardAsked, stays || runs(&self.flight.guidance.setpoint))
             }
-            Next::Manual => (Event::ManualAsked, runs(&self.guidance.sticks)),
+            Next::Manual => (Event::ManualAsked, runs(&self.flight.guidance.sticks)),
             Next::Point { .. } => (Event::GotoAsked, true),
         };
         // What has come up since it was asked for may forbid it.
         let begins = runs && self.forbids(event).is_none() && self.fire(at, event);
         if let (true, Next::Point { pos_E_m, yaw_rad }) = (begins, next) {
-            self.guidance.fly_to(pos_E_m, yaw_rad);
+            self.flight.guidance.fly_to(pos_E_m, yaw_rad);
         }
         begins
     }

@@ -47,78 +47,79 @@ impl Pilot {
         event: Event,
         cause: Option<Cause>,
     ) -> bool {
-        let Some(row) = transition(self.mode, event) else { return false };
-        let from = self.mode;
+        let Some(row) = transition(self.flight.mode, event) else { return false };
+        let from = self.flight.mode;
         let cause = cause.unwrap_or_else(|| Cause::of_row(from, event, row.because));
         if from == Mode::Land
             && matches!(event, Event::TouchDown | Event::BoardDisarmed)
-            && let Some(seq) = self.guidance.landed()
+            && let Some(seq) = self.flight.guidance.landed()
         {
             self.tell_reached(at, seq);
         }
         if !matches!(row.to, Mode::Return | Mode::Land) {
-            self.guidance.landing = false;
+            self.flight.guidance.landing = false;
         }
-        self.mode = row.to;
+        self.flight.mode = row.to;
         if !matches!(row.to, Mode::Arming | Mode::Idle | Mode::Spool | Mode::Takeoff) {
-            self.guidance.next = Next::Nothing;
+            self.flight.guidance.next = Next::Nothing;
         }
-        self.mode_since = at;
-        self.touch = self.touch.in_mode(from, row.to, at);
-        self.good_since = None;
-        self.guidance.enter(row.to, &self.estimate, &self.services.plans.fence, at);
+        self.flight.mode_since = at;
+        self.navigation.touch = self.navigation.touch.in_mode(from, row.to, at);
+        self.flight.good_since = None;
+        self.flight.guidance.enter(row.to, &self.estimate, &self.stations.services.plans.fence, at);
         match row.to {
             Mode::Spool => {
-                self.supervisor.begin_flight(at);
-                self.controller.reset(None);
+                self.flight.supervisor.begin_flight(at);
+                self.flight.controller.reset(None);
                 // A real board lets its motors stand for seconds yet: until it shows thrust, the vehicle stands
                 // too, and near the floor UWB alone loses its height.
-                if !self.board.firmware().is_real() {
-                    self.estimator.set_airborne(true);
+                if !self.board.link.firmware().is_real() {
+                    self.navigation.estimator.set_airborne(true);
                 }
-                self.lift_off_asked = false;
+                self.flight.lift_off_asked = false;
             }
-            Mode::Takeoff => self.estimator.set_airborne(true),
+            Mode::Takeoff => self.navigation.estimator.set_airborne(true),
             Mode::Disarming => {
                 // With thrust on, a board may refuse the plain order even on the floor.
                 let force = from.has_thrust() && event != Event::TouchDown;
-                self.board.command_arm(false, force, at);
-                self.insisted_at = None;
+                self.board.link.command_arm(false, force, at);
+                self.out.told.insisted_at = None;
                 self.call_off_lift_off();
             }
             Mode::Yielded => {
-                self.land_when_back = false;
+                self.flight.land_when_back = false;
                 // What the integrators learn while nobody listens is wrong.
-                self.controller.reset(None);
+                self.flight.controller.reset(None);
             }
             Mode::Hold if from == Mode::Yielded => self.take_over_level(),
             Mode::Descend => {
                 // Height and speed as they were while they could be trusted, or as measured after a pause.
                 let (height_m, sink_mps) = self
+                    .flight
                     .resumption
-                    .descends_from(self.last_height_m)
+                    .descends_from(self.flight.last_height_m)
                     .unwrap_or_else(|| self.height_and_sink_to_descend_from(at));
-                self.supervisor.descent = Descent::begin(height_m, sink_mps);
+                self.flight.supervisor.descent = Descent::begin(height_m, sink_mps);
                 if from == Mode::Takeoff {
                     let up_mps = OVERSHOOTS * self.config.flight.takeoff_speed_mps;
-                    self.supervisor.descent.may_rise(up_mps);
+                    self.flight.supervisor.descent.may_rise(up_mps);
                 }
-                self.supervisor.descents += 1;
-                let late_s = self.board.response_lag_s().filter(|s| *s > RESPONSE_MOST_S);
-                self.touch.lag_s = late_s.unwrap_or(0.0);
+                self.flight.supervisor.descents += 1;
+                let late_s = self.board.link.response_lag_s().filter(|s| *s > RESPONSE_MOST_S);
+                self.navigation.touch.lag_s = late_s.unwrap_or(0.0);
                 if from == Mode::Land {
                     self.hold_thrust_near_floor(at);
                 }
             }
-            Mode::Land => self.land_from_m = self.height_above_floor_m().max(0.0),
+            Mode::Land => self.flight.land_from_m = self.height_above_floor_m().max(0.0),
             Mode::Disarmed => {
-                self.resumption = Resumption::default();
-                self.supervisor.end_flight();
-                self.estimator.set_airborne(false);
+                self.flight.resumption = Resumption::default();
+                self.flight.supervisor.end_flight();
+                self.navigation.estimator.set_airborne(false);
                 self.call_off_lift_off();
                 if event == Event::ArmFailed {
                     // It may still arm on an order that is under way.
-                    self.board.command_arm(false, false, at);
+                    self.board.link.command_arm(false, false, at);
                 }
             }
             _ => {}
@@ -129,25 +130,25 @@ impl Pilot {
     }
 
     pub(crate) fn record_mode(&mut self, at: HostTime, mode: &'static str, because: &str) {
-        let armed = self.board.is_armed();
+        let armed = self.board.link.is_armed();
         self.record(|| Topic::Mode(ModeRecord { at, mode, armed, cause: because.to_owned() }));
     }
 
     pub(crate) fn call_off_lift_off(&mut self) {
-        self.lift_off_asked = false;
-        self.guidance.next = Next::Nothing;
+        self.flight.lift_off_asked = false;
+        self.flight.guidance.next = Next::Nothing;
     }
 
     /// The mode that clients are shown. On the floor one that waits for arming is shown as if it
     /// were in force: clients that asked for it give up when it does not appear (GROUND.md).
     pub(crate) fn shown_mode(&self) -> Mode {
-        let next = self.guidance.next.mode();
-        match (self.mode, next) {
+        let next = self.flight.guidance.next.mode();
+        match (self.flight.mode, next) {
             (
                 Mode::Disarmed | Mode::Arming | Mode::Idle | Mode::Spool | Mode::Takeoff,
                 Some(next),
             ) => next,
-            (Mode::Disarmed | Mode::Arming | Mode::Idle, None) if self.lift_off_asked => {
+            (Mode::Disarmed | Mode::Arming | Mode::Idle, None) if self.flight.lift_off_asked => {
                 Mode::Takeoff
             }
             (mode, _) => mode,

@@ -53,15 +53,15 @@ pub(crate) fn longest_end_s(flight: &FlightConfig, top_m: f64) -> f64 {
 impl Pilot {
     /// Whether the program may end: it was asked to, and nothing flies by it any more.
     pub fn may_end(&self) -> bool {
-        self.ending.is_some_and(|ending| ending.may_end)
+        self.flight.ending.is_some_and(|ending| ending.may_end)
     }
 
     pub(crate) fn end_asked(&mut self, at: HostTime) {
-        if self.ending.is_some() {
+        if self.flight.ending.is_some() {
             return;
         }
-        let may_end = self.mode == Mode::Disarmed;
-        self.ending = Some(Ending { asked_at: at, may_end });
+        let may_end = self.flight.mode == Mode::Disarmed;
+        self.flight.ending = Some(Ending { asked_at: at, may_end });
         self.call_off_lift_off();
         if may_end {
             self.say(at, Severity::Info, "haltere ends".to_owned());
@@ -72,16 +72,16 @@ impl Pilot {
 
     /// The way to the end, one look in each control step.
     pub(crate) fn pursue_end(&mut self, at: HostTime) {
-        let Some(Ending { asked_at, may_end: false }) = self.ending else { return };
-        let top_m = self.guidance.volume().height_m;
+        let Some(Ending { asked_at, may_end: false }) = self.flight.ending else { return };
+        let top_m = self.flight.guidance.volume().height_m;
         let asked_s = at.seconds_since(asked_at);
         // Not of time that passed before it was asked.
-        let here_s = asked_s.min(at.seconds_since(self.mode_since));
+        let here_s = asked_s.min(at.seconds_since(self.flight.mode_since));
         if asked_s > longest_end_s(&self.config.flight, top_m) {
             self.give_up(at);
             return;
         }
-        match self.mode {
+        match self.flight.mode {
             Mode::Disarmed if here_s >= LAST_WORDS_S => self.end(),
             Mode::Disarming if here_s > DISARM_S => self.give_up(at),
             Mode::Yielded if here_s > YIELDED_S => self.give_up(at),
@@ -101,14 +101,14 @@ impl Pilot {
     }
 
     fn end(&mut self) {
-        if let Some(ending) = &mut self.ending {
+        if let Some(ending) = &mut self.flight.ending {
             ending.may_end = true;
         }
     }
 
     /// Why a client may not have a mode: the program ends, and that is milder than landing.
     pub(crate) fn ending_forbids(&self, to: Mode) -> Option<&'static str> {
-        (self.ending.is_some() && Reaction::of_mode(to) < Reaction::Land).then_some(ENDS)
+        (self.flight.ending.is_some() && Reaction::of_mode(to) < Reaction::Land).then_some(ENDS)
     }
 }
 
@@ -128,7 +128,7 @@ mod tests {
         let survey = Survey::new(&(0..8).map(corner).collect::<Vec<_>>()).unwrap();
         let at = HostTime::from_us(1_000_000);
         let mut pilot = Pilot::new(PilotConfig::default(), survey, at);
-        (pilot.mode, pilot.mode_since) = (mode, at);
+        (pilot.flight.mode, pilot.flight.mode_since) = (mode, at);
         pilot.end_asked(at);
         (pilot, at)
     }
@@ -137,12 +137,12 @@ mod tests {
     fn after(mode: Mode, elapsed_s: f64) -> (Mode, bool) {
         let (mut pilot, at) = pilot(mode);
         pilot.pursue_end(at.offset_us((elapsed_s * 1e6) as i64));
-        (pilot.mode, pilot.may_end())
+        (pilot.flight.mode, pilot.may_end())
     }
 
     #[test]
     fn prop_what_does_not_come_to_an_end_is_ended() {
-        let high_m = pilot(Mode::Land).0.guidance.volume().height_m;
+        let high_m = pilot(Mode::Land).0.flight.guidance.volume().height_m;
         let landing_s = longest_landing_s(&FlightConfig::default(), high_m);
         let end_s = longest_end_s(&FlightConfig::default(), high_m);
         for (mode, elapsed_s, then) in [

@@ -30,7 +30,7 @@ impl Pilot {
                 "the place on the map is a stand-in: set ground.origin, or the origin from here";
             self.say_to(at, link, Severity::Info, text);
         }
-        if let Some(text) = self.survey_check.doubt() {
+        if let Some(text) = self.navigation.survey_check.doubt() {
             self.say_to(at, link, Severity::Warning, &text);
         }
     }
@@ -53,7 +53,7 @@ impl Pilot {
                 ),
             );
         };
-        if self.mode.has_thrust() {
+        if self.flight.mode.has_thrust() {
             // The goals of a flight in global coordinates would jump.
             return refuse(
                 MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
@@ -62,11 +62,11 @@ impl Pilot {
         }
         self.origin = origin;
         self.say(at, Severity::Info, format!("origin at {latitude_deg:.7} {longitude_deg:.7}"));
-        for n in 0..self.grounds.len() {
-            if self.grounds[n].is_open {
-                let link = self.grounds[n].link;
-                self.out.message(link, self.own, &self.origin_message());
-                self.out.message(link, self.own, &self.home_message());
+        for n in 0..self.stations.grounds.len() {
+            if self.stations.grounds[n].is_open {
+                let link = self.stations.grounds[n].link;
+                self.out.outbox.message(link, self.out.own, &self.origin_message());
+                self.out.outbox.message(link, self.out.own, &self.home_message());
             }
         }
         Ok(MavResult::MAV_RESULT_ACCEPTED)
@@ -93,8 +93,8 @@ impl Pilot {
     /// Sets home by hand: it stays until it is set again, take-offs do not move it.
     pub(crate) fn set_home(&mut self, at: HostTime, [north_m, east_m]: [f64; 2]) -> Answer {
         let home = Vec3::new(north_m, east_m, 0.0);
-        let is_inside = self.guidance.volume().contains_over(home)
-            && self.services.plans.fence.contains([north_m, east_m]);
+        let is_inside = self.flight.guidance.volume().contains_over(home)
+            && self.stations.services.plans.fence.contains([north_m, east_m]);
         if !home.is_finite() || !is_inside {
             return refuse(
                 MavResult::MAV_RESULT_DENIED,
@@ -103,11 +103,15 @@ impl Pilot {
                 ),
             );
         }
-        self.guidance.set_home(home);
+        self.flight.guidance.set_home(home);
         self.say(at, Severity::Info, format!("home at N {north_m:.2} E {east_m:.2} m"));
-        for n in 0..self.grounds.len() {
-            if self.grounds[n].is_open {
-                self.out.message(self.grounds[n].link, self.own, &self.home_message());
+        for n in 0..self.stations.grounds.len() {
+            if self.stations.grounds[n].is_open {
+                self.out.outbox.message(
+                    self.stations.grounds[n].link,
+                    self.out.own,
+                    &self.home_message(),
+                );
             }
         }
         Ok(MavResult::MAV_RESULT_ACCEPTED)
@@ -120,12 +124,12 @@ impl Pilot {
             latitude,
             longitude,
             altitude: millimetres(place.alt_m),
-            time_usec: self.now.as_us(),
+            time_usec: self.clock.now.as_us(),
         })
     }
 
     pub(crate) fn home_message(&self) -> MavMessage {
-        let home = self.guidance.home_E_m();
+        let home = self.flight.guidance.home_E_m();
         let place = self.origin.to_global(home);
         let [latitude, longitude] = place.to_e7();
         MavMessage::HOME_POSITION(HOME_POSITION_DATA {
@@ -140,7 +144,7 @@ impl Pilot {
             approach_x: f32::NAN,
             approach_y: f32::NAN,
             approach_z: f32::NAN,
-            time_usec: self.now.as_us(),
+            time_usec: self.clock.now.as_us(),
         })
     }
 }

@@ -57,8 +57,8 @@ impl Pilot {
     pub(crate) fn manual_control(&mut self, at: HostTime, from: Owner, m: &MANUAL_CONTROL_DATA) {
         let limit_s = self.config.limits.offboard_loss_s;
         let fresh = |s: &&Setpoint| at.seconds_since(s.received_at) < limit_s;
-        let last = self.guidance.sticks.as_ref().filter(fresh);
-        if self.mode == Mode::Manual && last.is_some_and(|s| s.owner != Some(from)) {
+        let last = self.flight.guidance.sticks.as_ref().filter(fresh);
+        if self.flight.mode == Mode::Manual && last.is_some_and(|s| s.owner != Some(from)) {
             self.refuse_setpoint(at, from.0, "joystick refused: another station flies".to_owned());
             return;
         }
@@ -71,10 +71,10 @@ impl Pilot {
         };
         // Whether this is an order by itself is for the supervisor to say.
         let most = forward.abs().max(right.abs()).max(clockwise.abs());
-        self.supervisor.heard.sticks = Some((most, at));
+        self.flight.supervisor.heard.sticks = Some((most, at));
         let speed_mps = self.config.flight.cruise_speed_mps;
         // Before the mode is entered nothing is held.
-        let last = last.filter(|_| self.mode == Mode::Manual);
+        let last = last.filter(|_| self.flight.mode == Mode::Manual);
         let mut setpoint = Setpoint::from_sticks(
             [forward * speed_mps, right * speed_mps],
             -up * VERTICAL_MPS,
@@ -84,7 +84,7 @@ impl Pilot {
             at,
         );
         setpoint.owner = Some(from);
-        self.guidance.sticks = Some(setpoint);
+        self.flight.guidance.sticks = Some(setpoint);
     }
 
     /// Counts a setpoint that is not followed, and says why, every few seconds as long as others come.
@@ -95,9 +95,9 @@ impl Pilot {
         why: String,
     ) {
         self.drops_of(link).add(haltere_core::drops::DropReason::BadValue, 1);
-        let told = self.refused_setpoint_told;
+        let told = self.out.told.refused_setpoint_at;
         if told.is_none_or(|told| at.seconds_since(told) >= REFUSED_TOLD_S) {
-            self.refused_setpoint_told = Some(at);
+            self.out.told.refused_setpoint_at = Some(at);
             self.say(at, Severity::Warning, why);
         }
     }

@@ -118,18 +118,19 @@ impl Pilot {
     pub(crate) fn shadow_step(&mut self, at: HostTime, dt_s: f64) {
         self.follow_flyer(at);
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
-        if !(self.shadow.airborne && usable) {
-            self.shadow.place_E_m = None;
-            self.controller.reset(None);
+        if !(self.flight.shadow.airborne && usable) {
+            self.flight.shadow.place_E_m = None;
+            self.flight.controller.reset(None);
             return;
         }
         let estimate = &self.estimate;
-        let (place_E_m, vel_E_mps) = self.shadow.hold(estimate.pos_E_m, estimate.vel_E_mps());
+        let (place_E_m, vel_E_mps) =
+            self.flight.shadow.hold(estimate.pos_E_m, estimate.vel_E_mps());
         let mut command = Command::hold(place_E_m, estimate.R_EB.yaw_rad());
         command.vel_ff_E_mps = vel_E_mps;
         let output = self.run_controller(at, &command, dt_s, true, None);
-        let for_board = self.north.setpoint_for_board(output.R_EB);
-        let theirs = self.board.target_in_force(at);
+        let for_board = self.navigation.north.setpoint_for_board(output.R_EB);
+        let theirs = self.board.link.target_in_force(at);
         self.record(|| {
             Topic::Shadow(ShadowRecord {
                 at,
@@ -143,35 +144,37 @@ impl Pilot {
 
     /// Whether the vehicle flies, by board and IMU.
     fn follow_flyer(&mut self, at: HostTime) {
-        let armed = self.board.is_armed();
-        if armed != std::mem::replace(&mut self.shadow.armed, armed) {
+        let armed = self.board.link.is_armed();
+        if armed != std::mem::replace(&mut self.flight.shadow.armed, armed) {
             let text = if armed { "shadow: armed by somebody else" } else { "shadow: disarmed" };
             self.say(at, Severity::Info, text.to_owned());
-            self.record_mode(at, self.mode.name(), text);
+            self.record_mode(at, self.flight.mode.name(), text);
         }
         if !armed {
-            if self.shadow.airborne {
-                self.estimator.set_airborne(false);
+            if self.flight.shadow.airborne {
+                self.navigation.estimator.set_airborne(false);
             }
-            self.shadow = Shadow::default();
+            self.flight.shadow = Shadow::default();
             return;
         }
-        if self.estimator.rested_s() > RESTS_S {
-            self.shadow.beats_since = None;
+        if self.navigation.estimator.rested_s() > RESTS_S {
+            self.flight.shadow.beats_since = None;
         } else {
-            self.shadow.beats_since.get_or_insert(at);
+            self.flight.shadow.beats_since.get_or_insert(at);
         }
-        let beats = self.shadow.beats_since.is_some_and(|t| at.seconds_since(t) > BEATING_S);
-        let told = self.board.target_in_force(at).is_some_and(|(_, frac)| frac > THRUST_FRAC);
-        if !self.shadow.airborne && (beats || told) {
-            self.shadow.airborne = true;
-            self.estimator.set_airborne(true);
+        let beats = self.flight.shadow.beats_since.is_some_and(|t| at.seconds_since(t) > BEATING_S);
+        let told = self.board.link.target_in_force(at).is_some_and(|(_, frac)| frac > THRUST_FRAC);
+        if !self.flight.shadow.airborne && (beats || told) {
+            self.flight.shadow.airborne = true;
+            self.navigation.estimator.set_airborne(true);
         }
     }
 
     /// Whether a vehicle stands that nobody flies.
     pub(crate) fn is_standing(&self) -> bool {
-        !self.mode.has_thrust() && self.mode != Mode::Yielded && !self.shadow.airborne
+        !self.flight.mode.has_thrust()
+            && self.flight.mode != Mode::Yielded
+            && !self.flight.shadow.airborne
     }
 }
 

@@ -247,41 +247,44 @@ impl Pilot {
     pub(crate) fn supervise(&mut self, at: HostTime) {
         // The board was never seen armed, or its heartbeat came before we asked: nothing is left
         // to wait for.
-        if self.mode == Mode::Disarming && !self.board.is_armed() && !self.board.is_commanding() {
+        if self.flight.mode == Mode::Disarming
+            && !self.board.link.is_armed()
+            && !self.board.link.is_commanding()
+        {
             self.fire(at, Event::BoardDisarmed);
         }
         self.pursue_next(at);
-        if self.mode == Mode::Idle {
-            if self.lift_off_asked {
+        if self.flight.mode == Mode::Idle {
+            if self.flight.lift_off_asked {
                 self.lift_off(at);
-            } else if at.seconds_since(self.mode_since) > self.config.flight.idle_disarm_s {
+            } else if at.seconds_since(self.flight.mode_since) > self.config.flight.idle_disarm_s {
                 self.fire(at, Event::IdleTooLong);
             }
         }
         self.pursue_end(at);
         self.watch_resumption(at);
         self.walk_conditions(at);
-        if !self.mode.has_thrust() {
+        if !self.flight.mode.has_thrust() {
             return;
         }
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
-        match self.mode {
+        match self.flight.mode {
             Mode::Land => self.watch_touch_down(at),
             Mode::Descend => self.watch_descent(at),
             _ => {}
         }
         // What a descent begins with is what was known before anything was wrong.
-        if usable && self.mode != Mode::Descend {
-            self.last_height_m = self.height_above_floor_m();
-            self.last_sink_mps = self.estimate.vel_E_mps().z();
+        if usable && self.flight.mode != Mode::Descend {
+            self.flight.last_height_m = self.height_above_floor_m();
+            self.flight.last_sink_mps = self.estimate.vel_E_mps().z();
         }
     }
 
     /// Nothing takes off with an estimate that is none, however long ago the vehicle was armed.
     pub(crate) fn lift_off(&mut self, at: HostTime) {
-        self.lift_off_asked = false;
+        self.flight.lift_off_asked = false;
         if let Err(why) = self.may_lift_off(at) {
-            self.guidance.next = Next::Nothing;
+            self.flight.guidance.next = Next::Nothing;
             self.say(at, Severity::Error, format!("take-off refused: {why}"));
             return;
         }
@@ -291,26 +294,29 @@ impl Pilot {
     /// In a descent without an estimate: whether the floor is there, and whether the estimate is back.
     fn watch_descent(&mut self, at: HostTime) {
         // So near the floor nothing is to be gained by an estimate that was just lost: it is over sooner than that is known.
-        let near = self.supervisor.descent.height_m < TOUCH_BELOW_M || self.is_low_by_baro(at);
+        let near =
+            self.flight.supervisor.descent.height_m < TOUCH_BELOW_M || self.is_low_by_baro(at);
         let bad = !self.is_uwb_fresh(at) || !self.estimate_is_back();
         if near || bad || self.needs_descent() {
-            self.good_since = None;
-        } else if at.seconds_since(*self.good_since.get_or_insert(at)) > self.back_for_s() {
+            self.flight.good_since = None;
+        } else if at.seconds_since(*self.flight.good_since.get_or_insert(at)) > self.back_for_s() {
             self.fire(at, Event::EstimateBack);
             return;
         }
         let numb = self.is_numb() || !self.imu_is_alive(at);
-        self.supervisor.descent.numb = numb;
+        self.flight.supervisor.descent.numb = numb;
         if self.imu_is_alive(at) {
-            if self.touch.fell_at.is_none() && self.touch.ceiling_frac.is_none() {
-                self.touch.ceiling_frac = self.standing_ceiling_frac();
+            if self.navigation.touch.fell_at.is_none()
+                && self.navigation.touch.ceiling_frac.is_none()
+            {
+                self.navigation.touch.ceiling_frac = self.standing_ceiling_frac();
             }
-            let share = self.control.thrust_frac / self.hover_thrust_frac().max(0.05);
-            let low = self.supervisor.descent.is_low() || self.is_low_by_baro(at);
-            let held_up = self.supervisor.descent.is_held_up(share, HELD_UP_SHARE);
+            let share = self.flight.control.thrust_frac / self.hover_thrust_frac().max(0.05);
+            let low = self.flight.supervisor.descent.is_low() || self.is_low_by_baro(at);
+            let held_up = self.flight.supervisor.descent.is_held_up(share, HELD_UP_SHARE);
             let for_s = if low { TOUCH_FOR_S } else { HELD_UP_FOR_S };
             self.feel_for_floor(at, low, low || held_up, for_s, None);
-        } else if self.touch.stands {
+        } else if self.navigation.touch.stands {
             self.lower_thrust(at);
         } else {
             self.take_hold_of_floor(at);
@@ -320,67 +326,74 @@ impl Pilot {
 
     /// Near the floor a landing goes on with no more thrust than it had.
     pub(crate) fn hold_thrust_near_floor(&mut self, at: HostTime) {
-        if self.touch.turn_frac.is_none() && self.is_near_floor(at) {
-            let least_frac = TURN_SHARE * self.control.thrust_base_frac;
+        if self.navigation.touch.turn_frac.is_none() && self.is_near_floor(at) {
+            let least_frac = TURN_SHARE * self.flight.control.thrust_base_frac;
             if self.is_numb() {
                 // Nothing tells whether it stands already.
-                self.touch.low_frac = Some(least_frac);
+                self.navigation.touch.low_frac = Some(least_frac);
             }
             let last = self.is_in_last_second(at);
             let most_frac =
-                if last { TURN_MOST_SHARE * self.control.thrust_base_frac } else { 1.0 };
-            self.touch.turn_frac = Some(self.touch.thrust_frac.max(least_frac).min(most_frac));
+                if last { TURN_MOST_SHARE * self.flight.control.thrust_base_frac } else { 1.0 };
+            self.navigation.touch.turn_frac =
+                Some(self.navigation.touch.thrust_frac.max(least_frac).min(most_frac));
         }
     }
 
     /// Whether a landing is about to end, as estimate and barometer have it: one of them alone may be wrong, and the vehicle
     /// fall.
     fn is_in_last_second(&self, at: HostTime) -> bool {
-        self.touch.is_last && self.is_low_by_baro(at)
+        self.navigation.touch.is_last && self.is_low_by_baro(at)
     }
 
     /// Most thrust of the loops.
     pub(crate) fn thrust_ceiling_frac(&self, at: HostTime) -> f64 {
-        let last = self.mode == Mode::Land && self.is_in_last_second(at);
+        let last = self.flight.mode == Mode::Land && self.is_in_last_second(at);
         let most_frac = if last { LAST_SHARE * self.hover_thrust_frac() } else { 1.0 };
         self.bounded_frac(most_frac)
     }
 
     /// A thrust, held below what was found, and below what carries while it is asked whether it stands, or lies.
     pub(crate) fn bounded_frac(&self, thrust_frac: f64) -> f64 {
-        let asked_share = self.carried.most_share().unwrap_or(f64::INFINITY);
-        let asked_share = if self.supervisor.lying.is_asked() { 0.0 } else { asked_share };
-        self.touch.bounded(thrust_frac.min(asked_share * self.control.thrust_base_frac))
+        let asked_share = self.navigation.carried.most_share().unwrap_or(f64::INFINITY);
+        let asked_share = if self.flight.supervisor.lying.is_asked() { 0.0 } else { asked_share };
+        self.navigation
+            .touch
+            .bounded(thrust_frac.min(asked_share * self.flight.control.thrust_base_frac))
     }
 
     /// Without an accelerometer a descent that something holds up near the floor has found it: from here on thrust only
     /// sinks, or the cushion of the floor would throw it up again.
     fn take_hold_of_floor(&mut self, at: HostTime) {
-        let share = self.control.thrust_frac / self.hover_thrust_frac().max(0.05);
-        let descent = &self.supervisor.descent;
+        let share = self.flight.control.thrust_frac / self.hover_thrust_frac().max(0.05);
+        let descent = &self.flight.supervisor.descent;
         let low = descent.is_low() || self.is_low_by_baro(at);
-        if self.touch.turn_frac.is_some()
+        if self.navigation.touch.turn_frac.is_some()
             || !(low && descent.is_held_up(share, BLIND_HELD_UP_SHARE))
         {
-            self.touch.since = None;
-        } else if at.seconds_since(*self.touch.since.get_or_insert(at)) > HELD_UP_FOR_S {
-            self.touch.turn_frac = Some(self.touch.thrust_frac);
+            self.navigation.touch.since = None;
+        } else if at.seconds_since(*self.navigation.touch.since.get_or_insert(at)) > HELD_UP_FOR_S {
+            self.navigation.touch.turn_frac = Some(self.navigation.touch.thrust_frac);
         }
     }
 
     /// No accelerometer tells of the floor.
     fn sink_blindly(&mut self, at: HostTime) {
-        let base_frac = self.control.thrust_base_frac;
+        let base_frac = self.flight.control.thrust_base_frac;
         let lower_frac = TURN_PER_S * base_frac * CONTROL_PERIOD_US as f64 * 1e-6;
-        let turn_frac = self.touch.turn_frac.map(|frac| frac - lower_frac);
-        self.touch = Touch { turn_frac, since: self.touch.since, ..self.touch.restarted() };
+        let turn_frac = self.navigation.touch.turn_frac.map(|frac| frac - lower_frac);
+        self.navigation.touch = Touch {
+            turn_frac,
+            since: self.navigation.touch.since,
+            ..self.navigation.touch.restarted()
+        };
         if turn_frac.is_some_and(|frac| frac < FEEL_SHARE * base_frac) {
             self.fire(at, Event::TouchDown);
         }
     }
 
     pub(crate) fn is_uwb_fresh(&self, at: HostTime) -> bool {
-        self.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_BACK_S)
+        self.navigation.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_BACK_S)
     }
 
     /// Whether estimate or barometer say that the floor is near.
@@ -406,7 +419,7 @@ impl Pilot {
     /// How long an estimate must be good to be flown on again, s: what comes and goes would otherwise keep
     /// the vehicle in the air for ever.
     fn back_for_s(&self) -> f64 {
-        BACK_FOR_S * BACK_GROWTH.powi((self.supervisor.descents - 1).clamp(0, 6))
+        BACK_FOR_S * BACK_GROWTH.powi((self.flight.supervisor.descents - 1).clamp(0, 6))
     }
 
     /// Air pressure for whoever does not trust the estimate.
@@ -418,20 +431,22 @@ impl Pilot {
         // The estimate is of the last step.
         let since_s = self.estimate.at.seconds_since(sample.valid_at);
         let known_m = -self.estimate.pos_E_m.z() + self.estimate.vel_E_mps().z() * since_s;
-        let dt_s = self.baro_at.map_or(0.0, |t| sample.valid_at.seconds_since(t));
-        self.baro_at = Some(sample.valid_at);
-        let evidence = &mut self.supervisor.evidence;
+        let dt_s = self.navigation.baro_at.map_or(0.0, |t| sample.valid_at.seconds_since(t));
+        self.navigation.baro_at = Some(sample.valid_at);
+        let evidence = &mut self.flight.supervisor.evidence;
         let Some(height_m) = evidence.note_baro(sample, known_m, standing) else { return };
         self.resume_at_height(sample.valid_at, height_m - self.config.flight.gear_height_m);
-        if self.mode == Mode::Descend {
-            self.supervisor.descent.baro(height_m, dt_s);
+        if self.flight.mode == Mode::Descend {
+            self.flight.supervisor.descent.baro(height_m, dt_s);
         }
     }
 
     /// Whether a way down is so far that nobody may call it off.
     pub(crate) fn is_touching_down(&self) -> bool {
-        let down = matches!(self.mode, Mode::Land | Mode::Descend);
-        down && (self.touch.is_last || self.touch.stands || self.touch.ceiling_frac.is_some())
+        let down = matches!(self.flight.mode, Mode::Land | Mode::Descend);
+        down && (self.navigation.touch.is_last
+            || self.navigation.touch.stands
+            || self.navigation.touch.ceiling_frac.is_some())
     }
 
     /// Height of the landing gear above the floor by the estimate, m.
@@ -444,21 +459,22 @@ impl Pilot {
     pub(crate) fn insist_on_disarming(&mut self, at: HostTime, why: &str) {
         // A forced disarm works in the air too. The board's land detector may be slow; if it is right
         // and we are not, so much time without thrust has brought the vehicle down anyway.
-        let force = at.seconds_since(self.mode_since) > FORCE_AFTER_S;
-        self.board.command_arm_later(false, force, at);
+        let force = at.seconds_since(self.flight.mode_since) > FORCE_AFTER_S;
+        self.board.link.command_arm_later(false, force, at);
         // Land detectors take a second to agree.
-        let late = at.seconds_since(self.mode_since) > INSIST_FIRST_S;
-        if late && self.insisted_at.is_none_or(|t| at.seconds_since(t) > INSIST_TELL_S) {
-            self.insisted_at = Some(at);
+        let late = at.seconds_since(self.flight.mode_since) > INSIST_FIRST_S;
+        if late && self.out.told.insisted_at.is_none_or(|t| at.seconds_since(t) > INSIST_TELL_S) {
+            self.out.told.insisted_at = Some(at);
             self.say(at, Severity::Critical, format!("disarming failed, still trying: {why}"));
         }
     }
 
     /// Tells people which anchor is left out, and when it is heard again.
     pub(crate) fn watch_left_out(&mut self, at: HostTime) {
-        for rank in 0..self.left_out_told.len() {
-            let out = self.estimator.is_left_out(rank);
-            let Some(told) = self.left_out_told.get_mut(rank).filter(|told| **told != out) else {
+        for rank in 0..self.out.told.left_out.len() {
+            let out = self.navigation.estimator.is_left_out(rank);
+            let Some(told) = self.out.told.left_out.get_mut(rank).filter(|told| **told != out)
+            else {
                 continue;
             };
             *told = out;
@@ -474,34 +490,35 @@ impl Pilot {
 
     /// Whether the estimate is good, or would be but for what it was before: one that settles is better than none.
     pub(crate) fn estimate_is_back(&self) -> bool {
-        let why = self.estimator.misgiving(self.estimate.at);
+        let why = self.navigation.estimator.misgiving(self.estimate.at);
         self.estimate.health == Health::Good || matches!(why, Some(Misgiving::Returns { .. }))
     }
 
     /// Tells people when the estimate gets worse or better, and why, calmly.
     pub(crate) fn watch_health(&mut self, at: HostTime) {
-        let why = self.estimator.misgiving(at);
+        let why = self.navigation.estimator.misgiving(at);
         // As it is at each take-off: a warning that always comes is not read.
         let health = match (self.estimate.health, why) {
             (Health::Degraded, Some(Misgiving::FloorHides { .. })) => Health::Good,
             (health, _) => health,
         };
-        let was = self.health_told;
+        let was = self.out.told.health;
         if health == was {
             return;
         }
         let small = |h| matches!(h, Health::Good | Health::Degraded);
-        if small(was) && small(health) && at.seconds_since(self.health_told_at) < HEALTH_TELL_S {
+        if small(was) && small(health) && at.seconds_since(self.out.told.health_at) < HEALTH_TELL_S
+        {
             return;
         }
-        self.health_told = health;
-        self.health_told_at = at;
+        self.out.told.health = health;
+        self.out.told.health_at = at;
         let pos = self.estimate.pos_E_m;
         let place = format!("N {:.2} E {:.2} height {:.2} m", pos.x(), pos.y(), -pos.z());
         let why = why.map_or(String::new(), |why| format!(": {why}"));
         let (severity, text) = match (was, health) {
             (Health::NotAligned, Health::Good | Health::Degraded) => {
-                self.guidance.home_is_here(pos);
+                self.flight.guidance.home_is_here(pos);
                 self.tell_magnetic_field(at);
                 (Severity::Info, format!("estimator aligned at {place}"))
             }
@@ -525,9 +542,9 @@ impl Pilot {
         }
         // The shares were tuned on the configured base. With the learned one the floor was found up to 4 s
         // late where that is smaller, and felt for in mid-air where a load had been set down (X2).
-        let base_frac = self.control.thrust_base_frac;
+        let base_frac = self.flight.control.thrust_base_frac;
         let sink_mps = self.estimate.vel_E_mps().z();
-        let light = self.control.thrust_frac < TOUCH_THRUST_SHARE * base_frac;
+        let light = self.flight.control.thrust_frac < TOUCH_THRUST_SHARE * base_frac;
         let slow = sink_mps < TOUCH_SPEED_SHARE * self.config.flight.land_slow_speed_mps;
         let low = self.is_near_floor(at);
         let for_s = match low {
@@ -536,8 +553,8 @@ impl Pilot {
             false => TOUCH_ANYWHERE_FOR_S,
         };
         let flight = &self.config.flight;
-        let longest_s = self.land_from_m / flight.land_slow_speed_mps.max(0.05) + OVERDUE_S;
-        if at.seconds_since(self.mode_since) > longest_s {
+        let longest_s = self.flight.land_from_m / flight.land_slow_speed_mps.max(0.05) + OVERDUE_S;
+        if at.seconds_since(self.flight.mode_since) > longest_s {
             self.feel_for_floor(at, low, true, TOUCH_FOR_S, None);
         } else {
             self.feel_for_floor(at, low, light && slow, for_s, Some(sink_mps));
@@ -552,12 +569,12 @@ impl Pilot {
 
     /// How long what is sent takes to be seen, s; 0 where it is not late.
     pub(crate) fn obeyed_after_s(&self) -> f64 {
-        self.board.lateness().latency_s().max(self.touch.lag_s)
+        self.board.link.lateness().latency_s().max(self.navigation.touch.lag_s)
     }
 
     /// Whether what is sent is obeyed too late for a loop that is closed over it.
     pub(crate) fn obeys_late(&self) -> bool {
-        self.board.lateness().is_late() || self.touch.lag_s > 0.0
+        self.board.link.lateness().is_late() || self.navigation.touch.lag_s > 0.0
     }
 
     /// Takes thrust away as soon as there has been a reason for so long. `sink_mps`: where it is known.
@@ -569,39 +586,43 @@ impl Pilot {
         for_s: f64,
         sink_mps: Option<f64>,
     ) {
-        let base_frac = self.control.thrust_base_frac;
-        self.touch.is_last |= self.height_above_floor_m() < LAST_M;
+        let base_frac = self.flight.control.thrust_base_frac;
+        self.navigation.touch.is_last |= self.height_above_floor_m() < LAST_M;
         self.watch_contact(at, base_frac);
         self.stay_down(low, base_frac);
-        if self.touch.ceiling_frac.is_none() {
-            let began = self.touch.down_since.unwrap_or(self.mode_since);
+        if self.navigation.touch.ceiling_frac.is_none() {
+            let began = self.navigation.touch.down_since.unwrap_or(self.flight.mode_since);
             let early = at.seconds_since(began) < TOUCH_NOT_BEFORE_S
-                || self.touch.fell_at.is_some_and(|t| at.seconds_since(t) < self.touch.pause_s());
+                || self
+                    .navigation
+                    .touch
+                    .fell_at
+                    .is_some_and(|t| at.seconds_since(t) < self.navigation.touch.pause_s());
             if early || !reason {
-                self.touch.since = None;
-            } else if at.seconds_since(*self.touch.since.get_or_insert(at)) > for_s {
-                self.touch.ceiling_frac = Some(self.control.thrust_frac);
+                self.navigation.touch.since = None;
+            } else if at.seconds_since(*self.navigation.touch.since.get_or_insert(at)) > for_s {
+                self.navigation.touch.ceiling_frac = Some(self.flight.control.thrust_frac);
             }
             return;
         }
         let fast_mps = 2.0 * self.config.flight.land_slow_speed_mps;
         // A speed by the estimate counts where the accelerometer leans the same way, and not after the estimate was once
         // lost: on the floor it says what it likes, and whoever believed it took off again.
-        let believed = self.supervisor.descents == 0 && self.is_uwb_fresh(at);
+        let believed = self.flight.supervisor.descents == 0 && self.is_uwb_fresh(at);
         let sinks = believed && sink_mps.is_some_and(|sink_mps| sink_mps > fast_mps);
-        let short_mps2 = self.touch.acc_z_mps2 + G_MPS2;
+        let short_mps2 = self.navigation.touch.acc_z_mps2 + G_MPS2;
         // Half a wing beat alone is a fall to a filter that has only begun.
-        let felt = self.touch.felt_s > FEEL_FILTER_S;
+        let felt = self.navigation.touch.felt_s > FEEL_FILTER_S;
         if felt && (short_mps2 > FALLING_MPS2 || (short_mps2 > SINKING_MPS2 && sinks)) {
-            let falls = self.touch.falls;
-            self.touch = self.touch.restarted();
-            (self.touch.fell_at, self.touch.falls) = (Some(at), falls + 1);
-            if self.touch.is_last {
+            let falls = self.navigation.touch.falls;
+            self.navigation.touch = self.navigation.touch.restarted();
+            (self.navigation.touch.fell_at, self.navigation.touch.falls) = (Some(at), falls + 1);
+            if self.navigation.touch.is_last {
                 // What says that it falls may be an accelerometer that says anything, and a loop that believes it lifts off.
-                self.touch.low_frac = Some(TURN_SHARE * base_frac);
+                self.navigation.touch.low_frac = Some(TURN_SHARE * base_frac);
             }
-            self.supervisor.descent.floor_not_found();
-        } else if !self.is_numb() || self.touch.stands {
+            self.flight.supervisor.descent.floor_not_found();
+        } else if !self.is_numb() || self.navigation.touch.stands {
             self.lower_thrust(at);
         }
         // Else nobody could say whether it falls now: one that stuck just here had thrust taken away at 0.5 m.
@@ -611,42 +632,46 @@ impl Pilot {
     /// falls, which shows at once. Whoever has no estimate, or had none, keeps below hover thrust even then: a hop of a
     /// centimetre ends with a fall as well.
     fn stay_down(&mut self, low: bool, base_frac: f64) {
-        if !self.is_numb() && self.supervisor.descents > 0 && self.touch.is_stopped(low) {
-            self.touch.up_mps = 0.0;
+        if !self.is_numb()
+            && self.flight.supervisor.descents > 0
+            && self.navigation.touch.is_stopped(low)
+        {
+            self.navigation.touch.up_mps = 0.0;
             if low {
-                self.touch.low_frac = Some(TURN_SHARE * base_frac);
+                self.navigation.touch.low_frac = Some(TURN_SHARE * base_frac);
             }
             // A fall that is seen late is to be a slow one.
             let share = if self.obeys_late() { TURN_SHARE } else { DOWN_SHARE };
-            self.touch.ceiling_frac = Some(self.touch.bounded(share * base_frac));
+            self.navigation.touch.ceiling_frac =
+                Some(self.navigation.touch.bounded(share * base_frac));
         }
     }
 
     /// Whether the accelerometer has repeated itself for so long that it shows no fall.
     pub(crate) fn is_numb(&self) -> bool {
-        self.supervisor.repetition.acc_s > FEEL_BLIND_S
+        self.flight.supervisor.repetition.acc_s > FEEL_BLIND_S
     }
 
     /// Whether the floor carries already, whatever the estimate says of height and speed.
     fn watch_contact(&mut self, at: HostTime, base_frac: f64) {
         let near = self.is_near_floor(at);
-        if !near || self.is_numb() || !self.touch.is_carried(base_frac) {
-            self.touch.carried_since = None;
+        if !near || self.is_numb() || !self.navigation.touch.is_carried(base_frac) {
+            self.navigation.touch.carried_since = None;
             return;
         }
-        let since = *self.touch.carried_since.get_or_insert(at);
-        if at.seconds_since(since) >= CARRIED_FOR_S && !self.touch.stands {
-            self.touch.stands = true;
+        let since = *self.navigation.touch.carried_since.get_or_insert(at);
+        if at.seconds_since(since) >= CARRIED_FOR_S && !self.navigation.touch.stands {
+            self.navigation.touch.stands = true;
             let most_frac = CARRIED_SHARE * base_frac;
-            self.touch.ceiling_frac = Some(self.touch.bounded(most_frac));
+            self.navigation.touch.ceiling_frac = Some(self.navigation.touch.bounded(most_frac));
         }
     }
 
     /// A step less thrust, down to none.
     fn lower_thrust(&mut self, at: HostTime) {
-        let base_frac = self.control.thrust_base_frac;
-        let Some(ceiling_frac) = self.touch.ceiling_frac else { return };
-        let felt_for_s = at.seconds_since(*self.touch.feels_since.get_or_insert(at));
+        let base_frac = self.flight.control.thrust_base_frac;
+        let Some(ceiling_frac) = self.navigation.touch.ceiling_frac else { return };
+        let felt_for_s = at.seconds_since(*self.navigation.touch.feels_since.get_or_insert(at));
         if ceiling_frac < FEEL_SHARE * base_frac {
             let least_s = FEEL_FOR_S + self.obeyed_after_s();
             if felt_for_s > least_s {
@@ -654,7 +679,7 @@ impl Pilot {
             }
         } else {
             let lower_frac = self.feel_per_s() * base_frac * CONTROL_PERIOD_US as f64 * 1e-6;
-            self.touch.ceiling_frac = Some(ceiling_frac - lower_frac);
+            self.navigation.touch.ceiling_frac = Some(ceiling_frac - lower_frac);
         }
     }
 }

@@ -107,28 +107,30 @@ impl Carried {
 impl Pilot {
     /// A vehicle that came to stand without being asked to lands, where it is felt for the floor, and disarms.
     pub(crate) fn watch_floor(&mut self, at: HostTime, dt_s: f64) {
-        if !self.mode.has_thrust() || self.mode == Mode::Spool {
-            self.carried = Carried::default();
+        if !self.flight.mode.has_thrust() || self.flight.mode == Mode::Spool {
+            self.navigation.carried = Carried::default();
             return;
         }
-        let watched = transition(self.mode, Event::FloorCarries).is_some();
+        let watched = transition(self.flight.mode, Event::FloorCarries).is_some();
         let heard = self.imu_is_alive(at) && !self.is_numb();
-        if !heard || !(watched || self.mode == Mode::Takeoff) {
-            self.carried.asked_s = None;
+        if !heard || !(watched || self.flight.mode == Mode::Takeoff) {
+            self.navigation.carried.asked_s = None;
             return;
         }
         // Low-passed as the force is.
-        let share = self.touch.thrust_frac / self.control.thrust_base_frac.max(0.05);
-        let force_mps2 = -self.touch.acc_z_mps2;
-        let carried = self.carried.step(share, force_mps2, dt_s);
+        let share =
+            self.navigation.touch.thrust_frac / self.flight.control.thrust_base_frac.max(0.05);
+        let force_mps2 = -self.navigation.touch.acc_z_mps2;
+        let carried = self.navigation.carried.step(share, force_mps2, dt_s);
         if watched && self.is_near_floor(at) {
-            if self.carried.ask(share, force_mps2, dt_s) || carried {
+            if self.navigation.carried.ask(share, force_mps2, dt_s) || carried {
                 self.fire(at, Event::FloorCarries);
                 // Whatever the landing's estimate says from here on, it does not lift off again.
-                self.touch.low_frac = Some(TURN_SHARE * self.control.thrust_base_frac);
+                self.navigation.touch.low_frac =
+                    Some(TURN_SHARE * self.flight.control.thrust_base_frac);
             }
         } else {
-            (self.carried.asked_s, self.carried.seems_s) = (None, 0.0);
+            (self.navigation.carried.asked_s, self.navigation.carried.seems_s) = (None, 0.0);
         }
     }
 }

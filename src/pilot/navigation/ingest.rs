@@ -33,31 +33,31 @@ impl Pilot {
     pub(crate) fn link_up(&mut self, at: HostTime, link: LinkId) {
         match link {
             LinkId::Tag => {
-                self.uwb.reconnected();
-                self.mav_tag.reconnected();
-                self.tag_splitter.flush();
-                self.tag_is_up = true;
-                self.tag_asked_at = at;
+                self.navigation.uwb.reconnected();
+                self.navigation.mav_tag.reconnected();
+                self.navigation.tag_splitter.flush();
+                self.navigation.tag_is_up = true;
+                self.navigation.tag_asked_at = at;
                 if self.config.tag_protocol == TagProtocol::LpsSniffer {
-                    self.out.raw(LinkId::Tag, SNIFFER_BINARY);
+                    self.out.outbox.raw(LinkId::Tag, SNIFFER_BINARY);
                 }
                 self.say(at, Severity::Info, "tag connected".to_owned());
             }
             LinkId::Board => {
                 // The rest of a frame that was cut off will not come.
-                self.board_splitter.flush();
+                self.board.splitter.flush();
                 self.board_frames(at);
-                self.board.restart(at);
-                if self.board.system_id().is_none() {
-                    self.board_peers.forget();
+                self.board.link.restart(at);
+                if self.board.link.system_id().is_none() {
+                    self.board.peers.forget();
                 }
             }
             LinkId::Ground(n) => {
                 let n = usize::from(n);
-                if n < self.grounds.len() {
-                    self.grounds[n].splitter.flush();
+                if n < self.stations.grounds.len() {
+                    self.stations.grounds[n].splitter.flush();
                     self.ground_frames(at, n);
-                    self.grounds[n].open(at);
+                    self.stations.grounds[n].open(at);
                     self.greet(at, link);
                 }
             }
@@ -67,7 +67,7 @@ impl Pilot {
     pub(crate) fn link_down(&mut self, at: HostTime, link: LinkId) {
         match link {
             LinkId::Tag => {
-                self.tag_is_up = false;
+                self.navigation.tag_is_up = false;
                 self.say(at, Severity::Error, "tag disconnected".to_owned());
             }
             LinkId::Board => self.say(at, Severity::Error, "board disconnected".to_owned()),
@@ -80,14 +80,14 @@ impl Pilot {
 
     /// The station of a link is gone: what it left behind must hold nobody up.
     fn station_left(&mut self, at: HostTime, n: u8) {
-        let Some(ground) = self.grounds.get_mut(usize::from(n)) else { return };
+        let Some(ground) = self.stations.grounds.get_mut(usize::from(n)) else { return };
         if !ground.is_open {
             return;
         }
         let counts = ground.counts;
         let link = ground.link;
         ground.close(at);
-        self.askers.retain(|asker| asker.link != link);
+        self.stations.askers.retain(|asker| asker.link != link);
         self.say(
             at,
             Severity::Info,
@@ -102,19 +102,19 @@ impl Pilot {
     }
 
     pub(crate) fn tag_bytes(&mut self, at: HostTime, bytes: &[u8]) {
-        let mut tdoas = std::mem::take(&mut self.tdoas);
-        let drops = &mut self.drops[usize::from(LinkId::Tag.number())];
+        let mut tdoas = std::mem::take(&mut self.navigation.tdoas);
+        let drops = &mut self.out.drops[usize::from(LinkId::Tag.number())];
         match self.config.tag_protocol {
-            TagProtocol::LpsSniffer => self.uwb.tag_bytes(at, bytes, &mut tdoas, drops),
+            TagProtocol::LpsSniffer => self.navigation.uwb.tag_bytes(at, bytes, &mut tdoas, drops),
             TagProtocol::Mavlink => {
-                self.tag_splitter.push(bytes);
-                while let Some(next) = self.tag_splitter.next() {
+                self.navigation.tag_splitter.push(bytes);
+                while let Some(next) = self.navigation.tag_splitter.next() {
                     crate::stations::clients::count_frame(drops, &next);
                     let Ok(frame) = next else { continue };
                     if let Ok(haltere_dialect::mav::haltere::MavMessage::UWB_TDOA(m)) =
                         frame.decode()
                     {
-                        let (tag, uwb) = (&mut self.mav_tag, &self.config.uwb);
+                        let (tag, uwb) = (&mut self.navigation.mav_tag, &self.config.uwb);
                         match from_uwb_tdoa(tag, uwb, &self.survey, at, &m, drops) {
                             Ok(tdoa) => tdoas.push(tdoa),
                             Err(reason) => drops.add(reason, 1),
@@ -124,58 +124,61 @@ impl Pilot {
             }
         }
         if !tdoas.is_empty() {
-            self.tag_asked_at = at;
+            self.navigation.tag_asked_at = at;
         }
         for tdoa in &tdoas {
             self.fuse_tdoa(tdoa);
         }
         tdoas.clear();
-        self.tdoas = tdoas;
+        self.navigation.tdoas = tdoas;
     }
 
     /// A tag that restarted without the port noticing speaks text again. The command is harmless to
     /// one that already speaks binary.
     pub(crate) fn ask_for_binary(&mut self, at: HostTime) {
-        let silent = at.seconds_since(self.tag_asked_at) > TAG_SILENCE_S;
-        if self.tag_is_up && silent && self.config.tag_protocol == TagProtocol::LpsSniffer {
-            self.tag_asked_at = at;
-            self.out.raw(LinkId::Tag, SNIFFER_BINARY);
+        let silent = at.seconds_since(self.navigation.tag_asked_at) > TAG_SILENCE_S;
+        if self.navigation.tag_is_up
+            && silent
+            && self.config.tag_protocol == TagProtocol::LpsSniffer
+        {
+            self.navigation.tag_asked_at = at;
+            self.out.outbox.raw(LinkId::Tag, SNIFFER_BINARY);
         }
     }
 
     fn fuse_tdoa(&mut self, tdoa: &Tdoa) {
-        let record = self.estimator.tdoa(tdoa);
+        let record = self.navigation.estimator.tdoa(tdoa);
         if record.fused {
-            self.last_fused = Some(tdoa.received_at);
-            self.resumption.uwb(tdoa.valid_at);
+            self.navigation.last_fused = Some(tdoa.received_at);
+            self.flight.resumption.uwb(tdoa.valid_at);
         }
-        self.supervisor.anchors.note(tdoa);
-        if self.is_standing() || self.mode != Mode::Disarmed {
-            self.survey_check.note(tdoa, self.mode);
+        self.flight.supervisor.anchors.note(tdoa);
+        if self.is_standing() || self.flight.mode != Mode::Disarmed {
+            self.navigation.survey_check.note(tdoa, self.flight.mode);
         }
-        self.supervisor.evidence.note_uwb(&record);
-        crate::stations::telemetry_counts::note_pair(&mut self.pairs, &record);
+        self.flight.supervisor.evidence.note_uwb(&record);
+        crate::stations::telemetry_counts::note_pair(&mut self.navigation.pairs, &record);
         self.record(|| Topic::Uwb(record));
     }
 
     pub(crate) fn board_frames(&mut self, at: HostTime) {
-        let mut news = std::mem::take(&mut self.board_news);
+        let mut news = std::mem::take(&mut self.board.news);
         // Taken out while the frames are passed on by the rest of the core.
-        let mut splitter = std::mem::take(&mut self.board_splitter);
+        let mut splitter = std::mem::take(&mut self.board.splitter);
         while let Some(next) = splitter.next() {
-            let drops = &mut self.drops[usize::from(LinkId::Board.number())];
+            let drops = &mut self.out.drops[usize::from(LinkId::Board.number())];
             crate::stations::clients::count_frame(drops, &next);
             if let Ok(frame) = next {
                 self.give_up_board(at, &frame);
-                let drops = &mut self.drops[usize::from(LinkId::Board.number())];
-                if speaks_as_board(&frame, self.board.system_id()) {
-                    self.board_peers.board_spoke(at, &frame);
+                let drops = &mut self.out.drops[usize::from(LinkId::Board.number())];
+                if speaks_as_board(&frame, self.board.link.system_id()) {
+                    self.board.peers.board_spoke(at, &frame);
                 }
-                self.board.frame(at, &frame, &mut self.out, drops, &mut news);
+                self.board.link.frame(at, &frame, &mut self.out.outbox, drops, &mut news);
                 self.route_from_board(at, &frame);
             }
         }
-        self.board_splitter = splitter;
+        self.board.splitter = splitter;
         self.take_board_news(at, news);
     }
 
@@ -184,68 +187,69 @@ impl Pilot {
         for item in news.drain(..) {
             self.board_item(at, item);
         }
-        self.board_news = news;
+        self.board.news = news;
     }
 
     fn board_item(&mut self, at: HostTime, item: BoardNews) {
         match item {
             BoardNews::Imu(sample) => {
-                if self.last_imu.is_some_and(|t| sample.valid_at <= t) {
+                if self.navigation.last_imu.is_some_and(|t| sample.valid_at <= t) {
                     self.drops_of(LinkId::Board).add(DropReason::ImuOutOfOrder, 1);
                     return;
                 }
-                let dt_s = self.last_imu.map_or(0.0, |t| sample.valid_at.seconds_since(t));
-                self.last_imu = Some(sample.valid_at);
-                self.imu = Some(sample);
-                self.supervisor.repetition.note(&sample);
-                let weighed = self.estimator.weighed(&sample);
+                let dt_s =
+                    self.navigation.last_imu.map_or(0.0, |t| sample.valid_at.seconds_since(t));
+                self.navigation.last_imu = Some(sample.valid_at);
+                self.navigation.imu = Some(sample);
+                self.flight.supervisor.repetition.note(&sample);
+                let weighed = self.navigation.estimator.weighed(&sample);
                 // What repeats itself says nothing new, and what waited in a pause is over.
-                let repeats = self.supervisor.repetition.acc_s > 0.0;
-                if !repeats && !self.resumption.is_before_its_end(sample.valid_at) {
-                    self.touch.acc_z(weighed.acc_B_mps2.z(), dt_s);
+                let repeats = self.flight.supervisor.repetition.acc_s > 0.0;
+                if !repeats && !self.flight.resumption.is_before_its_end(sample.valid_at) {
+                    self.navigation.touch.acc_z(weighed.acc_B_mps2.z(), dt_s);
                 } else if self.is_numb() {
-                    self.touch.deaf();
+                    self.navigation.touch.deaf();
                 }
-                if let Some(board) = &self.board_attitude {
-                    self.supervisor.lying.imu(&weighed, &board.attitude);
+                if let Some(board) = &self.board.attitude {
+                    self.flight.supervisor.lying.imu(&weighed, &board.attitude);
                 }
-                self.estimator.imu(&sample);
+                self.navigation.estimator.imu(&sample);
                 self.record(|| Topic::Imu(sample));
             }
             BoardNews::Attitude(attitude) => {
                 self.watch_turn(&attitude);
-                self.board_attitude = Some(attitude);
-                self.board_down.note(&attitude);
-                self.estimator.board_vertical(&attitude);
+                self.board.attitude = Some(attitude);
+                self.board.down.note(&attitude);
+                self.navigation.estimator.board_vertical(&attitude);
                 if self.estimate.health == Health::NotAligned {
-                    let yaw_rad = self.north.room_yaw_rad(attitude.attitude);
-                    self.estimator.set_initial_heading(yaw_rad, STD_BOARD_HEADING_RAD);
+                    let yaw_rad = self.navigation.north.room_yaw_rad(attitude.attitude);
+                    self.navigation.estimator.set_initial_heading(yaw_rad, STD_BOARD_HEADING_RAD);
                 }
                 self.record(|| Topic::BoardAttitude(attitude));
             }
             BoardNews::Battery(sample) => {
-                self.battery = Some(sample);
-                let flies = self.mode.has_thrust() && self.mode != Mode::Spool;
-                self.supervisor.discharge.note(at, sample.supply_v, flies);
+                self.board.battery = Some(sample);
+                let flies = self.flight.mode.has_thrust() && self.flight.mode != Mode::Spool;
+                self.flight.supervisor.discharge.note(at, sample.supply_v, flies);
                 self.record(|| Topic::Battery(sample));
             }
             BoardNews::OtherBattery(other) => self.record(|| Topic::OtherBattery(other)),
             BoardNews::Servos(servos) => {
-                self.servos = Some(servos);
+                self.board.servos = Some(servos);
                 self.record(|| Topic::Servos(servos));
             }
             BoardNews::Baro(sample) => {
-                self.pressure_pa = Some((sample.pressure_pa, sample.received_at));
-                self.estimator.baro(&sample);
+                self.board.pressure_pa = Some((sample.pressure_pa, sample.received_at));
+                self.navigation.estimator.baro(&sample);
                 self.watch_baro(&sample);
                 self.record(|| Topic::Baro(sample));
             }
             BoardNews::Mag(sample) => {
-                self.estimator.mag(&sample);
+                self.navigation.estimator.mag(&sample);
                 self.record(|| Topic::Mag(sample));
             }
             BoardNews::Reference(pose) => {
-                self.estimator.reference(&pose); // fuses only if it is configured to
+                self.navigation.estimator.reference(&pose); // fuses only if it is configured to
                 self.record(|| Topic::Reference(pose));
             }
             BoardNews::Found { system_id, firmware } => {
@@ -256,7 +260,7 @@ impl Pilot {
             }
             BoardNews::Armed(true) => {
                 if !self.fire(at, Event::BoardArmed)
-                    && self.mode == Mode::Disarmed
+                    && self.flight.mode == Mode::Disarmed
                     && !self.config.flight.shadow
                 {
                     self.tell_armed_by_others(at);
@@ -281,7 +285,7 @@ impl Pilot {
                 } else if arm {
                     self.say(at, Severity::Error, format!("arming failed: {why}"));
                     self.fire(at, Event::ArmFailed);
-                } else if self.mode == Mode::Disarming {
+                } else if self.flight.mode == Mode::Disarming {
                     // On the floor by our own signs, but the board disagrees.
                     self.insist_on_disarming(at, &why);
                 } else {
@@ -296,7 +300,7 @@ impl Pilot {
             BoardNews::Mode(change) => self.board_mode_changed(at, change),
             BoardNews::Ignored { ignored, sent_frac, board_frac } => {
                 // In the air it is one of the supervisor's conditions.
-                if ignored && self.mode == Mode::Spool {
+                if ignored && self.flight.mode == Mode::Spool {
                     let text = format!(
                         "board does not fly our setpoints: thrust {board_frac:.2} in force, \
                          {sent_frac:.2} sent"
@@ -309,10 +313,10 @@ impl Pilot {
                 self.say_as_board(at, severity, &text);
             }
             BoardNews::Back { silent_s } => {
-                let flies = self.mode.has_thrust() || self.mode == Mode::Yielded;
+                let flies = self.flight.mode.has_thrust() || self.flight.mode == Mode::Yielded;
                 self.note_pause(at, silent_s);
                 if silent_s > self.config.limits.board_loss_s && flies {
-                    self.supervisor.heard.board_gap_s = Some(silent_s);
+                    self.flight.supervisor.heard.board_gap_s = Some(silent_s);
                 }
             }
         }
@@ -328,15 +332,17 @@ impl Pilot {
     /// The board denied to be armed and says again that it is. One word that was wrong is forgiven in the air, where
     /// to stop is a fall. Else a person's switch may be behind it, who stands beside the vehicle by now.
     fn board_armed_again(&mut self, at: HostTime, denials: u32) {
-        let told_to = self.board.was_told_to_disarm();
-        if told_to || matches!(self.mode, Mode::Disarmed | Mode::Disarming) {
+        let told_to = self.board.link.was_told_to_disarm();
+        if told_to || matches!(self.flight.mode, Mode::Disarmed | Mode::Disarming) {
             return; // It is being disarmed, which goes on.
         }
-        let flies = self.mode.has_thrust() && self.mode != Mode::Spool && self.is_in_the_air();
-        if flies && denials <= 1 && !self.board.is_away() {
+        let flies = self.flight.mode.has_thrust()
+            && self.flight.mode != Mode::Spool
+            && self.is_in_the_air();
+        if flies && denials <= 1 && !self.board.link.is_away() {
             let text = "board says that it is armed after all: flown on";
             self.say(at, Severity::Warning, text.to_owned());
-        } else if flies || self.mode == Mode::Yielded {
+        } else if flies || self.flight.mode == Mode::Yielded {
             self.fire(at, Event::BoardDisarmed);
             self.tell_armed_by_others(at);
         } else {
@@ -349,18 +355,18 @@ impl Pilot {
     /// Whether the vehicle is off the floor by our height, or on a way down that has not found it: that ends on the floor
     /// soon, and motors that stop half a metre above it are a fall.
     fn is_in_the_air(&self) -> bool {
-        if matches!(self.mode, Mode::Land | Mode::Descend) && !self.touch.stands {
+        if matches!(self.flight.mode, Mode::Land | Mode::Descend) && !self.navigation.touch.stands {
             return true;
         }
-        let height_m = match self.mode {
-            Mode::Descend => self.supervisor.descent.height_m,
+        let height_m = match self.flight.mode {
+            Mode::Descend => self.flight.supervisor.descent.height_m,
             _ => self.height_above_floor_m(),
         };
         height_m > AIR_M
     }
 
     fn board_mode_changed(&mut self, at: HostTime, change: Change) {
-        let firmware = self.board.firmware();
+        let firmware = self.board.link.firmware();
         let ours = firmware.control_mode().map_or("", |m| m.name);
         match change {
             // One of the supervisor's conditions; at once, or one more setpoint would be sent.
@@ -371,13 +377,17 @@ impl Pilot {
                 self.say(at, Severity::Warning, text);
             }
             Change::Regained => {
-                if self.fire(at, Event::ControlBack) && std::mem::take(&mut self.land_when_back) {
+                if self.fire(at, Event::ControlBack)
+                    && std::mem::take(&mut self.flight.land_when_back)
+                {
                     self.fire(at, Event::LandAsked);
                 }
             }
             Change::NotGranted => {
-                let text =
-                    format!("board does not go to {ours}, it stays in {}", self.board.mode_name());
+                let text = format!(
+                    "board does not go to {ours}, it stays in {}",
+                    self.board.link.mode_name()
+                );
                 self.say(at, Severity::Error, text);
             }
         }

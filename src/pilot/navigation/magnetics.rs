@@ -13,7 +13,7 @@ impl Pilot {
         if !wanted.fuse {
             return;
         }
-        let Some(field) = self.estimator.magnetic_field() else {
+        let Some(field) = self.navigation.estimator.magnetic_field() else {
             let text = "estimator.magnetometer.fuse: the board sends no magnetic field, heading is the board's";
             self.say(at, Severity::Warning, text.to_owned());
             return;

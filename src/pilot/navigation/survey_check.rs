@@ -115,8 +115,8 @@ impl SurveyCheck {
 impl Pilot {
     /// Once a control step.
     pub(crate) fn check_survey(&mut self, at: HostTime) {
-        let Self { survey_check: all, .. } = self;
-        if self.mode.has_thrust() {
+        let all = &mut self.navigation.survey_check;
+        if self.flight.mode.has_thrust() {
             if std::mem::take(&mut all.is_filled) {
                 all.check.clear();
                 (all.named, all.told) = (None, None);

@@ -5,7 +5,7 @@
 
 use serde_json::{Map, Value, json};
 
-use crate::OWN_COMPONENT;
+use super::OWN_COMPONENT;
 use crate::flight::at_rest::{AT_REST, Quantity, is};
 use crate::flight::modes::{Event as Cause, Mode, TABLE};
 use crate::flight::supervisor::CONDITIONS;

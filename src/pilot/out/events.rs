@@ -66,7 +66,7 @@ impl Pilot {
     }
 
     fn event(&mut self, at: HostTime, number: u32, log_levels: u8, parts: &[&[u8]]) {
-        let events = &mut self.services.events;
+        let events = &mut self.stations.services.events;
         events.newest = events.newest.wrapping_add(1);
         let event = EVENT_DATA {
             id: list::wire_id(number),
@@ -82,10 +82,10 @@ impl Pilot {
         }
         events.kept.push_back(event.clone());
         let message = MavMessage::EVENT(event);
-        for n in 0..self.grounds.len() {
-            let link = self.grounds[n].link;
+        for n in 0..self.stations.grounds.len() {
+            let link = self.stations.grounds[n].link;
             if self.wants_events(link) {
-                self.out.message(link, self.own, &message);
+                self.out.outbox.message(link, self.out.own, &message);
             }
         }
     }
@@ -97,17 +97,24 @@ impl Pilot {
         let arguments = [from_number, to_number, number];
         self.event(at, list::MODE_CHANGED, level(severity), &[&arguments]);
         let text = format!("{}: {because}", to.name());
-        self.text_id = self.text_id.wrapping_add(1).max(1);
-        let id = self.text_id;
-        for n in 0..self.grounds.len() {
-            let link = self.grounds[n].link;
-            if !self.grounds[n].is_open {
+        self.out.text_id = self.out.text_id.wrapping_add(1).max(1);
+        let id = self.out.text_id;
+        for n in 0..self.stations.grounds.len() {
+            let link = self.stations.grounds[n].link;
+            if !self.stations.grounds[n].is_open {
                 continue;
             }
             if self.wants_events(link) {
-                send_text(&mut self.out, self.own, link, severity as u8, &format!("{text}\t"), id);
+                send_text(
+                    &mut self.out.outbox,
+                    self.out.own,
+                    link,
+                    severity as u8,
+                    &format!("{text}\t"),
+                    id,
+                );
             } else {
-                send_text(&mut self.out, self.own, link, severity as u8, &text, id);
+                send_text(&mut self.out.outbox, self.out.own, link, severity as u8, &text, id);
             }
         }
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
@@ -136,7 +143,7 @@ impl Pilot {
         } else {
             MavEventCurrentSequenceFlags::MAV_EVENT_CURRENT_SEQUENCE_FLAGS_RESET
         };
-        let sequence = self.services.events.newest;
+        let sequence = self.stations.services.events.newest;
         MavMessage::CURRENT_EVENT_SEQUENCE(CURRENT_EVENT_SEQUENCE_DATA { sequence, flags })
     }
 
@@ -145,7 +152,7 @@ impl Pilot {
         let count = request.last_sequence.wrapping_sub(request.first_sequence);
         for offset in 0..=count.min(MOST_AGAIN - 1) {
             let sequence = request.first_sequence.wrapping_add(offset);
-            let events = &self.services.events;
+            let events = &self.stations.services.events;
             let message = match events.kept.iter().find(|e| e.sequence == sequence) {
                 Some(event) => MavMessage::EVENT(event.clone()),
                 None => MavMessage::RESPONSE_EVENT_ERROR(RESPONSE_EVENT_ERROR_DATA {
@@ -159,14 +166,14 @@ impl Pilot {
                     reason: MavEventErrorReason::MAV_EVENT_ERROR_REASON_UNAVAILABLE,
                 }),
             };
-            self.out.message(client.link, self.own, &message);
+            self.out.outbox.message(client.link, self.out.own, &message);
         }
     }
 
     /// Once a control step: reports the checks when one of them has changed. In flight nobody arms.
     pub(crate) fn event_tick(&mut self, at: HostTime) {
-        let events = &self.services.events;
-        if self.mode != Mode::Disarmed
+        let events = &self.stations.services.events;
+        if self.flight.mode != Mode::Disarmed
             || events.reported.is_some() && at.seconds_since(events.reported_at) < REPORT_S
         {
             return;
@@ -186,7 +193,7 @@ impl Pilot {
         }
         let of = |rows: &[&Quantity]| rows.iter().map(|row| list::health_bit(row)).sum::<u32>();
         let (errors, warnings) = (of(&failed), of(&warned));
-        let events = &mut self.services.events;
+        let events = &mut self.stations.services.events;
         events.reported_at = at;
         if events.reported.replace((errors, warnings)) == Some((errors, warnings)) && !anyway {
             return;

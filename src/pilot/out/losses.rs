@@ -16,30 +16,30 @@ impl Pilot {
     /// Losses by link number; the last entry is the core itself. What the estimator threw away
     /// counts where it came from: UWB on the tag's link, the rest in the core.
     pub fn drops(&self) -> Vec<Drops> {
-        let slots = 0..self.drops.len();
-        slots.map(|slot| losses_of(&self.drops, &self.estimator, slot)).collect()
+        let slots = 0..self.out.drops.len();
+        slots.map(|slot| losses_of(&self.out.drops, &self.navigation.estimator, slot)).collect()
     }
 
     /// The same as one number.
     pub(crate) fn lost(&self, slot: usize, reason: DropReason) -> u64 {
-        let own = self.drops[slot].count(reason);
-        if slot != slot_of_estimator(reason, self.drops.len()) {
+        let own = self.out.drops[slot].count(reason);
+        if slot != slot_of_estimator(reason, self.out.drops.len()) {
             return own;
         }
-        own.saturating_add(self.estimator.drops().count(reason))
+        own.saturating_add(self.navigation.estimator.drops().count(reason))
     }
 
     pub(crate) fn drops_of(&mut self, link: LinkId) -> &mut Drops {
-        let core = self.drops.len() - 1;
+        let core = self.out.drops.len() - 1;
         let slot = usize::from(link.number()).min(core);
-        &mut self.drops[slot]
+        &mut self.out.drops[slot]
     }
 
     pub(crate) fn glue_lost(&mut self, at: HostTime, link: LinkId, reason: DropReason, count: u64) {
         self.drops_of(link).add(reason, count);
-        let told = self.full_told_at.is_some_and(|t| at.seconds_since(t) < FULL_TELL_S);
+        let told = self.out.told.full_at.is_some_and(|t| at.seconds_since(t) < FULL_TELL_S);
         if reason == DropReason::StationsFull && !told {
-            self.full_told_at = Some(at);
+            self.out.told.full_at = Some(at);
             let number = self.ground_mut(link).map_or(0, |g| g.endpoint_number);
             let text = format!(
                 "a station found no place: ground.endpoints[{number}] holds {MOST_STATIONS}; end one, \
@@ -48,7 +48,7 @@ impl Pilot {
             self.say(at, Severity::Warning, text);
         }
         if reason == DropReason::OutputLineLost
-            && !std::mem::replace(&mut self.output_lost_told, true)
+            && !std::mem::replace(&mut self.out.told.output_lost, true)
         {
             let text = "nobody reads what haltere prints: lines are lost, the log has them";
             self.say(at, Severity::Warning, text.to_owned());
@@ -99,7 +99,7 @@ mod tests {
         let survey = Survey::new(&(0..8).map(corner).collect::<Vec<_>>()).unwrap();
         let at = HostTime::from_us(1_000_000);
         let mut pilot = Pilot::new(PilotConfig::default(), survey, at);
-        pilot.estimator.set_initial_heading(f64::NAN, 0.1);
+        pilot.navigation.estimator.set_initial_heading(f64::NAN, 0.1);
         let core = pilot.drops().len() - 1;
         assert_eq!(pilot.drops()[core].count(DropReason::BadValue), 1);
         assert_eq!(pilot.lost(core, DropReason::BadValue), 1);

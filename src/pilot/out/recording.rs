@@ -65,13 +65,13 @@ impl Pilot {
     /// Whether a station has sent a mission, or loaded a program, since the core began: what is recorded then may be
     /// meant for a fit, though nothing flies.
     pub fn was_sent_a_mission(&self) -> bool {
-        self.sent_a_mission
+        self.stations.sent_a_mission
     }
 
     /// Glue has told how the recording stands.
     pub(crate) fn recording_told(&mut self, at: HostTime, state: Recording, why: &str) {
-        let before = self.recording.state;
-        self.recording = Told { state, why: why.chars().take(LONGEST_REASON).collect() };
+        let before = self.out.recording.state;
+        self.out.recording = Told { state, why: why.chars().take(LONGEST_REASON).collect() };
         // That it stops is told by the supervisor's list.
         if state == Recording::Runs && matches!(before, Recording::Waits | Recording::Stopped) {
             let missing = if why.is_empty() { String::new() } else { format!("; {why}") };
@@ -81,7 +81,7 @@ impl Pilot {
 
     /// For a station that speaks for the first time: it was not there when it was told.
     pub(crate) fn tell_recording(&mut self, at: HostTime, link: LinkId) {
-        let Some(text) = self.recording.words() else { return };
+        let Some(text) = self.out.recording.words() else { return };
         if self.may_echo(at) {
             self.say_to(at, link, Severity::Warning, &text);
         }
@@ -89,7 +89,9 @@ impl Pilot {
 
     /// What stands in the way of a log of the next flight.
     pub(crate) fn recording_misses(&self) -> Option<String> {
-        (self.recording.state == Recording::Stopped).then(|| self.recording.words()).flatten()
+        (self.out.recording.state == Recording::Stopped)
+            .then(|| self.out.recording.words())
+            .flatten()
     }
 }
 
@@ -139,7 +141,7 @@ mod tests {
     fn regress_a_log_that_stops_is_told_and_shown_and_goes_on() {
         let mut pilot = pilot(false);
         let is_healthy =
-            |pilot: &Pilot| !pilot.supervisor.unhealthy.contains(S::MAV_SYS_STATUS_LOGGING);
+            |pilot: &Pilot| !pilot.flight.supervisor.unhealthy.contains(S::MAV_SYS_STATUS_LOGGING);
         assert!(told(&mut pilot, 0, Recording::Runs, "").is_empty());
         assert!(is_healthy(&pilot));
         let why = "150 MB free in logs, 200 MB needed";

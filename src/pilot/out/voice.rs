@@ -27,40 +27,47 @@ pub(crate) enum Severity {
 impl Pilot {
     /// Tells the people at one station, and the log.
     pub(crate) fn say_to(&mut self, at: HostTime, link: LinkId, severity: Severity, text: &str) {
-        self.text_id = self.text_id.wrapping_add(1).max(1);
-        telemetry::send_text(&mut self.out, self.own, link, severity as u8, text, self.text_id);
+        self.out.text_id = self.out.text_id.wrapping_add(1).max(1);
+        telemetry::send_text(
+            &mut self.out.outbox,
+            self.out.own,
+            link,
+            severity as u8,
+            text,
+            self.out.text_id,
+        );
         let text = text.to_owned();
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
     }
 
     /// Whether one more text may be said that others have caused. If not, that is counted.
     pub(crate) fn may_echo(&mut self, at: HostTime) -> bool {
-        let may = self.echoes.take(at);
+        let may = self.out.echoes.take(at);
         if !may {
-            let core = self.drops.len() - 1;
-            self.drops[core].add(DropReason::TextLimited, 1);
+            let core = self.out.drops.len() - 1;
+            self.out.drops[core].add(DropReason::TextLimited, 1);
         }
         may
     }
 
     /// Tells people: to every station and into the log.
     pub(crate) fn say(&mut self, at: HostTime, severity: Severity, text: String) {
-        if self.answering && severity == Severity::Warning && !self.may_echo(at) {
+        if self.out.answering && severity == Severity::Warning && !self.may_echo(at) {
             return;
         }
         // Who asks at once is told that it is too early, which is no matter of concern.
-        let early = self.answering && self.control_steps < FIRST_STEPS;
+        let early = self.out.answering && self.clock.control_steps < FIRST_STEPS;
         let severity =
             if early && severity == Severity::Warning { Severity::Info } else { severity };
-        self.text_id = self.text_id.wrapping_add(1).max(1);
-        for ground in self.grounds.iter().filter(|g| g.is_open) {
+        self.out.text_id = self.out.text_id.wrapping_add(1).max(1);
+        for ground in self.stations.grounds.iter().filter(|g| g.is_open) {
             telemetry::send_text(
-                &mut self.out,
-                self.own,
+                &mut self.out.outbox,
+                self.out.own,
                 ground.link,
                 severity as u8,
                 &text,
-                self.text_id,
+                self.out.text_id,
             );
         }
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
@@ -80,8 +87,8 @@ impl Pilot {
             DropReason::RateLimited => "a station sends more than ground.most_frames_per_s allows",
             _ => return,
         };
-        if self.kept_out_told_at.is_none_or(|t| at.seconds_since(t) > KEPT_OUT_TELL_S) {
-            self.kept_out_told_at = Some(at);
+        if self.out.told.kept_out_at.is_none_or(|t| at.seconds_since(t) > KEPT_OUT_TELL_S) {
+            self.out.told.kept_out_at = Some(at);
             self.say(at, Severity::Warning, format!("link {}: {what}", link.number()));
         }
     }
@@ -89,7 +96,7 @@ impl Pilot {
     /// Somebody speaks from another address than the one that we send to. Told once: every datagram would say so.
     fn tell_other_address(&mut self, at: HostTime, link: LinkId) {
         let is_station = matches!(link, LinkId::Ground(_));
-        let told = self.other_address_told.get_mut(usize::from(is_station));
+        let told = self.out.told.other_address.get_mut(usize::from(is_station));
         if told.is_none_or(|told| std::mem::replace(told, true)) {
             return;
         }

@@ -5,9 +5,8 @@ use serde::de::DeserializeOwned;
 use toml::de::DeTable;
 use toml::{Spanned, Table, Value};
 
-use super::retired;
 use super::retired::{Author, Retired};
-use super::{Config, Note};
+use super::{Config, Note, retired};
 use haltere_core::checks::Problems;
 use haltere_core::checks::schema::Schema;
 

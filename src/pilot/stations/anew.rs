@@ -19,12 +19,12 @@ const IMU_SILENT_S: f64 = 1.0;
 impl Pilot {
     /// Whether another core may take this one's place.
     pub fn may_begin_anew(&self) -> bool {
-        self.stands_long(self.now) && self.nothing_is_under_way() && self.all_is_kept()
+        self.stands_long(self.clock.now) && self.nothing_is_under_way() && self.all_is_kept()
     }
 
     /// The configuration as stations have set it, for the core that comes next.
     pub fn settings(&self) -> PilotConfig {
-        let mut settings = self.services.settings().clone();
+        let mut settings = self.stations.services.settings().clone();
         if self.origin != settings.origin.in_force() {
             let place = self.origin.place();
             settings.origin = OriginConfig {
@@ -39,34 +39,33 @@ impl Pilot {
 
     fn stands_long(&self, now: HostTime) -> bool {
         let heard = |at: HostTime| now.seconds_since(at) < IMU_SILENT_S;
-        self.mode == Mode::Disarmed
-            && now.seconds_since(self.mode_since) >= STANDS_S
-            && !self.board.is_armed()
-            && !self.lift_off_asked
-            && self.ending.is_none()
-            && self.last_imu.is_some_and(heard)
-            && self.estimator.rested_s() >= STANDS_S
+        self.flight.mode == Mode::Disarmed
+            && now.seconds_since(self.flight.mode_since) >= STANDS_S
+            && !self.board.link.is_armed()
+            && !self.flight.lift_off_asked
+            && self.flight.ending.is_none()
+            && self.navigation.last_imu.is_some_and(heard)
+            && self.navigation.estimator.rested_s() >= STANDS_S
     }
 
     fn nothing_is_under_way(&self) -> bool {
-        self.askers.is_empty() && self.services.is_quiet(self.now)
+        self.stations.askers.is_empty() && self.stations.services.is_quiet(self.clock.now)
     }
 
     fn all_is_kept(&self) -> bool {
-        let item = usize::from(self.guidance.current_item);
+        let item = usize::from(self.flight.guidance.current_item);
         self.config.store
             && self.program_in_force().is_none()
-            && !self.guidance.home_is_set()
-            && (item == 0 || item >= self.mission.items.len())
-            && self.grounds.iter().all(|ground| ground.streams.are_default())
+            && !self.flight.guidance.home_is_set()
+            && (item == 0 || item >= self.flight.mission.items.len())
+            && self.stations.grounds.iter().all(|ground| ground.streams.are_default())
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flight::mission::MissionItem;
-    use crate::flight::mission::StoredItem;
+    use crate::flight::mission::{MissionItem, StoredItem};
     use crate::input::{Input, LinkId};
     use haltere_core::frames::Vec3;
     use haltere_core::geo::{Geodetic, LocalOrigin};
@@ -90,9 +89,9 @@ mod tests {
         };
         for step in 0..=6000 {
             let at = HostTime::from_us(step * 10_000);
-            pilot.now = at;
-            pilot.estimator.imu(&sample(at));
-            pilot.last_imu = Some(at);
+            pilot.clock.now = at;
+            pilot.navigation.estimator.imu(&sample(at));
+            pilot.navigation.last_imu = Some(at);
         }
         pilot
     }
@@ -104,20 +103,22 @@ mod tests {
         assert!(standing().may_begin_anew());
         let link = LinkId::Ground(0);
         let changes: [(&str, Change); 9] = [
-            ("flies", |p| p.mode = Mode::Hold),
-            ("stood for 9 s", |p| p.mode_since = p.now.offset_us(-9_000_000)),
-            ("lifts off", |p| p.lift_off_asked = true),
-            ("ends", |p| p.handle(p.now, Input::EndAsked)),
-            ("does not know whether it rests", |p| p.last_imu = Some(p.now.offset_us(-1_000_000))),
+            ("flies", |p| p.flight.mode = Mode::Hold),
+            ("stood for 9 s", |p| p.flight.mode_since = p.clock.now.offset_us(-9_000_000)),
+            ("lifts off", |p| p.flight.lift_off_asked = true),
+            ("ends", |p| p.handle(p.clock.now, Input::EndAsked)),
+            ("does not know whether it rests", |p| {
+                p.navigation.last_imu = Some(p.clock.now.offset_us(-1_000_000))
+            }),
             ("keeps nothing", |p| p.config.store = false),
-            ("home by hand", |p| p.guidance.set_home(Vec3::zero())),
+            ("home by hand", |p| p.flight.guidance.set_home(Vec3::zero())),
             ("stream by hand", |p| {
-                p.grounds[0].streams.set_interval(32, 1e5, p.now);
+                p.stations.grounds[0].streams.set_interval(32, 1e5, p.clock.now);
             }),
             ("half of a mission", |p| {
                 let item = StoredItem { wire: Default::default(), item: MissionItem::Home };
-                p.mission.items = vec![item; 2];
-                p.guidance.current_item = 1;
+                p.flight.mission.items = vec![item; 2];
+                p.flight.guidance.current_item = 1;
             }),
         ];
         for (name, change) in changes {
@@ -127,16 +128,16 @@ mod tests {
         }
         // A station that goes takes its wishes along.
         let mut pilot = standing();
-        pilot.handle(pilot.now, Input::LinkUp { link });
-        pilot.grounds[0].streams.set_interval(32, 1e5, pilot.now);
-        pilot.handle(pilot.now, Input::LinkDown { link });
+        pilot.handle(pilot.clock.now, Input::LinkUp { link });
+        pilot.stations.grounds[0].streams.set_interval(32, 1e5, pilot.clock.now);
+        pilot.handle(pilot.clock.now, Input::LinkDown { link });
         assert!(pilot.may_begin_anew());
     }
 
     #[test]
     fn prop_what_stations_have_set_goes_on() {
         let mut pilot = standing();
-        assert_eq!(pilot.settings(), *pilot.services.settings());
+        assert_eq!(pilot.settings(), *pilot.stations.services.settings());
         let place = Geodetic::from_deg(48.1, 11.6, 520.0).unwrap();
         pilot.origin = LocalOrigin::new(place, 0.0).unwrap();
         let origin = pilot.settings().origin;

@@ -55,29 +55,33 @@ pub(crate) fn count_frame<T>(drops: &mut Drops, next: &Result<T, MavLoss>) {
 impl Pilot {
     pub(crate) fn ground_bytes(&mut self, at: HostTime, n: u8, bytes: &[u8]) {
         let index = usize::from(n);
-        let Some(ground) = self.grounds.get_mut(index) else { return };
+        let Some(ground) = self.stations.grounds.get_mut(index) else { return };
         if !ground.is_open {
             ground.open(at);
         }
         ground.heard_at = at;
         ground.counts.received_B = ground.counts.received_B.saturating_add(bytes.len() as u64);
         ground.splitter.push(bytes);
-        self.answering = true;
+        self.out.answering = true;
         self.ground_frames(at, index);
-        self.answering = false;
+        self.out.answering = false;
     }
 
     pub(crate) fn ground_frames(&mut self, at: HostTime, index: usize) {
-        let link = self.grounds[index].link;
+        let link = self.stations.grounds[index].link;
         // The splitter is taken out while its frames are handled by the rest of the core.
-        let mut splitter = std::mem::take(&mut self.grounds[index].splitter);
+        let mut splitter = std::mem::take(&mut self.stations.grounds[index].splitter);
         while let Some(next) = splitter.next() {
             count_frame(self.drops_of(link), &next);
             let Ok(frame) = next else { continue };
             let header = frame.header;
-            let heard_before = self.grounds[index].has_heard(header.system_id, header.component_id);
-            let missing =
-                self.grounds[index].missing(header.system_id, header.component_id, header.sequence);
+            let heard_before =
+                self.stations.grounds[index].has_heard(header.system_id, header.component_id);
+            let missing = self.stations.grounds[index].missing(
+                header.system_id,
+                header.component_id,
+                header.sequence,
+            );
             self.drops_of(link).add(DropReason::MavSequenceGap, missing);
             if !heard_before {
                 self.tell_lost(at, link);
@@ -100,12 +104,12 @@ impl Pilot {
             }
         }
         // A new link has a splitter of its own only if it was opened meanwhile, which frames cannot.
-        self.grounds[index].splitter = splitter;
+        self.stations.grounds[index].splitter = splitter;
     }
 
     fn is_for_us(&self, (system, component): (u8, u8)) -> bool {
-        (system == 0 || system == self.own.system_id)
-            && (component == 0 || component == self.own.component_id)
+        (system == 0 || system == self.out.own.system_id)
+            && (component == 0 || component == self.out.own.component_id)
     }
 
     /// One message that is for us or for everyone.
@@ -195,13 +199,13 @@ impl Pilot {
                 echo.tc1 = at.as_us().cast_signed().saturating_mul(1000);
                 echo.target_system = peer.0;
                 echo.target_component = peer.1;
-                self.out.message(link, self.own, &MavMessage::TIMESYNC(echo));
+                self.out.outbox.message(link, self.out.own, &MavMessage::TIMESYNC(echo));
             }
             MavMessage::PING(m) if m.target_system == 0 && m.target_component == 0 => {
                 let mut echo = m;
                 echo.target_system = peer.0;
                 echo.target_component = peer.1;
-                self.out.message(link, self.own, &MavMessage::PING(echo));
+                self.out.outbox.message(link, self.out.own, &MavMessage::PING(echo));
             }
             MavMessage::COMMAND_CANCEL(m) => self.cancel(at, link, peer, m.command),
             MavMessage::RADIO_STATUS(m) => {
@@ -214,12 +218,12 @@ impl Pilot {
                 self.say(at, Severity::Warning, text);
             }
             MavMessage::SERIAL_CONTROL(m) => self.refuse_shell(link, peer, &m),
-            MavMessage::HEARTBEAT(_) => self.supervisor.heard.station_at = Some(at),
+            MavMessage::HEARTBEAT(_) => self.flight.supervisor.heard.station_at = Some(at),
             other => match reference::from_message(&other) {
                 Some(Ok(pose)) => {
                     // A ground station's clock is not ours: true when it came.
                     let pose = pose.stamped(at, at);
-                    self.estimator.reference(&pose); // fuses only if it is configured to
+                    self.navigation.estimator.reference(&pose); // fuses only if it is configured to
                     self.record(|| haltere_core::topics::Topic::Reference(pose));
                 }
                 Some(Err(())) => self.drops_of(link).add(DropReason::BadValue, 1),
@@ -244,7 +248,7 @@ impl Pilot {
             target_component: peer.1,
             ..Default::default()
         });
-        self.out.message(link, self.own, &answer);
+        self.out.outbox.message(link, self.out.own, &answer);
     }
 
     /// A setpoint of an offboard client. While one flies, another is not listened to.
@@ -256,8 +260,8 @@ impl Pilot {
     ) {
         let limit_s = self.config.limits.offboard_loss_s;
         let is_fresh = |s: &Setpoint| at.seconds_since(s.received_at) < limit_s;
-        let flying = self.mode == Mode::Offboard;
-        let last = self.guidance.setpoint.as_ref().filter(|s| flying || is_fresh(s));
+        let flying = self.flight.mode == Mode::Offboard;
+        let last = self.flight.guidance.setpoint.as_ref().filter(|s| flying || is_fresh(s));
         let other = last.is_some_and(|s| flying && is_fresh(s) && s.owner != Some(from));
         let checked = match message {
             Ok(_) if other => Err("setpoint refused: another client flies".to_owned()),
@@ -265,15 +269,18 @@ impl Pilot {
             Ok(m) => Setpoint::from_wire(&m, &self.estimate, last.filter(|_| flying), at),
             Err(why) => Err(why),
         };
-        let volume = self.guidance.volume();
+        let volume = self.flight.guidance.volume();
         let checked = checked.and_then(|setpoint| setpoint.check(volume).map(|()| setpoint));
         match checked {
             Ok(mut setpoint) => {
                 setpoint.owner = Some(from);
-                let before =
-                    self.guidance.setpoint.filter(|s| is_fresh(s) && s.owner == setpoint.owner);
+                let before = self
+                    .flight
+                    .guidance
+                    .setpoint
+                    .filter(|s| is_fresh(s) && s.owner == setpoint.owner);
                 setpoint.since = before.map_or(at, |s| s.since);
-                self.guidance.setpoint = Some(setpoint);
+                self.flight.guidance.setpoint = Some(setpoint);
                 self.tell_unobeyed(at);
             }
             Err(why) => self.refuse_setpoint(at, from.0, why),
@@ -302,7 +309,7 @@ impl Pilot {
             }
         };
         let mission_type = MavMissionType::MAV_MISSION_TYPE_MISSION as u8;
-        self.out.message(link, self.own, &ack(peer, mission_type, result, 0));
+        self.out.outbox.message(link, self.out.own, &ack(peer, mission_type, result, 0));
     }
 }
 
@@ -377,7 +384,7 @@ mod tests {
         }
         let beat = HEARTBEAT_DATA { mavtype: 250, autopilot: 250, ..Default::default() };
         bench.says(&MavMessage::HEARTBEAT(beat));
-        assert_eq!(bench.pilot.supervisor.heard.station_at, Some(bench.now));
+        assert_eq!(bench.pilot.flight.supervisor.heard.station_at, Some(bench.now));
         let lost = &bench.pilot.drops()[usize::from(LinkId::Ground(0).number())];
         assert_eq!(lost.count(DropReason::MavUndecodable), 0);
     }

@@ -122,27 +122,27 @@ impl Pilot {
             target_system: peer.0,
             target_component: peer.1,
         });
-        self.out.message(link, self.own, &message);
+        self.out.outbox.message(link, self.out.own, &message);
     }
 
     /// A client waits for the board. Asked again it waits once.
     pub(crate) fn wait_for_board(&mut self, at: HostTime, request: &Request, awaits: Awaits) {
         let Request { link, peer, command, .. } = *request;
-        self.askers.retain(|a| (a.link, a.peer) != (link, peer) || a.awaits != awaits);
-        if self.askers.len() < MOST_ASKERS {
+        self.stations.askers.retain(|a| (a.link, a.peer) != (link, peer) || a.awaits != awaits);
+        if self.stations.askers.len() < MOST_ASKERS {
             let asker = Asker { link, peer, command, awaits, since: at, words: 0 };
-            self.askers.push(asker);
+            self.stations.askers.push(asker);
         }
     }
 
     /// The board has answered what clients wait for.
     pub(crate) fn answer_askers(&mut self, awaits: Awaits, result: MavResult) {
-        let askers = std::mem::take(&mut self.askers);
+        let askers = std::mem::take(&mut self.stations.askers);
         for asker in askers {
             if asker.awaits == awaits {
                 self.send_ack(asker.link, asker.peer, asker.command as u16, result);
             } else {
-                self.askers.push(asker);
+                self.stations.askers.push(asker);
             }
         }
     }
@@ -151,20 +151,20 @@ impl Pilot {
     /// ever flies it, is not broken through us: a simulator has an endpoint of its own for that.
     fn inject_failure(&mut self, at: HostTime, request: &Request) -> Answer {
         let rejected = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
-        if self.mode != Mode::Disarmed || self.board.is_armed() {
+        if self.flight.mode != Mode::Disarmed || self.board.link.is_armed() {
             let why = "failure injection refused: the board is armed; a simulator takes it at its own \
                        endpoint";
             return refuse(rejected, why);
         }
-        if self.board.system_id().is_none() {
+        if self.board.link.system_id().is_none() {
             return refuse(rejected, "failure injection refused: no board found on its link");
         }
-        if self.askers.iter().any(|asker| asker.awaits == Awaits::PassedOn) {
+        if self.stations.askers.iter().any(|asker| asker.awaits == Awaits::PassedOn) {
             return refuse(rejected, "failure injection refused: the last one is not answered yet");
         }
         let [unit, kind, instance, other] = request.params;
         let params = [unit, kind, instance, other, 0.0, 0.0, 0.0];
-        self.board.send_command(request.command, params, &mut self.out);
+        self.board.link.send_command(request.command, params, &mut self.out.outbox);
         let text = format!("failure passed on to the board: unit {unit} type {kind}");
         self.say(at, Severity::Warning, text);
         self.wait_for_board(at, request, Awaits::PassedOn);
@@ -175,7 +175,7 @@ impl Pilot {
     fn give_up_passed_on(&mut self, at: HostTime) {
         let late =
             |a: &Asker| a.awaits == Awaits::PassedOn && at.seconds_since(a.since) > PASSED_ON_FOR_S;
-        if self.askers.iter().any(late) {
+        if self.stations.askers.iter().any(late) {
             self.answer_askers(Awaits::PassedOn, MavResult::MAV_RESULT_FAILED);
             self.say(at, Severity::Warning, "board does not answer a command".to_owned());
         }
@@ -188,10 +188,10 @@ impl Pilot {
             return;
         }
         let is_theirs = |a: &Asker| (a.link, a.peer, a.command as u16) == (link, peer, command);
-        let Some(index) = self.askers.iter().position(is_theirs) else { return };
-        let asker = self.askers.remove(index);
+        let Some(index) = self.stations.askers.iter().position(is_theirs) else { return };
+        let asker = self.stations.askers.remove(index);
         // An order to stop the motors stands: nobody can want it half done.
-        if asker.awaits == Awaits::Arm && self.mode == Mode::Arming {
+        if asker.awaits == Awaits::Arm && self.flight.mode == Mode::Arming {
             self.fire(at, Event::DisarmAsked);
         }
         self.send_ack(link, peer, command, MavResult::MAV_RESULT_CANCELLED);
@@ -200,11 +200,11 @@ impl Pilot {
     /// Tells clients that wait that they have to.
     pub(crate) fn soothe_askers(&mut self, at: HostTime) {
         self.give_up_passed_on(at);
-        for i in 0..self.askers.len() {
-            let asker = self.askers[i];
+        for i in 0..self.stations.askers.len() {
+            let asker = self.stations.askers[i];
             let due_s = IN_PROGRESS_AFTER_S + IN_PROGRESS_AGAIN_S * f64::from(asker.words);
             if at.seconds_since(asker.since) > due_s {
-                self.askers[i].words += 1;
+                self.stations.askers[i].words += 1;
                 let result = MavResult::MAV_RESULT_IN_PROGRESS;
                 self.send_ack(asker.link, asker.peer, asker.command as u16, result);
             }
@@ -265,7 +265,7 @@ impl Pilot {
                 if p[0].is_finite() && p[0] > 0.0 {
                     self.set_current_item(p[0])?;
                 }
-                self.guidance.last_item = last_item;
+                self.flight.guidance.last_item = last_item;
                 self.ask_mission(at)
             }
             MavCmd::MAV_CMD_DO_PAUSE_CONTINUE => match p[0] {
@@ -321,7 +321,7 @@ impl Pilot {
             message_id: id as u16,
             interval_us,
         });
-        self.out.message(link, self.own, &message);
+        self.out.outbox.message(link, self.out.own, &message);
         Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
 
@@ -339,7 +339,7 @@ impl Pilot {
                 if let Some(message) = available_mode(index, identity)
                     && (all || p[1] == index as f64)
                 {
-                    self.out.message(link, self.own, &message);
+                    self.out.outbox.message(link, self.out.own, &message);
                     sent = true;
                 }
             }

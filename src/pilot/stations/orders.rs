@@ -42,13 +42,13 @@ impl Pilot {
             }
         };
         if arm {
-            if self.mode == Mode::Arming {
+            if self.flight.mode == Mode::Arming {
                 // Asked again before the board has answered.
                 self.wait_for_board(at, request, Awaits::Arm);
                 return Ok(R::MAV_RESULT_IN_PROGRESS);
             }
-            let ours = !matches!(self.mode, Mode::Disarmed | Mode::Disarming);
-            if self.board.is_armed() && ours {
+            let ours = !matches!(self.flight.mode, Mode::Disarmed | Mode::Disarming);
+            if self.board.link.is_armed() && ours {
                 return Ok(R::MAV_RESULT_ACCEPTED);
             }
             // Forced arming (2989, QGroundControl and MAVProxy) skips no check: nobody can see from
@@ -60,7 +60,7 @@ impl Pilot {
                 );
             }
             self.tell_at_rest(at);
-            self.board.command_arm(true, false, at);
+            self.board.link.command_arm(true, false, at);
             self.wait_for_board(at, request, Awaits::Arm);
             self.fire(at, Event::ArmAsked);
             return Ok(R::MAV_RESULT_IN_PROGRESS);
@@ -82,16 +82,16 @@ impl Pilot {
 
     fn disarm(&mut self, at: HostTime, request: &Request, forced: bool) -> Answer {
         use MavResult as R;
-        if self.mode == Mode::Disarmed && !self.board.is_armed() {
+        if self.flight.mode == Mode::Disarmed && !self.board.link.is_armed() {
             return Ok(R::MAV_RESULT_ACCEPTED);
         }
-        if self.mode == Mode::Disarming && !forced && self.board.is_commanding() {
+        if self.flight.mode == Mode::Disarming && !forced && self.board.link.is_commanding() {
             self.wait_for_board(at, request, Awaits::Disarm);
             return Ok(R::MAV_RESULT_IN_PROGRESS);
         }
         // In the spool-up the floor still carries the vehicle.
-        let flies = self.mode.has_thrust() && self.mode != Mode::Spool;
-        if (flies || self.mode == Mode::Yielded) && !forced {
+        let flies = self.flight.mode.has_thrust() && self.flight.mode != Mode::Spool;
+        if (flies || self.flight.mode == Mode::Yielded) && !forced {
             return refuse(
                 R::MAV_RESULT_DENIED,
                 "disarming in the air refused: land, or force it with 21196",
@@ -99,7 +99,7 @@ impl Pilot {
         }
         self.wait_for_board(at, request, Awaits::Disarm);
         if !self.fire(at, Event::DisarmAsked) || forced {
-            self.board.command_arm(false, forced, at);
+            self.board.link.command_arm(false, forced, at);
         }
         Ok(R::MAV_RESULT_IN_PROGRESS)
     }
@@ -140,28 +140,28 @@ impl Pilot {
 
     /// Asks for an event; modes in `already` count as granted.
     pub(crate) fn ask(&mut self, at: HostTime, event: Event, already: &[Mode]) -> Answer {
-        if let Some(why) = self.forbids(event).filter(|_| !already.contains(&self.mode)) {
+        if let Some(why) = self.forbids(event).filter(|_| !already.contains(&self.flight.mode)) {
             let what = wish(event);
             return refuse(
                 MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
                 format!("{what} refused: {why}"),
             );
         }
-        if already.contains(&self.mode) || self.fire(at, event) {
+        if already.contains(&self.flight.mode) || self.fire(at, event) {
             return Ok(MavResult::MAV_RESULT_ACCEPTED);
         }
         let takes_back = matches!(event, Event::HoldAsked | Event::LandAsked | Event::ReturnAsked);
-        if self.mode == Mode::Yielded && takes_back {
+        if self.flight.mode == Mode::Yielded && takes_back {
             return self.ask_control_back(at, event);
         }
-        if matches!(event, Event::HoldAsked | Event::LandAsked) && !self.mode.has_thrust() {
+        if matches!(event, Event::HoldAsked | Event::LandAsked) && !self.flight.mode.has_thrust() {
             // On the floor it is granted: nothing moves, and a waiting take-off is called off.
             self.call_off_lift_off();
             return Ok(MavResult::MAV_RESULT_ACCEPTED);
         }
         let what = wish(event);
-        let mode = self.mode.name();
-        let hint = if self.mode.has_thrust() { "" } else { ": take off first" };
+        let mode = self.flight.mode.name();
+        let hint = if self.flight.mode.has_thrust() { "" } else { ": take off first" };
         refuse(
             MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
             format!("{what} refused while {mode}{hint}"),
@@ -176,9 +176,9 @@ impl Pilot {
                 "taking control back refused: no usable estimate",
             );
         }
-        self.land_when_back = event == Event::LandAsked;
-        self.board.retake(at);
-        let text = format!("board is in {}, it is asked for control", self.board.mode_name());
+        self.flight.land_when_back = event == Event::LandAsked;
+        self.board.link.retake(at);
+        let text = format!("board is in {}, it is asked for control", self.board.link.mode_name());
         self.say(at, Severity::Info, text);
         Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
@@ -193,7 +193,7 @@ impl Pilot {
     }
 
     fn ask_takeoff(&mut self, at: HostTime, height_m: f64) -> Answer {
-        let top_m = self.guidance.volume().height_m;
+        let top_m = self.flight.guidance.volume().height_m;
         if !(0.3..=top_m).contains(&height_m) {
             return refuse(
                 MavResult::MAV_RESULT_DENIED,
@@ -201,55 +201,58 @@ impl Pilot {
             );
         }
         self.refuse_while_ending("take-off")?;
-        match self.mode {
+        match self.flight.mode {
             Mode::Disarmed | Mode::Arming | Mode::Idle => {
-                self.guidance.set_takeoff_height(height_m);
-                self.guidance.next = Next::Nothing;
-                self.lift_off_asked = true;
-                self.intended_mode = Mode::Takeoff.custom_mode();
-                if self.mode == Mode::Disarmed {
+                self.flight.guidance.set_takeoff_height(height_m);
+                self.flight.guidance.next = Next::Nothing;
+                self.flight.lift_off_asked = true;
+                self.stations.intended_mode = Mode::Takeoff.custom_mode();
+                if self.flight.mode == Mode::Disarmed {
                     self.say(at, Severity::Info, "takes off when armed".to_owned());
                 }
                 Ok(MavResult::MAV_RESULT_ACCEPTED)
             }
             // Sent again, because the answer was lost.
-            Mode::Spool | Mode::Takeoff if self.guidance.takeoff_height_m() == height_m => {
+            Mode::Spool | Mode::Takeoff if self.flight.guidance.takeoff_height_m() == height_m => {
                 Ok(MavResult::MAV_RESULT_ACCEPTED)
             }
             _ => refuse(
                 MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
-                format!("take-off refused while {}", self.mode.name()),
+                format!("take-off refused while {}", self.flight.mode.name()),
             ),
         }
     }
 
     pub(crate) fn ask_mission(&mut self, at: HostTime) -> Answer {
-        if self.mission.items.is_empty() {
+        if self.flight.mission.items.is_empty() {
             return refuse(MavResult::MAV_RESULT_DENIED, "no mission: upload one first");
         }
-        if let Some(why) = self.services.plans.mission_is_barred.clone() {
+        if let Some(why) = self.stations.services.plans.mission_is_barred.clone() {
             return refuse(MavResult::MAV_RESULT_DENIED, why);
         }
-        if usize::from(self.guidance.current_item) >= self.mission.items.len() {
-            self.guidance.set_current_item(0);
+        if usize::from(self.flight.guidance.current_item) >= self.flight.mission.items.len() {
+            self.flight.guidance.set_current_item(0);
         }
         self.refuse_while_ending("mission")?;
-        if self.mode != Mode::Mission
+        if self.flight.mode != Mode::Mission
             && let Some(why) = self.first_leg_is_barred()
         {
             return refuse(MavResult::MAV_RESULT_DENIED, why);
         }
-        match self.mode {
+        match self.flight.mode {
             Mode::Disarmed | Mode::Arming | Mode::Idle => {
-                let height_m =
-                    self.mission.takeoff_height_m().unwrap_or(self.config.flight.takeoff_height_m);
-                self.guidance.set_takeoff_height(height_m);
-                self.guidance.next = Next::Mission;
-                self.lift_off_asked = true;
+                let height_m = self
+                    .flight
+                    .mission
+                    .takeoff_height_m()
+                    .unwrap_or(self.config.flight.takeoff_height_m);
+                self.flight.guidance.set_takeoff_height(height_m);
+                self.flight.guidance.next = Next::Mission;
+                self.flight.lift_off_asked = true;
                 Ok(MavResult::MAV_RESULT_ACCEPTED)
             }
             Mode::Spool | Mode::Takeoff => {
-                self.guidance.next = Next::Mission;
+                self.flight.guidance.next = Next::Mission;
                 Ok(MavResult::MAV_RESULT_ACCEPTED)
             }
             _ => self.ask(at, Event::MissionAsked, &[Mode::Mission]),
@@ -257,20 +260,20 @@ impl Pilot {
     }
 
     pub(crate) fn set_current_item(&mut self, index: f64) -> Answer {
-        let count = self.mission.items.len();
+        let count = self.flight.mission.items.len();
         if !(index >= 0.0 && index < count as f64) {
             return refuse(
                 MavResult::MAV_RESULT_DENIED,
                 format!("mission item {index}: the mission has {count} items"),
             );
         }
-        self.guidance.set_current_item(index as u16);
+        self.flight.guidance.set_current_item(index as u16);
         Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
 
     /// The last item of MISSION_START, where it is not that of the mission: 0 names none, as most clients send it.
     pub(crate) fn last_item(&self, [first, last, ..]: [f64; 4]) -> Result<Option<u16>, Refusal> {
-        let count = self.mission.items.len();
+        let count = self.flight.mission.items.len();
         let first = if first.is_finite() { first.max(0.0) } else { 0.0 };
         if last.is_nan() || last == 0.0 || last == count as f64 - 1.0 {
             return Ok(None);
@@ -295,11 +298,11 @@ impl Pilot {
             Some(Mode::Return) => self.ask(at, Event::ReturnAsked, &[Mode::Return]),
             Some(Mode::Land) => self.ask(at, Event::LandAsked, &[Mode::Land, Mode::Descend]),
             Some(Mode::Offboard) => {
-                let setpoint = self.guidance.setpoint;
+                let setpoint = self.flight.guidance.setpoint;
                 self.ask_followed(at, setpoint, Event::OffboardAsked, Mode::Offboard, "setpoints")
             }
             Some(Mode::Manual) => {
-                let sticks = self.guidance.sticks;
+                let sticks = self.flight.guidance.sticks;
                 self.ask_followed(at, sticks, Event::ManualAsked, Mode::Manual, "MANUAL_CONTROL")
             }
             _ => refuse(
@@ -312,7 +315,7 @@ impl Pilot {
             ),
         };
         if answer.is_ok() {
-            self.intended_mode = custom_mode;
+            self.stations.intended_mode = custom_mode;
             // Within 1.3 s a heartbeat must show it, says one of them; here it is.
             self.tell_mode(at);
         }
@@ -335,9 +338,9 @@ impl Pilot {
                 format!("{} refused: send {what} first", mode.name()),
             );
         }
-        self.refused_setpoint_told = None;
+        self.out.told.refused_setpoint_at = None;
         let next = if mode == Mode::Offboard { Next::Offboard } else { Next::Manual };
-        let on_floor = matches!(self.mode, Mode::Disarmed | Mode::Arming | Mode::Idle);
+        let on_floor = matches!(self.flight.mode, Mode::Disarmed | Mode::Arming | Mode::Idle);
         if mode == Mode::Offboard && on_floor {
             return self.ask_offboard_on_floor(setpoint);
         }
@@ -354,16 +357,16 @@ impl Pilot {
         if let Some(why) = setpoint.and_then(|s| too_far(&s, self.estimate.pos_E_m)) {
             return refuse(R::MAV_RESULT_DENIED, why);
         }
-        self.lift_off_asked = false;
-        self.guidance.next = Next::Offboard;
+        self.flight.lift_off_asked = false;
+        self.flight.guidance.next = Next::Offboard;
         Ok(R::MAV_RESULT_ACCEPTED)
     }
 
     /// Asks for a mode. While the vehicle climbs off the floor it follows when that is done.
     fn ask_or_wait(&mut self, at: HostTime, event: Event, mode: Mode, next: Next) -> Answer {
-        let climbs = matches!(self.mode, Mode::Spool | Mode::Takeoff);
+        let climbs = matches!(self.flight.mode, Mode::Spool | Mode::Takeoff);
         if climbs && self.forbids(event).is_none() {
-            self.guidance.next = next;
+            self.flight.guidance.next = next;
             return Ok(MavResult::MAV_RESULT_ACCEPTED);
         }
         self.ask(at, event, &[mode])
@@ -372,9 +375,9 @@ impl Pilot {
     /// DO_CHANGE_SPEED.
     pub(crate) fn change_speed(&mut self, speed_mps: f64) -> Answer {
         if SPEED_MPS.contains(&speed_mps) {
-            self.guidance.set_leg_speed(Some(speed_mps));
+            self.flight.guidance.set_leg_speed(Some(speed_mps));
         } else if speed_mps == -2.0 {
-            self.guidance.set_leg_speed(None);
+            self.flight.guidance.set_leg_speed(None);
         } else if speed_mps != -1.0 {
             // -1 is "no change".
             return refuse(
@@ -398,14 +401,14 @@ impl Pilot {
                 format!("yaw = {angle_deg} deg, allowed -{MOST_TURN_DEG} to {MOST_TURN_DEG}"),
             );
         }
-        if !self.mode.is_flying() {
+        if !self.flight.mode.is_flying() {
             return refuse(
                 MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
-                format!("turning refused while {}: take off first", self.mode.name()),
+                format!("turning refused while {}: take off first", self.flight.mode.name()),
             );
         }
         let angle_rad = angle_deg.to_radians();
-        self.guidance.set_yaw(if relative == 1.0 {
+        self.flight.guidance.set_yaw(if relative == 1.0 {
             let sign = if direction < 0.0 { -1.0 } else { 1.0 };
             self.estimate.R_EB.yaw_rad() + sign * angle_rad
         } else {
@@ -445,14 +448,14 @@ impl Pilot {
             return refuse(R::MAV_RESULT_TEMPORARILY_REJECTED, "estimator not aligned");
         }
         // On a leg, what is kept is where the leg ends.
-        let now = match self.mode {
-            Mode::Goto | Mode::Hold | Mode::Takeoff => self.guidance.goal_E_m(),
+        let now = match self.flight.mode {
+            Mode::Goto | Mode::Hold | Mode::Takeoff => self.flight.guidance.goal_E_m(),
             _ => self.estimate.pos_E_m,
         };
         let [north_m, east_m] = horizontal_m.unwrap_or([now.x(), now.y()]);
         let height_m = height_m.unwrap_or(-now.z());
         let point = Vec3::new(north_m, east_m, -height_m);
-        let volume = *self.guidance.volume();
+        let volume = *self.flight.guidance.volume();
         if !point.is_finite() || !volume.contains(point) {
             return refuse(
                 R::MAV_RESULT_DENIED,
@@ -474,15 +477,15 @@ impl Pilot {
         }
         let next = Next::Point { pos_E_m: point, yaw_rad };
         let answer = self.ask_or_wait(at, Event::GotoAsked, Mode::Goto, next)?;
-        if self.mode == Mode::Goto {
-            self.guidance.fly_to(point, yaw_rad);
+        if self.flight.mode == Mode::Goto {
+            self.flight.guidance.fly_to(point, yaw_rad);
         }
         Ok(answer)
     }
 
     /// Why the vehicle may not fly straight to a point.
     fn fence_bars(&self, point: [f64; 2]) -> Option<String> {
-        let fence = &self.services.plans.fence;
+        let fence = &self.stations.services.plans.fence;
         let here = self.estimate.pos_E_m;
         let [north_m, east_m] = point;
         if !fence.allows(point) {

@@ -245,10 +245,10 @@ impl Pilot {
         self.drops_of(link).add(DropReason::NotPermitted, 1);
         self.answer_refusal(at, link, peer, message);
         // What is for everyone may be chatter of other vehicles.
-        let meant = mav_stream::target(message).0 == self.own.system_id;
-        let told = self.refused_told_at.is_some_and(|t| at.seconds_since(t) < TELL_AGAIN_S);
+        let meant = mav_stream::target(message).0 == self.out.own.system_id;
+        let told = self.out.told.refused_at.is_some_and(|t| at.seconds_since(t) < TELL_AGAIN_S);
         if meant && !told {
-            self.refused_told_at = Some(at);
+            self.out.told.refused_at = Some(at);
             let commanders = self.endpoint_on(link).commanders;
             let text = format!(
                 "system {} on link {} may look, not command: ground.commanders = {commanders}",
@@ -284,8 +284,8 @@ impl Pilot {
                 // Clients that do not know PARAM_ERROR read the refusal from the old value.
                 let read = MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
                     param_index: -1,
-                    target_system: self.own.system_id,
-                    target_component: self.own.component_id,
+                    target_system: self.out.own.system_id,
+                    target_component: self.out.own.component_id,
                     param_id: m.param_id,
                 });
                 self.service_message(at, link, peer, &read);
@@ -310,7 +310,7 @@ impl Pilot {
             // No word of refusal in these; the heartbeat shows that nothing has changed.
             _ => return,
         };
-        self.out.message(link, self.own, &answer);
+        self.out.outbox.message(link, self.out.own, &answer);
     }
 }
 

@@ -49,13 +49,13 @@ fn command_of(frame: &MavFrame<'_>, message: Option<&MavMessage>) -> Option<Opti
 impl Pilot {
     /// Number of the board's system, where it may be reached from the ground.
     fn routed_board(&self) -> Option<u8> {
-        let board = self.board.system_id()?;
-        (self.config.routing == Routing::Board && board != self.own.system_id).then_some(board)
+        let board = self.board.link.system_id()?;
+        (self.config.routing == Routing::Board && board != self.out.own.system_id).then_some(board)
     }
 
     /// Said once when a board is found that cannot be told from us.
     pub(crate) fn check_board_id(&mut self, at: HostTime, system_id: u8) {
-        if self.config.routing == Routing::Board && system_id == self.own.system_id {
+        if self.config.routing == Routing::Board && system_id == self.out.own.system_id {
             let text = format!(
                 "routing to the board refused: its system id is {system_id}, ours too; give it \
                  another (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV), or set ground.routing = \
@@ -76,16 +76,16 @@ impl Pilot {
         target: (u8, u8),
     ) -> bool {
         let sender = (frame.header.system_id, frame.header.component_id);
-        let ours = (self.own.system_id, self.own.component_id);
+        let ours = (self.out.own.system_id, self.out.own.component_id);
         // How full the radio of one line is says nothing about others.
         let of_line = matches!(message, Some(MavMessage::RADIO_STATUS(_)));
         if self.config.routing == Routing::Off || of_line || sender == ours || target == ours {
             return false;
         }
-        let again = self.passed_on.is_again(at, frame.raw);
+        let again = self.out.passed_on.is_again(at, frame.raw);
         let mut passed = self.route_to_stations(Some(index), frame, target, again);
         passed |= !again && self.route_to_board(at, index, frame, message, target);
-        self.note_passed(at, self.grounds[index].link, frame, again, passed);
+        self.note_passed(at, self.stations.grounds[index].link, frame, again, passed);
         again || passed
     }
 
@@ -104,8 +104,8 @@ impl Pilot {
             return false;
         }
         // Nobody speaks to the board in our name, nor for whom we would not listen to ourselves.
-        let link = self.grounds[index].link;
-        let claims_us = self.board.is_own_address(sender);
+        let link = self.stations.grounds[index].link;
+        let claims_us = self.board.link.is_own_address(sender);
         if claims_us || !self.may_say(link, sender.0, message) {
             self.drops_of(link).add(DropReason::NotPermitted, 1);
             return false;
@@ -117,11 +117,11 @@ impl Pilot {
                 self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, 1);
                 let why = if shadow { SHADOW_WORDS } else { "the companion is in control" };
                 let text = format!("a frame for the board was not passed on: {why}");
-                self.refuse_setpoint(at, self.grounds[index].link, text);
+                self.refuse_setpoint(at, self.stations.grounds[index].link, text);
             }
             return false;
         }
-        self.out.raw(LinkId::Board, frame.raw);
+        self.out.outbox.raw(LinkId::Board, frame.raw);
         true
     }
 
@@ -136,7 +136,7 @@ impl Pilot {
     ) {
         match (again, passed) {
             (true, _) => self.drops_of(from).add(DropReason::MavAgain, 1),
-            (false, true) => self.passed_on.note(at, frame.raw),
+            (false, true) => self.out.passed_on.note(at, frame.raw),
             (false, false) => {}
         }
     }
@@ -146,11 +146,11 @@ impl Pilot {
     fn is_kept_from_board(&self, frame: &MavFrame<'_>, message: Option<&MavMessage>) -> bool {
         let command = command_of(frame, message);
         if let Some(Some((MavCmd::MAV_CMD_INJECT_FAILURE, _))) = command
-            && self.board.is_armed()
+            && self.board.link.is_armed()
         {
             return true;
         }
-        if self.mode == Mode::Disarmed {
+        if self.flight.mode == Mode::Disarmed {
             return false;
         }
         match command {
@@ -169,7 +169,7 @@ impl Pilot {
             | MavCmd::MAV_CMD_GET_HOME_POSITION => true,
             // The cast saturates; NaN is 0, the heartbeat, which nobody may slow either.
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
-                param1 > 0.0 && !self.board.is_own_stream(param1 as u32)
+                param1 > 0.0 && !self.board.link.is_own_stream(param1 as u32)
             }
             _ => false,
         }
@@ -178,14 +178,14 @@ impl Pilot {
     /// Passes on a frame from the board's line, unless it is one of those we asked for.
     pub(crate) fn route_from_board(&mut self, at: HostTime, frame: &MavFrame<'_>) {
         let Some(board) = self.routed_board() else { return };
-        if self.board.is_own_stream(frame.header.msg_id) {
+        if self.board.link.is_own_stream(frame.header.msg_id) {
             return;
         }
         let target = frame.decode().map_or((0, 0), |m| haltere_dialect::mav_stream::target(&m));
         if target.0 == board {
             return;
         }
-        let again = self.passed_on.is_again(at, frame.raw);
+        let again = self.out.passed_on.is_again(at, frame.raw);
         let passed = self.route_to_stations(None, frame, target, again);
         self.note_passed(at, LinkId::Board, frame, again, passed);
     }
@@ -200,8 +200,8 @@ impl Pilot {
     ) -> bool {
         let header = frame.header;
         let mut passed = false;
-        for n in 0..self.grounds.len() {
-            let ground = &self.grounds[n];
+        for n in 0..self.stations.grounds.len() {
+            let ground = &self.stations.grounds[n];
             let wanted = ground.is_open
                 && Some(n) != from
                 && !ground.has_heard(header.system_id, header.component_id)
@@ -219,8 +219,8 @@ impl Pilot {
                 self.drops_of(link).add(DropReason::OutputQueueFull, 1);
                 continue;
             }
-            self.out.raw(link, frame.raw);
-            self.grounds[n].counts.routed += 1;
+            self.out.outbox.raw(link, frame.raw);
+            self.stations.grounds[n].counts.routed += 1;
             self.settle(n);
         }
         passed
@@ -228,11 +228,11 @@ impl Pilot {
 
     /// Books what was queued for a link.
     pub(crate) fn settle(&mut self, n: usize) {
-        let Some(ground) = self.grounds.get_mut(n) else { return };
-        let sent = self.out.take_sent(ground.link);
+        let Some(ground) = self.stations.grounds.get_mut(n) else { return };
+        let sent = self.out.outbox.take_sent(ground.link);
         let slot = usize::from(ground.link.number());
-        if let Some(drops) = self.drops.get_mut(slot) {
-            drops.add(DropReason::OutputQueueFull, self.out.take_refused(ground.link));
+        if let Some(drops) = self.out.drops.get_mut(slot) {
+            drops.add(DropReason::OutputQueueFull, self.out.outbox.take_refused(ground.link));
         }
         let signatures =
             if ground.endpoint.signs { SIGNATURE_BYTES as u64 * sent.frames } else { 0 };
@@ -416,7 +416,7 @@ mod tests {
         assert!(to_board(&mut pilot, &unknown(255, 190)));
         // On the floor the board is anybody's.
         assert!(to_board(&mut pilot, &arm(2)));
-        pilot.mode = Mode::Hold;
+        pilot.flight.mode = Mode::Hold;
         assert!(!to_board(&mut pilot, &arm(2)));
         assert!(to_board(&mut pilot, &unknown(255, 190)));
         // What is for us stays with us.
@@ -428,7 +428,7 @@ mod tests {
         use MavCmd as C;
         let mut pilot = pilot(Routing::Board);
         pass(&mut pilot, LinkId::Board, &beat(2));
-        pilot.mode = Mode::Hold;
+        pilot.flight.mode = Mode::Hold;
         let to_board = |pilot: &mut Pilot, bytes: &[u8]| {
             let went = pass(pilot, LinkId::Ground(0), bytes);
             went.contains(&(LinkId::Board, bytes.to_vec()))
@@ -463,7 +463,7 @@ mod tests {
         let fast = MavMessage::RC_CHANNELS_OVERRIDE(Default::default());
         assert!(!to_board(&mut pilot, &frame(255, 190, &fast)));
         // On the floor it is anybody's again.
-        pilot.mode = Mode::Disarmed;
+        pilot.flight.mode = Mode::Disarmed;
         assert!(to_board(&mut pilot, &command(C::MAV_CMD_PREFLIGHT_CALIBRATION, 1.0, 2)));
         assert!(to_board(&mut pilot, &command(C::MAV_CMD_INJECT_FAILURE, 1.0, 2)));
     }

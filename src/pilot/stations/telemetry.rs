@@ -67,7 +67,7 @@ impl Pilot {
     pub(crate) fn send_telemetry(&mut self, at: HostTime, link: LinkId, msg_id: u32) -> bool {
         match self.telemetry(at, link, msg_id) {
             Some(message) => {
-                self.out.message(link, self.own, &message);
+                self.out.outbox.message(link, self.out.own, &message);
                 true
             }
             None => false,
@@ -76,8 +76,8 @@ impl Pilot {
 
     /// The same to every station.
     pub(crate) fn tell_all(&mut self, message: &MavMessage) {
-        for ground in self.grounds.iter().filter(|g| g.is_open) {
-            self.out.message(ground.link, self.own, message);
+        for ground in self.stations.grounds.iter().filter(|g| g.is_open) {
+            self.out.outbox.message(ground.link, self.out.own, message);
         }
     }
 
@@ -89,14 +89,14 @@ impl Pilot {
     /// HEARTBEAT and CURRENT_MODE at once where the mode shown or the arming has changed: clients that
     /// asked for it give up soon (GROUND.md).
     pub(crate) fn tell_mode(&mut self, at: HostTime) {
-        let shown = (self.shown_mode().custom_mode(), self.board.is_armed());
-        if self.mode_told == Some(shown) {
+        let shown = (self.shown_mode().custom_mode(), self.board.link.is_armed());
+        if self.out.told.mode == Some(shown) {
             return;
         }
-        self.mode_told = Some(shown);
-        for n in 0..self.grounds.len() {
-            if self.grounds[n].is_open {
-                let link = self.grounds[n].link;
+        self.out.told.mode = Some(shown);
+        for n in 0..self.stations.grounds.len() {
+            if self.stations.grounds[n].is_open {
+                let link = self.stations.grounds[n].link;
                 self.send_telemetry(at, link, 0);
                 self.send_telemetry(at, link, 436);
             }
@@ -118,11 +118,11 @@ impl Pilot {
             EVENT_SEQUENCE_ID => self.event_sequence(link),
             2 => MavMessage::SYSTEM_TIME(SYSTEM_TIME_DATA {
                 // 0: nobody has told the core what the calendar says.
-                time_unix_usec: self.calendar.map_or(0, |c| c.unix_us(at)),
+                time_unix_usec: self.clock.calendar.map_or(0, |c| c.unix_us(at)),
                 time_boot_ms,
             }),
             24 if gps => self.gps_raw(at, aligned),
-            251 if self.control.thrust_base_frac > 0.0 => {
+            251 if self.flight.control.thrust_base_frac > 0.0 => {
                 MavMessage::NAMED_VALUE_FLOAT(NAMED_VALUE_FLOAT_DATA {
                     time_boot_ms,
                     value: self.hover_thrust_frac() as f32,
@@ -175,7 +175,7 @@ impl Pilot {
             49 if endpoint.gps != GpsClaim::None => self.origin_message(),
             64 if aligned => self.position_covariance(at),
             74 if aligned => self.vfr_hud(),
-            85 if self.mode.is_flying() => self.position_target(at),
+            85 if self.flight.mode.is_flying() => self.position_target(at),
             141 if aligned => self.altitude(at),
             147 => self.battery_status()?,
             26 => self.scaled_imu(time_boot_ms)?,
@@ -192,7 +192,9 @@ impl Pilot {
                 landed_state: self.landed_state() as u8,
             }),
             331 if aligned => self.odometry(at),
-            436 => identity::current_mode(self.shown_mode().custom_mode(), self.intended_mode),
+            436 => {
+                identity::current_mode(self.shown_mode().custom_mode(), self.stations.intended_mode)
+            }
             437 => MavMessage::AVAILABLE_MODES_MONITOR(AVAILABLE_MODES_MONITOR_DATA { seq: 0 }),
             54101 if aligned => MavMessage::HALTERE_ESTIMATE(HALTERE_ESTIMATE_DATA {
                 time_usec: at.as_us(),
@@ -203,10 +205,13 @@ impl Pilot {
                 velocity_std: f32s(estimate.std_vel_B_mps.to_array()),
                 attitude_std: f32s(estimate.std_att_B_rad.to_array()),
                 uwb_noise_factor: estimate.uwb_noise_factor as f32,
-                uwb_age: self.last_fused.map_or(f32::NAN, |t| at.seconds_since(t) as f32),
+                uwb_age: self
+                    .navigation
+                    .last_fused
+                    .map_or(f32::NAN, |t| at.seconds_since(t) as f32),
                 health: estimate.health as u8,
             }),
-            54102 if self.mode.has_thrust() => self.control_message(),
+            54102 if self.flight.mode.has_thrust() => self.control_message(),
             54103 => self.next_pair(at, link)?,
             54104 => self.next_drop(at, link)?,
             54105 => self.next_link(at, link)?,
@@ -219,17 +224,17 @@ impl Pilot {
             | MavModeFlag::MAV_MODE_FLAG_STABILIZE_ENABLED
             | MavModeFlag::MAV_MODE_FLAG_GUIDED_ENABLED
             | MavModeFlag::MAV_MODE_FLAG_AUTO_ENABLED;
-        if self.mode == Mode::Manual {
+        if self.flight.mode == Mode::Manual {
             base_mode |= MavModeFlag::MAV_MODE_FLAG_MANUAL_INPUT_ENABLED;
         }
-        if self.board.is_armed() {
+        if self.board.link.is_armed() {
             base_mode |= MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
         }
-        let system_status = match (self.mode, self.estimate.health) {
+        let system_status = match (self.flight.mode, self.estimate.health) {
             (Mode::Descend, _) => MavState::MAV_STATE_EMERGENCY,
             (_, Health::Lost) => MavState::MAV_STATE_CRITICAL,
             (_, Health::NotAligned) => MavState::MAV_STATE_BOOT,
-            (mode, _) if mode.has_thrust() || self.shadow.is_airborne() => {
+            (mode, _) if mode.has_thrust() || self.flight.shadow.is_airborne() => {
                 MavState::MAV_STATE_ACTIVE
             }
             _ => MavState::MAV_STATE_STANDBY,
@@ -255,7 +260,7 @@ impl Pilot {
             | S::MAV_SYS_STATUS_GEOFENCE
             | S::MAV_SYS_STATUS_AHRS
             | S::MAV_SYS_STATUS_PREARM_CHECK;
-        has.set(S::MAV_SYS_STATUS_LOGGING, self.recording.state != Recording::Off);
+        has.set(S::MAV_SYS_STATUS_LOGGING, self.out.recording.state != Recording::Off);
         has.set(S::MAV_SYS_STATUS_SENSOR_GPS, endpoint.gps == GpsClaim::OriginGps);
         let mut health = S::empty();
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
@@ -266,16 +271,19 @@ impl Pilot {
         );
         health.set(S::MAV_SYS_STATUS_SENSOR_GPS, usable && endpoint.gps == GpsClaim::OriginGps);
         health.set(S::MAV_SYS_STATUS_GEOFENCE, self.breach().is_none());
-        let imu_fresh = self.last_imu.is_some_and(|t| self.now.seconds_since(t) < 0.2);
+        let imu_fresh =
+            self.navigation.last_imu.is_some_and(|t| self.clock.now.seconds_since(t) < 0.2);
         health.set(S::MAV_SYS_STATUS_SENSOR_3D_GYRO | S::MAV_SYS_STATUS_SENSOR_3D_ACCEL, imu_fresh);
-        let uwb_fresh = self.last_fused.is_some_and(|t| self.now.seconds_since(t) < 0.5);
+        let uwb_fresh =
+            self.navigation.last_fused.is_some_and(|t| self.clock.now.seconds_since(t) < 0.5);
         health.set(S::MAV_SYS_STATUS_SENSOR_VISION_POSITION, uwb_fresh);
-        let charged = self.battery.is_some_and(|b| b.supply_v >= self.config.limits.battery_low_v);
+        let charged =
+            self.board.battery.is_some_and(|b| b.supply_v >= self.config.limits.battery_low_v);
         health.set(S::MAV_SYS_STATUS_SENSOR_BATTERY, charged);
         health.set(S::MAV_SYS_STATUS_AHRS, self.estimate.health == Health::Good);
-        health.set(S::MAV_SYS_STATUS_LOGGING, self.recording.state == Recording::Runs);
-        health.remove(self.supervisor.unhealthy);
-        let ready = self.mode != Mode::Disarmed || self.may_arm(self.now).is_ok();
+        health.set(S::MAV_SYS_STATUS_LOGGING, self.out.recording.state == Recording::Runs);
+        health.remove(self.flight.supervisor.unhealthy);
+        let ready = self.flight.mode != Mode::Disarmed || self.may_arm(self.clock.now).is_ok();
         health.set(S::MAV_SYS_STATUS_PREARM_CHECK, ready);
         MavMessage::SYS_STATUS(SYS_STATUS_DATA {
             onboard_control_sensors_present: has,
@@ -283,9 +291,11 @@ impl Pilot {
             onboard_control_sensors_health: health,
             load: 0,
             voltage_battery: self
+                .board
                 .battery
                 .map_or(u16::MAX, |b| (b.supply_v * 1e3).clamp(0.0, 65534.0) as u16),
             current_battery: self
+                .board
                 .battery
                 .and_then(|b| b.current_a)
                 .map_or(-1, |a| (a * 100.0).clamp(0.0, 32767.0) as i16),
@@ -303,11 +313,11 @@ impl Pilot {
     }
 
     fn remaining_percent(&self) -> i8 {
-        self.battery.and_then(|b| b.remaining_frac).map_or(-1, |f| (f * 100.0).round() as i8)
+        self.board.battery.and_then(|b| b.remaining_frac).map_or(-1, |f| (f * 100.0).round() as i8)
     }
 
     fn battery_status(&self) -> Option<MavMessage> {
-        let battery = self.battery?;
+        let battery = self.board.battery?;
         let mut voltages = [u16::MAX; 10];
         let charge_state = if battery.supply_v < self.config.limits.battery_critical_v {
             MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_CRITICAL
@@ -340,7 +350,7 @@ impl Pilot {
 
     /// What the board told motors and servos, where it is a pulse width.
     fn servo_output(&self) -> Option<MavMessage> {
-        let servos = self.servos?;
+        let servos = self.board.servos?;
         // The casts saturate; NaN, an output that is not in use, is 0 as it should be.
         let told = |n: usize| servos.outputs().get(n).map_or(0, |value| *value as u16);
         Some(MavMessage::SERVO_OUTPUT_RAW(SERVO_OUTPUT_RAW_DATA {
@@ -366,8 +376,10 @@ impl Pilot {
     }
 
     fn landed_state(&self) -> MavLandedState {
-        match self.mode {
-            Mode::Disarmed if self.shadow.is_airborne() => MavLandedState::MAV_LANDED_STATE_IN_AIR,
+        match self.flight.mode {
+            Mode::Disarmed if self.flight.shadow.is_airborne() => {
+                MavLandedState::MAV_LANDED_STATE_IN_AIR
+            }
             Mode::Disarmed | Mode::Arming | Mode::Idle | Mode::Disarming => {
                 MavLandedState::MAV_LANDED_STATE_ON_GROUND
             }
@@ -378,10 +390,10 @@ impl Pilot {
     }
 
     fn mission_current(&self) -> MavMessage {
-        let total = self.mission.items.len() as u16;
-        let seq = self.guidance.current_item;
+        let total = self.flight.mission.items.len() as u16;
+        let seq = self.flight.guidance.current_item;
         // Its landing is a part of it.
-        let flies = self.flies_mission() || self.guidance.landing;
+        let flies = self.flies_mission() || self.flight.guidance.landing;
         let mission_state = if total == 0 {
             MissionState::MISSION_STATE_NO_MISSION
         } else if seq >= total {
@@ -393,21 +405,21 @@ impl Pilot {
         } else {
             MissionState::MISSION_STATE_PAUSED
         };
-        let (fence_id, rally_points_id) = self.services.plans.ids();
+        let (fence_id, rally_points_id) = self.stations.services.plans.ids();
         MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA {
             seq: seq.min(total.saturating_sub(1)),
             // The protocol writes "no mission" as the largest number.
             total: if total == 0 { u16::MAX } else { total },
             mission_state,
             mission_mode: if flies { 1 } else { 2 },
-            mission_id: self.mission.id,
+            mission_id: self.flight.mission.id,
             fence_id,
             rally_points_id,
         })
     }
 
     fn control_message(&self) -> MavMessage {
-        let c = &self.control;
+        let c = &self.flight.control;
         MavMessage::HALTERE_CONTROL(HALTERE_CONTROL_DATA {
             time_usec: c.at.as_us(),
             position_setpoint: c.pos_setpoint_E_m.map(|p| p.map_or(f32::NAN, |p| p as f32)),

@@ -65,13 +65,13 @@ pub(crate) fn note_pair(pairs: &mut Vec<PairStats>, record: &UwbRecord) {
 impl Pilot {
     /// Pairs take turns: one message each.
     pub(crate) fn next_pair(&mut self, at: HostTime, link: LinkId) -> Option<MavMessage> {
-        if self.pairs.is_empty() {
+        if self.navigation.pairs.is_empty() {
             return None;
         }
         let LinkId::Ground(n) = link else { return None };
-        let cursor = &mut self.grounds.get_mut(usize::from(n))?.pair_cursor;
-        *cursor = (*cursor + 1) % self.pairs.len();
-        let pair = self.pairs.get(*cursor)?;
+        let cursor = &mut self.stations.grounds.get_mut(usize::from(n))?.pair_cursor;
+        *cursor = (*cursor + 1) % self.navigation.pairs.len();
+        let pair = self.navigation.pairs.get(*cursor)?;
         Some(MavMessage::HALTERE_PAIR(HALTERE_PAIR_DATA {
             time_usec: at.as_us(),
             innovation: pair.innovation_m as f32,
@@ -86,16 +86,16 @@ impl Pilot {
     /// Counted reasons take turns: one message each.
     pub(crate) fn next_drop(&mut self, at: HostTime, link: LinkId) -> Option<MavMessage> {
         let LinkId::Ground(n) = link else { return None };
-        let mut cursor = self.grounds.get(usize::from(n))?.drop_cursor;
-        let core = self.drops.len() - 1;
+        let mut cursor = self.stations.grounds.get(usize::from(n))?.drop_cursor;
+        let core = self.out.drops.len() - 1;
         let reasons = DropReason::ALL.len();
-        for _ in 0..self.drops.len() * reasons {
-            cursor = (cursor + 1) % (self.drops.len() * reasons);
+        for _ in 0..self.out.drops.len() * reasons {
+            cursor = (cursor + 1) % (self.out.drops.len() * reasons);
             let (link, reason) = (cursor / reasons, cursor % reasons);
             let reason = DropReason::ALL[reason];
             let count = self.lost(link, reason);
             if count > 0 {
-                self.grounds[usize::from(n)].drop_cursor = cursor;
+                self.stations.grounds[usize::from(n)].drop_cursor = cursor;
                 return Some(MavMessage::HALTERE_DROPS(HALTERE_DROPS_DATA {
                     time_usec: at.as_us(),
                     count: u32::try_from(count).unwrap_or(u32::MAX),
@@ -110,11 +110,11 @@ impl Pilot {
     /// Links with a station take turns: one message each.
     pub(crate) fn next_link(&mut self, at: HostTime, link: LinkId) -> Option<MavMessage> {
         let LinkId::Ground(own) = link else { return None };
-        let mut cursor = self.grounds.get(usize::from(own))?.link_cursor;
-        let total = self.grounds.len();
+        let mut cursor = self.stations.grounds.get(usize::from(own))?.link_cursor;
+        let total = self.stations.grounds.len();
         for _ in 0..total {
             cursor = (cursor + 1) % total;
-            let ground = self.grounds.get(cursor)?;
+            let ground = self.stations.grounds.get(cursor)?;
             if ground.is_open {
                 let wire = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
                 let counts = ground.counts;
@@ -131,7 +131,7 @@ impl Pilot {
                     endpoint: ground.endpoint_number,
                     own: u8::from(ground.link == link),
                 });
-                self.grounds.get_mut(usize::from(own))?.link_cursor = cursor;
+                self.stations.grounds.get_mut(usize::from(own))?.link_cursor = cursor;
                 return Some(message);
             }
         }

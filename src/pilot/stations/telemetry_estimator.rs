@@ -128,7 +128,7 @@ impl Pilot {
 
     /// Largest test ratio among the pairs' newest measurements: what one test ratio can say of TDOA.
     fn worst_test_ratio(&self) -> f32 {
-        self.pairs.iter().map(|pair| pair.test_ratio()).fold(0.0, f64::max) as f32
+        self.navigation.pairs.iter().map(|pair| pair.test_ratio()).fold(0.0, f64::max) as f32
     }
 
     /// ESTIMATOR_STATUS.
@@ -165,7 +165,7 @@ impl Pilot {
     /// POSITION_TARGET_LOCAL_NED: what the position loop is asked for now.
     pub(crate) fn position_target(&self, at: HostTime) -> MavMessage {
         use PositionTargetTypemask as M;
-        let control = &self.control;
+        let control = &self.flight.control;
         let position = control.pos_setpoint_E_m;
         let mut type_mask = M::POSITION_TARGET_TYPEMASK_AX_IGNORE
             | M::POSITION_TARGET_TYPEMASK_AY_IGNORE

@@ -76,7 +76,7 @@ impl Pilot {
                 GpsFixType::GPS_FIX_TYPE_NO_FIX
             },
             // What is in view are anchors.
-            satellites_visible: self.uwb.anchors_heard().count().min(254) as u8,
+            satellites_visible: self.navigation.uwb.anchors_heard().count().min(254) as u8,
             alt_ellipsoid: 0,
             h_acc: accuracy_mm(horizontal_m),
             v_acc: accuracy_mm(std.z()),
@@ -95,7 +95,8 @@ impl Pilot {
         let estimate = &self.estimate;
         let vel = estimate.vel_E_mps();
         let heading_rad = self.origin.true_yaw_rad(estimate.R_EB.yaw_rad());
-        let throttle = if self.mode.has_thrust() { self.control.thrust_frac } else { 0.0 };
+        let throttle =
+            if self.flight.mode.has_thrust() { self.flight.control.thrust_frac } else { 0.0 };
         MavMessage::VFR_HUD(VFR_HUD_DATA {
             // The air of a room is at rest.
             airspeed: vel.norm() as f32,

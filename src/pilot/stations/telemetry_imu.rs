@@ -12,7 +12,7 @@ const STANDARD_G_MPS2: f64 = 9.806_65;
 impl Pilot {
     /// HIGHRES_IMU. `None`: no sample has come yet.
     pub(crate) fn highres_imu(&self) -> Option<MavMessage> {
-        let sample = self.imu?;
+        let sample = self.navigation.imu?;
         let [xacc, yacc, zacc] = sample.acc_B_mps2.to_array().map(|c| c as f32);
         let [xgyro, ygyro, zgyro] = sample.rate_B_radps.to_array().map(|c| c as f32);
         Some(MavMessage::HIGHRES_IMU(HIGHRES_IMU_DATA {
@@ -35,7 +35,7 @@ impl Pilot {
 
     /// SCALED_IMU: in thousandths of gravity and of radians a second.
     pub(crate) fn scaled_imu(&self, time_boot_ms: u32) -> Option<MavMessage> {
-        let sample = self.imu?;
+        let sample = self.navigation.imu?;
         // The casts saturate.
         let [xacc, yacc, zacc] =
             sample.acc_B_mps2.to_array().map(|c| (1e3 * c / STANDARD_G_MPS2).round() as i16);

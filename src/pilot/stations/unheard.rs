@@ -36,17 +36,18 @@ pub(crate) struct Addressees {
     other: Option<(HostTime, (u8, u8))>,
 }
 
-/// What was told: link and reason, each once.
-pub(crate) type Told = Vec<(LinkId, DropReason)>;
-
 impl Pilot {
     /// Something of a link was thrown away.
     pub(crate) fn tell_unheard(&mut self, at: HostTime, link: LinkId, reason: DropReason) {
         let LinkId::Ground(n) = link else { return };
-        let number = self.grounds.get(usize::from(n)).map_or(0, |ground| ground.endpoint_number);
+        let number =
+            self.stations.grounds.get(usize::from(n)).map_or(0, |ground| ground.endpoint_number);
         let count = self.drops_of(link).count(reason);
-        let heard =
-            self.grounds.get(usize::from(n)).is_some_and(|ground| ground.counts.received > 0);
+        let heard = self
+            .stations
+            .grounds
+            .get(usize::from(n))
+            .is_some_and(|ground| ground.counts.received > 0);
         let what = match reason {
             DropReason::MavGarbageByte if count >= MOST_NOISE_BYTES && !heard => {
                 "what comes is no MAVLink: look at the station's protocol, and at the speed of the line"
@@ -72,8 +73,8 @@ impl Pilot {
         (msg_id, message): (u32, &MavMessage),
         passed: bool,
     ) {
-        let own_id = self.own.system_id;
-        let Some(ground) = self.grounds.get_mut(index) else { return };
+        let own_id = self.out.own.system_id;
+        let Some(ground) = self.stations.grounds.get_mut(index) else { return };
         if target.0 == own_id {
             ground.addressees = Addressees { us: true, other: None };
         } else if target.0 != 0
@@ -87,8 +88,8 @@ impl Pilot {
 
     /// A station asked a system that is not here, and has not spoken to us since.
     pub(crate) fn tell_misaddressed(&mut self, at: HostTime, index: usize) {
-        let own = self.own;
-        let Some(ground) = self.grounds.get_mut(index) else { return };
+        let own = self.out.own;
+        let Some(ground) = self.stations.grounds.get_mut(index) else { return };
         let other = ground.addressees.other;
         let Some((since, (system, component))) = other else { return };
         if at.seconds_since(since) < KNOWN_WITHIN_S {
@@ -111,16 +112,17 @@ impl Pilot {
 
     /// A setpoint came. Who streams them in another mode waits for a vehicle that does not move.
     pub(crate) fn tell_unobeyed(&mut self, at: HostTime) {
-        let follows = [Some(self.mode), self.guidance.next.mode()].contains(&Some(Mode::Offboard));
-        if follows || self.mode == Mode::Disarmed {
-            self.unobeyed_since = None;
+        let follows = [Some(self.flight.mode), self.flight.guidance.next.mode()]
+            .contains(&Some(Mode::Offboard));
+        if follows || self.flight.mode == Mode::Disarmed {
+            self.stations.unobeyed_since = None;
             return;
         }
-        let since = *self.unobeyed_since.get_or_insert(at);
-        let is_told = self.unobeyed_told_at.is_some_and(|told| told >= since);
+        let since = *self.stations.unobeyed_since.get_or_insert(at);
+        let is_told = self.out.told.unobeyed_at.is_some_and(|told| told >= since);
         if at.seconds_since(since) >= UNOBEYED_S && !is_told {
-            self.unobeyed_told_at = Some(at);
-            let mode = self.mode.name();
+            self.out.told.unobeyed_at = Some(at);
+            let mode = self.flight.mode.name();
             let text = format!(
                 "setpoints come and are not followed in mode {mode}: ask for OFFBOARD (DO_SET_MODE 1, 6)"
             );
@@ -129,8 +131,8 @@ impl Pilot {
     }
 
     fn tell_once(&mut self, at: HostTime, link: LinkId, reason: DropReason, text: String) {
-        if !self.unheard_told.contains(&(link, reason)) {
-            self.unheard_told.push((link, reason));
+        if !self.out.told.unheard.contains(&(link, reason)) {
+            self.out.told.unheard.push((link, reason));
             self.say(at, Severity::Warning, text);
         }
     }

@@ -1,8 +1,8 @@
 //! What the board is told: arming, its mode, setpoints, commands that are passed on.
 
-use haltere_dialect::mav::haltere::AttitudeTargetTypemask as TargetMask;
 use haltere_dialect::mav::haltere::{
-    COMMAND_LONG_DATA, MavCmd, MavMessage, SET_ATTITUDE_TARGET_DATA,
+    AttitudeTargetTypemask as TargetMask, COMMAND_LONG_DATA, MavCmd, MavMessage,
+    SET_ATTITUDE_TARGET_DATA,
 };
 
 use haltere_core::frames::{B, E, Rot};

@@ -91,25 +91,26 @@ impl Discharge {
 
 impl Pilot {
     fn fresh_v(&self, at: HostTime) -> Option<f64> {
-        let battery = self.battery?;
+        let battery = self.board.battery?;
         (at.seconds_since(battery.received_at) < AGE_S).then_some(battery.supply_v)
     }
 
     /// Whether the voltage is below a limit, now or on average over the last second.
     fn is_below(&self, limit_v: f64, at: HostTime) -> bool {
-        self.fresh_v(at).is_some_and(|v| self.supervisor.discharge.lower_v(v) < limit_v)
+        self.fresh_v(at).is_some_and(|v| self.flight.supervisor.discharge.lower_v(v) < limit_v)
     }
 
     /// Time until the voltage is critical, s, once it can be told.
     pub(crate) fn battery_left_s(&self) -> Option<f64> {
-        self.supervisor.discharge.time_to_s(self.config.limits.battery_critical_v)
+        self.flight.supervisor.discharge.time_to_s(self.config.limits.battery_critical_v)
     }
 
     /// Time to fly home and land, s.
     pub(crate) fn time_home_s(&self) -> f64 {
         let flight = &self.config.flight;
         let pos = self.estimate.pos_E_m;
-        let refuge = self.guidance.nearest_refuge_NE_m(pos, &self.services.plans.fence);
+        let refuge =
+            self.flight.guidance.nearest_refuge_NE_m(pos, &self.stations.services.plans.fence);
         // Where no way leads home it lands here.
         let away_m = refuge.map_or(0.0, |[n, e]| (pos.x() - n).hypot(pos.y() - e));
         let height_m = self.height_above_floor_m().max(flight.return_height_m).max(0.0);
@@ -124,7 +125,7 @@ impl Pilot {
 }
 
 fn words_of_voltage(pilot: &Pilot, what: &str) -> String {
-    let v = pilot.battery.map_or(0.0, |b| b.supply_v);
+    let v = pilot.board.battery.map_or(0.0, |b| b.supply_v);
     match pilot.battery_left_s() {
         Some(left_s) => format!("battery {what}: {v:.2} V, {left_s:.0} s left"),
         None => format!("battery {what}: {v:.2} V"),

@@ -39,10 +39,10 @@ impl Speed {
 impl Pilot {
     /// Follows the estimated speed in flight.
     pub(crate) fn watch_speed(&mut self) {
-        if self.mode.is_flying() {
-            self.supervisor.speed.step(self.estimate.vel_B_mps.norm());
+        if self.flight.mode.is_flying() {
+            self.flight.supervisor.speed.step(self.estimate.vel_B_mps.norm());
         } else {
-            self.supervisor.speed = Speed::default();
+            self.flight.supervisor.speed = Speed::default();
         }
     }
 
@@ -53,18 +53,18 @@ impl Pilot {
     /// How far the vehicle is beyond the volume or the fence, m; 0 inside.
     fn beyond_m(&self) -> f64 {
         let pos = self.estimate.pos_E_m;
-        let volume = self.guidance.volume();
+        let volume = self.flight.guidance.volume();
         let inside = volume.clamp(pos);
         let out = |a: f64, b: f64| (a - b).abs();
         // Below the lowest setpoint is the floor, not a wall.
         let up_m = (-pos.z() - volume.height_m).max(0.0);
         let volume_m = out(pos.x(), inside.x()).max(out(pos.y(), inside.y())).max(up_m);
-        volume_m.max(self.services.plans.fence.beyond_m([pos.x(), pos.y()]))
+        volume_m.max(self.stations.services.plans.fence.beyond_m([pos.x(), pos.y()]))
     }
 
     /// Tilt by the board, else by the estimate, rad.
     fn tilt_rad(&self, at: HostTime) -> f64 {
-        let cos = match self.board_attitude {
+        let cos = match self.board.attitude {
             Some(a) if at.seconds_since(a.received_at) < ATTITUDE_AGE_S => {
                 a.attitude.matrix()[(2, 2)]
             }
@@ -191,9 +191,9 @@ pub(super) const LEAP: Condition = Condition {
     latched: true,
     health: S::MAV_SYS_STATUS_AHRS,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.supervisor.speed.gained_mps > LEAP_MPS,
+    is_seen: |pilot, _| pilot.flight.supervisor.speed.gained_mps > LEAP_MPS,
     words: |pilot, _| {
-        format!("speed grew by {:.1} m/s in 0.3 s", pilot.supervisor.speed.gained_mps)
+        format!("speed grew by {:.1} m/s in 0.3 s", pilot.flight.supervisor.speed.gained_mps)
     },
     ..ROW
 };
@@ -221,12 +221,15 @@ pub(super) const ASTRAY: Condition = Condition {
     severity: Severity::Emergency,
     is_seen: |pilot, _| {
         let most_m = 0.5 * pilot.config.supervisor.off_course_m;
-        pilot.supervisor.rooms.is_in_doubt()
-            && pilot.guidance.off_course_m(&pilot.estimate).is_some_and(|m| m > most_m)
+        pilot.flight.supervisor.rooms.is_in_doubt()
+            && pilot.flight.guidance.off_course_m(&pilot.estimate).is_some_and(|m| m > most_m)
     },
     words: |pilot, _| {
-        let away_m = pilot.guidance.off_course_m(&pilot.estimate).unwrap_or_default();
-        format!("{away_m:.1} m away, perhaps driven there: {}", pilot.supervisor.rooms.words())
+        let away_m = pilot.flight.guidance.off_course_m(&pilot.estimate).unwrap_or_default();
+        format!(
+            "{away_m:.1} m away, perhaps driven there: {}",
+            pilot.flight.supervisor.rooms.words()
+        )
     },
     ..ROW
 };
@@ -246,12 +249,13 @@ pub(super) const COURSE: Condition = Condition {
     severity: Severity::Critical,
     is_seen: |pilot, _| {
         pilot
+            .flight
             .guidance
             .off_course_m(&pilot.estimate)
             .is_some_and(|m| m > pilot.config.supervisor.off_course_m)
     },
     words: |pilot, _| {
-        let away_m = pilot.guidance.off_course_m(&pilot.estimate).unwrap_or_default();
+        let away_m = pilot.flight.guidance.off_course_m(&pilot.estimate).unwrap_or_default();
         format!("{away_m:.1} m away from where it should be")
     },
     ..ROW

@@ -118,26 +118,26 @@ impl Evidence {
 impl Pilot {
     /// Holds the turn that the board's new attitude shows against the gyroscope's.
     pub(crate) fn watch_turn(&mut self, board: &BoardAttitude) {
-        let (Some(before), Some(imu)) = (self.board_attitude, self.imu) else { return };
+        let (Some(before), Some(imu)) = (self.board.attitude, self.navigation.imu) else { return };
         let dt_s = board.valid_at.seconds_since(before.valid_at);
         let turned = board.attitude.matrix() * before.attitude.matrix().transpose();
         let theirs_radps = 0.5 * (turned[(1, 0)] - turned[(0, 1)]) / dt_s;
         if dt_s > 0.0 && dt_s < ATTITUDE_AGE_S && theirs_radps.abs() < JUMP_RADPS {
             let ours_radps = (board.attitude * imu.rate_B_radps).z();
-            self.supervisor.evidence.note_turns([ours_radps, theirs_radps], dt_s);
+            self.flight.supervisor.evidence.note_turns([ours_radps, theirs_radps], dt_s);
         }
     }
 
     /// Angle between our attitude and the board's, rad: of the verticals, or of headings that turn against one another;
     /// `None`: nothing fresh to compare with.
     fn attitude_difference_rad(&self, at: HostTime) -> Option<f64> {
-        let turned_rad = self.supervisor.evidence.turned_apart_rad;
+        let turned_rad = self.flight.supervisor.evidence.turned_apart_rad;
         self.vertical_difference_rad(at).map(|rad| rad.max(turned_rad))
     }
 
     /// Angle between our vertical and the board's, rad; `None`: nothing fresh to compare with.
     fn vertical_difference_rad(&self, at: HostTime) -> Option<f64> {
-        let board = self.board_attitude?;
+        let board = self.board.attitude?;
         let usable = self.estimate.health != Health::NotAligned
             && at.seconds_since(board.received_at) < ATTITUDE_AGE_S;
         // Third rows: down seen from the body, ours as it was when the board's was true.
@@ -145,7 +145,8 @@ impl Pilot {
         let theirs_B = down_B(board.attitude.matrix());
         let since_s = self.estimate.at.seconds_since(board.valid_at).clamp(0.0, ATTITUDE_AGE_S);
         let turned_rad =
-            Vector3::from(self.imu.map_or([0.0; 3], |i| i.rate_B_radps.to_array())) * since_s;
+            Vector3::from(self.navigation.imu.map_or([0.0; 3], |i| i.rate_B_radps.to_array()))
+                * since_s;
         let ours_B = Rotation3::new(turned_rad) * down_B(self.estimate.R_EB.matrix());
         usable.then(|| ours_B.angle(&theirs_B))
     }
@@ -154,17 +155,17 @@ impl Pilot {
     /// moment ago where the estimate has followed an accelerometer that lies. The height is the barometer's where that is
     /// larger: taken too high it costs seconds, taken too low it ends in a fall.
     pub(crate) fn height_and_sink_to_descend_from(&self, at: HostTime) -> (f64, f64) {
-        let leapt = [SCALE, LEAP, SLIP].iter().any(|row| self.supervisor.has(row.name));
-        let before = self.supervisor.before.carried_on().filter(|_| leapt);
-        let sink_mps = if self.imu_is_alive(at) { self.last_sink_mps } else { 0.0 };
-        let (known_m, sink_mps) = before.unwrap_or((self.last_height_m, sink_mps));
+        let leapt = [SCALE, LEAP, SLIP].iter().any(|row| self.flight.supervisor.has(row.name));
+        let before = self.flight.supervisor.before.carried_on().filter(|_| leapt);
+        let sink_mps = if self.imu_is_alive(at) { self.flight.last_sink_mps } else { 0.0 };
+        let (known_m, sink_mps) = before.unwrap_or((self.flight.last_height_m, sink_mps));
         let baro_m = self.baro_above_floor_m(at);
         (baro_m.map_or(known_m, |baro_m| known_m.max(baro_m - BARO_NOISE_M)), sink_mps)
     }
 
     /// Height of the landing gear above the floor by the barometer, low-passed, m.
     pub(crate) fn baro_above_floor_m(&self, at: HostTime) -> Option<f64> {
-        let ([baro_m, _], t) = self.supervisor.evidence.baro?;
+        let ([baro_m, _], t) = self.flight.supervisor.evidence.baro?;
         let fresh = at.seconds_since(t) < BARO_AGE_S;
         fresh.then_some(baro_m - self.config.flight.gear_height_m)
     }
@@ -172,7 +173,7 @@ impl Pilot {
     /// Whether barometer or UWB speak against the estimate: nothing is learned from it then.
     pub(crate) fn estimate_is_contradicted(&self, at: HostTime) -> bool {
         let most_m = 0.5 * self.config.supervisor.height_difference_m;
-        self.supervisor.evidence.beyond_share > DOUBT_SHARE
+        self.flight.supervisor.evidence.beyond_share > DOUBT_SHARE
             || self.height_difference_m(at).is_some_and(|m| m.abs() > most_m)
     }
 
@@ -180,13 +181,13 @@ impl Pilot {
     /// accelerometer, by the velocity that the estimate has from it.
     fn has_second_witness(&self, height_difference_m: f64) -> bool {
         // Where the estimate is above, its height climbs faster than its velocity.
-        let slips = -self.supervisor.slip.mps * height_difference_m.signum() > SLIP_MPS;
-        slips || self.supervisor.evidence.beyond_share > DOUBT_SHARE
+        let slips = -self.flight.supervisor.slip.mps * height_difference_m.signum() > SLIP_MPS;
+        slips || self.flight.supervisor.evidence.beyond_share > DOUBT_SHARE
     }
 
     /// Estimated minus barometric height, both of one time and low-passed alike: a climb is no difference, m.
     fn height_difference_m(&self, at: HostTime) -> Option<f64> {
-        let ([baro_m, known_m], t) = self.supervisor.evidence.baro?;
+        let ([baro_m, known_m], t) = self.flight.supervisor.evidence.baro?;
         (at.seconds_since(t) < BARO_AGE_S).then_some(known_m - baro_m)
     }
 }
@@ -275,10 +276,10 @@ pub(super) const DIVERGED: Condition = Condition {
     health: S::MAV_SYS_STATUS_AHRS,
     severity: Severity::Critical,
     is_seen: |pilot, _| {
-        pilot.supervisor.evidence.beyond_share > pilot.config.supervisor.divergence_share
+        pilot.flight.supervisor.evidence.beyond_share > pilot.config.supervisor.divergence_share
     },
     words: |pilot, _| {
-        let share = pilot.supervisor.evidence.beyond_share;
+        let share = pilot.flight.supervisor.evidence.beyond_share;
         format!("{:.0} % of UWB measurements do not fit the estimate", share * 100.0)
     },
     ..ROW
@@ -302,7 +303,7 @@ pub(super) const UNHEALED: Condition = Condition {
     health: S::MAV_SYS_STATUS_AHRS,
     severity: Severity::Critical,
     is_seen: |pilot, at| {
-        let first = pilot.supervisor.evidence.remedied_at[0];
+        let first = pilot.flight.supervisor.evidence.remedied_at[0];
         first.is_some_and(|t| at.seconds_since(t) < REMEDIES_S)
     },
     words: |_, _| format!("estimator recovered {MOST_REMEDIES} times in {REMEDIES_S:.0} s"),
@@ -348,7 +349,7 @@ pub(super) const CONTRADICTED: Condition = Condition {
     },
     words: |pilot, at| {
         let by_m = pilot.height_difference_m(at).unwrap_or_default();
-        let share = pilot.supervisor.evidence.beyond_share;
+        let share = pilot.flight.supervisor.evidence.beyond_share;
         format!(
             "height {by_m:+.1} m against the barometer, {:.0} % of UWB do not fit",
             share * 100.0

@@ -164,34 +164,34 @@ impl Pilot {
     /// Compares accelerometer and thrust where both should say the same: away from the floor, under our
     /// own control.
     pub(crate) fn watch_lift(&mut self, dt_s: f64) {
-        let calm = self.mode.is_flying()
-            && self.mode != Mode::Land
+        let calm = self.flight.mode.is_flying()
+            && self.flight.mode != Mode::Land
             && self.height_above_floor_m() > LIFT_CLEAR_M
-            && self.board.obeys();
-        let hover_frac = self.hover_thrust_frac() * self.control.ground_factor;
+            && self.board.link.obeys();
+        let hover_frac = self.hover_thrust_frac() * self.flight.control.ground_factor;
         if !calm || hover_frac < 0.05 {
-            self.supervisor.lift = Lift::default();
+            self.flight.supervisor.lift = Lift::default();
             return;
         }
         // Leaning far it moves fast, along its own vertical axis too, and drag is as large as the difference
         // that is looked for: nothing is learned then.
         // By the board's account: ours may be what is wrong.
-        let level = self.board_attitude.map_or(1.0, |board| board.attitude.matrix()[(2, 2)]);
+        let level = self.board.attitude.map_or(1.0, |board| board.attitude.matrix()[(2, 2)]);
         if level < LIFT_LEVEL_COS {
-            self.supervisor.lift.leaned_s = LIFT_AFTER_S;
+            self.flight.supervisor.lift.leaned_s = LIFT_AFTER_S;
             return;
         }
-        self.supervisor.lift.leaned_s -= dt_s;
-        if self.supervisor.lift.leaned_s > 0.0 {
+        self.flight.supervisor.lift.leaned_s -= dt_s;
+        if self.flight.supervisor.lift.leaned_s > 0.0 {
             return;
         }
         // Low-passed as the force is.
-        let share = self.touch.thrust_frac / hover_frac;
-        self.supervisor.lift.step(self.touch.acc_z_mps2, share, dt_s);
+        let share = self.navigation.touch.thrust_frac / hover_frac;
+        self.flight.supervisor.lift.step(self.navigation.touch.acc_z_mps2, share, dt_s);
     }
 
     pub(crate) fn imu_age_s(&self, at: HostTime) -> f64 {
-        self.last_imu.map_or(f64::INFINITY, |t| at.seconds_since(t))
+        self.navigation.last_imu.map_or(f64::INFINITY, |t| at.seconds_since(t))
     }
 
     /// For how long no sample came though we listened, s. What comes late is not silent.
@@ -199,16 +199,18 @@ impl Pilot {
         if self.board_is_moving(at) {
             return 0.0;
         }
-        let own_s = self.supervisor.punctuality.own_silence_s(at);
-        self.imu_age_s(at) - own_s - self.board.lateness().age_s()
+        let own_s = self.flight.supervisor.punctuality.own_silence_s(at);
+        self.imu_age_s(at) - own_s - self.board.link.lateness().age_s()
     }
 
     /// Whether the accelerometer can be asked whether the vehicle falls.
     pub(crate) fn imu_is_alive(&self, at: HostTime) -> bool {
         let c = &self.config.supervisor;
         self.imu_silent_s(at) <= c.imu_loss_s
-            && self.supervisor.repetition.longest_s() <= c.imu_frozen_s
-            && ![NOISE, LIFT, SLIP, SCALE, LEAP].iter().any(|row| self.supervisor.has(row.name))
+            && self.flight.supervisor.repetition.longest_s() <= c.imu_frozen_s
+            && ![NOISE, LIFT, SLIP, SCALE, LEAP]
+                .iter()
+                .any(|row| self.flight.supervisor.has(row.name))
     }
 }
 
@@ -237,8 +239,10 @@ pub(super) const NOISE: Condition = Condition {
     latched: true,
     health: SENSORS,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.supervisor.repetition.noise().is_some(),
-    words: |pilot, _| format!("{} is noise", pilot.supervisor.repetition.noise().unwrap_or("IMU")),
+    is_seen: |pilot, _| pilot.flight.supervisor.repetition.noise().is_some(),
+    words: |pilot, _| {
+        format!("{} is noise", pilot.flight.supervisor.repetition.noise().unwrap_or("IMU"))
+    },
     ..ROW
 };
 
@@ -265,9 +269,9 @@ pub(super) const LIFT: Condition = Condition {
     latched: true,
     health: S::MAV_SYS_STATUS_SENSOR_3D_ACCEL,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.supervisor.lift.differs(),
+    is_seen: |pilot, _| pilot.flight.supervisor.lift.differs(),
     words: |pilot, _| {
-        let off_mps2 = pilot.supervisor.lift.off_mps2;
+        let off_mps2 = pilot.flight.supervisor.lift.off_mps2;
         format!("specific force is off by {off_mps2:+.1} m/s2 against the thrust sent")
     },
     ..ROW
@@ -313,10 +317,10 @@ pub(super) const FROZEN: Condition = Condition {
     health: SENSORS,
     severity: Severity::Emergency,
     is_seen: |pilot, _| {
-        pilot.supervisor.repetition.longest_s() > pilot.config.supervisor.imu_frozen_s
+        pilot.flight.supervisor.repetition.longest_s() > pilot.config.supervisor.imu_frozen_s
     },
     words: |pilot, _| {
-        let r = &pilot.supervisor.repetition;
+        let r = &pilot.flight.supervisor.repetition;
         let what = if r.acc_s >= r.rate_s { "accelerometer" } else { "gyroscope" };
         format!("{what} repeats itself for {:.1} s", r.longest_s())
     },

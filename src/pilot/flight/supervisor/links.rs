@@ -30,13 +30,13 @@ pub(crate) struct Heard {
 
 impl Pilot {
     fn board_silent_s(&self, at: HostTime) -> f64 {
-        let own_s = self.supervisor.punctuality.own_silence_s(at);
-        (self.board.silence_s(at).unwrap_or(0.0) - own_s).max(0.0)
+        let own_s = self.flight.supervisor.punctuality.own_silence_s(at);
+        (self.board.link.silence_s(at).unwrap_or(0.0) - own_s).max(0.0)
     }
 
     /// Silence of the stations, s; 0 where none takes part.
     fn stations_silent_s(&self, at: HostTime) -> f64 {
-        let heard = &self.supervisor.heard;
+        let heard = &self.flight.supervisor.heard;
         match (heard.station_at, heard.flight_at) {
             (Some(beat), Some(flight)) if flight.seconds_since(beat) < STATION_BEFORE_S => {
                 at.seconds_since(beat)
@@ -46,8 +46,8 @@ impl Pilot {
     }
 
     fn follower_is_silent(&self, at: HostTime, manual: bool) -> bool {
-        let guidance = &self.guidance;
-        let own_s = self.supervisor.punctuality.own_silence_s(at);
+        let guidance = &self.flight.guidance;
+        let own_s = self.flight.supervisor.punctuality.own_silence_s(at);
         let followed = if manual { &guidance.sticks } else { &guidance.setpoint };
         followed.as_ref().is_none_or(|s| {
             at.seconds_since(s.received_at) - own_s > self.config.limits.offboard_loss_s
@@ -74,10 +74,10 @@ pub(super) const CONTROL: Condition = Condition {
     because: "board flies in a mode of its own",
     over: "board is in our mode again",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.board.has_lost_control(),
+    is_seen: |pilot, _| pilot.board.link.has_lost_control(),
     words: |pilot, _| {
-        let ours = pilot.board.firmware().control_mode().map_or("", |m| m.name);
-        format!("board left {ours} for {}", pilot.board.mode_name())
+        let ours = pilot.board.link.firmware().control_mode().map_or("", |m| m.name);
+        format!("board left {ours} for {}", pilot.board.link.mode_name())
     },
     ..ROW
 };
@@ -125,9 +125,9 @@ pub(super) const BOARD_LATE: Condition = Condition {
     because: "link to the board is late",
     over: "link to the board is prompt again",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.board.lateness().is_late(),
+    is_seen: |pilot, _| pilot.board.link.lateness().is_late(),
     words: |pilot, _| {
-        let latency_ms = pilot.board.lateness().latency_s() * 1e3;
+        let latency_ms = pilot.board.link.lateness().latency_s() * 1e3;
         format!("link to the board is late: {latency_ms:.0} ms")
     },
     ..ROW
@@ -155,9 +155,9 @@ pub(super) const RESPONSE: Condition = Condition {
     because: "the vehicle follows its setpoints too late",
     over: "",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.board.response_lag_s().is_some_and(|s| s > RESPONSE_MOST_S),
+    is_seen: |pilot, _| pilot.board.link.response_lag_s().is_some_and(|s| s > RESPONSE_MOST_S),
     words: |pilot, _| {
-        let lag_ms = pilot.board.response_lag_s().unwrap_or_default() * 1e3;
+        let lag_ms = pilot.board.link.response_lag_s().unwrap_or_default() * 1e3;
         format!("attitude follows its setpoints after {lag_ms:.0} ms")
     },
     ..ROW
@@ -179,9 +179,9 @@ pub(super) const BOARD_GAP: Condition = Condition {
     because: "board was silent",
     over: "",
     severity: Severity::Error,
-    is_seen: |pilot, _| pilot.supervisor.heard.board_gap_s.is_some(),
+    is_seen: |pilot, _| pilot.flight.supervisor.heard.board_gap_s.is_some(),
     words: |pilot, _| {
-        let silent_s = pilot.supervisor.heard.board_gap_s.unwrap_or_default();
+        let silent_s = pilot.flight.supervisor.heard.board_gap_s.unwrap_or_default();
         format!("board was silent for {silent_s:.1} s")
     },
     ..ROW
@@ -217,9 +217,9 @@ pub(super) const IGNORED: Condition = Condition {
     over: "board flies our setpoints again",
     watched: Watched::Air,
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.board.ignores_setpoints(),
+    is_seen: |pilot, _| pilot.board.link.ignores_setpoints(),
     words: |pilot, _| {
-        let [sent, board] = pilot.board.thrust_sent_and_in_force();
+        let [sent, board] = pilot.board.link.thrust_sent_and_in_force();
         format!("board does not fly our setpoints: thrust {board:.2} in force, {sent:.2} sent")
     },
     ..ROW
@@ -302,6 +302,7 @@ pub(super) const STICKS: Condition = Condition {
     is_seen: |pilot, at| {
         pilot.config.supervisor.stick_takeover
             && pilot
+                .flight
                 .supervisor
                 .heard
                 .sticks

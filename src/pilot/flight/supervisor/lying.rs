@@ -155,12 +155,12 @@ impl Pilot {
     /// Follows lean and what carries it.
     pub(crate) fn watch_lying(&mut self, at: HostTime, dt_s: f64) {
         let fresh = |t: HostTime| at.seconds_since(t) < ATTITUDE_AGE_S;
-        let board = self.board_attitude.filter(|board| fresh(board.received_at));
-        let heard = self.supervisor.lying.imu_at.is_some_and(fresh);
+        let board = self.board.attitude.filter(|board| fresh(board.received_at));
+        let heard = self.flight.supervisor.lying.imu_at.is_some_and(fresh);
         let pos_E_m = Vector3::from(self.estimate.pos_E_m.to_array());
         let (is, late_s) = ([self.is_uwb_fresh(at), self.is_near_floor(at)], self.obeyed_after_s());
-        let lying = &mut self.supervisor.lying;
-        match board.filter(|_| heard && self.mode.has_thrust()) {
+        let lying = &mut self.flight.supervisor.lying;
+        match board.filter(|_| heard && self.flight.mode.has_thrust()) {
             Some(board) => lying.step(dt_s, &board.attitude, pos_E_m, is, late_s),
             None => {
                 let Lying { pushed_mps2, imu_at, .. } = *lying;
@@ -190,7 +190,7 @@ pub(super) const LIES: Condition = Condition {
     wanted: |_| Reaction::Disarm,
     because: "tipped over on the floor",
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.supervisor.lying.answer_s > ANSWER_S,
+    is_seen: |pilot, _| pilot.flight.supervisor.lying.answer_s > ANSWER_S,
     words: |_, _| "lies on the floor: motors are cut".to_owned(),
     ..ROW
 };

@@ -36,7 +36,6 @@ pub use reaction::{Action, Reaction};
 
 pub(crate) use descent::{Descent, LONGEST_S as LONGEST_DESCENT_S};
 pub(crate) use links::RESPONSE_MOST_S;
-pub(crate) use timing::SteadyClock;
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor;
 
@@ -175,10 +174,10 @@ impl Pilot {
     pub(crate) fn walk_conditions(&mut self, at: HostTime) {
         let mut unhealthy = MavSysStatusSensor::empty();
         for (index, row) in CONDITIONS.iter().enumerate() {
-            let watched = row.watched.holds(self.mode);
+            let watched = row.watched.holds(self.flight.mode);
             let seen = watched && (row.is_seen)(self, at);
             let lasts_s = if seen { (row.lasts_s)(&self.config) } else { 0.0 };
-            let state = &mut self.supervisor.states.0[index];
+            let state = &mut self.flight.supervisor.states.0[index];
             let change = proceed(state, row, seen, watched, at, lasts_s);
             if state.holds || (seen && row.health != MavSysStatusSensor::empty() && lasts_s == 0.0)
             {
@@ -190,8 +189,8 @@ impl Pilot {
                 Change::Ends => self.tell_condition(at, index, false),
             }
         }
-        self.supervisor.unhealthy = unhealthy;
-        if let Some((index, row, reaction)) = self.winner(self.mode) {
+        self.flight.supervisor.unhealthy = unhealthy;
+        if let Some((index, row, reaction)) = self.winner(self.flight.mode) {
             self.order(at, index, row, reaction);
         }
     }
@@ -200,7 +199,7 @@ impl Pilot {
     /// the list of those that want the same. `None`: nothing has to be done.
     fn winner(&self, mode: Mode) -> Option<(usize, &'static Condition, Reaction)> {
         let wanted = |row: &Condition| row.reaction(mode, &self.config);
-        let all = self.supervisor.holding().map(|(i, row)| (i, row, wanted(row)));
+        let all = self.flight.supervisor.holding().map(|(i, row)| (i, row, wanted(row)));
         all.filter(|(_, _, reaction)| *reaction > Reaction::Tell)
             .reduce(|best, next| if next.2 > best.2 { next } else { best })
     }
@@ -223,12 +222,12 @@ impl Pilot {
     /// Whether something holds for which the estimate cannot be flown on.
     pub(crate) fn needs_descent(&self) -> bool {
         let wanted = |row: &Condition| (row.wanted)(&self.config);
-        self.supervisor.holding().any(|(_, row)| wanted(row) == Reaction::Descend)
+        self.flight.supervisor.holding().any(|(_, row)| wanted(row) == Reaction::Descend)
     }
 
     /// Why a client may not have a mode now: something holds that wants more.
     pub(crate) fn forbids(&self, event: Event) -> Option<&'static str> {
-        let to = transition(self.mode, event)?.to;
+        let to = transition(self.flight.mode, event)?.to;
         if let Some(why) = self.ending_forbids(to) {
             return Some(why);
         }
@@ -238,7 +237,8 @@ impl Pilot {
         let wanted = |row: &Condition| {
             if row.watched.holds(to) { row.reaction(to, &self.config) } else { Reaction::Nothing }
         };
-        self.supervisor
+        self.flight
+            .supervisor
             .holding()
             .find(|(_, row)| wanted(row) > Reaction::of_mode(to).max(Reaction::TakeOver))
             .map(|(_, row)| row.because)
@@ -246,7 +246,7 @@ impl Pilot {
 
     fn tell_condition(&mut self, at: HostTime, index: usize, begins: bool) {
         let row = &CONDITIONS[index];
-        let in_flight = self.mode.has_thrust() || self.mode == Mode::Yielded;
+        let in_flight = self.flight.mode.has_thrust() || self.flight.mode == Mode::Yielded;
         let severity = match row.severity {
             _ if !begins => Severity::Info,
             Severity::Emergency | Severity::Critical | Severity::Error if !in_flight => {

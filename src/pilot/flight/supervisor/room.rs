@@ -27,14 +27,14 @@ const EVERY: u64 = 10;
 impl Pilot {
     /// Follows what pushes the vehicle, and where UWB has it, while it is in the air.
     pub(crate) fn watch_room(&mut self, at: HostTime, dt_s: f64) {
-        let board = self.board_attitude.filter(|a| at.seconds_since(a.received_at) < LEAN_AGE_S);
+        let board = self.board.attitude.filter(|a| at.seconds_since(a.received_at) < LEAN_AGE_S);
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded)
-            && self.mode.is_flying()
-            && self.mode != Mode::Descend
-            && !self.board.lateness().is_late();
-        let measured = self.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_AGE_S);
+            && self.flight.mode.is_flying()
+            && self.flight.mode != Mode::Descend
+            && !self.board.link.lateness().is_late();
+        let measured = self.navigation.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_AGE_S);
         let Some(board) = board.filter(|_| usable && self.height_above_floor_m() > CLEAR_M) else {
-            self.supervisor.rooms.close();
+            self.flight.supervisor.rooms.close();
             return;
         };
         let m: Matrix3<f64> = board.attitude.matrix();
@@ -46,10 +46,10 @@ impl Pilot {
         let [k_x, k_y, _] = self.config.estimator.drag_per_s;
         let (pos, vel) = (self.estimate.pos_E_m, self.estimate.vel_E_mps());
         let (pos_E_m, vel_E_mps) = (Vector2::new(pos.x(), pos.y()), Vector2::new(vel.x(), vel.y()));
-        let rooms = &mut self.supervisor.rooms;
+        let rooms = &mut self.flight.supervisor.rooms;
         rooms.step(lean_E_mps2, yaw_rad, [k_x, k_y], [pos_E_m, vel_E_mps], dt_s);
-        if measured && self.control_steps.is_multiple_of(EVERY) {
-            let by_uwb = self.estimator.pos_by_uwb_E_m(UWB_WINDOW_S);
+        if measured && self.clock.control_steps.is_multiple_of(EVERY) {
+            let by_uwb = self.navigation.estimator.pos_by_uwb_E_m(UWB_WINDOW_S);
             rooms.decide(by_uwb.map_or(pos_E_m, |pos| Vector2::new(pos.x(), pos.y())));
         }
     }
@@ -76,7 +76,7 @@ pub(super) const ROOM: Condition = Condition {
     latched: true,
     health: S::MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.supervisor.rooms.is_wrong(),
-    words: |pilot, _| pilot.supervisor.rooms.words(),
+    is_seen: |pilot, _| pilot.flight.supervisor.rooms.is_wrong(),
+    words: |pilot, _| pilot.flight.supervisor.rooms.words(),
     ..ROW
 };

@@ -213,53 +213,53 @@ impl Scale {
 impl Pilot {
     /// Follows the scale wherever the loop flies, and what a descent would begin with.
     pub(crate) fn watch_scale(&mut self, at: HostTime, dt_s: f64) {
-        let hover_frac = self.hover_thrust_frac() * self.control.ground_factor;
-        let obeys = self.board.obeys() && !self.board.lateness().is_late();
+        let hover_frac = self.hover_thrust_frac() * self.flight.control.ground_factor;
+        let obeys = self.board.link.obeys() && !self.board.link.lateness().is_late();
         if self.is_standing() {
-            self.supervisor.scale.stood_m = self.height_above_floor_m();
+            self.flight.supervisor.scale.stood_m = self.height_above_floor_m();
         }
-        let stood_m = self.supervisor.scale.stood_m;
-        if !self.mode.is_flying() || !obeys || hover_frac < 0.05 || dt_s >= PAUSE_S {
-            self.supervisor.scale = Scale { stood_m, ..Scale::default() };
-            self.supervisor.before.forget();
+        let stood_m = self.flight.supervisor.scale.stood_m;
+        if !self.flight.mode.is_flying() || !obeys || hover_frac < 0.05 || dt_s >= PAUSE_S {
+            self.flight.supervisor.scale = Scale { stood_m, ..Scale::default() };
+            self.flight.supervisor.before.forget();
             return;
         }
-        let share = self.control.thrust_frac / hover_frac;
+        let share = self.flight.control.thrust_frac / hover_frac;
         let (height_m, sink_mps) = (self.height_above_floor_m(), self.estimate.vel_E_mps().z());
-        self.supervisor.before.note(height_m, sink_mps, share, dt_s);
+        self.flight.supervisor.before.note(height_m, sink_mps, share, dt_s);
         let baro_m = self.baro_above_floor_m(at);
-        let clear = match self.mode {
+        let clear = match self.flight.mode {
             // An estimate that is wrong on the floor is so before the take-off.
             Mode::Takeoff => baro_m.is_some_and(|baro_m| baro_m > CLEAR_M),
             // On the floor the estimate may rise again: what carries it is taken for thrust.
-            Mode::Land => self.supervisor.scale.lowest_since_m(height_m) > CLEAR_LANDING_M,
+            Mode::Land => self.flight.supervisor.scale.lowest_since_m(height_m) > CLEAR_LANDING_M,
             _ => true,
         };
-        if self.mode != Mode::Land {
-            self.supervisor.scale.lowest_m = None;
+        if self.flight.mode != Mode::Land {
+            self.flight.supervisor.scale.lowest_m = None;
         }
         // Among echoes near the floor it stands on it at 1 m, and was led onto it at 0.9 m with 0.6 to 1 m/s. Where the filter
         // learned on the floor what they do there, it stands at 0 m, and the same happens from a low hover.
         let floor_m = if stood_m > CLEAR_M { stood_m } else { 0.0 };
         // An estimate that is led upwards meets the floor as well: the lower of the two heights counts.
         let low_m = baro_m.map_or(height_m, |baro_m| height_m.min(baro_m));
-        let above_m = low_m - floor_m - self.supervisor.scale.unseen_m;
-        let level = self.board_attitude.map_or(1.0, |board| board.attitude.matrix()[(2, 2)]);
+        let above_m = low_m - floor_m - self.flight.supervisor.scale.unseen_m;
+        let level = self.board.attitude.map_or(1.0, |board| board.attitude.matrix()[(2, 2)]);
         let step = Step {
-            force_mps2: -self.touch.acc_z_mps2,
+            force_mps2: -self.navigation.touch.acc_z_mps2,
             share,
             sink_mps,
-            free: clear && above_m > CLEAR_M && self.touch.ceiling_frac.is_none(),
+            free: clear && above_m > CLEAR_M && self.navigation.touch.ceiling_frac.is_none(),
             floor_unknown: above_m <= CLEAR_M && (floor_m > 0.0 || height_m > CLEAR_M),
             // Held below what carries it meets the floor harder than any landing.
-            level: level > LEVEL_COS && self.touch.low_frac.is_none(),
-            late: self.board.response_lag_s().is_some_and(|lag_s| lag_s > PROMPT_S),
-            most_ratio: match self.mode {
+            level: level > LEVEL_COS && self.navigation.touch.low_frac.is_none(),
+            late: self.board.link.response_lag_s().is_some_and(|lag_s| lag_s > PROMPT_S),
+            most_ratio: match self.flight.mode {
                 Mode::Offboard | Mode::Manual => MOST_RATIO_THROWN,
                 _ => MOST_RATIO,
             },
         };
-        self.supervisor.scale.step(step, dt_s);
+        self.flight.supervisor.scale.step(step, dt_s);
     }
 }
 
@@ -302,11 +302,11 @@ pub(super) const SCALE: Condition = Condition {
     latched: true,
     health: haltere_dialect::mav::haltere::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_3D_ACCEL,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.supervisor.scale.wrong,
+    is_seen: |pilot, _| pilot.flight.supervisor.scale.wrong,
     words: |pilot, _| {
         format!(
             "accelerometer reads {:.1} times the force of the thrust",
-            pilot.supervisor.scale.ratio
+            pilot.flight.supervisor.scale.ratio
         )
     },
     ..ROW

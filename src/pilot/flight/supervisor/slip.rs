@@ -91,18 +91,24 @@ impl Pilot {
     /// Follows height and vertical velocity while both are measured.
     pub(crate) fn watch_slip(&mut self, at: HostTime, dt_s: f64) {
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
-        let measured = self.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_AGE_S);
-        if !self.mode.is_flying() {
-            self.supervisor.slip = Slip::default();
+        let measured = self.navigation.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_AGE_S);
+        if !self.flight.mode.is_flying() {
+            self.flight.supervisor.slip = Slip::default();
         } else if usable && measured && self.imu_age_s(at) < IMU_AGE_S {
             let vel_down_mps = self.estimate.vel_E_mps().z();
-            let hover_frac = (self.hover_thrust_frac() * self.control.ground_factor).max(0.05);
+            let hover_frac =
+                (self.hover_thrust_frac() * self.flight.control.ground_factor).max(0.05);
             // Low-passed as the force is.
-            let sent_mps2 = G_MPS2 * self.touch.thrust_frac / hover_frac;
-            let off_mps2 = self.touch.acc_z_mps2 + sent_mps2;
-            self.supervisor.slip.step(self.estimate.pos_E_m.z(), vel_down_mps, off_mps2, dt_s);
+            let sent_mps2 = G_MPS2 * self.navigation.touch.thrust_frac / hover_frac;
+            let off_mps2 = self.navigation.touch.acc_z_mps2 + sent_mps2;
+            self.flight.supervisor.slip.step(
+                self.estimate.pos_E_m.z(),
+                vel_down_mps,
+                off_mps2,
+                dt_s,
+            );
         } else {
-            self.supervisor.slip.last_down_m = None;
+            self.flight.supervisor.slip.last_down_m = None;
         }
     }
 }
@@ -136,9 +142,9 @@ pub(super) const SLIP: Condition = Condition {
     over: "",
     health: haltere_dialect::mav::haltere::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_3D_ACCEL,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.supervisor.slip.is_wrong(),
+    is_seen: |pilot, _| pilot.flight.supervisor.slip.is_wrong(),
     words: |pilot, _| {
-        let slip_mps = -pilot.supervisor.slip.mps;
+        let slip_mps = -pilot.flight.supervisor.slip.mps;
         format!("height climbs {slip_mps:+.1} m/s faster than the vertical velocity says")
     },
     ..ROW

@@ -43,7 +43,7 @@ fn configs() -> Vec<PilotConfig> {
 
 /// Conditions that hold all at once, as one supervisor sees them.
 fn holding(pilot: &mut Pilot, rows: &[usize]) {
-    for (n, state) in pilot.supervisor.states.0.iter_mut().enumerate() {
+    for (n, state) in pilot.flight.supervisor.states.0.iter_mut().enumerate() {
         *state = State { holds: rows.contains(&n), ..State::default() };
     }
 }
@@ -152,7 +152,7 @@ fn prop_clients_cannot_order_what_is_milder() {
         for (n, condition) in CONDITIONS.iter().enumerate() {
             holding(&mut pilot, &[n]);
             for mode in Mode::ALL {
-                pilot.mode = mode;
+                pilot.flight.mode = mode;
                 for event in asked {
                     let Some(to) = transition(mode, event).map(|r| r.to) else { continue };
                     // If it were granted, the next walk must have nothing to undo.
@@ -170,23 +170,23 @@ fn prop_clients_cannot_order_what_is_milder() {
 fn prop_nothing_takes_off_with_an_estimator_that_is_not_aligned() {
     for from in [Mode::Disarmed, Mode::Arming, Mode::Idle] {
         let mut pilot = pilot();
-        pilot.mode = from;
-        pilot.lift_off_asked = true;
-        pilot.guidance.next = Next::Mission;
+        pilot.flight.mode = from;
+        pilot.flight.lift_off_asked = true;
+        pilot.flight.guidance.next = Next::Mission;
         for ms in (10..3000).step_by(10) {
-            if pilot.mode == Mode::Arming && ms > 500 {
+            if pilot.flight.mode == Mode::Arming && ms > 500 {
                 pilot.fire(at(ms), Event::BoardArmed);
             }
             pilot.handle(at(ms), crate::input::Input::Wake);
-            assert!(!pilot.mode.has_thrust(), "{from:?}: {:?}", pilot.mode);
-            assert!(pilot.control.thrust_frac == 0.0);
+            assert!(!pilot.flight.mode.has_thrust(), "{from:?}: {:?}", pilot.flight.mode);
+            assert!(pilot.flight.control.thrust_frac == 0.0);
         }
     }
     // Should the spool-up be reached nevertheless, it ends there, in the same step.
     let mut pilot = pilot();
-    pilot.mode = Mode::Spool;
+    pilot.flight.mode = Mode::Spool;
     pilot.handle(at(10), crate::input::Input::Wake);
-    assert_eq!(pilot.mode, Mode::Disarming);
+    assert_eq!(pilot.flight.mode, Mode::Disarming);
     assert!(pilot.may_arm(at(20)).is_err());
 }
 
@@ -227,7 +227,7 @@ fn prop_our_own_pause_is_not_taken_for_a_silence_of_the_imu() {
         for _ in 0..5 {
             wake(&mut pilot, 10);
         }
-        pilot.last_imu = Some(at(50));
+        pilot.navigation.last_imu = Some(at(50));
         let paused = pauses_ms.iter().any(|pause_ms| wake(&mut pilot, *pause_ms));
         paused || (0..then_silent_ms / 10).any(|_| wake(&mut pilot, 10))
     };

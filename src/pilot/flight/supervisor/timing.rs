@@ -2,6 +2,7 @@
 
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
+use crate::clock::BACK_S;
 use crate::out::voice::Severity;
 use crate::schedule::CONTROL_PERIOD_US;
 use haltere_core::time::HostTime;
@@ -10,8 +11,6 @@ use haltere_core::time::HostTime;
 const WINDOW: f64 = 50.0;
 /// Share of late steps that people are told of.
 const LATE_SHARE: f64 = 0.3;
-/// A clock that goes back by more than this has jumped, s: stamps of one moment come from several threads.
-const BACK_S: f64 = 0.05;
 /// After a pause of the loop so long that something could have come meanwhile, s …
 const DEAF_S: f64 = 0.05;
 /// … what came is taken in within this time, s: the readers stood still as well and wake at the same moment.
@@ -75,35 +74,6 @@ impl Punctuality {
     }
 }
 
-/// The clock of the glue, which should never go back, made into one that does not.
-///
-/// Where it goes back nevertheless, the core's own time goes on from where it was: otherwise the control
-/// loop would stand still until the clock has caught up.
-#[derive(Debug, Default)]
-pub(crate) struct SteadyClock {
-    /// Core's time minus the glue's, µs.
-    ahead_us: i64,
-}
-
-impl SteadyClock {
-    /// The core's time for one of the glue. `wakes`: the stamp is the present of the core's own thread, and
-    /// no older one can come before it. The second value is by how much the clock went back, s.
-    pub fn steady(&mut self, at: HostTime, now: HostTime, wakes: bool) -> (HostTime, Option<f64>) {
-        let steady = at.offset_us(self.ahead_us);
-        let back_s = now.seconds_since(steady);
-        if !wakes || back_s < BACK_S {
-            return (steady.max(now), None);
-        }
-        self.ahead_us = self.ahead_us.saturating_add((back_s * 1e6).round() as i64);
-        (now, Some(back_s))
-    }
-
-    /// The glue's time for one of the core.
-    pub fn outside(&self, at: HostTime) -> HostTime {
-        at.offset_us(self.ahead_us.saturating_neg())
-    }
-}
-
 /// The loop stood still.
 pub(super) const STUCK: Condition = Condition {
     name: "loop_stuck",
@@ -121,9 +91,9 @@ pub(super) const STUCK: Condition = Condition {
     because: "control loop stood still",
     over: "",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.supervisor.punctuality.gap_s.is_some(),
+    is_seen: |pilot, _| pilot.flight.supervisor.punctuality.gap_s.is_some(),
     words: |pilot, _| {
-        let gap_s = pilot.supervisor.punctuality.gap_s.unwrap_or_default();
+        let gap_s = pilot.flight.supervisor.punctuality.gap_s.unwrap_or_default();
         format!("control loop stood still for {gap_s:.1} s")
     },
     ..ROW
@@ -149,9 +119,9 @@ pub(super) const PAUSED: Condition = Condition {
     because: "paused for longer than the board waits",
     over: "place and height are heard anew",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.resumption.pending_s().is_some(),
+    is_seen: |pilot, _| pilot.flight.resumption.pending_s().is_some(),
     words: |pilot, _| {
-        let pause_s = pilot.resumption.pending_s().unwrap_or_default();
+        let pause_s = pilot.flight.resumption.pending_s().unwrap_or_default();
         format!("board was alone for {pause_s:.1} s")
     },
     ..ROW
@@ -174,11 +144,11 @@ pub(super) const LATE: Condition = Condition {
     because: "control loop is late",
     over: "control loop is punctual again",
     severity: Severity::Warning,
-    is_seen: |pilot, _| pilot.supervisor.punctuality.late_share > LATE_SHARE,
+    is_seen: |pilot, _| pilot.flight.supervisor.punctuality.late_share > LATE_SHARE,
     words: |pilot, _| {
         format!(
             "control loop is late: {:.0} % of steps by over {} ms",
-            pilot.supervisor.punctuality.late_share * 100.0,
+            pilot.flight.supervisor.punctuality.late_share * 100.0,
             CONTROL_PERIOD_US / 2000
         )
     },
@@ -201,9 +171,9 @@ pub(super) const CLOCK: Condition = Condition {
     because: "the computer's clock jumped",
     over: "",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.supervisor.punctuality.host_jump_s.is_some(),
+    is_seen: |pilot, _| pilot.flight.supervisor.punctuality.host_jump_s.is_some(),
     words: |pilot, _| {
-        let by_s = pilot.supervisor.punctuality.host_jump_s.unwrap_or_default();
+        let by_s = pilot.flight.supervisor.punctuality.host_jump_s.unwrap_or_default();
         format!("the computer's clock went back by {by_s:.2} s")
     },
     ..ROW
@@ -225,45 +195,9 @@ pub(super) const BOARD_CLOCK: Condition = Condition {
     over: "",
     severity: Severity::Error,
     is_seen: |pilot, at| {
-        let jump = pilot.supervisor.punctuality.board_jump_at;
+        let jump = pilot.flight.supervisor.punctuality.board_jump_at;
         jump.is_some_and(|t| at.seconds_since(t) < SHOWN_S)
     },
     words: |_, _| "the board's clock jumped".to_owned(),
     ..ROW
 };
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn us(us: u64) -> HostTime {
-        HostTime::from_us(us)
-    }
-
-    #[test]
-    fn prop_a_clock_that_goes_back_does_not_stop_time() {
-        let mut clock = SteadyClock::default();
-        let now = us(10_000_000);
-        // An older stamp of another thread is no jump.
-        assert_eq!(clock.steady(us(9_900_000), now, false), (now, None));
-        let (at, back_s) = clock.steady(us(4_000_000), now, true);
-        assert_eq!((at, back_s), (now, Some(6.0)));
-        // From here on time passes as it does outside.
-        assert_eq!(clock.steady(us(4_010_000), now, true), (us(10_010_000), None));
-        assert_eq!(clock.outside(us(10_020_000)), us(4_020_000));
-    }
-
-    #[test]
-    fn prop_every_way_of_time_is_monotone() {
-        let mut clock = SteadyClock::default();
-        let mut now = us(1_000_000);
-        let mut random = 12345_u64;
-        for _ in 0..100_000 {
-            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            let at = us((random >> 30) % 20_000_000);
-            let (next, _) = clock.steady(at, now, random & 1 == 0);
-            assert!(next >= now);
-            now = next;
-        }
-    }
-}

@@ -44,7 +44,7 @@ impl Pilot {
     pub(crate) fn anchors_alive(&self, at: HostTime) -> usize {
         let limit_s = self.config.supervisor.anchor_silent_s;
         let alive = |id: &&AnchorId| {
-            self.supervisor.anchors.silent_s(**id, at).is_some_and(|s| s <= limit_s)
+            self.flight.supervisor.anchors.silent_s(**id, at).is_some_and(|s| s <= limit_s)
         };
         self.survey.ids().iter().filter(alive).count()
     }
@@ -55,7 +55,7 @@ impl Pilot {
     }
 
     fn uwb_age_s(&self, at: HostTime) -> f64 {
-        self.last_fused.map_or(f64::INFINITY, |t| at.seconds_since(t))
+        self.navigation.last_fused.map_or(f64::INFINITY, |t| at.seconds_since(t))
     }
 
     /// The larger horizontal sigma of the position, m.
@@ -66,13 +66,14 @@ impl Pilot {
 }
 
 fn words_of_loss(pilot: &Pilot, at: HostTime) -> String {
-    let why = if pilot.uwb.is_played_again() || pilot.mav_tag.is_played_again() {
-        "; what comes was heard before, or its time runs backwards: connect the tag anew"
-    } else if pilot.uwb.is_old() || pilot.mav_tag.is_old() {
-        "; what comes is old: connect the tag anew"
-    } else {
-        ""
-    };
+    let why =
+        if pilot.navigation.uwb.is_played_again() || pilot.navigation.mav_tag.is_played_again() {
+            "; what comes was heard before, or its time runs backwards: connect the tag anew"
+        } else if pilot.navigation.uwb.is_old() || pilot.navigation.mav_tag.is_old() {
+            "; what comes is old: connect the tag anew"
+        } else {
+            ""
+        };
     format!(
         "no UWB for {:.1} s, position known to {:.2} m{why}",
         pilot.uwb_age_s(at).min(999.0),
@@ -83,7 +84,7 @@ fn words_of_loss(pilot: &Pilot, at: HostTime) -> String {
 fn is_anchor_silent(pilot: &Pilot, at: HostTime) -> bool {
     let limit_s = pilot.config.supervisor.anchor_silent_s;
     let silent = |id: &AnchorId| {
-        pilot.supervisor.anchors.silent_s(*id, at).is_some_and(|silent_s| silent_s > limit_s)
+        pilot.flight.supervisor.anchors.silent_s(*id, at).is_some_and(|silent_s| silent_s > limit_s)
     };
     // If all are silent it is the tag.
     pilot.uwb_age_s(at) < limit_s && pilot.survey.ids().iter().any(silent)
@@ -95,7 +96,9 @@ fn words_of_anchor(pilot: &Pilot, at: HostTime) -> String {
         .survey
         .ids()
         .iter()
-        .filter(|id| pilot.supervisor.anchors.silent_s(**id, at).is_some_and(|s| s > limit_s))
+        .filter(|id| {
+            pilot.flight.supervisor.anchors.silent_s(**id, at).is_some_and(|s| s > limit_s)
+        })
         .map(ToString::to_string)
         .collect();
     format!(

@@ -42,7 +42,7 @@ fn answers(pilot: &mut Pilot, n: u8, system: u8, message: &MavMessage) -> Vec<Ma
     let mut bytes = Vec::new();
     mav_stream::encode(&mut bytes, system, 190, 0, message);
     let link = LinkId::Ground(n);
-    pilot.handle(pilot.now, Input::Bytes { link, bytes: &bytes });
+    pilot.handle(pilot.clock.now, Input::Bytes { link, bytes: &bytes });
     let mut splitter = MavSplitter::new();
     pilot.drain_output(|to, bytes| {
         if to == link {

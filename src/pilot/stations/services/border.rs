@@ -22,26 +22,26 @@ impl Pilot {
     /// What the line of a link carries, bytes/s; `None`: more than we ever send.
     pub(super) fn line_Bps(&self, link: LinkId) -> Option<f64> {
         let LinkId::Ground(n) = link else { return None };
-        self.grounds.get(usize::from(n))?.streams.line_Bps()
+        self.stations.grounds.get(usize::from(n))?.streams.line_Bps()
     }
 
     /// A value of the configuration changed: everything that has a copy takes it over. Outputs of
     /// the controller go on from where they are and fade to the new law.
     pub(super) fn configuration_changed(&mut self) {
         let envelope = Envelope::of(&self.config, &self.survey);
-        self.guidance.reconfigure(
+        self.flight.guidance.reconfigure(
             self.config.flight.clone(),
             envelope,
             self.config.control.limits.horizontal_mps,
         );
-        let record = &self.control;
-        let from = self.mode.has_thrust().then_some(Handover {
+        let record = &self.flight.control;
+        let from = self.flight.mode.has_thrust().then_some(Handover {
             roll_rad: record.roll_rad,
             pitch_rad: record.pitch_rad,
             yaw_rad: record.yaw_rad,
             thrust_frac: record.thrust_frac,
         });
-        self.controller.retune(self.config.control.clone(), from.as_ref());
-        self.gains_refusal = margins::refusal(&self.config.control);
+        self.flight.controller.retune(self.config.control.clone(), from.as_ref());
+        self.flight.gains_refusal = margins::refusal(&self.config.control);
     }
 }

@@ -34,11 +34,11 @@ impl Pilot {
     /// The border that the vehicle is beyond. On the floor it leaves nothing by being below its bottom,
     /// and where it was put is looked at when it arms.
     pub(crate) fn breach(&self) -> Option<FenceBreach> {
-        if !self.mode.has_thrust() {
+        if !self.flight.mode.has_thrust() {
             return None;
         }
         let pos = self.estimate.pos_E_m;
-        let volume = self.guidance.volume();
+        let volume = self.flight.guidance.volume();
         if -pos.z() > volume.height_m + CEILING_MARGIN_M {
             return Some(FenceBreach::FENCE_BREACH_MAXALT);
         }
@@ -49,7 +49,7 @@ impl Pilot {
     /// Once a control step.
     pub(super) fn fence_tick(&mut self, at: HostTime) {
         let breach = self.breach();
-        let watch = &mut self.services.fence_watch;
+        let watch = &mut self.stations.services.fence_watch;
         if let Some(breach) = breach
             && !watch.is_outside
         {
@@ -62,8 +62,8 @@ impl Pilot {
 
     /// FENCE_STATUS.
     pub(crate) fn fence_status(&self) -> MavMessage {
-        let watch = &self.services.fence_watch;
-        let held_back = self.services.plans.held_back.is_some();
+        let watch = &self.stations.services.fence_watch;
+        let held_back = self.stations.services.plans.held_back.is_some();
         MavMessage::FENCE_STATUS(FENCE_STATUS_DATA {
             breach_time: (watch.last_at.as_us() / 1000) as u32,
             breach_count: watch.count,

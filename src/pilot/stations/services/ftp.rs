@@ -142,6 +142,7 @@ impl Pilot {
         let request = Packet::decode(payload);
         let (seq, crc) = (request.seq, crc32(payload, 0));
         let known = self
+            .stations
             .services
             .ftp
             .answered
@@ -154,7 +155,7 @@ impl Pilot {
             }
             return;
         }
-        self.services.ftp.remember(client, seq, crc);
+        self.stations.services.ftp.remember(client, seq, crc);
         if let Some(answer) = self.ftp_request(at, client, request) {
             self.answer_ftp(client, seq, answer);
         }
@@ -162,12 +163,12 @@ impl Pilot {
 
     pub(super) fn send_ftp(&mut self, client: Client, packet: &Packet) {
         let message = MavMessage::FILE_TRANSFER_PROTOCOL(packet.encode(client.peer));
-        self.out.message(client.link, self.own, &message);
+        self.out.outbox.message(client.link, self.out.own, &message);
     }
 
     pub(super) fn answer_ftp(&mut self, client: Client, seq: u16, answer: Packet) {
         self.send_ftp(client, &answer);
-        let mut all = self.services.ftp.answered.iter_mut();
+        let mut all = self.stations.services.ftp.answered.iter_mut();
         if let Some(known) = all.find(|known| (known.client, known.seq) == (client, seq)) {
             known.answer = Some(answer);
         }
@@ -181,7 +182,7 @@ impl Pilot {
         job: Job,
         request: &Packet,
     ) -> Option<Packet> {
-        match self.services.desk.ask(task, Purpose::Ftp(job), at) {
+        match self.stations.services.desk.ask(task, Purpose::Ftp(job), at) {
             Ok(()) => None,
             Err((fault, _)) => Some(request.nak(error_of(fault))),
         }
@@ -213,14 +214,14 @@ impl Pilot {
             NONE => Some(request.ack(Vec::new())),
             TERMINATE => self.ftp_end(at, client, request),
             RESET => {
-                for slot in &mut self.services.ftp.sessions {
+                for slot in &mut self.stations.services.ftp.sessions {
                     slot.take_if(|session| session.client == client);
                 }
                 Some(request.ack(Vec::new()))
             }
             LIST => match request.path().and_then(place) {
                 Some(Place::Root) => {
-                    let files = self.services.metadata.files();
+                    let files = self.stations.services.metadata.files();
                     let files =
                         files.map(|(name, bytes)| entry('F', name, Some(bytes.len() as u64)));
                     let folders = [LOGS, MISSIONS].map(|name| entry('D', name, None));
@@ -257,7 +258,8 @@ impl Pilot {
             READ => self.ftp_read(at, client, request),
             BURST => self.ftp_burst(at, client, request),
             WRITE => {
-                let Some(session) = self.services.ftp.session(request.session, client) else {
+                let Some(session) = self.stations.services.ftp.session(request.session, client)
+                else {
                     return Some(request.nak(E::MAV_FTP_ERR_INVALIDSESSION));
                 };
                 session.used_at = at;
@@ -306,14 +308,14 @@ impl Pilot {
 
     /// A file that lies on no disk, as this client sees it.
     fn made_file(&self, client: Client, made: Made) -> Vec<u8> {
-        let metadata = &self.services.metadata;
+        let metadata = &self.stations.services.metadata;
         match made {
             Made::General => metadata.general.clone(),
             Made::Parameters => metadata.parameters.clone(),
             Made::Events => metadata.events.clone(),
             Made::Packed(query) => {
                 let px4 = self.endpoint_on(client.link).identity == Identity::Px4;
-                self.services.parameters.packed(px4, query)
+                self.stations.services.parameters.packed(px4, query)
             }
         }
     }
@@ -330,7 +332,7 @@ impl Pilot {
         let Ok(wire_size) = u32::try_from(size) else {
             return request.nak(MavFtpErr::MAV_FTP_ERR_FAIL);
         };
-        match self.services.ftp.open(client, request.session, size, content, at) {
+        match self.stations.services.ftp.open(client, request.session, size, content, at) {
             Some(id) => {
                 let mut answer = request.ack(wire_size.to_le_bytes().to_vec());
                 answer.session = id;
@@ -342,10 +344,10 @@ impl Pilot {
 
     /// Ends a session; a file that was written goes to the disk.
     fn ftp_end(&mut self, at: HostTime, client: Client, request: Packet) -> Option<Packet> {
-        let Some(place) = self.services.ftp.place_of(request.session, client) else {
+        let Some(place) = self.stations.services.ftp.place_of(request.session, client) else {
             return Some(request.nak(MavFtpErr::MAV_FTP_ERR_INVALIDSESSION));
         };
-        let slot = self.services.ftp.sessions.get_mut(place);
+        let slot = self.stations.services.ftp.sessions.get_mut(place);
         match slot.and_then(Option::take).map(|session| session.content) {
             Some(Content::Upload { file, bytes }) => {
                 let job = Job::Store(client, request.clone());
@@ -413,9 +415,9 @@ impl Pilot {
 
     /// A link is gone, and whoever was on it.
     pub(super) fn ftp_forget(&mut self, link: LinkId) {
-        for slot in &mut self.services.ftp.sessions {
+        for slot in &mut self.stations.services.ftp.sessions {
             slot.take_if(|session| session.client.link == link);
         }
-        self.services.ftp.answered.retain(|known| known.client.link != link);
+        self.stations.services.ftp.answered.retain(|known| known.client.link != link);
     }
 }

@@ -65,7 +65,7 @@ impl Pilot {
         client: Client,
         request: Packet,
     ) -> Option<Packet> {
-        let ftp = &mut self.services.ftp;
+        let ftp = &mut self.stations.services.ftp;
         let number = ftp.place_of(request.session, client);
         let (Some(number), Some(session)) = (number, ftp.session(request.session, client)) else {
             return Some(request.nak(MavFtpErr::MAV_FTP_ERR_INVALIDSESSION));
@@ -96,7 +96,7 @@ impl Pilot {
         client: Client,
         request: Packet,
     ) -> Option<Packet> {
-        let Some(session) = self.services.ftp.session(request.session, client) else {
+        let Some(session) = self.stations.services.ftp.session(request.session, client) else {
             return Some(request.nak(MavFtpErr::MAV_FTP_ERR_INVALIDSESSION));
         };
         session.used_at = at;
@@ -119,7 +119,9 @@ impl Pilot {
 
     /// Asks for the block of a session that begins at an offset.
     fn ftp_fetch(&mut self, at: HostTime, number: usize, offset: u64) {
-        let Some(Some(session)) = self.services.ftp.sessions.get_mut(number) else { return };
+        let Some(Some(session)) = self.stations.services.ftp.sessions.get_mut(number) else {
+            return;
+        };
         let Content::Disk { file, is_fetching, .. } = &mut session.content else { return };
         if *is_fetching {
             return;
@@ -127,7 +129,8 @@ impl Pilot {
         *is_fetching = true;
         let task = FileTask::Read { file: file.clone(), offset, count: MOST_READ_BYTES };
         let job = Job::Block { number, serial: session.serial, offset };
-        if let Err((fault, Purpose::Ftp(job))) = self.services.desk.ask(task, Purpose::Ftp(job), at)
+        if let Err((fault, Purpose::Ftp(job))) =
+            self.stations.services.desk.ask(task, Purpose::Ftp(job), at)
         {
             self.ftp_answer(at, job, Err(fault), &[]);
         }
@@ -142,7 +145,9 @@ impl Pilot {
         result: Result<(), FileFault>,
         bytes: &[u8],
     ) {
-        let Some(Some(session)) = self.services.ftp.sessions.get_mut(number) else { return };
+        let Some(Some(session)) = self.stations.services.ftp.sessions.get_mut(number) else {
+            return;
+        };
         if session.serial != serial {
             return;
         }
@@ -181,7 +186,7 @@ impl Pilot {
     /// Goes on with bursts, and ends what nobody uses.
     pub(super) fn ftp_tick(&mut self, at: HostTime, link: LinkId, budget: &mut Budget<'_>) {
         for number in 0..MOST_SESSIONS {
-            let Some(slot) = self.services.ftp.sessions.get_mut(number) else { return };
+            let Some(slot) = self.stations.services.ftp.sessions.get_mut(number) else { return };
             if slot.take_if(|s| at.seconds_since(s.used_at) > IDLE_S).is_some() {
                 continue;
             }

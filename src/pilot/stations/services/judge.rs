@@ -131,18 +131,18 @@ impl Judge {
 impl Pilot {
     /// A program is in force as the mission.
     pub(super) fn program_is_loaded(&mut self, name: &str) {
-        self.services.judge.program = Some((self.mission.id, name.to_owned()));
+        self.stations.services.judge.program = Some((self.flight.mission.id, name.to_owned()));
     }
 
     /// The program that the mission in force is, if it is one.
     pub(crate) fn program_in_force(&self) -> Option<&str> {
-        let (id, name) = self.services.judge.program.as_ref()?;
-        (*id == self.mission.id).then_some(name)
+        let (id, name) = self.stations.services.judge.program.as_ref()?;
+        (*id == self.flight.mission.id).then_some(name)
     }
 
     /// `MAV_CMD_USER_4` with param1 = -1.
     pub(super) fn judge_command(&mut self, at: HostTime, client: Client) {
-        let judge = &mut self.services.judge;
+        let judge = &mut self.stations.services.judge;
         // One that began by itself is joined.
         if let Some(running) = &mut judge.running
             && running.asker.is_none_or(|asker| asker == client)
@@ -154,7 +154,9 @@ impl Pilot {
         let refusal = match &judge.flown {
             _ if judge.running.is_some() => Some("somebody waits for a judgement already"),
             None => Some("no program was flown: load one by its name and fly it"),
-            Some(_) if self.mode != Mode::Disarmed => Some("flights are judged on the floor"),
+            Some(_) if self.flight.mode != Mode::Disarmed => {
+                Some("flights are judged on the floor")
+            }
             Some(_) => None,
         };
         if let Some(why) = refusal {
@@ -176,12 +178,12 @@ impl Pilot {
             target_system: client.peer.0,
             target_component: client.peer.1,
         });
-        self.out.message(client.link, self.own, &message);
+        self.out.outbox.message(client.link, self.out.own, &message);
     }
 
     fn begin_judging(&mut self, at: HostTime, asker: Option<Client>, delay_us: i64) {
-        let Some(name) = self.services.judge.flown.clone() else { return };
-        self.services.judge.running = Some(Running {
+        let Some(name) = self.stations.services.judge.flown.clone() else { return };
+        self.stations.services.judge.running = Some(Running {
             name,
             asker,
             next_poll: at.offset_us(delay_us),
@@ -192,45 +194,46 @@ impl Pilot {
 
     /// Once a control step.
     pub(super) fn judge_tick(&mut self, at: HostTime) {
-        if self.mode == Mode::Mission {
+        if self.flight.mode == Mode::Mission {
             if let Some(name) = self.program_in_force() {
                 let name = name.to_owned();
-                self.services.judge.flown = Some(name);
-                self.services.judge.is_due = true;
+                self.stations.services.judge.flown = Some(name);
+                self.stations.services.judge.is_due = true;
             } else {
-                self.services.judge.flown = None;
+                self.stations.services.judge.flown = None;
             }
         }
-        if self.mode != Mode::Disarmed {
-            self.services.judge.flown_until = at;
+        if self.flight.mode != Mode::Disarmed {
+            self.stations.services.judge.flown_until = at;
             self.end_judging(at, "the vehicle is armed");
             return;
         }
-        if std::mem::take(&mut self.services.judge.is_due) {
+        if std::mem::take(&mut self.stations.services.judge.is_due) {
             // With what is said of the landing.
-            self.services.judge.flown_until = at;
+            self.stations.services.judge.flown_until = at;
             if self.config.judge_programs {
                 self.begin_judging(at, None, SETTLE_US);
             }
         }
-        let Some(running) = &mut self.services.judge.running else { return };
+        let Some(running) = &mut self.stations.services.judge.running else { return };
         if running.is_asked || at < running.next_poll {
             return;
         }
         running.is_asked = true;
         running.next_poll = at.offset_us(POLL_US);
-        let (program, flown_until) = (running.name.clone(), self.services.judge.flown_until);
+        let (program, flown_until) =
+            (running.name.clone(), self.stations.services.judge.flown_until);
         let task = FileTask::Judge { program, flown_until };
-        if let Err((fault, _)) = self.services.desk.ask(task, Purpose::Judge, at) {
+        if let Err((fault, _)) = self.stations.services.desk.ask(task, Purpose::Judge, at) {
             self.judge_answer(at, Err(fault), &[]);
         }
     }
 
     /// Ends a judgement that is under way. `false`: there is none.
     fn end_judging(&mut self, at: HostTime, why: &str) -> bool {
-        let Some(running) = self.services.judge.running.take() else { return false };
+        let Some(running) = self.stations.services.judge.running.take() else { return false };
         // If it is refused there is nothing to stop.
-        let _ = self.services.desk.ask(FileTask::StopJudging, Purpose::StopJudging, at);
+        let _ = self.stations.services.desk.ask(FileTask::StopJudging, Purpose::StopJudging, at);
         if let Some(client) = running.asker {
             let result = MavResult::MAV_RESULT_CANCELLED;
             self.service_ack(client, MavCmd::MAV_CMD_USER_4, result);
@@ -251,13 +254,13 @@ impl Pilot {
         result: Result<(), FileFault>,
         bytes: &[u8],
     ) {
-        let Some(running) = &mut self.services.judge.running else { return };
+        let Some(running) = &mut self.stations.services.judge.running else { return };
         running.is_asked = false;
         let judgement = match result {
             Ok(()) => Judgement::decode(bytes),
             Err(FileFault::Busy) => return, // the landing is not on the disk yet
             Err(fault) => {
-                let Some(running) = self.services.judge.running.take() else { return };
+                let Some(running) = self.stations.services.judge.running.take() else { return };
                 let why = match std::str::from_utf8(bytes) {
                     Ok(why) if !why.is_empty() => why.to_owned(),
                     _ => fault.words().to_owned(),
@@ -283,7 +286,7 @@ impl Pilot {
     }
 
     fn judging_goes_on(&mut self, at: HostTime, percent: u8, what: String) {
-        let Some(running) = &mut self.services.judge.running else { return };
+        let Some(running) = &mut self.stations.services.judge.running else { return };
         let asker = running.asker;
         let (told, told_percent) = &running.told;
         let news = *told != what || percent >= told_percent.saturating_add(TELL_PERCENT);
@@ -298,7 +301,7 @@ impl Pilot {
     }
 
     fn judging_is_done(&mut self, at: HostTime, lines: Vec<Told>) {
-        let Some(running) = self.services.judge.running.take() else { return };
+        let Some(running) = self.stations.services.judge.running.take() else { return };
         for line in lines {
             match line {
                 Told::Text(text) => {

@@ -53,7 +53,7 @@ impl Lost {
 impl Pilot {
     pub(super) fn note_lost(&mut self, at: HostTime, kept: Kept, why: &str) {
         let why: String = why.chars().take(LONGEST_REASON).collect();
-        let lost = &mut self.services.lost;
+        let lost = &mut self.stations.services.lost;
         lost.settle(kept);
         lost.0.push((kept, why));
         if let Some(text) = lost.texts().last() {
@@ -77,7 +77,7 @@ impl Pilot {
 
     /// For a station that speaks for the first time: it was not there when it was told.
     pub(crate) fn tell_lost(&mut self, at: HostTime, link: LinkId) {
-        let texts: Vec<String> = self.services.lost.texts().collect();
+        let texts: Vec<String> = self.stations.services.lost.texts().collect();
         for text in texts {
             if self.may_echo(at) {
                 self.say_to(at, link, Severity::Warning, &text);
@@ -87,11 +87,12 @@ impl Pilot {
 
     /// Why nothing is armed with what is left.
     pub(crate) fn lost_forbids(&self) -> Option<String> {
-        if self.services.desk.waits_for(|purpose| matches!(purpose, Purpose::LoadPlan(_))) {
+        if self.stations.services.desk.waits_for(|purpose| matches!(purpose, Purpose::LoadPlan(_)))
+        {
             return Some("fence, rally points and mission are still being read".to_owned());
         }
-        let text = self.services.lost.texts().next()?;
-        let (kept, _) = self.services.lost.0.first()?;
+        let text = self.stations.services.lost.texts().next()?;
+        let (kept, _) = self.stations.services.lost.0.first()?;
         let way_out = match kept {
             Kept::Parameters => "set them, or reset them",
             Kept::Plan(_) => "upload it, or clear it",

@@ -157,15 +157,15 @@ impl Pilot {
             }
             MavMessage::LOG_REQUEST_DATA(m) => self.log_data(at, client, m),
             MavMessage::LOG_REQUEST_END(_) => {
-                self.services.logs.downloads.retain(|d| d.client != client);
-                self.services.logs.listings.retain(|l| l.client != client);
+                self.stations.services.logs.downloads.retain(|d| d.client != client);
+                self.stations.services.logs.listings.retain(|l| l.client != client);
             }
             MavMessage::LOG_ERASE(_) => {
-                if self.board.is_armed() {
+                if self.board.link.is_armed() {
                     let text = "logs not erased: disarm first".to_owned();
                     self.say(at, Severity::Warning, text);
                 } else {
-                    self.services.logs.downloads.clear();
+                    self.stations.services.logs.downloads.clear();
                     self.log_ask(at, Job::Erase, FileTask::EraseLogs);
                 }
             }
@@ -176,14 +176,14 @@ impl Pilot {
 
     fn log_ask(&mut self, at: HostTime, job: Job, task: FileTask) {
         if let Err((fault, Purpose::Logs(job))) =
-            self.services.desk.ask(task, Purpose::Logs(job), at)
+            self.stations.services.desk.ask(task, Purpose::Logs(job), at)
         {
             self.log_answer(at, job, Err(fault), &[]);
         }
     }
 
     fn log_data(&mut self, at: HostTime, client: Client, m: &LOG_REQUEST_DATA_DATA) {
-        let logs = &mut self.services.logs;
+        let logs = &mut self.stations.services.logs;
         let offset = u64::from(m.ofs);
         let end = offset.saturating_add(u64::from(m.count));
         let covers =
@@ -194,7 +194,7 @@ impl Pilot {
             let told = logs.full_told_at.is_some_and(|t| at.seconds_since(t) < FULL_TELL_S);
             self.drops_of(client.link).add(DropReason::InputQueueFull, 1);
             if !told {
-                self.services.logs.full_told_at = Some(at);
+                self.stations.services.logs.full_told_at = Some(at);
                 let text = format!(
                     "log {} from byte {offset} is not sent: {waiting} requests wait on link {}, ask again",
                     m.id,
@@ -227,7 +227,7 @@ impl Pilot {
         }
         let count = bytes.len().min(PIECE) as u8;
         let message = MavMessage::LOG_DATA(LOG_DATA_DATA { ofs, id, count, data });
-        self.out.message(client.link, self.own, &message);
+        self.out.outbox.message(client.link, self.out.own, &message);
     }
 
     /// The disk has answered.
@@ -240,20 +240,26 @@ impl Pilot {
     ) {
         match job {
             Job::List { client, start, end } => {
-                self.services.logs.logs = if result.is_ok() { parse(bytes) } else { Vec::new() };
-                let count = self.services.logs.logs.len() as u16;
-                self.services.logs.listings.retain(|l| l.client != client);
+                self.stations.services.logs.logs =
+                    if result.is_ok() { parse(bytes) } else { Vec::new() };
+                let count = self.stations.services.logs.logs.len() as u16;
+                self.stations.services.logs.listings.retain(|l| l.client != client);
                 let (first, last) = (start.max(1), end.min(count));
                 if count == 0 || first > last {
                     self.send_log_entry(client, 0);
                 } else {
-                    self.services.logs.listings.push(Listing { client, next: first, last });
+                    self.stations.services.logs.listings.push(Listing {
+                        client,
+                        next: first,
+                        last,
+                    });
                 }
             }
             Job::ListForData { serial } => {
-                self.services.logs.logs = if result.is_ok() { parse(bytes) } else { Vec::new() };
-                let is_empty = self.services.logs.logs.is_empty();
-                let downloads = &mut self.services.logs.downloads;
+                self.stations.services.logs.logs =
+                    if result.is_ok() { parse(bytes) } else { Vec::new() };
+                let is_empty = self.stations.services.logs.logs.is_empty();
+                let downloads = &mut self.stations.services.logs.downloads;
                 let Some(index) = downloads.iter().position(|d| d.serial == serial) else { return };
                 downloads[index].is_fetching = false;
                 if is_empty {
@@ -262,7 +268,7 @@ impl Pilot {
                 }
             }
             Job::Block { serial, offset } => {
-                let downloads = &mut self.services.logs.downloads;
+                let downloads = &mut self.stations.services.logs.downloads;
                 let Some(index) = downloads.iter().position(|d| d.serial == serial) else { return };
                 let Some(download) = downloads.get_mut(index) else { return };
                 download.is_fetching = false;
@@ -275,7 +281,7 @@ impl Pilot {
                 download.block_at = offset;
             }
             Job::Erase => {
-                self.services.logs.logs.clear();
+                self.stations.services.logs.logs.clear();
                 let text = match result {
                     Ok(()) => "logs erased, but for the one being written".to_owned(),
                     Err(fault) => format!("logs not erased: {}", fault.words()),
@@ -287,7 +293,7 @@ impl Pilot {
 
     /// Number 0: there is none.
     fn send_log_entry(&mut self, client: Client, id: u16) {
-        let logs = &self.services.logs.logs;
+        let logs = &self.stations.services.logs.logs;
         let count = logs.len() as u16;
         let log = id.checked_sub(1).and_then(|n| logs.get(usize::from(n)));
         let message = MavMessage::LOG_ENTRY(LOG_ENTRY_DATA {
@@ -297,12 +303,12 @@ impl Pilot {
             num_logs: count,
             last_log_num: count,
         });
-        self.out.message(client.link, self.own, &message);
+        self.out.outbox.message(client.link, self.out.own, &message);
     }
 
     /// Goes on with lists and downloads.
     pub(super) fn log_tick(&mut self, at: HostTime, link: LinkId, budget: &mut Budget<'_>) {
-        let listings = &mut self.services.logs.listings;
+        let listings = &mut self.stations.services.logs.listings;
         if let Some(index) = listings.iter().position(|l| l.client.link == link) {
             let mut listing = listings.swap_remove(index);
             while listing.next <= listing.last && budget.take(ENTRY_BYTES) {
@@ -310,7 +316,7 @@ impl Pilot {
                 listing.next += 1;
             }
             if listing.next <= listing.last {
-                self.services.logs.listings.push(listing);
+                self.stations.services.logs.listings.push(listing);
             }
         }
         self.send_logs(at, link, budget);
@@ -318,15 +324,15 @@ impl Pilot {
 
     /// Goes on with the downloads of a link: those of one client, one after another, and of the next one in the next step.
     fn send_logs(&mut self, at: HostTime, link: LinkId, budget: &mut Budget<'_>) {
-        let logs = &self.services.logs;
+        let logs = &self.stations.services.logs;
         let Some(first) = logs.downloads.iter().find(|d| d.client.link == link) else { return };
         let client = first.client;
         loop {
-            let downloads = &mut self.services.logs.downloads;
+            let downloads = &mut self.stations.services.logs.downloads;
             let Some(index) = downloads.iter().position(|d| d.client == client) else { return };
             let mut download = downloads.remove(index);
             let turn = self.send_log(at, &mut download, budget);
-            let downloads = &mut self.services.logs.downloads;
+            let downloads = &mut self.stations.services.logs.downloads;
             match turn {
                 Turn::Over => continue,
                 Turn::Waits => downloads.insert(index, download),
@@ -338,17 +344,17 @@ impl Pilot {
             }
             break;
         }
-        self.services.logs.downloads.sort_by_key(|d| d.client == client);
+        self.stations.services.logs.downloads.sort_by_key(|d| d.client == client);
     }
 
     /// Goes on with a download.
     fn send_log(&mut self, at: HostTime, download: &mut Download, budget: &mut Budget<'_>) -> Turn {
         let Download { client, serial, id, .. } = *download;
         if download.file.is_none() && !download.is_fetching {
-            if self.services.logs.logs.is_empty() {
+            if self.stations.services.logs.logs.is_empty() {
                 return Turn::Asks(Job::ListForData { serial }, FileTask::List(Folder::Logs));
             }
-            let logs = &self.services.logs.logs;
+            let logs = &self.stations.services.logs.logs;
             let log = id.checked_sub(1).and_then(|n| logs.get(usize::from(n)));
             let end = log.map_or(0, |log| download.end.min(log.size));
             let file = log.and_then(|log| FileName::new(Folder::Logs, &log.name));
@@ -357,7 +363,10 @@ impl Pilot {
                     return Turn::Waits;
                 }
                 if file.is_none() && self.may_echo(at) {
-                    let text = format!("no log {id}: {} are listed", self.services.logs.logs.len());
+                    let text = format!(
+                        "no log {id}: {} are listed",
+                        self.stations.services.logs.logs.len()
+                    );
                     self.say(at, Severity::Warning, text);
                 }
                 // Beyond the end: a piece of nothing says so.
@@ -389,8 +398,8 @@ impl Pilot {
 
     /// A link is gone, and whoever was on it.
     pub(super) fn logs_forget(&mut self, link: LinkId) {
-        self.services.logs.downloads.retain(|d| d.client.link != link);
-        self.services.logs.listings.retain(|l| l.client.link != link);
+        self.stations.services.logs.downloads.retain(|d| d.client.link != link);
+        self.stations.services.logs.listings.retain(|l| l.client.link != link);
     }
 }
 

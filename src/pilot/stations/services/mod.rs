@@ -172,8 +172,8 @@ impl Pilot {
         message: &MavMessage,
     ) -> bool {
         let Some((system, component)) = target(message) else { return false };
-        let for_us = (system == 0 || system == self.own.system_id)
-            && (component == 0 || component == self.own.component_id);
+        let for_us = (system == 0 || system == self.out.own.system_id)
+            && (component == 0 || component == self.out.own.component_id);
         if !for_us {
             return false;
         }
@@ -215,19 +215,19 @@ impl Pilot {
         let Some(command) = known(number) else { return false };
         let result = match command {
             MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_METADATA_ID => {
-                let message = self.services.metadata.message(at);
-                self.out.message(client.link, self.own, &message);
+                let message = self.stations.services.metadata.message(at);
+                self.out.outbox.message(client.link, self.out.own, &message);
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_INFORMATION_ID => {
-                let message = self.services.metadata.older_message(at);
-                self.out.message(client.link, self.own, &message);
+                let message = self.stations.services.metadata.older_message(at);
+                self.out.outbox.message(client.link, self.out.own, &message);
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_PREFLIGHT_STORAGE => {
                 if param1 == STORAGE_RESET {
                     let purpose = Purpose::Forget(client);
-                    match self.services.desk.ask(FileTask::ForgetParameters, purpose, at) {
+                    match self.stations.services.desk.ask(FileTask::ForgetParameters, purpose, at) {
                         Ok(()) => return true,
                         Err((fault, _)) => {
                             self.say(at, Severity::Warning, fault.words().to_owned());
@@ -241,7 +241,7 @@ impl Pilot {
                 }
             }
             MavCmd::MAV_CMD_RUN_PREARM_CHECKS => {
-                if self.mode == Mode::Disarmed {
+                if self.flight.mode == Mode::Disarmed {
                     self.report_checks(at, true);
                     R::MAV_RESULT_ACCEPTED
                 } else {
@@ -266,39 +266,39 @@ impl Pilot {
             target_system: client.peer.0,
             target_component: client.peer.1,
         });
-        self.out.message(client.link, self.own, &message);
+        self.out.outbox.message(client.link, self.out.own, &message);
     }
 
     /// Once a control step: what is due, and what was begun.
     pub(crate) fn service_tick(&mut self, at: HostTime) {
-        if !self.services.has_begun {
-            self.services.has_begun = true;
+        if !self.stations.services.has_begun {
+            self.stations.services.has_begun = true;
             self.restore_plans(at);
         }
-        while let Some(purpose) = self.services.desk.overdue(at) {
+        while let Some(purpose) = self.stations.services.desk.overdue(at) {
             self.take_answer(at, purpose, Err(FileFault::TimedOut), &[]);
         }
         self.plan_tick(at);
         self.event_tick(at);
         self.fence_tick(at);
         self.judge_tick(at);
-        for n in 0..self.grounds.len() {
-            if !self.grounds[n].is_open {
+        for n in 0..self.stations.grounds.len() {
+            if !self.stations.grounds[n].is_open {
                 continue;
             }
-            let link = self.grounds[n].link;
+            let link = self.stations.grounds[n].link;
             let line_Bps = self.line_Bps(link);
-            let buckets = &mut self.services.buckets;
+            let buckets = &mut self.stations.services.buckets;
             let mut bucket = match buckets.iter().position(|(l, _)| *l == link) {
                 Some(index) => buckets.swap_remove(index).1,
                 None => Bucket::default(),
             };
-            let mut budget = bucket.step(line_Bps, !self.grounds[n].is_full);
+            let mut budget = bucket.step(line_Bps, !self.stations.grounds[n].is_full);
             self.partial_tick(link, &mut budget);
             self.parameter_tick(link, &mut budget);
             self.log_tick(at, link, &mut budget);
             self.ftp_tick(at, link, &mut budget);
-            self.services.buckets.push((link, bucket));
+            self.stations.services.buckets.push((link, bucket));
             self.settle(n);
         }
     }
@@ -313,7 +313,7 @@ impl Pilot {
     ) {
         if ticket == PARAMETERS_TICKET {
             self.parameters_told(at, result, bytes);
-        } else if let Some(purpose) = self.services.desk.take(ticket) {
+        } else if let Some(purpose) = self.stations.services.desk.take(ticket) {
             self.take_answer(at, purpose, result, bytes);
         }
     }
@@ -327,13 +327,13 @@ impl Pilot {
     ) {
         match (purpose, result) {
             // The file was begun anew, whatever was wrong with it.
-            (Purpose::Parameter(_), Ok(())) => self.services.lost.settle(Kept::Parameters),
+            (Purpose::Parameter(_), Ok(())) => self.stations.services.lost.settle(Kept::Parameters),
             (Purpose::SavePlan(_), Ok(())) => {}
             (Purpose::Parameter(name), Err(fault)) => self.parameter_not_kept(at, name, fault),
             (Purpose::SavePlan(plan), Err(fault)) => self.plan_not_kept(at, plan, fault),
             (Purpose::Forget(client), result) => {
                 if result.is_ok() {
-                    self.services.lost.settle(Kept::Parameters);
+                    self.stations.services.lost.settle(Kept::Parameters);
                 }
                 let (answer, text) = match result {
                     Ok(()) => (
@@ -363,23 +363,23 @@ impl Pilot {
 
     /// Yields the tasks for the disk, in order, and forgets them.
     pub fn drain_file_requests(&mut self, take: impl FnMut(FileRequest)) {
-        self.services.desk.drain().for_each(take);
+        self.stations.services.desk.drain().for_each(take);
     }
 
     /// A link is gone: nothing is sent to it any more.
     pub(crate) fn services_forget(&mut self, link: LinkId) {
-        self.services.plans.transfer.cancel_link(link);
+        self.stations.services.plans.transfer.cancel_link(link);
         self.ftp_forget(link);
         self.logs_forget(link);
-        self.services.buckets.retain(|(l, _)| *l != link);
+        self.stations.services.buckets.retain(|(l, _)| *l != link);
     }
 
     /// The fence has the last word on what the controller is asked for. A leg that it bars ends in Hold; a
     /// return, on which somebody relies to come down, lands when it has hung there for a while.
     pub(crate) fn keep_inside_fence(&mut self, at: HostTime, command: &mut Command) {
-        let plans = &mut self.services.plans;
+        let plans = &mut self.stations.services.plans;
         let guarded = plans.fence.guard(command, &self.estimate, plans.refuge_m);
-        let follows = matches!(self.mode, Mode::Offboard | Mode::Manual);
+        let follows = matches!(self.flight.mode, Mode::Offboard | Mode::Manual);
         if guarded != Some(Guarded::HeldBack) && !(follows && guarded.is_some()) {
             let is_over = |last| at.seconds_since(last) > HELD_OVER_S;
             plans.held_back = plans.held_back.filter(|(_, last)| !is_over(*last));
@@ -391,7 +391,7 @@ impl Pilot {
             let text = format!("held back by the fence at N {:.2} E {:.2} m", pos.x(), pos.y());
             self.say(at, Severity::Warning, text);
         }
-        if matches!(self.mode, Mode::Mission | Mode::Goto) {
+        if matches!(self.flight.mode, Mode::Mission | Mode::Goto) {
             self.fire(at, Event::HoldAsked);
         } else if at.seconds_since(since) > HELD_LANDS_S {
             self.fire(at, Event::NoWayHome);
@@ -401,7 +401,7 @@ impl Pilot {
     /// Why the vehicle may not be armed where it stands.
     pub(crate) fn fence_forbids(&self) -> Option<String> {
         let pos = self.estimate.pos_E_m;
-        let inside = self.services.plans.fence.contains([pos.x(), pos.y()]);
+        let inside = self.stations.services.plans.fence.contains([pos.x(), pos.y()]);
         (!inside).then(|| format!("outside the fence at N {:.2} E {:.2} m", pos.x(), pos.y()))
     }
 }

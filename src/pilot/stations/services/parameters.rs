@@ -14,13 +14,12 @@ use haltere_dialect::mav::name_of;
 use haltere_core::control::margins;
 use haltere_core::time::HostTime;
 
-use super::Purpose;
 use super::budget::Budget;
 use super::crc32::crc32;
 use super::files::{FileFault, FileTask};
 use super::param_pack::{Query, pack};
-use super::parameter_table as table;
 use super::parameter_table::{Kind, Parameter, When};
+use super::{Purpose, parameter_table as table};
 use crate::Pilot;
 use crate::config::PilotConfig;
 use crate::flight::modes::Mode;
@@ -119,9 +118,9 @@ impl Pilot {
     ) -> bool {
         match message {
             MavMessage::PARAM_REQUEST_LIST(_) => {
-                self.services.parameters.stop_list(link);
-                if self.services.parameters.lists.len() < MOST_LISTS {
-                    self.services.parameters.lists.push(Listing { link, next: 0 });
+                self.stations.services.parameters.stop_list(link);
+                if self.stations.services.parameters.lists.len() < MOST_LISTS {
+                    self.stations.services.parameters.lists.push(Listing { link, next: 0 });
                 }
             }
             MavMessage::PARAM_REQUEST_READ(m) => self.parameter_read(link, peer, m),
@@ -134,7 +133,7 @@ impl Pilot {
                     param_type: m.param_type,
                     param_result: ParamAck::PARAM_ACK_VALUE_UNSUPPORTED as u8,
                 });
-                self.out.message(link, self.own, &answer);
+                self.out.outbox.message(link, self.out.own, &answer);
             }
             _ => return false,
         }
@@ -143,12 +142,12 @@ impl Pilot {
 
     /// Goes on with the list of a link.
     pub(super) fn parameter_tick(&mut self, link: LinkId, budget: &mut Budget) {
-        let lists = &mut self.services.parameters.lists;
+        let lists = &mut self.stations.services.parameters.lists;
         let Some(index) = lists.iter().position(|list| list.link == link) else { return };
         let mut list = lists.swap_remove(index);
         let count = table::count(self.is_px4(link)) as u16;
         if list.send(count, budget, |index| self.send_parameter(link, index)) {
-            self.services.parameters.lists.push(list);
+            self.stations.services.parameters.lists.push(list);
         }
     }
 
@@ -176,7 +175,7 @@ impl Pilot {
         let name = text_of(&*m.param_id);
         if name == HASH_NAME {
             // "My copy is right, spare me the list."
-            self.services.parameters.stop_list(link);
+            self.stations.services.parameters.stop_list(link);
             return;
         }
         let count = table::count(self.is_px4(link));
@@ -199,16 +198,18 @@ impl Pilot {
         match result {
             Ok(changed) => {
                 // Everybody's copy is to be right, under each name of the value.
-                for n in 0..self.grounds.len() {
-                    let link = self.grounds[n].link;
-                    if self.grounds[n].is_open {
+                for n in 0..self.stations.grounds.len() {
+                    let link = self.stations.grounds[n].link;
+                    if self.stations.grounds[n].is_open {
                         self.send_parameter(link, index as u16);
                     }
                 }
                 for other in aliases(changed).filter(|other| *other != index) {
-                    for n in 0..self.grounds.len() {
-                        let link = self.grounds[n].link;
-                        if self.grounds[n].is_open && other < table::count(self.is_px4(link)) {
+                    for n in 0..self.stations.grounds.len() {
+                        let link = self.stations.grounds[n].link;
+                        if self.stations.grounds[n].is_open
+                            && other < table::count(self.is_px4(link))
+                        {
                             self.send_parameter(link, other as u16);
                         }
                     }
@@ -243,7 +244,7 @@ impl Pilot {
         let exact = parameter
             .checked(value)
             .map_err(|why| (MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE, why))?;
-        let before = &self.services.parameters.wanted;
+        let before = &self.stations.services.parameters.wanted;
         if parameter.value(before) == value {
             return Ok(parameter);
         }
@@ -257,21 +258,22 @@ impl Pilot {
             let error = MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE;
             return Err((error, format!("{name} = {value}: {line}")));
         }
-        if parameter.when == When::OnFloor && self.mode.has_thrust() {
+        if parameter.when == When::OnFloor && self.flight.mode.has_thrust() {
             let why = format!("{name} cannot change in flight: land first");
             return Err((MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED, why));
         }
         // On the floor a set may be wrong while it is being changed: arming looks at it again.
-        if self.mode != Mode::Disarmed
-            && wanted.control != self.services.parameters.wanted.control
+        if self.flight.mode != Mode::Disarmed
+            && wanted.control != self.stations.services.parameters.wanted.control
             && let Some(why) = margins::refusal(&wanted.control)
         {
             let error = MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE;
             return Err((error, format!("{name} = {value} cannot be flown: {why}")));
         }
-        self.services.parameters.wanted = wanted;
+        self.stations.services.parameters.wanted = wanted;
         let task = FileTask::KeepParameter { name, value: exact };
-        if let Err((fault, _)) = self.services.desk.ask(task, Purpose::Parameter(name), at) {
+        if let Err((fault, _)) = self.stations.services.desk.ask(task, Purpose::Parameter(name), at)
+        {
             self.parameter_not_kept(at, name, fault);
         }
         if parameter.when == When::Restart {
@@ -292,18 +294,18 @@ impl Pilot {
     fn send_parameter(&mut self, link: LinkId, index: u16) {
         let Some(parameter) = table::at(usize::from(index)) else { return };
         let message = MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
-            param_value: parameter.value(&self.services.parameters.wanted),
+            param_value: parameter.value(&self.stations.services.parameters.wanted),
             param_count: table::count(self.is_px4(link)) as u16,
             param_index: index,
             param_id: id_of(parameter.name).into(),
             param_type: MavParamType::MAV_PARAM_TYPE_REAL32 as u8,
         });
-        self.out.message(link, self.own, &message);
+        self.out.outbox.message(link, self.out.own, &message);
     }
 
     fn send_hash(&mut self, link: LinkId) {
         let px4 = self.is_px4(link);
-        let hash = self.services.parameters.hash(px4);
+        let hash = self.stations.services.parameters.hash(px4);
         let message = MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
             // The bits of the number, as PX4 sends it and QGroundControl reads it.
             param_value: f32::from_bits(hash),
@@ -312,7 +314,7 @@ impl Pilot {
             param_id: id_of(HASH_NAME).into(),
             param_type: MavParamType::MAV_PARAM_TYPE_UINT32 as u8,
         });
-        self.out.message(link, self.own, &message);
+        self.out.outbox.message(link, self.out.own, &message);
     }
 
     fn send_parameter_error(
@@ -330,7 +332,7 @@ impl Pilot {
             param_id: id_of(name).into(),
             error,
         });
-        self.out.message(link, self.own, &message);
+        self.out.outbox.message(link, self.out.own, &message);
     }
 }
 

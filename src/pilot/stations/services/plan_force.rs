@@ -6,11 +6,10 @@ use haltere_core::estimate::Health;
 use haltere_core::geo::LocalOrigin;
 use haltere_core::time::HostTime;
 
-use super::Purpose;
 use super::files::{FileFault, FileTask, Plan};
 use super::kept::Kept;
-use super::plan_file;
 use super::plans::{name_of, type_of};
+use super::{Purpose, plan_file};
 use crate::Pilot;
 use crate::flight::awaited::Next;
 use crate::flight::fence::{Fence, KEEP_M};
@@ -22,7 +21,7 @@ use crate::out::voice::Severity;
 
 impl Pilot {
     pub(super) fn warn_of_barred_mission(&mut self, at: HostTime) {
-        if let Some(why) = self.services.plans.mission_is_barred.clone() {
+        if let Some(why) = self.stations.services.plans.mission_is_barred.clone() {
             self.say(at, Severity::Warning, why);
         }
     }
@@ -30,13 +29,14 @@ impl Pilot {
     /// Another fence is in force: what it leaves of a leg under way, and of the places to return to.
     pub(super) fn heed_fence(&mut self, at: HostTime) {
         self.warn_of_lost_refuges(at);
-        let Self { guidance, services, estimate, .. } = self;
+        let guidance = &mut self.flight.guidance;
+        let estimate = &self.estimate;
         let [here, goal] = [estimate.pos_E_m, guidance.goal_E_m()].map(|p| [p.x(), p.y()]);
-        let fence = &services.plans.fence;
+        let fence = &self.stations.services.plans.fence;
         if fence.allows_way(here, goal) {
             return;
         }
-        match self.mode {
+        match self.flight.mode {
             Mode::Goto => {
                 self.say(at, Severity::Warning, "the fence bars the rest of the leg".to_owned());
                 self.fire(at, Event::HoldAsked);
@@ -48,13 +48,13 @@ impl Pilot {
     }
 
     fn warn_of_lost_refuges(&mut self, at: HostTime) {
-        let fence = &self.services.plans.fence;
+        let fence = &self.stations.services.plans.fence;
         let names = std::iter::once("home".to_owned())
             .chain((0..).map(|seq: usize| format!("rally point {seq}")));
         // On the floor home is wherever the next take-off will be, unless it was set by hand.
-        let is_home_open = !self.guidance.home_is_set() && !self.mode.has_thrust();
+        let is_home_open = !self.flight.guidance.home_is_set() && !self.flight.mode.has_thrust();
         let forbidden: Vec<String> = names
-            .zip(self.guidance.refuges_NE_m())
+            .zip(self.flight.guidance.refuges_NE_m())
             .skip(usize::from(is_home_open))
             .filter(|(_, place)| !fence.contains(*place))
             .map(|(name, [north_m, east_m])| {
@@ -79,13 +79,13 @@ impl Pilot {
         let origin = self.local_origin();
         match plan {
             Plan::Mission => {
-                let room = Room { envelope: &self.guidance.envelope, origin };
+                let room = Room { envelope: &self.flight.guidance.envelope, origin };
                 let stored = items
                     .into_iter()
                     .map(|wire| from_wire(&wire, &room).map(|item| StoredItem { wire, item }))
                     .collect::<Result<Vec<_>, _>>()?;
                 check_jumps(&stored)?;
-                if let Some(seq) = leg_outside(&stored, &self.services.plans.fence) {
+                if let Some(seq) = leg_outside(&stored, &self.stations.services.plans.fence) {
                     let why = format!(
                         "item {seq}: it, or the way to it, is outside the fence, or within \
                          {KEEP_M} m of its border",
@@ -93,12 +93,12 @@ impl Pilot {
                     );
                     return Err((MavMissionResult::MAV_MISSION_INVALID, why));
                 }
-                self.mission.replace(stored);
-                self.guidance.new_mission();
-                self.services.plans.mission_is_barred = None;
-                if self.mission.items.is_empty()
-                    && self.guidance.next == Next::Mission
-                    && !self.mode.has_thrust()
+                self.flight.mission.replace(stored);
+                self.flight.guidance.new_mission();
+                self.stations.services.plans.mission_is_barred = None;
+                if self.flight.mission.items.is_empty()
+                    && self.flight.guidance.next == Next::Mission
+                    && !self.flight.mode.has_thrust()
                 {
                     self.call_off_lift_off();
                 }
@@ -107,27 +107,27 @@ impl Pilot {
                 let places = places(&items, origin.as_ref())?;
                 let fence = Fence::from_items(&items, &places)?;
                 let here = [self.estimate.pos_E_m.x(), self.estimate.pos_E_m.y()];
-                if self.mode.has_thrust() && !fence.contains(here) {
+                if self.flight.mode.has_thrust() && !fence.contains(here) {
                     let why = format!(
                         "the vehicle flies outside of it, at N {:.2} E {:.2}",
                         here[0], here[1]
                     );
                     return Err((MavMissionResult::MAV_MISSION_DENIED, why));
                 }
-                self.services.plans.fence_id = plan_id(items.iter());
-                self.services.plans.fence_items = items;
-                self.services.plans.fence = fence;
-                self.services.plans.refuge_m = here;
+                self.stations.services.plans.fence_id = plan_id(items.iter());
+                self.stations.services.plans.fence_items = items;
+                self.stations.services.plans.fence = fence;
+                self.stations.services.plans.refuge_m = here;
                 self.bar_mission();
             }
             Plan::Rally => {
                 let places = places(&items, origin.as_ref())?;
-                let volume = self.guidance.volume();
-                let fence = &self.services.plans.fence;
+                let volume = self.flight.guidance.volume();
+                let fence = &self.stations.services.plans.fence;
                 rally::check(&items, &places, volume, fence)?;
-                self.guidance.set_rally_points(places);
-                self.services.plans.rally_id = plan_id(items.iter());
-                self.services.plans.rally_items = items;
+                self.flight.guidance.set_rally_points(places);
+                self.stations.services.plans.rally_id = plan_id(items.iter());
+                self.stations.services.plans.rally_items = items;
             }
         }
         Ok(())
@@ -135,8 +135,8 @@ impl Pilot {
 
     /// Looks whether the mission still lies inside the fence.
     fn bar_mission(&mut self) {
-        let barred = leg_outside(&self.mission.items, &self.services.plans.fence);
-        self.services.plans.mission_is_barred = barred.map(|seq| {
+        let barred = leg_outside(&self.flight.mission.items, &self.stations.services.plans.fence);
+        self.stations.services.plans.mission_is_barred = barred.map(|seq| {
             format!(
                 "mission barred: item {seq} or the way to it is outside the fence",
                 seq = seq.saturating_add(1)
@@ -146,14 +146,15 @@ impl Pilot {
 
     /// Why the mission cannot begin here: the fence lies between the vehicle and its first place.
     pub(crate) fn first_leg_is_barred(&self) -> Option<String> {
-        let mut rest = self.mission.items.iter().skip(usize::from(self.guidance.current_item));
+        let mut rest =
+            self.flight.mission.items.iter().skip(usize::from(self.flight.guidance.current_item));
         let (seq, first) = rest.find_map(|item| Some((item.wire.seq, item.item.place_NE_m()?)))?;
         // Nobody knows yet where it stands: the leg is looked at when it begins.
         if self.estimate.health == Health::NotAligned {
             return None;
         }
         let pos = self.estimate.pos_E_m;
-        let is_free = self.services.plans.fence.allows_way([pos.x(), pos.y()], first);
+        let is_free = self.stations.services.plans.fence.allows_way([pos.x(), pos.y()], first);
         (!is_free).then(|| {
             format!(
                 "mission refused: the fence bars the straight way from here to item {seq}",
@@ -173,7 +174,7 @@ impl Pilot {
                 let text = format!("{} no longer fits the room: {why}", name_of(plan));
                 self.say(at, Severity::Warning, text.clone());
                 match plan {
-                    Plan::Mission => self.services.plans.mission_is_barred = Some(text),
+                    Plan::Mission => self.stations.services.plans.mission_is_barred = Some(text),
                     // Kept as it was: a fence that is elsewhere is better than none.
                     Plan::Fence | Plan::Rally => {}
                 }
@@ -185,7 +186,7 @@ impl Pilot {
         let items = self.plan_items(plan);
         let bytes = if items.is_empty() { Vec::new() } else { plan_file::encode(&items) };
         let task = FileTask::SavePlan(plan, bytes);
-        match self.services.desk.ask(task, Purpose::SavePlan(plan), at) {
+        match self.stations.services.desk.ask(task, Purpose::SavePlan(plan), at) {
             // Nothing is kept by configuration: no reason to complain at every upload.
             Ok(()) | Err((FileFault::Off, _)) => {}
             Err((fault, _)) => self.plan_not_kept(at, plan, fault),
@@ -202,13 +203,17 @@ impl Pilot {
         // Rally points first: a fence that came later does not undo them, it leaves them out.
         for plan in [Plan::Rally, Plan::Fence, Plan::Mission] {
             // Nothing kept, nothing restored.
-            let _ = self.services.desk.ask(FileTask::LoadPlan(plan), Purpose::LoadPlan(plan), at);
+            let _ = self.stations.services.desk.ask(
+                FileTask::LoadPlan(plan),
+                Purpose::LoadPlan(plan),
+                at,
+            );
         }
     }
 
     pub(super) fn plan_restored(&mut self, at: HostTime, plan: Plan, bytes: &[u8]) {
         // Somebody was faster, or there is nothing.
-        if bytes.is_empty() || self.plan_len(plan) > 0 || self.mode.has_thrust() {
+        if bytes.is_empty() || self.plan_len(plan) > 0 || self.flight.mode.has_thrust() {
             return;
         }
         let taken = plan_file::decode(bytes)
@@ -238,10 +243,10 @@ impl Pilot {
             return Err(format!("{} items, at most {MOST_ITEMS} allowed", items.len()));
         }
         self.take_plan(Plan::Mission, items).map_err(|(_, why)| why)?;
-        self.sent_a_mission = true;
-        self.services.lost.settle(Kept::Plan(Plan::Mission));
+        self.stations.sent_a_mission = true;
+        self.stations.services.lost.settle(Kept::Plan(Plan::Mission));
         self.keep_plan(at, Plan::Mission);
-        Ok(self.mission.items.len())
+        Ok(self.flight.mission.items.len())
     }
 }
 

@@ -149,7 +149,7 @@ impl Pilot {
             MavMessage::MISSION_ITEM(m) if m.current > 1 => return false,
             MavMessage::MISSION_ITEM_INT(m) => self.upload_item(at, client, m.clone(), false),
             MavMessage::MISSION_ITEM(m) => self.upload_item(at, client, to_int(m), true),
-            MavMessage::MISSION_ACK(_) => self.services.plans.transfer.cancel(client),
+            MavMessage::MISSION_ACK(_) => self.stations.services.plans.transfer.cancel(client),
             MavMessage::MISSION_REQUEST_LIST(m) if plan_of(m.mission_type).is_none() => {
                 self.refuse_type(at, client, m.mission_type);
             }
@@ -162,7 +162,7 @@ impl Pilot {
                     mission_type: m.mission_type,
                     opaque_id: plan.map_or(0, |plan| self.plan_id(plan)),
                 });
-                self.out.message(client.link, self.own, &answer);
+                self.out.outbox.message(client.link, self.out.own, &answer);
             }
             MavMessage::MISSION_REQUEST_INT(m) => {
                 self.send_item(client, m.mission_type, m.seq, false);
@@ -176,9 +176,9 @@ impl Pilot {
                 if first < 0 || last < first || last >= have {
                     let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
                     let answer = ack(client.peer, m.mission_type, result, 0);
-                    self.out.message(client.link, self.own, &answer);
+                    self.out.outbox.message(client.link, self.out.own, &answer);
                 } else {
-                    let partial = &mut self.services.plans.partial;
+                    let partial = &mut self.stations.services.plans.partial;
                     partial.retain(|list| list.client != client);
                     if partial.len() == MOST_PARTIAL {
                         partial.remove(0);
@@ -205,19 +205,19 @@ impl Pilot {
 
     /// Repeats requests, and goes on with lists.
     pub(super) fn plan_tick(&mut self, at: HostTime) {
-        let progress = self.services.plans.transfer.tick(at);
+        let progress = self.stations.services.plans.transfer.tick(at);
         self.upload_progress(at, progress);
         let here = [self.estimate.pos_E_m.x(), self.estimate.pos_E_m.y()];
-        if self.services.plans.fence.contains(here) {
-            self.services.plans.refuge_m = here;
+        if self.stations.services.plans.fence.contains(here) {
+            self.stations.services.plans.refuge_m = here;
         }
         let origin = self.local_origin();
-        if origin != self.services.plans.origin && self.mode != Mode::Mission {
-            self.services.plans.origin = origin;
+        if origin != self.stations.services.plans.origin && self.flight.mode != Mode::Mission {
+            self.stations.services.plans.origin = origin;
             self.derive_anew(at);
         }
-        if self.mode == Mode::Mission
-            && let Some(why) = self.services.plans.mission_is_barred.clone()
+        if self.flight.mode == Mode::Mission
+            && let Some(why) = self.stations.services.plans.mission_is_barred.clone()
         {
             self.fire(at, Event::HoldAsked);
             self.say(at, Severity::Warning, why);
@@ -226,7 +226,7 @@ impl Pilot {
 
     /// Sends what was asked for in part.
     pub(super) fn partial_tick(&mut self, link: LinkId, budget: &mut Budget<'_>) {
-        let lists = &mut self.services.plans.partial;
+        let lists = &mut self.stations.services.plans.partial;
         let Some(index) = lists.iter().position(|list| list.client.link == link) else { return };
         let mut list = lists.swap_remove(index);
         while list.next <= list.last && budget.take(ITEM_BYTES) {
@@ -234,40 +234,40 @@ impl Pilot {
             list.next += 1;
         }
         if list.next <= list.last {
-            self.services.plans.partial.push(list);
+            self.stations.services.plans.partial.push(list);
         }
     }
 
     pub(super) fn plan_items(&self, plan: Plan) -> Vec<MISSION_ITEM_INT_DATA> {
         match plan {
-            Plan::Mission => self.mission.items.iter().map(|s| s.wire.clone()).collect(),
-            Plan::Fence => self.services.plans.fence_items.clone(),
-            Plan::Rally => self.services.plans.rally_items.clone(),
+            Plan::Mission => self.flight.mission.items.iter().map(|s| s.wire.clone()).collect(),
+            Plan::Fence => self.stations.services.plans.fence_items.clone(),
+            Plan::Rally => self.stations.services.plans.rally_items.clone(),
         }
     }
 
     pub(super) fn plan_len(&self, plan: Plan) -> usize {
         match plan {
-            Plan::Mission => self.mission.items.len(),
-            Plan::Fence => self.services.plans.fence_items.len(),
-            Plan::Rally => self.services.plans.rally_items.len(),
+            Plan::Mission => self.flight.mission.items.len(),
+            Plan::Fence => self.stations.services.plans.fence_items.len(),
+            Plan::Rally => self.stations.services.plans.rally_items.len(),
         }
     }
 
     fn plan_id(&self, plan: Plan) -> u32 {
         match plan {
-            Plan::Mission => self.mission.id,
-            Plan::Fence => self.services.plans.fence_id,
-            Plan::Rally => self.services.plans.rally_id,
+            Plan::Mission => self.flight.mission.id,
+            Plan::Fence => self.stations.services.plans.fence_id,
+            Plan::Rally => self.stations.services.plans.rally_id,
         }
     }
 
     fn send_item(&mut self, client: Client, mission_type: u8, seq: u16, float: bool) {
         let index = usize::from(seq);
         let stored = match plan_of(mission_type) {
-            Some(Plan::Mission) => self.mission.items.get(index).map(|stored| &stored.wire),
-            Some(Plan::Fence) => self.services.plans.fence_items.get(index),
-            Some(Plan::Rally) => self.services.plans.rally_items.get(index),
+            Some(Plan::Mission) => self.flight.mission.items.get(index).map(|stored| &stored.wire),
+            Some(Plan::Fence) => self.stations.services.plans.fence_items.get(index),
+            Some(Plan::Rally) => self.stations.services.plans.rally_items.get(index),
             None => None,
         };
         let is_mission = plan_of(mission_type) == Some(Plan::Mission);
@@ -277,7 +277,7 @@ impl Pilot {
                     seq,
                     target_system: client.peer.0,
                     target_component: client.peer.1,
-                    current: u8::from(is_mission && seq == self.guidance.current_item),
+                    current: u8::from(is_mission && seq == self.flight.guidance.current_item),
                     mission_type,
                     ..item.clone()
                 };
@@ -292,7 +292,7 @@ impl Pilot {
                 ack(client.peer, mission_type, result, 0)
             }
         };
-        self.out.message(client.link, self.own, &answer);
+        self.out.outbox.message(client.link, self.out.own, &answer);
     }
 
     fn refuse_plan(
@@ -304,7 +304,7 @@ impl Pilot {
         why: &str,
     ) -> MavMessage {
         let answer = ack(client.peer, mission_type, result, 0);
-        self.out.message(client.link, self.own, &answer);
+        self.out.outbox.message(client.link, self.out.own, &answer);
         let what = plan_of(mission_type).map_or("plan", name_of);
         self.say(at, Severity::Warning, format!("{what} refused: {why}"));
         answer
@@ -326,7 +326,7 @@ impl Pilot {
             Plan::Mission | Plan::Fence if self.flies_mission() => {
                 Some("mission in flight, hold first")
             }
-            Plan::Rally if self.mode == Mode::Return => Some("returning, hold first"),
+            Plan::Rally if self.flight.mode == Mode::Return => Some("returning, hold first"),
             _ => None,
         }
     }
@@ -348,18 +348,18 @@ impl Pilot {
         let most = most_items(plan);
         if let Some(why) = self.plan_is_locked(plan) {
             self.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
-        } else if self.services.plans.transfer.is_taken_by_other(client) {
+        } else if self.stations.services.plans.transfer.is_taken_by_other(client) {
             let why = "another client is uploading";
             self.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
         } else if usize::from(first) + count > most {
             let why = format!("{count} items, at most {most} allowed");
             self.refuse_plan(at, client, mission_type, R::MAV_MISSION_NO_SPACE, &why);
         } else if count == 0 {
-            self.services.plans.transfer.cancel(client);
+            self.stations.services.plans.transfer.cancel(client);
             let items = Vec::new();
             self.upload_ends(at, Upload { client, mission_type, first, partial, items });
         } else {
-            let transfer = &mut self.services.plans.transfer;
+            let transfer = &mut self.stations.services.plans.transfer;
             let count = count as u16;
             let progress = transfer.begin(client, mission_type, first, count, partial, at);
             self.upload_progress(at, progress);
@@ -374,26 +374,29 @@ impl Pilot {
         float: bool,
     ) {
         let is_mission = plan_of(item.mission_type) == Some(Plan::Mission);
-        let transfer = &self.services.plans.transfer;
+        let transfer = &self.stations.services.plans.transfer;
         if is_mission && transfer.wants(client, item.mission_type, item.seq) {
             // Refused at once: nobody wants to wait for the rest of it.
-            let room = Room { envelope: &self.guidance.envelope, origin: self.local_origin() };
+            let room =
+                Room { envelope: &self.flight.guidance.envelope, origin: self.local_origin() };
             if let Err((result, why)) = from_wire(&item, &room) {
-                self.services.plans.transfer.cancel(client);
+                self.stations.services.plans.transfer.cancel(client);
                 self.refuse_plan(at, client, item.mission_type, result, &why);
                 return;
             }
         }
-        let progress = self.services.plans.transfer.item(client, item, float, at);
+        let progress = self.stations.services.plans.transfer.item(client, item, float, at);
         self.upload_progress(at, progress);
     }
 
     fn upload_progress(&mut self, at: HostTime, progress: Progress) {
         match progress {
             Progress::Nothing => {}
-            Progress::Answer(client, message) => self.out.message(client.link, self.own, &message),
+            Progress::Answer(client, message) => {
+                self.out.outbox.message(client.link, self.out.own, &message)
+            }
             Progress::GivenUp(client, message, why) => {
-                self.out.message(client.link, self.own, &message);
+                self.out.outbox.message(client.link, self.out.own, &message);
                 self.say(at, Severity::Warning, why);
             }
             Progress::Complete(upload) => self.upload_ends(at, upload),
@@ -418,11 +421,11 @@ impl Pilot {
         let Client { link, peer } = upload.client;
         let answer = match result {
             Ok(()) => {
-                self.services.lost.settle(Kept::Plan(plan));
-                self.sent_a_mission |= plan == Plan::Mission;
+                self.stations.services.lost.settle(Kept::Plan(plan));
+                self.stations.sent_a_mission |= plan == Plan::Mission;
                 let accepted = MavMissionResult::MAV_MISSION_ACCEPTED;
                 let answer = ack(peer, upload.mission_type, accepted, self.plan_id(plan));
-                self.out.message(link, self.own, &answer);
+                self.out.outbox.message(link, self.out.own, &answer);
                 let text = format!("{} of {} items in force", name_of(plan), self.plan_len(plan));
                 self.say(at, Severity::Info, text);
                 self.keep_plan(at, plan);
@@ -436,7 +439,7 @@ impl Pilot {
                 self.refuse_plan(at, upload.client, upload.mission_type, result, &why)
             }
         };
-        self.services.plans.transfer.finish(&upload, answer, at);
+        self.stations.services.plans.transfer.finish(&upload, answer, at);
     }
 
     fn clear_plans(&mut self, at: HostTime, client: Client, mission_type: u8) {
@@ -454,13 +457,13 @@ impl Pilot {
             return;
         }
         for plan in plans {
-            self.services.lost.settle(Kept::Plan(plan));
+            self.stations.services.lost.settle(Kept::Plan(plan));
             if self.plan_len(plan) > 0 && self.take_plan(plan, Vec::new()).is_ok() {
                 self.say(at, Severity::Info, format!("{} cleared", name_of(plan)));
             }
             self.keep_plan(at, plan);
         }
         let answer = ack(client.peer, mission_type, R::MAV_MISSION_ACCEPTED, 0);
-        self.out.message(client.link, self.own, &answer);
+        self.out.outbox.message(client.link, self.out.own, &answer);
     }
 }

@@ -8,9 +8,8 @@ use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
 use haltere_core::time::HostTime;
 
-use super::Purpose;
 use super::files::{FileFault, FileTask};
-use super::{judge, plan_file};
+use super::{Purpose, judge, plan_file};
 use crate::Pilot;
 use crate::out::voice::Severity;
 use crate::stations::mission_transfer::Client;
@@ -61,7 +60,7 @@ impl Pilot {
 
     /// Tells people how far a program is, at every quarter.
     pub(crate) fn tell_program_progress(&mut self, at: HostTime, seq: u16) {
-        let count = self.mission.items.len();
+        let count = self.flight.mission.items.len();
         let quarter = |items: usize| QUARTERS * items / count.max(1);
         let done = usize::from(seq) + 1;
         let Some(name) = self.program_in_force() else { return };
@@ -74,7 +73,7 @@ impl Pilot {
 
     fn program_ask(&mut self, at: HostTime, task: FileTask, job: Job) {
         if let Err((fault, Purpose::Program(job))) =
-            self.services.desk.ask(task, Purpose::Program(job), at)
+            self.stations.services.desk.ask(task, Purpose::Program(job), at)
         {
             self.program_answer(at, job, Err(fault), &[]);
         }
