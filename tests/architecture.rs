@@ -84,22 +84,26 @@ fn libraries() -> Vec<String> {
     found
 }
 
-/// Row of the table that a file belongs to: top-level module of the program or of a library; what of a library stands in
-/// no row of its own is of the row with the library's name.
+/// Row of the table that a path of modules leads to: the longest part of it that is one.
+fn row_of(path: &[&str], rows: &BTreeMap<String, Option<BTreeSet<String>>>) -> Option<String> {
+    let parts = (1..=path.len()).rev().map(|n| path[..n].join("::"));
+    parts.into_iter().find(|part| rows.contains_key(part))
+}
+
+/// Row of the table that a file belongs to: module of the program or of a library; what of a library stands in no row of
+/// its own is of the row with the library's name.
 fn module_of(path: &Path) -> Option<String> {
-    let inside = path.strip_prefix(root().join("src")).ok()?;
-    let mut parts = inside.components().filter_map(|part| part.as_os_str().to_str());
-    let first = parts.next()?.trim_end_matches(".rs");
-    let module = match parts.next() {
-        Some(second) if libraries().iter().any(|name| name == first) => {
-            let second = second.trim_end_matches(".rs");
-            let may = layers().may;
-            let own = may.contains_key(second) || !may.contains_key(first);
-            if own { second } else { first }
-        }
-        _ => first,
-    };
-    Some(module.to_string())
+    let inside = path.strip_prefix(root().join("src")).ok()?.with_extension("");
+    let parts: Vec<&str> =
+        inside.components().filter_map(|part| part.as_os_str().to_str()).collect();
+    let (first, rest) = parts.split_first()?;
+    if rest.is_empty() || !libraries().iter().any(|name| name == first) {
+        return Some((*first).to_string());
+    }
+    let rows = layers().may;
+    let own = row_of(rest, &rows);
+    own.or_else(|| rows.contains_key(*first).then(|| (*first).to_string()))
+        .or_else(|| Some(rest[0].to_string()))
 }
 
 /// What leads a path to a module: of the own crate, or of a library, whose name stands beside it.
@@ -120,8 +124,17 @@ fn code_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
 /// stands in no row of its own is of the row with the library's name.
 fn imports(text: &str) -> Vec<(usize, String)> {
     let rows = layers().may;
-    let row = |word: String, library: &str| {
-        if library.is_empty() || rows.contains_key(&word) { word } else { library.to_string() }
+    let row = |path: String, library: &str| {
+        let words: Vec<&str> = path.split("::").collect();
+        let shown = format!("::{}", words[0]);
+        let found = row_of(&words, &rows);
+        if library.is_empty() {
+            return found.unwrap_or_else(|| words[0].to_string());
+        }
+        // A library may show a module from further inside at its root.
+        found
+            .or_else(|| rows.keys().find(|row| row.ends_with(&shown)).cloned())
+            .unwrap_or_else(|| library.to_string())
     };
     let mut found = Vec::new();
     let lines: Vec<(usize, &str)> = code_lines(text).collect();
@@ -158,14 +171,14 @@ fn imports(text: &str) -> Vec<(usize, String)> {
                     }
                     let ends = (c == ',' && depth == 1) || (c == '}' && depth == 0);
                     if ends {
-                        found.push((*number, row(first_word(&item), library)));
+                        found.push((*number, row(path_in(&item), library)));
                         item.clear();
                     } else if depth >= 1 && !(c == '{' && depth == 1) {
                         item.push(c);
                     }
                 }
             } else {
-                found.push((*number, row(first_word(&rest), library)));
+                found.push((*number, row(path_in(&rest), library)));
             }
         }
     }
@@ -173,8 +186,11 @@ fn imports(text: &str) -> Vec<(usize, String)> {
     found
 }
 
-fn first_word(text: &str) -> String {
-    text.trim().chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect()
+/// The path of modules that a text begins with.
+fn path_in(text: &str) -> String {
+    let words = |c: &char| c.is_alphanumeric() || matches!(c, '_' | ':');
+    let path: String = text.trim().chars().take_while(words).collect();
+    path.trim_end_matches(':').to_string()
 }
 
 #[test]
@@ -219,8 +235,8 @@ fn prop_the_table_names_what_exists() {
             let src = root().join("src");
             let folders = libraries().into_iter().map(|name| src.join(name));
             !folders.chain([src.clone()]).any(|folder| {
-                let inside = folder.join(m);
-                folder.join(format!("{m}.rs")).is_file()
+                let inside = folder.join(m.replace("::", "/"));
+                inside.with_extension("rs").is_file()
                     || inside.join("mod.rs").is_file()
                     || inside.join("lib.rs").is_file()
             })
@@ -232,7 +248,8 @@ fn prop_the_table_names_what_exists() {
 #[test]
 fn prop_filter_and_controller_never_see_the_physics() {
     for (path, text) in sources("src") {
-        if matches!(module_of(&path).as_deref(), Some("estimator" | "control" | "uwb")) {
+        if matches!(module_of(&path).as_deref(), Some("estimator" | "control" | "navigation::uwb"))
+        {
             let sees = imports(&text).iter().any(|(_, m)| m == "model");
             assert!(!sees, "{}: imports the simulator's physics", path.display());
         }

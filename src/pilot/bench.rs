@@ -7,7 +7,9 @@ use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
 use haltere_dialect::mav_stream::{self, MavSplitter};
 
-use crate::{Input, LinkId, Pilot, PilotConfig};
+use crate::Pilot;
+use crate::config::PilotConfig;
+use crate::input::{Input, LinkId};
 
 /// Who speaks: a ground station.
 pub(crate) const STATION: (u8, u8) = (255, 190);
@@ -31,7 +33,7 @@ impl Bench {
         let survey = Survey::new(&(0..8).map(corner).collect::<Vec<_>>()).unwrap();
         let now = HostTime::from_us(1_000_000);
         let mut pilot = Pilot::new(config, survey, now);
-        for n in 0..pilot.grounds.len() as u8 {
+        for n in 0..pilot.stations.grounds.len() as u8 {
             pilot.handle(now, Input::LinkUp { link: LinkId::Ground(n) });
         }
         pilot.drain_output(|_, _| {});

@@ -2,16 +2,16 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::uwb::UwbConfig;
+use crate::navigation::uwb::UwbConfig;
 use haltere_core::checks::Problems;
 use haltere_core::control::ControlConfig;
 use haltere_core::control::voltage::VoltageConfig;
 use haltere_core::estimator::{EstimatorConfig, UwbNoise};
 use haltere_core::survey::Survey;
 
-use super::endpoint::{Endpoint, MOST_GROUND_LINKS, OriginConfig, Routing};
-use super::mission::{RADIUS_M, Volume};
-use super::supervisor::SupervisorConfig;
+use crate::flight::mission::{RADIUS_M, Volume};
+use crate::flight::supervisor::SupervisorConfig;
+use crate::stations::endpoint::{Endpoint, MOST_GROUND_LINKS, OriginConfig, Routing};
 
 /// Everything the pilot core is told at start. The files layer builds it; a replay rebuilds it.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,8 +4,8 @@ use core::net::SocketAddr;
 
 use haltere_core::drops::DropReason;
 
-use super::recording::Recording;
-use super::services::FileFault;
+use crate::out::recording::Recording;
+use crate::stations::services::FileFault;
 
 /// Name of a link to the outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -14,7 +14,7 @@ pub enum LinkId {
     Tag,
     /// The inner-loop board.
     Board,
-    /// A station, in the order of [`super::PilotConfig::ground_links`].
+    /// A station, in the order of [`crate::config::PilotConfig::ground_links`].
     Ground(u8),
 }
 
@@ -81,7 +81,7 @@ pub enum Input<'a> {
         /// How many bytes, frames or records.
         count: u64,
     },
-    /// Glue has done, or failed to do, what a [`super::services::FileRequest`] asked for.
+    /// Glue has done, or failed to do, what a [`crate::stations::services::FileRequest`] asked for.
     File {
         /// The request's ticket.
         ticket: u32,
@@ -102,7 +102,7 @@ pub enum Input<'a> {
         /// Why it does not run, for people.
         why: &'a str,
     },
-    /// Whoever runs the program wants it to end. What flies is landed first: [`super::Pilot::may_end`].
+    /// Whoever runs the program wants it to end. What flies is landed first: [`crate::Pilot::may_end`].
     EndAsked,
     /// The deadline came, or something wants the core to look at the time.
     Wake,

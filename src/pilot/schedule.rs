@@ -9,11 +9,15 @@ use haltere_core::frames::{B, E, Rot};
 use haltere_core::time::HostTime;
 use haltere_core::topics::{HealthRecord, Topic};
 
-use super::guidance::Now;
-use super::hover;
-use super::modes::{Event, Mode};
-use super::streams::Streams;
-use super::{LinkId, Pilot, Severity};
+use crate::Pilot;
+use crate::flight::guidance::Now;
+use crate::flight::hover;
+use crate::flight::modes::{Event, Mode};
+use crate::input::LinkId;
+use crate::out::Out;
+use crate::out::losses::losses_of;
+use crate::out::voice::Severity;
+use crate::stations::streams::Streams;
 
 /// Period of the control step, µs: 100 Hz as in the source.
 pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
@@ -38,30 +42,30 @@ const QUIET_US: i64 = 200_000;
 
 impl Pilot {
     pub(super) fn wake(&mut self, at: HostTime) {
-        if at < self.next_tick {
+        if at < self.clock.next_tick {
             return;
         }
-        let late_s = at.seconds_since(self.next_tick);
+        let late_s = at.seconds_since(self.clock.next_tick);
         if late_s > MISS_S {
-            self.deadline_misses += 1;
+            self.clock.deadline_misses += 1;
         }
         // Steps that were slept through are not caught up: they would act on nothing new.
-        let late_us = at.as_us().saturating_sub(self.next_tick.as_us());
+        let late_us = at.as_us().saturating_sub(self.clock.next_tick.as_us());
         let ahead_us =
             CONTROL_PERIOD_US.cast_unsigned() - late_us % CONTROL_PERIOD_US.cast_unsigned();
-        self.next_tick = at.offset_us(ahead_us.cast_signed());
-        let pause_s = self.last_tick.map_or(0.01, |t| at.seconds_since(t));
+        self.clock.next_tick = at.offset_us(ahead_us.cast_signed());
+        let pause_s = self.clock.last_tick.map_or(0.01, |t| at.seconds_since(t));
         let dt_s = pause_s.clamp(0.001, 0.05);
         let longest_s = self.config.supervisor.loop_gap_s;
-        self.supervisor.punctuality.step(at, pause_s, late_s > MISS_S, longest_s);
+        self.flight.supervisor.punctuality.step(at, pause_s, late_s > MISS_S, longest_s);
         self.note_pause(at, pause_s);
-        self.supervisor.punctuality.board_clock(at, self.board.clock().restarts());
-        self.last_tick = Some(at);
-        self.control_steps += 1;
+        self.flight.supervisor.punctuality.board_clock(at, self.board.link.clock().restarts());
+        self.clock.last_tick = Some(at);
+        self.clock.control_steps += 1;
 
         self.flush_quiet_links(at);
         self.ask_for_binary(at);
-        self.estimate = self.estimator.estimate();
+        self.estimate = self.navigation.estimator.estimate();
         self.watch_left_out(at);
         self.watch_health(at);
         self.follow_north(at, dt_s);
@@ -70,55 +74,58 @@ impl Pilot {
         self.watch_scale(at, dt_s);
         self.watch_speed();
         self.watch_room(at, dt_s);
-        let remedies = self.estimator.counts().remedies;
-        self.supervisor.evidence.note_remedies(at, remedies);
+        let remedies = self.navigation.estimator.counts().remedies;
+        self.flight.supervisor.evidence.note_remedies(at, remedies);
         self.check_survey(at);
         self.watch_lying(at, dt_s);
         self.watch_floor(at, dt_s);
         self.supervise(at);
         self.control_step(at, dt_s);
-        self.touch.sent(self.control.thrust_frac, dt_s);
+        self.navigation.touch.sent(self.flight.control.thrust_frac, dt_s);
         self.record_step(at);
 
-        let mut news = std::mem::take(&mut self.board_news);
-        self.board.tick(at, &mut self.out, &mut news);
+        let mut news = std::mem::take(&mut self.board.news);
+        self.board.link.tick(at, &mut self.out.outbox, &mut news);
         self.take_board_news(at, news);
-        let withheld = self.out.take_withheld();
+        let withheld = self.out.outbox.take_withheld();
         self.drops_of(LinkId::Board).add(DropReason::NotPermitted, withheld);
         self.serve_grounds(at);
         self.service_tick(at);
-        if at >= self.next_health {
-            self.next_health = at.offset_us(1_000_000);
+        if at >= self.clock.next_health {
+            self.clock.next_health = at.offset_us(1_000_000);
             self.record_health(at);
         }
     }
 
     fn follow_north(&mut self, at: HostTime, dt_s: f64) {
-        let Some(board) = self.board_attitude else { return };
+        let Some(board) = self.board.attitude else { return };
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded)
             && at.seconds_since(board.received_at) < ATTITUDE_AGE_S;
         // Before take-off the board's heading is the frame of the command, whatever ours says; the
         // generic board has always been followed slowly.
-        let standing = self.board.firmware().is_real()
-            && matches!(self.mode, Mode::Disarmed | Mode::Arming | Mode::Idle)
+        let standing = self.board.link.firmware().is_real()
+            && matches!(self.flight.mode, Mode::Disarmed | Mode::Arming | Mode::Idle)
             && self.is_standing();
-        if usable && self.north.follow(self.estimate.R_EB, board.attitude, dt_s, standing) {
+        if usable
+            && self.navigation.north.follow(self.estimate.R_EB, board.attitude, dt_s, standing)
+        {
             let text = "board heading jumped against ours: setpoints follow";
             self.say(at, Severity::Warning, text.to_owned());
         }
     }
 
     fn control_step(&mut self, at: HostTime, dt_s: f64) {
-        let held = self.mode.has_thrust() || matches!(self.mode, Mode::Idle | Mode::Yielded);
-        self.board.hold_control(held);
-        self.board.leave_to_itself(self.mode == Mode::Disarmed);
-        match self.mode {
+        let held =
+            self.flight.mode.has_thrust() || matches!(self.flight.mode, Mode::Idle | Mode::Yielded);
+        self.board.link.hold_control(held);
+        self.board.link.leave_to_itself(self.flight.mode == Mode::Disarmed);
+        match self.flight.mode {
             // Nor into one that does not obey us: it would take them for our will as soon as it did.
-            Mode::Yielded if !self.board.is_retaking() => {}
+            Mode::Yielded if !self.board.link.is_retaking() => {}
             Mode::Yielded => {
                 let command = self.stay_command();
                 let output = self.run_controller(at, &command, dt_s, true, None);
-                self.control = output.record;
+                self.flight.control = output.record;
                 self.send(at, output.R_EB, output.thrust_frac);
             }
             // No setpoints into a board that we have not armed.
@@ -128,58 +135,60 @@ impl Pilot {
             Mode::Spool => {
                 let command = self.stay_command();
                 let output = self.run_controller(at, &command, dt_s, true, None);
-                self.control = output.record;
-                let share = at.seconds_since(self.mode_since) / self.config.flight.spool_s;
+                self.flight.control = output.record;
+                let share = at.seconds_since(self.flight.mode_since) / self.config.flight.spool_s;
                 let thrust_frac = self.hover_thrust_frac() * SPOOL_SHARE * share.min(1.0);
                 let yaw_rad = self.estimate.R_EB.yaw_rad();
                 // The loops take over from what the vehicle was last told.
-                self.controller.reset(Some(&Handover {
+                self.flight.controller.reset(Some(&Handover {
                     roll_rad: 0.0,
                     pitch_rad: 0.0,
                     yaw_rad,
                     thrust_frac,
                 }));
                 self.send(at, Rot::from_euler_rad(0.0, 0.0, yaw_rad), thrust_frac);
-                if self.board.shows_our_thrust(at) {
-                    self.estimator.set_airborne(true);
+                if self.board.link.shows_our_thrust(at) {
+                    self.navigation.estimator.set_airborne(true);
                 }
                 self.end_spool(at);
             }
             Mode::Descend => {
                 let command = self.stay_command();
                 let output = self.run_controller(at, &command, dt_s, true, None);
-                self.control = output.record;
-                self.supervisor.descent.late = self.obeys_late();
-                let Some(share) = self.supervisor.descent.step(dt_s) else {
+                self.flight.control = output.record;
+                self.flight.supervisor.descent.late = self.obeys_late();
+                let Some(share) = self.flight.supervisor.descent.step(dt_s) else {
                     self.fire(at, Event::TouchDown);
                     self.send_idle(at);
                     return;
                 };
                 // Level in the board's own frame: our attitude is what cannot be trusted.
-                let yaw_rad = self.board_attitude.map_or(0.0, |a| a.attitude.yaw_rad());
+                let yaw_rad = self.board.attitude.map_or(0.0, |a| a.attitude.yaw_rad());
                 let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
                 let share = share.min(self.most_share(at));
                 let thrust_frac = self.bounded_frac(self.hover_thrust_frac() * share);
-                self.control.thrust_frac = thrust_frac;
-                self.supervisor.lying.asked(&level);
-                self.board.send_setpoint(at, level, thrust_frac, &mut self.out);
+                self.flight.control.thrust_frac = thrust_frac;
+                self.flight.supervisor.lying.asked(&level);
+                self.board.link.send_setpoint(at, level, thrust_frac, &mut self.out.outbox);
             }
             _ => {
-                let fence = &self.services.plans.fence;
+                let fence = &self.stations.services.plans.fence;
                 let supply_v = self.supply_v(at);
-                let hurries = self.supervisor.unhealthy.contains(S::MAV_SYS_STATUS_SENSOR_BATTERY);
+                let hurries =
+                    self.flight.supervisor.unhealthy.contains(S::MAV_SYS_STATUS_SENSOR_BATTERY);
                 let return_mps = if hurries { self.config.control.sustained_mps() } else { 0.0 };
                 let now = Now { estimate: &self.estimate, supply_v, at, dt_s, fence, return_mps };
-                let (mut command, news) = self.guidance.step(self.mode, &self.mission, &now);
+                let (mut command, news) =
+                    self.flight.guidance.step(self.flight.mode, &self.flight.mission, &now);
                 self.keep_inside_fence(at, &mut command);
                 // Nor while the board flies something else.
-                let frozen =
-                    (self.mode == Mode::Takeoff && self.is_on_floor()) || !self.board.obeys();
+                let frozen = (self.flight.mode == Mode::Takeoff && self.is_on_floor())
+                    || !self.board.link.obeys();
                 let mut output = self.run_controller(at, &command, dt_s, frozen, news.held);
                 if let Some((doublet, elapsed_s)) = news.doublet {
                     doublet.add(elapsed_s, &self.config.control.limits, &mut output);
                 }
-                self.control = output.record;
+                self.flight.control = output.record;
                 self.learn_hover(at, dt_s, frozen || news.doublet.is_some() || news.held.is_some());
                 self.send(at, output.R_EB, output.thrust_frac);
                 if let Some(seq) = news.reached {
@@ -200,21 +209,23 @@ impl Pilot {
     /// Thrust is up when its time is over, the motors have spooled up and the board shows the thrust
     /// that it was sent.
     fn end_spool(&mut self, at: HostTime) {
-        let elapsed_s = at.seconds_since(self.mode_since);
+        let elapsed_s = at.seconds_since(self.flight.mode_since);
         // A vehicle that hovers with less than was thought is in the air: the loops must have it.
         let up_mps = -self.estimate.vel_E_mps().z();
         if up_mps > LIFTED_MPS && self.height_above_floor_m() > LIFTED_M {
             self.fire(at, Event::SpoolDone);
             return;
         }
-        let least_s = self.config.flight.spool_s.max(self.board.spool_s() + SPOOL_MARGIN_S);
-        if !self.board.firmware().is_real() {
+        let least_s = self.config.flight.spool_s.max(self.board.link.spool_s() + SPOOL_MARGIN_S);
+        if !self.board.link.firmware().is_real() {
             if elapsed_s >= self.config.flight.spool_s {
                 self.fire(at, Event::SpoolDone);
             }
-        } else if elapsed_s >= least_s && self.board.shows_our_thrust(at) {
+        } else if elapsed_s >= least_s && self.board.link.shows_our_thrust(at) {
             self.fire(at, Event::SpoolDone);
-        } else if elapsed_s > least_s + self.board.firmware().held_after_arming_s() + SPOOL_WAIT_S {
+        } else if elapsed_s
+            > least_s + self.board.link.firmware().held_after_arming_s() + SPOOL_WAIT_S
+        {
             self.fire(at, Event::SetpointsIgnored);
         }
     }
@@ -222,7 +233,7 @@ impl Pilot {
     /// Thrust that hovers at the present voltage, as far as it is known, 0 to 1.
     pub(super) fn hover_thrust_frac(&self) -> f64 {
         let most = self.config.control.limits.thrust_max_frac;
-        (self.control.thrust_base_frac * self.hover.factor()).min(most)
+        (self.flight.control.thrust_base_frac * self.flight.hover.factor()).min(most)
     }
 
     /// Learns the hover thrust from a step that was flown under position control.
@@ -230,9 +241,9 @@ impl Pilot {
         let estimate = &self.estimate;
         let vel_down_mps = estimate.vel_E_mps().z();
         let cos_tilt = estimate.R_EB.matrix()[(2, 2)];
-        let control = &self.control;
+        let control = &self.flight.control;
         // Near the floor the ground effect carries, and a landing ends there.
-        let calm = !matches!(self.mode, Mode::Takeoff | Mode::Land);
+        let calm = !matches!(self.flight.mode, Mode::Takeoff | Mode::Land);
         let observable = !disturbed
             && calm
             && !self.estimate_is_contradicted(at)
@@ -240,7 +251,7 @@ impl Pilot {
             && self.height_above_floor_m() > hover::CLEAR_M
             && vel_down_mps.abs() < hover::SLOW_MPS
             && cos_tilt > hover::LEVEL_COS
-            && self.touch.ceiling_frac.is_none()
+            && self.navigation.touch.ceiling_frac.is_none()
             && !control.saturation.thrust_high
             && !control.saturation.thrust_low
             && self.supply_v(at).is_some();
@@ -250,12 +261,12 @@ impl Pilot {
             vel_down_mps,
             share: control.thrust_frac * cos_tilt / base_frac.max(0.05),
         };
-        self.hover.step(observable.then_some(step), dt_s);
+        self.flight.hover.step(observable.then_some(step), dt_s);
     }
 
     /// The loops take over from level flight at the base thrust: nobody has flown by them meanwhile.
     pub(super) fn take_over_level(&mut self) {
-        self.controller.reset(Some(&Handover {
+        self.flight.controller.reset(Some(&Handover {
             roll_rad: 0.0,
             pitch_rad: 0.0,
             yaw_rad: self.estimate.R_EB.yaw_rad(),
@@ -282,7 +293,7 @@ impl Pilot {
     ) -> haltere_core::control::ControlOutput {
         let height_m = self.height_above_floor_m();
         let supply_v = self.supply_v(at);
-        self.controller.step(&ControlInput {
+        self.flight.controller.step(&ControlInput {
             at,
             estimate: &self.estimate,
             command,
@@ -297,69 +308,73 @@ impl Pilot {
 
     /// Battery voltage, if a fresh one is known, V.
     fn supply_v(&self, at: HostTime) -> Option<f64> {
-        self.battery.filter(|b| at.seconds_since(b.received_at) < BATTERY_AGE_S).map(|b| b.supply_v)
+        self.board
+            .battery
+            .filter(|b| at.seconds_since(b.received_at) < BATTERY_AGE_S)
+            .map(|b| b.supply_v)
     }
 
     fn send_idle(&mut self, at: HostTime) {
-        let yaw_rad = self.board_attitude.map_or(0.0, |a| a.attitude.yaw_rad());
+        let yaw_rad = self.board.attitude.map_or(0.0, |a| a.attitude.yaw_rad());
         let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
-        self.control.at = at;
-        self.control.thrust_frac = 0.0;
-        self.board.send_setpoint(at, level, 0.0, &mut self.out);
+        self.flight.control.at = at;
+        self.flight.control.thrust_frac = 0.0;
+        self.board.link.send_setpoint(at, level, 0.0, &mut self.out.outbox);
     }
 
     /// The one place where a setpoint is turned into the board's frame.
     fn send(&mut self, at: HostTime, attitude: Rot<E, B>, thrust_frac: f64) {
-        self.control.yaw_board_offset_rad = self.north.offset_rad();
-        self.control.hover_factor = self.hover.factor();
-        self.control.thrust_frac = thrust_frac;
-        let for_board = self.north.setpoint_for_board(attitude);
-        self.supervisor.lying.asked(&for_board);
-        self.board.send_setpoint(at, for_board, thrust_frac, &mut self.out);
+        self.flight.control.yaw_board_offset_rad = self.navigation.north.offset_rad();
+        self.flight.control.hover_factor = self.flight.hover.factor();
+        self.flight.control.thrust_frac = thrust_frac;
+        let for_board = self.navigation.north.setpoint_for_board(attitude);
+        self.flight.supervisor.lying.asked(&for_board);
+        self.board.link.send_setpoint(at, for_board, thrust_frac, &mut self.out.outbox);
     }
 
     fn record_step(&mut self, at: HostTime) {
         let mut estimate = self.estimate;
         estimate.at = at;
         self.record(|| Topic::Estimate(estimate));
-        if self.mode.has_thrust() {
-            let control = self.control;
+        if self.flight.mode.has_thrust() {
+            let control = self.flight.control;
             self.record(|| Topic::Control(control));
         }
     }
 
     fn record_health(&mut self, at: HostTime) {
-        if !self.with_topics {
+        if !self.out.with_topics {
             return;
         }
-        let Self { drops, estimator, shelf, .. } = self;
+        let Out { drops, shelf, .. } = &mut self.out;
+        let estimator = &self.navigation.estimator;
         let core = drops.len() - 1;
         let rows = (0..drops.len()).map(|slot| {
-            let total = super::losses_of(drops, estimator, slot);
+            let total = losses_of(drops, estimator, slot);
             (if slot == core { u8::MAX } else { slot as u8 }, total)
         });
         let drops = shelf.fill(rows.filter(|(_, d)| d.iter().next().is_some()));
-        self.topics.push(Topic::Health(HealthRecord {
+        self.out.topics.push(Topic::Health(HealthRecord {
             at,
             drops,
-            deadline_misses: self.deadline_misses,
-            control_steps: self.control_steps,
-            uwb_age_s: self.last_fused.map(|t| at.seconds_since(t)),
-            imu_age_s: self.last_imu.map(|t| at.seconds_since(t)),
-            std_board_clock_s: self.board.clock().std_s(),
-            left_out: self.estimator.left_out_bits(),
+            deadline_misses: self.clock.deadline_misses,
+            control_steps: self.clock.control_steps,
+            uwb_age_s: self.navigation.last_fused.map(|t| at.seconds_since(t)),
+            imu_age_s: self.navigation.last_imu.map(|t| at.seconds_since(t)),
+            std_board_clock_s: self.board.link.clock().std_s(),
+            left_out: self.navigation.estimator.left_out_bits(),
         }));
     }
 
     /// Frames that will not be completed must not hold back what stands behind their marker.
     fn flush_quiet_links(&mut self, at: HostTime) {
         let quiet_s = QUIET_US as f64 * 1e-6;
-        if self.board_splitter.pending() > 0 && at.seconds_since(self.board_bytes_at) > quiet_s {
-            self.board_splitter.flush();
+        if self.board.splitter.pending() > 0 && at.seconds_since(self.board.bytes_at) > quiet_s {
+            self.board.splitter.flush();
             self.board_frames(at);
         }
-        for n in 0..self.grounds.len() {
-            let ground = &mut self.grounds[n];
+        for n in 0..self.stations.grounds.len() {
+            let ground = &mut self.stations.grounds[n];
             if ground.splitter.pending() > 0 && at.seconds_since(ground.heard_at) > quiet_s {
                 ground.splitter.flush();
                 self.ground_frames(at, n);
@@ -371,17 +386,17 @@ impl Pilot {
     fn serve_grounds(&mut self, at: HostTime) {
         self.soothe_askers(at);
         self.tell_mode(at);
-        for n in 0..self.grounds.len() {
-            if !self.grounds[n].is_open {
+        for n in 0..self.stations.grounds.len() {
+            if !self.stations.grounds[n].is_open {
                 continue;
             }
-            let link = self.grounds[n].link;
+            let link = self.stations.grounds[n].link;
             self.tell_misaddressed(at, n);
-            self.grounds[n].streams.begin(at);
+            self.stations.grounds[n].streams.begin(at);
             // Answers first: they are booked before any stream.
             self.settle(n);
             for turn in 0..Streams::TURNS {
-                if let Some(msg_id) = self.grounds[n].streams.due(turn, at)
+                if let Some(msg_id) = self.stations.grounds[n].streams.due(turn, at)
                     && self.send_telemetry(at, link, msg_id)
                 {
                     self.settle(n);

@@ -129,7 +129,7 @@ ask for messages, and for streams that we do not fly by. Every other command is 
 const AT_REST_HEAD: &str = "
 ## What is known at rest
 
-One table (`src/pilot/at_rest.rs`). It is asked in this order when a client asks to arm; the first row that lets nothing \
+One table (`src/pilot/flight/at_rest.rs`). It is asked in this order when a client asks to arm; the first row that lets nothing \
 fly is the answer, and all of them are reported as health. Forced arming skips none. What can be flown with is told to \
 whoever arms, with what was measured (`at rest: …`). All rows but the board's are asked again when the motors are to turn: an \
 estimator that has lost its alignment since, a vehicle that was carried outside the fence or tipped over does not take off. \
@@ -143,7 +143,7 @@ const TAIL: &str = "
 ## When the program is to end
 
 Signals, terminals and whoever reads the output do not end a flight (`src/live/signals.rs`, `console.rs`, \
-`src/pilot/ending.rs`):
+`src/pilot/flight/ending.rs`):
 
 | what | while the vehicle is armed | disarmed |
 |---|---|---|

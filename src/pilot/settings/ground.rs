@@ -4,11 +4,11 @@ use serde::de::{Error as _, MapAccess, Visitor, value::MapAccessDeserializer};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::address::{Address, HostPort};
-use crate::guard::{RateLimit, Signing};
-use crate::{
-    Commanders, Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig,
-    Routing,
+use crate::stations::endpoint::{
+    Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig, Routing,
 };
+use crate::stations::guard::{RateLimit, Signing};
+use crate::stations::permits::Commanders;
 use haltere_core::checks::Problems;
 
 /// Most ground endpoints: far more than a flight needs, few enough to serve each at full rate.

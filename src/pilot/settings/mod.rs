@@ -32,8 +32,9 @@ pub use sections::{
 pub use signing::{Doors, SigningConfig};
 pub use watch::{WatchAddress, WatchConfig};
 
-use crate::uwb::UwbConfig;
-use crate::{FlightConfig, LimitsConfig, PilotConfig, SupervisorConfig};
+use crate::config::{FlightConfig, LimitsConfig, PilotConfig};
+use crate::flight::supervisor::SupervisorConfig;
+use crate::navigation::uwb::UwbConfig;
 use haltere_core::checks::Problems;
 use haltere_core::control::ControlConfig;
 use haltere_core::estimator::EstimatorConfig;

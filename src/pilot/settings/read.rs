@@ -5,8 +5,8 @@ use serde::de::DeserializeOwned;
 use toml::de::DeTable;
 use toml::{Spanned, Table, Value};
 
-use super::retired::{self, Author, Retired};
-use super::{Config, Note};
+use super::retired::{Author, Retired};
+use super::{Config, Note, retired};
 use haltere_core::checks::Problems;
 use haltere_core::checks::schema::Schema;
 

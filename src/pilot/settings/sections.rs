@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::address::Address;
-use crate::guard::Signing;
-use crate::{BoardProfile, TagProtocol};
+use crate::config::{BoardProfile, TagProtocol};
+use crate::stations::guard::Signing;
 use haltere_core::checks::Problems;
 
 /// `[tag]`: the UWB tag.

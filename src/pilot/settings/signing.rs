@@ -6,8 +6,8 @@ use haltere_dialect::mav_stream;
 use serde::{Deserialize, Serialize};
 
 use super::{Config, TagPort};
-use crate::TagProtocol;
-use crate::guard::{DoorConfig, KeySetup, Signing};
+use crate::config::TagProtocol;
+use crate::stations::guard::{DoorConfig, KeySetup, Signing};
 use haltere_core::checks::Problems;
 
 /// Component that we are to the board: `MAV_COMP_ID_ONBOARD_COMPUTER`.

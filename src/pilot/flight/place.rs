@@ -1,0 +1,162 @@
+//! Points that clients name, in whatever frame, as points of the room.
+
+use haltere_dialect::mav::haltere::{MavFrame, MavResult};
+use haltere_dialect::mav::{known, name_of};
+
+use haltere_core::frames::{E, Vec3};
+use haltere_core::geo::Geodetic;
+
+use crate::Pilot;
+use crate::stations::commands::{Refusal, Request};
+use crate::stations::endpoint::Identity;
+
+/// COMMAND_INT and MISSION_ITEM_INT in a local frame count x and y in 0.1 mm.
+const LOCAL_SCALE: f64 = 1e-4;
+
+/// MAVLink counts latitude and longitude in this many degrees.
+pub(crate) const WIRE_DEG: f64 = 1e-7;
+
+/// What a height is counted from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Above {
+    /// Sea level.
+    Sea,
+    /// The floor, which is home's height and the terrain.
+    Floor,
+}
+
+/// How a frame writes a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// Latitude, longitude, and a height.
+    Global(Above),
+    /// Local NED.
+    Local,
+}
+
+/// The frames of GROUND.md's list and their float and integer twins; `None`: not supported.
+pub(crate) fn kind(frame: u8) -> Option<Kind> {
+    use MavFrame as F;
+    Some(match known(frame)? {
+        F::MAV_FRAME_GLOBAL | F::MAV_FRAME_GLOBAL_INT => Kind::Global(Above::Sea),
+        F::MAV_FRAME_GLOBAL_RELATIVE_ALT
+        | F::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+        | F::MAV_FRAME_GLOBAL_TERRAIN_ALT
+        | F::MAV_FRAME_GLOBAL_TERRAIN_ALT_INT => Kind::Global(Above::Floor),
+        F::MAV_FRAME_LOCAL_NED => Kind::Local,
+        _ => return None,
+    })
+}
+
+/// A point as far as it was given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Wanted {
+    /// Room north and east, m.
+    pub horizontal_m: Option<[f64; 2]>,
+    /// Above the floor, m.
+    pub height_m: Option<f64>,
+    /// Angles count from true north.
+    pub is_global: bool,
+}
+
+/// The three location fields of a command, as they stand in the message.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Location {
+    /// COMMAND_LONG, or a float MISSION_ITEM: degrees or metres, NaN is "not given". COMMAND_LONG has
+    /// no frame: `None`.
+    Float { x: f64, y: f64, z: f64, frame: Option<u8> },
+    /// COMMAND_INT, MISSION_ITEM_INT: the largest number is "not given".
+    Int { x: i32, y: i32, z: f64, frame: u8 },
+}
+
+impl Location {
+    pub fn z(&self) -> f64 {
+        match self {
+            Location::Float { z, .. } | Location::Int { z, .. } => *z,
+        }
+    }
+
+    /// The first two fields where they are no coordinates.
+    pub fn plain(&self) -> [f64; 2] {
+        match self {
+            Location::Float { x, y, .. } => [*x, *y],
+            Location::Int { x, y, .. } => [f64::from(*x), f64::from(*y)],
+        }
+    }
+}
+
+impl Pilot {
+    /// What a command without a frame means: heights above sea level from those who take us for a
+    /// PX4, above home from everybody else (GROUND.md).
+    pub(crate) fn kind_of(&self, request: &Request) -> Result<Kind, Refusal> {
+        let frame = match request.location {
+            Location::Float { frame: None, .. } => {
+                return Ok(match self.identity_on(request.link) {
+                    Identity::Px4 => Kind::Global(Above::Sea),
+                    Identity::Generic => Kind::Global(Above::Floor),
+                });
+            }
+            Location::Float { frame: Some(frame), .. } | Location::Int { frame, .. } => frame,
+        };
+        kind(frame).ok_or_else(|| {
+            (
+                MavResult::MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME,
+                format!(
+                    "frame {} refused: use GLOBAL, GLOBAL_RELATIVE_ALT or LOCAL_NED",
+                    name_of::<MavFrame>(frame)
+                ),
+            )
+        })
+    }
+
+    /// The point of a command in the room.
+    pub(crate) fn wanted(&self, request: &Request) -> Result<Wanted, Refusal> {
+        let kind = self.kind_of(request)?;
+        let scale = match kind {
+            Kind::Global(_) => WIRE_DEG,
+            Kind::Local => LOCAL_SCALE,
+        };
+        let [x, y, z] = match request.location {
+            Location::Float { x, y, z, .. } => [x, y, z],
+            Location::Int { x, y, z, .. } => {
+                let given = |v: i32| if v == i32::MAX { f64::NAN } else { f64::from(v) * scale };
+                [given(x), given(y), z]
+            }
+        };
+        if x.is_infinite() || y.is_infinite() || z.is_infinite() || x.is_nan() != y.is_nan() {
+            return Err((
+                MavResult::MAV_RESULT_DENIED,
+                "point refused: give both horizontal coordinates, or NaN for both".to_owned(),
+            ));
+        }
+        Ok(self.room_point(kind, [x, y, z]))
+    }
+
+    /// Room north and east of a place, m. Not a number where there is no such place: no limits hold
+    /// that.
+    pub(crate) fn room_from_deg(&self, latitude_deg: f64, longitude_deg: f64) -> [f64; 2] {
+        let alt_m = self.origin.place().alt_m;
+        let pos = Geodetic::from_deg(latitude_deg, longitude_deg, alt_m)
+            .map_or(Vec3::<E>::new(f64::NAN, f64::NAN, 0.0), |place| self.origin.to_local(&place));
+        [pos.x(), pos.y()]
+    }
+
+    /// The same for fields in degrees or metres, NaN where not given.
+    pub(crate) fn room_point(&self, kind: Kind, [x, y, z]: [f64; 3]) -> Wanted {
+        let height_m = match kind {
+            Kind::Local => -z,
+            Kind::Global(Above::Floor) => z,
+            Kind::Global(Above::Sea) => z - self.origin.place().alt_m,
+        };
+        let horizontal_m = match kind {
+            _ if x.is_nan() || y.is_nan() => None,
+            Kind::Local => Some([x, y]),
+            Kind::Global(_) => Some(self.room_from_deg(x, y)),
+        };
+        Wanted {
+            horizontal_m,
+            height_m: (!height_m.is_nan()).then_some(height_m),
+            is_global: kind != Kind::Local,
+        }
+    }
+}

@@ -1,0 +1,221 @@
+//! Shadow: estimate and controller beside a vehicle that somebody else flies, and nothing sent that arms or moves.
+//!
+//! The mode stays `disarmed`, for nothing here flies; stations are shown the board's own arming. The estimator is
+//! told that the vehicle flies from when the board is armed and the IMU has not rested for
+//! [`BEATING_S`], or the board tells a thrust; until the board is disarmed.
+//!
+//! What the controller is asked for: to hold a place on a leash. The place stays where it is while the vehicle is
+//! within [`LEASH_M`] of it, and is dragged along behind it with its velocity when it is farther. So in hover the
+//! record shows what we would have done about each disturbance, and on the way from place to place the lean and
+//! thrust that the same speed would have cost us. Integrators stand still at nothing: our commands move nothing
+//! that they could learn from; trims of the other pilot are a constant difference.
+
+use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
+use haltere_dialect::mav::known;
+
+use haltere_core::control::Command;
+use haltere_core::estimate::Health;
+use haltere_core::frames::{E, Vec3};
+use haltere_core::time::HostTime;
+use haltere_core::topics::{ShadowRecord, Topic};
+
+use super::modes::Mode;
+use crate::Pilot;
+use crate::out::voice::Severity;
+
+/// The IMU must not have rested for so long, s: wings that beat, not a knock against the table.
+const BEATING_S: f64 = 0.3;
+/// It rests again after so long without motion, s.
+const RESTS_S: f64 = 0.2;
+/// A thrust that the board tells is one, as a share.
+const THRUST_FRAC: f64 = 0.2;
+/// How far the vehicle may go before the place is dragged along, m: twice what hovers wander.
+const LEASH_M: f64 = 0.5;
+
+/// What may be sent to the board all the same: who we are, what time it is, questions, and how often to answer.
+pub(crate) fn only_asks(message: &MavMessage) -> bool {
+    match message {
+        MavMessage::HEARTBEAT(_) | MavMessage::TIMESYNC(_) | MavMessage::PARAM_REQUEST_READ(_) => {
+            true
+        }
+        MavMessage::COMMAND_LONG(m) => matches!(
+            known(m.command),
+            Some(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL | MavCmd::MAV_CMD_REQUEST_MESSAGE)
+        ),
+        _ => false,
+    }
+}
+
+/// Whether a command of a client arms, moves or breaks something: refused in words.
+pub(crate) fn refuses(command: MavCmd) -> bool {
+    matches!(
+        command,
+        MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
+            | MavCmd::MAV_CMD_RUN_PREARM_CHECKS
+            | MavCmd::MAV_CMD_DO_SET_MODE
+            | MavCmd::MAV_CMD_DO_SET_STANDARD_MODE
+            | MavCmd::MAV_CMD_DO_FLIGHTTERMINATION
+            | MavCmd::MAV_CMD_DO_MOTOR_TEST
+            | MavCmd::MAV_CMD_DO_SET_ACTUATOR
+            | MavCmd::MAV_CMD_DO_SET_SERVO
+            | MavCmd::MAV_CMD_ACTUATOR_TEST
+            | MavCmd::MAV_CMD_DO_REPOSITION
+            | MavCmd::MAV_CMD_DO_CHANGE_SPEED
+            | MavCmd::MAV_CMD_DO_PAUSE_CONTINUE
+            | MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT
+            | MavCmd::MAV_CMD_CONDITION_YAW
+            | MavCmd::MAV_CMD_MISSION_START
+            | MavCmd::MAV_CMD_NAV_TAKEOFF
+            | MavCmd::MAV_CMD_NAV_TAKEOFF_LOCAL
+            | MavCmd::MAV_CMD_NAV_VTOL_TAKEOFF
+            | MavCmd::MAV_CMD_NAV_LAND
+            | MavCmd::MAV_CMD_NAV_LAND_LOCAL
+            | MavCmd::MAV_CMD_NAV_VTOL_LAND
+            | MavCmd::MAV_CMD_DO_LAND_START
+            | MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH
+            | MavCmd::MAV_CMD_NAV_LOITER_UNLIM
+            | MavCmd::MAV_CMD_OVERRIDE_GOTO
+            | MavCmd::MAV_CMD_PREFLIGHT_CALIBRATION
+            | MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+            | MavCmd::MAV_CMD_INJECT_FAILURE
+    )
+}
+
+/// What a shadow remembers.
+#[derive(Debug, Default)]
+pub(crate) struct Shadow {
+    /// The board was armed when we last looked.
+    armed: bool,
+    /// Since when the IMU has not rested.
+    beats_since: Option<HostTime>,
+    airborne: bool,
+    /// The place on the leash.
+    place_E_m: Option<Vec3<E>>,
+}
+
+impl Shadow {
+    /// Whether somebody else has the vehicle in the air.
+    pub fn is_airborne(&self) -> bool {
+        self.airborne
+    }
+
+    /// Drags the place along; what is held, and how fast it moves.
+    fn hold(&mut self, pos_E_m: Vec3<E>, vel_E_mps: Vec3<E>) -> (Vec3<E>, Vec3<E>) {
+        let place = *self.place_E_m.get_or_insert(pos_E_m);
+        let ahead = pos_E_m - place;
+        let away_m = ahead.norm();
+        if !away_m.is_finite() || away_m <= LEASH_M {
+            return (place, Vec3::zero());
+        }
+        let dragged = place + ahead * ((away_m - LEASH_M) / away_m);
+        self.place_E_m = Some(dragged);
+        (dragged, vel_E_mps)
+    }
+}
+
+impl Pilot {
+    /// A control step of a shadow: follows who flies, and records what would have been sent.
+    pub(crate) fn shadow_step(&mut self, at: HostTime, dt_s: f64) {
+        self.follow_flyer(at);
+        let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
+        if !(self.flight.shadow.airborne && usable) {
+            self.flight.shadow.place_E_m = None;
+            self.flight.controller.reset(None);
+            return;
+        }
+        let estimate = &self.estimate;
+        let (place_E_m, vel_E_mps) =
+            self.flight.shadow.hold(estimate.pos_E_m, estimate.vel_E_mps());
+        let mut command = Command::hold(place_E_m, estimate.R_EB.yaw_rad());
+        command.vel_ff_E_mps = vel_E_mps;
+        let output = self.run_controller(at, &command, dt_s, true, None);
+        let for_board = self.navigation.north.setpoint_for_board(output.R_EB);
+        let theirs = self.board.link.target_in_force(at);
+        self.record(|| {
+            Topic::Shadow(ShadowRecord {
+                at,
+                place_E_m,
+                attitude: for_board,
+                thrust_frac: output.thrust_frac,
+                theirs,
+            })
+        });
+    }
+
+    /// Whether the vehicle flies, by board and IMU.
+    fn follow_flyer(&mut self, at: HostTime) {
+        let armed = self.board.link.is_armed();
+        if armed != std::mem::replace(&mut self.flight.shadow.armed, armed) {
+            let text = if armed { "shadow: armed by somebody else" } else { "shadow: disarmed" };
+            self.say(at, Severity::Info, text.to_owned());
+            self.record_mode(at, self.flight.mode.name(), text);
+        }
+        if !armed {
+            if self.flight.shadow.airborne {
+                self.navigation.estimator.set_airborne(false);
+            }
+            self.flight.shadow = Shadow::default();
+            return;
+        }
+        if self.navigation.estimator.rested_s() > RESTS_S {
+            self.flight.shadow.beats_since = None;
+        } else {
+            self.flight.shadow.beats_since.get_or_insert(at);
+        }
+        let beats = self.flight.shadow.beats_since.is_some_and(|t| at.seconds_since(t) > BEATING_S);
+        let told = self.board.link.target_in_force(at).is_some_and(|(_, frac)| frac > THRUST_FRAC);
+        if !self.flight.shadow.airborne && (beats || told) {
+            self.flight.shadow.airborne = true;
+            self.navigation.estimator.set_airborne(true);
+        }
+    }
+
+    /// Whether a vehicle stands that nobody flies.
+    pub(crate) fn is_standing(&self) -> bool {
+        !self.flight.mode.has_thrust()
+            && self.flight.mode != Mode::Yielded
+            && !self.flight.shadow.airborne
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prop_the_place_stays_until_the_leash_is_tight_and_then_follows() {
+        let mut shadow = Shadow::default();
+        let v = Vec3::new(1.0, 0.0, 0.0);
+        let at = |x: f64| Vec3::<E>::new(x, 0.0, -1.0);
+        assert_eq!(shadow.hold(at(0.0), v), (at(0.0), Vec3::zero()));
+        assert_eq!(shadow.hold(at(0.4), v), (at(0.0), Vec3::zero()));
+        let (place, speed) = shadow.hold(at(0.8), v);
+        assert!((place.x() - 0.3).abs() < 1e-12 && speed == v);
+        // On the way back it waits again.
+        assert_eq!(shadow.hold(at(0.1), v).1, Vec3::zero());
+    }
+
+    #[test]
+    fn prop_only_questions_pass() {
+        let command = |command: MavCmd| {
+            only_asks(&MavMessage::COMMAND_LONG(haltere_dialect::mav::haltere::COMMAND_LONG_DATA {
+                command: command as u16,
+                ..Default::default()
+            }))
+        };
+        assert!(command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL));
+        assert!(command(MavCmd::MAV_CMD_REQUEST_MESSAGE));
+        for moves in [
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+            MavCmd::MAV_CMD_DO_SET_MODE,
+            MavCmd::MAV_CMD_INJECT_FAILURE,
+            MavCmd::MAV_CMD_DO_FLIGHTTERMINATION,
+        ] {
+            assert!(!command(moves), "{moves:?}");
+        }
+        assert!(!only_asks(&MavMessage::SET_ATTITUDE_TARGET(Default::default())));
+        assert!(!only_asks(&MavMessage::PARAM_SET(Default::default())));
+        assert!(!only_asks(&MavMessage::MANUAL_CONTROL(Default::default())));
+        assert!(only_asks(&MavMessage::HEARTBEAT(Default::default())));
+    }
+}

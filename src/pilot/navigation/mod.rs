@@ -1,0 +1,73 @@
+//! Where the vehicle is: the tag, the estimator, and what is found of floor, room and sensors beside it.
+
+pub(crate) mod before;
+pub(crate) mod carried;
+pub(crate) mod heading;
+pub(crate) mod ingest;
+pub(crate) mod magnetics;
+pub(crate) mod reference;
+pub(crate) mod rooms;
+pub(crate) mod survey_check;
+pub mod uwb;
+
+use haltere_dialect::mav_stream::MavSplitter;
+
+use haltere_core::estimator::Estimator;
+use haltere_core::measure::{ImuSample, Tdoa};
+use haltere_core::survey::Survey;
+use haltere_core::time::HostTime;
+
+use crate::config::PilotConfig;
+use crate::flight::supervise::Touch;
+use crate::stations::telemetry_counts::PairStats;
+
+use carried::Carried;
+use heading::BoardNorth;
+use survey_check::SurveyCheck;
+use uwb::{MavTag, TdoaEngine};
+
+/// The tag, the estimator, and what is found beside it.
+#[derive(Debug)]
+pub(crate) struct Navigation {
+    pub(crate) uwb: TdoaEngine,
+    pub(crate) mav_tag: MavTag,
+    pub(crate) tag_splitter: MavSplitter,
+    pub(crate) tdoas: Vec<Tdoa>,
+    pub(crate) tag_is_up: bool,
+    /// When a measurement last came, or the tag was last asked for its stream.
+    pub(crate) tag_asked_at: HostTime,
+    pub(crate) last_fused: Option<HostTime>,
+    pub(crate) last_imu: Option<HostTime>,
+    /// The newest sample, for who asks for it.
+    pub(crate) imu: Option<ImuSample>,
+    pub(crate) baro_at: Option<HostTime>,
+    pub(crate) pairs: Vec<PairStats>,
+    pub(crate) estimator: Estimator,
+    pub(crate) north: BoardNorth,
+    pub(crate) survey_check: SurveyCheck,
+    pub(crate) touch: Touch,
+    pub(crate) carried: Carried,
+}
+
+impl Navigation {
+    pub(crate) fn new(config: &PilotConfig, survey: &Survey, at: HostTime) -> Self {
+        Self {
+            uwb: TdoaEngine::new(config.uwb.clone(), survey),
+            mav_tag: MavTag::new(),
+            tag_splitter: MavSplitter::new(),
+            tdoas: Vec::new(),
+            tag_is_up: false,
+            tag_asked_at: at,
+            last_fused: None,
+            last_imu: None,
+            imu: None,
+            baro_at: None,
+            pairs: Vec::new(),
+            estimator: Estimator::new(config.estimator_in_force(), survey.clone()),
+            north: BoardNorth::new(config.board_north_offset_rad),
+            survey_check: SurveyCheck::new(config, survey),
+            touch: Touch::default(),
+            carried: Carried::default(),
+        }
+    }
+}

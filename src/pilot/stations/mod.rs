@@ -1,0 +1,61 @@
+//! Ground stations and clients: their links, who may command, what they are answered, sent and served.
+
+pub(crate) mod anew;
+pub(crate) mod clients;
+pub(crate) mod commands;
+pub(crate) mod endpoint;
+pub(crate) mod ground;
+pub mod guard;
+pub(crate) mod identity;
+pub(crate) mod mission_transfer;
+pub(crate) mod orders;
+pub(crate) mod permits;
+pub(crate) mod radio;
+pub(crate) mod routing;
+pub mod services;
+pub(crate) mod streams;
+pub(crate) mod telemetry;
+pub(crate) mod telemetry_counts;
+pub(crate) mod telemetry_estimator;
+pub(crate) mod telemetry_global;
+pub(crate) mod telemetry_imu;
+pub(crate) mod unheard;
+
+use haltere_core::time::HostTime;
+
+use crate::config::PilotConfig;
+use crate::input::LinkId;
+
+use commands::Asker;
+use ground::GroundLink;
+use services::Services;
+
+/// The links to stations, and what clients have asked for.
+#[derive(Debug)]
+pub(crate) struct Stations {
+    pub(crate) grounds: Vec<GroundLink>,
+    pub(crate) services: Services,
+    pub(crate) askers: Vec<Asker>,
+    /// What a client last asked for, by number; 0: nothing yet.
+    pub(crate) intended_mode: u32,
+    pub(crate) sent_a_mission: bool,
+    /// Since when setpoints come that the mode does not follow.
+    pub(crate) unobeyed_since: Option<HostTime>,
+}
+
+impl Stations {
+    pub(crate) fn new(config: &PilotConfig, at: HostTime) -> Self {
+        let grounds = (0..)
+            .zip(config.ground_links())
+            .map(|(n, (number, endpoint))| GroundLink::new(LinkId::Ground(n), endpoint, number, at))
+            .collect();
+        Self {
+            grounds,
+            services: Services::new(config),
+            askers: Vec::new(),
+            intended_mode: 0,
+            sent_a_mission: false,
+            unobeyed_since: None,
+        }
+    }
+}

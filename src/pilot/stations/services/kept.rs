@@ -1,0 +1,102 @@
+//! What was kept over a restart and could not be read back. A fence that a power cut has emptied must not be
+//! taken for none: it is told to every station that comes, and nothing arms until somebody uploads it anew
+//! or clears it.
+
+use haltere_core::time::HostTime;
+
+use super::Purpose;
+use super::files::{FileFault, Plan};
+use super::plans::name_of;
+use crate::Pilot;
+use crate::input::LinkId;
+use crate::out::voice::Severity;
+
+/// Longest reason that is passed on, characters: what glue says is text of its own, but of any length.
+const LONGEST_REASON: usize = 200;
+
+/// What is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kept {
+    Parameters,
+    Plan(Plan),
+}
+
+impl Kept {
+    fn name(self) -> &'static str {
+        match self {
+            Kept::Parameters => "parameters",
+            Kept::Plan(plan) => name_of(plan),
+        }
+    }
+}
+
+/// What is missing, each with the reason.
+#[derive(Debug, Default)]
+pub(crate) struct Lost(Vec<(Kept, String)>);
+
+impl Lost {
+    fn texts(&self) -> impl Iterator<Item = String> + '_ {
+        self.0.iter().map(|(kept, why)| format!("{} not restored: {why}", kept.name()))
+    }
+
+    /// Whether nothing is missing.
+    pub(super) fn is_nothing(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Somebody has put another in its place, or wants none.
+    pub(super) fn settle(&mut self, settled: Kept) {
+        self.0.retain(|(kept, _)| *kept != settled);
+    }
+}
+
+impl Pilot {
+    pub(super) fn note_lost(&mut self, at: HostTime, kept: Kept, why: &str) {
+        let why: String = why.chars().take(LONGEST_REASON).collect();
+        let lost = &mut self.stations.services.lost;
+        lost.settle(kept);
+        lost.0.push((kept, why));
+        if let Some(text) = lost.texts().last() {
+            self.say(at, Severity::Warning, text);
+        }
+    }
+
+    /// Glue has looked at the parameters before the core began.
+    pub(super) fn parameters_told(
+        &mut self,
+        at: HostTime,
+        result: Result<(), FileFault>,
+        bytes: &[u8],
+    ) {
+        if let Err(fault) = result {
+            let why = String::from_utf8_lossy(bytes);
+            let why = if why.is_empty() { fault.words().into() } else { why };
+            self.note_lost(at, Kept::Parameters, &why);
+        }
+    }
+
+    /// For a station that speaks for the first time: it was not there when it was told.
+    pub(crate) fn tell_lost(&mut self, at: HostTime, link: LinkId) {
+        let texts: Vec<String> = self.stations.services.lost.texts().collect();
+        for text in texts {
+            if self.may_echo(at) {
+                self.say_to(at, link, Severity::Warning, &text);
+            }
+        }
+    }
+
+    /// Why nothing is armed with what is left.
+    pub(crate) fn lost_forbids(&self) -> Option<String> {
+        if self.stations.services.desk.waits_for(|purpose| matches!(purpose, Purpose::LoadPlan(_)))
+        {
+            return Some("fence, rally points and mission are still being read".to_owned());
+        }
+        let text = self.stations.services.lost.texts().next()?;
+        let (kept, _) = self.stations.services.lost.0.first()?;
+        let way_out = match kept {
+            Kept::Parameters => "set them, or reset them",
+            Kept::Plan(_) => "upload it, or clear it",
+        };
+        Some(format!("{text}; {way_out}"))
+    }
+}

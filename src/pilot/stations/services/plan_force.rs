@@ -1,0 +1,320 @@
+//! Plans in force: the whole of a list checked, taken over, kept over a restart.
+
+use haltere_dialect::mav::haltere::{MISSION_ITEM_INT_DATA, MavMissionResult};
+
+use haltere_core::estimate::Health;
+use haltere_core::geo::LocalOrigin;
+use haltere_core::time::HostTime;
+
+use super::files::{FileFault, FileTask, Plan};
+use super::kept::Kept;
+use super::plans::{name_of, type_of};
+use super::{Purpose, plan_file};
+use crate::Pilot;
+use crate::flight::awaited::Next;
+use crate::flight::fence::{Fence, KEEP_M};
+use crate::flight::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
+use crate::flight::mission_items::{Refusal, Room, from_wire, is_global, place_E_m};
+use crate::flight::modes::{Event, Mode};
+use crate::flight::rally;
+use crate::out::voice::Severity;
+
+impl Pilot {
+    pub(super) fn warn_of_barred_mission(&mut self, at: HostTime) {
+        if let Some(why) = self.stations.services.plans.mission_is_barred.clone() {
+            self.say(at, Severity::Warning, why);
+        }
+    }
+
+    /// Another fence is in force: what it leaves of a leg under way, and of the places to return to.
+    pub(super) fn heed_fence(&mut self, at: HostTime) {
+        self.warn_of_lost_refuges(at);
+        let guidance = &mut self.flight.guidance;
+        let estimate = &self.estimate;
+        let [here, goal] = [estimate.pos_E_m, guidance.goal_E_m()].map(|p| [p.x(), p.y()]);
+        let fence = &self.stations.services.plans.fence;
+        if fence.allows_way(here, goal) {
+            return;
+        }
+        match self.flight.mode {
+            Mode::Goto => {
+                self.say(at, Severity::Warning, "the fence bars the rest of the leg".to_owned());
+                self.fire(at, Event::HoldAsked);
+            }
+            // To another place, if there is one.
+            Mode::Return => guidance.enter(Mode::Return, estimate, fence, at),
+            _ => {}
+        }
+    }
+
+    fn warn_of_lost_refuges(&mut self, at: HostTime) {
+        let fence = &self.stations.services.plans.fence;
+        let names = std::iter::once("home".to_owned())
+            .chain((0..).map(|seq: usize| format!("rally point {seq}")));
+        // On the floor home is wherever the next take-off will be, unless it was set by hand.
+        let is_home_open = !self.flight.guidance.home_is_set() && !self.flight.mode.has_thrust();
+        let forbidden: Vec<String> = names
+            .zip(self.flight.guidance.refuges_NE_m())
+            .skip(usize::from(is_home_open))
+            .filter(|(_, place)| !fence.contains(*place))
+            .map(|(name, [north_m, east_m])| {
+                format!("no return to {name}, N {north_m:.2} E {east_m:.2} m: the fence forbids it")
+            })
+            .collect();
+        for text in forbidden {
+            self.say(at, Severity::Warning, text);
+        }
+    }
+
+    /// Checks a list whole and puts it in force.
+    pub(super) fn take_plan(
+        &mut self,
+        plan: Plan,
+        mut items: Vec<MISSION_ITEM_INT_DATA>,
+    ) -> Result<(), Refusal> {
+        for (seq, item) in items.iter_mut().enumerate() {
+            item.seq = seq as u16;
+            item.mission_type = type_of(plan);
+        }
+        let origin = self.local_origin();
+        match plan {
+            Plan::Mission => {
+                let room = Room { envelope: &self.flight.guidance.envelope, origin };
+                let stored = items
+                    .into_iter()
+                    .map(|wire| from_wire(&wire, &room).map(|item| StoredItem { wire, item }))
+                    .collect::<Result<Vec<_>, _>>()?;
+                check_jumps(&stored)?;
+                if let Some(seq) = leg_outside(&stored, &self.stations.services.plans.fence) {
+                    let why = format!(
+                        "item {seq}: it, or the way to it, is outside the fence, or within \
+                         {KEEP_M} m of its border",
+                        seq = seq.saturating_add(1)
+                    );
+                    return Err((MavMissionResult::MAV_MISSION_INVALID, why));
+                }
+                self.flight.mission.replace(stored);
+                self.flight.guidance.new_mission();
+                self.stations.services.plans.mission_is_barred = None;
+                if self.flight.mission.items.is_empty()
+                    && self.flight.guidance.next == Next::Mission
+                    && !self.flight.mode.has_thrust()
+                {
+                    self.call_off_lift_off();
+                }
+            }
+            Plan::Fence => {
+                let places = places(&items, origin.as_ref())?;
+                let fence = Fence::from_items(&items, &places)?;
+                let here = [self.estimate.pos_E_m.x(), self.estimate.pos_E_m.y()];
+                if self.flight.mode.has_thrust() && !fence.contains(here) {
+                    let why = format!(
+                        "the vehicle flies outside of it, at N {:.2} E {:.2}",
+                        here[0], here[1]
+                    );
+                    return Err((MavMissionResult::MAV_MISSION_DENIED, why));
+                }
+                self.stations.services.plans.fence_id = plan_id(items.iter());
+                self.stations.services.plans.fence_items = items;
+                self.stations.services.plans.fence = fence;
+                self.stations.services.plans.refuge_m = here;
+                self.bar_mission();
+            }
+            Plan::Rally => {
+                let places = places(&items, origin.as_ref())?;
+                let volume = self.flight.guidance.volume();
+                let fence = &self.stations.services.plans.fence;
+                rally::check(&items, &places, volume, fence)?;
+                self.flight.guidance.set_rally_points(places);
+                self.stations.services.plans.rally_id = plan_id(items.iter());
+                self.stations.services.plans.rally_items = items;
+            }
+        }
+        Ok(())
+    }
+
+    /// Looks whether the mission still lies inside the fence.
+    fn bar_mission(&mut self) {
+        let barred = leg_outside(&self.flight.mission.items, &self.stations.services.plans.fence);
+        self.stations.services.plans.mission_is_barred = barred.map(|seq| {
+            format!(
+                "mission barred: item {seq} or the way to it is outside the fence",
+                seq = seq.saturating_add(1)
+            )
+        });
+    }
+
+    /// Why the mission cannot begin here: the fence lies between the vehicle and its first place.
+    pub(crate) fn first_leg_is_barred(&self) -> Option<String> {
+        let mut rest =
+            self.flight.mission.items.iter().skip(usize::from(self.flight.guidance.current_item));
+        let (seq, first) = rest.find_map(|item| Some((item.wire.seq, item.item.place_NE_m()?)))?;
+        // Nobody knows yet where it stands: the leg is looked at when it begins.
+        if self.estimate.health == Health::NotAligned {
+            return None;
+        }
+        let pos = self.estimate.pos_E_m;
+        let is_free = self.stations.services.plans.fence.allows_way([pos.x(), pos.y()], first);
+        (!is_free).then(|| {
+            format!(
+                "mission refused: the fence bars the straight way from here to item {seq}",
+                seq = seq.saturating_add(1)
+            )
+        })
+    }
+
+    /// The room has moved on the globe: items given in global frames are elsewhere in it.
+    pub(super) fn derive_anew(&mut self, at: HostTime) {
+        for plan in [Plan::Fence, Plan::Rally, Plan::Mission] {
+            let items = self.plan_items(plan);
+            if !items.iter().any(|item| is_global(item.frame)) {
+                continue;
+            }
+            if let Err((_, why)) = self.take_plan(plan, items) {
+                let text = format!("{} no longer fits the room: {why}", name_of(plan));
+                self.say(at, Severity::Warning, text.clone());
+                match plan {
+                    Plan::Mission => self.stations.services.plans.mission_is_barred = Some(text),
+                    // Kept as it was: a fence that is elsewhere is better than none.
+                    Plan::Fence | Plan::Rally => {}
+                }
+            }
+        }
+    }
+
+    pub(super) fn keep_plan(&mut self, at: HostTime, plan: Plan) {
+        let items = self.plan_items(plan);
+        let bytes = if items.is_empty() { Vec::new() } else { plan_file::encode(&items) };
+        let task = FileTask::SavePlan(plan, bytes);
+        match self.stations.services.desk.ask(task, Purpose::SavePlan(plan), at) {
+            // Nothing is kept by configuration: no reason to complain at every upload.
+            Ok(()) | Err((FileFault::Off, _)) => {}
+            Err((fault, _)) => self.plan_not_kept(at, plan, fault),
+        }
+    }
+
+    pub(super) fn plan_not_kept(&mut self, at: HostTime, plan: Plan, fault: FileFault) {
+        let text = format!("{} is lost at a restart: {}", name_of(plan), fault.words());
+        self.say(at, Severity::Warning, text);
+    }
+
+    /// Asks for what was kept.
+    pub(super) fn restore_plans(&mut self, at: HostTime) {
+        // Rally points first: a fence that came later does not undo them, it leaves them out.
+        for plan in [Plan::Rally, Plan::Fence, Plan::Mission] {
+            // Nothing kept, nothing restored.
+            let _ = self.stations.services.desk.ask(
+                FileTask::LoadPlan(plan),
+                Purpose::LoadPlan(plan),
+                at,
+            );
+        }
+    }
+
+    pub(super) fn plan_restored(&mut self, at: HostTime, plan: Plan, bytes: &[u8]) {
+        // Somebody was faster, or there is nothing.
+        if bytes.is_empty() || self.plan_len(plan) > 0 || self.flight.mode.has_thrust() {
+            return;
+        }
+        let taken = plan_file::decode(bytes)
+            .and_then(|items| self.take_plan(plan, items).map_err(|(_, why)| why));
+        match taken {
+            Ok(()) => {
+                let text = format!("{} of {} items restored", name_of(plan), self.plan_len(plan));
+                self.say(at, Severity::Info, text);
+                if plan == Plan::Fence {
+                    self.heed_fence(at);
+                }
+            }
+            Err(why) => self.note_lost(at, Kept::Plan(plan), &why),
+        }
+    }
+
+    /// A list from a file takes the way of an upload.
+    pub(super) fn load_mission(
+        &mut self,
+        at: HostTime,
+        items: Vec<MISSION_ITEM_INT_DATA>,
+    ) -> Result<usize, String> {
+        if let Some(why) = self.plan_is_locked(Plan::Mission) {
+            return Err(why.to_owned());
+        }
+        if items.len() > MOST_ITEMS {
+            return Err(format!("{} items, at most {MOST_ITEMS} allowed", items.len()));
+        }
+        self.take_plan(Plan::Mission, items).map_err(|(_, why)| why)?;
+        self.stations.sent_a_mission = true;
+        self.stations.services.lost.settle(Kept::Plan(Plan::Mission));
+        self.keep_plan(at, Plan::Mission);
+        Ok(self.flight.mission.items.len())
+    }
+}
+
+/// Places of items that all have one, N and E, m.
+fn places(
+    items: &[MISSION_ITEM_INT_DATA],
+    origin: Option<&LocalOrigin>,
+) -> Result<Vec<[f64; 2]>, Refusal> {
+    items
+        .iter()
+        .map(|item| {
+            // Fences of some planners carry frame 0, 3 or 5; a place is all that counts.
+            let pos = place_E_m(&MISSION_ITEM_INT_DATA { z: 0.0, ..item.clone() }, origin)?;
+            let farthest_m = 10_000.0;
+            if pos.x().abs().max(pos.y().abs()) > farthest_m {
+                let (seq, north, east) = (item.seq, pos.x(), pos.y());
+                let why = format!(
+                    "item {seq}: N {north:.0} E {east:.0} m is more than {farthest_m} m away: is \
+                     the origin set? (frame {:?})",
+                    item.frame,
+                    seq = seq.saturating_add(1)
+                );
+                return Err((MavMissionResult::MAV_MISSION_INVALID, why));
+            }
+            Ok([pos.x(), pos.y()])
+        })
+        .collect()
+}
+
+fn check_jumps(items: &[StoredItem]) -> Result<(), Refusal> {
+    let count = items.len();
+    for stored in items {
+        if let MissionItem::Jump { to, .. } = stored.item
+            && usize::from(to) >= count
+        {
+            let seq = stored.wire.seq;
+            let why = format!(
+                "item {seq}: jumps to {to}, the mission has {count} items",
+                seq = seq.saturating_add(1),
+                to = to.saturating_add(1)
+            );
+            return Err((MavMissionResult::MAV_MISSION_INVALID_PARAM1, why));
+        }
+    }
+    Ok(())
+}
+
+/// The first item that lies outside the fence, or to which the straight way leaves it.
+fn leg_outside(items: &[StoredItem], fence: &Fence) -> Option<u16> {
+    if fence.is_empty() {
+        return None;
+    }
+    let mut before: Option<[f64; 2]> = None;
+    for stored in items {
+        let next = match stored.item {
+            // Where the jump leads: the next place from there on.
+            MissionItem::Jump { to, .. } => {
+                items.iter().skip(usize::from(to)).find_map(|next| next.item.place_NE_m())
+            }
+            _ => stored.item.place_NE_m(),
+        };
+        let Some(next) = next else { continue };
+        if !fence.allows(next) || !fence.allows_way(before.unwrap_or(next), next) {
+            return Some(stored.wire.seq);
+        }
+        if !matches!(stored.item, MissionItem::Jump { .. }) {
+            before = Some(next);
+        }
+    }
+    None
+}
