@@ -21,6 +21,7 @@
 
 pub mod cli;
 pub mod ctl;
+pub mod ending;
 pub mod fit;
 pub mod live;
 pub mod named_missions;
@@ -32,5 +33,6 @@ pub mod report;
 pub mod sources;
 pub mod store;
 pub mod tape;
+pub mod taped;
 pub mod util_flights;
 pub mod watch;

@@ -5,23 +5,28 @@
 //! Begin with `sim/lab/PROTOCOL.md`. `generator` is another world without shared physics, `cases` the sealed suite that is
 //! flown in it, `blind` its scorer (`hall.rs` answers before any key is opened), `withheld`, `retune` and `outside` what the
 //! diagnosis is compared with; `recorded` and `lines_of_sight` study recorded flights, `aids` and `tune` the estimator and
-//! the gains.
+//! the gains; `paper` flies the experiments of the source, `beside` its steps in that other world.
 
 mod aids;
+mod beside;
 mod blind;
 mod cases;
 mod commands;
+mod compare;
 mod generator;
 mod lines_of_sight;
 mod outside;
 mod paper;
+mod paths;
 mod recorded;
 #[cfg(test)]
 mod recordings;
 mod retune;
 mod score;
+mod steps;
 mod trial;
 mod tune;
+mod variation;
 mod withheld;
 
 use std::process::ExitCode;
@@ -59,8 +64,11 @@ enum Command {
     /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
     /// docs/ESTIMATOR_SIM.md.
     Aids(aids::Options),
-    /// The steps of the source in the world of the sealed suite, for `haltere-sim paper --beside`.
+    /// Every experiment of the source, ours beside its numbers: one HTML report with all figures, and
+    /// JSON beside it. Exit code 1 when a target is missed.
     Paper(paper::Options),
+    /// The steps of the source in the world of the sealed suite, for `haltere-lab paper --beside`.
+    Beside(beside::Options),
     /// Search PID gains for version `raw`, as the committed ones were found.
     Tune(tune::Options),
 }
@@ -83,6 +91,7 @@ fn main() -> ExitCode {
         Command::Advise(advise) => advise.run(),
         Command::Aids(options) => aids::run(&options).map(code),
         Command::Paper(options) => paper::run(&options).map(code),
+        Command::Beside(options) => beside::run(&options).map(code),
         Command::Tune(options) => tune::run(&options).map(code),
     };
     match result {
