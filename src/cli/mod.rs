@@ -35,7 +35,7 @@ mod programs;
 mod replay;
 mod report;
 mod style;
-mod vehicle;
+pub mod vehicle;
 pub mod vehicles;
 mod which_flight;
 

@@ -4,7 +4,8 @@
 //!
 //! Begin with `sim/lab/PROTOCOL.md`. `generator` is another world without shared physics, `cases` the sealed suite that is
 //! flown in it, `blind` its scorer (`hall.rs` answers before any key is opened), `withheld`, `retune` and `outside` what the
-//! diagnosis is compared with; `recorded` and `lines_of_sight` study recorded flights, `aids` and `tune` the estimator and
+//! diagnosis is compared with; `util_flights` runs the filter on recorded flights, `recorded` and
+//! `lines_of_sight` study them, `aids` and `tune` the estimator and
 //! the gains; `paper` flies the experiments of the source, `beside` its steps in that other world.
 
 mod aids;
@@ -26,6 +27,7 @@ mod score;
 mod steps;
 mod trial;
 mod tune;
+mod util_flights;
 mod variation;
 mod withheld;
 
@@ -57,6 +59,10 @@ enum Command {
     Ladder(commands::ladder::Ladder),
     /// Studies of the estimator on recorded UWB flights with motion capture: docs/ESTIMATOR.md.
     Recorded(commands::recorded::Recorded),
+    /// The filter that flies on recorded flights with motion capture, in the UTIL layout.
+    Util(commands::flights::Util),
+    /// The same on logs of one's own, against any truth (docs/IMPORT.md).
+    Flights(commands::flights::Flights),
     /// Blocked lines of sight in recorded UWB flights with motion capture.
     Sight(commands::sight::Sight),
     /// What the advice of `haltere gap advise` is worth.
@@ -87,6 +93,8 @@ fn main() -> ExitCode {
         Command::Blind(blind) => blind.run(),
         Command::Ladder(ladder) => ladder.run(),
         Command::Recorded(recorded) => recorded.run(),
+        Command::Util(util) => util.run(),
+        Command::Flights(flights) => flights.run(),
         Command::Sight(sight) => sight.run(),
         Command::Advise(advise) => advise.run(),
         Command::Aids(options) => aids::run(&options).map(code),

@@ -2,6 +2,7 @@
 
 pub mod advise;
 pub mod blind;
+pub mod flights;
 pub mod ladder;
 pub mod recorded;
 pub mod sight;
