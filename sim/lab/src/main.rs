@@ -5,10 +5,11 @@
 //! Begin with `sim/lab/PROTOCOL.md`. `generator` is another world without shared physics, `cases` the sealed suite that is
 //! flown in it, `blind` its scorer (`hall.rs` answers before any key is opened), `withheld`, `retune` and `outside` what the
 //! diagnosis is compared with; `util_flights` runs the filter on recorded flights, `recorded` and
-//! `lines_of_sight` study them, `aids` and `tune` the estimator and
+//! `lines_of_sight` study them, `balance` weighs their forces, `aids` and `tune` the estimator and
 //! the gains; `paper` flies the experiments of the source, `beside` its steps in that other world.
 
 mod aids;
+mod balance;
 mod beside;
 mod blind;
 mod cases;
@@ -65,6 +66,8 @@ enum Command {
     Flights(commands::flights::Flights),
     /// Blocked lines of sight in recorded UWB flights with motion capture.
     Sight(commands::sight::Sight),
+    /// Force balance of recorded flights with motion capture.
+    Balance(commands::balance::Balance),
     /// What the advice of `haltere gap advise` is worth.
     Advise(commands::advise::Advise),
     /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
@@ -96,6 +99,7 @@ fn main() -> ExitCode {
         Command::Util(util) => util.run(),
         Command::Flights(flights) => flights.run(),
         Command::Sight(sight) => sight.run(),
+        Command::Balance(balance) => balance.run(),
         Command::Advise(advise) => advise.run(),
         Command::Aids(options) => aids::run(&options).map(code),
         Command::Paper(options) => paper::run(&options).map(code),
