@@ -4,7 +4,7 @@
 //! Begin with `live/core.rs`, the threads and deadlines around the pilot core, and `cli/mod.rs`, the commands. [`sources`]
 //! says where a configuration comes from, [`store`] is the disk behind the core, [`watch`] the flight in a browser,
 //! [`preflight`] what `haltere check` looks at, [`ctl`] a small station, [`fit`] the identification, [`report`] the pages,
-//! [`util_flights`] recorded flights through the filter that flies, [`reference`] pages of `docs/` made from the code.
+//! [`reference`] pages of `docs/` made from the code.
 //!
 //! `ARCHITECTURE.md` beside `Cargo.toml` states the layers; `tests/` enforces them.
 //!
@@ -21,6 +21,7 @@
 
 pub mod cli;
 pub mod ctl;
+pub mod ending;
 pub mod fit;
 pub mod live;
 pub mod named_missions;
@@ -32,5 +33,5 @@ pub mod report;
 pub mod sources;
 pub mod store;
 pub mod tape;
-pub mod util_flights;
+pub mod taped;
 pub mod watch;

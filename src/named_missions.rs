@@ -12,6 +12,29 @@ pub const DIAGNOSTIC: &str = "diagnostic";
 const PLAIN: &str = "plain";
 const HELD_OUT: &str = "held-out";
 
+/// Speed of the setpoint along a shape, m/s.
+pub const SHAPE_SPEED_MPS: f32 = 0.5;
+/// Height of a shape, m: as the demo's take-off.
+pub const SHAPE_HEIGHT_M: f64 = 1.2;
+/// Shapes of the source: corners from the centre, north and east, m.
+pub const SHAPES: [(&str, &[[f64; 2]]); 4] = [
+    ("straight", &[[-1.2, -0.9], [1.2, 0.9], [-1.2, -0.9]]),
+    ("square", &[[0.8, 0.8], [0.8, -0.8], [-0.8, -0.8], [-0.8, 0.8], [0.8, 0.8]]),
+    ("rhombus", &[[1.2, 0.0], [0.0, 0.8], [-1.2, 0.0], [0.0, -0.8], [1.2, 0.0]]),
+    (
+        "hexagon",
+        &[
+            [0.9, 0.0],
+            [0.45, 0.779],
+            [-0.45, 0.779],
+            [-0.9, 0.0],
+            [-0.45, -0.779],
+            [0.45, -0.779],
+            [0.9, 0.0],
+        ],
+    ),
+];
+
 /// Flights of the fits.
 pub const FITS: [Program; 7] = [
     Program::Drag,

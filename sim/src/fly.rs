@@ -6,15 +6,13 @@ use anyhow::{Context, Result, anyhow, bail};
 use haltere::cli::{Unwritten, print, print_json};
 use haltere::ctl::read_mission;
 use haltere::fit::programs::Options as Programs;
-use haltere::named_missions::{self, Place};
+use haltere::named_missions::{self, Place, SHAPE_HEIGHT_M, SHAPE_SPEED_MPS, SHAPES};
 use haltere::progress::Progress;
 use haltere_gap::library;
 use haltere_gap::scene::Scene;
 use haltere_log::written;
 use haltere_pilot::Envelope;
 use haltere_pilot::mission_file::{Command, Item, MissionFile};
-use haltere_sim::paths::{SHAPES, SPEED_MPS};
-use haltere_sim::steps::HEIGHT_M;
 use rayon::prelude::*;
 use serde::Serialize;
 use toml::Value;
@@ -222,12 +220,12 @@ fn mission_of(name: &str, plan: &Plan) -> Result<MissionFile> {
 
 /// A shape of the source at its height and speed, around the place of take-off.
 fn shape(corners: &[[f64; 2]], [north_m, east_m]: [f64; 2]) -> MissionFile {
-    let takeoff = Item { height_m: Some(HEIGHT_M), ..Item::new(Command::Takeoff) };
-    let settle = Item { hold_s: Some(SETTLE_S), ..Item::waypoint(north_m, east_m, HEIGHT_M) };
-    let speed = Item { speed_mps: Some(SPEED_MPS.into()), ..Item::new(Command::Speed) };
+    let takeoff = Item { height_m: Some(SHAPE_HEIGHT_M), ..Item::new(Command::Takeoff) };
+    let settle = Item { hold_s: Some(SETTLE_S), ..Item::waypoint(north_m, east_m, SHAPE_HEIGHT_M) };
+    let speed = Item { speed_mps: Some(SHAPE_SPEED_MPS.into()), ..Item::new(Command::Speed) };
     let corners = corners.iter().enumerate().map(|(i, [n, e])| Item {
         hold_s: (i == 0).then_some(CORNER_S),
-        ..Item::waypoint(north_m + n, east_m + e, HEIGHT_M)
+        ..Item::waypoint(north_m + n, east_m + e, SHAPE_HEIGHT_M)
     });
     let items = [takeoff, settle, speed].into_iter().chain(corners);
     MissionFile { items: items.chain([Item::new(Command::Land)]).collect() }

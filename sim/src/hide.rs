@@ -8,15 +8,15 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, anyhow, bail};
 use haltere::cli::{gap, print, print_json};
+use haltere::ending::Ending;
 use haltere::progress::{self, Progress};
+use haltere::taped::record;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_gap::library::standard;
 use haltere_gap::scene::Scene;
 use haltere_gap::{missions, seal, workshop};
 use haltere_model::Plant;
-use haltere_sim::ending::Ending;
 use haltere_sim::hidden::{Hidden, NOT_SHOWN, SHARES};
-use haltere_sim::taped::record;
 use rayon::prelude::*;
 use serde_json::json;
 

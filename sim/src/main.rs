@@ -2,7 +2,7 @@
 //!
 //! Begin with `scenario`, what a simulated flight is, and `endpoint`, the plant in real time. `lockstep` and `fly` fly on
 //! simulated time, `rig` starts endpoint and companion as processes, `demo` and `hide` are what a reader runs first,
-//! `campaign` flies hundreds, `firmware` puts a real firmware in the place of the simulated board. `paper`, `soak`, `flood`
+//! `campaign` flies hundreds, `firmware` puts a real firmware in the place of the simulated board. `soak`, `flood`
 //! and `kills` measure the companion. `built_in` holds files by name.
 
 mod board_wire;
@@ -38,7 +38,6 @@ use haltere::cli::complete::{Completions, Man};
 use haltere::cli::moved::Moved;
 use haltere::cli::{is_unwritten, print, tell};
 use haltere::live::console::Console;
-use haltere_sim::paper;
 
 /// Its name.
 const PROGRAM: &str = "haltere-sim";
@@ -96,9 +95,6 @@ enum Command {
         after_help = "Examples:\n  haltere-sim fly diagnostic --count 8 --out good\n  haltere-sim fly square.toml --effect P1.loss=0.12"
     )]
     Fly(fly::Options),
-    /// Every experiment of the source, ours beside its numbers: one HTML report with all figures, and
-    /// JSON beside it. Exit code 1 when a target is missed.
-    Paper(paper::Options),
     /// Many flights over distributions of a scenario, on all cores, resumable; the fault campaign
     /// (docs/CAMPAIGNS.md).
     #[command(
@@ -184,9 +180,8 @@ fn main() -> ExitCode {
         Command::Effects => print(&haltere_model::effects::document::markdown()).map(|()| true),
         Command::Hide(options) => hide::run(&options),
         Command::Fly(options) => fly::run(&options),
-        Command::Paper(options) => paper::run(&options),
         Command::Steps(moved) => {
-            return moved.now("haltere-sim steps", "haltere-sim paper --only steps");
+            return moved.now("haltere-sim steps", "haltere-lab paper --only steps");
         }
         Command::Paths(moved) => {
             return moved

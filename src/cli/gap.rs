@@ -9,8 +9,8 @@ use clap::{Args, Subcommand};
 
 use super::moved::Moved;
 use super::{
-    gap_accept, gap_advise, gap_attribute, gap_balance, gap_bank, gap_budget, gap_commission,
-    gap_diagnose, gap_missions, gap_observe, gap_shrink, vehicles,
+    gap_accept, gap_advise, gap_attribute, gap_bank, gap_budget, gap_commission, gap_diagnose,
+    gap_missions, gap_observe, gap_shrink, vehicles,
 };
 pub use gap_attribute::read as observed_flights;
 pub use gap_diagnose::diagnose;
@@ -46,8 +46,6 @@ pub(super) enum Gap {
     Observe(gap_observe::Observe),
     /// Attributes flights whose statistics were observed before.
     Attribute(gap_attribute::Attribute),
-    /// Force balance of recorded flights with motion capture.
-    Balance(gap_balance::Balance),
     /// Writes a standard flight as a mission file.
     Mission(gap_missions::MissionCommand),
     /// Scores of a sealed suite: the laboratory's.
@@ -71,7 +69,6 @@ impl Gap {
             Gap::Bank(bank) => bank.run(),
             Gap::Observe(observe) => observe.run(),
             Gap::Attribute(attribute) => attribute.run(),
-            Gap::Balance(balance) => balance.run(),
             Gap::Mission(mission) => mission.run(),
             Gap::Blind(moved) => Ok(moved.say("haltere gap blind", "haltere-lab blind …")),
             Gap::Sight(moved) => Ok(moved.say("haltere gap sight", "haltere-lab sight …")),

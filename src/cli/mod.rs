@@ -13,7 +13,6 @@ pub mod gap;
 mod gap_accept;
 mod gap_advise;
 mod gap_attribute;
-mod gap_balance;
 mod gap_bank;
 mod gap_budget;
 mod gap_commission;
@@ -35,7 +34,7 @@ mod programs;
 mod replay;
 mod report;
 mod style;
-mod vehicle;
+pub mod vehicle;
 pub mod vehicles;
 mod which_flight;
 

@@ -39,7 +39,7 @@ pub(super) struct Check {
 }
 
 /// What a vehicle says of the companion's configuration: the keys themselves, or what follows from a vehicle file.
-pub(super) fn keys(told: &Path) -> anyhow::Result<VehicleKeys> {
+pub fn keys(told: &Path) -> anyhow::Result<VehicleKeys> {
     let name = told.display().to_string();
     if told.is_file() {
         let text = haltere_log::intake::text(told, vehicles::MOST_BYTES).context(name.clone())?;

@@ -5,7 +5,6 @@
 //! files and says what came of them; `programs` are the flights that show what a fit needs.
 
 pub mod anchors;
-pub mod balance;
 pub mod columns;
 pub mod correlated;
 #[cfg(test)]

@@ -3,11 +3,9 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use haltere::fit::balance;
 use haltere::fit::source::Source;
 use haltere::fit::tell;
 use haltere_log::import::{Recording, columns, flapper, stand};
-use haltere_model::Vehicle;
 
 use super::logs::Dice;
 
@@ -56,9 +54,6 @@ pub fn ours(seed: u64, rows: usize, step_s: f64, wild: bool) -> String {
 
 /// Everything that is made of a recording.
 fn judged(recording: Recording) {
-    let vehicle = Vehicle::default();
-    let all = [recording.clone()];
-    let _ = balance::diagnose(&all, &all, &vehicle, &[]);
     let sources = [Source::Recording(recording)];
     let _ = tell::drag::fit(&sources, false);
     let _ = tell::thrust::fit(&sources);

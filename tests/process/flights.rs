@@ -3,12 +3,12 @@
 use std::path::Path;
 
 use haltere::report::truth::HEADER;
+use haltere::taped::fly_taped;
 use haltere_core::time::HostTime;
 use haltere_gap::scene::Scene;
 use haltere_model::lockstep::HOST_START_US;
 use haltere_model::{EffectSet, Plant};
 use haltere_pilot::mission_file::{Command as ItemCommand, Item, MissionFile};
-use haltere_sim::taped::fly_taped;
 
 /// A hover and a small box, some 25 s.
 pub fn box_mission() -> MissionFile {

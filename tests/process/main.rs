@@ -10,7 +10,6 @@ mod flood;
 mod gap;
 mod operation;
 mod outputs;
-mod own_truth;
 mod packages;
 mod pymavlink;
 mod rotation;

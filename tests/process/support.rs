@@ -4,18 +4,30 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, RwLock};
+use std::sync::{Arc, LazyLock, RwLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// The simulator program, which is also the companion.
+/// The simulator program, which is also the companion. Cargo names it to the tests of its own package; those of another find
+/// it beside their program, or fail.
 pub fn program() -> &'static Path {
-    Path::new(env!("CARGO_BIN_EXE_haltere-sim"))
+    static PROGRAM: LazyLock<PathBuf> = LazyLock::new(|| {
+        if let Some(own) = option_env!("CARGO_BIN_EXE_haltere-sim") {
+            return own.into();
+        }
+        let test = std::env::current_exe().expect("the test's own path");
+        let beside = test.ancestors().nth(2).expect("target/…/deps/").join("haltere-sim");
+        let how = "`cargo build -p haltere-sim` makes it, `cargo test --workspace` as well";
+        assert!(beside.is_file(), "{}: {how}", beside.display());
+        beside
+    });
+    &PROGRAM
 }
 
 /// Root of the repository.
 pub fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("sim/ lies in the root").to_owned()
+    let mut above = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
+    above.find(|folder| folder.join("ARCHITECTURE.md").is_file()).expect("the root").to_owned()
 }
 
 /// Watches how long this machine keeps somebody waiting who only wants to wake up: a thread that sleeps a little

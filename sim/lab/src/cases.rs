@@ -15,10 +15,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow};
 use haltere::progress::Progress;
+use haltere::taped::Outcome;
 use haltere_gap::scene::Scene;
 use haltere_gap::seal;
 use haltere_log::written;
-use haltere_sim::taped::Outcome;
 use rayon::prelude::*;
 use serde_json::json;
 

@@ -4,24 +4,32 @@
 //!
 //! Begin with `sim/lab/PROTOCOL.md`. `generator` is another world without shared physics, `cases` the sealed suite that is
 //! flown in it, `blind` its scorer (`hall.rs` answers before any key is opened), `withheld`, `retune` and `outside` what the
-//! diagnosis is compared with; `recorded` and `lines_of_sight` study recorded flights, `aids` and `tune` the estimator and
-//! the gains.
+//! diagnosis is compared with; `util_flights` runs the filter on recorded flights, `recorded` and
+//! `lines_of_sight` study them, `balance` weighs their forces, `aids` and `tune` the estimator and
+//! the gains; `paper` flies the experiments of the source, `beside` its steps in that other world.
 
 mod aids;
+mod balance;
+mod beside;
 mod blind;
 mod cases;
 mod commands;
+mod compare;
 mod generator;
 mod lines_of_sight;
 mod outside;
 mod paper;
+mod paths;
 mod recorded;
 #[cfg(test)]
 mod recordings;
 mod retune;
 mod score;
+mod steps;
 mod trial;
 mod tune;
+mod util_flights;
+mod variation;
 mod withheld;
 
 use std::process::ExitCode;
@@ -52,15 +60,24 @@ enum Command {
     Ladder(commands::ladder::Ladder),
     /// Studies of the estimator on recorded UWB flights with motion capture: docs/ESTIMATOR.md.
     Recorded(commands::recorded::Recorded),
+    /// The filter that flies on recorded flights with motion capture, in the UTIL layout.
+    Util(commands::flights::Util),
+    /// The same on logs of one's own, against any truth (docs/IMPORT.md).
+    Flights(commands::flights::Flights),
     /// Blocked lines of sight in recorded UWB flights with motion capture.
     Sight(commands::sight::Sight),
+    /// Force balance of recorded flights with motion capture.
+    Balance(commands::balance::Balance),
     /// What the advice of `haltere gap advise` is worth.
     Advise(commands::advise::Advise),
     /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
     /// docs/ESTIMATOR_SIM.md.
     Aids(aids::Options),
-    /// The steps of the source in the world of the sealed suite, for `haltere-sim paper --beside`.
+    /// Every experiment of the source, ours beside its numbers: one HTML report with all figures, and
+    /// JSON beside it. Exit code 1 when a target is missed.
     Paper(paper::Options),
+    /// The steps of the source in the world of the sealed suite, for `haltere-lab paper --beside`.
+    Beside(beside::Options),
     /// Search PID gains for version `raw`, as the committed ones were found.
     Tune(tune::Options),
 }
@@ -79,10 +96,14 @@ fn main() -> ExitCode {
         Command::Blind(blind) => blind.run(),
         Command::Ladder(ladder) => ladder.run(),
         Command::Recorded(recorded) => recorded.run(),
+        Command::Util(util) => util.run(),
+        Command::Flights(flights) => flights.run(),
         Command::Sight(sight) => sight.run(),
+        Command::Balance(balance) => balance.run(),
         Command::Advise(advise) => advise.run(),
         Command::Aids(options) => aids::run(&options).map(code),
         Command::Paper(options) => paper::run(&options).map(code),
+        Command::Beside(options) => beside::run(&options).map(code),
         Command::Tune(options) => tune::run(&options).map(code),
     };
     match result {

@@ -2,13 +2,23 @@
 
 use std::path::{Path, PathBuf};
 
-/// The recordings in the UTIL layout, beside the checkout or beside the folder of checkouts.
+/// The recordings in the UTIL layout.
 pub fn util() -> Option<PathBuf> {
+    holds("util", "anchors.csv")
+}
+
+/// Recordings of the vehicle, with command and voltage.
+pub fn flapper() -> Option<PathBuf> {
+    holds("flapper_swarm3d", "")
+}
+
+/// The folder of this name, if it has this file: beside the checkout or beside the folder of checkouts.
+fn holds(folder: &str, file: &str) -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    ["../shared/data/util", "../../shared/data/util"]
+    ["../shared/data", "../../shared/data"]
         .iter()
-        .map(|up| root.join(up))
-        .find(|dir| dir.join("anchors.csv").exists())
+        .map(|up| root.join(up).join(folder))
+        .find(|dir| dir.join(file).exists())
 }
 
 /// Where a crate moves and its paths do not, no recording is found, and every test on them passes.

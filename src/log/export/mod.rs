@@ -66,7 +66,7 @@ pub enum ExportError {
     Truth(#[from] TruthError),
     /// It cannot be laid beside the log as it is.
     #[error(
-        "{}: its clock is not the companion's, so its track does not belong to these times; `haltere replay --util LOG \
+        "{}: its clock is not the companion's, so its track does not belong to these times; `haltere-lab flights LOG \
          --truth` finds the offset, and `evo` takes one with --t_offset", path.display()
     )]
     OtherClock {

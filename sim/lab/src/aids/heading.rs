@@ -15,7 +15,7 @@ use haltere_pilot::{Mode, PilotConfig};
 
 use super::shadow::{Shadow, fly_along};
 use super::{SEED, hall, hover, middle_and_most};
-use haltere_sim::steps::item;
+use crate::steps::item;
 
 /// Longest wait for a heading, s.
 const WAIT_S: f64 = 40.0;

@@ -13,13 +13,14 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
+use haltere::named_missions::SHAPES;
 use haltere_core::control::Version;
 use haltere_model::PlantConfig;
 use haltere_model::lockstep::{Ground, Lockstep};
 use haltere_pilot::{Mode, PilotConfig};
 
+use crate::paths::fly_path;
 use crate::recorded::ranging::{self, ROOMS};
-use haltere_sim::paths::{SHAPES, fly_path};
 use rayon::prelude::*;
 
 /// First seed.

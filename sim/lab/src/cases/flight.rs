@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use anyhow::Result;
+use haltere::taped::{self, Outcome};
 use haltere_gap::missions;
 use haltere_gap::scene::Scene;
-use haltere_sim::taped::{self, Outcome};
 
 use super::list::Mission;
 use crate::generator::{Foreign, Setup};

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use crate::util_flights::{Flown, load_all};
 use clap::{ArgGroup, Args};
 use haltere::cli::{print, print_json};
 use haltere::progress::Progress;
-use haltere::util_flights::{Flown, load_all};
 
 use crate::recorded::cold::{cold_starts, print_cold};
 use crate::recorded::document::document;
@@ -16,7 +16,7 @@ use crate::recorded::ranging::{beside_simulated, print_ranging};
 use crate::recorded::search::{leave_one_out, print_left_out};
 
 /// Studies the estimator on recorded flights with motion capture, in the UTIL layout. How it fares on each says
-/// `haltere replay --util DIR`.
+/// `haltere-lab util DIR`.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("study").required(true))]
 pub struct Recorded {

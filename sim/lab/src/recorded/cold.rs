@@ -5,8 +5,8 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use haltere::util_flights::airborne::Activity;
-use haltere::util_flights::table;
+use crate::util_flights::airborne::Activity;
+use crate::util_flights::table;
 use haltere_core::estimate::Health;
 use haltere_core::estimator::{Estimator, EstimatorConfig};
 use haltere_core::measure::ImuSample;
@@ -214,7 +214,7 @@ fn over_sigma(reports: &[&ColdReport]) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use haltere::util_flights::{Flown, load_all};
+    use crate::util_flights::{Flown, load_all};
 
     use super::*;
 

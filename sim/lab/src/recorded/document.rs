@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use haltere::util_flights::{Consistency, FlightReport, run_flight, table};
+use crate::util_flights::{Consistency, FlightReport, run_flight, table};
 use haltere_core::estimator::EstimatorConfig;
 use haltere_log::import::util::Flight;
 
@@ -120,8 +120,8 @@ fn what_flew(flown: &EstimatorConfig) -> String {
     let (bias, quality, gate) = (&flown.anchor_bias, &flown.quality, &flown.gate);
     format!(
         "## What flew\n\nThe configuration that flies when nobody configures anything (`config/haltere.toml`), with the \
-         numbers of the recorded quadrotor (`src/util_flights/quadrotor.toml`) and, without IMU, `motion = \"unaided\"`. \
-         One set of parameters for all flights; `haltere replay --util DIR` prints the same. The nine states alone, with \
+         numbers of the recorded quadrotor (`sim/lab/src/util_flights/quadrotor.toml`) and, without IMU, `motion = \"unaided\"`. \
+         One set of parameters for all flights; `haltere-lab util DIR` prints the same. The nine states alone, with \
          `control.learned_uwb_errors = false`, stand among the ingredients. Of the UWB:\n\n\
          | key of `[estimator]` | value |\n|---|---|\n\
          | `std_uwb_m`, `uwb_correlation_s`, `uwb_noise` | {}, {}, {:?} |\n\
@@ -293,7 +293,7 @@ mod tests {
     #[test]
     fn golden_the_page_is_of_the_set_that_is_shipped() {
         let page = include_str!("../../../../docs/ESTIMATOR.md");
-        let flown = haltere::util_flights::Flown::by_default().unwrap().estimator;
+        let flown = crate::util_flights::Flown::by_default().unwrap().estimator;
         let said = what_flew(&flown);
         assert!(
             page.contains(&said),

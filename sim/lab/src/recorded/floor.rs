@@ -29,7 +29,7 @@ pub fn floor_check(flight: &Flight) -> Option<AnchorFit> {
 
 #[cfg(test)]
 mod tests {
-    use haltere::util_flights::load_all;
+    use crate::util_flights::load_all;
     use haltere_core::measure::AnchorId;
 
     use super::*;

@@ -4,7 +4,7 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use haltere::util_flights::{FlightReport, Flown, run_flight, table};
+use crate::util_flights::{FlightReport, Flown, run_flight, table};
 use haltere_core::estimator::{EstimatorConfig, SpecificForce, Tail, UwbNoise};
 use haltere_log::import::util::Flight;
 

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Write};
 
-use haltere::util_flights::run_traced;
+use crate::util_flights::run_traced;
 use haltere_core::estimate::Health;
 use haltere_core::estimator::EstimatorConfig;
 use haltere_core::frames::{E, Vec3};
@@ -246,7 +246,7 @@ pub fn print_integrity(out: &mut impl Write, rows: &[Integrity]) -> fmt::Result 
 
 #[cfg(test)]
 mod tests {
-    use haltere::util_flights::{Flown, load_all};
+    use crate::util_flights::{Flown, load_all};
 
     use super::*;
 

@@ -1,4 +1,4 @@
-//! Studies of the estimator on recorded flights of others (`haltere::util_flights`): parameters chosen with one flight
+//! Studies of the estimator on recorded flights of others (`crate::util_flights`): parameters chosen with one flight
 //! left out, every ingredient on and off, cold starts, faults, the floor, and the page of it, `docs/ESTIMATOR.md`.
 
 pub mod cold;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use crate::paths::mission;
 use haltere_core::frames::{E, Vec3};
 use haltere_core::measure::{AnchorId, ReferencePose};
 use haltere_core::time::HostTime;
@@ -12,7 +13,6 @@ use haltere_model::PlantConfig;
 use haltere_model::effects::{EffectConfig, EffectSet};
 use haltere_model::lockstep::{Lockstep, fly_watched};
 use haltere_pilot::PilotConfig;
-use haltere_sim::paths::mission;
 use nalgebra::{DMatrix, DVector};
 
 /// Above this height of the tag a flight is judged in the air, m: as the estimator's page.

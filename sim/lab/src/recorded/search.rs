@@ -12,7 +12,7 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use haltere::util_flights::{FlightReport, run_flight, table};
+use crate::util_flights::{FlightReport, run_flight, table};
 use haltere_core::estimator::{AnchorBias, EstimatorConfig, GateConfig, IsolationConfig, Quality};
 use haltere_log::import::util::Flight;
 

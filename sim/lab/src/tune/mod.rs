@@ -4,9 +4,9 @@ mod search;
 
 use anyhow::Result;
 
+use crate::compare::{fly, pilot_config};
+use crate::variation::{VARIATIONS, Variation};
 use haltere_core::control::{ControlConfig, ControlGains, Version};
-use haltere_sim::compare::{fly, pilot_config};
-use haltere_sim::variation::{VARIATIONS, Variation};
 
 use self::search::FAILED;
 

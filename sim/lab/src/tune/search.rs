@@ -6,7 +6,7 @@
 //! **Cost.** Per axis: the metric of the step tests itself, mean |truth - command| over the window
 //! divided by the size of the step, averaged over seeds and both sizes, plus what the vehicle
 //! overshoots by more than [`OVERSHOOT_SHARE`] of the step: rooms have walls, and people stand next
-//! to the vehicle. It is the **worst over [`haltere_sim::variation::VARIATIONS`]** of the vehicle, not the value at the
+//! to the vehicle. It is the **worst over [`crate::variation::VARIATIONS`]** of the vehicle, not the value at the
 //! nominal one. A search at the nominal plant alone ends where that one plant just does not
 //! oscillate; its gains have no margin, and nobody would fly them. The variations are what every
 //! vehicle of this kind may bring (a slow board, a late link, drag of other wings, a spent battery,
@@ -33,9 +33,9 @@ use rand_distr::StandardNormal;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rayon::prelude::*;
 
+use crate::steps::{SIZES_M, StepScore, mean_of};
+use crate::variation::Variation;
 use haltere_core::control::{ControlGains, Tunable};
-use haltere_sim::steps::{SIZES_M, StepScore, mean_of};
-use haltere_sim::variation::Variation;
 
 /// Cost of a flight that failed: worse than standing still, which costs 1.
 pub const FAILED: f64 = 2.0;

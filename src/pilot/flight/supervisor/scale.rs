@@ -67,7 +67,7 @@ const LEAST_MPS2: f64 = 0.2 * G_MPS2;
 /// Where the floor may carry it must read more than this, m/s²: a touch-down of 0.4 m/s reads less.
 const CARRIED_MPS2: f64 = 1.3 * G_MPS2;
 /// Higher it flies freely, m, and in a landing, which ends on the floor and on tables, as long as it never came lower. There
-/// neither estimate nor barometer is a witness of the height: of landings of `haltere-sim paper` that the floor carried
+/// neither estimate nor barometer is a witness of the height: of landings of `haltere-lab paper` that the floor carried
 /// both had some 0.6 m, and the estimate rose again from there to 0.9 m, with 1.5 times the force of the thrust.
 const CLEAR_M: f64 = 0.5;
 const CLEAR_LANDING_M: f64 = 0.8;
@@ -283,7 +283,7 @@ pub(super) const SCALE: Condition = Condition {
         value: |_| MOST_RATIO,
         unit: "",
         origin: "geometric middle of what 24 healthy flights in lockstep have at most (1.18) and a sensor that reads half as \
-                 much again; the flights of `haltere-sim paper` come to 1.29 in landings",
+                 much again; the flights of `haltere-lab paper` come to 1.29 in landings",
     }],
     lasts_s: |_| 0.06,
     watched: Watched::In(&[

@@ -42,10 +42,6 @@ pub const CENTRE_NE_M: [f64; 2] = [5.0, 5.0];
 pub struct Flown {
     /// Of each step.
     pub scores: Vec<StepScore>,
-    /// Simulated time, s.
-    pub length_s: f64,
-    /// Ended disarmed on the floor.
-    pub landed: bool,
 }
 
 /// Flies the step tests; a flight without all of its steps is an error.
@@ -67,7 +63,7 @@ pub fn fly(
             flight.last_words()
         );
     }
-    Ok(Flown { scores, length_s: world.t_us() as f64 * 1e-6, landed: flight.landed })
+    Ok(Flown { scores })
 }
 
 /// What the companion is configured to, without a disk.

@@ -398,7 +398,7 @@ fn lines(section: &mut Section, all: &All<'_>) {
     let beside = match all.beside {
         None => Line::new(
             Claim::NotFlown,
-            "Other world: not given; `haltere-lab paper FILE` flies it, `--beside FILE` sets it beside ours.",
+            "Other world: not given; `haltere-lab beside FILE` flies it, `--beside FILE` sets it beside ours.",
         ),
         Some(beside) => {
             let [raw, modified] = beside.versions();

@@ -32,12 +32,12 @@ impl Beside {
         let place = path.display();
         let text = std::fs::read_to_string(path).with_context(|| format!("{place}"))?;
         let found: Self = serde_json::from_str(&text).with_context(|| {
-            format!("{place}: not what `haltere-lab paper` writes; write it anew")
+            format!("{place}: not what `haltere-lab beside` writes; write it anew")
         })?;
         let Self { windows_s, raw, modified, .. } = &found;
         if windows_s[..] != WINDOWS_S {
             bail!(
-                "{place}: windows_s = {windows_s:?}, allowed {WINDOWS_S:?}; write it anew with this version's `haltere-lab paper`"
+                "{place}: windows_s = {windows_s:?}, allowed {WINDOWS_S:?}; write it anew with this version's `haltere-lab beside`"
             );
         }
         if raw.is_empty() || raw.len() != modified.len() {

@@ -3,25 +3,14 @@
 //! Built on `level_flight_1`, `level_flight_3` and `wAlt_1`, which issue and README name: there are no
 //! others with command and voltage, so no figure here is of a flight never looked at.
 
-use std::path::{Path, PathBuf};
-
 use super::report::Outcome;
 use super::search::Verdict;
 use super::terms::Part;
 use super::*;
 use haltere_log::import::flapper;
 
-/// The shared data lies beside the checkout, or beside the folder of checkouts.
-fn data() -> Option<PathBuf> {
-    let crate_dir = Path::new(env!("CARGO_MANIFEST_DIR"));
-    ["../shared/data/flapper_swarm3d", "../../shared/data/flapper_swarm3d"]
-        .iter()
-        .map(|up| crate_dir.join(up))
-        .find(|dir| dir.exists())
-}
-
 fn judged(fit_on: &str, held_out: &str, without: &[Part]) -> Option<Report> {
-    let Some(dir) = data() else {
+    let Some(dir) = crate::recordings::flapper() else {
         println!("skipped: no data");
         return None;
     };
@@ -70,7 +59,7 @@ fn val_voltage_is_not_credited_on_the_climbing_flight() {
     assert_ne!(verdict(&report, "N7"), Verdict::Credited);
     assert!(report.effects.iter().all(|e| e.id != "N7"));
     // Nor on that flight by itself.
-    let Some(dir) = data() else { return };
+    let Some(dir) = crate::recordings::flapper() else { return };
     let flight = flapper::read(&dir.join("fd_model_tuning_wAlt_1.csv.gz")).unwrap();
     let alone = diagnose(&[flight], &[], &Vehicle::default(), &[Part::Voltage]).unwrap();
     assert_ne!(verdict(&alone, "N7"), Verdict::Credited);
@@ -97,7 +86,7 @@ fn val_drag_left_out_is_named_larger_forward_than_sideways() {
 
 #[test]
 fn val_one_flight_alone_is_a_set_at_most() {
-    let Some(dir) = data() else {
+    let Some(dir) = crate::recordings::flapper() else {
         println!("skipped: no data");
         return;
     };

@@ -10,7 +10,7 @@ use super::{About, Outcome, summary};
 const HEAD_OF_PAGE: &str = "\
 # The source's experiments
 
-Written by `haltere-sim paper --beside FILE --doc docs/PAPER.md`, FILE by `haltere-lab paper FILE`; do not edit by hand.
+Written by `haltere-lab paper --beside FILE --doc docs/PAPER.md`, FILE by `haltere-lab beside FILE`; do not edit by hand.
 The same with plots, tables in every window and what else was found: `paper/paper.html`. `--only steps` flies one
 experiment, `--set KEY=VALUE` another configuration.
 ";

@@ -3,7 +3,7 @@
 use std::fmt::{self, Write};
 
 use super::{FlightReport, run_flight, run_told};
-use crate::sources::{Origin, Recorded, Sources, VehicleKeys, load_with_origins};
+use haltere::sources::{Origin, Recorded, Sources, VehicleKeys, load_with_origins};
 use haltere_core::checks::Problems;
 use haltere_core::estimator::EstimatorConfig;
 use haltere_log::import::util::Flight;
@@ -121,7 +121,7 @@ mod tests {
     fn regress_a_configuration_does_not_move_the_tag_of_a_recording() {
         let folder = tempfile::tempdir().unwrap();
         let sample = folder.path().join("sample.toml");
-        std::fs::write(&sample, include_str!("../../config/haltere.toml")).unwrap();
+        std::fs::write(&sample, include_str!("../../../../config/haltere.toml")).unwrap();
         let read = |files: Vec<std::path::PathBuf>, text: &str, overrides: &[&str]| {
             let vehicle = VehicleKeys { name: "quad.toml".into(), text: text.into() };
             let overrides = overrides.iter().map(|set| (*set).to_owned()).collect();

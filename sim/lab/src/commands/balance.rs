@@ -1,21 +1,21 @@
-//! `haltere gap balance`: force balance of recorded flights.
+//! `haltere-lab balance`: force balance of recorded flights.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-
-use super::{print, print_json};
-use crate::fit::balance::{diagnose, terms::Part};
+use haltere::cli::{print, print_json};
 use haltere_log::import::flapper;
 use haltere_model::vehicle::Vehicle;
+
+use crate::balance::{diagnose, terms::Part};
 
 /// Says which force the nominal model lacks on recorded flights, and how far it shrinks on another.
 ///
 /// Exit codes: 0 no gap, 10 named, 11 one of a set (always so without --held-out), 12 several, 13 not
 /// in the library, 14 named with a remainder.
 #[derive(Debug, Args)]
-pub(super) struct Balance {
+pub struct Balance {
     /// Flights to fit on (`.csv.gz` with motion capture, command and voltage).
     #[arg(required = true, value_name = "FLIGHT")]
     flights: Vec<PathBuf>,
@@ -39,7 +39,8 @@ enum Without {
 }
 
 impl Balance {
-    pub(super) fn run(self) -> anyhow::Result<ExitCode> {
+    /// Fits, judges and prints.
+    pub fn run(&self) -> anyhow::Result<ExitCode> {
         let read = |paths: &[PathBuf]| {
             paths.iter().map(|p| flapper::read(p)).collect::<Result<Vec<_>, _>>()
         };

@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use super::support::{Ended, companion, sim};
+use super::lab;
+use super::support::{Ended, sim};
 
 const LIMIT: Duration = Duration::from_secs(300);
 /// What the other clock reads less at the simulator's zero, s, and its rate.
@@ -51,7 +52,7 @@ fn write(path: &Path, head: &str, rows: &[Row], row: impl Fn(&Row) -> (f64, f64)
 }
 
 fn replayed(folder: &Path, more: &[&str]) -> Ended {
-    companion(&[&["replay", "--flights"], more].concat(), folder, LIMIT)
+    lab(&[&["flights"], more].concat(), folder, LIMIT)
 }
 
 /// The rows of the page as JSON.

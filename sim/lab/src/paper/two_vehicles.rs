@@ -11,7 +11,7 @@ use super::results::{Cell, Claim, Figure, Line, Row, Section, Sense, Source, Spr
 use super::source;
 
 /// The second vehicle.
-const NIMBLE: &str = include_str!("../../vehicles/delfly-nimble.toml");
+const NIMBLE: &str = include_str!("../../../vehicles/delfly-nimble.toml");
 /// Forms in the order of the table.
 const FORMS: [(Form, &str); 4] = [
     (Form::AngleOfVelocity, "exponential, lean of speed"),

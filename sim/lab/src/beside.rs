@@ -1,17 +1,17 @@
-//! `haltere-lab paper`: the steps of the source's table 3 in the generator's world, for `haltere-sim paper --beside`.
+//! `haltere-lab beside`: the steps of the source's table 3 in the generator's world, for `haltere-lab paper --beside`.
 //!
 //! No gain was tuned there, and its physics is not that of the simulator (see `generator`): what `modified` gains over
 //! `raw` here was not fitted to here.
 
 use std::path::PathBuf;
 
+use crate::paper::beside::Beside;
+use crate::paper::table_3::{Flown, WINDOWS_S, fly};
 use anyhow::{Context, Result};
 use haltere_core::control::{ControlConfig, Version};
 use haltere_gap::scene::Scene;
 use haltere_model::lockstep::Lockstep;
 use haltere_model::{PlantConfig, Vehicle};
-use haltere_sim::paper::beside::Beside;
-use haltere_sim::paper::table_3::{Flown, WINDOWS_S, fly};
 use rayon::prelude::*;
 
 use crate::generator::{Foreign, Setup};
@@ -19,7 +19,7 @@ use crate::generator::{Foreign, Setup};
 /// First seed; none was looked for.
 const SEED: u64 = 500;
 
-/// `haltere-lab paper`
+/// `haltere-lab beside`
 #[derive(Debug, clap::Args)]
 pub struct Options {
     /// The file to write, as JSON.
@@ -27,7 +27,7 @@ pub struct Options {
     /// Repetitions, each with a seed of its own; five as in the source.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=1000))]
     repetitions: u64,
-    /// Configuration that is flown; as for `haltere-sim paper`.
+    /// Configuration that is flown; as for `haltere-lab paper`.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Change one key, as for the companion.
@@ -39,7 +39,7 @@ pub struct Options {
 pub fn run(options: &Options) -> Result<bool> {
     let inputs: Vec<&PathBuf> = options.config.iter().collect();
     haltere_log::written::look(&options.file, &inputs)?;
-    let pilot = haltere_sim::paper::pilot(options.config.as_deref(), &options.set)?;
+    let pilot = crate::paper::pilot(options.config.as_deref(), &options.set)?;
     // The source's hall, as the steps are flown in the simulator.
     let PlantConfig { room, survey, start_E_m, .. } = PlantConfig::hall(SEED);
     let vehicle = Vehicle::default();
@@ -110,7 +110,7 @@ mod tests {
         assert!(said.contains("flight 1 lacks an error"), "{said}");
         std::fs::write(&file, "{}").expect("written");
         assert!(
-            Beside::read(&file).expect_err("no such").to_string().contains("haltere-lab paper")
+            Beside::read(&file).expect_err("no such").to_string().contains("haltere-lab beside")
         );
     }
 }

@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use haltere::tape::Tape;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_gap::scene::Scene;
 use haltere_model::lockstep::{Flight, FlightError, Lockstep, World, fly};
 use haltere_pilot::settings::Config;
+
+use crate::tape::Tape;
 
 /// Longest flight, s of simulated time: a pack lasts for four minutes.
 const LIMIT_S: f64 = 200.0;

@@ -23,7 +23,6 @@ use std::time::Instant;
 use serde::Serialize;
 
 use airborne::Activity;
-pub use clock::{Clock, Frames};
 pub use consistency::Consistency;
 pub use flown::{Flown, quadrotor};
 use haltere_core::drops::DropReason;
@@ -32,7 +31,7 @@ use haltere_core::estimator::{Counts, Estimator, EstimatorConfig, Motion};
 use haltere_core::measure::{ImuSample, ReferencePose};
 use haltere_core::time::HostTime;
 use haltere_log::import::util::{Error, Flight, Sample, load_located};
-pub use own::{Beside, NotScored, logs, run_log};
+pub use own::{Beside, logs, run_log};
 use score::Score;
 pub use table::{print_table, print_truth};
 
@@ -152,11 +151,6 @@ pub fn load_all(dir: &Path) -> Result<Vec<Flight>, Error> {
     Ok(flights)
 }
 
-/// Runs every flight of a folder. Those without IMU are run without.
-pub fn run(dir: &Path, config: &EstimatorConfig) -> Result<Vec<FlightReport>, Error> {
-    Ok(load_all(dir)?.iter().map(|flight| run_flight(flight, config)).collect())
-}
-
 /// Runs one flight, the tag where the recording says.
 pub fn run_flight(flight: &Flight, config: &EstimatorConfig) -> FlightReport {
     run_traced(flight, config, |_, _, _| {})
@@ -240,13 +234,8 @@ mod tests {
     use super::*;
     use haltere_log::import::util::load;
 
-    /// The shared data lies beside the checkout, or beside the folder of checkouts.
-    fn data() -> Option<PathBuf> {
-        let crate_dir = Path::new(env!("CARGO_MANIFEST_DIR"));
-        ["../shared/data/util", "../../shared/data/util"]
-            .iter()
-            .map(|up| crate_dir.join(up))
-            .find(|dir| dir.join("anchors.csv").exists())
+    fn run(dir: &Path, config: &EstimatorConfig) -> Result<Vec<FlightReport>, Error> {
+        Ok(load_all(dir)?.iter().map(|flight| run_flight(flight, config)).collect())
     }
 
     fn flown() -> EstimatorConfig {
@@ -258,7 +247,7 @@ mod tests {
     /// a margin of a tenth.
     #[test]
     fn val_learned_errors_on_recorded_flights() {
-        let Some(dir) = data() else {
+        let Some(dir) = crate::recordings::util() else {
             println!("skipped: no data");
             return;
         };
@@ -298,7 +287,7 @@ mod tests {
 
     #[test]
     fn val_first_reading_is_in_our_frames() {
-        let Some(dir) = data() else {
+        let Some(dir) = crate::recordings::util() else {
             println!("skipped: no data");
             return;
         };

@@ -1,4 +1,4 @@
-//! `haltere-sim paper`: every experiment of the source in lockstep, ours beside its numbers.
+//! `haltere-lab paper`: every experiment of the source in lockstep, ours beside its numbers.
 //!
 //! One list, [`EXPERIMENTS`], drives what is run, printed, drawn and accepted by `--only`. Each
 //! experiment is a file of its own; `results` says what they give, `source` holds the source's numbers. The steps of
@@ -43,7 +43,7 @@ use bench::Bench;
 use beside::Beside;
 use results::{Line, Section};
 
-/// `haltere-sim paper`
+/// `haltere-lab paper`
 #[derive(Debug, clap::Args)]
 pub struct Options {
     /// Where the report goes: paper.html and paper.json.
@@ -68,7 +68,7 @@ pub struct Options {
     /// Change one key, as for the companion.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Table 3 in another world, as `haltere-lab paper FILE` writes it, in a column of its own.
+    /// Table 3 in another world, as `haltere-lab beside FILE` writes it, in a column of its own.
     #[arg(long, value_name = "FILE")]
     beside: Option<PathBuf>,
     /// Also write the summary and every number as a document.

@@ -2,6 +2,7 @@
 //! on each.
 
 use anyhow::{Result, bail};
+use haltere::named_missions::SHAPES;
 use haltere::report::svg::{Mark, Plot, Series, Tone};
 use haltere::report::verdict::Check;
 use haltere_core::control::Version;
@@ -10,7 +11,7 @@ use haltere_model::PlantConfig;
 use super::bench::Bench;
 use super::results::{Cell, Claim, Figure, Line, Row, Section, Sense, Spread, Table};
 use super::source;
-use crate::paths::{PathScore, SHAPES, fly_path, on_path};
+use crate::paths::{PathScore, fly_path, on_path};
 use crate::steps::AXES;
 
 /// Simulated time of one shape with start and landing, s.
