@@ -4,9 +4,7 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
-};
+use crate::effects::{Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {

@@ -17,7 +17,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Imu,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("roll", "deg", 0.0, 0.0, [-4.0, 4.0], "board rolled against the airframe"),
+        ParameterSpec::new(
+            "roll",
+            "deg",
+            0.0,
+            0.0,
+            [-4.0, 4.0],
+            "board rolled against the airframe",
+        ),
         ParameterSpec::new("pitch", "deg", 0.0, 2.0, [-4.0, 4.0], "board pitched against it"),
     ],
     off: "board square to the thrust axis",

@@ -13,14 +13,28 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "anchor survey error",
     block: Block::Uwb,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("north", "m", 0.0, 0.25, [-0.5, 0.5], "towards north"),
-ParameterSpec::new("east", "m", 0.0, 0.0, [-0.5, 0.5], "towards east"),
-ParameterSpec::new("down", "m", 0.0, 0.0, [-0.5, 0.5], "towards the floor"),
-ParameterSpec::new("anchor", "", 0.0, 0.0, [0.0, 7.0], "place of the anchor in the survey, ascending id")],
+    parameters: &[
+        ParameterSpec::new("north", "m", 0.0, 0.25, [-0.5, 0.5], "towards north"),
+        ParameterSpec::new("east", "m", 0.0, 0.0, [-0.5, 0.5], "towards east"),
+        ParameterSpec::new("down", "m", 0.0, 0.0, [-0.5, 0.5], "towards the floor"),
+        ParameterSpec::new(
+            "anchor",
+            "",
+            0.0,
+            0.0,
+            [0.0, 7.0],
+            "place of the anchor in the survey, ascending id",
+        ),
+    ],
     off: "anchors where the survey says",
     source: "GAP.md 3.6",
     equation: "p_n -> p_n + Δ",
-    build: |b| Box::new(AnchorSurvey { shift_E_m: Vector3::new(b.value[0], b.value[1], b.value[2]), anchor: b.value[3] as usize }),
+    build: |b| {
+        Box::new(AnchorSurvey {
+            shift_E_m: Vector3::new(b.value[0], b.value[1], b.value[2]),
+            anchor: b.value[3] as usize,
+        })
+    },
 };
 
 struct AnchorSurvey {

@@ -12,7 +12,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "attitude lag",
     block: Block::InnerLoop,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("factor", "", 1.0, 0.6, [0.4, 0.8], "factor on the natural frequency")],
+    parameters: &[ParameterSpec::new(
+        "factor",
+        "",
+        1.0,
+        0.6,
+        [0.4, 0.8],
+        "factor on the natural frequency",
+    )],
     off: "loops as set",
     source: "GAP.md 3.4",
     equation: "ω -> x ω",
@@ -35,7 +42,8 @@ mod tests {
 
     #[test]
     fn prop_slows_roll_and_pitch() {
-        let (slowed, before) = (probe::edited(&SPEC, &[]).inner_loop, Vehicle::default().inner_loop);
+        let (slowed, before) =
+            (probe::edited(&SPEC, &[]).inner_loop, Vehicle::default().inner_loop);
         assert_eq!(slowed.frequency_radps[0], 0.6 * before.frequency_radps[0]);
         assert_eq!(slowed.frequency_radps[2], before.frequency_radps[2]);
     }

@@ -138,7 +138,10 @@ mod tests {
         };
         // 1 - 1/e after the time constant of 20 s, all of it after five of them.
         let seen = [0.1, 20.0, 100.0].map(share_lost);
-        assert!(seen[0] < 0.01 && (seen[1] - 0.632).abs() < 0.01 && (seen[2] - 0.993).abs() < 0.02, "{seen:?}");
+        assert!(
+            seen[0] < 0.01 && (seen[1] - 0.632).abs() < 0.01 && (seen[2] - 0.993).abs() < 0.02,
+            "{seen:?}"
+        );
     }
 
     #[test]

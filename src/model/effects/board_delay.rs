@@ -40,7 +40,8 @@ mod tests {
     fn prop_comes_out_after_the_delay() {
         let mut delay = probe::build(&NOMINAL, &[("delay", 30.0)]);
         for k in 0..40 {
-            let mut s = Setpoint { q: nalgebra::UnitQuaternion::identity(), thrust_frac: f64::from(k) };
+            let mut s =
+                Setpoint { q: nalgebra::UnitQuaternion::identity(), thrust_frac: f64::from(k) };
             delay.setpoint(&probe::hover(), &mut s);
             assert_eq!(s.thrust_frac, f64::from((k - 15).max(0)));
         }

@@ -11,13 +11,28 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "ceiling effect",
     block: Block::Aerodynamics,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("gain", "", 0.0, 0.12, [0.05, 0.2], "gain at the ceiling"),
-ParameterSpec::new("length", "m", 0.3, 0.3, [0.1, 0.6], "length of decay; goes with the wing")
-        .beside(|v| v.wings.centre_m)],
+    parameters: &[
+        ParameterSpec::new("gain", "", 0.0, 0.12, [0.05, 0.2], "gain at the ceiling"),
+        ParameterSpec::new(
+            "length",
+            "m",
+            0.3,
+            0.3,
+            [0.1, 0.6],
+            "length of decay; goes with the wing",
+        )
+        .beside(|v| v.wings.centre_m),
+    ],
     off: "no ceiling",
     source: "GAP.md 3.1",
     equation: "T -> T (1 + c e^(-(H-h)/l))",
-    build: |b| Box::new(Ceiling { gain: b.value[0], length_m: b.value[1].max(0.01), z_E_m: -b.room.ceiling_m }),
+    build: |b| {
+        Box::new(Ceiling {
+            gain: b.value[0],
+            length_m: b.value[1].max(0.01),
+            z_E_m: -b.room.ceiling_m,
+        })
+    },
 };
 
 struct Ceiling {

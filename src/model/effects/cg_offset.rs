@@ -14,11 +14,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "centre of mass",
     block: Block::Aerodynamics,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("x", "mm", 0.0, 1.0, [-5.0, 5.0], "forward; goes with the wing")
-        .beside(|v| v.wings.centre_m),
-ParameterSpec::new("y", "mm", 0.0, 0.0, [-5.0, 5.0], "right; goes with the wing")
-        .beside(|v| v.wings.centre_m),
-        KEPT],
+    parameters: &[
+        ParameterSpec::new("x", "mm", 0.0, 1.0, [-5.0, 5.0], "forward; goes with the wing")
+            .beside(|v| v.wings.centre_m),
+        ParameterSpec::new("y", "mm", 0.0, 0.0, [-5.0, 5.0], "right; goes with the wing")
+            .beside(|v| v.wings.centre_m),
+        KEPT,
+    ],
     off: "centre of mass of the vehicle file",
     source: "GAP.md 3.3",
     equation: "r -> r - Δ",

@@ -4,7 +4,9 @@
 //! synchronisation too (`s` 1); a queue before the loops delays setpoints alone (`s` 0). Source: GAP.md T2, 20 to 80 ms. Nearest
 //! confounder: slow inner loop (L1).
 
-use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Setpoint, Stage, State};
+use crate::effects::{
+    Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Setpoint, Stage, State,
+};
 use crate::waiting::Waiting;
 
 /// Entry in the list.
@@ -15,7 +17,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("delay", "ms", 0.0, 40.0, [20.0, 80.0], "delay"),
-        ParameterSpec::new("share", "", 1.0, 1.0, [0.0, 1.0], "share of it that all but setpoints have"),
+        ParameterSpec::new(
+            "share",
+            "",
+            1.0,
+            1.0,
+            [0.0, 1.0],
+            "share of it that all but setpoints have",
+        ),
     ],
     off: "no delay beyond N19",
     source: "GAP.md 3.7",

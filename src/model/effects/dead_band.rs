@@ -4,7 +4,7 @@
 //! Small doublets vanish, large ones pass. Left out: play of the wing roots.
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::wings::{ActuatorCommand};
+use crate::wings::ActuatorCommand;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -12,7 +12,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "backlash",
     block: Block::Actuators,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("play", "deg", 0.0, 1.5, [0.5, 3.0], "whole width of the play")],
+    parameters: &[ParameterSpec::new(
+        "play",
+        "deg",
+        0.0,
+        1.5,
+        [0.5, 3.0],
+        "whole width of the play",
+    )],
     off: "no play",
     source: "GAP.md 3.4",
     equation: "δ_wing = clamp(δ_wing, δ_servo ± b)",

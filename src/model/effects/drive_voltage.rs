@@ -16,8 +16,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "voltage exponent of the drive",
     block: Block::Thrust,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("exponent", "", 1.0, 1.0, [0.5, 1.5], "of the flap rate against voltage")
-        .of_vehicle(|v| &mut v.wings.voltage_exponent)],
+    parameters: &[ParameterSpec::new(
+        "exponent",
+        "",
+        1.0,
+        1.0,
+        [0.5, 1.5],
+        "of the flap rate against voltage",
+    )
+    .of_vehicle(|v| &mut v.wings.voltage_exponent)],
     off: "flap rate in proportion to command times voltage",
     source: "recorded flights: 1.01 between 7.9 and 7.1 V",
     equation: "f -> b + (f - b) (V/V_r)^(x - 1)",
@@ -44,7 +51,8 @@ impl Effect for DriveVoltage {
         if self.exponent == 0.0 {
             return;
         }
-        let factor = (s.supply_v * self.inverse_rated_v).max(LEAST_VOLTAGE_SHARE).powf(self.exponent);
+        let factor =
+            (s.supply_v * self.inverse_rated_v).max(LEAST_VOLTAGE_SHARE).powf(self.exponent);
         for f in &mut actuation.flap_hz {
             // A wing that stands has no command.
             if *f > 0.0 {

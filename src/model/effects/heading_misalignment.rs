@@ -10,7 +10,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "heading misalignment",
     block: Block::InnerLoop,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("angle", "deg", 0.0, 8.0, [-17.0, 17.0], "room north to the board's north")],
+    parameters: &[ParameterSpec::new(
+        "angle",
+        "deg",
+        0.0,
+        8.0,
+        [-17.0, 17.0],
+        "room north to the board's north",
+    )],
     off: "offset of N13",
     source: "GAP.md 3.8",
     equation: "β -> β + Δ",
@@ -37,6 +44,8 @@ mod tests {
     fn prop_adds_to_the_offset() {
         let mut e = AttitudeError { north_rad: 0.1, ..AttitudeError::default() };
         probe::build(&SPEC, &[]).attitude(&probe::hover(), &mut e);
-        assert!((e.north_rad - 0.1 - 8f64.to_radians()).abs() < 1e-12 && e.tilt_B_rad.norm() == 0.0);
+        assert!(
+            (e.north_rad - 0.1 - 8f64.to_radians()).abs() < 1e-12 && e.tilt_B_rad.norm() == 0.0
+        );
     }
 }

@@ -17,7 +17,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::InnerLoop,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("offset", "deg", 0.0, 4.0, [-10.0, 10.0], "room north to the board's north"),
+        ParameterSpec::new(
+            "offset",
+            "deg",
+            0.0,
+            4.0,
+            [-10.0, 10.0],
+            "room north to the board's north",
+        ),
         ParameterSpec::new("std_drift", "deg", 0.0, 0.5, [0.0, 2.0], "wander about it"),
         ParameterSpec::new("tau", "s", 60.0, 60.0, [10.0, 300.0], "correlation time of the wander"),
     ],

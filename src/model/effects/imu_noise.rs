@@ -5,9 +5,7 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
-};
+use crate::effects::{Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State};
 use crate::random::Stream;
 
 /// Entry in the list.

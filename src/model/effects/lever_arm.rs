@@ -11,12 +11,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "tag lever arm",
     block: Block::Uwb,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("x", "cm", 0.0, 5.0, [-10.0, 10.0], "forward; goes with the wing")
-        .beside(|v| v.wings.centre_m),
-ParameterSpec::new("y", "cm", 0.0, 0.0, [-10.0, 10.0], "right; goes with the wing")
-        .beside(|v| v.wings.centre_m),
-ParameterSpec::new("z", "cm", 0.0, 0.0, [-10.0, 10.0], "down; goes with the wing")
-        .beside(|v| v.wings.centre_m)],
+    parameters: &[
+        ParameterSpec::new("x", "cm", 0.0, 5.0, [-10.0, 10.0], "forward; goes with the wing")
+            .beside(|v| v.wings.centre_m),
+        ParameterSpec::new("y", "cm", 0.0, 0.0, [-10.0, 10.0], "right; goes with the wing")
+            .beside(|v| v.wings.centre_m),
+        ParameterSpec::new("z", "cm", 0.0, 0.0, [-10.0, 10.0], "down; goes with the wing")
+            .beside(|v| v.wings.centre_m),
+    ],
     off: "antenna of the vehicle file",
     source: "GAP.md 3.6",
     equation: "p_BT -> p_BT + Δ",

@@ -25,7 +25,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     source: "USB frame, 921600 baud; round trips seen on two boards",
     equation: "delay = d₀ + j u",
     build: |b| {
-        Box::new(LinkLatency { least_s: b.value[0] * 1e-3, jitter_s: b.value[1] * 1e-3, rng: b.rng })
+        Box::new(LinkLatency {
+            least_s: b.value[0] * 1e-3,
+            jitter_s: b.value[1] * 1e-3,
+            rng: b.rng,
+        })
     },
 };
 

@@ -4,7 +4,7 @@
 //! Source: GAP.md U6, 0.1 to 0.5 m below 0.4 m.
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::random::{Stream};
+use crate::random::Stream;
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -13,13 +13,22 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "near-ground multipath",
     block: Block::Uwb,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("bias", "m", 0.0, 0.3, [0.1, 0.5], "mean at the floor"),
-ParameterSpec::new("below", "m", 0.4, 0.4, [0.2, 0.8], "height at which it ends"),
-ParameterSpec::new("anchor_height", "m", 1.0, 1.0, [0.3, 2.0], "anchors below this suffer")],
+    parameters: &[
+        ParameterSpec::new("bias", "m", 0.0, 0.3, [0.1, 0.5], "mean at the floor"),
+        ParameterSpec::new("below", "m", 0.4, 0.4, [0.2, 0.8], "height at which it ends"),
+        ParameterSpec::new("anchor_height", "m", 1.0, 1.0, [0.3, 2.0], "anchors below this suffer"),
+    ],
     off: "multipath of N17",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + b (1 - h/h₀) (1 + |n|) / 1.8",
-    build: |b| Box::new(LowMultipath { bias_m: b.value[0], below_m: b.value[1].max(0.01), anchor_m: b.value[2], rng: b.rng }),
+    build: |b| {
+        Box::new(LowMultipath {
+            bias_m: b.value[0],
+            below_m: b.value[1].max(0.01),
+            anchor_m: b.value[2],
+            rng: b.rng,
+        })
+    },
 };
 
 /// Mean of 1 + |n| for a standard normal n.

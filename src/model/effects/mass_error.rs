@@ -12,8 +12,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "mass",
     block: Block::Thrust,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("extra", "g", 0.0, 6.0, [2.0, 12.0], "further mass; goes with the mass")
-        .beside(|v| v.body.mass_kg)],
+    parameters: &[ParameterSpec::new(
+        "extra",
+        "g",
+        0.0,
+        6.0,
+        [2.0, 12.0],
+        "further mass; goes with the mass",
+    )
+    .beside(|v| v.body.mass_kg)],
     off: "mass of the vehicle file",
     source: "GAP.md 3.3",
     equation: "m -> m + Δm",

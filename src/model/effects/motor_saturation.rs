@@ -4,7 +4,7 @@
 //! its lag. Source: GAP.md P5, r 1.05 to 1.3.
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::wings::{Actuation};
+use crate::wings::Actuation;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -12,7 +12,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "motor saturation",
     block: Block::Thrust,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("ratio", "", f64::INFINITY, 1.15, [1.05, 1.3], "highest flap rate over that of hover, at 3.7 V a cell")],
+    parameters: &[ParameterSpec::new(
+        "ratio",
+        "",
+        f64::INFINITY,
+        1.15,
+        [1.05, 1.3],
+        "highest flap rate over that of hover, at 3.7 V a cell",
+    )],
     off: "as fast as the command says",
     source: "GAP.md 3.2",
     equation: "f <= r f_h V / V₀",

@@ -11,9 +11,18 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "ground effect error",
     block: Block::Aerodynamics,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("gain", "", 0.0, 0.15, [-0.1, 0.3], "further gain at the floor"),
-ParameterSpec::new("length", "m", 0.25, 0.25, [0.1, 0.4], "length of decay; goes with the wing")
-        .beside(|v| v.wings.centre_m)],
+    parameters: &[
+        ParameterSpec::new("gain", "", 0.0, 0.15, [-0.1, 0.3], "further gain at the floor"),
+        ParameterSpec::new(
+            "length",
+            "m",
+            0.25,
+            0.25,
+            [0.1, 0.4],
+            "length of decay; goes with the wing",
+        )
+        .beside(|v| v.wings.centre_m),
+    ],
     off: "ground effect of the vehicle file",
     source: "GAP.md 3.1",
     equation: "T -> T (1 + g e^(-h/l))",

@@ -4,7 +4,7 @@
 //! 0.15 to 0.8 m on one anchor, plus variance.
 
 use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::random::{Stream};
+use crate::random::Stream;
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -13,12 +13,21 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "NLOS zone",
     block: Block::Uwb,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("bias", "m", 0.0, 0.4, [0.15, 0.8], "added path"),
-ParameterSpec::new("std", "m", 0.0, 0.1, [0.0, 0.3], "added noise"),
-ParameterSpec::new("anchor", "", 0.0, 0.0, [0.0, 7.0], "place of the anchor in the survey, ascending id"),
-ParameterSpec::new("north", "m", 6.0, 6.0, [0.0, 10.0], "middle of the zone"),
-ParameterSpec::new("east", "m", 6.0, 6.0, [0.0, 10.0], "middle of the zone"),
-ParameterSpec::new("size", "m", 1.5, 1.5, [0.5, 4.0], "half width of the zone")],
+    parameters: &[
+        ParameterSpec::new("bias", "m", 0.0, 0.4, [0.15, 0.8], "added path"),
+        ParameterSpec::new("std", "m", 0.0, 0.1, [0.0, 0.3], "added noise"),
+        ParameterSpec::new(
+            "anchor",
+            "",
+            0.0,
+            0.0,
+            [0.0, 7.0],
+            "place of the anchor in the survey, ascending id",
+        ),
+        ParameterSpec::new("north", "m", 6.0, 6.0, [0.0, 10.0], "middle of the zone"),
+        ParameterSpec::new("east", "m", 6.0, 6.0, [0.0, 10.0], "middle of the zone"),
+        ParameterSpec::new("size", "m", 1.5, 1.5, [0.5, 4.0], "half width of the zone"),
+    ],
     off: "line of sight everywhere",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + b + σ n in a box",

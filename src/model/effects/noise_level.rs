@@ -4,7 +4,7 @@
 //! U1, 1.4 to 3 times.
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::random::{Stream};
+use crate::random::Stream;
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -13,13 +13,34 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "UWB noise level",
     block: Block::Uwb,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("factor", "", 1.0, 2.0, [1.4, 3.0], "standard deviation over the nominal one"),
-ParameterSpec::new("std", "m", 0.035, 0.035, [0.01, 0.1], "nominal standard deviation per reception; goes with that of the vehicle")
-    .beside(|v| v.uwb.std_m)],
+    parameters: &[
+        ParameterSpec::new(
+            "factor",
+            "",
+            1.0,
+            2.0,
+            [1.4, 3.0],
+            "standard deviation over the nominal one",
+        ),
+        ParameterSpec::new(
+            "std",
+            "m",
+            0.035,
+            0.035,
+            [0.01, 0.1],
+            "nominal standard deviation per reception; goes with that of the vehicle",
+        )
+        .beside(|v| v.uwb.std_m),
+    ],
     off: "noise of N15",
     source: "GAP.md 3.6",
     equation: "σ -> x σ",
-    build: |b| Box::new(NoiseLevel { std_m: b.value[1] * (b.value[0].powi(2) - 1.0).max(0.0).sqrt(), rng: b.rng }),
+    build: |b| {
+        Box::new(NoiseLevel {
+            std_m: b.value[1] * (b.value[0].powi(2) - 1.0).max(0.0).sqrt(),
+            rng: b.rng,
+        })
+    },
 };
 
 struct NoiseLevel {

@@ -4,7 +4,7 @@
 //! probability of one half. Source: GAP.md U10.
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::random::{Stream};
+use crate::random::Stream;
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -13,12 +13,22 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "outlier bursts",
     block: Block::Uwb,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("rate", "1/min", 0.0, 8.0, [2.0, 20.0], "bursts per minute"),
-ParameterSpec::new("size", "m", 3.0, 3.0, [1.0, 6.0], "largest error")],
+    parameters: &[
+        ParameterSpec::new("rate", "1/min", 0.0, 8.0, [2.0, 20.0], "bursts per minute"),
+        ParameterSpec::new("size", "m", 3.0, 3.0, [1.0, 6.0], "largest error"),
+    ],
     off: "no outliers",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + e in bursts",
-    build: |b| Box::new(OutlierBursts { rate_hz: b.value[0] / 60.0, size_m: b.value[1], until_s: 0.0, last_s: 0.0, rng: b.rng }),
+    build: |b| {
+        Box::new(OutlierBursts {
+            rate_hz: b.value[0] / 60.0,
+            size_m: b.value[1],
+            until_s: 0.0,
+            last_s: 0.0,
+            rng: b.rng,
+        })
+    },
 };
 
 /// Longest burst, s, and the share of it that a burst lasts.

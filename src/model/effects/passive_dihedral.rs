@@ -14,14 +14,19 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "passive dihedral",
     block: Block::Aerodynamics,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("bend", "rad per m/s", 0.0, 0.145, [0.0, 0.3], "bend per airspeed")
-        .of_vehicle(|v| &mut v.wings.passive_dihedral_rad_per_mps)],
+    parameters: &[ParameterSpec::new(
+        "bend",
+        "rad per m/s",
+        0.0,
+        0.145,
+        [0.0, 0.3],
+        "bend per airspeed",
+    )
+    .of_vehicle(|v| &mut v.wings.passive_dihedral_rad_per_mps)],
     off: "stiff wings: full nose-up moment of the drag above the centre of mass",
     source: "Karásek et al. 2018 (DelFly Nimble), scaled",
     equation: "M_y = -c l_w (T_L + T_R) u",
-    build: |b| {
-        Box::new(PassiveDihedral { lever_s: b.value[0] * b.vehicle.wings.centre_m })
-    },
+    build: |b| Box::new(PassiveDihedral { lever_s: b.value[0] * b.vehicle.wings.centre_m }),
 };
 
 struct PassiveDihedral {

@@ -62,7 +62,8 @@ impl Effect for PathBias {
         if let (Some(waves), Some(constant_m)) =
             (self.waves.get(packet.from), self.constant_m.get(packet.from))
         {
-            let sum: f64 = waves.iter().map(|(k, phase)| (k.dot(&packet.tag_E_m) + phase).sin()).sum();
+            let sum: f64 =
+                waves.iter().map(|(k, phase)| (k.dot(&packet.tag_E_m) + phase).sin()).sum();
             packet.tag_extra_m += constant_m + self.std_m * sum;
         }
     }

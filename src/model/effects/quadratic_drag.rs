@@ -4,7 +4,7 @@
 //! coupled to flap rate, which tells it from A1. Source: GAP.md A3, 0.1 to 2 1/m. N23 is the same of the nominal vehicle.
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::wings::{Wrench};
+use crate::wings::Wrench;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -12,8 +12,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "quadratic body drag",
     block: Block::Aerodynamics,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("c", "1/m", 0.0, 0.6, [0.1, 2.0], "coefficient; goes with the wing squared over the mass")
-        .beside(|v| v.wings.centre_m.powi(2) / v.body.mass_kg)],
+    parameters: &[ParameterSpec::new(
+        "c",
+        "1/m",
+        0.0,
+        0.6,
+        [0.1, 2.0],
+        "coefficient; goes with the wing squared over the mass",
+    )
+    .beside(|v| v.wings.centre_m.powi(2) / v.body.mass_kg)],
     off: "no quadratic part",
     source: "GAP.md 3.1",
     equation: "F = -m c |v| v",

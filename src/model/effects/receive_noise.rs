@@ -14,8 +14,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "receive-time noise",
     block: Block::Uwb,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("std", "m", 0.0, 0.035, [0.01, 0.1], "per reception, as a path")
-        .of_vehicle(|v| &mut v.uwb.std_m)],
+    parameters: &[ParameterSpec::new(
+        "std",
+        "m",
+        0.0,
+        0.035,
+        [0.01, 0.1],
+        "per reception, as a path",
+    )
+    .of_vehicle(|v| &mut v.uwb.std_m)],
     off: "receivers stamp exactly, to the tick",
     source: "recorded TDOA residuals",
     equation: "t_rx += σ n / c",

@@ -4,9 +4,7 @@
 //! (m/s²), along z and along x; `f` flap rate, `f_h` in hover (Hz). Source: GAP.md M6, given there per squared vibration and
 //! scaled; here as the offset itself. Gone with motors off, which is how it is told from scale.
 
-use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
-};
+use crate::effects::{Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {

@@ -12,9 +12,25 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "battery resistance",
     block: Block::Battery,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("extra", "Ω", 0.0, 0.15, [0.05, 0.3], "further resistance; goes with voltage over current in hover")
+    parameters: &[
+        ParameterSpec::new(
+            "extra",
+            "Ω",
+            0.0,
+            0.15,
+            [0.05, 0.3],
+            "further resistance; goes with voltage over current in hover",
+        )
         .beside(|v| v.hover_ohm()),
-        ParameterSpec::new("slow", "", 0.0, 0.0, [0.0, 1.0], "share of it that acts late, by the pack's polarisation")],
+        ParameterSpec::new(
+            "slow",
+            "",
+            0.0,
+            0.0,
+            [0.0, 1.0],
+            "share of it that acts late, by the pack's polarisation",
+        ),
+    ],
     off: "resistance of the vehicle file",
     source: "GAP.md 3.2",
     equation: "R -> R + (1 - s) ΔR, R_s -> R_s + s ΔR",

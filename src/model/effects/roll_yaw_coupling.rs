@@ -3,7 +3,7 @@
 //! `M_z += c M_x`, `M_x = l_w (T_L - T_R)` (N·m, body). Source: GAP.md L6, 0.1 to 0.6.
 
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::wings::{Wrench};
+use crate::wings::Wrench;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -11,7 +11,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "roll-yaw coupling",
     block: Block::InnerLoop,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("coupling", "", 0.0, 0.3, [-0.6, 0.6], "yaw moment over roll moment")],
+    parameters: &[ParameterSpec::new(
+        "coupling",
+        "",
+        0.0,
+        0.3,
+        [-0.6, 0.6],
+        "yaw moment over roll moment",
+    )],
     off: "roll by thrust gives no yaw",
     source: "GAP.md 3.4",
     equation: "M_z += c l_w (T_L - T_R)",

@@ -2,8 +2,10 @@
 //!
 //! `delay += |σ n|` (ms), order kept. Source: GAP.md T4, 1 to 8 ms rms.
 
-use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::random::{Stream};
+use crate::effects::{
+    Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State,
+};
+use crate::random::Stream;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {

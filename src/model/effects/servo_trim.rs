@@ -9,7 +9,7 @@
 use crate::board::BoardSettings;
 use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
 use crate::vehicle::Vehicle;
-use crate::wings::{ActuatorCommand};
+use crate::wings::ActuatorCommand;
 use haltere_core::frames::G_MPS2;
 
 /// Entry in the list.
@@ -19,14 +19,28 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Actuators,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("dihedral", "deg", 0.0, 3.0, [-6.0, 6.0], "dihedral servo, nose up; goes with the pitch loop")
-            .beside(|v| {
-                let wings = &v.wings;
-                let arm_m = wings.centre_m - wings.cop_m * wings.hinge_m / wings.link_m;
-                trim_per_error(v, 1, arm_m) * (1.0 + v.inner_loop.boost)
-            }),
-        ParameterSpec::new("yaw", "deg", 0.0, 0.0, [-6.0, 6.0], "wing-root servo, nose right; goes with the yaw loop")
-            .beside(|v| trim_per_error(v, 2, v.wings.centre_m * v.wings.root_m / v.wings.link_m)),
+        ParameterSpec::new(
+            "dihedral",
+            "deg",
+            0.0,
+            3.0,
+            [-6.0, 6.0],
+            "dihedral servo, nose up; goes with the pitch loop",
+        )
+        .beside(|v| {
+            let wings = &v.wings;
+            let arm_m = wings.centre_m - wings.cop_m * wings.hinge_m / wings.link_m;
+            trim_per_error(v, 1, arm_m) * (1.0 + v.inner_loop.boost)
+        }),
+        ParameterSpec::new(
+            "yaw",
+            "deg",
+            0.0,
+            0.0,
+            [-6.0, 6.0],
+            "wing-root servo, nose right; goes with the yaw loop",
+        )
+        .beside(|v| trim_per_error(v, 2, v.wings.centre_m * v.wings.root_m / v.wings.link_m)),
         KEPT,
     ],
     off: "servos centred",
@@ -39,8 +53,14 @@ pub const SPEC: EffectSpec = EffectSpec {
 };
 
 /// Boards differ in how much of a steady moment they trim out by themselves, which a healthy flight hardly shows.
-pub(super) const KEPT: ParameterSpec =
-    ParameterSpec::new("kept", "", 1.0, 1.0, [0.05, 1.0], "share of the standing error that the board's integrator leaves");
+pub(super) const KEPT: ParameterSpec = ParameterSpec::new(
+    "kept",
+    "",
+    1.0,
+    1.0,
+    [0.05, 1.0],
+    "share of the standing error that the board's integrator leaves",
+);
 
 /// Angle of a servo whose moment in hover the loop of this axis holds with one radian of error: `J ω² / (W a)`, with `a` the
 /// lever of the thrust (m) and `W` the weight (N).

@@ -3,7 +3,9 @@
 //! `delay += d` from the tag (ms). The companion learns its clock from the earliest bytes, so a constant delay becomes a time
 //! offset between UWB and IMU. Source: GAP.md T1, 30 to 150 ms.
 
-use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {

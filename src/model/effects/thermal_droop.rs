@@ -11,12 +11,16 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "thermal droop",
     block: Block::Thrust,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("loss", "", 0.0, 0.06, [0.03, 0.1], "share lost when warm"),
-ParameterSpec::new("tau", "s", 120.0, 120.0, [60.0, 180.0], "warming time")],
+    parameters: &[
+        ParameterSpec::new("loss", "", 0.0, 0.06, [0.03, 0.1], "share lost when warm"),
+        ParameterSpec::new("tau", "s", 120.0, 120.0, [60.0, 180.0], "warming time"),
+    ],
     off: "thrust does not depend on temperature",
     source: "GAP.md 3.2",
     equation: "T -> T (1 - a (1 - e^(-t/τ)))",
-    build: |b| Box::new(ThermalDroop { loss: b.value[0], gain: STEP_S / b.value[1].max(1.0), warmth: 0.0 }),
+    build: |b| {
+        Box::new(ThermalDroop { loss: b.value[0], gain: STEP_S / b.value[1].max(1.0), warmth: 0.0 })
+    },
 };
 
 struct ThermalDroop {

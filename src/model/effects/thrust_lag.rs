@@ -11,8 +11,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "thrust lag",
     block: Block::Thrust,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("extra", "s", 0.0, 0.08, [0.04, 0.2], "further lag; goes with the lag")
-        .beside(|v| v.wings.flap_lag_s)],
+    parameters: &[ParameterSpec::new(
+        "extra",
+        "s",
+        0.0,
+        0.08,
+        [0.04, 0.2],
+        "further lag; goes with the lag",
+    )
+    .beside(|v| v.wings.flap_lag_s)],
     off: "lag of the vehicle file",
     source: "GAP.md 3.2",
     equation: "τ -> τ + Δτ",

@@ -3,7 +3,9 @@
 //! `V_told = V₀ (V_lag / V₀)^e`, `V_lag' = (V - V_lag) / τ`, `V₀` 3.7 V a cell. Source: GAP.md P8. Left out: errors inside
 //! the companion.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State, Supply};
+use crate::effects::{
+    Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State, Supply,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -11,12 +13,21 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "voltage report error",
     block: Block::Battery,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("lag", "s", 0.0, 2.0, [0.5, 5.0], "lag of the measurement"),
-ParameterSpec::new("exponent", "", 1.0, 0.8, [0.5, 1.5], "exponent")],
+    parameters: &[
+        ParameterSpec::new("lag", "s", 0.0, 2.0, [0.5, 5.0], "lag of the measurement"),
+        ParameterSpec::new("exponent", "", 1.0, 0.8, [0.5, 1.5], "exponent"),
+    ],
     off: "voltage reported as it is",
     source: "GAP.md 3.2",
     equation: "V_told = V₀ (V_lag / V₀)^e",
-    build: |b| Box::new(VoltageReport { gain: 1.0 - (-STEP_S / b.value[0].max(1e-9)).exp(), exponent: b.value[1], rated_v: b.nominal.rated_v(), volt: None }),
+    build: |b| {
+        Box::new(VoltageReport {
+            gain: 1.0 - (-STEP_S / b.value[0].max(1e-9)).exp(),
+            exponent: b.value[1],
+            rated_v: b.nominal.rated_v(),
+            volt: None,
+        })
+    },
 };
 
 struct VoltageReport {

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::wings::{Wrench};
+use crate::wings::Wrench;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -14,10 +14,19 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "wall effect",
     block: Block::Aerodynamics,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("force", "N", 0.0, 0.06, [-0.12, 0.12], "at the wall, away from it; goes with the mass")
+    parameters: &[
+        ParameterSpec::new(
+            "force",
+            "N",
+            0.0,
+            0.06,
+            [-0.12, 0.12],
+            "at the wall, away from it; goes with the mass",
+        )
         .beside(|v| v.body.mass_kg),
-ParameterSpec::new("length", "m", 0.5, 0.5, [0.2, 1.0], "length of decay"),
-ParameterSpec::new("wall", "", 0.0, 0.0, [0.0, 3.0], "0 north, 1 east, 2 south, 3 west")],
+        ParameterSpec::new("length", "m", 0.5, 0.5, [0.2, 1.0], "length of decay"),
+        ParameterSpec::new("wall", "", 0.0, 0.0, [0.0, 3.0], "0 north, 1 east, 2 south, 3 west"),
+    ],
     off: "walls far away",
     source: "GAP.md 3.1",
     equation: "F = k e^(-d/l)",
