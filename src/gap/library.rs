@@ -237,6 +237,32 @@ fn shuffled(count: usize, rng: &mut Stream) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use haltere_model::effects::{self, Choice, Kind};
+
+    /// The kind of every parameter is what was guessed of it.
+    #[test]
+    fn prop_kinds_say_what_is_guessed() {
+        for spec in ALL {
+            let is_placed = spec.parameters.iter().any(|p| p.name == "size");
+            for p in spec.parameters {
+                let guessed = match p.name {
+                    "anchor" => Kind::Which(Choice::Anchor),
+                    "wall" => Kind::Which(Choice::Wall),
+                    "north" if is_placed => Kind::Where(effects::Axis::North),
+                    "east" if is_placed => Kind::Where(effects::Axis::East),
+                    "std" if spec.id == "U1" => Kind::OfTheReceiver,
+                    name if NOT_A_SIZE.contains(&name) => Kind::Direction,
+                    _ if is_shape(p) => Kind::Shape,
+                    _ if is_far(p) => Kind::Inverse,
+                    _ if is_component(p) => Kind::Component,
+                    _ => Kind::Size,
+                };
+                assert_eq!(p.kind, guessed, "{} {}", spec.id, p.name);
+                assert_eq!(p.kind.is_size(), is_size(p), "{} {}", spec.id, p.name);
+                assert_eq!(matches!(p.kind, Kind::Which(_)), p.is_choice());
+            }
+        }
+    }
 
     #[test]
     fn prop_the_standard_library_names_effects_of_the_list() {

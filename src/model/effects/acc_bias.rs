@@ -4,7 +4,9 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -13,9 +15,9 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Imu,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("x", "m/s²", 0.0, 0.3, [-0.6, 0.6], "along x"),
-        ParameterSpec::new("y", "m/s²", 0.0, 0.0, [-0.6, 0.6], "along y"),
-        ParameterSpec::new("z", "m/s²", 0.0, 0.0, [-0.6, 0.6], "along z"),
+        ParameterSpec::new("x", "m/s²", Kind::Component, 0.0, 0.3, [-0.6, 0.6], "along x"),
+        ParameterSpec::new("y", "m/s²", Kind::Component, 0.0, 0.0, [-0.6, 0.6], "along y"),
+        ParameterSpec::new("z", "m/s²", Kind::Component, 0.0, 0.0, [-0.6, 0.6], "along z"),
     ],
     off: "no bias beyond that of turn-on (N11)",
     source: "GAP.md 3.5",

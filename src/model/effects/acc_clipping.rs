@@ -4,7 +4,9 @@
 //! alias of the wing beat itself is nominal, since N9 is sampled where the IMU samples. A part set to
 //! ±2 g clips at 19.6 m/s².
 
-use crate::effects::{Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -15,6 +17,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "limit",
         "m/s²",
+        Kind::Inverse,
         f64::INFINITY,
         19.6,
         [15.0, 60.0],

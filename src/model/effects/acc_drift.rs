@@ -5,7 +5,9 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+};
 
 const MINUTE_S: f64 = 60.0;
 
@@ -16,9 +18,9 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Imu,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("x", "m/s² per min", 0.0, 0.5, [-1.2, 1.2], "along x"),
-        ParameterSpec::new("y", "m/s² per min", 0.0, 0.0, [-1.2, 1.2], "along y"),
-        ParameterSpec::new("z", "m/s² per min", 0.0, 0.0, [-1.2, 1.2], "along z"),
+        ParameterSpec::new("x", "m/s² per min", Kind::Component, 0.0, 0.5, [-1.2, 1.2], "along x"),
+        ParameterSpec::new("y", "m/s² per min", Kind::Component, 0.0, 0.0, [-1.2, 1.2], "along y"),
+        ParameterSpec::new("z", "m/s² per min", Kind::Component, 0.0, 0.0, [-1.2, 1.2], "along z"),
     ],
     off: "bias constant in a flight",
     source: "GAP.md 3.5",

@@ -7,7 +7,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::effects::{
-    AttitudeError, Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+    AttitudeError, Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -20,12 +20,21 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "roll",
             "deg",
+            Kind::Component,
             0.0,
             0.0,
             [-4.0, 4.0],
             "board rolled against the airframe",
         ),
-        ParameterSpec::new("pitch", "deg", 0.0, 2.0, [-4.0, 4.0], "board pitched against it"),
+        ParameterSpec::new(
+            "pitch",
+            "deg",
+            Kind::Component,
+            0.0,
+            2.0,
+            [-4.0, 4.0],
+            "board pitched against it",
+        ),
     ],
     off: "board square to the thrust axis",
     source: "GAP.md 3.5",

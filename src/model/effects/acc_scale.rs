@@ -5,7 +5,9 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -14,9 +16,9 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Imu,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("x", "", 0.0, 0.0, [-0.1, 0.1], "along x"),
-        ParameterSpec::new("y", "", 0.0, 0.0, [-0.1, 0.1], "along y"),
-        ParameterSpec::new("z", "", 0.0, 0.05, [-0.1, 0.1], "along z"),
+        ParameterSpec::new("x", "", Kind::Component, 0.0, 0.0, [-0.1, 0.1], "along x"),
+        ParameterSpec::new("y", "", Kind::Component, 0.0, 0.0, [-0.1, 0.1], "along y"),
+        ParameterSpec::new("z", "", Kind::Component, 0.0, 0.05, [-0.1, 0.1], "along z"),
     ],
     off: "calibrated",
     source: "GAP.md 3.5",

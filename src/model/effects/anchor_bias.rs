@@ -3,7 +3,7 @@
 //! `ρ_n -> ρ_n + b` on its path to the tag (m), everywhere alike. Source: GAP.md U2, 0.08 to 0.35 m. Nearest confounder: survey
 //! (U7).
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Choice, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -13,10 +13,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("bias", "m", 0.0, 0.2, [-0.35, 0.35], "bias"),
+        ParameterSpec::new("bias", "m", Kind::Component, 0.0, 0.2, [-0.35, 0.35], "bias"),
         ParameterSpec::new(
             "anchor",
             "",
+            Kind::Which(Choice::Anchor),
             0.0,
             0.0,
             [0.0, 7.0],

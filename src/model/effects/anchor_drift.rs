@@ -2,7 +2,7 @@
 //!
 //! `ρ_n -> ρ_n + ḃ t` (m), `t` time (s). Source: GAP.md U8, 2 to 10 mm/s ramp.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Choice, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -12,10 +12,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("rate", "mm/s", 0.0, 5.0, [-10.0, 10.0], "growth"),
+        ParameterSpec::new("rate", "mm/s", Kind::Component, 0.0, 5.0, [-10.0, 10.0], "growth"),
         ParameterSpec::new(
             "anchor",
             "",
+            Kind::Which(Choice::Anchor),
             0.0,
             0.0,
             [0.0, 7.0],

@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Choice, Effect, EffectSpec, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -14,12 +14,21 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("north", "m", 0.0, 0.25, [-0.5, 0.5], "towards north"),
-        ParameterSpec::new("east", "m", 0.0, 0.0, [-0.5, 0.5], "towards east"),
-        ParameterSpec::new("down", "m", 0.0, 0.0, [-0.5, 0.5], "towards the floor"),
+        ParameterSpec::new("north", "m", Kind::Component, 0.0, 0.25, [-0.5, 0.5], "towards north"),
+        ParameterSpec::new("east", "m", Kind::Component, 0.0, 0.0, [-0.5, 0.5], "towards east"),
+        ParameterSpec::new(
+            "down",
+            "m",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-0.5, 0.5],
+            "towards the floor",
+        ),
         ParameterSpec::new(
             "anchor",
             "",
+            Kind::Which(Choice::Anchor),
             0.0,
             0.0,
             [0.0, 7.0],

@@ -3,7 +3,7 @@
 //! `ω -> x ω` for the roll and pitch loops of the board. Source: GAP.md L1, 0.4 to 0.8. Nearest confounder: delay
 //! of commands (T2).
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "factor",
         "",
+        Kind::Size,
         1.0,
         0.6,
         [0.4, 0.8],

@@ -2,7 +2,7 @@
 //!
 //! `C -> (1 - x) C` in N7. Source: GAP.md P3, 10 to 50 %.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -14,6 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "loss",
         "",
+        Kind::Size,
         0.0,
         0.3,
         [0.1, 0.5],

@@ -3,7 +3,7 @@
 //! `T -> T (1 + c e^(-(H-h)/l))`, `H - h` distance of the vehicle below the ceiling (m). Source: GAP.md A9,
 //! c 0.05 to 0.2.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -12,10 +12,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Aerodynamics,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("gain", "", 0.0, 0.12, [0.05, 0.2], "gain at the ceiling"),
+        ParameterSpec::new("gain", "", Kind::Size, 0.0, 0.12, [0.05, 0.2], "gain at the ceiling"),
         ParameterSpec::new(
             "length",
             "m",
+            Kind::Shape,
             0.3,
             0.3,
             [0.1, 0.6],

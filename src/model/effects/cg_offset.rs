@@ -5,7 +5,7 @@
 
 use super::servo_trim::KEPT;
 use crate::board::BoardSettings;
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -15,10 +15,26 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Aerodynamics,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("x", "mm", 0.0, 1.0, [-5.0, 5.0], "forward; goes with the wing")
-            .beside(|v| v.wings.centre_m),
-        ParameterSpec::new("y", "mm", 0.0, 0.0, [-5.0, 5.0], "right; goes with the wing")
-            .beside(|v| v.wings.centre_m),
+        ParameterSpec::new(
+            "x",
+            "mm",
+            Kind::Component,
+            0.0,
+            1.0,
+            [-5.0, 5.0],
+            "forward; goes with the wing",
+        )
+        .beside(|v| v.wings.centre_m),
+        ParameterSpec::new(
+            "y",
+            "mm",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-5.0, 5.0],
+            "right; goes with the wing",
+        )
+        .beside(|v| v.wings.centre_m),
         KEPT,
     ],
     off: "centre of mass of the vehicle file",

@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::random::Stream;
 use crate::tag::air::Packet;
 
@@ -25,14 +25,31 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "cabinets",
             "",
+            Kind::Shape,
             0.0,
             0.0,
             [0.0, 8.0],
             "metal cabinets, one before an anchor each",
         ),
-        ParameterSpec::new("people", "", 0.0, 0.0, [0.0, 4.0], "people who walk"),
-        ParameterSpec::new("least", "m", 0.8, 0.8, [0.1, 2.0], "added by a cabinet, least"),
-        ParameterSpec::new("most", "m", 2.6, 2.6, [0.1, 4.0], "added by a cabinet, most"),
+        ParameterSpec::new("people", "", Kind::Shape, 0.0, 0.0, [0.0, 4.0], "people who walk"),
+        ParameterSpec::new(
+            "least",
+            "m",
+            Kind::Shape,
+            0.8,
+            0.8,
+            [0.1, 2.0],
+            "added by a cabinet, least",
+        ),
+        ParameterSpec::new(
+            "most",
+            "m",
+            Kind::Shape,
+            2.6,
+            2.6,
+            [0.1, 4.0],
+            "added by a cabinet, most",
+        ),
     ],
     off: "an empty room",
     source: "UTIL, flights with a metal box and static tests",

@@ -5,7 +5,7 @@
 //! confounder: slow inner loop (L1).
 
 use crate::effects::{
-    Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Setpoint, Stage, State,
+    Block, Cargo, Delivery, Effect, EffectSpec, Kind, ParameterSpec, Role, Setpoint, Stage, State,
 };
 use crate::waiting::Waiting;
 
@@ -16,10 +16,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Link,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("delay", "ms", 0.0, 40.0, [20.0, 80.0], "delay"),
+        ParameterSpec::new("delay", "ms", Kind::Size, 0.0, 40.0, [20.0, 80.0], "delay"),
         ParameterSpec::new(
             "share",
             "",
+            Kind::Shape,
             1.0,
             1.0,
             [0.0, 1.0],

@@ -2,7 +2,7 @@
 //!
 //! `M -> κ M` in N2. Source: GAP.md A11, ±50 %.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -11,7 +11,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "rotational damping scale",
     block: Block::Aerodynamics,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("kappa", "", 1.0, 0.6, [0.5, 1.5], "factor")],
+    parameters: &[ParameterSpec::new("kappa", "", Kind::Component, 1.0, 0.6, [0.5, 1.5], "factor")],
     off: "damping of the vehicle file",
     source: "GAP.md 3.1",
     equation: "M -> κ M",

@@ -3,7 +3,7 @@
 //! `δ_wing = clamp(δ_wing, δ_servo - b, δ_servo + b)`, `b` half of the play (deg). Source: GAP.md L4, 0.5 to 3° of play.
 //! Small doublets vanish, large ones pass. Left out: play of the wing roots.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::wings::ActuatorCommand;
 
 /// Entry in the list.
@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "play",
         "deg",
+        Kind::Size,
         0.0,
         1.5,
         [0.5, 3.0],

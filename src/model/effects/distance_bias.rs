@@ -2,7 +2,7 @@
 //!
 //! `ρ -> ρ + s (ρ - ρ₀)`, `ρ₀` 5 m (m). Source: GAP.md U4, 1 to 4 cm per m. Left out: the curve of the data sheet.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -11,7 +11,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "distance-dependent bias",
     block: Block::Uwb,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("slope", "m/m", 0.0, 0.02, [0.01, 0.04], "bias per distance")],
+    parameters: &[ParameterSpec::new(
+        "slope",
+        "m/m",
+        Kind::Size,
+        0.0,
+        0.02,
+        [0.01, 0.04],
+        "bias per distance",
+    )],
     off: "stamps corrected for power",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + s (ρ - ρ₀)",

@@ -3,7 +3,7 @@
 //! `F -> F / (1 + |v| / v_s)` in N1; `v_s` speed at which half of the linear law is left (m/s). Source:
 //! GAP.md A2, 0.6 to 2.5 m/s; the paper's exponential v(θ) law is of this kind. Same as A1 below 0.5 m/s.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "speed",
         "m/s",
+        Kind::Inverse,
         f64::INFINITY,
         1.2,
         [0.6, 2.5],

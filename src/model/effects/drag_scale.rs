@@ -3,7 +3,7 @@
 //! `k_i -> κ_i k_i`, body axes; acts on rotational damping too, which has the same origin. Source: GAP.md
 //! A1, 0.6 to 1.6. Nearest confounders: wind, saturation (A2).
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -13,9 +13,9 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Aerodynamics,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("kappa_x", "", 1.0, 1.3, [0.6, 1.6], "factor along x"),
-        ParameterSpec::new("kappa_y", "", 1.0, 1.3, [0.6, 1.6], "factor along y"),
-        ParameterSpec::new("kappa_z", "", 1.0, 1.0, [0.6, 1.6], "factor along z"),
+        ParameterSpec::new("kappa_x", "", Kind::Component, 1.0, 1.3, [0.6, 1.6], "factor along x"),
+        ParameterSpec::new("kappa_y", "", Kind::Component, 1.0, 1.3, [0.6, 1.6], "factor along y"),
+        ParameterSpec::new("kappa_z", "", Kind::Shape, 1.0, 1.0, [0.6, 1.6], "factor along z"),
     ],
     off: "drag of the vehicle file",
     source: "GAP.md 3.1",

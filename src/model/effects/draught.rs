@@ -5,7 +5,9 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Axis, Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -14,13 +16,30 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Aerodynamics,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("speed", "m/s", 0.0, 0.6, [0.25, 1.0], "in the middle"),
-        ParameterSpec::new("north", "m", 5.0, 5.0, [0.0, 10.0], "middle, from the origin"),
-        ParameterSpec::new("east", "m", 5.0, 5.0, [0.0, 10.0], "middle, from the origin"),
-        ParameterSpec::new("size", "m", 0.8, 0.8, [0.4, 1.5], "half width"),
+        ParameterSpec::new("speed", "m/s", Kind::Size, 0.0, 0.6, [0.25, 1.0], "in the middle"),
+        ParameterSpec::new(
+            "north",
+            "m",
+            Kind::Where(Axis::North),
+            5.0,
+            5.0,
+            [0.0, 10.0],
+            "middle, from the origin",
+        ),
+        ParameterSpec::new(
+            "east",
+            "m",
+            Kind::Where(Axis::East),
+            5.0,
+            5.0,
+            [0.0, 10.0],
+            "middle, from the origin",
+        ),
+        ParameterSpec::new("size", "m", Kind::Shape, 0.8, 0.8, [0.4, 1.5], "half width"),
         ParameterSpec::new(
             "towards",
             "deg",
+            Kind::Direction,
             0.0,
             90.0,
             [-180.0, 180.0],

@@ -4,7 +4,7 @@
 //! pack's nominal voltage (V), `x` from the vehicle file; at `V_r` nothing changes. Source of `x`: `haltere gap commission`; recorded
 //! flights of the Flapper have 1.01.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::wings::Actuation;
 
 /// Least share of the nominal voltage in the law: a pack without voltage turns nothing, and no power of zero is asked for.
@@ -19,6 +19,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "exponent",
         "",
+        Kind::Shape,
         1.0,
         1.0,
         [0.5, 1.5],

@@ -5,7 +5,9 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
+use crate::effects::{
+    Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State,
+};
 use crate::random::{Markov, Stream};
 
 /// Entry in the list.
@@ -18,12 +20,13 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "std",
             "m/s",
+            Kind::Size,
             0.0,
             0.3,
             [0.1, 0.6],
             "standard deviation of each horizontal component",
         ),
-        ParameterSpec::new("tau", "s", 1.5, 1.5, [0.5, 3.0], "correlation time"),
+        ParameterSpec::new("tau", "s", Kind::Shape, 1.5, 1.5, [0.5, 3.0], "correlation time"),
     ],
     off: "no turbulence",
     source: "GAP.md 3.1",

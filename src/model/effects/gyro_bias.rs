@@ -4,7 +4,9 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -13,9 +15,9 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Imu,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("x", "rad/s", 0.0, 0.03, [-0.06, 0.06], "about x"),
-        ParameterSpec::new("y", "rad/s", 0.0, 0.0, [-0.06, 0.06], "about y"),
-        ParameterSpec::new("z", "rad/s", 0.0, 0.0, [-0.06, 0.06], "about z"),
+        ParameterSpec::new("x", "rad/s", Kind::Component, 0.0, 0.03, [-0.06, 0.06], "about x"),
+        ParameterSpec::new("y", "rad/s", Kind::Component, 0.0, 0.0, [-0.06, 0.06], "about y"),
+        ParameterSpec::new("z", "rad/s", Kind::Component, 0.0, 0.0, [-0.06, 0.06], "about z"),
     ],
     off: "no bias beyond that of turn-on (N11)",
     source: "GAP.md 3.5",

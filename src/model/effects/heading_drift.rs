@@ -3,7 +3,9 @@
 //! `β -> β + β̇ t + z e^(-½ d²/σ²)`; `t` time (s), `d` horizontal distance from the steel (m). Source: GAP.md H2, 0.5 to 3° per
 //! minute or by place.
 
-use crate::effects::{AttitudeError, Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    AttitudeError, Axis, Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -12,11 +14,43 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::InnerLoop,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("rate", "deg/min", 0.0, 1.5, [-3.0, 3.0], "drift"),
-        ParameterSpec::new("zone", "deg", 0.0, 0.0, [-20.0, 20.0], "pull at the steel"),
-        ParameterSpec::new("north", "m", 5.0, 5.0, [0.0, 10.0], "place of the steel"),
-        ParameterSpec::new("east", "m", 5.0, 5.0, [0.0, 10.0], "place of the steel"),
-        ParameterSpec::new("size", "m", 1.0, 1.0, [0.4, 3.0], "half width of the zone"),
+        ParameterSpec::new("rate", "deg/min", Kind::Component, 0.0, 1.5, [-3.0, 3.0], "drift"),
+        ParameterSpec::new(
+            "zone",
+            "deg",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-20.0, 20.0],
+            "pull at the steel",
+        ),
+        ParameterSpec::new(
+            "north",
+            "m",
+            Kind::Where(Axis::North),
+            5.0,
+            5.0,
+            [0.0, 10.0],
+            "place of the steel",
+        ),
+        ParameterSpec::new(
+            "east",
+            "m",
+            Kind::Where(Axis::East),
+            5.0,
+            5.0,
+            [0.0, 10.0],
+            "place of the steel",
+        ),
+        ParameterSpec::new(
+            "size",
+            "m",
+            Kind::Shape,
+            1.0,
+            1.0,
+            [0.4, 3.0],
+            "half width of the zone",
+        ),
     ],
     off: "offset of N13",
     source: "GAP.md 3.8",

@@ -2,7 +2,9 @@
 //!
 //! `β -> β + Δ` in N13 (deg). Source: GAP.md H1, 3 to 17°.
 
-use crate::effects::{AttitudeError, Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    AttitudeError, Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -13,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "angle",
         "deg",
+        Kind::Component,
         0.0,
         8.0,
         [-17.0, 17.0],

@@ -2,7 +2,7 @@
 //!
 //! `J_i -> κ_i J_i`. Source: GAP.md I3, ±20 to 40 %.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -12,9 +12,9 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::InnerLoop,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("roll", "", 1.0, 1.3, [0.6, 1.4], "factor about x"),
-        ParameterSpec::new("pitch", "", 1.0, 1.3, [0.6, 1.4], "factor about y"),
-        ParameterSpec::new("yaw", "", 1.0, 1.0, [0.6, 1.4], "factor about z"),
+        ParameterSpec::new("roll", "", Kind::Component, 1.0, 1.3, [0.6, 1.4], "factor about x"),
+        ParameterSpec::new("pitch", "", Kind::Component, 1.0, 1.3, [0.6, 1.4], "factor about y"),
+        ParameterSpec::new("yaw", "", Kind::Shape, 1.0, 1.0, [0.6, 1.4], "factor about z"),
     ],
     off: "inertia of the vehicle file",
     source: "GAP.md 3.3",

@@ -2,7 +2,7 @@
 //!
 //! `p_BT -> p_BT + Δ` (body, given in cm). Source: GAP.md U11, 2 to 10 cm. The error turns with the vehicle.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -12,12 +12,36 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("x", "cm", 0.0, 5.0, [-10.0, 10.0], "forward; goes with the wing")
-            .beside(|v| v.wings.centre_m),
-        ParameterSpec::new("y", "cm", 0.0, 0.0, [-10.0, 10.0], "right; goes with the wing")
-            .beside(|v| v.wings.centre_m),
-        ParameterSpec::new("z", "cm", 0.0, 0.0, [-10.0, 10.0], "down; goes with the wing")
-            .beside(|v| v.wings.centre_m),
+        ParameterSpec::new(
+            "x",
+            "cm",
+            Kind::Component,
+            0.0,
+            5.0,
+            [-10.0, 10.0],
+            "forward; goes with the wing",
+        )
+        .beside(|v| v.wings.centre_m),
+        ParameterSpec::new(
+            "y",
+            "cm",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-10.0, 10.0],
+            "right; goes with the wing",
+        )
+        .beside(|v| v.wings.centre_m),
+        ParameterSpec::new(
+            "z",
+            "cm",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-10.0, 10.0],
+            "down; goes with the wing",
+        )
+        .beside(|v| v.wings.centre_m),
     ],
     off: "antenna of the vehicle file",
     source: "GAP.md 3.6",

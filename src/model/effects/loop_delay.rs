@@ -6,7 +6,7 @@
 //! `2ζω - ω² d` in place of `2ζω`. Nearest confounder: commands that come late (T2), which ring no more than before.
 
 use crate::board::BoardSettings;
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -17,6 +17,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "delay",
         "ms",
+        Kind::Size,
         0.0,
         20.0,
         [6.0, 40.0],

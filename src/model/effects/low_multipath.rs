@@ -3,7 +3,7 @@
 //! Below `h₀` low anchors get `ρ -> ρ + b S (1 + |n|) / 1.8`, `S = 1 - h/h₀`, `n` normal: a bias with positive skew on top of N17.
 //! Source: GAP.md U6, 0.1 to 0.5 m below 0.4 m.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::random::Stream;
 use crate::tag::air::Packet;
 
@@ -14,9 +14,25 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("bias", "m", 0.0, 0.3, [0.1, 0.5], "mean at the floor"),
-        ParameterSpec::new("below", "m", 0.4, 0.4, [0.2, 0.8], "height at which it ends"),
-        ParameterSpec::new("anchor_height", "m", 1.0, 1.0, [0.3, 2.0], "anchors below this suffer"),
+        ParameterSpec::new("bias", "m", Kind::Size, 0.0, 0.3, [0.1, 0.5], "mean at the floor"),
+        ParameterSpec::new(
+            "below",
+            "m",
+            Kind::Shape,
+            0.4,
+            0.4,
+            [0.2, 0.8],
+            "height at which it ends",
+        ),
+        ParameterSpec::new(
+            "anchor_height",
+            "m",
+            Kind::Shape,
+            1.0,
+            1.0,
+            [0.3, 2.0],
+            "anchors below this suffer",
+        ),
     ],
     off: "multipath of N17",
     source: "GAP.md 3.6",

@@ -3,7 +3,7 @@
 //! `m -> m + Δm` (kg, given in g). Source: GAP.md I1, 2 to 12 g. Nearest confounder: thrust loss (P1); drag rate
 //! k/m falls here. A kitchen scale decides.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "extra",
         "g",
+        Kind::Size,
         0.0,
         6.0,
         [2.0, 12.0],

@@ -18,7 +18,7 @@ mod spec;
 pub use bank::Bank;
 pub use list::ALL;
 pub use set::{EffectConfig, EffectSet};
-pub use spec::{Block, Build, EffectSpec, ParameterSpec, Role, Source};
+pub use spec::{Axis, Block, Build, Choice, EffectSpec, Kind, ParameterSpec, Role, Source};
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 

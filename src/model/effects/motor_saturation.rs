@@ -3,7 +3,7 @@
 //! `f <= r f_h V / V₀`, both wings; `f_h` hover flap rate (Hz), `V` supply (V), `V₀` 3.7 V a cell. Acts on the rate itself, after
 //! its lag. Source: GAP.md P5, r 1.05 to 1.3.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::wings::Actuation;
 
 /// Entry in the list.
@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "ratio",
         "",
+        Kind::Inverse,
         f64::INFINITY,
         1.15,
         [1.05, 1.3],

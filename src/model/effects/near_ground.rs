@@ -3,7 +3,7 @@
 //! `T -> T (1 + g e^(-h/l))` on top of N8; same symbols. Source: GAP.md A8, g -0.1 to 0.3, l 0.1 to 0.4 m.
 //! Nearest confounder: multipath near the floor (U6).
 
-use crate::effects::{Block, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, EffectSpec, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -12,10 +12,19 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Aerodynamics,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("gain", "", 0.0, 0.15, [-0.1, 0.3], "further gain at the floor"),
+        ParameterSpec::new(
+            "gain",
+            "",
+            Kind::Component,
+            0.0,
+            0.15,
+            [-0.1, 0.3],
+            "further gain at the floor",
+        ),
         ParameterSpec::new(
             "length",
             "m",
+            Kind::Shape,
             0.25,
             0.25,
             [0.1, 0.4],

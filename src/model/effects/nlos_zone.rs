@@ -3,7 +3,9 @@
 //! Inside a box around (north, east): `ρ_n -> ρ_n + b + σ n`, `b > 0` (m): the path goes round or through. Source: GAP.md U5,
 //! 0.15 to 0.8 m on one anchor, plus variance.
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Axis, Block, Build, Choice, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::random::Stream;
 use crate::tag::air::Packet;
 
@@ -14,19 +16,44 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("bias", "m", 0.0, 0.4, [0.15, 0.8], "added path"),
-        ParameterSpec::new("std", "m", 0.0, 0.1, [0.0, 0.3], "added noise"),
+        ParameterSpec::new("bias", "m", Kind::Size, 0.0, 0.4, [0.15, 0.8], "added path"),
+        ParameterSpec::new("std", "m", Kind::Size, 0.0, 0.1, [0.0, 0.3], "added noise"),
         ParameterSpec::new(
             "anchor",
             "",
+            Kind::Which(Choice::Anchor),
             0.0,
             0.0,
             [0.0, 7.0],
             "place of the anchor in the survey, ascending id",
         ),
-        ParameterSpec::new("north", "m", 6.0, 6.0, [0.0, 10.0], "middle of the zone"),
-        ParameterSpec::new("east", "m", 6.0, 6.0, [0.0, 10.0], "middle of the zone"),
-        ParameterSpec::new("size", "m", 1.5, 1.5, [0.5, 4.0], "half width of the zone"),
+        ParameterSpec::new(
+            "north",
+            "m",
+            Kind::Where(Axis::North),
+            6.0,
+            6.0,
+            [0.0, 10.0],
+            "middle of the zone",
+        ),
+        ParameterSpec::new(
+            "east",
+            "m",
+            Kind::Where(Axis::East),
+            6.0,
+            6.0,
+            [0.0, 10.0],
+            "middle of the zone",
+        ),
+        ParameterSpec::new(
+            "size",
+            "m",
+            Kind::Shape,
+            1.5,
+            1.5,
+            [0.5, 4.0],
+            "half width of the zone",
+        ),
     ],
     off: "line of sight everywhere",
     source: "GAP.md 3.6",

@@ -3,7 +3,7 @@
 //! Independent noise is added to that of N15 so that the standard deviation of every reception becomes `x σ`. Source: GAP.md
 //! U1, 1.4 to 3 times.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::random::Stream;
 use crate::tag::air::Packet;
 
@@ -17,6 +17,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "factor",
             "",
+            Kind::Size,
             1.0,
             2.0,
             [1.4, 3.0],
@@ -25,6 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "std",
             "m",
+            Kind::OfTheReceiver,
             0.035,
             0.035,
             [0.01, 0.1],

@@ -2,7 +2,7 @@
 //!
 //! `P(lost) = p` at the tag and at every anchor, on top of N18. Source: GAP.md U9, 25 to 80 %.
 
-use crate::effects::{Block, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, EffectSpec, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -10,7 +10,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "packet loss",
     block: Block::Uwb,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("probability", "", 0.0, 0.5, [0.25, 0.8], "per reception")],
+    parameters: &[ParameterSpec::new(
+        "probability",
+        "",
+        Kind::Size,
+        0.0,
+        0.5,
+        [0.25, 0.8],
+        "per reception",
+    )],
     off: "loss of N18",
     source: "GAP.md 3.6",
     equation: "P(lost) = p",

@@ -5,7 +5,7 @@
 //! the smaller Nimble (Karásek 2018); 0.145 here, so that it balances the lever of the drag in hover
 //! (l_z k_x (f_L + f_R) = l_w c W), as the clean v(θ) law of the flights demands. Valid to 2 m/s.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::wings::Wrench;
 
 /// Entry in the list.
@@ -17,6 +17,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "bend",
         "rad per m/s",
+        Kind::Size,
         0.0,
         0.145,
         [0.0, 0.3],

@@ -3,7 +3,7 @@
 //! `ρ_n -> ρ_n + A cos(az_n - ψ - φ)`, `az_n` bearing of the anchor from the tag, `ψ` yaw, `φ` phase (rad). Source: GAP.md U3,
 //! 0.05 to 0.25 m. Changes sign when yawing on the spot. Left out: tilt.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -13,10 +13,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("amplitude", "m", 0.0, 0.12, [0.05, 0.25], "amplitude"),
+        ParameterSpec::new("amplitude", "m", Kind::Size, 0.0, 0.12, [0.05, 0.25], "amplitude"),
         ParameterSpec::new(
             "phase",
             "deg",
+            Kind::Direction,
             0.0,
             0.0,
             [-180.0, 180.0],

@@ -3,7 +3,7 @@
 //! `F = -m c |v| v` (N), `v` velocity through the air (m/s, body), `c` (1/m), at the centre of mass. Not
 //! coupled to flap rate, which tells it from A1. Source: GAP.md A3, 0.1 to 2 1/m. N23 is the same of the nominal vehicle.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::wings::Wrench;
 
 /// Entry in the list.
@@ -15,6 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "c",
         "1/m",
+        Kind::Size,
         0.0,
         0.6,
         [0.1, 2.0],
@@ -32,7 +33,7 @@ pub const NOMINAL: EffectSpec = EffectSpec {
     id: "N23",
     name: "nominal body drag",
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("c", "1/m", 0.0, 0.0, [0.0, 2.0], "coefficient")
+    parameters: &[ParameterSpec::new("c", "1/m", Kind::Shape, 0.0, 0.0, [0.0, 2.0], "coefficient")
         .of_vehicle(|v| &mut v.drag.body_per_m)],
     source: "`haltere gap commission`",
     ..SPEC

@@ -4,7 +4,7 @@
 //! receptions enter one TDOA, so its white noise is `√3 σ`. Source: 0.05 to 0.07 m white on recorded
 //! TDOA residuals with motion capture, hence σ = 0.035 m. Left out: dependence on signal power (U4).
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::random::Stream;
 use crate::tag::air::Packet;
 
@@ -17,6 +17,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "std",
         "m",
+        Kind::Size,
         0.0,
         0.035,
         [0.01, 0.1],

@@ -4,7 +4,9 @@
 //! (m/s²), along z and along x; `f` flap rate, `f_h` in hover (Hz). Source: GAP.md M6, given there per squared vibration and
 //! scaled; here as the offset itself. Gone with motors off, which is how it is told from scale.
 
-use crate::effects::{Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -13,8 +15,24 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Imu,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("offset", "m/s²", 0.0, 0.5, [-1.2, 1.2], "offset along z in hover"),
-        ParameterSpec::new("forward", "m/s²", 0.0, 0.0, [-1.2, 1.2], "offset along x in hover"),
+        ParameterSpec::new(
+            "offset",
+            "m/s²",
+            Kind::Component,
+            0.0,
+            0.5,
+            [-1.2, 1.2],
+            "offset along z in hover",
+        ),
+        ParameterSpec::new(
+            "forward",
+            "m/s²",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-1.2, 1.2],
+            "offset along x in hover",
+        ),
     ],
     off: "linear accelerometer",
     source: "GAP.md 3.5",

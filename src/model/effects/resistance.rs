@@ -3,7 +3,7 @@
 //! `R -> R + (1 - s) ΔR`, `R_s -> R_s + s ΔR` in N7 (Ω). Source: GAP.md P2, 0.05 to 0.3 Ω. A corroded plug acts at once (`s` 0); in
 //! an aged pack the polarisation grows as well.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -16,6 +16,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "extra",
             "Ω",
+            Kind::Size,
             0.0,
             0.15,
             [0.05, 0.3],
@@ -25,6 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "slow",
             "",
+            Kind::Shape,
             0.0,
             0.0,
             [0.0, 1.0],

@@ -2,7 +2,7 @@
 //!
 //! `M_z += c M_x`, `M_x = l_w (T_L - T_R)` (N·m, body). Source: GAP.md L6, 0.1 to 0.6.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::wings::Wrench;
 
 /// Entry in the list.
@@ -14,6 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "coupling",
         "",
+        Kind::Component,
         0.0,
         0.3,
         [-0.6, 0.6],

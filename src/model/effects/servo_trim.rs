@@ -7,7 +7,7 @@
 //! from P6 and I2.
 
 use crate::board::BoardSettings;
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::vehicle::Vehicle;
 use crate::wings::ActuatorCommand;
 use haltere_core::frames::G_MPS2;
@@ -22,6 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "dihedral",
             "deg",
+            Kind::Component,
             0.0,
             3.0,
             [-6.0, 6.0],
@@ -35,6 +36,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "yaw",
             "deg",
+            Kind::Component,
             0.0,
             0.0,
             [-6.0, 6.0],
@@ -56,6 +58,7 @@ pub const SPEC: EffectSpec = EffectSpec {
 pub(super) const KEPT: ParameterSpec = ParameterSpec::new(
     "kept",
     "",
+    Kind::Shape,
     1.0,
     1.0,
     [0.05, 1.0],

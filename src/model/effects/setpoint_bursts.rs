@@ -4,7 +4,7 @@
 //! T3, 0.1 to 0.6 s. Beyond 0.5 s the board's own failsafe acts.
 
 use crate::effects::{
-    Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State,
+    Block, Cargo, Delivery, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::random::Stream;
 
@@ -15,8 +15,16 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Link,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("length", "s", 0.0, 0.3, [0.1, 0.6], "length of a burst"),
-        ParameterSpec::new("rate", "1/min", 0.0, 15.0, [4.0, 40.0], "bursts per minute"),
+        ParameterSpec::new("length", "s", Kind::Size, 0.0, 0.3, [0.1, 0.6], "length of a burst"),
+        ParameterSpec::new(
+            "rate",
+            "1/min",
+            Kind::Size,
+            0.0,
+            15.0,
+            [4.0, 40.0],
+            "bursts per minute",
+        ),
     ],
     off: "every setpoint arrives",
     source: "GAP.md 3.7",

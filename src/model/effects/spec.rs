@@ -88,6 +88,52 @@ pub enum Source {
     Vehicle(fn(&mut Vehicle) -> &mut f64),
 }
 
+/// What a parameter says of its effect. How it is drawn and made larger or smaller, and how it is told, follow from it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// How much: the distance to "off", to one side of it or only ever to that one.
+    Size,
+    /// How much, as a limit or a scale that bends a law, "off" at infinity: one over the value.
+    Inverse,
+    /// How much along one axis of a vector, or to either side of "off".
+    Component,
+    /// In what form: a length, a time, a threshold. Draws vary it, a weaker effect keeps it.
+    Shape,
+    /// Which way.
+    Direction,
+    /// Which one: there is nothing between two of them.
+    Which(Choice),
+    /// Place in the room along this axis.
+    Where(Axis),
+    /// A number of the receiver, which the deviation needs and does not change.
+    OfTheReceiver,
+}
+
+/// What is chosen from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Choice {
+    /// Anchors of the survey, ascending id.
+    Anchor,
+    /// Walls: north, east, south, west.
+    Wall,
+}
+
+/// Axis of the room.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Axis {
+    /// To the north.
+    North,
+    /// To the east.
+    East,
+}
+
+impl Kind {
+    /// Whether it says how much.
+    pub fn is_size(self) -> bool {
+        matches!(self, Self::Size | Self::Inverse | Self::Component)
+    }
+}
+
 /// One parameter of an effect.
 #[derive(Clone, Copy)]
 pub struct ParameterSpec {
@@ -95,6 +141,8 @@ pub struct ParameterSpec {
     pub name: &'static str,
     /// Unit.
     pub unit: &'static str,
+    /// What it says.
+    pub kind: Kind,
     /// Value at which the effect does nothing.
     pub off: f64,
     /// Value when the effect is on and none is given.
@@ -117,12 +165,13 @@ impl ParameterSpec {
     pub const fn new(
         name: &'static str,
         unit: &'static str,
+        kind: Kind,
         off: f64,
         default: f64,
         [low, high]: [f64; 2],
         doc: &'static str,
     ) -> Self {
-        Self { name, unit, off, default, low, high, doc, source: Source::List, beside: None }
+        Self { name, unit, kind, off, default, low, high, doc, source: Source::List, beside: None }
     }
 
     /// The size goes with this number of the vehicle.

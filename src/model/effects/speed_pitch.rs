@@ -2,7 +2,7 @@
 //!
 //! `c -> c + Δc` in N3 (rad per m/s). Source: GAP.md A12, trim 0 to 0.2 rad per m/s.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -14,6 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "bend",
         "rad per m/s",
+        Kind::Component,
         0.0,
         0.1,
         [-0.2, 0.2],

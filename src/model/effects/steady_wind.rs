@@ -4,7 +4,7 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -13,9 +13,17 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Aerodynamics,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("north", "m/s", 0.0, 0.3, [-0.6, 0.6], "towards north"),
-        ParameterSpec::new("east", "m/s", 0.0, 0.0, [-0.6, 0.6], "towards east"),
-        ParameterSpec::new("down", "m/s", 0.0, 0.0, [-0.3, 0.3], "towards the floor"),
+        ParameterSpec::new("north", "m/s", Kind::Component, 0.0, 0.3, [-0.6, 0.6], "towards north"),
+        ParameterSpec::new("east", "m/s", Kind::Component, 0.0, 0.0, [-0.6, 0.6], "towards east"),
+        ParameterSpec::new(
+            "down",
+            "m/s",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-0.3, 0.3],
+            "towards the floor",
+        ),
     ],
     off: "still air",
     source: "GAP.md 3.1",

@@ -4,7 +4,7 @@
 //! offset between UWB and IMU. Source: GAP.md T1, 30 to 150 ms.
 
 use crate::effects::{
-    Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State,
+    Block, Cargo, Delivery, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -13,7 +13,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "UWB time offset",
     block: Block::Timing,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("delay", "ms", 0.0, 80.0, [30.0, 150.0], "delay")],
+    parameters: &[ParameterSpec::new("delay", "ms", Kind::Size, 0.0, 80.0, [30.0, 150.0], "delay")],
     off: "no delay beyond N19",
     source: "GAP.md 3.7",
     equation: "delay += d",

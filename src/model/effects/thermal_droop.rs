@@ -3,7 +3,7 @@
 //! `T -> T (1 - a (1 - e^(-t/τ)))`, `t` time that the wings have been flapping (s). Source: GAP.md P7, a 3 to 10 %, τ 60
 //! to 180 s. Left out: cooling between flights.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -12,8 +12,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Thrust,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("loss", "", 0.0, 0.06, [0.03, 0.1], "share lost when warm"),
-        ParameterSpec::new("tau", "s", 120.0, 120.0, [60.0, 180.0], "warming time"),
+        ParameterSpec::new("loss", "", Kind::Size, 0.0, 0.06, [0.03, 0.1], "share lost when warm"),
+        ParameterSpec::new("tau", "s", Kind::Shape, 120.0, 120.0, [60.0, 180.0], "warming time"),
     ],
     off: "thrust does not depend on temperature",
     source: "GAP.md 3.2",

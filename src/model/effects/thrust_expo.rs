@@ -3,7 +3,7 @@
 //! `T -> T + ½ W ε (r² - 1)` per wing, not below zero, `r = f/f_h`, `W` weight (N), `f_h` hover flap rate
 //! (Hz). No change in hover. Source: GAP.md A4, ±0.05 to 0.2.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -11,7 +11,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "thrust curve",
     block: Block::Thrust,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("epsilon", "", 0.0, 0.15, [-0.2, 0.2], "curvature")],
+    parameters: &[ParameterSpec::new(
+        "epsilon",
+        "",
+        Kind::Component,
+        0.0,
+        0.15,
+        [-0.2, 0.2],
+        "curvature",
+    )],
     off: "thrust linear in flap rate",
     source: "GAP.md 3.1",
     equation: "T -> T + ½ W ε (r² - 1)",

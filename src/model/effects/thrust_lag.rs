@@ -2,7 +2,7 @@
 //!
 //! `τ -> τ + Δτ` in N4 (s). Source: GAP.md P4, 0.08 to 0.12..0.28 s.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -14,6 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "extra",
         "s",
+        Kind::Size,
         0.0,
         0.08,
         [0.04, 0.2],

@@ -3,7 +3,7 @@
 //! `T -> (1 - g) T`, both wings. Source: GAP.md P1, 3 to 20 %. Nearest confounder: mass (I1); drag does not
 //! change here.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -11,7 +11,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "thrust gain loss",
     block: Block::Thrust,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("loss", "", 0.0, 0.1, [0.03, 0.2], "share of thrust lost")],
+    parameters: &[ParameterSpec::new(
+        "loss",
+        "",
+        Kind::Size,
+        0.0,
+        0.1,
+        [0.03, 0.2],
+        "share of thrust lost",
+    )],
     off: "new wings",
     source: "GAP.md 3.2",
     equation: "T -> (1 - g) T",

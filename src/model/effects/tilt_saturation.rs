@@ -5,7 +5,9 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Setpoint, Stage, State};
+use crate::effects::{
+    Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Setpoint, Stage, State,
+};
 use nalgebra::UnitQuaternion;
 
 /// Entry in the list.
@@ -14,7 +16,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "tilt saturation",
     block: Block::InnerLoop,
     role: Role::Deviation,
-    parameters: &[ParameterSpec::new("limit", "deg", 180.0, 11.0, [8.0, 15.0], "largest tilt")],
+    parameters: &[ParameterSpec::new(
+        "limit",
+        "deg",
+        Kind::Inverse,
+        180.0,
+        11.0,
+        [8.0, 15.0],
+        "largest tilt",
+    )],
     off: "every tilt obeyed",
     source: "GAP.md 3.4",
     equation: "tilt <= limit",

@@ -4,7 +4,7 @@
 //! the companion.
 
 use crate::effects::{
-    Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State, Supply,
+    Block, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State, Supply,
 };
 
 /// Entry in the list.
@@ -14,8 +14,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Battery,
     role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("lag", "s", 0.0, 2.0, [0.5, 5.0], "lag of the measurement"),
-        ParameterSpec::new("exponent", "", 1.0, 0.8, [0.5, 1.5], "exponent"),
+        ParameterSpec::new("lag", "s", Kind::Size, 0.0, 2.0, [0.5, 5.0], "lag of the measurement"),
+        ParameterSpec::new("exponent", "", Kind::Component, 1.0, 0.8, [0.5, 1.5], "exponent"),
     ],
     off: "voltage reported as it is",
     source: "GAP.md 3.2",

@@ -5,7 +5,9 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Build, Choice, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::wings::Wrench;
 
 /// Entry in the list.
@@ -18,14 +20,23 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "force",
             "N",
+            Kind::Component,
             0.0,
             0.06,
             [-0.12, 0.12],
             "at the wall, away from it; goes with the mass",
         )
         .beside(|v| v.body.mass_kg),
-        ParameterSpec::new("length", "m", 0.5, 0.5, [0.2, 1.0], "length of decay"),
-        ParameterSpec::new("wall", "", 0.0, 0.0, [0.0, 3.0], "0 north, 1 east, 2 south, 3 west"),
+        ParameterSpec::new("length", "m", Kind::Shape, 0.5, 0.5, [0.2, 1.0], "length of decay"),
+        ParameterSpec::new(
+            "wall",
+            "",
+            Kind::Which(Choice::Wall),
+            0.0,
+            0.0,
+            [0.0, 3.0],
+            "0 north, 1 east, 2 south, 3 west",
+        ),
     ],
     off: "walls far away",
     source: "GAP.md 3.1",

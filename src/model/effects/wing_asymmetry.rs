@@ -2,7 +2,7 @@
 //!
 //! `T_L -> (1 + ε) T_L`, `T_R -> (1 - ε) T_R`. Source: GAP.md P6, 1 to 6 %.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -13,6 +13,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new(
         "epsilon",
         "",
+        Kind::Component,
         0.0,
         0.03,
         [-0.06, 0.06],
