@@ -10,7 +10,7 @@
 use super::axis::{Axis, Size};
 use super::make_bank::with_effect;
 use haltere_model::Vehicle;
-use haltere_model::effects::{ALL, EffectSet, EffectSpec, ParameterSpec, Role};
+use haltere_model::effects::{self, ALL, Choice, EffectSet, EffectSpec, Kind, ParameterSpec, Role};
 use haltere_model::random::Stream;
 use haltere_model::room::Room;
 
@@ -123,10 +123,11 @@ pub fn draws(
         .map(|p| {
             let strata = shuffled(count, rng);
             let shares = strata.into_iter().map(|k| (k as f64 + rng.uniform()) / count as f64);
-            shares.map(|share| value(spec, p, room, anchors, share)).collect()
+            shares.map(|share| at(p, room, anchors, share)).collect()
         })
         .collect();
-    let components: Vec<usize> = (0..columns.len()).filter(|k| is_component(&sizes[*k])).collect();
+    let components: Vec<usize> =
+        (0..columns.len()).filter(|k| sizes[*k].kind == Kind::Component).collect();
     let row = |k: usize| -> Vec<f64> {
         let mut row: Vec<f64> = columns.iter().map(|column| column[k]).collect();
         if components.len() > 1 && k % 2 == 1 {
@@ -143,41 +144,34 @@ pub fn draws(
 /// What draws of the parameters of an effect range over, in their order.
 pub fn axes(spec: &EffectSpec, vehicle: &Vehicle, room: &Room, anchors: usize) -> Vec<Axis> {
     let axis = |p: &ParameterSpec| {
-        let [a, b] = [0.0, 1.0].map(|share| value(spec, p, room, anchors, share));
-        let size = is_size(p).then_some(if is_far(p) { Size::Inverse } else { Size::From(p.off) });
-        Axis { low: a.min(b), high: a.max(b), choice: p.is_choice(), size }
+        let [a, b] = [0.0, 1.0].map(|share| at(p, room, anchors, share));
+        let size = match p.kind {
+            Kind::Inverse => Some(Size::Inverse),
+            kind => kind.is_size().then_some(Size::From(p.off)),
+        };
+        Axis { low: a.min(b), high: a.max(b), choice: matches!(p.kind, Kind::Which(_)), size }
     };
     sizes(spec, vehicle).iter().map(axis).collect()
 }
 
-/// Whether a parameter is a component of a vector: it can deviate to both sides of "off".
-fn is_component(p: &ParameterSpec) -> bool {
-    is_size(p) && p.low < p.off && p.off < p.high
-}
-
 /// The value at this share of the range of a parameter.
-fn value(spec: &EffectSpec, p: &ParameterSpec, room: &Room, anchors: usize, share: f64) -> f64 {
+fn at(p: &ParameterSpec, room: &Room, anchors: usize, share: f64) -> f64 {
     let choice = |count: usize| (share * count as f64).floor().min(count as f64 - 1.0);
     let within = |[low, high]: [f64; 2]| {
         let margin_m = FROM_WALL_M.min(0.25 * (high - low));
         low + margin_m + share * (high - low - 2.0 * margin_m)
     };
-    let is_placed = spec.parameters.iter().any(|p| p.name == "size");
-    match p.name {
-        "anchor" => choice(anchors.max(1)),
-        "wall" => choice(4),
-        "north" if is_placed => within(room.north_m),
-        "east" if is_placed => within(room.east_m),
-        // Its nominal value belongs to the receiver, not to the deviation.
-        "std" if spec.id == "U1" => p.default,
-        _ => p.low + share * (p.high - p.low),
+    match p.kind {
+        Kind::Which(Choice::Anchor) => choice(anchors.max(1)),
+        Kind::Which(Choice::Wall) => choice(4),
+        Kind::Where(effects::Axis::North) => within(room.north_m),
+        Kind::Where(effects::Axis::East) => within(room.east_m),
+        Kind::OfTheReceiver => p.default,
+        Kind::Size | Kind::Inverse | Kind::Component | Kind::Shape | Kind::Direction => {
+            p.low + share * (p.high - p.low)
+        }
     }
 }
-
-/// Parameters that say where, which way or on what, and not how much.
-const NOT_A_SIZE: [&str; 4] = ["anchor", "wall", "towards", "phase"];
-/// "Off" this many times beyond the plausible range is at infinity: the reciprocal is the size.
-const FAR: f64 = 5.0;
 
 /// Parameters at a share of their size, between "off" (share 0) and what they are. They may leave the
 /// plausible range of the list.
@@ -201,27 +195,12 @@ pub fn louder(theta: &[f64], axes: &[Axis]) -> Vec<f64> {
     theta.iter().zip(axes).map(one).collect()
 }
 
-/// Where "off" is also the default, the parameter is a shape, unless zero lies within its range: then it is
-/// a component of a vector.
-fn is_shape(p: &ParameterSpec) -> bool {
-    p.off == p.default && !(p.off == 0.0 && p.low < 0.0)
-}
-
-/// Whether a parameter says how much.
-fn is_size(p: &ParameterSpec) -> bool {
-    !is_shape(p) && !NOT_A_SIZE.contains(&p.name)
-}
-
-/// Whether "off" is at infinity.
-fn is_far(p: &ParameterSpec) -> bool {
-    !p.off.is_finite() || p.off.abs() > FAR * p.high.abs().max(p.low.abs())
-}
-
 fn sized(p: &ParameterSpec, value: f64, share: f64) -> f64 {
-    if !is_size(p) {
-        return value;
+    match p.kind {
+        Kind::Inverse => value / share,
+        kind if kind.is_size() => p.off + share * (value - p.off),
+        _ => value,
     }
-    if is_far(p) { value / share } else { p.off + share * (value - p.off) }
 }
 
 /// 0 to `count` in random order.
@@ -237,32 +216,6 @@ fn shuffled(count: usize, rng: &mut Stream) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use haltere_model::effects::{self, Choice, Kind};
-
-    /// The kind of every parameter is what was guessed of it.
-    #[test]
-    fn prop_kinds_say_what_is_guessed() {
-        for spec in ALL {
-            let is_placed = spec.parameters.iter().any(|p| p.name == "size");
-            for p in spec.parameters {
-                let guessed = match p.name {
-                    "anchor" => Kind::Which(Choice::Anchor),
-                    "wall" => Kind::Which(Choice::Wall),
-                    "north" if is_placed => Kind::Where(effects::Axis::North),
-                    "east" if is_placed => Kind::Where(effects::Axis::East),
-                    "std" if spec.id == "U1" => Kind::OfTheReceiver,
-                    name if NOT_A_SIZE.contains(&name) => Kind::Direction,
-                    _ if is_shape(p) => Kind::Shape,
-                    _ if is_far(p) => Kind::Inverse,
-                    _ if is_component(p) => Kind::Component,
-                    _ => Kind::Size,
-                };
-                assert_eq!(p.kind, guessed, "{} {}", spec.id, p.name);
-                assert_eq!(p.kind.is_size(), is_size(p), "{} {}", spec.id, p.name);
-                assert_eq!(matches!(p.kind, Kind::Which(_)), p.is_choice());
-            }
-        }
-    }
 
     #[test]
     fn prop_the_standard_library_names_effects_of_the_list() {
@@ -315,7 +268,7 @@ mod tests {
                 assert!(axis.is_sound() && axis.low <= low && high <= axis.high, "{}", spec.id);
                 // Of a vector every other draw has one component alone: ends may be missing.
                 let ends = low - axis.low <= part && axis.high - high <= part;
-                assert!(ends || is_component(p), "{} {}", spec.id, p.name);
+                assert!(ends || p.kind == Kind::Component, "{} {}", spec.id, p.name);
                 if p.name == "anchor" {
                     assert!(column.iter().all(|v| v.fract() == 0.0 && *v < 8.0));
                     assert!((0..8).all(|a| column.contains(&f64::from(a))), "{column:?}");

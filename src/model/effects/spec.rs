@@ -190,14 +190,9 @@ impl ParameterSpec {
         Self { off, default, low, high, ..*self }
     }
 
-    /// Whether it says which one, as the place of an anchor in the survey does, and not how much.
-    pub fn is_choice(&self) -> bool {
-        matches!(self.name, "anchor" | "wall")
-    }
-
     /// `value` as it is told and written down: there is nothing between two choices.
     pub fn told(&self, value: f64) -> f64 {
-        if self.is_choice() { value.round() } else { value }
+        if matches!(self.kind, Kind::Which(_)) { value.round() } else { value }
     }
 
     /// The parameter is a number of the vehicle file.
@@ -253,6 +248,7 @@ impl std::fmt::Debug for EffectSpec {
 
 #[cfg(test)]
 mod tests {
+    use super::Kind;
     use crate::effects::ALL;
     use crate::vehicle::Vehicle;
 
@@ -283,7 +279,7 @@ mod tests {
         let mut choices = 0;
         for p in ALL.iter().flat_map(|spec| spec.parameters) {
             let which = p.doc.contains("ascending id") || p.name == "wall";
-            assert_eq!(p.is_choice(), which, "{}: {}", p.name, p.doc);
+            assert_eq!(matches!(p.kind, Kind::Which(_)), which, "{}: {}", p.name, p.doc);
             assert_eq!(p.told(0.52), if which { 1.0 } else { 0.52 });
             choices += usize::from(which);
         }
