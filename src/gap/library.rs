@@ -1,7 +1,7 @@
 //! The library of the diagnosis, and how values of its effects' parameters are drawn.
 //!
-//! The effects are the simulator's own files; what is here is only which of them are candidates,
-//! and the prior: uniform over the plausible range of the list, whole numbers for choices of an
+//! The effects are the simulator's own files, which say whether they are candidates; what is here is only
+//! the prior: uniform over the plausible range of the list, whole numbers for choices of an
 //! anchor or a wall, places within the room. Draws are stratified (Latin hypercube), so that a few
 //! dozen flights cover the range of every parameter evenly. Every other draw of an effect with several
 //! components (the axes of a bias, the servos that are out of trim) has one of them alone: that is how
@@ -14,26 +14,17 @@ use haltere_model::effects::{self, ALL, Choice, EffectSet, EffectSpec, Kind, Par
 use haltere_model::random::Stream;
 use haltere_model::room::Room;
 
-/// The 46 effects that GAP.md marks, ids of its section 3: what is a candidate unless the user
-/// says otherwise. The seven others of the list are not candidates: A12 takes what backlash of another
-/// law does, P8 was not found where it was, T4 is no gap of a vehicle, the rest was not tried.
-pub const STANDARD: [&str; 46] = [
-    "A1", "A2", "A3", "A4", "A5", "A6", "A7", "A8", "A9", "A10", "P1", "P2", "P3", "P4", "P5",
-    "P6", "P7", "I1", "I2", "L1", "L2", "L3", "L4", "L5", "L6", "M1", "M2", "M3", "M4", "M5", "M6",
-    "U1", "U2", "U3", "U4", "U5", "U6", "U7", "U8", "U9", "U10", "T1", "T2", "T3", "H1", "H2",
-];
-
 /// Distance of a drawn place from the walls, m: where the standard flights come.
 const FROM_WALL_M: f64 = 0.5;
 
-/// The standard library, in the order of the list.
+/// The standard library, in the order of the list: candidates unless the user says otherwise.
 pub fn standard() -> Vec<&'static EffectSpec> {
-    ALL.iter().filter(|spec| STANDARD.contains(&spec.id)).collect()
+    ALL.iter().filter(|spec| spec.deviation().is_some_and(|of| of.standard)).collect()
 }
 
 /// Every deviation of the list.
 pub fn whole() -> Vec<&'static EffectSpec> {
-    ALL.iter().filter(|spec| spec.role == Role::Deviation).collect()
+    ALL.iter().filter(|spec| spec.role != Role::Nominal).collect()
 }
 
 /// Units of one kind, as they stand at the end of names, and their size in the first of them.
@@ -216,12 +207,6 @@ fn shuffled(count: usize, rng: &mut Stream) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn prop_the_standard_library_names_effects_of_the_list() {
-        assert_eq!(standard().len(), STANDARD.len());
-        assert!(whole().len() > standard().len());
-    }
 
     #[test]
     fn prop_every_other_draw_of_a_vector_has_one_component_alone() {

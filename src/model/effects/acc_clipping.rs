@@ -5,7 +5,7 @@
 //! ±2 g clips at 19.6 m/s².
 
 use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -13,7 +13,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "M7",
     name: "accelerometer clipping",
     block: Block::Imu,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "limit",
         "m/s²",
@@ -26,6 +25,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "range never reached",
     source: "GAP.md 3.5",
     equation: "a_i = clamp(a_i, ±limit)",
+    role: Role::Deviation(Deviation { standard: false }),
     build: |b| Box::new(Clipping(b.value[0].abs())),
 };
 

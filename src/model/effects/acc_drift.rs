@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
 };
 
 const MINUTE_S: f64 = 60.0;
@@ -16,7 +16,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "M2",
     name: "accelerometer bias drift",
     block: Block::Imu,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("x", "m/s² per min", Kind::Component, 0.0, 0.5, [-1.2, 1.2], "along x"),
         ParameterSpec::new("y", "m/s² per min", Kind::Component, 0.0, 0.0, [-1.2, 1.2], "along y"),
@@ -25,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "bias constant in a flight",
     source: "GAP.md 3.5",
     equation: "a += ḃ t",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(AccDrift(Vector3::new(b.value[0], b.value[1], b.value[2]) / MINUTE_S)),
 };
 

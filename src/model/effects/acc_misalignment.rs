@@ -7,7 +7,8 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::effects::{
-    AttitudeError, Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+    AttitudeError, Block, Deviation, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role,
+    Stage, State,
 };
 
 /// Entry in the list.
@@ -15,7 +16,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "M4",
     name: "IMU misalignment",
     block: Block::Imu,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new(
             "roll",
@@ -39,6 +39,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "board square to the thrust axis",
     source: "GAP.md 3.5",
     equation: "y_sensor = Rᵀ y_body, R_believed = R_true R",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         let lean = Vector3::new(b.value[0].to_radians(), b.value[1].to_radians(), 0.0);
         Box::new(Misalignment { lean, turn: UnitQuaternion::from_scaled_axis(lean).inverse() })

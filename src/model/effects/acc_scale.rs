@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -14,7 +14,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "M3",
     name: "accelerometer scale",
     block: Block::Imu,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("x", "", Kind::Component, 0.0, 0.0, [-0.1, 0.1], "along x"),
         ParameterSpec::new("y", "", Kind::Component, 0.0, 0.0, [-0.1, 0.1], "along y"),
@@ -23,6 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "calibrated",
     source: "GAP.md 3.5",
     equation: "a_i *= 1 + s_i",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(AccScale(Vector3::new(b.value[0], b.value[1], b.value[2]))),
 };
 

@@ -3,7 +3,9 @@
 //! `ρ_n -> ρ_n + b` on its path to the tag (m), everywhere alike. Source: GAP.md U2, 0.08 to 0.35 m. Nearest confounder: survey
 //! (U7).
 
-use crate::effects::{Block, Choice, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Choice, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -11,7 +13,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U2",
     name: "anchor bias",
     block: Block::Uwb,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("bias", "m", Kind::Component, 0.0, 0.2, [-0.35, 0.35], "bias"),
         ParameterSpec::new(
@@ -27,6 +28,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "antenna delays calibrated",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + b",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(AnchorBias { bias_m: b.value[0], anchor: b.value[1] as usize }),
 };
 

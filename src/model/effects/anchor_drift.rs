@@ -2,7 +2,9 @@
 //!
 //! `ρ_n -> ρ_n + ḃ t` (m), `t` time (s). Source: GAP.md U8, 2 to 10 mm/s ramp.
 
-use crate::effects::{Block, Choice, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Choice, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -10,7 +12,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U8",
     name: "anchor drift",
     block: Block::Uwb,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("rate", "mm/s", Kind::Component, 0.0, 5.0, [-10.0, 10.0], "growth"),
         ParameterSpec::new(
@@ -26,6 +27,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "anchors steady",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + ḃ t",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(AnchorDrift { rate_mps: b.value[0] * 1e-3, anchor: b.value[1] as usize }),
 };
 

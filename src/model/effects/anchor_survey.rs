@@ -5,14 +5,13 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Choice, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Choice, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "U7",
     name: "anchor survey error",
     block: Block::Uwb,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("north", "m", Kind::Component, 0.0, 0.25, [-0.5, 0.5], "towards north"),
         ParameterSpec::new("east", "m", Kind::Component, 0.0, 0.0, [-0.5, 0.5], "towards east"),
@@ -38,6 +37,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "anchors where the survey says",
     source: "GAP.md 3.6",
     equation: "p_n -> p_n + Δ",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         Box::new(AnchorSurvey {
             shift_E_m: Vector3::new(b.value[0], b.value[1], b.value[2]),

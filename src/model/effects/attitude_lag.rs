@@ -3,7 +3,7 @@
 //! `ω -> x ω` for the roll and pitch loops of the board. Source: GAP.md L1, 0.4 to 0.8. Nearest confounder: delay
 //! of commands (T2).
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -11,7 +11,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "L1",
     name: "attitude lag",
     block: Block::InnerLoop,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "factor",
         "",
@@ -24,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "loops as set",
     source: "GAP.md 3.4",
     equation: "ω -> x ω",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(AttitudeLag(b.value[0])),
 };
 

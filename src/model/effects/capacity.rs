@@ -2,7 +2,7 @@
 //!
 //! `C -> (1 - x) C` in N7. Source: GAP.md P3, 10 to 50 %.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -10,7 +10,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "P3",
     name: "battery capacity",
     block: Block::Battery,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "loss",
         "",
@@ -23,6 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "capacity of the vehicle file",
     source: "GAP.md 3.2",
     equation: "C -> (1 - x) C",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

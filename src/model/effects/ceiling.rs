@@ -3,14 +3,15 @@
 //! `T -> T (1 + c e^(-(H-h)/l))`, `H - h` distance of the vehicle below the ceiling (m). Source: GAP.md A9,
 //! c 0.05 to 0.2.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "A9",
     name: "ceiling effect",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("gain", "", Kind::Size, 0.0, 0.12, [0.05, 0.2], "gain at the ceiling"),
         ParameterSpec::new(
@@ -27,6 +28,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no ceiling",
     source: "GAP.md 3.1",
     equation: "T -> T (1 + c e^(-(H-h)/l))",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         Box::new(Ceiling {
             gain: b.value[0],

@@ -5,7 +5,7 @@
 
 use super::servo_trim::KEPT;
 use crate::board::BoardSettings;
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -13,7 +13,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "I2",
     name: "centre of mass",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new(
             "x",
@@ -40,6 +39,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "centre of mass of the vehicle file",
     source: "GAP.md 3.3",
     equation: "r -> r - Δ",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

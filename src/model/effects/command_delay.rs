@@ -5,7 +5,8 @@
 //! confounder: slow inner loop (L1).
 
 use crate::effects::{
-    Block, Cargo, Delivery, Effect, EffectSpec, Kind, ParameterSpec, Role, Setpoint, Stage, State,
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Setpoint,
+    Stage, State,
 };
 use crate::waiting::Waiting;
 
@@ -14,7 +15,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "T2",
     name: "command delay",
     block: Block::Link,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("delay", "ms", Kind::Size, 0.0, 40.0, [20.0, 80.0], "delay"),
         ParameterSpec::new(
@@ -30,6 +30,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no delay beyond N19",
     source: "GAP.md 3.7",
     equation: "delay += d of setpoints, s d of all else",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         let [delay_s, share] = [b.value[0] * 1e-3, b.value[1]];
         Box::new(CommandDelay {

@@ -2,7 +2,7 @@
 //!
 //! `M -> κ M` in N2. Source: GAP.md A11, ±50 %.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -10,11 +10,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A11",
     name: "rotational damping scale",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new("kappa", "", Kind::Component, 1.0, 0.6, [0.5, 1.5], "factor")],
     off: "damping of the vehicle file",
     source: "GAP.md 3.1",
     equation: "M -> κ M",
+    role: Role::Deviation(Deviation { standard: false }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

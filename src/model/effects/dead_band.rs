@@ -3,7 +3,9 @@
 //! `δ_wing = clamp(δ_wing, δ_servo - b, δ_servo + b)`, `b` half of the play (deg). Source: GAP.md L4, 0.5 to 3° of play.
 //! Small doublets vanish, large ones pass. Left out: play of the wing roots.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::wings::ActuatorCommand;
 
 /// Entry in the list.
@@ -11,7 +13,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "L4",
     name: "backlash",
     block: Block::Actuators,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "play",
         "deg",
@@ -24,6 +25,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no play",
     source: "GAP.md 3.4",
     equation: "δ_wing = clamp(δ_wing, δ_servo ± b)",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(DeadBand { half_rad: 0.5 * b.value[0].to_radians(), wing_rad: 0.0 }),
 };
 

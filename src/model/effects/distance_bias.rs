@@ -2,7 +2,9 @@
 //!
 //! `ρ -> ρ + s (ρ - ρ₀)`, `ρ₀` 5 m (m). Source: GAP.md U4, 1 to 4 cm per m. Left out: the curve of the data sheet.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -10,7 +12,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U4",
     name: "distance-dependent bias",
     block: Block::Uwb,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "slope",
         "m/m",
@@ -23,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "stamps corrected for power",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + s (ρ - ρ₀)",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(DistanceBias(b.value[0])),
 };
 

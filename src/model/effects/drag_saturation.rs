@@ -3,7 +3,7 @@
 //! `F -> F / (1 + |v| / v_s)` in N1; `v_s` speed at which half of the linear law is left (m/s). Source:
 //! GAP.md A2, 0.6 to 2.5 m/s; the paper's exponential v(θ) law is of this kind. Same as A1 below 0.5 m/s.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -11,7 +11,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A2",
     name: "drag law saturates",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "speed",
         "m/s",
@@ -24,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "drag linear in speed",
     source: "GAP.md 3.1",
     equation: "F -> F / (1 + |v| / v_s)",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -3,7 +3,7 @@
 //! `k_i -> κ_i k_i`, body axes; acts on rotational damping too, which has the same origin. Source: GAP.md
 //! A1, 0.6 to 1.6. Nearest confounders: wind, saturation (A2).
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -11,7 +11,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A1",
     name: "drag scale",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("kappa_x", "", Kind::Component, 1.0, 1.3, [0.6, 1.6], "factor along x"),
         ParameterSpec::new("kappa_y", "", Kind::Component, 1.0, 1.3, [0.6, 1.6], "factor along y"),
@@ -20,6 +19,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "drag of the vehicle file",
     source: "GAP.md 3.1",
     equation: "k_i -> κ_i k_i",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

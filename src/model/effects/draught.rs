@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Axis, Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Axis, Block, Build, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -14,7 +14,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A6",
     name: "draught zone",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("speed", "m/s", Kind::Size, 0.0, 0.6, [0.25, 1.0], "in the middle"),
         ParameterSpec::new(
@@ -49,6 +48,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "still air everywhere",
     source: "GAP.md 3.1",
     equation: "w = w₀ e^(-½ d²/σ²)",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(Draught::new(&b)),
 };
 

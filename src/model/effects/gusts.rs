@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State,
+    Block, Build, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State,
 };
 use crate::random::{Markov, Stream};
 
@@ -15,7 +15,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A7",
     name: "gusts",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new(
             "std",
@@ -31,6 +30,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no turbulence",
     source: "GAP.md 3.1",
     equation: "w Gauss-Markov",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(Gusts::new(b)),
 };
 

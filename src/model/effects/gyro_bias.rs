@@ -5,7 +5,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -13,7 +13,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "M5",
     name: "gyroscope bias",
     block: Block::Imu,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("x", "rad/s", Kind::Component, 0.0, 0.03, [-0.06, 0.06], "about x"),
         ParameterSpec::new("y", "rad/s", Kind::Component, 0.0, 0.0, [-0.06, 0.06], "about y"),
@@ -22,6 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no bias beyond that of turn-on (N11)",
     source: "GAP.md 3.5",
     equation: "ω += b",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(GyroBias(Vector3::new(b.value[0], b.value[1], b.value[2]))),
 };
 

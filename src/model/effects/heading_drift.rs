@@ -4,7 +4,8 @@
 //! minute or by place.
 
 use crate::effects::{
-    AttitudeError, Axis, Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    AttitudeError, Axis, Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 
 /// Entry in the list.
@@ -12,7 +13,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "H2",
     name: "heading drift",
     block: Block::InnerLoop,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("rate", "deg/min", Kind::Component, 0.0, 1.5, [-3.0, 3.0], "drift"),
         ParameterSpec::new(
@@ -55,6 +55,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "offset of N13",
     source: "GAP.md 3.8",
     equation: "β -> β + β̇ t + z e^(-½ d²/σ²)",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(HeadingDrift(b.value.to_vec())),
 };
 

@@ -3,7 +3,7 @@
 //! `β -> β + Δ` in N13 (deg). Source: GAP.md H1, 3 to 17°.
 
 use crate::effects::{
-    AttitudeError, Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    AttitudeError, Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -11,7 +11,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "H1",
     name: "heading misalignment",
     block: Block::InnerLoop,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "angle",
         "deg",
@@ -24,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "offset of N13",
     source: "GAP.md 3.8",
     equation: "β -> β + Δ",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(HeadingMisalignment(b.value[0].to_radians())),
 };
 

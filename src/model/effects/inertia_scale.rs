@@ -2,7 +2,7 @@
 //!
 //! `J_i -> κ_i J_i`. Source: GAP.md I3, ±20 to 40 %.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -10,7 +10,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "I3",
     name: "inertia scale",
     block: Block::InnerLoop,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("roll", "", Kind::Component, 1.0, 1.3, [0.6, 1.4], "factor about x"),
         ParameterSpec::new("pitch", "", Kind::Component, 1.0, 1.3, [0.6, 1.4], "factor about y"),
@@ -19,6 +18,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "inertia of the vehicle file",
     source: "GAP.md 3.3",
     equation: "J_i -> κ_i J_i",
+    role: Role::Deviation(Deviation { standard: false }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -2,7 +2,7 @@
 //!
 //! `p_BT -> p_BT + Δ` (body, given in cm). Source: GAP.md U11, 2 to 10 cm. The error turns with the vehicle.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -10,7 +10,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U11",
     name: "tag lever arm",
     block: Block::Uwb,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new(
             "x",
@@ -46,6 +45,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "antenna of the vehicle file",
     source: "GAP.md 3.6",
     equation: "p_BT -> p_BT + Δ",
+    role: Role::Deviation(Deviation { standard: false }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -6,14 +6,13 @@
 //! `2ζω - ω² d` in place of `2ζω`. Nearest confounder: commands that come late (T2), which ring no more than before.
 
 use crate::board::BoardSettings;
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "L2",
     name: "inner delay",
     block: Block::InnerLoop,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "delay",
         "ms",
@@ -26,6 +25,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "actuators told at once",
     source: "GAP.md 3.4",
     equation: "u_told(t) = u(t - d)",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(LoopDelay(b.value[0] * 1e-3)),
 };
 

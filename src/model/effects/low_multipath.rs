@@ -3,7 +3,9 @@
 //! Below `h₀` low anchors get `ρ -> ρ + b S (1 + |n|) / 1.8`, `S = 1 - h/h₀`, `n` normal: a bias with positive skew on top of N17.
 //! Source: GAP.md U6, 0.1 to 0.5 m below 0.4 m.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::random::Stream;
 use crate::tag::air::Packet;
 
@@ -12,7 +14,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U6",
     name: "near-ground multipath",
     block: Block::Uwb,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("bias", "m", Kind::Size, 0.0, 0.3, [0.1, 0.5], "mean at the floor"),
         ParameterSpec::new(
@@ -37,6 +38,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "multipath of N17",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + b (1 - h/h₀) (1 + |n|) / 1.8",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         Box::new(LowMultipath {
             bias_m: b.value[0],

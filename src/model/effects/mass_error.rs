@@ -3,7 +3,7 @@
 //! `m -> m + Δm` (kg, given in g). Source: GAP.md I1, 2 to 12 g. Nearest confounder: thrust loss (P1); drag rate
 //! k/m falls here. A kitchen scale decides.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -11,7 +11,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "I1",
     name: "mass",
     block: Block::Thrust,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "extra",
         "g",
@@ -25,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "mass of the vehicle file",
     source: "GAP.md 3.3",
     equation: "m -> m + Δm",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -18,7 +18,9 @@ mod spec;
 pub use bank::Bank;
 pub use list::ALL;
 pub use set::{EffectConfig, EffectSet};
-pub use spec::{Axis, Block, Build, Choice, EffectSpec, Kind, ParameterSpec, Role, Source};
+pub use spec::{
+    Axis, Block, Build, Choice, Deviation, EffectSpec, Kind, ParameterSpec, Role, Source,
+};
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 

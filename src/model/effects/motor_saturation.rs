@@ -3,7 +3,9 @@
 //! `f <= r f_h V / V₀`, both wings; `f_h` hover flap rate (Hz), `V` supply (V), `V₀` 3.7 V a cell. Acts on the rate itself, after
 //! its lag. Source: GAP.md P5, r 1.05 to 1.3.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::wings::Actuation;
 
 /// Entry in the list.
@@ -11,7 +13,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "P5",
     name: "motor saturation",
     block: Block::Thrust,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "ratio",
         "",
@@ -24,6 +25,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "as fast as the command says",
     source: "GAP.md 3.2",
     equation: "f <= r f_h V / V₀",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(MotorSaturation(b.value[0] * b.nominal.hover_hz() / b.nominal.rated_v())),
 };
 

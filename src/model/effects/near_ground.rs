@@ -3,14 +3,13 @@
 //! `T -> T (1 + g e^(-h/l))` on top of N8; same symbols. Source: GAP.md A8, g -0.1 to 0.3, l 0.1 to 0.4 m.
 //! Nearest confounder: multipath near the floor (U6).
 
-use crate::effects::{Block, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, EffectSpec, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "A8",
     name: "ground effect error",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new(
             "gain",
@@ -35,6 +34,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "ground effect of the vehicle file",
     source: "GAP.md 3.1",
     equation: "T -> T (1 + g e^(-h/l))",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(GroundEffect { gain: b.value[0], length_m: b.value[1].max(0.01) }),
 };
 

@@ -4,7 +4,8 @@
 //! 0.15 to 0.8 m on one anchor, plus variance.
 
 use crate::effects::{
-    Axis, Block, Build, Choice, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Axis, Block, Build, Choice, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 use crate::random::Stream;
 use crate::tag::air::Packet;
@@ -14,7 +15,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U5",
     name: "NLOS zone",
     block: Block::Uwb,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("bias", "m", Kind::Size, 0.0, 0.4, [0.15, 0.8], "added path"),
         ParameterSpec::new("std", "m", Kind::Size, 0.0, 0.1, [0.0, 0.3], "added noise"),
@@ -58,6 +58,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "line of sight everywhere",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + b + σ n in a box",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(NlosZone::new(b)),
 };
 

@@ -3,7 +3,9 @@
 //! Independent noise is added to that of N15 so that the standard deviation of every reception becomes `x σ`. Source: GAP.md
 //! U1, 1.4 to 3 times.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::random::Stream;
 use crate::tag::air::Packet;
 
@@ -12,7 +14,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U1",
     name: "UWB noise level",
     block: Block::Uwb,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new(
             "factor",
@@ -37,6 +38,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "noise of N15",
     source: "GAP.md 3.6",
     equation: "σ -> x σ",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         Box::new(NoiseLevel {
             std_m: b.value[1] * (b.value[0].powi(2) - 1.0).max(0.0).sqrt(),

@@ -3,7 +3,9 @@
 //! Windows of `1.5 s · u`, `u` in 0.1 to 0.6, start at random (Poisson); inside, a reception is off by 0.5 to 3 m with a
 //! probability of one half. Source: GAP.md U10.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::random::Stream;
 use crate::tag::air::Packet;
 
@@ -12,7 +14,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U10",
     name: "outlier bursts",
     block: Block::Uwb,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("rate", "1/min", Kind::Size, 0.0, 8.0, [2.0, 20.0], "bursts per minute"),
         ParameterSpec::new("size", "m", Kind::Shape, 3.0, 3.0, [1.0, 6.0], "largest error"),
@@ -20,6 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no outliers",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + e in bursts",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         Box::new(OutlierBursts {
             rate_hz: b.value[0] / 60.0,

@@ -2,14 +2,13 @@
 //!
 //! `P(lost) = p` at the tag and at every anchor, on top of N18. Source: GAP.md U9, 25 to 80 %.
 
-use crate::effects::{Block, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, EffectSpec, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "U9",
     name: "packet loss",
     block: Block::Uwb,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "probability",
         "",
@@ -22,6 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "loss of N18",
     source: "GAP.md 3.6",
     equation: "P(lost) = p",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(PacketLoss { probability: b.value[0], rng: b.rng }),
 };
 

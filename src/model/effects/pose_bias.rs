@@ -3,7 +3,9 @@
 //! `ρ_n -> ρ_n + A cos(az_n - ψ - φ)`, `az_n` bearing of the anchor from the tag, `ψ` yaw, `φ` phase (rad). Source: GAP.md U3,
 //! 0.05 to 0.25 m. Changes sign when yawing on the spot. Left out: tilt.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -11,7 +13,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U3",
     name: "pose-dependent bias",
     block: Block::Uwb,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("amplitude", "m", Kind::Size, 0.0, 0.12, [0.05, 0.25], "amplitude"),
         ParameterSpec::new(
@@ -27,6 +28,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "antenna alike in all directions",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + A cos(az_n - ψ - φ)",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(PoseBias { amplitude_m: b.value[0], phase_rad: b.value[1].to_radians() }),
 };
 

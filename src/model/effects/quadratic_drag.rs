@@ -3,7 +3,9 @@
 //! `F = -m c |v| v` (N), `v` velocity through the air (m/s, body), `c` (1/m), at the centre of mass. Not
 //! coupled to flap rate, which tells it from A1. Source: GAP.md A3, 0.1 to 2 1/m. N23 is the same of the nominal vehicle.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::wings::Wrench;
 
 /// Entry in the list.
@@ -11,7 +13,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A3",
     name: "quadratic body drag",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "c",
         "1/m",
@@ -25,6 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no quadratic part",
     source: "GAP.md 3.1",
     equation: "F = -m c |v| v",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(QuadraticDrag(b.value[0] * b.nominal.body.mass_kg)),
 };
 

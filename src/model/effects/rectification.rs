@@ -5,7 +5,7 @@
 //! scaled; here as the offset itself. Gone with motors off, which is how it is told from scale.
 
 use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -13,7 +13,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "M6",
     name: "vibration rectification",
     block: Block::Imu,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new(
             "offset",
@@ -37,6 +36,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "linear accelerometer",
     source: "GAP.md 3.5",
     equation: "a += b_h (f/f_h)⁴",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         Box::new(Rectification {
             offset: [b.value[0], b.value[1]],

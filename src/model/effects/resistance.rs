@@ -3,7 +3,7 @@
 //! `R -> R + (1 - s) ΔR`, `R_s -> R_s + s ΔR` in N7 (Ω). Source: GAP.md P2, 0.05 to 0.3 Ω. A corroded plug acts at once (`s` 0); in
 //! an aged pack the polarisation grows as well.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -11,7 +11,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "P2",
     name: "battery resistance",
     block: Block::Battery,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new(
             "extra",
@@ -36,6 +35,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "resistance of the vehicle file",
     source: "GAP.md 3.2",
     equation: "R -> R + (1 - s) ΔR, R_s -> R_s + s ΔR",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -2,7 +2,9 @@
 //!
 //! `M_z += c M_x`, `M_x = l_w (T_L - T_R)` (N·m, body). Source: GAP.md L6, 0.1 to 0.6.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::wings::Wrench;
 
 /// Entry in the list.
@@ -10,7 +12,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "L6",
     name: "roll-yaw coupling",
     block: Block::InnerLoop,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "coupling",
         "",
@@ -23,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "roll by thrust gives no yaw",
     source: "GAP.md 3.4",
     equation: "M_z += c l_w (T_L - T_R)",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(RollYawCoupling(b.value[0] * b.vehicle.wings.centre_m)),
 };
 

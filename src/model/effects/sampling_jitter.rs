@@ -3,7 +3,7 @@
 //! `delay += |σ n|` (ms), order kept. Source: GAP.md T4, 1 to 8 ms rms.
 
 use crate::effects::{
-    Block, Cargo, Delivery, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::random::Stream;
 
@@ -12,11 +12,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "T4",
     name: "timing jitter",
     block: Block::Timing,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new("rms", "ms", Kind::Size, 0.0, 4.0, [1.0, 8.0], "rms")],
     off: "no jitter beyond N19",
     source: "GAP.md 3.7",
     equation: "delay += |σ n|",
+    role: Role::Deviation(Deviation { standard: false }),
     build: |b| Box::new(SamplingJitter { rms_s: b.value[0] * 1e-3, rng: b.rng }),
 };
 

@@ -7,7 +7,9 @@
 //! from P6 and I2.
 
 use crate::board::BoardSettings;
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::vehicle::Vehicle;
 use crate::wings::ActuatorCommand;
 use haltere_core::frames::G_MPS2;
@@ -17,7 +19,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "L3",
     name: "servo trim",
     block: Block::Actuators,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new(
             "dihedral",
@@ -48,6 +49,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "servos centred",
     source: "GAP.md 3.4",
     equation: "δ -> δ + Δ, ψ -> ψ + Δ",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         let trim_rad = [b.value[0].to_radians(), b.value[1].to_radians()];
         Box::new(ServoTrim { trim_rad, kept: b.value[2] })

@@ -4,7 +4,7 @@
 //! T3, 0.1 to 0.6 s. Beyond 0.5 s the board's own failsafe acts.
 
 use crate::effects::{
-    Block, Cargo, Delivery, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::random::Stream;
 
@@ -13,7 +13,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "T3",
     name: "dropped setpoints",
     block: Block::Link,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("length", "s", Kind::Size, 0.0, 0.3, [0.1, 0.6], "length of a burst"),
         ParameterSpec::new(
@@ -29,6 +28,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "every setpoint arrives",
     source: "GAP.md 3.7",
     equation: "lost in bursts",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         Box::new(SetpointBursts {
             length_s: b.value[0],

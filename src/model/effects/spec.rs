@@ -71,12 +71,20 @@ impl Block {
 }
 
 /// Part of the nominal vehicle, or a deviation from it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Role {
     /// On unless switched off.
     Nominal,
     /// Off unless switched on.
-    Deviation,
+    Deviation(Deviation),
+}
+
+/// What is said of a deviation beside its physics.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deviation {
+    /// Whether the diagnosis chooses from it unless the user says otherwise. Seven are not chosen from: A12 takes what
+    /// backlash of another law does, P8 was not found where it was, T4 is no gap of a vehicle, the rest was not tried.
+    pub standard: bool,
 }
 
 /// Where the value of a parameter comes from when nobody gives one.
@@ -238,6 +246,16 @@ pub struct EffectSpec {
     pub equation: &'static str,
     /// Makes one.
     pub build: fn(Build<'_>) -> Box<dyn Effect>,
+}
+
+impl EffectSpec {
+    /// What is said of it as a deviation; `None`: it is nominal.
+    pub fn deviation(&self) -> Option<&Deviation> {
+        match &self.role {
+            Role::Nominal => None,
+            Role::Deviation(deviation) => Some(deviation),
+        }
+    }
 }
 
 impl std::fmt::Debug for EffectSpec {

@@ -2,7 +2,7 @@
 //!
 //! `c -> c + Δc` in N3 (rad per m/s). Source: GAP.md A12, trim 0 to 0.2 rad per m/s.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -10,7 +10,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A12",
     name: "speed-pitch coupling",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "bend",
         "rad per m/s",
@@ -23,6 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "bend of the vehicle file",
     source: "GAP.md 3.1",
     equation: "c -> c + Δc",
+    role: Role::Deviation(Deviation { standard: false }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

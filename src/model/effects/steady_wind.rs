@@ -4,14 +4,15 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "A5",
     name: "steady wind",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("north", "m/s", Kind::Component, 0.0, 0.3, [-0.6, 0.6], "towards north"),
         ParameterSpec::new("east", "m/s", Kind::Component, 0.0, 0.0, [-0.6, 0.6], "towards east"),
@@ -28,6 +29,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "still air",
     source: "GAP.md 3.1",
     equation: "v_air = v - w",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(SteadyWind(Vector3::new(b.value[0], b.value[1], b.value[2]))),
 };
 

@@ -4,7 +4,7 @@
 //! offset between UWB and IMU. Source: GAP.md T1, 30 to 150 ms.
 
 use crate::effects::{
-    Block, Cargo, Delivery, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -12,11 +12,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "T1",
     name: "UWB time offset",
     block: Block::Timing,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new("delay", "ms", Kind::Size, 0.0, 80.0, [30.0, 150.0], "delay")],
     off: "no delay beyond N19",
     source: "GAP.md 3.7",
     equation: "delay += d",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(TagLatency(b.value[0] * 1e-3)),
 };
 

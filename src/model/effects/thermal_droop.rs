@@ -3,14 +3,15 @@
 //! `T -> T (1 - a (1 - e^(-t/τ)))`, `t` time that the wings have been flapping (s). Source: GAP.md P7, a 3 to 10 %, τ 60
 //! to 180 s. Left out: cooling between flights.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "P7",
     name: "thermal droop",
     block: Block::Thrust,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("loss", "", Kind::Size, 0.0, 0.06, [0.03, 0.1], "share lost when warm"),
         ParameterSpec::new("tau", "s", Kind::Shape, 120.0, 120.0, [60.0, 180.0], "warming time"),
@@ -18,6 +19,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "thrust does not depend on temperature",
     source: "GAP.md 3.2",
     equation: "T -> T (1 - a (1 - e^(-t/τ)))",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         Box::new(ThermalDroop { loss: b.value[0], gain: STEP_S / b.value[1].max(1.0), warmth: 0.0 })
     },

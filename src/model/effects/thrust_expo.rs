@@ -3,14 +3,15 @@
 //! `T -> T + ½ W ε (r² - 1)` per wing, not below zero, `r = f/f_h`, `W` weight (N), `f_h` hover flap rate
 //! (Hz). No change in hover. Source: GAP.md A4, ±0.05 to 0.2.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "A4",
     name: "thrust curve",
     block: Block::Thrust,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "epsilon",
         "",
@@ -23,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "thrust linear in flap rate",
     source: "GAP.md 3.1",
     equation: "T -> T + ½ W ε (r² - 1)",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| {
         let weight_n = b.nominal.body.mass_kg * haltere_core::frames::G_MPS2;
         Box::new(ThrustExpo {

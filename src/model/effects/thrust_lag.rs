@@ -2,7 +2,7 @@
 //!
 //! `τ -> τ + Δτ` in N4 (s). Source: GAP.md P4, 0.08 to 0.12..0.28 s.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -10,7 +10,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "P4",
     name: "thrust lag",
     block: Block::Thrust,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "extra",
         "s",
@@ -24,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "lag of the vehicle file",
     source: "GAP.md 3.2",
     equation: "τ -> τ + Δτ",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

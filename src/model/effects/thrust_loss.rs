@@ -3,14 +3,15 @@
 //! `T -> (1 - g) T`, both wings. Source: GAP.md P1, 3 to 20 %. Nearest confounder: mass (I1); drag does not
 //! change here.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "P1",
     name: "thrust gain loss",
     block: Block::Thrust,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "loss",
         "",
@@ -23,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "new wings",
     source: "GAP.md 3.2",
     equation: "T -> (1 - g) T",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(ThrustLoss(1.0 - b.value[0])),
 };
 

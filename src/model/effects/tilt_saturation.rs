@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Setpoint, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Setpoint, Stage, State,
 };
 use nalgebra::UnitQuaternion;
 
@@ -15,7 +15,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "L5",
     name: "tilt saturation",
     block: Block::InnerLoop,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "limit",
         "deg",
@@ -28,6 +27,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "every tilt obeyed",
     source: "GAP.md 3.4",
     equation: "tilt <= limit",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(TiltSaturation(b.value[0].to_radians())),
 };
 

@@ -4,7 +4,7 @@
 //! the companion.
 
 use crate::effects::{
-    Block, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State, Supply,
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State, Supply,
 };
 
 /// Entry in the list.
@@ -12,7 +12,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "P8",
     name: "voltage report error",
     block: Block::Battery,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new("lag", "s", Kind::Size, 0.0, 2.0, [0.5, 5.0], "lag of the measurement"),
         ParameterSpec::new("exponent", "", Kind::Component, 1.0, 0.8, [0.5, 1.5], "exponent"),
@@ -20,6 +19,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "voltage reported as it is",
     source: "GAP.md 3.2",
     equation: "V_told = V₀ (V_lag / V₀)^e",
+    role: Role::Deviation(Deviation { standard: false }),
     build: |b| {
         Box::new(VoltageReport {
             gain: 1.0 - (-STEP_S / b.value[0].max(1e-9)).exp(),

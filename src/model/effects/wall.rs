@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Build, Choice, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Build, Choice, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::wings::Wrench;
 
@@ -15,7 +15,6 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A10",
     name: "wall effect",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
     parameters: &[
         ParameterSpec::new(
             "force",
@@ -41,6 +40,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "walls far away",
     source: "GAP.md 3.1",
     equation: "F = k e^(-d/l)",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(Wall::new(&b)),
 };
 

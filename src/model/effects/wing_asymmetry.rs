@@ -2,14 +2,15 @@
 //!
 //! `T_L -> (1 + ε) T_L`, `T_R -> (1 - ε) T_R`. Source: GAP.md P6, 1 to 6 %.
 
-use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "P6",
     name: "wing asymmetry",
     block: Block::Thrust,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "epsilon",
         "",
@@ -22,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "both wings alike",
     source: "GAP.md 3.2",
     equation: "T_L -> (1 + ε) T_L, T_R -> (1 - ε) T_R",
+    role: Role::Deviation(Deviation { standard: true }),
     build: |b| Box::new(WingAsymmetry(b.value[0])),
 };
 
