@@ -27,6 +27,11 @@ pub fn whole() -> Vec<&'static EffectSpec> {
     ALL.iter().filter(|spec| spec.role != Role::Nominal).collect()
 }
 
+/// A deviation by its id.
+pub fn find(id: &str) -> Option<&'static EffectSpec> {
+    whole().into_iter().find(|spec| spec.id == id)
+}
+
 /// Units of one kind, as they stand at the end of names, and their size in the first of them.
 const UNITS: [&[(&str, f64)]; 3] = [
     &[("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)],
@@ -48,7 +53,7 @@ fn in_unit(from: &str, to: &str) -> Option<f64> {
 pub fn asked(text: &str) -> Result<(&'static EffectSpec, Option<Vec<f64>>), String> {
     let (left, values) = text.split_once('=').map_or((text, None), |(id, v)| (id, Some(v)));
     let (id, one) = left.split_once('.').map_or((left, None), |(id, name)| (id, Some(name)));
-    let Some(spec) = whole().into_iter().find(|s| s.id == id) else {
+    let Some(spec) = find(id) else {
         let known: Vec<&str> = whole().iter().map(|s| s.id).collect();
         return Err(format!("{id}: no such effect; allowed: {}", known.join(" ")));
     };

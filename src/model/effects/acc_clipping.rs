@@ -25,7 +25,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "range never reached",
     source: "GAP.md 3.5",
     equation: "a_i = clamp(a_i, ±limit)",
-    role: Role::Deviation(Deviation { standard: false }),
+    role: Role::Deviation(Deviation {
+        standard: false,
+        remedy: "mount the board softer: vibration reaches the accelerometer",
+    }),
     build: |b| Box::new(Clipping(b.value[0].abs())),
 };
 

@@ -24,7 +24,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "bias constant in a flight",
     source: "GAP.md 3.5",
     equation: "a += ḃ t",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "calibrate the board's accelerometer, six positions, at flying temperature",
+    }),
     build: |b| Box::new(AccDrift(Vector3::new(b.value[0], b.value[1], b.value[2]) / MINUTE_S)),
 };
 

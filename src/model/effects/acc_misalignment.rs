@@ -39,7 +39,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "board square to the thrust axis",
     source: "GAP.md 3.5",
     equation: "y_sensor = Rᵀ y_body, R_believed = R_true R",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "level-calibrate the board, or shim it: its IMU is not level",
+    }),
     build: |b| {
         let lean = Vector3::new(b.value[0].to_radians(), b.value[1].to_radians(), 0.0);
         Box::new(Misalignment { lean, turn: UnitQuaternion::from_scaled_axis(lean).inverse() })

@@ -22,7 +22,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "calibrated",
     source: "GAP.md 3.5",
     equation: "a_i *= 1 + s_i",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "calibrate the board's accelerometer, six positions, at flying temperature",
+    }),
     build: |b| Box::new(AccScale(Vector3::new(b.value[0], b.value[1], b.value[2]))),
 };
 

@@ -28,7 +28,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "antenna delays calibrated",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + b",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "calibrate the anchor's antenna delay",
+    }),
     build: |b| Box::new(AnchorBias { bias_m: b.value[0], anchor: b.value[1] as usize }),
 };
 

@@ -27,7 +27,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "anchors steady",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + ḃ t",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "power-cycle the anchor and let it warm up; replace it if it still drifts",
+    }),
     build: |b| Box::new(AnchorDrift { rate_mps: b.value[0] * 1e-3, anchor: b.value[1] as usize }),
 };
 

@@ -37,7 +37,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "anchors where the survey says",
     source: "GAP.md 3.6",
     equation: "p_n -> p_n + Δ",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "measure the anchor again; the survey correction is below",
+    }),
     build: |b| {
         Box::new(AnchorSurvey {
             shift_E_m: Vector3::new(b.value[0], b.value[1], b.value[2]),

@@ -23,7 +23,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "loops as set",
     source: "GAP.md 3.4",
     equation: "ω -> x ω",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "check servos and linkages for friction; check the board's gains",
+    }),
     build: |b| Box::new(AttitudeLag(b.value[0])),
 };
 

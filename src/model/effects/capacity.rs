@@ -22,7 +22,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "capacity of the vehicle file",
     source: "GAP.md 3.2",
     equation: "C -> (1 - x) C",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "replace the battery: it holds less charge than the nominal one",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

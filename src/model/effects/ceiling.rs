@@ -28,7 +28,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no ceiling",
     source: "GAP.md 3.1",
     equation: "T -> T (1 + c e^(-(H-h)/l))",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+    }),
     build: |b| {
         Box::new(Ceiling {
             gain: b.value[0],

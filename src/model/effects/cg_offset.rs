@@ -39,7 +39,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "centre of mass of the vehicle file",
     source: "GAP.md 3.3",
     equation: "r -> r - Δ",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "move the battery so that the vehicle balances where it is drawn",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

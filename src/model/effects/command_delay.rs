@@ -30,7 +30,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no delay beyond N19",
     source: "GAP.md 3.7",
     equation: "delay += d of setpoints, s d of all else",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "check the link from companion to board: baud rate, load, packet loss",
+    }),
     build: |b| {
         let [delay_s, share] = [b.value[0] * 1e-3, b.value[1]];
         Box::new(CommandDelay {

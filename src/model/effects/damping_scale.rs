@@ -14,7 +14,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "damping of the vehicle file",
     source: "GAP.md 3.1",
     equation: "M -> κ M",
-    role: Role::Deviation(Deviation { standard: false }),
+    role: Role::Deviation(Deviation {
+        standard: false,
+        remedy: "check servos and linkages for friction; check the board's gains",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -25,7 +25,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no play",
     source: "GAP.md 3.4",
     equation: "δ_wing = clamp(δ_wing, δ_servo ± b)",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "tighten the linkages: there is play in them",
+    }),
     build: |b| Box::new(DeadBand { half_rad: 0.5 * b.value[0].to_radians(), wing_rad: 0.0 }),
 };
 

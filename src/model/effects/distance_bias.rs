@@ -24,7 +24,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "stamps corrected for power",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + s (ρ - ρ₀)",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "calibrate the anchor's antenna delay",
+    }),
     build: |b| Box::new(DistanceBias(b.value[0])),
 };
 

@@ -23,7 +23,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "drag linear in speed",
     source: "GAP.md 3.1",
     equation: "F -> F / (1 + |v| / v_s)",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

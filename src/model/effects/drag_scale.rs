@@ -19,7 +19,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "drag of the vehicle file",
     source: "GAP.md 3.1",
     equation: "k_i -> κ_i k_i",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -48,7 +48,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "still air everywhere",
     source: "GAP.md 3.1",
     equation: "w = w₀ e^(-½ d²/σ²)",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "close doors, stop fans; nothing to repair on the vehicle",
+    }),
     build: |b| Box::new(Draught::new(&b)),
 };
 

@@ -30,7 +30,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no turbulence",
     source: "GAP.md 3.1",
     equation: "w Gauss-Markov",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "close doors, stop fans; nothing to repair on the vehicle",
+    }),
     build: |b| Box::new(Gusts::new(b)),
 };
 

@@ -21,7 +21,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no bias beyond that of turn-on (N11)",
     source: "GAP.md 3.5",
     equation: "ω += b",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "calibrate the board's gyroscope at rest",
+    }),
     build: |b| Box::new(GyroBias(Vector3::new(b.value[0], b.value[1], b.value[2]))),
 };
 

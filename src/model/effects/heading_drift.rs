@@ -55,7 +55,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "offset of N13",
     source: "GAP.md 3.8",
     equation: "β -> β + β̇ t + z e^(-½ d²/σ²)",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "give board.north_offset_deg, keep magnets and motors' wires away from the compass",
+    }),
     build: |b| Box::new(HeadingDrift(b.value.to_vec())),
 };
 

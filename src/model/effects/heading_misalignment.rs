@@ -23,7 +23,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "offset of N13",
     source: "GAP.md 3.8",
     equation: "β -> β + Δ",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "give board.north_offset_deg, keep magnets and motors' wires away from the compass",
+    }),
     build: |b| Box::new(HeadingMisalignment(b.value[0].to_radians())),
 };
 

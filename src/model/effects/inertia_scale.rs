@@ -18,7 +18,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "inertia of the vehicle file",
     source: "GAP.md 3.3",
     equation: "J_i -> κ_i J_i",
-    role: Role::Deviation(Deviation { standard: false }),
+    role: Role::Deviation(Deviation {
+        standard: false,
+        remedy: "look for loose or added parts far from the middle",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -45,7 +45,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "antenna of the vehicle file",
     source: "GAP.md 3.6",
     equation: "p_BT -> p_BT + Δ",
-    role: Role::Deviation(Deviation { standard: false }),
+    role: Role::Deviation(Deviation {
+        standard: false,
+        remedy: "move the tag's antenna clear of battery and frame, or give its place in \
+            estimator.p_BT_B_m",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -25,7 +25,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "actuators told at once",
     source: "GAP.md 3.4",
     equation: "u_told(t) = u(t - d)",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "check servos and linkages for friction; check the board's gains",
+    }),
     build: |b| Box::new(LoopDelay(b.value[0] * 1e-3)),
 };
 

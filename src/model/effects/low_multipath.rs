@@ -38,7 +38,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "multipath of N17",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + b (1 - h/h₀) (1 + |n|) / 1.8",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation { standard: true, remedy: "raise the low anchors" }),
     build: |b| {
         Box::new(LowMultipath {
             bias_m: b.value[0],

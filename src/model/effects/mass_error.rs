@@ -24,7 +24,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "mass of the vehicle file",
     source: "GAP.md 3.3",
     equation: "m -> m + Δm",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "weigh the vehicle; take off what was added, or set the mass in the vehicle file",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

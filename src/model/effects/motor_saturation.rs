@@ -25,7 +25,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "as fast as the command says",
     source: "GAP.md 3.2",
     equation: "f <= r f_h V / V₀",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "check motors and gears: they follow late, or not to full speed",
+    }),
     build: |b| Box::new(MotorSaturation(b.value[0] * b.nominal.hover_hz() / b.nominal.rated_v())),
 };
 

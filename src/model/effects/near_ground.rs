@@ -34,7 +34,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "ground effect of the vehicle file",
     source: "GAP.md 3.1",
     equation: "T -> T (1 + g e^(-h/l))",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+    }),
     build: |b| Box::new(GroundEffect { gain: b.value[0], length_m: b.value[1].max(0.01) }),
 };
 

@@ -58,7 +58,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "line of sight everywhere",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + b + σ n in a box",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "clear the path between the anchor and that place, or move the anchor",
+    }),
     build: |b| Box::new(NlosZone::new(b)),
 };
 

@@ -38,7 +38,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "noise of N15",
     source: "GAP.md 3.6",
     equation: "σ -> x σ",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "check antennas, cables, and what else sends on the channel",
+    }),
     build: |b| {
         Box::new(NoiseLevel {
             std_m: b.value[1] * (b.value[0].powi(2) - 1.0).max(0.0).sqrt(),

@@ -21,7 +21,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no outliers",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + e in bursts",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "check antennas, cables, and what else sends on the channel",
+    }),
     build: |b| {
         Box::new(OutlierBursts {
             rate_hz: b.value[0] / 60.0,

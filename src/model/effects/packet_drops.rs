@@ -21,7 +21,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "loss of N18",
     source: "GAP.md 3.6",
     equation: "P(lost) = p",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "check antennas, cables, and what else sends on the channel",
+    }),
     build: |b| Box::new(PacketLoss { probability: b.value[0], rng: b.rng }),
 };
 

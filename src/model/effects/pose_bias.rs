@@ -28,7 +28,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "antenna alike in all directions",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + A cos(az_n - ψ - φ)",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "move the tag's antenna clear of battery and frame, or give its place in \
+            estimator.p_BT_B_m",
+    }),
     build: |b| Box::new(PoseBias { amplitude_m: b.value[0], phase_rad: b.value[1].to_radians() }),
 };
 

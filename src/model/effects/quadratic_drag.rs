@@ -26,7 +26,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no quadratic part",
     source: "GAP.md 3.1",
     equation: "F = -m c |v| v",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+    }),
     build: |b| Box::new(QuadraticDrag(b.value[0] * b.nominal.body.mass_kg)),
 };
 

@@ -36,7 +36,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "linear accelerometer",
     source: "GAP.md 3.5",
     equation: "a += b_h (f/f_h)⁴",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "mount the board softer: vibration reaches the accelerometer",
+    }),
     build: |b| {
         Box::new(Rectification {
             offset: [b.value[0], b.value[1]],

@@ -35,7 +35,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "resistance of the vehicle file",
     source: "GAP.md 3.2",
     equation: "R -> R + (1 - s) ΔR, R_s -> R_s + s ΔR",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "replace the battery or its connector: its inner resistance has grown",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

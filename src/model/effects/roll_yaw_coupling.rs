@@ -24,7 +24,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "roll by thrust gives no yaw",
     source: "GAP.md 3.4",
     equation: "M_z += c l_w (T_L - T_R)",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "check that the wing roots turn freely and evenly",
+    }),
     build: |b| Box::new(RollYawCoupling(b.value[0] * b.vehicle.wings.centre_m)),
 };
 

@@ -16,7 +16,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no jitter beyond N19",
     source: "GAP.md 3.7",
     equation: "delay += |σ n|",
-    role: Role::Deviation(Deviation { standard: false }),
+    role: Role::Deviation(Deviation {
+        standard: false,
+        remedy: "check antennas, cables, and what else sends on the channel",
+    }),
     build: |b| Box::new(SamplingJitter { rms_s: b.value[0] * 1e-3, rng: b.rng }),
 };
 

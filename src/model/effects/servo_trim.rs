@@ -49,7 +49,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "servos centred",
     source: "GAP.md 3.4",
     equation: "δ -> δ + Δ, ψ -> ψ + Δ",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "centre the servos, or trim (below)",
+    }),
     build: |b| {
         let trim_rad = [b.value[0].to_radians(), b.value[1].to_radians()];
         Box::new(ServoTrim { trim_rad, kept: b.value[2] })

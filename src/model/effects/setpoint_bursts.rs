@@ -28,7 +28,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "every setpoint arrives",
     source: "GAP.md 3.7",
     equation: "lost in bursts",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "check the link from companion to board: baud rate, load, packet loss",
+    }),
     build: |b| {
         Box::new(SetpointBursts {
             length_s: b.value[0],

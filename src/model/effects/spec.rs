@@ -85,6 +85,8 @@ pub struct Deviation {
     /// Whether the diagnosis chooses from it unless the user says otherwise. Seven are not chosen from: A12 takes what
     /// backlash of another law does, P8 was not found where it was, T4 is no gap of a vehicle, the rest was not tried.
     pub standard: bool,
+    /// What a person does about it on the vehicle or in the room.
+    pub remedy: &'static str,
 }
 
 /// Where the value of a parameter comes from when nobody gives one.
@@ -255,6 +257,11 @@ impl EffectSpec {
             Role::Nominal => None,
             Role::Deviation(deviation) => Some(deviation),
         }
+    }
+
+    /// What a person does about it; nothing about what is nominal.
+    pub fn remedy(&self) -> &'static str {
+        self.deviation().map_or("", |of| of.remedy)
     }
 }
 

@@ -22,7 +22,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "bend of the vehicle file",
     source: "GAP.md 3.1",
     equation: "c -> c + Δc",
-    role: Role::Deviation(Deviation { standard: false }),
+    role: Role::Deviation(Deviation {
+        standard: false,
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -29,7 +29,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "still air",
     source: "GAP.md 3.1",
     equation: "v_air = v - w",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "close doors, stop fans; nothing to repair on the vehicle",
+    }),
     build: |b| Box::new(SteadyWind(Vector3::new(b.value[0], b.value[1], b.value[2]))),
 };
 

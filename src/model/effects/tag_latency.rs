@@ -16,7 +16,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "no delay beyond N19",
     source: "GAP.md 3.7",
     equation: "delay += d",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "set uwb.tag_latency_s; check the load of the companion's computer",
+    }),
     build: |b| Box::new(TagLatency(b.value[0] * 1e-3)),
 };
 

@@ -19,7 +19,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "thrust does not depend on temperature",
     source: "GAP.md 3.2",
     equation: "T -> T (1 - a (1 - e^(-t/τ)))",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "let the motors cool between flights; check gears for friction",
+    }),
     build: |b| {
         Box::new(ThermalDroop { loss: b.value[0], gain: STEP_S / b.value[1].max(1.0), warmth: 0.0 })
     },

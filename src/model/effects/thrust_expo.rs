@@ -24,7 +24,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "thrust linear in flap rate",
     source: "GAP.md 3.1",
     equation: "T -> T + ½ W ε (r² - 1)",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+    }),
     build: |b| {
         let weight_n = b.nominal.body.mass_kg * haltere_core::frames::G_MPS2;
         Box::new(ThrustExpo {

@@ -23,7 +23,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "lag of the vehicle file",
     source: "GAP.md 3.2",
     equation: "τ -> τ + Δτ",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "check motors and gears: they follow late, or not to full speed",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -24,7 +24,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "new wings",
     source: "GAP.md 3.2",
     equation: "T -> (1 - g) T",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "replace the wings (wear of film and spars is the usual cause); check the supply \
+            too",
+    }),
     build: |b| Box::new(ThrustLoss(1.0 - b.value[0])),
 };
 

@@ -27,7 +27,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "every tilt obeyed",
     source: "GAP.md 3.4",
     equation: "tilt <= limit",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "check the travel of the servos and the limits on the board",
+    }),
     build: |b| Box::new(TiltSaturation(b.value[0].to_radians())),
 };
 

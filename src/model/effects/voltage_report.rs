@@ -19,7 +19,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "voltage reported as it is",
     source: "GAP.md 3.2",
     equation: "V_told = V₀ (V_lag / V₀)^e",
-    role: Role::Deviation(Deviation { standard: false }),
+    role: Role::Deviation(Deviation {
+        standard: false,
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+    }),
     build: |b| {
         Box::new(VoltageReport {
             gain: 1.0 - (-STEP_S / b.value[0].max(1e-9)).exp(),

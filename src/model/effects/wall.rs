@@ -40,7 +40,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "walls far away",
     source: "GAP.md 3.1",
     equation: "F = k e^(-d/l)",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+    }),
     build: |b| Box::new(Wall::new(&b)),
 };
 

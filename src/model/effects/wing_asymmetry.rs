@@ -23,7 +23,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "both wings alike",
     source: "GAP.md 3.2",
     equation: "T_L -> (1 + ε) T_L, T_R -> (1 - ε) T_R",
-    role: Role::Deviation(Deviation { standard: true }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        remedy: "compare the two wings, replace the weaker one, or trim roll",
+    }),
     build: |b| Box::new(WingAsymmetry(b.value[0])),
 };
 
