@@ -5,7 +5,8 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, ImuReading, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 
 /// Entry in the list.
@@ -23,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "a += b",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::WhenAsked([0.707, 1.0, 1.0]),
         remedy: "calibrate the board's accelerometer, six positions, at flying temperature",
     }),
     build: |b| Box::new(AccBias(Vector3::new(b.value[0], b.value[1], b.value[2]))),

@@ -5,7 +5,8 @@
 //! ±2 g clips at 19.6 m/s².
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, ImuReading, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 
 /// Entry in the list.
@@ -27,6 +28,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "a_i = clamp(a_i, ±limit)",
     role: Role::Deviation(Deviation {
         standard: false,
+        hidden: Hidden::Never,
         remedy: "mount the board softer: vibration reaches the accelerometer",
     }),
     build: |b| Box::new(Clipping(b.value[0].abs())),

@@ -6,7 +6,8 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, ImuReading, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 
 const MINUTE_S: f64 = 60.0;
@@ -26,6 +27,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "a += ḃ t",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
         remedy: "calibrate the board's accelerometer, six positions, at flying temperature",
     }),
     build: |b| Box::new(AccDrift(Vector3::new(b.value[0], b.value[1], b.value[2]) / MINUTE_S)),

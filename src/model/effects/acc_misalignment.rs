@@ -7,8 +7,8 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::effects::{
-    AttitudeError, Block, Deviation, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role,
-    Stage, State,
+    AttitudeError, Block, Deviation, Effect, EffectSpec, Hidden, ImuReading, Kind, ParameterSpec,
+    Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -41,6 +41,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "y_sensor = Rᵀ y_body, R_believed = R_true R",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
         remedy: "level-calibrate the board, or shim it: its IMU is not level",
     }),
     build: |b| {

@@ -4,7 +4,7 @@
 //! (U7).
 
 use crate::effects::{
-    Block, Choice, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::tag::air::Packet;
 
@@ -30,6 +30,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "ρ_n -> ρ_n + b",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.229, 0.457, 0.914]),
         remedy: "calibrate the anchor's antenna delay",
     }),
     build: |b| Box::new(AnchorBias { bias_m: b.value[0], anchor: b.value[1] as usize }),

@@ -3,7 +3,7 @@
 //! `ρ_n -> ρ_n + ḃ t` (m), `t` time (s). Source: GAP.md U8, 2 to 10 mm/s ramp.
 
 use crate::effects::{
-    Block, Choice, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::tag::air::Packet;
 
@@ -29,6 +29,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "ρ_n -> ρ_n + ḃ t",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.2, 0.4, 0.8]),
         remedy: "power-cycle the anchor and let it warm up; replace it if it still drifts",
     }),
     build: |b| Box::new(AnchorDrift { rate_mps: b.value[0] * 1e-3, anchor: b.value[1] as usize }),

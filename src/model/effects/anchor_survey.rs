@@ -5,7 +5,9 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Choice, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{
+    Block, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -39,6 +41,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "p_n -> p_n + Δ",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.2, 0.4, 0.8]),
         remedy: "measure the anchor again; the survey correction is below",
     }),
     build: |b| {

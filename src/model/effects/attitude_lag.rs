@@ -3,7 +3,7 @@
 //! `ω -> x ω` for the roll and pitch loops of the board. Source: GAP.md L1, 0.4 to 0.8. Nearest confounder: delay
 //! of commands (T2).
 
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -25,6 +25,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "ω -> x ω",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
         remedy: "check servos and linkages for friction; check the board's gains",
     }),
     build: |b| Box::new(AttitudeLag(b.value[0])),

@@ -2,7 +2,7 @@
 //!
 //! `C -> (1 - x) C` in N7. Source: GAP.md P3, 10 to 50 %.
 
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -24,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "C -> (1 - x) C",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
         remedy: "replace the battery: it holds less charge than the nominal one",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),

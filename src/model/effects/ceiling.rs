@@ -4,7 +4,7 @@
 //! c 0.05 to 0.2.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -30,6 +30,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "T -> T (1 + c e^(-(H-h)/l))",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::WhenAsked([1.0, 1.0, 1.0]),
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
     }),
     build: |b| {

@@ -5,7 +5,7 @@
 
 use super::servo_trim::KEPT;
 use crate::board::BoardSettings;
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -41,6 +41,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "r -> r - Δ",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
         remedy: "move the battery so that the vehicle balances where it is drawn",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),

@@ -5,8 +5,8 @@
 //! confounder: slow inner loop (L1).
 
 use crate::effects::{
-    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Setpoint,
-    Stage, State,
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Setpoint, Stage, State,
 };
 use crate::waiting::Waiting;
 
@@ -32,6 +32,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "delay += d of setpoints, s d of all else",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
         remedy: "check the link from companion to board: baud rate, load, packet loss",
     }),
     build: |b| {

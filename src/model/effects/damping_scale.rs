@@ -2,7 +2,7 @@
 //!
 //! `M -> κ M` in N2. Source: GAP.md A11, ±50 %.
 
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -16,6 +16,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "M -> κ M",
     role: Role::Deviation(Deviation {
         standard: false,
+        hidden: Hidden::Never,
         remedy: "check servos and linkages for friction; check the board's gains",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),

@@ -4,7 +4,7 @@
 //! Small doublets vanish, large ones pass. Left out: play of the wing roots.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::wings::ActuatorCommand;
 
@@ -27,6 +27,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "δ_wing = clamp(δ_wing, δ_servo ± b)",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
         remedy: "tighten the linkages: there is play in them",
     }),
     build: |b| Box::new(DeadBand { half_rad: 0.5 * b.value[0].to_radians(), wing_rad: 0.0 }),

@@ -3,7 +3,7 @@
 //! `ρ -> ρ + s (ρ - ρ₀)`, `ρ₀` 5 m (m). Source: GAP.md U4, 1 to 4 cm per m. Left out: the curve of the data sheet.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::tag::air::Packet;
 
@@ -26,6 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "ρ -> ρ + s (ρ - ρ₀)",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::Never,
         remedy: "calibrate the anchor's antenna delay",
     }),
     build: |b| Box::new(DistanceBias(b.value[0])),

@@ -3,7 +3,7 @@
 //! `F -> F / (1 + |v| / v_s)` in N1; `v_s` speed at which half of the linear law is left (m/s). Source:
 //! GAP.md A2, 0.6 to 2.5 m/s; the paper's exponential v(θ) law is of this kind. Same as A1 below 0.5 m/s.
 
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -25,6 +25,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "F -> F / (1 + |v| / v_s)",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.6, 1.0, 1.0]),
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),

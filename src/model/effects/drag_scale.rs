@@ -3,7 +3,7 @@
 //! `k_i -> κ_i k_i`, body axes; acts on rotational damping too, which has the same origin. Source: GAP.md
 //! A1, 0.6 to 1.6. Nearest confounders: wind, saturation (A2).
 
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -21,6 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "k_i -> κ_i k_i",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),

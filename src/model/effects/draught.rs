@@ -6,7 +6,8 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Axis, Block, Build, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Axis, Block, Build, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 
 /// Entry in the list.
@@ -50,6 +51,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "w = w₀ e^(-½ d²/σ²)",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
         remedy: "close doors, stop fans; nothing to repair on the vehicle",
     }),
     build: |b| Box::new(Draught::new(&b)),

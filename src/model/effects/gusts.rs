@@ -6,7 +6,8 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Build, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State,
+    Block, Build, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, STEP_S, Stage,
+    State,
 };
 use crate::random::{Markov, Stream};
 
@@ -32,6 +33,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "w Gauss-Markov",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.167, 0.333, 0.667]),
         remedy: "close doors, stop fans; nothing to repair on the vehicle",
     }),
     build: |b| Box::new(Gusts::new(b)),

@@ -4,8 +4,8 @@
 //! minute or by place.
 
 use crate::effects::{
-    AttitudeError, Axis, Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage,
-    State,
+    AttitudeError, Axis, Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Stage, State,
 };
 
 /// Entry in the list.
@@ -57,6 +57,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "β -> β + β̇ t + z e^(-½ d²/σ²)",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::Never,
         remedy: "give board.north_offset_deg, keep magnets and motors' wires away from the compass",
     }),
     build: |b| Box::new(HeadingDrift(b.value.to_vec())),

@@ -3,7 +3,8 @@
 //! `β -> β + Δ` in N13 (deg). Source: GAP.md H1, 3 to 17°.
 
 use crate::effects::{
-    AttitudeError, Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    AttitudeError, Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 
 /// Entry in the list.
@@ -25,6 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "β -> β + Δ",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
         remedy: "give board.north_offset_deg, keep magnets and motors' wires away from the compass",
     }),
     build: |b| Box::new(HeadingMisalignment(b.value[0].to_radians())),

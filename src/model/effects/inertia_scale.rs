@@ -2,7 +2,7 @@
 //!
 //! `J_i -> κ_i J_i`. Source: GAP.md I3, ±20 to 40 %.
 
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -20,6 +20,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "J_i -> κ_i J_i",
     role: Role::Deviation(Deviation {
         standard: false,
+        hidden: Hidden::Never,
         remedy: "look for loose or added parts far from the middle",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),

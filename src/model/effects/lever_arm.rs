@@ -2,7 +2,7 @@
 //!
 //! `p_BT -> p_BT + Δ` (body, given in cm). Source: GAP.md U11, 2 to 10 cm. The error turns with the vehicle.
 
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -47,6 +47,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "p_BT -> p_BT + Δ",
     role: Role::Deviation(Deviation {
         standard: false,
+        hidden: Hidden::Never,
         remedy: "move the tag's antenna clear of battery and frame, or give its place in \
             estimator.p_BT_B_m",
     }),

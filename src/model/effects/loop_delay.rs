@@ -6,7 +6,7 @@
 //! `2ζω - ω² d` in place of `2ζω`. Nearest confounder: commands that come late (T2), which ring no more than before.
 
 use crate::board::BoardSettings;
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -27,6 +27,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "u_told(t) = u(t - d)",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::Never,
         remedy: "check servos and linkages for friction; check the board's gains",
     }),
     build: |b| Box::new(LoopDelay(b.value[0] * 1e-3)),

@@ -4,7 +4,7 @@
 //! Source: GAP.md U6, 0.1 to 0.5 m below 0.4 m.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::random::Stream;
 use crate::tag::air::Packet;
@@ -38,7 +38,11 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "multipath of N17",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + b (1 - h/h₀) (1 + |n|) / 1.8",
-    role: Role::Deviation(Deviation { standard: true, remedy: "raise the low anchors" }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
+        remedy: "raise the low anchors",
+    }),
     build: |b| {
         Box::new(LowMultipath {
             bias_m: b.value[0],

@@ -3,7 +3,7 @@
 //! `m -> m + Δm` (kg, given in g). Source: GAP.md I1, 2 to 12 g. Nearest confounder: thrust loss (P1); drag rate
 //! k/m falls here. A kitchen scale decides.
 
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -26,6 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "m -> m + Δm",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
         remedy: "weigh the vehicle; take off what was added, or set the mass in the vehicle file",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),

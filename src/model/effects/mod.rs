@@ -19,7 +19,7 @@ pub use bank::Bank;
 pub use list::ALL;
 pub use set::{EffectConfig, EffectSet};
 pub use spec::{
-    Axis, Block, Build, Choice, Deviation, EffectSpec, Kind, ParameterSpec, Role, Source,
+    Axis, Block, Build, Choice, Deviation, EffectSpec, Hidden, Kind, ParameterSpec, Role, Source,
 };
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};

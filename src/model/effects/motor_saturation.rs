@@ -4,7 +4,7 @@
 //! its lag. Source: GAP.md P5, r 1.05 to 1.3.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::wings::Actuation;
 
@@ -27,6 +27,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "f <= r f_h V / V₀",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::WhenAsked([0.707, 1.0, 1.0]),
         remedy: "check motors and gears: they follow late, or not to full speed",
     }),
     build: |b| Box::new(MotorSaturation(b.value[0] * b.nominal.hover_hz() / b.nominal.rated_v())),

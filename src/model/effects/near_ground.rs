@@ -3,7 +3,7 @@
 //! `T -> T (1 + g e^(-h/l))` on top of N8; same symbols. Source: GAP.md A8, g -0.1 to 0.3, l 0.1 to 0.4 m.
 //! Nearest confounder: multipath near the floor (U6).
 
-use crate::effects::{Block, Deviation, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -36,6 +36,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "T -> T (1 + g e^(-h/l))",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::WhenAsked([0.707, 1.0, 1.0]),
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
     }),
     build: |b| Box::new(GroundEffect { gain: b.value[0], length_m: b.value[1].max(0.01) }),

@@ -4,8 +4,8 @@
 //! 0.15 to 0.8 m on one anchor, plus variance.
 
 use crate::effects::{
-    Axis, Block, Build, Choice, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage,
-    State,
+    Axis, Block, Build, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Stage, State,
 };
 use crate::random::Stream;
 use crate::tag::air::Packet;
@@ -60,6 +60,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "ρ_n -> ρ_n + b + σ n in a box",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.187, 0.375, 0.75]),
         remedy: "clear the path between the anchor and that place, or move the anchor",
     }),
     build: |b| Box::new(NlosZone::new(b)),

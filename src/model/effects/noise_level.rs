@@ -4,7 +4,7 @@
 //! U1, 1.4 to 3 times.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::random::Stream;
 use crate::tag::air::Packet;
@@ -40,6 +40,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "σ -> x σ",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.2, 0.4, 0.8]),
         remedy: "check antennas, cables, and what else sends on the channel",
     }),
     build: |b| {

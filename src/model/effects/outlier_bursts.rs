@@ -4,7 +4,7 @@
 //! probability of one half. Source: GAP.md U10.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::random::Stream;
 use crate::tag::air::Packet;
@@ -23,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "ρ -> ρ + e in bursts",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.167, 0.333, 0.667]),
         remedy: "check antennas, cables, and what else sends on the channel",
     }),
     build: |b| {

@@ -2,7 +2,7 @@
 //!
 //! `P(lost) = p` at the tag and at every anchor, on top of N18. Source: GAP.md U9, 25 to 80 %.
 
-use crate::effects::{Block, Deviation, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -23,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "P(lost) = p",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.312, 0.625, 1.0]),
         remedy: "check antennas, cables, and what else sends on the channel",
     }),
     build: |b| Box::new(PacketLoss { probability: b.value[0], rng: b.rng }),

@@ -4,7 +4,7 @@
 //! 0.05 to 0.25 m. Changes sign when yawing on the spot. Left out: tilt.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::tag::air::Packet;
 
@@ -30,6 +30,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "ρ_n -> ρ_n + A cos(az_n - ψ - φ)",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::WhenAsked([0.2, 0.4, 0.8]),
         remedy: "move the tag's antenna clear of battery and frame, or give its place in \
             estimator.p_BT_B_m",
     }),

@@ -4,7 +4,7 @@
 //! coupled to flap rate, which tells it from A1. Source: GAP.md A3, 0.1 to 2 1/m. N23 is the same of the nominal vehicle.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::wings::Wrench;
 
@@ -28,6 +28,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "F = -m c |v| v",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.1, 0.2, 0.4]),
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
     }),
     build: |b| Box::new(QuadraticDrag(b.value[0] * b.nominal.body.mass_kg)),

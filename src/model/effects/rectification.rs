@@ -5,7 +5,8 @@
 //! scaled; here as the offset itself. Gone with motors off, which is how it is told from scale.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, ImuReading, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 
 /// Entry in the list.
@@ -38,6 +39,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "a += b_h (f/f_h)⁴",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
         remedy: "mount the board softer: vibration reaches the accelerometer",
     }),
     build: |b| {

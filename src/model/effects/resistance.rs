@@ -3,7 +3,7 @@
 //! `R -> R + (1 - s) ΔR`, `R_s -> R_s + s ΔR` in N7 (Ω). Source: GAP.md P2, 0.05 to 0.3 Ω. A corroded plug acts at once (`s` 0); in
 //! an aged pack the polarisation grows as well.
 
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -37,6 +37,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "R -> R + (1 - s) ΔR, R_s -> R_s + s ΔR",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.227, 0.455, 0.909]),
         remedy: "replace the battery or its connector: its inner resistance has grown",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),

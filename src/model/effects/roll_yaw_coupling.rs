@@ -3,7 +3,7 @@
 //! `M_z += c M_x`, `M_x = l_w (T_L - T_R)` (N·m, body). Source: GAP.md L6, 0.1 to 0.6.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::wings::Wrench;
 
@@ -26,6 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "M_z += c l_w (T_L - T_R)",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
         remedy: "check that the wing roots turn freely and evenly",
     }),
     build: |b| Box::new(RollYawCoupling(b.value[0] * b.vehicle.wings.centre_m)),

@@ -3,7 +3,8 @@
 //! `delay += |σ n|` (ms), order kept. Source: GAP.md T4, 1 to 8 ms rms.
 
 use crate::effects::{
-    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Stage, State,
 };
 use crate::random::Stream;
 
@@ -18,6 +19,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "delay += |σ n|",
     role: Role::Deviation(Deviation {
         standard: false,
+        hidden: Hidden::Never,
         remedy: "check antennas, cables, and what else sends on the channel",
     }),
     build: |b| Box::new(SamplingJitter { rms_s: b.value[0] * 1e-3, rng: b.rng }),

@@ -8,7 +8,7 @@
 
 use crate::board::BoardSettings;
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::vehicle::Vehicle;
 use crate::wings::ActuatorCommand;
@@ -51,6 +51,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "δ -> δ + Δ, ψ -> ψ + Δ",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
         remedy: "centre the servos, or trim (below)",
     }),
     build: |b| {

@@ -4,7 +4,8 @@
 //! T3, 0.1 to 0.6 s. Beyond 0.5 s the board's own failsafe acts.
 
 use crate::effects::{
-    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Stage, State,
 };
 use crate::random::Stream;
 
@@ -30,6 +31,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "lost in bursts",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
         remedy: "check the link from companion to board: baud rate, load, packet loss",
     }),
     build: |b| {

@@ -79,12 +79,37 @@ pub enum Role {
     Deviation(Deviation),
 }
 
+/// How `haltere-sim hide` hides a deviation: its strength as a share of the strong end of its plausible range, just detectable,
+/// twice and four times as strong, as in the sealed suite (sim/lab/PROTOCOL.md). The laboratory's tests hold the two together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Hidden {
+    /// Not at all: the suite lacks it.
+    Never,
+    /// Where it is asked for. The diagnostic flight in the laboratory does not show it, by the word of the diagnosis:
+    /// `not_testable` of `haltere gap diagnose --size small --json`, the same on each of twelve flights of other effects.
+    WhenAsked([f64; 3]),
+    /// By chance too.
+    ByChance([f64; 3]),
+}
+
+impl Hidden {
+    /// Its strengths, where it is hidden.
+    pub fn strengths(self) -> Option<[f64; 3]> {
+        match self {
+            Self::Never => None,
+            Self::WhenAsked(strengths) | Self::ByChance(strengths) => Some(strengths),
+        }
+    }
+}
+
 /// What is said of a deviation beside its physics.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Deviation {
     /// Whether the diagnosis chooses from it unless the user says otherwise. Seven are not chosen from: A12 takes what
     /// backlash of another law does, P8 was not found where it was, T4 is no gap of a vehicle, the rest was not tried.
     pub standard: bool,
+    /// How it is hidden.
+    pub hidden: Hidden,
     /// What a person does about it on the vehicle or in the room.
     pub remedy: &'static str,
 }

@@ -2,7 +2,7 @@
 //!
 //! `c -> c + Δc` in N3 (rad per m/s). Source: GAP.md A12, trim 0 to 0.2 rad per m/s.
 
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -24,6 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "c -> c + Δc",
     role: Role::Deviation(Deviation {
         standard: false,
+        hidden: Hidden::Never,
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),

@@ -5,7 +5,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -31,6 +31,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "v_air = v - w",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.177, 0.354, 0.707]),
         remedy: "close doors, stop fans; nothing to repair on the vehicle",
     }),
     build: |b| Box::new(SteadyWind(Vector3::new(b.value[0], b.value[1], b.value[2]))),

@@ -4,7 +4,8 @@
 //! offset between UWB and IMU. Source: GAP.md T1, 30 to 150 ms.
 
 use crate::effects::{
-    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Stage, State,
 };
 
 /// Entry in the list.
@@ -18,6 +19,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "delay += d",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.316, 0.632, 1.0]),
         remedy: "set uwb.tag_latency_s; check the load of the companion's computer",
     }),
     build: |b| Box::new(TagLatency(b.value[0] * 1e-3)),

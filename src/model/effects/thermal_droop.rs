@@ -4,7 +4,7 @@
 //! to 180 s. Left out: cooling between flights.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, STEP_S, Stage, State,
 };
 
 /// Entry in the list.
@@ -21,6 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "T -> T (1 - a (1 - e^(-t/τ)))",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::Never,
         remedy: "let the motors cool between flights; check gears for friction",
     }),
     build: |b| {

@@ -4,7 +4,7 @@
 //! (Hz). No change in hover. Source: GAP.md A4, ±0.05 to 0.2.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -26,6 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "T -> T + ½ W ε (r² - 1)",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([1.0, 1.0, 1.0]),
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
     }),
     build: |b| {

@@ -2,7 +2,7 @@
 //!
 //! `τ -> τ + Δτ` in N4 (s). Source: GAP.md P4, 0.08 to 0.12..0.28 s.
 
-use crate::effects::{Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -25,6 +25,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "τ -> τ + Δτ",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
         remedy: "check motors and gears: they follow late, or not to full speed",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),

@@ -4,7 +4,7 @@
 //! change here.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -26,6 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "T -> (1 - g) T",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.177, 0.354, 0.707]),
         remedy: "replace the wings (wear of film and spars is the usual cause); check the supply \
             too",
     }),

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Setpoint, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Setpoint, Stage, State,
 };
 use nalgebra::UnitQuaternion;
 
@@ -29,6 +29,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "tilt <= limit",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.533, 1.0, 1.0]),
         remedy: "check the travel of the servos and the limits on the board",
     }),
     build: |b| Box::new(TiltSaturation(b.value[0].to_radians())),

@@ -4,7 +4,8 @@
 //! the companion.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State, Supply,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, STEP_S, Stage, State,
+    Supply,
 };
 
 /// Entry in the list.
@@ -21,6 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "V_told = V₀ (V_lag / V₀)^e",
     role: Role::Deviation(Deviation {
         standard: false,
+        hidden: Hidden::Never,
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
     }),
     build: |b| {

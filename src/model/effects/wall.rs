@@ -6,7 +6,8 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Build, Choice, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Build, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 use crate::wings::Wrench;
 
@@ -42,6 +43,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "F = k e^(-d/l)",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::WhenAsked([1.0, 1.0, 1.0]),
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
     }),
     build: |b| Box::new(Wall::new(&b)),

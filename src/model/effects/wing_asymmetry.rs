@@ -3,7 +3,7 @@
 //! `T_L -> (1 + ε) T_L`, `T_R -> (1 - ε) T_R`. Source: GAP.md P6, 1 to 6 %.
 
 use crate::effects::{
-    Block, Deviation, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -25,6 +25,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     equation: "T_L -> (1 + ε) T_L, T_R -> (1 - ε) T_R",
     role: Role::Deviation(Deviation {
         standard: true,
+        hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
         remedy: "compare the two wings, replace the weaker one, or trim roll",
     }),
     build: |b| Box::new(WingAsymmetry(b.value[0])),
