@@ -158,7 +158,7 @@ fn at(p: &ParameterSpec, room: &Room, anchors: usize, share: f64) -> f64 {
         low + margin_m + share * (high - low - 2.0 * margin_m)
     };
     match p.kind {
-        Kind::Which(Choice::Anchor) => choice(anchors.max(1)),
+        Kind::Which(Choice::Anchor(_)) => choice(anchors.max(1)),
         Kind::Which(Choice::Wall) => choice(4),
         Kind::Where(effects::Axis::North) => within(room.north_m),
         Kind::Where(effects::Axis::East) => within(room.east_m),
@@ -212,6 +212,14 @@ fn shuffled(count: usize, rng: &mut Stream) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::statistics::ANCHOR_SLOTS;
+
+    #[test]
+    fn prop_the_anchor_of_an_effect_shows_in_the_statistics() {
+        let slots: Vec<_> = whole().into_iter().filter_map(EffectSpec::anchor_slot).collect();
+        assert!(slots.iter().all(|slot| ANCHOR_SLOTS.contains(slot)), "{slots:?}");
+        assert!(slots.len() > 3, "{slots:?}");
+    }
 
     #[test]
     fn prop_every_other_draw_of_a_vector_has_one_component_alone() {

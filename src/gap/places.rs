@@ -132,7 +132,7 @@ fn named_anchor(attribution: &Attribution, block: Block, anchors: &[AnchorId]) -
             .parameters
             .iter()
             .zip(&named.theta)
-            .find(|(p, _)| p.kind == Kind::Which(Choice::Anchor))?;
+            .find(|(p, _)| matches!(p.kind, Kind::Which(Choice::Anchor(_))))?;
         anchors.get(p.told(*value) as usize).map(|id| id.0)
     })
 }

@@ -18,7 +18,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "anchor",
             "",
-            Kind::Which(Choice::Anchor),
+            Kind::Which(Choice::Anchor("bias")),
             0.0,
             0.0,
             [0.0, 7.0],

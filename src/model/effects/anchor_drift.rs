@@ -17,7 +17,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "anchor",
             "",
-            Kind::Which(Choice::Anchor),
+            Kind::Which(Choice::Anchor("drift")),
             0.0,
             0.0,
             [0.0, 7.0],

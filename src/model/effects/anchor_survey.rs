@@ -29,7 +29,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "anchor",
             "",
-            Kind::Which(Choice::Anchor),
+            Kind::Which(Choice::Anchor("place")),
             0.0,
             0.0,
             [0.0, 7.0],

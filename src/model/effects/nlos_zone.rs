@@ -21,7 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "anchor",
             "",
-            Kind::Which(Choice::Anchor),
+            Kind::Which(Choice::Anchor("zone")),
             0.0,
             0.0,
             [0.0, 7.0],

@@ -147,8 +147,9 @@ pub enum Kind {
 /// What is chosen from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Choice {
-    /// Anchors of the survey, ascending id.
-    Anchor,
+    /// Anchors of the survey, ascending id, and the kind of error that the anchor of this effect shows: a slot of
+    /// `haltere_gap::statistics`.
+    Anchor(&'static str),
     /// Walls: north, east, south, west.
     Wall,
 }
@@ -282,6 +283,14 @@ impl EffectSpec {
             Role::Nominal => None,
             Role::Deviation(deviation) => Some(deviation),
         }
+    }
+
+    /// Kind of error that the anchor of this effect shows; `None`: it has no anchor.
+    pub fn anchor_slot(&self) -> Option<&'static str> {
+        self.parameters.iter().find_map(|p| match p.kind {
+            Kind::Which(Choice::Anchor(slot)) => Some(slot),
+            _ => None,
+        })
     }
 
     /// What a person does about it; nothing about what is nominal.
