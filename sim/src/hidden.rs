@@ -5,62 +5,29 @@ use haltere_gap::library::{at_share, axes, draws, standard};
 use haltere_gap::make_bank::with_effect;
 use haltere_gap::scene::Scene;
 use haltere_model::PlantConfig;
-use haltere_model::effects::EffectSpec;
+use haltere_model::effects::{self, EffectSpec};
 use haltere_model::random::Stream;
 use serde::Serialize;
 
-/// Strength of each effect of the sealed suite (those of the library but P7, H2, L2 and U4), as a share of the strong end of its
-/// plausible range: just detectable, twice and four times as strong (sim/lab/PROTOCOL.md). The laboratory's tests hold the
-/// two together.
-pub const SHARES: [(&str, [f64; 3]); 42] = [
-    ("A1", [0.25, 0.5, 1.0]),
-    ("A2", [0.6, 1.0, 1.0]),
-    ("A3", [0.1, 0.2, 0.4]),
-    ("A4", [1.0, 1.0, 1.0]),
-    ("A5", [0.177, 0.354, 0.707]),
-    ("A6", [0.354, 0.707, 1.0]),
-    ("A7", [0.167, 0.333, 0.667]),
-    ("A8", [0.707, 1.0, 1.0]),
-    ("A9", [1.0, 1.0, 1.0]),
-    ("A10", [1.0, 1.0, 1.0]),
-    ("P1", [0.177, 0.354, 0.707]),
-    ("P2", [0.227, 0.455, 0.909]),
-    ("P3", [0.354, 0.707, 1.0]),
-    ("P4", [0.707, 1.0, 1.0]),
-    ("P5", [0.707, 1.0, 1.0]),
-    ("P6", [0.707, 1.0, 1.0]),
-    ("I1", [0.354, 0.707, 1.0]),
-    ("I2", [0.25, 0.5, 1.0]),
-    ("L1", [0.25, 0.5, 1.0]),
-    ("L3", [0.25, 0.5, 1.0]),
-    ("L4", [0.354, 0.707, 1.0]),
-    ("L5", [0.533, 1.0, 1.0]),
-    ("L6", [0.354, 0.707, 1.0]),
-    ("M1", [0.707, 1.0, 1.0]),
-    ("M2", [0.354, 0.707, 1.0]),
-    ("M3", [0.707, 1.0, 1.0]),
-    ("M4", [0.354, 0.707, 1.0]),
-    ("M5", [0.354, 0.707, 1.0]),
-    ("M6", [0.707, 1.0, 1.0]),
-    ("U1", [0.2, 0.4, 0.8]),
-    ("U2", [0.229, 0.457, 0.914]),
-    ("U3", [0.2, 0.4, 0.8]),
-    ("U5", [0.187, 0.375, 0.75]),
-    ("U6", [0.707, 1.0, 1.0]),
-    ("U7", [0.2, 0.4, 0.8]),
-    ("U8", [0.2, 0.4, 0.8]),
-    ("U9", [0.312, 0.625, 1.0]),
-    ("U10", [0.167, 0.333, 0.667]),
-    ("T1", [0.316, 0.632, 1.0]),
-    ("T2", [0.25, 0.5, 1.0]),
-    ("T3", [0.25, 0.5, 1.0]),
-    ("H1", [0.354, 0.707, 1.0]),
-];
+/// An effect that can be hidden.
+#[derive(Debug, Clone, Copy)]
+pub struct Candidate {
+    /// It.
+    pub spec: &'static EffectSpec,
+    /// Its strengths, as shares of the strong end of its plausible range.
+    pub strengths: [f64; 3],
+    /// Whether the flight shows it: others are hidden where they are asked for, but not by chance.
+    pub shown: bool,
+}
 
-/// What the diagnostic flight in the laboratory does not show, by the word of the diagnosis: `not_testable` of `haltere gap
-/// diagnose --size small --json`, the same on each of twelve flights of other effects. Hidden where it is asked for, but not by
-/// chance.
-pub const NOT_SHOWN: [&str; 7] = ["A8", "A9", "A10", "P5", "M1", "M3", "U3"];
+/// The effects that can be hidden, in the order of the list.
+pub fn candidates() -> impl Iterator<Item = Candidate> {
+    standard().into_iter().filter_map(|spec| {
+        let hidden = spec.deviation()?.hidden;
+        let shown = matches!(hidden, effects::Hidden::ByChance(_));
+        Some(Candidate { spec, strengths: hidden.strengths()?, shown })
+    })
+}
 
 /// Words for the three.
 const STRENGTHS: [&str; 3] = ["just detectable", "middle", "strong"];
@@ -101,13 +68,12 @@ impl Hidden {
     /// and places follow from the seed. `None`: there is no such effect.
     pub fn draw(id: Option<&str>, seed: u64, scene: &Scene) -> Option<Self> {
         let mut rng = Stream::new(seed, "hidden");
-        let shown: Vec<_> = SHARES.iter().filter(|(id, _)| !NOT_SHOWN.contains(id)).collect();
-        let any = ((rng.uniform() * shown.len() as f64) as usize).min(shown.len() - 1);
-        let ((id, shares), weakest) = match id {
-            None => (*shown[any], 1),
-            Some(id) => (*SHARES.iter().find(|(known, _)| known.eq_ignore_ascii_case(id))?, 0),
+        let shown: Vec<_> = candidates().filter(|one| one.shown).collect();
+        let any = ((rng.uniform() * shown.len() as f64) as usize).min(shown.len().checked_sub(1)?);
+        let (Candidate { spec, strengths, .. }, weakest) = match id {
+            None => (*shown.get(any)?, 1),
+            Some(id) => (candidates().find(|one| one.spec.id.eq_ignore_ascii_case(id))?, 0),
         };
-        let spec = standard().into_iter().find(|spec| spec.id == id)?;
         let anchors = scene.survey.ids().len();
         let drawn = draws(spec, &scene.vehicle, &scene.room, anchors, DRAWS, &mut rng);
         let picked = ((rng.uniform() * DRAWS as f64) as usize).min(DRAWS - 1);
@@ -115,7 +81,7 @@ impl Hidden {
         let theta = drawn.get(picked)?;
         let sizes = axes(spec, &scene.vehicle, &scene.room, anchors).into_iter().zip(theta);
         let largest = sizes.filter_map(|(axis, value)| axis.share(*value)).fold(0.0, f64::max);
-        let times = if largest > 0.0 { shares[strong] / largest } else { 1.0 };
+        let times = if largest > 0.0 { strengths[strong] / largest } else { 1.0 };
         let theta = at_share(spec, theta, times);
         Some(Self { spec: Some(spec), theta, strength: STRENGTHS[strong], halvings: 0 })
     }
@@ -157,14 +123,14 @@ mod tests {
     #[test]
     fn prop_every_effect_is_as_strong_as_it_is_said_to_be_and_can_be_flown() {
         let scene = Scene::lab().unwrap();
-        for (id, shares) in SHARES {
+        for Candidate { spec, strengths, .. } in candidates() {
+            let id = spec.id;
             for seed in 0..12 {
                 let hidden = Hidden::draw(Some(id), seed, &scene).unwrap();
-                let spec = hidden.spec.unwrap();
                 let sizes =
                     axes(spec, &scene.vehicle, &scene.room, 8).into_iter().zip(&hidden.theta);
                 let most = sizes.filter_map(|(axis, v)| axis.share(*v)).fold(0.0, f64::max);
-                assert!(shares.iter().any(|s| (s - most).abs() < 1e-9), "{id} {most} {shares:?}");
+                assert!(strengths.iter().any(|s| (s - most).abs() < 1e-9), "{id} {most}");
                 haltere_model::Plant::new(hidden.within(scene.plant(seed)).unwrap()).unwrap();
             }
         }
@@ -173,7 +139,8 @@ mod tests {
     #[test]
     fn prop_half_of_an_effect_is_half_as_strong() {
         let scene = Scene::lab().unwrap();
-        for (id, _) in SHARES {
+        for Candidate { spec, .. } in candidates() {
+            let id = spec.id;
             let whole = Hidden::draw(Some(id), 5, &scene).unwrap();
             let strongest = |hidden: &Hidden| {
                 let axes = axes(hidden.spec.unwrap(), &scene.vehicle, &scene.room, 8);
@@ -197,7 +164,8 @@ mod tests {
                 one.id()
             })
             .collect();
-        assert!(ids.len() > 32 && NOT_SHOWN.iter().all(|id| !ids.contains(id)), "{ids:?}");
+        let unseen = |one: &Candidate| !one.shown && ids.contains(one.spec.id);
+        assert!(ids.len() > 32 && !candidates().any(|one| unseen(&one)), "{ids:?}");
         assert!(Hidden::draw(Some("Z9"), 1, &scene).is_none());
     }
 }

@@ -12,11 +12,10 @@ use haltere::ending::Ending;
 use haltere::progress::{self, Progress};
 use haltere::taped::record;
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
-use haltere_gap::library::standard;
 use haltere_gap::scene::Scene;
 use haltere_gap::{missions, seal, workshop};
 use haltere_model::Plant;
-use haltere_sim::hidden::{Hidden, NOT_SHOWN, SHARES};
+use haltere_sim::hidden::{Candidate, Hidden, candidates};
 use rayon::prelude::*;
 use serde_json::json;
 
@@ -28,7 +27,7 @@ const GOOD: u64 = 20;
 /// Bad flights that the fit does not see: three make an interval.
 const HELD_OUT: u64 = 3;
 /// How often what is hidden is halved for a vehicle that does not come to the end of its missions: an eighth even
-/// of a strong one is half of what can just be detected (`SHARES`).
+/// of a strong one is half of what can just be detected.
 const HALVINGS: usize = 3;
 /// What is done before the diagnosis, and what that does, with its usual length on two cores by the small bank, s.
 const STAGES: [(&str, f64); 8] = [
@@ -95,7 +94,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let hidden = match options.effect.as_deref() {
         Some("none") => Hidden::none(),
         id => Hidden::draw(id, seed, &scene).with_context(|| {
-            let known: Vec<_> = SHARES.iter().map(|(id, _)| *id).collect();
+            let known: Vec<_> = candidates().map(|one| one.spec.id).collect();
             format!(
                 "--effect {}: no such effect; none, or one of {}",
                 id.unwrap_or_default(),
@@ -153,7 +152,8 @@ fn run_all(options: &Options, scene: &Scene, seed: u64) -> Result<bool> {
     fly_all(scene, &Hidden::none(), &good)?;
     let good: Vec<_> = good.iter().filter(|flight| !flight.held_out).collect();
     let (mut rows, mut marks, mut weaker) = (Vec::new(), Vec::new(), 0);
-    for (id, _) in SHARES {
+    for Candidate { spec, .. } in candidates() {
+        let id = spec.id;
         let hidden = Hidden::draw(Some(id), seed, scene).context("no such effect")?;
         let (bad, _) = plan(options, seed, &format!("bad-{id}"));
         let flown = fly_hidden(scene, hidden, &bad)?;
@@ -175,7 +175,7 @@ fn run_all(options: &Options, scene: &Scene, seed: u64) -> Result<bool> {
         let result = json!({
             "seed": seed,
             "right": count(Mark::Right),
-            "of": SHARES.len(),
+            "of": candidates().count(),
             "halved": weaker,
             "effects": rows,
         });
@@ -184,7 +184,7 @@ fn run_all(options: &Options, scene: &Scene, seed: u64) -> Result<bool> {
         let counted = Mark::ALL.map(|mark| format!("{} {}", mark.word(), count(mark))).join(", ");
         println!(
             "of {} with seed {seed} by the {} bank: {counted}; {weaker} were halved for flights that ended early",
-            SHARES.len(),
+            candidates().count(),
             options.size
         );
     }
@@ -318,16 +318,10 @@ fn list() -> String {
     let mut out = String::from(
         "id    effect                              share of the strong end: low, middle, high\n",
     );
-    for (spec, (id, shares)) in
-        SHARES.iter().filter_map(|row| Some((standard().into_iter().find(|s| s.id == row.0)?, row)))
-    {
-        let [low, middle, high] = shares;
-        let why = if NOT_SHOWN.contains(id) {
-            "   not by chance: the flight does not show it"
-        } else {
-            ""
-        };
-        let _ = writeln!(out, "{id:<5} {:<36}{low:.2} {middle:.2} {high:.2}{why}", spec.name);
+    for Candidate { spec, strengths: [low, middle, high], shown } in candidates() {
+        let why = if shown { "" } else { "   not by chance: the flight does not show it" };
+        let _ =
+            writeln!(out, "{:<5} {:<36}{low:.2} {middle:.2} {high:.2}{why}", spec.id, spec.name);
     }
     out += "Parameters and their plausible ranges: docs/EFFECTS.md, or `haltere-sim effects`.\n";
     out
@@ -373,6 +367,6 @@ mod tests {
 
     #[test]
     fn prop_the_list_has_every_effect_that_can_be_hidden() {
-        assert_eq!(list().lines().count(), SHARES.len() + 2);
+        assert_eq!(list().lines().count(), candidates().count() + 2);
     }
 }

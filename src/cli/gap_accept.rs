@@ -14,7 +14,7 @@ use super::{print, print_json};
 use crate::progress::Progress;
 use haltere_core::frames::Vec3;
 use haltere_core::measure::AnchorId;
-use haltere_gap::accept::{by_hand, edit_anchor, edit_scenario, edit_vehicle, number, set_key};
+use haltere_gap::accept::{edit_anchor, edit_scenario, edit_vehicle, number, set_key};
 use haltere_gap::accepted::{self, LineChange, lines_changed};
 use haltere_gap::logs::{self, Flown};
 use haltere_gap::scene::Told;
@@ -127,11 +127,11 @@ impl Accept {
             anyhow::bail!(
                 "{}: nothing in the companion's configuration helps against {what}; {}",
                 path.display(),
-                by_hand(effects.first().map_or("", |(spec, _)| spec.id))
+                effects.first().map_or("", |(spec, _)| spec.remedy())
             );
         }
         let hands: Vec<(&str, &str)> =
-            effects.iter().map(|(spec, _)| (spec.id, by_hand(spec.id))).collect();
+            effects.iter().map(|(spec, _)| (spec.id, spec.remedy())).collect();
         let patch = edit_patch(&effects)?;
         if self.json {
             let files: Vec<_> =
@@ -219,7 +219,7 @@ impl Accept {
             anyhow::bail!(
                 "{}: only an anchor survey error (U7) is mended in the survey; {}",
                 path.display(),
-                by_hand(effects.first().map_or("", |(spec, _)| spec.id))
+                effects.first().map_or("", |(spec, _)| spec.remedy())
             );
         };
         let [north, east, down, anchor] = theta[..] else {

@@ -6,7 +6,7 @@ use anyhow::Context as _;
 use serde::Deserialize;
 
 use haltere_gap::advise::{Hypothesis, Remaining};
-use haltere_gap::library::whole;
+use haltere_gap::library::find;
 use haltere_model::Vehicle;
 use haltere_model::effects::EffectSpec;
 
@@ -63,10 +63,6 @@ struct Candidate {
     theta_90: Vec<[Option<f64>; 2]>,
 }
 
-fn spec(id: &str) -> Option<&'static EffectSpec> {
-    whole().into_iter().find(|s| s.id == id)
-}
-
 impl Report {
     pub fn read(path: &Path) -> anyhow::Result<Self> {
         let text = haltere_log::intake::text(path, 1 << 30)
@@ -118,14 +114,14 @@ impl Report {
                 let ends = |e: &[Option<f64>; 2]| Some([e[0]?, e[1]?]);
                 let theta_90: Option<Vec<[f64; 2]>> = c.theta_90.iter().map(ends).collect();
                 Some(Hypothesis {
-                    spec: spec(&c.id)?,
+                    spec: find(&c.id)?,
                     probability: c.posterior?,
                     theta: theta?,
                     theta_90: theta_90?,
                 })
             })
             .collect();
-        let untested = self.not_testable.iter().filter_map(|id| spec(id)).collect();
+        let untested = self.not_testable.iter().filter_map(|id| find(id)).collect();
         Remaining::new(hypotheses, &self.set, untested)
     }
 
@@ -137,7 +133,7 @@ impl Report {
         let unknown =
             |id: &str| anyhow::anyhow!("{id}: no such effect; ids are those of docs/EFFECTS.md");
         if let Some(id) = asked {
-            let own = spec(id).ok_or_else(|| unknown(id))?;
+            let own = find(id).ok_or_else(|| unknown(id))?;
             let named = self.effects.iter().find(|e| e.id == id).map(|e| values(own, e));
             let fitted = self.attribution.as_ref().and_then(|a| {
                 let c = a.candidates.iter().find(|c| c.id == id)?;
@@ -156,7 +152,7 @@ impl Report {
                 .effects
                 .iter()
                 .map(|e| {
-                    let own = spec(&e.id).ok_or_else(|| unknown(&e.id))?;
+                    let own = find(&e.id).ok_or_else(|| unknown(&e.id))?;
                     Ok((own, values(own, e)?))
                 })
                 .collect(),

@@ -22,7 +22,7 @@ use super::library;
 use super::missions::wire;
 use super::normal;
 use super::scene::Scene;
-use haltere_model::effects::EffectSpec;
+use haltere_model::effects::{Axis, EffectSpec, Kind};
 use haltere_model::random::Stream;
 
 /// Candidates at least this probable are not ruled out.
@@ -337,7 +337,10 @@ impl Hypothesis {
             .zip(self.theta.iter().zip(&self.theta_90))
             .map(|(p, (best, [low, high]))| {
                 // An interval that is none, or not known, has no inside.
-                if k == 0 || p.is_choice() || high.partial_cmp(low) != Some(Ordering::Greater) {
+                if k == 0
+                    || matches!(p.kind, Kind::Which(_))
+                    || high.partial_cmp(low) != Some(Ordering::Greater)
+                {
                     return p.told(*best);
                 }
                 rng.between(*low, *high)
@@ -348,14 +351,13 @@ impl Hypothesis {
 
 /// An effect nobody fitted, in the middle of its range, in the middle of the room.
 fn middle(spec: &'static EffectSpec, scene: &Scene) -> Hypothesis {
-    let placed = spec.parameters.iter().any(|p| p.name == "size");
     let centre = |[low, high]: [f64; 2]| 0.5 * (low + high);
     let theta: Vec<f64> = spec
         .parameters
         .iter()
-        .map(|p| match p.name {
-            "north" if placed => centre(scene.room.north_m),
-            "east" if placed => centre(scene.room.east_m),
+        .map(|p| match p.kind {
+            Kind::Where(Axis::North) => centre(scene.room.north_m),
+            Kind::Where(Axis::East) => centre(scene.room.east_m),
             _ => p.of(&scene.vehicle).default,
         })
         .collect();

@@ -1,7 +1,7 @@
 //! The library of the diagnosis, and how values of its effects' parameters are drawn.
 //!
-//! The effects are the simulator's own files; what is here is only which of them are candidates,
-//! and the prior: uniform over the plausible range of the list, whole numbers for choices of an
+//! The effects are the simulator's own files, which say whether they are candidates; what is here is only
+//! the prior: uniform over the plausible range of the list, whole numbers for choices of an
 //! anchor or a wall, places within the room. Draws are stratified (Latin hypercube), so that a few
 //! dozen flights cover the range of every parameter evenly. Every other draw of an effect with several
 //! components (the axes of a bias, the servos that are out of trim) has one of them alone: that is how
@@ -10,30 +10,26 @@
 use super::axis::{Axis, Size};
 use super::make_bank::with_effect;
 use haltere_model::Vehicle;
-use haltere_model::effects::{ALL, EffectSet, EffectSpec, ParameterSpec, Role};
+use haltere_model::effects::{self, ALL, Choice, EffectSet, EffectSpec, Kind, ParameterSpec, Role};
 use haltere_model::random::Stream;
 use haltere_model::room::Room;
-
-/// The 46 effects that GAP.md marks, ids of its section 3: what is a candidate unless the user
-/// says otherwise. The seven others of the list are not candidates: A12 takes what backlash of another
-/// law does, P8 was not found where it was, T4 is no gap of a vehicle, the rest was not tried.
-pub const STANDARD: [&str; 46] = [
-    "A1", "A2", "A3", "A4", "A5", "A6", "A7", "A8", "A9", "A10", "P1", "P2", "P3", "P4", "P5",
-    "P6", "P7", "I1", "I2", "L1", "L2", "L3", "L4", "L5", "L6", "M1", "M2", "M3", "M4", "M5", "M6",
-    "U1", "U2", "U3", "U4", "U5", "U6", "U7", "U8", "U9", "U10", "T1", "T2", "T3", "H1", "H2",
-];
 
 /// Distance of a drawn place from the walls, m: where the standard flights come.
 const FROM_WALL_M: f64 = 0.5;
 
-/// The standard library, in the order of the list.
+/// The standard library, in the order of the list: candidates unless the user says otherwise.
 pub fn standard() -> Vec<&'static EffectSpec> {
-    ALL.iter().filter(|spec| STANDARD.contains(&spec.id)).collect()
+    ALL.iter().filter(|spec| spec.deviation().is_some_and(|of| of.standard)).collect()
 }
 
 /// Every deviation of the list.
 pub fn whole() -> Vec<&'static EffectSpec> {
-    ALL.iter().filter(|spec| spec.role == Role::Deviation).collect()
+    ALL.iter().filter(|spec| spec.role != Role::Nominal).collect()
+}
+
+/// A deviation by its id.
+pub fn find(id: &str) -> Option<&'static EffectSpec> {
+    whole().into_iter().find(|spec| spec.id == id)
 }
 
 /// Units of one kind, as they stand at the end of names, and their size in the first of them.
@@ -57,7 +53,7 @@ fn in_unit(from: &str, to: &str) -> Option<f64> {
 pub fn asked(text: &str) -> Result<(&'static EffectSpec, Option<Vec<f64>>), String> {
     let (left, values) = text.split_once('=').map_or((text, None), |(id, v)| (id, Some(v)));
     let (id, one) = left.split_once('.').map_or((left, None), |(id, name)| (id, Some(name)));
-    let Some(spec) = whole().into_iter().find(|s| s.id == id) else {
+    let Some(spec) = find(id) else {
         let known: Vec<&str> = whole().iter().map(|s| s.id).collect();
         return Err(format!("{id}: no such effect; allowed: {}", known.join(" ")));
     };
@@ -123,10 +119,11 @@ pub fn draws(
         .map(|p| {
             let strata = shuffled(count, rng);
             let shares = strata.into_iter().map(|k| (k as f64 + rng.uniform()) / count as f64);
-            shares.map(|share| value(spec, p, room, anchors, share)).collect()
+            shares.map(|share| at(p, room, anchors, share)).collect()
         })
         .collect();
-    let components: Vec<usize> = (0..columns.len()).filter(|k| is_component(&sizes[*k])).collect();
+    let components: Vec<usize> =
+        (0..columns.len()).filter(|k| sizes[*k].kind == Kind::Component).collect();
     let row = |k: usize| -> Vec<f64> {
         let mut row: Vec<f64> = columns.iter().map(|column| column[k]).collect();
         if components.len() > 1 && k % 2 == 1 {
@@ -143,41 +140,34 @@ pub fn draws(
 /// What draws of the parameters of an effect range over, in their order.
 pub fn axes(spec: &EffectSpec, vehicle: &Vehicle, room: &Room, anchors: usize) -> Vec<Axis> {
     let axis = |p: &ParameterSpec| {
-        let [a, b] = [0.0, 1.0].map(|share| value(spec, p, room, anchors, share));
-        let size = is_size(p).then_some(if is_far(p) { Size::Inverse } else { Size::From(p.off) });
-        Axis { low: a.min(b), high: a.max(b), choice: p.is_choice(), size }
+        let [a, b] = [0.0, 1.0].map(|share| at(p, room, anchors, share));
+        let size = match p.kind {
+            Kind::Inverse => Some(Size::Inverse),
+            kind => kind.is_size().then_some(Size::From(p.off)),
+        };
+        Axis { low: a.min(b), high: a.max(b), choice: matches!(p.kind, Kind::Which(_)), size }
     };
     sizes(spec, vehicle).iter().map(axis).collect()
 }
 
-/// Whether a parameter is a component of a vector: it can deviate to both sides of "off".
-fn is_component(p: &ParameterSpec) -> bool {
-    is_size(p) && p.low < p.off && p.off < p.high
-}
-
 /// The value at this share of the range of a parameter.
-fn value(spec: &EffectSpec, p: &ParameterSpec, room: &Room, anchors: usize, share: f64) -> f64 {
+fn at(p: &ParameterSpec, room: &Room, anchors: usize, share: f64) -> f64 {
     let choice = |count: usize| (share * count as f64).floor().min(count as f64 - 1.0);
     let within = |[low, high]: [f64; 2]| {
         let margin_m = FROM_WALL_M.min(0.25 * (high - low));
         low + margin_m + share * (high - low - 2.0 * margin_m)
     };
-    let is_placed = spec.parameters.iter().any(|p| p.name == "size");
-    match p.name {
-        "anchor" => choice(anchors.max(1)),
-        "wall" => choice(4),
-        "north" if is_placed => within(room.north_m),
-        "east" if is_placed => within(room.east_m),
-        // Its nominal value belongs to the receiver, not to the deviation.
-        "std" if spec.id == "U1" => p.default,
-        _ => p.low + share * (p.high - p.low),
+    match p.kind {
+        Kind::Which(Choice::Anchor(_)) => choice(anchors.max(1)),
+        Kind::Which(Choice::Wall) => choice(4),
+        Kind::Where(effects::Axis::North) => within(room.north_m),
+        Kind::Where(effects::Axis::East) => within(room.east_m),
+        Kind::OfTheReceiver => p.default,
+        Kind::Size | Kind::Inverse | Kind::Component | Kind::Shape | Kind::Direction => {
+            p.low + share * (p.high - p.low)
+        }
     }
 }
-
-/// Parameters that say where, which way or on what, and not how much.
-const NOT_A_SIZE: [&str; 4] = ["anchor", "wall", "towards", "phase"];
-/// "Off" this many times beyond the plausible range is at infinity: the reciprocal is the size.
-const FAR: f64 = 5.0;
 
 /// Parameters at a share of their size, between "off" (share 0) and what they are. They may leave the
 /// plausible range of the list.
@@ -201,27 +191,12 @@ pub fn louder(theta: &[f64], axes: &[Axis]) -> Vec<f64> {
     theta.iter().zip(axes).map(one).collect()
 }
 
-/// Where "off" is also the default, the parameter is a shape, unless zero lies within its range: then it is
-/// a component of a vector.
-fn is_shape(p: &ParameterSpec) -> bool {
-    p.off == p.default && !(p.off == 0.0 && p.low < 0.0)
-}
-
-/// Whether a parameter says how much.
-fn is_size(p: &ParameterSpec) -> bool {
-    !is_shape(p) && !NOT_A_SIZE.contains(&p.name)
-}
-
-/// Whether "off" is at infinity.
-fn is_far(p: &ParameterSpec) -> bool {
-    !p.off.is_finite() || p.off.abs() > FAR * p.high.abs().max(p.low.abs())
-}
-
 fn sized(p: &ParameterSpec, value: f64, share: f64) -> f64 {
-    if !is_size(p) {
-        return value;
+    match p.kind {
+        Kind::Inverse => value / share,
+        kind if kind.is_size() => p.off + share * (value - p.off),
+        _ => value,
     }
-    if is_far(p) { value / share } else { p.off + share * (value - p.off) }
 }
 
 /// 0 to `count` in random order.
@@ -237,11 +212,13 @@ fn shuffled(count: usize, rng: &mut Stream) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::statistics::ANCHOR_SLOTS;
 
     #[test]
-    fn prop_the_standard_library_names_effects_of_the_list() {
-        assert_eq!(standard().len(), STANDARD.len());
-        assert!(whole().len() > standard().len());
+    fn prop_the_anchor_of_an_effect_shows_in_the_statistics() {
+        let slots: Vec<_> = whole().into_iter().filter_map(EffectSpec::anchor_slot).collect();
+        assert!(slots.iter().all(|slot| ANCHOR_SLOTS.contains(slot)), "{slots:?}");
+        assert!(slots.len() > 3, "{slots:?}");
     }
 
     #[test]
@@ -289,7 +266,7 @@ mod tests {
                 assert!(axis.is_sound() && axis.low <= low && high <= axis.high, "{}", spec.id);
                 // Of a vector every other draw has one component alone: ends may be missing.
                 let ends = low - axis.low <= part && axis.high - high <= part;
-                assert!(ends || is_component(p), "{} {}", spec.id, p.name);
+                assert!(ends || p.kind == Kind::Component, "{} {}", spec.id, p.name);
                 if p.name == "anchor" {
                     assert!(column.iter().all(|v| v.fract() == 0.0 && *v < 8.0));
                     assert!((0..8).all(|a| column.contains(&f64::from(a))), "{column:?}");

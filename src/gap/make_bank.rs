@@ -22,7 +22,7 @@ use super::statistics::{specs, statistics_of};
 use super::trace::Trace;
 use haltere_core::checks::Problems;
 use haltere_core::frames::Vec3;
-use haltere_model::effects::{EffectSet, EffectSpec, Role, Source};
+use haltere_model::effects::{EffectSet, EffectSpec, Kind, ParameterSpec, Role, Source};
 use haltere_model::random::Stream;
 use haltere_model::{PlantConfig, Vehicle};
 
@@ -67,7 +67,8 @@ impl BankSize {
     /// their number goes with that of the parameters: 0.75 of `draws` for one, twice for six. A choice counts twice.
     pub fn draws_of(&self, spec: &EffectSpec) -> usize {
         let few = self.draws.min(LEAST_DRAWS);
-        let choices = spec.parameters.iter().filter(|p| p.is_choice()).count();
+        let is_choice = |p: &&ParameterSpec| matches!(p.kind, Kind::Which(_));
+        let choices = spec.parameters.iter().filter(is_choice).count();
         (self.draws * (spec.parameters.len() + choices + 2)).div_ceil(4).max(few)
     }
 

@@ -17,7 +17,7 @@ use super::shrink::{medians, scales};
 use super::statistics::{ANCHOR_SLOTS, specs};
 use haltere_core::measure::AnchorId;
 use haltere_log::replay::{Report, Verdict};
-use haltere_model::effects::{ALL, Block, EffectSpec};
+use haltere_model::effects::{ALL, Block, Choice, EffectSpec, Kind};
 
 /// Blocks below this many sigma, and this probability, are not shown as places of the gap.
 const LOUD_SIGMA: f64 = 3.0;
@@ -128,8 +128,11 @@ fn probability(attribution: &Attribution, block: Block) -> f64 {
 fn named_anchor(attribution: &Attribution, block: Block, anchors: &[AnchorId]) -> Option<u8> {
     attribution.outcome.effects().iter().find_map(|named| {
         let spec = spec(&named.id).filter(|spec| spec.block == block)?;
-        let (p, value) =
-            spec.parameters.iter().zip(&named.theta).find(|(p, _)| p.name == "anchor")?;
+        let (p, value) = spec
+            .parameters
+            .iter()
+            .zip(&named.theta)
+            .find(|(p, _)| matches!(p.kind, Kind::Which(Choice::Anchor(_))))?;
         anchors.get(p.told(*value) as usize).map(|id| id.0)
     })
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use haltere_gap::attribute::{AttributeError, Attribution, Settings};
-use haltere_gap::library;
+use haltere_gap::library::{self, find};
 use haltere_gap::make_bank::BankSize;
 use haltere_gap::scene::Told;
 use haltere_gap::seal;
@@ -345,23 +345,13 @@ fn named_blocks(answer: &Answer, library: &[&'static EffectSpec]) -> Vec<String>
         .collect()
 }
 
-/// Kind of anchor error that an effect shows as.
-fn slot_of(id: &str) -> Option<&'static str> {
-    match id {
-        "U2" => Some("bias"),
-        "U5" => Some("zone"),
-        "U7" => Some("place"),
-        "U8" => Some("drift"),
-        _ => None,
-    }
-}
-
 /// Right anchors among single effects of one anchor that were named.
 fn anchors(keys: &[Key], answers: &[Answer]) -> (usize, usize) {
     let (mut hits, mut of) = (0, 0);
     for (key, answer) in keys.iter().zip(answers) {
         let [effect] = &key.effects[..] else { continue };
-        let (Some(slot), Some(anchor)) = (slot_of(&effect.id), effect.anchor) else { continue };
+        let slot = find(&effect.id).and_then(EffectSpec::anchor_slot);
+        let (Some(slot), Some(anchor)) = (slot, effect.anchor) else { continue };
         of += 1;
         hits += usize::from(answer.anchors.get(slot) == Some(&anchor));
     }

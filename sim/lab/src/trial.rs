@@ -20,7 +20,7 @@ use haltere_gap::missions::{HEIGHT_M, LEG_MPS, Plan, wire};
 use haltere_gap::nominal::Nominal;
 use haltere_gap::scene::Scene;
 use haltere_gap::statistics::statistics_of;
-use haltere_model::effects::{ALL, EffectSpec, ParameterSpec};
+use haltere_model::effects::{ALL, EffectSpec, Kind, ParameterSpec};
 use haltere_model::random::Stream;
 
 use crate::score::Share;
@@ -165,7 +165,7 @@ fn one(scene: &Scene, k: usize) -> Option<Case> {
                 .iter()
                 .zip(&own)
                 .map(|(p, v)| {
-                    let choice = p.name == "anchor" || !p.off.is_finite();
+                    let choice = matches!(p.kind, Kind::Which(_)) || !p.off.is_finite();
                     let half = if choice { 0.0 } else { KNOWN * WEAK * (p.high - p.low) };
                     [v - half, v + half]
                 })
@@ -221,7 +221,7 @@ fn one(scene: &Scene, k: usize) -> Option<Case> {
 fn weak(spec: &EffectSpec, scene: &Scene, rng: &mut Stream) -> Option<Vec<f64>> {
     let theta = draws(spec, &scene.vehicle, &scene.room, scene.survey.ids().len(), 1, rng).pop()?;
     let shrunk = |(p, v): (&ParameterSpec, f64)| {
-        let scaled = p.off.is_finite() && p.name != "anchor" && p.off != p.default;
+        let scaled = p.off.is_finite() && !matches!(p.kind, Kind::Which(_)) && p.off != p.default;
         if scaled { p.off + WEAK * (v - p.off) } else { v }
     };
     Some(spec.parameters.iter().zip(theta).map(shrunk).collect())

@@ -5,7 +5,8 @@
 //! ±2 g clips at 19.6 m/s².
 
 use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, ImuReading, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 
 /// Entry in the list.
@@ -13,10 +14,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "M7",
     name: "accelerometer clipping",
     block: Block::Imu,
-    role: Role::Deviation,
     parameters: &[ParameterSpec::new(
         "limit",
         "m/s²",
+        Kind::Inverse,
         f64::INFINITY,
         19.6,
         [15.0, 60.0],
@@ -25,6 +26,16 @@ pub const SPEC: EffectSpec = EffectSpec {
     off: "range never reached",
     source: "GAP.md 3.5",
     equation: "a_i = clamp(a_i, ±limit)",
+    role: Role::Deviation(Deviation {
+        standard: false,
+        hidden: Hidden::Never,
+        verdict: "The accelerometer shows no more than {limit} along an axis.",
+        causes: "a measuring range that is set small, hard vibration",
+        remedy: "set a larger range of the accelerometer on the board, or mount the board softer",
+        shows: "raw readings that stop at one value; slow beats that move with throttle",
+        looks_like: &["A7"],
+        apart: "Gusts (A7) leave the raw readings below the limit of the sensor.",
+    }),
     build: |b| Box::new(Clipping(b.value[0].abs())),
 };
 

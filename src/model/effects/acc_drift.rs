@@ -6,7 +6,8 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, ImuReading, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 
 const MINUTE_S: f64 = 60.0;
@@ -16,15 +17,28 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "M2",
     name: "accelerometer bias drift",
     block: Block::Imu,
-    role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("x", "m/s² per min", 0.0, 0.5, [-1.2, 1.2], "along x"),
-        ParameterSpec::new("y", "m/s² per min", 0.0, 0.0, [-1.2, 1.2], "along y"),
-        ParameterSpec::new("z", "m/s² per min", 0.0, 0.0, [-1.2, 1.2], "along z"),
+        ParameterSpec::new("x", "m/s² per min", Kind::Component, 0.0, 0.5, [-1.2, 1.2], "along x")
+            .ways("to the back", "to the front"),
+        ParameterSpec::new("y", "m/s² per min", Kind::Component, 0.0, 0.0, [-1.2, 1.2], "along y")
+            .ways("to the left", "to the right"),
+        ParameterSpec::new("z", "m/s² per min", Kind::Component, 0.0, 0.0, [-1.2, 1.2], "along z")
+            .ways("upward", "downward"),
     ],
     off: "bias constant in a flight",
     source: "GAP.md 3.5",
     equation: "a += ḃ t",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "An error of the accelerometer grows in flight: {}.",
+        causes: "a board that warms up in flight",
+        remedy: "let the board warm up before take-off; calibrate its accelerometer, six \
+            positions, at flying temperature",
+        shows: "an error that is a ramp",
+        looks_like: &["M1"],
+        apart: "Hover 60 s at one point: a drift grows, a bias (M1) stays.",
+    }),
     build: |b| Box::new(AccDrift(Vector3::new(b.value[0], b.value[1], b.value[2]) / MINUTE_S)),
 };
 

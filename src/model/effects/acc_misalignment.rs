@@ -7,7 +7,8 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::effects::{
-    AttitudeError, Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+    AttitudeError, Block, Deviation, Effect, EffectSpec, Hidden, ImuReading, Kind, ParameterSpec,
+    Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -15,14 +16,41 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "M4",
     name: "IMU misalignment",
     block: Block::Imu,
-    role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("roll", "deg", 0.0, 0.0, [-4.0, 4.0], "board rolled against the airframe"),
-        ParameterSpec::new("pitch", "deg", 0.0, 2.0, [-4.0, 4.0], "board pitched against it"),
+        ParameterSpec::new(
+            "roll",
+            "deg",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-4.0, 4.0],
+            "board rolled against the airframe",
+        )
+        .ways("left side down", "right side down"),
+        ParameterSpec::new(
+            "pitch",
+            "deg",
+            Kind::Component,
+            0.0,
+            2.0,
+            [-4.0, 4.0],
+            "board pitched against it",
+        )
+        .ways("nose down", "nose up"),
     ],
     off: "board square to the thrust axis",
     source: "GAP.md 3.5",
     equation: "y_sensor = Rᵀ y_body, R_believed = R_true R",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "The board sits crooked on the airframe: {}.",
+        causes: "a soft or bent mounting, a level calibration on a table that is not level",
+        remedy: "level-calibrate the board, or shim it: its IMU is not level",
+        shows: "a horizontal error in proportion to thrust",
+        looks_like: &["M1"],
+        apart: "Fly throttle doublets: this follows thrust, a bias (M1) does not.",
+    }),
     build: |b| {
         let lean = Vector3::new(b.value[0].to_radians(), b.value[1].to_radians(), 0.0);
         Box::new(Misalignment { lean, turn: UnitQuaternion::from_scaled_axis(lean).inverse() })

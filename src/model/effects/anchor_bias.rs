@@ -3,7 +3,9 @@
 //! `ρ_n -> ρ_n + b` on its path to the tag (m), everywhere alike. Source: GAP.md U2, 0.08 to 0.35 m. Nearest confounder: survey
 //! (U7).
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -11,12 +13,33 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U2",
     name: "anchor bias",
     block: Block::Uwb,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("bias", "m", 0.0, 0.2, [-0.35, 0.35], "bias"),
-ParameterSpec::new("anchor", "", 0.0, 0.0, [0.0, 7.0], "place of the anchor in the survey, ascending id")],
+    parameters: &[
+        ParameterSpec::new("bias", "m", Kind::Component, 0.0, 0.2, [-0.35, 0.35], "bias")
+            .ways("too short", "too long"),
+        ParameterSpec::new(
+            "anchor",
+            "",
+            Kind::Which(Choice::Anchor("bias")),
+            0.0,
+            0.0,
+            [0.0, 7.0],
+            "place of the anchor in the survey, ascending id",
+        ),
+    ],
     off: "antenna delays calibrated",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + b",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.229, 0.457, 0.914]),
+        verdict: "Distances to {anchor} come out {bias}, everywhere in the room.",
+        causes: "an antenna delay that was not calibrated, another antenna or cable at this anchor",
+        remedy: "calibrate the anchor's antenna delay",
+        shows: "an error of one anchor that is the same everywhere",
+        looks_like: &["U7", "U8"],
+        apart: "A wrong place in the survey (U7) shows otherwise in every direction, a drift (U8) \
+            grows: fly the square along the walls, or measure the anchor's place by tape.",
+    }),
     build: |b| Box::new(AnchorBias { bias_m: b.value[0], anchor: b.value[1] as usize }),
 };
 

@@ -8,7 +8,7 @@
 
 use std::f64::consts::{SQRT_2, TAU};
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 
 const PPM: f64 = 1e-6;
 /// Periods of the drift, s. Assumed: thermal.
@@ -21,8 +21,24 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("std_offset", "ppm", 0.0, 3.0, [0.5, 10.0], "rate error of each device"),
-        ParameterSpec::new("std_drift", "ppm", 0.0, 0.05, [0.0, 0.5], "wander of each rate"),
+        ParameterSpec::new(
+            "std_offset",
+            "ppm",
+            Kind::Size,
+            0.0,
+            3.0,
+            [0.5, 10.0],
+            "rate error of each device",
+        ),
+        ParameterSpec::new(
+            "std_drift",
+            "ppm",
+            Kind::Size,
+            0.0,
+            0.05,
+            [0.0, 0.5],
+            "wander of each rate",
+        ),
     ],
     off: "all clocks run at the same rate",
     source: "DWM1000 crystals; drift assumed",

@@ -2,7 +2,9 @@
 //!
 //! `ρ_n -> ρ_n + ḃ t` (m), `t` time (s). Source: GAP.md U8, 2 to 10 mm/s ramp.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -10,12 +12,33 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U8",
     name: "anchor drift",
     block: Block::Uwb,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("rate", "mm/s", 0.0, 5.0, [-10.0, 10.0], "growth"),
-ParameterSpec::new("anchor", "", 0.0, 0.0, [0.0, 7.0], "place of the anchor in the survey, ascending id")],
+    parameters: &[
+        ParameterSpec::new("rate", "mm/s", Kind::Component, 0.0, 5.0, [-10.0, 10.0], "growth")
+            .ways("and get shorter", "and get longer"),
+        ParameterSpec::new(
+            "anchor",
+            "",
+            Kind::Which(Choice::Anchor("drift")),
+            0.0,
+            0.0,
+            [0.0, 7.0],
+            "place of the anchor in the survey, ascending id",
+        ),
+    ],
     off: "anchors steady",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + ḃ t",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.2, 0.4, 0.8]),
+        verdict: "Distances to {anchor} drift by {rate}.",
+        causes: "an anchor that warms up, a bad crystal, a poor supply",
+        remedy: "power-cycle the anchor and let it warm up; replace it if it still drifts",
+        shows: "an error of one anchor that grows",
+        looks_like: &["U7", "U2"],
+        apart: "Hover a minute at one point: a drift grows, a wrong place (U7) and a bias (U2) \
+            stay.",
+    }),
     build: |b| Box::new(AnchorDrift { rate_mps: b.value[0] * 1e-3, anchor: b.value[1] as usize }),
 };
 

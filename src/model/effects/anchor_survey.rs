@@ -5,22 +5,60 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{
+    Block, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "U7",
     name: "anchor survey error",
     block: Block::Uwb,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("north", "m", 0.0, 0.25, [-0.5, 0.5], "towards north"),
-ParameterSpec::new("east", "m", 0.0, 0.0, [-0.5, 0.5], "towards east"),
-ParameterSpec::new("down", "m", 0.0, 0.0, [-0.5, 0.5], "towards the floor"),
-ParameterSpec::new("anchor", "", 0.0, 0.0, [0.0, 7.0], "place of the anchor in the survey, ascending id")],
+    parameters: &[
+        ParameterSpec::new("north", "m", Kind::Component, 0.0, 0.25, [-0.5, 0.5], "towards north")
+            .ways("farther south", "farther north"),
+        ParameterSpec::new("east", "m", Kind::Component, 0.0, 0.0, [-0.5, 0.5], "towards east")
+            .ways("farther west", "farther east"),
+        ParameterSpec::new(
+            "down",
+            "m",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-0.5, 0.5],
+            "towards the floor",
+        )
+        .ways("higher", "lower"),
+        ParameterSpec::new(
+            "anchor",
+            "",
+            Kind::Which(Choice::Anchor("place")),
+            0.0,
+            0.0,
+            [0.0, 7.0],
+            "place of the anchor in the survey, ascending id",
+        ),
+    ],
     off: "anchors where the survey says",
     source: "GAP.md 3.6",
     equation: "p_n -> p_n + Δ",
-    build: |b| Box::new(AnchorSurvey { shift_E_m: Vector3::new(b.value[0], b.value[1], b.value[2]), anchor: b.value[3] as usize }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.2, 0.4, 0.8]),
+        verdict: "{anchor} does not stand where the survey has it, but {}.",
+        causes: "an anchor that was moved or knocked, a slip with the tape measure",
+        remedy: "measure the anchor again and correct the survey",
+        shows: "an error of one anchor that changes with the direction to it",
+        looks_like: &["U2"],
+        apart: "A bias (U2) is the same everywhere: fly the square along the walls at two \
+            heights, or measure the anchor's place by tape.",
+    }),
+    build: |b| {
+        Box::new(AnchorSurvey {
+            shift_E_m: Vector3::new(b.value[0], b.value[1], b.value[2]),
+            anchor: b.value[3] as usize,
+        })
+    },
 };
 
 struct AnchorSurvey {

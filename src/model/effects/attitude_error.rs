@@ -5,8 +5,8 @@
 //! is N13. Left out: dependence on acceleration.
 
 use crate::effects::{
-    ATTITUDE_PERIOD_S, AttitudeError, Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage,
-    State,
+    ATTITUDE_PERIOD_S, AttitudeError, Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role,
+    Stage, State,
 };
 use crate::random::{Markov, Stream};
 
@@ -17,9 +17,17 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::InnerLoop,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("std", "deg", 0.0, 0.4, [0.1, 1.5], "lean, each of roll and pitch")
-            .of_vehicle(|v| &mut v.imu.std_lean_deg),
-        ParameterSpec::new("tau", "s", 15.0, 15.0, [3.0, 60.0], "correlation time"),
+        ParameterSpec::new(
+            "std",
+            "deg",
+            Kind::Size,
+            0.0,
+            0.4,
+            [0.1, 1.5],
+            "lean, each of roll and pitch",
+        )
+        .of_vehicle(|v| &mut v.imu.std_lean_deg),
+        ParameterSpec::new("tau", "s", Kind::Shape, 15.0, 15.0, [3.0, 60.0], "correlation time"),
     ],
     off: "the board knows up exactly",
     source: "assumed, after boards seen in simulation",

@@ -3,7 +3,7 @@
 //! `ω -> x ω` for the roll and pitch loops of the board. Source: GAP.md L1, 0.4 to 0.8. Nearest confounder: delay
 //! of commands (T2).
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -11,11 +11,29 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "L1",
     name: "attitude lag",
     block: Block::InnerLoop,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("factor", "", 1.0, 0.6, [0.4, 0.8], "factor on the natural frequency")],
+    parameters: &[ParameterSpec::new(
+        "factor",
+        "",
+        Kind::Size,
+        1.0,
+        0.6,
+        [0.4, 0.8],
+        "factor on the natural frequency",
+    )],
     off: "loops as set",
     source: "GAP.md 3.4",
     equation: "ω -> x ω",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
+        verdict: "The board's attitude loop is {factor} slower than the simulator says.",
+        causes: "friction in servos or linkages, worn servos, low gains on the board",
+        remedy: "check servos and linkages for friction; check the board's gains",
+        shows: "attitude that is late at any size of a movement",
+        looks_like: &["T2", "L4"],
+        apart: "A late command (T2) shifts a movement and does not blunt it, backlash (L4) \
+            swallows small ones: fly roll and pitch doublets of two sizes.",
+    }),
     build: |b| Box::new(AttitudeLag(b.value[0])),
 };
 
@@ -35,7 +53,8 @@ mod tests {
 
     #[test]
     fn prop_slows_roll_and_pitch() {
-        let (slowed, before) = (probe::edited(&SPEC, &[]).inner_loop, Vehicle::default().inner_loop);
+        let (slowed, before) =
+            (probe::edited(&SPEC, &[]).inner_loop, Vehicle::default().inner_loop);
         assert_eq!(slowed.frequency_radps[0], 0.6 * before.frequency_radps[0]);
         assert_eq!(slowed.frequency_radps[2], before.frequency_radps[2]);
     }

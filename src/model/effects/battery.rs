@@ -10,7 +10,7 @@
 //! usual for LiPo; power of flapping as the cube of its rate. Left out: temperature, recovery.
 
 use crate::effects::{
-    Block, Build, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State, Supply,
+    Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State, Supply,
 };
 use crate::vehicle;
 
@@ -26,14 +26,38 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Battery,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("capacity", "mAh", 1e9, 300.0, [150.0, 320.0], "capacity")
-            .of_vehicle(|v| &mut v.battery.capacity_mah),
-        ParameterSpec::new("resistance", "Ω", 0.0, 0.17, [0.10, 0.5], "inner resistance")
-            .of_vehicle(|v| &mut v.battery.resistance_ohm),
-        ParameterSpec::new("charge", "", 1.0, 1.0, [0.2, 1.0], "charge at start")
+        ParameterSpec::new(
+            "capacity",
+            "mAh",
+            Kind::Inverse,
+            1e9,
+            300.0,
+            [150.0, 320.0],
+            "capacity",
+        )
+        .of_vehicle(|v| &mut v.battery.capacity_mah),
+        ParameterSpec::new(
+            "resistance",
+            "Ω",
+            Kind::Size,
+            0.0,
+            0.17,
+            [0.10, 0.5],
+            "inner resistance",
+        )
+        .of_vehicle(|v| &mut v.battery.resistance_ohm),
+        ParameterSpec::new("charge", "", Kind::Shape, 1.0, 1.0, [0.2, 1.0], "charge at start")
             .of_vehicle(|v| &mut v.battery.charge_frac),
-        ParameterSpec::new("hover_power", "W", 0.0, 24.5, [18.0, 32.0], "both motors in hover")
-            .of_vehicle(|v| &mut v.battery.hover_w),
+        ParameterSpec::new(
+            "hover_power",
+            "W",
+            Kind::Size,
+            0.0,
+            24.5,
+            [18.0, 32.0],
+            "both motors in hover",
+        )
+        .of_vehicle(|v| &mut v.battery.hover_w),
     ],
     off: "constant 3.7 V per cell, no current",
     source: "paper (cells, capacity, flight time); LiPo discharge curve",
@@ -138,7 +162,10 @@ mod tests {
         };
         // 1 - 1/e after the time constant of 20 s, all of it after five of them.
         let seen = [0.1, 20.0, 100.0].map(share_lost);
-        assert!(seen[0] < 0.01 && (seen[1] - 0.632).abs() < 0.01 && (seen[2] - 0.993).abs() < 0.02, "{seen:?}");
+        assert!(
+            seen[0] < 0.01 && (seen[1] - 0.632).abs() < 0.01 && (seen[2] - 0.993).abs() < 0.02,
+            "{seen:?}"
+        );
     }
 
     #[test]

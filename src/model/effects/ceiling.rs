@@ -3,21 +3,50 @@
 //! `T -> T (1 + c e^(-(H-h)/l))`, `H - h` distance of the vehicle below the ceiling (m). Source: GAP.md A9,
 //! c 0.05 to 0.2.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "A9",
     name: "ceiling effect",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("gain", "", 0.0, 0.12, [0.05, 0.2], "gain at the ceiling"),
-ParameterSpec::new("length", "m", 0.3, 0.3, [0.1, 0.6], "length of decay; goes with the wing")
-        .beside(|v| v.wings.centre_m)],
+    parameters: &[
+        ParameterSpec::new("gain", "", Kind::Size, 0.0, 0.12, [0.05, 0.2], "gain at the ceiling"),
+        ParameterSpec::new(
+            "length",
+            "m",
+            Kind::Shape,
+            0.3,
+            0.3,
+            [0.1, 0.6],
+            "length of decay; goes with the wing",
+        )
+        .beside(|v| v.wings.centre_m),
+    ],
     off: "no ceiling",
     source: "GAP.md 3.1",
     equation: "T -> T (1 + c e^(-(H-h)/l))",
-    build: |b| Box::new(Ceiling { gain: b.value[0], length_m: b.value[1].max(0.01), z_E_m: -b.room.ceiling_m }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::WhenAsked([1.0, 1.0, 1.0]),
+        verdict: "At the ceiling the wings give {gain} more thrust than the simulator says.",
+        causes: "wings that draw the air out of the gap between them and the ceiling",
+        remedy: "nothing to repair: stay half a metre below the ceiling, or take the scenario \
+            patch",
+        shows: "a vertical force in the last half metre below the ceiling",
+        looks_like: &["A8"],
+        apart: "Hover in steps up to just under the ceiling: it shows only there, a ground effect \
+            (A8) only at the floor.",
+    }),
+    build: |b| {
+        Box::new(Ceiling {
+            gain: b.value[0],
+            length_m: b.value[1].max(0.01),
+            z_E_m: -b.room.ceiling_m,
+        })
+    },
 };
 
 struct Ceiling {

@@ -5,7 +5,7 @@
 
 use super::servo_trim::KEPT;
 use crate::board::BoardSettings;
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -13,15 +13,45 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "I2",
     name: "centre of mass",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("x", "mm", 0.0, 1.0, [-5.0, 5.0], "forward; goes with the wing")
+    parameters: &[
+        ParameterSpec::new(
+            "x",
+            "mm",
+            Kind::Component,
+            0.0,
+            1.0,
+            [-5.0, 5.0],
+            "forward; goes with the wing",
+        )
+        .ways("to the back", "to the front")
         .beside(|v| v.wings.centre_m),
-ParameterSpec::new("y", "mm", 0.0, 0.0, [-5.0, 5.0], "right; goes with the wing")
+        ParameterSpec::new(
+            "y",
+            "mm",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-5.0, 5.0],
+            "right; goes with the wing",
+        )
+        .ways("to the left", "to the right")
         .beside(|v| v.wings.centre_m),
-        KEPT],
+        KEPT,
+    ],
     off: "centre of mass of the vehicle file",
     source: "GAP.md 3.3",
     equation: "r -> r - Δ",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
+        verdict: "The centre of mass is off by {}.",
+        causes: "a battery that sits elsewhere, added parts, a repair on one side",
+        remedy: "move the battery so that the vehicle balances where it is drawn",
+        shows: "a lean in proportion to throttle; a lever arm at doublets",
+        looks_like: &["P6", "L3"],
+        apart: "Balance the vehicle on an edge, along and across: unequal wings (P6) and servos \
+            off their centre (L3) do not show there.",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::random::Stream;
 use crate::tag::air::Packet;
 
@@ -22,10 +22,34 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("cabinets", "", 0.0, 0.0, [0.0, 8.0], "metal cabinets, one before an anchor each"),
-        ParameterSpec::new("people", "", 0.0, 0.0, [0.0, 4.0], "people who walk"),
-        ParameterSpec::new("least", "m", 0.8, 0.8, [0.1, 2.0], "added by a cabinet, least"),
-        ParameterSpec::new("most", "m", 2.6, 2.6, [0.1, 4.0], "added by a cabinet, most"),
+        ParameterSpec::new(
+            "cabinets",
+            "",
+            Kind::Shape,
+            0.0,
+            0.0,
+            [0.0, 8.0],
+            "metal cabinets, one before an anchor each",
+        ),
+        ParameterSpec::new("people", "", Kind::Shape, 0.0, 0.0, [0.0, 4.0], "people who walk"),
+        ParameterSpec::new(
+            "least",
+            "m",
+            Kind::Shape,
+            0.8,
+            0.8,
+            [0.1, 2.0],
+            "added by a cabinet, least",
+        ),
+        ParameterSpec::new(
+            "most",
+            "m",
+            Kind::Shape,
+            2.6,
+            2.6,
+            [0.1, 4.0],
+            "added by a cabinet, most",
+        ),
     ],
     off: "an empty room",
     source: "UTIL, flights with a metal box and static tests",
@@ -109,7 +133,13 @@ impl Clutter {
 }
 
 /// Length of the path from `from` to `to` inside a box that stands on the floor, m.
-fn inside_m(from: &Vector3<f64>, to: &Vector3<f64>, middle_E_m: [f64; 2], half_m: f64, high_m: f64) -> f64 {
+fn inside_m(
+    from: &Vector3<f64>,
+    to: &Vector3<f64>,
+    middle_E_m: [f64; 2],
+    half_m: f64,
+    high_m: f64,
+) -> f64 {
     let along = to - from;
     let low = [middle_E_m[0] - half_m, middle_E_m[1] - half_m, -high_m];
     let high = [middle_E_m[0] + half_m, middle_E_m[1] + half_m, 0.0];
@@ -172,7 +202,11 @@ mod tests {
             // Over the places of the room: the cabinet shades some of them.
             (0..400)
                 .map(|k| {
-                    let place = Vector3::new(3.0 + 0.2 * f64::from(k / 20), 3.0 + 0.2 * f64::from(k % 20), -1.0);
+                    let place = Vector3::new(
+                        3.0 + 0.2 * f64::from(k / 20),
+                        3.0 + 0.2 * f64::from(k % 20),
+                        -1.0,
+                    );
                     let mut p = probe::packet(from, place);
                     effect.air(&probe::hover(), &mut p);
                     p.tag_extra_m
@@ -182,7 +216,10 @@ mod tests {
         };
         assert_eq!(mean(&mut empty, 0), 0.0);
         let low: Vec<f64> = (0..4).map(|from| mean(&mut full, from)).collect();
-        assert!(low.iter().all(|m| (0.0..2.6).contains(m)) && low.iter().any(|m| *m > 0.1), "{low:?}");
+        assert!(
+            low.iter().all(|m| (0.0..2.6).contains(m)) && low.iter().any(|m| *m > 0.1),
+            "{low:?}"
+        );
         // High anchors look over it.
         assert!(mean(&mut full, 7).abs() < 0.05);
     }

@@ -4,7 +4,10 @@
 //! synchronisation too (`s` 1); a queue before the loops delays setpoints alone (`s` 0). Source: GAP.md T2, 20 to 80 ms. Nearest
 //! confounder: slow inner loop (L1).
 
-use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Setpoint, Stage, State};
+use crate::effects::{
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Setpoint, Stage, State,
+};
 use crate::waiting::Waiting;
 
 /// Entry in the list.
@@ -12,14 +15,32 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "T2",
     name: "command delay",
     block: Block::Link,
-    role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("delay", "ms", 0.0, 40.0, [20.0, 80.0], "delay"),
-        ParameterSpec::new("share", "", 1.0, 1.0, [0.0, 1.0], "share of it that all but setpoints have"),
+        ParameterSpec::new("delay", "ms", Kind::Size, 0.0, 40.0, [20.0, 80.0], "delay"),
+        ParameterSpec::new(
+            "share",
+            "",
+            Kind::Shape,
+            1.0,
+            1.0,
+            [0.0, 1.0],
+            "share of it that all but setpoints have",
+        ),
     ],
     off: "no delay beyond N19",
     source: "GAP.md 3.7",
     equation: "delay += d of setpoints, s d of all else",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
+        verdict: "Commands reach the board {delay} later than the simulator says.",
+        causes: "a low baud rate, a loaded link or computer, a queue on the board",
+        remedy: "check the link from companion to board: baud rate, load, packet loss",
+        shows: "a pure lag from command to motors and attitude",
+        looks_like: &["L1"],
+        apart: "A slow loop (L1) blunts a movement as well: fly roll and pitch doublets, or log \
+            on the board when setpoints arrive.",
+    }),
     build: |b| {
         let [delay_s, share] = [b.value[0] * 1e-3, b.value[1]];
         Box::new(CommandDelay {

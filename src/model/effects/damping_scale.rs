@@ -2,7 +2,7 @@
 //!
 //! `M -> κ M` in N2. Source: GAP.md A11, ±50 %.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -10,11 +10,22 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A11",
     name: "rotational damping scale",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("kappa", "", 1.0, 0.6, [0.5, 1.5], "factor")],
+    parameters: &[ParameterSpec::new("kappa", "", Kind::Component, 1.0, 0.6, [0.5, 1.5], "factor")
+        .ways("less", "more")],
     off: "damping of the vehicle file",
     source: "GAP.md 3.1",
     equation: "M -> κ M",
+    role: Role::Deviation(Deviation {
+        standard: false,
+        hidden: Hidden::Never,
+        verdict: "The air damps rotation {kappa} than the simulator says.",
+        causes: "wings of another size or farther from the middle, softer or stiffer film",
+        remedy: "check servos and linkages for friction; check the board's gains",
+        shows: "doublets that decay otherwise at the same gain",
+        looks_like: &["L1"],
+        apart: "A slow loop (L1) is late from the start of a movement, damping changes how it \
+            ends: fly roll and pitch doublets.",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

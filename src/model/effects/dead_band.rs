@@ -3,19 +3,38 @@
 //! `δ_wing = clamp(δ_wing, δ_servo - b, δ_servo + b)`, `b` half of the play (deg). Source: GAP.md L4, 0.5 to 3° of play.
 //! Small doublets vanish, large ones pass. Left out: play of the wing roots.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::wings::{ActuatorCommand};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
+use crate::wings::ActuatorCommand;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "L4",
     name: "backlash",
     block: Block::Actuators,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("play", "deg", 0.0, 1.5, [0.5, 3.0], "whole width of the play")],
+    parameters: &[ParameterSpec::new(
+        "play",
+        "deg",
+        Kind::Size,
+        0.0,
+        1.5,
+        [0.5, 3.0],
+        "whole width of the play",
+    )],
     off: "no play",
     source: "GAP.md 3.4",
     equation: "δ_wing = clamp(δ_wing, δ_servo ± b)",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "The linkage of the dihedral servo has {play} of play.",
+        causes: "worn joints or servo horns, loose screws",
+        remedy: "tighten the linkages: there is play in them",
+        shows: "small doublets vanish, large ones pass",
+        looks_like: &["L1"],
+        apart: "A slow loop (L1) is late at any size: fly roll and pitch doublets of two sizes.",
+    }),
     build: |b| Box::new(DeadBand { half_rad: 0.5 * b.value[0].to_radians(), wing_rad: 0.0 }),
 };
 

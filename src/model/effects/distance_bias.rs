@@ -2,7 +2,9 @@
 //!
 //! `ρ -> ρ + s (ρ - ρ₀)`, `ρ₀` 5 m (m). Source: GAP.md U4, 1 to 4 cm per m. Left out: the curve of the data sheet.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -10,11 +12,30 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U4",
     name: "distance-dependent bias",
     block: Block::Uwb,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("slope", "m/m", 0.0, 0.02, [0.01, 0.04], "bias per distance")],
+    parameters: &[ParameterSpec::new(
+        "slope",
+        "m/m",
+        Kind::Size,
+        0.0,
+        0.02,
+        [0.01, 0.04],
+        "bias per distance",
+    )],
     off: "stamps corrected for power",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + s (ρ - ρ₀)",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::Never,
+        verdict: "Distances come out wrong by {slope}: too long beyond 5 m, too short below.",
+        causes: "time stamps that are not corrected for the strength of the signal",
+        remedy: "switch on the anchors' correction for signal strength, or calibrate their \
+            antenna delays at the distances that are flown",
+        shows: "an error that goes with the distance",
+        looks_like: &["U7"],
+        apart: "An anchor that stands elsewhere (U7) is wrong by direction: measure the anchors \
+            by tape.",
+    }),
     build: |b| Box::new(DistanceBias(b.value[0])),
 };
 

@@ -13,9 +13,9 @@ pub fn markdown() -> String {
          sim-to-real gap chooses from, GAP.md says in its section 3. Ranges and defaults are the \
          Flapper's; of a size that goes with something another vehicle's are as much larger or smaller.\n",
     );
-    for (role, title) in [(Role::Nominal, "Nominal"), (Role::Deviation, "Deviations")] {
+    for (nominal, title) in [(true, "Nominal"), (false, "Deviations")] {
         let _ = write!(page, "\n## {title}\n");
-        for spec in ALL.iter().filter(|spec| spec.role == role) {
+        for spec in ALL.iter().filter(|spec| (spec.role == Role::Nominal) == nominal) {
             describe(&mut page, spec);
         }
     }
@@ -25,7 +25,7 @@ pub fn markdown() -> String {
          | block | deviations |\n|---|---|\n",
     );
     for block in Block::CHAIN.into_iter().filter(|block| !block.is_consequence()) {
-        let own = ALL.iter().filter(|s| s.role == Role::Deviation && s.block == block);
+        let own = ALL.iter().filter(|s| s.role != Role::Nominal && s.block == block);
         let ids: Vec<&str> = own.map(|spec| spec.id).collect();
         let _ = writeln!(page, "| `{}` | {} |", block.name(), ids.join(", "));
     }

@@ -11,7 +11,7 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::wings::Wrench;
 
 /// Entry in the list.
@@ -21,12 +21,36 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Aerodynamics,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("k_x", "N·s/m per Hz", 0.0, 0.0169, [0.010, 0.027], "along x")
-            .of_vehicle(|v| &mut v.drag.k_ns_per_m_hz[0]),
-        ParameterSpec::new("k_y", "N·s/m per Hz", 0.0, 0.0080, [0.005, 0.017], "along y")
-            .of_vehicle(|v| &mut v.drag.k_ns_per_m_hz[1]),
-        ParameterSpec::new("k_z", "N·s/m per Hz", 0.0, 0.0026, [0.001, 0.006], "along z")
-            .of_vehicle(|v| &mut v.drag.k_ns_per_m_hz[2]),
+        ParameterSpec::new(
+            "k_x",
+            "N·s/m per Hz",
+            Kind::Size,
+            0.0,
+            0.0169,
+            [0.010, 0.027],
+            "along x",
+        )
+        .of_vehicle(|v| &mut v.drag.k_ns_per_m_hz[0]),
+        ParameterSpec::new(
+            "k_y",
+            "N·s/m per Hz",
+            Kind::Size,
+            0.0,
+            0.0080,
+            [0.005, 0.017],
+            "along y",
+        )
+        .of_vehicle(|v| &mut v.drag.k_ns_per_m_hz[1]),
+        ParameterSpec::new(
+            "k_z",
+            "N·s/m per Hz",
+            Kind::Size,
+            0.0,
+            0.0026,
+            [0.001, 0.006],
+            "along z",
+        )
+        .of_vehicle(|v| &mut v.drag.k_ns_per_m_hz[2]),
     ],
     off: "no drag",
     source: "public Flapper model after Karásek; recorded flights for y and z",

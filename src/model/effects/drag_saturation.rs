@@ -3,7 +3,7 @@
 //! `F -> F / (1 + |v| / v_s)` in N1; `v_s` speed at which half of the linear law is left (m/s). Source:
 //! GAP.md A2, 0.6 to 2.5 m/s; the paper's exponential v(θ) law is of this kind. Same as A1 below 0.5 m/s.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -11,11 +11,31 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A2",
     name: "drag law saturates",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("speed", "m/s", f64::INFINITY, 1.2, [0.6, 2.5], "speed at which drag is half of the linear law")],
+    parameters: &[ParameterSpec::new(
+        "speed",
+        "m/s",
+        Kind::Inverse,
+        f64::INFINITY,
+        1.2,
+        [0.6, 2.5],
+        "speed at which drag is half of the linear law",
+    )],
     off: "drag linear in speed",
     source: "GAP.md 3.1",
     equation: "F -> F / (1 + |v| / v_s)",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.6, 1.0, 1.0]),
+        verdict: "Drag grows ever less with speed: at {speed} it is half of what the simulator \
+            says.",
+        causes: "soft wings that give way in fast air, a drag law that was measured at low speed \
+            only",
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        shows: "a force that bends at speed; overshoot on fast legs only",
+        looks_like: &["A1"],
+        apart: "Below 0.5 m/s it is the same as less drag (A1): fly dashes there and back at \
+            three speeds.",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -5,22 +5,62 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Axis, Block, Build, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage,
+    State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "A6",
     name: "draught zone",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("speed", "m/s", 0.0, 0.6, [0.25, 1.0], "in the middle"),
-ParameterSpec::new("north", "m", 5.0, 5.0, [0.0, 10.0], "middle, from the origin"),
-ParameterSpec::new("east", "m", 5.0, 5.0, [0.0, 10.0], "middle, from the origin"),
-ParameterSpec::new("size", "m", 0.8, 0.8, [0.4, 1.5], "half width"),
-ParameterSpec::new("towards", "deg", 0.0, 90.0, [-180.0, 180.0], "direction, clockwise from north")],
+    parameters: &[
+        ParameterSpec::new("speed", "m/s", Kind::Size, 0.0, 0.6, [0.25, 1.0], "in the middle"),
+        ParameterSpec::new(
+            "north",
+            "m",
+            Kind::Where(Axis::North),
+            5.0,
+            5.0,
+            [0.0, 10.0],
+            "middle, from the origin",
+        ),
+        ParameterSpec::new(
+            "east",
+            "m",
+            Kind::Where(Axis::East),
+            5.0,
+            5.0,
+            [0.0, 10.0],
+            "middle, from the origin",
+        ),
+        ParameterSpec::new("size", "m", Kind::Shape, 0.8, 0.8, [0.4, 1.5], "half width"),
+        ParameterSpec::new(
+            "towards",
+            "deg",
+            Kind::Direction,
+            0.0,
+            90.0,
+            [-180.0, 180.0],
+            "direction, clockwise from north",
+        ),
+    ],
     off: "still air everywhere",
     source: "GAP.md 3.1",
     equation: "w = w₀ e^(-½ d²/σ²)",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "A draught of {speed} blows {towards} at one place of the room, {north} and \
+            {east} of the origin.",
+        causes: "an air outlet, a fan, an open door",
+        remedy: "close doors, stop fans; nothing to repair on the vehicle",
+        shows: "a force at one place, whichever way the vehicle passes it",
+        looks_like: &["A5", "A10"],
+        apart: "Wind (A5) is everywhere, a wall (A10) acts along its whole length: fly the square \
+            along the walls, and again with doors closed and fans off.",
+    }),
     build: |b| Box::new(Draught::new(&b)),
 };
 

@@ -4,7 +4,7 @@
 //! pack's nominal voltage (V), `x` from the vehicle file; at `V_r` nothing changes. Source of `x`: `haltere gap commission`; recorded
 //! flights of the Flapper have 1.01.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::wings::Actuation;
 
 /// Least share of the nominal voltage in the law: a pack without voltage turns nothing, and no power of zero is asked for.
@@ -16,8 +16,16 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "voltage exponent of the drive",
     block: Block::Thrust,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("exponent", "", 1.0, 1.0, [0.5, 1.5], "of the flap rate against voltage")
-        .of_vehicle(|v| &mut v.wings.voltage_exponent)],
+    parameters: &[ParameterSpec::new(
+        "exponent",
+        "",
+        Kind::Shape,
+        1.0,
+        1.0,
+        [0.5, 1.5],
+        "of the flap rate against voltage",
+    )
+    .of_vehicle(|v| &mut v.wings.voltage_exponent)],
     off: "flap rate in proportion to command times voltage",
     source: "recorded flights: 1.01 between 7.9 and 7.1 V",
     equation: "f -> b + (f - b) (V/V_r)^(x - 1)",
@@ -44,7 +52,8 @@ impl Effect for DriveVoltage {
         if self.exponent == 0.0 {
             return;
         }
-        let factor = (s.supply_v * self.inverse_rated_v).max(LEAST_VOLTAGE_SHARE).powf(self.exponent);
+        let factor =
+            (s.supply_v * self.inverse_rated_v).max(LEAST_VOLTAGE_SHARE).powf(self.exponent);
         for f in &mut actuation.flap_hz {
             // A wing that stands has no command.
             if *f > 0.0 {

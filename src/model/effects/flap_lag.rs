@@ -4,7 +4,7 @@
 //! `f += (1 - e^(-dt/τ)) (f_target - f)`. `f` Hz, `τ` s. Source: public dynamic model of this vehicle, τ = 0.0796 s. Left out:
 //! different lags for speeding up and slowing down.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, STEP_S, Stage, State};
 use crate::wings::Actuation;
 
 /// Entry in the list.
@@ -13,8 +13,16 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "flap lag",
     block: Block::Thrust,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("lag", "s", 1e-6, 0.08, [0.05, 0.28], "time constant")
-        .of_vehicle(|v| &mut v.wings.flap_lag_s)],
+    parameters: &[ParameterSpec::new(
+        "lag",
+        "s",
+        Kind::Size,
+        1e-6,
+        0.08,
+        [0.05, 0.28],
+        "time constant",
+    )
+    .of_vehicle(|v| &mut v.wings.flap_lag_s)],
     off: "flap rate jumps to its command",
     source: "public Flapper model",
     equation: "f' = (f_target - f) / τ",

@@ -14,11 +14,11 @@ use std::f64::consts::{SQRT_2, TAU};
 
 use nalgebra::Vector3;
 
-use haltere_core::frames::G_MPS2;
 use crate::effects::{
-    Block, Build, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+    Block, Build, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::random::Stream;
+use haltere_core::frames::G_MPS2;
 
 /// Shares of the harmonics in the variance; the rest is white. Assumed.
 const SHARES: [f64; 2] = [0.6, 0.3];
@@ -30,14 +30,46 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Imu,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("std_acc_x", "g", 0.0, 0.56, [0.2, 1.5], "accelerometer x in hover")
-            .of_vehicle(|v| &mut v.imu.vibration_g[0]),
-        ParameterSpec::new("std_acc_y", "g", 0.0, 1.76, [0.5, 3.0], "accelerometer y in hover")
-            .of_vehicle(|v| &mut v.imu.vibration_g[1]),
-        ParameterSpec::new("std_acc_z", "g", 0.0, 0.79, [0.2, 2.0], "accelerometer z in hover")
-            .of_vehicle(|v| &mut v.imu.vibration_g[2]),
-        ParameterSpec::new("std_gyro", "rad/s", 0.0, 0.15, [0.0, 0.6], "each gyroscope axis in hover")
-            .of_vehicle(|v| &mut v.imu.vibration_radps),
+        ParameterSpec::new(
+            "std_acc_x",
+            "g",
+            Kind::Size,
+            0.0,
+            0.56,
+            [0.2, 1.5],
+            "accelerometer x in hover",
+        )
+        .of_vehicle(|v| &mut v.imu.vibration_g[0]),
+        ParameterSpec::new(
+            "std_acc_y",
+            "g",
+            Kind::Size,
+            0.0,
+            1.76,
+            [0.5, 3.0],
+            "accelerometer y in hover",
+        )
+        .of_vehicle(|v| &mut v.imu.vibration_g[1]),
+        ParameterSpec::new(
+            "std_acc_z",
+            "g",
+            Kind::Size,
+            0.0,
+            0.79,
+            [0.2, 2.0],
+            "accelerometer z in hover",
+        )
+        .of_vehicle(|v| &mut v.imu.vibration_g[2]),
+        ParameterSpec::new(
+            "std_gyro",
+            "rad/s",
+            Kind::Size,
+            0.0,
+            0.15,
+            [0.0, 0.6],
+            "each gyroscope axis in hover",
+        )
+        .of_vehicle(|v| &mut v.imu.vibration_radps),
     ],
     off: "the IMU feels the cycle-averaged motion only",
     source: "recorded flights, raw 100 Hz accelerometer; gyroscope assumed",

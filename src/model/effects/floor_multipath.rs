@@ -5,7 +5,7 @@
 //! a bias, not noise; below about 0.4 m. In UTIL's flights of April 2.7 to 3.4 m on the floor that end at 0.15 m
 //! (`haltere-lab recorded DIR --ranging`). Left out: dependence on the angle of the reflection.
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -15,10 +15,42 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("least", "m", 0.0, 0.2, [0.0, 4.0], "bias at the floor, least anchor"),
-        ParameterSpec::new("most", "m", 0.0, 0.5, [0.0, 4.0], "bias at the floor, worst anchor"),
-        ParameterSpec::new("below", "m", 0.4, 0.4, [0.1, 0.8], "height at which it ends"),
-        ParameterSpec::new("anchor_height", "m", 1.0, 1.0, [0.3, 2.0], "anchors below this suffer"),
+        ParameterSpec::new(
+            "least",
+            "m",
+            Kind::Size,
+            0.0,
+            0.2,
+            [0.0, 4.0],
+            "bias at the floor, least anchor",
+        ),
+        ParameterSpec::new(
+            "most",
+            "m",
+            Kind::Size,
+            0.0,
+            0.5,
+            [0.0, 4.0],
+            "bias at the floor, worst anchor",
+        ),
+        ParameterSpec::new(
+            "below",
+            "m",
+            Kind::Shape,
+            0.4,
+            0.4,
+            [0.1, 0.8],
+            "height at which it ends",
+        ),
+        ParameterSpec::new(
+            "anchor_height",
+            "m",
+            Kind::Shape,
+            1.0,
+            1.0,
+            [0.3, 2.0],
+            "anchors below this suffer",
+        ),
     ],
     off: "no reflection off the floor",
     source: "INTERFACES.md section 1",

@@ -5,7 +5,7 @@
 //! correction must not be tested against itself. Both agree at the paper's 0.33 m (0.92 of the free
 //! command). Source: number from the paper, form usual for flapping wings. Valid from the floor up.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 
 /// Lengths of decay after which the factor is 1 within 0.1 %.
 const NEGLIGIBLE_LENGTHS: f64 = 6.0;
@@ -17,9 +17,9 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Aerodynamics,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("gain", "", 0.0, 0.20, [0.0, 0.4], "gain at the floor")
+        ParameterSpec::new("gain", "", Kind::Size, 0.0, 0.20, [0.0, 0.4], "gain at the floor")
             .of_vehicle(|v| &mut v.ground.gain),
-        ParameterSpec::new("length", "m", 0.4, 0.40, [0.1, 0.5], "length of decay")
+        ParameterSpec::new("length", "m", Kind::Shape, 0.4, 0.40, [0.1, 0.5], "length of decay")
             .of_vehicle(|v| &mut v.ground.length_m),
     ],
     off: "thrust does not depend on height",

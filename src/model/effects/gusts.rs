@@ -5,7 +5,10 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
+use crate::effects::{
+    Block, Build, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, STEP_S, Stage,
+    State,
+};
 use crate::random::{Markov, Stream};
 
 /// Entry in the list.
@@ -13,12 +16,33 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A7",
     name: "gusts",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("std", "m/s", 0.0, 0.3, [0.1, 0.6], "standard deviation of each horizontal component"),
-ParameterSpec::new("tau", "s", 1.5, 1.5, [0.5, 3.0], "correlation time")],
+    parameters: &[
+        ParameterSpec::new(
+            "std",
+            "m/s",
+            Kind::Size,
+            0.0,
+            0.3,
+            [0.1, 0.6],
+            "standard deviation of each horizontal component",
+        ),
+        ParameterSpec::new("tau", "s", Kind::Shape, 1.5, 1.5, [0.5, 3.0], "correlation time"),
+    ],
     off: "no turbulence",
     source: "GAP.md 3.1",
     equation: "w Gauss-Markov",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.167, 0.333, 0.667]),
+        verdict: "Gusts of {std} (standard deviation) shake the vehicle.",
+        causes: "a fan, air conditioning, people who walk by, the vehicle's own air in a small \
+            room",
+        remedy: "close doors, stop fans; nothing to repair on the vehicle",
+        shows: "slow noise of the force, in hover too",
+        looks_like: &["T1", "U1"],
+        apart: "The accelerometer feels gusts. Late (T1) or noisy (U1) UWB is in the position \
+            alone.",
+    }),
     build: |b| Box::new(Gusts::new(b)),
 };
 

@@ -3,22 +3,74 @@
 //! `β -> β + β̇ t + z e^(-½ d²/σ²)`; `t` time (s), `d` horizontal distance from the steel (m). Source: GAP.md H2, 0.5 to 3° per
 //! minute or by place.
 
-use crate::effects::{AttitudeError, Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    AttitudeError, Axis, Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "H2",
     name: "heading drift",
     block: Block::InnerLoop,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("rate", "deg/min", 0.0, 1.5, [-3.0, 3.0], "drift"),
-ParameterSpec::new("zone", "deg", 0.0, 0.0, [-20.0, 20.0], "pull at the steel"),
-ParameterSpec::new("north", "m", 5.0, 5.0, [0.0, 10.0], "place of the steel"),
-ParameterSpec::new("east", "m", 5.0, 5.0, [0.0, 10.0], "place of the steel"),
-ParameterSpec::new("size", "m", 1.0, 1.0, [0.4, 3.0], "half width of the zone")],
+    parameters: &[
+        ParameterSpec::new("rate", "deg/min", Kind::Component, 0.0, 1.5, [-3.0, 3.0], "drift")
+            .ways("anticlockwise", "clockwise"),
+        ParameterSpec::new(
+            "zone",
+            "deg",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-20.0, 20.0],
+            "pull at the steel",
+        )
+        .ways(
+            "anticlockwise at the place {north} and {east} of the origin",
+            "clockwise at the place {north} and {east} of the origin",
+        ),
+        ParameterSpec::new(
+            "north",
+            "m",
+            Kind::Where(Axis::North),
+            5.0,
+            5.0,
+            [0.0, 10.0],
+            "place of the steel",
+        ),
+        ParameterSpec::new(
+            "east",
+            "m",
+            Kind::Where(Axis::East),
+            5.0,
+            5.0,
+            [0.0, 10.0],
+            "place of the steel",
+        ),
+        ParameterSpec::new(
+            "size",
+            "m",
+            Kind::Shape,
+            1.0,
+            1.0,
+            [0.4, 3.0],
+            "half width of the zone",
+        ),
+    ],
     off: "offset of N13",
     source: "GAP.md 3.8",
     equation: "β -> β + β̇ t + z e^(-½ d²/σ²)",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::Never,
+        verdict: "The board's north turns in flight: {}.",
+        causes: "steel or magnets in the room, a heading that comes from the gyroscope alone",
+        remedy: "give board.north_offset_deg, keep magnets and motors' wires away from the compass",
+        shows: "an error across the way that grows or has a place",
+        looks_like: &["H1"],
+        apart: "A misalignment (H1) is there from the start and everywhere: read the heading \
+            along a wall before and after the flight.",
+    }),
     build: |b| Box::new(HeadingDrift(b.value.to_vec())),
 };
 

@@ -5,8 +5,8 @@
 //! turn on one board (BOARDS.md). Larger offsets and ramps: H1, H2.
 
 use crate::effects::{
-    ATTITUDE_PERIOD_S, AttitudeError, Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage,
-    State,
+    ATTITUDE_PERIOD_S, AttitudeError, Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role,
+    Stage, State,
 };
 use crate::random::{Markov, Stream};
 
@@ -17,9 +17,25 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::InnerLoop,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("offset", "deg", 0.0, 4.0, [-10.0, 10.0], "room north to the board's north"),
-        ParameterSpec::new("std_drift", "deg", 0.0, 0.5, [0.0, 2.0], "wander about it"),
-        ParameterSpec::new("tau", "s", 60.0, 60.0, [10.0, 300.0], "correlation time of the wander"),
+        ParameterSpec::new(
+            "offset",
+            "deg",
+            Kind::Component,
+            0.0,
+            4.0,
+            [-10.0, 10.0],
+            "room north to the board's north",
+        ),
+        ParameterSpec::new("std_drift", "deg", Kind::Size, 0.0, 0.5, [0.0, 2.0], "wander about it"),
+        ParameterSpec::new(
+            "tau",
+            "s",
+            Kind::Shape,
+            60.0,
+            60.0,
+            [10.0, 300.0],
+            "correlation time of the wander",
+        ),
     ],
     off: "the board's north is room north",
     source: "two real boards in simulation",

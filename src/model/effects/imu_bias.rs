@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
 };
 
 /// Entry in the list.
@@ -16,8 +16,24 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Imu,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("std_acc", "m/s²", 0.0, 0.05, [0.0, 0.2], "accelerometer, each axis"),
-        ParameterSpec::new("std_gyro", "rad/s", 0.0, 0.003, [0.0, 0.01], "gyroscope, each axis"),
+        ParameterSpec::new(
+            "std_acc",
+            "m/s²",
+            Kind::Size,
+            0.0,
+            0.05,
+            [0.0, 0.2],
+            "accelerometer, each axis",
+        ),
+        ParameterSpec::new(
+            "std_gyro",
+            "rad/s",
+            Kind::Size,
+            0.0,
+            0.003,
+            [0.0, 0.01],
+            "gyroscope, each axis",
+        ),
     ],
     off: "no bias",
     source: "assumed: residue of a calibration",

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+    Block, Effect, EffectSpec, ImuReading, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::random::Stream;
 
@@ -17,11 +17,27 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Imu,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("std_acc", "m/s²", 0.0, 0.05, [0.01, 0.2], "accelerometer, each axis")
-            .of_vehicle(|v| &mut v.imu.std_acc_mps2),
-        ParameterSpec::new("std_gyro", "rad/s", 0.0, 0.004, [0.001, 0.02], "gyroscope, each axis")
-            .of_vehicle(|v| &mut v.imu.std_gyro_radps),
-        ParameterSpec::new("std_pressure", "Pa", 0.0, 2.5, [0.5, 10.0], "barometer")
+        ParameterSpec::new(
+            "std_acc",
+            "m/s²",
+            Kind::Size,
+            0.0,
+            0.05,
+            [0.01, 0.2],
+            "accelerometer, each axis",
+        )
+        .of_vehicle(|v| &mut v.imu.std_acc_mps2),
+        ParameterSpec::new(
+            "std_gyro",
+            "rad/s",
+            Kind::Size,
+            0.0,
+            0.004,
+            [0.001, 0.02],
+            "gyroscope, each axis",
+        )
+        .of_vehicle(|v| &mut v.imu.std_gyro_radps),
+        ParameterSpec::new("std_pressure", "Pa", Kind::Size, 0.0, 2.5, [0.5, 10.0], "barometer")
             .of_vehicle(|v| &mut v.imu.std_pressure_pa),
     ],
     off: "exact readings",

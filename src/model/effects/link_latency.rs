@@ -5,7 +5,7 @@
 //! board's door has no delay of its own. Left out: baud limit.
 
 use crate::effects::{
-    Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State,
+    Block, Cargo, Delivery, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State,
 };
 use crate::random::Stream;
 
@@ -16,16 +16,20 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Link,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("least", "ms", 0.0, 0.5, [0.1, 5.0], "least delay")
+        ParameterSpec::new("least", "ms", Kind::Size, 0.0, 0.5, [0.1, 5.0], "least delay")
             .of_vehicle(|v| &mut v.link.delay_ms),
-        ParameterSpec::new("jitter", "ms", 0.0, 1.0, [0.0, 5.0], "width of the jitter")
+        ParameterSpec::new("jitter", "ms", Kind::Size, 0.0, 1.0, [0.0, 5.0], "width of the jitter")
             .of_vehicle(|v| &mut v.link.jitter_ms),
     ],
     off: "bytes arrive in the step in which they are sent",
     source: "USB frame, 921600 baud; round trips seen on two boards",
     equation: "delay = d₀ + j u",
     build: |b| {
-        Box::new(LinkLatency { least_s: b.value[0] * 1e-3, jitter_s: b.value[1] * 1e-3, rng: b.rng })
+        Box::new(LinkLatency {
+            least_s: b.value[0] * 1e-3,
+            jitter_s: b.value[1] * 1e-3,
+            rng: b.rng,
+        })
     },
 };
 

@@ -6,18 +6,36 @@
 //! `2ζω - ω² d` in place of `2ζω`. Nearest confounder: commands that come late (T2), which ring no more than before.
 
 use crate::board::BoardSettings;
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "L2",
     name: "inner delay",
     block: Block::InnerLoop,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("delay", "ms", 0.0, 20.0, [6.0, 40.0], "delay inside the loop")],
+    parameters: &[ParameterSpec::new(
+        "delay",
+        "ms",
+        Kind::Size,
+        0.0,
+        20.0,
+        [6.0, 40.0],
+        "delay inside the loop",
+    )],
     off: "actuators told at once",
     source: "GAP.md 3.4",
     equation: "u_told(t) = u(t - d)",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::Never,
+        verdict: "The board's loop tells its servos {delay} later than the simulator says.",
+        causes: "filters on the board that are set low, servos that are driven at a low rate",
+        remedy: "set filters and servo rate of the board higher; check its gains",
+        shows: "attitude that rings, motors that are late after the command",
+        looks_like: &["L4", "T2"],
+        apart: "A late command (T2) does not ring more than before, backlash (L4) swallows small \
+            movements: fly roll and pitch doublets of two sizes.",
+    }),
     build: |b| Box::new(LoopDelay(b.value[0] * 1e-3)),
 };
 

@@ -3,8 +3,10 @@
 //! Below `h₀` low anchors get `ρ -> ρ + b S (1 + |n|) / 1.8`, `S = 1 - h/h₀`, `n` normal: a bias with positive skew on top of N17.
 //! Source: GAP.md U6, 0.1 to 0.5 m below 0.4 m.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::random::{Stream};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
+use crate::random::Stream;
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -12,14 +14,49 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U6",
     name: "near-ground multipath",
     block: Block::Uwb,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("bias", "m", 0.0, 0.3, [0.1, 0.5], "mean at the floor"),
-ParameterSpec::new("below", "m", 0.4, 0.4, [0.2, 0.8], "height at which it ends"),
-ParameterSpec::new("anchor_height", "m", 1.0, 1.0, [0.3, 2.0], "anchors below this suffer")],
+    parameters: &[
+        ParameterSpec::new("bias", "m", Kind::Size, 0.0, 0.3, [0.1, 0.5], "mean at the floor"),
+        ParameterSpec::new(
+            "below",
+            "m",
+            Kind::Shape,
+            0.4,
+            0.4,
+            [0.2, 0.8],
+            "height at which it ends",
+        ),
+        ParameterSpec::new(
+            "anchor_height",
+            "m",
+            Kind::Shape,
+            1.0,
+            1.0,
+            [0.3, 2.0],
+            "anchors below this suffer",
+        ),
+    ],
     off: "multipath of N17",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + b (1 - h/h₀) (1 + |n|) / 1.8",
-    build: |b| Box::new(LowMultipath { bias_m: b.value[0], below_m: b.value[1].max(0.01), anchor_m: b.value[2], rng: b.rng }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
+        verdict: "Near the floor distances to low anchors come out {bias} too long on average.",
+        causes: "reflections from the floor, anchors that stand low",
+        remedy: "raise the low anchors",
+        shows: "wide and one-sided errors low down",
+        looks_like: &["A8"],
+        apart: "Multipath is in the UWB, a ground effect (A8) in the force: fly the ladder of \
+            heights.",
+    }),
+    build: |b| {
+        Box::new(LowMultipath {
+            bias_m: b.value[0],
+            below_m: b.value[1].max(0.01),
+            anchor_m: b.value[2],
+            rng: b.rng,
+        })
+    },
 };
 
 /// Mean of 1 + |n| for a standard normal n.

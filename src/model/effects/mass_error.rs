@@ -3,7 +3,7 @@
 //! `m -> m + Δm` (kg, given in g). Source: GAP.md I1, 2 to 12 g. Nearest confounder: thrust loss (P1); drag rate
 //! k/m falls here. A kitchen scale decides.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -11,12 +11,30 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "I1",
     name: "mass",
     block: Block::Thrust,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("extra", "g", 0.0, 6.0, [2.0, 12.0], "further mass; goes with the mass")
-        .beside(|v| v.body.mass_kg)],
+    parameters: &[ParameterSpec::new(
+        "extra",
+        "g",
+        Kind::Size,
+        0.0,
+        6.0,
+        [2.0, 12.0],
+        "further mass; goes with the mass",
+    )
+    .beside(|v| v.body.mass_kg)],
     off: "mass of the vehicle file",
     source: "GAP.md 3.3",
     equation: "m -> m + Δm",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "The vehicle is {extra} heavier than the simulator says.",
+        causes: "a heavier battery, a camera or guards that were added, glue of repairs",
+        remedy: "weigh the vehicle; take off what was added, or set the mass in the vehicle file",
+        shows: "more throttle in hover, and speed that decays more slowly",
+        looks_like: &["P1"],
+        apart: "Weigh the vehicle: worn wings (P1) take more throttle too, but the scale does not \
+            show them.",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

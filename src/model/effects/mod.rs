@@ -18,7 +18,9 @@ mod spec;
 pub use bank::Bank;
 pub use list::ALL;
 pub use set::{EffectConfig, EffectSet};
-pub use spec::{Block, Build, EffectSpec, ParameterSpec, Role, Source};
+pub use spec::{
+    Axis, Block, Build, Choice, Deviation, EffectSpec, Hidden, Kind, ParameterSpec, Role, Source,
+};
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -242,23 +244,82 @@ pub(crate) mod probe;
 #[cfg(test)]
 mod tests;
 
-macro_rules! files {
-    ($($name:ident)*) => { $(pub mod $name;)* };
-}
 // Nominal.
-files! {
-    anchor_clocks attitude_error battery drag drive_voltage flap_lag flap_vibration floor_multipath ground_effect
-    heading_offset imu_bias imu_noise link_latency packet_loss passive_dihedral path_bias pitch_servo
-    clutter receive_noise rotational_damping thrust_curve yaw_servo
-}
+pub mod anchor_clocks;
+pub mod attitude_error;
+pub mod battery;
+pub mod clutter;
+pub mod drag;
+pub mod drive_voltage;
+pub mod flap_lag;
+pub mod flap_vibration;
+pub mod floor_multipath;
+pub mod ground_effect;
+pub mod heading_offset;
+pub mod imu_bias;
+pub mod imu_noise;
+pub mod link_latency;
+pub mod packet_loss;
+pub mod passive_dihedral;
+pub mod path_bias;
+pub mod pitch_servo;
+pub mod receive_noise;
+pub mod rotational_damping;
+pub mod thrust_curve;
+pub mod yaw_servo;
+
 // Deviations.
-files! {
-    acc_bias acc_clipping acc_drift acc_misalignment acc_scale anchor_bias anchor_drift anchor_survey
-    attitude_lag board_delay capacity ceiling command_delay dead_band distance_bias drag_saturation
-    drag_scale draught gusts gyro_bias heading_drift heading_misalignment inertia_scale
-    lever_arm loop_delay low_multipath mass_error cg_offset motor_saturation near_ground nlos_zone noise_level
-    outlier_bursts packet_drops pose_bias quadratic_drag resistance rectification roll_yaw_coupling
-    sampling_jitter servo_trim setpoint_bursts speed_pitch steady_wind tag_latency
-    thermal_droop thrust_expo thrust_lag thrust_loss tilt_saturation voltage_report wall wing_asymmetry
-    damping_scale
-}
+pub mod acc_bias;
+pub mod acc_clipping;
+pub mod acc_drift;
+pub mod acc_misalignment;
+pub mod acc_scale;
+pub mod anchor_bias;
+pub mod anchor_drift;
+pub mod anchor_survey;
+pub mod attitude_lag;
+pub mod board_delay;
+pub mod capacity;
+pub mod ceiling;
+pub mod cg_offset;
+pub mod command_delay;
+pub mod damping_scale;
+pub mod dead_band;
+pub mod distance_bias;
+pub mod drag_saturation;
+pub mod drag_scale;
+pub mod draught;
+pub mod gusts;
+pub mod gyro_bias;
+pub mod heading_drift;
+pub mod heading_misalignment;
+pub mod inertia_scale;
+pub mod lever_arm;
+pub mod loop_delay;
+pub mod low_multipath;
+pub mod mass_error;
+pub mod motor_saturation;
+pub mod near_ground;
+pub mod nlos_zone;
+pub mod noise_level;
+pub mod outlier_bursts;
+pub mod packet_drops;
+pub mod pose_bias;
+pub mod quadratic_drag;
+pub mod rectification;
+pub mod resistance;
+pub mod roll_yaw_coupling;
+pub mod sampling_jitter;
+pub mod servo_trim;
+pub mod setpoint_bursts;
+pub mod speed_pitch;
+pub mod steady_wind;
+pub mod tag_latency;
+pub mod thermal_droop;
+pub mod thrust_expo;
+pub mod thrust_lag;
+pub mod thrust_loss;
+pub mod tilt_saturation;
+pub mod voltage_report;
+pub mod wall;
+pub mod wing_asymmetry;

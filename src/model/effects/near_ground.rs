@@ -3,20 +3,49 @@
 //! `T -> T (1 + g e^(-h/l))` on top of N8; same symbols. Source: GAP.md A8, g -0.1 to 0.3, l 0.1 to 0.4 m.
 //! Nearest confounder: multipath near the floor (U6).
 
-use crate::effects::{Block, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "A8",
     name: "ground effect error",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("gain", "", 0.0, 0.15, [-0.1, 0.3], "further gain at the floor"),
-ParameterSpec::new("length", "m", 0.25, 0.25, [0.1, 0.4], "length of decay; goes with the wing")
-        .beside(|v| v.wings.centre_m)],
+    parameters: &[
+        ParameterSpec::new(
+            "gain",
+            "",
+            Kind::Component,
+            0.0,
+            0.15,
+            [-0.1, 0.3],
+            "further gain at the floor",
+        )
+        .ways("less", "more"),
+        ParameterSpec::new(
+            "length",
+            "m",
+            Kind::Shape,
+            0.25,
+            0.25,
+            [0.1, 0.4],
+            "length of decay; goes with the wing",
+        )
+        .beside(|v| v.wings.centre_m),
+    ],
     off: "ground effect of the vehicle file",
     source: "GAP.md 3.1",
     equation: "T -> T (1 + g e^(-h/l))",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::WhenAsked([0.707, 1.0, 1.0]),
+        verdict: "At the floor the wings give {gain} thrust than the simulator says.",
+        causes: "wings of another size or at another height over the floor, a soft or uneven floor",
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        shows: "another throttle below 0.5 m",
+        looks_like: &["U6"],
+        apart: "The ground effect is in the force, multipath (U6) in the UWB: fly the ladder of \
+            heights.",
+    }),
     build: |b| Box::new(GroundEffect { gain: b.value[0], length_m: b.value[1].max(0.01) }),
 };
 

@@ -3,8 +3,11 @@
 //! Inside a box around (north, east): `ρ_n -> ρ_n + b + σ n`, `b > 0` (m): the path goes round or through. Source: GAP.md U5,
 //! 0.15 to 0.8 m on one anchor, plus variance.
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::random::{Stream};
+use crate::effects::{
+    Axis, Block, Build, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Stage, State,
+};
+use crate::random::Stream;
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -12,16 +15,61 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U5",
     name: "NLOS zone",
     block: Block::Uwb,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("bias", "m", 0.0, 0.4, [0.15, 0.8], "added path"),
-ParameterSpec::new("std", "m", 0.0, 0.1, [0.0, 0.3], "added noise"),
-ParameterSpec::new("anchor", "", 0.0, 0.0, [0.0, 7.0], "place of the anchor in the survey, ascending id"),
-ParameterSpec::new("north", "m", 6.0, 6.0, [0.0, 10.0], "middle of the zone"),
-ParameterSpec::new("east", "m", 6.0, 6.0, [0.0, 10.0], "middle of the zone"),
-ParameterSpec::new("size", "m", 1.5, 1.5, [0.5, 4.0], "half width of the zone")],
+    parameters: &[
+        ParameterSpec::new("bias", "m", Kind::Size, 0.0, 0.4, [0.15, 0.8], "added path"),
+        ParameterSpec::new("std", "m", Kind::Size, 0.0, 0.1, [0.0, 0.3], "added noise"),
+        ParameterSpec::new(
+            "anchor",
+            "",
+            Kind::Which(Choice::Anchor("zone")),
+            0.0,
+            0.0,
+            [0.0, 7.0],
+            "place of the anchor in the survey, ascending id",
+        ),
+        ParameterSpec::new(
+            "north",
+            "m",
+            Kind::Where(Axis::North),
+            6.0,
+            6.0,
+            [0.0, 10.0],
+            "middle of the zone",
+        ),
+        ParameterSpec::new(
+            "east",
+            "m",
+            Kind::Where(Axis::East),
+            6.0,
+            6.0,
+            [0.0, 10.0],
+            "middle of the zone",
+        ),
+        ParameterSpec::new(
+            "size",
+            "m",
+            Kind::Shape,
+            1.5,
+            1.5,
+            [0.5, 4.0],
+            "half width of the zone",
+        ),
+    ],
     off: "line of sight everywhere",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + b + σ n in a box",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.187, 0.375, 0.75]),
+        verdict: "Something stands between {anchor} and one place of the room, {north} and {east} \
+            of the origin: there distances come out {bias} too long.",
+        causes: "a pillar, a cabinet, a metal frame or a person in the path",
+        remedy: "clear the path between the anchor and that place, or move the anchor",
+        shows: "an error of one anchor at one place, never too short",
+        looks_like: &["U7", "U2"],
+        apart: "A wrong place in the survey (U7) and a bias (U2) are wrong everywhere: fly the \
+            square along the walls at two heights.",
+    }),
     build: |b| Box::new(NlosZone::new(b)),
 };
 

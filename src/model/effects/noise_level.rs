@@ -3,8 +3,10 @@
 //! Independent noise is added to that of N15 so that the standard deviation of every reception becomes `x σ`. Source: GAP.md
 //! U1, 1.4 to 3 times.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::random::{Stream};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
+use crate::random::Stream;
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -12,14 +14,47 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U1",
     name: "UWB noise level",
     block: Block::Uwb,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("factor", "", 1.0, 2.0, [1.4, 3.0], "standard deviation over the nominal one"),
-ParameterSpec::new("std", "m", 0.035, 0.035, [0.01, 0.1], "nominal standard deviation per reception; goes with that of the vehicle")
-    .beside(|v| v.uwb.std_m)],
+    parameters: &[
+        ParameterSpec::new(
+            "factor",
+            "",
+            Kind::Size,
+            1.0,
+            2.0,
+            [1.4, 3.0],
+            "standard deviation over the nominal one",
+        ),
+        ParameterSpec::new(
+            "std",
+            "m",
+            Kind::OfTheReceiver,
+            0.035,
+            0.035,
+            [0.01, 0.1],
+            "nominal standard deviation per reception; goes with that of the vehicle",
+        )
+        .beside(|v| v.uwb.std_m),
+    ],
     off: "noise of N15",
     source: "GAP.md 3.6",
     equation: "σ -> x σ",
-    build: |b| Box::new(NoiseLevel { std_m: b.value[1] * (b.value[0].powi(2) - 1.0).max(0.0).sqrt(), rng: b.rng }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.2, 0.4, 0.8]),
+        verdict: "UWB readings are {factor} noisier than the simulator says.",
+        causes: "weak signals, a bent or covered antenna, another transmitter, unsuitable radio \
+            settings",
+        remedy: "check antennas, cables, and what else sends on the channel",
+        shows: "all readings spread wider, without a pattern",
+        looks_like: &["U10"],
+        apart: "Noise is always there, outliers (U10) come in bursts.",
+    }),
+    build: |b| {
+        Box::new(NoiseLevel {
+            std_m: b.value[1] * (b.value[0].powi(2) - 1.0).max(0.0).sqrt(),
+            rng: b.rng,
+        })
+    },
 };
 
 struct NoiseLevel {

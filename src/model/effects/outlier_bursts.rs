@@ -3,8 +3,10 @@
 //! Windows of `1.5 s · u`, `u` in 0.1 to 0.6, start at random (Poisson); inside, a reception is off by 0.5 to 3 m with a
 //! probability of one half. Source: GAP.md U10.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::random::{Stream};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
+use crate::random::Stream;
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -12,13 +14,32 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U10",
     name: "outlier bursts",
     block: Block::Uwb,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("rate", "1/min", 0.0, 8.0, [2.0, 20.0], "bursts per minute"),
-ParameterSpec::new("size", "m", 3.0, 3.0, [1.0, 6.0], "largest error")],
+    parameters: &[
+        ParameterSpec::new("rate", "1/min", Kind::Size, 0.0, 8.0, [2.0, 20.0], "bursts per minute"),
+        ParameterSpec::new("size", "m", Kind::Shape, 3.0, 3.0, [1.0, 6.0], "largest error"),
+    ],
     off: "no outliers",
     source: "GAP.md 3.6",
     equation: "ρ -> ρ + e in bursts",
-    build: |b| Box::new(OutlierBursts { rate_hz: b.value[0] / 60.0, size_m: b.value[1], until_s: 0.0, last_s: 0.0, rng: b.rng }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.167, 0.333, 0.667]),
+        verdict: "Wild UWB readings come in bursts, {rate}.",
+        causes: "somebody or something that moves between the anchors, another transmitter",
+        remedy: "check antennas, cables, and what else sends on the channel",
+        shows: "rare large errors, rejections in clusters",
+        looks_like: &["U1"],
+        apart: "Noise (U1) is always there, bursts come and go.",
+    }),
+    build: |b| {
+        Box::new(OutlierBursts {
+            rate_hz: b.value[0] / 60.0,
+            size_m: b.value[1],
+            until_s: 0.0,
+            last_s: 0.0,
+            rng: b.rng,
+        })
+    },
 };
 
 /// Longest burst, s, and the share of it that a burst lasts.

@@ -2,18 +2,36 @@
 //!
 //! `P(lost) = p` at the tag and at every anchor, on top of N18. Source: GAP.md U9, 25 to 80 %.
 
-use crate::effects::{Block, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "U9",
     name: "packet loss",
     block: Block::Uwb,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("probability", "", 0.0, 0.5, [0.25, 0.8], "per reception")],
+    parameters: &[ParameterSpec::new(
+        "probability",
+        "",
+        Kind::Size,
+        0.0,
+        0.5,
+        [0.25, 0.8],
+        "per reception",
+    )],
     off: "loss of N18",
     source: "GAP.md 3.6",
     equation: "P(lost) = p",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.312, 0.625, 1.0]),
+        verdict: "Tag and anchors lose {probability} of the UWB packets beyond what the simulator \
+            loses.",
+        causes: "a crowded channel, bodies or metal in the way, weak antennas",
+        remedy: "check antennas, cables, and what else sends on the channel",
+        shows: "fewer readings, no bias",
+        looks_like: &[],
+        apart: "Nothing else of the list takes readings away without making them wrong.",
+    }),
     build: |b| Box::new(PacketLoss { probability: b.value[0], rng: b.rng }),
 };
 

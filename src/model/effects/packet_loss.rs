@@ -2,7 +2,7 @@
 //!
 //! `P(lost) = p` at the tag and at every anchor. Source: about 1 % in a clear hall. Left out: bursts.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::random::Stream;
 use crate::tag::air::Packet;
 
@@ -12,8 +12,16 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "packet loss",
     block: Block::Uwb,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("probability", "", 0.0, 0.01, [0.0, 0.1], "per reception")
-        .of_vehicle(|v| &mut v.uwb.loss)],
+    parameters: &[ParameterSpec::new(
+        "probability",
+        "",
+        Kind::Size,
+        0.0,
+        0.01,
+        [0.0, 0.1],
+        "per reception",
+    )
+    .of_vehicle(|v| &mut v.uwb.loss)],
     off: "every packet is heard by all",
     source: "recorded flights",
     equation: "P(lost) = p",

@@ -5,7 +5,7 @@
 //! the smaller Nimble (Karásek 2018); 0.145 here, so that it balances the lever of the drag in hover
 //! (l_z k_x (f_L + f_R) = l_w c W), as the clean v(θ) law of the flights demands. Valid to 2 m/s.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::wings::Wrench;
 
 /// Entry in the list.
@@ -14,14 +14,20 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "passive dihedral",
     block: Block::Aerodynamics,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("bend", "rad per m/s", 0.0, 0.145, [0.0, 0.3], "bend per airspeed")
-        .of_vehicle(|v| &mut v.wings.passive_dihedral_rad_per_mps)],
+    parameters: &[ParameterSpec::new(
+        "bend",
+        "rad per m/s",
+        Kind::Size,
+        0.0,
+        0.145,
+        [0.0, 0.3],
+        "bend per airspeed",
+    )
+    .of_vehicle(|v| &mut v.wings.passive_dihedral_rad_per_mps)],
     off: "stiff wings: full nose-up moment of the drag above the centre of mass",
     source: "Karásek et al. 2018 (DelFly Nimble), scaled",
     equation: "M_y = -c l_w (T_L + T_R) u",
-    build: |b| {
-        Box::new(PassiveDihedral { lever_s: b.value[0] * b.vehicle.wings.centre_m })
-    },
+    build: |b| Box::new(PassiveDihedral { lever_s: b.value[0] * b.vehicle.wings.centre_m }),
 };
 
 struct PassiveDihedral {

@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::tag::air::Packet;
 
 /// Wavelengths, m.
@@ -23,9 +23,25 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Uwb,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("std", "m", 0.0, 0.035, [0.01, 0.3], "per path; a pair has √2 of it")
-            .of_vehicle(|v| &mut v.uwb.path_bias_m),
-        ParameterSpec::new("constant", "m", 0.0, 0.0, [0.0, 0.3], "that stays, per path"),
+        ParameterSpec::new(
+            "std",
+            "m",
+            Kind::Size,
+            0.0,
+            0.035,
+            [0.01, 0.3],
+            "per path; a pair has √2 of it",
+        )
+        .of_vehicle(|v| &mut v.uwb.path_bias_m),
+        ParameterSpec::new(
+            "constant",
+            "m",
+            Kind::Shape,
+            0.0,
+            0.0,
+            [0.0, 0.3],
+            "that stays, per path",
+        ),
     ],
     off: "paths are straight",
     source: "recorded flights against motion capture",
@@ -62,7 +78,8 @@ impl Effect for PathBias {
         if let (Some(waves), Some(constant_m)) =
             (self.waves.get(packet.from), self.constant_m.get(packet.from))
         {
-            let sum: f64 = waves.iter().map(|(k, phase)| (k.dot(&packet.tag_E_m) + phase).sin()).sum();
+            let sum: f64 =
+                waves.iter().map(|(k, phase)| (k.dot(&packet.tag_E_m) + phase).sin()).sum();
             packet.tag_extra_m += constant_m + self.std_m * sum;
         }
     }

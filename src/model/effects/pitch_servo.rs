@@ -4,7 +4,7 @@
 //! held. `δ` dihedral (rad), `ω` natural frequency (rad/s), `ζ` damping. Source: public dynamic model
 //! of this vehicle: 40 rad/s, 0.634, ±18°. Left out: rate limit, load of the wings.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::servo::SecondOrder;
 use crate::wings::Actuation;
 
@@ -15,9 +15,17 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Actuators,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("frequency", "rad/s", 1e9, 40.0, [15.0, 80.0], "natural frequency")
-            .of_vehicle(|v| &mut v.pitch_servo.frequency_radps),
-        ParameterSpec::new("damping", "", 1.0, 0.634, [0.4, 1.2], "damping ratio")
+        ParameterSpec::new(
+            "frequency",
+            "rad/s",
+            Kind::Inverse,
+            1e9,
+            40.0,
+            [15.0, 80.0],
+            "natural frequency",
+        )
+        .of_vehicle(|v| &mut v.pitch_servo.frequency_radps),
+        ParameterSpec::new("damping", "", Kind::Component, 1.0, 0.634, [0.4, 1.2], "damping ratio")
             .of_vehicle(|v| &mut v.pitch_servo.damping),
     ],
     off: "dihedral jumps to its command, still within its end stops",

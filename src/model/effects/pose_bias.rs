@@ -3,7 +3,9 @@
 //! `ρ_n -> ρ_n + A cos(az_n - ψ - φ)`, `az_n` bearing of the anchor from the tag, `ψ` yaw, `φ` phase (rad). Source: GAP.md U3,
 //! 0.05 to 0.25 m. Changes sign when yawing on the spot. Left out: tilt.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::tag::air::Packet;
 
 /// Entry in the list.
@@ -11,12 +13,34 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "U3",
     name: "pose-dependent bias",
     block: Block::Uwb,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("amplitude", "m", 0.0, 0.12, [0.05, 0.25], "amplitude"),
-ParameterSpec::new("phase", "deg", 0.0, 0.0, [-180.0, 180.0], "bearing of the longest path, from the nose")],
+    parameters: &[
+        ParameterSpec::new("amplitude", "m", Kind::Size, 0.0, 0.12, [0.05, 0.25], "amplitude"),
+        ParameterSpec::new(
+            "phase",
+            "deg",
+            Kind::Direction,
+            0.0,
+            0.0,
+            [-180.0, 180.0],
+            "bearing of the longest path, from the nose",
+        )
+        .ways("to the left", "to the right"),
+    ],
     off: "antenna alike in all directions",
     source: "GAP.md 3.6",
     equation: "ρ_n -> ρ_n + A cos(az_n - ψ - φ)",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::WhenAsked([0.2, 0.4, 0.8]),
+        verdict: "Distances depend on the side from which an anchor sees the tag: up to \
+            {amplitude} too long from the bearing {phase} of the nose, as much too short from the \
+            opposite one.",
+        causes: "an antenna in the shade of battery or frame, or with an uneven pattern",
+        remedy: "move the tag's antenna clear of battery and frame",
+        shows: "an error that changes its sign while the vehicle turns on the spot",
+        looks_like: &["U2"],
+        apart: "Turn on the spot: the bias of an anchor (U2) stays.",
+    }),
     build: |b| Box::new(PoseBias { amplitude_m: b.value[0], phase_rad: b.value[1].to_radians() }),
 };
 

@@ -4,7 +4,7 @@
 //! receptions enter one TDOA, so its white noise is `√3 σ`. Source: 0.05 to 0.07 m white on recorded
 //! TDOA residuals with motion capture, hence σ = 0.035 m. Left out: dependence on signal power (U4).
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::random::Stream;
 use crate::tag::air::Packet;
 
@@ -14,8 +14,16 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "receive-time noise",
     block: Block::Uwb,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("std", "m", 0.0, 0.035, [0.01, 0.1], "per reception, as a path")
-        .of_vehicle(|v| &mut v.uwb.std_m)],
+    parameters: &[ParameterSpec::new(
+        "std",
+        "m",
+        Kind::Size,
+        0.0,
+        0.035,
+        [0.01, 0.1],
+        "per reception, as a path",
+    )
+    .of_vehicle(|v| &mut v.uwb.std_m)],
     off: "receivers stamp exactly, to the tick",
     source: "recorded TDOA residuals",
     equation: "t_rx += σ n / c",

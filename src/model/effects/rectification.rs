@@ -5,7 +5,8 @@
 //! scaled; here as the offset itself. Gone with motors off, which is how it is told from scale.
 
 use crate::effects::{
-    Block, Effect, EffectSpec, ImuReading, ParameterSpec, Role, Stage, State,
+    Block, Deviation, Effect, EffectSpec, Hidden, ImuReading, Kind, ParameterSpec, Role, Stage,
+    State,
 };
 
 /// Entry in the list.
@@ -13,14 +14,42 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "M6",
     name: "vibration rectification",
     block: Block::Imu,
-    role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("offset", "m/s²", 0.0, 0.5, [-1.2, 1.2], "offset along z in hover"),
-        ParameterSpec::new("forward", "m/s²", 0.0, 0.0, [-1.2, 1.2], "offset along x in hover"),
+        ParameterSpec::new(
+            "offset",
+            "m/s²",
+            Kind::Component,
+            0.0,
+            0.5,
+            [-1.2, 1.2],
+            "offset along z in hover",
+        )
+        .ways("upward", "downward"),
+        ParameterSpec::new(
+            "forward",
+            "m/s²",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-1.2, 1.2],
+            "offset along x in hover",
+        )
+        .ways("to the back", "to the front"),
     ],
     off: "linear accelerometer",
     source: "GAP.md 3.5",
     equation: "a += b_h (f/f_h)⁴",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
+        verdict: "In hover vibration shifts what the accelerometer reads: {}.",
+        causes: "a board that is mounted hard, damaged or unequal wings, worn gears",
+        remedy: "mount the board softer: vibration reaches the accelerometer",
+        shows: "an offset that comes and goes with the motors",
+        looks_like: &["M3", "M4"],
+        apart: "Log 10 s at rest with motors off, then 10 s held with motors on: a wrong scale \
+            (M3) and a crooked board (M4) are there at rest.",
+    }),
     build: |b| {
         Box::new(Rectification {
             offset: [b.value[0], b.value[1]],

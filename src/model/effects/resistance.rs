@@ -3,7 +3,7 @@
 //! `R -> R + (1 - s) ΔR`, `R_s -> R_s + s ΔR` in N7 (Ω). Source: GAP.md P2, 0.05 to 0.3 Ω. A corroded plug acts at once (`s` 0); in
 //! an aged pack the polarisation grows as well.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -11,13 +11,41 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "P2",
     name: "battery resistance",
     block: Block::Battery,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("extra", "Ω", 0.0, 0.15, [0.05, 0.3], "further resistance; goes with voltage over current in hover")
+    parameters: &[
+        ParameterSpec::new(
+            "extra",
+            "Ω",
+            Kind::Size,
+            0.0,
+            0.15,
+            [0.05, 0.3],
+            "further resistance; goes with voltage over current in hover",
+        )
         .beside(|v| v.hover_ohm()),
-        ParameterSpec::new("slow", "", 0.0, 0.0, [0.0, 1.0], "share of it that acts late, by the pack's polarisation")],
+        ParameterSpec::new(
+            "slow",
+            "",
+            Kind::Shape,
+            0.0,
+            0.0,
+            [0.0, 1.0],
+            "share of it that acts late, by the pack's polarisation",
+        ),
+    ],
     off: "resistance of the vehicle file",
     source: "GAP.md 3.2",
     equation: "R -> R + (1 - s) ΔR, R_s -> R_s + s ΔR",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.227, 0.455, 0.909]),
+        verdict: "The battery and its leads have {extra} more resistance than the simulator says.",
+        causes: "an aged or cold battery, a worn or corroded plug, thin leads",
+        remedy: "clean the plug and try another battery; replace what has the higher resistance",
+        shows: "a voltage that follows the current, step for step or late",
+        looks_like: &["P3"],
+        apart: "Resistance answers a step of throttle, lost capacity (P3) the charge that was \
+            used: fly throttle steps early, then hover long.",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

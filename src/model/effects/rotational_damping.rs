@@ -9,7 +9,7 @@
 //! frame. Source: drag of the public model taken at each wing; has the form of its yaw line. Pitch
 //! damping follows from the lever in N1. Valid in hover. Left out: dihedral in the arms.
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Build, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::wings::Wrench;
 
 /// Entry in the list.
@@ -18,8 +18,16 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "rotational damping from wing velocities",
     block: Block::Aerodynamics,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("factor", "", 0.0, 1.0, [0.5, 1.5], "factor on the damping")
-        .of_vehicle(|v| &mut v.drag.damping_factor)],
+    parameters: &[ParameterSpec::new(
+        "factor",
+        "",
+        Kind::Size,
+        0.0,
+        1.0,
+        [0.5, 1.5],
+        "factor on the damping",
+    )
+    .of_vehicle(|v| &mut v.drag.damping_factor)],
     off: "no damping of roll and yaw beyond the lever of the drag",
     source: "public Flapper model, yaw line; derived from N1 at each wing",
     equation: "M = Σ r_w × F_drag(v_air + ω × r_w) over both wings, differences only",

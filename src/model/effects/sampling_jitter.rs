@@ -2,19 +2,31 @@
 //!
 //! `delay += |σ n|` (ms), order kept. Source: GAP.md T4, 1 to 8 ms rms.
 
-use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::random::{Stream};
+use crate::effects::{
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Stage, State,
+};
+use crate::random::Stream;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "T4",
     name: "timing jitter",
     block: Block::Timing,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("rms", "ms", 0.0, 4.0, [1.0, 8.0], "rms")],
+    parameters: &[ParameterSpec::new("rms", "ms", Kind::Size, 0.0, 4.0, [1.0, 8.0], "rms")],
     off: "no jitter beyond N19",
     source: "GAP.md 3.7",
     equation: "delay += |σ n|",
+    role: Role::Deviation(Deviation {
+        standard: false,
+        hidden: Hidden::Never,
+        verdict: "Messages come with {rms} (rms) more jitter than the simulator says.",
+        causes: "a loaded computer, a shared USB hub, radio that repeats itself",
+        remedy: "check the load of the companion's computer, and what shares its ports",
+        shows: "all noises a little larger",
+        looks_like: &["U1"],
+        apart: "Jitter is in the times of arrival, noise (U1) in the readings.",
+    }),
     build: |b| Box::new(SamplingJitter { rms_s: b.value[0] * 1e-3, rng: b.rng }),
 };
 

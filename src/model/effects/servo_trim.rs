@@ -7,9 +7,11 @@
 //! from P6 and I2.
 
 use crate::board::BoardSettings;
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
 use crate::vehicle::Vehicle;
-use crate::wings::{ActuatorCommand};
+use crate::wings::ActuatorCommand;
 use haltere_core::frames::G_MPS2;
 
 /// Entry in the list.
@@ -17,21 +19,49 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "L3",
     name: "servo trim",
     block: Block::Actuators,
-    role: Role::Deviation,
     parameters: &[
-        ParameterSpec::new("dihedral", "deg", 0.0, 3.0, [-6.0, 6.0], "dihedral servo, nose up; goes with the pitch loop")
-            .beside(|v| {
-                let wings = &v.wings;
-                let arm_m = wings.centre_m - wings.cop_m * wings.hinge_m / wings.link_m;
-                trim_per_error(v, 1, arm_m) * (1.0 + v.inner_loop.boost)
-            }),
-        ParameterSpec::new("yaw", "deg", 0.0, 0.0, [-6.0, 6.0], "wing-root servo, nose right; goes with the yaw loop")
-            .beside(|v| trim_per_error(v, 2, v.wings.centre_m * v.wings.root_m / v.wings.link_m)),
+        ParameterSpec::new(
+            "dihedral",
+            "deg",
+            Kind::Component,
+            0.0,
+            3.0,
+            [-6.0, 6.0],
+            "dihedral servo, nose up; goes with the pitch loop",
+        )
+        .ways("on the dihedral servo (nose down)", "on the dihedral servo (nose up)")
+        .beside(|v| {
+            let wings = &v.wings;
+            let arm_m = wings.centre_m - wings.cop_m * wings.hinge_m / wings.link_m;
+            trim_per_error(v, 1, arm_m) * (1.0 + v.inner_loop.boost)
+        }),
+        ParameterSpec::new(
+            "yaw",
+            "deg",
+            Kind::Component,
+            0.0,
+            0.0,
+            [-6.0, 6.0],
+            "wing-root servo, nose right; goes with the yaw loop",
+        )
+        .ways("on the wing-root servo (nose left)", "on the wing-root servo (nose right)")
+        .beside(|v| trim_per_error(v, 2, v.wings.centre_m * v.wings.root_m / v.wings.link_m)),
         KEPT,
     ],
     off: "servos centred",
     source: "GAP.md 3.4",
     equation: "δ -> δ + Δ, ψ -> ψ + Δ",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
+        verdict: "Servos are off their centre by {}.",
+        causes: "a servo horn that is one tooth off, a bent rod, a servo that was replaced",
+        remedy: "centre the servos, or set a trim in the companion's configuration",
+        shows: "a constant command of a servo, and as much lean as the board leaves of it",
+        looks_like: &["I2", "P6", "M4"],
+        apart: "It does not follow throttle, as I2, P6 and M4 do: fly throttle doublets, or \
+            measure both servos at neutral with a protractor.",
+    }),
     build: |b| {
         let trim_rad = [b.value[0].to_radians(), b.value[1].to_radians()];
         Box::new(ServoTrim { trim_rad, kept: b.value[2] })
@@ -39,8 +69,15 @@ pub const SPEC: EffectSpec = EffectSpec {
 };
 
 /// Boards differ in how much of a steady moment they trim out by themselves, which a healthy flight hardly shows.
-pub(super) const KEPT: ParameterSpec =
-    ParameterSpec::new("kept", "", 1.0, 1.0, [0.05, 1.0], "share of the standing error that the board's integrator leaves");
+pub(super) const KEPT: ParameterSpec = ParameterSpec::new(
+    "kept",
+    "",
+    Kind::Shape,
+    1.0,
+    1.0,
+    [0.05, 1.0],
+    "share of the standing error that the board's integrator leaves",
+);
 
 /// Angle of a servo whose moment in hover the loop of this axis holds with one radian of error: `J ω² / (W a)`, with `a` the
 /// lever of the thrust (m) and `W` the weight (N).

@@ -3,21 +3,52 @@
 //! Bursts start at random (Poisson, per second) and last `d` (s); inside, every setpoint is lost at the board's door. Source: GAP.md
 //! T3, 0.1 to 0.6 s. Beyond 0.5 s the board's own failsafe acts.
 
-use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::random::{Stream};
+use crate::effects::{
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Stage, State,
+};
+use crate::random::Stream;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "T3",
     name: "dropped setpoints",
     block: Block::Link,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("length", "s", 0.0, 0.3, [0.1, 0.6], "length of a burst"),
-ParameterSpec::new("rate", "1/min", 0.0, 15.0, [4.0, 40.0], "bursts per minute")],
+    parameters: &[
+        ParameterSpec::new("length", "s", Kind::Size, 0.0, 0.3, [0.1, 0.6], "length of a burst"),
+        ParameterSpec::new(
+            "rate",
+            "1/min",
+            Kind::Size,
+            0.0,
+            15.0,
+            [4.0, 40.0],
+            "bursts per minute",
+        ),
+    ],
     off: "every setpoint arrives",
     source: "GAP.md 3.7",
     equation: "lost in bursts",
-    build: |b| Box::new(SetpointBursts { length_s: b.value[0], rate_hz: b.value[1] / 60.0, until_s: 0.0, last_s: 0.0, rng: b.rng }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
+        verdict: "Commands get lost in bursts of {length}, {rate}.",
+        causes: "a loose plug, interference, a computer that stands still at times",
+        remedy: "check the link from companion to board: baud rate, load, packet loss",
+        shows: "attitude that stands still while the command moves",
+        looks_like: &["L4", "P4"],
+        apart: "Log on the board when setpoints arrive: backlash (L4) and a lag of thrust (P4) \
+            leave no gap there.",
+    }),
+    build: |b| {
+        Box::new(SetpointBursts {
+            length_s: b.value[0],
+            rate_hz: b.value[1] / 60.0,
+            until_s: 0.0,
+            last_s: 0.0,
+            rng: b.rng,
+        })
+    },
 };
 
 struct SetpointBursts {

@@ -71,12 +71,58 @@ impl Block {
 }
 
 /// Part of the nominal vehicle, or a deviation from it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Role {
     /// On unless switched off.
     Nominal,
     /// Off unless switched on.
-    Deviation,
+    Deviation(Deviation),
+}
+
+/// How `haltere-sim hide` hides a deviation: its strength as a share of the strong end of its plausible range, just detectable,
+/// twice and four times as strong, as in the sealed suite (sim/lab/PROTOCOL.md). The laboratory's tests hold the two together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Hidden {
+    /// Not at all: the suite lacks it.
+    Never,
+    /// Where it is asked for. The diagnostic flight in the laboratory does not show it, by the word of the diagnosis:
+    /// `not_testable` of `haltere gap diagnose --size small --json`, the same on each of twelve flights of other effects.
+    WhenAsked([f64; 3]),
+    /// By chance too.
+    ByChance([f64; 3]),
+}
+
+impl Hidden {
+    /// Its strengths, where it is hidden.
+    pub fn strengths(self) -> Option<[f64; 3]> {
+        match self {
+            Self::Never => None,
+            Self::WhenAsked(strengths) | Self::ByChance(strengths) => Some(strengths),
+        }
+    }
+}
+
+/// What is said of a deviation beside its physics.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deviation {
+    /// Whether the diagnosis chooses from it unless the user says otherwise. Seven are not chosen from: A12 takes what
+    /// backlash of another law does, P8 was not found where it was, T4 is no gap of a vehicle, the rest was not tried.
+    pub standard: bool,
+    /// How it is hidden.
+    pub hidden: Hidden,
+    /// The sentence of its verdict, with its numbers left open for `haltere_gap::said`: `{name}` is a parameter, `{}` the
+    /// list of those that have words for their sides ([`ParameterSpec::ways`]).
+    pub verdict: &'static str,
+    /// Usual causes, the likeliest first.
+    pub causes: &'static str,
+    /// What a person does about it on the vehicle or in the room, the cheapest first.
+    pub remedy: &'static str,
+    /// What it shows as.
+    pub shows: &'static str,
+    /// Ids of what it is taken for.
+    pub looks_like: &'static [&'static str],
+    /// Sentences that say what tells it from these.
+    pub apart: &'static str,
 }
 
 /// Where the value of a parameter comes from when nobody gives one.
@@ -88,6 +134,53 @@ pub enum Source {
     Vehicle(fn(&mut Vehicle) -> &mut f64),
 }
 
+/// What a parameter says of its effect. How it is drawn and made larger or smaller, and how it is told, follow from it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// How much: the distance to "off", to one side of it or only ever to that one.
+    Size,
+    /// How much, as a limit or a scale that bends a law, "off" at infinity: one over the value.
+    Inverse,
+    /// How much along one axis of a vector, or to either side of "off".
+    Component,
+    /// In what form: a length, a time, a threshold. Draws vary it, a weaker effect keeps it.
+    Shape,
+    /// Which way.
+    Direction,
+    /// Which one: there is nothing between two of them.
+    Which(Choice),
+    /// Place in the room along this axis.
+    Where(Axis),
+    /// A number of the receiver, which the deviation needs and does not change.
+    OfTheReceiver,
+}
+
+/// What is chosen from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Choice {
+    /// Anchors of the survey, ascending id, and the kind of error that the anchor of this effect shows: a slot of
+    /// `haltere_gap::statistics`.
+    Anchor(&'static str),
+    /// Walls: north, east, south, west.
+    Wall,
+}
+
+/// Axis of the room.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Axis {
+    /// To the north.
+    North,
+    /// To the east.
+    East,
+}
+
+impl Kind {
+    /// Whether it says how much.
+    pub fn is_size(self) -> bool {
+        matches!(self, Self::Size | Self::Inverse | Self::Component)
+    }
+}
+
 /// One parameter of an effect.
 #[derive(Clone, Copy)]
 pub struct ParameterSpec {
@@ -95,6 +188,8 @@ pub struct ParameterSpec {
     pub name: &'static str,
     /// Unit.
     pub unit: &'static str,
+    /// What it says.
+    pub kind: Kind,
     /// Value at which the effect does nothing.
     pub off: f64,
     /// Value when the effect is on and none is given.
@@ -110,6 +205,8 @@ pub struct ParameterSpec {
     /// What the size has to be seen beside: default and plausible range are the Flapper's, and another vehicle's are as
     /// much larger as this number of its file. `None`: the same on any vehicle.
     pub beside: Option<fn(&Vehicle) -> f64>,
+    /// Words for what lies below "off" and above it.
+    pub ways: Option<[&'static str; 2]>,
 }
 
 impl ParameterSpec {
@@ -117,12 +214,31 @@ impl ParameterSpec {
     pub const fn new(
         name: &'static str,
         unit: &'static str,
+        kind: Kind,
         off: f64,
         default: f64,
         [low, high]: [f64; 2],
         doc: &'static str,
     ) -> Self {
-        Self { name, unit, off, default, low, high, doc, source: Source::List, beside: None }
+        Self {
+            name,
+            unit,
+            kind,
+            off,
+            default,
+            low,
+            high,
+            doc,
+            source: Source::List,
+            beside: None,
+            ways: None,
+        }
+    }
+
+    /// What lies below "off" and above it is said so.
+    pub const fn ways(mut self, below: &'static str, above: &'static str) -> Self {
+        self.ways = Some([below, above]);
+        self
     }
 
     /// The size goes with this number of the vehicle.
@@ -141,14 +257,9 @@ impl ParameterSpec {
         Self { off, default, low, high, ..*self }
     }
 
-    /// Whether it says which one, as the place of an anchor in the survey does, and not how much.
-    pub fn is_choice(&self) -> bool {
-        matches!(self.name, "anchor" | "wall")
-    }
-
     /// `value` as it is told and written down: there is nothing between two choices.
     pub fn told(&self, value: f64) -> f64 {
-        if self.is_choice() { value.round() } else { value }
+        if matches!(self.kind, Kind::Which(_)) { value.round() } else { value }
     }
 
     /// The parameter is a number of the vehicle file.
@@ -196,6 +307,29 @@ pub struct EffectSpec {
     pub build: fn(Build<'_>) -> Box<dyn Effect>,
 }
 
+impl EffectSpec {
+    /// What is said of it as a deviation; `None`: it is nominal.
+    pub fn deviation(&self) -> Option<&Deviation> {
+        match &self.role {
+            Role::Nominal => None,
+            Role::Deviation(deviation) => Some(deviation),
+        }
+    }
+
+    /// Kind of error that the anchor of this effect shows; `None`: it has no anchor.
+    pub fn anchor_slot(&self) -> Option<&'static str> {
+        self.parameters.iter().find_map(|p| match p.kind {
+            Kind::Which(Choice::Anchor(slot)) => Some(slot),
+            _ => None,
+        })
+    }
+
+    /// What a person does about it; nothing about what is nominal.
+    pub fn remedy(&self) -> &'static str {
+        self.deviation().map_or("", |of| of.remedy)
+    }
+}
+
 impl std::fmt::Debug for EffectSpec {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} {}", self.id, self.name)
@@ -204,6 +338,7 @@ impl std::fmt::Debug for EffectSpec {
 
 #[cfg(test)]
 mod tests {
+    use super::Kind;
     use crate::effects::ALL;
     use crate::vehicle::Vehicle;
 
@@ -234,7 +369,7 @@ mod tests {
         let mut choices = 0;
         for p in ALL.iter().flat_map(|spec| spec.parameters) {
             let which = p.doc.contains("ascending id") || p.name == "wall";
-            assert_eq!(p.is_choice(), which, "{}: {}", p.name, p.doc);
+            assert_eq!(matches!(p.kind, Kind::Which(_)), which, "{}: {}", p.name, p.doc);
             assert_eq!(p.told(0.52), if which { 1.0 } else { 0.52 });
             choices += usize::from(which);
         }

@@ -2,7 +2,7 @@
 //!
 //! `c -> c + Δc` in N3 (rad per m/s). Source: GAP.md A12, trim 0 to 0.2 rad per m/s.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -10,11 +10,31 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "A12",
     name: "speed-pitch coupling",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("bend", "rad per m/s", 0.0, 0.1, [-0.2, 0.2], "further bend per airspeed")],
+    parameters: &[ParameterSpec::new(
+        "bend",
+        "rad per m/s",
+        Kind::Component,
+        0.0,
+        0.1,
+        [-0.2, 0.2],
+        "further bend per airspeed",
+    )
+    .ways("less", "more")],
     off: "bend of the vehicle file",
     source: "GAP.md 3.1",
     equation: "c -> c + Δc",
+    role: Role::Deviation(Deviation {
+        standard: false,
+        hidden: Hidden::Never,
+        verdict: "With airspeed the wings bend {bend} than the simulator says.",
+        causes: "softer or stiffer film and wing roots, another lever between wings and centre of \
+            mass",
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        shows: "pitch in proportion to airspeed, not to the setpoint",
+        looks_like: &["L3", "A1"],
+        apart: "A servo off its centre (L3) leans the vehicle in hover too. Other drag (A1) leans \
+            it as the setpoint says.",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

@@ -3,18 +3,31 @@
 //! `delay += d` from the tag (ms). The companion learns its clock from the earliest bytes, so a constant delay becomes a time
 //! offset between UWB and IMU. Source: GAP.md T1, 30 to 150 ms.
 
-use crate::effects::{Block, Cargo, Delivery, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
+    Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "T1",
     name: "UWB time offset",
     block: Block::Timing,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("delay", "ms", 0.0, 80.0, [30.0, 150.0], "delay")],
+    parameters: &[ParameterSpec::new("delay", "ms", Kind::Size, 0.0, 80.0, [30.0, 150.0], "delay")],
     off: "no delay beyond N19",
     source: "GAP.md 3.7",
     equation: "delay += d",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.316, 0.632, 1.0]),
+        verdict: "UWB readings come {delay} later than the companion believes.",
+        causes: "a loaded computer, a slow or buffered serial link, a tag that answers late",
+        remedy: "set uwb.tag_latency_s; check the load of the companion's computer",
+        shows: "an error in proportion to speed, none in hover",
+        looks_like: &["U3"],
+        apart: "Lateness shows in a fast dash at one heading, an uneven antenna (U3) in a turn on \
+            the spot.",
+    }),
     build: |b| Box::new(TagLatency(b.value[0] * 1e-3)),
 };
 

@@ -3,20 +3,37 @@
 //! `T -> T (1 - a (1 - e^(-t/τ)))`, `t` time that the wings have been flapping (s). Source: GAP.md P7, a 3 to 10 %, τ 60
 //! to 180 s. Left out: cooling between flights.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, STEP_S, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "P7",
     name: "thermal droop",
     block: Block::Thrust,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("loss", "", 0.0, 0.06, [0.03, 0.1], "share lost when warm"),
-ParameterSpec::new("tau", "s", 120.0, 120.0, [60.0, 180.0], "warming time")],
+    parameters: &[
+        ParameterSpec::new("loss", "", Kind::Size, 0.0, 0.06, [0.03, 0.1], "share lost when warm"),
+        ParameterSpec::new("tau", "s", Kind::Shape, 120.0, 120.0, [60.0, 180.0], "warming time"),
+    ],
     off: "thrust does not depend on temperature",
     source: "GAP.md 3.2",
     equation: "T -> T (1 - a (1 - e^(-t/τ)))",
-    build: |b| Box::new(ThermalDroop { loss: b.value[0], gain: STEP_S / b.value[1].max(1.0), warmth: 0.0 }),
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::Never,
+        verdict: "Thrust falls by {loss} while the motors warm up, most of it within the first \
+            {tau}.",
+        causes: "motors that run hot, friction in gears",
+        remedy: "let the motors cool between flights; check gears for friction",
+        shows: "thrust that falls with time at the same voltage",
+        looks_like: &["P1", "P3"],
+        apart: "Worn wings (P1) are weak from the start, lost capacity (P3) shows in the voltage: \
+            hover 60 s twice and compare at the same voltage.",
+    }),
+    build: |b| {
+        Box::new(ThermalDroop { loss: b.value[0], gain: STEP_S / b.value[1].max(1.0), warmth: 0.0 })
+    },
 };
 
 struct ThermalDroop {

@@ -6,7 +6,7 @@
 
 use haltere_core::frames::G_MPS2;
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
@@ -14,7 +14,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "nominal thrust curve",
     block: Block::Thrust,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("curve", "", 0.0, 0.0, [-0.5, 1.5], "bend")
+    parameters: &[ParameterSpec::new("curve", "", Kind::Component, 0.0, 0.0, [-0.5, 1.5], "bend")
         .of_vehicle(|v| &mut v.wings.thrust_curve)],
     off: "thrust linear in flap rate",
     source: "`haltere gap commission`",

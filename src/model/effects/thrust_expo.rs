@@ -3,18 +3,45 @@
 //! `T -> T + ½ W ε (r² - 1)` per wing, not below zero, `r = f/f_h`, `W` weight (N), `f_h` hover flap rate
 //! (Hz). No change in hover. Source: GAP.md A4, ±0.05 to 0.2.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "A4",
     name: "thrust curve",
     block: Block::Thrust,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("epsilon", "", 0.0, 0.15, [-0.2, 0.2], "curvature")],
+    parameters: &[ParameterSpec::new(
+        "epsilon",
+        "",
+        Kind::Component,
+        0.0,
+        0.15,
+        [-0.2, 0.2],
+        "curvature",
+    )
+    .ways(
+        "of the weight lower than the simulator says",
+        "of the weight higher than the simulator says",
+    )],
     off: "thrust linear in flap rate",
     source: "GAP.md 3.1",
     equation: "T -> T + ½ W ε (r² - 1)",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([1.0, 1.0, 1.0]),
+        verdict: "Thrust is right in hover, but at 1.4 times the flap rate of hover it is \
+            {epsilon}.",
+        causes: "wings that bend or twist more when they flap faster, a thrust that was measured \
+            at one throttle only",
+        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        shows: "a vertical force that goes with the flap rate; errors of height change sign \
+            between climb and descent",
+        looks_like: &["A8"],
+        apart: "A ground effect (A8) shows near the floor only, this at any height: fly the \
+            ladder of heights, and throttle doublets high up.",
+    }),
     build: |b| {
         let weight_n = b.nominal.body.mass_kg * haltere_core::frames::G_MPS2;
         Box::new(ThrustExpo {

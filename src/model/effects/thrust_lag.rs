@@ -2,7 +2,7 @@
 //!
 //! `τ -> τ + Δτ` in N4 (s). Source: GAP.md P4, 0.08 to 0.12..0.28 s.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role};
+use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
 
 /// Entry in the list.
@@ -10,12 +10,30 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "P4",
     name: "thrust lag",
     block: Block::Thrust,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("extra", "s", 0.0, 0.08, [0.04, 0.2], "further lag; goes with the lag")
-        .beside(|v| v.wings.flap_lag_s)],
+    parameters: &[ParameterSpec::new(
+        "extra",
+        "s",
+        Kind::Size,
+        0.0,
+        0.08,
+        [0.04, 0.2],
+        "further lag; goes with the lag",
+    )
+    .beside(|v| v.wings.flap_lag_s)],
     off: "lag of the vehicle file",
     source: "GAP.md 3.2",
     equation: "τ -> τ + Δτ",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
+        verdict: "The wings follow the throttle with {extra} more lag than the simulator says.",
+        causes: "friction in gears, heavy wings, a weak motor or motor controller",
+        remedy: "turn the gears by hand and look for friction; check the motors: they follow late",
+        shows: "a force that lags the command; height that swings",
+        looks_like: &["P5"],
+        apart: "A lag shows in steps of any size, a limit (P5) in large ones only: fly throttle \
+            doublets of 4 % and 12 %.",
+    }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };
 

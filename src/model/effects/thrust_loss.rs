@@ -3,18 +3,38 @@
 //! `T -> (1 - g) T`, both wings. Source: GAP.md P1, 3 to 20 %. Nearest confounder: mass (I1); drag does not
 //! change here.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "P1",
     name: "thrust gain loss",
     block: Block::Thrust,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("loss", "", 0.0, 0.1, [0.03, 0.2], "share of thrust lost")],
+    parameters: &[ParameterSpec::new(
+        "loss",
+        "",
+        Kind::Size,
+        0.0,
+        0.1,
+        [0.03, 0.2],
+        "share of thrust lost",
+    )],
     off: "new wings",
     source: "GAP.md 3.2",
     equation: "T -> (1 - g) T",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.177, 0.354, 0.707]),
+        verdict: "Thrust is {loss} lower than the simulator says.",
+        causes: "worn or torn wing film, cracked spars, a weak motor, a low supply",
+        remedy: "look at film and spars and replace the wings where they are worn; check the \
+            supply too",
+        shows: "more throttle and current in hover, drag as before",
+        looks_like: &["I1"],
+        apart: "Further mass (I1) takes more throttle too: weigh the vehicle.",
+    }),
     build: |b| Box::new(ThrustLoss(1.0 - b.value[0])),
 };
 

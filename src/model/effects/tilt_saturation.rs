@@ -5,7 +5,9 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Setpoint, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Setpoint, Stage, State,
+};
 use nalgebra::UnitQuaternion;
 
 /// Entry in the list.
@@ -13,11 +15,29 @@ pub const SPEC: EffectSpec = EffectSpec {
     id: "L5",
     name: "tilt saturation",
     block: Block::InnerLoop,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("limit", "deg", 180.0, 11.0, [8.0, 15.0], "largest tilt")],
+    parameters: &[ParameterSpec::new(
+        "limit",
+        "deg",
+        Kind::Inverse,
+        180.0,
+        11.0,
+        [8.0, 15.0],
+        "largest tilt",
+    )],
     off: "every tilt obeyed",
     source: "GAP.md 3.4",
     equation: "tilt <= limit",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.533, 1.0, 1.0]),
+        verdict: "The board leans the vehicle no farther than {limit}.",
+        causes: "a limit of tilt that is set on the board, servos at the end of their travel",
+        remedy: "check the travel of the servos and the limits on the board",
+        shows: "attitude that is cut off at one value",
+        looks_like: &["L1"],
+        apart: "A slow loop (L1) comes to the lean late, a limit never: hold a large lean for a \
+            second.",
+    }),
     build: |b| Box::new(TiltSaturation(b.value[0].to_radians())),
 };
 

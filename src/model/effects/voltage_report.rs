@@ -3,20 +3,45 @@
 //! `V_told = V₀ (V_lag / V₀)^e`, `V_lag' = (V - V_lag) / τ`, `V₀` 3.7 V a cell. Source: GAP.md P8. Left out: errors inside
 //! the companion.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, STEP_S, Stage, State, Supply};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, STEP_S, Stage, State,
+    Supply,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "P8",
     name: "voltage report error",
     block: Block::Battery,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("lag", "s", 0.0, 2.0, [0.5, 5.0], "lag of the measurement"),
-ParameterSpec::new("exponent", "", 1.0, 0.8, [0.5, 1.5], "exponent")],
+    parameters: &[
+        ParameterSpec::new("lag", "s", Kind::Size, 0.0, 2.0, [0.5, 5.0], "lag of the measurement")
+            .ways("late", "late"),
+        ParameterSpec::new("exponent", "", Kind::Component, 1.0, 0.8, [0.5, 1.5], "exponent")
+            .ways("of every change missing", "of every change too much"),
+    ],
     off: "voltage reported as it is",
     source: "GAP.md 3.2",
     equation: "V_told = V₀ (V_lag / V₀)^e",
-    build: |b| Box::new(VoltageReport { gain: 1.0 - (-STEP_S / b.value[0].max(1e-9)).exp(), exponent: b.value[1], rated_v: b.nominal.rated_v(), volt: None }),
+    role: Role::Deviation(Deviation {
+        standard: false,
+        hidden: Hidden::Never,
+        verdict: "The board reports the voltage of the battery wrongly: {}.",
+        causes: "a voltage divider that was not calibrated, a slow filter on the board",
+        remedy: "calibrate the board's measurement of voltage beside a voltmeter, and make its \
+            filter faster",
+        shows: "errors of thrust where the voltage changes, and only there",
+        looks_like: &["P2", "P4"],
+        apart: "Compare with a voltmeter while the throttle is stepped: resistance (P2) and a lag \
+            of thrust (P4) leave the report right.",
+    }),
+    build: |b| {
+        Box::new(VoltageReport {
+            gain: 1.0 - (-STEP_S / b.value[0].max(1e-9)).exp(),
+            exponent: b.value[1],
+            rated_v: b.nominal.rated_v(),
+            volt: None,
+        })
+    },
 };
 
 struct VoltageReport {

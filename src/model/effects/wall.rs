@@ -5,22 +5,54 @@
 
 use nalgebra::Vector3;
 
-use crate::effects::{Block, Build, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
-use crate::wings::{Wrench};
+use crate::effects::{
+    Block, Build, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage,
+    State,
+};
+use crate::wings::Wrench;
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "A10",
     name: "wall effect",
     block: Block::Aerodynamics,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("force", "N", 0.0, 0.06, [-0.12, 0.12], "at the wall, away from it; goes with the mass")
+    parameters: &[
+        ParameterSpec::new(
+            "force",
+            "N",
+            Kind::Component,
+            0.0,
+            0.06,
+            [-0.12, 0.12],
+            "at the wall, away from it; goes with the mass",
+        )
+        .ways("towards the wall", "away from the wall")
         .beside(|v| v.body.mass_kg),
-ParameterSpec::new("length", "m", 0.5, 0.5, [0.2, 1.0], "length of decay"),
-ParameterSpec::new("wall", "", 0.0, 0.0, [0.0, 3.0], "0 north, 1 east, 2 south, 3 west")],
+        ParameterSpec::new("length", "m", Kind::Shape, 0.5, 0.5, [0.2, 1.0], "length of decay"),
+        ParameterSpec::new(
+            "wall",
+            "",
+            Kind::Which(Choice::Wall),
+            0.0,
+            0.0,
+            [0.0, 3.0],
+            "0 north, 1 east, 2 south, 3 west",
+        ),
+    ],
     off: "walls far away",
     source: "GAP.md 3.1",
     equation: "F = k e^(-d/l)",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::WhenAsked([1.0, 1.0, 1.0]),
+        verdict: "Close to {wall} the air pushes the vehicle with {force}.",
+        causes: "air of the wings that flows back along the wall",
+        remedy: "nothing to repair: keep away from the wall, or take the scenario patch",
+        shows: "a force from or to one wall, all along it",
+        looks_like: &["A6", "M4"],
+        apart: "A draught (A6) has one place, a board that sits crooked (M4) pushes everywhere: \
+            fly the square along the walls.",
+    }),
     build: |b| Box::new(Wall::new(&b)),
 };
 

@@ -2,18 +2,43 @@
 //!
 //! `T_L -> (1 + ε) T_L`, `T_R -> (1 - ε) T_R`. Source: GAP.md P6, 1 to 6 %.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{
+    Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
+};
 
 /// Entry in the list.
 pub const SPEC: EffectSpec = EffectSpec {
     id: "P6",
     name: "wing asymmetry",
     block: Block::Thrust,
-    role: Role::Deviation,
-    parameters: &[ParameterSpec::new("epsilon", "", 0.0, 0.03, [-0.06, 0.06], "share by which the left wing gives more")],
+    parameters: &[ParameterSpec::new(
+        "epsilon",
+        "",
+        Kind::Component,
+        0.0,
+        0.03,
+        [-0.06, 0.06],
+        "share by which the left wing gives more",
+    )
+    .ways(
+        "less thrust than the simulator says, and the right wing as much more",
+        "more thrust than the simulator says, and the right wing as much less",
+    )],
     off: "both wings alike",
     source: "GAP.md 3.2",
     equation: "T_L -> (1 + ε) T_L, T_R -> (1 - ε) T_R",
+    role: Role::Deviation(Deviation {
+        standard: true,
+        hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
+        verdict: "The left wing gives {epsilon}.",
+        causes: "one wing worn, creased or newly replaced, one motor weaker than the other",
+        remedy: "compare the two wings, replace the weaker one, or trim roll",
+        shows: "a roll command in proportion to throttle, and a yaw moment",
+        looks_like: &["I2", "L3"],
+        apart: "A servo off its centre (L3) does not follow throttle, a shifted centre of mass \
+            (I2) does not turn the nose: fly throttle doublets, and balance the vehicle on an \
+            edge.",
+    }),
     build: |b| Box::new(WingAsymmetry(b.value[0])),
 };
 

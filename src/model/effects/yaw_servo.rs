@@ -4,7 +4,7 @@
 //! held. `ψ` wing-root angle (rad). Source: public dynamic model of this vehicle: 10 rad/s, 0.7
 //! (both estimated there), ±45°. Left out: rate limit, load of the wings.
 
-use crate::effects::{Block, Effect, EffectSpec, ParameterSpec, Role, Stage, State};
+use crate::effects::{Block, Effect, EffectSpec, Kind, ParameterSpec, Role, Stage, State};
 use crate::servo::SecondOrder;
 use crate::wings::Actuation;
 
@@ -15,9 +15,17 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Actuators,
     role: Role::Nominal,
     parameters: &[
-        ParameterSpec::new("frequency", "rad/s", 1e9, 10.0, [6.0, 40.0], "natural frequency")
-            .of_vehicle(|v| &mut v.yaw_servo.frequency_radps),
-        ParameterSpec::new("damping", "", 1.0, 0.7, [0.4, 1.2], "damping ratio")
+        ParameterSpec::new(
+            "frequency",
+            "rad/s",
+            Kind::Inverse,
+            1e9,
+            10.0,
+            [6.0, 40.0],
+            "natural frequency",
+        )
+        .of_vehicle(|v| &mut v.yaw_servo.frequency_radps),
+        ParameterSpec::new("damping", "", Kind::Component, 1.0, 0.7, [0.4, 1.2], "damping ratio")
             .of_vehicle(|v| &mut v.yaw_servo.damping),
     ],
     off: "wing roots jump to their command, still within their end stops",

@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 
 use crate::report::svg::escape;
-use haltere_gap::accept::by_hand;
 use haltere_gap::diagnosis::{Diagnosis, Effect};
 use haltere_gap::experiments::telling_apart;
+use haltere_gap::library::find;
 
 use super::named;
 
@@ -37,7 +37,8 @@ pub(super) fn remedy(d: &Diagnosis) -> String {
     }
     let if_it_is = if steps.is_empty() { "" } else { "if it is " };
     let of = |e: &Effect| {
-        format!("{if_it_is}{} {}: {}", escape(&e.id), escape(&e.name), escape(by_hand(&e.id)))
+        let remedy = find(&e.id).map_or("", |spec| spec.remedy());
+        format!("{if_it_is}{} {}: {}", escape(&e.id), escape(&e.name), escape(remedy))
     };
     steps.extend(repaired(d).map(of));
     steps.join("<br>")

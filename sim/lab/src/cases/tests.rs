@@ -111,8 +111,8 @@ fn prop_what_is_hidden_is_as_strong_as_the_suite() {
         let effect = &case.key.effects[0];
         let spec = crate::generator::effects::known().find(|spec| spec.id == effect.id).unwrap();
         let share = spec.strength(effect.size) / spec.strongest();
-        let row = haltere_sim::hidden::SHARES.iter().find(|(id, _)| *id == effect.id).unwrap();
-        let hidden = row.1[effect.severity as usize];
+        let row = haltere_sim::hidden::candidates().find(|one| one.spec.id == effect.id).unwrap();
+        let hidden = row.strengths[effect.severity as usize];
         assert!((share - hidden).abs() < 1e-3, "{}: {share} and {hidden}", effect.id);
     }
 }
