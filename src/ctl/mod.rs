@@ -242,8 +242,6 @@ pub enum Action {
         /// As the vehicle names it.
         name: Option<String>,
     },
-    /// Waits for the judgement of the flight by a program that was flown last, and prints it.
-    Judge,
     /// Lands and waits until it has landed.
     Land,
     /// Prints what the vehicle tells about itself.
@@ -530,7 +528,6 @@ pub fn run(
                 }
             }
         }
-        Action::Judge => station.judge(&mut say)?,
         Action::Status { json } => {
             // One round of the slow streams, and of every link and loss in turn.
             station.set_interval(HALTERE_LINK_ID, ROUND_US)?;
