@@ -8,12 +8,12 @@ use haltere_pilot::mission_file::MissionFile;
 use crate::fit::programs::{Options, Program, plan};
 
 /// The flight that `haltere gap diagnose` judges.
-pub const DIAGNOSTIC: &str = "diagnostic";
+const DIAGNOSTIC: &str = "diagnostic";
 const PLAIN: &str = "plain";
 const HELD_OUT: &str = "held-out";
 
 /// Flights of the fits.
-pub const FITS: [Program; 7] = [
+const FITS: [Program; 7] = [
     Program::Drag,
     Program::Thrust,
     Program::Ground,
@@ -24,7 +24,7 @@ pub const FITS: [Program; 7] = [
 ];
 
 /// Name of the flight for a fit: `fit-drag`.
-pub fn fit_name(program: Program) -> String {
+fn fit_name(program: Program) -> String {
     format!("fit-{}", program.name())
 }
 

@@ -26,8 +26,7 @@ pub use note::Note;
 pub use read::{Read, read_config, surplus};
 pub use retired::{Author, Fate, RETIRED, Retired, present_name};
 pub use sections::{
-    AnchorsConfig, BankSizeName, BoardConfig, DiagnosisConfig, RecordConfig, StoreConfig,
-    TagConfig, TagPort, TimingConfig,
+    AnchorsConfig, BoardConfig, RecordConfig, StoreConfig, TagConfig, TagPort, TimingConfig,
 };
 pub use signing::{Doors, SigningConfig};
 pub use watch::{WatchAddress, WatchConfig};
@@ -57,8 +56,6 @@ pub struct Config {
     pub record: RecordConfig,
     /// `[store]`
     pub store: StoreConfig,
-    /// `[diagnosis]`
-    pub diagnosis: DiagnosisConfig,
     /// `[watch]`
     pub watch: WatchConfig,
     /// `[timing]`
@@ -136,7 +133,6 @@ impl Config {
             routing: self.ground.routing,
             origin: self.ground.origin,
             store: self.store.is_on(),
-            judge_programs: self.diagnosis.after_programs,
             flight: self.flight.clone(),
             limits: self.limits.clone(),
             supervisor: self.supervisor.clone(),

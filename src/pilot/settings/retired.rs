@@ -47,6 +47,26 @@ pub const RETIRED: &[Retired] = &[
         key: "estimator.uwb_arrival_frac",
         fate: Fate::Gone { default: "0.0", heir: "estimator.uwb_correlation_s" },
     },
+    Retired {
+        key: "diagnosis.after_programs",
+        fate: Fate::Gone { default: "false", heir: "haltere gap diagnose" },
+    },
+    Retired {
+        key: "diagnosis.size",
+        fate: Fate::Gone { default: "\"full\"", heir: "haltere gap diagnose" },
+    },
+    Retired {
+        key: "diagnosis.banks",
+        fate: Fate::Gone { default: "\"\"", heir: "haltere gap diagnose" },
+    },
+    Retired {
+        key: "diagnosis.references",
+        fate: Fate::Gone { default: "\"\"", heir: "haltere gap diagnose" },
+    },
+    Retired {
+        key: "diagnosis.vehicle",
+        fate: Fate::Gone { default: "\"\"", heir: "haltere gap diagnose" },
+    },
 ];
 
 /// Sections that keep a flight safe: what is set in them is never ignored.
