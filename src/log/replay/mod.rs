@@ -231,8 +231,20 @@ impl Run {
                     self.sequence = self.sequence.max(last_sequence).max(first_sequence);
                 }
             }
-            Entry::Closing(_) => self.closed = true,
+            Entry::Closing(closing) => self.closing(&closing),
             Entry::Decoded(_) => {}
+        }
+    }
+
+    /// The recorder's last word says how many there were.
+    fn closing(&mut self, closing: &pb::Closing) {
+        self.closed = true;
+        let lost_raw = closing.last_sequence.saturating_sub(self.sequence);
+        if lost_raw > 0 {
+            let at = HostTime::from_us(closing.host_time_us).max(self.last);
+            let [from_s, to_s] = [self.last, at].map(|t| t.seconds_since(self.start));
+            self.last = at;
+            self.report.hole(Hole { from_s, to_s, lost_raw, lost_topics: 0 });
         }
     }
 
