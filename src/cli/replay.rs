@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::Args;
 
-use super::{FAILED, moved, print, print_json, vehicle};
+use super::{FAILED, print, print_json, vehicle};
 use crate::progress::Progress;
 use crate::sources::Sources;
 use crate::util_flights::{self, FlightReport, Flown, quadrotor};
@@ -52,17 +52,6 @@ pub(super) struct Replay {
     /// One value for --util or --flights, over all others.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// The laboratory's, as the four below.
-    #[arg(long, hide = true)]
-    leave_one_out: bool,
-    #[arg(long, hide = true)]
-    ingredients: bool,
-    #[arg(long, hide = true)]
-    cold: bool,
-    #[arg(long, hide = true)]
-    faults: bool,
-    #[arg(long, hide = true)]
-    document: Option<PathBuf>,
     /// Print as JSON.
     #[arg(long)]
     json: bool,
@@ -110,10 +99,6 @@ impl Replay {
     }
 
     fn run_util(&self, folder: &Path) -> anyhow::Result<ExitCode> {
-        if let Some(study) = self.study() {
-            let was = format!("haltere replay --util DIR {study}");
-            return Ok(moved::say(&was, &format!("haltere-lab recorded DIR {study}")));
-        }
         let vehicle = self.vehicle.as_deref().map_or_else(|| Ok(quadrotor()), vehicle::keys)?;
         let flown = Flown::read(Sources {
             vehicle: Some(vehicle),
@@ -213,17 +198,5 @@ impl Replay {
             write!(out, "the vehicle of {}\n{text}", flights.join(", "))?;
         }
         Ok(())
-    }
-
-    /// A study that was asked for, which the laboratory has now.
-    fn study(&self) -> Option<&'static str> {
-        let studies = [
-            (self.leave_one_out, "--leave-one-out"),
-            (self.ingredients, "--ingredients"),
-            (self.cold, "--cold"),
-            (self.faults, "--faults"),
-            (self.document.is_some(), "--document FILE"),
-        ];
-        studies.into_iter().find(|(asked, _)| *asked).map(|(_, option)| option)
     }
 }
