@@ -24,7 +24,6 @@ pub mod ctl;
 pub mod fit;
 pub mod live;
 pub mod named_missions;
-pub mod neighbours;
 pub mod preflight;
 pub mod progress;
 pub mod reference;

@@ -81,7 +81,6 @@ mod tests {
             files: Vec::new(),
             notes: Vec::new(),
             lost: None,
-            stations_unasked: false,
         };
         let programs = BuiltIn::new(&loaded).unwrap();
         assert_eq!(programs.names().len(), 10);

@@ -38,8 +38,6 @@ pub struct Loaded {
     pub notes: Vec<Note>,
     /// Why what a station has set is not in force, the first reason.
     pub lost: Option<String>,
-    /// Nobody named ground.endpoints: where that of the defaults is another vehicle's, another may be taken.
-    pub stations_unasked: bool,
 }
 
 /// The configuration that a log holds.
@@ -109,8 +107,7 @@ impl Loaded {
                 survey
             }
         };
-        let stations_unasked = !layers.is_set("ground.endpoints");
-        let mut loaded = Self { config, survey, files, notes, lost: None, stations_unasked };
+        let mut loaded = Self { config, survey, files, notes, lost: None };
         stored::apply(&mut loaded, &layers);
         Ok(loaded)
     }
