@@ -25,7 +25,6 @@ pub mod ending;
 pub mod fit;
 pub mod live;
 pub mod named_missions;
-pub mod neighbours;
 pub mod preflight;
 pub mod progress;
 pub mod reference;

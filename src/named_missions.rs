@@ -8,7 +8,7 @@ use haltere_pilot::mission_file::MissionFile;
 use crate::fit::programs::{Options, Program, plan};
 
 /// The flight that `haltere gap diagnose` judges.
-pub const DIAGNOSTIC: &str = "diagnostic";
+const DIAGNOSTIC: &str = "diagnostic";
 const PLAIN: &str = "plain";
 const HELD_OUT: &str = "held-out";
 
@@ -36,7 +36,7 @@ pub const SHAPES: [(&str, &[[f64; 2]]); 4] = [
 ];
 
 /// Flights of the fits.
-pub const FITS: [Program; 7] = [
+const FITS: [Program; 7] = [
     Program::Drag,
     Program::Thrust,
     Program::Ground,
@@ -47,7 +47,7 @@ pub const FITS: [Program; 7] = [
 ];
 
 /// Name of the flight for a fit: `fit-drag`.
-pub fn fit_name(program: Program) -> String {
+fn fit_name(program: Program) -> String {
     format!("fit-{}", program.name())
 }
 

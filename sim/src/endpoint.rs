@@ -54,7 +54,7 @@ pub struct Options {
     #[arg(long, value_name = "P", value_parser = tag_protocol)]
     pub tag_protocol: Option<TagProtocol>,
     /// The board's own end of its line, `udpin:HOST:PORT` or `udpout:HOST:PORT`. Default:
-    /// udpout:127.0.0.1:14600; where that is somebody else's, the next port that is free.
+    /// udpout:127.0.0.1:14600; where another simulator speaks there, the next port that is free.
     #[arg(long, value_name = "ADDR")]
     pub board: Option<Address>,
     /// Instead of the simulated board a real firmware flies the vehicle: its physics are served on this UDP

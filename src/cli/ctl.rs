@@ -14,7 +14,7 @@ use crate::sources::read_key;
 #[derive(Debug, Args)]
 pub(super) struct Ctl {
     /// Where the companion's ground endpoint leads: udpin:HOST:PORT, udpout:HOST:PORT or
-    /// tcpout:HOST:PORT. Default: udpin:127.0.0.1:14550, unless the vehicle there is another user's.
+    /// tcpout:HOST:PORT. Default: udpin:127.0.0.1:14550.
     #[arg(long, value_name = "ADDR")]
     to: Option<String>,
     /// Of several vehicles there the one with this system id.

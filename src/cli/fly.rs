@@ -94,7 +94,7 @@ impl Fly {
     }
 }
 
-fn fly(signals: Signals, mut loaded: Loaded, as_json: bool) -> anyhow::Result<ExitCode> {
+fn fly(signals: Signals, loaded: Loaded, as_json: bool) -> anyhow::Result<ExitCode> {
     let stop = live::Stop::default();
     signals.serve(stop.clone())?;
     for file in &loaded.files {
@@ -103,8 +103,9 @@ fn fly(signals: Signals, mut loaded: Loaded, as_json: bool) -> anyhow::Result<Ex
     for note in &loaded.notes {
         tracing::warn!("{note}");
     }
-    // Held until the end.
-    let _claims = live::places::settle(&mut loaded)?;
+    for endpoint in &loaded.config.ground.endpoints {
+        tracing::info!("stations: {}", endpoint.address.for_client());
+    }
     let programs = Box::new(BuiltIn::new(&loaded)?);
     let summary = live::run_with(&loaded, &stop, programs)?;
     let told =

@@ -7,7 +7,6 @@ use anyhow::Context as _;
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, Subcommand};
 
-use super::moved::Moved;
 use super::{
     gap_accept, gap_advise, gap_attribute, gap_bank, gap_budget, gap_commission, gap_diagnose,
     gap_missions, gap_observe, gap_shrink, vehicles,
@@ -48,12 +47,6 @@ pub(super) enum Gap {
     Attribute(gap_attribute::Attribute),
     /// Writes a standard flight as a mission file.
     Mission(gap_missions::MissionCommand),
-    /// Scores of a sealed suite: the laboratory's.
-    #[command(hide = true, disable_help_flag = true)]
-    Blind(Moved),
-    /// Blocked lines of sight: the laboratory's.
-    #[command(hide = true, disable_help_flag = true)]
-    Sight(Moved),
 }
 
 impl Gap {
@@ -70,8 +63,6 @@ impl Gap {
             Gap::Observe(observe) => observe.run(),
             Gap::Attribute(attribute) => attribute.run(),
             Gap::Mission(mission) => mission.run(),
-            Gap::Blind(moved) => Ok(moved.say("haltere gap blind", "haltere-lab blind …")),
-            Gap::Sight(moved) => Ok(moved.say("haltere gap sight", "haltere-lab sight …")),
         }
     }
 }

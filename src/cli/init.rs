@@ -9,7 +9,6 @@ use clap::{Args, ValueEnum};
 
 use super::print;
 use crate::live::usb::serial_devices;
-use crate::neighbours::Transport;
 use crate::preflight::first::{self, Answers};
 use crate::preflight::probe;
 use crate::preflight::stations::{self, Client};
@@ -94,8 +93,7 @@ impl Init {
             first::none_there(&self.dir).map_err(|why| anyhow!(why))?;
         }
         let told = if asks { None } else { Some(self.anchors(false)?) };
-        let mut usual = Answers::default();
-        usual.leave_ports_of_others();
+        let usual = Answers::default();
         let mut answers = Answers {
             tag: self.tag(asks)?,
             tag_protocol: match self.tag_protocol {
@@ -312,9 +310,7 @@ fn heard(address: &Address) {
 
 /// The endpoints of these, with what is typed in each; offers the map of modes to those that need it.
 fn chosen(clients: &[Client], asks: bool) -> anyhow::Result<Vec<EndpointConfig>> {
-    let serves =
-        |client: Client, port| first::serves(Transport::Udp, "127.0.0.1", port, client.port());
-    let all = stations::endpoints(clients, serves);
+    let all = stations::endpoints(clients);
     for (client, port, _) in &all {
         let name = client.to_possible_value();
         let name = name.as_ref().map_or("", |name| name.get_name());

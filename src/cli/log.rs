@@ -12,7 +12,7 @@ use super::log_list::List;
 use super::{print, print_json};
 use haltere_core::time::HostTime;
 use haltere_log::record::{
-    Decoded, Entry, LogEnd, LogReader, RawInput, recover, recovered_name, split, trim, trimmed_name,
+    Decoded, Entry, LogEnd, LogReader, RawInput, recover, recovered_name, trim, trimmed_name,
 };
 
 /// Handles flight logs.
@@ -49,13 +49,7 @@ pub(super) enum Log {
     Export(Export),
     /// Writes the frames of a link as a telemetry log (.tlog) for QGroundControl and MAVProxy.
     Tlog(Tlog),
-    /// Takes logs apart that were put into one file, as by `mcap merge`: each becomes a log of its own.
-    Split {
-        /// The file. It is left as it is. The logs are named NAME.1.mcap, NAME.2.mcap … beside it.
-        log: PathBuf,
-    },
     /// Rewrites a log that was cut by a power loss, or is damaged, into a complete one, which every viewer opens.
-    /// What is missing stands in it as a hole.
     Recover {
         /// The log. It is left as it is.
         log: PathBuf,
@@ -95,19 +89,6 @@ impl Log {
                     log.display(),
                     to.display()
                 ))?;
-            }
-            Log::Split { log } => {
-                let parts = split(&log)?;
-                for part in &parts.logs {
-                    print(&format!("{}: {} messages\n", part.path.display(), part.messages))?;
-                }
-                if parts.left_out > 0 {
-                    print(&format!(
-                        "{} decoded records left out: the sessions lie within one another, and nothing tells \
-                         whose they are; `haltere report` makes them again\n",
-                        parts.left_out
-                    ))?;
-                }
             }
             Log::List(list) => return list.run(),
             Log::Export(export) => return export.run(),

@@ -24,12 +24,10 @@ mod gap_report;
 mod gap_session;
 mod gap_shrink;
 mod init;
-mod judge;
 mod key;
 mod log;
 mod log_export;
 mod log_list;
-pub mod moved;
 mod programs;
 mod replay;
 mod report;
@@ -121,7 +119,6 @@ pub fn main() -> ExitCode {
 /// Runs the command in `args`, program name first: for programs that act as the companion.
 pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
     let args: Vec<std::ffi::OsString> = args.into_iter().collect();
-    judge::started_with(&args);
     let cli = match parsed::<Cli>(args, PROGRAM) {
         Ok(cli) => cli,
         Err(code) => return code,

@@ -1,14 +1,10 @@
 //! Flights that a station can load by name: those of the diagnosis, those of the fits, and mission
 //! files, all placed in the volume of the configuration.
 
-use std::cell::RefCell;
-use std::path::Path;
-
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-use super::judge::{Judged, Judging};
 use crate::fit::programs::Options;
-use crate::named_missions::{self, DIAGNOSTIC, FITS, Place, fit_name};
+use crate::named_missions::{self, Place};
 use crate::sources::Loaded;
 use crate::store::Programs;
 use haltere_gap::scene::Scene;
@@ -16,14 +12,11 @@ use haltere_model::Vehicle;
 use haltere_model::room::Room;
 use haltere_pilot::Envelope;
 use haltere_pilot::mission_file::MissionFile;
-use haltere_pilot::services::{Judgement, encode_plan};
-use haltere_pilot::settings::DiagnosisConfig;
+use haltere_pilot::services::encode_plan;
 
 /// Built-in programs of one configuration.
 pub(super) struct BuiltIn {
     place: Place,
-    diagnosis: DiagnosisConfig,
-    judging: RefCell<Option<Judging>>,
 }
 
 impl BuiltIn {
@@ -46,9 +39,7 @@ impl BuiltIn {
             until_s: None,
         };
         let options = Options::of(&pilot);
-        let diagnosis = loaded.config.diagnosis.clone();
-        let place = Place { scene, envelope, options };
-        Ok(Self { place, diagnosis, judging: RefCell::default() })
+        Ok(Self { place: Place { scene, envelope, options } })
     }
 }
 
@@ -58,14 +49,6 @@ fn wire(mission: &MissionFile) -> Vec<u8> {
     encode_plan(&items)
 }
 
-/// What judges the flights of a program. The plain and the held-out flight are there to judge others by.
-fn judged(name: &str) -> Option<Judged> {
-    if name == DIAGNOSTIC {
-        return Some(Judged::Gap);
-    }
-    FITS.into_iter().find(|p| fit_name(*p) == name).map(|p| Judged::Fit(p.name()))
-}
-
 impl Programs for BuiltIn {
     fn names(&self) -> Vec<String> {
         named_missions::names()
@@ -73,26 +56,6 @@ impl Programs for BuiltIn {
 
     fn built_in(&self, name: &str) -> Result<Vec<u8>, String> {
         self.place.mission(name).map(|mission| wire(&mission))
-    }
-
-    fn judge(&self, name: &str, log: &Path) -> Option<Result<Judgement, String>> {
-        let judged = judged(name)?;
-        let mut judging = self.judging.borrow_mut();
-        let looked = match &mut *judging {
-            Some(judging) => judging.look(),
-            None => Judging::start(judged, log, &self.diagnosis).map(|started| {
-                *judging = Some(started);
-                Judgement::Running { percent: 0, what: "begins".to_owned() }
-            }),
-        };
-        if !matches!(looked, Ok(Judgement::Running { .. })) {
-            *judging = None;
-        }
-        Some(looked)
-    }
-
-    fn stop_judging(&self) {
-        *self.judging.borrow_mut() = None;
     }
 
     fn parse(&self, name: &str, text: &str) -> Result<Vec<u8>, String> {
@@ -118,7 +81,6 @@ mod tests {
             files: Vec::new(),
             notes: Vec::new(),
             lost: None,
-            stations_unasked: false,
         };
         let programs = BuiltIn::new(&loaded).unwrap();
         assert_eq!(programs.names().len(), 10);

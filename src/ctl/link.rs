@@ -5,7 +5,6 @@ use std::net::{SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
 use std::time::Duration;
 
 use super::CtlError;
-use crate::neighbours::{self, Transport};
 use haltere_pilot::settings::{Address, HostPort};
 
 /// Longest wait for a TCP connection.
@@ -38,10 +37,8 @@ impl Link {
                 Ok(Link::Udp { socket, peer: Some(place) })
             }
             Address::UdpIn(at) => {
-                let socket = UdpSocket::bind(resolve(&at)?).map_err(|error| {
-                    let why = neighbours::why_not(Transport::Udp, &at.host, at.port, &error);
-                    CtlError::Listen { at: at.clone(), why }
-                })?;
+                let socket = UdpSocket::bind(resolve(&at)?)
+                    .map_err(|why| CtlError::Listen { at: at.clone(), why })?;
                 Ok(Link::Udp { socket, peer: None })
             }
             Address::TcpOut(to) => {

@@ -20,7 +20,6 @@ use haltere_dialect::signing::SigningKey;
 use serde_json::json;
 
 use self::transfer::name_of;
-use crate::neighbours::{self, Transport};
 use haltere_log::intake;
 use haltere_pilot::mission_file::MissionFile;
 use haltere_pilot::settings::{Address, AddressError, HostPort};
@@ -75,8 +74,8 @@ pub enum CtlError {
     Listen {
         /// Where.
         at: HostPort,
-        /// Why; who does, where that is known.
-        why: String,
+        /// Why.
+        why: std::io::Error,
     },
     /// It is not ours to choose.
     #[error(
@@ -88,17 +87,6 @@ pub enum CtlError {
         address: String,
         /// Which.
         vehicles: Vec<String>,
-    },
-    /// The only vehicle at the usual address is that of another user.
-    #[error(
-        "{address}: the vehicle that speaks here is another user's: {vehicle}; your companion says at its start where \
-         its vehicle is (`haltere ctl --to …`); if you mean this one, say so with --to {address}"
-    )]
-    SomebodyElses {
-        /// Where.
-        address: String,
-        /// Whose.
-        vehicle: String,
     },
     /// A command was answered with a refusal.
     #[error("{command:?} refused: {result:?}{}", quoted(texts))]
@@ -168,16 +156,10 @@ impl CtlError {
     }
 }
 
-/// A vehicle for people: its number, where it is, whose program it is.
+/// A vehicle for people: its number, and where it is.
 fn named(caller: &Caller) -> String {
-    let mut words = format!("system {}", caller.system);
-    if let Some(from) = caller.from {
-        words += &format!(" at {from}");
-        if let Some(who) = neighbours::sender(Transport::Udp, from) {
-            words += &format!(", {who}");
-        }
-    }
-    words
+    let from = caller.from.map_or_else(String::new, |from| format!(" at {from}"));
+    format!("system {}{from}", caller.system)
 }
 
 fn heard_instead(others: &[String]) -> String {
@@ -242,8 +224,6 @@ pub enum Action {
         /// As the vehicle names it.
         name: Option<String>,
     },
-    /// Waits for the judgement of the flight by a program that was flown last, and prints it.
-    Judge,
     /// Lands and waits until it has landed.
     Land,
     /// Prints what the vehicle tells about itself.
@@ -424,7 +404,7 @@ pub const USUAL: &str = "udpin:127.0.0.1:14550";
 /// Who is to be spoken to.
 #[derive(Debug, Default)]
 pub struct Target {
-    /// Where; `None`: [`USUAL`], and nobody else's vehicle.
+    /// Where; `None`: [`USUAL`].
     pub to: Option<String>,
     /// Which of those there.
     pub wanted: Wanted,
@@ -435,15 +415,7 @@ pub struct Target {
 impl Target {
     fn connect(self, brief: bool) -> Result<GroundStation, CtlError> {
         let address = self.to.as_deref().unwrap_or(USUAL);
-        let station = GroundStation::find(address, self.key, &self.wanted, brief)?;
-        let chosen = station.chosen();
-        let who = chosen.and_then(|c| neighbours::sender(Transport::Udp, c.from?));
-        let asked = self.to.is_some() || self.wanted.from.is_some();
-        if !asked && who.is_some_and(|who| who.is_another_person()) {
-            let vehicle = chosen.as_ref().map(named).unwrap_or_default();
-            return Err(CtlError::SomebodyElses { address: address.to_owned(), vehicle });
-        }
-        Ok(station)
+        GroundStation::find(address, self.key, &self.wanted, brief)
     }
 }
 
@@ -530,7 +502,6 @@ pub fn run(
                 }
             }
         }
-        Action::Judge => station.judge(&mut say)?,
         Action::Status { json } => {
             // One round of the slow streams, and of every link and loss in turn.
             station.set_interval(HALTERE_LINK_ID, ROUND_US)?;

@@ -409,37 +409,6 @@ impl GroundStation {
         self.command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, params)
     }
 
-    /// Has the vehicle judge the flight by a program that was flown last; its words go to `say` as they
-    /// come.
-    pub fn judge(&mut self, say: &mut impl FnMut(&str)) -> Result<(), CtlError> {
-        let (target_system, target_component) = self.target();
-        let command = MavCmd::MAV_CMD_USER_4;
-        self.forget_texts();
-        self.send(&MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            param1: -1.0,
-            command: command as u16,
-            target_system,
-            target_component,
-            ..Default::default()
-        }))?;
-        let mut deadline = Instant::now() + ACK_TIMEOUT;
-        while let Some(message) = self.next_message(deadline)? {
-            self.take_texts().iter().for_each(|text| say(text));
-            let MavMessage::COMMAND_ACK(ack) = message else { continue };
-            match known(ack.result).unwrap_or(MavResult::MAV_RESULT_FAILED) {
-                _ if ack.command != command as u16 => {}
-                // It tells how far it is once a second.
-                MavResult::MAV_RESULT_IN_PROGRESS => deadline = Instant::now() + PROGRESS_TIMEOUT,
-                MavResult::MAV_RESULT_ACCEPTED => return Ok(()),
-                result => {
-                    let texts = self.texts_after_refusal()?;
-                    return Err(CtlError::Refused { command, result, texts });
-                }
-            }
-        }
-        Err(CtlError::NoAnswer { command, tries: 1, each: PROGRESS_TIMEOUT })
-    }
-
     /// Arms and waits until the vehicle says so.
     pub fn arm(&mut self) -> Result<(), CtlError> {
         self.arm_disarm(true)

@@ -243,14 +243,11 @@ impl Outcome {
         });
         let heads = ["Parameter", "#Value", "#Standard error", "#95 % interval", "Unit"];
         html += &html::table(heads, &rows.collect::<Vec<_>>());
-        if !self.quality.is_empty() {
-            let rows = self.quality.iter();
-            let rows = rows.map(|q| [&*q.name, &number(q.value), q.unit].map(Cell::from).into());
-            html += "<h2>Quality</h2>";
-            html += &html::table(["", "#Value", "Unit"], &rows.collect::<Vec<_>>());
-        }
+        let rows = self.quality.iter();
+        let rows = rows.map(|q| [&*q.name, &number(q.value), q.unit].map(Cell::from).into());
+        html += &html::titled("Quality", ["", "#Value", "Unit"], &rows.collect::<Vec<_>>());
         for table in &self.tables {
-            let _ = write!(html, "<h2>{}</h2>", escape(&table.title));
+            html += &html::heading(&table.title);
             let heads: Vec<String> = table.head.iter().map(|head| format!("#{head}")).collect();
             let cell = |text: &String| {
                 let class = if text.chars().count() > LONG_CELL { html::WRAPS } else { "" };

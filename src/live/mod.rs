@@ -19,7 +19,6 @@ mod frames;
 mod inbox;
 mod mailbox;
 mod notify;
-pub mod places;
 mod pool;
 pub mod realtime;
 mod rotation;
@@ -55,7 +54,6 @@ use self::inbox::{Inbox, OUTPUT_QUEUE_CHUNKS, Shared, input_queues};
 use self::mailbox::{Mailbox, mailbox};
 use self::notify::{Progress, Systemd};
 use self::pool::Pool;
-use crate::neighbours::{self, Transport};
 use crate::sources::{KeyFileError, Loaded};
 use crate::store::{NoPrograms, OwnLogs, Programs, Store};
 use crate::watch::{Feed, Watch, WatchError};
@@ -96,38 +94,8 @@ pub enum LiveError {
         key: String,
         /// Its value.
         address: Address,
-        /// Why; who has it, where that is known.
-        why: String,
-    },
-    /// Another vehicle of this computer speaks to the same stations.
-    #[error(
-        "{key} = \"{address}\": {who} speaks to stations there, which would take two vehicles for one; give each its own \
-         ground.system_id, or name another port, here and to your stations"
-    )]
-    StationsShared {
-        /// Which key.
-        key: String,
-        /// Its value.
-        address: Address,
-        /// Whose it is.
-        who: String,
-    },
-    /// Another companion of this computer commands the board.
-    #[error(
-        "board.address = \"{address}\": {who} commands the board there, and two would fly it turn by turn; end that \
-         one, or name another board"
-    )]
-    BoardShared {
-        /// Its value.
-        address: Address,
-        /// Who does.
-        who: String,
-    },
-    /// Every port that was tried is somebody else's.
-    #[error("{key}: no free port was found; name one, for example udpout:127.0.0.1:14580")]
-    NoFreePort {
-        /// Which key.
-        key: String,
+        /// Why.
+        why: std::io::Error,
     },
     /// There can be no recorder. A log that cannot be begun keeps nobody from flying (`flight.log_required` does).
     #[error(transparent)]
@@ -427,17 +395,10 @@ async fn open_ports(loaded: &Loaded) -> Result<Vec<(Port, Vec<LinkId>)>, LiveErr
 }
 
 async fn open_port(key: String, address: &Address) -> Result<Port, LiveError> {
-    let refused = |transport, at: &HostPort, error: &std::io::Error| {
-        let why = neighbours::why_not(transport, &at.host, at.port, error);
-        LiveError::Listen { key, address: address.clone(), why }
-    };
+    let refused = |why: std::io::Error| LiveError::Listen { key, address: address.clone(), why };
     Ok(match address {
-        Address::UdpIn(at) => {
-            Port::UdpIn(udp::bind(at).await.map_err(|e| refused(Transport::Udp, at, &e))?)
-        }
-        Address::TcpIn(at) => {
-            Port::TcpIn(tcp::bind(at).await.map_err(|e| refused(Transport::Tcp, at, &e))?)
-        }
+        Address::UdpIn(at) => Port::UdpIn(udp::bind(at).await.map_err(refused)?),
+        Address::TcpIn(at) => Port::TcpIn(tcp::bind(at).await.map_err(refused)?),
         Address::UdpOut(to) => Port::UdpOut(to.clone()),
         Address::TcpOut(to) => Port::TcpOut(to.clone()),
         Address::Serial { device, baud } => {

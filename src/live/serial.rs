@@ -12,7 +12,6 @@ use super::devices::{Urgency, hurry};
 use super::inbox::Inbox;
 use super::mailbox::{Mailbox, Outgoing};
 use super::{clock, usb};
-use crate::neighbours;
 use haltere_core::drops::DropReason;
 
 /// Longest time without looking whether the companion ends.
@@ -103,17 +102,12 @@ fn open(device: &Device, baud: u32) -> Result<(TTYPort, TTYPort, PathBuf), Strin
             "no Loco Positioning Node on USB: plug it in, or name its device in tag.port".to_owned()
         })?,
     };
-    // Who has a device open as we do has it locked.
-    let failed = |error: serialport::Error| match neighbours::locker(&path) {
-        Some(who) => format!(
-            "{}: {who} has it, and two would each hear half of it; end that program",
+    let failed = |error: serialport::Error| {
+        format!(
+            "{}: cannot be opened: {error}; check the name, that no other program has it, and that you may use it \
+             (group dialout)",
             path.display()
-        ),
-        None => format!(
-            "{}: cannot be opened: {error}; check the name, and that you may use it (group \
-             dialout)",
-            path.display()
-        ),
+        )
     };
     let mut port = serialport::new(path.display().to_string(), baud)
         .timeout(POLL)

@@ -16,7 +16,6 @@ use super::mailbox::{Mailbox, Outgoing, Refused, Slot, mailbox};
 use super::seats::{Places, Seat};
 use super::tcp::{ACCEPT_PAUSE, RETRY, accept_after, talk};
 use super::udp::{DATAGRAM_BYTES, send};
-use crate::neighbours::{self, Transport};
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
@@ -83,7 +82,7 @@ pub(super) async fn listen(socket: UdpSocket, inboxes: Vec<Inbox>, mut output: M
                 }
                 if seat != Seat::Known(n) {
                     full_told = false;
-                    tell_who(Transport::Udp, peer, "joined", inbox);
+                    tracing::info!("{peer} joined as link {}", inbox.link().number());
                     inbox.up();
                 }
                 inbox.bytes(at, bytes);
@@ -189,7 +188,7 @@ pub(super) async fn serve(listener: TcpListener, inboxes: Vec<Inbox>, mut output
                     inbox.lost(DropReason::StationsFull);
                     continue;
                 };
-                tell_who(Transport::Tcp, peer, "connected", &inbox);
+                tracing::info!("{peer} connected as link {}", inbox.link().number());
                 let life = Life::begin(clock::now());
                 clients[n] = Some(Client { writer, life: life.clone(), peer });
                 tasks.spawn(async move {
@@ -221,15 +220,6 @@ fn refused(peer: SocketAddr, places: usize) {
         "{peer} refused: all {places} places of this endpoint are taken by stations that speak; end one, \
          or add an endpoint (ground.endpoints)"
     );
-}
-
-/// Tells people who has come. Looking for the program takes its time, and must not hold up the others.
-fn tell_who(transport: Transport, peer: SocketAddr, how: &'static str, inbox: &Inbox) {
-    let link = inbox.link().number();
-    tokio::task::spawn_blocking(move || match neighbours::sender(transport, peer) {
-        Some(who) => tracing::info!("{peer} {how} as link {link}: {who}"),
-        None => tracing::info!("{peer} {how} as link {link}"),
-    });
 }
 
 /// One client, until it leaves. Where signatures are demanded it must have shown one in time: places

@@ -30,14 +30,7 @@ fn loaded(folder: &std::path::Path, tag: String, board: String, ground: Vec<Stri
     config.timing.lock_memory = false;
     let anchors = concat!(env!("CARGO_MANIFEST_DIR"), "/config/anchors.toml");
     let survey = crate::sources::read_anchors(anchors.as_ref()).unwrap();
-    Loaded {
-        config,
-        survey,
-        files: Vec::new(),
-        notes: Vec::new(),
-        lost: None,
-        stations_unasked: false,
-    }
+    Loaded { config, survey, files: Vec::new(), notes: Vec::new(), lost: None }
 }
 
 /// A heartbeat of a station.

@@ -1,11 +1,7 @@
-//! A log that is being written, for who does not write it: where it lies, and how far it has come.
+//! A log that is being written, for who does not write it: where it lies.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use std::sync::atomic::AtomicU64;
-use std::sync::atomic::Ordering::Relaxed;
-
-use haltere_core::time::HostTime;
 
 /// Whether a file's name is one of logs; a card or a program of another system may have written it large.
 pub fn has_log_ending(path: &Path) -> bool {
@@ -20,22 +16,15 @@ pub fn shown_name(path: &Path) -> String {
 }
 
 /// A log that may be begun later, for who asks from elsewhere.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct LogFile {
     path: OnceLock<PathBuf>,
-    settled_us: AtomicU64,
-}
-
-impl Default for LogFile {
-    fn default() -> Self {
-        Self { path: OnceLock::new(), settled_us: AtomicU64::new(0) }
-    }
 }
 
 impl LogFile {
     /// One that nobody writes any more.
     pub fn complete(path: PathBuf) -> Self {
-        Self { path: path.into(), settled_us: AtomicU64::new(u64::MAX) }
+        Self { path: path.into() }
     }
 
     /// Where it lies, once it is begun.
@@ -43,17 +32,8 @@ impl LogFile {
         self.path.get().map(PathBuf::as_path)
     }
 
-    /// Whether what was recorded until then is on the disk, or never comes there.
-    pub fn has_settled(&self, until: HostTime) -> bool {
-        self.settled_us.load(Relaxed) >= until.as_us()
-    }
-
     pub(crate) fn begin(&self, path: &Path) {
         let _ = self.path.set(path.to_owned());
-    }
-
-    pub(crate) fn settle(&self, until_us: u64) {
-        self.settled_us.fetch_max(until_us, Relaxed);
     }
 }
 

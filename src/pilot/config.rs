@@ -34,8 +34,6 @@ pub struct PilotConfig {
     pub origin: OriginConfig,
     /// Whether glue answers requests for files.
     pub store: bool,
-    /// Whether flights by a program are judged when they are over.
-    pub judge_programs: bool,
     /// `[flight]`
     pub flight: FlightConfig,
     /// `[limits]`
@@ -62,7 +60,6 @@ impl Default for PilotConfig {
             routing: Routing::default(),
             origin: OriginConfig::default(),
             store: false,
-            judge_programs: false,
             flight: FlightConfig::default(),
             limits: LimitsConfig::default(),
             supervisor: SupervisorConfig::default(),

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::neighbours::{self, Transport};
 use haltere_core::checks::schema::Schema;
 use haltere_log::written::{Old, Output};
 use haltere_pilot::TagProtocol;
@@ -49,34 +48,6 @@ impl Default for Answers {
             store: StoreConfig::default().directory,
         }
     }
-}
-
-impl Answers {
-    /// Where nobody asked for a port, leaves those that another person of this computer has or speaks to, for the
-    /// next that nobody has. Those of the own user stay: most likely it is this companion that runs.
-    pub fn leave_ports_of_others(&mut self) {
-        let ground = self.ground.iter_mut().map(|endpoint| &mut endpoint.address);
-        for address in ground.chain([&mut self.watch]) {
-            let transport = match address {
-                Address::TcpIn(_) => Transport::Tcp,
-                _ => Transport::Udp,
-            };
-            let (Address::UdpOut(at) | Address::TcpIn(at)) = address else { continue };
-            let usual = at.port;
-            let serves = |port: &u16| serves(transport, &at.host, *port, usual);
-            if let Some(port) = neighbours::candidates(usual).find(serves) {
-                at.port = port;
-            }
-        }
-    }
-}
-
-/// Whether a port may be written where nobody asked for it: nobody has it or speaks to it. At the usual one the own
-/// user may be.
-pub fn serves(transport: Transport, host: &str, port: u16, usual: u16) -> bool {
-    let Some(place) = neighbours::place(host, port) else { return true };
-    let both = [neighbours::claimant(place), neighbours::holder(transport, place)];
-    both.into_iter().flatten().all(|who| port == usual && !who.is_another_person())
 }
 
 /// Writes `haltere.toml` and the anchor file into `directory`; gives both paths. Nothing is written

@@ -6,7 +6,6 @@ use std::path::Path;
 
 use super::Finding;
 use crate::live::usb::{UsbSerial, serial_devices};
-use crate::neighbours::{self, Transport};
 use haltere_pilot::TagProtocol;
 use haltere_pilot::settings::{Address, Config, HostPort, TagPort};
 
@@ -102,8 +101,7 @@ fn tag(config: &Config, usb: &[UsbSerial]) -> Vec<Finding> {
 }
 
 fn address(key: &str, address: &Address, usb: &[UsbSerial]) -> Vec<Finding> {
-    let taken = |transport, at: &HostPort, error: std::io::Error| {
-        let why = neighbours::why_not(transport, &at.host, at.port, &error);
+    let taken = |error: std::io::Error| {
         let way_out = if error.kind() == ErrorKind::AddrInUse {
             format!(
                 "end the program that listens there (`ss -lnp`), or change {key}; a companion \
@@ -112,35 +110,20 @@ fn address(key: &str, address: &Address, usb: &[UsbSerial]) -> Vec<Finding> {
         } else {
             format!("name an address of this computer in {key}, or 0.0.0.0 for all of them")
         };
-        Finding::problem(key, format!("{address}: cannot listen: {why}"), way_out)
+        Finding::problem(key, format!("{address}: cannot listen: {error}"), way_out)
     };
     vec![match address {
         Address::Serial { device, .. } => return serial(key, device, usb),
         Address::UdpIn(at) => match UdpSocket::bind((at.host.as_str(), at.port)) {
             Ok(_) => Finding::ok(key, format!("{address}: free")),
-            Err(error) => taken(Transport::Udp, at, error),
+            Err(error) => taken(error),
         },
         Address::TcpIn(at) => match TcpListener::bind((at.host.as_str(), at.port)) {
             Ok(_) => Finding::ok(key, format!("{address}: free")),
-            Err(error) => taken(Transport::Tcp, at, error),
+            Err(error) => taken(error),
         },
-        Address::UdpOut(to) => {
-            shared(key, address, to).unwrap_or_else(|| resolves(key, address, to))
-        }
-        Address::TcpOut(to) => resolves(key, address, to),
+        Address::UdpOut(to) | Address::TcpOut(to) => resolves(key, address, to),
     }]
-}
-
-/// Another vehicle, or another companion, that speaks to the same place.
-fn shared(key: &str, address: &Address, to: &HostPort) -> Option<Finding> {
-    let who = neighbours::claimant(neighbours::place(&to.host, to.port)?)?;
-    Some(Finding::problem(
-        key,
-        format!("{address}: {who} speaks there"),
-        format!(
-            "end that program, or name another port in {key}; a companion that runs already counts"
-        ),
-    ))
 }
 
 fn resolves(key: &str, address: &Address, to: &HostPort) -> Finding {
@@ -181,19 +164,20 @@ fn serial(key: &str, device: &Path, usb: &[UsbSerial]) -> Vec<Finding> {
 
 /// Opens the device for a moment, without touching its lines.
 fn opens(key: &str, device: &Path, text: String) -> Vec<Finding> {
-    use rustix::fs::{Mode, OFlags};
+    use rustix::fs::{FlockOperation, Mode, OFlags, flock};
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    if let Some(who) = neighbours::locker(device) {
-        let way_out = "end that program; a companion that runs already counts";
-        return vec![Finding::problem(key, format!("{text}: {who} has it"), way_out)];
-    }
     vec![match rustix::fs::open(device, flags, Mode::empty()) {
-        Ok(file) if rustix::termios::isatty(&file) => Finding::ok(key, text),
-        Ok(_) => Finding::problem(
+        Ok(file) if !rustix::termios::isatty(&file) => Finding::problem(
             key,
             format!("{}: is no serial device", device.display()),
             format!("name a device such as /dev/ttyACM0 in {key}"),
         ),
+        // Who has a device open as we do has it locked.
+        Ok(file) if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() => {
+            let way_out = "end that program; a companion that runs already counts";
+            Finding::problem(key, format!("{text}: another program has it"), way_out)
+        }
+        Ok(_) => Finding::ok(key, text),
         Err(rustix::io::Errno::ACCESS | rustix::io::Errno::PERM) => Finding::problem(
             key,
             format!("{text}: permission denied"),

@@ -107,6 +107,25 @@ pub fn table<'a>(heads: impl IntoIterator<Item = &'a str>, rows: &[Vec<Cell>]) -
     html
 }
 
+/// A table under a heading; nothing without a row.
+pub fn titled<'a>(
+    title: &str,
+    heads: impl IntoIterator<Item = &'a str>,
+    rows: &[Vec<Cell>],
+) -> String {
+    if rows.is_empty() { String::new() } else { heading(title) + &table(heads, rows) }
+}
+
+/// A heading within a page.
+pub fn heading(title: &str) -> String {
+    format!("<h2>{}</h2>", escape(title))
+}
+
+/// Words that explain a picture or a table.
+pub fn note(words: &str) -> String {
+    format!("<p class=\"note\">{}</p>", escape(words))
+}
+
 /// A table of checks; nothing without a check.
 pub fn checks(checks: &[Check]) -> String {
     let rows = checks.iter().map(|check| {

@@ -11,9 +11,7 @@ use toml::{Table, Value};
 use super::{DEFAULT_FILE, Sources};
 use haltere_core::checks::Problems;
 use haltere_log::intake;
-use haltere_pilot::settings::{
-    Author, Config, Note, Retired, present_name, read_config, reference,
-};
+use haltere_pilot::settings::{Config, Note, read_config, read_recorded, reference};
 
 /// Longest configuration that is read, bytes.
 pub(super) const MOST_BYTES: u64 = 4 << 20;
@@ -34,19 +32,19 @@ struct Layer {
 #[derive(Debug)]
 pub(super) struct Layers {
     layers: Vec<Layer>,
-    /// What people should know of retired keys.
+    /// What people should know.
     pub notes: Vec<Note>,
 }
 
 impl Layers {
-    /// Reads every origin and refuses what cannot be typed. `gone`: the table of retired keys.
-    pub(super) fn read(sources: &Sources, gone: &[Retired]) -> Result<Self, Problems> {
+    /// Reads every origin and refuses what cannot be typed.
+    pub(super) fn read(sources: &Sources) -> Result<Self, Problems> {
         let mut problems = Problems::new();
         let (mut layers, mut notes): (Vec<Layer>, _) = (Vec::new(), Vec::new());
         let mut files = sources.files.clone();
         match &sources.recorded {
             Some(recorded) if files.is_empty() => {
-                match read_config(&recorded.name, &recorded.text, gone, Author::Recorder) {
+                match read_recorded(&recorded.name, &recorded.text) {
                     Ok(read) => {
                         let name = recorded.name.clone();
                         layers.push(Layer { name, path: None, table: read.table });
@@ -60,13 +58,13 @@ impl Layers {
             _ => {}
         }
         for path in files {
-            match read_file(&path, gone, &mut notes) {
+            match read_file(&path) {
                 Ok(layer) => layers.push(layer),
                 Err(found) => found.lines().iter().for_each(|line| problems.say(line)),
             }
         }
         if let Some(vehicle) = &sources.vehicle {
-            match vehicle.read(gone, &mut notes) {
+            match vehicle.read() {
                 Ok(table) => layers.push(Layer { name: vehicle.name.clone(), path: None, table }),
                 Err(found) => found.lines().iter().for_each(|line| problems.say(line)),
             }
@@ -93,7 +91,7 @@ impl Layers {
             None => (format!("--set {text}"), String::new(), ""),
         });
         for (name, key, value) in variables.chain(overrides) {
-            match single(&name, &key, value, gone, &mut notes) {
+            match single(&name, &key, value) {
                 Ok(table) => layers.push(Layer { name, path: None, table }),
                 Err(found) => found.lines().iter().for_each(|line| problems.say(line)),
             }
@@ -168,7 +166,7 @@ impl Layers {
     }
 }
 
-fn read_file(path: &Path, gone: &[Retired], notes: &mut Vec<Note>) -> Result<Layer, Problems> {
+fn read_file(path: &Path) -> Result<Layer, Problems> {
     let name = path.display().to_string();
     let text = intake::text(path, MOST_BYTES).map_err(|error| {
         Problems::one(format!(
@@ -176,32 +174,23 @@ fn read_file(path: &Path, gone: &[Retired], notes: &mut Vec<Note>) -> Result<Lay
              `haltere init` writes one"
         ))
     })?;
-    let read = read_config(&name, &text, gone, Author::User)?;
-    notes.extend(read.notes);
+    let read = read_config(&name, &text)?;
     Ok(Layer { name, path: Some(path.to_owned()), table: read.table })
 }
 
 /// A layer of one key.
-fn single(
-    name: &str,
-    key: &str,
-    text: &str,
-    gone: &[Retired],
-    notes: &mut Vec<Note>,
-) -> Result<Table, Problems> {
+fn single(name: &str, key: &str, text: &str) -> Result<Table, Problems> {
     let parts: Vec<_> = key.split('.').collect();
     if parts.len() < 2 || parts.iter().any(|part| part.is_empty()) {
         return Err(Problems::one(format!("{name}: write it as section.key=value")));
     }
     let defaults = Table::try_from(Config::default()).unwrap_or_default();
-    let mut value = value_like(lookup(&defaults, present_name(gone, key)), text);
+    let mut value = value_like(lookup(&defaults, key), text);
     for part in parts.iter().rev() {
         value = Value::Table(Table::from_iter([((*part).to_owned(), value)]));
     }
     let Value::Table(table) = value else { return Ok(Table::new()) };
-    let read = read_config(name, &table.to_string(), gone, Author::User)?;
-    notes.extend(read.notes);
-    Ok(read.table)
+    read_config(name, &table.to_string()).map(|read| read.table)
 }
 
 /// Text from a command line, typed like the default of its key.

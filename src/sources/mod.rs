@@ -9,8 +9,6 @@ mod layers;
 pub mod stored;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-mod tests_retired;
 mod vehicle;
 
 use std::path::PathBuf;
@@ -21,7 +19,7 @@ pub use key_file::{KeyFileError, read_key, read_time, time_file};
 use self::layers::Layers;
 use haltere_core::checks::Problems;
 use haltere_core::survey::Survey;
-use haltere_pilot::settings::{Config, Note, RETIRED, Retired};
+use haltere_pilot::settings::{Config, Note};
 pub use vehicle::{Origin, VEHICLE_KEYS, VehicleKeys};
 
 /// File that is read from the working directory when none is named.
@@ -36,12 +34,10 @@ pub struct Loaded {
     pub survey: Survey,
     /// Files that were read, for the user to see.
     pub files: Vec<PathBuf>,
-    /// What people should know: retired keys, parameters that a station had set.
+    /// What people should know: misspelt variables, parameters that a station had set.
     pub notes: Vec<Note>,
     /// Why what a station has set is not in force, the first reason.
     pub lost: Option<String>,
-    /// Nobody named ground.endpoints: where that of the defaults is another vehicle's, another may be taken.
-    pub stations_unasked: bool,
 }
 
 /// The configuration that a log holds.
@@ -82,21 +78,17 @@ impl Sources {
 impl Loaded {
     /// Reads and checks everything; refuses with all that is wrong.
     pub fn load(sources: &Sources) -> Result<Self, Problems> {
-        Self::load_by(sources, RETIRED, None)
+        Self::load_by(sources, None)
     }
 
     /// The same for what can be said of a room that is not told: where no file and no key tells anything and no survey lies there, this
     /// one is taken, and no file is named for it.
     pub fn load_or_in(sources: &Sources, room: Survey) -> Result<Self, Problems> {
-        Self::load_by(sources, RETIRED, Some(room))
+        Self::load_by(sources, Some(room))
     }
 
-    fn load_by(
-        sources: &Sources,
-        gone: &[Retired],
-        untold: Option<Survey>,
-    ) -> Result<Self, Problems> {
-        let (mut config, mut layers) = load_layers(sources, gone)?;
+    fn load_by(sources: &Sources, untold: Option<Survey>) -> Result<Self, Problems> {
+        let (mut config, mut layers) = load_layers(sources)?;
         let notes = std::mem::take(&mut layers.notes);
         if !config.watch.token_file.as_os_str().is_empty() {
             config.watch.token_file = layers.beside("watch.token_file", &config.watch.token_file);
@@ -115,8 +107,7 @@ impl Loaded {
                 survey
             }
         };
-        let stations_unasked = !layers.is_set("ground.endpoints");
-        let mut loaded = Self { config, survey, files, notes, lost: None, stations_unasked };
+        let mut loaded = Self { config, survey, files, notes, lost: None };
         stored::apply(&mut loaded, &layers);
         Ok(loaded)
     }
@@ -125,18 +116,18 @@ impl Loaded {
 /// Reads and checks all keys, without the anchor file: for tools that bring a survey of
 /// their own.
 pub fn load(sources: &Sources) -> Result<Config, Problems> {
-    load_layers(sources, RETIRED).map(|(config, _)| config)
+    load_layers(sources).map(|(config, _)| config)
 }
 
 /// The same, and where each number of the vehicle comes from.
 pub fn load_with_origins(sources: &Sources) -> Result<(Config, Vec<Origin>), Problems> {
-    let (config, layers) = load_layers(sources, RETIRED)?;
+    let (config, layers) = load_layers(sources)?;
     let origins = vehicle::origins(&config, &layers);
     Ok((config, origins))
 }
 
-fn load_layers(sources: &Sources, gone: &[Retired]) -> Result<(Config, Layers), Problems> {
-    let layers = Layers::read(sources, gone)?;
+fn load_layers(sources: &Sources) -> Result<(Config, Layers), Problems> {
+    let layers = Layers::read(sources)?;
     let config = layers.merged()?;
     let mut problems = Problems::new();
     config.check_to_fly(&mut problems);

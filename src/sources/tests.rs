@@ -212,3 +212,17 @@ fn prop_a_missing_file_says_where_a_sample_is() {
     assert!(error.starts_with("/nowhere/x.toml: cannot be read: "), "{error}");
     assert!(error.contains("config/haltere.toml is a sample"), "{error}");
 }
+
+#[test]
+fn prop_a_newer_file_is_refused_before_its_keys_are() {
+    assert_eq!(load("schema_version = 1\n", &[], &[]).unwrap().notes, []);
+    let error = load("schema_version = 9\n[flight]\nspool_sec = 1.0\n", &[], &[]).unwrap_err();
+    let error = error.to_string();
+    assert!(error.contains("a.toml: schema version 9 of the configuration"), "{error}");
+    assert!(error.contains("install that one") && !error.contains("spool_sec"), "{error}");
+    assert!(load("schema_version = \"1\"\n", &[], &[]).is_err());
+    // As written by `haltere init`, in the file alone.
+    let resolved = load("schema_version = 1\n", &[], &[]).unwrap().config;
+    assert!(!resolved.to_toml().contains("schema_version"));
+    assert!(load("", &[], &["schema_version=1"]).is_err());
+}

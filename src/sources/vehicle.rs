@@ -4,7 +4,7 @@ use toml::{Table, Value};
 
 use super::layers::{Layers, lookup};
 use haltere_core::checks::Problems;
-use haltere_pilot::settings::{Author, Config, Note, Retired, read_config};
+use haltere_pilot::settings::{Config, read_config};
 
 /// Keys that belong to the vehicle, whatever room it flies in: drag, levers, and how far its accelerometer and gyroscope
 /// can be believed in flight. All else of the filter is the same for every vehicle.
@@ -48,9 +48,8 @@ pub struct Origin {
 
 impl VehicleKeys {
     /// The lines as a table that holds nothing but numbers of a vehicle.
-    pub(super) fn read(&self, gone: &[Retired], notes: &mut Vec<Note>) -> Result<Table, Problems> {
-        let read = read_config(&self.name, &self.text, gone, Author::User)?;
-        notes.extend(read.notes);
+    pub(super) fn read(&self) -> Result<Table, Problems> {
+        let read = read_config(&self.name, &self.text)?;
         let mut keys = Vec::new();
         leaves(&read.table, "", &mut keys);
         match keys.iter().find(|key| !VEHICLE_KEYS.contains(&key.as_str())) {

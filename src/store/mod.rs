@@ -19,11 +19,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::UNIX_EPOCH;
 
 use crate::sources::stored;
-use haltere_core::time::HostTime;
 use haltere_log::log_file::LogFile;
 use haltere_log::written;
 use haltere_pilot::services::{
-    FileFault, FileName, FileTask, Folder, Judgement, MOST_MISSION_BYTES, Plan, crc32,
+    FileFault, FileName, FileTask, Folder, MOST_MISSION_BYTES, Plan, crc32,
 };
 
 pub use atomic::{replace, replace_private};
@@ -43,13 +42,6 @@ pub trait Programs: Send {
     fn built_in(&self, name: &str) -> Result<Vec<u8>, String>;
     /// The plan that the text of a mission file means; the error is for people.
     fn parse(&self, name: &str, text: &str) -> Result<Vec<u8>, String>;
-    /// Begins to judge the newest flight of a log, which this program flew, or says how far that is.
-    /// `None`: flights of this program are not judged. The error is for people.
-    fn judge(&self, _name: &str, _log: &Path) -> Option<Result<Judgement, String>> {
-        None
-    }
-    /// Ends that.
-    fn stop_judging(&self) {}
 }
 
 /// No programs.
@@ -68,7 +60,7 @@ impl Programs for NoPrograms {
     }
 }
 
-/// Logs that are being written, which are never erased; the newest last.
+/// Logs that are being written, which are never erased.
 #[derive(Debug, Clone, Default)]
 pub struct OwnLogs(Arc<Mutex<Vec<Arc<LogFile>>>>);
 
@@ -81,10 +73,6 @@ impl OwnLogs {
     /// This one is written no more.
     pub fn remove(&self, log: &Arc<LogFile>) {
         self.lock().retain(|own| !Arc::ptr_eq(own, log));
-    }
-
-    fn newest(&self) -> Option<Arc<LogFile>> {
-        self.lock().last().cloned()
     }
 
     fn holds(&self, name: &str) -> bool {
@@ -189,11 +177,6 @@ impl Store {
             FileTask::EraseLogs => self.erase_logs(),
             FileTask::LoadProgram(name) if name.is_empty() => self.program_names(),
             FileTask::LoadProgram(name) => self.load_program(name),
-            FileTask::Judge { program, flown_until } => self.judge(program, *flown_until),
-            FileTask::StopJudging => {
-                self.programs.stop_judging();
-                Ok(Vec::new())
-            }
         }
     }
 
@@ -312,22 +295,6 @@ impl Store {
         let files = files.iter().map(|(file, _)| file.name().to_owned());
         let names: Vec<String> = files.chain(self.programs.names()).collect();
         Ok(names.join("\n").into_bytes())
-    }
-
-    fn judge(&self, name: &str, flown_until: HostTime) -> Answer {
-        let newest = self.own_logs.newest();
-        let Some((log, file)) = newest.as_ref().and_then(|file| Some((file.path()?, file))) else {
-            return Err(fault(FileFault::Off));
-        };
-        // A card that is slow to take the landing.
-        if !file.has_settled(flown_until) {
-            return Err(fault(FileFault::Busy));
-        }
-        match self.programs.judge(name, log) {
-            None => Err(fault(FileFault::NotFound)),
-            Some(Ok(judgement)) => Ok(judgement.encode()),
-            Some(Err(why)) => Err((FileFault::Failed, why.into_bytes())),
-        }
     }
 
     fn load_program(&self, name: &str) -> Answer {

@@ -26,7 +26,6 @@ use crossbeam_queue::ArrayQueue;
 use thiserror::Error;
 use tokio::net::TcpListener;
 
-use crate::neighbours::{self, Transport};
 use crate::sources::Loaded;
 use crate::watch::token::TokenError;
 use haltere_core::time::HostTime;
@@ -50,8 +49,8 @@ pub enum WatchError {
     Listen {
         /// Which.
         address: Address,
-        /// Why; who has it, where that is known.
-        why: String,
+        /// Why.
+        why: std::io::Error,
     },
     /// Everybody on the network could look.
     #[error(
@@ -160,10 +159,7 @@ impl Watch {
         let Some(address) = config.address.get() else { return Ok(None) };
         let Address::TcpIn(at) = address else { return Ok(None) };
         let token = token::token(config)?;
-        let refused = |error: std::io::Error| {
-            let why = neighbours::why_not(Transport::Tcp, &at.host, at.port, &error);
-            WatchError::Listen { address: address.clone(), why }
-        };
+        let refused = |why: std::io::Error| WatchError::Listen { address: address.clone(), why };
         let listener = TcpListener::bind((at.host.as_str(), at.port)).await.map_err(refused)?;
         let bound = listener.local_addr().map_err(refused)?;
         if token.is_none() && !bound.ip().is_loopback() {

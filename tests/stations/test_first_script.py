@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 
-from haltere_testing.programs import Simulator, program, stop
+from haltere_testing.programs import Simulator, free_port, program, stop
 from haltere_testing.rig import Rig, hall, wait_until
 from haltere_testing.station import Station
 
@@ -33,15 +33,21 @@ def run(address, folder):
     assert ran.returncode == 0 and ran.stdout.split() == ["system", "1", "landed"], (address, ran)
 
 
+def beside_others():
+    """Other tests have the port that every script begins with."""
+    return ["--set", f'ground.endpoints=["udpout:127.0.0.1:{free_port()}"]']
+
+
 def usual(addresses):
-    """The address that every script begins with, or the next port where somebody has that."""
+    """The address that a script begins with."""
     found = [address for address in addresses if re.fullmatch(r"udpin:127\.0\.0\.1:\d+", address)]
     assert found, addresses
     return found[0]
 
 
 def test_against_lockstep(tmp_path):
-    simulator = Simulator(["lockstep", "--speed", "5", "--set", f"record.directory={tmp_path / 'log'}"], tmp_path / "sim.txt")
+    simulator = Simulator(["lockstep", "--speed", "5", "--set", f"record.directory={tmp_path / 'log'}", *beside_others()],
+                          tmp_path / "sim.txt")
     try:
         run(usual(simulator.greeting["ground"]), tmp_path)
         assert simulator.truth()["crashed"] == 0
@@ -59,7 +65,7 @@ def test_against_simulator_and_companion(tmp_path):
                        cwd=tmp_path, check=True)
         companion = subprocess.Popen(
             [program(), "companion", "fly", "--set", "flight.gear_height_m=0.12", "--set", "estimator.rest_height_m=0.12",
-             "--set", "watch.address="],
+             "--set", "watch.address=", *beside_others()],
             cwd=tmp_path, stdout=open(said, "w"), stderr=subprocess.STDOUT)
         wait_until(lambda: "stations: " in said.read_text(), 20)
         run(usual(re.findall(r"stations: (\S+)", said.read_text())), tmp_path)
@@ -87,7 +93,8 @@ def test_against_the_helper(tmp_path):
 
 def test_the_room_that_is_shipped(tmp_path):
     """Where the simulators of PX4 have their home, and the vehicle stands in its middle."""
-    simulator = Simulator(["lockstep", "--speed", "5", "--scenario", "zurich", "--set", "record.enabled=false"], tmp_path / "sim.txt")
+    simulator = Simulator(["lockstep", "--speed", "5", "--scenario", "zurich", "--set", "record.enabled=false", *beside_others()],
+                          tmp_path / "sim.txt")
     try:
         station = Station(usual(simulator.greeting["ground"]))
         told = station.wait("GLOBAL_POSITION_INT", 30, lambda m: abs(m.relative_alt) < 500)

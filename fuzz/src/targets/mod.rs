@@ -7,7 +7,7 @@ mod files;
 mod wires;
 
 pub use self::core::{ftp, missions, parameters, pilot};
-pub use self::files::{config, csv, log, mission_file, outline, split};
+pub use self::files::{config, csv, log, mission_file, outline, recover};
 pub use self::wires::{mavlink, signing, sniffer, tdoa2, tdoa3};
 
 /// A target: bytes in, a panic where something is wrong.
@@ -26,7 +26,7 @@ pub const ALL: [(&str, Target); 15] = [
     ("ftp", ftp),
     ("log", log),
     ("outline", outline),
-    ("split", split),
+    ("recover", recover),
     ("csv", csv),
     ("config", config),
     ("pilot", pilot),

@@ -5,7 +5,6 @@ use std::net::TcpListener;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
-use haltere::neighbours;
 
 use super::Options;
 use crate::firmware::Firmware;
@@ -53,8 +52,8 @@ impl Processes {
         let folder = std::path::absolute(&options.output).context("--output")?;
         let own = File::open(&folder).with_context(|| folder.display().to_string())?;
         if matches!(own.try_lock(), Err(TryLockError::WouldBlock)) {
-            let who = neighbours::locker(&folder).unwrap_or_default();
-            bail!("--output {}: {who} works in this folder; name another one", folder.display());
+            let folder = folder.display();
+            bail!("--output {folder}: another demo works in this folder; name another one");
         }
         let scenario = Scenario::load(options.scenario.as_deref())?;
         let truth = folder.join("truth.csv");

@@ -96,9 +96,9 @@ pub fn run(options: &Options) -> Result<()> {
     let stop = Stop::on_signals()?;
     let mut scenario = Scenario::load(options.scenario.as_deref())?;
     scenario.seed = options.seed.unwrap_or(scenario.seed);
-    let mut loaded = configuration(options, &scenario)?;
+    let loaded = configuration(options, &scenario)?;
     let pilot = loaded.config.pilot();
-    let wires = Wires::open(&mut loaded.config.ground, &pilot, loaded.stations_unasked)?;
+    let wires = Wires::open(&loaded.config.ground, &pilot)?;
     let world = plant(options.vehicle.as_deref(), &scenario)?;
     let mut session = Session::start(options, &loaded, wires, world, &scenario)?;
     let orders = (options.orders || !paced).then(Orders::listen).transpose()?;
@@ -136,7 +136,6 @@ fn configuration(options: &Options, scenario: &Scenario) -> Result<Loaded> {
             overrides.push(format!("ground.origin={}", toml::Value::try_from(origin)?));
         }
         overrides.extend(options.set.iter().cloned());
-        let names = |set: &String| set.trim_start().starts_with("ground.endpoints");
         let config = sources::load(&Sources::new(Vec::new(), overrides)).map_err(refused)?;
         Loaded {
             config,
@@ -144,7 +143,6 @@ fn configuration(options: &Options, scenario: &Scenario) -> Result<Loaded> {
             files: Vec::new(),
             notes: Vec::new(),
             lost: None,
-            stations_unasked: !options.set.iter().any(names),
         }
     } else {
         Loaded::load(&Sources::new(options.config.clone(), options.set.clone())).map_err(refused)?

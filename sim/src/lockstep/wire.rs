@@ -4,8 +4,6 @@
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 
 use anyhow::{Context, Result, anyhow, bail};
-use haltere::live::places;
-use haltere::neighbours::{self, Claim, Transport};
 use haltere_model::lockstep::Lockstep;
 use haltere_pilot::settings::{Address, GroundConfig, HostPort};
 use haltere_pilot::{Input, LinkId, PilotConfig};
@@ -30,7 +28,6 @@ struct Endpoint {
 #[derive(Debug)]
 pub struct Wires {
     endpoints: Vec<Endpoint>,
-    _claims: Vec<Claim>,
 }
 
 fn resolve(address: &Address, at: &HostPort) -> Result<SocketAddr> {
@@ -42,10 +39,8 @@ fn resolve(address: &Address, at: &HostPort) -> Result<SocketAddr> {
 }
 
 impl Wires {
-    /// Opens the endpoints of a configuration. `free`: nobody asked for these ports; where one is somebody else's
-    /// the next one is taken, told, and written into the configuration.
-    pub fn open(config: &mut GroundConfig, pilot: &PilotConfig, free: bool) -> Result<Self> {
-        let claims = places::stations(config, free)?;
+    /// Opens the endpoints of a configuration.
+    pub fn open(config: &GroundConfig, pilot: &PilotConfig) -> Result<Self> {
         let mut first = 0;
         let mut all = Vec::new();
         for (endpoint, told) in config.endpoints.iter().zip(&pilot.endpoints) {
@@ -54,9 +49,8 @@ impl Wires {
             let address = endpoint.address.clone();
             let socket = match &address {
                 Address::UdpIn(at) => UdpSocket::bind(resolve(&address, at)?).map_err(|error| {
-                    let why = neighbours::why_not(Transport::Udp, &at.host, at.port, &error);
                     anyhow!(
-                        "ground.endpoints: {address}: cannot listen there: {why}; name another port"
+                        "ground.endpoints: {address}: cannot listen there: {error}; name another port"
                     )
                 })?,
                 Address::UdpOut(to) => {
@@ -73,7 +67,7 @@ impl Wires {
             all.push(Endpoint { address, socket, first, stations });
             first = first.saturating_add(seats);
         }
-        Ok(Self { endpoints: all, _claims: claims })
+        Ok(Self { endpoints: all })
     }
 
     /// As clients write them.

@@ -101,8 +101,8 @@ pub enum LogError {
     /// Several logs that another program has put into one file.
     #[error(
         "{}: byte {offset}: a second session begins here, recorded from {second}, the first from {first}: logs \
-         that were put into one file; `haltere log split {}` takes them apart",
-        path.display(), path.display()
+         that were put into one file; take the logs themselves",
+        path.display()
     )]
     Merged {
         /// Which file.
@@ -117,8 +117,8 @@ pub enum LogError {
     /// One log that another program has put into a file twice.
     #[error(
         "{}: byte {offset}: the session from {first} begins here once more: one log that was put into a file twice; take \
-         the log itself, or `haltere log split {}` writes it once",
-        path.display(), path.display()
+         the log itself",
+        path.display()
     )]
     Twice {
         /// Which file.
@@ -127,14 +127,6 @@ pub enum LogError {
         offset: u64,
         /// When it was recorded.
         first: String,
-    },
-    /// They cannot be taken apart.
-    #[error("{}: {why}; take the logs themselves, from before they were put into one file", path.display())]
-    Woven {
-        /// Which file.
-        path: PathBuf,
-        /// Why.
-        why: String,
     },
     /// An MCAP file of another program.
     #[error("{}: byte {offset}: {why}; it was not written by haltere", path.display())]
@@ -175,8 +167,6 @@ pub enum LogEnd {
         why: String,
         /// Places where records were left out.
         places: u64,
-        /// What is missing: begin and end, µs since the core was started.
-        missing: Vec<[u64; 2]>,
         /// Where the file ends without having been closed.
         cut: Option<u64>,
     },
@@ -187,22 +177,10 @@ impl std::fmt::Display for LogEnd {
         match self {
             LogEnd::Complete => write!(f, "complete"),
             LogEnd::Cut { offset } => write!(f, "cut at byte {offset}"),
-            LogEnd::Damaged { offset, why, places, missing, cut } => {
+            LogEnd::Damaged { offset, why, places, cut } => {
                 match places {
                     0 | 1 => write!(f, "damaged at byte {offset}: {why}")?,
                     n => write!(f, "damaged in {n} places, first at byte {offset}: {why}")?,
-                }
-                let parts = missing.iter().take(MOST_PARTS).map(|[from, to]| {
-                    format!("{:.3} to {:.3} s", *from as f64 * 1e-6, *to as f64 * 1e-6)
-                });
-                let parts: Vec<_> = parts.collect();
-                let s = if missing.len() == 1 { "is" } else { "are" };
-                let more = match missing.len().saturating_sub(MOST_PARTS) {
-                    0 => String::new(),
-                    n => format!(", and {n} parts more"),
-                };
-                if !parts.is_empty() {
-                    write!(f, "; {}{more} {s} missing", parts.join(", "))?;
                 }
                 match cut {
                     Some(cut) => write!(f, "; cut at byte {cut}"),
@@ -212,6 +190,3 @@ impl std::fmt::Display for LogEnd {
         }
     }
 }
-
-/// Parts that are missing of which the times are told.
-const MOST_PARTS: usize = 4;

@@ -19,8 +19,6 @@ pub(super) const CHUNK_HEAD_BYTES: u64 = 8 + 8 + 8 + 4 + 4 + 8;
 /// What a chunk's head says.
 pub(super) struct ChunkHead {
     pub told: u64,
-    pub start_ns: u64,
-    pub end_ns: u64,
     pub crc: u32,
     pub name_bytes: u32,
     pub records: u64,
@@ -38,10 +36,6 @@ impl ChunkHead {
     /// The disk was full or the power failed before it was told how long it is.
     pub(super) fn is_untold(&self) -> bool {
         self.is_plain() && self.records == u64::MAX
-    }
-
-    pub(super) fn until_ns(&self) -> Option<u64> {
-        (self.start_ns <= self.end_ns && self.end_ns < u64::MAX / 2).then_some(self.end_ns)
     }
 }
 
@@ -83,8 +77,6 @@ pub(super) fn chunk_head(window: &mut Window<'_>, at: u64) -> Option<ChunkHead> 
     let body = at + RECORD_HEAD_BYTES;
     Some(ChunkHead {
         told: window.u64_at(at + 1)?,
-        start_ns: window.u64_at(body)?,
-        end_ns: window.u64_at(body + 8)?,
         crc: window.u32_at(body + 24)?,
         name_bytes: window.u32_at(body + 28)?,
         records: window.u64_at(body + 32)?,

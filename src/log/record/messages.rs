@@ -9,6 +9,7 @@ use std::sync::Arc;
 use mcap::records::{MessageHeader, Record, op};
 
 use super::channels;
+use super::errors::LogEnd;
 use super::forms::{
     CHUNK_HEAD_BYTES, LONGEST_CHANNEL_BYTES, LONGEST_MESSAGE_BYTES, LONGEST_SMALL_BYTES,
     MESSAGE_HEAD_BYTES, RECORD_HEAD_BYTES, chunk_head, is_chunk, is_message_index, may_be_record,
@@ -35,8 +36,6 @@ pub(super) struct Message<'a> {
     pub sequence: u32,
     pub log_time: u64,
     pub data: &'a [u8],
-    /// Places of damage before it.
-    pub places: u64,
 }
 
 /// What was stepped over.
@@ -45,8 +44,6 @@ pub(super) struct Damage {
     /// Where it begins.
     pub offset: u64,
     pub why: String,
-    /// Latest time that the head of a chunk tells that was left out, ns.
-    pub until_ns: Option<u64>,
 }
 
 /// How a walk ended.
@@ -124,15 +121,30 @@ impl<'a> Messages<'a> {
         &self.damage
     }
 
-    /// All of them, those too that are not kept.
-    pub fn places(&self) -> u64 {
-        self.damage.len() as u64 + self.more_damage
+    /// How the log ended.
+    pub fn log_end(&self) -> LogEnd {
+        let cut = match self.end() {
+            WalkEnd::Complete => None,
+            WalkEnd::Cut(offset) => Some(offset),
+            WalkEnd::Unreadable(offset, why) => {
+                return LogEnd::Damaged { offset, why, places: 1, cut: None };
+            }
+        };
+        match (self.damage.first(), cut) {
+            (None, None) => LogEnd::Complete,
+            (None, Some(offset)) => LogEnd::Cut { offset },
+            (Some(first), cut) => LogEnd::Damaged {
+                offset: first.offset,
+                why: first.why.clone(),
+                places: self.damage.len() as u64 + self.more_damage,
+                cut,
+            },
+        }
     }
 
     /// The next message.
     pub fn next(&mut self) -> Option<Message<'_>> {
         let place = self.place()?;
-        let places = self.places();
         let data = self.window.get(place.data_at, place.data_bytes)?;
         Some(Message {
             offset: place.offset,
@@ -141,18 +153,13 @@ impl<'a> Messages<'a> {
             sequence: place.header.sequence,
             log_time: place.header.log_time,
             data,
-            places,
         })
     }
 
-    /// A message cannot be understood; the walk goes on.
+    /// Something is stepped over; the walk goes on.
     pub fn note(&mut self, offset: u64, why: String) {
-        self.hurt(offset, why, None);
-    }
-
-    fn hurt(&mut self, offset: u64, why: String, until_ns: Option<u64>) {
         if self.damage.len() < MOST_PLACES {
-            self.damage.push(Damage { offset, why, until_ns });
+            self.damage.push(Damage { offset, why });
         } else {
             self.more_damage += 1;
         }
@@ -189,11 +196,11 @@ impl<'a> Messages<'a> {
                     self.chunk = None;
                     self.torn(at, why, false);
                 }
-                Err(why) => self.hurt(at, why, None),
+                Err(why) => self.note(at, why),
             },
             op::CHANNEL => {
                 if let Err(why) = self.channel(body_at, next) {
-                    self.hurt(at, why, None);
+                    self.note(at, why);
                 }
             }
             op::SCHEMA => {}
@@ -206,7 +213,7 @@ impl<'a> Messages<'a> {
                 if open {
                     self.torn(at, why, false);
                 } else {
-                    self.hurt(at, why, None);
+                    self.note(at, why);
                 }
             }
         }
@@ -217,12 +224,12 @@ impl<'a> Messages<'a> {
     fn torn(&mut self, at: u64, why: String, cut: bool) {
         match self.search(at) {
             Some(next) => {
-                self.hurt(at, why, None);
+                self.note(at, why);
                 self.at = next;
             }
             None if cut && may_be_record(&mut self.window, at) => self.end = Some(WalkEnd::Cut(at)),
             None => {
-                self.hurt(at, why, None);
+                self.note(at, why);
                 self.end = Some(self.last());
             }
         }
@@ -243,12 +250,12 @@ impl<'a> Messages<'a> {
             let cut = may_be_record(&mut self.window, at);
             match self.search(at) {
                 Some(next) => {
-                    self.hurt(at, "a record that is longer than the file".into(), None);
+                    self.note(at, "a record that is longer than the file".into());
                     self.at = next;
                 }
                 None if cut => self.end = Some(WalkEnd::Cut(at)),
                 None => {
-                    self.hurt(at, "no record has this length".into(), None);
+                    self.note(at, "no record has this length".into());
                     self.end = Some(self.last());
                 }
             }
@@ -278,14 +285,14 @@ impl<'a> Messages<'a> {
         };
         match told {
             Ok(()) => self.at = next,
-            Err(why) => self.lost(at, why, None),
+            Err(why) => self.lost(at, why),
         }
         None
     }
 
     /// The walk does not know where the next record is.
-    fn lost(&mut self, at: u64, why: String, until_ns: Option<u64>) {
-        self.hurt(at, why, until_ns);
+    fn lost(&mut self, at: u64, why: String) {
+        self.note(at, why);
         match self.search(at + 1) {
             Some(next) => self.at = next,
             None => self.end = Some(self.last()),
@@ -345,7 +352,7 @@ impl<'a> Messages<'a> {
                 );
                 self.end = Some(WalkEnd::Unreadable(at, why));
             } else {
-                self.lost(at, "a chunk whose head cannot be".into(), None);
+                self.lost(at, "a chunk whose head cannot be".into());
             }
             return;
         }
@@ -355,7 +362,7 @@ impl<'a> Messages<'a> {
         if open {
             // There is no checksum of a part, so what was torn in it is only noticed by its form.
             if records_at < file_end && !may_be_record(&mut self.window, records_at) {
-                return self.lost(at, "a chunk whose head cannot be".into(), None);
+                return self.lost(at, "a chunk whose head cannot be".into());
             }
             (self.chunk, self.at) =
                 (Some(Chunk { at: records_at, end: file_end, open: true }), file_end);
@@ -386,11 +393,11 @@ impl<'a> Messages<'a> {
         }
         match stood {
             Some(end) => {
-                self.hurt(at, "chunk with a wrong checksum".into(), head.until_ns());
+                self.note(at, "chunk with a wrong checksum".into());
                 self.names(records_at, end);
                 self.at = end;
             }
-            None => self.lost(at, "chunk with a wrong checksum".into(), head.until_ns()),
+            None => self.lost(at, "chunk with a wrong checksum".into()),
         }
     }
 

@@ -144,7 +144,6 @@ fn message(
         sequence,
         log_time: time_ns,
         data: window.some(data_at, bytes),
-        places: 0,
     };
     Some((decode(&message).ok()?, next))
 }

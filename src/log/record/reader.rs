@@ -10,7 +10,6 @@ use prost::Message as _;
 use super::channels::{self, Decoded};
 use super::errors::{LogEnd, LogError};
 use super::forms::unchecked;
-use super::gaps::Gaps;
 use super::messages::{Message, Messages, WalkEnd};
 use super::names::utc_text;
 use super::outline::Outline;
@@ -179,21 +178,6 @@ impl LogReader {
         Self::of(path, Source::memory(bytes))?.alone()
     }
 
-    /// The first session of a file that may hold several.
-    pub(super) fn first(path: &Path) -> Result<Self, LogError> {
-        match Source::file(path) {
-            Ok(source) => Self::of(path.to_owned(), source),
-            Err(source) => Err(LogError::Io { path: path.to_owned(), source }),
-        }
-    }
-
-    /// A log of which only the head is there.
-    pub(super) fn headed(path: &Path, head: Vec<u8>) -> Result<Self, LogError> {
-        let session = Self::session_of(path, 0, &head)?;
-        let (path, source) = (path.to_owned(), Source::memory(Vec::new()));
-        Ok(Self { path, source, tail: None, session, head, head_whole: true })
-    }
-
     fn session_of(path: &Path, offset: u64, head: &[u8]) -> Result<Session, LogError> {
         let foreign = |why| LogError::Foreign { path: path.to_owned(), offset, why };
         let decoded = pb::Session::decode(head).map_err(|e| foreign(e.to_string()))?;
@@ -320,11 +304,6 @@ impl LogReader {
         Messages::new(&self.source, self.tail.as_ref())
     }
 
-    /// What is missing of it, to be asked along with its messages.
-    pub(super) fn gaps(&self) -> Gaps {
-        Gaps::new(self.session.pilot_started_at, self.tail.as_ref())
-    }
-
     /// What its head and tail say. `None`: it was not closed, or head or tail is damaged: then it must be read whole.
     pub fn outline(&self) -> Option<Outline<'_>> {
         if !self.head_whole {
@@ -345,7 +324,7 @@ impl LogReader {
 
     /// Everything after the head. [`Entries::end`] tells how the log ended once it is exhausted.
     pub fn entries(&self) -> Entries<'_> {
-        Entries { messages: self.messages(), gaps: self.gaps(), waiting: None, over: false }
+        Entries { messages: self.messages() }
     }
 }
 
@@ -377,20 +356,16 @@ impl Heads {
     }
 }
 
-/// Iterates over a log. Where something is missing stands an [`Entry::Hole`].
+/// Iterates over a log. What is missing of a damaged one is missing in the numbers of inputs and outputs.
 #[derive(Debug)]
 pub struct Entries<'a> {
     messages: Messages<'a>,
-    gaps: Gaps,
-    /// Behind the hole that was given.
-    waiting: Option<Entry>,
-    over: bool,
 }
 
 impl Entries<'_> {
     /// How the log ended; meaningful after the last entry.
     pub fn end(&self) -> LogEnd {
-        self.gaps.end(&self.messages)
+        self.messages.log_end()
     }
 }
 
@@ -398,38 +373,18 @@ impl Iterator for Entries<'_> {
     type Item = Entry;
 
     fn next(&mut self) -> Option<Entry> {
-        if let Some(entry) = self.waiting.take() {
-            return Some(entry);
-        }
-        while !self.over {
-            let Some(message) = self.messages.next() else {
-                self.over = true;
-                return self.gaps.at_end(&self.messages).map(Entry::Hole);
-            };
-            let (offset, places) = (message.offset, message.places);
-            let (sequence, time_ns) = (message.sequence, message.log_time);
-            let entry = match decode(&message) {
-                Ok(Some(entry)) => entry,
-                Ok(None) => continue,
+        loop {
+            let message = self.messages.next()?;
+            let offset = message.offset;
+            match decode(&message) {
+                Ok(Some(entry)) => return Some(entry),
+                Ok(None) => {}
                 Err(error) => {
                     let why = not_decoded(&message, &error);
                     self.messages.note(offset, why);
-                    continue;
                 }
-            };
-            let hole = match &entry {
-                Entry::Closing(closing) => self.gaps.closing(places, closing),
-                _ => self.gaps.before(places, sequence, time_ns),
-            };
-            return Some(match hole {
-                Some(hole) => {
-                    self.waiting = Some(entry);
-                    Entry::Hole(hole)
-                }
-                None => entry,
-            });
+            }
         }
-        None
     }
 }
 

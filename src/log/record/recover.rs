@@ -1,5 +1,5 @@
-//! Rewrites a log that was cut or is damaged into a complete one that every viewer opens. What is missing stands in
-//! it as a hole.
+//! Rewrites a log that was cut or is damaged into a complete one that every viewer opens. What is missing is missing in
+//! the numbers of its inputs and outputs.
 
 use std::collections::BTreeMap;
 use std::io::BufWriter;
@@ -9,14 +9,11 @@ use std::sync::Arc;
 use mcap::McapError;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
-use prost::Message as _;
 
 use super::DESCRIPTORS;
 use super::channels;
 use super::errors::{LogEnd, LogError};
-use super::gaps::Gaps;
 use super::messages::Message;
-use super::pb;
 use super::reader::{LogReader, fault};
 use crate::written::{Old, Output};
 
@@ -32,7 +29,7 @@ pub fn recover(path: &Path, to: &Path) -> Result<(u64, LogEnd), LogError> {
 
 fn copy(log: &LogReader, out: &mut Copy) -> Result<LogEnd, McapError> {
     out.head(log)?;
-    let (mut messages, mut gaps) = (log.messages(), log.gaps());
+    let mut messages = log.messages();
     while let Some(message) = messages.next() {
         if *message.channel == *channels::CONFIG.0 {
             continue;
@@ -42,25 +39,9 @@ fn copy(log: &LogReader, out: &mut Copy) -> Result<LogEnd, McapError> {
             messages.note(offset, why);
             continue;
         }
-        if let Some(hole) = hole_before(&mut gaps, &message) {
-            out.hole(&hole)?;
-        }
         out.put(&message)?;
     }
-    if let Some(hole) = gaps.at_end(&messages) {
-        out.hole(&hole)?;
-    }
-    Ok(gaps.end(&messages))
-}
-
-/// What is missing before a message.
-pub(super) fn hole_before(gaps: &mut Gaps, message: &Message<'_>) -> Option<pb::Hole> {
-    if *message.channel == *channels::CLOSING.0 {
-        let closing = pb::Closing::decode(message.data).unwrap_or_default();
-        gaps.closing(message.places, &closing)
-    } else {
-        gaps.before(message.places, message.sequence, message.log_time)
-    }
+    Ok(messages.log_end())
 }
 
 /// A new log made of messages of another; without [`Copy::finish`] there is none.
@@ -95,11 +76,6 @@ impl Copy {
             self.out.flush()?;
         }
         Ok(())
-    }
-
-    /// What is missing here.
-    pub(super) fn hole(&mut self, hole: &pb::Hole) -> Result<(), McapError> {
-        self.again(channels::HOLE.0, hole.to_us.saturating_mul(1000), &hole.encode_to_vec())
     }
 
     /// A message without a number.

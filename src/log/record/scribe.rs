@@ -88,7 +88,6 @@ struct Deserts<'a>(&'a Queue);
 impl Drop for Deserts<'_> {
     fn drop(&mut self) {
         self.0.deserted.store(true, SeqCst);
-        self.0.file.settle(u64::MAX);
     }
 }
 
@@ -231,10 +230,8 @@ impl<W: Write + Seek> Scribe<'_, W> {
 
     fn persist(&mut self) {
         let Some(log) = &mut self.disk.log else { return };
-        match log.persist() {
-            Ok(()) if log.fault().is_none() => self.queue.file.settle(self.tail.at.as_us()),
-            Ok(()) => {}
-            Err(error) => self.breaks(&error),
+        if let Err(error) = log.persist() {
+            self.breaks(&error);
         }
     }
 
@@ -302,7 +299,6 @@ impl<W: Write + Seek> Scribe<'_, W> {
             hole = Some(joined(hole, other));
         }
         let hole = widen(hole, &batch.items);
-        self.queue.file.settle(hole.to_us);
         self.hole = Some(hole);
         self.queue.unrecorded.fetch_add(batch.items.len() as u64, Relaxed);
     }

@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use mcap::records::{ChunkIndex, Record, op};
 
-use super::channels;
 use super::forms::{RECORD_HEAD_BYTES, record};
 use super::source::{Source, Window};
 
@@ -20,8 +19,6 @@ pub(super) struct Tail {
     pub channels: BTreeMap<u16, Arc<str>>,
     pub counts: BTreeMap<u16, u64>,
     pub chunks: Vec<ChunkIndex>,
-    /// Time of the latest message, ns.
-    pub end_ns: u64,
 }
 
 impl Tail {
@@ -46,12 +43,6 @@ impl Tail {
                 let from = chunk.chunk_start_offset;
                 (from, from.saturating_add(chunk.chunk_length))
             })
-    }
-
-    /// How many inputs and outputs of the core the log holds.
-    pub fn inputs_and_outputs(&self) -> u64 {
-        let counts = self.channels.iter().filter(|(_, name)| channels::is_raw(name));
-        counts.filter_map(|(id, _)| self.counts.get(id)).fold(0, |sum, n| sum.saturating_add(*n))
     }
 
     /// `None`: the log was not closed, or its end is damaged.
@@ -87,10 +78,7 @@ impl Tail {
                     tail.channels.insert(channel.id, channel.topic.into());
                 }
                 Record::ChunkIndex(chunk) => tail.chunks.push(chunk),
-                Record::Statistics(told) => {
-                    tail.counts = told.channel_message_counts;
-                    tail.end_ns = told.message_end_time;
-                }
+                Record::Statistics(told) => tail.counts = told.channel_message_counts,
                 _ => {}
             }
         }

@@ -367,8 +367,7 @@ fn prop_damage_costs_what_is_damaged_and_never_panics() {
             // Checksums cover the chunks: what is read is what was written, in its order.
             if let Ok((got, _)) = read(&damaged) {
                 let mut rest = whole.iter();
-                let mut got = got.iter().filter(|entry| !matches!(entry, Entry::Hole(_)));
-                assert!(got.all(|entry| rest.any(|w| w == entry)), "byte {at}");
+                assert!(got.iter().all(|entry| rest.any(|w| w == entry)), "byte {at}");
             }
         }
     }
@@ -552,26 +551,6 @@ fn prop_an_overflow_is_a_hole_in_the_log() {
     }
     assert_eq!(expected, 4001, "every wake-up is there or in a hole");
     assert!(holes >= 1);
-}
-
-/// The fault: the flight of a program was judged three seconds after it, whether or not a slow card had taken its landing by then.
-#[test]
-fn regress_an_entry_has_settled_when_the_disk_has_it_however_long_that_takes() {
-    let (waiting, stalled) = sync_channel(1);
-    let (let_go, open) = sync_channel(100);
-    let gate = Gate { inner: Memory::default(), waiting, open, free_flushes: 3 };
-    let sync = Box::new(|| Ok(()));
-    let log = LogWriter::on("gate".into(), gate, sync, &session()).unwrap();
-    let mut recorder = Recorder::spawn(log, 2).unwrap();
-    let file = recorder.file();
-    let at = HostTime::from_us(5_000_000);
-    recorder.input(at, haltere_pilot::Input::Wake);
-    recorder.commit(at);
-    stalled.recv().unwrap();
-    assert!(!file.has_settled(at));
-    drop(let_go);
-    recorder.finish();
-    assert!(file.has_settled(at));
 }
 
 #[test]

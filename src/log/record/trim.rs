@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use super::channels;
 use super::errors::LogError;
 use super::reader::{LogReader, fault};
-use super::recover::{Copy, hole_before};
+use super::recover::Copy;
 
 /// What was cut out.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,7 +44,7 @@ pub fn trim(log: &LogReader, to: &Path, from_s: f64, to_s: f64) -> Result<Trimme
     let mut span_s: Option<[f64; 2]> = None;
     // The mode in force where the part begins.
     let mut mode: Option<(u64, Vec<u8>)> = None;
-    let (mut messages, mut gaps) = (log.messages(), log.gaps());
+    let mut messages = log.messages();
     while let Some(message) = messages.next() {
         if *message.channel == *channels::CONFIG.0 {
             continue;
@@ -54,7 +54,6 @@ pub fn trim(log: &LogReader, to: &Path, from_s: f64, to_s: f64) -> Result<Trimme
             messages.note(offset, why);
             continue;
         }
-        let hole = hole_before(&mut gaps, &message);
         let at_s = since_s(message.log_time);
         if is_input(&message.channel) {
             if at_s > to_s {
@@ -67,9 +66,6 @@ pub fn trim(log: &LogReader, to: &Path, from_s: f64, to_s: f64) -> Result<Trimme
         // What was closed is the whole, not this part.
         let kept = *message.channel != *channels::CLOSING.0;
         if span_s.is_some() || from_s <= 0.0 {
-            if let Some(hole) = hole {
-                out.hole(&hole).map_err(failed)?;
-            }
             if kept {
                 out.put(&message).map_err(failed)?;
             }

@@ -69,14 +69,12 @@ impl Inputs {
                 }
             }
             Entry::Decoded(Decoded::Health(health)) => self.health(health),
-            // What is missing is told by the replay.
             Entry::Hole(hole) => {
                 self.sequence = self.sequence.max(hole.last_sequence);
-                self.to_board = None;
-                self.count_steps();
+                self.begin_anew();
             }
             Entry::Closing(closing) => {
-                if closing.last_sequence != self.sequence {
+                if closing.last_sequence < self.sequence {
                     let (last, end) = (closing.last_sequence, self.sequence);
                     self.say(format!("the log was closed at entry {last}, and ends at {end}"));
                 }
@@ -98,8 +96,16 @@ impl Inputs {
         if sequence <= self.sequence {
             let (at_s, last) = (self.seconds(at), self.sequence);
             self.say(format!("at {at_s:.2} s: entry {sequence} stands behind entry {last}"));
+        } else if sequence - self.sequence > 1 {
+            self.begin_anew();
         }
         self.sequence = self.sequence.max(sequence);
+    }
+
+    /// Something is missing, which the replay tells.
+    fn begin_anew(&mut self) {
+        self.to_board = None;
+        self.count_steps();
     }
 
     fn wake(&mut self, at: HostTime) {

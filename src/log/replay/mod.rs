@@ -25,7 +25,6 @@ use thiserror::Error;
 use self::airborne::Airborne;
 use self::in_order::InOrder;
 use self::inputs::Inputs;
-use self::setpoints::Setpoints;
 use self::traffic::Traffic;
 use crate::record::{
     BuildIdentity, Entry, FlightPart, Flights, LogEnd, LogError, LogReader, RawInput, pb,
@@ -174,7 +173,6 @@ struct Run {
     inputs: Inputs,
     /// Of the same build alone.
     in_order: Option<InOrder>,
-    setpoints: Setpoints,
     traffic: Traffic,
     report: Report,
 }
@@ -193,8 +191,7 @@ impl Run {
             airborne,
             inputs: Inputs::new(start),
             in_order: exact.then(InOrder::default),
-            setpoints: Setpoints::new(start, exact),
-            traffic: Traffic::default(),
+            traffic: Traffic::new(start, exact),
             report,
         }
     }
@@ -231,8 +228,20 @@ impl Run {
                     self.sequence = self.sequence.max(last_sequence).max(first_sequence);
                 }
             }
-            Entry::Closing(_) => self.closed = true,
+            Entry::Closing(closing) => self.closing(&closing),
             Entry::Decoded(_) => {}
+        }
+    }
+
+    /// The recorder's last word says how many there were.
+    fn closing(&mut self, closing: &pb::Closing) {
+        self.closed = true;
+        let lost_raw = closing.last_sequence.saturating_sub(self.sequence);
+        if lost_raw > 0 {
+            let at = HostTime::from_us(closing.host_time_us).max(self.last);
+            let [from_s, to_s] = [self.last, at].map(|t| t.seconds_since(self.start));
+            self.last = at;
+            self.report.hole(Hole { from_s, to_s, lost_raw, lost_topics: 0 });
         }
     }
 
@@ -263,14 +272,12 @@ impl Run {
         self.pilot.handle(at, input.as_input());
         self.report.inputs += 1;
         self.compared = self.compared.max(at);
-        let Self { pilot, in_order, setpoints, traffic, .. } = self;
+        let Self { pilot, in_order, traffic, .. } = self;
         pilot.drain_output(|link, bytes| {
             if let Some(in_order) = in_order {
                 in_order.replayed(link, bytes);
             }
-            if !setpoints.replayed(sequence, at, link, bytes) {
-                traffic.replayed(sequence, at, link, bytes);
-            }
+            traffic.replayed(sequence, at, link, bytes);
         });
         if wakes {
             self.traffic.settle(at);
@@ -284,9 +291,7 @@ impl Run {
         if let Some(differs) = self.in_order.as_mut().and_then(|o| o.recorded(link, recorded)) {
             self.differ(sequence, at, link, differs);
         }
-        if !self.setpoints.recorded(sequence, at, link, recorded) {
-            self.traffic.recorded(sequence, at, link, recorded);
-        }
+        self.traffic.recorded(sequence, at, link, recorded);
     }
 
     fn differ(&mut self, sequence: u64, at: HostTime, link: LinkId, what: String) {
@@ -312,7 +317,6 @@ impl Run {
         } else {
             self.last_output.offset_us(-traffic::SAME_US)
         };
-        self.setpoints.end(until);
         self.traffic.end(until);
         match self.in_order.take() {
             Some(in_order) => {
@@ -323,7 +327,15 @@ impl Run {
                 self.report.worst_difference = in_order.worst;
                 self.report.rounding_flips = in_order.rounding_flips;
             }
-            None => self.judge_by_kind(),
+            // Another build: each message beside one of its kind.
+            None => {
+                self.report.outputs_identical = self.traffic.identical;
+                self.report.worst_difference = self.traffic.worst;
+                self.report.rounding_flips = self.traffic.rounding_flips;
+                if let Some((sequence, at, link, what)) = self.traffic.first.take() {
+                    self.differ(sequence, at, link, what);
+                }
+            }
         }
         let report = &mut self.report;
         report.log_end = end.to_string();
@@ -341,25 +353,12 @@ impl Run {
             Verdict::WithinTolerance
         };
         if report.verdict == Verdict::Different {
-            let other = self.setpoints.report.agree();
+            let other = self.traffic.setpoints.agree();
             report.differs = Some(if other { Differs::OtherTraffic } else { Differs::Setpoints });
         }
-        report.setpoints = self.setpoints.report;
         report.other_traffic = self.traffic.left_over();
+        report.setpoints = self.traffic.setpoints;
         report.input_faults = self.inputs.end();
         self.report
-    }
-
-    /// Another build: each message beside one of its kind.
-    fn judge_by_kind(&mut self) {
-        self.report.outputs_identical = self.setpoints.identical + self.traffic.identical;
-        self.report.worst_difference = self.setpoints.worst.max(self.traffic.worst);
-        self.report.rounding_flips = self.traffic.rounding_flips;
-        let board = self.setpoints.first.take().map(|odd| (LinkId::Board, odd));
-        let both = board.into_iter().chain(self.traffic.first.take());
-        if let Some((link, (sequence, at, what))) = both.min_by_key(|(_, (sequence, ..))| *sequence)
-        {
-            self.differ(sequence, at, link, what);
-        }
     }
 }

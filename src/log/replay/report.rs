@@ -9,17 +9,18 @@ use super::setpoints::SetpointReport;
 use super::traffic::OtherTraffic;
 
 /// What must agree.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Demand {
     /// Same build, same processor: every byte.
+    #[default]
     BitExact,
     /// Another build or processor: decoded messages, within [`TOLERANCE`].
     Decoded,
 }
 
 /// What came of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// Every byte is the same.
@@ -31,6 +32,7 @@ pub enum Verdict {
     /// The same up to a hole in the log or damage of it; behind it nothing can be said.
     OnlyToHole,
     /// The log holds no output to compare with.
+    #[default]
     NothingToCompare,
 }
 
@@ -71,7 +73,7 @@ pub struct Hole {
 }
 
 /// Result of one log.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Report {
     /// The log.
     pub log: PathBuf,
@@ -125,29 +127,7 @@ impl Report {
         build_differences: Vec<String>,
         same_source: bool,
     ) -> Self {
-        Self {
-            log,
-            demand,
-            build_differences,
-            verdict: Verdict::NothingToCompare,
-            log_end: String::new(),
-            duration_s: 0.0,
-            compared_s: 0.0,
-            inputs: 0,
-            outputs: 0,
-            outputs_identical: 0,
-            output_bytes: 0,
-            worst_difference: 0.0,
-            rounding_flips: 0,
-            first_difference: None,
-            holes: Vec::new(),
-            more_holes: 0,
-            same_source,
-            differs: None,
-            setpoints: SetpointReport::default(),
-            other_traffic: Vec::new(),
-            input_faults: Vec::new(),
-        }
+        Self { log, demand, build_differences, same_source, ..Self::default() }
     }
 
     /// One hole more; a damaged log may have any number.

@@ -1,15 +1,11 @@
 //! What the board was told to do beside what this build would have told it: SET_ATTITUDE_TARGET, step by step.
 //!
-//! Setpoints go out from arming to landing and at no other time. Both streams carry the time of their step, so a
-//! step is compared with the same step, whatever else was sent around it.
-
-use std::collections::VecDeque;
+//! Setpoints go out from arming to landing and at no other time.
 
 use haltere_dialect::mav::haltere::{MavMessage, SET_ATTITUDE_TARGET_DATA};
 use haltere_dialect::mav_stream::MavSplitter;
 use serde::Serialize;
 
-use super::compare::{TOLERANCE, without_signatures};
 use haltere_core::frames::{B, E, Rot};
 use haltere_core::time::HostTime;
 use haltere_pilot::LinkId;
@@ -59,7 +55,7 @@ pub fn setpoint_of(at: HostTime, link: LinkId, bytes: &[u8]) -> Option<Setpoint>
     thrust_frac.is_finite().then_some(Setpoint { at, attitude, thrust_frac })
 }
 
-fn target_of(link: LinkId, bytes: &[u8]) -> Option<SET_ATTITUDE_TARGET_DATA> {
+pub(super) fn target_of(link: LinkId, bytes: &[u8]) -> Option<SET_ATTITUDE_TARGET_DATA> {
     let mut frames = MavSplitter::new();
     frames.push(bytes);
     let frame = frames.next().filter(|_| link == LinkId::Board)?.ok()?;
@@ -69,169 +65,27 @@ fn target_of(link: LinkId, bytes: &[u8]) -> Option<SET_ATTITUDE_TARGET_DATA> {
     }
 }
 
-/// A step on its way to be compared.
-#[derive(Debug)]
-struct Step {
-    sequence: u64,
-    at: HostTime,
-    target: SET_ATTITUDE_TARGET_DATA,
-    bytes: Vec<u8>,
-}
-
-/// A difference: place in the log, time, words.
-pub(super) type Odd = (u64, HostTime, String);
-
-/// Steps of one stream that wait for the other: both lie within seconds of one another, at 100 Hz.
-const MOST_WAITING: usize = 6_000;
-
-/// Both streams.
-#[derive(Debug)]
-pub(super) struct Setpoints {
-    start: HostTime,
-    /// Numbers of two builds may be so far apart.
+/// Two setpoints of one step, beside one another: the largest difference of a number, and whether they agree within
+/// `tolerance`.
+pub(super) fn beside(
+    a: &SET_ATTITUDE_TARGET_DATA,
+    b: &SET_ATTITUDE_TARGET_DATA,
     tolerance: f64,
-    recorded: VecDeque<Step>,
-    replayed: VecDeque<Step>,
-    /// Places and times of steps that the replay sends and that waited in vain: those behind the end do not count.
-    in_vain: VecDeque<(u64, HostTime)>,
-    pub report: SetpointReport,
-    /// Steps in which the same bytes were sent.
-    pub identical: u64,
-    /// Largest difference of a number of those that agree.
-    pub worst: f64,
-    pub first: Option<Odd>,
-}
-
-impl Setpoints {
-    pub fn new(start: HostTime, exact: bool) -> Self {
-        Self {
-            start,
-            tolerance: if exact { 0.0 } else { TOLERANCE },
-            recorded: VecDeque::new(),
-            replayed: VecDeque::new(),
-            in_vain: VecDeque::new(),
-            report: SetpointReport::default(),
-            identical: 0,
-            worst: 0.0,
-            first: None,
-        }
-    }
-
-    /// Takes what went out; `false`: it is no setpoint.
-    pub fn recorded(&mut self, sequence: u64, at: HostTime, link: LinkId, bytes: &[u8]) -> bool {
-        let Some(target) = target_of(link, bytes) else { return false };
-        self.recorded.push_back(Step { sequence, at, target, bytes: bytes.to_vec() });
-        self.pair();
-        if self.recorded.len() > MOST_WAITING
-            && let Some(step) = self.recorded.pop_front()
-        {
-            self.missing(&step);
-        }
-        true
-    }
-
-    /// The same of the replay. `sequence`: of the input that it follows.
-    pub fn replayed(&mut self, sequence: u64, at: HostTime, link: LinkId, bytes: &[u8]) -> bool {
-        let Some(target) = target_of(link, bytes) else { return false };
-        self.replayed.push_back(Step { sequence, at, target, bytes: bytes.to_vec() });
-        self.pair();
-        if self.replayed.len() > MOST_WAITING
-            && let Some(step) = self.replayed.pop_front()
-        {
-            self.in_vain.push_back((step.sequence, step.at));
-        }
-        // So long before the end nothing is in doubt.
-        if self.in_vain.len() > MOST_WAITING
-            && let Some((sequence, at)) = self.in_vain.pop_front()
-        {
-            self.additional(sequence, at);
-        }
-        true
-    }
-
-    /// Nothing more will come. `until`: what the replay sends from then on was not recorded any more.
-    pub fn end(&mut self, until: HostTime) {
-        for (sequence, at) in std::mem::take(&mut self.in_vain) {
-            if at < until {
-                self.additional(sequence, at);
-            }
-        }
-        while let Some(step) = self.recorded.pop_front() {
-            self.missing(&step);
-        }
-        while let Some(step) = self.replayed.pop_front().filter(|step| step.at < until) {
-            self.additional(step.sequence, step.at);
-        }
-    }
-
-    fn missing(&mut self, step: &Step) {
-        self.report.missing += 1;
-        self.odd(step.sequence, step.at, "recorded, but the replay sends no setpoint");
-    }
-
-    fn additional(&mut self, sequence: u64, at: HostTime) {
-        self.report.additional += 1;
-        self.odd(sequence, at, "the replay sends a setpoint, none was recorded");
-    }
-
-    /// Each stream is in the order of its time, so the earlier of two steps has no counterpart.
-    fn pair(&mut self) {
-        while let (Some(recorded), Some(replayed)) = (self.recorded.front(), self.replayed.front())
-        {
-            // The stamp wraps after 49 days.
-            let after_ms = recorded
-                .target
-                .time_boot_ms
-                .wrapping_sub(replayed.target.time_boot_ms)
-                .cast_signed();
-            if after_ms > 0 {
-                let Some(step) = self.replayed.pop_front() else { return };
-                self.additional(step.sequence, step.at);
-            } else if after_ms < 0 {
-                let Some(step) = self.recorded.pop_front() else { return };
-                self.missing(&step);
-            } else if let (Some(recorded), Some(replayed)) =
-                (self.recorded.pop_front(), self.replayed.pop_front())
-            {
-                self.compare(&recorded, &replayed);
-            }
-        }
-    }
-
-    fn compare(&mut self, recorded: &Step, replayed: &Step) {
-        self.report.compared += 1;
-        let (a, b) = (&recorded.target, &replayed.target);
-        if without_signatures(&recorded.bytes) == without_signatures(&replayed.bytes) {
-            self.identical += 1;
-            return;
-        }
-        // A number that is none agrees with nothing.
-        let apart =
-            |x: f32, y: f32| Some(f64::from((x - y).abs())).filter(|d| !d.is_nan()).unwrap_or(1.0);
-        let numbers = a.q.iter().zip(&b.q).map(|(x, y)| apart(*x, *y));
-        let worst = numbers.fold(apart(a.thrust, b.thrust), f64::max);
-        let rest = |t: &SET_ATTITUDE_TARGET_DATA| SET_ATTITUDE_TARGET_DATA {
-            q: [0.0; 4],
-            thrust: 0.0,
-            ..t.clone()
-        };
-        let degrees = angle_deg(a.q, b.q);
-        self.report.worst_deg = self.report.worst_deg.max(degrees);
-        self.report.worst_thrust_frac =
-            self.report.worst_thrust_frac.max(apart(a.thrust, b.thrust));
-        if worst <= self.tolerance && rest(a) == rest(b) {
-            self.worst = self.worst.max(worst);
-        } else {
-            self.report.differ += 1;
-            let what = format!("recorded {a:?}, replayed {b:?}");
-            self.odd(recorded.sequence, recorded.at, &what);
-        }
-    }
-
-    fn odd(&mut self, sequence: u64, at: HostTime, what: &str) {
-        self.report.first_s.get_or_insert(at.seconds_since(self.start));
-        self.first.get_or_insert_with(|| (sequence, at, what.to_owned()));
-    }
+    report: &mut SetpointReport,
+) -> (f64, bool) {
+    // A number that is none agrees with nothing.
+    let apart =
+        |x: f32, y: f32| Some(f64::from((x - y).abs())).filter(|d| !d.is_nan()).unwrap_or(1.0);
+    let thrust_frac = apart(a.thrust, b.thrust);
+    let worst = a.q.iter().zip(&b.q).map(|(x, y)| apart(*x, *y)).fold(thrust_frac, f64::max);
+    report.worst_deg = report.worst_deg.max(angle_deg(a.q, b.q));
+    report.worst_thrust_frac = report.worst_thrust_frac.max(thrust_frac);
+    let rest = |t: &SET_ATTITUDE_TARGET_DATA| SET_ATTITUDE_TARGET_DATA {
+        q: [0.0; 4],
+        thrust: 0.0,
+        ..t.clone()
+    };
+    (worst, worst <= tolerance && rest(a) == rest(b))
 }
 
 /// Angle of the turn from one attitude to another, deg; 180 where one of them is none.

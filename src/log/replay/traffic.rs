@@ -1,16 +1,18 @@
-//! Everything that went out beside the setpoints, matched with what the replay sends by link and message.
+//! Everything that went out, matched with what the replay sends by link and message.
 //!
 //! Two builds may send the same at another place: one more request to the board moves everything behind it, and
 //! changes every sequence number of its link. So a message is looked for among those of its kind that were sent
-//! at about the same time, and what is left over on either side is counted.
+//! at about the same time, and what is left over on either side is counted. Setpoints for the board carry the time of
+//! their step, so a step is compared with the same step.
 
 use std::collections::{BTreeMap, VecDeque};
 
+use haltere_dialect::mav::haltere::SET_ATTITUDE_TARGET_DATA;
 use haltere_dialect::mav_stream::{MavSplitter, name_of_id};
 use serde::Serialize;
 
 use super::compare::{Agreement, TOLERANCE, compare_messages, without_signatures};
-use super::setpoints::Odd;
+use super::setpoints::{self, SetpointReport, target_of};
 use haltere_core::time::HostTime;
 use haltere_pilot::LinkId;
 
@@ -56,6 +58,7 @@ struct Piece {
     bytes: Vec<u8>,
     /// Sender and payload, if it is one whole frame; else the bytes.
     content: Vec<u8>,
+    setpoint: Option<SET_ATTITUDE_TARGET_DATA>,
 }
 
 /// Outputs of one kind that wait for their counterpart.
@@ -67,12 +70,18 @@ struct Waiting {
     gained: u64,
 }
 
-/// Link and message; `None`: not one whole frame.
-type Kind = (LinkId, Option<u32>);
+/// Link and message (`None`: not one whole frame), and whether it is a setpoint.
+type Kind = (LinkId, Option<u32>, bool);
+
+/// A difference: place in the log, time, link, words.
+pub(super) type Odd = (u64, HostTime, LinkId, String);
 
 /// Both sides.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Traffic {
+    start: HostTime,
+    /// Setpoints may be so far apart.
+    tolerance: f64,
     kinds: BTreeMap<Kind, Waiting>,
     /// Time of the newest wake-up.
     newest: HostTime,
@@ -81,10 +90,26 @@ pub(super) struct Traffic {
     /// Largest difference of a number of those that agree.
     pub worst: f64,
     pub rounding_flips: u64,
-    pub first: Option<(LinkId, Odd)>,
+    /// What the board was told to do.
+    pub setpoints: SetpointReport,
+    pub first: Option<Odd>,
 }
 
 impl Traffic {
+    pub fn new(start: HostTime, exact: bool) -> Self {
+        Self {
+            start,
+            tolerance: if exact { 0.0 } else { TOLERANCE },
+            kinds: BTreeMap::new(),
+            newest: HostTime::default(),
+            identical: 0,
+            worst: 0.0,
+            rounding_flips: 0,
+            setpoints: SetpointReport::default(),
+            first: None,
+        }
+    }
+
     pub fn recorded(&mut self, sequence: u64, at: HostTime, link: LinkId, bytes: &[u8]) {
         let (kind, piece) = piece(sequence, at, link, bytes);
         let waiting = self.kinds.entry(kind).or_default();
@@ -124,11 +149,12 @@ impl Traffic {
         self.judge(LAST, until);
     }
 
-    /// What found no counterpart, most first.
+    /// What found no counterpart beside the setpoints, most first.
     pub fn left_over(&self) -> Vec<OtherTraffic> {
-        let kinds = self.kinds.iter().filter(|(_, w)| w.lost + w.gained > 0);
+        let kinds =
+            self.kinds.iter().filter(|((.., setpoint), w)| !setpoint && w.lost + w.gained > 0);
         let mut rows: Vec<_> = kinds
-            .map(|((link, id), w)| {
+            .map(|((link, id, _), w)| {
                 let differ = w.lost.min(w.gained);
                 OtherTraffic {
                     link: link.number(),
@@ -144,54 +170,96 @@ impl Traffic {
     }
 
     fn judge(&mut self, due: HostTime, until: HostTime) {
-        for (kind, waiting) in &mut self.kinds {
+        let mut kinds = std::mem::take(&mut self.kinds);
+        for ((link, ..), waiting) in &mut kinds {
             while waiting.recorded.front().is_some_and(|piece| piece.at <= due) {
                 let Some(piece) = waiting.recorded.pop_front() else { break };
-                match counterpart(&piece, &mut waiting.replayed) {
-                    Some(Found::Same { bytes }) => self.identical += u64::from(bytes),
-                    Some(Found::Near { worst, flips }) => {
-                        self.worst = self.worst.max(worst);
-                        self.rounding_flips += flips;
-                    }
-                    None => {
-                        waiting.lost += 1;
-                        let beside =
-                            waiting.replayed.iter().find(|p| is_within(p, &piece, WINDOW_US));
-                        first(&mut self.first, kind.0, &piece, || match beside {
-                            Some(beside) => {
-                                format!("recorded {}, replayed {}", words(&piece), words(beside))
-                            }
-                            None => {
-                                format!("recorded, but the replay does not send {}", words(&piece))
-                            }
-                        });
-                    }
+                match &piece.setpoint {
+                    Some(target) => self.step(*link, &piece, target, waiting),
+                    None => self.message(*link, &piece, waiting),
                 }
             }
             // Those that a later recorded one may still be the counterpart of stay.
             while waiting.replayed.front().is_some_and(|piece| piece.at.offset_us(WINDOW_US) <= due)
             {
-                let Some(piece) = waiting.replayed.pop_front() else { break };
-                if piece.at < until {
-                    waiting.gained += 1;
-                    first(&mut self.first, kind.0, &piece, || {
-                        format!("the replay sends more than was recorded: {}", words(&piece))
-                    });
-                }
+                let Some(piece) = waiting.replayed.pop_front().filter(|piece| piece.at < until)
+                else {
+                    continue;
+                };
+                waiting.gained += 1;
+                let what = if piece.setpoint.is_some() {
+                    self.setpoints.additional += 1;
+                    "the replay sends a setpoint, none was recorded".to_owned()
+                } else {
+                    format!("the replay sends more than was recorded: {}", words(&piece))
+                };
+                self.odd(*link, &piece, what);
+            }
+        }
+        self.kinds = kinds;
+    }
+
+    /// A recorded setpoint.
+    fn step(
+        &mut self,
+        link: LinkId,
+        piece: &Piece,
+        target: &SET_ATTITUDE_TARGET_DATA,
+        waiting: &mut Waiting,
+    ) {
+        let stamp = |p: &Piece| p.setpoint.as_ref().map(|other| other.time_boot_ms);
+        let same = |p: &Piece| stamp(p) == Some(target.time_boot_ms);
+        let replayed = &mut waiting.replayed;
+        let Some(other) = replayed.iter().position(same).and_then(|i| replayed.remove(i)) else {
+            self.setpoints.missing += 1;
+            return self.odd(link, piece, "recorded, but the replay sends no setpoint".to_owned());
+        };
+        self.setpoints.compared += 1;
+        if without_signatures(&other.bytes) == without_signatures(&piece.bytes) {
+            self.identical += 1;
+            return;
+        }
+        let Some(sent) = &other.setpoint else { return };
+        let (worst, agree) = setpoints::beside(target, sent, self.tolerance, &mut self.setpoints);
+        if agree {
+            self.worst = self.worst.max(worst);
+        } else {
+            self.setpoints.differ += 1;
+            self.odd(link, piece, format!("recorded {target:?}, replayed {sent:?}"));
+        }
+    }
+
+    /// Another recorded output.
+    fn message(&mut self, link: LinkId, piece: &Piece, waiting: &mut Waiting) {
+        match counterpart(piece, &mut waiting.replayed) {
+            Some(Found::Same { bytes }) => self.identical += u64::from(bytes),
+            Some(Found::Near { worst, flips }) => {
+                self.worst = self.worst.max(worst);
+                self.rounding_flips += flips;
+            }
+            None => {
+                waiting.lost += 1;
+                let beside = waiting.replayed.iter().find(|p| is_within(p, piece, WINDOW_US));
+                let what = match beside {
+                    Some(beside) => {
+                        format!("recorded {}, replayed {}", words(piece), words(beside))
+                    }
+                    None => format!("recorded, but the replay does not send {}", words(piece)),
+                };
+                self.odd(link, piece, what);
             }
         }
     }
-}
 
-/// Keeps the earlier of two differences.
-fn first(
-    kept: &mut Option<(LinkId, Odd)>,
-    link: LinkId,
-    piece: &Piece,
-    what: impl FnOnce() -> String,
-) {
-    if kept.as_ref().is_none_or(|(_, (sequence, ..))| piece.sequence < *sequence) {
-        *kept = Some((link, (piece.sequence, piece.at, what())));
+    /// Keeps the earliest difference.
+    fn odd(&mut self, link: LinkId, piece: &Piece, what: String) {
+        if piece.setpoint.is_some() {
+            let at_s = piece.at.seconds_since(self.start);
+            self.setpoints.first_s = Some(self.setpoints.first_s.map_or(at_s, |s| s.min(at_s)));
+        }
+        if self.first.as_ref().is_none_or(|(sequence, ..)| piece.sequence < *sequence) {
+            self.first = Some((piece.sequence, piece.at, link, what));
+        }
     }
 }
 
@@ -232,7 +300,9 @@ fn piece(sequence: u64, at: HostTime, link: LinkId, bytes: &[u8]) -> (Kind, Piec
         Some((id, content)) => (Some(id), content),
         None => (None, bytes.to_vec()),
     };
-    ((link, id), Piece { sequence, at, bytes: bytes.to_vec(), content })
+    let setpoint = target_of(link, bytes);
+    let kind = (link, id, setpoint.is_some());
+    (kind, Piece { sequence, at, bytes: bytes.to_vec(), content, setpoint })
 }
 
 /// Id, and sender with payload, if the bytes are one whole frame and nothing else.
@@ -271,7 +341,7 @@ mod tests {
     #[test]
     fn regress_what_waits_is_bounded_where_time_runs_back_or_stands_still() {
         for still in [false, true] {
-            let mut traffic = Traffic::default();
+            let mut traffic = Traffic::new(HostTime::default(), false);
             let mut most = 0;
             for round in 0..40 {
                 for step in 0..1_000_u64 {

@@ -108,7 +108,6 @@ impl Ground {
                 | MavMessage::RESPONSE_EVENT_ERROR(_)
                 | MavMessage::SYSTEM_TIME(_)
                 | MavMessage::FENCE_STATUS(_)
-                | MavMessage::NAMED_VALUE_FLOAT(_)
                 | MavMessage::FILE_TRANSFER_PROTOCOL(_) => self.inbox.push(message),
                 _ => {}
             }

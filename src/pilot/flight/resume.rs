@@ -167,6 +167,7 @@ impl Pilot {
     }
 
     /// Largest thrust over the one that hovers.
+    pub(crate) fn most_share(&self, at: HostTime) -> f64 {
         let fell = self.navigation.touch.fell_at.is_some_and(|t| at.seconds_since(t) < FLIES_S);
         // A hop ends with a fall as well, and the floor with what made up for it.
         let flies = fell && self.navigation.touch.sinks_still();

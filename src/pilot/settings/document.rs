@@ -68,12 +68,8 @@ pub fn configuration_page() -> String {
          between sections too, such as `HALTERE_CONTROL__LIMITS__TILT_DEG=25`; `--set \
          section.key=value`. Parameters that a station has set (`docs/PARAMETERS.md`) lie over files and \
          under the last two. Unknown keys and values out of range are refused with file, line, key, value \
-         and range; `haltere check` tells all that is wrong at once.\n\n\
-         A key that an update has retired is not unknown. One that is called otherwise now gives its value to \
-         the key of today; one that has no effect any more is left out. `haltere check` and `haltere fly` tell both, the \
-         second only where it was not at its last default. In `limits`, `supervisor`, `flight` and `board` a key \
-         without effect is refused with what serves its purpose now: nobody shall believe in a limit that is \
-         none. Logs of older builds are read with the keys of their time.\n",
+         and range; `haltere check` tells all that is wrong at once. Logs of older builds are read with the keys of \
+         their time.\n",
         keys.len()
     );
     let mut section = None;

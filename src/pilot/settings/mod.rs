@@ -8,7 +8,6 @@ mod document;
 mod ground;
 mod note;
 mod read;
-mod retired;
 mod sections;
 mod signing;
 #[cfg(test)]
@@ -23,11 +22,9 @@ pub use differences::Difference;
 pub use document::{DocumentedKey, configuration_page, reference};
 pub use ground::{EndpointConfig, GroundConfig};
 pub use note::Note;
-pub use read::{Read, read_config, surplus};
-pub use retired::{Author, Fate, RETIRED, Retired, present_name};
+pub use read::{Read, read_config, read_recorded, surplus};
 pub use sections::{
-    AnchorsConfig, BankSizeName, BoardConfig, DiagnosisConfig, RecordConfig, StoreConfig,
-    TagConfig, TagPort, TimingConfig,
+    AnchorsConfig, BoardConfig, RecordConfig, StoreConfig, TagConfig, TagPort, TimingConfig,
 };
 pub use signing::{Doors, SigningConfig};
 pub use watch::{WatchAddress, WatchConfig};
@@ -58,8 +55,6 @@ pub struct Config {
     pub record: RecordConfig,
     /// `[store]`
     pub store: StoreConfig,
-    /// `[diagnosis]`
-    pub diagnosis: DiagnosisConfig,
     /// `[watch]`
     pub watch: WatchConfig,
     /// `[timing]`
@@ -137,7 +132,6 @@ impl Config {
             routing: self.ground.routing,
             origin: self.ground.origin,
             store: self.store.is_on(),
-            judge_programs: self.diagnosis.after_programs,
             flight: self.flight.clone(),
             limits: self.limits.clone(),
             supervisor: self.supervisor.clone(),
@@ -174,12 +168,12 @@ impl Config {
 
     /// From a TOML file of a user in memory. `name` stands in messages.
     pub fn from_toml(name: &str, text: &str) -> Result<Self, Problems> {
-        read_config(name, text, RETIRED, Author::User).map(|read| read.config)
+        read_config(name, text).map(|read| read.config)
     }
 
     /// As it stands in the head of a log, which may be of an older build: keys that are no more are read
     /// without a word. `name` stands in messages.
     pub fn as_recorded(name: &str, text: &str) -> Result<Self, Problems> {
-        read_config(name, text, RETIRED, Author::Recorder).map(|read| read.config)
+        read_recorded(name, text).map(|read| read.config)
     }
 }

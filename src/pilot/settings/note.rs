@@ -14,12 +14,6 @@ pub struct Note {
 }
 
 impl Note {
-    /// About a key that is no more.
-    pub fn retired(text: String) -> Self {
-        let way_out = "mend the line that sets it; docs/CONFIGURATION.md has every key";
-        Self { subject: "configuration", text, way_out }
-    }
-
     /// About a variable that is not used.
     pub fn misspelt(text: String) -> Self {
         let way_out = "two underscores stand between section and key";

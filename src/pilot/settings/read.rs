@@ -2,11 +2,10 @@
 //! something is wrong.
 
 use serde::de::DeserializeOwned;
-use toml::de::DeTable;
+use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
 
-use super::retired::{Author, Retired};
-use super::{Config, Note, retired};
+use super::Config;
 use haltere_core::checks::Problems;
 use haltere_core::checks::schema::Schema;
 
@@ -15,36 +14,58 @@ use haltere_core::checks::schema::Schema;
 pub struct Read {
     /// Typed, what is absent at its default.
     pub config: Config,
-    /// As it stands there, under today's names.
+    /// As it stands there.
     pub table: Table,
-    /// What people should know of retired keys.
-    pub notes: Vec<Note>,
 }
 
-/// Reads one text of a configuration, under the names of its time.
-pub fn read_config(
-    name: &str,
-    text: &str,
-    gone: &[Retired],
-    author: Author,
-) -> Result<Read, Problems> {
+/// Keys that logs hold, which live longer than builds, and that this build does not know.
+pub(super) const FORMER: [&str; 7] = [
+    "estimator.acc_over_beats",
+    "estimator.uwb_arrival_frac",
+    "diagnosis.after_programs",
+    "diagnosis.size",
+    "diagnosis.banks",
+    "diagnosis.references",
+    "diagnosis.vehicle",
+];
+
+/// Reads one text of a configuration that a user wrote.
+pub fn read_config(name: &str, text: &str) -> Result<Read, Problems> {
+    read(name, text, &[])
+}
+
+/// Reads the configuration in the head of a log, which may be of an older build.
+pub fn read_recorded(name: &str, text: &str) -> Result<Read, Problems> {
+    read(name, text, &FORMER)
+}
+
+/// Reads one text without the keys of `former`.
+fn read(name: &str, text: &str, former: &[&str]) -> Result<Read, Problems> {
     let mut root = parse(name, text)?;
     check_schema(name, &mut root)?;
-    let found = retired::apply(root.get_mut(), gone, author);
-    let place = |at: &std::ops::Range<usize>| place(name, text, at.start);
-    let mut refused = Problems::new();
-    for (at, why) in &found.refused {
-        refused.say(format!("{}{why}", place(at)));
+    for key in former {
+        take_out(root.get_mut(), key);
     }
-    refused.into_result()?;
-    let told = found.told.iter().map(|(at, what)| Note::retired(format!("{}{what}", place(at))));
-    let notes = told.collect();
     let table: Table = typed(name, text, root.clone())?;
     let config: Config = typed(name, text, root)?;
     let understood = Table::try_from(&config).unwrap_or_default();
     match surplus(&table, &understood, "") {
         Some(why) => Err(Problems::one(format!("{name}: {why}"))),
-        None => Ok(Read { config, table, notes }),
+        None => Ok(Read { config, table }),
+    }
+}
+
+/// Removes a key, and sections that hold nothing without it.
+fn take_out(table: &mut DeTable<'_>, key: &str) {
+    let Some((section, rest)) = key.split_once('.') else {
+        table.remove(key);
+        return;
+    };
+    if let Some(DeValue::Table(inner)) = table.get_mut(section).map(Spanned::get_mut) {
+        take_out(inner, rest);
+        if inner.is_empty() {
+            table.remove(section);
+        }
     }
 }
 

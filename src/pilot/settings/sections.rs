@@ -202,58 +202,6 @@ impl StoreConfig {
     }
 }
 
-/// `[diagnosis]`: how flights by a program are judged when they are over.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DiagnosisConfig {
-    /// Judge by itself as soon as the vehicle is disarmed.
-    pub after_programs: bool,
-    /// Flights in the bank of the diagnosis.
-    pub size: BankSizeName,
-    /// Folder of banks. Empty: the user's cache.
-    pub banks: PathBuf,
-    /// Folder with logs of accepted flights of the diagnostic mission, which set the floor. Empty: the
-    /// floor is the simulator's.
-    pub references: PathBuf,
-    /// Vehicle file that flights are judged by, or the name of a built-in one. Empty: the default vehicle.
-    pub vehicle: PathBuf,
-}
-
-/// Sizes of a bank, as `haltere gap --size` names them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum BankSizeName {
-    /// For verdicts.
-    Full,
-    /// For a first look.
-    Small,
-    /// For tests of the program.
-    Smallest,
-}
-
-impl BankSizeName {
-    /// As an argument.
-    pub fn name(self) -> &'static str {
-        match self {
-            BankSizeName::Full => "full",
-            BankSizeName::Small => "small",
-            BankSizeName::Smallest => "smallest",
-        }
-    }
-}
-
-impl Default for DiagnosisConfig {
-    fn default() -> Self {
-        Self {
-            after_programs: false,
-            size: BankSizeName::Full,
-            banks: PathBuf::new(),
-            references: PathBuf::new(),
-            vehicle: PathBuf::new(),
-        }
-    }
-}
-
 /// `[timing]`: how hard the companion insists on its deadlines.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]

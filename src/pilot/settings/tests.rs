@@ -187,3 +187,18 @@ fn regress_limits_of_another_pack_are_refused() {
         }
     }
 }
+
+#[test]
+fn prop_a_log_is_read_with_the_keys_of_its_time() {
+    let defaults = toml::Table::try_from(Config::default()).unwrap();
+    for key in read::FORMER {
+        let (section, name) = key.split_once('.').unwrap();
+        assert!(lookup(&defaults, key).is_none(), "{key} is in force");
+        let text = format!("[flight]\nspool_s = 1.5\n[{section}]\n{name} = 1\n");
+        let recorded = Config::as_recorded("recorded configuration", &text).unwrap();
+        assert_eq!(recorded.flight.spool_s, 1.5, "{key}");
+        assert!(Config::from_toml("haltere.toml", &text).is_err(), "{key}");
+    }
+    let unknown = Config::as_recorded("recorded configuration", "[flight]\nhopp_m = 2.0\n");
+    assert!(unknown.unwrap_err().to_string().contains("unknown key `hopp_m`"));
+}

@@ -184,9 +184,6 @@ impl Pilot {
     /// COMMAND_CANCEL: what takes its time is ended, and answered as cancelled. What has been done is
     /// left as it is (common.xml).
     pub(crate) fn cancel(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), command: u16) {
-        if self.cancel_judging(at, command) {
-            return;
-        }
         let is_theirs = |a: &Asker| (a.link, a.peer, a.command as u16) == (link, peer, command);
         let Some(index) = self.stations.askers.iter().position(is_theirs) else { return };
         let asker = self.stations.askers.remove(index);

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::bars;
-use crate::report::html;
+use crate::report::html::{self, Cell};
 use crate::report::svg::{Limit, Tone, escape};
 use haltere_gap::commission::budget::Budget;
 
@@ -11,14 +11,10 @@ use haltere_gap::commission::budget::Budget;
 pub fn render(budget: &Budget, logs: &[String]) -> String {
     let mut html = html::open("Gap budget", super::OWN_STYLE);
     let tone = if budget.exit_code() == 0 { "good" } else { "bad" };
-    let _ = write!(
-        html,
-        "<header><span class=\"verdict {tone}\">{}</span><div><h1>Gap budget</h1><p>{} against the vehicle file</p></div></header>\
-         <p>{}</p>",
-        escape(&budget.outcome.replace('_', " ")),
-        escape(&logs.join(", ")),
-        escape(&budget.words()),
-    );
+    let badge = budget.outcome.replace('_', " ");
+    let subtitle = format!("{} against the vehicle file", logs.join(", "));
+    html += &html::header(Some((tone, &badge)), "Gap budget", &subtitle);
+    let _ = write!(html, "<p>{}</p>", escape(&budget.words()));
     section(&mut html, budget);
     html::close(html)
 }
@@ -41,43 +37,26 @@ pub(super) fn section(html: &mut String, budget: &Budget) {
             escape(&budget.told_on())
         );
     }
-    if !budget.parts.is_empty() {
-        html.push_str(
-            "<h2>Constants that differ</h2><table><tr><th>Key</th><th class=\"n\">File</th><th class=\"n\">Found</th>\
-             <th class=\"n\">90 %</th><th class=\"n\">Closes alone</th><th class=\"n\">Left after</th></tr>",
-        );
-        for part in &budget.parts {
-            let share = |share: Option<f64>| share.map_or("-".to_owned(), |s| format!("{s:.2}"));
-            let _ = write!(
-                html,
-                "<tr><td>{}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{} to {}</td>\
-                 <td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
-                part.key,
-                escape(&part.or_words()),
-                number(part.file),
-                number(part.value),
-                number(part.low),
-                number(part.high),
-                share(part.share),
-                share(part.left_after),
-            );
-        }
-        html.push_str("</table>");
-    }
+    let share = |share: Option<f64>| share.map_or("-".to_owned(), |s| format!("{s:.2}"));
+    let rows = budget.parts.iter().map(|part| {
+        let interval = format!("{} to {}", number(part.low), number(part.high));
+        let shares = [share(part.share), share(part.left_after)];
+        let key = format!("{}{}", part.key, part.or_words());
+        let cells = [key, number(part.file), number(part.value), interval].into_iter();
+        cells.chain(shares).map(Cell::from).collect()
+    });
+    let heads = ["Key", "#File", "#Found", "#90 %", "#Closes alone", "#Left after"];
+    *html += &html::titled("Constants that differ", heads, &rows.collect::<Vec<_>>());
     if !budget.blocks.is_empty() {
-        html.push_str(
-            "<h2>By block</h2><table><tr><th>Block</th><th class=\"n\">Before</th><th class=\"n\">Left</th></tr>",
-        );
-        for block in &budget.blocks {
-            let _ = write!(
-                html,
-                "<tr><td>{}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.2}</td></tr>",
-                block.block, block.before, block.left
-            );
-        }
-        html.push_str(
-            "</table><p class=\"note\">Mean squared distance of statistics beyond what simulated flights of the vehicle as found do to \
-             one another, in sigma of what healthy vehicles differ by.</p>",
+        let rows = budget.blocks.iter().map(|block| {
+            let [before, left] = [block.before, block.left].map(|value| format!("{value:.2}"));
+            vec![Cell::from(&block.block), before.into(), left.into()]
+        });
+        let heads = ["Block", "#Before", "#Left"];
+        *html += &html::titled("By block", heads, &rows.collect::<Vec<_>>());
+        *html += &html::note(
+            "Mean squared distance of statistics beyond what simulated flights of the vehicle as found do to one another, \
+             in sigma of what healthy vehicles differ by.",
         );
     }
 }

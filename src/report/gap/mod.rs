@@ -8,7 +8,7 @@ mod plan;
 
 use std::fmt::Write as _;
 
-use crate::report::html;
+use crate::report::html::{self, Cell};
 use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
 use haltere_gap::attribute::{Candidate, Settings};
 use haltere_gap::diagnosis::{Diagnosis, Part, ShrinkResult};
@@ -41,15 +41,10 @@ pub fn render(d: &Diagnosis) -> String {
         "log_fault" | "not_testable" => "none",
         _ => "bad",
     };
-    let _ = write!(
-        html,
-        "{}<header><span class=\"verdict {tone}\">{}</span><div><h1>Gap report</h1><p>{}{flight} against \
-         {against}; replay: {}</p></div></header>",
-        matrix::HATCH,
-        escape(&d.outcome.replace('_', " ")),
-        escape(&d.log),
-        escape(&d.replay),
-    );
+    let badge = d.outcome.replace('_', " ");
+    let subtitle = format!("{}{flight} against {against}; replay: {}", d.log, d.replay);
+    html += matrix::HATCH;
+    html += &html::header(Some((tone, &badge)), "Gap report", &subtitle);
     summary(&mut html, d);
     list(&mut html, d.faults.iter().chain(&d.remarks));
     if d.attribution.is_some() {
@@ -79,13 +74,8 @@ pub fn render(d: &Diagnosis) -> String {
         ladder(&mut html, d);
         shrink(&mut html, d);
         next::section(&mut html, d);
-        let _ = write!(
-            html,
-            "<h2>Behind the verdict</h2><table><tr><th>Test</th><th class=\"n\">Found</th>\
-             <th class=\"n\">Limit</th></tr>"
-        );
         let (gate, adequacy) = (&attribution.gate, &attribution.adequacy);
-        for (name, found, limit) in [
+        let tests = [
             ("Gate: normal score of the whole distance", gate.distance, gate.distance_limit),
             ("Gate: loudest effect, in sigma of healthy flights", gate.effect, gate.effect_limit),
             (
@@ -103,37 +93,26 @@ pub fn render(d: &Diagnosis) -> String {
                 attribution.second_effect().unwrap_or(f64::NAN),
                 attribution.pair_limit,
             ),
-        ] {
+        ];
+        let rows = tests.map(|(name, found, limit)| {
             let found = if found.is_finite() { format!("{found:.2}") } else { "not tried".into() };
-            let _ = write!(
-                html,
-                "<tr><td>{name}</td><td class=\"n\">{found}</td><td class=\"n\">{limit:.2}</td></tr>"
-            );
-        }
-        let _ = write!(
-            html,
-            "</table><p class=\"note\">Gate: above any limit a gap is said to be there. Limits come from \
-             held-out flights without a gap; {} statistics in use, {} unknown on this flight. One report asks \
-             about {} effects: limits are such that {:.0} of 100 flights without a gap are given a name.</p>",
+            vec![name.into(), found.into(), format!("{limit:.2}").into()]
+        });
+        html += &html::titled("Behind the verdict", ["Test", "#Found", "#Limit"], &rows);
+        html += &html::note(&format!(
+            "Gate: above any limit a gap is said to be there. Limits come from held-out flights without a gap; {} \
+             statistics in use, {} unknown on this flight. One report asks about {} effects: limits are such that {:.0} of \
+             100 flights without a gap are given a name.",
             attribution.used,
             attribution.unknown.len(),
             attribution.candidates.len(),
             100.0 * Settings::for_flights().false_alarm
-        );
+        ));
     }
-    if !d.parameters_changed.is_empty() {
-        html.push_str("<h2>Configuration away from its default</h2><table><tr><th>Key</th><th>Flown</th><th>Default</th></tr>");
-        for p in &d.parameters_changed {
-            let _ = write!(
-                html,
-                "<tr><td>{}</td><td>{}</td><td>{}</td></tr>",
-                escape(&p.key),
-                escape(&p.flown),
-                escape(&p.default)
-            );
-        }
-        html.push_str("</table>");
-    }
+    let rows = d.parameters_changed.iter();
+    let rows = rows.map(|p| [&p.key, &p.flown, &p.default].map(Cell::from).into());
+    let heads = ["Key", "Flown", "Default"];
+    html += &html::titled("Configuration away from its default", heads, &rows.collect::<Vec<_>>());
     let made = &d.made_with;
     let [seeds, jitter, draws] = made.bank_flights;
     let _ = write!(
@@ -310,37 +289,19 @@ fn sigma(value: f64) -> String {
 }
 
 fn effects(html: &mut String, d: &Diagnosis) {
-    if d.effects.is_empty() {
-        return;
-    }
-    html.push_str("<h2>Which</h2><table><tr><th>Effect</th><th class=\"n\">Probability</th><th>Parameter</th><th class=\"n\">Value</th><th class=\"n\">90 %</th></tr>");
-    for effect in &d.effects {
-        for (k, p) in effect.parameters.iter().enumerate() {
-            let head = if k == 0 {
-                format!(
-                    "<td>{} {}</td><td class=\"n\">{:.2}</td>",
-                    escape(&effect.id),
-                    escape(&effect.name),
-                    effect.probability
-                )
-            } else {
-                "<td></td><td></td>".to_owned()
-            };
-            let _ = write!(
-                html,
-                "<tr>{head}<td>{}</td><td class=\"n\">{:.4}</td><td class=\"n\">{:.4} to {:.4}</td></tr>",
-                escape(&if p.unit.is_empty() {
-                    p.name.clone()
-                } else {
-                    format!("{}, {}", p.name, p.unit)
-                }),
-                p.value,
-                p.low,
-                p.high
-            );
-        }
-    }
-    html.push_str("</table>");
+    let rows = d.effects.iter().flat_map(|effect| {
+        effect.parameters.iter().enumerate().map(move |(k, p)| {
+            let named = format!("{} {}", effect.id, effect.name);
+            let head = [named, format!("{:.2}", effect.probability)];
+            let head = if k == 0 { head } else { [String::new(), String::new()] };
+            let unit = if p.unit.is_empty() { "" } else { ", " };
+            let interval = format!("{:.4} to {:.4}", p.low, p.high);
+            let rest = [format!("{}{unit}{}", p.name, p.unit), format!("{:.4}", p.value), interval];
+            head.into_iter().chain(rest).map(Cell::from).collect()
+        })
+    });
+    let heads = ["Effect", "#Probability", "Parameter", "#Value", "#90 %"];
+    *html += &html::titled("Which", heads, &rows.collect::<Vec<_>>());
 }
 
 /// Bars as thick lines from zero, named on the axis.
@@ -445,19 +406,13 @@ fn shrink(html: &mut String, d: &Diagnosis) {
         Vec::new(),
         1080.0,
     ));
-    html.push_str("<details><summary>Numbers by channel, and other effects</summary><table><tr><th>Channel</th><th class=\"n\">Shrink</th><th class=\"n\">Before</th><th class=\"n\">After</th><th class=\"n\">Floor</th><th class=\"n\">Noise</th></tr>");
-    for (name, c) in known {
+    let rows = known.into_iter().map(|(name, c)| {
         let value = c.value.map_or("nothing to shrink".to_owned(), |v| format!("{v:.2}"));
-        let _ = write!(
-            html,
-            "<tr><td>{}</td><td class=\"n\">{value}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.2}</td></tr>",
-            escape(name),
-            c.before,
-            c.after,
-            c.floor,
-            c.noise
-        );
-    }
+        let numbers = [c.before, c.after, c.floor, c.noise].map(|v| format!("{v:.2}"));
+        [name, &value].into_iter().chain(&numbers).map(Cell::from).collect()
+    });
+    let heads = ["Channel", "#Shrink", "#Before", "#After", "#Floor", "#Noise"];
+    let table = html::table(heads, &rows.collect::<Vec<_>>());
     let others: Vec<String> = s
         .others
         .iter()
@@ -468,7 +423,8 @@ fn shrink(html: &mut String, d: &Diagnosis) {
         .collect();
     let _ = write!(
         html,
-        "</table><p class=\"note\">Control, shrink of other effects: {}. Best of everything tried: {}.</p></details>",
+        "<details><summary>Numbers by channel, and other effects</summary>{table}<p class=\"note\">Control, shrink of \
+         other effects: {}. Best of everything tried: {}.</p></details>",
         escape(&others.join(", ")),
         escape(&s.attained_by)
     );
@@ -476,27 +432,36 @@ fn shrink(html: &mut String, d: &Diagnosis) {
 
 fn candidates(html: &mut String, d: &Diagnosis) {
     let Some(attribution) = &d.attribution else { return };
-    html.push_str("<h2>Candidates</h2><table><tr><th>Effect</th><th class=\"n\">Probability</th><th class=\"n\">Log evidence over none</th><th class=\"n\">Explained</th><th class=\"n\">Left unexplained</th><th class=\"n\">Held-out shrink</th><th>Why not</th></tr>");
     let Some(first) = attribution.candidates.first() else { return };
-    for (k, c) in attribution.candidates.iter().take(LISTED).enumerate() {
+    let rows = attribution.candidates.iter().take(LISTED).enumerate().map(|(k, c)| {
         let shrunk = match &d.shrink {
             Some(s) if k == 0 && d.set.first() == Some(&c.id) => s.value,
             Some(s) => s.others.iter().find(|(id, _)| *id == c.id).and_then(|(_, v)| *v),
             None => None,
         };
-        let _ = write!(
-            html,
-            "<tr><td>{}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.1}</td><td class=\"n\">{:.2}</td><td class=\"n\">{:.1}</td><td class=\"n\">{}</td><td>{}</td></tr>",
-            escape(&named(&c.id)),
-            c.posterior,
-            c.log_evidence,
-            c.explained,
-            c.residual_score,
-            shrunk.map_or("not flown".to_owned(), |v| format!("{v:.2}")),
-            escape(&why_not(k, c, first))
-        );
-    }
-    html.push_str("</table><p class=\"note\">Explained: share of the gap. Left unexplained: normal score of the distance that remains, near 0 when nothing does.</p>");
+        vec![
+            named(&c.id).into(),
+            format!("{:.2}", c.posterior).into(),
+            format!("{:.1}", c.log_evidence).into(),
+            format!("{:.2}", c.explained).into(),
+            format!("{:.1}", c.residual_score).into(),
+            shrunk.map_or("not flown".to_owned(), |v| format!("{v:.2}")).into(),
+            why_not(k, c, first).into(),
+        ]
+    });
+    let heads = [
+        "Effect",
+        "#Probability",
+        "#Log evidence over none",
+        "#Explained",
+        "#Left unexplained",
+        "#Held-out shrink",
+        "Why not",
+    ];
+    *html += &html::titled("Candidates", heads, &rows.collect::<Vec<_>>());
+    *html += &html::note(
+        "Explained: share of the gap. Left unexplained: normal score of the distance that remains, near 0 when nothing does.",
+    );
 }
 
 /// What speaks against a candidate, in words.

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use crate::report::html::{self, Cell};
 use crate::report::svg::escape;
 use haltere_gap::diagnosis::{Diagnosis, Effect};
 use haltere_gap::experiments::telling_apart;
@@ -83,41 +84,32 @@ pub(super) fn section(html: &mut String, d: &Diagnosis) {
         html.push_str("<p>Nothing is open: one explanation, and no effect of the library that this flight could not have shown.</p>");
         return;
     }
-    html.push_str(
-        "<table><tr><th>Experiment</th><th></th><th class=\"n\">Cost</th><th class=\"n\">P after</th>\
-         <th class=\"n\">Gain</th><th>Hardest pair</th><th>Would show</th></tr>",
-    );
     let worth =
         a.experiments.iter().filter(|e| e.not_possible.is_none() && e.value() >= LEAST_WORTH);
-    for e in worth.take(LISTED) {
-        let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.2}"));
+    let number = |v: Option<f64>| v.map_or(String::new(), |v| format!("{v:.2}"));
+    let rows = worth.take(LISTED).map(|e| {
         let hardest = e
             .hardest
             .as_ref()
             .map_or(String::new(), |(x, y, d)| format!("{x} and {y}: {d:.1} sigma"));
-        let shown: Vec<String> = e
-            .would_show
-            .iter()
-            .filter(|(_, p)| *p >= SHOWS)
-            .map(|(id, p)| format!("{id} {p:.2}"))
-            .collect();
-        let _ = write!(
-            html,
-            "<tr><td title=\"{}\">{}</td><td>{}</td><td class=\"n\">{:.0} s</td><td class=\"n\">{}</td>\
-             <td class=\"n\">{}</td><td>{}</td><td>{}</td></tr>",
-            escape(&e.how),
-            escape(&e.title),
-            if e.flight { "fly" } else { "bench" },
-            e.cost_s,
-            number(e.correct_after),
-            number(e.gain),
-            escape(&hardest),
-            escape(&shown.join(", "))
-        );
-    }
+        let shown = e.would_show.iter().filter(|(_, p)| *p >= SHOWS);
+        let shown: Vec<String> = shown.map(|(id, p)| format!("{id} {p:.2}")).collect();
+        let (how, title) = (escape(&e.how), escape(&e.title));
+        vec![
+            Cell::markup("", format!("<span title=\"{how}\">{title}</span>")),
+            (if e.flight { "fly" } else { "bench" }).into(),
+            format!("{:.0} s", e.cost_s).into(),
+            number(e.correct_after).into(),
+            number(e.gain).into(),
+            hardest.into(),
+            shown.join(", ").into(),
+        ]
+    });
+    let heads = ["Experiment", "", "#Cost", "#P after", "#Gain", "Hardest pair", "Would show"];
+    *html += &html::table(heads, &rows.collect::<Vec<_>>());
     let _ = write!(
         html,
-        "</table><p class=\"note\">P: predicted probability that the right one of {} is named, now {:.2}; from flights \
+        "<p class=\"note\">P: predicted probability that the right one of {} is named, now {:.2}; from flights \
          of these candidates in the nominal simulator, and from the resolution of instruments. Costs with two minutes of \
          preparation a flight. Mission files: <code>haltere gap advise REPORT.json --out DIR</code>, then <code>haltere ctl \
          mission FILE</code>.</p>",

@@ -112,16 +112,6 @@ pub enum FileTask {
     EraseLogs,
     /// The mission that a file of the missions folder holds, as a plan; a name: built-in or file.
     LoadProgram(String),
-    /// Judge the newest flight, which the program of this name flew, or say how far that is: a
-    /// [`super::Judgement`].
-    Judge {
-        /// Its name.
-        program: String,
-        /// When the vehicle was disarmed after it.
-        flown_until: HostTime,
-    },
-    /// End that.
-    StopJudging,
 }
 
 /// A task with its ticket.

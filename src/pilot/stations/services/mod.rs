@@ -12,7 +12,6 @@ mod ftp;
 mod ftp_path;
 mod ftp_stream;
 pub(crate) mod ftp_wire;
-mod judge;
 mod kept;
 mod logs;
 mod metadata;
@@ -30,7 +29,6 @@ pub use crc32::crc32;
 pub use files::{
     FileFault, FileName, FileRequest, FileTask, Folder, MOST_MISSION_BYTES, PARAMETERS_TICKET, Plan,
 };
-pub use judge::{Judgement, Told};
 pub use metadata::markdown as parameter_page;
 pub use parameter_table::{Parameter, all as all_parameters, find as find_parameter};
 pub use plan_file::{decode as decode_plan, encode as encode_plan};
@@ -54,7 +52,6 @@ use budget::Bucket;
 use fence_status::FenceWatch;
 use files::FileDesk;
 use ftp::Ftp;
-use judge::Judge;
 use kept::{Kept, Lost};
 use logs::Logs;
 use metadata::Metadata;
@@ -85,8 +82,6 @@ enum Purpose {
     Ftp(ftp::Job),
     Logs(logs::Job),
     Program(programs::Job),
-    Judge,
-    StopJudging,
 }
 
 /// State of the services.
@@ -101,7 +96,8 @@ pub(crate) struct Services {
     logs: Logs,
     pub events: Events,
     fence_watch: FenceWatch,
-    judge: Judge,
+    /// The program that was loaded last, with the id of its mission.
+    program: Option<(u32, String)>,
     lost: Lost,
     has_begun: bool,
 }
@@ -118,7 +114,7 @@ impl Services {
             logs: Logs::default(),
             events: Events::default(),
             fence_watch: FenceWatch::default(),
-            judge: Judge::default(),
+            program: None,
             lost: Lost::default(),
             has_begun: false,
         }
@@ -136,7 +132,6 @@ impl Services {
             && self.plans.is_idle(at)
             && self.ftp.is_idle()
             && self.logs.is_idle()
-            && self.judge.is_idle()
             && self.lost.is_nothing()
     }
 }
@@ -187,14 +182,8 @@ impl Pilot {
                 self.events_again(client, m);
                 true
             }
-            MavMessage::COMMAND_LONG(m) => {
-                let params = [m.param1, m.param2];
-                self.service_command(at, client, m.command, params)
-            }
-            MavMessage::COMMAND_INT(m) => {
-                let params = [m.param1, m.param2];
-                self.service_command(at, client, m.command, params)
-            }
+            MavMessage::COMMAND_LONG(m) => self.service_command(at, client, m.command, m.param1),
+            MavMessage::COMMAND_INT(m) => self.service_command(at, client, m.command, m.param1),
             _ => {
                 self.parameter_message(at, link, peer, message)
                     || self.plan_message(at, client, message)
@@ -204,13 +193,7 @@ impl Pilot {
     }
 
     /// The commands that belong to services.
-    fn service_command(
-        &mut self,
-        at: HostTime,
-        client: Client,
-        number: u16,
-        [param1, param2]: [f32; 2],
-    ) -> bool {
+    fn service_command(&mut self, at: HostTime, client: Client, number: u16, param1: f32) -> bool {
         use MavResult as R;
         let Some(command) = known(number) else { return false };
         let result = match command {
@@ -249,7 +232,8 @@ impl Pilot {
                 }
             }
             MavCmd::MAV_CMD_USER_4 => {
-                return self.program_command(at, client, param1, param2);
+                self.program_command(at, client, param1);
+                return true;
             }
             _ => return false,
         };
@@ -281,7 +265,6 @@ impl Pilot {
         self.plan_tick(at);
         self.event_tick(at);
         self.fence_tick(at);
-        self.judge_tick(at);
         for n in 0..self.stations.grounds.len() {
             if !self.stations.grounds[n].is_open {
                 continue;
@@ -355,8 +338,6 @@ impl Pilot {
             }
             (Purpose::Ftp(job), result) => self.ftp_answer(at, job, result, bytes),
             (Purpose::Logs(job), result) => self.log_answer(at, job, result, bytes),
-            (Purpose::Judge, result) => self.judge_answer(at, result, bytes),
-            (Purpose::StopJudging, _) => {}
             (Purpose::Program(job), result) => self.program_answer(at, job, result, bytes),
         }
     }

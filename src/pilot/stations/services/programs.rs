@@ -2,14 +2,14 @@
 //!
 //! `MAV_CMD_USER_4`, param1 = 0: names all, each with its number, as STATUSTEXT. Param1 = number:
 //! loads that one as the mission; it is started like any other. Files of `/missions` (MAVLink FTP)
-//! come first, in the order of their names, then what is built in. Param1 = -1 is in `judge`.
+//! come first, in the order of their names, then what is built in.
 
 use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
 use haltere_core::time::HostTime;
 
 use super::files::{FileFault, FileTask};
-use super::{Purpose, judge, plan_file};
+use super::{Purpose, plan_file};
 use crate::Pilot;
 use crate::out::voice::Severity;
 use crate::stations::mission_transfer::Client;
@@ -31,31 +31,25 @@ pub(crate) enum Job {
 }
 
 impl Pilot {
-    pub(super) fn program_command(
-        &mut self,
-        at: HostTime,
-        client: Client,
-        number: f32,
-        _spare: f32,
-    ) -> bool {
-        if number == judge::ASKED_BY {
-            self.judge_command(at, client);
-            return true;
-        }
+    /// The program that the mission in force is, if it is one.
+    pub(in super::super) fn program_in_force(&self) -> Option<&str> {
+        let (id, name) = self.stations.services.program.as_ref()?;
+        (*id == self.flight.mission.id).then_some(name)
+    }
+
+    pub(super) fn program_command(&mut self, at: HostTime, client: Client, number: f32) {
         let job = if number == 0.0 {
             Job::Names(client)
         } else if number.fract() == 0.0 && (1.0..=MOST_NAMES as f32).contains(&number) {
             Job::Number(client, number as u16)
         } else {
             self.service_ack(client, MavCmd::MAV_CMD_USER_4, MavResult::MAV_RESULT_DENIED);
-            let text =
-                format!("program {number}: allowed -1 (judges), 0 (names all) to {MOST_NAMES}");
+            let text = format!("program {number}: allowed 0 (names all) to {MOST_NAMES}");
             self.say(at, Severity::Warning, text);
-            return true;
+            return;
         };
         // An empty name asks for the names.
         self.program_ask(at, FileTask::LoadProgram(String::new()), job);
-        true
     }
 
     /// Tells people how far a program is, at every quarter.
@@ -109,7 +103,7 @@ impl Pilot {
                 let outcome = plan_file::decode(bytes)
                     .and_then(|items| self.load_mission(at, items))
                     .map(|count| {
-                        self.program_is_loaded(&name);
+                        self.stations.services.program = Some((self.flight.mission.id, name.clone()));
                         format!("program {name}: mission of {count} items in force")
                     })
                     .map_err(|why| format!("program {name} refused: {why}"));
