@@ -1,16 +1,13 @@
 //! `haltere-sim`: the endpoint that stands in for tag and board, and the demo.
 //!
-//! Begin with `scenario`, what a simulated flight is, and `endpoint`, the plant in real time. `lockstep` and `fly` fly on
-//! simulated time, `rig` starts endpoint and companion as processes, `demo` and `hide` are what a reader runs first,
-//! `campaign` flies hundreds, `firmware` puts a real firmware in the place of the simulated board. `soak`, `flood`
-//! and `kills` measure the companion. `built_in` holds files by name.
+//! Begin with `endpoint`, the plant in real time; what a simulated flight is says `haltere::simulated::scenario`.
+//! `lockstep` and `fly` fly on simulated time, `demo` and `hide` are what a reader runs first, `firmware` puts a real
+//! firmware in the place of the simulated board. `soak`, `flood` and `kills` measure the companion.
 
 mod board_wire;
-mod built_in;
 mod campaign;
 mod demo;
 mod endpoint;
-mod faults;
 mod firmware;
 mod flood;
 mod fly;
@@ -20,13 +17,10 @@ mod lateness;
 mod leavings;
 mod lockstep;
 mod orders;
+mod print;
 #[cfg(test)]
 mod programs;
-mod pty;
-mod rig;
-mod scenario;
 mod soak;
-mod stop;
 mod truth_file;
 
 use std::ffi::OsString;
@@ -38,6 +32,7 @@ use haltere::cli::complete::{Completions, Man};
 use haltere::cli::moved::Moved;
 use haltere::cli::{is_unwritten, print, tell};
 use haltere::live::console::Console;
+use haltere::rig::EXIT_NOT_JUDGED;
 
 /// Its name.
 const PROGRAM: &str = "haltere-sim";
@@ -82,7 +77,7 @@ enum Command {
     #[command(
         after_help = "Examples:\n  haltere-sim print scenario\n  haltere-sim print scenario corridor"
     )]
-    Print(built_in::Print),
+    Print(print::Print),
     /// Print the completion script of a shell.
     Completions(Completions),
     /// Write the manual pages.
@@ -95,10 +90,10 @@ enum Command {
         after_help = "Examples:\n  haltere-sim fly diagnostic --count 8 --out good\n  haltere-sim fly square.toml --effect P1.loss=0.12"
     )]
     Fly(fly::Options),
-    /// Many flights over distributions of a scenario, on all cores, resumable; the fault campaign
+    /// Many flights over distributions of a scenario, on all cores, resumable
     /// (docs/CAMPAIGNS.md).
     #[command(
-        after_help = "Examples:\n  haltere-sim campaign lab --out lab\n  haltere-sim campaign faults --list"
+        after_help = "Examples:\n  haltere-sim campaign lab --out lab\n  haltere-sim campaign lab --fly 7 --log flight.mcap"
     )]
     Campaign(campaign::Options),
     /// The companion hovers while others shout at its ground endpoints: how late its control steps are
@@ -157,7 +152,7 @@ fn main() -> ExitCode {
             // The board must not wait for who reads its log.
             let _console = Console::start();
             match endpoint::serve(&options) {
-                Ok(false) => return ExitCode::from(lateness::EXIT_NOT_JUDGED),
+                Ok(false) => return ExitCode::from(EXIT_NOT_JUDGED),
                 ended => ended,
             }
         }
@@ -168,7 +163,7 @@ fn main() -> ExitCode {
         Command::Demo(options) => {
             log_to_stderr();
             match demo::run(&options) {
-                Ok(demo::Judged::Not) => return ExitCode::from(lateness::EXIT_NOT_JUDGED),
+                Ok(demo::Judged::Not) => return ExitCode::from(EXIT_NOT_JUDGED),
                 judged => judged.map(|judged| judged == demo::Judged::Well),
             }
         }

@@ -15,6 +15,7 @@ mod blind;
 mod cases;
 mod commands;
 mod compare;
+mod faults;
 mod generator;
 mod lines_of_sight;
 mod outside;
@@ -73,6 +74,9 @@ enum Command {
     /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
     /// docs/ESTIMATOR_SIM.md.
     Aids(aids::Options),
+    /// Every fault of the catalogue in every part of a flight; writes docs/FAULTS.md's table. Exit code 1
+    /// when a flight leaves the fence, or leaves the floor again or crashes where a reaction exists.
+    Faults(faults::Options),
     /// Every experiment of the source, ours beside its numbers: one HTML report with all figures, and
     /// JSON beside it. Exit code 1 when a target is missed.
     Paper(paper::Options),
@@ -102,6 +106,7 @@ fn main() -> ExitCode {
         Command::Balance(balance) => balance.run(),
         Command::Advise(advise) => advise.run(),
         Command::Aids(options) => aids::run(&options).map(code),
+        Command::Faults(options) => faults::run(&options).map(code),
         Command::Paper(options) => paper::run(&options).map(code),
         Command::Beside(options) => beside::run(&options).map(code),
         Command::Tune(options) => tune::run(&options).map(code),
@@ -130,7 +135,7 @@ mod tests {
     fn prop_commands_of_the_manuals_are_understood() {
         let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
         let mut checked = 0;
-        for name in MANUALS.iter().chain(&["sim/lab/PROTOCOL.md"]) {
+        for name in MANUALS.iter().chain(&["docs/CAMPAIGNS.md", "sim/lab/PROTOCOL.md"]) {
             let text = std::fs::read_to_string(format!("{root}/{name}")).expect("a manual");
             for command in commands_of(&text, "haltere-lab") {
                 let line = command.join(" ");

@@ -1,6 +1,6 @@
 //! `haltere-sim flood`: the companion hovers, and others shout at its ground endpoints.
 //!
-//! Endpoint and companion are the processes of the demo. While the vehicle hovers, attackers send what is
+//! Endpoint and companion are processes. While the vehicle hovers, attackers send what is
 //! well formed and what is not, over UDP from one address and from many, over TCP, with connections
 //! that come and go and one that never reads. Measured is what the companion itself wrote down: how late
 //! its control steps were, before and during the flood, what it threw away, and its memory.
@@ -14,13 +14,12 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use haltere::ctl::{GroundStation, Mode};
+use haltere::rig::firmware::Which;
+use haltere::rig::{Pair, Setup, free_port, newest_log, now_us};
 use serde_json::json;
 
 use self::attack::Attack;
 use self::measure::{Phase, phases};
-use crate::demo::{self, Processes, newest_log};
-use crate::firmware::Which;
-use crate::rig::{free_port, now_us};
 
 /// `haltere-sim flood`
 #[derive(Debug, Clone, clap::Args)]
@@ -61,16 +60,15 @@ pub fn run(options: &Options) -> Result<bool> {
         .with_context(|| format!("--output {}", options.output.display()))?;
     let (udp, tcp) = (free_port()?, free_port()?);
     let more = [format!("udpin:127.0.0.1:{udp}"), format!("tcpin:127.0.0.1:{tcp}")];
-    let demo_options = demo::Options {
+    let setup = Setup {
         output: options.output.clone(),
         scenario: None,
         seed: 1,
-        short: true,
         overrides: options.overrides.clone(),
         firmware: Which::default(),
-        json: false,
+        by: "haltere-sim flood",
     };
-    let mut processes = Processes::start_with(&demo_options, &more)?;
+    let mut processes = Pair::start_with(&setup, &more)?;
     let flown = hover(options, &processes, udp, tcp);
     let stopped = processes.stop();
     let flown = flown?;
@@ -140,7 +138,7 @@ struct Flown {
     memory_B: [u64; 2],
 }
 
-fn hover(options: &Options, processes: &Processes, udp: u16, tcp: u16) -> Result<Flown> {
+fn hover(options: &Options, processes: &Pair, udp: u16, tcp: u16) -> Result<Flown> {
     let mut station = GroundStation::connect(&processes.ground)?;
     let deadline = Instant::now() + ALIGN_TIMEOUT;
     loop {

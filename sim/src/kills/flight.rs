@@ -7,6 +7,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use haltere::ctl::{GroundStation, Mode};
 use haltere::report::truth;
+use haltere::rig::firmware::{Firmware, Which};
+use haltere::rig::newest_log;
+use haltere::rig::{Companion, Endpoint, Output, Wiring, free_port, now_us};
+use haltere::simulated::scenario::Scenario;
 use haltere_dialect::mav::haltere::{
     COMMAND_INT_DATA, COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage,
 };
@@ -17,10 +21,6 @@ use rustix::process::Signal;
 
 use super::judge::{self, Outcome, Seen};
 use super::kind::{Kind, Phase, Trial};
-use crate::demo::newest_log;
-use crate::firmware::{Firmware, Which};
-use crate::rig::{Companion, Endpoint, Output, Wiring, free_port, now_us};
-use crate::scenario::Scenario;
 
 /// The flight that may be struck anywhere, s after its spool began: two points, then landing.
 const POINTS: [(f64, [f64; 3]); 2] = [(4.0, [6.0, 5.5, 1.5]), (8.0, [5.0, 5.0, 1.0])];
@@ -83,7 +83,7 @@ pub fn fly(trial: &Trial, folder: &Path, which: &Which) -> Result<Outcome> {
         endpoints: &[format!("udpout:127.0.0.1:{port}")],
         logs: &logs,
     };
-    let config = wiring.write(folder, &Scenario::load(None)?, "kills")?;
+    let config = wiring.write(folder, &Scenario::load(None)?, "haltere-sim kills")?;
     let (companion, output) = start(trial.kind, &config, folder)?;
     let firmware = between.start(&folder.join("firmware"))?;
     let ground = format!("udpin:127.0.0.1:{port}");

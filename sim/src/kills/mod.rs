@@ -16,15 +16,15 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 use anyhow::{Context, Result, bail};
+use haltere::progress::Progress;
+use haltere::rig::firmware::Which;
+use haltere::rig::stop::Stop;
 use rand::SeedableRng;
 use rand::rngs::Xoshiro256PlusPlus;
 
 use self::flight::fly;
 use self::judge::Outcome;
 use self::kind::{Kind, Phase, Trial};
-use crate::firmware::Which;
-use crate::stop::Stop;
-use haltere::progress::Progress;
 
 /// `haltere-sim kills`
 #[derive(Debug, Clone, clap::Args)]

@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use haltere::ctl::GroundStation;
+use haltere::rig::now_us;
 use haltere_dialect::mav::haltere::{MavCmd, MavMessage, PARAM_REQUEST_LIST_DATA};
 
 use super::stalls::Stalls;
 use super::wire::Sorted;
-use crate::rig::now_us;
 
 /// Least parameters a second, and the time in which 99 % of commands are answered, ms.
 pub const PARAMETERS_PER_S: f64 = 1000.0;

@@ -20,17 +20,17 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use haltere::ctl::GroundStation;
 use haltere::progress::Progress;
+use haltere::rig::newest_log;
+use haltere::rig::stop::Stop;
+use haltere::rig::{Companion, Endpoint, Wiring, free_port, now_us};
+use haltere::simulated::scenario::Scenario;
 use haltere_model::Vehicle;
 
 use self::asked::Asked;
 use self::stalls::{Stalls, Watch};
 use self::tap::{BoardSide, Taps};
 use self::wire::Wire;
-use crate::demo::newest_log;
 use crate::flood::measure::{Phase, phases};
-use crate::rig::{Companion, Endpoint, Wiring, free_port, now_us};
-use crate::scenario::Scenario;
-use crate::stop::Stop;
 
 /// `haltere-sim soak`
 #[derive(Debug, Clone, clap::Args)]
@@ -124,7 +124,7 @@ pub fn run(options: &Options) -> Result<bool> {
         endpoints: &[format!("udpout:127.0.0.1:{ground}")],
         logs: &logs,
     };
-    let config = wiring.write(&folder, &Scenario::load(None)?, "soak")?;
+    let config = wiring.write(&folder, &Scenario::load(None)?, "haltere-sim soak")?;
     let output = folder.join("companion.txt");
     let mut companion = Companion::start(&config, &options.overrides, output)?;
     let load = Load::start(options.load);

@@ -13,7 +13,7 @@ use haltere::live::clock;
 use haltere::live::realtime::insist_on_deadlines;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
-use crate::stop::Stop;
+use haltere::rig::stop::Stop;
 
 /// Above the companion's control thread, which has 50, and below the kernel's own threads of 99.
 const PRIORITY: u8 = 80;

@@ -21,9 +21,9 @@ use haltere_dialect::mav_stream::MavSplitter;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::OFlags;
 
-use crate::pty::{Dtr, TagPty};
-use crate::rig::{free_port, now_us};
-use crate::stop::Stop;
+use haltere::rig::pty::{Dtr, TagPty};
+use haltere::rig::stop::Stop;
+use haltere::rig::{free_port, now_us};
 
 /// Longest wait without looking whether to end.
 const LOOK: Duration = Duration::from_millis(50);
