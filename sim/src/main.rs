@@ -2,17 +2,15 @@
 //!
 //! Begin with `endpoint`, the plant in real time; what a simulated flight is says `haltere::simulated::scenario`.
 //! `lockstep` and `fly` fly on simulated time, `demo` and `hide` are what a reader runs first, `firmware` puts a real
-//! firmware in the place of the simulated board. `soak`, `flood` and `kills` measure the companion.
+//! firmware in the place of the simulated board.
 
 mod board_wire;
 mod campaign;
 mod demo;
 mod endpoint;
 mod firmware;
-mod flood;
 mod fly;
 mod hide;
-mod kills;
 mod lateness;
 mod leavings;
 mod lockstep;
@@ -20,7 +18,6 @@ mod orders;
 mod print;
 #[cfg(test)]
 mod programs;
-mod soak;
 mod truth_file;
 
 use std::ffi::OsString;
@@ -96,15 +93,6 @@ enum Command {
         after_help = "Examples:\n  haltere-sim campaign lab --out lab\n  haltere-sim campaign lab --fly 7 --log flight.mcap"
     )]
     Campaign(campaign::Options),
-    /// The companion hovers while others shout at its ground endpoints: how late its control steps are
-    /// then, what it throws away, its memory. Exit code 1 when a bound is broken.
-    Flood(flood::Options),
-    /// One companion flies for as long as wanted: gaps between setpoints and the way from UWB to setpoint
-    /// on the wire, memory, processor time. Exit code 1 when a bound is broken.
-    Soak(soak::Options),
-    /// The companion is killed in flight at random moments and started again: the board has to come down
-    /// by itself, and nobody may take it over. Exit code 1 when one went wrong.
-    Kills(kills::Options),
     /// Step tests: an experiment of the source.
     #[command(hide = true, disable_help_flag = true)]
     Steps(Moved),
@@ -188,10 +176,7 @@ fn main() -> ExitCode {
         }
         Command::Aids(moved) => return moved.say("haltere-sim aids", "haltere-lab aids …"),
         Command::Tune(moved) => return moved.say("haltere-sim tune", "haltere-lab tune …"),
-        Command::Flood(options) => flood::run(&options),
         Command::Campaign(options) => campaign::run(&options),
-        Command::Soak(options) => soak::run(&options),
-        Command::Kills(options) => kills::run(&options),
     };
     match result {
         Ok(true) => ExitCode::SUCCESS,

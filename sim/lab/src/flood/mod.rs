@@ -1,4 +1,4 @@
-//! `haltere-sim flood`: the companion hovers, and others shout at its ground endpoints.
+//! `haltere-lab flood`: the companion hovers, and others shout at its ground endpoints.
 //!
 //! Endpoint and companion are processes. While the vehicle hovers, attackers send what is
 //! well formed and what is not, over UDP from one address and from many, over TCP, with connections
@@ -21,7 +21,7 @@ use serde_json::json;
 use self::attack::Attack;
 use self::measure::{Phase, phases};
 
-/// `haltere-sim flood`
+/// `haltere-lab flood`
 #[derive(Debug, Clone, clap::Args)]
 pub struct Options {
     /// Folder for configuration and log; made if it is missing.
@@ -66,7 +66,7 @@ pub fn run(options: &Options) -> Result<bool> {
         seed: 1,
         overrides: options.overrides.clone(),
         firmware: Which::default(),
-        by: "haltere-sim flood",
+        by: "haltere-lab flood",
     };
     let mut processes = Pair::start_with(&setup, &more)?;
     let flown = hover(options, &processes, udp, tcp);

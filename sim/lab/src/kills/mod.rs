@@ -1,4 +1,4 @@
-//! `haltere-sim kills`: something befalls the companion's process in flight.
+//! `haltere-lab kills`: something befalls the companion's process in flight.
 //!
 //! Endpoint and companion are processes over the real wires. Killed and started again at a random moment is the
 //! kind that is flown where none is named: the board has to fly its own failsafe to the floor, and the companion
@@ -26,7 +26,7 @@ use self::flight::fly;
 use self::judge::Outcome;
 use self::kind::{Kind, Phase, Trial};
 
-/// `haltere-sim kills`
+/// `haltere-lab kills`
 #[derive(Debug, Clone, clap::Args)]
 pub struct Options {
     /// Folder for the flights; made if it is missing.

@@ -1,8 +1,9 @@
-//! Killed in flight or disturbed otherwise, and flown for a while: short forms of `haltere-sim kills` and `soak`.
+//! Killed in flight or disturbed otherwise, and flown for a while: short forms of `haltere-lab kills` and `soak`.
 
 use std::time::Duration;
 
-use super::support::{in_real_time, sim};
+use super::lab;
+use super::support::in_real_time;
 
 fn json_of(text: &str) -> serde_json::Value {
     let start = text.find("\n{").map_or(0, |at| at + 1);
@@ -18,7 +19,7 @@ fn prop_a_killed_companion_takes_nothing_over() {
 fn kills() {
     let folder = tempfile::tempdir().expect("a folder");
     let args = ["kills", "--count", "2", "--jobs", "2", "--json"];
-    let ended = sim(&args, folder.path(), Duration::from_secs(200));
+    let ended = lab(&args, folder.path(), Duration::from_secs(200));
     let json = json_of(&ended.text);
     assert_eq!(ended.code, Some(0), "{json:#}");
     assert_eq!((&json["landed"], &json["recaptured"]), (&2.into(), &0.into()), "{json:#}");
@@ -36,7 +37,7 @@ fn kinds() {
     let chosen = kinds.iter().flat_map(|kind| ["--kind", *kind]);
     let args = ["kills", "--phase", "hover", "--count", "1", "--jobs", "4", "--json"];
     let args: Vec<&str> = args.into_iter().chain(chosen).collect();
-    let ended = sim(&args, folder.path(), Duration::from_secs(200));
+    let ended = lab(&args, folder.path(), Duration::from_secs(200));
     let json = json_of(&ended.text);
     assert_eq!(ended.code, Some(0), "{json:#}");
     assert_eq!((&json["landed"], &json["hard"]), (&4.into(), &0.into()), "{json:#}");
@@ -51,7 +52,7 @@ fn soak() {
     let folder = tempfile::tempdir().expect("a folder");
     // How regular they are is a matter of the machine; that they are seen is not.
     let args = ["soak", "--minutes", "0.3", "--longest-gap-ms", "1000", "--json"];
-    let ended = sim(&args, folder.path(), Duration::from_secs(120));
+    let ended = lab(&args, folder.path(), Duration::from_secs(120));
     let json = json_of(&ended.text);
     assert_eq!((&json["flights"], &json["missed"]), (&1.into(), &0.into()), "{json:#}");
     let count = |key: &str, of: &str| json[key][of].as_u64().unwrap_or(0);

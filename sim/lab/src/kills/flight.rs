@@ -83,7 +83,7 @@ pub fn fly(trial: &Trial, folder: &Path, which: &Which) -> Result<Outcome> {
         endpoints: &[format!("udpout:127.0.0.1:{port}")],
         logs: &logs,
     };
-    let config = wiring.write(folder, &Scenario::load(None)?, "haltere-sim kills")?;
+    let config = wiring.write(folder, &Scenario::load(None)?, "haltere-lab kills")?;
     let (companion, output) = start(trial.kind, &config, folder)?;
     let firmware = between.start(&folder.join("firmware"))?;
     let ground = format!("udpin:127.0.0.1:{port}");

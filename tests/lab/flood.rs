@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use super::support::{in_real_time, sim};
+use super::lab;
+use super::support::in_real_time;
 
 #[test]
 fn prop_a_flood_delays_no_control_step_and_fills_no_memory() {
@@ -12,7 +13,7 @@ fn prop_a_flood_delays_no_control_step_and_fills_no_memory() {
 fn flood() {
     let folder = tempfile::tempdir().expect("a folder");
     let ended =
-        sim(&["flood", "--seconds", "6", "--json"], folder.path(), Duration::from_secs(120));
+        lab(&["flood", "--seconds", "6", "--json"], folder.path(), Duration::from_secs(120));
     assert_eq!(ended.code, Some(0), "{}", ended.text);
     let start = ended.text.find("\n{").map_or(0, |at| at + 1);
     let json: serde_json::Value = serde_json::Deserializer::from_str(&ended.text[start..])

@@ -1,4 +1,4 @@
-//! `haltere-sim soak`: one companion flies for as long as wanted, and is watched from outside.
+//! `haltere-lab soak`: one companion flies for as long as wanted, and is watched from outside.
 //!
 //! Endpoint and companion are processes, with taps on the wires between them. Flights follow one
 //! another: take-off, a round of way points and holds, landing. The vehicle has a battery that lasts
@@ -32,7 +32,7 @@ use self::tap::{BoardSide, Taps};
 use self::wire::Wire;
 use crate::flood::measure::{Phase, phases};
 
-/// `haltere-sim soak`
+/// `haltere-lab soak`
 #[derive(Debug, Clone, clap::Args)]
 pub struct Options {
     /// Folder for configuration and log; made if it is missing.
@@ -124,7 +124,7 @@ pub fn run(options: &Options) -> Result<bool> {
         endpoints: &[format!("udpout:127.0.0.1:{ground}")],
         logs: &logs,
     };
-    let config = wiring.write(&folder, &Scenario::load(None)?, "haltere-sim soak")?;
+    let config = wiring.write(&folder, &Scenario::load(None)?, "haltere-lab soak")?;
     let output = folder.join("companion.txt");
     let mut companion = Companion::start(&config, &options.overrides, output)?;
     let load = Load::start(options.load);
