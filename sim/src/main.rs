@@ -26,7 +26,6 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser};
 use haltere::cli::complete::{Completions, Man};
-use haltere::cli::moved::Moved;
 use haltere::cli::{is_unwritten, print, tell};
 use haltere::live::console::Console;
 use haltere::rig::EXIT_NOT_JUDGED;
@@ -93,24 +92,6 @@ enum Command {
         after_help = "Examples:\n  haltere-sim campaign lab --out lab\n  haltere-sim campaign lab --fly 7 --log flight.mcap"
     )]
     Campaign(campaign::Options),
-    /// Step tests: an experiment of the source.
-    #[command(hide = true, disable_help_flag = true)]
-    Steps(Moved),
-    /// Shapes: missions like any other.
-    #[command(hide = true, disable_help_flag = true)]
-    Paths(Moved),
-    /// The sealed suite: the laboratory's.
-    #[command(hide = true, disable_help_flag = true)]
-    Cases(Moved),
-    /// Sizes from which on effects show: the laboratory's.
-    #[command(hide = true, disable_help_flag = true)]
-    Detectable(Moved),
-    /// What the estimator's aids are worth: the laboratory's.
-    #[command(hide = true, disable_help_flag = true)]
-    Aids(Moved),
-    /// The search for gains: the laboratory's.
-    #[command(hide = true, disable_help_flag = true)]
-    Tune(Moved),
     /// The companion, as `haltere` would run it.
     #[command(hide = true, disable_help_flag = true)]
     Companion {
@@ -163,19 +144,6 @@ fn main() -> ExitCode {
         Command::Effects => print(&haltere_model::effects::document::markdown()).map(|()| true),
         Command::Hide(options) => hide::run(&options),
         Command::Fly(options) => fly::run(&options),
-        Command::Steps(moved) => {
-            return moved.now("haltere-sim steps", "haltere-lab paper --only steps");
-        }
-        Command::Paths(moved) => {
-            return moved
-                .now("haltere-sim paths", "haltere-sim fly square rhombus hexagon straight");
-        }
-        Command::Cases(moved) => return moved.say("haltere-sim cases", "haltere-lab cases …"),
-        Command::Detectable(moved) => {
-            return moved.say("haltere-sim detectable", "haltere-lab detectable …");
-        }
-        Command::Aids(moved) => return moved.say("haltere-sim aids", "haltere-lab aids …"),
-        Command::Tune(moved) => return moved.say("haltere-sim tune", "haltere-lab tune …"),
         Command::Campaign(options) => campaign::run(&options),
     };
     match result {

@@ -9,7 +9,6 @@ use clap::{Args, Subcommand};
 
 use crate::vehicles;
 
-use super::moved::Moved;
 use super::{
     gap_accept, gap_advise, gap_attribute, gap_bank, gap_budget, gap_commission, gap_diagnose,
     gap_missions, gap_observe, gap_shrink,
@@ -50,12 +49,6 @@ pub(super) enum Gap {
     Attribute(gap_attribute::Attribute),
     /// Writes a standard flight as a mission file.
     Mission(gap_missions::MissionCommand),
-    /// Scores of a sealed suite: the laboratory's.
-    #[command(hide = true, disable_help_flag = true)]
-    Blind(Moved),
-    /// Blocked lines of sight: the laboratory's.
-    #[command(hide = true, disable_help_flag = true)]
-    Sight(Moved),
 }
 
 impl Gap {
@@ -72,8 +65,6 @@ impl Gap {
             Gap::Observe(observe) => observe.run(),
             Gap::Attribute(attribute) => attribute.run(),
             Gap::Mission(mission) => mission.run(),
-            Gap::Blind(moved) => Ok(moved.say("haltere gap blind", "haltere-lab blind …")),
-            Gap::Sight(moved) => Ok(moved.say("haltere gap sight", "haltere-lab sight …")),
         }
     }
 }

@@ -12,7 +12,7 @@ use super::gap_references::{References, each_once};
 use super::gap_report::Report;
 use super::gap_session::{Opened, open};
 use super::which_flight::{WhichFlight, tell};
-use super::{moved, print, print_json};
+use super::{print, print_json};
 use crate::progress::Progress;
 use haltere_gap::advise::{Advice, Effort, Hypothesis, Remaining, advise, after_flight};
 use haltere_gap::archive::Shelf;
@@ -33,7 +33,7 @@ use haltere_model::effects::EffectSpec;
 #[derive(Debug, Args)]
 pub(super) struct Advise {
     /// Report of `gap diagnose` as JSON, or flight logs.
-    #[arg(required_unless_present_any = ["check", "list"], value_name = "REPORT.json|LOG")]
+    #[arg(required_unless_present = "list", value_name = "REPORT.json|LOG")]
     inputs: Vec<PathBuf>,
     #[command(flatten)]
     which: WhichFlight,
@@ -55,9 +55,6 @@ pub(super) struct Advise {
     /// Only lists the catalogue.
     #[arg(long)]
     list: bool,
-    /// The laboratory's.
-    #[arg(long, hide = true, num_args = 0..=1, value_name = "N")]
-    check: Option<Option<String>>,
     /// Prints as JSON.
     #[arg(long)]
     json: bool,
@@ -73,9 +70,6 @@ impl Advise {
         if self.list {
             print(&catalogue())?;
             return Ok(ExitCode::SUCCESS);
-        }
-        if self.check.is_some() {
-            return Ok(moved::say("haltere gap advise --check", "haltere-lab advise --check N"));
         }
         let mut told = self.told.told()?;
         let (flown, remaining) = match &self.inputs[..] {

@@ -29,7 +29,6 @@ mod key;
 mod log;
 mod log_export;
 mod log_list;
-pub mod moved;
 mod programs;
 mod replay;
 mod report;
