@@ -4,12 +4,12 @@ use std::fs::{File, TryLockError};
 use std::net::TcpListener;
 use std::path::PathBuf;
 
-use crate::neighbours;
 use anyhow::{Context, Result, bail};
 
 use super::firmware::{Firmware, Which};
 use super::stop::Stop;
 use super::{Companion, Endpoint, Wiring, free_port};
+use crate::neighbours;
 use crate::simulated::scenario::Scenario;
 
 /// Port that docs/WATCH.md names.

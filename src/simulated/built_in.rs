@@ -5,9 +5,10 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use crate::vehicles;
 use anyhow::{Context as _, Result, anyhow, bail};
 use clap::ValueEnum;
+
+use crate::vehicles;
 
 /// In place of a folder on the disk.
 const ROOT: &str = "built-in:";

@@ -5,7 +5,6 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use crate::sources::read_anchors;
 use anyhow::{Context, Result, bail};
 use haltere_core::checks::Problems;
 use haltere_core::frames::{E, U, Vec3, earth_from_survey, survey_from_earth};
@@ -23,6 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::simulated::built_in::{self, Kind};
 use crate::simulated::faults::{FaultAt, Told};
+use crate::sources::read_anchors;
 
 /// Effect that turns the board's north from room north.
 const HEADING_EFFECT: &str = "N13";

@@ -5,9 +5,6 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::ctl::read_mission;
-use crate::sources::{self, Sources};
-use crate::vehicles;
 use anyhow::{Context, Result, bail};
 use haltere_core::checks::Problems;
 use haltere_pilot::mission_file::{Item, MissionFile};
@@ -19,9 +16,12 @@ use toml::{Table, Value};
 use super::draw::{self, Draw};
 use super::entry::Entry;
 use super::judge::Fence;
+use crate::ctl::read_mission;
 use crate::simulated::built_in::{self, Kind};
 use crate::simulated::faults::Phase;
 use crate::simulated::scenario::Scenario;
+use crate::sources::{self, Sources};
+use crate::vehicles;
 
 /// A campaign, as in a file. The default names no file and is none that can be flown: what flies single missions takes what
 /// it needs of it.

@@ -9,8 +9,6 @@ use std::io::{BufWriter, Write as _};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::report::truth::{HEADER, TruthRow};
-use crate::tape::Tape;
 use anyhow::{Context, Result, anyhow, bail};
 use haltere_core::checks::Problems;
 use haltere_core::survey::Survey;
@@ -28,7 +26,9 @@ use super::operator::{Operator, Scene};
 use super::plan::Plan;
 use super::row::{Outcome, Row};
 use super::takeoff::TakeOff;
+use crate::report::truth::{HEADER, TruthRow};
 use crate::simulated::faults::{Mishap, Part, Phase, Told};
+use crate::tape::Tape;
 
 /// On the floor and disarmed for this long: it is over, µs.
 const REST_US: u64 = 1_000_000;

@@ -4,13 +4,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
-use crate::report::html::{self, Cell, WRAPS};
-use crate::report::svg::{Mark, Plot, Series, Tone, escape};
 use serde_json::Value;
 
 use super::row::{Outcome, Row};
 use super::store::Identity;
 use super::table::plain;
+use crate::report::html::{self, Cell, WRAPS};
+use crate::report::svg::{Mark, Plot, Series, Tone, escape};
 
 /// Style of what only this page has.
 const STYLE: &str = "h2{margin-top:40px;font-size:18px;border-top:2px solid var(--rule);padding-top:14px}\
