@@ -7,12 +7,17 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use haltere::cli::vehicles;
 use haltere::live::realtime::insist_on_deadlines;
 use haltere::report::truth::TruthRow;
+use haltere::rig::firmware::Interface;
+use haltere::rig::pty::{Dtr, TagPty};
+use haltere::rig::stop::Stop;
+use haltere::simulated::faults::happen;
+use haltere::simulated::scenario::Scenario;
+use haltere::vehicles;
 use haltere_core::time::HostTime;
 use haltere_model::tag::TagProtocol;
-use haltere_model::{Fault, Plant, Truth, Vehicle};
+use haltere_model::{Fault, Plant, Vehicle};
 use haltere_pilot::settings::Address;
 use rustix::io::Errno;
 use rustix::thread::clock_nanosleep_absolute;
@@ -20,13 +25,9 @@ use rustix::time::{ClockId, Timespec, clock_gettime};
 use serde_json::json;
 
 use crate::board_wire::BoardWire;
-use crate::faults::happen;
-use crate::firmware::{InnerLoop, Interface};
+use crate::firmware::InnerLoop;
 use crate::lateness::Lateness;
 use crate::orders::{self, Next, Order, Orders};
-use crate::pty::{Dtr, TagPty};
-use crate::scenario::Scenario;
-use crate::stop::Stop;
 use crate::truth_file::TruthFile;
 
 /// `haltere-sim serve`
@@ -355,25 +356,7 @@ fn obey(
 
 fn row(plant: &Plant, start_us: u64, speed: f64) -> TruthRow {
     let truth = plant.truth();
-    truth_row(&truth, HostTime::from_us(start_us + (truth.t_us as f64 / speed) as u64))
-}
-
-/// Truth as a row of a truth file.
-pub fn truth_row(truth: &Truth, at: HostTime) -> TruthRow {
-    TruthRow {
-        at,
-        t_s: truth.t_us as f64 * 1e-6,
-        pos_E_m: truth.pos_E_m,
-        vel_E_mps: truth.vel_E_mps,
-        R_EB: truth.R_EB,
-        rate_B_radps: truth.rate_B_radps,
-        flap_hz: truth.flap_hz,
-        supply_v: truth.supply_v,
-        charge_frac: truth.charge_frac,
-        thrust_n: truth.thrust_n,
-        on_ground: truth.on_ground,
-        crashed: truth.crashed,
-    }
+    TruthRow::of(&truth, HostTime::from_us(start_us + (truth.t_us as f64 / speed) as u64))
 }
 
 fn now_us() -> u64 {

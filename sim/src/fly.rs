@@ -8,6 +8,11 @@ use haltere::ctl::read_mission;
 use haltere::fit::programs::Options as Programs;
 use haltere::named_missions::{self, Place, SHAPE_HEIGHT_M, SHAPE_SPEED_MPS, SHAPES};
 use haltere::progress::Progress;
+use haltere::simulated::campaign::draw;
+use haltere::simulated::campaign::file::{Base, CampaignFile};
+use haltere::simulated::campaign::flight::{self, Keep, TRUTH};
+use haltere::simulated::campaign::plan::Plan;
+use haltere::simulated::campaign::row::{Outcome, Row};
 use haltere_gap::library;
 use haltere_gap::scene::Scene;
 use haltere_log::written;
@@ -17,11 +22,6 @@ use rayon::prelude::*;
 use serde::Serialize;
 use toml::Value;
 
-use crate::campaign::draw;
-use crate::campaign::file::{Base, CampaignFile};
-use crate::campaign::flight::{self, Keep, TRUTH};
-use crate::campaign::plan::Plan;
-use crate::campaign::row::{Outcome, Row};
 use crate::leavings;
 
 /// Longest flight, s: a pack is empty before.

@@ -6,8 +6,6 @@ use serde_json::{Value, json};
 const FELT_US: u64 = 10_000;
 /// So many of them explain a flight that went wrong: with one a millisecond, a tenth of a second.
 const MANY: u64 = 100;
-/// Exit code: nothing is known, try again (EX_TEMPFAIL of sysexits.h).
-pub const EXIT_NOT_JUDGED: u8 = 75;
 
 /// Late wake-ups of a loop.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

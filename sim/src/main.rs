@@ -1,32 +1,23 @@
 //! `haltere-sim`: the endpoint that stands in for tag and board, and the demo.
 //!
-//! Begin with `scenario`, what a simulated flight is, and `endpoint`, the plant in real time. `lockstep` and `fly` fly on
-//! simulated time, `rig` starts endpoint and companion as processes, `demo` and `hide` are what a reader runs first,
-//! `campaign` flies hundreds, `firmware` puts a real firmware in the place of the simulated board. `soak`, `flood`
-//! and `kills` measure the companion. `built_in` holds files by name.
+//! Begin with `endpoint`, the plant in real time; what a simulated flight is says `haltere::simulated::scenario`.
+//! `lockstep` and `fly` fly on simulated time, `demo` and `hide` are what a reader runs first, `firmware` puts a real
+//! firmware in the place of the simulated board.
 
 mod board_wire;
-mod built_in;
 mod campaign;
 mod demo;
 mod endpoint;
-mod faults;
 mod firmware;
-mod flood;
 mod fly;
 mod hide;
-mod kills;
 mod lateness;
 mod leavings;
 mod lockstep;
 mod orders;
+mod print;
 #[cfg(test)]
 mod programs;
-mod pty;
-mod rig;
-mod scenario;
-mod soak;
-mod stop;
 mod truth_file;
 
 use std::ffi::OsString;
@@ -37,6 +28,7 @@ use clap::{CommandFactory as _, Parser};
 use haltere::cli::complete::{Completions, Man};
 use haltere::cli::{is_unwritten, print, tell};
 use haltere::live::console::Console;
+use haltere::rig::EXIT_NOT_JUDGED;
 
 /// Its name.
 const PROGRAM: &str = "haltere-sim";
@@ -81,7 +73,7 @@ enum Command {
     #[command(
         after_help = "Examples:\n  haltere-sim print scenario\n  haltere-sim print scenario corridor"
     )]
-    Print(built_in::Print),
+    Print(print::Print),
     /// Print the completion script of a shell.
     Completions(Completions),
     /// Write the manual pages.
@@ -94,21 +86,12 @@ enum Command {
         after_help = "Examples:\n  haltere-sim fly diagnostic --count 8 --out good\n  haltere-sim fly square.toml --effect P1.loss=0.12"
     )]
     Fly(fly::Options),
-    /// Many flights over distributions of a scenario, on all cores, resumable; the fault campaign
+    /// Many flights over distributions of a scenario, on all cores, resumable
     /// (docs/CAMPAIGNS.md).
     #[command(
-        after_help = "Examples:\n  haltere-sim campaign lab --out lab\n  haltere-sim campaign faults --list"
+        after_help = "Examples:\n  haltere-sim campaign lab --out lab\n  haltere-sim campaign lab --fly 7 --log flight.mcap"
     )]
     Campaign(campaign::Options),
-    /// The companion hovers while others shout at its ground endpoints: how late its control steps are
-    /// then, what it throws away, its memory. Exit code 1 when a bound is broken.
-    Flood(flood::Options),
-    /// One companion flies for as long as wanted: gaps between setpoints and the way from UWB to setpoint
-    /// on the wire, memory, processor time. Exit code 1 when a bound is broken.
-    Soak(soak::Options),
-    /// The companion is killed in flight at random moments and started again: the board has to come down
-    /// by itself, and nobody may take it over. Exit code 1 when one went wrong.
-    Kills(kills::Options),
     /// The companion, as `haltere` would run it.
     #[command(hide = true, disable_help_flag = true)]
     Companion {
@@ -138,7 +121,7 @@ fn main() -> ExitCode {
             // The board must not wait for who reads its log.
             let _console = Console::start();
             match endpoint::serve(&options) {
-                Ok(false) => return ExitCode::from(lateness::EXIT_NOT_JUDGED),
+                Ok(false) => return ExitCode::from(EXIT_NOT_JUDGED),
                 ended => ended,
             }
         }
@@ -149,7 +132,7 @@ fn main() -> ExitCode {
         Command::Demo(options) => {
             log_to_stderr();
             match demo::run(&options) {
-                Ok(demo::Judged::Not) => return ExitCode::from(lateness::EXIT_NOT_JUDGED),
+                Ok(demo::Judged::Not) => return ExitCode::from(EXIT_NOT_JUDGED),
                 judged => judged.map(|judged| judged == demo::Judged::Well),
             }
         }
@@ -161,10 +144,7 @@ fn main() -> ExitCode {
         Command::Effects => print(&haltere_model::effects::document::markdown()).map(|()| true),
         Command::Hide(options) => hide::run(&options),
         Command::Fly(options) => fly::run(&options),
-        Command::Flood(options) => flood::run(&options),
         Command::Campaign(options) => campaign::run(&options),
-        Command::Soak(options) => soak::run(&options),
-        Command::Kills(options) => kills::run(&options),
     };
     match result {
         Ok(true) => ExitCode::SUCCESS,

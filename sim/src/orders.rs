@@ -17,7 +17,7 @@ use haltere_model::{Fault, Plant};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use crate::faults::FaultAt;
+use haltere::simulated::faults::FaultAt;
 
 /// Longest line, bytes.
 const LINE_BYTES: u64 = 4096;

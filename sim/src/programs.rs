@@ -1,11 +1,11 @@
 //! The data-collecting programs, flown in lockstep and fitted: from the mission file to the number.
 
-use crate::endpoint::truth_row;
 use haltere::fit::outcome::{Outcome, Refusal};
 use haltere::fit::programs::{Options, Program, plan};
 use haltere::fit::source::Source;
 use haltere::fit::{Value, tell, trim};
 use haltere::report::flight::{Flight, ModeRow};
+use haltere::report::truth::TruthRow;
 use haltere_core::topics::Topic;
 use haltere_model::PlantConfig;
 use haltere_model::lockstep::{Lockstep, fly_watched};
@@ -40,7 +40,7 @@ fn flown(program: Program, options: &Options, seed: u64) -> Source {
     let mut flight = Flight { survey: Some(survey), ..Flight::default() };
     let result = fly_watched(&mut world, &items, 900.0, |world| {
         let (truth, at) = (world.truth(), world.host_now());
-        flight.truth.push(truth_row(&truth, at));
+        flight.truth.push(TruthRow::of(&truth, at));
         world.pilot_mut().drain_topics(|topic| take(&mut flight, topic));
     })
     .unwrap();

@@ -7,9 +7,11 @@ use anyhow::Context as _;
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, Subcommand};
 
+use crate::vehicles;
+
 use super::{
     gap_accept, gap_advise, gap_attribute, gap_bank, gap_budget, gap_commission, gap_diagnose,
-    gap_missions, gap_observe, gap_shrink, vehicles,
+    gap_missions, gap_observe, gap_shrink,
 };
 pub use gap_attribute::read as observed_flights;
 pub use gap_diagnose::diagnose;

@@ -11,9 +11,10 @@ use serde_json::json;
 
 use super::gap::SceneOptions;
 use super::gap_references::of_one_mission;
-use super::{print, print_json, vehicles};
+use super::{print, print_json};
 use crate::progress::Progress;
 use crate::report::gap::budget::number;
+use crate::vehicles;
 use haltere_gap::accept::rewrite_vehicle;
 use haltere_gap::accepted;
 use haltere_gap::commission::{Commissioned, LEAST_FLIGHTS, commission};

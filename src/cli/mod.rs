@@ -33,7 +33,6 @@ mod replay;
 mod report;
 mod style;
 pub mod vehicle;
-pub mod vehicles;
 mod which_flight;
 
 use std::io::{self, Write as _};

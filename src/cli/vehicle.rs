@@ -11,8 +11,9 @@ use haltere_model::left_out::LeftOut;
 use haltere_model::vehicle::Battery as VehicleBattery;
 use serde::Serialize;
 
-use super::{print, print_json, vehicles};
+use super::{print, print_json};
 use crate::sources::VehicleKeys;
+use crate::vehicles;
 
 #[derive(Debug, Subcommand)]
 pub(super) enum VehicleCommand {

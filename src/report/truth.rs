@@ -7,6 +7,7 @@ use std::io::{BufRead, Write};
 
 use haltere_core::frames::{B, E, Rot, Vec3};
 use haltere_core::time::HostTime;
+use haltere_model::Truth;
 
 /// One row.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,6 +36,26 @@ pub struct TruthRow {
     pub on_ground: bool,
     /// Whether the vehicle has hit something.
     pub crashed: bool,
+}
+
+impl TruthRow {
+    /// Truth as a row of a truth file.
+    pub fn of(truth: &Truth, at: HostTime) -> Self {
+        Self {
+            at,
+            t_s: truth.t_us as f64 * 1e-6,
+            pos_E_m: truth.pos_E_m,
+            vel_E_mps: truth.vel_E_mps,
+            R_EB: truth.R_EB,
+            rate_B_radps: truth.rate_B_radps,
+            flap_hz: truth.flap_hz,
+            supply_v: truth.supply_v,
+            charge_frac: truth.charge_frac,
+            thrust_n: truth.thrust_n,
+            on_ground: truth.on_ground,
+            crashed: truth.crashed,
+        }
+    }
 }
 
 /// Names of the columns.

@@ -1,6 +1,8 @@
 //! Tests of the laboratory's commands as processes. What they measure are the programs of `haltere-sim`, which lie beside the
 //! laboratory's own.
 
+mod endurance;
+mod flood;
 mod own_truth;
 #[path = "../process/support.rs"]
 #[expect(dead_code, reason = "shared with the tests of the other programs")]

@@ -3,10 +3,8 @@
 mod bad_input;
 mod beside;
 mod campaign;
-mod endurance;
 mod fits;
 mod flights;
-mod flood;
 mod gap;
 mod operation;
 mod outputs;

@@ -1,5 +1,5 @@
 """How fast answers come and how regular streams are, in simulated time: what the machine that runs these
-tests does besides is no business of the vehicle's. Real time is measured by `haltere-sim soak`."""
+tests does besides is no business of the vehicle's. Real time is measured by `haltere-lab soak`."""
 
 import struct
 

@@ -6,7 +6,8 @@
 //! flown in it, `blind` its scorer (`hall.rs` answers before any key is opened), `withheld`, `retune` and `outside` what the
 //! diagnosis is compared with; `util_flights` runs the filter on recorded flights, `recorded` and
 //! `lines_of_sight` study them, `balance` weighs their forces, `aids` and `tune` the estimator and
-//! the gains; `paper` flies the experiments of the source, `beside` its steps in that other world.
+//! the gains; `paper` flies the experiments of the source, `beside` its steps in that other world. `faults` breaks
+//! what can break, `soak`, `flood` and `kills` measure the companion as a process.
 
 mod aids;
 mod balance;
@@ -15,7 +16,10 @@ mod blind;
 mod cases;
 mod commands;
 mod compare;
+mod faults;
+mod flood;
 mod generator;
+mod kills;
 mod lines_of_sight;
 mod outside;
 mod paper;
@@ -25,6 +29,7 @@ mod recorded;
 mod recordings;
 mod retune;
 mod score;
+mod soak;
 mod steps;
 mod trial;
 mod tune;
@@ -73,6 +78,18 @@ enum Command {
     /// What magnetometer, barometer and survey check are worth, with and without, in lockstep:
     /// docs/ESTIMATOR_SIM.md.
     Aids(aids::Options),
+    /// Every fault of the catalogue in every part of a flight; writes docs/FAULTS.md's table. Exit code 1
+    /// when a flight leaves the fence, or leaves the floor again or crashes where a reaction exists.
+    Faults(faults::Options),
+    /// The companion hovers while others shout at its ground endpoints: how late its control steps are
+    /// then, what it throws away, its memory. Exit code 1 when a bound is broken.
+    Flood(flood::Options),
+    /// One companion flies for as long as wanted: gaps between setpoints and the way from UWB to setpoint
+    /// on the wire, memory, processor time. Exit code 1 when a bound is broken.
+    Soak(soak::Options),
+    /// The companion is killed in flight at random moments and started again: the board has to come down
+    /// by itself, and nobody may take it over. Exit code 1 when one went wrong.
+    Kills(kills::Options),
     /// Every experiment of the source, ours beside its numbers: one HTML report with all figures, and
     /// JSON beside it. Exit code 1 when a target is missed.
     Paper(paper::Options),
@@ -102,6 +119,10 @@ fn main() -> ExitCode {
         Command::Balance(balance) => balance.run(),
         Command::Advise(advise) => advise.run(),
         Command::Aids(options) => aids::run(&options).map(code),
+        Command::Faults(options) => faults::run(&options).map(code),
+        Command::Flood(options) => flood::run(&options).map(code),
+        Command::Soak(options) => soak::run(&options).map(code),
+        Command::Kills(options) => kills::run(&options).map(code),
         Command::Paper(options) => paper::run(&options).map(code),
         Command::Beside(options) => beside::run(&options).map(code),
         Command::Tune(options) => tune::run(&options).map(code),
@@ -130,7 +151,7 @@ mod tests {
     fn prop_commands_of_the_manuals_are_understood() {
         let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
         let mut checked = 0;
-        for name in MANUALS.iter().chain(&["sim/lab/PROTOCOL.md"]) {
+        for name in MANUALS.iter().chain(&["docs/CAMPAIGNS.md", "sim/lab/PROTOCOL.md"]) {
             let text = std::fs::read_to_string(format!("{root}/{name}")).expect("a manual");
             for command in commands_of(&text, "haltere-lab") {
                 let line = command.join(" ");

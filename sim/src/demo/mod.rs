@@ -6,23 +6,21 @@
 //! and judged.
 
 mod plan;
-mod processes;
 mod result;
 
 use std::io::IsTerminal as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use haltere::ctl::{GroundStation, Mode};
 
-use self::plan::Plan;
-use crate::firmware::Which;
 use haltere::cli::{print, print_json};
-use haltere_log::log_file::has_log_ending;
+use haltere::rig::firmware::Which;
+use haltere::rig::{Pair, Setup, newest_log};
 use haltere_log::written;
 
-pub use self::processes::Processes;
+use self::plan::Plan;
 
 /// `haltere-sim demo`
 #[derive(Debug, Clone, clap::Args)]
@@ -83,7 +81,14 @@ pub fn run(options: &Options) -> Result<Judged> {
         plan.duration_s(),
         options.output.display()
     );
-    let mut processes = Processes::start(options)?;
+    let mut processes = Pair::start(&Setup {
+        output: options.output.clone(),
+        scenario: options.scenario.clone(),
+        seed: options.seed,
+        overrides: options.overrides.clone(),
+        firmware: options.firmware.clone(),
+        by: "haltere-sim demo",
+    })?;
     eprintln!("demo: watch it live: {}", processes.page);
     let flown = fly(&processes, &plan);
     // The companion closes its log, the endpoint its truth file.
@@ -111,7 +116,7 @@ pub fn run(options: &Options) -> Result<Judged> {
 }
 
 /// What a ground station does.
-fn fly(processes: &Processes, plan: &Plan) -> Result<()> {
+fn fly(processes: &Pair, plan: &Plan) -> Result<()> {
     let mut station = GroundStation::connect(&processes.ground)?;
     station.upload(&plan.items)?;
     eprintln!("demo: mission of {} items accepted, aligning", plan.items.len());
@@ -225,16 +230,4 @@ impl<'a> Progress<'a> {
         let back = if self.terminal { "\r\u{1b}[K" } else { "" };
         eprintln!("{back}demo: {how}");
     }
-}
-
-/// The log of this flight: names are times, so the greatest is the newest.
-pub fn newest_log(directory: &Path) -> Result<PathBuf> {
-    let entries = std::fs::read_dir(directory)
-        .with_context(|| format!("the companion left no log in {}", directory.display()))?;
-    entries
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| has_log_ending(path))
-        .max()
-        .with_context(|| format!("the companion left no log in {}", directory.display()))
 }

@@ -4,26 +4,15 @@
 mod hil;
 mod json;
 mod mixer;
-mod process;
 
 use anyhow::Result;
+use haltere::rig::firmware::Interface;
 use haltere_core::frames::{E, Vec3};
 use haltere_model::{Plant, Vehicle};
 
 use hil::Hil;
 use json::Json;
 use mixer::{Demand, Mixer};
-
-pub use process::{Firmware, Which};
-
-/// How a firmware takes physics of others.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Interface {
-    /// ArduPilot's, on this UDP port of the loopback.
-    Json(u16),
-    /// PX4's, on this TCP port of the loopback.
-    Hil(u16),
-}
 
 #[derive(Debug)]
 enum Physics {

@@ -15,6 +15,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Result, anyhow, bail};
+use haltere::report::truth::TruthRow;
+use haltere::rig::stop::Stop;
+use haltere::simulated::faults::happen;
+use haltere::simulated::scenario::Scenario;
 use haltere::sources::{self, Loaded, Sources};
 use haltere::store::{NoPrograms, Store};
 use haltere::watch::{Feed, Watch};
@@ -26,12 +30,9 @@ use serde_json::json;
 
 use self::log::Tape;
 use self::wire::Wires;
-use crate::endpoint::{keep_time, plant, truth_row};
-use crate::faults::happen;
+use crate::endpoint::{keep_time, plant};
 use crate::lateness::Lateness;
 use crate::orders::{self, Next, Order, Orders};
-use crate::scenario::Scenario;
-use crate::stop::Stop;
 use crate::truth_file::TruthFile;
 
 /// `haltere-sim lockstep`
@@ -265,7 +266,7 @@ impl Session {
         match order {
             Order::Fault(fault) => orders::inject(self.lockstep.plant_mut(), fault),
             Order::Truth => {
-                orders::tell_truth(&truth_row(&self.lockstep.truth(), self.lockstep.host_now()))
+                orders::tell_truth(&TruthRow::of(&self.lockstep.truth(), self.lockstep.host_now()))
             }
             Order::Late => orders::answer(&self.lateness.json()),
             Order::Run(us) if follows => {
@@ -296,7 +297,7 @@ impl Session {
                 && now_us >= self.truth_due_us
             {
                 self.truth_due_us = now_us - now_us % TRUTH_US + TRUTH_US;
-                truth.push(truth_row(&self.lockstep.truth(), self.lockstep.host_now()));
+                truth.push(TruthRow::of(&self.lockstep.truth(), self.lockstep.host_now()));
             }
         }
         let now: HostTime = self.lockstep.host_now();

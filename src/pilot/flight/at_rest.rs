@@ -27,7 +27,7 @@ const STD_FORCE_RESTS_MPS2: f64 = 0.5;
 const LEVEL_TOLD_RAD: f64 = 0.052;
 const LEVEL_MOST_RAD: f64 = 0.087;
 /// A vehicle stands on a floor or on a table; higher by UWB, the survey is wrong, m. Of 28 flights in a room told 1.25
-/// times too large all stood 1.2 to 1.4 m high by UWB (`haltere-sim campaign faults --only "survey: scaled by 1.25"`).
+/// times too large all stood 1.2 to 1.4 m high by UWB (`haltere-lab faults --only "survey: scaled by 1.25"`).
 const STANDS_HIGHEST_M: f64 = 1.0;
 /// Lower than the floor of the survey nothing stands, m: by UWB, which reads 0 to 0.5 m too much near the floor. In lockstep
 /// a vehicle 1 m below it stands 0.5 to 0.7 m below by UWB.
