@@ -62,6 +62,7 @@ pub mod places;
 pub mod regress;
 pub mod residuals;
 pub mod resize;
+pub mod said;
 pub mod scene;
 pub mod seal;
 pub mod shrink;

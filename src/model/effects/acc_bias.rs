@@ -15,9 +15,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "accelerometer bias",
     block: Block::Imu,
     parameters: &[
-        ParameterSpec::new("x", "m/s²", Kind::Component, 0.0, 0.3, [-0.6, 0.6], "along x"),
-        ParameterSpec::new("y", "m/s²", Kind::Component, 0.0, 0.0, [-0.6, 0.6], "along y"),
-        ParameterSpec::new("z", "m/s²", Kind::Component, 0.0, 0.0, [-0.6, 0.6], "along z"),
+        ParameterSpec::new("x", "m/s²", Kind::Component, 0.0, 0.3, [-0.6, 0.6], "along x")
+            .ways("to the back", "to the front"),
+        ParameterSpec::new("y", "m/s²", Kind::Component, 0.0, 0.0, [-0.6, 0.6], "along y")
+            .ways("to the left", "to the right"),
+        ParameterSpec::new("z", "m/s²", Kind::Component, 0.0, 0.0, [-0.6, 0.6], "along z")
+            .ways("upward", "downward"),
     ],
     off: "no bias beyond that of turn-on (N11)",
     source: "GAP.md 3.5",
@@ -25,7 +28,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::WhenAsked([0.707, 1.0, 1.0]),
+        verdict: "The accelerometer reads an acceleration that is not there: {}.",
+        causes: "a calibration that is old, or was made at another temperature",
         remedy: "calibrate the board's accelerometer, six positions, at flying temperature",
+        shows: "an error that is constant in the body",
+        looks_like: &["M4", "A5"],
+        apart: "Log 10 s at rest and level with motors off: wind (A5) is not there, and a board \
+            that sits crooked (M4) has an error that follows thrust in flight.",
     }),
     build: |b| Box::new(AccBias(Vector3::new(b.value[0], b.value[1], b.value[2]))),
 };

@@ -29,7 +29,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: false,
         hidden: Hidden::Never,
-        remedy: "mount the board softer: vibration reaches the accelerometer",
+        verdict: "The accelerometer shows no more than {limit} along an axis.",
+        causes: "a measuring range that is set small, hard vibration",
+        remedy: "set a larger range of the accelerometer on the board, or mount the board softer",
+        shows: "raw readings that stop at one value; slow beats that move with throttle",
+        looks_like: &["A7"],
+        apart: "Gusts (A7) leave the raw readings below the limit of the sensor.",
     }),
     build: |b| Box::new(Clipping(b.value[0].abs())),
 };

@@ -18,9 +18,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "accelerometer bias drift",
     block: Block::Imu,
     parameters: &[
-        ParameterSpec::new("x", "m/s² per min", Kind::Component, 0.0, 0.5, [-1.2, 1.2], "along x"),
-        ParameterSpec::new("y", "m/s² per min", Kind::Component, 0.0, 0.0, [-1.2, 1.2], "along y"),
-        ParameterSpec::new("z", "m/s² per min", Kind::Component, 0.0, 0.0, [-1.2, 1.2], "along z"),
+        ParameterSpec::new("x", "m/s² per min", Kind::Component, 0.0, 0.5, [-1.2, 1.2], "along x")
+            .ways("to the back", "to the front"),
+        ParameterSpec::new("y", "m/s² per min", Kind::Component, 0.0, 0.0, [-1.2, 1.2], "along y")
+            .ways("to the left", "to the right"),
+        ParameterSpec::new("z", "m/s² per min", Kind::Component, 0.0, 0.0, [-1.2, 1.2], "along z")
+            .ways("upward", "downward"),
     ],
     off: "bias constant in a flight",
     source: "GAP.md 3.5",
@@ -28,7 +31,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
-        remedy: "calibrate the board's accelerometer, six positions, at flying temperature",
+        verdict: "An error of the accelerometer grows in flight: {}.",
+        causes: "a board that warms up in flight",
+        remedy: "let the board warm up before take-off; calibrate its accelerometer, six \
+            positions, at flying temperature",
+        shows: "an error that is a ramp",
+        looks_like: &["M1"],
+        apart: "Hover 60 s at one point: a drift grows, a bias (M1) stays.",
     }),
     build: |b| Box::new(AccDrift(Vector3::new(b.value[0], b.value[1], b.value[2]) / MINUTE_S)),
 };

@@ -25,7 +25,8 @@ pub const SPEC: EffectSpec = EffectSpec {
             0.0,
             [-4.0, 4.0],
             "board rolled against the airframe",
-        ),
+        )
+        .ways("left side down", "right side down"),
         ParameterSpec::new(
             "pitch",
             "deg",
@@ -34,7 +35,8 @@ pub const SPEC: EffectSpec = EffectSpec {
             2.0,
             [-4.0, 4.0],
             "board pitched against it",
-        ),
+        )
+        .ways("nose down", "nose up"),
     ],
     off: "board square to the thrust axis",
     source: "GAP.md 3.5",
@@ -42,7 +44,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "The board sits crooked on the airframe: {}.",
+        causes: "a soft or bent mounting, a level calibration on a table that is not level",
         remedy: "level-calibrate the board, or shim it: its IMU is not level",
+        shows: "a horizontal error in proportion to thrust",
+        looks_like: &["M1"],
+        apart: "Fly throttle doublets: this follows thrust, a bias (M1) does not.",
     }),
     build: |b| {
         let lean = Vector3::new(b.value[0].to_radians(), b.value[1].to_radians(), 0.0);

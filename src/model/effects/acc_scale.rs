@@ -16,9 +16,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "accelerometer scale",
     block: Block::Imu,
     parameters: &[
-        ParameterSpec::new("x", "", Kind::Component, 0.0, 0.0, [-0.1, 0.1], "along x"),
-        ParameterSpec::new("y", "", Kind::Component, 0.0, 0.0, [-0.1, 0.1], "along y"),
-        ParameterSpec::new("z", "", Kind::Component, 0.0, 0.05, [-0.1, 0.1], "along z"),
+        ParameterSpec::new("x", "", Kind::Component, 0.0, 0.0, [-0.1, 0.1], "along x")
+            .ways("too little along the nose", "too much along the nose"),
+        ParameterSpec::new("y", "", Kind::Component, 0.0, 0.0, [-0.1, 0.1], "along y")
+            .ways("too little sideways", "too much sideways"),
+        ParameterSpec::new("z", "", Kind::Component, 0.0, 0.05, [-0.1, 0.1], "along z")
+            .ways("too little vertically", "too much vertically"),
     ],
     off: "calibrated",
     source: "GAP.md 3.5",
@@ -26,7 +29,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::WhenAsked([0.707, 1.0, 1.0]),
+        verdict: "The accelerometer reads {}.",
+        causes: "a calibration that is old or was never made",
         remedy: "calibrate the board's accelerometer, six positions, at flying temperature",
+        shows: "a vertical force that is wrong in proportion to itself",
+        looks_like: &["M6", "M1"],
+        apart: "At rest with motors off a wrong scale is there, rectified vibration (M6) is not. \
+            Six positions tell it from bias (M1).",
     }),
     build: |b| Box::new(AccScale(Vector3::new(b.value[0], b.value[1], b.value[2]))),
 };

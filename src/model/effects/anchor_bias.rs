@@ -14,7 +14,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "anchor bias",
     block: Block::Uwb,
     parameters: &[
-        ParameterSpec::new("bias", "m", Kind::Component, 0.0, 0.2, [-0.35, 0.35], "bias"),
+        ParameterSpec::new("bias", "m", Kind::Component, 0.0, 0.2, [-0.35, 0.35], "bias")
+            .ways("too short", "too long"),
         ParameterSpec::new(
             "anchor",
             "",
@@ -31,7 +32,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.229, 0.457, 0.914]),
+        verdict: "Distances to {anchor} come out {bias}, everywhere in the room.",
+        causes: "an antenna delay that was not calibrated, another antenna or cable at this anchor",
         remedy: "calibrate the anchor's antenna delay",
+        shows: "an error of one anchor that is the same everywhere",
+        looks_like: &["U7", "U8"],
+        apart: "A wrong place in the survey (U7) shows otherwise in every direction, a drift (U8) \
+            grows: fly the square along the walls, or measure the anchor's place by tape.",
     }),
     build: |b| Box::new(AnchorBias { bias_m: b.value[0], anchor: b.value[1] as usize }),
 };

@@ -13,7 +13,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "anchor drift",
     block: Block::Uwb,
     parameters: &[
-        ParameterSpec::new("rate", "mm/s", Kind::Component, 0.0, 5.0, [-10.0, 10.0], "growth"),
+        ParameterSpec::new("rate", "mm/s", Kind::Component, 0.0, 5.0, [-10.0, 10.0], "growth")
+            .ways("and get shorter", "and get longer"),
         ParameterSpec::new(
             "anchor",
             "",
@@ -30,7 +31,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.2, 0.4, 0.8]),
+        verdict: "Distances to {anchor} drift by {rate}.",
+        causes: "an anchor that warms up, a bad crystal, a poor supply",
         remedy: "power-cycle the anchor and let it warm up; replace it if it still drifts",
+        shows: "an error of one anchor that grows",
+        looks_like: &["U7", "U2"],
+        apart: "Hover a minute at one point: a drift grows, a wrong place (U7) and a bias (U2) \
+            stay.",
     }),
     build: |b| Box::new(AnchorDrift { rate_mps: b.value[0] * 1e-3, anchor: b.value[1] as usize }),
 };

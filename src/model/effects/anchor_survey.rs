@@ -15,8 +15,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "anchor survey error",
     block: Block::Uwb,
     parameters: &[
-        ParameterSpec::new("north", "m", Kind::Component, 0.0, 0.25, [-0.5, 0.5], "towards north"),
-        ParameterSpec::new("east", "m", Kind::Component, 0.0, 0.0, [-0.5, 0.5], "towards east"),
+        ParameterSpec::new("north", "m", Kind::Component, 0.0, 0.25, [-0.5, 0.5], "towards north")
+            .ways("farther south", "farther north"),
+        ParameterSpec::new("east", "m", Kind::Component, 0.0, 0.0, [-0.5, 0.5], "towards east")
+            .ways("farther west", "farther east"),
         ParameterSpec::new(
             "down",
             "m",
@@ -25,7 +27,8 @@ pub const SPEC: EffectSpec = EffectSpec {
             0.0,
             [-0.5, 0.5],
             "towards the floor",
-        ),
+        )
+        .ways("higher", "lower"),
         ParameterSpec::new(
             "anchor",
             "",
@@ -42,7 +45,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.2, 0.4, 0.8]),
-        remedy: "measure the anchor again; the survey correction is below",
+        verdict: "{anchor} does not stand where the survey has it, but {}.",
+        causes: "an anchor that was moved or knocked, a slip with the tape measure",
+        remedy: "measure the anchor again and correct the survey",
+        shows: "an error of one anchor that changes with the direction to it",
+        looks_like: &["U2"],
+        apart: "A bias (U2) is the same everywhere: fly the square along the walls at two \
+            heights, or measure the anchor's place by tape.",
     }),
     build: |b| {
         Box::new(AnchorSurvey {

@@ -26,7 +26,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
+        verdict: "The board's attitude loop is {factor} slower than the simulator says.",
+        causes: "friction in servos or linkages, worn servos, low gains on the board",
         remedy: "check servos and linkages for friction; check the board's gains",
+        shows: "attitude that is late at any size of a movement",
+        looks_like: &["T2", "L4"],
+        apart: "A late command (T2) shifts a movement and does not blunt it, backlash (L4) \
+            swallows small ones: fly roll and pitch doublets of two sizes.",
     }),
     build: |b| Box::new(AttitudeLag(b.value[0])),
 };

@@ -25,7 +25,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
-        remedy: "replace the battery: it holds less charge than the nominal one",
+        verdict: "The battery holds {loss} less charge than the simulator says.",
+        causes: "an aged or cold battery, one that was not full",
+        remedy: "charge it fully and fly again; replace it if it still holds less",
+        shows: "a voltage that follows the charge used",
+        looks_like: &["P2"],
+        apart: "Lost capacity shows late in a flight, resistance (P2) at every step of throttle: \
+            fly throttle steps early, then hover long.",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };

@@ -31,7 +31,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::WhenAsked([1.0, 1.0, 1.0]),
-        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        verdict: "At the ceiling the wings give {gain} more thrust than the simulator says.",
+        causes: "wings that draw the air out of the gap between them and the ceiling",
+        remedy: "nothing to repair: stay half a metre below the ceiling, or take the scenario \
+            patch",
+        shows: "a vertical force in the last half metre below the ceiling",
+        looks_like: &["A8"],
+        apart: "Hover in steps up to just under the ceiling: it shows only there, a ground effect \
+            (A8) only at the floor.",
     }),
     build: |b| {
         Box::new(Ceiling {

@@ -23,6 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             [-5.0, 5.0],
             "forward; goes with the wing",
         )
+        .ways("to the back", "to the front")
         .beside(|v| v.wings.centre_m),
         ParameterSpec::new(
             "y",
@@ -33,6 +34,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             [-5.0, 5.0],
             "right; goes with the wing",
         )
+        .ways("to the left", "to the right")
         .beside(|v| v.wings.centre_m),
         KEPT,
     ],
@@ -42,7 +44,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
+        verdict: "The centre of mass is off by {}.",
+        causes: "a battery that sits elsewhere, added parts, a repair on one side",
         remedy: "move the battery so that the vehicle balances where it is drawn",
+        shows: "a lean in proportion to throttle; a lever arm at doublets",
+        looks_like: &["P6", "L3"],
+        apart: "Balance the vehicle on an edge, along and across: unequal wings (P6) and servos \
+            off their centre (L3) do not show there.",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };

@@ -33,7 +33,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
+        verdict: "Commands reach the board {delay} later than the simulator says.",
+        causes: "a low baud rate, a loaded link or computer, a queue on the board",
         remedy: "check the link from companion to board: baud rate, load, packet loss",
+        shows: "a pure lag from command to motors and attitude",
+        looks_like: &["L1"],
+        apart: "A slow loop (L1) blunts a movement as well: fly roll and pitch doublets, or log \
+            on the board when setpoints arrive.",
     }),
     build: |b| {
         let [delay_s, share] = [b.value[0] * 1e-3, b.value[1]];

@@ -28,7 +28,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "The linkage of the dihedral servo has {play} of play.",
+        causes: "worn joints or servo horns, loose screws",
         remedy: "tighten the linkages: there is play in them",
+        shows: "small doublets vanish, large ones pass",
+        looks_like: &["L1"],
+        apart: "A slow loop (L1) is late at any size: fly roll and pitch doublets of two sizes.",
     }),
     build: |b| Box::new(DeadBand { half_rad: 0.5 * b.value[0].to_radians(), wing_rad: 0.0 }),
 };

@@ -27,7 +27,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::Never,
-        remedy: "calibrate the anchor's antenna delay",
+        verdict: "Distances come out wrong by {slope}: too long beyond 5 m, too short below.",
+        causes: "time stamps that are not corrected for the strength of the signal",
+        remedy: "switch on the anchors' correction for signal strength, or calibrate their \
+            antenna delays at the distances that are flown",
+        shows: "an error that goes with the distance",
+        looks_like: &["U7"],
+        apart: "An anchor that stands elsewhere (U7) is wrong by direction: measure the anchors \
+            by tape.",
     }),
     build: |b| Box::new(DistanceBias(b.value[0])),
 };

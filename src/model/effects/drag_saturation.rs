@@ -26,7 +26,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.6, 1.0, 1.0]),
+        verdict: "Drag grows ever less with speed: at {speed} it is half of what the simulator \
+            says.",
+        causes: "soft wings that give way in fast air, a drag law that was measured at low speed \
+            only",
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        shows: "a force that bends at speed; overshoot on fast legs only",
+        looks_like: &["A1"],
+        apart: "Below 0.5 m/s it is the same as less drag (A1): fly dashes there and back at \
+            three speeds.",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };

@@ -12,9 +12,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "drag scale",
     block: Block::Aerodynamics,
     parameters: &[
-        ParameterSpec::new("kappa_x", "", Kind::Component, 1.0, 1.3, [0.6, 1.6], "factor along x"),
-        ParameterSpec::new("kappa_y", "", Kind::Component, 1.0, 1.3, [0.6, 1.6], "factor along y"),
-        ParameterSpec::new("kappa_z", "", Kind::Shape, 1.0, 1.0, [0.6, 1.6], "factor along z"),
+        ParameterSpec::new("kappa_x", "", Kind::Component, 1.0, 1.3, [0.6, 1.6], "factor along x")
+            .ways("lower in forward flight", "higher in forward flight"),
+        ParameterSpec::new("kappa_y", "", Kind::Component, 1.0, 1.3, [0.6, 1.6], "factor along y")
+            .ways("lower in sideways flight", "higher in sideways flight"),
+        ParameterSpec::new("kappa_z", "", Kind::Shape, 1.0, 1.0, [0.6, 1.6], "factor along z")
+            .ways("lower in vertical flight", "higher in vertical flight"),
     ],
     off: "drag of the vehicle file",
     source: "GAP.md 3.1",
@@ -22,7 +25,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
-        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        verdict: "The drag of the air is {} than the simulator says.",
+        causes: "other wings, parts added where the air meets them, a drag that was never \
+            measured on this vehicle",
+        remedy: "nothing to repair: give the simulator this drag, by the scenario patch or in the \
+            vehicle file",
+        shows: "a force in proportion to speed and flap rate; another lean at the same speed",
+        looks_like: &["A5", "A2"],
+        apart: "Wind (A5) pushes in hover too, drag does not. Drag that saturates (A2) is the \
+            same when slow: fly dashes there and back at three speeds.",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };

@@ -52,7 +52,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "A draught of {speed} blows {towards} at one place of the room, {north} and \
+            {east} of the origin.",
+        causes: "an air outlet, a fan, an open door",
         remedy: "close doors, stop fans; nothing to repair on the vehicle",
+        shows: "a force at one place, whichever way the vehicle passes it",
+        looks_like: &["A5", "A10"],
+        apart: "Wind (A5) is everywhere, a wall (A10) acts along its whole length: fly the square \
+            along the walls, and again with doors closed and fans off.",
     }),
     build: |b| Box::new(Draught::new(&b)),
 };

@@ -34,7 +34,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.167, 0.333, 0.667]),
+        verdict: "Gusts of {std} (standard deviation) shake the vehicle.",
+        causes: "a fan, air conditioning, people who walk by, the vehicle's own air in a small \
+            room",
         remedy: "close doors, stop fans; nothing to repair on the vehicle",
+        shows: "slow noise of the force, in hover too",
+        looks_like: &["T1", "U1"],
+        apart: "The accelerometer feels gusts. Late (T1) or noisy (U1) UWB is in the position \
+            alone.",
     }),
     build: |b| Box::new(Gusts::new(b)),
 };

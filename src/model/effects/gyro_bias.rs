@@ -15,9 +15,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "gyroscope bias",
     block: Block::Imu,
     parameters: &[
-        ParameterSpec::new("x", "rad/s", Kind::Component, 0.0, 0.03, [-0.06, 0.06], "about x"),
-        ParameterSpec::new("y", "rad/s", Kind::Component, 0.0, 0.0, [-0.06, 0.06], "about y"),
-        ParameterSpec::new("z", "rad/s", Kind::Component, 0.0, 0.0, [-0.06, 0.06], "about z"),
+        ParameterSpec::new("x", "rad/s", Kind::Component, 0.0, 0.03, [-0.06, 0.06], "about x")
+            .ways("rolling to the left", "rolling to the right"),
+        ParameterSpec::new("y", "rad/s", Kind::Component, 0.0, 0.0, [-0.06, 0.06], "about y")
+            .ways("pitching down", "pitching up"),
+        ParameterSpec::new("z", "rad/s", Kind::Component, 0.0, 0.0, [-0.06, 0.06], "about z")
+            .ways("turning to the left", "turning to the right"),
     ],
     off: "no bias beyond that of turn-on (N11)",
     source: "GAP.md 3.5",
@@ -25,7 +28,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "The gyroscope reports a rotation that is not there: {}.",
+        causes: "a vehicle that was moved while the board calibrated, or another temperature since",
         remedy: "calibrate the board's gyroscope at rest",
+        shows: "a mean of the gyroscope, attitude as before",
+        looks_like: &[],
+        apart: "The board's own attitude does not suffer: log the gyroscope at rest.",
     }),
     build: |b| Box::new(GyroBias(Vector3::new(b.value[0], b.value[1], b.value[2]))),
 };

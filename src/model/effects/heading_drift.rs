@@ -14,7 +14,8 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "heading drift",
     block: Block::InnerLoop,
     parameters: &[
-        ParameterSpec::new("rate", "deg/min", Kind::Component, 0.0, 1.5, [-3.0, 3.0], "drift"),
+        ParameterSpec::new("rate", "deg/min", Kind::Component, 0.0, 1.5, [-3.0, 3.0], "drift")
+            .ways("anticlockwise", "clockwise"),
         ParameterSpec::new(
             "zone",
             "deg",
@@ -23,6 +24,10 @@ pub const SPEC: EffectSpec = EffectSpec {
             0.0,
             [-20.0, 20.0],
             "pull at the steel",
+        )
+        .ways(
+            "anticlockwise at the place {north} and {east} of the origin",
+            "clockwise at the place {north} and {east} of the origin",
         ),
         ParameterSpec::new(
             "north",
@@ -58,7 +63,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::Never,
+        verdict: "The board's north turns in flight: {}.",
+        causes: "steel or magnets in the room, a heading that comes from the gyroscope alone",
         remedy: "give board.north_offset_deg, keep magnets and motors' wires away from the compass",
+        shows: "an error across the way that grows or has a place",
+        looks_like: &["H1"],
+        apart: "A misalignment (H1) is there from the start and everywhere: read the heading \
+            along a wall before and after the flight.",
     }),
     build: |b| Box::new(HeadingDrift(b.value.to_vec())),
 };

@@ -20,14 +20,21 @@ pub const SPEC: EffectSpec = EffectSpec {
         8.0,
         [-17.0, 17.0],
         "room north to the board's north",
-    )],
+    )
+    .ways("anticlockwise", "clockwise")],
     off: "offset of N13",
     source: "GAP.md 3.8",
     equation: "β -> β + Δ",
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "The board's north is {angle} from that of the room.",
+        causes: "magnets, steel or motor wires near the compass, a room north that was not given",
         remedy: "give board.north_offset_deg, keep magnets and motors' wires away from the compass",
+        shows: "an error across the way that turns with it",
+        looks_like: &["A5", "L6"],
+        apart: "Wind (A5) pushes in hover too, a coupling (L6) turns the nose only while it \
+            rolls: point the nose along a wall and read the heading.",
     }),
     build: |b| Box::new(HeadingMisalignment(b.value[0].to_radians())),
 };

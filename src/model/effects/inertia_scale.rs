@@ -11,9 +11,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "inertia scale",
     block: Block::InnerLoop,
     parameters: &[
-        ParameterSpec::new("roll", "", Kind::Component, 1.0, 1.3, [0.6, 1.4], "factor about x"),
-        ParameterSpec::new("pitch", "", Kind::Component, 1.0, 1.3, [0.6, 1.4], "factor about y"),
-        ParameterSpec::new("yaw", "", Kind::Shape, 1.0, 1.0, [0.6, 1.4], "factor about z"),
+        ParameterSpec::new("roll", "", Kind::Component, 1.0, 1.3, [0.6, 1.4], "factor about x")
+            .ways("smaller in roll", "larger in roll"),
+        ParameterSpec::new("pitch", "", Kind::Component, 1.0, 1.3, [0.6, 1.4], "factor about y")
+            .ways("smaller in pitch", "larger in pitch"),
+        ParameterSpec::new("yaw", "", Kind::Shape, 1.0, 1.0, [0.6, 1.4], "factor about z")
+            .ways("smaller in yaw", "larger in yaw"),
     ],
     off: "inertia of the vehicle file",
     source: "GAP.md 3.3",
@@ -21,7 +24,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: false,
         hidden: Hidden::Never,
+        verdict: "The moments of inertia are {} than the simulator says.",
+        causes: "parts that were added, moved or lost far from the middle",
         remedy: "look for loose or added parts far from the middle",
+        shows: "another slope at the start of a doublet",
+        looks_like: &["L1", "A11"],
+        apart: "Inertia changes how fast a movement begins, damping (A11) how it ends, a slow \
+            loop (L1) both: fly doublets of two lengths.",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };

@@ -20,6 +20,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             [-10.0, 10.0],
             "forward; goes with the wing",
         )
+        .ways("to the back", "to the front")
         .beside(|v| v.wings.centre_m),
         ParameterSpec::new(
             "y",
@@ -30,6 +31,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             [-10.0, 10.0],
             "right; goes with the wing",
         )
+        .ways("to the left", "to the right")
         .beside(|v| v.wings.centre_m),
         ParameterSpec::new(
             "z",
@@ -40,6 +42,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             [-10.0, 10.0],
             "down; goes with the wing",
         )
+        .ways("upward", "downward")
         .beside(|v| v.wings.centre_m),
     ],
     off: "antenna of the vehicle file",
@@ -48,8 +51,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: false,
         hidden: Hidden::Never,
-        remedy: "move the tag's antenna clear of battery and frame, or give its place in \
-            estimator.p_BT_B_m",
+        verdict: "The tag's antenna is off its place by {}.",
+        causes: "an antenna that was moved, or whose place was never measured",
+        remedy: "measure the antenna's place and give it in estimator.p_BT_B_m",
+        shows: "an error that turns with the vehicle",
+        looks_like: &["U3"],
+        apart: "An uneven antenna (U3) turns with the vehicle, too: measure the antenna's place \
+            with a ruler.",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };

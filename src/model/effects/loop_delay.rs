@@ -28,7 +28,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::Never,
-        remedy: "check servos and linkages for friction; check the board's gains",
+        verdict: "The board's loop tells its servos {delay} later than the simulator says.",
+        causes: "filters on the board that are set low, servos that are driven at a low rate",
+        remedy: "set filters and servo rate of the board higher; check its gains",
+        shows: "attitude that rings, motors that are late after the command",
+        looks_like: &["L4", "T2"],
+        apart: "A late command (T2) does not ring more than before, backlash (L4) swallows small \
+            movements: fly roll and pitch doublets of two sizes.",
     }),
     build: |b| Box::new(LoopDelay(b.value[0] * 1e-3)),
 };

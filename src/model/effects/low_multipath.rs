@@ -41,7 +41,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
+        verdict: "Near the floor distances to low anchors come out {bias} too long on average.",
+        causes: "reflections from the floor, anchors that stand low",
         remedy: "raise the low anchors",
+        shows: "wide and one-sided errors low down",
+        looks_like: &["A8"],
+        apart: "Multipath is in the UWB, a ground effect (A8) in the force: fly the ladder of \
+            heights.",
     }),
     build: |b| {
         Box::new(LowMultipath {

@@ -27,7 +27,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "The vehicle is {extra} heavier than the simulator says.",
+        causes: "a heavier battery, a camera or guards that were added, glue of repairs",
         remedy: "weigh the vehicle; take off what was added, or set the mass in the vehicle file",
+        shows: "more throttle in hover, and speed that decays more slowly",
+        looks_like: &["P1"],
+        apart: "Weigh the vehicle: worn wings (P1) take more throttle too, but the scale does not \
+            show them.",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };

@@ -28,7 +28,15 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::WhenAsked([0.707, 1.0, 1.0]),
-        remedy: "check motors and gears: they follow late, or not to full speed",
+        verdict: "At the nominal voltage the wings flap no faster than {ratio} of their rate in \
+            hover.",
+        causes: "a worn motor, friction in gears, a limit of the motor controller",
+        remedy: "turn the gears by hand and look for friction; check the motors: they do not come \
+            to full speed",
+        shows: "thrust that is cut off at high throttle or low voltage",
+        looks_like: &["P4"],
+        apart: "A limit shows in large steps only, a lag (P4) in steps of any size: fly throttle \
+            doublets of 4 % and 12 %.",
     }),
     build: |b| Box::new(MotorSaturation(b.value[0] * b.nominal.hover_hz() / b.nominal.rated_v())),
 };

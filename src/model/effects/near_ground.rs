@@ -19,7 +19,8 @@ pub const SPEC: EffectSpec = EffectSpec {
             0.15,
             [-0.1, 0.3],
             "further gain at the floor",
-        ),
+        )
+        .ways("less", "more"),
         ParameterSpec::new(
             "length",
             "m",
@@ -37,7 +38,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::WhenAsked([0.707, 1.0, 1.0]),
+        verdict: "At the floor the wings give {gain} thrust than the simulator says.",
+        causes: "wings of another size or at another height over the floor, a soft or uneven floor",
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        shows: "another throttle below 0.5 m",
+        looks_like: &["U6"],
+        apart: "The ground effect is in the force, multipath (U6) in the UWB: fly the ladder of \
+            heights.",
     }),
     build: |b| Box::new(GroundEffect { gain: b.value[0], length_m: b.value[1].max(0.01) }),
 };

@@ -61,7 +61,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.187, 0.375, 0.75]),
+        verdict: "Something stands between {anchor} and one place of the room, {north} and {east} \
+            of the origin: there distances come out {bias} too long.",
+        causes: "a pillar, a cabinet, a metal frame or a person in the path",
         remedy: "clear the path between the anchor and that place, or move the anchor",
+        shows: "an error of one anchor at one place, never too short",
+        looks_like: &["U7", "U2"],
+        apart: "A wrong place in the survey (U7) and a bias (U2) are wrong everywhere: fly the \
+            square along the walls at two heights.",
     }),
     build: |b| Box::new(NlosZone::new(b)),
 };

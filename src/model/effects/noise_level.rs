@@ -41,7 +41,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.2, 0.4, 0.8]),
+        verdict: "UWB readings are {factor} noisier than the simulator says.",
+        causes: "weak signals, a bent or covered antenna, another transmitter, unsuitable radio \
+            settings",
         remedy: "check antennas, cables, and what else sends on the channel",
+        shows: "all readings spread wider, without a pattern",
+        looks_like: &["U10"],
+        apart: "Noise is always there, outliers (U10) come in bursts.",
     }),
     build: |b| {
         Box::new(NoiseLevel {

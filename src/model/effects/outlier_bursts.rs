@@ -24,7 +24,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.167, 0.333, 0.667]),
+        verdict: "Wild UWB readings come in bursts, {rate}.",
+        causes: "somebody or something that moves between the anchors, another transmitter",
         remedy: "check antennas, cables, and what else sends on the channel",
+        shows: "rare large errors, rejections in clusters",
+        looks_like: &["U1"],
+        apart: "Noise (U1) is always there, bursts come and go.",
     }),
     build: |b| {
         Box::new(OutlierBursts {

@@ -24,7 +24,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.312, 0.625, 1.0]),
+        verdict: "Tag and anchors lose {probability} of the UWB packets beyond what the simulator \
+            loses.",
+        causes: "a crowded channel, bodies or metal in the way, weak antennas",
         remedy: "check antennas, cables, and what else sends on the channel",
+        shows: "fewer readings, no bias",
+        looks_like: &[],
+        apart: "Nothing else of the list takes readings away without making them wrong.",
     }),
     build: |b| Box::new(PacketLoss { probability: b.value[0], rng: b.rng }),
 };

@@ -23,7 +23,8 @@ pub const SPEC: EffectSpec = EffectSpec {
             0.0,
             [-180.0, 180.0],
             "bearing of the longest path, from the nose",
-        ),
+        )
+        .ways("to the left", "to the right"),
     ],
     off: "antenna alike in all directions",
     source: "GAP.md 3.6",
@@ -31,8 +32,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::WhenAsked([0.2, 0.4, 0.8]),
-        remedy: "move the tag's antenna clear of battery and frame, or give its place in \
-            estimator.p_BT_B_m",
+        verdict: "Distances depend on the side from which an anchor sees the tag: up to \
+            {amplitude} too long from the bearing {phase} of the nose, as much too short from the \
+            opposite one.",
+        causes: "an antenna in the shade of battery or frame, or with an uneven pattern",
+        remedy: "move the tag's antenna clear of battery and frame",
+        shows: "an error that changes its sign while the vehicle turns on the spot",
+        looks_like: &["U2"],
+        apart: "Turn on the spot: the bias of an anchor (U2) stays.",
     }),
     build: |b| Box::new(PoseBias { amplitude_m: b.value[0], phase_rad: b.value[1].to_radians() }),
 };

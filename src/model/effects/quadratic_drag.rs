@@ -29,7 +29,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.1, 0.2, 0.4]),
+        verdict: "Drag has a part that grows with the square of speed and that the simulator \
+            lacks: it brakes with {c}.",
+        causes: "the body and what is mounted on it, which meet the air without flapping",
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        shows: "a force that grows with the square of speed, whatever the flap rate",
+        looks_like: &["A1"],
+        apart: "Drag of the wings (A1) goes with speed itself and with the flap rate: fly dashes \
+            there and back at three speeds.",
     }),
     build: |b| Box::new(QuadraticDrag(b.value[0] * b.nominal.body.mass_kg)),
 };

@@ -23,7 +23,8 @@ pub const SPEC: EffectSpec = EffectSpec {
             0.5,
             [-1.2, 1.2],
             "offset along z in hover",
-        ),
+        )
+        .ways("upward", "downward"),
         ParameterSpec::new(
             "forward",
             "m/s²",
@@ -32,7 +33,8 @@ pub const SPEC: EffectSpec = EffectSpec {
             0.0,
             [-1.2, 1.2],
             "offset along x in hover",
-        ),
+        )
+        .ways("to the back", "to the front"),
     ],
     off: "linear accelerometer",
     source: "GAP.md 3.5",
@@ -40,7 +42,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
+        verdict: "In hover vibration shifts what the accelerometer reads: {}.",
+        causes: "a board that is mounted hard, damaged or unequal wings, worn gears",
         remedy: "mount the board softer: vibration reaches the accelerometer",
+        shows: "an offset that comes and goes with the motors",
+        looks_like: &["M3", "M4"],
+        apart: "Log 10 s at rest with motors off, then 10 s held with motors on: a wrong scale \
+            (M3) and a crooked board (M4) are there at rest.",
     }),
     build: |b| {
         Box::new(Rectification {

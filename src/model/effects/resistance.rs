@@ -38,7 +38,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.227, 0.455, 0.909]),
-        remedy: "replace the battery or its connector: its inner resistance has grown",
+        verdict: "The battery and its leads have {extra} more resistance than the simulator says.",
+        causes: "an aged or cold battery, a worn or corroded plug, thin leads",
+        remedy: "clean the plug and try another battery; replace what has the higher resistance",
+        shows: "a voltage that follows the current, step for step or late",
+        looks_like: &["P3"],
+        apart: "Resistance answers a step of throttle, lost capacity (P3) the charge that was \
+            used: fly throttle steps early, then hover long.",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };

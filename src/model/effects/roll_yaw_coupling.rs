@@ -20,6 +20,10 @@ pub const SPEC: EffectSpec = EffectSpec {
         0.3,
         [-0.6, 0.6],
         "yaw moment over roll moment",
+    )
+    .ways(
+        "of its moment turns it to the opposite side",
+        "of its moment turns it to the same side",
     )],
     off: "roll by thrust gives no yaw",
     source: "GAP.md 3.4",
@@ -27,7 +31,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.354, 0.707, 1.0]),
+        verdict: "A roll command turns the nose as well: {coupling}.",
+        causes: "wing roots that stick or turn unevenly, wings at unequal angles",
         remedy: "check that the wing roots turn freely and evenly",
+        shows: "an error of heading that comes with the roll command",
+        looks_like: &["H1"],
+        apart: "A turned heading (H1) pushes every dash to the same side, a coupling turns the \
+            nose only while it rolls: fly single dashes in x and in y.",
     }),
     build: |b| Box::new(RollYawCoupling(b.value[0] * b.vehicle.wings.centre_m)),
 };

@@ -20,7 +20,12 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: false,
         hidden: Hidden::Never,
-        remedy: "check antennas, cables, and what else sends on the channel",
+        verdict: "Messages come with {rms} (rms) more jitter than the simulator says.",
+        causes: "a loaded computer, a shared USB hub, radio that repeats itself",
+        remedy: "check the load of the companion's computer, and what shares its ports",
+        shows: "all noises a little larger",
+        looks_like: &["U1"],
+        apart: "Jitter is in the times of arrival, noise (U1) in the readings.",
     }),
     build: |b| Box::new(SamplingJitter { rms_s: b.value[0] * 1e-3, rng: b.rng }),
 };

@@ -29,6 +29,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             [-6.0, 6.0],
             "dihedral servo, nose up; goes with the pitch loop",
         )
+        .ways("on the dihedral servo (nose down)", "on the dihedral servo (nose up)")
         .beside(|v| {
             let wings = &v.wings;
             let arm_m = wings.centre_m - wings.cop_m * wings.hinge_m / wings.link_m;
@@ -43,6 +44,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             [-6.0, 6.0],
             "wing-root servo, nose right; goes with the yaw loop",
         )
+        .ways("on the wing-root servo (nose left)", "on the wing-root servo (nose right)")
         .beside(|v| trim_per_error(v, 2, v.wings.centre_m * v.wings.root_m / v.wings.link_m)),
         KEPT,
     ],
@@ -52,7 +54,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
-        remedy: "centre the servos, or trim (below)",
+        verdict: "Servos are off their centre by {}.",
+        causes: "a servo horn that is one tooth off, a bent rod, a servo that was replaced",
+        remedy: "centre the servos, or set a trim in the companion's configuration",
+        shows: "a constant command of a servo, and as much lean as the board leaves of it",
+        looks_like: &["I2", "P6", "M4"],
+        apart: "It does not follow throttle, as I2, P6 and M4 do: fly throttle doublets, or \
+            measure both servos at neutral with a protractor.",
     }),
     build: |b| {
         let trim_rad = [b.value[0].to_radians(), b.value[1].to_radians()];

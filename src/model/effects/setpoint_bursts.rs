@@ -32,7 +32,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.25, 0.5, 1.0]),
+        verdict: "Commands get lost in bursts of {length}, {rate}.",
+        causes: "a loose plug, interference, a computer that stands still at times",
         remedy: "check the link from companion to board: baud rate, load, packet loss",
+        shows: "attitude that stands still while the command moves",
+        looks_like: &["L4", "P4"],
+        apart: "Log on the board when setpoints arrive: backlash (L4) and a lag of thrust (P4) \
+            leave no gap there.",
     }),
     build: |b| {
         Box::new(SetpointBursts {

@@ -110,8 +110,19 @@ pub struct Deviation {
     pub standard: bool,
     /// How it is hidden.
     pub hidden: Hidden,
-    /// What a person does about it on the vehicle or in the room.
+    /// The sentence of its verdict, with its numbers left open for `haltere_gap::said`: `{name}` is a parameter, `{}` the
+    /// list of those that have words for their sides ([`ParameterSpec::ways`]).
+    pub verdict: &'static str,
+    /// Usual causes, the likeliest first.
+    pub causes: &'static str,
+    /// What a person does about it on the vehicle or in the room, the cheapest first.
     pub remedy: &'static str,
+    /// What it shows as.
+    pub shows: &'static str,
+    /// Ids of what it is taken for.
+    pub looks_like: &'static [&'static str],
+    /// Sentences that say what tells it from these.
+    pub apart: &'static str,
 }
 
 /// Where the value of a parameter comes from when nobody gives one.
@@ -194,6 +205,8 @@ pub struct ParameterSpec {
     /// What the size has to be seen beside: default and plausible range are the Flapper's, and another vehicle's are as
     /// much larger as this number of its file. `None`: the same on any vehicle.
     pub beside: Option<fn(&Vehicle) -> f64>,
+    /// Words for what lies below "off" and above it.
+    pub ways: Option<[&'static str; 2]>,
 }
 
 impl ParameterSpec {
@@ -207,7 +220,25 @@ impl ParameterSpec {
         [low, high]: [f64; 2],
         doc: &'static str,
     ) -> Self {
-        Self { name, unit, kind, off, default, low, high, doc, source: Source::List, beside: None }
+        Self {
+            name,
+            unit,
+            kind,
+            off,
+            default,
+            low,
+            high,
+            doc,
+            source: Source::List,
+            beside: None,
+            ways: None,
+        }
+    }
+
+    /// What lies below "off" and above it is said so.
+    pub const fn ways(mut self, below: &'static str, above: &'static str) -> Self {
+        self.ways = Some([below, above]);
+        self
     }
 
     /// The size goes with this number of the vehicle.

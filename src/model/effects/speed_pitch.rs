@@ -18,14 +18,22 @@ pub const SPEC: EffectSpec = EffectSpec {
         0.1,
         [-0.2, 0.2],
         "further bend per airspeed",
-    )],
+    )
+    .ways("less", "more")],
     off: "bend of the vehicle file",
     source: "GAP.md 3.1",
     equation: "c -> c + Δc",
     role: Role::Deviation(Deviation {
         standard: false,
         hidden: Hidden::Never,
+        verdict: "With airspeed the wings bend {bend} than the simulator says.",
+        causes: "softer or stiffer film and wing roots, another lever between wings and centre of \
+            mass",
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        shows: "pitch in proportion to airspeed, not to the setpoint",
+        looks_like: &["L3", "A1"],
+        apart: "A servo off its centre (L3) leans the vehicle in hover too. Other drag (A1) leans \
+            it as the setpoint says.",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };

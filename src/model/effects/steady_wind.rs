@@ -14,8 +14,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "steady wind",
     block: Block::Aerodynamics,
     parameters: &[
-        ParameterSpec::new("north", "m/s", Kind::Component, 0.0, 0.3, [-0.6, 0.6], "towards north"),
-        ParameterSpec::new("east", "m/s", Kind::Component, 0.0, 0.0, [-0.6, 0.6], "towards east"),
+        ParameterSpec::new("north", "m/s", Kind::Component, 0.0, 0.3, [-0.6, 0.6], "towards north")
+            .ways("towards the south", "towards the north"),
+        ParameterSpec::new("east", "m/s", Kind::Component, 0.0, 0.0, [-0.6, 0.6], "towards east")
+            .ways("towards the west", "towards the east"),
         ParameterSpec::new(
             "down",
             "m/s",
@@ -24,7 +26,8 @@ pub const SPEC: EffectSpec = EffectSpec {
             0.0,
             [-0.3, 0.3],
             "towards the floor",
-        ),
+        )
+        .ways("upward", "downward"),
     ],
     off: "still air",
     source: "GAP.md 3.1",
@@ -32,7 +35,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.177, 0.354, 0.707]),
+        verdict: "The air of the whole room moves by {}.",
+        causes: "an open door or window, a fan, air conditioning",
         remedy: "close doors, stop fans; nothing to repair on the vehicle",
+        shows: "a horizontal force that keeps its direction in the room while the vehicle turns",
+        looks_like: &["M1", "M4"],
+        apart: "Turn on the spot: wind stays with the room, an error of the accelerometer (M1) or \
+            of its mounting (M4) turns with the vehicle.",
     }),
     build: |b| Box::new(SteadyWind(Vector3::new(b.value[0], b.value[1], b.value[2]))),
 };

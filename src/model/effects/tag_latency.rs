@@ -20,7 +20,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.316, 0.632, 1.0]),
+        verdict: "UWB readings come {delay} later than the companion believes.",
+        causes: "a loaded computer, a slow or buffered serial link, a tag that answers late",
         remedy: "set uwb.tag_latency_s; check the load of the companion's computer",
+        shows: "an error in proportion to speed, none in hover",
+        looks_like: &["U3"],
+        apart: "Lateness shows in a fast dash at one heading, an uneven antenna (U3) in a turn on \
+            the spot.",
     }),
     build: |b| Box::new(TagLatency(b.value[0] * 1e-3)),
 };

@@ -31,6 +31,34 @@ fn prop_list_is_complete_and_says_everything() {
 }
 
 #[test]
+fn prop_what_people_read_of_a_deviation_is_whole() {
+    for spec in ALL {
+        let Some(of) = spec.deviation() else { continue };
+        for sentence in [of.verdict, of.apart] {
+            assert!(sentence.ends_with('.') && !sentence.contains("  "), "{spec:?}: {sentence}");
+        }
+        // These stand after a colon.
+        for part in [of.causes, of.remedy, of.shows] {
+            assert!(!part.is_empty() && !part.ends_with('.'), "{spec:?}: {part}");
+        }
+        let slots = of.verdict.split('{').skip(1).filter_map(|rest| rest.split('}').next());
+        for slot in slots.clone() {
+            let fits = |p: &ParameterSpec| p.name == slot || (slot.is_empty() && p.ways.is_some());
+            assert!(spec.parameters.iter().any(fits), "{spec:?}: {slot}");
+        }
+        for p in spec.parameters {
+            let is_told = slots.clone().any(|slot| slot == p.name || slot.is_empty());
+            assert!(is_told || p.kind != Kind::Component, "{spec:?}: {}", p.name);
+            assert!(p.kind != Kind::Component || p.ways.is_some(), "{spec:?}: {}", p.name);
+        }
+        for id in of.looks_like {
+            assert!(*id != spec.id && of.apart.contains(id), "{spec:?}: {id}");
+            assert!(ALL.iter().any(|other| other.id == *id), "{spec:?}: {id}");
+        }
+    }
+}
+
+#[test]
 fn prop_defaults_of_vehicle_parameters_are_those_of_the_vehicle() {
     let mut vehicle = Vehicle::default();
     for spec in ALL {

@@ -22,7 +22,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::Never,
+        verdict: "Thrust falls by {loss} while the motors warm up, most of it within the first \
+            {tau}.",
+        causes: "motors that run hot, friction in gears",
         remedy: "let the motors cool between flights; check gears for friction",
+        shows: "thrust that falls with time at the same voltage",
+        looks_like: &["P1", "P3"],
+        apart: "Worn wings (P1) are weak from the start, lost capacity (P3) shows in the voltage: \
+            hover 60 s twice and compare at the same voltage.",
     }),
     build: |b| {
         Box::new(ThermalDroop { loss: b.value[0], gain: STEP_S / b.value[1].max(1.0), warmth: 0.0 })

@@ -20,6 +20,10 @@ pub const SPEC: EffectSpec = EffectSpec {
         0.15,
         [-0.2, 0.2],
         "curvature",
+    )
+    .ways(
+        "of the weight lower than the simulator says",
+        "of the weight higher than the simulator says",
     )],
     off: "thrust linear in flap rate",
     source: "GAP.md 3.1",
@@ -27,7 +31,16 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([1.0, 1.0, 1.0]),
+        verdict: "Thrust is right in hover, but at 1.4 times the flap rate of hover it is \
+            {epsilon}.",
+        causes: "wings that bend or twist more when they flap faster, a thrust that was measured \
+            at one throttle only",
         remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        shows: "a vertical force that goes with the flap rate; errors of height change sign \
+            between climb and descent",
+        looks_like: &["A8"],
+        apart: "A ground effect (A8) shows near the floor only, this at any height: fly the \
+            ladder of heights, and throttle doublets high up.",
     }),
     build: |b| {
         let weight_n = b.nominal.body.mass_kg * haltere_core::frames::G_MPS2;

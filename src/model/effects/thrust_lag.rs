@@ -26,7 +26,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
-        remedy: "check motors and gears: they follow late, or not to full speed",
+        verdict: "The wings follow the throttle with {extra} more lag than the simulator says.",
+        causes: "friction in gears, heavy wings, a weak motor or motor controller",
+        remedy: "turn the gears by hand and look for friction; check the motors: they follow late",
+        shows: "a force that lags the command; height that swings",
+        looks_like: &["P5"],
+        apart: "A lag shows in steps of any size, a limit (P5) in large ones only: fly throttle \
+            doublets of 4 % and 12 %.",
     }),
     build: |b| Box::new(Edit(b.value.to_vec())),
 };

@@ -27,8 +27,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.177, 0.354, 0.707]),
-        remedy: "replace the wings (wear of film and spars is the usual cause); check the supply \
-            too",
+        verdict: "Thrust is {loss} lower than the simulator says.",
+        causes: "worn or torn wing film, cracked spars, a weak motor, a low supply",
+        remedy: "look at film and spars and replace the wings where they are worn; check the \
+            supply too",
+        shows: "more throttle and current in hover, drag as before",
+        looks_like: &["I1"],
+        apart: "Further mass (I1) takes more throttle too: weigh the vehicle.",
     }),
     build: |b| Box::new(ThrustLoss(1.0 - b.value[0])),
 };

@@ -30,7 +30,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.533, 1.0, 1.0]),
+        verdict: "The board leans the vehicle no farther than {limit}.",
+        causes: "a limit of tilt that is set on the board, servos at the end of their travel",
         remedy: "check the travel of the servos and the limits on the board",
+        shows: "attitude that is cut off at one value",
+        looks_like: &["L1"],
+        apart: "A slow loop (L1) comes to the lean late, a limit never: hold a large lean for a \
+            second.",
     }),
     build: |b| Box::new(TiltSaturation(b.value[0].to_radians())),
 };

@@ -14,8 +14,10 @@ pub const SPEC: EffectSpec = EffectSpec {
     name: "voltage report error",
     block: Block::Battery,
     parameters: &[
-        ParameterSpec::new("lag", "s", Kind::Size, 0.0, 2.0, [0.5, 5.0], "lag of the measurement"),
-        ParameterSpec::new("exponent", "", Kind::Component, 1.0, 0.8, [0.5, 1.5], "exponent"),
+        ParameterSpec::new("lag", "s", Kind::Size, 0.0, 2.0, [0.5, 5.0], "lag of the measurement")
+            .ways("late", "late"),
+        ParameterSpec::new("exponent", "", Kind::Component, 1.0, 0.8, [0.5, 1.5], "exponent")
+            .ways("of every change missing", "of every change too much"),
     ],
     off: "voltage reported as it is",
     source: "GAP.md 3.2",
@@ -23,7 +25,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: false,
         hidden: Hidden::Never,
-        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        verdict: "The board reports the voltage of the battery wrongly: {}.",
+        causes: "a voltage divider that was not calibrated, a slow filter on the board",
+        remedy: "calibrate the board's measurement of voltage beside a voltmeter, and make its \
+            filter faster",
+        shows: "errors of thrust where the voltage changes, and only there",
+        looks_like: &["P2", "P4"],
+        apart: "Compare with a voltmeter while the throttle is stepped: resistance (P2) and a lag \
+            of thrust (P4) leave the report right.",
     }),
     build: |b| {
         Box::new(VoltageReport {

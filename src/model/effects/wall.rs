@@ -26,6 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             [-0.12, 0.12],
             "at the wall, away from it; goes with the mass",
         )
+        .ways("towards the wall", "away from the wall")
         .beside(|v| v.body.mass_kg),
         ParameterSpec::new("length", "m", Kind::Shape, 0.5, 0.5, [0.2, 1.0], "length of decay"),
         ParameterSpec::new(
@@ -44,7 +45,13 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::WhenAsked([1.0, 1.0, 1.0]),
-        remedy: "nothing to repair: the nominal model lacks it; take the scenario patch",
+        verdict: "Close to {wall} the air pushes the vehicle with {force}.",
+        causes: "air of the wings that flows back along the wall",
+        remedy: "nothing to repair: keep away from the wall, or take the scenario patch",
+        shows: "a force from or to one wall, all along it",
+        looks_like: &["A6", "M4"],
+        apart: "A draught (A6) has one place, a board that sits crooked (M4) pushes everywhere: \
+            fly the square along the walls.",
     }),
     build: |b| Box::new(Wall::new(&b)),
 };

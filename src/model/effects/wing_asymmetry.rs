@@ -19,6 +19,10 @@ pub const SPEC: EffectSpec = EffectSpec {
         0.03,
         [-0.06, 0.06],
         "share by which the left wing gives more",
+    )
+    .ways(
+        "less thrust than the simulator says, and the right wing as much more",
+        "more thrust than the simulator says, and the right wing as much less",
     )],
     off: "both wings alike",
     source: "GAP.md 3.2",
@@ -26,7 +30,14 @@ pub const SPEC: EffectSpec = EffectSpec {
     role: Role::Deviation(Deviation {
         standard: true,
         hidden: Hidden::ByChance([0.707, 1.0, 1.0]),
+        verdict: "The left wing gives {epsilon}.",
+        causes: "one wing worn, creased or newly replaced, one motor weaker than the other",
         remedy: "compare the two wings, replace the weaker one, or trim roll",
+        shows: "a roll command in proportion to throttle, and a yaw moment",
+        looks_like: &["I2", "L3"],
+        apart: "A servo off its centre (L3) does not follow throttle, a shifted centre of mass \
+            (I2) does not turn the nose: fly throttle doublets, and balance the vehicle on an \
+            edge.",
     }),
     build: |b| Box::new(WingAsymmetry(b.value[0])),
 };
