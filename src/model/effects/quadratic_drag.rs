@@ -46,7 +46,7 @@ pub const NOMINAL: EffectSpec = EffectSpec {
     id: "N23",
     name: "nominal body drag",
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("c", "1/m", Kind::Shape, 0.0, 0.0, [0.0, 2.0], "coefficient")
+    parameters: &[ParameterSpec::new("c", "1/m", Kind::Size, 0.0, 0.0, [0.0, 2.0], "coefficient")
         .of_vehicle(|v| &mut v.drag.body_per_m)],
     source: "`haltere gap commission`",
     ..SPEC
