@@ -75,7 +75,7 @@ impl Citation<'_> {
         (begins && (told.is_some() || number.contains('.'))).then_some(number)
     }
 
-    /// The effect that is cited, as in `GAP.md U6`.
+    /// The effect that is cited, as in `EFFECTS.md U6`.
     fn effect(&self) -> Option<&str> {
         let word = self.rest.strip_prefix(' ')?;
         let end = word.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(word.len());
@@ -158,9 +158,9 @@ fn prop_documents_that_are_named_exist_with_the_sections_that_are_cited() {
                 broken.push(format!("{shown}: {named} has no section {section}"));
             }
             if let Some(effect) = citation.effect()
-                && ![" ", "* "].iter().any(|end| page.contains(&format!("\n| {effect}{end}")))
+                && ![" ", "* "].iter().any(|end| page.contains(&format!("\n### {effect}{end}")))
             {
-                broken.push(format!("{shown}: {named} has no row of {effect}"));
+                broken.push(format!("{shown}: {named} has no {effect}"));
             }
         }
     }
@@ -223,7 +223,7 @@ fn prop_a_release_has_one_version() {
 fn prop_the_reader_of_citations_reads() {
     let text = flowing(
         "/// See `docs/GAP.md`, section 2.5; GAP.md\n    /// 3.1. INTERFACES.md section 1a, \
-         GAP.md U6, x.md, README.mdx",
+         EFFECTS.md U6, x.md, README.mdx",
     );
     let cited = citations(&text);
     let found: Vec<_> = cited.iter().map(|c| (c.named, c.section(), c.effect())).collect();
@@ -233,7 +233,7 @@ fn prop_the_reader_of_citations_reads() {
             ("docs/GAP.md", Some("2.5"), None),
             ("GAP.md", Some("3.1"), None),
             ("INTERFACES.md", Some("1a"), None),
-            ("GAP.md", None, Some("U6")),
+            ("EFFECTS.md", None, Some("U6")),
         ]
     );
     assert_eq!(sections("# A\n## 1. One\n### 1a. `b`\n### 2.4 Where\n"), ["1", "1a", "2.4"]);

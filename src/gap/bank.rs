@@ -22,7 +22,7 @@ pub struct Draw {
 /// Flights under one effect, parameters drawn from their prior.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EffectDraws {
-    /// Id of GAP.md section 3.
+    /// Id of docs/EFFECTS.md.
     pub id: String,
     /// What its parameters range over, in the order of the effect's specification.
     pub axes: Vec<Axis>,

@@ -38,7 +38,7 @@ pub struct Parameter {
 /// An effect with its parameters by name.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Effect {
-    /// Id of GAP.md section 3.
+    /// Id of docs/EFFECTS.md.
     pub id: String,
     /// Name.
     pub name: String,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// One effect with what is known of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Named {
-    /// Id of GAP.md section 3.
+    /// Id of docs/EFFECTS.md.
     pub id: String,
     /// Calibrated probability.
     pub probability: f64,

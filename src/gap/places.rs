@@ -3,7 +3,7 @@
 //! A block is loud by its own statistics alone, which compare its logged output with what its nominal model makes of its
 //! logged input. That is not yet a cause: position, speed and the bias of the IMU in these residuals come from one smoother,
 //! so that a fault of one sensor is heard in its neighbours as well. Which of the loud blocks a change has to be made in so
-//! that the others fall silent is what the library knows: each effect belongs to one block (docs/GAP.md, section 3), and its
+//! that the others fall silent is what the library knows: each effect belongs to one block (docs/EFFECTS.md), and its
 //! simulated flights hold its echoes in all. So blocks are ordered by the probability that the cause is one of theirs,
 //! the sum over their effects, and loudness decides between equals. Controller, estimator and mission are our own software:
 //! on a log that replays they did what they were told, and are never first.

@@ -6,20 +6,28 @@
 use haltere_core::measure::AnchorId;
 use haltere_model::effects::{Axis, Choice, EffectSpec, Kind, ParameterSpec};
 
-use super::diagnosis::Parameter;
-
 /// Winds, clockwise from north, every 45 degrees.
 const WINDS: [&str; 8] =
     ["north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"];
 /// Walls as they are counted.
 const WALLS: [&str; 4] = ["north", "east", "south", "west"];
 
-/// The verdict on an effect as a sentence, and in a second one what is known of its sizes. `found`: its parameters, in the
-/// order of the specification; `anchors`: those of the survey, ascending id.
-pub fn said(spec: &EffectSpec, found: &[Parameter], anchors: &[AnchorId]) -> String {
+/// The verdict on an effect as a sentence, and in a second one what is known of its sizes. `theta`: its parameters, in the
+/// order of the specification, with central 90 %; `anchors`: those of the survey, ascending id.
+pub fn said(
+    spec: &EffectSpec,
+    theta: &[f64],
+    theta_90: &[[f64; 2]],
+    anchors: &[AnchorId],
+) -> String {
     let Some(deviation) = spec.deviation() else { return spec.name.to_owned() };
-    let all: Vec<Told<'_>> =
-        spec.parameters.iter().zip(found).map(|(p, found)| Told::new(p, found)).collect();
+    let found = theta.iter().zip(theta_90);
+    let all: Vec<Told<'_>> = spec
+        .parameters
+        .iter()
+        .zip(found)
+        .map(|(p, (value, ends))| Told::new(p, *value, *ends))
+        .collect();
     let list = if deviation.verdict.contains("{}") { listed(&all) } else { Vec::new() };
     let is_listed = |told: &Told<'_>| list.iter().any(|one| one.p.name == told.p.name);
     let named = |told: &Told<'_>| deviation.verdict.contains(&told.slot());
@@ -37,8 +45,8 @@ pub fn said(spec: &EffectSpec, found: &[Parameter], anchors: &[AnchorId]) -> Str
         sizes.iter().filter_map(|told| told.range(sizes.len() > 1)).map(filled).collect();
     let known = match ranges.len() {
         0 => String::new(),
-        1 => format!(" With 90 % probability it is {}.", ranges[0]),
-        _ => format!(" With 90 % probability these are {}.", joined(&ranges)),
+        1 => format!(" With 90 % probability the value is {}.", ranges[0]),
+        _ => format!(" With 90 % probability the values are {}.", joined(&ranges)),
     };
     let mut letters = verdict.chars();
     let first = letters.next().map(char::to_uppercase).into_iter().flatten();
@@ -71,16 +79,16 @@ struct Told<'a> {
 }
 
 impl<'a> Told<'a> {
-    fn new(p: &'a ParameterSpec, found: &Parameter) -> Self {
+    fn new(p: &'a ParameterSpec, raw: f64, [low, high]: [f64; 2]) -> Self {
         let is_deviation = matches!(p.kind, Kind::Size | Kind::Component)
             || (p.kind == Kind::Shape && p.ways.is_some());
         let off = if is_deviation { p.off } else { 0.0 };
-        let [value, low, high] = [found.value, found.low, found.high].map(|v| v - off);
+        let [value, low, high] = [raw, low, high].map(|v| v - off);
         let largest = [value, low, high].into_iter().fold(0.0, |most, v: f64| v.abs().max(most));
         let (unit, times) = unit(p.unit, largest);
         let [value, low, high] = [value, low, high].map(|v| v * times);
         let digits = digits(value.abs(), (high - low).abs());
-        Self { p, raw: found.value, value, low, high, unit, times, digits }
+        Self { p, raw, value, low, high, unit, times, digits }
     }
 
     /// Where it stands in a sentence.
@@ -164,12 +172,11 @@ fn unit(unit: &str, largest: f64) -> (String, f64) {
     (told.to_owned(), times)
 }
 
-/// Digits behind the point: a step of a tenth to a fiftieth of the interval, and no more than three digits of the value.
+/// Digits behind the point: two of the value, and steps no finer than a fiftieth of the interval.
 fn digits(value: f64, width: f64) -> usize {
+    let of_value = if value > 0.0 { 1.0 - value.log10().floor() } else { 0.0 };
     let of_interval = if width > 0.0 { (5.0 / width).log10().ceil() } else { f64::INFINITY };
-    let of_value = |count: f64| if value > 0.0 { count - 1.0 - value.log10().floor() } else { 0.0 };
-    let wanted = if width > 0.0 { of_interval.min(of_value(3.0)) } else { of_value(2.0) };
-    wanted.clamp(0.0, 3.0) as usize
+    of_value.min(of_interval).clamp(0.0, 3.0) as usize
 }
 
 fn joined(parts: &[String]) -> String {
@@ -188,19 +195,16 @@ mod tests {
         (10..18).map(AnchorId).collect()
     }
 
-    /// The parameters of an effect; those that are not given are at "off", or a choice of the first.
-    fn found(spec: &EffectSpec, given: &[(&str, [f64; 3])]) -> Vec<Parameter> {
+    /// Parameters that are not given are at "off", or a choice of the first.
+    fn sentence(id: &str, given: &[(&str, [f64; 3])]) -> String {
+        let spec = find(id).unwrap();
         let one = |p: &ParameterSpec| {
             let of_name = given.iter().find(|(name, _)| *name == p.name);
             let [low, value, high] = of_name.map_or([p.off; 3], |(_, numbers)| *numbers);
-            Parameter { name: p.name.into(), value, low, high, unit: p.unit.into() }
+            (value, [low, high])
         };
-        spec.parameters.iter().map(one).collect()
-    }
-
-    fn sentence(id: &str, given: &[(&str, [f64; 3])]) -> String {
-        let spec = find(id).unwrap();
-        said(spec, &found(spec, given), &anchors())
+        let (theta, theta_90): (Vec<_>, Vec<_>) = spec.parameters.iter().map(one).unzip();
+        said(spec, &theta, &theta_90, &anchors())
     }
 
     #[test]
@@ -209,53 +213,57 @@ mod tests {
             (
                 "P1",
                 &[("loss", [0.071, 0.092, 0.113])][..],
-                "Thrust is 9.2 % lower than the simulator says. With 90 % probability it is 7.1 to 11.3 %.",
+                "Thrust is 9.2 % lower than the simulator says. With 90 % probability the value is 7.1 to \
+                 11.3 %.",
             ),
             (
                 "I2",
                 &[("x", [-4.5, -3.3, -2.1]), ("y", [-0.4, 0.1, 0.6])],
-                "The centre of mass is off by 3.3 mm to the back. With 90 % probability it is 2.1 to 4.5 mm.",
+                "The centre of mass is off by 3.3 mm to the back. With 90 % probability the value is 2.1 \
+                 to 4.5 mm.",
             ),
             (
                 "I2",
                 &[("x", [-4.5, -3.3, -2.1]), ("y", [0.4, 1.0, 1.6])],
-                "The centre of mass is off by 3.3 mm to the back and 1.0 mm to the right. With 90 % probability these \
-                 are 2.1 to 4.5 mm to the back and 0.4 to 1.6 mm to the right.",
+                "The centre of mass is off by 3.3 mm to the back and 1.0 mm to the right. With 90 % \
+                 probability the values are 2.1 to 4.5 mm to the back and 0.4 to 1.6 mm to \
+                 the right.",
             ),
             (
                 "I1",
                 &[("extra", [4.0, 6.1, 8.2])],
-                "The vehicle is 6.1 g heavier than the simulator says. With 90 % probability it is 4.0 to 8.2 g.",
+                "The vehicle is 6.1 g heavier than the simulator says. With 90 % probability the value is \
+                 4.0 to 8.2 g.",
             ),
             (
                 "L1",
                 &[("factor", [0.5, 0.6, 0.7])],
-                "The board's attitude loop is 40 % slower than the simulator says. With 90 % probability it is 30 to \
-                 50 %.",
+                "The board's attitude loop is 40 % slower than the simulator says. With 90 % probability \
+                 the value is 30 to 50 %.",
             ),
             (
                 "P5",
                 &[("ratio", [1.1, 1.15, 1.22])],
-                "At the nominal voltage the wings flap no faster than 115 % of their rate in hover. With 90 % \
-                 probability it is 110 to 122 %.",
+                "At the nominal voltage the wings flap no faster than 115 % of their rate in hover. With \
+                 90 % probability the value is 110 to 122 %.",
             ),
             (
                 "U2",
                 &[("bias", [-0.25, -0.21, -0.17]), ("anchor", [5.0; 3])],
-                "Distances to anchor 15 come out 21 cm too short, everywhere in the room. With 90 % probability it is \
-                 17 to 25 cm.",
+                "Distances to anchor 15 come out 21 cm too short, everywhere in the room. With 90 % \
+                 probability the value is 17 to 25 cm.",
             ),
             (
                 "U7",
                 &[("north", [-0.1, 0.1, 0.3]), ("down", [-0.4, -0.3, -0.2]), ("anchor", [2.0; 3])],
-                "Anchor 12 does not stand where the survey has it, but 30 cm higher. With 90 % probability it is 20 to \
-                 40 cm.",
+                "Anchor 12 does not stand where the survey has it, but 30 cm higher. With 90 % probability \
+                 the value is 20 to 40 cm.",
             ),
             (
                 "T3",
                 &[("length", [0.25, 0.3, 0.4]), ("rate", [10.0, 14.0, 18.0])],
-                "Commands get lost in bursts of 300 ms, 14 per minute. With 90 % probability these are 250 to 400 ms \
-                 and 10 to 18 per minute.",
+                "Commands get lost in bursts of 300 ms, 14 per minute. With 90 % probability the values \
+                 are 250 to 400 ms and 10 to 18 per minute.",
             ),
             (
                 "A6",
@@ -265,20 +273,22 @@ mod tests {
                     ("east", [-1.0; 3]),
                     ("towards", [-88.0; 3]),
                 ],
-                "A draught of 0.60 m/s blows towards the west (272°) at one place of the room, 3.2 m north and 1.0 m \
-                 west of the origin. With 90 % probability it is 0.40 to 0.80 m/s.",
+                "A draught of 0.60 m/s blows towards the west (272°) at one place of the room, 3.2 m north \
+                 and 1.0 m west of the origin. With 90 % probability the value is 0.40 to \
+                 0.80 m/s.",
             ),
             (
                 "A3",
                 &[("c", [0.4, 0.6, 0.9])],
-                "Drag has a part that grows with the square of speed and that the simulator lacks: it brakes with 0.6 \
-                 m/s² at 1 m/s. With 90 % probability it is 0.4 to 0.9 m/s² at 1 m/s.",
+                "Drag has a part that grows with the square of speed and that the simulator lacks: it \
+                 brakes with 0.6 m/s² at 1 m/s. With 90 % probability the value is 0.4 to \
+                 0.9 m/s² at 1 m/s.",
             ),
             (
                 "H1",
                 &[("angle", [-2.0, 3.0, 8.0])],
-                "The board's north is 3° clockwise from that of the room. With 90 % probability it is up to 8° or up \
-                 to 2° the other way.",
+                "The board's north is 3° clockwise from that of the room. With 90 % probability the value \
+                 is up to 8° or up to 2° the other way.",
             ),
         ] {
             assert_eq!(sentence(id, given), want, "{id}");
@@ -299,13 +309,10 @@ mod tests {
         for spec in whole() {
             let ends: [fn(&ParameterSpec) -> f64; 3] = [|p| p.low, |p| p.default, |p| p.high];
             for at in ends {
-                let one = |p: &ParameterSpec| {
-                    let [low, value, high] = [0.9 * at(p), at(p), 1.1 * at(p)];
-                    Parameter { name: p.name.into(), value, low, high, unit: p.unit.into() }
-                };
-                let found: Vec<_> = spec.parameters.iter().map(one).collect();
+                let theta: Vec<f64> = spec.parameters.iter().map(at).collect();
+                let theta_90: Vec<_> = theta.iter().map(|v| [0.9 * v, 1.1 * v]).collect();
                 for anchors in [anchors(), Vec::new()] {
-                    let text = said(spec, &found, &anchors);
+                    let text = said(spec, &theta, &theta_90, &anchors);
                     println!("{}: {text}", spec.id);
                     let open = text.contains(['{', '}']) || text.contains("  ");
                     assert!(!open && text.ends_with('.'), "{}: {text}", spec.id);

@@ -118,7 +118,7 @@ impl Default for Settings {
 /// One effect as an explanation of the flight.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
-    /// Id of GAP.md section 3.
+    /// Id of docs/EFFECTS.md.
     pub id: String,
     /// Calibrated probability, given that one effect of the library is the cause.
     pub posterior: f64,

@@ -1,6 +1,6 @@
 //! Accelerometer bias.
 //!
-//! `a += b`, constant in the body frame (m/s²). Source: GAP.md M1, 0.1 to 0.6 m/s². Left out: drift (M2).
+//! `a += b`, constant in the body frame (m/s²). Size by judgement: 0.1 to 0.6 m/s². Left out: drift (M2).
 
 use nalgebra::Vector3;
 
@@ -23,7 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             .ways("upward", "downward"),
     ],
     off: "no bias beyond that of turn-on (N11)",
-    source: "GAP.md 3.5",
+    source: "plausible sizes by judgement",
     equation: "a += b",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,6 +1,6 @@
 //! The accelerometer clips: what it cannot show is gone, and the mean shifts.
 //!
-//! `a_i = clamp(a_i, ±limit)` (m/s²) after the vibration. Source: GAP.md M7 (aliasing / clipping); the
+//! `a_i = clamp(a_i, ±limit)` (m/s²) after the vibration. Size by judgement; the
 //! alias of the wing beat itself is nominal, since N9 is sampled where the IMU samples. A part set to
 //! ±2 g clips at 19.6 m/s².
 
@@ -24,7 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "largest reading of an axis",
     )],
     off: "range never reached",
-    source: "GAP.md 3.5",
+    source: "plausible sizes by judgement",
     equation: "a_i = clamp(a_i, ±limit)",
     role: Role::Deviation(Deviation {
         standard: false,

@@ -1,6 +1,6 @@
 //! Accelerometer bias that grows while the board warms up.
 //!
-//! `a += ḃ t` (m/s², body), `t` time since power-on (s). Source: GAP.md M2, 0.2 to 1.2 m/s² per minute.
+//! `a += ḃ t` (m/s², body), `t` time since power-on (s). Size by judgement: 0.2 to 1.2 m/s² per minute.
 //! Valid for flights of a few minutes; a real one levels off.
 
 use nalgebra::Vector3;
@@ -26,7 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             .ways("upward", "downward"),
     ],
     off: "bias constant in a flight",
-    source: "GAP.md 3.5",
+    source: "plausible sizes by judgement",
     equation: "a += ḃ t",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -2,7 +2,7 @@
 //!
 //! `y_sensor = R(φ, θ)ᵀ y_body` for accelerometer and gyroscope, and the board's attitude leans by the
 //! same angles: `R_believed = R_true R(φ, θ)`. `φ`, `θ` roll and pitch of the board against the
-//! thrust axis (deg). Source: GAP.md M4, 1 to 4°. Tell-tale: horizontal force proportional to thrust.
+//! thrust axis (deg). Size by judgement: 1 to 4°.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -39,7 +39,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         .ways("nose down", "nose up"),
     ],
     off: "board square to the thrust axis",
-    source: "GAP.md 3.5",
+    source: "plausible sizes by judgement",
     equation: "y_sensor = Rᵀ y_body, R_believed = R_true R",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,6 +1,6 @@
 //! Accelerometer scale error.
 //!
-//! `a_i *= 1 + s_i`, body axes. Source: GAP.md M3, 2 to 10 %. Left out: cross-axis terms (M4 turns the
+//! `a_i *= 1 + s_i`, body axes. Size by judgement: 2 to 10 %. Left out: cross-axis terms (M4 turns the
 //! whole triad). Follows the vibration, so it scales that too.
 
 use nalgebra::Vector3;
@@ -24,7 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             .ways("too little vertically", "too much vertically"),
     ],
     off: "calibrated",
-    source: "GAP.md 3.5",
+    source: "plausible sizes by judgement",
     equation: "a_i *= 1 + s_i",
     role: Role::Deviation(Deviation {
         standard: true,

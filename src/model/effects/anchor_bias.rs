@@ -1,7 +1,6 @@
 //! Wrong antenna delay of one anchor.
 //!
-//! `ρ_n -> ρ_n + b` on its path to the tag (m), everywhere alike. Source: GAP.md U2, 0.08 to 0.35 m. Nearest confounder: survey
-//! (U7).
+//! `ρ_n -> ρ_n + b` on its path to the tag (m), everywhere alike. Size by judgement: 0.08 to 0.35 m.
 
 use crate::effects::{
     Block, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -27,7 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ),
     ],
     off: "antenna delays calibrated",
-    source: "GAP.md 3.6",
+    source: "plausible sizes by judgement",
     equation: "ρ_n -> ρ_n + b",
     role: Role::Deviation(Deviation {
         standard: true,

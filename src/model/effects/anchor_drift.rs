@@ -1,6 +1,6 @@
 //! One anchor's path grows with time: its antenna or crystal warms up.
 //!
-//! `ρ_n -> ρ_n + ḃ t` (m), `t` time (s). Source: GAP.md U8, 2 to 10 mm/s ramp.
+//! `ρ_n -> ρ_n + ḃ t` (m), `t` time (s). Size by judgement: 2 to 10 mm/s ramp.
 
 use crate::effects::{
     Block, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -26,7 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ),
     ],
     off: "anchors steady",
-    source: "GAP.md 3.6",
+    source: "plausible sizes by judgement",
     equation: "ρ_n -> ρ_n + ḃ t",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,7 +1,7 @@
 //! An anchor does not stand where the survey says.
 //!
 //! `p_n -> p_n + Δ` (m, Earth), for the anchor as it truly stands; the companion keeps the survey. Times of flight between
-//! anchors follow the truth. Source: GAP.md U7, 0.1 to 0.5 m.
+//! anchors follow the truth. Size by judgement: 0.1 to 0.5 m.
 
 use nalgebra::Vector3;
 
@@ -40,7 +40,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ),
     ],
     off: "anchors where the survey says",
-    source: "GAP.md 3.6",
+    source: "plausible sizes by judgement",
     equation: "p_n -> p_n + Δ",
     role: Role::Deviation(Deviation {
         standard: true,

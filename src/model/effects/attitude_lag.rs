@@ -1,7 +1,6 @@
 //! The inner attitude loop is slower than usual.
 //!
-//! `ω -> x ω` for the roll and pitch loops of the board. Source: GAP.md L1, 0.4 to 0.8. Nearest confounder: delay
-//! of commands (T2).
+//! `ω -> x ω` for the roll and pitch loops of the board. Size by judgement: 0.4 to 0.8.
 
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
@@ -21,7 +20,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "factor on the natural frequency",
     )],
     off: "loops as set",
-    source: "GAP.md 3.4",
+    source: "plausible sizes by judgement",
     equation: "ω -> x ω",
     role: Role::Deviation(Deviation {
         standard: true,

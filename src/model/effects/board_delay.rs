@@ -14,7 +14,7 @@ pub const NOMINAL: EffectSpec = EffectSpec {
     name: "nominal inner delay",
     block: Block::InnerLoop,
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("delay", "ms", Kind::Shape, 0.0, 0.0, [0.0, 100.0], "delay")
+    parameters: &[ParameterSpec::new("delay", "ms", Kind::Size, 0.0, 0.0, [0.0, 100.0], "delay")
         .of_vehicle(|v| &mut v.inner_loop.delay_ms)],
     off: "setpoints obeyed at once",
     source: "`haltere gap commission`",

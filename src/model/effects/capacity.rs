@@ -1,6 +1,6 @@
 //! Aged battery: less capacity.
 //!
-//! `C -> (1 - x) C` in N7. Source: GAP.md P3, 10 to 50 %.
+//! `C -> (1 - x) C` in N7. Size by judgement: 10 to 50 %.
 
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
@@ -20,7 +20,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "share of the capacity lost",
     )],
     off: "capacity of the vehicle file",
-    source: "GAP.md 3.2",
+    source: "plausible sizes by judgement",
     equation: "C -> (1 - x) C",
     role: Role::Deviation(Deviation {
         standard: true,

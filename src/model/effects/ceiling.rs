@@ -1,7 +1,7 @@
 //! Ceiling effect: the wings suck themselves up.
 //!
-//! `T -> T (1 + c e^(-(H-h)/l))`, `H - h` distance of the vehicle below the ceiling (m). Source: GAP.md A9,
-//! c 0.05 to 0.2.
+//! `T -> T (1 + c e^(-(H-h)/l))`, `H - h` distance of the vehicle below the ceiling (m). Size by judgement:
+//! //! c 0.05 to 0.2.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -26,7 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         .beside(|v| v.wings.centre_m),
     ],
     off: "no ceiling",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "T -> T (1 + c e^(-(H-h)/l))",
     role: Role::Deviation(Deviation {
         standard: true,

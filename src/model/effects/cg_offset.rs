@@ -1,6 +1,6 @@
 //! The centre of mass is not where it was drawn.
 //!
-//! `r -> r - Δ` for every force, so thrust gives a moment `Δ × T`. Body frame, millimetres. Source: GAP.md I2, 1 to
+//! `r -> r - Δ` for every force, so thrust gives a moment `Δ × T`. Body frame, millimetres. Size by judgement: 1 to
 //! 5 mm. Left out: change of inertia.
 
 use super::servo_trim::KEPT;
@@ -39,7 +39,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         KEPT,
     ],
     off: "centre of mass of the vehicle file",
-    source: "GAP.md 3.3",
+    source: "plausible sizes by judgement",
     equation: "r -> r - Δ",
     role: Role::Deviation(Deviation {
         standard: true,

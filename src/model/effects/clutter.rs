@@ -25,13 +25,13 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new(
             "cabinets",
             "",
-            Kind::Shape,
+            Kind::Size,
             0.0,
             0.0,
             [0.0, 8.0],
             "metal cabinets, one before an anchor each",
         ),
-        ParameterSpec::new("people", "", Kind::Shape, 0.0, 0.0, [0.0, 4.0], "people who walk"),
+        ParameterSpec::new("people", "", Kind::Size, 0.0, 0.0, [0.0, 4.0], "people who walk"),
         ParameterSpec::new(
             "least",
             "m",

@@ -1,7 +1,7 @@
 //! Commands reach the board late.
 //!
 //! `delay += d` of setpoints, `delay += s d` of all else towards the board (ms). A slow link delays everything, its time
-//! synchronisation too (`s` 1); a queue before the loops delays setpoints alone (`s` 0). Source: GAP.md T2, 20 to 80 ms. Nearest
+//! synchronisation too (`s` 1); a queue before the loops delays setpoints alone (`s` 0). Size by judgement: 20 to 80 ms. Nearest
 //! confounder: slow inner loop (L1).
 
 use crate::effects::{
@@ -28,7 +28,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ),
     ],
     off: "no delay beyond N19",
-    source: "GAP.md 3.7",
+    source: "plausible sizes by judgement",
     equation: "delay += d of setpoints, s d of all else",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,6 +1,6 @@
 //! Rotational damping differs from the vehicle file.
 //!
-//! `M -> κ M` in N2. Source: GAP.md A11, ±50 %.
+//! `M -> κ M` in N2. Size by judgement: ±50 %.
 
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
@@ -13,7 +13,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     parameters: &[ParameterSpec::new("kappa", "", Kind::Component, 1.0, 0.6, [0.5, 1.5], "factor")
         .ways("less", "more")],
     off: "damping of the vehicle file",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "M -> κ M",
     role: Role::Deviation(Deviation {
         standard: false,

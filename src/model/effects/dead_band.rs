@@ -1,6 +1,6 @@
 //! Play in the dihedral linkage: the wings follow only when the servo has crossed the gap.
 //!
-//! `δ_wing = clamp(δ_wing, δ_servo - b, δ_servo + b)`, `b` half of the play (deg). Source: GAP.md L4, 0.5 to 3° of play.
+//! `δ_wing = clamp(δ_wing, δ_servo - b, δ_servo + b)`, `b` half of the play (deg). Size by judgement: 0.5 to 3° of play.
 //! Small doublets vanish, large ones pass. Left out: play of the wing roots.
 
 use crate::effects::{
@@ -23,7 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "whole width of the play",
     )],
     off: "no play",
-    source: "GAP.md 3.4",
+    source: "plausible sizes by judgement",
     equation: "δ_wing = clamp(δ_wing, δ_servo ± b)",
     role: Role::Deviation(Deviation {
         standard: true,

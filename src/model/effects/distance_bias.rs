@@ -1,6 +1,6 @@
 //! Stamps depend on received power: far anchors look farther.
 //!
-//! `ρ -> ρ + s (ρ - ρ₀)`, `ρ₀` 5 m (m). Source: GAP.md U4, 1 to 4 cm per m. Left out: the curve of the data sheet.
+//! `ρ -> ρ + s (ρ - ρ₀)`, `ρ₀` 5 m (m). Size by judgement: 1 to 4 cm per m. Left out: the curve of the data sheet.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -22,7 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "bias per distance",
     )],
     off: "stamps corrected for power",
-    source: "GAP.md 3.6",
+    source: "plausible sizes by judgement",
     equation: "ρ -> ρ + s (ρ - ρ₀)",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -2,15 +2,15 @@
 
 use std::fmt::Write as _;
 
-use super::{ALL, Block, EffectSpec, Role};
+use super::{ALL, Block, Deviation, EffectSpec, Role};
 
 /// The page, in Markdown.
 pub fn markdown() -> String {
     let mut page = String::from(
         "# Effects\n\nGenerated from the list in `src/model/effects` by `haltere-sim effects`; a \
          test compares.\n\n*Nominal* effects are on unless a scenario switches them off. \
-         *Deviations* are off unless it switches them on; which of them the diagnosis of the \
-         sim-to-real gap chooses from, GAP.md says in its section 3. Ranges and defaults are the \
+         *Deviations* are off unless it switches them on; the diagnosis of the sim-to-real gap chooses \
+         from those with a star. Ranges and defaults are the \
          Flapper's; of a size that goes with something another vehicle's are as much larger or smaller.\n",
     );
     for (nominal, title) in [(true, "Nominal"), (false, "Deviations")] {
@@ -33,12 +33,27 @@ pub fn markdown() -> String {
 }
 
 fn describe(page: &mut String, spec: &EffectSpec) {
+    let star = if spec.deviation().is_some_and(|of| of.standard) { "*" } else { "" };
     // Writing to a String cannot fail.
+    let _ = write!(page, "\n### {}{star} {}\n\n", spec.id, spec.name);
+    if let Some(of) = spec.deviation() {
+        let taken_for = match of.looks_like {
+            [] => "nothing else".to_owned(),
+            ids => ids.join(", "),
+        };
+        let _ = write!(
+            page,
+            "{}\n\n* Usual causes: {}.\n* What to do: {}.\n* Shows as: {}.\n* Taken for: {taken_for}. {}\n\n",
+            verdict(spec, of),
+            of.causes,
+            of.remedy,
+            of.shows,
+            of.apart,
+        );
+    }
     let _ = write!(
         page,
-        "\n### {} {}\n\nBlock `{}`. {}\n\n{}\n\nOff: {}\n",
-        spec.id,
-        spec.name,
+        "Block `{}`. {}\n\n{}\n\nOff: {}\n",
         spec.block.name(),
         spec.source,
         code(spec.equation),
@@ -56,6 +71,13 @@ fn describe(page: &mut String, spec: &EffectSpec) {
             p.name, p.unit, p.default, p.low, p.high, p.off, p.doc
         );
     }
+}
+
+/// The sentence of a verdict with the names of the parameters for their numbers.
+fn verdict(spec: &EffectSpec, of: &Deviation) -> String {
+    let sided = spec.parameters.iter().filter(|p| p.ways.is_some());
+    let list: Vec<_> = sided.map(|p| format!("{{{}}}", p.name)).collect();
+    of.verdict.replace("{}", &list.join(", ")).replace(['{', '}'], "`")
 }
 
 fn code(equation: &str) -> String {

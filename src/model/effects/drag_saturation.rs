@@ -1,7 +1,7 @@
 //! Drag grows less than linearly with speed.
 //!
-//! `F -> F / (1 + |v| / v_s)` in N1; `v_s` speed at which half of the linear law is left (m/s). Source:
-//! GAP.md A2, 0.6 to 2.5 m/s; the paper's exponential v(θ) law is of this kind. Same as A1 below 0.5 m/s.
+//! `F -> F / (1 + |v| / v_s)` in N1; `v_s` speed at which half of the linear law is left (m/s). Size by judgement:
+//! 0.6 to 2.5 m/s; the paper's exponential v(θ) law is of this kind. Same as A1 below 0.5 m/s.
 
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
@@ -21,7 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "speed at which drag is half of the linear law",
     )],
     off: "drag linear in speed",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "F -> F / (1 + |v| / v_s)",
     role: Role::Deviation(Deviation {
         standard: true,

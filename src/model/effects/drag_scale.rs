@@ -1,7 +1,7 @@
 //! Drag differs from the vehicle file by a factor per axis.
 //!
-//! `k_i -> κ_i k_i`, body axes; acts on rotational damping too, which has the same origin. Source: GAP.md
-//! A1, 0.6 to 1.6. Nearest confounders: wind, saturation (A2).
+//! `k_i -> κ_i k_i`, body axes; acts on rotational damping too, which has the same origin. Size by judgement:
+//! 0.6 to 1.6.
 
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
@@ -16,11 +16,12 @@ pub const SPEC: EffectSpec = EffectSpec {
             .ways("lower in forward flight", "higher in forward flight"),
         ParameterSpec::new("kappa_y", "", Kind::Component, 1.0, 1.3, [0.6, 1.6], "factor along y")
             .ways("lower in sideways flight", "higher in sideways flight"),
+        // Drawn as a shape is: a weaker effect keeps it.
         ParameterSpec::new("kappa_z", "", Kind::Shape, 1.0, 1.0, [0.6, 1.6], "factor along z")
             .ways("lower in vertical flight", "higher in vertical flight"),
     ],
     off: "drag of the vehicle file",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "k_i -> κ_i k_i",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,7 +1,7 @@
 //! A draught in one place: an open door, a fan, an air outlet.
 //!
 //! `w = w₀ e^(-½ d²/σ²)` towards one direction, `d` horizontal distance from the middle of the draught (m),
-//! `σ` its half width (m). Source: GAP.md A6, 0.25 to 1 m/s, 0.4 to 1.5 m.
+//! `σ` its half width (m). Size by judgement: 0.25 to 1 m/s, 0.4 to 1.5 m.
 
 use nalgebra::Vector3;
 
@@ -47,7 +47,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ),
     ],
     off: "still air everywhere",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "w = w₀ e^(-½ d²/σ²)",
     role: Role::Deviation(Deviation {
         standard: true,

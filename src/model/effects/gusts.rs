@@ -1,7 +1,7 @@
 //! Gusts: coloured turbulence.
 //!
 //! Each component of `w` a Gauss-Markov process with `σ` (m/s) and `τ` (s), half of it vertically; Earth
-//! frame. Source: GAP.md A7, σ 0.1 to 0.6 m/s, τ 0.5 to 3 s. Left out: Dryden's second-order components.
+//! frame. Size by judgement: σ 0.1 to 0.6 m/s, τ 0.5 to 3 s. Left out: Dryden's second-order components.
 
 use nalgebra::Vector3;
 
@@ -29,7 +29,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new("tau", "s", Kind::Shape, 1.5, 1.5, [0.5, 3.0], "correlation time"),
     ],
     off: "no turbulence",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "w Gauss-Markov",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,6 +1,6 @@
 //! Gyroscope bias as reported; the board's own attitude does not suffer.
 //!
-//! `ω += b`, constant in the body frame (rad/s). Source: GAP.md M5, 0.01 to 0.06 rad/s.
+//! `ω += b`, constant in the body frame (rad/s). Size by judgement: 0.01 to 0.06 rad/s.
 
 use nalgebra::Vector3;
 
@@ -23,7 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             .ways("turning to the left", "turning to the right"),
     ],
     off: "no bias beyond that of turn-on (N11)",
-    source: "GAP.md 3.5",
+    source: "plausible sizes by judgement",
     equation: "ω += b",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,6 +1,6 @@
 //! The board's heading drifts with time, or is pulled by steel in one place.
 //!
-//! `β -> β + β̇ t + z e^(-½ d²/σ²)`; `t` time (s), `d` horizontal distance from the steel (m). Source: GAP.md H2, 0.5 to 3° per
+//! `β -> β + β̇ t + z e^(-½ d²/σ²)`; `t` time (s), `d` horizontal distance from the steel (m). Size by judgement: 0.5 to 3° per
 //! minute or by place.
 
 use crate::effects::{
@@ -58,7 +58,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ),
     ],
     off: "offset of N13",
-    source: "GAP.md 3.8",
+    source: "plausible sizes by judgement",
     equation: "β -> β + β̇ t + z e^(-½ d²/σ²)",
     role: Role::Deviation(Deviation {
         standard: true,

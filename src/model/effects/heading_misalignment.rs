@@ -1,6 +1,6 @@
 //! The board's heading is off by more than usual.
 //!
-//! `β -> β + Δ` in N13 (deg). Source: GAP.md H1, 3 to 17°.
+//! `β -> β + Δ` in N13 (deg). Size by judgement: 3 to 17°.
 
 use crate::effects::{
     AttitudeError, Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage,
@@ -23,7 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     )
     .ways("anticlockwise", "clockwise")],
     off: "offset of N13",
-    source: "GAP.md 3.8",
+    source: "plausible sizes by judgement",
     equation: "β -> β + Δ",
     role: Role::Deviation(Deviation {
         standard: true,

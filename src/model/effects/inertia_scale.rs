@@ -1,6 +1,6 @@
 //! Moments of inertia differ from the vehicle file.
 //!
-//! `J_i -> κ_i J_i`. Source: GAP.md I3, ±20 to 40 %.
+//! `J_i -> κ_i J_i`. Size by judgement: ±20 to 40 %.
 
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
@@ -15,11 +15,12 @@ pub const SPEC: EffectSpec = EffectSpec {
             .ways("smaller in roll", "larger in roll"),
         ParameterSpec::new("pitch", "", Kind::Component, 1.0, 1.3, [0.6, 1.4], "factor about y")
             .ways("smaller in pitch", "larger in pitch"),
+        // Drawn as a shape is: a weaker effect keeps it.
         ParameterSpec::new("yaw", "", Kind::Shape, 1.0, 1.0, [0.6, 1.4], "factor about z")
             .ways("smaller in yaw", "larger in yaw"),
     ],
     off: "inertia of the vehicle file",
-    source: "GAP.md 3.3",
+    source: "plausible sizes by judgement",
     equation: "J_i -> κ_i J_i",
     role: Role::Deviation(Deviation {
         standard: false,

@@ -1,6 +1,6 @@
 //! The antenna is not where it was drawn.
 //!
-//! `p_BT -> p_BT + Δ` (body, given in cm). Source: GAP.md U11, 2 to 10 cm. The error turns with the vehicle.
+//! `p_BT -> p_BT + Δ` (body, given in cm). Size by judgement: 2 to 10 cm. The error turns with the vehicle.
 
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
@@ -46,7 +46,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         .beside(|v| v.wings.centre_m),
     ],
     off: "antenna of the vehicle file",
-    source: "GAP.md 3.6",
+    source: "plausible sizes by judgement",
     equation: "p_BT -> p_BT + Δ",
     role: Role::Deviation(Deviation {
         standard: false,

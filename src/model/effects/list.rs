@@ -2,7 +2,7 @@
 
 use super::EffectSpec;
 
-/// Every effect: nominal ones first, then deviations in the order of GAP.md. At one stage they act in
+/// Every effect: nominal ones first, then deviations by letter and number. At one stage they act in
 /// this order.
 pub static ALL: &[EffectSpec] = &[
     super::drag::SPEC,

@@ -1,9 +1,9 @@
 //! Time passes inside the board's loop: what it tells the actuators is late.
 //!
 //! `u_told(t) = u(t - d)`, `u` of setpoint, attitude and rate alike; `d` (s) a whole number of steps of 2 ms: filters, buses and
-//! servos that are driven slowly. Source: GAP.md L2, 10 to 60 ms; up to 40 here, since a loop bears less inside than before it
+//! servos that are driven slowly. Size by judgement: up to 40 ms, since a loop bears less inside than before it
 //! (judgement). It takes damping and leaves the frequency: of `s² + (2ζω s + ω²) e^(-sd)` the terms to first order in `d` are a loop with
-//! `2ζω - ω² d` in place of `2ζω`. Nearest confounder: commands that come late (T2), which ring no more than before.
+//! `2ζω - ω² d` in place of `2ζω`.
 
 use crate::board::BoardSettings;
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
@@ -23,7 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "delay inside the loop",
     )],
     off: "actuators told at once",
-    source: "GAP.md 3.4",
+    source: "plausible sizes by judgement",
     equation: "u_told(t) = u(t - d)",
     role: Role::Deviation(Deviation {
         standard: true,

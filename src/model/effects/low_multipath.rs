@@ -1,7 +1,7 @@
 //! More multipath near the floor than usual.
 //!
 //! Below `h₀` low anchors get `ρ -> ρ + b S (1 + |n|) / 1.8`, `S = 1 - h/h₀`, `n` normal: a bias with positive skew on top of N17.
-//! Source: GAP.md U6, 0.1 to 0.5 m below 0.4 m.
+//! Size by judgement: 0.1 to 0.5 m below 0.4 m.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -36,7 +36,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ),
     ],
     off: "multipath of N17",
-    source: "GAP.md 3.6",
+    source: "plausible sizes by judgement",
     equation: "ρ -> ρ + b (1 - h/h₀) (1 + |n|) / 1.8",
     role: Role::Deviation(Deviation {
         standard: true,

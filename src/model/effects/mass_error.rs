@@ -1,7 +1,7 @@
 //! The vehicle weighs more than the file says.
 //!
-//! `m -> m + Δm` (kg, given in g). Source: GAP.md I1, 2 to 12 g. Nearest confounder: thrust loss (P1); drag rate
-//! k/m falls here. A kitchen scale decides.
+//! `m -> m + Δm` (kg, given in g). Size by judgement: 2 to 12 g. The drag rate
+//! k/m falls with it.
 
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
@@ -22,7 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     )
     .beside(|v| v.body.mass_kg)],
     off: "mass of the vehicle file",
-    source: "GAP.md 3.3",
+    source: "plausible sizes by judgement",
     equation: "m -> m + Δm",
     role: Role::Deviation(Deviation {
         standard: true,

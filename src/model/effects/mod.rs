@@ -1,8 +1,8 @@
 //! Effects: what makes the vehicle and its sensors behave as they do, one physical effect per file.
 //!
-//! [`ALL`] is the one list of them. It drives simulation, fits, diagnosis and documentation. An
-//! effect is either part of the *nominal* vehicle or a *deviation* from it (ids of GAP.md
-//! section 3). Effects act at [`Stage`]s of the simulation step; each is called at the stages it
+//! [`ALL`] is the one list of them. It drives simulation, fits, diagnosis and documentation; what is
+//! said of an effect stands in its file. An effect is either part of the *nominal* vehicle or a *deviation*
+//! from it. Effects act at [`Stage`]s of the simulation step; each is called at the stages it
 //! names and at no other, so an effect that is off costs nothing. At one stage they act in the order
 //! of the list: nominal first.
 //!

@@ -1,7 +1,7 @@
 //! Motors cannot flap faster than the voltage allows.
 //!
 //! `f <= r f_h V / V₀`, both wings; `f_h` hover flap rate (Hz), `V` supply (V), `V₀` 3.7 V a cell. Acts on the rate itself, after
-//! its lag. Source: GAP.md P5, r 1.05 to 1.3.
+//! its lag. Size by judgement: r 1.05 to 1.3.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -23,7 +23,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "highest flap rate over that of hover, at 3.7 V a cell",
     )],
     off: "as fast as the command says",
-    source: "GAP.md 3.2",
+    source: "plausible sizes by judgement",
     equation: "f <= r f_h V / V₀",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,7 +1,6 @@
 //! Ground effect differs from the vehicle file.
 //!
-//! `T -> T (1 + g e^(-h/l))` on top of N8; same symbols. Source: GAP.md A8, g -0.1 to 0.3, l 0.1 to 0.4 m.
-//! Nearest confounder: multipath near the floor (U6).
+//! `T -> T (1 + g e^(-h/l))` on top of N8; same symbols. Size by judgement: g -0.1 to 0.3, l 0.1 to 0.4 m.
 
 use crate::effects::{Block, Deviation, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 
@@ -33,7 +32,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         .beside(|v| v.wings.centre_m),
     ],
     off: "ground effect of the vehicle file",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "T -> T (1 + g e^(-h/l))",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,7 +1,7 @@
 //! Something stands between one anchor and one part of the room.
 //!
-//! Inside a box around (north, east): `ρ_n -> ρ_n + b + σ n`, `b > 0` (m): the path goes round or through. Source: GAP.md U5,
-//! 0.15 to 0.8 m on one anchor, plus variance.
+//! Inside a box around (north, east): `ρ_n -> ρ_n + b + σ n`, `b > 0` (m): the path goes round or through. Size by judgement:
+//! //! 0.15 to 0.8 m on one anchor, plus variance.
 
 use crate::effects::{
     Axis, Block, Build, Choice, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
@@ -56,7 +56,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ),
     ],
     off: "line of sight everywhere",
-    source: "GAP.md 3.6",
+    source: "plausible sizes by judgement",
     equation: "ρ_n -> ρ_n + b + σ n in a box",
     role: Role::Deviation(Deviation {
         standard: true,

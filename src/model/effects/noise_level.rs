@@ -1,7 +1,7 @@
 //! Receivers are noisier than usual: weak signals, wrong radio settings.
 //!
-//! Independent noise is added to that of N15 so that the standard deviation of every reception becomes `x σ`. Source: GAP.md
-//! U1, 1.4 to 3 times.
+//! Independent noise is added to that of N15 so that the standard deviation of every reception becomes `x σ`. Size by judgement:
+//! 1.4 to 3 times.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -36,7 +36,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         .beside(|v| v.uwb.std_m),
     ],
     off: "noise of N15",
-    source: "GAP.md 3.6",
+    source: "plausible sizes by judgement",
     equation: "σ -> x σ",
     role: Role::Deviation(Deviation {
         standard: true,

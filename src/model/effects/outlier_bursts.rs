@@ -1,7 +1,7 @@
 //! Bursts of wild receptions: reflections while something moves, interference.
 //!
 //! Windows of `1.5 s · u`, `u` in 0.1 to 0.6, start at random (Poisson); inside, a reception is off by 0.5 to 3 m with a
-//! probability of one half. Source: GAP.md U10.
+//! probability of one half. Size by judgement.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -19,7 +19,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new("size", "m", Kind::Shape, 3.0, 3.0, [1.0, 6.0], "largest error"),
     ],
     off: "no outliers",
-    source: "GAP.md 3.6",
+    source: "plausible sizes by judgement",
     equation: "ρ -> ρ + e in bursts",
     role: Role::Deviation(Deviation {
         standard: true,

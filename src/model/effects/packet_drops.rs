@@ -1,6 +1,6 @@
 //! Many packets get lost: a crowded band, bodies in the way.
 //!
-//! `P(lost) = p` at the tag and at every anchor, on top of N18. Source: GAP.md U9, 25 to 80 %.
+//! `P(lost) = p` at the tag and at every anchor, on top of N18. Size by judgement: 25 to 80 %.
 
 use crate::effects::{Block, Deviation, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 
@@ -19,7 +19,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "per reception",
     )],
     off: "loss of N18",
-    source: "GAP.md 3.6",
+    source: "plausible sizes by judgement",
     equation: "P(lost) = p",
     role: Role::Deviation(Deviation {
         standard: true,
@@ -30,7 +30,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         remedy: "check antennas, cables, and what else sends on the channel",
         shows: "fewer readings, no bias",
         looks_like: &[],
-        apart: "Nothing else of the list takes readings away without making them wrong.",
+        apart: "Readings that come are as good as before.",
     }),
     build: |b| Box::new(PacketLoss { probability: b.value[0], rng: b.rng }),
 };

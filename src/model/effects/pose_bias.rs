@@ -1,7 +1,7 @@
 //! The tag's antenna pattern: paths are longer from some sides.
 //!
-//! `ρ_n -> ρ_n + A cos(az_n - ψ - φ)`, `az_n` bearing of the anchor from the tag, `ψ` yaw, `φ` phase (rad). Source: GAP.md U3,
-//! 0.05 to 0.25 m. Changes sign when yawing on the spot. Left out: tilt.
+//! `ρ_n -> ρ_n + A cos(az_n - ψ - φ)`, `az_n` bearing of the anchor from the tag, `ψ` yaw, `φ` phase (rad). Size by judgement:
+//! //! 0.05 to 0.25 m. Changes sign when yawing on the spot. Left out: tilt.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -27,7 +27,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         .ways("to the left", "to the right"),
     ],
     off: "antenna alike in all directions",
-    source: "GAP.md 3.6",
+    source: "plausible sizes by judgement",
     equation: "ρ_n -> ρ_n + A cos(az_n - ψ - φ)",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,7 +1,7 @@
 //! Body drag that grows with the square of speed.
 //!
 //! `F = -m c |v| v` (N), `v` velocity through the air (m/s, body), `c` (1/m), at the centre of mass. Not
-//! coupled to flap rate, which tells it from A1. Source: GAP.md A3, 0.1 to 2 1/m. N23 is the same of the nominal vehicle.
+//! coupled to flap rate, which tells it from A1. Size by judgement: 0.1 to 2 1/m. N23 is the same of the nominal vehicle.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -24,7 +24,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     )
     .beside(|v| v.wings.centre_m.powi(2) / v.body.mass_kg)],
     off: "no quadratic part",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "F = -m c |v| v",
     role: Role::Deviation(Deviation {
         standard: true,
@@ -46,7 +46,7 @@ pub const NOMINAL: EffectSpec = EffectSpec {
     id: "N23",
     name: "nominal body drag",
     role: Role::Nominal,
-    parameters: &[ParameterSpec::new("c", "1/m", Kind::Shape, 0.0, 0.0, [0.0, 2.0], "coefficient")
+    parameters: &[ParameterSpec::new("c", "1/m", Kind::Size, 0.0, 0.0, [0.0, 2.0], "coefficient")
         .of_vehicle(|v| &mut v.drag.body_per_m)],
     source: "`haltere gap commission`",
     ..SPEC

@@ -1,8 +1,8 @@
 //! A vibrating accelerometer reads an offset: its nonlinearity rectifies the shaking.
 //!
 //! `a += k a_vib²`, `a_vib² ∝ (f/f_h)⁴`, hence `a += b_h (f/f_h)⁴` with `b_h` the offset in hover
-//! (m/s²), along z and along x; `f` flap rate, `f_h` in hover (Hz). Source: GAP.md M6, given there per squared vibration and
-//! scaled; here as the offset itself. Gone with motors off, which is how it is told from scale.
+//! (m/s²), along z and along x; `f` flap rate, `f_h` in hover (Hz). Size by judgement, given as the offset
+//! itself. Gone with motors off, which is how it is told from scale.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, ImuReading, Kind, ParameterSpec, Role, Stage,
@@ -37,7 +37,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         .ways("to the back", "to the front"),
     ],
     off: "linear accelerometer",
-    source: "GAP.md 3.5",
+    source: "plausible sizes by judgement",
     equation: "a += b_h (f/f_h)⁴",
     role: Role::Deviation(Deviation {
         standard: true,

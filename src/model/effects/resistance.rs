@@ -1,6 +1,6 @@
 //! Battery or connector with more inner resistance.
 //!
-//! `R -> R + (1 - s) ΔR`, `R_s -> R_s + s ΔR` in N7 (Ω). Source: GAP.md P2, 0.05 to 0.3 Ω. A corroded plug acts at once (`s` 0); in
+//! `R -> R + (1 - s) ΔR`, `R_s -> R_s + s ΔR` in N7 (Ω). Size by judgement: 0.05 to 0.3 Ω. A corroded plug acts at once (`s` 0); in
 //! an aged pack the polarisation grows as well.
 
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
@@ -33,7 +33,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ),
     ],
     off: "resistance of the vehicle file",
-    source: "GAP.md 3.2",
+    source: "plausible sizes by judgement",
     equation: "R -> R + (1 - s) ΔR, R_s -> R_s + s ΔR",
     role: Role::Deviation(Deviation {
         standard: true,

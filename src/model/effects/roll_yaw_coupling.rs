@@ -1,6 +1,6 @@
 //! Rolling by unequal flapping turns the vehicle too.
 //!
-//! `M_z += c M_x`, `M_x = l_w (T_L - T_R)` (N·m, body). Source: GAP.md L6, 0.1 to 0.6.
+//! `M_z += c M_x`, `M_x = l_w (T_L - T_R)` (N·m, body). Size by judgement: 0.1 to 0.6.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -26,7 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "of its moment turns it to the same side",
     )],
     off: "roll by thrust gives no yaw",
-    source: "GAP.md 3.4",
+    source: "plausible sizes by judgement",
     equation: "M_z += c l_w (T_L - T_R)",
     role: Role::Deviation(Deviation {
         standard: true,

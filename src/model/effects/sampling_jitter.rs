@@ -1,6 +1,6 @@
 //! Delivery times jitter on every link.
 //!
-//! `delay += |σ n|` (ms), order kept. Source: GAP.md T4, 1 to 8 ms rms.
+//! `delay += |σ n|` (ms), order kept. Size by judgement: 1 to 8 ms rms.
 
 use crate::effects::{
     Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
@@ -15,7 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Timing,
     parameters: &[ParameterSpec::new("rms", "ms", Kind::Size, 0.0, 4.0, [1.0, 8.0], "rms")],
     off: "no jitter beyond N19",
-    source: "GAP.md 3.7",
+    source: "plausible sizes by judgement",
     equation: "delay += |σ n|",
     role: Role::Deviation(Deviation {
         standard: false,

@@ -1,7 +1,7 @@
 //! Servos are not centred.
 //!
 //! `δ -> δ + Δ`, `ψ -> ψ + Δ` at the servos (deg). One degree of dihedral leans the hovering Flapper by some 0.5°
-//! through the board's loop, one of the wing roots turns it by 3°. Source: GAP.md L3, whose 1 to 4° are the lean; the wing roots as
+//! through the board's loop, one of the wing roots turns it by 3°. Size by judgement: 1 to 4° of lean; the wing roots as
 //! far as turns it by 20°, which nobody overlooks and the loop still acts on. What a trim does goes with the stiffness of the
 //! loop, so the sizes go with it; a board whose integrator does not leak hides it (`kept`). Independent of throttle, which tells it
 //! from P6 and I2.
@@ -49,7 +49,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         KEPT,
     ],
     off: "servos centred",
-    source: "GAP.md 3.4",
+    source: "plausible sizes by judgement",
     equation: "δ -> δ + Δ, ψ -> ψ + Δ",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -133,7 +133,7 @@ fn place(id: &str) -> Option<usize> {
 }
 
 fn unknown(id: &str) -> String {
-    format!("effects.{id}: no such effect; ids are those of GAP.md section 3 and N1 to N24")
+    format!("effects.{id}: no such effect; ids are those of docs/EFFECTS.md")
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Setpoints get lost in bursts; the board holds the last one.
 //!
-//! Bursts start at random (Poisson, per second) and last `d` (s); inside, every setpoint is lost at the board's door. Source: GAP.md
-//! T3, 0.1 to 0.6 s. Beyond 0.5 s the board's own failsafe acts.
+//! Bursts start at random (Poisson, per second) and last `d` (s); inside, every setpoint is lost at the board's door. Size by judgement:
+//! 0.1 to 0.6 s. Beyond 0.5 s the board's own failsafe acts.
 
 use crate::effects::{
     Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
@@ -27,7 +27,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ),
     ],
     off: "every setpoint arrives",
-    source: "GAP.md 3.7",
+    source: "plausible sizes by judgement",
     equation: "lost in bursts",
     role: Role::Deviation(Deviation {
         standard: true,

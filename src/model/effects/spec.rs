@@ -287,7 +287,7 @@ pub struct Build<'a> {
 
 /// One line of the list.
 pub struct EffectSpec {
-    /// `A1` … `H2` as in GAP.md for deviations, `N…` for nominal effects.
+    /// A letter of its kind and a number, `A1` … `H2`, for deviations, `N…` for nominal effects.
     pub id: &'static str,
     /// Short name.
     pub name: &'static str,

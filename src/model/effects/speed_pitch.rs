@@ -1,6 +1,6 @@
 //! Pitch moment that grows with airspeed: wings bend more or less than the vehicle file says.
 //!
-//! `c -> c + Δc` in N3 (rad per m/s). Source: GAP.md A12, trim 0 to 0.2 rad per m/s.
+//! `c -> c + Δc` in N3 (rad per m/s). Size by judgement: trim 0 to 0.2 rad per m/s.
 
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
@@ -21,7 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     )
     .ways("less", "more")],
     off: "bend of the vehicle file",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "c -> c + Δc",
     role: Role::Deviation(Deviation {
         standard: false,

@@ -1,6 +1,6 @@
 //! Steady draught through the room.
 //!
-//! `v_air = v - w`, `w` constant in the Earth frame (m/s). Source: GAP.md A5, 0.1 to 0.6 m/s.
+//! `v_air = v - w`, `w` constant in the Earth frame (m/s). Size by judgement: 0.1 to 0.6 m/s.
 
 use nalgebra::Vector3;
 
@@ -30,7 +30,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         .ways("upward", "downward"),
     ],
     off: "still air",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "v_air = v - w",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,7 +1,7 @@
 //! Bytes of the tag come late, by a constant that nobody can see in them.
 //!
 //! `delay += d` from the tag (ms). The companion learns its clock from the earliest bytes, so a constant delay becomes a time
-//! offset between UWB and IMU. Source: GAP.md T1, 30 to 150 ms.
+//! offset between UWB and IMU. Size by judgement: 30 to 150 ms.
 
 use crate::effects::{
     Block, Cargo, Delivery, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role,
@@ -15,7 +15,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     block: Block::Timing,
     parameters: &[ParameterSpec::new("delay", "ms", Kind::Size, 0.0, 80.0, [30.0, 150.0], "delay")],
     off: "no delay beyond N19",
-    source: "GAP.md 3.7",
+    source: "plausible sizes by judgement",
     equation: "delay += d",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,6 +1,6 @@
 //! Motors lose thrust as they warm up.
 //!
-//! `T -> T (1 - a (1 - e^(-t/τ)))`, `t` time that the wings have been flapping (s). Source: GAP.md P7, a 3 to 10 %, τ 60
+//! `T -> T (1 - a (1 - e^(-t/τ)))`, `t` time that the wings have been flapping (s). Size by judgement: a 3 to 10 %, τ 60
 //! to 180 s. Left out: cooling between flights.
 
 use crate::effects::{
@@ -17,7 +17,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ParameterSpec::new("tau", "s", Kind::Shape, 120.0, 120.0, [60.0, 180.0], "warming time"),
     ],
     off: "thrust does not depend on temperature",
-    source: "GAP.md 3.2",
+    source: "plausible sizes by judgement",
     equation: "T -> T (1 - a (1 - e^(-t/τ)))",
     role: Role::Deviation(Deviation {
         standard: true,

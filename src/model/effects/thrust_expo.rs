@@ -1,7 +1,7 @@
 //! Thrust is not linear in flap rate.
 //!
 //! `T -> T + ½ W ε (r² - 1)` per wing, not below zero, `r = f/f_h`, `W` weight (N), `f_h` hover flap rate
-//! (Hz). No change in hover. Source: GAP.md A4, ±0.05 to 0.2.
+//! (Hz). No change in hover. Size by judgement: ±0.05 to 0.2.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -26,7 +26,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "of the weight higher than the simulator says",
     )],
     off: "thrust linear in flap rate",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "T -> T + ½ W ε (r² - 1)",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,6 +1,6 @@
 //! Flapping follows more slowly than the vehicle file says.
 //!
-//! `τ -> τ + Δτ` in N4 (s). Source: GAP.md P4, 0.08 to 0.12..0.28 s.
+//! `τ -> τ + Δτ` in N4 (s). Size by judgement: 0.08 to 0.12..0.28 s.
 
 use crate::effects::{Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role};
 use crate::vehicle::Vehicle;
@@ -21,7 +21,7 @@ pub const SPEC: EffectSpec = EffectSpec {
     )
     .beside(|v| v.wings.flap_lag_s)],
     off: "lag of the vehicle file",
-    source: "GAP.md 3.2",
+    source: "plausible sizes by judgement",
     equation: "τ -> τ + Δτ",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,7 +1,7 @@
 //! Wings wear: less thrust at the same flap rate.
 //!
-//! `T -> (1 - g) T`, both wings. Source: GAP.md P1, 3 to 20 %. Nearest confounder: mass (I1); drag does not
-//! change here.
+//! `T -> (1 - g) T`, both wings. Size by judgement: 3 to 20 %. Drag does not
+//! change.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -22,7 +22,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "share of thrust lost",
     )],
     off: "new wings",
-    source: "GAP.md 3.2",
+    source: "plausible sizes by judgement",
     equation: "T -> (1 - g) T",
     role: Role::Deviation(Deviation {
         standard: true,

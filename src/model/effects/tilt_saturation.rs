@@ -1,7 +1,7 @@
 //! The board does not lean further than some angle.
 //!
 //! Tilt of the setpoint is cut at `limit` (deg), heading kept: the turn from level to the setpoint is shortened
-//! about its axis. Source: GAP.md L5, 8 to 15°.
+//! about its axis. Size by judgement: 8 to 15°.
 
 use nalgebra::Vector3;
 
@@ -25,7 +25,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "largest tilt",
     )],
     off: "every tilt obeyed",
-    source: "GAP.md 3.4",
+    source: "plausible sizes by judgement",
     equation: "tilt <= limit",
     role: Role::Deviation(Deviation {
         standard: true,

@@ -1,6 +1,6 @@
 //! The board measures its voltage late or wrongly, so voltage compensation goes wrong.
 //!
-//! `V_told = V₀ (V_lag / V₀)^e`, `V_lag' = (V - V_lag) / τ`, `V₀` 3.7 V a cell. Source: GAP.md P8. Left out: errors inside
+//! `V_told = V₀ (V_lag / V₀)^e`, `V_lag' = (V - V_lag) / τ`, `V₀` 3.7 V a cell. Size by judgement. Left out: errors inside
 //! the companion.
 
 use crate::effects::{
@@ -20,7 +20,7 @@ pub const SPEC: EffectSpec = EffectSpec {
             .ways("of every change missing", "of every change too much"),
     ],
     off: "voltage reported as it is",
-    source: "GAP.md 3.2",
+    source: "plausible sizes by judgement",
     equation: "V_told = V₀ (V_lag / V₀)^e",
     role: Role::Deviation(Deviation {
         standard: false,

@@ -1,6 +1,6 @@
 //! A wall near by pulls or pushes.
 //!
-//! `F = k e^(-d/l)` away from the wall (N, Earth frame), `d` distance to it (m). Source: GAP.md A10, 0.03 to
+//! `F = k e^(-d/l)` away from the wall (N, Earth frame), `d` distance to it (m). Size by judgement: 0.03 to
 //! 0.12 N. Left out: corners, moments.
 
 use nalgebra::Vector3;
@@ -40,7 +40,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         ),
     ],
     off: "walls far away",
-    source: "GAP.md 3.1",
+    source: "plausible sizes by judgement",
     equation: "F = k e^(-d/l)",
     role: Role::Deviation(Deviation {
         standard: true,

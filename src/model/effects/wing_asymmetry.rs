@@ -1,6 +1,6 @@
 //! One wing is better than the other.
 //!
-//! `T_L -> (1 + ε) T_L`, `T_R -> (1 - ε) T_R`. Source: GAP.md P6, 1 to 6 %.
+//! `T_L -> (1 + ε) T_L`, `T_R -> (1 - ε) T_R`. Size by judgement: 1 to 6 %.
 
 use crate::effects::{
     Block, Deviation, Effect, EffectSpec, Hidden, Kind, ParameterSpec, Role, Stage, State,
@@ -25,7 +25,7 @@ pub const SPEC: EffectSpec = EffectSpec {
         "more thrust than the simulator says, and the right wing as much less",
     )],
     off: "both wings alike",
-    source: "GAP.md 3.2",
+    source: "plausible sizes by judgement",
     equation: "T_L -> (1 + ε) T_L, T_R -> (1 - ε) T_R",
     role: Role::Deviation(Deviation {
         standard: true,
