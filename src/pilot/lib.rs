@@ -79,6 +79,7 @@ pub use stations::endpoint::{
 pub use stations::permits::Commanders;
 pub use stations::{guard, services};
 
+use haltere_core::drops::Drops;
 use haltere_core::estimate::Estimate;
 use haltere_core::estimator::Estimator;
 use haltere_core::geo::LocalOrigin;
@@ -94,7 +95,6 @@ use navigation::Navigation;
 use out::Out;
 use out::voice::Severity;
 use stations::Stations;
-use stations::ground::GroundLink;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -126,7 +126,7 @@ impl Pilot {
             origin: config.origin.in_force(),
             estimate: navigation.estimator.estimate(),
             clock: Clock::new(at),
-            out: Out::new(&config, stations.grounds.len(), at),
+            out: Out::new(&config, at),
             navigation,
             board: Board::new(&config, at),
             flight: Flight::new(&config, &survey, at),
@@ -134,17 +134,16 @@ impl Pilot {
             config,
             survey,
         };
-        pilot.say(at, Severity::Info, "haltere started, waiting for tag and board".to_owned());
+        pilot.out.say(at, Severity::Info, "haltere started, waiting for tag and board".to_owned());
         if pilot.config.flight.shadow {
-            pilot.say(at, Severity::Warning, SHADOW_WORDS.to_owned());
+            pilot.out.say(at, Severity::Warning, SHADOW_WORDS.to_owned());
         }
         pilot
     }
 
     /// Switches decoded records off: lockstep runs that nobody reads.
     pub fn without_topics(mut self) -> Self {
-        self.out.with_topics = false;
-        self.out.topics.clear();
+        self.out.record_nothing();
         self
     }
 
@@ -184,13 +183,16 @@ impl Pilot {
             Input::LinkUp { link } => self.link_up(at, link),
             Input::LinkDown { link } => self.link_down(at, link),
             Input::Backlog { link, is_full } => {
-                if let Some(ground) = self.ground_mut(link) {
+                if let Some(ground) = self.stations.ground_mut(link) {
                     ground.is_full = is_full;
                 }
             }
-            Input::Lost { link, reason, count } => self.glue_lost(at, link, reason, count),
+            Input::Lost { link, reason, count } => {
+                self.out.glue_lost(at, link, reason, count);
+                self.tell_unheard(at, link, reason);
+            }
             Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
-            Input::Recording { state, why } => self.recording_told(at, state, why),
+            Input::Recording { state, why } => self.out.recording_told(at, state, why),
             Input::EndAsked => self.end_asked(at),
             Input::Wake => self.wake(at),
         }
@@ -210,7 +212,7 @@ impl Pilot {
     /// Yields the bytes to send, in order, and forgets them.
     pub fn drain_output(&mut self, mut send: impl FnMut(LinkId, &[u8])) {
         let is_tag = self.board.link.system_id().is_none() && self.board.lines.board.is_tag();
-        self.out.outbox.drain(|link, bytes| {
+        self.out.drain(|link, bytes| {
             if !(is_tag && link == LinkId::Board) {
                 send(link, bytes);
             }
@@ -219,7 +221,7 @@ impl Pilot {
 
     /// Yields the decoded records, in order, and forgets them.
     pub fn drain_topics(&mut self, take: impl FnMut(Topic)) {
-        self.out.topics.drain(..).for_each(take);
+        self.out.drain_topics(take);
     }
 
     /// The newest estimate.
@@ -258,24 +260,15 @@ impl Pilot {
         self.flight.mode
     }
 
-    fn ground_mut(&mut self, link: LinkId) -> Option<&mut GroundLink> {
-        let LinkId::Ground(n) = link else { return None };
-        self.stations.grounds.get_mut(usize::from(n))
+    /// Losses by link number; the last entry is the core itself. What the estimator threw away
+    /// counts where it came from: UWB on the tag's link, the rest in the core.
+    pub fn drops(&self) -> Vec<Drops> {
+        self.out.all_lost(&self.navigation.estimator)
     }
 
-    fn endpoint_on(&self, link: LinkId) -> Endpoint {
-        let LinkId::Ground(n) = link else { return Endpoint::default() };
-        self.stations.grounds.get(usize::from(n)).map_or_else(Endpoint::default, |g| g.endpoint)
-    }
-
-    fn identity_on(&self, link: LinkId) -> Identity {
-        self.endpoint_on(link).identity
-    }
-
-    /// `make` runs only when somebody reads the records.
-    fn record(&mut self, make: impl FnOnce() -> Topic) {
-        if self.out.with_topics {
-            self.out.topics.push(make());
-        }
+    /// Whether a station has sent a mission, or loaded a program, since the core began: what is recorded then may be
+    /// meant for a fit, though nothing flies.
+    pub fn was_sent_a_mission(&self) -> bool {
+        self.stations.sent_a_mission
     }
 }

@@ -14,13 +14,13 @@ use crate::flight::guidance::Now;
 use crate::flight::hover;
 use crate::flight::modes::{Event, Mode};
 use crate::input::LinkId;
-use crate::out::Out;
-use crate::out::losses::losses_of;
 use crate::out::voice::Severity;
 use crate::stations::streams::Streams;
 
 /// Period of the control step, µs: 100 Hz as in the source.
 pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
+/// Control steps of the first second, in which tag and board are being found.
+const FIRST_STEPS: u64 = 1_000_000 / CONTROL_PERIOD_US.cast_unsigned();
 /// A step that begins later than this is a deadline miss, s: half a period.
 const MISS_S: f64 = 0.5e-6 * CONTROL_PERIOD_US as f64;
 /// Share of the base thrust at the end of the spool: close to hover, but not off the floor.
@@ -62,6 +62,7 @@ impl Pilot {
         self.flight.supervisor.punctuality.board_clock(at, self.board.link.clock().restarts());
         self.clock.last_tick = Some(at);
         self.clock.control_steps += 1;
+        self.out.is_starting = self.clock.control_steps < FIRST_STEPS;
 
         self.flush_quiet_links(at);
         self.ask_for_binary(at);
@@ -87,8 +88,8 @@ impl Pilot {
         let mut news = std::mem::take(&mut self.board.news);
         self.board.link.tick(at, &mut self.out.outbox, &mut news);
         self.take_board_news(at, news);
-        let withheld = self.out.outbox.take_withheld();
-        self.drops_of(LinkId::Board).add(DropReason::NotPermitted, withheld);
+        let withheld = self.out.take_withheld();
+        self.out.lose(LinkId::Board, DropReason::NotPermitted, withheld);
         self.serve_grounds(at);
         self.service_tick(at);
         if at >= self.clock.next_health {
@@ -110,7 +111,7 @@ impl Pilot {
             && self.navigation.north.follow(self.estimate.R_EB, board.attitude, dt_s, standing)
         {
             let text = "board heading jumped against ours: setpoints follow";
-            self.say(at, Severity::Warning, text.to_owned());
+            self.out.say(at, Severity::Warning, text.to_owned());
         }
     }
 
@@ -195,7 +196,7 @@ impl Pilot {
                     self.tell_reached(at, seq);
                 }
                 if let Some(text) = news.warning {
-                    self.say(at, Severity::Warning, text);
+                    self.out.say(at, Severity::Warning, text);
                 }
                 if let Some(event) = news.event
                     && !(event == Event::HeightReached && self.begin_next(at))
@@ -335,10 +336,10 @@ impl Pilot {
     fn record_step(&mut self, at: HostTime) {
         let mut estimate = self.estimate;
         estimate.at = at;
-        self.record(|| Topic::Estimate(estimate));
+        self.out.record(|| Topic::Estimate(estimate));
         if self.flight.mode.has_thrust() {
             let control = self.flight.control;
-            self.record(|| Topic::Control(control));
+            self.out.record(|| Topic::Control(control));
         }
     }
 
@@ -346,15 +347,8 @@ impl Pilot {
         if !self.out.with_topics {
             return;
         }
-        let Out { drops, shelf, .. } = &mut self.out;
-        let estimator = &self.navigation.estimator;
-        let core = drops.len() - 1;
-        let rows = (0..drops.len()).map(|slot| {
-            let total = losses_of(drops, estimator, slot);
-            (if slot == core { u8::MAX } else { slot as u8 }, total)
-        });
-        let drops = shelf.fill(rows.filter(|(_, d)| d.iter().next().is_some()));
-        self.out.topics.push(Topic::Health(HealthRecord {
+        let drops = self.out.losses_for_log(&self.navigation.estimator);
+        let record = HealthRecord {
             at,
             drops,
             deadline_misses: self.clock.deadline_misses,
@@ -363,7 +357,8 @@ impl Pilot {
             imu_age_s: self.navigation.last_imu.map(|t| at.seconds_since(t)),
             std_board_clock_s: self.board.link.clock().std_s(),
             left_out: self.navigation.estimator.left_out_bits(),
-        }));
+        };
+        self.out.record(|| Topic::Health(record));
     }
 
     /// Frames that will not be completed must not hold back what stands behind their marker.
@@ -387,10 +382,10 @@ impl Pilot {
         self.soothe_askers(at);
         self.tell_mode(at);
         for n in 0..self.stations.grounds.len() {
-            if !self.stations.grounds[n].is_open {
+            let link = self.stations.grounds[n].link;
+            if !self.out.is_open(link) {
                 continue;
             }
-            let link = self.stations.grounds[n].link;
             self.tell_misaddressed(at, n);
             self.stations.grounds[n].streams.begin(at);
             // Answers first: they are booked before any stream.

@@ -130,9 +130,9 @@ impl Pilot {
         };
         if is_new
             && let Err(text) = self.check_lines()
-            && self.may_echo(at)
+            && self.out.may_echo(at)
         {
-            self.say(at, Severity::Error, text);
+            self.out.say(at, Severity::Error, text);
         }
     }
 

@@ -29,11 +29,11 @@ impl Pilot {
                 self.board_frames(at);
             }
             Ok(Some(index)) => self.other_bytes(at, index, bytes),
-            Err(()) => self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, 1),
+            Err(()) => self.out.lose(LinkId::Board, DropReason::MavWrongPeer, 1),
         }
         let forgotten = self.board.peers.take_forgotten();
         if forgotten > 0 {
-            self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, forgotten);
+            self.out.lose(LinkId::Board, DropReason::MavWrongPeer, forgotten);
         }
     }
 
@@ -73,7 +73,7 @@ impl Pilot {
             let text = format!(
                 "board with system id {was} is silent, another one speaks: system id {now}"
             );
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
         }
     }
 
@@ -103,10 +103,10 @@ impl Pilot {
         let mut splitter = std::mem::take(&mut other.splitter);
         splitter.push(bytes);
         while let Some(next) = splitter.next() {
-            crate::stations::clients::count_frame(self.drops_of(LinkId::Board), &next);
+            crate::stations::clients::count_frame(self.out.drops_of(LinkId::Board), &next);
             let Ok(frame) = next else { continue };
             if !speaks_as_board(&frame, self.board.link.system_id()) {
-                self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, 1);
+                self.out.lose(LinkId::Board, DropReason::MavWrongPeer, 1);
                 continue;
             }
             self.board.peers.other_spoke(at, index, &frame);
@@ -144,14 +144,14 @@ impl Pilot {
         {
             let text =
                 format!("board speaks from {now} now, no more from {was}: the same by its clock");
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
             return true;
         }
         let rests = matches!(self.flight.mode, Mode::Disarmed | Mode::Disarming);
         if rests && Peers::is_gone(silent_s) && beat.is_some_and(|beat| !says_armed(&beat)) {
             self.board.link.replaced(at);
             let text = format!("board at {was} is gone, another one speaks from {now}");
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
             return true;
         }
         false

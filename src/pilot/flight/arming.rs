@@ -60,12 +60,12 @@ impl Pilot {
         let mut found = Vec::new();
         for row in &AT_REST {
             match (row.look)(self, at) {
-                Look::Told(what) => self.say(at, Severity::Warning, format!("arming {what}")),
+                Look::Told(what) => self.out.say(at, Severity::Warning, format!("arming {what}")),
                 Look::Fits(what) if !what.is_empty() => found.push(what),
                 _ => {}
             }
         }
-        self.say(at, Severity::Info, format!("at rest: {}", found.join(", ")));
+        self.out.say(at, Severity::Info, format!("at rest: {}", found.join(", ")));
     }
 }
 
@@ -167,7 +167,7 @@ pub(crate) fn battery(pilot: &Pilot, at: HostTime) -> Look {
 }
 
 pub(crate) fn log(pilot: &Pilot, _: HostTime) -> Look {
-    match pilot.recording_misses() {
+    match pilot.out.recording_misses() {
         None => Look::Fits(String::new()),
         Some(why) if pilot.config.flight.log_required => {
             Look::Refused(format!("{why}: make room, or set flight.log_required = false"))

@@ -285,7 +285,7 @@ impl Pilot {
         self.flight.lift_off_asked = false;
         if let Err(why) = self.may_lift_off(at) {
             self.flight.guidance.next = Next::Nothing;
-            self.say(at, Severity::Error, format!("take-off refused: {why}"));
+            self.out.say(at, Severity::Error, format!("take-off refused: {why}"));
             return;
         }
         self.fire(at, Event::LiftOffAsked);
@@ -465,7 +465,7 @@ impl Pilot {
         let late = at.seconds_since(self.flight.mode_since) > INSIST_FIRST_S;
         if late && self.out.told.insisted_at.is_none_or(|t| at.seconds_since(t) > INSIST_TELL_S) {
             self.out.told.insisted_at = Some(at);
-            self.say(at, Severity::Critical, format!("disarming failed, still trying: {why}"));
+            self.out.say(at, Severity::Critical, format!("disarming failed, still trying: {why}"));
         }
     }
 
@@ -481,9 +481,9 @@ impl Pilot {
             let Some(id) = self.survey.ids().get(rank).map(|id| id.0) else { continue };
             if out {
                 let text = format!("anchor {id} does not fit the others and is left out");
-                self.say(at, Severity::Warning, text);
+                self.out.say(at, Severity::Warning, text);
             } else {
-                self.say(at, Severity::Info, format!("anchor {id} is heard again"));
+                self.out.say(at, Severity::Info, format!("anchor {id} is heard again"));
             }
         }
     }
@@ -529,7 +529,7 @@ impl Pilot {
             (_, Health::Lost) => (Severity::Critical, format!("estimate lost{why}")),
             (_, Health::NotAligned) => (Severity::Critical, "estimator starts anew".to_owned()),
         };
-        self.say(at, severity, text);
+        self.out.say(at, severity, text);
     }
 
     /// Height and speed near the floor are biased by multipath, so the floor is told by what it

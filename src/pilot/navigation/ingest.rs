@@ -39,9 +39,9 @@ impl Pilot {
                 self.navigation.tag_is_up = true;
                 self.navigation.tag_asked_at = at;
                 if self.config.tag_protocol == TagProtocol::LpsSniffer {
-                    self.out.outbox.raw(LinkId::Tag, SNIFFER_BINARY);
+                    self.out.raw(LinkId::Tag, SNIFFER_BINARY);
                 }
-                self.say(at, Severity::Info, "tag connected".to_owned());
+                self.out.say(at, Severity::Info, "tag connected".to_owned());
             }
             LinkId::Board => {
                 // The rest of a frame that was cut off will not come.
@@ -57,7 +57,8 @@ impl Pilot {
                 if n < self.stations.grounds.len() {
                     self.stations.grounds[n].splitter.flush();
                     self.ground_frames(at, n);
-                    self.stations.grounds[n].open(at);
+                    self.stations.grounds[n].begin_anew(at);
+                    self.out.opens(link, self.stations.grounds[n].wants_events());
                     self.greet(at, link);
                 }
             }
@@ -68,9 +69,9 @@ impl Pilot {
         match link {
             LinkId::Tag => {
                 self.navigation.tag_is_up = false;
-                self.say(at, Severity::Error, "tag disconnected".to_owned());
+                self.out.say(at, Severity::Error, "tag disconnected".to_owned());
             }
-            LinkId::Board => self.say(at, Severity::Error, "board disconnected".to_owned()),
+            LinkId::Board => self.out.say(at, Severity::Error, "board disconnected".to_owned()),
             LinkId::Ground(n) => {
                 self.services_forget(link);
                 self.station_left(at, n);
@@ -81,14 +82,15 @@ impl Pilot {
     /// The station of a link is gone: what it left behind must hold nobody up.
     fn station_left(&mut self, at: HostTime, n: u8) {
         let Some(ground) = self.stations.grounds.get_mut(usize::from(n)) else { return };
-        if !ground.is_open {
+        let link = ground.link;
+        if !self.out.is_open(link) {
             return;
         }
         let counts = ground.counts;
-        let link = ground.link;
-        ground.close(at);
+        ground.begin_anew(at);
+        self.out.closes(link);
         self.stations.askers.retain(|asker| asker.link != link);
-        self.say(
+        self.out.say(
             at,
             Severity::Info,
             format!(
@@ -142,7 +144,7 @@ impl Pilot {
             && self.config.tag_protocol == TagProtocol::LpsSniffer
         {
             self.navigation.tag_asked_at = at;
-            self.out.outbox.raw(LinkId::Tag, SNIFFER_BINARY);
+            self.out.raw(LinkId::Tag, SNIFFER_BINARY);
         }
     }
 
@@ -158,7 +160,7 @@ impl Pilot {
         }
         self.flight.supervisor.evidence.note_uwb(&record);
         crate::stations::telemetry_counts::note_pair(&mut self.navigation.pairs, &record);
-        self.record(|| Topic::Uwb(record));
+        self.out.record(|| Topic::Uwb(record));
     }
 
     pub(crate) fn board_frames(&mut self, at: HostTime) {
@@ -194,7 +196,7 @@ impl Pilot {
         match item {
             BoardNews::Imu(sample) => {
                 if self.navigation.last_imu.is_some_and(|t| sample.valid_at <= t) {
-                    self.drops_of(LinkId::Board).add(DropReason::ImuOutOfOrder, 1);
+                    self.out.lose(LinkId::Board, DropReason::ImuOutOfOrder, 1);
                     return;
                 }
                 let dt_s =
@@ -214,7 +216,7 @@ impl Pilot {
                     self.flight.supervisor.lying.imu(&weighed, &board.attitude);
                 }
                 self.navigation.estimator.imu(&sample);
-                self.record(|| Topic::Imu(sample));
+                self.out.record(|| Topic::Imu(sample));
             }
             BoardNews::Attitude(attitude) => {
                 self.watch_turn(&attitude);
@@ -225,37 +227,37 @@ impl Pilot {
                     let yaw_rad = self.navigation.north.room_yaw_rad(attitude.attitude);
                     self.navigation.estimator.set_initial_heading(yaw_rad, STD_BOARD_HEADING_RAD);
                 }
-                self.record(|| Topic::BoardAttitude(attitude));
+                self.out.record(|| Topic::BoardAttitude(attitude));
             }
             BoardNews::Battery(sample) => {
                 self.board.battery = Some(sample);
                 let flies = self.flight.mode.has_thrust() && self.flight.mode != Mode::Spool;
                 self.flight.supervisor.discharge.note(at, sample.supply_v, flies);
-                self.record(|| Topic::Battery(sample));
+                self.out.record(|| Topic::Battery(sample));
             }
-            BoardNews::OtherBattery(other) => self.record(|| Topic::OtherBattery(other)),
+            BoardNews::OtherBattery(other) => self.out.record(|| Topic::OtherBattery(other)),
             BoardNews::Servos(servos) => {
                 self.board.servos = Some(servos);
-                self.record(|| Topic::Servos(servos));
+                self.out.record(|| Topic::Servos(servos));
             }
             BoardNews::Baro(sample) => {
                 self.board.pressure_pa = Some((sample.pressure_pa, sample.received_at));
                 self.navigation.estimator.baro(&sample);
                 self.watch_baro(&sample);
-                self.record(|| Topic::Baro(sample));
+                self.out.record(|| Topic::Baro(sample));
             }
             BoardNews::Mag(sample) => {
                 self.navigation.estimator.mag(&sample);
-                self.record(|| Topic::Mag(sample));
+                self.out.record(|| Topic::Mag(sample));
             }
             BoardNews::Reference(pose) => {
                 self.navigation.estimator.reference(&pose); // fuses only if it is configured to
-                self.record(|| Topic::Reference(pose));
+                self.out.record(|| Topic::Reference(pose));
             }
             BoardNews::Found { system_id, firmware } => {
                 let name = firmware.name();
                 let text = format!("board found, system id {system_id}, flown as {name}");
-                self.say(at, Severity::Info, text);
+                self.out.say(at, Severity::Info, text);
                 self.check_board_id(at, system_id);
             }
             BoardNews::Armed(true) => {
@@ -271,7 +273,7 @@ impl Pilot {
             }
             BoardNews::Doubt => {
                 let text = "board says that it is disarmed: flown on unless it says so again";
-                self.say(at, Severity::Warning, text.to_owned());
+                self.out.say(at, Severity::Warning, text.to_owned());
             }
             BoardNews::ArmedAgain { denials } => self.board_armed_again(at, denials),
             BoardNews::ArmAnswer { arm, accepted, why } => {
@@ -283,19 +285,19 @@ impl Pilot {
                 self.answer_askers(Awaits::arming(arm), result);
                 if accepted {
                 } else if arm {
-                    self.say(at, Severity::Error, format!("arming failed: {why}"));
+                    self.out.say(at, Severity::Error, format!("arming failed: {why}"));
                     self.fire(at, Event::ArmFailed);
                 } else if self.flight.mode == Mode::Disarming {
                     // On the floor by our own signs, but the board disagrees.
                     self.insist_on_disarming(at, &why);
                 } else {
-                    self.say(at, Severity::Error, format!("disarming failed: {why}"));
+                    self.out.say(at, Severity::Error, format!("disarming failed: {why}"));
                 }
             }
             BoardNews::PassedOnAnswer(result) => self.answer_askers(Awaits::PassedOn, result),
             BoardNews::Notice { warning, text } => {
                 let severity = if warning { Severity::Warning } else { Severity::Info };
-                self.say(at, severity, text);
+                self.out.say(at, severity, text);
             }
             BoardNews::Mode(change) => self.board_mode_changed(at, change),
             BoardNews::Ignored { ignored, sent_frac, board_frac } => {
@@ -305,7 +307,7 @@ impl Pilot {
                         "board does not fly our setpoints: thrust {board_frac:.2} in force, \
                          {sent_frac:.2} sent"
                     );
-                    self.say(at, Severity::Critical, text);
+                    self.out.say(at, Severity::Critical, text);
                     self.fire(at, Event::SetpointsIgnored);
                 }
             }
@@ -326,7 +328,7 @@ impl Pilot {
     /// not start: the board's own failsafe holds.
     fn tell_armed_by_others(&mut self, at: HostTime) {
         let text = "board is armed, but not by us: no setpoints are sent";
-        self.say(at, Severity::Critical, text.to_owned());
+        self.out.say(at, Severity::Critical, text.to_owned());
     }
 
     /// The board denied to be armed and says again that it is. One word that was wrong is forgiven in the air, where
@@ -341,13 +343,13 @@ impl Pilot {
             && self.is_in_the_air();
         if flies && denials <= 1 && !self.board.link.is_away() {
             let text = "board says that it is armed after all: flown on";
-            self.say(at, Severity::Warning, text.to_owned());
+            self.out.say(at, Severity::Warning, text.to_owned());
         } else if flies || self.flight.mode == Mode::Yielded {
             self.fire(at, Event::BoardDisarmed);
             self.tell_armed_by_others(at);
         } else {
             let text = "board was disarmed on the floor and is armed again, not by us";
-            self.say(at, Severity::Critical, text.to_owned());
+            self.out.say(at, Severity::Critical, text.to_owned());
             self.fire(at, Event::DisarmAsked);
         }
     }
@@ -374,7 +376,7 @@ impl Pilot {
             Change::CameBack(mode) => {
                 let text =
                     format!("board was in {} and came back to {ours}", firmware.mode_name(mode));
-                self.say(at, Severity::Warning, text);
+                self.out.say(at, Severity::Warning, text);
             }
             Change::Regained => {
                 if self.fire(at, Event::ControlBack)
@@ -388,7 +390,7 @@ impl Pilot {
                     "board does not go to {ours}, it stays in {}",
                     self.board.link.mode_name()
                 );
-                self.say(at, Severity::Error, text);
+                self.out.say(at, Severity::Error, text);
             }
         }
     }
@@ -400,8 +402,8 @@ impl Pilot {
             4 => Severity::Warning,
             _ => Severity::Info,
         };
-        if level == Severity::Critical || self.may_echo(at) {
-            self.say(at, level, format!("board: {text}"));
+        if level == Severity::Critical || self.out.may_echo(at) {
+            self.out.say(at, level, format!("board: {text}"));
         }
     }
 }

@@ -15,7 +15,7 @@ impl Pilot {
         }
         let Some(field) = self.navigation.estimator.magnetic_field() else {
             let text = "estimator.magnetometer.fuse: the board sends no magnetic field, heading is the board's";
-            self.say(at, Severity::Warning, text.to_owned());
+            self.out.say(at, Severity::Warning, text.to_owned());
             return;
         };
         let seen = format!(
@@ -26,13 +26,13 @@ impl Pilot {
         let disturbance_frac = field.disturbance_frac(&wanted);
         if disturbance_frac <= wanted.most_disturbance_frac {
             let yaw_deg = self.estimate.R_EB.yaw_rad().to_degrees();
-            self.say(at, Severity::Info, format!("{seen}: heading {yaw_deg:.0} deg is by it"));
+            self.out.say(at, Severity::Info, format!("{seen}: heading {yaw_deg:.0} deg is by it"));
         } else {
             let text = format!(
                 "{seen}, {:.0} uT and {:.0} deg expected: heading is the board's",
                 wanted.strength_ut, wanted.dip_deg
             );
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
         }
     }
 }

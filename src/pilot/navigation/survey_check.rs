@@ -135,13 +135,13 @@ impl Pilot {
         if let Some(text) = all.doubt()
             && !std::mem::replace(&mut all.floor_told, true)
         {
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
             return;
         }
         if let Some((anchor, bias_m)) = all.misfit()
             && all.told.replace(anchor) != Some(anchor)
         {
-            self.say(at, Severity::Warning, words(anchor, bias_m));
+            self.out.say(at, Severity::Warning, words(anchor, bias_m));
         }
     }
 }

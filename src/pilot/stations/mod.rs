@@ -27,6 +27,7 @@ use crate::config::PilotConfig;
 use crate::input::LinkId;
 
 use commands::Asker;
+use endpoint::{Endpoint, Identity};
 use ground::GroundLink;
 use services::Services;
 
@@ -57,5 +58,19 @@ impl Stations {
             sent_a_mission: false,
             unobeyed_since: None,
         }
+    }
+
+    pub(crate) fn ground_mut(&mut self, link: LinkId) -> Option<&mut GroundLink> {
+        let LinkId::Ground(n) = link else { return None };
+        self.grounds.get_mut(usize::from(n))
+    }
+
+    pub(crate) fn endpoint_on(&self, link: LinkId) -> Endpoint {
+        let LinkId::Ground(n) = link else { return Endpoint::default() };
+        self.grounds.get(usize::from(n)).map_or_else(Endpoint::default, |g| g.endpoint)
+    }
+
+    pub(crate) fn identity_on(&self, link: LinkId) -> Identity {
+        self.endpoint_on(link).identity
     }
 }

@@ -61,7 +61,7 @@ impl Pilot {
                  another (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV), or set ground.routing = \
                  \"stations\""
             );
-            self.say(at, Severity::Error, text);
+            self.out.say(at, Severity::Error, text);
         }
     }
 
@@ -107,21 +107,21 @@ impl Pilot {
         let link = self.stations.grounds[index].link;
         let claims_us = self.board.link.is_own_address(sender);
         if claims_us || !self.may_say(link, sender.0, message) {
-            self.drops_of(link).add(DropReason::NotPermitted, 1);
+            self.out.lose(link, DropReason::NotPermitted, 1);
             return false;
         }
         let shadow = self.config.flight.shadow;
         if shadow || self.is_kept_from_board(frame, message) {
             // What is for everyone is for us first.
             if target.0 == board {
-                self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, 1);
+                self.out.lose(LinkId::Board, DropReason::MavWrongPeer, 1);
                 let why = if shadow { SHADOW_WORDS } else { "the companion is in control" };
                 let text = format!("a frame for the board was not passed on: {why}");
                 self.refuse_setpoint(at, self.stations.grounds[index].link, text);
             }
             return false;
         }
-        self.out.outbox.raw(LinkId::Board, frame.raw);
+        self.out.raw(LinkId::Board, frame.raw);
         true
     }
 
@@ -135,7 +135,7 @@ impl Pilot {
         passed: bool,
     ) {
         match (again, passed) {
-            (true, _) => self.drops_of(from).add(DropReason::MavAgain, 1),
+            (true, _) => self.out.lose(from, DropReason::MavAgain, 1),
             (false, true) => self.out.passed_on.note(at, frame.raw),
             (false, false) => {}
         }
@@ -202,7 +202,7 @@ impl Pilot {
         let mut passed = false;
         for n in 0..self.stations.grounds.len() {
             let ground = &self.stations.grounds[n];
-            let wanted = ground.is_open
+            let wanted = self.out.is_open(ground.link)
                 && Some(n) != from
                 && !ground.has_heard(header.system_id, header.component_id)
                 && (target.0 == 0 || ground.has_heard_system(target.0));
@@ -216,10 +216,10 @@ impl Pilot {
             let link = ground.link;
             if !ground.streams.has_room() {
                 // The line is full: what is not ours goes first.
-                self.drops_of(link).add(DropReason::OutputQueueFull, 1);
+                self.out.lose(link, DropReason::OutputQueueFull, 1);
                 continue;
             }
-            self.out.outbox.raw(link, frame.raw);
+            self.out.raw(link, frame.raw);
             self.stations.grounds[n].counts.routed += 1;
             self.settle(n);
         }
@@ -229,11 +229,9 @@ impl Pilot {
     /// Books what was queued for a link.
     pub(crate) fn settle(&mut self, n: usize) {
         let Some(ground) = self.stations.grounds.get_mut(n) else { return };
-        let sent = self.out.outbox.take_sent(ground.link);
-        let slot = usize::from(ground.link.number());
-        if let Some(drops) = self.out.drops.get_mut(slot) {
-            drops.add(DropReason::OutputQueueFull, self.out.outbox.take_refused(ground.link));
-        }
+        let sent = self.out.take_sent(ground.link);
+        let refused = self.out.take_refused(ground.link);
+        self.out.lose(ground.link, DropReason::OutputQueueFull, refused);
         let signatures =
             if ground.endpoint.signs { SIGNATURE_BYTES as u64 * sent.frames } else { 0 };
         ground.streams.spend(sent.bytes.saturating_add(signatures as usize));

@@ -93,7 +93,7 @@ impl Pilot {
             cursor = (cursor + 1) % (self.out.drops.len() * reasons);
             let (link, reason) = (cursor / reasons, cursor % reasons);
             let reason = DropReason::ALL[reason];
-            let count = self.lost(link, reason);
+            let count = self.out.lost(&self.navigation.estimator, link, reason);
             if count > 0 {
                 self.stations.grounds[usize::from(n)].drop_cursor = cursor;
                 return Some(MavMessage::HALTERE_DROPS(HALTERE_DROPS_DATA {
@@ -115,7 +115,7 @@ impl Pilot {
         for _ in 0..total {
             cursor = (cursor + 1) % total;
             let ground = self.stations.grounds.get(cursor)?;
-            if ground.is_open {
+            if self.out.is_open(ground.link) {
                 let wire = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
                 let counts = ground.counts;
                 let message = MavMessage::HALTERE_LINK(HALTERE_LINK_DATA {

@@ -40,6 +40,7 @@ pub(crate) use links::RESPONSE_MOST_S;
 use haltere_dialect::mav::haltere::MavSysStatusSensor;
 
 use super::change::Cause;
+use super::event_list::{CONDITION_BEGINS, CONDITION_ENDS};
 use super::modes::{Event, Mode, TABLE, transition};
 use crate::Pilot;
 use crate::navigation::before::Before;
@@ -254,10 +255,12 @@ impl Pilot {
             }
             severity => severity,
         };
-        self.condition_event(at, index, begins, severity);
+        let number = if begins { CONDITION_BEGINS } else { CONDITION_ENDS };
+        let argument = [u8::try_from(index).unwrap_or(u8::MAX)];
+        self.out.event(at, number, severity.into(), &[&argument]);
         let text = if begins { (row.words)(self, at) } else { row.over.to_owned() };
         if !text.is_empty() {
-            self.say(at, severity, text);
+            self.out.say(at, severity, text);
         }
     }
 }

@@ -162,7 +162,7 @@ impl Pilot {
         if let Some(why) = refusal {
             let result = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
             self.service_ack(client, MavCmd::MAV_CMD_USER_4, result);
-            self.say(at, Severity::Warning, format!("judging refused: {why}"));
+            self.out.say(at, Severity::Warning, format!("judging refused: {why}"));
             return;
         }
         self.begin_judging(at, Some(client), 0);
@@ -178,7 +178,7 @@ impl Pilot {
             target_system: client.peer.0,
             target_component: client.peer.1,
         });
-        self.out.outbox.message(client.link, self.out.own, &message);
+        self.out.message(client.link, &message);
     }
 
     fn begin_judging(&mut self, at: HostTime, asker: Option<Client>, delay_us: i64) {
@@ -238,7 +238,7 @@ impl Pilot {
             let result = MavResult::MAV_RESULT_CANCELLED;
             self.service_ack(client, MavCmd::MAV_CMD_USER_4, result);
         }
-        self.say(at, Severity::Info, format!("judging {} stopped: {why}", running.name));
+        self.out.say(at, Severity::Info, format!("judging {} stopped: {why}", running.name));
         true
     }
 
@@ -273,7 +273,7 @@ impl Pilot {
                 if running.asker.is_some() || !matches!(fault, FileFault::NotFound | FileFault::Off)
                 {
                     let text = format!("{} not judged: {why}", running.name);
-                    self.say(at, Severity::Warning, text);
+                    self.out.say(at, Severity::Warning, text);
                 }
                 return;
             }
@@ -293,7 +293,7 @@ impl Pilot {
         if news {
             let text = format!("judging {}: {what} {percent} %", running.name);
             running.told = (what, percent);
-            self.say(at, Severity::Info, text);
+            self.out.say(at, Severity::Info, text);
         }
         if let Some(client) = asker {
             self.judge_progress(client, percent.min(100));
@@ -305,7 +305,7 @@ impl Pilot {
         for line in lines {
             match line {
                 Told::Text(text) => {
-                    self.say(at, Severity::Info, format!("{}: {text}", running.name));
+                    self.out.say(at, Severity::Info, format!("{}: {text}", running.name));
                 }
                 Told::Value(name, value) => {
                     let message = MavMessage::NAMED_VALUE_FLOAT(NAMED_VALUE_FLOAT_DATA {
@@ -313,7 +313,7 @@ impl Pilot {
                         value,
                         name: name.as_str().into(),
                     });
-                    self.tell_all(&message);
+                    self.out.tell_all(&message);
                 }
             }
         }

@@ -47,7 +47,6 @@ use crate::config::PilotConfig;
 use crate::flight::fence::Guarded;
 use crate::flight::modes::{Event, Mode};
 use crate::input::LinkId;
-use crate::out::events::Events;
 use crate::out::voice::Severity;
 
 use budget::Bucket;
@@ -99,7 +98,6 @@ pub(crate) struct Services {
     pub plans: Plans,
     ftp: Ftp,
     logs: Logs,
-    pub events: Events,
     fence_watch: FenceWatch,
     judge: Judge,
     lost: Lost,
@@ -116,7 +114,6 @@ impl Services {
             plans: Plans::new(Some(config.origin.in_force())),
             ftp: Ftp::default(),
             logs: Logs::default(),
-            events: Events::default(),
             fence_watch: FenceWatch::default(),
             judge: Judge::default(),
             lost: Lost::default(),
@@ -184,7 +181,7 @@ impl Pilot {
                 true
             }
             MavMessage::REQUEST_EVENT(m) => {
-                self.events_again(client, m);
+                self.out.events_again(link, peer, m);
                 true
             }
             MavMessage::COMMAND_LONG(m) => {
@@ -216,12 +213,12 @@ impl Pilot {
         let result = match command {
             MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_METADATA_ID => {
                 let message = self.stations.services.metadata.message(at);
-                self.out.outbox.message(client.link, self.out.own, &message);
+                self.out.message(client.link, &message);
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_INFORMATION_ID => {
                 let message = self.stations.services.metadata.older_message(at);
-                self.out.outbox.message(client.link, self.out.own, &message);
+                self.out.message(client.link, &message);
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_PREFLIGHT_STORAGE => {
@@ -230,7 +227,7 @@ impl Pilot {
                     match self.stations.services.desk.ask(FileTask::ForgetParameters, purpose, at) {
                         Ok(()) => return true,
                         Err((fault, _)) => {
-                            self.say(at, Severity::Warning, fault.words().to_owned());
+                            self.out.say(at, Severity::Warning, fault.words().to_owned());
                             R::MAV_RESULT_FAILED
                         }
                     }
@@ -266,7 +263,7 @@ impl Pilot {
             target_system: client.peer.0,
             target_component: client.peer.1,
         });
-        self.out.outbox.message(client.link, self.out.own, &message);
+        self.out.message(client.link, &message);
     }
 
     /// Once a control step: what is due, and what was begun.
@@ -283,10 +280,10 @@ impl Pilot {
         self.fence_tick(at);
         self.judge_tick(at);
         for n in 0..self.stations.grounds.len() {
-            if !self.stations.grounds[n].is_open {
+            let link = self.stations.grounds[n].link;
+            if !self.out.is_open(link) {
                 continue;
             }
-            let link = self.stations.grounds[n].link;
             let line_Bps = self.line_Bps(link);
             let buckets = &mut self.stations.services.buckets;
             let mut bucket = match buckets.iter().position(|(l, _)| *l == link) {
@@ -343,7 +340,7 @@ impl Pilot {
                     Err(fault) => (MavResult::MAV_RESULT_FAILED, fault.words().to_owned()),
                 };
                 self.service_ack(client, MavCmd::MAV_CMD_PREFLIGHT_STORAGE, answer);
-                self.say(at, Severity::Info, text);
+                self.out.say(at, Severity::Info, text);
             }
             (Purpose::LoadPlan(plan), Ok(())) => self.plan_restored(at, plan, bytes),
             // Nothing was kept.
@@ -389,7 +386,7 @@ impl Pilot {
         if plans.held_back.replace((since, at)).is_none() {
             let pos = self.estimate.pos_E_m;
             let text = format!("held back by the fence at N {:.2} E {:.2} m", pos.x(), pos.y());
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
         }
         if matches!(self.flight.mode, Mode::Mission | Mode::Goto) {
             self.fire(at, Event::HoldAsked);

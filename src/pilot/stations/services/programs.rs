@@ -50,7 +50,7 @@ impl Pilot {
             self.service_ack(client, MavCmd::MAV_CMD_USER_4, MavResult::MAV_RESULT_DENIED);
             let text =
                 format!("program {number}: allowed -1 (judges), 0 (names all) to {MOST_NAMES}");
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
             return true;
         };
         // An empty name asks for the names.
@@ -67,7 +67,7 @@ impl Pilot {
         if quarter(done) > quarter(done - 1) {
             let percent = quarter(done) * 100 / QUARTERS;
             let text = format!("program {name}: {percent} %, item {done} of {count} done");
-            self.say(at, Severity::Info, text);
+            self.out.say(at, Severity::Info, text);
         }
     }
 
@@ -90,7 +90,7 @@ impl Pilot {
             (Job::Names(client), Ok(())) => {
                 let names = names(bytes);
                 for (n, name) in names.iter().enumerate() {
-                    self.say(at, Severity::Info, format!("program {}: {name}", n + 1));
+                    self.out.say(at, Severity::Info, format!("program {}: {name}", n + 1));
                 }
                 (client, Ok(format!("{} programs", names.len())))
             }
@@ -128,7 +128,7 @@ impl Pilot {
             Err(text) => (MavResult::MAV_RESULT_FAILED, Severity::Warning, text),
         };
         self.service_ack(client, MavCmd::MAV_CMD_USER_4, answer);
-        self.say(at, severity, text);
+        self.out.say(at, severity, text);
     }
 }
 
