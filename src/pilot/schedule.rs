@@ -12,10 +12,12 @@ use haltere_core::topics::{HealthRecord, Topic};
 use crate::Pilot;
 use crate::flight::guidance::Now;
 use crate::flight::hover;
-use crate::flight::modes::{Event, Mode};
+use crate::flight::modes::{Event, Mode, transition};
+use crate::flight::supervise::TURN_SHARE;
 use crate::input::LinkId;
 use crate::out::voice::Severity;
 use crate::stations::streams::Streams;
+use crate::view::view;
 
 /// Period of the control step, µs: 100 Hz as in the source.
 pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
@@ -34,8 +36,6 @@ const SPOOL_MARGIN_S: f64 = 0.3;
 const SPOOL_WAIT_S: f64 = 1.5;
 /// A voltage older than this says nothing about the present one, s.
 const BATTERY_AGE_S: f64 = 5.0;
-/// A board attitude older than this is not compared with ours, s.
-const ATTITUDE_AGE_S: f64 = 0.2;
 /// A link that carries the beginning of a frame and then nothing for so long will not complete
 /// it, µs: several frames at the slowest radio. Until then a false marker holds back what follows.
 const QUIET_US: i64 = 200_000;
@@ -67,19 +67,7 @@ impl Pilot {
         self.flush_quiet_links(at);
         self.ask_for_binary(at);
         self.estimate = self.navigation.estimator.estimate();
-        self.watch_left_out(at);
-        self.watch_health(at);
-        self.follow_north(at, dt_s);
-        self.watch_lift(dt_s);
-        self.watch_slip(at, dt_s);
-        self.watch_scale(at, dt_s);
-        self.watch_speed();
-        self.watch_room(at, dt_s);
-        let remedies = self.navigation.estimator.counts().remedies;
-        self.flight.supervisor.evidence.note_remedies(at, remedies);
-        self.check_survey(at);
-        self.watch_lying(at, dt_s);
-        self.watch_floor(at, dt_s);
+        self.look(at, dt_s);
         self.supervise(at);
         self.control_step(at, dt_s);
         self.navigation.touch.sent(self.flight.control.thrust_frac, dt_s);
@@ -98,20 +86,36 @@ impl Pilot {
         }
     }
 
-    fn follow_north(&mut self, at: HostTime, dt_s: f64) {
-        let Some(board) = self.board.attitude else { return };
-        let usable = matches!(self.estimate.health, Health::Good | Health::Degraded)
-            && at.seconds_since(board.received_at) < ATTITUDE_AGE_S;
-        // Before take-off the board's heading is the frame of the command, whatever ours says; the
-        // generic board has always been followed slowly.
-        let standing = self.board.link.firmware().is_real()
-            && matches!(self.flight.mode, Mode::Disarmed | Mode::Arming | Mode::Idle)
-            && self.is_standing();
-        if usable
-            && self.navigation.north.follow(self.estimate.R_EB, board.attitude, dt_s, standing)
-        {
-            let text = "board heading jumped against ours: setpoints follow";
-            self.out.say(at, Severity::Warning, text.to_owned());
+    /// Looks at what came in since the last step, before anything is decided.
+    fn look(&mut self, at: HostTime, dt_s: f64) {
+        let view = view!(self, at);
+        let (navigation, out) = (&mut self.navigation, &mut self.out);
+        navigation.watch_left_out(&view, out);
+        if navigation.watch_health(&view, out) {
+            self.flight.guidance.home_is_here(view.estimate.pos_E_m);
+        }
+        navigation.follow_north(&view, dt_s, out);
+        navigation.watch_lift(&view, dt_s);
+        navigation.watch_slip(&view, dt_s);
+        navigation.watch_scale(&view, dt_s);
+        self.flight.watch_speed(&view);
+        navigation.watch_room(&view, self.clock.control_steps, dt_s);
+        let remedies = navigation.estimator.counts().remedies;
+        navigation.evidence.note_remedies(at, remedies);
+        navigation.check_survey(&view, out);
+        navigation.watch_lying(&view, dt_s);
+        self.watch_floor(at, dt_s);
+    }
+
+    /// A vehicle that came to stand without being asked to lands, where it is felt for the floor, and disarms.
+    fn watch_floor(&mut self, at: HostTime, dt_s: f64) {
+        let watched = transition(self.flight.mode, Event::FloorCarries).is_some();
+        let heard = self.imu_is_alive(at) && !self.navigation.is_numb();
+        if self.navigation.watch_floor(&view!(self, at), [watched, heard], dt_s) {
+            self.fire(at, Event::FloorCarries);
+            // Whatever the landing's estimate says from here on, it does not lift off again.
+            self.navigation.touch.low_frac =
+                Some(TURN_SHARE * self.flight.control.thrust_base_frac);
         }
     }
 
@@ -138,7 +142,8 @@ impl Pilot {
                 let output = self.run_controller(at, &command, dt_s, true, None);
                 self.flight.control = output.record;
                 let share = at.seconds_since(self.flight.mode_since) / self.config.flight.spool_s;
-                let thrust_frac = self.hover_thrust_frac() * SPOOL_SHARE * share.min(1.0);
+                let thrust_frac =
+                    self.flight.hover_thrust_frac(&self.config) * SPOOL_SHARE * share.min(1.0);
                 let yaw_rad = self.estimate.R_EB.yaw_rad();
                 // The loops take over from what the vehicle was last told.
                 self.flight.controller.reset(Some(&Handover {
@@ -157,7 +162,8 @@ impl Pilot {
                 let command = self.stay_command();
                 let output = self.run_controller(at, &command, dt_s, true, None);
                 self.flight.control = output.record;
-                self.flight.supervisor.descent.late = self.obeys_late();
+                self.flight.supervisor.descent.late =
+                    self.navigation.obeys_late(&self.board.state());
                 let Some(share) = self.flight.supervisor.descent.step(dt_s) else {
                     self.fire(at, Event::TouchDown);
                     self.send_idle(at);
@@ -167,9 +173,10 @@ impl Pilot {
                 let yaw_rad = self.board.attitude.map_or(0.0, |a| a.attitude.yaw_rad());
                 let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
                 let share = share.min(self.most_share(at));
-                let thrust_frac = self.bounded_frac(self.hover_thrust_frac() * share);
+                let thrust_frac =
+                    self.bounded_frac(self.flight.hover_thrust_frac(&self.config) * share);
                 self.flight.control.thrust_frac = thrust_frac;
-                self.flight.supervisor.lying.asked(&level);
+                self.navigation.lying.asked(&level);
                 self.board.link.send_setpoint(at, level, thrust_frac, &mut self.out.outbox);
             }
             _ => {
@@ -231,12 +238,6 @@ impl Pilot {
         }
     }
 
-    /// Thrust that hovers at the present voltage, as far as it is known, 0 to 1.
-    pub(super) fn hover_thrust_frac(&self) -> f64 {
-        let most = self.config.control.limits.thrust_max_frac;
-        (self.flight.control.thrust_base_frac * self.flight.hover.factor()).min(most)
-    }
-
     /// Learns the hover thrust from a step that was flown under position control.
     fn learn_hover(&mut self, at: HostTime, dt_s: f64, disturbed: bool) {
         let estimate = &self.estimate;
@@ -247,7 +248,7 @@ impl Pilot {
         let calm = !matches!(self.flight.mode, Mode::Takeoff | Mode::Land);
         let observable = !disturbed
             && calm
-            && !self.estimate_is_contradicted(at)
+            && !self.navigation.estimate_is_contradicted(&view!(self, at))
             && estimate.health == Health::Good
             && self.height_above_floor_m() > hover::CLEAR_M
             && vel_down_mps.abs() < hover::SLOW_MPS
@@ -271,7 +272,7 @@ impl Pilot {
             roll_rad: 0.0,
             pitch_rad: 0.0,
             yaw_rad: self.estimate.R_EB.yaw_rad(),
-            thrust_frac: self.hover_thrust_frac(),
+            thrust_frac: self.flight.hover_thrust_frac(&self.config),
         }));
     }
 
@@ -329,7 +330,7 @@ impl Pilot {
         self.flight.control.hover_factor = self.flight.hover.factor();
         self.flight.control.thrust_frac = thrust_frac;
         let for_board = self.navigation.north.setpoint_for_board(attitude);
-        self.flight.supervisor.lying.asked(&for_board);
+        self.navigation.lying.asked(&for_board);
         self.board.link.send_setpoint(at, for_board, thrust_frac, &mut self.out.outbox);
     }
 

@@ -35,6 +35,21 @@ pub(crate) struct Board {
     pub(crate) servos: Option<ServoOutput>,
 }
 
+/// The board, as the other parts see it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct BoardState {
+    /// Its firmware is one that is known.
+    pub is_real: bool,
+    /// It is in the mode in which it obeys, and flies what it is sent.
+    pub obeys: bool,
+    /// Its link is late, and by how much, s.
+    pub is_late: bool,
+    pub latency_s: f64,
+    /// How long after a tilt was asked for its attitude shows it, s, where that can be told.
+    pub response_lag_s: Option<f64>,
+    pub attitude: Option<BoardAttitude>,
+}
+
 impl Board {
     pub(crate) fn new(config: &PilotConfig, at: HostTime) -> Self {
         let link = LinkConfig {
@@ -54,6 +69,18 @@ impl Board {
             pressure_pa: None,
             battery: None,
             servos: None,
+        }
+    }
+
+    /// What the other parts may look at.
+    pub(crate) fn state(&self) -> BoardState {
+        BoardState {
+            is_real: self.link.firmware().is_real(),
+            obeys: self.link.obeys(),
+            is_late: self.link.lateness().is_late(),
+            latency_s: self.link.lateness().latency_s(),
+            response_lag_s: self.link.response_lag_s(),
+            attitude: self.attitude,
         }
     }
 }

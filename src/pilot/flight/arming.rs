@@ -10,6 +10,7 @@ use super::ending::ENDS;
 use super::modes::Mode;
 use crate::Pilot;
 use crate::out::voice::Severity;
+use crate::view::view;
 
 /// Tilt beyond which the vehicle does not stand on its gear, rad.
 pub(crate) const ARM_TILT_RAD: f64 = 0.35;
@@ -103,7 +104,8 @@ pub(crate) fn imu(pilot: &Pilot, at: HostTime) -> Look {
 }
 
 pub(crate) fn uwb(pilot: &Pilot, at: HostTime) -> Result<(), String> {
-    let (heard, needed) = (pilot.anchors_alive(at), pilot.anchors_needed());
+    let (heard, needed) =
+        (pilot.navigation.anchors_alive(&view!(pilot, at)), pilot.anchors_needed());
     if !is_fresh(pilot.navigation.last_fused, at) {
         Err("no UWB measurements".to_owned())
     } else if heard < needed {

@@ -127,7 +127,7 @@ impl Pilot {
         let new = |t: Option<HostTime>| t.is_some_and(|t| t > end && at.seconds_since(t) < NEW_S);
         let heard = new(self.flight.resumption.uwb_at)
             && new(self.navigation.last_imu)
-            && self.estimate_is_back()
+            && self.navigation.estimate_is_back(&self.estimate)
             && self.estimate.std_vel_B_mps.z() < STD_VEL_MPS;
         if !heard {
             self.flight.resumption.heard_since = None;

@@ -18,7 +18,6 @@ use haltere_core::frames::{E, Vec3};
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ShadowRecord, Topic};
 
-use super::modes::Mode;
 use crate::Pilot;
 use crate::out::voice::Severity;
 
@@ -73,7 +72,7 @@ pub(crate) struct Shadow {
     armed: bool,
     /// Since when the IMU has not rested.
     beats_since: Option<HostTime>,
-    airborne: bool,
+    pub airborne: bool,
     /// The place on the leash.
     place_E_m: Option<Vec3<E>>,
 }
@@ -153,13 +152,6 @@ impl Pilot {
             self.flight.shadow.airborne = true;
             self.navigation.estimator.set_airborne(true);
         }
-    }
-
-    /// Whether a vehicle stands that nobody flies.
-    pub(crate) fn is_standing(&self) -> bool {
-        !self.flight.mode.has_thrust()
-            && self.flight.mode != Mode::Yielded
-            && !self.flight.shadow.airborne
     }
 }
 

@@ -3,7 +3,6 @@
 //! `arming`.
 
 use haltere_core::estimate::Health;
-use haltere_core::estimator::Misgiving;
 use haltere_core::frames::G_MPS2;
 use haltere_core::measure::BaroSample;
 use haltere_core::time::HostTime;
@@ -11,8 +10,10 @@ use haltere_core::time::HostTime;
 use super::awaited::Next;
 use super::modes::{Event, Mode};
 use crate::Pilot;
+use crate::navigation::near::NEAR_FLOOR_M;
 use crate::out::voice::Severity;
 use crate::schedule::CONTROL_PERIOD_US;
+use crate::view::view;
 
 /// No touch-down is looked for right after the landing began, s.
 const TOUCH_NOT_BEFORE_S: f64 = 1.0;
@@ -88,19 +89,9 @@ const GAP_S: f64 = 0.1;
 const FEEL_AGAIN_S: f64 = 0.5;
 /// After each search in vain they have so many times longer.
 const FEEL_GROWTH: f64 = 1.6;
-/// An accelerometer that repeats itself for this long shows no fall any more, s: a dozen samples, and long before it
-/// counts as frozen.
-const FEEL_BLIND_S: f64 = 0.05;
-/// The floor is expected below this height by the estimate, m: near it multipath biases the height
-/// by up to half a metre (INTERFACES.md section 1; 0.5 m seen in lockstep).
-const TOUCH_BELOW_M: f64 = 0.8;
-/// The floor is not there yet where estimate and barometer both say more than this, m.
-const CLEAR_M: f64 = 0.5;
 /// No order leads a landing up again that has come to this height by the estimate, m: at the speed of a landing the floor is
 /// one second away, and an order that comes with the touch-down would lift a vehicle off that somebody has seen land.
 const LAST_M: f64 = 0.3;
-/// An estimate is back only where UWB is as new as this, s.
-const UWB_BACK_S: f64 = 0.5;
 /// The estimate must be good for this long before a blind descent becomes a landing again, s.
 const BACK_FOR_S: f64 = 0.3;
 /// After each descent of a flight it must be good for so many times longer.
@@ -114,9 +105,6 @@ const FORCE_AFTER_S: f64 = 3.0;
 const INSIST_FIRST_S: f64 = 2.0;
 /// … and again after this, s.
 const INSIST_TELL_S: f64 = 5.0;
-/// A change between good and degraded is told at most this often, s.
-const HEALTH_TELL_S: f64 = 2.0;
-
 /// State of the search for the floor. It belongs to the way down, not to a mode: what was found of the floor in a landing
 /// holds in the descent that it turns into, and the other way round. Only an accelerometer that shows a fall takes
 /// it back.
@@ -294,16 +282,17 @@ impl Pilot {
     /// In a descent without an estimate: whether the floor is there, and whether the estimate is back.
     fn watch_descent(&mut self, at: HostTime) {
         // So near the floor nothing is to be gained by an estimate that was just lost: it is over sooner than that is known.
-        let near =
-            self.flight.supervisor.descent.height_m < TOUCH_BELOW_M || self.is_low_by_baro(at);
-        let bad = !self.is_uwb_fresh(at) || !self.estimate_is_back();
+        let near = self.flight.supervisor.descent.height_m < NEAR_FLOOR_M
+            || self.navigation.is_low_by_baro(&view!(self, at));
+        let bad =
+            !self.navigation.is_uwb_fresh(at) || !self.navigation.estimate_is_back(&self.estimate);
         if near || bad || self.needs_descent() {
             self.flight.good_since = None;
         } else if at.seconds_since(*self.flight.good_since.get_or_insert(at)) > self.back_for_s() {
             self.fire(at, Event::EstimateBack);
             return;
         }
-        let numb = self.is_numb() || !self.imu_is_alive(at);
+        let numb = self.navigation.is_numb() || !self.imu_is_alive(at);
         self.flight.supervisor.descent.numb = numb;
         if self.imu_is_alive(at) {
             if self.navigation.touch.fell_at.is_none()
@@ -311,8 +300,10 @@ impl Pilot {
             {
                 self.navigation.touch.ceiling_frac = self.standing_ceiling_frac();
             }
-            let share = self.flight.control.thrust_frac / self.hover_thrust_frac().max(0.05);
-            let low = self.flight.supervisor.descent.is_low() || self.is_low_by_baro(at);
+            let share = self.flight.control.thrust_frac
+                / self.flight.hover_thrust_frac(&self.config).max(0.05);
+            let low = self.flight.supervisor.descent.is_low()
+                || self.navigation.is_low_by_baro(&view!(self, at));
             let held_up = self.flight.supervisor.descent.is_held_up(share, HELD_UP_SHARE);
             let for_s = if low { TOUCH_FOR_S } else { HELD_UP_FOR_S };
             self.feel_for_floor(at, low, low || held_up, for_s, None);
@@ -326,9 +317,11 @@ impl Pilot {
 
     /// Near the floor a landing goes on with no more thrust than it had.
     pub(crate) fn hold_thrust_near_floor(&mut self, at: HostTime) {
-        if self.navigation.touch.turn_frac.is_none() && self.is_near_floor(at) {
+        if self.navigation.touch.turn_frac.is_none()
+            && self.navigation.is_near_floor(&view!(self, at))
+        {
             let least_frac = TURN_SHARE * self.flight.control.thrust_base_frac;
-            if self.is_numb() {
+            if self.navigation.is_numb() {
                 // Nothing tells whether it stands already.
                 self.navigation.touch.low_frac = Some(least_frac);
             }
@@ -343,20 +336,21 @@ impl Pilot {
     /// Whether a landing is about to end, as estimate and barometer have it: one of them alone may be wrong, and the vehicle
     /// fall.
     fn is_in_last_second(&self, at: HostTime) -> bool {
-        self.navigation.touch.is_last && self.is_low_by_baro(at)
+        self.navigation.touch.is_last && self.navigation.is_low_by_baro(&view!(self, at))
     }
 
     /// Most thrust of the loops.
     pub(crate) fn thrust_ceiling_frac(&self, at: HostTime) -> f64 {
         let last = self.flight.mode == Mode::Land && self.is_in_last_second(at);
-        let most_frac = if last { LAST_SHARE * self.hover_thrust_frac() } else { 1.0 };
+        let most_frac =
+            if last { LAST_SHARE * self.flight.hover_thrust_frac(&self.config) } else { 1.0 };
         self.bounded_frac(most_frac)
     }
 
     /// A thrust, held below what was found, and below what carries while it is asked whether it stands, or lies.
     pub(crate) fn bounded_frac(&self, thrust_frac: f64) -> f64 {
         let asked_share = self.navigation.carried.most_share().unwrap_or(f64::INFINITY);
-        let asked_share = if self.flight.supervisor.lying.is_asked() { 0.0 } else { asked_share };
+        let asked_share = if self.navigation.lying.is_asked() { 0.0 } else { asked_share };
         self.navigation
             .touch
             .bounded(thrust_frac.min(asked_share * self.flight.control.thrust_base_frac))
@@ -365,9 +359,10 @@ impl Pilot {
     /// Without an accelerometer a descent that something holds up near the floor has found it: from here on thrust only
     /// sinks, or the cushion of the floor would throw it up again.
     fn take_hold_of_floor(&mut self, at: HostTime) {
-        let share = self.flight.control.thrust_frac / self.hover_thrust_frac().max(0.05);
+        let share =
+            self.flight.control.thrust_frac / self.flight.hover_thrust_frac(&self.config).max(0.05);
         let descent = &self.flight.supervisor.descent;
-        let low = descent.is_low() || self.is_low_by_baro(at);
+        let low = descent.is_low() || self.navigation.is_low_by_baro(&view!(self, at));
         if self.navigation.touch.turn_frac.is_some()
             || !(low && descent.is_held_up(share, BLIND_HELD_UP_SHARE))
         {
@@ -392,30 +387,6 @@ impl Pilot {
         }
     }
 
-    pub(crate) fn is_uwb_fresh(&self, at: HostTime) -> bool {
-        self.navigation.last_fused.is_some_and(|t| at.seconds_since(t) < UWB_BACK_S)
-    }
-
-    /// Whether estimate or barometer say that the floor is near.
-    pub(crate) fn is_near_floor(&self, at: HostTime) -> bool {
-        self.is_low_by_estimate() || self.is_low_by_baro(at)
-    }
-
-    /// Whether estimate and barometer, each by itself, say that the floor is not there yet.
-    fn is_clear_of_floor(&self, at: HostTime) -> bool {
-        self.height_above_floor_m() > CLEAR_M
-            && self.baro_above_floor_m(at).is_some_and(|m| m > CLEAR_M)
-    }
-
-    fn is_low_by_estimate(&self) -> bool {
-        self.height_above_floor_m() < TOUCH_BELOW_M
-    }
-
-    /// Whether the barometer, whose zero was the floor, says that it is near.
-    fn is_low_by_baro(&self, at: HostTime) -> bool {
-        self.baro_above_floor_m(at).is_some_and(|m| m < TOUCH_BELOW_M)
-    }
-
     /// How long an estimate must be good to be flown on again, s: what comes and goes would otherwise keep
     /// the vehicle in the air for ever.
     fn back_for_s(&self) -> f64 {
@@ -424,7 +395,7 @@ impl Pilot {
 
     /// Air pressure for whoever does not trust the estimate.
     pub(crate) fn watch_baro(&mut self, sample: &BaroSample) {
-        let standing = self.is_standing();
+        let standing = self.flight.is_standing();
         if standing && self.estimate.health == Health::NotAligned {
             return;
         }
@@ -433,7 +404,7 @@ impl Pilot {
         let known_m = -self.estimate.pos_E_m.z() + self.estimate.vel_E_mps().z() * since_s;
         let dt_s = self.navigation.baro_at.map_or(0.0, |t| sample.valid_at.seconds_since(t));
         self.navigation.baro_at = Some(sample.valid_at);
-        let evidence = &mut self.flight.supervisor.evidence;
+        let evidence = &mut self.navigation.evidence;
         let Some(height_m) = evidence.note_baro(sample, known_m, standing) else { return };
         self.resume_at_height(sample.valid_at, height_m - self.config.flight.gear_height_m);
         if self.flight.mode == Mode::Descend {
@@ -469,75 +440,12 @@ impl Pilot {
         }
     }
 
-    /// Tells people which anchor is left out, and when it is heard again.
-    pub(crate) fn watch_left_out(&mut self, at: HostTime) {
-        for rank in 0..self.out.told.left_out.len() {
-            let out = self.navigation.estimator.is_left_out(rank);
-            let Some(told) = self.out.told.left_out.get_mut(rank).filter(|told| **told != out)
-            else {
-                continue;
-            };
-            *told = out;
-            let Some(id) = self.survey.ids().get(rank).map(|id| id.0) else { continue };
-            if out {
-                let text = format!("anchor {id} does not fit the others and is left out");
-                self.out.say(at, Severity::Warning, text);
-            } else {
-                self.out.say(at, Severity::Info, format!("anchor {id} is heard again"));
-            }
-        }
-    }
-
-    /// Whether the estimate is good, or would be but for what it was before: one that settles is better than none.
-    pub(crate) fn estimate_is_back(&self) -> bool {
-        let why = self.navigation.estimator.misgiving(self.estimate.at);
-        self.estimate.health == Health::Good || matches!(why, Some(Misgiving::Returns { .. }))
-    }
-
-    /// Tells people when the estimate gets worse or better, and why, calmly.
-    pub(crate) fn watch_health(&mut self, at: HostTime) {
-        let why = self.navigation.estimator.misgiving(at);
-        // As it is at each take-off: a warning that always comes is not read.
-        let health = match (self.estimate.health, why) {
-            (Health::Degraded, Some(Misgiving::FloorHides { .. })) => Health::Good,
-            (health, _) => health,
-        };
-        let was = self.out.told.health;
-        if health == was {
-            return;
-        }
-        let small = |h| matches!(h, Health::Good | Health::Degraded);
-        if small(was) && small(health) && at.seconds_since(self.out.told.health_at) < HEALTH_TELL_S
-        {
-            return;
-        }
-        self.out.told.health = health;
-        self.out.told.health_at = at;
-        let pos = self.estimate.pos_E_m;
-        let place = format!("N {:.2} E {:.2} height {:.2} m", pos.x(), pos.y(), -pos.z());
-        let why = why.map_or(String::new(), |why| format!(": {why}"));
-        let (severity, text) = match (was, health) {
-            (Health::NotAligned, Health::Good | Health::Degraded) => {
-                self.flight.guidance.home_is_here(pos);
-                self.tell_magnetic_field(at);
-                (Severity::Info, format!("estimator aligned at {place}"))
-            }
-            (_, Health::Good) => (Severity::Info, "estimate good again".to_owned()),
-            (_, Health::Degraded) => {
-                (Severity::Warning, format!("estimate degraded near {place}{why}"))
-            }
-            (_, Health::Lost) => (Severity::Critical, format!("estimate lost{why}")),
-            (_, Health::NotAligned) => (Severity::Critical, "estimator starts anew".to_owned()),
-        };
-        self.out.say(at, severity, text);
-    }
-
     /// Height and speed near the floor are biased by multipath, so the floor is told by what it
     /// does: it carries. When the vehicle seems to sink too slowly, thrust is taken away; in the
     /// air the accelerometer shows at once that it falls, on the floor it shows nothing.
     fn watch_touch_down(&mut self, at: HostTime) {
         // Near the floor an estimate that nothing measures, or that flies by a sample that repeats itself, is not climbed by.
-        if self.is_numb() || !self.is_uwb_fresh(at) {
+        if self.navigation.is_numb() || !self.navigation.is_uwb_fresh(at) {
             self.hold_thrust_near_floor(at);
         }
         // The shares were tuned on the configured base. With the learned one the floor was found up to 4 s
@@ -546,9 +454,9 @@ impl Pilot {
         let sink_mps = self.estimate.vel_E_mps().z();
         let light = self.flight.control.thrust_frac < TOUCH_THRUST_SHARE * base_frac;
         let slow = sink_mps < TOUCH_SPEED_SHARE * self.config.flight.land_slow_speed_mps;
-        let low = self.is_near_floor(at);
+        let low = self.navigation.is_near_floor(&view!(self, at));
         let for_s = match low {
-            true if self.is_clear_of_floor(at) => TOUCH_CLEAR_FOR_S,
+            true if self.navigation.is_clear_of_floor(&view!(self, at)) => TOUCH_CLEAR_FOR_S,
             true => TOUCH_FOR_S,
             false => TOUCH_ANYWHERE_FOR_S,
         };
@@ -564,17 +472,8 @@ impl Pilot {
     /// How fast thrust may be taken away, share of the base per second: with a fall that is seen later it is
     /// to be no larger when it is seen.
     fn feel_per_s(&self) -> f64 {
-        FEEL_PER_S * FEEL_FILTER_S / (FEEL_FILTER_S + self.obeyed_after_s())
-    }
-
-    /// How long what is sent takes to be seen, s; 0 where it is not late.
-    pub(crate) fn obeyed_after_s(&self) -> f64 {
-        self.board.link.lateness().latency_s().max(self.navigation.touch.lag_s)
-    }
-
-    /// Whether what is sent is obeyed too late for a loop that is closed over it.
-    pub(crate) fn obeys_late(&self) -> bool {
-        self.board.link.lateness().is_late() || self.navigation.touch.lag_s > 0.0
+        FEEL_PER_S * FEEL_FILTER_S
+            / (FEEL_FILTER_S + self.navigation.obeyed_after_s(&self.board.state()))
     }
 
     /// Takes thrust away as soon as there has been a reason for so long. `sink_mps`: where it is known.
@@ -608,7 +507,7 @@ impl Pilot {
         let fast_mps = 2.0 * self.config.flight.land_slow_speed_mps;
         // A speed by the estimate counts where the accelerometer leans the same way, and not after the estimate was once
         // lost: on the floor it says what it likes, and whoever believed it took off again.
-        let believed = self.flight.supervisor.descents == 0 && self.is_uwb_fresh(at);
+        let believed = self.flight.supervisor.descents == 0 && self.navigation.is_uwb_fresh(at);
         let sinks = believed && sink_mps.is_some_and(|sink_mps| sink_mps > fast_mps);
         let short_mps2 = self.navigation.touch.acc_z_mps2 + G_MPS2;
         // Half a wing beat alone is a fall to a filter that has only begun.
@@ -622,7 +521,7 @@ impl Pilot {
                 self.navigation.touch.low_frac = Some(TURN_SHARE * base_frac);
             }
             self.flight.supervisor.descent.floor_not_found();
-        } else if !self.is_numb() || self.navigation.touch.stands {
+        } else if !self.navigation.is_numb() || self.navigation.touch.stands {
             self.lower_thrust(at);
         }
         // Else nobody could say whether it falls now: one that stuck just here had thrust taken away at 0.5 m.
@@ -632,7 +531,7 @@ impl Pilot {
     /// falls, which shows at once. Whoever has no estimate, or had none, keeps below hover thrust even then: a hop of a
     /// centimetre ends with a fall as well.
     fn stay_down(&mut self, low: bool, base_frac: f64) {
-        if !self.is_numb()
+        if !self.navigation.is_numb()
             && self.flight.supervisor.descents > 0
             && self.navigation.touch.is_stopped(low)
         {
@@ -641,21 +540,20 @@ impl Pilot {
                 self.navigation.touch.low_frac = Some(TURN_SHARE * base_frac);
             }
             // A fall that is seen late is to be a slow one.
-            let share = if self.obeys_late() { TURN_SHARE } else { DOWN_SHARE };
+            let share = if self.navigation.obeys_late(&self.board.state()) {
+                TURN_SHARE
+            } else {
+                DOWN_SHARE
+            };
             self.navigation.touch.ceiling_frac =
                 Some(self.navigation.touch.bounded(share * base_frac));
         }
     }
 
-    /// Whether the accelerometer has repeated itself for so long that it shows no fall.
-    pub(crate) fn is_numb(&self) -> bool {
-        self.flight.supervisor.repetition.acc_s > FEEL_BLIND_S
-    }
-
     /// Whether the floor carries already, whatever the estimate says of height and speed.
     fn watch_contact(&mut self, at: HostTime, base_frac: f64) {
-        let near = self.is_near_floor(at);
-        if !near || self.is_numb() || !self.navigation.touch.is_carried(base_frac) {
+        let near = self.navigation.is_near_floor(&view!(self, at));
+        if !near || self.navigation.is_numb() || !self.navigation.touch.is_carried(base_frac) {
             self.navigation.touch.carried_since = None;
             return;
         }
@@ -673,7 +571,7 @@ impl Pilot {
         let Some(ceiling_frac) = self.navigation.touch.ceiling_frac else { return };
         let felt_for_s = at.seconds_since(*self.navigation.touch.feels_since.get_or_insert(at));
         if ceiling_frac < FEEL_SHARE * base_frac {
-            let least_s = FEEL_FOR_S + self.obeyed_after_s();
+            let least_s = FEEL_FOR_S + self.navigation.obeyed_after_s(&self.board.state());
             if felt_for_s > least_s {
                 self.fire(at, Event::TouchDown);
             }

@@ -154,11 +154,11 @@ impl Pilot {
             self.navigation.last_fused = Some(tdoa.received_at);
             self.flight.resumption.uwb(tdoa.valid_at);
         }
-        self.flight.supervisor.anchors.note(tdoa);
-        if self.is_standing() || self.flight.mode != Mode::Disarmed {
+        self.navigation.anchors.note(tdoa);
+        if self.flight.is_standing() || self.flight.mode != Mode::Disarmed {
             self.navigation.survey_check.note(tdoa, self.flight.mode);
         }
-        self.flight.supervisor.evidence.note_uwb(&record);
+        self.navigation.evidence.note_uwb(&record);
         crate::stations::telemetry_counts::note_pair(&mut self.navigation.pairs, &record);
         self.out.record(|| Topic::Uwb(record));
     }
@@ -203,23 +203,23 @@ impl Pilot {
                     self.navigation.last_imu.map_or(0.0, |t| sample.valid_at.seconds_since(t));
                 self.navigation.last_imu = Some(sample.valid_at);
                 self.navigation.imu = Some(sample);
-                self.flight.supervisor.repetition.note(&sample);
+                self.navigation.repetition.note(&sample);
                 let weighed = self.navigation.estimator.weighed(&sample);
                 // What repeats itself says nothing new, and what waited in a pause is over.
-                let repeats = self.flight.supervisor.repetition.acc_s > 0.0;
+                let repeats = self.navigation.repetition.acc_s > 0.0;
                 if !repeats && !self.flight.resumption.is_before_its_end(sample.valid_at) {
                     self.navigation.touch.acc_z(weighed.acc_B_mps2.z(), dt_s);
-                } else if self.is_numb() {
+                } else if self.navigation.is_numb() {
                     self.navigation.touch.deaf();
                 }
                 if let Some(board) = &self.board.attitude {
-                    self.flight.supervisor.lying.imu(&weighed, &board.attitude);
+                    self.navigation.lying.imu(&weighed, &board.attitude);
                 }
                 self.navigation.estimator.imu(&sample);
                 self.out.record(|| Topic::Imu(sample));
             }
             BoardNews::Attitude(attitude) => {
-                self.watch_turn(&attitude);
+                self.navigation.watch_turn(self.board.attitude, &attitude);
                 self.board.attitude = Some(attitude);
                 self.board.down.note(&attitude);
                 self.navigation.estimator.board_vertical(&attitude);

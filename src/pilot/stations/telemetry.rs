@@ -87,7 +87,7 @@ impl Pilot {
             251 if self.flight.control.thrust_base_frac > 0.0 => {
                 MavMessage::NAMED_VALUE_FLOAT(NAMED_VALUE_FLOAT_DATA {
                     time_boot_ms,
-                    value: self.hover_thrust_frac() as f32,
+                    value: self.flight.hover_thrust_frac(&self.config) as f32,
                     name: "HoverThr".into(),
                 })
             }

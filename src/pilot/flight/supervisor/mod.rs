@@ -21,7 +21,7 @@ mod log;
 mod lying;
 mod reaction;
 mod room;
-pub(crate) mod scale;
+mod scale;
 mod slip;
 mod timing;
 mod uwb;
@@ -43,8 +43,6 @@ use super::change::Cause;
 use super::event_list::{CONDITION_BEGINS, CONDITION_ENDS};
 use super::modes::{Event, Mode, TABLE, transition};
 use crate::Pilot;
-use crate::navigation::before::Before;
-use crate::navigation::rooms::Rooms;
 use crate::out::voice::Severity;
 use haltere_core::time::HostTime;
 
@@ -72,16 +70,7 @@ impl Default for States {
 #[derive(Debug, Default)]
 pub(crate) struct Supervisor {
     states: States,
-    pub anchors: uwb::Anchors,
-    pub repetition: imu::Repetition,
-    pub lift: imu::Lift,
-    pub slip: slip::Slip,
-    pub lying: lying::Lying,
-    pub scale: scale::Scale,
     pub speed: envelope::Speed,
-    pub before: Before,
-    pub rooms: Rooms,
-    pub evidence: estimator::Evidence,
     pub heard: links::Heard,
     pub discharge: battery::Discharge,
     pub punctuality: timing::Punctuality,
