@@ -13,8 +13,8 @@ use crate::Pilot;
 use crate::flight::guidance::Now;
 use crate::flight::hover;
 use crate::flight::modes::{Event, Mode, transition};
-use crate::flight::supervise::TURN_SHARE;
 use crate::input::LinkId;
+use crate::navigation::floor::TURN_SHARE;
 use crate::out::voice::Severity;
 use crate::stations::streams::Streams;
 use crate::view::view;
@@ -173,8 +173,10 @@ impl Pilot {
                 let yaw_rad = self.board.attitude.map_or(0.0, |a| a.attitude.yaw_rad());
                 let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
                 let share = share.min(self.most_share(at));
-                let thrust_frac =
-                    self.bounded_frac(self.flight.hover_thrust_frac(&self.config) * share);
+                let thrust_frac = self.navigation.bounded_frac(
+                    self.flight.hover_thrust_frac(&self.config) * share,
+                    self.flight.control.thrust_base_frac,
+                );
                 self.flight.control.thrust_frac = thrust_frac;
                 self.navigation.lying.asked(&level);
                 self.board.link.send_setpoint(at, level, thrust_frac, &mut self.out.outbox);
@@ -303,7 +305,7 @@ impl Pilot {
             height_above_ground_m: height_m,
             dt_s,
             integrators_frozen,
-            thrust_ceiling_frac: self.thrust_ceiling_frac(at),
+            thrust_ceiling_frac: self.navigation.thrust_ceiling_frac(&view!(self, at)),
             held,
         })
     }

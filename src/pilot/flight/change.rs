@@ -10,6 +10,7 @@ use super::resume::Resumption;
 use super::supervisor::{Descent, RESPONSE_MOST_S};
 use crate::Pilot;
 use crate::out::voice::Severity;
+use crate::view::view;
 
 /// A take-off that leaves the floor's cushion rises with so many times its speed for a moment: in lockstep with up to 1.3 m/s
 /// where 0.5 is asked for.
@@ -108,7 +109,7 @@ impl Pilot {
                 let late_s = self.board.link.response_lag_s().filter(|s| *s > RESPONSE_MOST_S);
                 self.navigation.touch.lag_s = late_s.unwrap_or(0.0);
                 if from == Mode::Land {
-                    self.hold_thrust_near_floor(at);
+                    self.navigation.hold_thrust_near_floor(&view!(self, at));
                 }
             }
             Mode::Land => self.flight.land_from_m = self.height_above_floor_m().max(0.0),

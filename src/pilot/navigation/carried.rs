@@ -25,8 +25,8 @@
 use haltere_core::frames::G_MPS2;
 
 use super::Navigation;
+use super::floor::{CARRIED_MPS2, DOWN_SHARE};
 use crate::flight::modes::Mode;
-use crate::flight::supervise::{CARRIED_MPS2, DOWN_SHARE};
 use crate::view::View;
 
 /// Time constant of the means, s.

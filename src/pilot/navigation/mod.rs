@@ -4,12 +4,12 @@ pub(crate) mod anchors;
 pub(crate) mod before;
 pub(crate) mod carried;
 pub(crate) mod evidence;
+pub(crate) mod floor;
 pub(crate) mod heading;
 pub(crate) mod ingest;
 pub(crate) mod lift;
 pub(crate) mod lying;
 pub(crate) mod magnetics;
-pub(crate) mod near;
 pub(crate) mod reference;
 pub(crate) mod repetition;
 pub(crate) mod room;
@@ -28,13 +28,13 @@ use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 
 use crate::config::PilotConfig;
-use crate::flight::supervise::Touch;
 use crate::stations::telemetry_counts::PairStats;
 
 use anchors::Anchors;
 use before::Before;
 use carried::Carried;
 use evidence::Evidence;
+use floor::Touch;
 use heading::BoardNorth;
 use lift::Lift;
 use lying::Lying;

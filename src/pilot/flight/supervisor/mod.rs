@@ -221,7 +221,7 @@ impl Pilot {
         if let Some(why) = self.ending_forbids(to) {
             return Some(why);
         }
-        if self.is_touching_down() && to.is_flying() {
+        if self.navigation.is_touching_down(self.flight.mode) && to.is_flying() {
             return Some("it touches down: take off again from the floor");
         }
         let wanted = |row: &Condition| {
