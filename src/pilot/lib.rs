@@ -85,6 +85,7 @@ use haltere_core::drops::Drops;
 use haltere_core::estimate::Estimate;
 use haltere_core::estimator::Estimator;
 use haltere_core::geo::LocalOrigin;
+use haltere_core::measure::Tdoa;
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ControlRecord, Topic};
@@ -97,6 +98,7 @@ use navigation::Navigation;
 use out::Out;
 use out::voice::Severity;
 use stations::Stations;
+use view::view;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -168,7 +170,10 @@ impl Pilot {
         }
         match input {
             Input::Bytes { link: link @ LinkId::Tag, bytes } => {
-                self.tag_bytes(at, bytes);
+                let view = view!(self, at);
+                let resumption = &mut self.flight.resumption;
+                let fused = |tdoa: &Tdoa| resumption.uwb(tdoa.valid_at);
+                self.navigation.tag_bytes(&view, bytes, &mut self.out, fused);
                 self.look_at_line(at, link, bytes);
             }
             Input::Bytes { link: link @ LinkId::Board, bytes } => {

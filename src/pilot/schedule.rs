@@ -1,5 +1,8 @@
 //! The schedule: the control step at 100 Hz, and what is due beside it.
 
+mod links;
+mod news;
+
 use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
 use haltere_core::control::{Command, ControlInput, Handover, HeldTilt};
@@ -65,7 +68,7 @@ impl Pilot {
         self.out.is_starting = self.clock.control_steps < FIRST_STEPS;
 
         self.flush_quiet_links(at);
-        self.ask_for_binary(at);
+        self.navigation.ask_for_binary(&view!(self, at), &mut self.out);
         self.estimate = self.navigation.estimator.estimate();
         self.look(at, dt_s);
         self.supervise(at);

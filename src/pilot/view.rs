@@ -1,10 +1,10 @@
 //! What the parts of the core may look at of one another, and none of them changes.
 
 use haltere_core::estimate::{Estimate, Health};
+use haltere_core::measure::BoardAttitude;
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 
-use crate::board::BoardState;
 use crate::config::PilotConfig;
 use crate::flight::modes::Mode;
 
@@ -22,6 +22,9 @@ pub(crate) struct View<'a> {
     pub board: BoardState,
 }
 
+/// The factor is kept within these bounds: seen hover thrusts of boards lie between 0.37 and 0.65.
+pub(crate) const HOVER_BOUNDS: [f64; 2] = [0.5, 1.5];
+
 /// The thrust of the newest control step, and the ones that it is held against, 0 to 1.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Thrust {
@@ -32,6 +35,21 @@ pub(crate) struct Thrust {
     pub hover_frac: f64,
     /// How much less is needed near the floor, as a factor.
     pub ground_factor: f64,
+}
+
+/// The board, as the other parts see it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct BoardState {
+    /// Its firmware is one that is known.
+    pub is_real: bool,
+    /// It is in the mode in which it obeys, and flies what it is sent.
+    pub obeys: bool,
+    /// Its link is late, and by how much, s.
+    pub is_late: bool,
+    pub latency_s: f64,
+    /// How long after a tilt was asked for its attitude shows it, s, where that can be told.
+    pub response_lag_s: Option<f64>,
+    pub attitude: Option<BoardAttitude>,
 }
 
 impl View<'_> {

@@ -11,6 +11,7 @@ use haltere_core::time::HostTime;
 
 use crate::config::PilotConfig;
 use crate::flight::at_rest::BoardDown;
+use crate::view::BoardState;
 
 use link::news::BoardNews;
 use link::peers::Peers;
@@ -33,21 +34,6 @@ pub(crate) struct Board {
     pub(crate) battery: Option<BatterySample>,
     /// What the board last told motors and servos.
     pub(crate) servos: Option<ServoOutput>,
-}
-
-/// The board, as the other parts see it.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct BoardState {
-    /// Its firmware is one that is known.
-    pub is_real: bool,
-    /// It is in the mode in which it obeys, and flies what it is sent.
-    pub obeys: bool,
-    /// Its link is late, and by how much, s.
-    pub is_late: bool,
-    pub latency_s: f64,
-    /// How long after a tilt was asked for its attitude shows it, s, where that can be told.
-    pub response_lag_s: Option<f64>,
-    pub attitude: Option<BoardAttitude>,
 }
 
 impl Board {

@@ -103,7 +103,7 @@ impl Pilot {
         let mut splitter = std::mem::take(&mut other.splitter);
         splitter.push(bytes);
         while let Some(next) = splitter.next() {
-            crate::stations::clients::count_frame(self.out.drops_of(LinkId::Board), &next);
+            crate::out::losses::count_frame(self.out.drops_of(LinkId::Board), &next);
             let Ok(frame) = next else { continue };
             if !speaks_as_board(&frame, self.board.link.system_id()) {
                 self.out.lose(LinkId::Board, DropReason::MavWrongPeer, 1);

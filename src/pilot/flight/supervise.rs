@@ -3,7 +3,6 @@
 //! `arming`.
 
 use haltere_core::estimate::Health;
-use haltere_core::measure::BaroSample;
 use haltere_core::time::HostTime;
 
 use super::awaited::Next;
@@ -146,25 +145,6 @@ impl Pilot {
     /// the vehicle in the air for ever.
     fn back_for_s(&self) -> f64 {
         BACK_FOR_S * BACK_GROWTH.powi((self.flight.supervisor.descents - 1).clamp(0, 6))
-    }
-
-    /// Air pressure for whoever does not trust the estimate.
-    pub(crate) fn watch_baro(&mut self, sample: &BaroSample) {
-        let standing = self.flight.is_standing();
-        if standing && self.estimate.health == Health::NotAligned {
-            return;
-        }
-        // The estimate is of the last step.
-        let since_s = self.estimate.at.seconds_since(sample.valid_at);
-        let known_m = -self.estimate.pos_E_m.z() + self.estimate.vel_E_mps().z() * since_s;
-        let dt_s = self.navigation.baro_at.map_or(0.0, |t| sample.valid_at.seconds_since(t));
-        self.navigation.baro_at = Some(sample.valid_at);
-        let evidence = &mut self.navigation.evidence;
-        let Some(height_m) = evidence.note_baro(sample, known_m, standing) else { return };
-        self.resume_at_height(sample.valid_at, height_m - self.config.flight.gear_height_m);
-        if self.flight.mode == Mode::Descend {
-            self.flight.supervisor.descent.baro(height_m, dt_s);
-        }
     }
 
     /// Height of the landing gear above the floor by the estimate, m.

@@ -5,10 +5,9 @@ use haltere_core::frames::G_MPS2;
 use haltere_core::time::HostTime;
 
 use super::Navigation;
-use crate::board::BoardState;
 use crate::flight::modes::Mode;
 use crate::schedule::CONTROL_PERIOD_US;
-use crate::view::View;
+use crate::view::{BoardState, View};
 
 /// No touch-down is looked for right after the landing began, s.
 const TOUCH_NOT_BEFORE_S: f64 = 1.0;

@@ -10,6 +10,7 @@ pub(crate) mod ingest;
 pub(crate) mod lift;
 pub(crate) mod lying;
 pub(crate) mod magnetics;
+pub(crate) mod pairs;
 pub(crate) mod reference;
 pub(crate) mod repetition;
 pub(crate) mod room;
@@ -28,7 +29,6 @@ use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 
 use crate::config::PilotConfig;
-use crate::stations::telemetry_counts::PairStats;
 
 use anchors::Anchors;
 use before::Before;
@@ -38,6 +38,7 @@ use floor::Touch;
 use heading::BoardNorth;
 use lift::Lift;
 use lying::Lying;
+use pairs::PairStats;
 use repetition::Repetition;
 use rooms::Rooms;
 use scale::Scale;

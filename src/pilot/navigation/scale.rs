@@ -37,9 +37,8 @@
 use haltere_core::frames::G_MPS2;
 
 use super::Navigation;
-use crate::flight::hover;
 use crate::flight::modes::Mode;
-use crate::view::View;
+use crate::view::{HOVER_BOUNDS, View};
 
 /// Lag of the wings, s, vertical drag, 1/s, and the low-pass that the force has gone through, s.
 pub(crate) const WINGS_S: f64 = 0.08;
@@ -54,7 +53,7 @@ const UNSEEN_S: f64 = 1.0;
 const USUAL_S: f64 = 5.0;
 const BEGIN_S: f64 = 1.0;
 const BEATS_S: f64 = 0.3;
-const USUAL: [f64; 2] = [1.0 / hover::BOUNDS[1], 1.0 / hover::BOUNDS[0]];
+const USUAL: [f64; 2] = [1.0 / HOVER_BOUNDS[1], 1.0 / HOVER_BOUNDS[0]];
 /// Ratio, over the usual one, that no sensor which is right has.
 pub(crate) const MOST_RATIO: f64 = 1.33;
 /// … and where a client or a joystick flies: thrown from wall to wall by leaning and pulling it reaches 1.4, a sensor that

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use haltere_dialect::mav_stream::MavLoss;
+
 use haltere_core::drops::{DropReason, Drops};
 use haltere_core::estimator::Estimator;
 use haltere_core::time::HostTime;
@@ -116,6 +118,19 @@ impl Out {
                 .to_owned()
         };
         self.say(at, Severity::Warning, text);
+    }
+}
+
+/// Counts what a splitter lost.
+pub(crate) fn count_frame<T>(drops: &mut Drops, next: &Result<T, MavLoss>) {
+    if let Err(loss) = next {
+        match loss {
+            MavLoss::GarbageBytes(n) => drops.add(DropReason::MavGarbageByte, *n as u64),
+            MavLoss::BadChecksum { .. } => drops.add(DropReason::MavBadChecksum, 1),
+            MavLoss::UnknownId { .. } => drops.add(DropReason::MavUnknownId, 1),
+            MavLoss::Undecodable { .. } => drops.add(DropReason::MavUndecodable, 1),
+            MavLoss::Incompatible => drops.add(DropReason::MavIncompatible, 1),
+        }
     }
 }
 

@@ -6,9 +6,9 @@ use haltere_dialect::mav::haltere::{
     SET_POSITION_TARGET_LOCAL_NED_DATA, SerialControlFlag,
 };
 use haltere_dialect::mav::known;
-use haltere_dialect::mav_stream::{self, MavLoss};
+use haltere_dialect::mav_stream::{self};
 
-use haltere_core::drops::{DropReason, Drops};
+use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
 use super::commands::Request;
@@ -19,6 +19,7 @@ use crate::flight::place::{Location, WIRE_DEG};
 use crate::flight::setpoint::{Owner, Setpoint, setpoint_from_global};
 use crate::input::LinkId;
 use crate::navigation::reference;
+use crate::out::losses::count_frame;
 use crate::out::voice::Severity;
 
 /// HEARTBEAT and CURRENT_MODE.
@@ -37,19 +38,6 @@ const GUIDED_HEIGHT: u8 = 3;
 /// Whether a message of this id carries a command.
 pub(crate) fn is_command(msg_id: u32) -> bool {
     matches!(msg_id, COMMAND_LONG_ID | COMMAND_INT_ID)
-}
-
-/// Counts what a splitter lost.
-pub(crate) fn count_frame<T>(drops: &mut Drops, next: &Result<T, MavLoss>) {
-    if let Err(loss) = next {
-        match loss {
-            MavLoss::GarbageBytes(n) => drops.add(DropReason::MavGarbageByte, *n as u64),
-            MavLoss::BadChecksum { .. } => drops.add(DropReason::MavBadChecksum, 1),
-            MavLoss::UnknownId { .. } => drops.add(DropReason::MavUnknownId, 1),
-            MavLoss::Undecodable { .. } => drops.add(DropReason::MavUndecodable, 1),
-            MavLoss::Incompatible => drops.add(DropReason::MavIncompatible, 1),
-        }
-    }
 }
 
 impl Pilot {
