@@ -81,6 +81,8 @@ pub use stations::endpoint::{
 pub use stations::permits::Commanders;
 pub use stations::{guard, services};
 
+use core::net::SocketAddr;
+
 use haltere_core::drops::Drops;
 use haltere_core::estimate::Estimate;
 use haltere_core::estimator::Estimator;
@@ -277,5 +279,15 @@ impl Pilot {
     /// meant for a fit, though nothing flies.
     pub fn was_sent_a_mission(&self) -> bool {
         self.stations.sent_a_mission
+    }
+
+    /// Where the board is, if its link has many ends and it was found: nothing is to be sent to others.
+    pub fn board_address(&self) -> Option<SocketAddr> {
+        self.board.peers.board()
+    }
+
+    fn look_at_line(&mut self, at: HostTime, link: LinkId, bytes: &[u8]) {
+        let (last_fused, protocol) = (self.navigation.last_fused, self.config.tag_protocol);
+        self.board.look_at_line(at, (link, bytes), last_fused, protocol, &mut self.out);
     }
 }

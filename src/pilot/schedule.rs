@@ -37,8 +37,6 @@ const LIFTED_M: f64 = 0.15;
 const SPOOL_MARGIN_S: f64 = 0.3;
 /// The board has this long after that to show the thrust it was sent, s.
 const SPOOL_WAIT_S: f64 = 1.5;
-/// A voltage older than this says nothing about the present one, s.
-const BATTERY_AGE_S: f64 = 5.0;
 /// A link that carries the beginning of a frame and then nothing for so long will not complete
 /// it, µs: several frames at the slowest radio. Until then a false marker holds back what follows.
 const QUIET_US: i64 = 200_000;
@@ -76,9 +74,8 @@ impl Pilot {
         self.navigation.touch.sent(self.flight.control.thrust_frac, dt_s);
         self.record_step(at);
 
-        let mut news = std::mem::take(&mut self.board.news);
-        self.board.link.tick(at, &mut self.out.outbox, &mut news);
-        self.take_board_news(at, news);
+        self.board.tick(at, &mut self.out);
+        self.take_board_news(at);
         let withheld = self.out.take_withheld();
         self.out.lose(LinkId::Board, DropReason::NotPermitted, withheld);
         self.serve_grounds(at);
@@ -186,7 +183,7 @@ impl Pilot {
             }
             _ => {
                 let fence = &self.stations.services.plans.fence;
-                let supply_v = self.supply_v(at);
+                let supply_v = self.board.supply_v(at);
                 let hurries =
                     self.flight.supervisor.unhealthy.contains(S::MAV_SYS_STATUS_SENSOR_BATTERY);
                 let return_mps = if hurries { self.config.control.sustained_mps() } else { 0.0 };
@@ -261,7 +258,7 @@ impl Pilot {
             && self.navigation.touch.ceiling_frac.is_none()
             && !control.saturation.thrust_high
             && !control.saturation.thrust_low
-            && self.supply_v(at).is_some();
+            && self.board.supply_v(at).is_some();
         let base_frac = control.thrust_base_frac * control.ground_factor;
         let step = hover::Step {
             at,
@@ -299,7 +296,7 @@ impl Pilot {
         held: Option<HeldTilt>,
     ) -> haltere_core::control::ControlOutput {
         let height_m = self.height_above_floor_m();
-        let supply_v = self.supply_v(at);
+        let supply_v = self.board.supply_v(at);
         self.flight.controller.step(&ControlInput {
             at,
             estimate: &self.estimate,
@@ -311,14 +308,6 @@ impl Pilot {
             thrust_ceiling_frac: self.navigation.thrust_ceiling_frac(&view!(self, at)),
             held,
         })
-    }
-
-    /// Battery voltage, if a fresh one is known, V.
-    fn supply_v(&self, at: HostTime) -> Option<f64> {
-        self.board
-            .battery
-            .filter(|b| at.seconds_since(b.received_at) < BATTERY_AGE_S)
-            .map(|b| b.supply_v)
     }
 
     fn send_idle(&mut self, at: HostTime) {
@@ -395,12 +384,12 @@ impl Pilot {
             self.tell_misaddressed(at, n);
             self.stations.grounds[n].streams.begin(at);
             // Answers first: they are booked before any stream.
-            self.settle(n);
+            self.stations.settle(n, &mut self.out);
             for turn in 0..Streams::TURNS {
                 if let Some(msg_id) = self.stations.grounds[n].streams.due(turn, at)
                     && self.send_telemetry(at, link, msg_id)
                 {
-                    self.settle(n);
+                    self.stations.settle(n, &mut self.out);
                 }
             }
         }

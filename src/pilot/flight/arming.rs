@@ -75,7 +75,7 @@ pub(crate) fn or_refused(result: Result<(), String>) -> Look {
 }
 
 pub(crate) fn board(pilot: &Pilot, at: HostTime) -> Look {
-    if let Err(misplaced) = pilot.check_lines() {
+    if let Err(misplaced) = pilot.board.check_lines(pilot.config.tag_protocol) {
         return Look::Refused(misplaced);
     }
     if pilot.board.link.is_armed() {
@@ -83,9 +83,9 @@ pub(crate) fn board(pilot: &Pilot, at: HostTime) -> Look {
     }
     match pilot.board.link.silence_s(at) {
         Some(s) if s <= pilot.config.limits.board_loss_s => {}
-        silent_s => return Look::Refused(pilot.board_missing(at, silent_s)),
+        silent_s => return Look::Refused(pilot.board.missing(at, silent_s)),
     }
-    if let Some(second) = pilot.second_board(at) {
+    if let Some(second) = pilot.board.second(at) {
         return Look::Refused(format!(
             "{second}: give each vehicle a port or a number of its own, or switch one off"
         ));

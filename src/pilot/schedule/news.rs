@@ -8,9 +8,8 @@ use haltere_core::topics::Topic;
 use crate::Pilot;
 use crate::board::link::control::Change;
 use crate::board::link::news::BoardNews;
-use crate::board::link::speaks_as_board;
+use crate::board::second_board::Came;
 use crate::flight::modes::{Event, Mode};
-use crate::input::LinkId;
 use crate::out::voice::Severity;
 use crate::stations::commands::Awaits;
 use crate::view::view;
@@ -20,29 +19,35 @@ use crate::view::view;
 const AIR_M: f64 = 0.1;
 
 impl Pilot {
-    pub(crate) fn board_frames(&mut self, at: HostTime) {
-        let mut news = std::mem::take(&mut self.board.news);
-        // Taken out while the frames are passed on by the rest of the core.
-        let mut splitter = std::mem::take(&mut self.board.splitter);
-        while let Some(next) = splitter.next() {
-            let drops = &mut self.out.drops[usize::from(LinkId::Board.number())];
-            crate::out::losses::count_frame(drops, &next);
-            if let Ok(frame) = next {
-                self.give_up_board(at, &frame);
-                let drops = &mut self.out.drops[usize::from(LinkId::Board.number())];
-                if speaks_as_board(&frame, self.board.link.system_id()) {
-                    self.board.peers.board_spoke(at, &frame);
+    pub(crate) fn board_bytes(&mut self, at: HostTime, bytes: &[u8]) {
+        let mode = self.flight.mode;
+        match self.board.bytes(at, mode, bytes, &mut self.out) {
+            Came::Nothing => {}
+            Came::Frames => self.board_frames(at),
+            Came::Moved { late, splitter } => {
+                for (came_at, frame) in late.frames() {
+                    self.board.splitter.push(frame);
+                    self.board_frames(came_at);
                 }
-                self.board.link.frame(at, &frame, &mut self.out.outbox, drops, &mut news);
-                self.route_from_board(at, &frame);
+                self.board.splitter = splitter;
+                self.board.bytes_at = at;
+                self.board_frames(at);
             }
         }
-        self.board.splitter = splitter;
-        self.take_board_news(at, news);
+        self.board.count_forgotten(&mut self.out);
+    }
+
+    pub(crate) fn board_frames(&mut self, at: HostTime) {
+        let (routing, stations) = (self.config.routing, &mut self.stations);
+        self.board.frames(at, self.flight.mode, &mut self.out, |link, frame, out| {
+            stations.route_from_board(at, routing, link, frame, out);
+        });
+        self.take_board_news(at);
     }
 
     /// Also called from the schedule: time alone can bring news.
-    pub(crate) fn take_board_news(&mut self, at: HostTime, mut news: Vec<BoardNews>) {
+    pub(crate) fn take_board_news(&mut self, at: HostTime) {
+        let mut news = std::mem::take(&mut self.board.news);
         for item in news.drain(..) {
             self.board_item(at, item);
         }

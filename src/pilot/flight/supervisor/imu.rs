@@ -16,7 +16,7 @@ use haltere_core::time::HostTime;
 impl Pilot {
     /// For how long no sample came though we listened, s. What comes late is not silent.
     fn imu_silent_s(&self, at: HostTime) -> f64 {
-        if self.board_is_moving(at) {
+        if self.board.is_moving(at) {
             return 0.0;
         }
         let own_s = self.flight.supervisor.punctuality.own_silence_s(at);

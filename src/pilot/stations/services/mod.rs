@@ -296,7 +296,7 @@ impl Pilot {
             self.log_tick(at, link, &mut budget);
             self.ftp_tick(at, link, &mut budget);
             self.stations.services.buckets.push((link, bucket));
-            self.settle(n);
+            self.stations.settle(n, &mut self.out);
         }
     }
 
