@@ -6,7 +6,8 @@
 //!
 //! Begin with `flight/modes`, the table of transitions, `schedule`, the control step and what is due beside it, and
 //! `flight/supervisor/list.rs`, what can go wrong and what is then done. Beside them are `input`, all that can
-//! happen, `settings` and `config`, what can be configured, and five folders:
+//! happen, `settings` and `config`, what can be configured, `view`, what the parts may look at of one another, and
+//! five folders:
 //!
 //! * `out`: bytes by link, texts and events for people, records, and what was thrown away and why;
 //! * `navigation`: from packets of the tag to time differences, from all that is measured to an estimate, and what is
@@ -58,6 +59,7 @@ mod out;
 mod schedule;
 pub mod settings;
 mod stations;
+mod view;
 
 pub use board::misplaced::{Ear, Lines, Speaker};
 pub use config::{BoardProfile, FlightConfig, LimitsConfig, PilotConfig, TagProtocol};
@@ -79,9 +81,13 @@ pub use stations::endpoint::{
 pub use stations::permits::Commanders;
 pub use stations::{guard, services};
 
+use core::net::SocketAddr;
+
+use haltere_core::drops::Drops;
 use haltere_core::estimate::Estimate;
 use haltere_core::estimator::Estimator;
 use haltere_core::geo::LocalOrigin;
+use haltere_core::measure::Tdoa;
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ControlRecord, Topic};
@@ -94,7 +100,7 @@ use navigation::Navigation;
 use out::Out;
 use out::voice::Severity;
 use stations::Stations;
-use stations::ground::GroundLink;
+use view::view;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -126,7 +132,7 @@ impl Pilot {
             origin: config.origin.in_force(),
             estimate: navigation.estimator.estimate(),
             clock: Clock::new(at),
-            out: Out::new(&config, stations.grounds.len(), at),
+            out: Out::new(&config, at),
             navigation,
             board: Board::new(&config, at),
             flight: Flight::new(&config, &survey, at),
@@ -134,17 +140,16 @@ impl Pilot {
             config,
             survey,
         };
-        pilot.say(at, Severity::Info, "haltere started, waiting for tag and board".to_owned());
+        pilot.out.say(at, Severity::Info, "haltere started, waiting for tag and board".to_owned());
         if pilot.config.flight.shadow {
-            pilot.say(at, Severity::Warning, SHADOW_WORDS.to_owned());
+            pilot.out.say(at, Severity::Warning, SHADOW_WORDS.to_owned());
         }
         pilot
     }
 
     /// Switches decoded records off: lockstep runs that nobody reads.
     pub fn without_topics(mut self) -> Self {
-        self.out.with_topics = false;
-        self.out.topics.clear();
+        self.out.record_nothing();
         self
     }
 
@@ -167,7 +172,10 @@ impl Pilot {
         }
         match input {
             Input::Bytes { link: link @ LinkId::Tag, bytes } => {
-                self.tag_bytes(at, bytes);
+                let view = view!(self, at);
+                let resumption = &mut self.flight.resumption;
+                let fused = |tdoa: &Tdoa| resumption.uwb(tdoa.valid_at);
+                self.navigation.tag_bytes(&view, bytes, &mut self.out, fused);
                 self.look_at_line(at, link, bytes);
             }
             Input::Bytes { link: link @ LinkId::Board, bytes } => {
@@ -184,13 +192,16 @@ impl Pilot {
             Input::LinkUp { link } => self.link_up(at, link),
             Input::LinkDown { link } => self.link_down(at, link),
             Input::Backlog { link, is_full } => {
-                if let Some(ground) = self.ground_mut(link) {
+                if let Some(ground) = self.stations.ground_mut(link) {
                     ground.is_full = is_full;
                 }
             }
-            Input::Lost { link, reason, count } => self.glue_lost(at, link, reason, count),
+            Input::Lost { link, reason, count } => {
+                self.out.glue_lost(at, link, reason, count);
+                self.tell_unheard(at, link, reason);
+            }
             Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
-            Input::Recording { state, why } => self.recording_told(at, state, why),
+            Input::Recording { state, why } => self.out.recording_told(at, state, why),
             Input::EndAsked => self.end_asked(at),
             Input::Wake => self.wake(at),
         }
@@ -210,7 +221,7 @@ impl Pilot {
     /// Yields the bytes to send, in order, and forgets them.
     pub fn drain_output(&mut self, mut send: impl FnMut(LinkId, &[u8])) {
         let is_tag = self.board.link.system_id().is_none() && self.board.lines.board.is_tag();
-        self.out.outbox.drain(|link, bytes| {
+        self.out.drain(|link, bytes| {
             if !(is_tag && link == LinkId::Board) {
                 send(link, bytes);
             }
@@ -219,7 +230,7 @@ impl Pilot {
 
     /// Yields the decoded records, in order, and forgets them.
     pub fn drain_topics(&mut self, take: impl FnMut(Topic)) {
-        self.out.topics.drain(..).for_each(take);
+        self.out.drain_topics(take);
     }
 
     /// The newest estimate.
@@ -258,24 +269,25 @@ impl Pilot {
         self.flight.mode
     }
 
-    fn ground_mut(&mut self, link: LinkId) -> Option<&mut GroundLink> {
-        let LinkId::Ground(n) = link else { return None };
-        self.stations.grounds.get_mut(usize::from(n))
+    /// Losses by link number; the last entry is the core itself. What the estimator threw away
+    /// counts where it came from: UWB on the tag's link, the rest in the core.
+    pub fn drops(&self) -> Vec<Drops> {
+        self.out.all_lost(&self.navigation.estimator)
     }
 
-    fn endpoint_on(&self, link: LinkId) -> Endpoint {
-        let LinkId::Ground(n) = link else { return Endpoint::default() };
-        self.stations.grounds.get(usize::from(n)).map_or_else(Endpoint::default, |g| g.endpoint)
+    /// Whether a station has sent a mission, or loaded a program, since the core began: what is recorded then may be
+    /// meant for a fit, though nothing flies.
+    pub fn was_sent_a_mission(&self) -> bool {
+        self.stations.sent_a_mission
     }
 
-    fn identity_on(&self, link: LinkId) -> Identity {
-        self.endpoint_on(link).identity
+    /// Where the board is, if its link has many ends and it was found: nothing is to be sent to others.
+    pub fn board_address(&self) -> Option<SocketAddr> {
+        self.board.peers.board()
     }
 
-    /// `make` runs only when somebody reads the records.
-    fn record(&mut self, make: impl FnOnce() -> Topic) {
-        if self.out.with_topics {
-            self.out.topics.push(make());
-        }
+    fn look_at_line(&mut self, at: HostTime, link: LinkId, bytes: &[u8]) {
+        let (last_fused, protocol) = (self.navigation.last_fused, self.config.tag_protocol);
+        self.board.look_at_line(at, (link, bytes), last_fused, protocol, &mut self.out);
     }
 }

@@ -1,5 +1,8 @@
 //! The schedule: the control step at 100 Hz, and what is due beside it.
 
+mod links;
+mod news;
+
 use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
 use haltere_core::control::{Command, ControlInput, Handover, HeldTilt};
@@ -12,15 +15,17 @@ use haltere_core::topics::{HealthRecord, Topic};
 use crate::Pilot;
 use crate::flight::guidance::Now;
 use crate::flight::hover;
-use crate::flight::modes::{Event, Mode};
+use crate::flight::modes::{Event, Mode, transition};
 use crate::input::LinkId;
-use crate::out::Out;
-use crate::out::losses::losses_of;
+use crate::navigation::floor::TURN_SHARE;
 use crate::out::voice::Severity;
 use crate::stations::streams::Streams;
+use crate::view::view;
 
 /// Period of the control step, µs: 100 Hz as in the source.
 pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
+/// Control steps of the first second, in which tag and board are being found.
+const FIRST_STEPS: u64 = 1_000_000 / CONTROL_PERIOD_US.cast_unsigned();
 /// A step that begins later than this is a deadline miss, s: half a period.
 const MISS_S: f64 = 0.5e-6 * CONTROL_PERIOD_US as f64;
 /// Share of the base thrust at the end of the spool: close to hover, but not off the floor.
@@ -32,10 +37,6 @@ const LIFTED_M: f64 = 0.15;
 const SPOOL_MARGIN_S: f64 = 0.3;
 /// The board has this long after that to show the thrust it was sent, s.
 const SPOOL_WAIT_S: f64 = 1.5;
-/// A voltage older than this says nothing about the present one, s.
-const BATTERY_AGE_S: f64 = 5.0;
-/// A board attitude older than this is not compared with ours, s.
-const ATTITUDE_AGE_S: f64 = 0.2;
 /// A link that carries the beginning of a frame and then nothing for so long will not complete
 /// it, µs: several frames at the slowest radio. Until then a false marker holds back what follows.
 const QUIET_US: i64 = 200_000;
@@ -62,33 +63,21 @@ impl Pilot {
         self.flight.supervisor.punctuality.board_clock(at, self.board.link.clock().restarts());
         self.clock.last_tick = Some(at);
         self.clock.control_steps += 1;
+        self.out.is_starting = self.clock.control_steps < FIRST_STEPS;
 
         self.flush_quiet_links(at);
-        self.ask_for_binary(at);
+        self.navigation.ask_for_binary(&view!(self, at), &mut self.out);
         self.estimate = self.navigation.estimator.estimate();
-        self.watch_left_out(at);
-        self.watch_health(at);
-        self.follow_north(at, dt_s);
-        self.watch_lift(dt_s);
-        self.watch_slip(at, dt_s);
-        self.watch_scale(at, dt_s);
-        self.watch_speed();
-        self.watch_room(at, dt_s);
-        let remedies = self.navigation.estimator.counts().remedies;
-        self.flight.supervisor.evidence.note_remedies(at, remedies);
-        self.check_survey(at);
-        self.watch_lying(at, dt_s);
-        self.watch_floor(at, dt_s);
+        self.look(at, dt_s);
         self.supervise(at);
         self.control_step(at, dt_s);
         self.navigation.touch.sent(self.flight.control.thrust_frac, dt_s);
         self.record_step(at);
 
-        let mut news = std::mem::take(&mut self.board.news);
-        self.board.link.tick(at, &mut self.out.outbox, &mut news);
-        self.take_board_news(at, news);
-        let withheld = self.out.outbox.take_withheld();
-        self.drops_of(LinkId::Board).add(DropReason::NotPermitted, withheld);
+        self.board.tick(at, &mut self.out);
+        self.take_board_news(at);
+        let withheld = self.out.take_withheld();
+        self.out.lose(LinkId::Board, DropReason::NotPermitted, withheld);
         self.serve_grounds(at);
         self.service_tick(at);
         if at >= self.clock.next_health {
@@ -97,20 +86,36 @@ impl Pilot {
         }
     }
 
-    fn follow_north(&mut self, at: HostTime, dt_s: f64) {
-        let Some(board) = self.board.attitude else { return };
-        let usable = matches!(self.estimate.health, Health::Good | Health::Degraded)
-            && at.seconds_since(board.received_at) < ATTITUDE_AGE_S;
-        // Before take-off the board's heading is the frame of the command, whatever ours says; the
-        // generic board has always been followed slowly.
-        let standing = self.board.link.firmware().is_real()
-            && matches!(self.flight.mode, Mode::Disarmed | Mode::Arming | Mode::Idle)
-            && self.is_standing();
-        if usable
-            && self.navigation.north.follow(self.estimate.R_EB, board.attitude, dt_s, standing)
-        {
-            let text = "board heading jumped against ours: setpoints follow";
-            self.say(at, Severity::Warning, text.to_owned());
+    /// Looks at what came in since the last step, before anything is decided.
+    fn look(&mut self, at: HostTime, dt_s: f64) {
+        let view = view!(self, at);
+        let (navigation, out) = (&mut self.navigation, &mut self.out);
+        navigation.watch_left_out(&view, out);
+        if navigation.watch_health(&view, out) {
+            self.flight.guidance.home_is_here(view.estimate.pos_E_m);
+        }
+        navigation.follow_north(&view, dt_s, out);
+        navigation.watch_lift(&view, dt_s);
+        navigation.watch_slip(&view, dt_s);
+        navigation.watch_scale(&view, dt_s);
+        self.flight.watch_speed(&view);
+        navigation.watch_room(&view, self.clock.control_steps, dt_s);
+        let remedies = navigation.estimator.counts().remedies;
+        navigation.evidence.note_remedies(at, remedies);
+        navigation.check_survey(&view, out);
+        navigation.watch_lying(&view, dt_s);
+        self.watch_floor(at, dt_s);
+    }
+
+    /// A vehicle that came to stand without being asked to lands, where it is felt for the floor, and disarms.
+    fn watch_floor(&mut self, at: HostTime, dt_s: f64) {
+        let watched = transition(self.flight.mode, Event::FloorCarries).is_some();
+        let heard = self.imu_is_alive(at) && !self.navigation.is_numb();
+        if self.navigation.watch_floor(&view!(self, at), [watched, heard], dt_s) {
+            self.fire(at, Event::FloorCarries);
+            // Whatever the landing's estimate says from here on, it does not lift off again.
+            self.navigation.touch.low_frac =
+                Some(TURN_SHARE * self.flight.control.thrust_base_frac);
         }
     }
 
@@ -137,7 +142,8 @@ impl Pilot {
                 let output = self.run_controller(at, &command, dt_s, true, None);
                 self.flight.control = output.record;
                 let share = at.seconds_since(self.flight.mode_since) / self.config.flight.spool_s;
-                let thrust_frac = self.hover_thrust_frac() * SPOOL_SHARE * share.min(1.0);
+                let thrust_frac =
+                    self.flight.hover_thrust_frac(&self.config) * SPOOL_SHARE * share.min(1.0);
                 let yaw_rad = self.estimate.R_EB.yaw_rad();
                 // The loops take over from what the vehicle was last told.
                 self.flight.controller.reset(Some(&Handover {
@@ -156,7 +162,8 @@ impl Pilot {
                 let command = self.stay_command();
                 let output = self.run_controller(at, &command, dt_s, true, None);
                 self.flight.control = output.record;
-                self.flight.supervisor.descent.late = self.obeys_late();
+                self.flight.supervisor.descent.late =
+                    self.navigation.obeys_late(&self.board.state());
                 let Some(share) = self.flight.supervisor.descent.step(dt_s) else {
                     self.fire(at, Event::TouchDown);
                     self.send_idle(at);
@@ -166,14 +173,17 @@ impl Pilot {
                 let yaw_rad = self.board.attitude.map_or(0.0, |a| a.attitude.yaw_rad());
                 let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
                 let share = share.min(self.most_share(at));
-                let thrust_frac = self.bounded_frac(self.hover_thrust_frac() * share);
+                let thrust_frac = self.navigation.bounded_frac(
+                    self.flight.hover_thrust_frac(&self.config) * share,
+                    self.flight.control.thrust_base_frac,
+                );
                 self.flight.control.thrust_frac = thrust_frac;
-                self.flight.supervisor.lying.asked(&level);
+                self.navigation.lying.asked(&level);
                 self.board.link.send_setpoint(at, level, thrust_frac, &mut self.out.outbox);
             }
             _ => {
                 let fence = &self.stations.services.plans.fence;
-                let supply_v = self.supply_v(at);
+                let supply_v = self.board.supply_v(at);
                 let hurries =
                     self.flight.supervisor.unhealthy.contains(S::MAV_SYS_STATUS_SENSOR_BATTERY);
                 let return_mps = if hurries { self.config.control.sustained_mps() } else { 0.0 };
@@ -195,7 +205,7 @@ impl Pilot {
                     self.tell_reached(at, seq);
                 }
                 if let Some(text) = news.warning {
-                    self.say(at, Severity::Warning, text);
+                    self.out.say(at, Severity::Warning, text);
                 }
                 if let Some(event) = news.event
                     && !(event == Event::HeightReached && self.begin_next(at))
@@ -230,12 +240,6 @@ impl Pilot {
         }
     }
 
-    /// Thrust that hovers at the present voltage, as far as it is known, 0 to 1.
-    pub(super) fn hover_thrust_frac(&self) -> f64 {
-        let most = self.config.control.limits.thrust_max_frac;
-        (self.flight.control.thrust_base_frac * self.flight.hover.factor()).min(most)
-    }
-
     /// Learns the hover thrust from a step that was flown under position control.
     fn learn_hover(&mut self, at: HostTime, dt_s: f64, disturbed: bool) {
         let estimate = &self.estimate;
@@ -246,7 +250,7 @@ impl Pilot {
         let calm = !matches!(self.flight.mode, Mode::Takeoff | Mode::Land);
         let observable = !disturbed
             && calm
-            && !self.estimate_is_contradicted(at)
+            && !self.navigation.estimate_is_contradicted(&view!(self, at))
             && estimate.health == Health::Good
             && self.height_above_floor_m() > hover::CLEAR_M
             && vel_down_mps.abs() < hover::SLOW_MPS
@@ -254,7 +258,7 @@ impl Pilot {
             && self.navigation.touch.ceiling_frac.is_none()
             && !control.saturation.thrust_high
             && !control.saturation.thrust_low
-            && self.supply_v(at).is_some();
+            && self.board.supply_v(at).is_some();
         let base_frac = control.thrust_base_frac * control.ground_factor;
         let step = hover::Step {
             at,
@@ -270,7 +274,7 @@ impl Pilot {
             roll_rad: 0.0,
             pitch_rad: 0.0,
             yaw_rad: self.estimate.R_EB.yaw_rad(),
-            thrust_frac: self.hover_thrust_frac(),
+            thrust_frac: self.flight.hover_thrust_frac(&self.config),
         }));
     }
 
@@ -292,7 +296,7 @@ impl Pilot {
         held: Option<HeldTilt>,
     ) -> haltere_core::control::ControlOutput {
         let height_m = self.height_above_floor_m();
-        let supply_v = self.supply_v(at);
+        let supply_v = self.board.supply_v(at);
         self.flight.controller.step(&ControlInput {
             at,
             estimate: &self.estimate,
@@ -301,17 +305,9 @@ impl Pilot {
             height_above_ground_m: height_m,
             dt_s,
             integrators_frozen,
-            thrust_ceiling_frac: self.thrust_ceiling_frac(at),
+            thrust_ceiling_frac: self.navigation.thrust_ceiling_frac(&view!(self, at)),
             held,
         })
-    }
-
-    /// Battery voltage, if a fresh one is known, V.
-    fn supply_v(&self, at: HostTime) -> Option<f64> {
-        self.board
-            .battery
-            .filter(|b| at.seconds_since(b.received_at) < BATTERY_AGE_S)
-            .map(|b| b.supply_v)
     }
 
     fn send_idle(&mut self, at: HostTime) {
@@ -328,17 +324,17 @@ impl Pilot {
         self.flight.control.hover_factor = self.flight.hover.factor();
         self.flight.control.thrust_frac = thrust_frac;
         let for_board = self.navigation.north.setpoint_for_board(attitude);
-        self.flight.supervisor.lying.asked(&for_board);
+        self.navigation.lying.asked(&for_board);
         self.board.link.send_setpoint(at, for_board, thrust_frac, &mut self.out.outbox);
     }
 
     fn record_step(&mut self, at: HostTime) {
         let mut estimate = self.estimate;
         estimate.at = at;
-        self.record(|| Topic::Estimate(estimate));
+        self.out.record(|| Topic::Estimate(estimate));
         if self.flight.mode.has_thrust() {
             let control = self.flight.control;
-            self.record(|| Topic::Control(control));
+            self.out.record(|| Topic::Control(control));
         }
     }
 
@@ -346,15 +342,8 @@ impl Pilot {
         if !self.out.with_topics {
             return;
         }
-        let Out { drops, shelf, .. } = &mut self.out;
-        let estimator = &self.navigation.estimator;
-        let core = drops.len() - 1;
-        let rows = (0..drops.len()).map(|slot| {
-            let total = losses_of(drops, estimator, slot);
-            (if slot == core { u8::MAX } else { slot as u8 }, total)
-        });
-        let drops = shelf.fill(rows.filter(|(_, d)| d.iter().next().is_some()));
-        self.out.topics.push(Topic::Health(HealthRecord {
+        let drops = self.out.losses_for_log(&self.navigation.estimator);
+        let record = HealthRecord {
             at,
             drops,
             deadline_misses: self.clock.deadline_misses,
@@ -363,7 +352,8 @@ impl Pilot {
             imu_age_s: self.navigation.last_imu.map(|t| at.seconds_since(t)),
             std_board_clock_s: self.board.link.clock().std_s(),
             left_out: self.navigation.estimator.left_out_bits(),
-        }));
+        };
+        self.out.record(|| Topic::Health(record));
     }
 
     /// Frames that will not be completed must not hold back what stands behind their marker.
@@ -387,19 +377,19 @@ impl Pilot {
         self.soothe_askers(at);
         self.tell_mode(at);
         for n in 0..self.stations.grounds.len() {
-            if !self.stations.grounds[n].is_open {
+            let link = self.stations.grounds[n].link;
+            if !self.out.is_open(link) {
                 continue;
             }
-            let link = self.stations.grounds[n].link;
             self.tell_misaddressed(at, n);
             self.stations.grounds[n].streams.begin(at);
             // Answers first: they are booked before any stream.
-            self.settle(n);
+            self.stations.settle(n, &mut self.out);
             for turn in 0..Streams::TURNS {
                 if let Some(msg_id) = self.stations.grounds[n].streams.due(turn, at)
                     && self.send_telemetry(at, link, msg_id)
                 {
-                    self.settle(n);
+                    self.stations.settle(n, &mut self.out);
                 }
             }
         }

@@ -9,7 +9,6 @@ use anyhow::{Context, Result, bail};
 use super::firmware::{Firmware, Which};
 use super::stop::Stop;
 use super::{Companion, Endpoint, Wiring, free_port};
-use crate::neighbours;
 use crate::simulated::scenario::Scenario;
 
 /// Port that docs/WATCH.md names.

@@ -11,10 +11,11 @@ use haltere_dialect::mav_stream::{MavSplitter, heartbeat_of};
 
 use haltere_core::time::HostTime;
 
+use super::Board;
 use super::link::speaks_as_board;
-use crate::Pilot;
 use crate::config::TagProtocol;
 use crate::input::LinkId;
+use crate::out::Out;
 use crate::out::voice::Severity;
 
 /// Who speaks on a line.
@@ -112,33 +113,39 @@ impl Lines {
     }
 }
 
-impl Pilot {
+impl Board {
     /// Takes in bytes of tag or board as long as nothing on their line is understood, and tells who is recognised.
-    pub(crate) fn look_at_line(&mut self, at: HostTime, link: LinkId, bytes: &[u8]) {
+    /// `last_fused`: when a measurement of the tag last was.
+    pub(crate) fn look_at_line(
+        &mut self,
+        at: HostTime,
+        (link, bytes): (LinkId, &[u8]),
+        last_fused: Option<HostTime>,
+        protocol: TagProtocol,
+        out: &mut Out,
+    ) {
         let is_new = match link {
-            LinkId::Tag
-                if self.navigation.last_fused.is_none_or(|t| at.seconds_since(t) > SILENCE_S) =>
-            {
-                self.board.lines.tag.hear(bytes)
+            LinkId::Tag if last_fused.is_none_or(|t| at.seconds_since(t) > SILENCE_S) => {
+                self.lines.tag.hear(bytes)
             }
-            LinkId::Board if self.board.link.silence_s(at).is_none_or(|s| s > SILENCE_S) => {
-                self.board.lines.board.hear(bytes)
+            LinkId::Board if self.link.silence_s(at).is_none_or(|s| s > SILENCE_S) => {
+                self.lines.board.hear(bytes)
             }
-            LinkId::Tag => return self.board.lines.tag.rest(),
-            LinkId::Board => return self.board.lines.board.rest(),
+            LinkId::Tag => return self.lines.tag.rest(),
+            LinkId::Board => return self.lines.board.rest(),
             LinkId::Ground(_) => return,
         };
         if is_new
-            && let Err(text) = self.check_lines()
-            && self.may_echo(at)
+            && let Err(text) = self.check_lines(protocol)
+            && out.may_echo(at)
         {
-            self.say(at, Severity::Error, text);
+            out.say(at, Severity::Error, text);
         }
     }
 
     /// Whether tag and board are where they are looked for, as far as can be told.
-    pub(crate) fn check_lines(&self) -> Result<(), String> {
-        let misplaced = self.board.lines.misplaced(self.config.tag_protocol);
+    pub(crate) fn check_lines(&self, protocol: TagProtocol) -> Result<(), String> {
+        let misplaced = self.lines.misplaced(protocol);
         misplaced.map_or(Ok(()), |[what, way_out]| Err(format!("{what}: {way_out}")))
     }
 }
@@ -155,6 +162,7 @@ mod tests {
     use haltere_dialect::mav_stream;
 
     use super::*;
+    use crate::Pilot;
     use crate::config::PilotConfig;
     use crate::input::Input;
     use haltere_core::frames::Vec3;

@@ -1,5 +1,6 @@
 //! The inner-loop board: the link to it, who else speaks there, and what it last said.
 
+pub(crate) mod down;
 pub(crate) mod link;
 pub(crate) mod misplaced;
 pub(crate) mod second_board;
@@ -10,12 +11,16 @@ use haltere_core::measure::{BatterySample, BoardAttitude, ServoOutput};
 use haltere_core::time::HostTime;
 
 use crate::config::PilotConfig;
-use crate::flight::at_rest::BoardDown;
+use crate::view::BoardState;
 
+use down::BoardDown;
 use link::news::BoardNews;
 use link::peers::Peers;
 use link::{BoardLink, LinkConfig};
 use misplaced::Lines;
+
+/// A voltage older than this says nothing about the present one, s.
+const BATTERY_AGE_S: f64 = 5.0;
 
 /// The link to the board, and what the board last said.
 #[derive(Debug)]
@@ -55,5 +60,22 @@ impl Board {
             battery: None,
             servos: None,
         }
+    }
+
+    /// What the other parts may look at.
+    pub(crate) fn state(&self) -> BoardState {
+        BoardState {
+            is_real: self.link.firmware().is_real(),
+            obeys: self.link.obeys(),
+            is_late: self.link.lateness().is_late(),
+            latency_s: self.link.lateness().latency_s(),
+            response_lag_s: self.link.response_lag_s(),
+            attitude: self.attitude,
+        }
+    }
+
+    /// Battery voltage, if a fresh one is known, V.
+    pub(crate) fn supply_v(&self, at: HostTime) -> Option<f64> {
+        self.battery.filter(|b| at.seconds_since(b.received_at) < BATTERY_AGE_S).map(|b| b.supply_v)
     }
 }

@@ -10,6 +10,7 @@ use super::ending::ENDS;
 use super::modes::Mode;
 use crate::Pilot;
 use crate::out::voice::Severity;
+use crate::view::view;
 
 /// Tilt beyond which the vehicle does not stand on its gear, rad.
 pub(crate) const ARM_TILT_RAD: f64 = 0.35;
@@ -60,12 +61,12 @@ impl Pilot {
         let mut found = Vec::new();
         for row in &AT_REST {
             match (row.look)(self, at) {
-                Look::Told(what) => self.say(at, Severity::Warning, format!("arming {what}")),
+                Look::Told(what) => self.out.say(at, Severity::Warning, format!("arming {what}")),
                 Look::Fits(what) if !what.is_empty() => found.push(what),
                 _ => {}
             }
         }
-        self.say(at, Severity::Info, format!("at rest: {}", found.join(", ")));
+        self.out.say(at, Severity::Info, format!("at rest: {}", found.join(", ")));
     }
 }
 
@@ -74,7 +75,7 @@ pub(crate) fn or_refused(result: Result<(), String>) -> Look {
 }
 
 pub(crate) fn board(pilot: &Pilot, at: HostTime) -> Look {
-    if let Err(misplaced) = pilot.check_lines() {
+    if let Err(misplaced) = pilot.board.check_lines(pilot.config.tag_protocol) {
         return Look::Refused(misplaced);
     }
     if pilot.board.link.is_armed() {
@@ -82,9 +83,9 @@ pub(crate) fn board(pilot: &Pilot, at: HostTime) -> Look {
     }
     match pilot.board.link.silence_s(at) {
         Some(s) if s <= pilot.config.limits.board_loss_s => {}
-        silent_s => return Look::Refused(pilot.board_missing(at, silent_s)),
+        silent_s => return Look::Refused(pilot.board.missing(at, silent_s)),
     }
-    if let Some(second) = pilot.second_board(at) {
+    if let Some(second) = pilot.board.second(at) {
         return Look::Refused(format!(
             "{second}: give each vehicle a port or a number of its own, or switch one off"
         ));
@@ -103,7 +104,8 @@ pub(crate) fn imu(pilot: &Pilot, at: HostTime) -> Look {
 }
 
 pub(crate) fn uwb(pilot: &Pilot, at: HostTime) -> Result<(), String> {
-    let (heard, needed) = (pilot.anchors_alive(at), pilot.anchors_needed());
+    let (heard, needed) =
+        (pilot.navigation.anchors_alive(&view!(pilot, at)), pilot.anchors_needed());
     if !is_fresh(pilot.navigation.last_fused, at) {
         Err("no UWB measurements".to_owned())
     } else if heard < needed {
@@ -167,7 +169,7 @@ pub(crate) fn battery(pilot: &Pilot, at: HostTime) -> Look {
 }
 
 pub(crate) fn log(pilot: &Pilot, _: HostTime) -> Look {
-    match pilot.recording_misses() {
+    match pilot.out.recording_misses() {
         None => Look::Fits(String::new()),
         Some(why) if pilot.config.flight.log_required => {
             Look::Refused(format!("{why}: make room, or set flight.log_required = false"))

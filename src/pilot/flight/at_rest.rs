@@ -7,8 +7,7 @@
 use haltere_core::estimator::{
     FORCE_MOST_SHARE, FORCE_TOLD_SHARE, LARGEST_BIAS_RADPS, STANDING_S, Standing,
 };
-use haltere_core::frames::{B, G_MPS2, Vec3};
-use haltere_core::measure::BoardAttitude;
+use haltere_core::frames::G_MPS2;
 use haltere_core::time::HostTime;
 
 use super::arming::{
@@ -110,25 +109,6 @@ pub static AT_REST: [Quantity; 18] = [
 /// The row of this name.
 pub(crate) fn is(row: &Quantity, other: &Quantity) -> bool {
     row.name == other.name
-}
-
-/// What is down by the board's attitude, followed as the accelerometer is.
-#[derive(Debug, Default)]
-pub(crate) struct BoardDown {
-    mean_B: Option<Vec3<B>>,
-    at: HostTime,
-}
-
-impl BoardDown {
-    /// An attitude of the board.
-    pub fn note(&mut self, board: &BoardAttitude) {
-        let m = board.attitude.matrix();
-        let now_B = Vec3::new(m[(2, 0)], m[(2, 1)], m[(2, 2)]);
-        let dt_s = board.received_at.seconds_since(self.at).clamp(0.0, STANDING_S);
-        self.at = board.received_at;
-        let mean_B = self.mean_B.unwrap_or(now_B);
-        self.mean_B = Some(mean_B + (now_B - mean_B) * (dt_s / (STANDING_S + dt_s)));
-    }
 }
 
 pub(crate) const BOARD: Quantity = Quantity {

@@ -116,7 +116,7 @@ impl Pilot {
                  at {:.1} m",
                 -z_m
             );
-            self.say(at, Severity::Info, text);
+            self.out.say(at, Severity::Info, text);
         }
     }
 
@@ -132,7 +132,7 @@ impl Pilot {
         }
         if let Some(why) = too_far(&setpoint, self.estimate.pos_E_m) {
             self.flight.guidance.next = Next::Nothing;
-            self.say(at, Severity::Warning, why);
+            self.out.say(at, Severity::Warning, why);
             return;
         }
         self.flight.guidance.set_takeoff_height(height_m);
@@ -149,7 +149,7 @@ impl Pilot {
     fn call_off_stream(&mut self, at: HostTime) {
         self.flight.guidance.next = Next::Nothing;
         let limit_s = self.config.limits.offboard_loss_s;
-        self.say(
+        self.out.say(
             at,
             Severity::Warning,
             format!("offboard called off: no setpoint for {limit_s} s"),

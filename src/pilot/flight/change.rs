@@ -4,12 +4,13 @@ use haltere_core::time::HostTime;
 use haltere_core::topics::{ModeRecord, Topic};
 
 use super::awaited::Next;
+use super::event_list::{MODE_CHANGED, cause_number, mode_number};
 use super::modes::{Event, Mode, transition};
 use super::resume::Resumption;
 use super::supervisor::{Descent, RESPONSE_MOST_S};
 use crate::Pilot;
-use crate::out::event_list::cause_number;
 use crate::out::voice::Severity;
+use crate::view::view;
 
 /// A take-off that leaves the floor's cushion rises with so many times its speed for a moment: in lockstep with up to 1.3 m/s
 /// where 0.5 is asked for.
@@ -108,7 +109,7 @@ impl Pilot {
                 let late_s = self.board.link.response_lag_s().filter(|s| *s > RESPONSE_MOST_S);
                 self.navigation.touch.lag_s = late_s.unwrap_or(0.0);
                 if from == Mode::Land {
-                    self.hold_thrust_near_floor(at);
+                    self.navigation.hold_thrust_near_floor(&view!(self, at));
                 }
             }
             Mode::Land => self.flight.land_from_m = self.height_above_floor_m().max(0.0),
@@ -125,13 +126,16 @@ impl Pilot {
             _ => {}
         }
         self.record_mode(at, row.to.name(), cause.because);
-        self.tell_transition(at, from, row.to, cause);
+        let Cause { because, severity, number } = cause;
+        let arguments = [mode_number(from), mode_number(row.to), number];
+        self.out.event(at, MODE_CHANGED, severity.into(), &[&arguments]);
+        self.out.say_of_event(at, severity, format!("{}: {because}", row.to.name()));
         true
     }
 
     pub(crate) fn record_mode(&mut self, at: HostTime, mode: &'static str, because: &str) {
         let armed = self.board.link.is_armed();
-        self.record(|| Topic::Mode(ModeRecord { at, mode, armed, cause: because.to_owned() }));
+        self.out.record(|| Topic::Mode(ModeRecord { at, mode, armed, cause: because.to_owned() }));
     }
 
     pub(crate) fn call_off_lift_off(&mut self) {

@@ -64,9 +64,13 @@ impl Pilot {
         self.flight.ending = Some(Ending { asked_at: at, may_end });
         self.call_off_lift_off();
         if may_end {
-            self.say(at, Severity::Info, "haltere ends".to_owned());
+            self.out.say(at, Severity::Info, "haltere ends".to_owned());
         } else {
-            self.say(at, Severity::Warning, "haltere is asked to end: it lands first".to_owned());
+            self.out.say(
+                at,
+                Severity::Warning,
+                "haltere is asked to end: it lands first".to_owned(),
+            );
         }
     }
 
@@ -96,7 +100,7 @@ impl Pilot {
 
     fn give_up(&mut self, at: HostTime) {
         let text = "haltere ends while the board is armed: its own failsafe is in charge";
-        self.say(at, Severity::Critical, text.to_owned());
+        self.out.say(at, Severity::Critical, text.to_owned());
         self.end();
     }
 

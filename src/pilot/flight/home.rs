@@ -24,14 +24,14 @@ impl Pilot {
     /// What only a new station must know: everybody else heard it.
     pub(crate) fn greet(&mut self, at: HostTime, link: LinkId) {
         if self.origin == OriginConfig::default().in_force()
-            && self.endpoint_on(link).gps != GpsClaim::None
+            && self.stations.endpoint_on(link).gps != GpsClaim::None
         {
             let text =
                 "the place on the map is a stand-in: set ground.origin, or the origin from here";
-            self.say_to(at, link, Severity::Info, text);
+            self.out.say_to(at, link, Severity::Info, text);
         }
         if let Some(text) = self.navigation.survey_check.doubt() {
-            self.say_to(at, link, Severity::Warning, &text);
+            self.out.say_to(at, link, Severity::Warning, &text);
         }
     }
 
@@ -61,12 +61,12 @@ impl Pilot {
             );
         }
         self.origin = origin;
-        self.say(at, Severity::Info, format!("origin at {latitude_deg:.7} {longitude_deg:.7}"));
+        self.out.say(at, Severity::Info, format!("origin at {latitude_deg:.7} {longitude_deg:.7}"));
         for n in 0..self.stations.grounds.len() {
-            if self.stations.grounds[n].is_open {
-                let link = self.stations.grounds[n].link;
-                self.out.outbox.message(link, self.out.own, &self.origin_message());
-                self.out.outbox.message(link, self.out.own, &self.home_message());
+            let link = self.stations.grounds[n].link;
+            if self.out.is_open(link) {
+                self.out.message(link, &self.origin_message());
+                self.out.message(link, &self.home_message());
             }
         }
         Ok(MavResult::MAV_RESULT_ACCEPTED)
@@ -104,16 +104,8 @@ impl Pilot {
             );
         }
         self.flight.guidance.set_home(home);
-        self.say(at, Severity::Info, format!("home at N {north_m:.2} E {east_m:.2} m"));
-        for n in 0..self.stations.grounds.len() {
-            if self.stations.grounds[n].is_open {
-                self.out.outbox.message(
-                    self.stations.grounds[n].link,
-                    self.out.own,
-                    &self.home_message(),
-                );
-            }
-        }
+        self.out.say(at, Severity::Info, format!("home at N {north_m:.2} E {east_m:.2} m"));
+        self.out.tell_all(&self.home_message());
         Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
 

@@ -25,6 +25,8 @@ use std::collections::VecDeque;
 use haltere_core::frames::G_MPS2;
 use haltere_core::time::HostTime;
 
+use crate::view::HOVER_BOUNDS;
+
 /// Length of the window, s.
 const WINDOW_S: f64 = 1.0;
 /// Most steps in it: 100 Hz, and a step that came early.
@@ -33,8 +35,6 @@ const MOST: usize = 128;
 const TIME_CONSTANT_S: f64 = 4.0;
 /// Vertical drag, 1/s: middle of its range.
 const DRAG_PER_S: f64 = 0.8;
-/// The factor is kept within these bounds: seen hover thrusts of boards lie between 0.37 and 0.65.
-pub(crate) const BOUNDS: [f64; 2] = [0.5, 1.5];
 /// Faster vertical flight is not looked at, m/s: the drag's error would be 1 % of gravity.
 pub(crate) const SLOW_MPS: f64 = 0.5;
 /// More tilt is not looked at, as its cosine (15 degrees).
@@ -104,7 +104,7 @@ impl HoverThrust {
         if carried_mps2 < 0.3 * G_MPS2 {
             return;
         }
-        let [low, high] = BOUNDS;
+        let [low, high] = HOVER_BOUNDS;
         let measured = (G_MPS2 * share / carried_mps2).clamp(low, high);
         self.factor += (measured - self.factor) * (dt_s / TIME_CONSTANT_S).clamp(0.0, 1.0);
     }
@@ -145,11 +145,11 @@ mod tests {
         for ms in (0..60_000).step_by(10) {
             let share = if ms % 70 == 0 { f64::NAN } else { 9.0 };
             hover.step(Some(Step { at: at(ms), vel_down_mps: 0.0, share }), 0.01);
-            assert!((BOUNDS[0]..=BOUNDS[1]).contains(&hover.factor()));
+            assert!((HOVER_BOUNDS[0]..=HOVER_BOUNDS[1]).contains(&hover.factor()));
         }
         assert_eq!(hover.factor(), 1.0, "windows with nonsense in them count for nothing");
         fly(&mut hover, 9.0, 0.8, 60.0, |_| 9.0);
-        assert!((hover.factor() - BOUNDS[1]).abs() < 1e-3);
+        assert!((hover.factor() - HOVER_BOUNDS[1]).abs() < 1e-3);
     }
 
     #[test]

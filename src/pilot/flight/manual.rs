@@ -94,11 +94,11 @@ impl Pilot {
         link: crate::input::LinkId,
         why: String,
     ) {
-        self.drops_of(link).add(haltere_core::drops::DropReason::BadValue, 1);
+        self.out.lose(link, haltere_core::drops::DropReason::BadValue, 1);
         let told = self.out.told.refused_setpoint_at;
         if told.is_none_or(|told| at.seconds_since(told) >= REFUSED_TOLD_S) {
             self.out.told.refused_setpoint_at = Some(at);
-            self.say(at, Severity::Warning, why);
+            self.out.say(at, Severity::Warning, why);
         }
     }
 }

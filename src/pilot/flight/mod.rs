@@ -4,7 +4,9 @@ pub(crate) mod arming;
 pub(crate) mod at_rest;
 pub(crate) mod awaited;
 pub(crate) mod change;
+pub(crate) mod check_report;
 pub(crate) mod ending;
+pub(crate) mod event_list;
 pub(crate) mod excitation;
 pub(crate) mod fence;
 pub(crate) mod guidance;
@@ -32,6 +34,7 @@ use haltere_core::time::HostTime;
 use haltere_core::topics::ControlRecord;
 
 use crate::config::PilotConfig;
+use crate::view::Thrust;
 
 use ending::Ending;
 use guidance::Guidance;
@@ -96,6 +99,27 @@ impl Flight {
             land_from_m: 0.0,
             last_sink_mps: 0.0,
             good_since: None,
+        }
+    }
+
+    /// Whether a vehicle stands that nobody flies.
+    pub(crate) fn is_standing(&self) -> bool {
+        !self.mode.has_thrust() && self.mode != Mode::Yielded && !self.shadow.airborne
+    }
+
+    /// Thrust that hovers at the present voltage, as far as it is known, 0 to 1.
+    pub(crate) fn hover_thrust_frac(&self, config: &PilotConfig) -> f64 {
+        let most = config.control.limits.thrust_max_frac;
+        (self.control.thrust_base_frac * self.hover.factor()).min(most)
+    }
+
+    /// The thrust of the newest control step, for who looks at it.
+    pub(crate) fn thrust(&self, config: &PilotConfig) -> Thrust {
+        Thrust {
+            sent_frac: self.control.thrust_frac,
+            base_frac: self.control.thrust_base_frac,
+            hover_frac: self.hover_thrust_frac(config),
+            ground_factor: self.control.ground_factor,
         }
     }
 }

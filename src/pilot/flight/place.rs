@@ -91,7 +91,7 @@ impl Pilot {
     pub(crate) fn kind_of(&self, request: &Request) -> Result<Kind, Refusal> {
         let frame = match request.location {
             Location::Float { frame: None, .. } => {
-                return Ok(match self.identity_on(request.link) {
+                return Ok(match self.stations.identity_on(request.link) {
                     Identity::Px4 => Kind::Global(Above::Sea),
                     Identity::Generic => Kind::Global(Above::Floor),
                 });

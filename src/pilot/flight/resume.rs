@@ -11,9 +11,10 @@
 use haltere_core::time::HostTime;
 
 use super::modes::Mode;
-use super::supervise::TURN_SHARE;
 use super::supervisor::Descent;
 use crate::Pilot;
+use crate::navigation::floor::TURN_SHARE;
+use crate::view::view;
 
 /// Acceleration with which a board that gave up may sink, m/s²: 0.82 of the thrust that hovers (the generic board) leave
 /// 1.8, and drag is left out.
@@ -128,14 +129,15 @@ impl Pilot {
         let new = |t: Option<HostTime>| t.is_some_and(|t| t > end && at.seconds_since(t) < NEW_S);
         let heard = new(self.flight.resumption.uwb_at)
             && new(self.navigation.last_imu)
-            && self.estimate_is_back()
+            && self.navigation.estimate_is_back(&self.estimate)
             && self.estimate.std_vel_B_mps.z() < STD_VEL_MPS;
         if !heard {
             self.flight.resumption.heard_since = None;
         } else if at.seconds_since(*self.flight.resumption.heard_since.get_or_insert(at))
             > HEARD_FOR_S
         {
-            let may_stand = self.flight.resumption.may_stand() && self.is_near_floor(at);
+            let near = self.navigation.is_near_floor(&view!(self, at));
+            let may_stand = self.flight.resumption.may_stand() && near;
             if self.flight.mode == Mode::Descend && may_stand {
                 // Whatever is heard, what may have come to stand meanwhile does not lift off again.
                 self.navigation.touch.low_frac =

@@ -10,8 +10,7 @@
 //! thrust that the same speed would have cost us. Integrators stand still at nothing: our commands move nothing
 //! that they could learn from; trims of the other pilot are a constant difference.
 
-use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
-use haltere_dialect::mav::known;
+use haltere_dialect::mav::haltere::MavCmd;
 
 use haltere_core::control::Command;
 use haltere_core::estimate::Health;
@@ -19,7 +18,6 @@ use haltere_core::frames::{E, Vec3};
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ShadowRecord, Topic};
 
-use super::modes::Mode;
 use crate::Pilot;
 use crate::out::voice::Severity;
 
@@ -31,20 +29,6 @@ const RESTS_S: f64 = 0.2;
 const THRUST_FRAC: f64 = 0.2;
 /// How far the vehicle may go before the place is dragged along, m: twice what hovers wander.
 const LEASH_M: f64 = 0.5;
-
-/// What may be sent to the board all the same: who we are, what time it is, questions, and how often to answer.
-pub(crate) fn only_asks(message: &MavMessage) -> bool {
-    match message {
-        MavMessage::HEARTBEAT(_) | MavMessage::TIMESYNC(_) | MavMessage::PARAM_REQUEST_READ(_) => {
-            true
-        }
-        MavMessage::COMMAND_LONG(m) => matches!(
-            known(m.command),
-            Some(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL | MavCmd::MAV_CMD_REQUEST_MESSAGE)
-        ),
-        _ => false,
-    }
-}
 
 /// Whether a command of a client arms, moves or breaks something: refused in words.
 pub(crate) fn refuses(command: MavCmd) -> bool {
@@ -88,7 +72,7 @@ pub(crate) struct Shadow {
     armed: bool,
     /// Since when the IMU has not rested.
     beats_since: Option<HostTime>,
-    airborne: bool,
+    pub airborne: bool,
     /// The place on the leash.
     place_E_m: Option<Vec3<E>>,
 }
@@ -131,7 +115,7 @@ impl Pilot {
         let output = self.run_controller(at, &command, dt_s, true, None);
         let for_board = self.navigation.north.setpoint_for_board(output.R_EB);
         let theirs = self.board.link.target_in_force(at);
-        self.record(|| {
+        self.out.record(|| {
             Topic::Shadow(ShadowRecord {
                 at,
                 place_E_m,
@@ -147,7 +131,7 @@ impl Pilot {
         let armed = self.board.link.is_armed();
         if armed != std::mem::replace(&mut self.flight.shadow.armed, armed) {
             let text = if armed { "shadow: armed by somebody else" } else { "shadow: disarmed" };
-            self.say(at, Severity::Info, text.to_owned());
+            self.out.say(at, Severity::Info, text.to_owned());
             self.record_mode(at, self.flight.mode.name(), text);
         }
         if !armed {
@@ -169,13 +153,6 @@ impl Pilot {
             self.navigation.estimator.set_airborne(true);
         }
     }
-
-    /// Whether a vehicle stands that nobody flies.
-    pub(crate) fn is_standing(&self) -> bool {
-        !self.flight.mode.has_thrust()
-            && self.flight.mode != Mode::Yielded
-            && !self.flight.shadow.airborne
-    }
 }
 
 #[cfg(test)]
@@ -193,29 +170,5 @@ mod tests {
         assert!((place.x() - 0.3).abs() < 1e-12 && speed == v);
         // On the way back it waits again.
         assert_eq!(shadow.hold(at(0.1), v).1, Vec3::zero());
-    }
-
-    #[test]
-    fn prop_only_questions_pass() {
-        let command = |command: MavCmd| {
-            only_asks(&MavMessage::COMMAND_LONG(haltere_dialect::mav::haltere::COMMAND_LONG_DATA {
-                command: command as u16,
-                ..Default::default()
-            }))
-        };
-        assert!(command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL));
-        assert!(command(MavCmd::MAV_CMD_REQUEST_MESSAGE));
-        for moves in [
-            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
-            MavCmd::MAV_CMD_DO_SET_MODE,
-            MavCmd::MAV_CMD_INJECT_FAILURE,
-            MavCmd::MAV_CMD_DO_FLIGHTTERMINATION,
-        ] {
-            assert!(!command(moves), "{moves:?}");
-        }
-        assert!(!only_asks(&MavMessage::SET_ATTITUDE_TARGET(Default::default())));
-        assert!(!only_asks(&MavMessage::PARAM_SET(Default::default())));
-        assert!(!only_asks(&MavMessage::MANUAL_CONTROL(Default::default())));
-        assert!(only_asks(&MavMessage::HEARTBEAT(Default::default())));
     }
 }

@@ -14,7 +14,7 @@
 
 use std::collections::VecDeque;
 
-use crate::flight::supervisor::scale::{DRAG_PER_S, WINGS_S};
+use super::scale::{DRAG_PER_S, WINGS_S};
 use haltere_core::frames::G_MPS2;
 
 /// How far it goes back, s: the scale of an accelerometer is found within 0.35 s.

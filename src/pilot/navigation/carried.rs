@@ -23,11 +23,11 @@
 //! thrust is nearer to what carries it, is found by asking alone.
 
 use haltere_core::frames::G_MPS2;
-use haltere_core::time::HostTime;
 
-use crate::Pilot;
-use crate::flight::modes::{Event, Mode, transition};
-use crate::flight::supervise::{CARRIED_MPS2, DOWN_SHARE, TURN_SHARE};
+use super::Navigation;
+use super::floor::{CARRIED_MPS2, DOWN_SHARE};
+use crate::flight::modes::Mode;
+use crate::view::View;
 
 /// Time constant of the means, s.
 const MEAN_S: f64 = 1.0;
@@ -104,34 +104,32 @@ impl Carried {
     }
 }
 
-impl Pilot {
-    /// A vehicle that came to stand without being asked to lands, where it is felt for the floor, and disarms.
-    pub(crate) fn watch_floor(&mut self, at: HostTime, dt_s: f64) {
-        if !self.flight.mode.has_thrust() || self.flight.mode == Mode::Spool {
-            self.navigation.carried = Carried::default();
-            return;
+impl Navigation {
+    /// Whether the floor carries a vehicle that was not asked to stand. `watched`: the mode flies where it may be found so;
+    /// `heard`: the accelerometer can be asked.
+    pub(crate) fn watch_floor(
+        &mut self,
+        view: &View<'_>,
+        [watched, heard]: [bool; 2],
+        dt_s: f64,
+    ) -> bool {
+        if !view.mode.has_thrust() || view.mode == Mode::Spool {
+            self.carried = Carried::default();
+            return false;
         }
-        let watched = transition(self.flight.mode, Event::FloorCarries).is_some();
-        let heard = self.imu_is_alive(at) && !self.is_numb();
-        if !heard || !(watched || self.flight.mode == Mode::Takeoff) {
-            self.navigation.carried.asked_s = None;
-            return;
+        if !heard || !(watched || view.mode == Mode::Takeoff) {
+            self.carried.asked_s = None;
+            return false;
         }
         // Low-passed as the force is.
-        let share =
-            self.navigation.touch.thrust_frac / self.flight.control.thrust_base_frac.max(0.05);
-        let force_mps2 = -self.navigation.touch.acc_z_mps2;
-        let carried = self.navigation.carried.step(share, force_mps2, dt_s);
-        if watched && self.is_near_floor(at) {
-            if self.navigation.carried.ask(share, force_mps2, dt_s) || carried {
-                self.fire(at, Event::FloorCarries);
-                // Whatever the landing's estimate says from here on, it does not lift off again.
-                self.navigation.touch.low_frac =
-                    Some(TURN_SHARE * self.flight.control.thrust_base_frac);
-            }
-        } else {
-            (self.navigation.carried.asked_s, self.navigation.carried.seems_s) = (None, 0.0);
+        let share = self.touch.thrust_frac / view.thrust.base_frac.max(0.05);
+        let force_mps2 = -self.touch.acc_z_mps2;
+        let carried = self.carried.step(share, force_mps2, dt_s);
+        if watched && self.is_near_floor(view) {
+            return self.carried.ask(share, force_mps2, dt_s) || carried;
         }
+        (self.carried.asked_s, self.carried.seems_s) = (None, 0.0);
+        false
     }
 }
 

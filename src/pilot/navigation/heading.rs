@@ -6,6 +6,12 @@
 
 use haltere_core::frames::{B, E, Rot, wrap_pi_rad};
 
+use super::Navigation;
+use crate::flight::modes::Mode;
+use crate::out::Out;
+use crate::out::voice::Severity;
+use crate::view::View;
+
 /// Time constant of the follower, s. Slow against attitude loops, fast against compass drift.
 const TIME_CONSTANT_S: f64 = 5.0;
 /// The same while the vehicle stands, s: nothing turns by it, and the first setpoint must be the
@@ -19,6 +25,9 @@ const JUMP_RAD: f64 = 0.35;
 /// If it lasts so long it is taken over whole, s. The board leans in its own frame: until the angle is right every lean is
 /// turned by the jump, and beyond some 60 degrees that drives the vehicle away.
 const JUMP_S: f64 = 0.1;
+
+/// A board attitude older than this is not compared with ours, s.
+const ATTITUDE_AGE_S: f64 = 0.2;
 
 /// Follows the angle.
 #[derive(Debug)]
@@ -68,6 +77,23 @@ impl BoardNorth {
     /// A setpoint in the room, turned into the board's frame.
     pub fn setpoint_for_board(&self, room: Rot<E, B>) -> Rot<E, B> {
         Rot::<E, E>::from_euler_rad(0.0, 0.0, -self.offset_rad) * room
+    }
+}
+
+impl Navigation {
+    /// Follows the board's heading where both are known.
+    pub(crate) fn follow_north(&mut self, view: &View<'_>, dt_s: f64, out: &mut Out) {
+        let Some(board) = view.board.attitude else { return };
+        let usable = view.is_usable() && view.at.seconds_since(board.received_at) < ATTITUDE_AGE_S;
+        // Before take-off the board's heading is the frame of the command, whatever ours says; the
+        // generic board has always been followed slowly.
+        let standing = view.board.is_real
+            && matches!(view.mode, Mode::Disarmed | Mode::Arming | Mode::Idle)
+            && view.stands;
+        if usable && self.north.follow(view.estimate.R_EB, board.attitude, dt_s, standing) {
+            let text = "board heading jumped against ours: setpoints follow";
+            out.say(view.at, Severity::Warning, text.to_owned());
+        }
     }
 }
 

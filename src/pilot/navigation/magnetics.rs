@@ -1,21 +1,22 @@
 //! What the magnetometer says at the start, for people: whether its heading is taken, and what a survey
 //! of the room's field would write into the configuration.
 
-use haltere_core::time::HostTime;
-
-use crate::Pilot;
+use super::Navigation;
+use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::view::View;
 
-impl Pilot {
+impl Navigation {
     /// Told once, when the filter has found its start; nothing where no magnetometer is asked for.
-    pub(crate) fn tell_magnetic_field(&mut self, at: HostTime) {
-        let wanted = self.config.estimator.magnetometer;
+    pub(crate) fn tell_magnetic_field(&self, view: &View<'_>, out: &mut Out) {
+        let at = view.at;
+        let wanted = view.config.estimator.magnetometer;
         if !wanted.fuse {
             return;
         }
-        let Some(field) = self.navigation.estimator.magnetic_field() else {
+        let Some(field) = self.estimator.magnetic_field() else {
             let text = "estimator.magnetometer.fuse: the board sends no magnetic field, heading is the board's";
-            self.say(at, Severity::Warning, text.to_owned());
+            out.say(at, Severity::Warning, text.to_owned());
             return;
         };
         let seen = format!(
@@ -25,14 +26,14 @@ impl Pilot {
         );
         let disturbance_frac = field.disturbance_frac(&wanted);
         if disturbance_frac <= wanted.most_disturbance_frac {
-            let yaw_deg = self.estimate.R_EB.yaw_rad().to_degrees();
-            self.say(at, Severity::Info, format!("{seen}: heading {yaw_deg:.0} deg is by it"));
+            let yaw_deg = view.estimate.R_EB.yaw_rad().to_degrees();
+            out.say(at, Severity::Info, format!("{seen}: heading {yaw_deg:.0} deg is by it"));
         } else {
             let text = format!(
                 "{seen}, {:.0} uT and {:.0} deg expected: heading is the board's",
                 wanted.strength_ut, wanted.dip_deg
             );
-            self.say(at, Severity::Warning, text);
+            out.say(at, Severity::Warning, text);
         }
     }
 }

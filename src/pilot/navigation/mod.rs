@@ -1,13 +1,24 @@
 //! Where the vehicle is: the tag, the estimator, and what is found of floor, room and sensors beside it.
 
+pub(crate) mod anchors;
 pub(crate) mod before;
 pub(crate) mod carried;
+pub(crate) mod evidence;
+pub(crate) mod floor;
 pub(crate) mod heading;
 pub(crate) mod ingest;
+pub(crate) mod lift;
+pub(crate) mod lying;
 pub(crate) mod magnetics;
+pub(crate) mod pairs;
 pub(crate) mod reference;
+pub(crate) mod repetition;
+pub(crate) mod room;
 pub(crate) mod rooms;
+pub(crate) mod scale;
+pub(crate) mod slip;
 pub(crate) mod survey_check;
+pub(crate) mod told;
 pub mod uwb;
 
 use haltere_dialect::mav_stream::MavSplitter;
@@ -18,11 +29,20 @@ use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 
 use crate::config::PilotConfig;
-use crate::flight::supervise::Touch;
-use crate::stations::telemetry_counts::PairStats;
 
+use anchors::Anchors;
+use before::Before;
 use carried::Carried;
+use evidence::Evidence;
+use floor::Touch;
 use heading::BoardNorth;
+use lift::Lift;
+use lying::Lying;
+use pairs::PairStats;
+use repetition::Repetition;
+use rooms::Rooms;
+use scale::Scale;
+use slip::Slip;
 use survey_check::SurveyCheck;
 use uwb::{MavTag, TdoaEngine};
 
@@ -47,6 +67,15 @@ pub(crate) struct Navigation {
     pub(crate) survey_check: SurveyCheck,
     pub(crate) touch: Touch,
     pub(crate) carried: Carried,
+    pub(crate) lying: Lying,
+    pub(crate) anchors: Anchors,
+    pub(crate) repetition: Repetition,
+    pub(crate) evidence: Evidence,
+    pub(crate) lift: Lift,
+    pub(crate) slip: Slip,
+    pub(crate) scale: Scale,
+    pub(crate) before: Before,
+    pub(crate) rooms: Rooms,
 }
 
 impl Navigation {
@@ -68,6 +97,15 @@ impl Navigation {
             survey_check: SurveyCheck::new(config, survey),
             touch: Touch::default(),
             carried: Carried::default(),
+            lying: Lying::default(),
+            anchors: Anchors::default(),
+            repetition: Repetition::default(),
+            evidence: Evidence::default(),
+            lift: Lift::default(),
+            slip: Slip::default(),
+            scale: Scale::default(),
+            before: Before::default(),
+            rooms: Rooms::default(),
         }
     }
 }

@@ -5,10 +5,12 @@ use haltere_core::measure::{AnchorId, Tdoa};
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::Navigation;
 use crate::config::PilotConfig;
 use crate::flight::modes::Mode;
+use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::view::View;
 
 /// The check is made so often, s.
 const INTERVAL_S: f64 = 0.5;
@@ -112,11 +114,12 @@ impl SurveyCheck {
     }
 }
 
-impl Pilot {
+impl Navigation {
     /// Once a control step.
-    pub(crate) fn check_survey(&mut self, at: HostTime) {
-        let all = &mut self.navigation.survey_check;
-        if self.flight.mode.has_thrust() {
+    pub(crate) fn check_survey(&mut self, view: &View<'_>, out: &mut Out) {
+        let at = view.at;
+        let all = &mut self.survey_check;
+        if view.mode.has_thrust() {
             if std::mem::take(&mut all.is_filled) {
                 all.check.clear();
                 (all.named, all.told) = (None, None);
@@ -129,19 +132,19 @@ impl Pilot {
         }
         all.checked_at = Some(at);
         // A station may have changed it.
-        all.most_m = self.config.supervisor.anchor_misfit_m;
-        let fit = all.check.judge(self.config.flight.gear_height_m);
+        all.most_m = view.config.supervisor.anchor_misfit_m;
+        let fit = all.check.judge(view.config.flight.gear_height_m);
         all.take(fit);
         if let Some(text) = all.doubt()
             && !std::mem::replace(&mut all.floor_told, true)
         {
-            self.say(at, Severity::Warning, text);
+            out.say(at, Severity::Warning, text);
             return;
         }
         if let Some((anchor, bias_m)) = all.misfit()
             && all.told.replace(anchor) != Some(anchor)
         {
-            self.say(at, Severity::Warning, words(anchor, bias_m));
+            out.say(at, Severity::Warning, words(anchor, bias_m));
         }
     }
 }

@@ -13,42 +13,23 @@ use haltere_dialect::mav::haltere::{
 };
 
 use haltere_core::time::HostTime;
-use haltere_core::topics::{TextRecord, Topic};
 
-use super::event_list as list;
 use super::voice::Severity;
-use crate::Pilot;
-use crate::flight::at_rest::{AT_REST, Look, Quantity};
-use crate::flight::change::Cause;
-use crate::flight::modes::Mode;
+use super::{OWN_COMPONENT, Out};
 use crate::input::LinkId;
-use crate::stations::mission_transfer::Client;
-use crate::stations::telemetry::send_text;
 
 /// CURRENT_EVENT_SEQUENCE.
 pub const SEQUENCE_ID: u32 = 411;
 /// Events that can be asked for again: several reports of all checks.
 const MOST_KEPT: usize = 40;
-/// Least time between two reports of the checks, s: states that flicker must not fill a link.
-const REPORT_S: f64 = 1.0;
 /// Most events that are sent again for one request.
 const MOST_AGAIN: u16 = 20;
-/// Log level of what is no news for people (LogLevel::Protocol), for the vehicle's log and for them.
-const PROTOCOL: u8 = 8 << 4 | 8;
-
 /// State of the service.
 #[derive(Debug, Default)]
 pub(crate) struct Events {
     kept: VecDeque<EVENT_DATA>,
     /// Number of the newest event.
     newest: u16,
-    /// Checks that failed, and that warned, when they were last reported, as bits of health.
-    reported: Option<(u32, u32)>,
-    reported_at: HostTime,
-}
-
-fn level(severity: Severity) -> u8 {
-    (severity as u8) << 4 | severity as u8
 }
 
 /// Arguments of an event, one after another.
@@ -60,21 +41,38 @@ fn packed(parts: &[&[u8]]) -> [u8; 40] {
     arguments
 }
 
-impl Pilot {
-    fn wants_events(&mut self, link: LinkId) -> bool {
-        self.ground_mut(link).is_some_and(|g| g.is_open && g.streams.interval_us(SEQUENCE_ID) > 0)
-    }
+/// The id of an event on the wire.
+fn wire_id(number: u32) -> u32 {
+    u32::from(OWN_COMPONENT) << 24 | number
+}
 
-    fn event(&mut self, at: HostTime, number: u32, log_levels: u8, parts: &[&[u8]]) {
-        let events = &mut self.stations.services.events;
+/// How grave an event is, for the vehicle's log and for people.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Level(u8);
+
+impl Level {
+    /// What is no news for people (LogLevel::Protocol).
+    pub const PROTOCOL: Self = Self(8 << 4 | 8);
+}
+
+impl From<Severity> for Level {
+    fn from(severity: Severity) -> Self {
+        Self((severity as u8) << 4 | severity as u8)
+    }
+}
+
+impl Out {
+    /// Tells what happened, by its number in `events.json`.
+    pub(crate) fn event(&mut self, at: HostTime, number: u32, level: Level, parts: &[&[u8]]) {
+        let events = &mut self.events;
         events.newest = events.newest.wrapping_add(1);
         let event = EVENT_DATA {
-            id: list::wire_id(number),
+            id: wire_id(number),
             event_time_boot_ms: (at.as_us() / 1000) as u32,
             sequence: events.newest,
             destination_component: 0,
             destination_system: 0,
-            log_levels,
+            log_levels: level.0,
             arguments: packed(parts),
         };
         if events.kept.len() == MOST_KEPT {
@@ -82,77 +80,36 @@ impl Pilot {
         }
         events.kept.push_back(event.clone());
         let message = MavMessage::EVENT(event);
-        for n in 0..self.stations.grounds.len() {
-            let link = self.stations.grounds[n].link;
-            if self.wants_events(link) {
-                self.out.outbox.message(link, self.out.own, &message);
+        for n in 0..self.listeners.len() {
+            if self.listeners[n].is_open && self.listeners[n].wants_events {
+                self.message(self.listeners[n].link, &message);
             }
         }
     }
 
-    /// Tells that the mode has changed: as an event, and as a text.
-    pub(crate) fn tell_transition(&mut self, at: HostTime, from: Mode, to: Mode, cause: Cause) {
-        let Cause { because, severity, number } = cause;
-        let (from_number, to_number) = (list::mode_number(from), list::mode_number(to));
-        let arguments = [from_number, to_number, number];
-        self.event(at, list::MODE_CHANGED, level(severity), &[&arguments]);
-        let text = format!("{}: {because}", to.name());
-        self.out.text_id = self.out.text_id.wrapping_add(1).max(1);
-        let id = self.out.text_id;
-        for n in 0..self.stations.grounds.len() {
-            let link = self.stations.grounds[n].link;
-            if !self.stations.grounds[n].is_open {
-                continue;
-            }
-            if self.wants_events(link) {
-                send_text(
-                    &mut self.out.outbox,
-                    self.out.own,
-                    link,
-                    severity as u8,
-                    &format!("{text}\t"),
-                    id,
-                );
-            } else {
-                send_text(&mut self.out.outbox, self.out.own, link, severity as u8, &text, id);
-            }
-        }
-        self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
-    }
-
-    /// Tells that a condition of the supervisor's list begins or ends, as an event.
-    pub(crate) fn condition_event(
-        &mut self,
-        at: HostTime,
-        index: usize,
-        begins: bool,
-        severity: Severity,
-    ) {
-        let number = if begins { list::CONDITION_BEGINS } else { list::CONDITION_ENDS };
-        let argument = [u8::try_from(index).unwrap_or(u8::MAX)];
-        self.event(at, number, level(severity), &[&argument]);
-    }
-
-    /// CURRENT_EVENT_SEQUENCE. The first on a link says that the numbers have begun anew.
-    pub(crate) fn event_sequence(&mut self, link: LinkId) -> MavMessage {
-        let is_known = self
-            .ground_mut(link)
-            .is_some_and(|g| std::mem::replace(&mut g.event_sequence_told, true));
+    /// CURRENT_EVENT_SEQUENCE. `is_known`: the station has been told where the numbers stand; the first on a link says
+    /// that they have begun anew.
+    pub(crate) fn event_sequence(&self, is_known: bool) -> MavMessage {
         let flags = if is_known {
             MavEventCurrentSequenceFlags::empty()
         } else {
             MavEventCurrentSequenceFlags::MAV_EVENT_CURRENT_SEQUENCE_FLAGS_RESET
         };
-        let sequence = self.stations.services.events.newest;
+        let sequence = self.events.newest;
         MavMessage::CURRENT_EVENT_SEQUENCE(CURRENT_EVENT_SEQUENCE_DATA { sequence, flags })
     }
 
     /// REQUEST_EVENT: again what was lost on the way.
-    pub(crate) fn events_again(&mut self, client: Client, request: &REQUEST_EVENT_DATA) {
+    pub(crate) fn events_again(
+        &mut self,
+        link: LinkId,
+        peer: (u8, u8),
+        request: &REQUEST_EVENT_DATA,
+    ) {
         let count = request.last_sequence.wrapping_sub(request.first_sequence);
         for offset in 0..=count.min(MOST_AGAIN - 1) {
             let sequence = request.first_sequence.wrapping_add(offset);
-            let events = &self.stations.services.events;
+            let events = &self.events;
             let message = match events.kept.iter().find(|e| e.sequence == sequence) {
                 Some(event) => MavMessage::EVENT(event.clone()),
                 None => MavMessage::RESPONSE_EVENT_ERROR(RESPONSE_EVENT_ERROR_DATA {
@@ -161,56 +118,12 @@ impl Pilot {
                         .kept
                         .front()
                         .map_or(events.newest, |e| e.sequence),
-                    target_system: client.peer.0,
-                    target_component: client.peer.1,
+                    target_system: peer.0,
+                    target_component: peer.1,
                     reason: MavEventErrorReason::MAV_EVENT_ERROR_REASON_UNAVAILABLE,
                 }),
             };
-            self.out.outbox.message(client.link, self.out.own, &message);
+            self.message(link, &message);
         }
-    }
-
-    /// Once a control step: reports the checks when one of them has changed. In flight nobody arms.
-    pub(crate) fn event_tick(&mut self, at: HostTime) {
-        let events = &self.stations.services.events;
-        if self.flight.mode != Mode::Disarmed
-            || events.reported.is_some() && at.seconds_since(events.reported_at) < REPORT_S
-        {
-            return;
-        }
-        self.report_checks(at, false);
-    }
-
-    /// The report of all checks; `anyway`: even if nothing has changed.
-    pub(crate) fn report_checks(&mut self, at: HostTime, anyway: bool) {
-        let (mut failed, mut warned): (Vec<&Quantity>, Vec<&Quantity>) = Default::default();
-        for (row, look) in self.at_rest(at) {
-            match look {
-                Look::Refused(_) => failed.push(row),
-                Look::Told(_) => warned.push(row),
-                Look::Fits(_) => {}
-            }
-        }
-        let of = |rows: &[&Quantity]| rows.iter().map(|row| list::health_bit(row)).sum::<u32>();
-        let (errors, warnings) = (of(&failed), of(&warned));
-        let events = &mut self.stations.services.events;
-        events.reported_at = at;
-        if events.reported.replace((errors, warnings)) == Some((errors, warnings)) && !anyway {
-            return;
-        }
-        let all = AT_REST.iter().map(list::health_bit).sum::<u32>();
-        let modes = list::all_modes();
-        let can = if failed.is_empty() { modes } else { 0 };
-        let [errors, all, warnings, modes, can] =
-            [errors, all, warnings, modes, can].map(|word: u32| word.to_le_bytes());
-        self.event(at, list::ARMING_SUMMARY, PROTOCOL, &[&[0], &errors, &warnings, &can, &can]);
-        let failed = failed.into_iter().map(|row| (row, Severity::Error));
-        let warned = warned.into_iter().map(|row| (row, Severity::Warning));
-        for (row, severity) in failed.chain(warned) {
-            let index = list::health_index(row);
-            let number = list::FIRST_CHECK + u32::from(index) - 1;
-            self.event(at, number, level(severity), &[&modes, &[index]]);
-        }
-        self.event(at, list::HEALTH_SUMMARY, PROTOCOL, &[&[0], &all, &errors, &warnings]);
     }
 }

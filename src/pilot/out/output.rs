@@ -1,9 +1,9 @@
 //! Bytes on their way out: one buffer, in order, with the sequence number of each link.
 
-use haltere_dialect::mav::haltere::MavMessage;
+use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
+use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream;
 
-use crate::flight::shadow::only_asks;
 use crate::input::LinkId;
 
 /// Most bytes for stations that one drain can find, and pieces: what a client asks for in one burst must
@@ -141,9 +141,24 @@ impl Outbox {
     }
 }
 
+/// What may be sent to the board all the same: who we are, what time it is, questions, and how often to answer.
+pub(crate) fn only_asks(message: &MavMessage) -> bool {
+    match message {
+        MavMessage::HEARTBEAT(_) | MavMessage::TIMESYNC(_) | MavMessage::PARAM_REQUEST_READ(_) => {
+            true
+        }
+        MavMessage::COMMAND_LONG(m) => matches!(
+            known(m.command),
+            Some(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL | MavCmd::MAV_CMD_REQUEST_MESSAGE)
+        ),
+        _ => false,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use haltere_dialect::mav::haltere::COMMAND_LONG_DATA;
 
     #[test]
     fn prop_nothing_of_a_shadow_arms_or_moves_and_what_is_kept_back_is_counted() {
@@ -181,5 +196,29 @@ mod tests {
         // Once drained there is room again.
         out.raw(LinkId::Ground(1), &piece);
         assert_eq!(out.take_refused(LinkId::Ground(1)), 0);
+    }
+
+    #[test]
+    fn prop_only_questions_pass() {
+        let command = |command: MavCmd| {
+            only_asks(&MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+                command: command as u16,
+                ..Default::default()
+            }))
+        };
+        assert!(command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL));
+        assert!(command(MavCmd::MAV_CMD_REQUEST_MESSAGE));
+        for moves in [
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+            MavCmd::MAV_CMD_DO_SET_MODE,
+            MavCmd::MAV_CMD_INJECT_FAILURE,
+            MavCmd::MAV_CMD_DO_FLIGHTTERMINATION,
+        ] {
+            assert!(!command(moves), "{moves:?}");
+        }
+        assert!(!only_asks(&MavMessage::SET_ATTITUDE_TARGET(Default::default())));
+        assert!(!only_asks(&MavMessage::PARAM_SET(Default::default())));
+        assert!(!only_asks(&MavMessage::MANUAL_CONTROL(Default::default())));
+        assert!(only_asks(&MavMessage::HEARTBEAT(Default::default())));
     }
 }

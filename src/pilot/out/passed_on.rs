@@ -5,7 +5,13 @@
 //! same frame; a little less is taken, for those who send one heartbeat a second without counting. The table is of
 //! fixed size and older entries give way: a frame that is forgotten goes round once more.
 
+use haltere_dialect::mav_stream::MavFrame;
+
+use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
+
+use super::Out;
+use crate::input::LinkId;
 
 /// Frames that are remembered, a power of two: the most that one station may send in a second, twice.
 const SLOTS: usize = 4096;
@@ -34,6 +40,24 @@ impl PassedOn {
         let hash = hash(frame);
         if let Some(slot) = self.0.get_mut(slot(hash)) {
             *slot = Some((hash, at));
+        }
+    }
+}
+
+impl Out {
+    /// Books that a frame went to somebody, or came once more after that.
+    pub(crate) fn note_passed(
+        &mut self,
+        at: HostTime,
+        from: LinkId,
+        frame: &MavFrame<'_>,
+        again: bool,
+        passed: bool,
+    ) {
+        match (again, passed) {
+            (true, _) => self.lose(from, DropReason::MavAgain, 1),
+            (false, true) => self.passed_on.note(at, frame.raw),
+            (false, false) => {}
         }
     }
 }

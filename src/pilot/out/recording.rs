@@ -6,8 +6,8 @@
 
 use haltere_core::time::HostTime;
 
+use super::Out;
 use super::voice::Severity;
-use crate::Pilot;
 use crate::input::LinkId;
 
 /// Longest reason that is passed on, characters: what glue says is text of its own, but of any length.
@@ -61,17 +61,11 @@ impl Told {
     }
 }
 
-impl Pilot {
-    /// Whether a station has sent a mission, or loaded a program, since the core began: what is recorded then may be
-    /// meant for a fit, though nothing flies.
-    pub fn was_sent_a_mission(&self) -> bool {
-        self.stations.sent_a_mission
-    }
-
+impl Out {
     /// Glue has told how the recording stands.
     pub(crate) fn recording_told(&mut self, at: HostTime, state: Recording, why: &str) {
-        let before = self.out.recording.state;
-        self.out.recording = Told { state, why: why.chars().take(LONGEST_REASON).collect() };
+        let before = self.recording.state;
+        self.recording = Told { state, why: why.chars().take(LONGEST_REASON).collect() };
         // That it stops is told by the supervisor's list.
         if state == Recording::Runs && matches!(before, Recording::Waits | Recording::Stopped) {
             let missing = if why.is_empty() { String::new() } else { format!("; {why}") };
@@ -81,7 +75,7 @@ impl Pilot {
 
     /// For a station that speaks for the first time: it was not there when it was told.
     pub(crate) fn tell_recording(&mut self, at: HostTime, link: LinkId) {
-        let Some(text) = self.out.recording.words() else { return };
+        let Some(text) = self.recording.words() else { return };
         if self.may_echo(at) {
             self.say_to(at, link, Severity::Warning, &text);
         }
@@ -89,9 +83,7 @@ impl Pilot {
 
     /// What stands in the way of a log of the next flight.
     pub(crate) fn recording_misses(&self) -> Option<String> {
-        (self.out.recording.state == Recording::Stopped)
-            .then(|| self.out.recording.words())
-            .flatten()
+        (self.recording.state == Recording::Stopped).then(|| self.recording.words()).flatten()
     }
 }
 
@@ -100,6 +92,7 @@ mod tests {
     use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
     use super::*;
+    use crate::Pilot;
     use crate::config::PilotConfig;
     use crate::flight::at_rest::{LOG, Look};
     use crate::input::Input;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use haltere_core::drops::Drops;
 
 /// Losses by link number.
-type Table = Vec<(u8, Drops)>;
+pub(crate) type Table = Vec<(u8, Drops)>;
 
 /// Tables in turn. The recorder holds one for some 20 ms, and one is told each second.
 const TABLES: usize = 4;

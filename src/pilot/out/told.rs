@@ -35,6 +35,9 @@ pub(crate) struct Told {
     pub unobeyed_at: Option<HostTime>,
     /// What of a link is not heard: link and reason, each once.
     pub unheard: Vec<(LinkId, DropReason)>,
+    /// Checks that failed, and that warned, when they were last reported, as bits of health, and when.
+    pub checks: Option<(u32, u32)>,
+    pub checks_at: HostTime,
 }
 
 impl Told {
@@ -54,6 +57,8 @@ impl Told {
             other_address: [false; 2],
             unobeyed_at: None,
             unheard: Vec::new(),
+            checks: None,
+            checks_at: HostTime::default(),
         }
     }
 }

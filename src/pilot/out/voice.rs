@@ -1,17 +1,13 @@
 //! What people are told: texts to every station and into the log, and no more of them than can be read.
 
+use haltere_dialect::mav::haltere::{MavMessage, STATUSTEXT_DATA};
+
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 use haltere_core::topics::{TextRecord, Topic};
 
-use crate::Pilot;
+use super::{Listener, Out};
 use crate::input::LinkId;
-use crate::stations::telemetry;
-
-/// People are told again that frames are kept out after this time, s.
-const KEPT_OUT_TELL_S: f64 = 10.0;
-/// Control steps of the first second, in which tag and board are being found.
-const FIRST_STEPS: u64 = 1_000_000 / crate::schedule::CONTROL_PERIOD_US.cast_unsigned();
 
 /// MAVLink severities in use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,93 +20,107 @@ pub(crate) enum Severity {
     Info = 6,
 }
 
-impl Pilot {
+/// Length of the text field of STATUSTEXT.
+const TEXT_CHUNK: usize = 50;
+
+impl Out {
     /// Tells the people at one station, and the log.
     pub(crate) fn say_to(&mut self, at: HostTime, link: LinkId, severity: Severity, text: &str) {
-        self.out.text_id = self.out.text_id.wrapping_add(1).max(1);
-        telemetry::send_text(
-            &mut self.out.outbox,
-            self.out.own,
-            link,
-            severity as u8,
-            text,
-            self.out.text_id,
-        );
-        let text = text.to_owned();
-        self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
+        let id = self.next_text_id();
+        self.send_text(link, severity, text, id);
+        self.record_text(at, severity, text.to_owned());
     }
 
     /// Whether one more text may be said that others have caused. If not, that is counted.
     pub(crate) fn may_echo(&mut self, at: HostTime) -> bool {
-        let may = self.out.echoes.take(at);
+        let may = self.echoes.take(at);
         if !may {
-            let core = self.out.drops.len() - 1;
-            self.out.drops[core].add(DropReason::TextLimited, 1);
+            let core = self.drops.len() - 1;
+            self.drops[core].add(DropReason::TextLimited, 1);
         }
         may
     }
 
     /// Tells people: to every station and into the log.
     pub(crate) fn say(&mut self, at: HostTime, severity: Severity, text: String) {
-        if self.out.answering && severity == Severity::Warning && !self.may_echo(at) {
+        if self.answering && severity == Severity::Warning && !self.may_echo(at) {
             return;
         }
         // Who asks at once is told that it is too early, which is no matter of concern.
-        let early = self.out.answering && self.clock.control_steps < FIRST_STEPS;
+        let early = self.answering && self.is_starting;
         let severity =
             if early && severity == Severity::Warning { Severity::Info } else { severity };
-        self.out.text_id = self.out.text_id.wrapping_add(1).max(1);
-        for ground in self.stations.grounds.iter().filter(|g| g.is_open) {
-            telemetry::send_text(
-                &mut self.out.outbox,
-                self.out.own,
-                ground.link,
-                severity as u8,
-                &text,
-                self.out.text_id,
-            );
+        let id = self.next_text_id();
+        for n in 0..self.listeners.len() {
+            if self.listeners[n].is_open {
+                self.send_text(self.listeners[n].link, severity, &text, id);
+            }
         }
+        self.record_text(at, severity, text);
+    }
+
+    /// The same in words and as an event: stations that know events are told by a TAB not to show the words twice.
+    pub(crate) fn say_of_event(&mut self, at: HostTime, severity: Severity, text: String) {
+        let id = self.next_text_id();
+        for n in 0..self.listeners.len() {
+            let Listener { link, is_open, wants_events, .. } = self.listeners[n];
+            if !is_open {
+                continue;
+            }
+            if wants_events {
+                self.send_text(link, severity, &format!("{text}\t"), id);
+            } else {
+                self.send_text(link, severity, &text, id);
+            }
+        }
+        self.record_text(at, severity, text);
+    }
+
+    /// Tells it once for a link and a reason.
+    pub(crate) fn tell_once(
+        &mut self,
+        at: HostTime,
+        link: LinkId,
+        reason: DropReason,
+        text: String,
+    ) {
+        if !self.told.unheard.contains(&(link, reason)) {
+            self.told.unheard.push((link, reason));
+            self.say(at, Severity::Warning, text);
+        }
+    }
+
+    fn next_text_id(&mut self) -> u16 {
+        self.text_id = self.text_id.wrapping_add(1).max(1);
+        self.text_id
+    }
+
+    fn record_text(&mut self, at: HostTime, severity: Severity, text: String) {
         self.record(|| Topic::Text(TextRecord { at, severity: severity as u8, text }));
     }
 
-    /// Somebody who means well would wait for ever otherwise.
-    pub(crate) fn tell_kept_out(&mut self, at: HostTime, link: LinkId, reason: DropReason) {
-        let what = match reason {
-            DropReason::MavWrongPeer => return self.tell_other_address(at, link),
-            DropReason::MavUnsigned => "unsigned frames are kept out: give the station the key",
-            DropReason::MavBadSignature => "frames with another key are kept out",
-            DropReason::MavReplayed => "signed frames that come twice or late are kept out",
-            DropReason::MavStaleTime => {
-                "frames signed over a minute ago are kept out: set the station's clock"
-            }
-            DropReason::SigningSetup => "a new signing key was refused: signing.setup",
-            DropReason::RateLimited => "a station sends more than ground.most_frames_per_s allows",
-            _ => return,
-        };
-        if self.out.told.kept_out_at.is_none_or(|t| at.seconds_since(t) > KEPT_OUT_TELL_S) {
-            self.out.told.kept_out_at = Some(at);
-            self.say(at, Severity::Warning, format!("link {}: {what}", link.number()));
-        }
-    }
-
-    /// Somebody speaks from another address than the one that we send to. Told once: every datagram would say so.
-    fn tell_other_address(&mut self, at: HostTime, link: LinkId) {
-        let is_station = matches!(link, LinkId::Ground(_));
-        let told = self.out.told.other_address.get_mut(usize::from(is_station));
-        if told.is_none_or(|told| std::mem::replace(told, true)) {
-            return;
-        }
-        let text = if is_station {
-            let number = self.ground_mut(link).map_or(0, |g| g.endpoint_number);
-            format!(
-                "a station is not heard: it answers from another address than ground.endpoints[{number}] \
-                 sends to; write that one, or udpin"
-            )
+    /// Sends a text, in chunks if it is long.
+    fn send_text(&mut self, link: LinkId, severity: Severity, text: &str, id: u16) {
+        let bytes = text.as_bytes();
+        let chunked = bytes.len() > TEXT_CHUNK;
+        // A text that fills its last chunk exactly needs an empty one to end it.
+        let end = if chunked && bytes.len().is_multiple_of(TEXT_CHUNK) {
+            bytes.len() + 1
         } else {
-            "a board is not heard: it answers from another address than board.address; write that one, or udpin"
-                .to_owned()
+            bytes.len()
         };
-        self.say(at, Severity::Warning, text);
+        for (chunk_seq, start) in (0..end.max(1)).step_by(TEXT_CHUNK).enumerate().take(255) {
+            let mut field = [0; TEXT_CHUNK];
+            let piece = bytes.get(start..bytes.len().min(start + TEXT_CHUNK)).unwrap_or(&[]);
+            field[..piece.len()].copy_from_slice(piece);
+            let message = MavMessage::STATUSTEXT(STATUSTEXT_DATA {
+                severity: severity as u8,
+                text: field.into(),
+                id: if chunked { id } else { 0 },
+                chunk_seq: chunk_seq as u8,
+            });
+            self.message(link, &message);
+        }
     }
 }
 

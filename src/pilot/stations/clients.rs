@@ -6,9 +6,9 @@ use haltere_dialect::mav::haltere::{
     SET_POSITION_TARGET_LOCAL_NED_DATA, SerialControlFlag,
 };
 use haltere_dialect::mav::known;
-use haltere_dialect::mav_stream::{self, MavLoss};
+use haltere_dialect::mav_stream::{self};
 
-use haltere_core::drops::{DropReason, Drops};
+use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
 use super::commands::Request;
@@ -19,6 +19,7 @@ use crate::flight::place::{Location, WIRE_DEG};
 use crate::flight::setpoint::{Owner, Setpoint, setpoint_from_global};
 use crate::input::LinkId;
 use crate::navigation::reference;
+use crate::out::losses::count_frame;
 use crate::out::voice::Severity;
 
 /// HEARTBEAT and CURRENT_MODE.
@@ -39,25 +40,13 @@ pub(crate) fn is_command(msg_id: u32) -> bool {
     matches!(msg_id, COMMAND_LONG_ID | COMMAND_INT_ID)
 }
 
-/// Counts what a splitter lost.
-pub(crate) fn count_frame<T>(drops: &mut Drops, next: &Result<T, MavLoss>) {
-    if let Err(loss) = next {
-        match loss {
-            MavLoss::GarbageBytes(n) => drops.add(DropReason::MavGarbageByte, *n as u64),
-            MavLoss::BadChecksum { .. } => drops.add(DropReason::MavBadChecksum, 1),
-            MavLoss::UnknownId { .. } => drops.add(DropReason::MavUnknownId, 1),
-            MavLoss::Undecodable { .. } => drops.add(DropReason::MavUndecodable, 1),
-            MavLoss::Incompatible => drops.add(DropReason::MavIncompatible, 1),
-        }
-    }
-}
-
 impl Pilot {
     pub(crate) fn ground_bytes(&mut self, at: HostTime, n: u8, bytes: &[u8]) {
         let index = usize::from(n);
         let Some(ground) = self.stations.grounds.get_mut(index) else { return };
-        if !ground.is_open {
-            ground.open(at);
+        if !self.out.is_open(ground.link) {
+            ground.begin_anew(at);
+            self.out.opens(ground.link, ground.wants_events());
         }
         ground.heard_at = at;
         ground.counts.received_B = ground.counts.received_B.saturating_add(bytes.len() as u64);
@@ -72,7 +61,7 @@ impl Pilot {
         // The splitter is taken out while its frames are handled by the rest of the core.
         let mut splitter = std::mem::take(&mut self.stations.grounds[index].splitter);
         while let Some(next) = splitter.next() {
-            count_frame(self.drops_of(link), &next);
+            count_frame(self.out.drops_of(link), &next);
             let Ok(frame) = next else { continue };
             let header = frame.header;
             let heard_before =
@@ -82,10 +71,10 @@ impl Pilot {
                 header.component_id,
                 header.sequence,
             );
-            self.drops_of(link).add(DropReason::MavSequenceGap, missing);
+            self.out.lose(link, DropReason::MavSequenceGap, missing);
             if !heard_before {
                 self.tell_lost(at, link);
-                self.tell_recording(at, link);
+                self.out.tell_recording(at, link);
             }
             let peer = (header.system_id, header.component_id);
             let decoded = frame.decode();
@@ -96,11 +85,11 @@ impl Pilot {
             }
             match decoded {
                 Ok(_) if !self.is_for_us(target) => {
-                    self.drops_of(link).add(DropReason::MavWrongPeer, 1);
+                    self.out.lose(link, DropReason::MavWrongPeer, 1);
                 }
                 Ok(message) if self.is_refused(at, link, peer, &message) => {}
                 Ok(message) => self.ground_message(at, link, peer, message),
-                Err(loss) => count_frame::<()>(self.drops_of(link), &Err(loss)),
+                Err(loss) => count_frame::<()>(self.out.drops_of(link), &Err(loss)),
             }
         }
         // A new link has a splitter of its own only if it was opened meanwhile, which frames cannot.
@@ -137,7 +126,7 @@ impl Pilot {
             MavMessage::SET_MODE(m) => {
                 // No acknowledgement in this message: the heartbeat is the answer.
                 if let Err((_, why)) = self.set_custom_mode(at, m.custom_mode) {
-                    self.say(at, Severity::Warning, why);
+                    self.out.say(at, Severity::Warning, why);
                 }
                 self.send_telemetry(at, link, HEARTBEAT_ID);
                 self.send_telemetry(at, link, CURRENT_MODE_ID);
@@ -158,20 +147,21 @@ impl Pilot {
             MavMessage::SET_GPS_GLOBAL_ORIGIN(m) => {
                 let alt_m = f64::from(m.altitude) * 1e-3;
                 if let Err((_, why)) = self.set_origin(at, m.latitude, m.longitude, alt_m) {
-                    self.say(at, Severity::Warning, why);
+                    self.out.say(at, Severity::Warning, why);
                 }
             }
             MavMessage::SET_HOME_POSITION(m) => {
                 let [lat, lon] = [m.latitude, m.longitude].map(|w| f64::from(w) * WIRE_DEG);
                 if let Err((_, why)) = self.set_home(at, self.room_from_deg(lat, lon)) {
-                    self.say(at, Severity::Warning, why);
+                    self.out.say(at, Severity::Warning, why);
                 }
             }
             MavMessage::REQUEST_DATA_STREAM(m) => {
                 let rate_hz = f64::from(m.req_message_rate);
                 let group = known(m.req_stream_id);
-                if let (Some(ground), Some(group)) = (self.ground_mut(link), group) {
+                if let (Some(ground), Some(group)) = (self.stations.ground_mut(link), group) {
                     ground.streams.set_group(group, rate_hz, m.start_stop == 1, at);
+                    self.out.sends_events(link, ground.wants_events());
                 }
             }
             MavMessage::MISSION_ITEM(m)
@@ -199,23 +189,23 @@ impl Pilot {
                 echo.tc1 = at.as_us().cast_signed().saturating_mul(1000);
                 echo.target_system = peer.0;
                 echo.target_component = peer.1;
-                self.out.outbox.message(link, self.out.own, &MavMessage::TIMESYNC(echo));
+                self.out.message(link, &MavMessage::TIMESYNC(echo));
             }
             MavMessage::PING(m) if m.target_system == 0 && m.target_component == 0 => {
                 let mut echo = m;
                 echo.target_system = peer.0;
                 echo.target_component = peer.1;
-                self.out.outbox.message(link, self.out.own, &MavMessage::PING(echo));
+                self.out.message(link, &MavMessage::PING(echo));
             }
             MavMessage::COMMAND_CANCEL(m) => self.cancel(at, link, peer, m.command),
             MavMessage::RADIO_STATUS(m) => {
-                if let Some(ground) = self.ground_mut(link) {
+                if let Some(ground) = self.stations.ground_mut(link) {
                     ground.streams.radio(m.txbuf, at);
                 }
             }
             MavMessage::PLAY_TUNE(_) | MavMessage::PLAY_TUNE_V2(_) => {
                 let text = "no tune is played: the vehicle has nothing that sounds".to_owned();
-                self.say(at, Severity::Warning, text);
+                self.out.say(at, Severity::Warning, text);
             }
             MavMessage::SERIAL_CONTROL(m) => self.refuse_shell(link, peer, &m),
             MavMessage::HEARTBEAT(_) => self.flight.supervisor.heard.station_at = Some(at),
@@ -224,10 +214,10 @@ impl Pilot {
                     // A ground station's clock is not ours: true when it came.
                     let pose = pose.stamped(at, at);
                     self.navigation.estimator.reference(&pose); // fuses only if it is configured to
-                    self.record(|| haltere_core::topics::Topic::Reference(pose));
+                    self.out.record(|| haltere_core::topics::Topic::Reference(pose));
                 }
-                Some(Err(())) => self.drops_of(link).add(DropReason::BadValue, 1),
-                None => self.drops_of(link).add(DropReason::MavIgnored, 1),
+                Some(Err(())) => self.out.lose(link, DropReason::BadValue, 1),
+                None => self.out.lose(link, DropReason::MavIgnored, 1),
             },
         }
     }
@@ -248,7 +238,7 @@ impl Pilot {
             target_component: peer.1,
             ..Default::default()
         });
-        self.out.outbox.message(link, self.out.own, &answer);
+        self.out.message(link, &answer);
     }
 
     /// A setpoint of an offboard client. While one flies, another is not listened to.
@@ -304,12 +294,12 @@ impl Pilot {
         let result = match answer {
             Ok(_) => MavMissionResult::MAV_MISSION_ACCEPTED,
             Err((_, why)) => {
-                self.say(at, Severity::Warning, why);
+                self.out.say(at, Severity::Warning, why);
                 MavMissionResult::MAV_MISSION_DENIED
             }
         };
         let mission_type = MavMissionType::MAV_MISSION_TYPE_MISSION as u8;
-        self.out.outbox.message(link, self.out.own, &ack(peer, mission_type, result, 0));
+        self.out.message(link, &ack(peer, mission_type, result, 0));
     }
 }
 

@@ -107,7 +107,7 @@ impl Pilot {
         };
         self.send_ack(link, peer, number, result);
         if let Some(why) = why {
-            self.say(at, Severity::Warning, why);
+            self.out.say(at, Severity::Warning, why);
         }
     }
 
@@ -122,7 +122,7 @@ impl Pilot {
             target_system: peer.0,
             target_component: peer.1,
         });
-        self.out.outbox.message(link, self.out.own, &message);
+        self.out.message(link, &message);
     }
 
     /// A client waits for the board. Asked again it waits once.
@@ -166,7 +166,7 @@ impl Pilot {
         let params = [unit, kind, instance, other, 0.0, 0.0, 0.0];
         self.board.link.send_command(request.command, params, &mut self.out.outbox);
         let text = format!("failure passed on to the board: unit {unit} type {kind}");
-        self.say(at, Severity::Warning, text);
+        self.out.say(at, Severity::Warning, text);
         self.wait_for_board(at, request, Awaits::PassedOn);
         Ok(MavResult::MAV_RESULT_IN_PROGRESS)
     }
@@ -177,7 +177,7 @@ impl Pilot {
             |a: &Asker| a.awaits == Awaits::PassedOn && at.seconds_since(a.since) > PASSED_ON_FOR_S;
         if self.stations.askers.iter().any(late) {
             self.answer_askers(Awaits::PassedOn, MavResult::MAV_RESULT_FAILED);
-            self.say(at, Severity::Warning, "board does not answer a command".to_owned());
+            self.out.say(at, Severity::Warning, "board does not answer a command".to_owned());
         }
     }
 
@@ -288,12 +288,11 @@ impl Pilot {
                 }
             },
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
-                let known = p[0] >= 0.0
-                    && p[1].is_finite()
-                    && self
-                        .ground_mut(request.link)
-                        .is_some_and(|g| g.streams.set_interval(p[0] as u32, p[1], at));
-                if known {
+                let is_asked = p[0] >= 0.0 && p[1].is_finite();
+                if let Some(ground) = self.stations.ground_mut(request.link).filter(|_| is_asked)
+                    && ground.streams.set_interval(p[0] as u32, p[1], at)
+                {
+                    self.out.sends_events(request.link, ground.wants_events());
                     Ok(R::MAV_RESULT_ACCEPTED)
                 } else {
                     refuse(R::MAV_RESULT_DENIED, format!("no stream of message {}", p[0]))
@@ -313,12 +312,12 @@ impl Pilot {
     fn send_interval(&mut self, link: LinkId, msg_id: f64) -> Answer {
         // The casts saturate; NaN is 0.
         let id = if msg_id >= 0.0 { msg_id as u32 } else { u32::MAX };
-        let interval_us = self.ground_mut(link).map_or(0, |g| g.streams.interval_us(id));
+        let interval_us = self.stations.ground_mut(link).map_or(0, |g| g.streams.interval_us(id));
         let message = MavMessage::MESSAGE_INTERVAL(MESSAGE_INTERVAL_DATA {
             message_id: id as u16,
             interval_us,
         });
-        self.out.outbox.message(link, self.out.own, &message);
+        self.out.message(link, &message);
         Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
 
@@ -330,13 +329,13 @@ impl Pilot {
         }
         if p[0] == AVAILABLE_MODES_ID {
             let all = p[1] == 0.0;
-            let identity = self.identity_on(link);
+            let identity = self.stations.identity_on(link);
             let mut sent = false;
             for index in 1..=SHOWN_MODES.len() {
                 if let Some(message) = available_mode(index, identity)
                     && (all || p[1] == index as f64)
                 {
-                    self.out.outbox.message(link, self.out.own, &message);
+                    self.out.message(link, &message);
                     sent = true;
                 }
             }
@@ -346,7 +345,8 @@ impl Pilot {
         if self.send_telemetry(at, link, msg_id) {
             return Ok(R::MAV_RESULT_ACCEPTED);
         }
-        let known = self.ground_mut(link).is_some_and(|g| g.streams.interval_us(msg_id) != 0);
+        let known =
+            self.stations.ground_mut(link).is_some_and(|g| g.streams.interval_us(msg_id) != 0);
         Ok(if known {
             // It has nothing to say yet.
             R::MAV_RESULT_TEMPORARILY_REJECTED

@@ -8,6 +8,7 @@ use super::endpoint::Endpoint;
 use super::streams::Streams;
 use super::unheard::Addressees;
 use crate::input::LinkId;
+use crate::out::events::SEQUENCE_ID;
 
 /// Peers on one link whose sequence numbers are followed.
 const MOST_PEERS: usize = 16;
@@ -37,8 +38,6 @@ pub(crate) struct GroundLink {
     /// What it was configured as, and its number in the configuration.
     pub endpoint: Endpoint,
     pub endpoint_number: u8,
-    /// Whether somebody is there. Nothing is sent to a link without a station.
-    pub is_open: bool,
     /// Whether more waits for it than it takes: what can wait does.
     pub is_full: bool,
     pub splitter: MavSplitter,
@@ -65,7 +64,6 @@ impl GroundLink {
             link,
             endpoint,
             endpoint_number,
-            is_open: false,
             is_full: false,
             splitter: MavSplitter::new(),
             streams: Streams::new(&endpoint, at),
@@ -80,15 +78,14 @@ impl GroundLink {
         }
     }
 
-    /// The link was opened: whoever speaks now begins anew, with streams of its own.
-    pub fn open(&mut self, at: HostTime) {
+    /// Whoever speaks from now on begins anew, with streams of its own.
+    pub fn begin_anew(&mut self, at: HostTime) {
         *self = Self::new(self.link, self.endpoint, self.endpoint_number, at);
-        self.is_open = true;
     }
 
-    /// Its station is gone.
-    pub fn close(&mut self, at: HostTime) {
-        *self = Self::new(self.link, self.endpoint, self.endpoint_number, at);
+    /// Whether the station there knows events.
+    pub fn wants_events(&self) -> bool {
+        self.streams.interval_us(SEQUENCE_ID) > 0
     }
 
     /// Whether this sender was heard here.

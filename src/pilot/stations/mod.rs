@@ -25,8 +25,11 @@ use haltere_core::time::HostTime;
 
 use crate::config::PilotConfig;
 use crate::input::LinkId;
+use crate::out::Out;
+use crate::out::voice::Severity;
 
 use commands::Asker;
+use endpoint::{Endpoint, Identity};
 use ground::GroundLink;
 use services::Services;
 
@@ -57,5 +60,43 @@ impl Stations {
             sent_a_mission: false,
             unobeyed_since: None,
         }
+    }
+
+    pub(crate) fn ground_mut(&mut self, link: LinkId) -> Option<&mut GroundLink> {
+        let LinkId::Ground(n) = link else { return None };
+        self.grounds.get_mut(usize::from(n))
+    }
+
+    pub(crate) fn endpoint_on(&self, link: LinkId) -> Endpoint {
+        let LinkId::Ground(n) = link else { return Endpoint::default() };
+        self.grounds.get(usize::from(n)).map_or_else(Endpoint::default, |g| g.endpoint)
+    }
+
+    pub(crate) fn identity_on(&self, link: LinkId) -> Identity {
+        self.endpoint_on(link).identity
+    }
+
+    /// The station of a link is gone: what it left behind must hold nobody up.
+    pub(crate) fn station_left(&mut self, at: HostTime, n: u8, out: &mut Out) {
+        let Some(ground) = self.grounds.get_mut(usize::from(n)) else { return };
+        let link = ground.link;
+        if !out.is_open(link) {
+            return;
+        }
+        let counts = ground.counts;
+        ground.begin_anew(at);
+        out.closes(link);
+        self.askers.retain(|asker| asker.link != link);
+        out.say(
+            at,
+            Severity::Info,
+            format!(
+                "station on link {} left: {} frames received, {} lost, {} sent",
+                link.number(),
+                counts.received,
+                counts.lost,
+                counts.sent
+            ),
+        );
     }
 }

@@ -179,7 +179,7 @@ impl Pilot {
         self.flight.land_when_back = event == Event::LandAsked;
         self.board.link.retake(at);
         let text = format!("board is in {}, it is asked for control", self.board.link.mode_name());
-        self.say(at, Severity::Info, text);
+        self.out.say(at, Severity::Info, text);
         Ok(MavResult::MAV_RESULT_ACCEPTED)
     }
 
@@ -208,7 +208,7 @@ impl Pilot {
                 self.flight.lift_off_asked = true;
                 self.stations.intended_mode = Mode::Takeoff.custom_mode();
                 if self.flight.mode == Mode::Disarmed {
-                    self.say(at, Severity::Info, "takes off when armed".to_owned());
+                    self.out.say(at, Severity::Info, "takes off when armed".to_owned());
                 }
                 Ok(MavResult::MAV_RESULT_ACCEPTED)
             }

@@ -227,7 +227,7 @@ impl Pilot {
         system_id: u8,
         message: Option<&MavMessage>,
     ) -> bool {
-        let commands = self.endpoint_on(link).commanders.contains(system_id);
+        let commands = self.stations.endpoint_on(link).commanders.contains(system_id);
         commands || message.is_some_and(looks)
     }
 
@@ -242,20 +242,20 @@ impl Pilot {
         if self.may_say(link, peer.0, Some(message)) {
             return false;
         }
-        self.drops_of(link).add(DropReason::NotPermitted, 1);
+        self.out.lose(link, DropReason::NotPermitted, 1);
         self.answer_refusal(at, link, peer, message);
         // What is for everyone may be chatter of other vehicles.
         let meant = mav_stream::target(message).0 == self.out.own.system_id;
         let told = self.out.told.refused_at.is_some_and(|t| at.seconds_since(t) < TELL_AGAIN_S);
         if meant && !told {
             self.out.told.refused_at = Some(at);
-            let commanders = self.endpoint_on(link).commanders;
+            let commanders = self.stations.endpoint_on(link).commanders;
             let text = format!(
                 "system {} on link {} may look, not command: ground.commanders = {commanders}",
                 peer.0,
                 link.number()
             );
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
         }
         true
     }
@@ -310,7 +310,7 @@ impl Pilot {
             // No word of refusal in these; the heartbeat shows that nothing has changed.
             _ => return,
         };
-        self.out.outbox.message(link, self.out.own, &answer);
+        self.out.message(link, &answer);
     }
 }
 

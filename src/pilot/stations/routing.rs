@@ -13,12 +13,15 @@ use haltere_dialect::signing::SIGNATURE_BYTES;
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
+use super::Stations;
 use super::clients::is_command;
 use super::endpoint::Routing;
 use crate::Pilot;
+use crate::board::link::BoardLink;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::modes::Mode;
 use crate::input::LinkId;
+use crate::out::Out;
 use crate::out::voice::Severity;
 
 /// Whether a message steers, or changes what the board streams to us: such are kept from the board while we steer.
@@ -46,13 +49,87 @@ fn command_of(frame: &MavFrame<'_>, message: Option<&MavMessage>) -> Option<Opti
     }
 }
 
-impl Pilot {
-    /// Number of the board's system, where it may be reached from the ground.
-    fn routed_board(&self) -> Option<u8> {
-        let board = self.board.link.system_id()?;
-        (self.config.routing == Routing::Board && board != self.out.own.system_id).then_some(board)
+/// Number of the board's system, where it may be reached from the ground.
+fn routed_board(routing: Routing, link: &BoardLink, out: &Out) -> Option<u8> {
+    let board = link.system_id()?;
+    (routing == Routing::Board && board != out.own.system_id).then_some(board)
+}
+
+impl Stations {
+    /// Passes on a frame from the board's line, unless it is one of those we asked for.
+    pub(crate) fn route_from_board(
+        &mut self,
+        at: HostTime,
+        routing: Routing,
+        link: &BoardLink,
+        frame: &MavFrame<'_>,
+        out: &mut Out,
+    ) {
+        let Some(board) = routed_board(routing, link, out) else { return };
+        if link.is_own_stream(frame.header.msg_id) {
+            return;
+        }
+        let target = frame.decode().map_or((0, 0), |m| haltere_dialect::mav_stream::target(&m));
+        if target.0 == board {
+            return;
+        }
+        let again = out.passed_on.is_again(at, frame.raw);
+        let passed = self.route_to_stations(None, frame, target, again, out);
+        out.note_passed(at, LinkId::Board, frame, again, passed);
     }
 
+    /// Passes a frame on to the stations that it is for. Whether there are any; `again`: it went already.
+    fn route_to_stations(
+        &mut self,
+        from: Option<usize>,
+        frame: &MavFrame<'_>,
+        target: (u8, u8),
+        again: bool,
+        out: &mut Out,
+    ) -> bool {
+        let header = frame.header;
+        let mut passed = false;
+        for n in 0..self.grounds.len() {
+            let ground = &self.grounds[n];
+            let wanted = out.is_open(ground.link)
+                && Some(n) != from
+                && !ground.has_heard(header.system_id, header.component_id)
+                && (target.0 == 0 || ground.has_heard_system(target.0));
+            if !wanted {
+                continue;
+            }
+            passed = true;
+            if again {
+                break;
+            }
+            let link = ground.link;
+            if !ground.streams.has_room() {
+                // The line is full: what is not ours goes first.
+                out.lose(link, DropReason::OutputQueueFull, 1);
+                continue;
+            }
+            out.raw(link, frame.raw);
+            self.grounds[n].counts.routed += 1;
+            self.settle(n, out);
+        }
+        passed
+    }
+
+    /// Books what was queued for a link.
+    pub(crate) fn settle(&mut self, n: usize, out: &mut Out) {
+        let Some(ground) = self.grounds.get_mut(n) else { return };
+        let sent = out.take_sent(ground.link);
+        let refused = out.take_refused(ground.link);
+        out.lose(ground.link, DropReason::OutputQueueFull, refused);
+        let signatures =
+            if ground.endpoint.signs { SIGNATURE_BYTES as u64 * sent.frames } else { 0 };
+        ground.streams.spend(sent.bytes.saturating_add(signatures as usize));
+        ground.counts.sent = ground.counts.sent.saturating_add(sent.frames);
+        ground.counts.sent_B = ground.counts.sent_B.saturating_add(sent.bytes as u64);
+    }
+}
+
+impl Pilot {
     /// Said once when a board is found that cannot be told from us.
     pub(crate) fn check_board_id(&mut self, at: HostTime, system_id: u8) {
         if self.config.routing == Routing::Board && system_id == self.out.own.system_id {
@@ -61,7 +138,7 @@ impl Pilot {
                  another (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV), or set ground.routing = \
                  \"stations\""
             );
-            self.say(at, Severity::Error, text);
+            self.out.say(at, Severity::Error, text);
         }
     }
 
@@ -83,9 +160,10 @@ impl Pilot {
             return false;
         }
         let again = self.out.passed_on.is_again(at, frame.raw);
-        let mut passed = self.route_to_stations(Some(index), frame, target, again);
+        let mut passed =
+            self.stations.route_to_stations(Some(index), frame, target, again, &mut self.out);
         passed |= !again && self.route_to_board(at, index, frame, message, target);
-        self.note_passed(at, self.stations.grounds[index].link, frame, again, passed);
+        self.out.note_passed(at, self.stations.grounds[index].link, frame, again, passed);
         again || passed
     }
 
@@ -99,7 +177,9 @@ impl Pilot {
         target: (u8, u8),
     ) -> bool {
         let sender = (frame.header.system_id, frame.header.component_id);
-        let Some(board) = self.routed_board() else { return false };
+        let Some(board) = routed_board(self.config.routing, &self.board.link, &self.out) else {
+            return false;
+        };
         if target.0 != 0 && target.0 != board {
             return false;
         }
@@ -107,38 +187,22 @@ impl Pilot {
         let link = self.stations.grounds[index].link;
         let claims_us = self.board.link.is_own_address(sender);
         if claims_us || !self.may_say(link, sender.0, message) {
-            self.drops_of(link).add(DropReason::NotPermitted, 1);
+            self.out.lose(link, DropReason::NotPermitted, 1);
             return false;
         }
         let shadow = self.config.flight.shadow;
         if shadow || self.is_kept_from_board(frame, message) {
             // What is for everyone is for us first.
             if target.0 == board {
-                self.drops_of(LinkId::Board).add(DropReason::MavWrongPeer, 1);
+                self.out.lose(LinkId::Board, DropReason::MavWrongPeer, 1);
                 let why = if shadow { SHADOW_WORDS } else { "the companion is in control" };
                 let text = format!("a frame for the board was not passed on: {why}");
                 self.refuse_setpoint(at, self.stations.grounds[index].link, text);
             }
             return false;
         }
-        self.out.outbox.raw(LinkId::Board, frame.raw);
+        self.out.raw(LinkId::Board, frame.raw);
         true
-    }
-
-    /// Books that a frame went to somebody, or came once more after that.
-    fn note_passed(
-        &mut self,
-        at: HostTime,
-        from: LinkId,
-        frame: &MavFrame<'_>,
-        again: bool,
-        passed: bool,
-    ) {
-        match (again, passed) {
-            (true, _) => self.drops_of(from).add(DropReason::MavAgain, 1),
-            (false, true) => self.out.passed_on.note(at, frame.raw),
-            (false, false) => {}
-        }
     }
 
     /// Whether a frame must not reach the board now. Of commands only those pass, while we steer, that ask for
@@ -173,72 +237,6 @@ impl Pilot {
             }
             _ => false,
         }
-    }
-
-    /// Passes on a frame from the board's line, unless it is one of those we asked for.
-    pub(crate) fn route_from_board(&mut self, at: HostTime, frame: &MavFrame<'_>) {
-        let Some(board) = self.routed_board() else { return };
-        if self.board.link.is_own_stream(frame.header.msg_id) {
-            return;
-        }
-        let target = frame.decode().map_or((0, 0), |m| haltere_dialect::mav_stream::target(&m));
-        if target.0 == board {
-            return;
-        }
-        let again = self.out.passed_on.is_again(at, frame.raw);
-        let passed = self.route_to_stations(None, frame, target, again);
-        self.note_passed(at, LinkId::Board, frame, again, passed);
-    }
-
-    /// Passes a frame on to the stations that it is for. Whether there are any; `again`: it went already.
-    fn route_to_stations(
-        &mut self,
-        from: Option<usize>,
-        frame: &MavFrame<'_>,
-        target: (u8, u8),
-        again: bool,
-    ) -> bool {
-        let header = frame.header;
-        let mut passed = false;
-        for n in 0..self.stations.grounds.len() {
-            let ground = &self.stations.grounds[n];
-            let wanted = ground.is_open
-                && Some(n) != from
-                && !ground.has_heard(header.system_id, header.component_id)
-                && (target.0 == 0 || ground.has_heard_system(target.0));
-            if !wanted {
-                continue;
-            }
-            passed = true;
-            if again {
-                break;
-            }
-            let link = ground.link;
-            if !ground.streams.has_room() {
-                // The line is full: what is not ours goes first.
-                self.drops_of(link).add(DropReason::OutputQueueFull, 1);
-                continue;
-            }
-            self.out.outbox.raw(link, frame.raw);
-            self.stations.grounds[n].counts.routed += 1;
-            self.settle(n);
-        }
-        passed
-    }
-
-    /// Books what was queued for a link.
-    pub(crate) fn settle(&mut self, n: usize) {
-        let Some(ground) = self.stations.grounds.get_mut(n) else { return };
-        let sent = self.out.outbox.take_sent(ground.link);
-        let slot = usize::from(ground.link.number());
-        if let Some(drops) = self.out.drops.get_mut(slot) {
-            drops.add(DropReason::OutputQueueFull, self.out.outbox.take_refused(ground.link));
-        }
-        let signatures =
-            if ground.endpoint.signs { SIGNATURE_BYTES as u64 * sent.frames } else { 0 };
-        ground.streams.spend(sent.bytes.saturating_add(signatures as usize));
-        ground.counts.sent = ground.counts.sent.saturating_add(sent.frames);
-        ground.counts.sent_B = ground.counts.sent_B.saturating_add(sent.bytes as u64);
     }
 }
 

@@ -5,9 +5,9 @@ use haltere_dialect::mav::haltere::{
     EXTENDED_SYS_STATE_DATA, HALTERE_CONTROL_DATA, HALTERE_ESTIMATE_DATA, HEARTBEAT_DATA,
     LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_REACHED_DATA,
     MavBatteryChargeState, MavBatteryFault, MavBatteryFunction, MavBatteryMode, MavBatteryType,
-    MavLandedState, MavMessage, MavModeFlag, MavSeverity, MavState, MavSysStatusSensor,
+    MavLandedState, MavMessage, MavModeFlag, MavState, MavSysStatusSensor,
     MavSysStatusSensorExtended, MavVtolState, MissionState, NAMED_VALUE_FLOAT_DATA,
-    SERVO_OUTPUT_RAW_DATA, STATUSTEXT_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
+    SERVO_OUTPUT_RAW_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA,
 };
 
 use haltere_core::estimate::Health;
@@ -19,44 +19,7 @@ use crate::Pilot;
 use crate::flight::modes::Mode;
 use crate::input::LinkId;
 use crate::out::events::SEQUENCE_ID as EVENT_SEQUENCE_ID;
-use crate::out::output::{Address, Outbox};
 use crate::out::recording::Recording;
-
-/// Length of the text field of STATUSTEXT.
-const TEXT_CHUNK: usize = 50;
-
-/// Sends a text, in chunks if it is long.
-pub(crate) fn send_text(
-    out: &mut Outbox,
-    from: Address,
-    link: LinkId,
-    severity: u8,
-    text: &str,
-    id: u16,
-) {
-    // 7 is the last: debug.
-    let severity = severity.min(MavSeverity::MAV_SEVERITY_DEBUG as u8);
-    let bytes = text.as_bytes();
-    let chunked = bytes.len() > TEXT_CHUNK;
-    // A text that fills its last chunk exactly needs an empty one to end it.
-    let end = if chunked && bytes.len().is_multiple_of(TEXT_CHUNK) {
-        bytes.len() + 1
-    } else {
-        bytes.len()
-    };
-    for (chunk_seq, start) in (0..end.max(1)).step_by(TEXT_CHUNK).enumerate().take(255) {
-        let mut field = [0; TEXT_CHUNK];
-        let piece = bytes.get(start..bytes.len().min(start + TEXT_CHUNK)).unwrap_or(&[]);
-        field[..piece.len()].copy_from_slice(piece);
-        let message = MavMessage::STATUSTEXT(STATUSTEXT_DATA {
-            severity,
-            text: field.into(),
-            id: if chunked { id } else { 0 },
-            chunk_seq: chunk_seq as u8,
-        });
-        out.message(link, from, &message);
-    }
-}
 
 fn f32s(v: [f64; 3]) -> [f32; 3] {
     v.map(|c| c as f32)
@@ -67,23 +30,16 @@ impl Pilot {
     pub(crate) fn send_telemetry(&mut self, at: HostTime, link: LinkId, msg_id: u32) -> bool {
         match self.telemetry(at, link, msg_id) {
             Some(message) => {
-                self.out.outbox.message(link, self.out.own, &message);
+                self.out.message(link, &message);
                 true
             }
             None => false,
         }
     }
 
-    /// The same to every station.
-    pub(crate) fn tell_all(&mut self, message: &MavMessage) {
-        for ground in self.stations.grounds.iter().filter(|g| g.is_open) {
-            self.out.outbox.message(ground.link, self.out.own, message);
-        }
-    }
-
     pub(crate) fn tell_reached(&mut self, at: HostTime, seq: u16) {
         self.tell_program_progress(at, seq);
-        self.tell_all(&MavMessage::MISSION_ITEM_REACHED(MISSION_ITEM_REACHED_DATA { seq }));
+        self.out.tell_all(&MavMessage::MISSION_ITEM_REACHED(MISSION_ITEM_REACHED_DATA { seq }));
     }
 
     /// HEARTBEAT and CURRENT_MODE at once where the mode shown or the arming has changed: clients that
@@ -95,8 +51,8 @@ impl Pilot {
         }
         self.out.told.mode = Some(shown);
         for n in 0..self.stations.grounds.len() {
-            if self.stations.grounds[n].is_open {
-                let link = self.stations.grounds[n].link;
+            let link = self.stations.grounds[n].link;
+            if self.out.is_open(link) {
                 self.send_telemetry(at, link, 0);
                 self.send_telemetry(at, link, 436);
             }
@@ -108,14 +64,20 @@ impl Pilot {
         let time_boot_ms = (at.as_us() / 1000) as u32;
         let estimate = &self.estimate;
         let aligned = estimate.health != Health::NotAligned;
-        let endpoint = self.endpoint_on(link);
+        let endpoint = self.stations.endpoint_on(link);
         let global = aligned && endpoint.gps != GpsClaim::None;
         let gps = endpoint.gps == GpsClaim::OriginGps;
         Some(match msg_id {
             0 => self.heartbeat(&endpoint),
             1 => self.sys_status(&endpoint),
             162 => self.fence_status(),
-            EVENT_SEQUENCE_ID => self.event_sequence(link),
+            EVENT_SEQUENCE_ID => {
+                let is_known = self
+                    .stations
+                    .ground_mut(link)
+                    .is_some_and(|g| std::mem::replace(&mut g.event_sequence_told, true));
+                self.out.event_sequence(is_known)
+            }
             2 => MavMessage::SYSTEM_TIME(SYSTEM_TIME_DATA {
                 // 0: nobody has told the core what the calendar says.
                 time_unix_usec: self.clock.calendar.map_or(0, |c| c.unix_us(at)),
@@ -125,7 +87,7 @@ impl Pilot {
             251 if self.flight.control.thrust_base_frac > 0.0 => {
                 MavMessage::NAMED_VALUE_FLOAT(NAMED_VALUE_FLOAT_DATA {
                     time_boot_ms,
-                    value: self.hover_thrust_frac() as f32,
+                    value: self.flight.hover_thrust_frac(&self.config) as f32,
                     name: "HoverThr".into(),
                 })
             }

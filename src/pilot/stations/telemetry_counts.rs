@@ -5,62 +5,10 @@ use haltere_dialect::mav::haltere::{
 };
 
 use haltere_core::drops::DropReason;
-use haltere_core::measure::AnchorId;
 use haltere_core::time::HostTime;
-use haltere_core::topics::UwbRecord;
 
 use crate::Pilot;
 use crate::input::LinkId;
-
-/// Pairs of anchors whose fate is followed. TDoA3 with 8 anchors has 56; bounds what a tag that
-/// sends nonsense can make us store.
-const MOST_PAIRS: usize = 256;
-
-/// Fate of the measurements of one anchor pair.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct PairStats {
-    anchor_a: AnchorId,
-    anchor_b: AnchorId,
-    accepted: u32,
-    rejected: u32,
-    innovation_m: f64,
-    test_ratio: f64,
-}
-
-impl PairStats {
-    /// Of the newest measurement.
-    pub fn test_ratio(&self) -> f64 {
-        self.test_ratio
-    }
-}
-
-/// Counts a measurement under its pair.
-pub(crate) fn note_pair(pairs: &mut Vec<PairStats>, record: &UwbRecord) {
-    let key = (record.tdoa.anchor_a, record.tdoa.anchor_b);
-    let slot = match pairs.iter().position(|p| (p.anchor_a, p.anchor_b) == key) {
-        Some(i) => i,
-        None if pairs.len() < MOST_PAIRS => {
-            pairs.push(PairStats {
-                anchor_a: key.0,
-                anchor_b: key.1,
-                accepted: 0,
-                rejected: 0,
-                innovation_m: 0.0,
-                test_ratio: 0.0,
-            });
-            pairs.len() - 1
-        }
-        None => return,
-    };
-    let pair = &mut pairs[slot];
-    if record.fused {
-        pair.accepted = pair.accepted.saturating_add(1);
-    } else {
-        pair.rejected = pair.rejected.saturating_add(1);
-    }
-    pair.innovation_m = record.innovation_m;
-    pair.test_ratio = record.test_ratio;
-}
 
 impl Pilot {
     /// Pairs take turns: one message each.
@@ -93,7 +41,7 @@ impl Pilot {
             cursor = (cursor + 1) % (self.out.drops.len() * reasons);
             let (link, reason) = (cursor / reasons, cursor % reasons);
             let reason = DropReason::ALL[reason];
-            let count = self.lost(link, reason);
+            let count = self.out.lost(&self.navigation.estimator, link, reason);
             if count > 0 {
                 self.stations.grounds[usize::from(n)].drop_cursor = cursor;
                 return Some(MavMessage::HALTERE_DROPS(HALTERE_DROPS_DATA {
@@ -115,7 +63,7 @@ impl Pilot {
         for _ in 0..total {
             cursor = (cursor + 1) % total;
             let ground = self.stations.grounds.get(cursor)?;
-            if ground.is_open {
+            if self.out.is_open(ground.link) {
                 let wire = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
                 let counts = ground.counts;
                 let message = MavMessage::HALTERE_LINK(HALTERE_LINK_DATA {

@@ -128,7 +128,7 @@ impl Pilot {
 
     /// Largest test ratio among the pairs' newest measurements: what one test ratio can say of TDOA.
     fn worst_test_ratio(&self) -> f32 {
-        self.navigation.pairs.iter().map(|pair| pair.test_ratio()).fold(0.0, f64::max) as f32
+        self.navigation.pairs.iter().map(|pair| pair.test_ratio).fold(0.0, f64::max) as f32
     }
 
     /// ESTIMATOR_STATUS.

@@ -42,7 +42,7 @@ impl Pilot {
         let LinkId::Ground(n) = link else { return };
         let number =
             self.stations.grounds.get(usize::from(n)).map_or(0, |ground| ground.endpoint_number);
-        let count = self.drops_of(link).count(reason);
+        let count = self.out.drops_of(link).count(reason);
         let heard = self
             .stations
             .grounds
@@ -61,7 +61,7 @@ impl Pilot {
             DropReason::InputQueueFull => "a station sends more at once than is taken in",
             _ => return,
         };
-        self.tell_once(at, link, reason, format!("ground.endpoints[{number}]: {what}"));
+        self.out.tell_once(at, link, reason, format!("ground.endpoints[{number}]: {what}"));
     }
 
     /// Takes note of whom a message is for. `passed`: it went on to somebody.
@@ -107,7 +107,7 @@ impl Pilot {
             own.system_id,
             own.component_id
         );
-        self.tell_once(at, link, DropReason::MavWrongPeer, text);
+        self.out.tell_once(at, link, DropReason::MavWrongPeer, text);
     }
 
     /// A setpoint came. Who streams them in another mode waits for a vehicle that does not move.
@@ -126,14 +126,7 @@ impl Pilot {
             let text = format!(
                 "setpoints come and are not followed in mode {mode}: ask for OFFBOARD (DO_SET_MODE 1, 6)"
             );
-            self.say(at, Severity::Warning, text);
-        }
-    }
-
-    fn tell_once(&mut self, at: HostTime, link: LinkId, reason: DropReason, text: String) {
-        if !self.out.told.unheard.contains(&(link, reason)) {
-            self.out.told.unheard.push((link, reason));
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
         }
     }
 }

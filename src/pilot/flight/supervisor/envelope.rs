@@ -5,8 +5,10 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
 use crate::Pilot;
+use crate::flight::Flight;
 use crate::flight::modes::Mode;
 use crate::out::voice::Severity;
+use crate::view::View;
 use haltere_core::estimate::Health;
 use haltere_core::time::HostTime;
 
@@ -36,16 +38,18 @@ impl Speed {
     }
 }
 
-impl Pilot {
+impl Flight {
     /// Follows the estimated speed in flight.
-    pub(crate) fn watch_speed(&mut self) {
-        if self.flight.mode.is_flying() {
-            self.flight.supervisor.speed.step(self.estimate.vel_B_mps.norm());
+    pub(crate) fn watch_speed(&mut self, view: &View<'_>) {
+        if view.mode.is_flying() {
+            self.supervisor.speed.step(view.estimate.vel_B_mps.norm());
         } else {
-            self.flight.supervisor.speed = Speed::default();
+            self.supervisor.speed = Speed::default();
         }
     }
+}
 
+impl Pilot {
     fn is_placed(&self) -> bool {
         matches!(self.estimate.health, Health::Good | Health::Degraded)
     }
@@ -221,15 +225,12 @@ pub(super) const ASTRAY: Condition = Condition {
     severity: Severity::Emergency,
     is_seen: |pilot, _| {
         let most_m = 0.5 * pilot.config.supervisor.off_course_m;
-        pilot.flight.supervisor.rooms.is_in_doubt()
+        pilot.navigation.rooms.is_in_doubt()
             && pilot.flight.guidance.off_course_m(&pilot.estimate).is_some_and(|m| m > most_m)
     },
     words: |pilot, _| {
         let away_m = pilot.flight.guidance.off_course_m(&pilot.estimate).unwrap_or_default();
-        format!(
-            "{away_m:.1} m away, perhaps driven there: {}",
-            pilot.flight.supervisor.rooms.words()
-        )
+        format!("{away_m:.1} m away, perhaps driven there: {}", pilot.navigation.rooms.words())
     },
     ..ROW
 };

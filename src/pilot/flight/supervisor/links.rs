@@ -199,9 +199,9 @@ pub(super) const SECOND: Condition = Condition {
     because: "a second board speaks",
     over: "the second board is silent",
     severity: Severity::Critical,
-    is_seen: |pilot, at| pilot.second_board(at).is_some(),
+    is_seen: |pilot, at| pilot.board.second(at).is_some(),
     words: |pilot, at| {
-        let what = pilot.second_board(at).unwrap_or_default();
+        let what = pilot.board.second(at).unwrap_or_default();
         format!("{what}: it is not heard, nothing is sent to it")
     },
     ..ROW

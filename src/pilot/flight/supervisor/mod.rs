@@ -21,7 +21,7 @@ mod log;
 mod lying;
 mod reaction;
 mod room;
-pub(crate) mod scale;
+mod scale;
 mod slip;
 mod timing;
 mod uwb;
@@ -40,10 +40,9 @@ pub(crate) use links::RESPONSE_MOST_S;
 use haltere_dialect::mav::haltere::MavSysStatusSensor;
 
 use super::change::Cause;
+use super::event_list::{CONDITION_BEGINS, CONDITION_ENDS};
 use super::modes::{Event, Mode, TABLE, transition};
 use crate::Pilot;
-use crate::navigation::before::Before;
-use crate::navigation::rooms::Rooms;
 use crate::out::voice::Severity;
 use haltere_core::time::HostTime;
 
@@ -71,16 +70,7 @@ impl Default for States {
 #[derive(Debug, Default)]
 pub(crate) struct Supervisor {
     states: States,
-    pub anchors: uwb::Anchors,
-    pub repetition: imu::Repetition,
-    pub lift: imu::Lift,
-    pub slip: slip::Slip,
-    pub lying: lying::Lying,
-    pub scale: scale::Scale,
     pub speed: envelope::Speed,
-    pub before: Before,
-    pub rooms: Rooms,
-    pub evidence: estimator::Evidence,
     pub heard: links::Heard,
     pub discharge: battery::Discharge,
     pub punctuality: timing::Punctuality,
@@ -231,7 +221,7 @@ impl Pilot {
         if let Some(why) = self.ending_forbids(to) {
             return Some(why);
         }
-        if self.is_touching_down() && to.is_flying() {
+        if self.navigation.is_touching_down(self.flight.mode) && to.is_flying() {
             return Some("it touches down: take off again from the floor");
         }
         let wanted = |row: &Condition| {
@@ -254,10 +244,12 @@ impl Pilot {
             }
             severity => severity,
         };
-        self.condition_event(at, index, begins, severity);
+        let number = if begins { CONDITION_BEGINS } else { CONDITION_ENDS };
+        let argument = [u8::try_from(index).unwrap_or(u8::MAX)];
+        self.out.event(at, number, severity.into(), &[&argument]);
         let text = if begins { (row.words)(self, at) } else { row.over.to_owned() };
         if !text.is_empty() {
-            self.say(at, severity, text);
+            self.out.say(at, severity, text);
         }
     }
 }

@@ -6,56 +6,18 @@ use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
 use crate::Pilot;
 use crate::out::voice::Severity;
-use haltere_core::measure::{AnchorId, Tdoa};
+use crate::view::view;
+use haltere_core::measure::AnchorId;
 use haltere_core::time::HostTime;
 
 /// Age of the newest fused measurement from which on the position is dead reckoning, s: the filter's
 /// health calls itself degraded then.
 const DEAD_RECKONING_S: f64 = 0.3;
 
-/// When each anchor was last part of a measurement.
-#[derive(Debug)]
-pub(crate) struct Anchors {
-    heard_at: Box<[Option<HostTime>; 256]>,
-}
-
-impl Default for Anchors {
-    fn default() -> Self {
-        Self { heard_at: Box::new([None; 256]) }
-    }
-}
-
-impl Anchors {
-    /// A measurement came, whatever becomes of it.
-    pub fn note(&mut self, tdoa: &Tdoa) {
-        for AnchorId(id) in [tdoa.anchor_a, tdoa.anchor_b] {
-            self.heard_at[usize::from(id)] = Some(tdoa.received_at);
-        }
-    }
-
-    /// Silence of an anchor, s; `None`: never heard.
-    fn silent_s(&self, AnchorId(id): AnchorId, at: HostTime) -> Option<f64> {
-        self.heard_at[usize::from(id)].map(|t| at.seconds_since(t))
-    }
-}
-
 impl Pilot {
-    /// Anchors of the survey that are heard.
-    pub(crate) fn anchors_alive(&self, at: HostTime) -> usize {
-        let limit_s = self.config.supervisor.anchor_silent_s;
-        let alive = |id: &&AnchorId| {
-            self.flight.supervisor.anchors.silent_s(**id, at).is_some_and(|s| s <= limit_s)
-        };
-        self.survey.ids().iter().filter(alive).count()
-    }
-
     /// Anchors that are needed: no more than there are.
     pub(crate) fn anchors_needed(&self) -> usize {
         usize::from(self.config.supervisor.anchors_least).min(self.survey.ids().len())
-    }
-
-    fn uwb_age_s(&self, at: HostTime) -> f64 {
-        self.navigation.last_fused.map_or(f64::INFINITY, |t| at.seconds_since(t))
     }
 
     /// The larger horizontal sigma of the position, m.
@@ -76,7 +38,7 @@ fn words_of_loss(pilot: &Pilot, at: HostTime) -> String {
         };
     format!(
         "no UWB for {:.1} s, position known to {:.2} m{why}",
-        pilot.uwb_age_s(at).min(999.0),
+        pilot.navigation.uwb_age_s(at).min(999.0),
         pilot.std_horizontal_m()
     )
 }
@@ -84,10 +46,10 @@ fn words_of_loss(pilot: &Pilot, at: HostTime) -> String {
 fn is_anchor_silent(pilot: &Pilot, at: HostTime) -> bool {
     let limit_s = pilot.config.supervisor.anchor_silent_s;
     let silent = |id: &AnchorId| {
-        pilot.flight.supervisor.anchors.silent_s(*id, at).is_some_and(|silent_s| silent_s > limit_s)
+        pilot.navigation.anchors.silent_s(*id, at).is_some_and(|silent_s| silent_s > limit_s)
     };
     // If all are silent it is the tag.
-    pilot.uwb_age_s(at) < limit_s && pilot.survey.ids().iter().any(silent)
+    pilot.navigation.uwb_age_s(at) < limit_s && pilot.survey.ids().iter().any(silent)
 }
 
 fn words_of_anchor(pilot: &Pilot, at: HostTime) -> String {
@@ -96,15 +58,13 @@ fn words_of_anchor(pilot: &Pilot, at: HostTime) -> String {
         .survey
         .ids()
         .iter()
-        .filter(|id| {
-            pilot.flight.supervisor.anchors.silent_s(**id, at).is_some_and(|s| s > limit_s)
-        })
+        .filter(|id| pilot.navigation.anchors.silent_s(**id, at).is_some_and(|s| s > limit_s))
         .map(ToString::to_string)
         .collect();
     format!(
         "anchor {} silent, {} of {} heard",
         ids.join(", "),
-        pilot.anchors_alive(at),
+        pilot.navigation.anchors_alive(&view!(pilot, at)),
         pilot.survey.ids().len()
     )
 }
@@ -124,7 +84,7 @@ pub(super) const STALE: Condition = Condition {
     over: "UWB measurements are back",
     health: S::MAV_SYS_STATUS_SENSOR_VISION_POSITION,
     severity: Severity::Warning,
-    is_seen: |pilot, at| pilot.uwb_age_s(at) > DEAD_RECKONING_S,
+    is_seen: |pilot, at| pilot.navigation.uwb_age_s(at) > DEAD_RECKONING_S,
     words: words_of_loss,
     ..ROW
 };
@@ -154,7 +114,7 @@ pub(super) const LOST: Condition = Condition {
     health: S::MAV_SYS_STATUS_SENSOR_VISION_POSITION,
     severity: Severity::Critical,
     is_seen: |pilot, at| {
-        let age_s = pilot.uwb_age_s(at);
+        let age_s = pilot.navigation.uwb_age_s(at);
         let lost_m = pilot.config.supervisor.uwb_loss_std_m;
         age_s > pilot.config.limits.uwb_loss_land_s
             || (age_s > DEAD_RECKONING_S && pilot.std_horizontal_m() > lost_m)
@@ -200,11 +160,11 @@ pub(super) const ANCHORS: Condition = Condition {
     health: S::MAV_SYS_STATUS_SENSOR_VISION_POSITION,
     severity: Severity::Critical,
     watched: Watched::Flight,
-    is_seen: |pilot, at| pilot.anchors_alive(at) < pilot.anchors_needed(),
+    is_seen: |pilot, at| pilot.navigation.anchors_alive(&view!(pilot, at)) < pilot.anchors_needed(),
     words: |pilot, at| {
         format!(
             "{} of {} anchors heard, {} needed",
-            pilot.anchors_alive(at),
+            pilot.navigation.anchors_alive(&view!(pilot, at)),
             pilot.survey.ids().len(),
             pilot.anchors_needed()
         )

@@ -16,7 +16,7 @@ impl Pilot {
 
     /// Whether a link shows the identity `px4`.
     pub(super) fn is_px4(&self, link: LinkId) -> bool {
-        self.endpoint_on(link).identity == Identity::Px4
+        self.stations.endpoint_on(link).identity == Identity::Px4
     }
 
     /// What the line of a link carries, bytes/s; `None`: more than we ever send.

@@ -163,7 +163,7 @@ impl Pilot {
 
     pub(super) fn send_ftp(&mut self, client: Client, packet: &Packet) {
         let message = MavMessage::FILE_TRANSFER_PROTOCOL(packet.encode(client.peer));
-        self.out.outbox.message(client.link, self.out.own, &message);
+        self.out.message(client.link, &message);
     }
 
     pub(super) fn answer_ftp(&mut self, client: Client, seq: u16, answer: Packet) {
@@ -314,7 +314,7 @@ impl Pilot {
             Made::Parameters => metadata.parameters.clone(),
             Made::Events => metadata.events.clone(),
             Made::Packed(query) => {
-                let px4 = self.endpoint_on(client.link).identity == Identity::Px4;
+                let px4 = self.stations.endpoint_on(client.link).identity == Identity::Px4;
                 self.stations.services.parameters.packed(px4, query)
             }
         }

@@ -57,7 +57,7 @@ impl Pilot {
         lost.settle(kept);
         lost.0.push((kept, why));
         if let Some(text) = lost.texts().last() {
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
         }
     }
 
@@ -79,8 +79,8 @@ impl Pilot {
     pub(crate) fn tell_lost(&mut self, at: HostTime, link: LinkId) {
         let texts: Vec<String> = self.stations.services.lost.texts().collect();
         for text in texts {
-            if self.may_echo(at) {
-                self.say_to(at, link, Severity::Warning, &text);
+            if self.out.may_echo(at) {
+                self.out.say_to(at, link, Severity::Warning, &text);
             }
         }
     }

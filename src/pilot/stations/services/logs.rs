@@ -163,7 +163,7 @@ impl Pilot {
             MavMessage::LOG_ERASE(_) => {
                 if self.board.link.is_armed() {
                     let text = "logs not erased: disarm first".to_owned();
-                    self.say(at, Severity::Warning, text);
+                    self.out.say(at, Severity::Warning, text);
                 } else {
                     self.stations.services.logs.downloads.clear();
                     self.log_ask(at, Job::Erase, FileTask::EraseLogs);
@@ -192,7 +192,7 @@ impl Pilot {
         let waiting = logs.downloads.iter().filter(|d| d.client.link == client.link).count();
         if waiting >= MOST_WAITING {
             let told = logs.full_told_at.is_some_and(|t| at.seconds_since(t) < FULL_TELL_S);
-            self.drops_of(client.link).add(DropReason::InputQueueFull, 1);
+            self.out.lose(client.link, DropReason::InputQueueFull, 1);
             if !told {
                 self.stations.services.logs.full_told_at = Some(at);
                 let text = format!(
@@ -200,7 +200,7 @@ impl Pilot {
                     m.id,
                     client.link.number()
                 );
-                self.say(at, Severity::Warning, text);
+                self.out.say(at, Severity::Warning, text);
             }
             return;
         }
@@ -227,7 +227,7 @@ impl Pilot {
         }
         let count = bytes.len().min(PIECE) as u8;
         let message = MavMessage::LOG_DATA(LOG_DATA_DATA { ofs, id, count, data });
-        self.out.outbox.message(client.link, self.out.own, &message);
+        self.out.message(client.link, &message);
     }
 
     /// The disk has answered.
@@ -286,7 +286,7 @@ impl Pilot {
                     Ok(()) => "logs erased, but for the one being written".to_owned(),
                     Err(fault) => format!("logs not erased: {}", fault.words()),
                 };
-                self.say(at, Severity::Info, text);
+                self.out.say(at, Severity::Info, text);
             }
         }
     }
@@ -303,7 +303,7 @@ impl Pilot {
             num_logs: count,
             last_log_num: count,
         });
-        self.out.outbox.message(client.link, self.out.own, &message);
+        self.out.message(client.link, &message);
     }
 
     /// Goes on with lists and downloads.
@@ -362,12 +362,12 @@ impl Pilot {
                 if !budget.take(DATA_BYTES) {
                     return Turn::Waits;
                 }
-                if file.is_none() && self.may_echo(at) {
+                if file.is_none() && self.out.may_echo(at) {
                     let text = format!(
                         "no log {id}: {} are listed",
                         self.stations.services.logs.logs.len()
                     );
-                    self.say(at, Severity::Warning, text);
+                    self.out.say(at, Severity::Warning, text);
                 }
                 // Beyond the end: a piece of nothing says so.
                 self.send_log_data(client, id, download.offset, &[]);

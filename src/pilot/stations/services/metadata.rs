@@ -17,7 +17,7 @@ use super::crc32::crc32;
 use super::parameter_table as table;
 use super::parameter_table::{Kind, Parameter, When};
 use crate::config::PilotConfig;
-use crate::out::event_list;
+use crate::flight::event_list;
 
 /// Number of the kind "parameter" (COMP_METADATA_TYPE_PARAMETER).
 const TYPE_PARAMETER: u8 = 1;

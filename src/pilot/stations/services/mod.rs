@@ -45,7 +45,6 @@ use crate::config::PilotConfig;
 use crate::flight::fence::Guarded;
 use crate::flight::modes::{Event, Mode};
 use crate::input::LinkId;
-use crate::out::events::Events;
 use crate::out::voice::Severity;
 
 use budget::Bucket;
@@ -94,7 +93,6 @@ pub(crate) struct Services {
     pub plans: Plans,
     ftp: Ftp,
     logs: Logs,
-    pub events: Events,
     fence_watch: FenceWatch,
     /// The program that was loaded last, with the id of its mission.
     program: Option<(u32, String)>,
@@ -112,7 +110,6 @@ impl Services {
             plans: Plans::new(Some(config.origin.in_force())),
             ftp: Ftp::default(),
             logs: Logs::default(),
-            events: Events::default(),
             fence_watch: FenceWatch::default(),
             program: None,
             lost: Lost::default(),
@@ -179,7 +176,7 @@ impl Pilot {
                 true
             }
             MavMessage::REQUEST_EVENT(m) => {
-                self.events_again(client, m);
+                self.out.events_again(link, peer, m);
                 true
             }
             MavMessage::COMMAND_LONG(m) => self.service_command(at, client, m.command, m.param1),
@@ -199,12 +196,12 @@ impl Pilot {
         let result = match command {
             MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_METADATA_ID => {
                 let message = self.stations.services.metadata.message(at);
-                self.out.outbox.message(client.link, self.out.own, &message);
+                self.out.message(client.link, &message);
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_INFORMATION_ID => {
                 let message = self.stations.services.metadata.older_message(at);
-                self.out.outbox.message(client.link, self.out.own, &message);
+                self.out.message(client.link, &message);
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_PREFLIGHT_STORAGE => {
@@ -213,7 +210,7 @@ impl Pilot {
                     match self.stations.services.desk.ask(FileTask::ForgetParameters, purpose, at) {
                         Ok(()) => return true,
                         Err((fault, _)) => {
-                            self.say(at, Severity::Warning, fault.words().to_owned());
+                            self.out.say(at, Severity::Warning, fault.words().to_owned());
                             R::MAV_RESULT_FAILED
                         }
                     }
@@ -250,7 +247,7 @@ impl Pilot {
             target_system: client.peer.0,
             target_component: client.peer.1,
         });
-        self.out.outbox.message(client.link, self.out.own, &message);
+        self.out.message(client.link, &message);
     }
 
     /// Once a control step: what is due, and what was begun.
@@ -266,10 +263,10 @@ impl Pilot {
         self.event_tick(at);
         self.fence_tick(at);
         for n in 0..self.stations.grounds.len() {
-            if !self.stations.grounds[n].is_open {
+            let link = self.stations.grounds[n].link;
+            if !self.out.is_open(link) {
                 continue;
             }
-            let link = self.stations.grounds[n].link;
             let line_Bps = self.line_Bps(link);
             let buckets = &mut self.stations.services.buckets;
             let mut bucket = match buckets.iter().position(|(l, _)| *l == link) {
@@ -282,7 +279,7 @@ impl Pilot {
             self.log_tick(at, link, &mut budget);
             self.ftp_tick(at, link, &mut budget);
             self.stations.services.buckets.push((link, bucket));
-            self.settle(n);
+            self.stations.settle(n, &mut self.out);
         }
     }
 
@@ -326,7 +323,7 @@ impl Pilot {
                     Err(fault) => (MavResult::MAV_RESULT_FAILED, fault.words().to_owned()),
                 };
                 self.service_ack(client, MavCmd::MAV_CMD_PREFLIGHT_STORAGE, answer);
-                self.say(at, Severity::Info, text);
+                self.out.say(at, Severity::Info, text);
             }
             (Purpose::LoadPlan(plan), Ok(())) => self.plan_restored(at, plan, bytes),
             // Nothing was kept.
@@ -370,7 +367,7 @@ impl Pilot {
         if plans.held_back.replace((since, at)).is_none() {
             let pos = self.estimate.pos_E_m;
             let text = format!("held back by the fence at N {:.2} E {:.2} m", pos.x(), pos.y());
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
         }
         if matches!(self.flight.mode, Mode::Mission | Mode::Goto) {
             self.fire(at, Event::HoldAsked);

@@ -133,7 +133,7 @@ impl Pilot {
                     param_type: m.param_type,
                     param_result: ParamAck::PARAM_ACK_VALUE_UNSUPPORTED as u8,
                 });
-                self.out.outbox.message(link, self.out.own, &answer);
+                self.out.message(link, &answer);
             }
             _ => return false,
         }
@@ -183,7 +183,7 @@ impl Pilot {
         else {
             let error = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;
             self.send_parameter_error(link, peer, -1, &name, error);
-            self.say(at, Severity::Warning, format!("no parameter {name}"));
+            self.out.say(at, Severity::Warning, format!("no parameter {name}"));
             return;
         };
         let result = if m.param_type == MavParamType::MAV_PARAM_TYPE_REAL32 as u8 {
@@ -200,16 +200,14 @@ impl Pilot {
                 // Everybody's copy is to be right, under each name of the value.
                 for n in 0..self.stations.grounds.len() {
                     let link = self.stations.grounds[n].link;
-                    if self.stations.grounds[n].is_open {
+                    if self.out.is_open(link) {
                         self.send_parameter(link, index as u16);
                     }
                 }
                 for other in aliases(changed).filter(|other| *other != index) {
                     for n in 0..self.stations.grounds.len() {
                         let link = self.stations.grounds[n].link;
-                        if self.stations.grounds[n].is_open
-                            && other < table::count(self.is_px4(link))
-                        {
+                        if self.out.is_open(link) && other < table::count(self.is_px4(link)) {
                             self.send_parameter(link, other as u16);
                         }
                     }
@@ -219,7 +217,7 @@ impl Pilot {
                 self.send_parameter_error(link, peer, index as i16, &name, error);
                 // Clients that do not know PARAM_ERROR read the refusal from the old value.
                 self.send_parameter(link, index as u16);
-                self.say(at, Severity::Warning, format!("parameter refused: {why}"));
+                self.out.say(at, Severity::Warning, format!("parameter refused: {why}"));
             }
         }
     }
@@ -277,18 +275,18 @@ impl Pilot {
             self.parameter_not_kept(at, name, fault);
         }
         if parameter.when == When::Restart {
-            self.say(at, Severity::Info, format!("{name} = {value}: in force after a restart"));
+            self.out.say(at, Severity::Info, format!("{name} = {value}: in force after a restart"));
         } else {
             (parameter.set)(&mut self.config, exact);
             self.configuration_changed();
-            self.say(at, Severity::Info, format!("{name} = {value}"));
+            self.out.say(at, Severity::Info, format!("{name} = {value}"));
         }
         Ok(parameter)
     }
 
     pub(super) fn parameter_not_kept(&mut self, at: HostTime, name: &str, fault: FileFault) {
         let text = format!("{name} is lost at a restart: {}", fault.words());
-        self.say(at, Severity::Warning, text);
+        self.out.say(at, Severity::Warning, text);
     }
 
     fn send_parameter(&mut self, link: LinkId, index: u16) {
@@ -300,7 +298,7 @@ impl Pilot {
             param_id: id_of(parameter.name).into(),
             param_type: MavParamType::MAV_PARAM_TYPE_REAL32 as u8,
         });
-        self.out.outbox.message(link, self.out.own, &message);
+        self.out.message(link, &message);
     }
 
     fn send_hash(&mut self, link: LinkId) {
@@ -314,7 +312,7 @@ impl Pilot {
             param_id: id_of(HASH_NAME).into(),
             param_type: MavParamType::MAV_PARAM_TYPE_UINT32 as u8,
         });
-        self.out.outbox.message(link, self.out.own, &message);
+        self.out.message(link, &message);
     }
 
     fn send_parameter_error(
@@ -332,7 +330,7 @@ impl Pilot {
             param_id: id_of(name).into(),
             error,
         });
-        self.out.outbox.message(link, self.out.own, &message);
+        self.out.message(link, &message);
     }
 }
 

@@ -22,7 +22,7 @@ use crate::out::voice::Severity;
 impl Pilot {
     pub(super) fn warn_of_barred_mission(&mut self, at: HostTime) {
         if let Some(why) = self.stations.services.plans.mission_is_barred.clone() {
-            self.say(at, Severity::Warning, why);
+            self.out.say(at, Severity::Warning, why);
         }
     }
 
@@ -38,7 +38,11 @@ impl Pilot {
         }
         match self.flight.mode {
             Mode::Goto => {
-                self.say(at, Severity::Warning, "the fence bars the rest of the leg".to_owned());
+                self.out.say(
+                    at,
+                    Severity::Warning,
+                    "the fence bars the rest of the leg".to_owned(),
+                );
                 self.fire(at, Event::HoldAsked);
             }
             // To another place, if there is one.
@@ -62,7 +66,7 @@ impl Pilot {
             })
             .collect();
         for text in forbidden {
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
         }
     }
 
@@ -172,7 +176,7 @@ impl Pilot {
             }
             if let Err((_, why)) = self.take_plan(plan, items) {
                 let text = format!("{} no longer fits the room: {why}", name_of(plan));
-                self.say(at, Severity::Warning, text.clone());
+                self.out.say(at, Severity::Warning, text.clone());
                 match plan {
                     Plan::Mission => self.stations.services.plans.mission_is_barred = Some(text),
                     // Kept as it was: a fence that is elsewhere is better than none.
@@ -195,7 +199,7 @@ impl Pilot {
 
     pub(super) fn plan_not_kept(&mut self, at: HostTime, plan: Plan, fault: FileFault) {
         let text = format!("{} is lost at a restart: {}", name_of(plan), fault.words());
-        self.say(at, Severity::Warning, text);
+        self.out.say(at, Severity::Warning, text);
     }
 
     /// Asks for what was kept.
@@ -221,7 +225,7 @@ impl Pilot {
         match taken {
             Ok(()) => {
                 let text = format!("{} of {} items restored", name_of(plan), self.plan_len(plan));
-                self.say(at, Severity::Info, text);
+                self.out.say(at, Severity::Info, text);
                 if plan == Plan::Fence {
                     self.heed_fence(at);
                 }

@@ -162,7 +162,7 @@ impl Pilot {
                     mission_type: m.mission_type,
                     opaque_id: plan.map_or(0, |plan| self.plan_id(plan)),
                 });
-                self.out.outbox.message(client.link, self.out.own, &answer);
+                self.out.message(client.link, &answer);
             }
             MavMessage::MISSION_REQUEST_INT(m) => {
                 self.send_item(client, m.mission_type, m.seq, false);
@@ -176,7 +176,7 @@ impl Pilot {
                 if first < 0 || last < first || last >= have {
                     let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
                     let answer = ack(client.peer, m.mission_type, result, 0);
-                    self.out.outbox.message(client.link, self.out.own, &answer);
+                    self.out.message(client.link, &answer);
                 } else {
                     let partial = &mut self.stations.services.plans.partial;
                     partial.retain(|list| list.client != client);
@@ -194,7 +194,7 @@ impl Pilot {
             MavMessage::MISSION_CLEAR_ALL(m) => self.clear_plans(at, client, m.mission_type),
             MavMessage::MISSION_SET_CURRENT(m) => {
                 if let Err((_, why)) = self.set_current_item(f64::from(m.seq)) {
-                    self.say(at, Severity::Warning, why);
+                    self.out.say(at, Severity::Warning, why);
                 }
                 self.send_telemetry(at, client.link, 42);
             }
@@ -220,7 +220,7 @@ impl Pilot {
             && let Some(why) = self.stations.services.plans.mission_is_barred.clone()
         {
             self.fire(at, Event::HoldAsked);
-            self.say(at, Severity::Warning, why);
+            self.out.say(at, Severity::Warning, why);
         }
     }
 
@@ -292,7 +292,7 @@ impl Pilot {
                 ack(client.peer, mission_type, result, 0)
             }
         };
-        self.out.outbox.message(client.link, self.out.own, &answer);
+        self.out.message(client.link, &answer);
     }
 
     fn refuse_plan(
@@ -304,9 +304,9 @@ impl Pilot {
         why: &str,
     ) -> MavMessage {
         let answer = ack(client.peer, mission_type, result, 0);
-        self.out.outbox.message(client.link, self.out.own, &answer);
+        self.out.message(client.link, &answer);
         let what = plan_of(mission_type).map_or("plan", name_of);
-        self.say(at, Severity::Warning, format!("{what} refused: {why}"));
+        self.out.say(at, Severity::Warning, format!("{what} refused: {why}"));
         answer
     }
 
@@ -392,12 +392,10 @@ impl Pilot {
     fn upload_progress(&mut self, at: HostTime, progress: Progress) {
         match progress {
             Progress::Nothing => {}
-            Progress::Answer(client, message) => {
-                self.out.outbox.message(client.link, self.out.own, &message)
-            }
+            Progress::Answer(client, message) => self.out.message(client.link, &message),
             Progress::GivenUp(client, message, why) => {
-                self.out.outbox.message(client.link, self.out.own, &message);
-                self.say(at, Severity::Warning, why);
+                self.out.message(client.link, &message);
+                self.out.say(at, Severity::Warning, why);
             }
             Progress::Complete(upload) => self.upload_ends(at, upload),
         }
@@ -425,9 +423,9 @@ impl Pilot {
                 self.stations.sent_a_mission |= plan == Plan::Mission;
                 let accepted = MavMissionResult::MAV_MISSION_ACCEPTED;
                 let answer = ack(peer, upload.mission_type, accepted, self.plan_id(plan));
-                self.out.outbox.message(link, self.out.own, &answer);
+                self.out.message(link, &answer);
                 let text = format!("{} of {} items in force", name_of(plan), self.plan_len(plan));
-                self.say(at, Severity::Info, text);
+                self.out.say(at, Severity::Info, text);
                 self.keep_plan(at, plan);
                 self.warn_of_barred_mission(at);
                 if plan == Plan::Fence {
@@ -459,11 +457,11 @@ impl Pilot {
         for plan in plans {
             self.stations.services.lost.settle(Kept::Plan(plan));
             if self.plan_len(plan) > 0 && self.take_plan(plan, Vec::new()).is_ok() {
-                self.say(at, Severity::Info, format!("{} cleared", name_of(plan)));
+                self.out.say(at, Severity::Info, format!("{} cleared", name_of(plan)));
             }
             self.keep_plan(at, plan);
         }
         let answer = ack(client.peer, mission_type, R::MAV_MISSION_ACCEPTED, 0);
-        self.out.outbox.message(client.link, self.out.own, &answer);
+        self.out.message(client.link, &answer);
     }
 }

@@ -45,7 +45,7 @@ impl Pilot {
         } else {
             self.service_ack(client, MavCmd::MAV_CMD_USER_4, MavResult::MAV_RESULT_DENIED);
             let text = format!("program {number}: allowed 0 (names all) to {MOST_NAMES}");
-            self.say(at, Severity::Warning, text);
+            self.out.say(at, Severity::Warning, text);
             return;
         };
         // An empty name asks for the names.
@@ -61,7 +61,7 @@ impl Pilot {
         if quarter(done) > quarter(done - 1) {
             let percent = quarter(done) * 100 / QUARTERS;
             let text = format!("program {name}: {percent} %, item {done} of {count} done");
-            self.say(at, Severity::Info, text);
+            self.out.say(at, Severity::Info, text);
         }
     }
 
@@ -84,7 +84,7 @@ impl Pilot {
             (Job::Names(client), Ok(())) => {
                 let names = names(bytes);
                 for (n, name) in names.iter().enumerate() {
-                    self.say(at, Severity::Info, format!("program {}: {name}", n + 1));
+                    self.out.say(at, Severity::Info, format!("program {}: {name}", n + 1));
                 }
                 (client, Ok(format!("{} programs", names.len())))
             }
@@ -103,7 +103,8 @@ impl Pilot {
                 let outcome = plan_file::decode(bytes)
                     .and_then(|items| self.load_mission(at, items))
                     .map(|count| {
-                        self.stations.services.program = Some((self.flight.mission.id, name.clone()));
+                        self.stations.services.program =
+                            Some((self.flight.mission.id, name.clone()));
                         format!("program {name}: mission of {count} items in force")
                     })
                     .map_err(|why| format!("program {name} refused: {why}"));
@@ -122,7 +123,7 @@ impl Pilot {
             Err(text) => (MavResult::MAV_RESULT_FAILED, Severity::Warning, text),
         };
         self.service_ack(client, MavCmd::MAV_CMD_USER_4, answer);
-        self.say(at, severity, text);
+        self.out.say(at, severity, text);
     }
 }
 

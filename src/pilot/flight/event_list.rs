@@ -5,10 +5,10 @@
 
 use serde_json::{Map, Value, json};
 
-use super::OWN_COMPONENT;
-use crate::flight::at_rest::{AT_REST, Quantity, is};
-use crate::flight::modes::{Event as Cause, Mode, TABLE};
-use crate::flight::supervisor::CONDITIONS;
+use super::at_rest::{AT_REST, Quantity, is};
+use super::modes::{Event as Cause, Mode, TABLE};
+use super::supervisor::CONDITIONS;
+use crate::out::OWN_COMPONENT;
 use crate::stations::identity::SHOWN_MODES;
 
 /// Numbers of events.
@@ -23,11 +23,6 @@ pub const CONDITION_BEGINS: u32 = 4;
 pub const CONDITION_ENDS: u32 = 5;
 /// Number of the event of the first row of [`AT_REST`]; the others follow in their order.
 pub const FIRST_CHECK: u32 = 16;
-
-/// The id of an event on the wire.
-pub fn wire_id(number: u32) -> u32 {
-    u32::from(OWN_COMPONENT) << 24 | number
-}
 
 /// Bit of a component of health: 0 is "none", what is known at rest follows.
 pub fn health_bit(row: &Quantity) -> u32 {
