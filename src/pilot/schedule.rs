@@ -13,6 +13,7 @@ use haltere_core::time::HostTime;
 use haltere_core::topics::{HealthRecord, Topic};
 
 use crate::Pilot;
+use crate::clock::CONTROL_PERIOD_US;
 use crate::flight::guidance::Now;
 use crate::flight::hover;
 use crate::flight::modes::{Event, Mode, transition};
@@ -22,8 +23,6 @@ use crate::out::voice::Severity;
 use crate::stations::streams::Streams;
 use crate::view::view;
 
-/// Period of the control step, µs: 100 Hz as in the source.
-pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
 /// Control steps of the first second, in which tag and board are being found.
 const FIRST_STEPS: u64 = 1_000_000 / CONTROL_PERIOD_US.cast_unsigned();
 /// A step that begins later than this is a deadline miss, s: half a period.
