@@ -373,14 +373,14 @@ impl Pilot {
 
     /// Ground endpoints: the streams that are due.
     fn serve_grounds(&mut self, at: HostTime) {
-        self.soothe_askers(at);
+        self.stations.soothe_askers(at, &mut self.out);
         self.tell_mode(at);
         for n in 0..self.stations.grounds.len() {
             let link = self.stations.grounds[n].link;
             if !self.out.is_open(link) {
                 continue;
             }
-            self.tell_misaddressed(at, n);
+            self.stations.tell_misaddressed(at, n, &mut self.out);
             self.stations.grounds[n].streams.begin(at);
             // Answers first: they are booked before any stream.
             self.stations.settle(n, &mut self.out);

@@ -70,7 +70,7 @@ impl Pilot {
         Some(match msg_id {
             0 => self.heartbeat(&endpoint),
             1 => self.sys_status(&endpoint),
-            162 => self.fence_status(),
+            162 => self.stations.fence_status(),
             EVENT_SEQUENCE_ID => {
                 let is_known = self
                     .stations
@@ -176,7 +176,7 @@ impl Pilot {
             54102 if self.flight.mode.has_thrust() => self.control_message(),
             54103 => self.next_pair(at, link)?,
             54104 => self.next_drop(at, link)?,
-            54105 => self.next_link(at, link)?,
+            54105 => self.stations.next_link(at, link, &mut self.out)?,
             _ => return None,
         })
     }

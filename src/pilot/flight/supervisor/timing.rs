@@ -2,8 +2,7 @@
 
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::clock::BACK_S;
-use crate::clock::CONTROL_PERIOD_US;
+use crate::clock::{BACK_S, CONTROL_PERIOD_US};
 use crate::out::voice::Severity;
 use haltere_core::time::HostTime;
 

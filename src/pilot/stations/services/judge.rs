@@ -15,7 +15,9 @@ use super::Purpose;
 use super::files::{FileFault, FileTask};
 use crate::Pilot;
 use crate::flight::modes::Mode;
+use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::stations::Stations;
 use crate::stations::mission_transfer::Client;
 
 /// Param1 of `MAV_CMD_USER_4` that asks for a judgement.
@@ -128,6 +130,129 @@ impl Judge {
     }
 }
 
+impl Out {
+    fn judge_progress(&mut self, client: Client, progress: u8) {
+        let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
+            command: MavCmd::MAV_CMD_USER_4 as u16,
+            result: MavResult::MAV_RESULT_IN_PROGRESS as u8,
+            progress,
+            result_param2: 0,
+            target_system: client.peer.0,
+            target_component: client.peer.1,
+        });
+        self.message(client.link, &message);
+    }
+}
+
+impl Stations {
+    fn begin_judging(&mut self, at: HostTime, asker: Option<Client>, delay_us: i64) {
+        let Some(name) = self.services.judge.flown.clone() else { return };
+        self.services.judge.running = Some(Running {
+            name,
+            asker,
+            next_poll: at.offset_us(delay_us),
+            is_asked: false,
+            told: (String::new(), 0),
+        });
+    }
+
+    /// Ends a judgement that is under way. `false`: there is none.
+    fn end_judging(&mut self, at: HostTime, why: &str, out: &mut Out) -> bool {
+        let Some(running) = self.services.judge.running.take() else { return false };
+        // If it is refused there is nothing to stop.
+        let _ = self.services.desk.ask(FileTask::StopJudging, Purpose::StopJudging, at);
+        if let Some(client) = running.asker {
+            let result = MavResult::MAV_RESULT_CANCELLED;
+            out.service_ack(client, MavCmd::MAV_CMD_USER_4, result);
+        }
+        out.say(at, Severity::Info, format!("judging {} stopped: {why}", running.name));
+        true
+    }
+
+    /// COMMAND_CANCEL for what this service does. `true`: it was that.
+    pub(crate) fn cancel_judging(&mut self, at: HostTime, command: u16, out: &mut Out) -> bool {
+        command == MavCmd::MAV_CMD_USER_4 as u16 && self.end_judging(at, "cancelled", out)
+    }
+
+    /// Glue says how far it is.
+    pub(super) fn judge_answer(
+        &mut self,
+        at: HostTime,
+        result: Result<(), FileFault>,
+        bytes: &[u8],
+        out: &mut Out,
+    ) {
+        let Some(running) = &mut self.services.judge.running else { return };
+        running.is_asked = false;
+        let judgement = match result {
+            Ok(()) => Judgement::decode(bytes),
+            Err(FileFault::Busy) => return, // the landing is not on the disk yet
+            Err(fault) => {
+                let Some(running) = self.services.judge.running.take() else { return };
+                let why = match std::str::from_utf8(bytes) {
+                    Ok(why) if !why.is_empty() => why.to_owned(),
+                    _ => fault.words().to_owned(),
+                };
+                if let Some(client) = running.asker {
+                    let result = MavResult::MAV_RESULT_FAILED;
+                    out.service_ack(client, MavCmd::MAV_CMD_USER_4, result);
+                }
+                // Nobody asked, and nobody can judge this program: no news.
+                if running.asker.is_some() || !matches!(fault, FileFault::NotFound | FileFault::Off)
+                {
+                    let text = format!("{} not judged: {why}", running.name);
+                    out.say(at, Severity::Warning, text);
+                }
+                return;
+            }
+        };
+        match judgement {
+            None => {}
+            Some(Judgement::Running { percent, what }) => {
+                self.judging_goes_on(at, percent, what, out)
+            }
+            Some(Judgement::Done(lines)) => self.judging_is_done(at, lines, out),
+        }
+    }
+
+    fn judging_goes_on(&mut self, at: HostTime, percent: u8, what: String, out: &mut Out) {
+        let Some(running) = &mut self.services.judge.running else { return };
+        let asker = running.asker;
+        let (told, told_percent) = &running.told;
+        let news = *told != what || percent >= told_percent.saturating_add(TELL_PERCENT);
+        if news {
+            let text = format!("judging {}: {what} {percent} %", running.name);
+            running.told = (what, percent);
+            out.say(at, Severity::Info, text);
+        }
+        if let Some(client) = asker {
+            out.judge_progress(client, percent.min(100));
+        }
+    }
+
+    fn judging_is_done(&mut self, at: HostTime, lines: Vec<Told>, out: &mut Out) {
+        let Some(running) = self.services.judge.running.take() else { return };
+        for line in lines {
+            match line {
+                Told::Text(text) => {
+                    out.say(at, Severity::Info, format!("{}: {text}", running.name));
+                }
+                Told::Value(name, value) => {
+                    let message = MavMessage::NAMED_VALUE_FLOAT(NAMED_VALUE_FLOAT_DATA {
+                        time_boot_ms: (at.as_us() / 1000) as u32,
+                        value,
+                        name: name.as_str().into(),
+                    });
+                    out.tell_all(&message);
+                }
+            }
+        }
+        if let Some(client) = running.asker {
+            out.service_ack(client, MavCmd::MAV_CMD_USER_4, MavResult::MAV_RESULT_ACCEPTED);
+        }
+    }
+}
+
 impl Pilot {
     /// A program is in force as the mission.
     pub(super) fn program_is_loaded(&mut self, name: &str) {
@@ -149,7 +274,7 @@ impl Pilot {
         {
             running.asker = Some(client);
             let percent = running.told.1;
-            return self.judge_progress(client, percent);
+            return self.out.judge_progress(client, percent);
         }
         let refusal = match &judge.flown {
             _ if judge.running.is_some() => Some("somebody waits for a judgement already"),
@@ -161,35 +286,12 @@ impl Pilot {
         };
         if let Some(why) = refusal {
             let result = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
-            self.service_ack(client, MavCmd::MAV_CMD_USER_4, result);
+            self.out.service_ack(client, MavCmd::MAV_CMD_USER_4, result);
             self.out.say(at, Severity::Warning, format!("judging refused: {why}"));
             return;
         }
-        self.begin_judging(at, Some(client), 0);
-        self.judge_progress(client, 0);
-    }
-
-    fn judge_progress(&mut self, client: Client, progress: u8) {
-        let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-            command: MavCmd::MAV_CMD_USER_4 as u16,
-            result: MavResult::MAV_RESULT_IN_PROGRESS as u8,
-            progress,
-            result_param2: 0,
-            target_system: client.peer.0,
-            target_component: client.peer.1,
-        });
-        self.out.message(client.link, &message);
-    }
-
-    fn begin_judging(&mut self, at: HostTime, asker: Option<Client>, delay_us: i64) {
-        let Some(name) = self.stations.services.judge.flown.clone() else { return };
-        self.stations.services.judge.running = Some(Running {
-            name,
-            asker,
-            next_poll: at.offset_us(delay_us),
-            is_asked: false,
-            told: (String::new(), 0),
-        });
+        self.stations.begin_judging(at, Some(client), 0);
+        self.out.judge_progress(client, 0);
     }
 
     /// Once a control step.
@@ -205,14 +307,14 @@ impl Pilot {
         }
         if self.flight.mode != Mode::Disarmed {
             self.stations.services.judge.flown_until = at;
-            self.end_judging(at, "the vehicle is armed");
+            self.stations.end_judging(at, "the vehicle is armed", &mut self.out);
             return;
         }
         if std::mem::take(&mut self.stations.services.judge.is_due) {
             // With what is said of the landing.
             self.stations.services.judge.flown_until = at;
             if self.config.judge_programs {
-                self.begin_judging(at, None, SETTLE_US);
+                self.stations.begin_judging(at, None, SETTLE_US);
             }
         }
         let Some(running) = &mut self.stations.services.judge.running else { return };
@@ -225,100 +327,7 @@ impl Pilot {
             (running.name.clone(), self.stations.services.judge.flown_until);
         let task = FileTask::Judge { program, flown_until };
         if let Err((fault, _)) = self.stations.services.desk.ask(task, Purpose::Judge, at) {
-            self.judge_answer(at, Err(fault), &[]);
-        }
-    }
-
-    /// Ends a judgement that is under way. `false`: there is none.
-    fn end_judging(&mut self, at: HostTime, why: &str) -> bool {
-        let Some(running) = self.stations.services.judge.running.take() else { return false };
-        // If it is refused there is nothing to stop.
-        let _ = self.stations.services.desk.ask(FileTask::StopJudging, Purpose::StopJudging, at);
-        if let Some(client) = running.asker {
-            let result = MavResult::MAV_RESULT_CANCELLED;
-            self.service_ack(client, MavCmd::MAV_CMD_USER_4, result);
-        }
-        self.out.say(at, Severity::Info, format!("judging {} stopped: {why}", running.name));
-        true
-    }
-
-    /// COMMAND_CANCEL for what this service does. `true`: it was that.
-    pub(crate) fn cancel_judging(&mut self, at: HostTime, command: u16) -> bool {
-        command == MavCmd::MAV_CMD_USER_4 as u16 && self.end_judging(at, "cancelled")
-    }
-
-    /// Glue says how far it is.
-    pub(super) fn judge_answer(
-        &mut self,
-        at: HostTime,
-        result: Result<(), FileFault>,
-        bytes: &[u8],
-    ) {
-        let Some(running) = &mut self.stations.services.judge.running else { return };
-        running.is_asked = false;
-        let judgement = match result {
-            Ok(()) => Judgement::decode(bytes),
-            Err(FileFault::Busy) => return, // the landing is not on the disk yet
-            Err(fault) => {
-                let Some(running) = self.stations.services.judge.running.take() else { return };
-                let why = match std::str::from_utf8(bytes) {
-                    Ok(why) if !why.is_empty() => why.to_owned(),
-                    _ => fault.words().to_owned(),
-                };
-                if let Some(client) = running.asker {
-                    let result = MavResult::MAV_RESULT_FAILED;
-                    self.service_ack(client, MavCmd::MAV_CMD_USER_4, result);
-                }
-                // Nobody asked, and nobody can judge this program: no news.
-                if running.asker.is_some() || !matches!(fault, FileFault::NotFound | FileFault::Off)
-                {
-                    let text = format!("{} not judged: {why}", running.name);
-                    self.out.say(at, Severity::Warning, text);
-                }
-                return;
-            }
-        };
-        match judgement {
-            None => {}
-            Some(Judgement::Running { percent, what }) => self.judging_goes_on(at, percent, what),
-            Some(Judgement::Done(lines)) => self.judging_is_done(at, lines),
-        }
-    }
-
-    fn judging_goes_on(&mut self, at: HostTime, percent: u8, what: String) {
-        let Some(running) = &mut self.stations.services.judge.running else { return };
-        let asker = running.asker;
-        let (told, told_percent) = &running.told;
-        let news = *told != what || percent >= told_percent.saturating_add(TELL_PERCENT);
-        if news {
-            let text = format!("judging {}: {what} {percent} %", running.name);
-            running.told = (what, percent);
-            self.out.say(at, Severity::Info, text);
-        }
-        if let Some(client) = asker {
-            self.judge_progress(client, percent.min(100));
-        }
-    }
-
-    fn judging_is_done(&mut self, at: HostTime, lines: Vec<Told>) {
-        let Some(running) = self.stations.services.judge.running.take() else { return };
-        for line in lines {
-            match line {
-                Told::Text(text) => {
-                    self.out.say(at, Severity::Info, format!("{}: {text}", running.name));
-                }
-                Told::Value(name, value) => {
-                    let message = MavMessage::NAMED_VALUE_FLOAT(NAMED_VALUE_FLOAT_DATA {
-                        time_boot_ms: (at.as_us() / 1000) as u32,
-                        value,
-                        name: name.as_str().into(),
-                    });
-                    self.out.tell_all(&message);
-                }
-            }
-        }
-        if let Some(client) = running.asker {
-            self.service_ack(client, MavCmd::MAV_CMD_USER_4, MavResult::MAV_RESULT_ACCEPTED);
+            self.stations.judge_answer(at, Err(fault), &[], &mut self.out);
         }
     }
 }
