@@ -202,7 +202,7 @@ impl Pilot {
             }
             Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
             Input::Recording { state, why } => self.out.recording_told(at, state, why),
-            Input::EndAsked => self.end_asked(at),
+            Input::EndAsked => self.flight.end_asked(at, &mut self.out),
             Input::Wake => self.wake(at),
         }
     }

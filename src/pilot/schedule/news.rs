@@ -81,7 +81,7 @@ impl Pilot {
                 self.board.pressure_pa = Some((sample.pressure_pa, sample.received_at));
                 if let Some((height_m, dt_s)) = self.navigation.baro(&view!(self, at), &sample) {
                     let above_m = height_m - self.config.flight.gear_height_m;
-                    self.resume_at_height(sample.valid_at, above_m);
+                    self.flight.resume_at_height(sample.valid_at, above_m);
                     if self.flight.mode == Mode::Descend {
                         self.flight.supervisor.descent.baro(height_m, dt_s);
                     }

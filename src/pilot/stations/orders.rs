@@ -156,7 +156,7 @@ impl Pilot {
         }
         if matches!(event, Event::HoldAsked | Event::LandAsked) && !self.flight.mode.has_thrust() {
             // On the floor it is granted: nothing moves, and a waiting take-off is called off.
-            self.call_off_lift_off();
+            self.flight.call_off_lift_off();
             return Ok(MavResult::MAV_RESULT_ACCEPTED);
         }
         let what = wish(event);
@@ -184,7 +184,7 @@ impl Pilot {
     }
 
     fn refuse_while_ending(&self, what: &str) -> Answer {
-        match self.ending_forbids(Mode::Takeoff) {
+        match self.flight.ending_forbids(Mode::Takeoff) {
             None => Ok(MavResult::MAV_RESULT_ACCEPTED),
             Some(why) => {
                 refuse(MavResult::MAV_RESULT_TEMPORARILY_REJECTED, format!("{what} refused: {why}"))

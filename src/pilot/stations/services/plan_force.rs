@@ -124,7 +124,7 @@ impl Pilot {
                     && self.flight.guidance.next == Next::Mission
                     && !self.flight.mode.has_thrust()
                 {
-                    self.call_off_lift_off();
+                    self.flight.call_off_lift_off();
                 }
             }
             Plan::Fence => {

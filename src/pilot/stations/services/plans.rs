@@ -326,7 +326,7 @@ impl Pilot {
     /// Why a list cannot be replaced now.
     pub(super) fn plan_is_locked(&self, plan: Plan) -> Option<&'static str> {
         match plan {
-            Plan::Mission | Plan::Fence if self.flies_mission() => {
+            Plan::Mission | Plan::Fence if self.flight.flies_mission() => {
                 Some("mission in flight, hold first")
             }
             Plan::Rally if self.flight.mode == Mode::Return => Some("returning, hold first"),
