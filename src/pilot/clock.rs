@@ -2,8 +2,8 @@
 
 use haltere_core::time::HostTime;
 
-use crate::schedule::CONTROL_PERIOD_US;
-
+/// Period of the control step, µs: 100 Hz as in the source.
+pub(crate) const CONTROL_PERIOD_US: i64 = 10_000;
 /// A clock that goes back by more than this has jumped, s: stamps of one moment come from several threads.
 pub(crate) const BACK_S: f64 = 0.05;
 

@@ -7,6 +7,9 @@ use haltere_core::drops::DropReason;
 use crate::out::recording::Recording;
 use crate::stations::services::FileFault;
 
+/// Most stations of one endpoint that is found by them (`udpin`, `tcpin`).
+pub const MOST_STATIONS: u8 = 8;
+
 /// Name of a link to the outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum LinkId {

@@ -72,11 +72,11 @@ pub use flight::supervisor::{
     Action, CONDITIONS, Condition, Number, Reaction, SupervisorConfig, Watched,
 };
 pub use flight::tilt_step::{Envelope, TiltStep, stopping_m};
-pub use input::{Input, LinkId};
+pub use input::{Input, LinkId, MOST_STATIONS};
 pub use navigation::uwb;
 pub use out::recording::Recording;
 pub use stations::endpoint::{
-    Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig, Routing,
+    Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, OriginConfig, Routing,
 };
 pub use stations::permits::Commanders;
 pub use stations::{guard, services};
@@ -202,7 +202,7 @@ impl Pilot {
             }
             Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
             Input::Recording { state, why } => self.out.recording_told(at, state, why),
-            Input::EndAsked => self.end_asked(at),
+            Input::EndAsked => self.flight.end_asked(at, &mut self.out),
             Input::Wake => self.wake(at),
         }
     }

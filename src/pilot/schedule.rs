@@ -13,6 +13,7 @@ use haltere_core::time::HostTime;
 use haltere_core::topics::{HealthRecord, Topic};
 
 use crate::Pilot;
+use crate::clock::CONTROL_PERIOD_US;
 use crate::flight::guidance::Now;
 use crate::flight::hover;
 use crate::flight::modes::{Event, Mode, transition};
@@ -22,8 +23,6 @@ use crate::out::voice::Severity;
 use crate::stations::streams::Streams;
 use crate::view::view;
 
-/// Period of the control step, µs: 100 Hz as in the source.
-pub(super) const CONTROL_PERIOD_US: i64 = 10_000;
 /// Control steps of the first second, in which tag and board are being found.
 const FIRST_STEPS: u64 = 1_000_000 / CONTROL_PERIOD_US.cast_unsigned();
 /// A step that begins later than this is a deadline miss, s: half a period.
@@ -374,14 +373,14 @@ impl Pilot {
 
     /// Ground endpoints: the streams that are due.
     fn serve_grounds(&mut self, at: HostTime) {
-        self.soothe_askers(at);
+        self.stations.soothe_askers(at, &mut self.out);
         self.tell_mode(at);
         for n in 0..self.stations.grounds.len() {
             let link = self.stations.grounds[n].link;
             if !self.out.is_open(link) {
                 continue;
             }
-            self.tell_misaddressed(at, n);
+            self.stations.tell_misaddressed(at, n, &mut self.out);
             self.stations.grounds[n].streams.begin(at);
             // Answers first: they are booked before any stream.
             self.stations.settle(n, &mut self.out);

@@ -121,7 +121,7 @@ pub(crate) fn estimate(pilot: &Pilot, at: HostTime) -> Result<(), String> {
         Health::Good => Ok(()),
         Health::NotAligned => Err(format!(
             "estimator not aligned: {} of {} anchors heard, keep the vehicle still and level",
-            pilot.navigation.uwb.anchors_heard().count(),
+            pilot.navigation.tag.engine.anchors_heard().count(),
             pilot.survey.ids().len()
         )),
         health => {

@@ -368,7 +368,7 @@ const KEPT: Quantity = Quantity {
               damaged or empty is not none. What is missing is told to every station that comes",
     said: "fence (rally points, mission) not restored: why; upload it, or clear it. parameters not restored: why; set them, \
            or reset them. fence, rally points and mission are still being read",
-    look: |pilot, _| or_refused(pilot.lost_forbids().map_or(Ok(()), Err)),
+    look: |pilot, _| or_refused(pilot.stations.lost_forbids().map_or(Ok(()), Err)),
     ..ROW
 };
 

@@ -3,6 +3,7 @@
 use haltere_core::frames::{E, Vec3};
 use haltere_core::time::HostTime;
 
+use super::Flight;
 use super::modes::{Event, Mode};
 use super::setpoint::{Setpoint, rests_at_E_m};
 use crate::Pilot;
@@ -71,6 +72,14 @@ pub(crate) fn too_far(setpoint: &Setpoint, pos_E_m: Vec3<E>) -> Option<String> {
              above the vehicle"
         )
     })
+}
+
+impl Flight {
+    /// Whether the mission is flown: its take-off is a part of it.
+    pub(crate) fn flies_mission(&self) -> bool {
+        let lifts_off = matches!(self.mode, Mode::Spool | Mode::Takeoff);
+        self.mode == Mode::Mission || lifts_off && self.guidance.next == Next::Mission
+    }
 }
 
 impl Pilot {
@@ -154,12 +163,6 @@ impl Pilot {
             Severity::Warning,
             format!("offboard called off: no setpoint for {limit_s} s"),
         );
-    }
-
-    /// Whether the mission is flown: its take-off is a part of it.
-    pub(crate) fn flies_mission(&self) -> bool {
-        let lifts_off = matches!(self.flight.mode, Mode::Spool | Mode::Takeoff);
-        self.flight.mode == Mode::Mission || lifts_off && self.flight.guidance.next == Next::Mission
     }
 
     /// Lets what waits for the take-off follow it. `false`: nothing does, or what it follows has stopped.

@@ -3,6 +3,7 @@
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ModeRecord, Topic};
 
+use super::Flight;
 use super::awaited::Next;
 use super::event_list::{MODE_CHANGED, cause_number, mode_number};
 use super::modes::{Event, Mode, transition};
@@ -32,6 +33,29 @@ impl Cause {
             _ => Severity::Info,
         };
         Self { because, severity, number: cause_number(from, event) }
+    }
+}
+
+impl Flight {
+    pub(crate) fn call_off_lift_off(&mut self) {
+        self.lift_off_asked = false;
+        self.guidance.next = Next::Nothing;
+    }
+
+    /// The mode that clients are shown. On the floor one that waits for arming is shown as if it
+    /// were in force: clients that asked for it give up when it does not appear (GROUND.md).
+    pub(crate) fn shown_mode(&self) -> Mode {
+        let next = self.guidance.next.mode();
+        match (self.mode, next) {
+            (
+                Mode::Disarmed | Mode::Arming | Mode::Idle | Mode::Spool | Mode::Takeoff,
+                Some(next),
+            ) => next,
+            (Mode::Disarmed | Mode::Arming | Mode::Idle, None) if self.lift_off_asked => {
+                Mode::Takeoff
+            }
+            (mode, _) => mode,
+        }
     }
 }
 
@@ -85,7 +109,7 @@ impl Pilot {
                 let force = from.has_thrust() && event != Event::TouchDown;
                 self.board.link.command_arm(false, force, at);
                 self.out.told.insisted_at = None;
-                self.call_off_lift_off();
+                self.flight.call_off_lift_off();
             }
             Mode::Yielded => {
                 self.flight.land_when_back = false;
@@ -117,7 +141,7 @@ impl Pilot {
                 self.flight.resumption = Resumption::default();
                 self.flight.supervisor.end_flight();
                 self.navigation.estimator.set_airborne(false);
-                self.call_off_lift_off();
+                self.flight.call_off_lift_off();
                 if event == Event::ArmFailed {
                     // It may still arm on an order that is under way.
                     self.board.link.command_arm(false, false, at);
@@ -136,26 +160,5 @@ impl Pilot {
     pub(crate) fn record_mode(&mut self, at: HostTime, mode: &'static str, because: &str) {
         let armed = self.board.link.is_armed();
         self.out.record(|| Topic::Mode(ModeRecord { at, mode, armed, cause: because.to_owned() }));
-    }
-
-    pub(crate) fn call_off_lift_off(&mut self) {
-        self.flight.lift_off_asked = false;
-        self.flight.guidance.next = Next::Nothing;
-    }
-
-    /// The mode that clients are shown. On the floor one that waits for arming is shown as if it
-    /// were in force: clients that asked for it give up when it does not appear (GROUND.md).
-    pub(crate) fn shown_mode(&self) -> Mode {
-        let next = self.flight.guidance.next.mode();
-        match (self.flight.mode, next) {
-            (
-                Mode::Disarmed | Mode::Arming | Mode::Idle | Mode::Spool | Mode::Takeoff,
-                Some(next),
-            ) => next,
-            (Mode::Disarmed | Mode::Arming | Mode::Idle, None) if self.flight.lift_off_asked => {
-                Mode::Takeoff
-            }
-            (mode, _) => mode,
-        }
     }
 }

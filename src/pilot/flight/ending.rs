@@ -12,10 +12,12 @@
 
 use haltere_core::time::HostTime;
 
+use super::Flight;
 use super::modes::{Event, Mode};
 use super::supervisor::{LONGEST_DESCENT_S, Reaction};
 use crate::Pilot;
 use crate::config::FlightConfig;
+use crate::out::Out;
 use crate::out::voice::Severity;
 
 /// What clients are told that ask for more.
@@ -50,28 +52,43 @@ pub(crate) fn longest_end_s(flight: &FlightConfig, top_m: f64) -> f64 {
     down_s.max(YIELDED_S) + DISARM_S + LAST_WORDS_S
 }
 
+impl Flight {
+    pub(crate) fn end_asked(&mut self, at: HostTime, out: &mut Out) {
+        if self.ending.is_some() {
+            return;
+        }
+        let may_end = self.mode == Mode::Disarmed;
+        self.ending = Some(Ending { asked_at: at, may_end });
+        self.call_off_lift_off();
+        if may_end {
+            out.say(at, Severity::Info, "haltere ends".to_owned());
+        } else {
+            out.say(at, Severity::Warning, "haltere is asked to end: it lands first".to_owned());
+        }
+    }
+
+    fn give_up(&mut self, at: HostTime, out: &mut Out) {
+        let text = "haltere ends while the board is armed: its own failsafe is in charge";
+        out.say(at, Severity::Critical, text.to_owned());
+        self.end();
+    }
+
+    fn end(&mut self) {
+        if let Some(ending) = &mut self.ending {
+            ending.may_end = true;
+        }
+    }
+
+    /// Why a client may not have a mode: the program ends, and that is milder than landing.
+    pub(crate) fn ending_forbids(&self, to: Mode) -> Option<&'static str> {
+        (self.ending.is_some() && Reaction::of_mode(to) < Reaction::Land).then_some(ENDS)
+    }
+}
+
 impl Pilot {
     /// Whether the program may end: it was asked to, and nothing flies by it any more.
     pub fn may_end(&self) -> bool {
         self.flight.ending.is_some_and(|ending| ending.may_end)
-    }
-
-    pub(crate) fn end_asked(&mut self, at: HostTime) {
-        if self.flight.ending.is_some() {
-            return;
-        }
-        let may_end = self.flight.mode == Mode::Disarmed;
-        self.flight.ending = Some(Ending { asked_at: at, may_end });
-        self.call_off_lift_off();
-        if may_end {
-            self.out.say(at, Severity::Info, "haltere ends".to_owned());
-        } else {
-            self.out.say(
-                at,
-                Severity::Warning,
-                "haltere is asked to end: it lands first".to_owned(),
-            );
-        }
     }
 
     /// The way to the end, one look in each control step.
@@ -82,13 +99,13 @@ impl Pilot {
         // Not of time that passed before it was asked.
         let here_s = asked_s.min(at.seconds_since(self.flight.mode_since));
         if asked_s > longest_end_s(&self.config.flight, top_m) {
-            self.give_up(at);
+            self.flight.give_up(at, &mut self.out);
             return;
         }
         match self.flight.mode {
-            Mode::Disarmed if here_s >= LAST_WORDS_S => self.end(),
-            Mode::Disarming if here_s > DISARM_S => self.give_up(at),
-            Mode::Yielded if here_s > YIELDED_S => self.give_up(at),
+            Mode::Disarmed if here_s >= LAST_WORDS_S => self.flight.end(),
+            Mode::Disarming if here_s > DISARM_S => self.flight.give_up(at, &mut self.out),
+            Mode::Yielded if here_s > YIELDED_S => self.flight.give_up(at, &mut self.out),
             Mode::Land if asked_s > longest_landing_s(&self.config.flight, top_m) => {
                 self.fire(at, Event::LandingOverdue);
             }
@@ -96,23 +113,6 @@ impl Pilot {
                 self.fire(at, Event::EndAsked);
             }
         }
-    }
-
-    fn give_up(&mut self, at: HostTime) {
-        let text = "haltere ends while the board is armed: its own failsafe is in charge";
-        self.out.say(at, Severity::Critical, text.to_owned());
-        self.end();
-    }
-
-    fn end(&mut self) {
-        if let Some(ending) = &mut self.flight.ending {
-            ending.may_end = true;
-        }
-    }
-
-    /// Why a client may not have a mode: the program ends, and that is milder than landing.
-    pub(crate) fn ending_forbids(&self, to: Mode) -> Option<&'static str> {
-        (self.flight.ending.is_some() && Reaction::of_mode(to) < Reaction::Land).then_some(ENDS)
     }
 }
 
@@ -133,7 +133,7 @@ mod tests {
         let at = HostTime::from_us(1_000_000);
         let mut pilot = Pilot::new(PilotConfig::default(), survey, at);
         (pilot.flight.mode, pilot.flight.mode_since) = (mode, at);
-        pilot.end_asked(at);
+        pilot.flight.end_asked(at, &mut pilot.out);
         (pilot, at)
     }
 

@@ -7,6 +7,7 @@ use haltere_core::frames::{E, Vec3};
 use haltere_core::geo::Geodetic;
 
 use crate::Pilot;
+use crate::stations::Stations;
 use crate::stations::commands::{Refusal, Request};
 use crate::stations::endpoint::Identity;
 
@@ -85,13 +86,13 @@ impl Location {
     }
 }
 
-impl Pilot {
+impl Stations {
     /// What a command without a frame means: heights above sea level from those who take us for a
     /// PX4, above home from everybody else (GROUND.md).
     pub(crate) fn kind_of(&self, request: &Request) -> Result<Kind, Refusal> {
         let frame = match request.location {
             Location::Float { frame: None, .. } => {
-                return Ok(match self.stations.identity_on(request.link) {
+                return Ok(match self.identity_on(request.link) {
                     Identity::Px4 => Kind::Global(Above::Sea),
                     Identity::Generic => Kind::Global(Above::Floor),
                 });
@@ -108,10 +109,12 @@ impl Pilot {
             )
         })
     }
+}
 
+impl Pilot {
     /// The point of a command in the room.
     pub(crate) fn wanted(&self, request: &Request) -> Result<Wanted, Refusal> {
-        let kind = self.kind_of(request)?;
+        let kind = self.stations.kind_of(request)?;
         let scale = match kind {
             Kind::Global(_) => WIRE_DEG,
             Kind::Local => LOCAL_SCALE,

@@ -10,6 +10,7 @@
 
 use haltere_core::time::HostTime;
 
+use super::Flight;
 use super::modes::Mode;
 use super::supervisor::Descent;
 use crate::Pilot;
@@ -88,6 +89,23 @@ impl Resumption {
     }
 }
 
+impl Flight {
+    /// A barometric height above the floor, m. The first after a pause is the newest height that was measured: a descent
+    /// goes on from there.
+    pub(crate) fn resume_at_height(&mut self, valid_at: HostTime, height_m: f64) {
+        let after = self.resumption.pause.is_some_and(|(end, _)| valid_at > end);
+        if after && self.resumption.baro_m.replace(height_m).is_none() && self.mode == Mode::Descend
+        {
+            self.supervisor.descent = Descent::begin(height_m, self.resumption.sink_mps);
+        }
+    }
+
+    /// Thrust with which a vehicle stays down that may stand since a pause.
+    pub(crate) fn standing_ceiling_frac(&self) -> Option<f64> {
+        self.resumption.may_stand().then_some(STANDING_SHARE * self.control.thrust_base_frac)
+    }
+}
+
 impl Pilot {
     /// The board may not have heard us for so long.
     pub(crate) fn note_pause(&mut self, at: HostTime, pause_s: f64) {
@@ -145,27 +163,6 @@ impl Pilot {
             }
             self.flight.resumption = Resumption::default();
         }
-    }
-
-    /// A barometric height above the floor, m. The first after a pause is the newest height that was measured: a descent
-    /// goes on from there.
-    pub(crate) fn resume_at_height(&mut self, valid_at: HostTime, height_m: f64) {
-        let after = self.flight.resumption.pause.is_some_and(|(end, _)| valid_at > end);
-        if after
-            && self.flight.resumption.baro_m.replace(height_m).is_none()
-            && self.flight.mode == Mode::Descend
-        {
-            self.flight.supervisor.descent =
-                Descent::begin(height_m, self.flight.resumption.sink_mps);
-        }
-    }
-
-    /// Thrust with which a vehicle stays down that may stand since a pause.
-    pub(crate) fn standing_ceiling_frac(&self) -> Option<f64> {
-        self.flight
-            .resumption
-            .may_stand()
-            .then_some(STANDING_SHARE * self.flight.control.thrust_base_frac)
     }
 
     /// Largest thrust over the one that hovers.

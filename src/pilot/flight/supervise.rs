@@ -5,6 +5,7 @@
 use haltere_core::estimate::Health;
 use haltere_core::time::HostTime;
 
+use super::Flight;
 use super::awaited::Next;
 use super::modes::{Event, Mode};
 use crate::Pilot;
@@ -27,6 +28,18 @@ const FORCE_AFTER_S: f64 = 3.0;
 const INSIST_FIRST_S: f64 = 2.0;
 /// … and again after this, s.
 const INSIST_TELL_S: f64 = 5.0;
+
+impl Flight {
+    fn way_down(&self) -> WayDown {
+        WayDown { mode_since: self.mode_since, descents: self.supervisor.descents }
+    }
+
+    /// How long an estimate must be good to be flown on again, s: what comes and goes would otherwise keep
+    /// the vehicle in the air for ever.
+    fn back_for_s(&self) -> f64 {
+        BACK_FOR_S * BACK_GROWTH.powi((self.supervisor.descents - 1).clamp(0, 6))
+    }
+}
 
 impl Pilot {
     pub(crate) fn supervise(&mut self, at: HostTime) {
@@ -55,7 +68,7 @@ impl Pilot {
         let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
         match self.flight.mode {
             Mode::Land => {
-                let (way, from_m) = (self.way_down(), self.flight.land_from_m);
+                let (way, from_m) = (self.flight.way_down(), self.flight.land_from_m);
                 let felt = self.navigation.watch_touch_down(&view!(self, at), &way, from_m);
                 self.take_floor(at, felt);
             }
@@ -89,7 +102,9 @@ impl Pilot {
             !self.navigation.is_uwb_fresh(at) || !self.navigation.estimate_is_back(&self.estimate);
         if near || bad || self.needs_descent() {
             self.flight.good_since = None;
-        } else if at.seconds_since(*self.flight.good_since.get_or_insert(at)) > self.back_for_s() {
+        } else if at.seconds_since(*self.flight.good_since.get_or_insert(at))
+            > self.flight.back_for_s()
+        {
             self.fire(at, Event::EstimateBack);
             return;
         }
@@ -99,7 +114,7 @@ impl Pilot {
             if self.navigation.touch.fell_at.is_none()
                 && self.navigation.touch.ceiling_frac.is_none()
             {
-                self.navigation.touch.ceiling_frac = self.standing_ceiling_frac();
+                self.navigation.touch.ceiling_frac = self.flight.standing_ceiling_frac();
             }
             let share = self.flight.control.thrust_frac
                 / self.flight.hover_thrust_frac(&self.config).max(0.05);
@@ -108,7 +123,7 @@ impl Pilot {
             let held_up = self.flight.supervisor.descent.is_held_up(share, HELD_UP_SHARE);
             let for_s = if low { TOUCH_FOR_S } else { HELD_UP_FOR_S };
             let reason = Reason { low, is_one: low || held_up, for_s, sink_mps: None };
-            let way = self.way_down();
+            let way = self.flight.way_down();
             let felt = self.navigation.feel_for_floor(&view!(self, at), &way, &reason);
             self.take_floor(at, felt);
         } else if self.navigation.touch.stands {
@@ -126,10 +141,6 @@ impl Pilot {
         }
     }
 
-    fn way_down(&self) -> WayDown {
-        WayDown { mode_since: self.flight.mode_since, descents: self.flight.supervisor.descents }
-    }
-
     /// What was felt of the floor.
     fn take_floor(&mut self, at: HostTime, felt: Felt) {
         match felt {
@@ -139,12 +150,6 @@ impl Pilot {
                 self.fire(at, Event::TouchDown);
             }
         }
-    }
-
-    /// How long an estimate must be good to be flown on again, s: what comes and goes would otherwise keep
-    /// the vehicle in the air for ever.
-    fn back_for_s(&self) -> f64 {
-        BACK_FOR_S * BACK_GROWTH.powi((self.flight.supervisor.descents - 1).clamp(0, 6))
     }
 
     /// Height of the landing gear above the floor by the estimate, m.

@@ -5,8 +5,8 @@ use haltere_core::frames::G_MPS2;
 use haltere_core::time::HostTime;
 
 use super::Navigation;
+use crate::clock::CONTROL_PERIOD_US;
 use crate::flight::modes::Mode;
-use crate::schedule::CONTROL_PERIOD_US;
 use crate::view::{BoardState, View};
 
 /// No touch-down is looked for right after the landing began, s.

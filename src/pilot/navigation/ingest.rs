@@ -28,11 +28,11 @@ const STD_BOARD_HEADING_RAD: f64 = 0.1;
 impl Navigation {
     /// The tag was connected.
     pub(crate) fn tag_up(&mut self, view: &View<'_>, out: &mut Out) {
-        self.uwb.reconnected();
-        self.mav_tag.reconnected();
-        self.tag_splitter.flush();
-        self.tag_is_up = true;
-        self.tag_asked_at = view.at;
+        self.tag.engine.reconnected();
+        self.tag.mavlink.reconnected();
+        self.tag.splitter.flush();
+        self.tag.is_up = true;
+        self.tag.asked_at = view.at;
         if view.config.tag_protocol == TagProtocol::LpsSniffer {
             out.raw(LinkId::Tag, SNIFFER_BINARY);
         }
@@ -41,7 +41,7 @@ impl Navigation {
 
     /// The tag was disconnected.
     pub(crate) fn tag_down(&mut self, view: &View<'_>, out: &mut Out) {
-        self.tag_is_up = false;
+        self.tag.is_up = false;
         out.say(view.at, Severity::Error, "tag disconnected".to_owned());
     }
 
@@ -54,17 +54,17 @@ impl Navigation {
         mut fused: impl FnMut(&Tdoa),
     ) {
         let at = view.at;
-        let mut tdoas = std::mem::take(&mut self.tdoas);
+        let mut tdoas = std::mem::take(&mut self.tag.tdoas);
         let drops = &mut out.drops[usize::from(LinkId::Tag.number())];
         match view.config.tag_protocol {
-            TagProtocol::LpsSniffer => self.uwb.tag_bytes(at, bytes, &mut tdoas, drops),
+            TagProtocol::LpsSniffer => self.tag.engine.tag_bytes(at, bytes, &mut tdoas, drops),
             TagProtocol::Mavlink => {
-                self.tag_splitter.push(bytes);
-                while let Some(next) = self.tag_splitter.next() {
+                self.tag.splitter.push(bytes);
+                while let Some(next) = self.tag.splitter.next() {
                     count_frame(drops, &next);
                     let Ok(frame) = next else { continue };
                     if let Ok(MavMessage::UWB_TDOA(m)) = frame.decode() {
-                        let (tag, uwb) = (&mut self.mav_tag, &view.config.uwb);
+                        let (tag, uwb) = (&mut self.tag.mavlink, &view.config.uwb);
                         match from_uwb_tdoa(tag, uwb, view.survey, at, &m, drops) {
                             Ok(tdoa) => tdoas.push(tdoa),
                             Err(reason) => drops.add(reason, 1),
@@ -74,22 +74,22 @@ impl Navigation {
             }
         }
         if !tdoas.is_empty() {
-            self.tag_asked_at = at;
+            self.tag.asked_at = at;
         }
         for tdoa in &tdoas {
             self.fuse_tdoa(view, tdoa, out, &mut fused);
         }
         tdoas.clear();
-        self.tdoas = tdoas;
+        self.tag.tdoas = tdoas;
     }
 
     /// A tag that restarted without the port noticing speaks text again. The command is harmless to
     /// one that already speaks binary.
     pub(crate) fn ask_for_binary(&mut self, view: &View<'_>, out: &mut Out) {
         let at = view.at;
-        let silent = at.seconds_since(self.tag_asked_at) > TAG_SILENCE_S;
-        if self.tag_is_up && silent && view.config.tag_protocol == TagProtocol::LpsSniffer {
-            self.tag_asked_at = at;
+        let silent = at.seconds_since(self.tag.asked_at) > TAG_SILENCE_S;
+        if self.tag.is_up && silent && view.config.tag_protocol == TagProtocol::LpsSniffer {
+            self.tag.asked_at = at;
             out.raw(LinkId::Tag, SNIFFER_BINARY);
         }
     }

@@ -46,16 +46,37 @@ use slip::Slip;
 use survey_check::SurveyCheck;
 use uwb::{MavTag, TdoaEngine};
 
+/// What is read of the tag.
+#[derive(Debug)]
+pub(crate) struct Tag {
+    /// For one that is a sniffer, and for one that computes time differences itself.
+    pub(crate) engine: TdoaEngine,
+    pub(crate) mavlink: MavTag,
+    splitter: MavSplitter,
+    /// Taken out while it is filled and emptied.
+    tdoas: Vec<Tdoa>,
+    is_up: bool,
+    /// When a measurement last came, or the tag was last asked for its stream.
+    asked_at: HostTime,
+}
+
+impl Tag {
+    fn new(config: &PilotConfig, survey: &Survey, at: HostTime) -> Self {
+        Self {
+            engine: TdoaEngine::new(config.uwb.clone(), survey),
+            mavlink: MavTag::new(),
+            splitter: MavSplitter::new(),
+            tdoas: Vec::new(),
+            is_up: false,
+            asked_at: at,
+        }
+    }
+}
+
 /// The tag, the estimator, and what is found beside it.
 #[derive(Debug)]
 pub(crate) struct Navigation {
-    pub(crate) uwb: TdoaEngine,
-    pub(crate) mav_tag: MavTag,
-    pub(crate) tag_splitter: MavSplitter,
-    pub(crate) tdoas: Vec<Tdoa>,
-    pub(crate) tag_is_up: bool,
-    /// When a measurement last came, or the tag was last asked for its stream.
-    pub(crate) tag_asked_at: HostTime,
+    pub(crate) tag: Tag,
     pub(crate) last_fused: Option<HostTime>,
     pub(crate) last_imu: Option<HostTime>,
     /// The newest sample, for who asks for it.
@@ -81,12 +102,7 @@ pub(crate) struct Navigation {
 impl Navigation {
     pub(crate) fn new(config: &PilotConfig, survey: &Survey, at: HostTime) -> Self {
         Self {
-            uwb: TdoaEngine::new(config.uwb.clone(), survey),
-            mav_tag: MavTag::new(),
-            tag_splitter: MavSplitter::new(),
-            tdoas: Vec::new(),
-            tag_is_up: false,
-            tag_asked_at: at,
+            tag: Tag::new(config, survey, at),
             last_fused: None,
             last_imu: None,
             imu: None,

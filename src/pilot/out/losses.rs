@@ -11,8 +11,7 @@ use haltere_core::time::HostTime;
 use super::Out;
 use super::shelf::Table;
 use super::voice::Severity;
-use crate::input::LinkId;
-use crate::stations::endpoint::MOST_STATIONS;
+use crate::input::{LinkId, MOST_STATIONS};
 
 /// People are told again that a station found no place after this time, s.
 const FULL_TELL_S: f64 = 10.0;

@@ -42,7 +42,7 @@ impl Pilot {
             }
             LinkId::Board => self.out.say(at, Severity::Error, "board disconnected".to_owned()),
             LinkId::Ground(n) => {
-                self.services_forget(link);
+                self.stations.services_forget(link);
                 self.stations.station_left(at, n, &mut self.out);
             }
         }

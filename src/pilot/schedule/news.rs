@@ -81,7 +81,7 @@ impl Pilot {
                 self.board.pressure_pa = Some((sample.pressure_pa, sample.received_at));
                 if let Some((height_m, dt_s)) = self.navigation.baro(&view!(self, at), &sample) {
                     let above_m = height_m - self.config.flight.gear_height_m;
-                    self.resume_at_height(sample.valid_at, above_m);
+                    self.flight.resume_at_height(sample.valid_at, above_m);
                     if self.flight.mode == Mode::Descend {
                         self.flight.supervisor.descent.baro(height_m, dt_s);
                     }
@@ -124,7 +124,7 @@ impl Pilot {
                 } else {
                     MavResult::MAV_RESULT_FAILED
                 };
-                self.answer_askers(Awaits::arming(arm), result);
+                self.stations.answer_askers(Awaits::arming(arm), result, &mut self.out);
                 if accepted {
                 } else if arm {
                     self.out.say(at, Severity::Error, format!("arming failed: {why}"));
@@ -136,7 +136,9 @@ impl Pilot {
                     self.out.say(at, Severity::Error, format!("disarming failed: {why}"));
                 }
             }
-            BoardNews::PassedOnAnswer(result) => self.answer_askers(Awaits::PassedOn, result),
+            BoardNews::PassedOnAnswer(result) => {
+                self.stations.answer_askers(Awaits::PassedOn, result, &mut self.out)
+            }
             BoardNews::Notice { warning, text } => {
                 let severity = if warning { Severity::Warning } else { Severity::Info };
                 self.out.say(at, severity, text);

@@ -4,8 +4,9 @@ use serde::de::{Error as _, MapAccess, Visitor, value::MapAccessDeserializer};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::address::{Address, HostPort};
+use crate::input::MOST_STATIONS;
 use crate::stations::endpoint::{
-    Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, MOST_STATIONS, OriginConfig, Routing,
+    Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, OriginConfig, Routing,
 };
 use crate::stations::guard::{RateLimit, Signing};
 use crate::stations::permits::Commanders;

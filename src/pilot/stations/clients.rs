@@ -19,6 +19,7 @@ use crate::flight::place::{Location, WIRE_DEG};
 use crate::flight::setpoint::{Owner, Setpoint, setpoint_from_global};
 use crate::input::LinkId;
 use crate::navigation::reference;
+use crate::out::Out;
 use crate::out::losses::count_frame;
 use crate::out::voice::Severity;
 
@@ -38,6 +39,27 @@ const GUIDED_HEIGHT: u8 = 3;
 /// Whether a message of this id carries a command.
 pub(crate) fn is_command(msg_id: u32) -> bool {
     matches!(msg_id, COMMAND_LONG_ID | COMMAND_INT_ID)
+}
+
+impl Out {
+    /// SERIAL_CONTROL: there is no shell, and whoever opens one reads so.
+    fn refuse_shell(&mut self, link: LinkId, peer: (u8, u8), m: &SERIAL_CONTROL_DATA) {
+        if m.flags.contains(SerialControlFlag::SERIAL_CONTROL_FLAG_REPLY) {
+            return;
+        }
+        let mut data = [0; 70];
+        data[..NO_SHELL.len()].copy_from_slice(NO_SHELL);
+        let answer = MavMessage::SERIAL_CONTROL(SERIAL_CONTROL_DATA {
+            device: m.device,
+            flags: SerialControlFlag::SERIAL_CONTROL_FLAG_REPLY,
+            count: NO_SHELL.len() as u8,
+            data,
+            target_system: peer.0,
+            target_component: peer.1,
+            ..Default::default()
+        });
+        self.message(link, &answer);
+    }
 }
 
 impl Pilot {
@@ -73,7 +95,7 @@ impl Pilot {
             );
             self.out.lose(link, DropReason::MavSequenceGap, missing);
             if !heard_before {
-                self.tell_lost(at, link);
+                self.stations.tell_lost(at, link, &mut self.out);
                 self.out.tell_recording(at, link);
             }
             let peer = (header.system_id, header.component_id);
@@ -81,7 +103,14 @@ impl Pilot {
             let target = decoded.as_ref().map_or((0, 0), mav_stream::target);
             let passed = self.route_from_ground(at, index, &frame, decoded.as_ref().ok(), target);
             if let Ok(message) = &decoded {
-                self.note_addressee(at, index, target, (header.msg_id, message), passed);
+                self.stations.note_addressee(
+                    at,
+                    index,
+                    target,
+                    (header.msg_id, message),
+                    passed,
+                    &mut self.out,
+                );
             }
             match decoded {
                 Ok(_) if !self.is_for_us(target) => {
@@ -207,7 +236,7 @@ impl Pilot {
                 let text = "no tune is played: the vehicle has nothing that sounds".to_owned();
                 self.out.say(at, Severity::Warning, text);
             }
-            MavMessage::SERIAL_CONTROL(m) => self.refuse_shell(link, peer, &m),
+            MavMessage::SERIAL_CONTROL(m) => self.out.refuse_shell(link, peer, &m),
             MavMessage::HEARTBEAT(_) => self.flight.supervisor.heard.station_at = Some(at),
             other => match reference::from_message(&other) {
                 Some(Ok(pose)) => {
@@ -220,25 +249,6 @@ impl Pilot {
                 None => self.out.lose(link, DropReason::MavIgnored, 1),
             },
         }
-    }
-
-    /// SERIAL_CONTROL: there is no shell, and whoever opens one reads so.
-    fn refuse_shell(&mut self, link: LinkId, peer: (u8, u8), m: &SERIAL_CONTROL_DATA) {
-        if m.flags.contains(SerialControlFlag::SERIAL_CONTROL_FLAG_REPLY) {
-            return;
-        }
-        let mut data = [0; 70];
-        data[..NO_SHELL.len()].copy_from_slice(NO_SHELL);
-        let answer = MavMessage::SERIAL_CONTROL(SERIAL_CONTROL_DATA {
-            device: m.device,
-            flags: SerialControlFlag::SERIAL_CONTROL_FLAG_REPLY,
-            count: NO_SHELL.len() as u8,
-            data,
-            target_system: peer.0,
-            target_component: peer.1,
-            ..Default::default()
-        });
-        self.out.message(link, &answer);
     }
 
     /// A setpoint of an offboard client. While one flies, another is not listened to.

@@ -7,6 +7,7 @@ use haltere_dialect::mav::known;
 
 use haltere_core::time::HostTime;
 
+use super::Stations;
 use super::identity::{SHOWN_MODES, available_mode, standard_mode};
 use crate::Pilot;
 use crate::flight::arming::SHADOW_WORDS;
@@ -14,6 +15,7 @@ use crate::flight::modes::{Event, Mode};
 use crate::flight::place::Location;
 use crate::flight::shadow;
 use crate::input::LinkId;
+use crate::out::Out;
 use crate::out::voice::Severity;
 
 /// AVAILABLE_MODES and MESSAGE_INTERVAL, which REQUEST_MESSAGE asks for with a second number.
@@ -81,6 +83,82 @@ pub(crate) fn refuse(result: MavResult, text: impl Into<String>) -> Answer {
     Err((result, text.into()))
 }
 
+impl Out {
+    fn send_ack(&mut self, link: LinkId, peer: (u8, u8), command: u16, result: MavResult) {
+        // 255: how far it is, nobody knows.
+        let progress = if result == MavResult::MAV_RESULT_IN_PROGRESS { u8::MAX } else { 0 };
+        let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
+            command,
+            result: result as u8,
+            progress,
+            result_param2: 0,
+            target_system: peer.0,
+            target_component: peer.1,
+        });
+        self.message(link, &message);
+    }
+}
+
+impl Stations {
+    /// A client waits for the board. Asked again it waits once.
+    pub(crate) fn wait_for_board(&mut self, at: HostTime, request: &Request, awaits: Awaits) {
+        let Request { link, peer, command, .. } = *request;
+        self.askers.retain(|a| (a.link, a.peer) != (link, peer) || a.awaits != awaits);
+        if self.askers.len() < MOST_ASKERS {
+            let asker = Asker { link, peer, command, awaits, since: at, words: 0 };
+            self.askers.push(asker);
+        }
+    }
+
+    /// The board has answered what clients wait for.
+    pub(crate) fn answer_askers(&mut self, awaits: Awaits, result: MavResult, out: &mut Out) {
+        let askers = std::mem::take(&mut self.askers);
+        for asker in askers {
+            if asker.awaits == awaits {
+                out.send_ack(asker.link, asker.peer, asker.command as u16, result);
+            } else {
+                self.askers.push(asker);
+            }
+        }
+    }
+
+    /// A board that does not know a command need not answer it.
+    fn give_up_passed_on(&mut self, at: HostTime, out: &mut Out) {
+        let late =
+            |a: &Asker| a.awaits == Awaits::PassedOn && at.seconds_since(a.since) > PASSED_ON_FOR_S;
+        if self.askers.iter().any(late) {
+            self.answer_askers(Awaits::PassedOn, MavResult::MAV_RESULT_FAILED, out);
+            out.say(at, Severity::Warning, "board does not answer a command".to_owned());
+        }
+    }
+
+    /// Tells clients that wait that they have to.
+    pub(crate) fn soothe_askers(&mut self, at: HostTime, out: &mut Out) {
+        self.give_up_passed_on(at, out);
+        for i in 0..self.askers.len() {
+            let asker = self.askers[i];
+            let due_s = IN_PROGRESS_AFTER_S + IN_PROGRESS_AGAIN_S * f64::from(asker.words);
+            if at.seconds_since(asker.since) > due_s {
+                self.askers[i].words += 1;
+                let result = MavResult::MAV_RESULT_IN_PROGRESS;
+                out.send_ack(asker.link, asker.peer, asker.command as u16, result);
+            }
+        }
+    }
+
+    fn send_interval(&mut self, link: LinkId, msg_id: f64, out: &mut Out) -> Answer {
+        // The casts saturate; NaN is 0.
+        let id = if msg_id >= 0.0 { msg_id as u32 } else { u32::MAX };
+        let interval_us = self.ground_mut(link).map_or(0, |g| g.streams.interval_us(id));
+        let message = MavMessage::MESSAGE_INTERVAL(MESSAGE_INTERVAL_DATA {
+            message_id: id as u16,
+            interval_us,
+        });
+        out.message(link, &message);
+        Ok(MavResult::MAV_RESULT_ACCEPTED)
+    }
+}
+
 impl Pilot {
     /// Does what a client commands, by number, and answers whatever it is.
     pub(crate) fn answer(
@@ -105,45 +183,9 @@ impl Pilot {
             Ok(result) => (result, None),
             Err((result, why)) => (result, Some(why)),
         };
-        self.send_ack(link, peer, number, result);
+        self.out.send_ack(link, peer, number, result);
         if let Some(why) = why {
             self.out.say(at, Severity::Warning, why);
-        }
-    }
-
-    fn send_ack(&mut self, link: LinkId, peer: (u8, u8), command: u16, result: MavResult) {
-        // 255: how far it is, nobody knows.
-        let progress = if result == MavResult::MAV_RESULT_IN_PROGRESS { u8::MAX } else { 0 };
-        let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-            command,
-            result: result as u8,
-            progress,
-            result_param2: 0,
-            target_system: peer.0,
-            target_component: peer.1,
-        });
-        self.out.message(link, &message);
-    }
-
-    /// A client waits for the board. Asked again it waits once.
-    pub(crate) fn wait_for_board(&mut self, at: HostTime, request: &Request, awaits: Awaits) {
-        let Request { link, peer, command, .. } = *request;
-        self.stations.askers.retain(|a| (a.link, a.peer) != (link, peer) || a.awaits != awaits);
-        if self.stations.askers.len() < MOST_ASKERS {
-            let asker = Asker { link, peer, command, awaits, since: at, words: 0 };
-            self.stations.askers.push(asker);
-        }
-    }
-
-    /// The board has answered what clients wait for.
-    pub(crate) fn answer_askers(&mut self, awaits: Awaits, result: MavResult) {
-        let askers = std::mem::take(&mut self.stations.askers);
-        for asker in askers {
-            if asker.awaits == awaits {
-                self.send_ack(asker.link, asker.peer, asker.command as u16, result);
-            } else {
-                self.stations.askers.push(asker);
-            }
         }
     }
 
@@ -167,18 +209,8 @@ impl Pilot {
         self.board.link.send_command(request.command, params, &mut self.out.outbox);
         let text = format!("failure passed on to the board: unit {unit} type {kind}");
         self.out.say(at, Severity::Warning, text);
-        self.wait_for_board(at, request, Awaits::PassedOn);
+        self.stations.wait_for_board(at, request, Awaits::PassedOn);
         Ok(MavResult::MAV_RESULT_IN_PROGRESS)
-    }
-
-    /// A board that does not know a command need not answer it.
-    fn give_up_passed_on(&mut self, at: HostTime) {
-        let late =
-            |a: &Asker| a.awaits == Awaits::PassedOn && at.seconds_since(a.since) > PASSED_ON_FOR_S;
-        if self.stations.askers.iter().any(late) {
-            self.answer_askers(Awaits::PassedOn, MavResult::MAV_RESULT_FAILED);
-            self.out.say(at, Severity::Warning, "board does not answer a command".to_owned());
-        }
     }
 
     /// COMMAND_CANCEL: what takes its time is ended, and answered as cancelled. What has been done is
@@ -191,21 +223,7 @@ impl Pilot {
         if asker.awaits == Awaits::Arm && self.flight.mode == Mode::Arming {
             self.fire(at, Event::DisarmAsked);
         }
-        self.send_ack(link, peer, command, MavResult::MAV_RESULT_CANCELLED);
-    }
-
-    /// Tells clients that wait that they have to.
-    pub(crate) fn soothe_askers(&mut self, at: HostTime) {
-        self.give_up_passed_on(at);
-        for i in 0..self.stations.askers.len() {
-            let asker = self.stations.askers[i];
-            let due_s = IN_PROGRESS_AFTER_S + IN_PROGRESS_AGAIN_S * f64::from(asker.words);
-            if at.seconds_since(asker.since) > due_s {
-                self.stations.askers[i].words += 1;
-                let result = MavResult::MAV_RESULT_IN_PROGRESS;
-                self.send_ack(asker.link, asker.peer, asker.command as u16, result);
-            }
-        }
+        self.out.send_ack(link, peer, command, MavResult::MAV_RESULT_CANCELLED);
     }
 
     fn command(&mut self, at: HostTime, request: &Request) -> Answer {
@@ -298,7 +316,9 @@ impl Pilot {
                     refuse(R::MAV_RESULT_DENIED, format!("no stream of message {}", p[0]))
                 }
             }
-            MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL => self.send_interval(request.link, p[0]),
+            MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL => {
+                self.stations.send_interval(request.link, p[0], &mut self.out)
+            }
             MavCmd::MAV_CMD_REQUEST_MESSAGE => self.request_message(at, request.link, p),
             MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES => {
                 self.send_telemetry(at, request.link, ON_REQUEST_IDS[0]);
@@ -309,23 +329,11 @@ impl Pilot {
         }
     }
 
-    fn send_interval(&mut self, link: LinkId, msg_id: f64) -> Answer {
-        // The casts saturate; NaN is 0.
-        let id = if msg_id >= 0.0 { msg_id as u32 } else { u32::MAX };
-        let interval_us = self.stations.ground_mut(link).map_or(0, |g| g.streams.interval_us(id));
-        let message = MavMessage::MESSAGE_INTERVAL(MESSAGE_INTERVAL_DATA {
-            message_id: id as u16,
-            interval_us,
-        });
-        self.out.message(link, &message);
-        Ok(MavResult::MAV_RESULT_ACCEPTED)
-    }
-
     /// MAV_CMD_REQUEST_MESSAGE. Refusals are not told to people: stations try many at connecting.
     fn request_message(&mut self, at: HostTime, link: LinkId, p: [f64; 4]) -> Answer {
         use MavResult as R;
         if p[0] == MESSAGE_INTERVAL_ID {
-            return self.send_interval(link, p[1]);
+            return self.stations.send_interval(link, p[1], &mut self.out);
         }
         if p[0] == AVAILABLE_MODES_ID {
             let all = p[1] == 0.0;

@@ -9,8 +9,6 @@ use haltere_dialect::mav::known;
 use super::identity::FLAPPING_WING;
 use super::permits::Commanders;
 
-/// Most stations of one endpoint that is found by them (`udpin`, `tcpin`).
-pub const MOST_STATIONS: u8 = 8;
 /// Most links to stations in all: link numbers of logs are one byte, tag and board are two of them.
 pub const MOST_GROUND_LINKS: usize = 64;
 
@@ -62,7 +60,7 @@ pub struct Endpoint {
     pub vehicle_type: u8,
     /// What it claims of a satellite receiver.
     pub gps: GpsClaim,
-    /// Links that it may have at once: 1, or up to [`MOST_STATIONS`] where stations come to us.
+    /// Links that it may have at once: 1, or up to [`MOST_STATIONS`](crate::MOST_STATIONS) where stations come to us.
     pub stations: u8,
     /// What its line carries, bytes/s; `None`: more than we ever send.
     pub line_Bps: Option<f64>,

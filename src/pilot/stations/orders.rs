@@ -44,7 +44,7 @@ impl Pilot {
         if arm {
             if self.flight.mode == Mode::Arming {
                 // Asked again before the board has answered.
-                self.wait_for_board(at, request, Awaits::Arm);
+                self.stations.wait_for_board(at, request, Awaits::Arm);
                 return Ok(R::MAV_RESULT_IN_PROGRESS);
             }
             let ours = !matches!(self.flight.mode, Mode::Disarmed | Mode::Disarming);
@@ -61,7 +61,7 @@ impl Pilot {
             }
             self.tell_at_rest(at);
             self.board.link.command_arm(true, false, at);
-            self.wait_for_board(at, request, Awaits::Arm);
+            self.stations.wait_for_board(at, request, Awaits::Arm);
             self.fire(at, Event::ArmAsked);
             return Ok(R::MAV_RESULT_IN_PROGRESS);
         }
@@ -86,7 +86,7 @@ impl Pilot {
             return Ok(R::MAV_RESULT_ACCEPTED);
         }
         if self.flight.mode == Mode::Disarming && !forced && self.board.link.is_commanding() {
-            self.wait_for_board(at, request, Awaits::Disarm);
+            self.stations.wait_for_board(at, request, Awaits::Disarm);
             return Ok(R::MAV_RESULT_IN_PROGRESS);
         }
         // In the spool-up the floor still carries the vehicle.
@@ -97,7 +97,7 @@ impl Pilot {
                 "disarming in the air refused: land, or force it with 21196",
             );
         }
-        self.wait_for_board(at, request, Awaits::Disarm);
+        self.stations.wait_for_board(at, request, Awaits::Disarm);
         if !self.fire(at, Event::DisarmAsked) || forced {
             self.board.link.command_arm(false, forced, at);
         }
@@ -109,7 +109,7 @@ impl Pilot {
         let kind = if request.command == MavCmd::MAV_CMD_NAV_TAKEOFF_LOCAL {
             Kind::Local
         } else {
-            self.kind_of(request)?
+            self.stations.kind_of(request)?
         };
         let wanted = self.room_point(kind, [f64::NAN, f64::NAN, request.location.z()]);
         self.ask_takeoff(at, wanted.height_m.unwrap_or(self.config.flight.takeoff_height_m))
@@ -156,7 +156,7 @@ impl Pilot {
         }
         if matches!(event, Event::HoldAsked | Event::LandAsked) && !self.flight.mode.has_thrust() {
             // On the floor it is granted: nothing moves, and a waiting take-off is called off.
-            self.call_off_lift_off();
+            self.flight.call_off_lift_off();
             return Ok(MavResult::MAV_RESULT_ACCEPTED);
         }
         let what = wish(event);
@@ -184,7 +184,7 @@ impl Pilot {
     }
 
     fn refuse_while_ending(&self, what: &str) -> Answer {
-        match self.ending_forbids(Mode::Takeoff) {
+        match self.flight.ending_forbids(Mode::Takeoff) {
             None => Ok(MavResult::MAV_RESULT_ACCEPTED),
             Some(why) => {
                 refuse(MavResult::MAV_RESULT_TEMPORARILY_REJECTED, format!("{what} refused: {why}"))

@@ -22,6 +22,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
+use super::Stations;
 use super::mission_transfer::ack;
 use super::services::ftp_wire::Packet;
 use crate::Pilot;
@@ -218,7 +219,7 @@ fn looks(message: &MavMessage) -> bool {
     }
 }
 
-impl Pilot {
+impl Stations {
     /// Whether a system may say this to us, or through us to the board. `None`: a message that we do
     /// not know, which may be anything.
     pub(crate) fn may_say(
@@ -227,10 +228,12 @@ impl Pilot {
         system_id: u8,
         message: Option<&MavMessage>,
     ) -> bool {
-        let commands = self.stations.endpoint_on(link).commanders.contains(system_id);
+        let commands = self.endpoint_on(link).commanders.contains(system_id);
         commands || message.is_some_and(looks)
     }
+}
 
+impl Pilot {
     /// Whether what a system asks for is refused, because it may only look. `true`: it is answered.
     pub(crate) fn is_refused(
         &mut self,
@@ -239,7 +242,7 @@ impl Pilot {
         peer: (u8, u8),
         message: &MavMessage,
     ) -> bool {
-        if self.may_say(link, peer.0, Some(message)) {
+        if self.stations.may_say(link, peer.0, Some(message)) {
             return false;
         }
         self.out.lose(link, DropReason::NotPermitted, 1);

@@ -186,7 +186,7 @@ impl Pilot {
         // Nobody speaks to the board in our name, nor for whom we would not listen to ourselves.
         let link = self.stations.grounds[index].link;
         let claims_us = self.board.link.is_own_address(sender);
-        if claims_us || !self.may_say(link, sender.0, message) {
+        if claims_us || !self.stations.may_say(link, sender.0, message) {
             self.out.lose(link, DropReason::NotPermitted, 1);
             return false;
         }

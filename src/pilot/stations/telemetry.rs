@@ -45,7 +45,7 @@ impl Pilot {
     /// HEARTBEAT and CURRENT_MODE at once where the mode shown or the arming has changed: clients that
     /// asked for it give up soon (GROUND.md).
     pub(crate) fn tell_mode(&mut self, at: HostTime) {
-        let shown = (self.shown_mode().custom_mode(), self.board.link.is_armed());
+        let shown = (self.flight.shown_mode().custom_mode(), self.board.link.is_armed());
         if self.out.told.mode == Some(shown) {
             return;
         }
@@ -70,7 +70,7 @@ impl Pilot {
         Some(match msg_id {
             0 => self.heartbeat(&endpoint),
             1 => self.sys_status(&endpoint),
-            162 => self.fence_status(),
+            162 => self.stations.fence_status(),
             EVENT_SEQUENCE_ID => {
                 let is_known = self
                     .stations
@@ -154,9 +154,10 @@ impl Pilot {
                 landed_state: self.landed_state() as u8,
             }),
             331 if aligned => self.odometry(at),
-            436 => {
-                identity::current_mode(self.shown_mode().custom_mode(), self.stations.intended_mode)
-            }
+            436 => identity::current_mode(
+                self.flight.shown_mode().custom_mode(),
+                self.stations.intended_mode,
+            ),
             437 => MavMessage::AVAILABLE_MODES_MONITOR(AVAILABLE_MODES_MONITOR_DATA { seq: 0 }),
             54101 if aligned => MavMessage::HALTERE_ESTIMATE(HALTERE_ESTIMATE_DATA {
                 time_usec: at.as_us(),
@@ -176,7 +177,7 @@ impl Pilot {
             54102 if self.flight.mode.has_thrust() => self.control_message(),
             54103 => self.next_pair(at, link)?,
             54104 => self.next_drop(at, link)?,
-            54105 => self.next_link(at, link)?,
+            54105 => self.stations.next_link(at, link, &mut self.out)?,
             _ => return None,
         })
     }
@@ -202,7 +203,7 @@ impl Pilot {
             _ => MavState::MAV_STATE_STANDBY,
         };
         MavMessage::HEARTBEAT(HEARTBEAT_DATA {
-            custom_mode: self.shown_mode().custom_mode(),
+            custom_mode: self.flight.shown_mode().custom_mode(),
             mavtype: endpoint.vehicle_type,
             autopilot: identity::autopilot(endpoint.identity) as u8,
             base_mode,
@@ -355,7 +356,7 @@ impl Pilot {
         let total = self.flight.mission.items.len() as u16;
         let seq = self.flight.guidance.current_item;
         // Its landing is a part of it.
-        let flies = self.flies_mission() || self.flight.guidance.landing;
+        let flies = self.flight.flies_mission() || self.flight.guidance.landing;
         let mission_state = if total == 0 {
             MissionState::MISSION_STATE_NO_MISSION
         } else if seq >= total {

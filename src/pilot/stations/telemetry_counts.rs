@@ -7,8 +7,48 @@ use haltere_dialect::mav::haltere::{
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
+use super::Stations;
 use crate::Pilot;
 use crate::input::LinkId;
+use crate::out::Out;
+
+impl Stations {
+    /// Links with a station take turns: one message each.
+    pub(crate) fn next_link(
+        &mut self,
+        at: HostTime,
+        link: LinkId,
+        out: &mut Out,
+    ) -> Option<MavMessage> {
+        let LinkId::Ground(own) = link else { return None };
+        let mut cursor = self.grounds.get(usize::from(own))?.link_cursor;
+        let total = self.grounds.len();
+        for _ in 0..total {
+            cursor = (cursor + 1) % total;
+            let ground = self.grounds.get(cursor)?;
+            if out.is_open(ground.link) {
+                let wire = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
+                let counts = ground.counts;
+                let message = MavMessage::HALTERE_LINK(HALTERE_LINK_DATA {
+                    time_usec: at.as_us(),
+                    received: wire(counts.received),
+                    lost: wire(counts.lost),
+                    sent: wire(counts.sent),
+                    routed: wire(counts.routed),
+                    delayed: wire(ground.streams.delayed),
+                    received_bytes: wire(counts.received_B),
+                    sent_bytes: wire(counts.sent_B),
+                    link: ground.link.number(),
+                    endpoint: ground.endpoint_number,
+                    own: u8::from(ground.link == link),
+                });
+                self.grounds.get_mut(usize::from(own))?.link_cursor = cursor;
+                return Some(message);
+            }
+        }
+        None
+    }
+}
 
 impl Pilot {
     /// Pairs take turns: one message each.
@@ -50,37 +90,6 @@ impl Pilot {
                     link: if link == core { u8::MAX } else { link as u8 },
                     reason: reason.name().into(),
                 }));
-            }
-        }
-        None
-    }
-
-    /// Links with a station take turns: one message each.
-    pub(crate) fn next_link(&mut self, at: HostTime, link: LinkId) -> Option<MavMessage> {
-        let LinkId::Ground(own) = link else { return None };
-        let mut cursor = self.stations.grounds.get(usize::from(own))?.link_cursor;
-        let total = self.stations.grounds.len();
-        for _ in 0..total {
-            cursor = (cursor + 1) % total;
-            let ground = self.stations.grounds.get(cursor)?;
-            if self.out.is_open(ground.link) {
-                let wire = |count: u64| u32::try_from(count).unwrap_or(u32::MAX);
-                let counts = ground.counts;
-                let message = MavMessage::HALTERE_LINK(HALTERE_LINK_DATA {
-                    time_usec: at.as_us(),
-                    received: wire(counts.received),
-                    lost: wire(counts.lost),
-                    sent: wire(counts.sent),
-                    routed: wire(counts.routed),
-                    delayed: wire(ground.streams.delayed),
-                    received_bytes: wire(counts.received_B),
-                    sent_bytes: wire(counts.sent_B),
-                    link: ground.link.number(),
-                    endpoint: ground.endpoint_number,
-                    own: u8::from(ground.link == link),
-                });
-                self.stations.grounds.get_mut(usize::from(own))?.link_cursor = cursor;
-                return Some(message);
             }
         }
         None

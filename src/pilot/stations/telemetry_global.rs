@@ -76,7 +76,7 @@ impl Pilot {
                 GpsFixType::GPS_FIX_TYPE_NO_FIX
             },
             // What is in view are anchors.
-            satellites_visible: self.navigation.uwb.anchors_heard().count().min(254) as u8,
+            satellites_visible: self.navigation.tag.engine.anchors_heard().count().min(254) as u8,
             alt_ellipsoid: 0,
             h_acc: accuracy_mm(horizontal_m),
             v_acc: accuracy_mm(std.z()),

@@ -10,10 +10,12 @@ use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 use haltere_dialect::mav::haltere::MavMessage;
 
+use super::Stations;
 use super::clients::is_command;
 use crate::Pilot;
 use crate::flight::modes::Mode;
 use crate::input::LinkId;
+use crate::out::Out;
 use crate::out::voice::Severity;
 
 /// Bytes that are no frame: as many as no noise makes before a station has said a word.
@@ -34,6 +36,55 @@ pub(crate) struct Addressees {
     us: bool,
     /// A system and component that is not here was asked for something, and when.
     other: Option<(HostTime, (u8, u8))>,
+}
+
+impl Stations {
+    /// Takes note of whom a message is for. `passed`: it went on to somebody.
+    pub(crate) fn note_addressee(
+        &mut self,
+        at: HostTime,
+        index: usize,
+        target: (u8, u8),
+        (msg_id, message): (u32, &MavMessage),
+        passed: bool,
+        out: &mut Out,
+    ) {
+        let own_id = out.own.system_id;
+        let Some(ground) = self.grounds.get_mut(index) else { return };
+        if target.0 == own_id {
+            ground.addressees = Addressees { us: true, other: None };
+        } else if target.0 != 0
+            && !passed
+            && !ground.addressees.us
+            && (is_command(msg_id) || asks(message))
+        {
+            ground.addressees.other.get_or_insert((at, target));
+        }
+    }
+
+    /// A station asked a system that is not here, and has not spoken to us since.
+    pub(crate) fn tell_misaddressed(&mut self, at: HostTime, index: usize, out: &mut Out) {
+        let own = out.own;
+        let Some(ground) = self.grounds.get_mut(index) else { return };
+        let other = ground.addressees.other;
+        let Some((since, (system, component))) = other else { return };
+        if at.seconds_since(since) < KNOWN_WITHIN_S {
+            return;
+        }
+        ground.addressees.other = None;
+        if ground.has_heard_system(system) {
+            return;
+        }
+        let link = ground.link;
+        let text = format!(
+            "link {}: a station asks system {system}, component {component}, which is not here: this vehicle is system \
+             {}, component {}",
+            link.number(),
+            own.system_id,
+            own.component_id
+        );
+        out.tell_once(at, link, DropReason::MavWrongPeer, text);
+    }
 }
 
 impl Pilot {
@@ -62,52 +113,6 @@ impl Pilot {
             _ => return,
         };
         self.out.tell_once(at, link, reason, format!("ground.endpoints[{number}]: {what}"));
-    }
-
-    /// Takes note of whom a message is for. `passed`: it went on to somebody.
-    pub(crate) fn note_addressee(
-        &mut self,
-        at: HostTime,
-        index: usize,
-        target: (u8, u8),
-        (msg_id, message): (u32, &MavMessage),
-        passed: bool,
-    ) {
-        let own_id = self.out.own.system_id;
-        let Some(ground) = self.stations.grounds.get_mut(index) else { return };
-        if target.0 == own_id {
-            ground.addressees = Addressees { us: true, other: None };
-        } else if target.0 != 0
-            && !passed
-            && !ground.addressees.us
-            && (is_command(msg_id) || asks(message))
-        {
-            ground.addressees.other.get_or_insert((at, target));
-        }
-    }
-
-    /// A station asked a system that is not here, and has not spoken to us since.
-    pub(crate) fn tell_misaddressed(&mut self, at: HostTime, index: usize) {
-        let own = self.out.own;
-        let Some(ground) = self.stations.grounds.get_mut(index) else { return };
-        let other = ground.addressees.other;
-        let Some((since, (system, component))) = other else { return };
-        if at.seconds_since(since) < KNOWN_WITHIN_S {
-            return;
-        }
-        ground.addressees.other = None;
-        if ground.has_heard_system(system) {
-            return;
-        }
-        let link = ground.link;
-        let text = format!(
-            "link {}: a station asks system {system}, component {component}, which is not here: this vehicle is system \
-             {}, component {}",
-            link.number(),
-            own.system_id,
-            own.component_id
-        );
-        self.out.tell_once(at, link, DropReason::MavWrongPeer, text);
     }
 
     /// A setpoint came. Who streams them in another mode waits for a vehicle that does not move.

@@ -4,6 +4,7 @@ use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
 use crate::Pilot;
 use crate::board::link::lateness::LATE_S;
+use crate::flight::Flight;
 use crate::flight::modes::Mode;
 use crate::out::voice::Severity;
 use haltere_core::time::HostTime;
@@ -28,21 +29,23 @@ pub(crate) struct Heard {
     pub sticks: Option<(f64, HostTime)>,
 }
 
-impl Pilot {
-    fn board_silent_s(&self, at: HostTime) -> f64 {
-        let own_s = self.flight.supervisor.punctuality.own_silence_s(at);
-        (self.board.link.silence_s(at).unwrap_or(0.0) - own_s).max(0.0)
-    }
-
+impl Flight {
     /// Silence of the stations, s; 0 where none takes part.
     fn stations_silent_s(&self, at: HostTime) -> f64 {
-        let heard = &self.flight.supervisor.heard;
+        let heard = &self.supervisor.heard;
         match (heard.station_at, heard.flight_at) {
             (Some(beat), Some(flight)) if flight.seconds_since(beat) < STATION_BEFORE_S => {
                 at.seconds_since(beat)
             }
             _ => 0.0,
         }
+    }
+}
+
+impl Pilot {
+    fn board_silent_s(&self, at: HostTime) -> f64 {
+        let own_s = self.flight.supervisor.punctuality.own_silence_s(at);
+        (self.board.link.silence_s(at).unwrap_or(0.0) - own_s).max(0.0)
     }
 
     fn follower_is_silent(&self, at: HostTime, manual: bool) -> bool {
@@ -240,8 +243,8 @@ pub(super) const GROUND: Condition = Condition {
     because: "no station is heard",
     over: "a station is heard again",
     severity: Severity::Warning,
-    is_seen: |pilot, at| pilot.stations_silent_s(at) > pilot.config.supervisor.ground_loss_s,
-    words: |pilot, at| format!("no station heard for {:.1} s", pilot.stations_silent_s(at)),
+    is_seen: |pilot, at| pilot.flight.stations_silent_s(at) > pilot.config.supervisor.ground_loss_s,
+    words: |pilot, at| format!("no station heard for {:.1} s", pilot.flight.stations_silent_s(at)),
     ..ROW
 };
 

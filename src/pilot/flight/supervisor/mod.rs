@@ -218,7 +218,7 @@ impl Pilot {
     /// Why a client may not have a mode now: something holds that wants more.
     pub(crate) fn forbids(&self, event: Event) -> Option<&'static str> {
         let to = transition(self.flight.mode, event)?.to;
-        if let Some(why) = self.ending_forbids(to) {
+        if let Some(why) = self.flight.ending_forbids(to) {
             return Some(why);
         }
         if self.navigation.is_touching_down(self.flight.mode) && to.is_flying() {

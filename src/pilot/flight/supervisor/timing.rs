@@ -2,9 +2,8 @@
 
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::clock::BACK_S;
+use crate::clock::{BACK_S, CONTROL_PERIOD_US};
 use crate::out::voice::Severity;
-use crate::schedule::CONTROL_PERIOD_US;
 use haltere_core::time::HostTime;
 
 /// Steps over which the share of late ones is taken: half a second.

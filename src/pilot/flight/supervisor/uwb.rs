@@ -28,14 +28,15 @@ impl Pilot {
 }
 
 fn words_of_loss(pilot: &Pilot, at: HostTime) -> String {
-    let why =
-        if pilot.navigation.uwb.is_played_again() || pilot.navigation.mav_tag.is_played_again() {
-            "; what comes was heard before, or its time runs backwards: connect the tag anew"
-        } else if pilot.navigation.uwb.is_old() || pilot.navigation.mav_tag.is_old() {
-            "; what comes is old: connect the tag anew"
-        } else {
-            ""
-        };
+    let why = if pilot.navigation.tag.engine.is_played_again()
+        || pilot.navigation.tag.mavlink.is_played_again()
+    {
+        "; what comes was heard before, or its time runs backwards: connect the tag anew"
+    } else if pilot.navigation.tag.engine.is_old() || pilot.navigation.tag.mavlink.is_old() {
+        "; what comes is old: connect the tag anew"
+    } else {
+        ""
+    };
     format!(
         "no UWB for {:.1} s, position known to {:.2} m{why}",
         pilot.navigation.uwb_age_s(at).min(999.0),

@@ -5,24 +5,27 @@ use haltere_core::geo::LocalOrigin;
 use crate::Pilot;
 use crate::flight::tilt_step::Envelope;
 use crate::input::LinkId;
+use crate::stations::Stations;
 use crate::stations::endpoint::Identity;
 use haltere_core::control::{Handover, margins};
 
-impl Pilot {
-    /// Where the room lies on Earth.
-    pub(crate) fn local_origin(&self) -> Option<LocalOrigin> {
-        Some(self.origin)
-    }
-
+impl Stations {
     /// Whether a link shows the identity `px4`.
     pub(super) fn is_px4(&self, link: LinkId) -> bool {
-        self.stations.endpoint_on(link).identity == Identity::Px4
+        self.endpoint_on(link).identity == Identity::Px4
     }
 
     /// What the line of a link carries, bytes/s; `None`: more than we ever send.
     pub(super) fn line_Bps(&self, link: LinkId) -> Option<f64> {
         let LinkId::Ground(n) = link else { return None };
-        self.stations.grounds.get(usize::from(n))?.streams.line_Bps()
+        self.grounds.get(usize::from(n))?.streams.line_Bps()
+    }
+}
+
+impl Pilot {
+    /// Where the room lies on Earth.
+    pub(crate) fn local_origin(&self) -> Option<LocalOrigin> {
+        Some(self.origin)
     }
 
     /// A value of the configuration changed: everything that has a copy takes it over. Outputs of

@@ -6,6 +6,7 @@ use haltere_dialect::mav::haltere::{FENCE_STATUS_DATA, FenceBreach, FenceMitigat
 use haltere_core::time::HostTime;
 
 use crate::Pilot;
+use crate::stations::Stations;
 
 /// Height above the ceiling of the flight volume that is still no breach, m: the estimate's noise.
 const CEILING_MARGIN_M: f64 = 0.5;
@@ -27,6 +28,25 @@ impl Default for FenceWatch {
             last: FenceBreach::FENCE_BREACH_NONE,
             last_at: HostTime::default(),
         }
+    }
+}
+
+impl Stations {
+    /// FENCE_STATUS.
+    pub(crate) fn fence_status(&self) -> MavMessage {
+        let watch = &self.services.fence_watch;
+        let held_back = self.services.plans.held_back.is_some();
+        MavMessage::FENCE_STATUS(FENCE_STATUS_DATA {
+            breach_time: (watch.last_at.as_us() / 1000) as u32,
+            breach_count: watch.count,
+            breach_status: u8::from(watch.is_outside),
+            breach_type: watch.last,
+            breach_mitigation: if held_back {
+                FenceMitigate::FENCE_MITIGATE_VEL_LIMIT
+            } else {
+                FenceMitigate::FENCE_MITIGATE_NONE
+            },
+        })
     }
 }
 
@@ -58,22 +78,5 @@ impl Pilot {
             watch.last_at = at;
         }
         watch.is_outside = breach.is_some();
-    }
-
-    /// FENCE_STATUS.
-    pub(crate) fn fence_status(&self) -> MavMessage {
-        let watch = &self.stations.services.fence_watch;
-        let held_back = self.stations.services.plans.held_back.is_some();
-        MavMessage::FENCE_STATUS(FENCE_STATUS_DATA {
-            breach_time: (watch.last_at.as_us() / 1000) as u32,
-            breach_count: watch.count,
-            breach_status: u8::from(watch.is_outside),
-            breach_type: watch.last,
-            breach_mitigation: if held_back {
-                FenceMitigate::FENCE_MITIGATE_VEL_LIMIT
-            } else {
-                FenceMitigate::FENCE_MITIGATE_NONE
-            },
-        })
     }
 }

@@ -18,6 +18,8 @@ use super::ftp_stream::{Content, Session};
 use super::ftp_wire::{MOST_DATA, Packet};
 use crate::Pilot;
 use crate::input::LinkId;
+use crate::out::Out;
+use crate::stations::Stations;
 use crate::stations::endpoint::Identity;
 use crate::stations::mission_transfer::Client;
 
@@ -137,38 +139,17 @@ fn page(entries: impl Iterator<Item = Vec<u8>>, from: u32) -> Option<Vec<u8>> {
     (!data.is_empty()).then_some(data)
 }
 
-impl Pilot {
-    pub(super) fn ftp_message(&mut self, at: HostTime, client: Client, payload: &[u8; 251]) {
-        let request = Packet::decode(payload);
-        let (seq, crc) = (request.seq, crc32(payload, 0));
-        let known = self
-            .stations
-            .services
-            .ftp
-            .answered
-            .iter()
-            .find(|known| (known.client, known.seq, known.crc) == (client, seq, crc));
-        if let Some(known) = known {
-            // Repeated: the answer was lost, or is still being worked on.
-            if let Some(answer) = known.answer.clone() {
-                self.send_ftp(client, &answer);
-            }
-            return;
-        }
-        self.stations.services.ftp.remember(client, seq, crc);
-        if let Some(answer) = self.ftp_request(at, client, request) {
-            self.answer_ftp(client, seq, answer);
-        }
-    }
-
+impl Out {
     pub(super) fn send_ftp(&mut self, client: Client, packet: &Packet) {
         let message = MavMessage::FILE_TRANSFER_PROTOCOL(packet.encode(client.peer));
-        self.out.message(client.link, &message);
+        self.message(client.link, &message);
     }
+}
 
-    pub(super) fn answer_ftp(&mut self, client: Client, seq: u16, answer: Packet) {
-        self.send_ftp(client, &answer);
-        let mut all = self.stations.services.ftp.answered.iter_mut();
+impl Stations {
+    pub(super) fn answer_ftp(&mut self, client: Client, seq: u16, answer: Packet, out: &mut Out) {
+        out.send_ftp(client, &answer);
+        let mut all = self.services.ftp.answered.iter_mut();
         if let Some(known) = all.find(|known| (known.client, known.seq) == (client, seq)) {
             known.answer = Some(answer);
         }
@@ -182,14 +163,20 @@ impl Pilot {
         job: Job,
         request: &Packet,
     ) -> Option<Packet> {
-        match self.stations.services.desk.ask(task, Purpose::Ftp(job), at) {
+        match self.services.desk.ask(task, Purpose::Ftp(job), at) {
             Ok(()) => None,
             Err((fault, _)) => Some(request.nak(error_of(fault))),
         }
     }
 
     /// `None`: the answer comes later.
-    fn ftp_request(&mut self, at: HostTime, client: Client, request: Packet) -> Option<Packet> {
+    fn ftp_request(
+        &mut self,
+        at: HostTime,
+        client: Client,
+        request: Packet,
+        out: &mut Out,
+    ) -> Option<Packet> {
         use MavFtpErr as E;
         use MavFtpOpcode as O;
         const NONE: u8 = O::MAV_FTP_OPCODE_NONE as u8;
@@ -214,14 +201,14 @@ impl Pilot {
             NONE => Some(request.ack(Vec::new())),
             TERMINATE => self.ftp_end(at, client, request),
             RESET => {
-                for slot in &mut self.stations.services.ftp.sessions {
+                for slot in &mut self.services.ftp.sessions {
                     slot.take_if(|session| session.client == client);
                 }
                 Some(request.ack(Vec::new()))
             }
             LIST => match request.path().and_then(place) {
                 Some(Place::Root) => {
-                    let files = self.stations.services.metadata.files();
+                    let files = self.services.metadata.files();
                     let files =
                         files.map(|(name, bytes)| entry('F', name, Some(bytes.len() as u64)));
                     let folders = [LOGS, MISSIONS].map(|name| entry('D', name, None));
@@ -255,11 +242,10 @@ impl Pilot {
                 }
                 _ => Some(request.nak(E::MAV_FTP_ERR_FILEPROTECTED)),
             },
-            READ => self.ftp_read(at, client, request),
+            READ => self.ftp_read(at, client, request, out),
             BURST => self.ftp_burst(at, client, request),
             WRITE => {
-                let Some(session) = self.stations.services.ftp.session(request.session, client)
-                else {
+                let Some(session) = self.services.ftp.session(request.session, client) else {
                     return Some(request.nak(E::MAV_FTP_ERR_INVALIDSESSION));
                 };
                 session.used_at = at;
@@ -308,14 +294,14 @@ impl Pilot {
 
     /// A file that lies on no disk, as this client sees it.
     fn made_file(&self, client: Client, made: Made) -> Vec<u8> {
-        let metadata = &self.stations.services.metadata;
+        let metadata = &self.services.metadata;
         match made {
             Made::General => metadata.general.clone(),
             Made::Parameters => metadata.parameters.clone(),
             Made::Events => metadata.events.clone(),
             Made::Packed(query) => {
-                let px4 = self.stations.endpoint_on(client.link).identity == Identity::Px4;
-                self.stations.services.parameters.packed(px4, query)
+                let px4 = self.endpoint_on(client.link).identity == Identity::Px4;
+                self.services.parameters.packed(px4, query)
             }
         }
     }
@@ -332,7 +318,7 @@ impl Pilot {
         let Ok(wire_size) = u32::try_from(size) else {
             return request.nak(MavFtpErr::MAV_FTP_ERR_FAIL);
         };
-        match self.stations.services.ftp.open(client, request.session, size, content, at) {
+        match self.services.ftp.open(client, request.session, size, content, at) {
             Some(id) => {
                 let mut answer = request.ack(wire_size.to_le_bytes().to_vec());
                 answer.session = id;
@@ -344,10 +330,10 @@ impl Pilot {
 
     /// Ends a session; a file that was written goes to the disk.
     fn ftp_end(&mut self, at: HostTime, client: Client, request: Packet) -> Option<Packet> {
-        let Some(place) = self.stations.services.ftp.place_of(request.session, client) else {
+        let Some(place) = self.services.ftp.place_of(request.session, client) else {
             return Some(request.nak(MavFtpErr::MAV_FTP_ERR_INVALIDSESSION));
         };
-        let slot = self.stations.services.ftp.sessions.get_mut(place);
+        let slot = self.services.ftp.sessions.get_mut(place);
         match slot.and_then(Option::take).map(|session| session.content) {
             Some(Content::Upload { file, bytes }) => {
                 let job = Job::Store(client, request.clone());
@@ -364,10 +350,11 @@ impl Pilot {
         job: Job,
         result: Result<(), FileFault>,
         bytes: &[u8],
+        out: &mut Out,
     ) {
         let (client, request, answer) = match (job, result) {
             (Job::Block { number, serial, offset }, result) => {
-                self.ftp_block(at, number, serial, offset, result, bytes);
+                self.ftp_block(at, number, serial, offset, result, bytes, out);
                 return;
             }
             (Job::List(client, r), Ok(())) => {
@@ -410,14 +397,39 @@ impl Pilot {
                 (client, r, answer)
             }
         };
-        self.answer_ftp(client, request.seq, answer);
+        self.answer_ftp(client, request.seq, answer, out);
     }
 
     /// A link is gone, and whoever was on it.
     pub(super) fn ftp_forget(&mut self, link: LinkId) {
-        for slot in &mut self.stations.services.ftp.sessions {
+        for slot in &mut self.services.ftp.sessions {
             slot.take_if(|session| session.client.link == link);
         }
-        self.stations.services.ftp.answered.retain(|known| known.client.link != link);
+        self.services.ftp.answered.retain(|known| known.client.link != link);
+    }
+}
+
+impl Pilot {
+    pub(super) fn ftp_message(&mut self, at: HostTime, client: Client, payload: &[u8; 251]) {
+        let request = Packet::decode(payload);
+        let (seq, crc) = (request.seq, crc32(payload, 0));
+        let known = self
+            .stations
+            .services
+            .ftp
+            .answered
+            .iter()
+            .find(|known| (known.client, known.seq, known.crc) == (client, seq, crc));
+        if let Some(known) = known {
+            // Repeated: the answer was lost, or is still being worked on.
+            if let Some(answer) = known.answer.clone() {
+                self.out.send_ftp(client, &answer);
+            }
+            return;
+        }
+        self.stations.services.ftp.remember(client, seq, crc);
+        if let Some(answer) = self.stations.ftp_request(at, client, request, &mut self.out) {
+            self.stations.answer_ftp(client, seq, answer, &mut self.out);
+        }
     }
 }

@@ -12,8 +12,9 @@ use super::budget::Budget;
 use super::files::{FileFault, FileName, FileTask, MOST_READ_BYTES};
 use super::ftp::{Job, MOST_SESSIONS};
 use super::ftp_wire::{FRAME_BYTES, MOST_DATA, Packet};
-use crate::Pilot;
 use crate::input::LinkId;
+use crate::out::Out;
+use crate::stations::Stations;
 use crate::stations::mission_transfer::Client;
 
 /// Reads of a session that wait for the disk: clients have a few in flight.
@@ -58,14 +59,15 @@ pub(crate) struct Session {
     pub(super) used_at: HostTime,
 }
 
-impl Pilot {
+impl Stations {
     pub(super) fn ftp_read(
         &mut self,
         at: HostTime,
         client: Client,
         request: Packet,
+        out: &mut Out,
     ) -> Option<Packet> {
-        let ftp = &mut self.stations.services.ftp;
+        let ftp = &mut self.services.ftp;
         let number = ftp.place_of(request.session, client);
         let (Some(number), Some(session)) = (number, ftp.session(request.session, client)) else {
             return Some(request.nak(MavFtpErr::MAV_FTP_ERR_INVALIDSESSION));
@@ -84,7 +86,7 @@ impl Pilot {
                     session.waiting.remove(0);
                 }
                 session.waiting.push(request);
-                self.ftp_fetch(at, number, offset);
+                self.ftp_fetch(at, number, offset, out);
                 None
             }
         }
@@ -96,7 +98,7 @@ impl Pilot {
         client: Client,
         request: Packet,
     ) -> Option<Packet> {
-        let Some(session) = self.stations.services.ftp.session(request.session, client) else {
+        let Some(session) = self.services.ftp.session(request.session, client) else {
             return Some(request.nak(MavFtpErr::MAV_FTP_ERR_INVALIDSESSION));
         };
         session.used_at = at;
@@ -118,8 +120,8 @@ impl Pilot {
     }
 
     /// Asks for the block of a session that begins at an offset.
-    fn ftp_fetch(&mut self, at: HostTime, number: usize, offset: u64) {
-        let Some(Some(session)) = self.stations.services.ftp.sessions.get_mut(number) else {
+    fn ftp_fetch(&mut self, at: HostTime, number: usize, offset: u64, out: &mut Out) {
+        let Some(Some(session)) = self.services.ftp.sessions.get_mut(number) else {
             return;
         };
         let Content::Disk { file, is_fetching, .. } = &mut session.content else { return };
@@ -129,10 +131,9 @@ impl Pilot {
         *is_fetching = true;
         let task = FileTask::Read { file: file.clone(), offset, count: MOST_READ_BYTES };
         let job = Job::Block { number, serial: session.serial, offset };
-        if let Err((fault, Purpose::Ftp(job))) =
-            self.stations.services.desk.ask(task, Purpose::Ftp(job), at)
+        if let Err((fault, Purpose::Ftp(job))) = self.services.desk.ask(task, Purpose::Ftp(job), at)
         {
-            self.ftp_answer(at, job, Err(fault), &[]);
+            self.ftp_answer(at, job, Err(fault), &[], out);
         }
     }
 
@@ -144,8 +145,9 @@ impl Pilot {
         offset: u64,
         result: Result<(), FileFault>,
         bytes: &[u8],
+        out: &mut Out,
     ) {
-        let Some(Some(session)) = self.stations.services.ftp.sessions.get_mut(number) else {
+        let Some(Some(session)) = self.services.ftp.sessions.get_mut(number) else {
             return;
         };
         if session.serial != serial {
@@ -168,25 +170,31 @@ impl Pilot {
         if let Some(burst) = burst {
             let mut answer = burst.request.nak(MavFtpErr::MAV_FTP_ERR_FAIL);
             answer.seq = burst.seq;
-            self.send_ftp(client, &answer);
+            out.send_ftp(client, &answer);
         }
         for request in waiting {
             let seq = request.seq;
             let answer = if failed {
                 Some(request.nak(MavFtpErr::MAV_FTP_ERR_FAIL))
             } else {
-                self.ftp_read(at, client, request)
+                self.ftp_read(at, client, request, out)
             };
             if let Some(answer) = answer {
-                self.answer_ftp(client, seq, answer);
+                self.answer_ftp(client, seq, answer, out);
             }
         }
     }
 
     /// Goes on with bursts, and ends what nobody uses.
-    pub(super) fn ftp_tick(&mut self, at: HostTime, link: LinkId, budget: &mut Budget<'_>) {
+    pub(super) fn ftp_tick(
+        &mut self,
+        at: HostTime,
+        link: LinkId,
+        budget: &mut Budget<'_>,
+        out: &mut Out,
+    ) {
         for number in 0..MOST_SESSIONS {
-            let Some(slot) = self.stations.services.ftp.sessions.get_mut(number) else { return };
+            let Some(slot) = self.services.ftp.sessions.get_mut(number) else { return };
             if slot.take_if(|s| at.seconds_since(s.used_at) > IDLE_S).is_some() {
                 continue;
             }
@@ -222,10 +230,10 @@ impl Pilot {
                 packets.push(packet);
             }
             for packet in &packets {
-                self.send_ftp(client, packet);
+                out.send_ftp(client, packet);
             }
             if let Some(offset) = missing {
-                self.ftp_fetch(at, number, offset);
+                self.ftp_fetch(at, number, offset, out);
             }
         }
     }

@@ -7,9 +7,10 @@ use haltere_core::time::HostTime;
 use super::Purpose;
 use super::files::{FileFault, Plan};
 use super::plans::name_of;
-use crate::Pilot;
 use crate::input::LinkId;
+use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::stations::Stations;
 
 /// Longest reason that is passed on, characters: what glue says is text of its own, but of any length.
 const LONGEST_REASON: usize = 200;
@@ -50,14 +51,14 @@ impl Lost {
     }
 }
 
-impl Pilot {
-    pub(super) fn note_lost(&mut self, at: HostTime, kept: Kept, why: &str) {
+impl Stations {
+    pub(super) fn note_lost(&mut self, at: HostTime, kept: Kept, why: &str, out: &mut Out) {
         let why: String = why.chars().take(LONGEST_REASON).collect();
-        let lost = &mut self.stations.services.lost;
+        let lost = &mut self.services.lost;
         lost.settle(kept);
         lost.0.push((kept, why));
         if let Some(text) = lost.texts().last() {
-            self.out.say(at, Severity::Warning, text);
+            out.say(at, Severity::Warning, text);
         }
     }
 
@@ -67,32 +68,32 @@ impl Pilot {
         at: HostTime,
         result: Result<(), FileFault>,
         bytes: &[u8],
+        out: &mut Out,
     ) {
         if let Err(fault) = result {
             let why = String::from_utf8_lossy(bytes);
             let why = if why.is_empty() { fault.words().into() } else { why };
-            self.note_lost(at, Kept::Parameters, &why);
+            self.note_lost(at, Kept::Parameters, &why, out);
         }
     }
 
     /// For a station that speaks for the first time: it was not there when it was told.
-    pub(crate) fn tell_lost(&mut self, at: HostTime, link: LinkId) {
-        let texts: Vec<String> = self.stations.services.lost.texts().collect();
+    pub(crate) fn tell_lost(&mut self, at: HostTime, link: LinkId, out: &mut Out) {
+        let texts: Vec<String> = self.services.lost.texts().collect();
         for text in texts {
-            if self.out.may_echo(at) {
-                self.out.say_to(at, link, Severity::Warning, &text);
+            if out.may_echo(at) {
+                out.say_to(at, link, Severity::Warning, &text);
             }
         }
     }
 
     /// Why nothing is armed with what is left.
     pub(crate) fn lost_forbids(&self) -> Option<String> {
-        if self.stations.services.desk.waits_for(|purpose| matches!(purpose, Purpose::LoadPlan(_)))
-        {
+        if self.services.desk.waits_for(|purpose| matches!(purpose, Purpose::LoadPlan(_))) {
             return Some("fence, rally points and mission are still being read".to_owned());
         }
-        let text = self.stations.services.lost.texts().next()?;
-        let (kept, _) = self.stations.services.lost.0.first()?;
+        let text = self.services.lost.texts().next()?;
+        let (kept, _) = self.services.lost.0.first()?;
         let way_out = match kept {
             Kept::Parameters => "set them, or reset them",
             Kept::Plan(_) => "upload it, or clear it",

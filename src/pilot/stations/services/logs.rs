@@ -20,7 +20,9 @@ use super::budget::Budget;
 use super::files::{FileFault, FileName, FileTask, Folder, MOST_READ_BYTES};
 use crate::Pilot;
 use crate::input::LinkId;
+use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::stations::Stations;
 use crate::stations::mission_transfer::Client;
 
 /// Most logs that are listed: the newest.
@@ -143,47 +145,31 @@ fn parse(bytes: &[u8]) -> Vec<Log> {
     logs
 }
 
-impl Pilot {
-    pub(super) fn log_message(
-        &mut self,
-        at: HostTime,
-        client: Client,
-        message: &MavMessage,
-    ) -> bool {
-        match message {
-            MavMessage::LOG_REQUEST_LIST(m) => {
-                let LOG_REQUEST_LIST_DATA { start, end, .. } = *m;
-                self.log_ask(at, Job::List { client, start, end }, FileTask::List(Folder::Logs));
-            }
-            MavMessage::LOG_REQUEST_DATA(m) => self.log_data(at, client, m),
-            MavMessage::LOG_REQUEST_END(_) => {
-                self.stations.services.logs.downloads.retain(|d| d.client != client);
-                self.stations.services.logs.listings.retain(|l| l.client != client);
-            }
-            MavMessage::LOG_ERASE(_) => {
-                if self.board.link.is_armed() {
-                    let text = "logs not erased: disarm first".to_owned();
-                    self.out.say(at, Severity::Warning, text);
-                } else {
-                    self.stations.services.logs.downloads.clear();
-                    self.log_ask(at, Job::Erase, FileTask::EraseLogs);
-                }
-            }
-            _ => return false,
+impl Out {
+    /// A piece from a byte on; one of nothing says that there is no more.
+    fn send_log_data(&mut self, client: Client, id: u16, offset: u64, bytes: &[u8]) {
+        let ofs = u32::try_from(offset).unwrap_or(u32::MAX);
+        let mut data = [0; PIECE];
+        for (slot, byte) in data.iter_mut().zip(bytes) {
+            *slot = *byte;
         }
-        true
+        let count = bytes.len().min(PIECE) as u8;
+        let message = MavMessage::LOG_DATA(LOG_DATA_DATA { ofs, id, count, data });
+        self.message(client.link, &message);
     }
+}
 
-    fn log_ask(&mut self, at: HostTime, job: Job, task: FileTask) {
+impl Stations {
+    fn log_ask(&mut self, at: HostTime, job: Job, task: FileTask, out: &mut Out) {
         if let Err((fault, Purpose::Logs(job))) =
-            self.stations.services.desk.ask(task, Purpose::Logs(job), at)
+            self.services.desk.ask(task, Purpose::Logs(job), at)
         {
-            self.log_answer(at, job, Err(fault), &[]);
+            self.log_answer(at, job, Err(fault), &[], out);
         }
     }
 
-    fn log_data(&mut self, at: HostTime, client: Client, m: &LOG_REQUEST_DATA_DATA) {
-        let logs = &mut self.stations.services.logs;
+    fn log_data(&mut self, at: HostTime, client: Client, m: &LOG_REQUEST_DATA_DATA, out: &mut Out) {
+        let logs = &mut self.services.logs;
         let offset = u64::from(m.ofs);
         let end = offset.saturating_add(u64::from(m.count));
         let covers =
@@ -192,15 +178,15 @@ impl Pilot {
         let waiting = logs.downloads.iter().filter(|d| d.client.link == client.link).count();
         if waiting >= MOST_WAITING {
             let told = logs.full_told_at.is_some_and(|t| at.seconds_since(t) < FULL_TELL_S);
-            self.out.lose(client.link, DropReason::InputQueueFull, 1);
+            out.lose(client.link, DropReason::InputQueueFull, 1);
             if !told {
-                self.stations.services.logs.full_told_at = Some(at);
+                self.services.logs.full_told_at = Some(at);
                 let text = format!(
                     "log {} from byte {offset} is not sent: {waiting} requests wait on link {}, ask again",
                     m.id,
                     client.link.number()
                 );
-                self.out.say(at, Severity::Warning, text);
+                out.say(at, Severity::Warning, text);
             }
             return;
         }
@@ -218,18 +204,6 @@ impl Pilot {
         });
     }
 
-    /// A piece from a byte on; one of nothing says that there is no more.
-    fn send_log_data(&mut self, client: Client, id: u16, offset: u64, bytes: &[u8]) {
-        let ofs = u32::try_from(offset).unwrap_or(u32::MAX);
-        let mut data = [0; PIECE];
-        for (slot, byte) in data.iter_mut().zip(bytes) {
-            *slot = *byte;
-        }
-        let count = bytes.len().min(PIECE) as u8;
-        let message = MavMessage::LOG_DATA(LOG_DATA_DATA { ofs, id, count, data });
-        self.out.message(client.link, &message);
-    }
-
     /// The disk has answered.
     pub(super) fn log_answer(
         &mut self,
@@ -237,63 +211,58 @@ impl Pilot {
         job: Job,
         result: Result<(), FileFault>,
         bytes: &[u8],
+        out: &mut Out,
     ) {
         match job {
             Job::List { client, start, end } => {
-                self.stations.services.logs.logs =
-                    if result.is_ok() { parse(bytes) } else { Vec::new() };
-                let count = self.stations.services.logs.logs.len() as u16;
-                self.stations.services.logs.listings.retain(|l| l.client != client);
+                self.services.logs.logs = if result.is_ok() { parse(bytes) } else { Vec::new() };
+                let count = self.services.logs.logs.len() as u16;
+                self.services.logs.listings.retain(|l| l.client != client);
                 let (first, last) = (start.max(1), end.min(count));
                 if count == 0 || first > last {
-                    self.send_log_entry(client, 0);
+                    self.send_log_entry(client, 0, out);
                 } else {
-                    self.stations.services.logs.listings.push(Listing {
-                        client,
-                        next: first,
-                        last,
-                    });
+                    self.services.logs.listings.push(Listing { client, next: first, last });
                 }
             }
             Job::ListForData { serial } => {
-                self.stations.services.logs.logs =
-                    if result.is_ok() { parse(bytes) } else { Vec::new() };
-                let is_empty = self.stations.services.logs.logs.is_empty();
-                let downloads = &mut self.stations.services.logs.downloads;
+                self.services.logs.logs = if result.is_ok() { parse(bytes) } else { Vec::new() };
+                let is_empty = self.services.logs.logs.is_empty();
+                let downloads = &mut self.services.logs.downloads;
                 let Some(index) = downloads.iter().position(|d| d.serial == serial) else { return };
                 downloads[index].is_fetching = false;
                 if is_empty {
                     let Download { client, id, offset, .. } = downloads.remove(index);
-                    self.send_log_data(client, id, offset, &[]);
+                    out.send_log_data(client, id, offset, &[]);
                 }
             }
             Job::Block { serial, offset } => {
-                let downloads = &mut self.stations.services.logs.downloads;
+                let downloads = &mut self.services.logs.downloads;
                 let Some(index) = downloads.iter().position(|d| d.serial == serial) else { return };
                 let Some(download) = downloads.get_mut(index) else { return };
                 download.is_fetching = false;
                 if result.is_err() || bytes.is_empty() {
                     let Download { client, id, offset, .. } = downloads.remove(index);
-                    self.send_log_data(client, id, offset, &[]);
+                    out.send_log_data(client, id, offset, &[]);
                     return;
                 }
                 download.block = bytes.to_vec();
                 download.block_at = offset;
             }
             Job::Erase => {
-                self.stations.services.logs.logs.clear();
+                self.services.logs.logs.clear();
                 let text = match result {
                     Ok(()) => "logs erased, but for the one being written".to_owned(),
                     Err(fault) => format!("logs not erased: {}", fault.words()),
                 };
-                self.out.say(at, Severity::Info, text);
+                out.say(at, Severity::Info, text);
             }
         }
     }
 
     /// Number 0: there is none.
-    fn send_log_entry(&mut self, client: Client, id: u16) {
-        let logs = &self.stations.services.logs.logs;
+    fn send_log_entry(&mut self, client: Client, id: u16, out: &mut Out) {
+        let logs = &self.services.logs.logs;
         let count = logs.len() as u16;
         let log = id.checked_sub(1).and_then(|n| logs.get(usize::from(n)));
         let message = MavMessage::LOG_ENTRY(LOG_ENTRY_DATA {
@@ -303,58 +272,70 @@ impl Pilot {
             num_logs: count,
             last_log_num: count,
         });
-        self.out.message(client.link, &message);
+        out.message(client.link, &message);
     }
 
     /// Goes on with lists and downloads.
-    pub(super) fn log_tick(&mut self, at: HostTime, link: LinkId, budget: &mut Budget<'_>) {
-        let listings = &mut self.stations.services.logs.listings;
+    pub(super) fn log_tick(
+        &mut self,
+        at: HostTime,
+        link: LinkId,
+        budget: &mut Budget<'_>,
+        out: &mut Out,
+    ) {
+        let listings = &mut self.services.logs.listings;
         if let Some(index) = listings.iter().position(|l| l.client.link == link) {
             let mut listing = listings.swap_remove(index);
             while listing.next <= listing.last && budget.take(ENTRY_BYTES) {
-                self.send_log_entry(listing.client, listing.next);
+                self.send_log_entry(listing.client, listing.next, out);
                 listing.next += 1;
             }
             if listing.next <= listing.last {
-                self.stations.services.logs.listings.push(listing);
+                self.services.logs.listings.push(listing);
             }
         }
-        self.send_logs(at, link, budget);
+        self.send_logs(at, link, budget, out);
     }
 
     /// Goes on with the downloads of a link: those of one client, one after another, and of the next one in the next step.
-    fn send_logs(&mut self, at: HostTime, link: LinkId, budget: &mut Budget<'_>) {
-        let logs = &self.stations.services.logs;
+    fn send_logs(&mut self, at: HostTime, link: LinkId, budget: &mut Budget<'_>, out: &mut Out) {
+        let logs = &self.services.logs;
         let Some(first) = logs.downloads.iter().find(|d| d.client.link == link) else { return };
         let client = first.client;
         loop {
-            let downloads = &mut self.stations.services.logs.downloads;
+            let downloads = &mut self.services.logs.downloads;
             let Some(index) = downloads.iter().position(|d| d.client == client) else { return };
             let mut download = downloads.remove(index);
-            let turn = self.send_log(at, &mut download, budget);
-            let downloads = &mut self.stations.services.logs.downloads;
+            let turn = self.send_log(at, &mut download, budget, out);
+            let downloads = &mut self.services.logs.downloads;
             match turn {
                 Turn::Over => continue,
                 Turn::Waits => downloads.insert(index, download),
                 Turn::Asks(job, task) => {
                     download.is_fetching = true;
                     downloads.insert(index, download);
-                    self.log_ask(at, job, task);
+                    self.log_ask(at, job, task, out);
                 }
             }
             break;
         }
-        self.stations.services.logs.downloads.sort_by_key(|d| d.client == client);
+        self.services.logs.downloads.sort_by_key(|d| d.client == client);
     }
 
     /// Goes on with a download.
-    fn send_log(&mut self, at: HostTime, download: &mut Download, budget: &mut Budget<'_>) -> Turn {
+    fn send_log(
+        &mut self,
+        at: HostTime,
+        download: &mut Download,
+        budget: &mut Budget<'_>,
+        out: &mut Out,
+    ) -> Turn {
         let Download { client, serial, id, .. } = *download;
         if download.file.is_none() && !download.is_fetching {
-            if self.stations.services.logs.logs.is_empty() {
+            if self.services.logs.logs.is_empty() {
                 return Turn::Asks(Job::ListForData { serial }, FileTask::List(Folder::Logs));
             }
-            let logs = &self.stations.services.logs.logs;
+            let logs = &self.services.logs.logs;
             let log = id.checked_sub(1).and_then(|n| logs.get(usize::from(n)));
             let end = log.map_or(0, |log| download.end.min(log.size));
             let file = log.and_then(|log| FileName::new(Folder::Logs, &log.name));
@@ -362,15 +343,12 @@ impl Pilot {
                 if !budget.take(DATA_BYTES) {
                     return Turn::Waits;
                 }
-                if file.is_none() && self.out.may_echo(at) {
-                    let text = format!(
-                        "no log {id}: {} are listed",
-                        self.stations.services.logs.logs.len()
-                    );
-                    self.out.say(at, Severity::Warning, text);
+                if file.is_none() && out.may_echo(at) {
+                    let text = format!("no log {id}: {} are listed", self.services.logs.logs.len());
+                    out.say(at, Severity::Warning, text);
                 }
                 // Beyond the end: a piece of nothing says so.
-                self.send_log_data(client, id, download.offset, &[]);
+                out.send_log_data(client, id, download.offset, &[]);
                 return Turn::Over;
             }
             (download.file, download.end) = (file, end);
@@ -379,7 +357,7 @@ impl Pilot {
             if !budget.take(DATA_BYTES) {
                 return Turn::Waits;
             }
-            self.send_log_data(client, id, download.offset, piece);
+            out.send_log_data(client, id, download.offset, piece);
             download.offset += piece.len() as u64;
             if download.offset >= download.end {
                 return Turn::Over;
@@ -398,8 +376,45 @@ impl Pilot {
 
     /// A link is gone, and whoever was on it.
     pub(super) fn logs_forget(&mut self, link: LinkId) {
-        self.stations.services.logs.downloads.retain(|d| d.client.link != link);
-        self.stations.services.logs.listings.retain(|l| l.client.link != link);
+        self.services.logs.downloads.retain(|d| d.client.link != link);
+        self.services.logs.listings.retain(|l| l.client.link != link);
+    }
+}
+
+impl Pilot {
+    pub(super) fn log_message(
+        &mut self,
+        at: HostTime,
+        client: Client,
+        message: &MavMessage,
+    ) -> bool {
+        match message {
+            MavMessage::LOG_REQUEST_LIST(m) => {
+                let LOG_REQUEST_LIST_DATA { start, end, .. } = *m;
+                self.stations.log_ask(
+                    at,
+                    Job::List { client, start, end },
+                    FileTask::List(Folder::Logs),
+                    &mut self.out,
+                );
+            }
+            MavMessage::LOG_REQUEST_DATA(m) => self.stations.log_data(at, client, m, &mut self.out),
+            MavMessage::LOG_REQUEST_END(_) => {
+                self.stations.services.logs.downloads.retain(|d| d.client != client);
+                self.stations.services.logs.listings.retain(|l| l.client != client);
+            }
+            MavMessage::LOG_ERASE(_) => {
+                if self.board.link.is_armed() {
+                    let text = "logs not erased: disarm first".to_owned();
+                    self.out.say(at, Severity::Warning, text);
+                } else {
+                    self.stations.services.logs.downloads.clear();
+                    self.stations.log_ask(at, Job::Erase, FileTask::EraseLogs, &mut self.out);
+                }
+            }
+            _ => return false,
+        }
+        true
     }
 }
 

@@ -45,7 +45,9 @@ use crate::config::PilotConfig;
 use crate::flight::fence::Guarded;
 use crate::flight::modes::{Event, Mode};
 use crate::input::LinkId;
+use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::stations::Stations;
 
 use budget::Bucket;
 use fence_status::FenceWatch;
@@ -154,6 +156,30 @@ fn target(message: &MavMessage) -> Option<(u8, u8)> {
     }
 }
 
+impl Out {
+    fn service_ack(&mut self, client: Client, command: MavCmd, result: MavResult) {
+        let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
+            command: command as u16,
+            result: result as u8,
+            progress: 0,
+            result_param2: 0,
+            target_system: client.peer.0,
+            target_component: client.peer.1,
+        });
+        self.message(client.link, &message);
+    }
+}
+
+impl Stations {
+    /// A link is gone: nothing is sent to it any more.
+    pub(crate) fn services_forget(&mut self, link: LinkId) {
+        self.services.plans.transfer.cancel_link(link);
+        self.ftp_forget(link);
+        self.logs_forget(link);
+        self.services.buckets.retain(|(l, _)| *l != link);
+    }
+}
+
 impl Pilot {
     /// Hands a client's message to the service that it is for. `true`: it was one of theirs.
     pub(crate) fn service_message(
@@ -234,27 +260,15 @@ impl Pilot {
             }
             _ => return false,
         };
-        self.service_ack(client, command, result);
+        self.out.service_ack(client, command, result);
         true
-    }
-
-    fn service_ack(&mut self, client: Client, command: MavCmd, result: MavResult) {
-        let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-            command: command as u16,
-            result: result as u8,
-            progress: 0,
-            result_param2: 0,
-            target_system: client.peer.0,
-            target_component: client.peer.1,
-        });
-        self.out.message(client.link, &message);
     }
 
     /// Once a control step: what is due, and what was begun.
     pub(crate) fn service_tick(&mut self, at: HostTime) {
         if !self.stations.services.has_begun {
             self.stations.services.has_begun = true;
-            self.restore_plans(at);
+            self.stations.restore_plans(at);
         }
         while let Some(purpose) = self.stations.services.desk.overdue(at) {
             self.take_answer(at, purpose, Err(FileFault::TimedOut), &[]);
@@ -267,7 +281,7 @@ impl Pilot {
             if !self.out.is_open(link) {
                 continue;
             }
-            let line_Bps = self.line_Bps(link);
+            let line_Bps = self.stations.line_Bps(link);
             let buckets = &mut self.stations.services.buckets;
             let mut bucket = match buckets.iter().position(|(l, _)| *l == link) {
                 Some(index) => buckets.swap_remove(index).1,
@@ -275,9 +289,9 @@ impl Pilot {
             };
             let mut budget = bucket.step(line_Bps, !self.stations.grounds[n].is_full);
             self.partial_tick(link, &mut budget);
-            self.parameter_tick(link, &mut budget);
-            self.log_tick(at, link, &mut budget);
-            self.ftp_tick(at, link, &mut budget);
+            self.stations.parameter_tick(link, &mut budget, &mut self.out);
+            self.stations.log_tick(at, link, &mut budget, &mut self.out);
+            self.stations.ftp_tick(at, link, &mut budget, &mut self.out);
             self.stations.services.buckets.push((link, bucket));
             self.stations.settle(n, &mut self.out);
         }
@@ -292,7 +306,7 @@ impl Pilot {
         bytes: &[u8],
     ) {
         if ticket == PARAMETERS_TICKET {
-            self.parameters_told(at, result, bytes);
+            self.stations.parameters_told(at, result, bytes, &mut self.out);
         } else if let Some(purpose) = self.stations.services.desk.take(ticket) {
             self.take_answer(at, purpose, result, bytes);
         }
@@ -309,8 +323,8 @@ impl Pilot {
             // The file was begun anew, whatever was wrong with it.
             (Purpose::Parameter(_), Ok(())) => self.stations.services.lost.settle(Kept::Parameters),
             (Purpose::SavePlan(_), Ok(())) => {}
-            (Purpose::Parameter(name), Err(fault)) => self.parameter_not_kept(at, name, fault),
-            (Purpose::SavePlan(plan), Err(fault)) => self.plan_not_kept(at, plan, fault),
+            (Purpose::Parameter(name), Err(fault)) => self.out.parameter_not_kept(at, name, fault),
+            (Purpose::SavePlan(plan), Err(fault)) => self.out.plan_not_kept(at, plan, fault),
             (Purpose::Forget(client), result) => {
                 if result.is_ok() {
                     self.stations.services.lost.settle(Kept::Parameters);
@@ -322,7 +336,7 @@ impl Pilot {
                     ),
                     Err(fault) => (MavResult::MAV_RESULT_FAILED, fault.words().to_owned()),
                 };
-                self.service_ack(client, MavCmd::MAV_CMD_PREFLIGHT_STORAGE, answer);
+                self.out.service_ack(client, MavCmd::MAV_CMD_PREFLIGHT_STORAGE, answer);
                 self.out.say(at, Severity::Info, text);
             }
             (Purpose::LoadPlan(plan), Ok(())) => self.plan_restored(at, plan, bytes),
@@ -331,10 +345,14 @@ impl Pilot {
             (Purpose::LoadPlan(plan), Err(fault)) => {
                 let why = String::from_utf8_lossy(bytes);
                 let why = if why.is_empty() { fault.words().into() } else { why };
-                self.note_lost(at, Kept::Plan(plan), &why);
+                self.stations.note_lost(at, Kept::Plan(plan), &why, &mut self.out);
             }
-            (Purpose::Ftp(job), result) => self.ftp_answer(at, job, result, bytes),
-            (Purpose::Logs(job), result) => self.log_answer(at, job, result, bytes),
+            (Purpose::Ftp(job), result) => {
+                self.stations.ftp_answer(at, job, result, bytes, &mut self.out)
+            }
+            (Purpose::Logs(job), result) => {
+                self.stations.log_answer(at, job, result, bytes, &mut self.out)
+            }
             (Purpose::Program(job), result) => self.program_answer(at, job, result, bytes),
         }
     }
@@ -342,14 +360,6 @@ impl Pilot {
     /// Yields the tasks for the disk, in order, and forgets them.
     pub fn drain_file_requests(&mut self, take: impl FnMut(FileRequest)) {
         self.stations.services.desk.drain().for_each(take);
-    }
-
-    /// A link is gone: nothing is sent to it any more.
-    pub(crate) fn services_forget(&mut self, link: LinkId) {
-        self.stations.services.plans.transfer.cancel_link(link);
-        self.ftp_forget(link);
-        self.logs_forget(link);
-        self.stations.services.buckets.retain(|(l, _)| *l != link);
     }
 
     /// The fence has the last word on what the controller is asked for. A leg that it bars ends in Hold; a

@@ -24,7 +24,9 @@ use crate::Pilot;
 use crate::config::PilotConfig;
 use crate::flight::modes::Mode;
 use crate::input::LinkId;
+use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::stations::Stations;
 
 /// Name of the value that says whether a client's copy is still right.
 const HASH_NAME: &str = "_HASH_CHECK";
@@ -107,6 +109,96 @@ fn id_of(name: &str) -> [u8; 16] {
 /// A refusal of the protocol, and a sentence for people.
 type Refusal = (MavParamError, String);
 
+impl Out {
+    pub(super) fn parameter_not_kept(&mut self, at: HostTime, name: &str, fault: FileFault) {
+        let text = format!("{name} is lost at a restart: {}", fault.words());
+        self.say(at, Severity::Warning, text);
+    }
+
+    fn send_parameter_error(
+        &mut self,
+        link: LinkId,
+        (target_system, target_component): (u8, u8),
+        param_index: i16,
+        name: &str,
+        error: MavParamError,
+    ) {
+        let message = MavMessage::PARAM_ERROR(PARAM_ERROR_DATA {
+            param_index,
+            target_system,
+            target_component,
+            param_id: id_of(name).into(),
+            error,
+        });
+        self.message(link, &message);
+    }
+}
+
+impl Stations {
+    /// Goes on with the list of a link.
+    pub(super) fn parameter_tick(&mut self, link: LinkId, budget: &mut Budget, out: &mut Out) {
+        let lists = &mut self.services.parameters.lists;
+        let Some(index) = lists.iter().position(|list| list.link == link) else { return };
+        let mut list = lists.swap_remove(index);
+        let count = table::count(self.is_px4(link)) as u16;
+        if list.send(count, budget, |index| self.send_parameter(link, index, out)) {
+            self.services.parameters.lists.push(list);
+        }
+    }
+
+    fn parameter_read(
+        &mut self,
+        link: LinkId,
+        peer: (u8, u8),
+        m: &PARAM_REQUEST_READ_DATA,
+        out: &mut Out,
+    ) {
+        let count = table::count(self.is_px4(link));
+        let name = text_of(&*m.param_id);
+        let index = if m.param_index >= 0 {
+            Some(usize::from(m.param_index.unsigned_abs()))
+        } else if name == HASH_NAME {
+            self.send_hash(link, out);
+            return;
+        } else {
+            table::find(&name).map(|(index, _)| index)
+        };
+        match index.filter(|index| *index < count) {
+            Some(index) => self.send_parameter(link, index as u16, out),
+            None => {
+                let error = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;
+                out.send_parameter_error(link, peer, m.param_index, &name, error);
+            }
+        }
+    }
+
+    fn send_parameter(&mut self, link: LinkId, index: u16, out: &mut Out) {
+        let Some(parameter) = table::at(usize::from(index)) else { return };
+        let message = MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
+            param_value: parameter.value(&self.services.parameters.wanted),
+            param_count: table::count(self.is_px4(link)) as u16,
+            param_index: index,
+            param_id: id_of(parameter.name).into(),
+            param_type: MavParamType::MAV_PARAM_TYPE_REAL32 as u8,
+        });
+        out.message(link, &message);
+    }
+
+    fn send_hash(&mut self, link: LinkId, out: &mut Out) {
+        let px4 = self.is_px4(link);
+        let hash = self.services.parameters.hash(px4);
+        let message = MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
+            // The bits of the number, as PX4 sends it and QGroundControl reads it.
+            param_value: f32::from_bits(hash),
+            param_count: table::count(px4) as u16,
+            param_index: NO_INDEX,
+            param_id: id_of(HASH_NAME).into(),
+            param_type: MavParamType::MAV_PARAM_TYPE_UINT32 as u8,
+        });
+        out.message(link, &message);
+    }
+}
+
 impl Pilot {
     /// A message of this service? `true`: it was answered.
     pub(super) fn parameter_message(
@@ -123,7 +215,9 @@ impl Pilot {
                     self.stations.services.parameters.lists.push(Listing { link, next: 0 });
                 }
             }
-            MavMessage::PARAM_REQUEST_READ(m) => self.parameter_read(link, peer, m),
+            MavMessage::PARAM_REQUEST_READ(m) => {
+                self.stations.parameter_read(link, peer, m, &mut self.out)
+            }
             MavMessage::PARAM_SET(m) => self.parameter_set(at, link, peer, m),
             // Long values: we have none, and say so where the protocol has a word for it.
             MavMessage::PARAM_EXT_SET(m) => {
@@ -140,37 +234,6 @@ impl Pilot {
         true
     }
 
-    /// Goes on with the list of a link.
-    pub(super) fn parameter_tick(&mut self, link: LinkId, budget: &mut Budget) {
-        let lists = &mut self.stations.services.parameters.lists;
-        let Some(index) = lists.iter().position(|list| list.link == link) else { return };
-        let mut list = lists.swap_remove(index);
-        let count = table::count(self.is_px4(link)) as u16;
-        if list.send(count, budget, |index| self.send_parameter(link, index)) {
-            self.stations.services.parameters.lists.push(list);
-        }
-    }
-
-    fn parameter_read(&mut self, link: LinkId, peer: (u8, u8), m: &PARAM_REQUEST_READ_DATA) {
-        let count = table::count(self.is_px4(link));
-        let name = text_of(&*m.param_id);
-        let index = if m.param_index >= 0 {
-            Some(usize::from(m.param_index.unsigned_abs()))
-        } else if name == HASH_NAME {
-            self.send_hash(link);
-            return;
-        } else {
-            table::find(&name).map(|(index, _)| index)
-        };
-        match index.filter(|index| *index < count) {
-            Some(index) => self.send_parameter(link, index as u16),
-            None => {
-                let error = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;
-                self.send_parameter_error(link, peer, m.param_index, &name, error);
-            }
-        }
-    }
-
     fn parameter_set(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), m: &PARAM_SET_DATA) {
         let name = text_of(&*m.param_id);
         if name == HASH_NAME {
@@ -178,11 +241,11 @@ impl Pilot {
             self.stations.services.parameters.stop_list(link);
             return;
         }
-        let count = table::count(self.is_px4(link));
+        let count = table::count(self.stations.is_px4(link));
         let Some((index, parameter)) = table::find(&name).filter(|(index, _)| *index < count)
         else {
             let error = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;
-            self.send_parameter_error(link, peer, -1, &name, error);
+            self.out.send_parameter_error(link, peer, -1, &name, error);
             self.out.say(at, Severity::Warning, format!("no parameter {name}"));
             return;
         };
@@ -201,22 +264,24 @@ impl Pilot {
                 for n in 0..self.stations.grounds.len() {
                     let link = self.stations.grounds[n].link;
                     if self.out.is_open(link) {
-                        self.send_parameter(link, index as u16);
+                        self.stations.send_parameter(link, index as u16, &mut self.out);
                     }
                 }
                 for other in aliases(changed).filter(|other| *other != index) {
                     for n in 0..self.stations.grounds.len() {
                         let link = self.stations.grounds[n].link;
-                        if self.out.is_open(link) && other < table::count(self.is_px4(link)) {
-                            self.send_parameter(link, other as u16);
+                        if self.out.is_open(link)
+                            && other < table::count(self.stations.is_px4(link))
+                        {
+                            self.stations.send_parameter(link, other as u16, &mut self.out);
                         }
                     }
                 }
             }
             Err((error, why)) => {
-                self.send_parameter_error(link, peer, index as i16, &name, error);
+                self.out.send_parameter_error(link, peer, index as i16, &name, error);
                 // Clients that do not know PARAM_ERROR read the refusal from the old value.
-                self.send_parameter(link, index as u16);
+                self.stations.send_parameter(link, index as u16, &mut self.out);
                 self.out.say(at, Severity::Warning, format!("parameter refused: {why}"));
             }
         }
@@ -272,7 +337,7 @@ impl Pilot {
         let task = FileTask::KeepParameter { name, value: exact };
         if let Err((fault, _)) = self.stations.services.desk.ask(task, Purpose::Parameter(name), at)
         {
-            self.parameter_not_kept(at, name, fault);
+            self.out.parameter_not_kept(at, name, fault);
         }
         if parameter.when == When::Restart {
             self.out.say(at, Severity::Info, format!("{name} = {value}: in force after a restart"));
@@ -282,55 +347,6 @@ impl Pilot {
             self.out.say(at, Severity::Info, format!("{name} = {value}"));
         }
         Ok(parameter)
-    }
-
-    pub(super) fn parameter_not_kept(&mut self, at: HostTime, name: &str, fault: FileFault) {
-        let text = format!("{name} is lost at a restart: {}", fault.words());
-        self.out.say(at, Severity::Warning, text);
-    }
-
-    fn send_parameter(&mut self, link: LinkId, index: u16) {
-        let Some(parameter) = table::at(usize::from(index)) else { return };
-        let message = MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
-            param_value: parameter.value(&self.stations.services.parameters.wanted),
-            param_count: table::count(self.is_px4(link)) as u16,
-            param_index: index,
-            param_id: id_of(parameter.name).into(),
-            param_type: MavParamType::MAV_PARAM_TYPE_REAL32 as u8,
-        });
-        self.out.message(link, &message);
-    }
-
-    fn send_hash(&mut self, link: LinkId) {
-        let px4 = self.is_px4(link);
-        let hash = self.stations.services.parameters.hash(px4);
-        let message = MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
-            // The bits of the number, as PX4 sends it and QGroundControl reads it.
-            param_value: f32::from_bits(hash),
-            param_count: table::count(px4) as u16,
-            param_index: NO_INDEX,
-            param_id: id_of(HASH_NAME).into(),
-            param_type: MavParamType::MAV_PARAM_TYPE_UINT32 as u8,
-        });
-        self.out.message(link, &message);
-    }
-
-    fn send_parameter_error(
-        &mut self,
-        link: LinkId,
-        (target_system, target_component): (u8, u8),
-        param_index: i16,
-        name: &str,
-        error: MavParamError,
-    ) {
-        let message = MavMessage::PARAM_ERROR(PARAM_ERROR_DATA {
-            param_index,
-            target_system,
-            target_component,
-            param_id: id_of(name).into(),
-            error,
-        });
-        self.out.message(link, &message);
     }
 }
 

@@ -17,15 +17,35 @@ use crate::flight::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
 use crate::flight::mission_items::{Refusal, Room, from_wire, is_global, place_E_m};
 use crate::flight::modes::{Event, Mode};
 use crate::flight::rally;
+use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::stations::Stations;
 
-impl Pilot {
-    pub(super) fn warn_of_barred_mission(&mut self, at: HostTime) {
-        if let Some(why) = self.stations.services.plans.mission_is_barred.clone() {
-            self.out.say(at, Severity::Warning, why);
+impl Out {
+    pub(super) fn plan_not_kept(&mut self, at: HostTime, plan: Plan, fault: FileFault) {
+        let text = format!("{} is lost at a restart: {}", name_of(plan), fault.words());
+        self.say(at, Severity::Warning, text);
+    }
+}
+
+impl Stations {
+    pub(super) fn warn_of_barred_mission(&mut self, at: HostTime, out: &mut Out) {
+        if let Some(why) = self.services.plans.mission_is_barred.clone() {
+            out.say(at, Severity::Warning, why);
         }
     }
 
+    /// Asks for what was kept.
+    pub(super) fn restore_plans(&mut self, at: HostTime) {
+        // Rally points first: a fence that came later does not undo them, it leaves them out.
+        for plan in [Plan::Rally, Plan::Fence, Plan::Mission] {
+            // Nothing kept, nothing restored.
+            let _ = self.services.desk.ask(FileTask::LoadPlan(plan), Purpose::LoadPlan(plan), at);
+        }
+    }
+}
+
+impl Pilot {
     /// Another fence is in force: what it leaves of a leg under way, and of the places to return to.
     pub(super) fn heed_fence(&mut self, at: HostTime) {
         self.warn_of_lost_refuges(at);
@@ -104,7 +124,7 @@ impl Pilot {
                     && self.flight.guidance.next == Next::Mission
                     && !self.flight.mode.has_thrust()
                 {
-                    self.call_off_lift_off();
+                    self.flight.call_off_lift_off();
                 }
             }
             Plan::Fence => {
@@ -193,25 +213,7 @@ impl Pilot {
         match self.stations.services.desk.ask(task, Purpose::SavePlan(plan), at) {
             // Nothing is kept by configuration: no reason to complain at every upload.
             Ok(()) | Err((FileFault::Off, _)) => {}
-            Err((fault, _)) => self.plan_not_kept(at, plan, fault),
-        }
-    }
-
-    pub(super) fn plan_not_kept(&mut self, at: HostTime, plan: Plan, fault: FileFault) {
-        let text = format!("{} is lost at a restart: {}", name_of(plan), fault.words());
-        self.out.say(at, Severity::Warning, text);
-    }
-
-    /// Asks for what was kept.
-    pub(super) fn restore_plans(&mut self, at: HostTime) {
-        // Rally points first: a fence that came later does not undo them, it leaves them out.
-        for plan in [Plan::Rally, Plan::Fence, Plan::Mission] {
-            // Nothing kept, nothing restored.
-            let _ = self.stations.services.desk.ask(
-                FileTask::LoadPlan(plan),
-                Purpose::LoadPlan(plan),
-                at,
-            );
+            Err((fault, _)) => self.out.plan_not_kept(at, plan, fault),
         }
     }
 
@@ -230,7 +232,7 @@ impl Pilot {
                     self.heed_fence(at);
                 }
             }
-            Err(why) => self.note_lost(at, Kept::Plan(plan), &why),
+            Err(why) => self.stations.note_lost(at, Kept::Plan(plan), &why, &mut self.out),
         }
     }
 

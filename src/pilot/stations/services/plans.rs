@@ -21,6 +21,7 @@ use crate::flight::mission_items::{Room, from_wire};
 use crate::flight::modes::{Event, Mode};
 use crate::flight::rally;
 use crate::input::LinkId;
+use crate::out::Out;
 use crate::out::voice::Severity;
 use crate::stations::mission_transfer::{Client, MissionTransfer, Progress, Upload, ack};
 
@@ -119,6 +120,33 @@ fn most_items(plan: Plan) -> usize {
     }
 }
 
+impl Out {
+    fn refuse_plan(
+        &mut self,
+        at: HostTime,
+        client: Client,
+        mission_type: u8,
+        result: MavMissionResult,
+        why: &str,
+    ) -> MavMessage {
+        let answer = ack(client.peer, mission_type, result, 0);
+        self.message(client.link, &answer);
+        let what = plan_of(mission_type).map_or("plan", name_of);
+        self.say(at, Severity::Warning, format!("{what} refused: {why}"));
+        answer
+    }
+
+    /// A list that does not exist was asked for, or all three at once.
+    fn refuse_type(&mut self, at: HostTime, client: Client, mission_type: u8) {
+        let why = format!(
+            "mission_type = {mission_type}, allowed 0 mission, 1 fence, 2 rally points; to clear, 255 \
+             all"
+        );
+        let result = MavMissionResult::MAV_MISSION_UNSUPPORTED;
+        self.refuse_plan(at, client, mission_type, result, &why);
+    }
+}
+
 impl Pilot {
     /// A message of this service? `true`: it was answered.
     pub(super) fn plan_message(
@@ -137,7 +165,7 @@ impl Pilot {
                 if first < 0 || last < first || first > have {
                     let why = format!("partial list {first} to {last}: the list has {have} items");
                     let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
-                    self.refuse_plan(at, client, m.mission_type, result, &why);
+                    self.out.refuse_plan(at, client, m.mission_type, result, &why);
                 } else {
                     let count = (last - first + 1).unsigned_abs() as usize;
                     let first = first.unsigned_abs() as u16;
@@ -151,7 +179,7 @@ impl Pilot {
             MavMessage::MISSION_ITEM(m) => self.upload_item(at, client, to_int(m), true),
             MavMessage::MISSION_ACK(_) => self.stations.services.plans.transfer.cancel(client),
             MavMessage::MISSION_REQUEST_LIST(m) if plan_of(m.mission_type).is_none() => {
-                self.refuse_type(at, client, m.mission_type);
+                self.out.refuse_type(at, client, m.mission_type);
             }
             MavMessage::MISSION_REQUEST_LIST(m) => {
                 let plan = plan_of(m.mission_type);
@@ -295,35 +323,10 @@ impl Pilot {
         self.out.message(client.link, &answer);
     }
 
-    fn refuse_plan(
-        &mut self,
-        at: HostTime,
-        client: Client,
-        mission_type: u8,
-        result: MavMissionResult,
-        why: &str,
-    ) -> MavMessage {
-        let answer = ack(client.peer, mission_type, result, 0);
-        self.out.message(client.link, &answer);
-        let what = plan_of(mission_type).map_or("plan", name_of);
-        self.out.say(at, Severity::Warning, format!("{what} refused: {why}"));
-        answer
-    }
-
-    /// A list that does not exist was asked for, or all three at once.
-    fn refuse_type(&mut self, at: HostTime, client: Client, mission_type: u8) {
-        let why = format!(
-            "mission_type = {mission_type}, allowed 0 mission, 1 fence, 2 rally points; to clear, 255 \
-             all"
-        );
-        let result = MavMissionResult::MAV_MISSION_UNSUPPORTED;
-        self.refuse_plan(at, client, mission_type, result, &why);
-    }
-
     /// Why a list cannot be replaced now.
     pub(super) fn plan_is_locked(&self, plan: Plan) -> Option<&'static str> {
         match plan {
-            Plan::Mission | Plan::Fence if self.flies_mission() => {
+            Plan::Mission | Plan::Fence if self.flight.flies_mission() => {
                 Some("mission in flight, hold first")
             }
             Plan::Rally if self.flight.mode == Mode::Return => Some("returning, hold first"),
@@ -342,18 +345,18 @@ impl Pilot {
     ) {
         use MavMissionResult as R;
         let Some(plan) = plan_of(mission_type) else {
-            self.refuse_type(at, client, mission_type);
+            self.out.refuse_type(at, client, mission_type);
             return;
         };
         let most = most_items(plan);
         if let Some(why) = self.plan_is_locked(plan) {
-            self.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
+            self.out.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
         } else if self.stations.services.plans.transfer.is_taken_by_other(client) {
             let why = "another client is uploading";
-            self.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
+            self.out.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
         } else if usize::from(first) + count > most {
             let why = format!("{count} items, at most {most} allowed");
-            self.refuse_plan(at, client, mission_type, R::MAV_MISSION_NO_SPACE, &why);
+            self.out.refuse_plan(at, client, mission_type, R::MAV_MISSION_NO_SPACE, &why);
         } else if count == 0 {
             self.stations.services.plans.transfer.cancel(client);
             let items = Vec::new();
@@ -381,7 +384,7 @@ impl Pilot {
                 Room { envelope: &self.flight.guidance.envelope, origin: self.local_origin() };
             if let Err((result, why)) = from_wire(&item, &room) {
                 self.stations.services.plans.transfer.cancel(client);
-                self.refuse_plan(at, client, item.mission_type, result, &why);
+                self.out.refuse_plan(at, client, item.mission_type, result, &why);
                 return;
             }
         }
@@ -427,14 +430,14 @@ impl Pilot {
                 let text = format!("{} of {} items in force", name_of(plan), self.plan_len(plan));
                 self.out.say(at, Severity::Info, text);
                 self.keep_plan(at, plan);
-                self.warn_of_barred_mission(at);
+                self.stations.warn_of_barred_mission(at, &mut self.out);
                 if plan == Plan::Fence {
                     self.heed_fence(at);
                 }
                 answer
             }
             Err((result, why)) => {
-                self.refuse_plan(at, upload.client, upload.mission_type, result, &why)
+                self.out.refuse_plan(at, upload.client, upload.mission_type, result, &why)
             }
         };
         self.stations.services.plans.transfer.finish(&upload, answer, at);
@@ -446,12 +449,12 @@ impl Pilot {
             Some(plan) => vec![plan],
             None if mission_type == ALL => vec![Plan::Mission, Plan::Fence, Plan::Rally],
             None => {
-                self.refuse_type(at, client, mission_type);
+                self.out.refuse_type(at, client, mission_type);
                 return;
             }
         };
         if let Some(why) = plans.iter().find_map(|plan| self.plan_is_locked(*plan)) {
-            self.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
+            self.out.refuse_plan(at, client, mission_type, R::MAV_MISSION_DENIED, why);
             return;
         }
         for plan in plans {

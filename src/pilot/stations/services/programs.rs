@@ -43,7 +43,7 @@ impl Pilot {
         } else if number.fract() == 0.0 && (1.0..=MOST_NAMES as f32).contains(&number) {
             Job::Number(client, number as u16)
         } else {
-            self.service_ack(client, MavCmd::MAV_CMD_USER_4, MavResult::MAV_RESULT_DENIED);
+            self.out.service_ack(client, MavCmd::MAV_CMD_USER_4, MavResult::MAV_RESULT_DENIED);
             let text = format!("program {number}: allowed 0 (names all) to {MOST_NAMES}");
             self.out.say(at, Severity::Warning, text);
             return;
@@ -122,7 +122,7 @@ impl Pilot {
             Ok(text) => (MavResult::MAV_RESULT_ACCEPTED, Severity::Info, text),
             Err(text) => (MavResult::MAV_RESULT_FAILED, Severity::Warning, text),
         };
-        self.service_ack(client, MavCmd::MAV_CMD_USER_4, answer);
+        self.out.service_ack(client, MavCmd::MAV_CMD_USER_4, answer);
         self.out.say(at, severity, text);
     }
 }
