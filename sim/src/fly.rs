@@ -100,7 +100,7 @@ pub fn run(options: &Options) -> Result<bool> {
         bail!("--count {}: allowed 1 to {MOST}", options.count);
     }
     let due = due(options)?;
-    leavings::say_before(due.len(), &options.out);
+    leavings::say_before(due.len(), leavings::DECODED_LOG_B, &options.out);
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let progress = Progress::counted("flights", 0, due.len() as u64);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.jobs).build()?;

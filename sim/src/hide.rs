@@ -105,7 +105,7 @@ pub fn run(options: &Options) -> Result<bool> {
     progress::stages(&STAGES, workshop::costs_file());
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let (bad, good) = plan(options, seed, "bad");
-    leavings::say_before(bad.len() + good.len(), &options.out);
+    leavings::say_before(bad.len() + good.len(), leavings::LOG_B, &options.out);
     fly_all(&scene, &Hidden::none(), &good)?;
     let flown = fly_hidden(&scene, hidden, &bad)?;
     let hidden = &flown.hidden;

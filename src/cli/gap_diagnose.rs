@@ -392,6 +392,12 @@ fn text(d: &Diagnosis) -> String {
     let flight = flight.map_or(String::new(), |flight| format!(", {flight},"));
     let _ = writeln!(out, "GAP REPORT  {}{flight} against {against}, replay {}", d.log, d.replay);
     let _ = writeln!(out, "VERDICT     {}", d.verdict);
+    if d.references == 0 {
+        let _ = writeln!(
+            out,
+            "            no accepted flights: what is usual for this vehicle is not known (--reference)"
+        );
+    }
     for fault in d.faults.iter().chain(&d.remarks) {
         let _ = writeln!(out, "            {fault}");
     }

@@ -28,8 +28,9 @@ pub struct Vehicle {
     pub supply_v: Option<f64>,
     /// What the board told the first eight motors and servos, µs; 0: not in use.
     pub outputs_us: Option<[u16; 8]>,
-    /// Mission item in force.
+    /// Mission item in force, and how many there are.
     pub current: Option<u16>,
+    pub items: u16,
     /// Last mission item that was reached.
     pub reached: Option<u16>,
     /// What went over its links to stations, by number.
@@ -74,7 +75,11 @@ impl Vehicle {
                     m.servo8_raw,
                 ]);
             }
-            MavMessage::MISSION_CURRENT(current) => self.current = Some(current.seq),
+            MavMessage::MISSION_CURRENT(current) => {
+                self.current = Some(current.seq);
+                // "No mission" is written as the largest number.
+                self.items = if current.total == u16::MAX { 0 } else { current.total };
+            }
             MavMessage::MISSION_ITEM_REACHED(reached) => self.reached = Some(reached.seq),
             MavMessage::HALTERE_LINK(link) => {
                 self.links.insert(link.link, link.clone());
@@ -156,10 +161,7 @@ impl Vehicle {
             format!("position: {}", known(point)),
             format!("battery:  {}", known(self.supply_v.map(|v| format!("{v:.2} V")))),
             format!("outputs:  {}", known(self.outputs_us.map(outputs))),
-            format!(
-                "mission:  item {}",
-                known(self.current.map(|n| n.saturating_add(1).to_string()))
-            ),
+            format!("mission:  {}", known(self.current.map(|n| item_of(n, self.items)))),
         ];
         for (number, link) in &self.links {
             let own = if link.own == 1 { ", this one" } else { "" };
@@ -184,6 +186,14 @@ impl Vehicle {
 }
 
 /// Those that are in use, in their order.
+/// The item in force, counted from 1.
+fn item_of(current: u16, items: u16) -> String {
+    match items {
+        0 => "none".to_owned(),
+        items => format!("item {} of {items}", current.saturating_add(1)),
+    }
+}
+
 fn outputs(told_us: [u16; 8]) -> String {
     let used = told_us.iter().rposition(|told| *told != 0).map_or(0, |last| last + 1);
     let shown: Vec<String> = told_us.iter().take(used).map(u16::to_string).collect();

@@ -58,7 +58,12 @@ impl Board {
             count_frame(out.drops_of(LinkId::Board), &next);
             let Ok(frame) = next else { continue };
             if !speaks_as_board(&frame, self.link.system_id()) {
-                out.lose(LinkId::Board, DropReason::MavWrongPeer, 1);
+                // Until a heartbeat tells who the board is, all that it says is early.
+                let reason = match self.link.system_id() {
+                    Some(_) => DropReason::MavWrongPeer,
+                    None => DropReason::MavBeforeHeartbeat,
+                };
+                out.lose(LinkId::Board, reason, 1);
                 continue;
             }
             self.peers.other_spoke(at, index, &frame);

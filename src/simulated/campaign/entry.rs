@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-use crate::simulated::faults::FaultAt;
+use crate::simulated::faults::{FaultAt, Part};
 
 /// First line of what is broken from the floor on.
 pub const FROM_FLOOR: &str = "floor = true";
@@ -56,6 +56,12 @@ impl Entry {
     /// Whether something is broken before anybody arms.
     pub fn is_from_floor(&self) -> bool {
         self.text.starts_with(FROM_FLOOR)
+    }
+
+    /// How long the companion stands still by it, s.
+    pub fn stands_still_s(&self) -> Option<f64> {
+        let faults = self.parts().ok()?.fault;
+        faults.iter().find(|fault| fault.part == Part::Pause)?.length_s
     }
 
     /// Whether `word` names it or its group: small letters and digits count, `_` or anything else between them.

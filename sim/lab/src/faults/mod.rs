@@ -84,8 +84,8 @@ pub fn run(options: &Options) -> Result<bool> {
         print(&json)?;
     } else {
         print(&outcomes(&rows))?;
-        print(&report.table().to_string())?;
-        print(&report.failures().to_string())?;
+        print(&report.table(|entry| &entry.name))?;
+        print(&(report.failures(true) + &report.failures(false)))?;
     }
     let Some(earlier) = &options.against else { return Ok(report.target_is_met()) };
     let text = std::fs::read_to_string(earlier).with_context(|| earlier.display().to_string())?;

@@ -76,8 +76,13 @@ impl Report<'_> {
         self.campaign.faults.get(fault)
     }
 
+    /// Where something on board can help: not against what is met while the companion stands still, when the board flies
+    /// alone.
     fn has_reaction(&self, row: &Row) -> bool {
-        !matches!(self.entry(row).map(|e| e.reaction), Some(Reaction::None(_)))
+        let Some(entry) = self.entry(row) else { return true };
+        let stood_still = entry.stands_still_s().zip(row.fault_s).zip(row.crashed_s);
+        let too_early = stood_still.is_some_and(|((s, from_s), at_s)| at_s <= from_s + s);
+        !matches!(entry.reaction, Reaction::None(_)) && !too_early
     }
 
     /// What the target forbids.
@@ -159,64 +164,66 @@ impl Report<'_> {
         cells
     }
 
-    /// Faults that were flown, by part of the flight.
-    pub fn table(&self) -> String {
+    /// Faults that were flown, or their groups, by part of the flight.
+    pub fn table(&self, name: impl Fn(&Entry) -> &str) -> String {
         let columns = self.columns();
-        let mut text = format!("| fault | {} | reaction |\n|---|", columns.join(" | "));
-        text.push_str(&"---|".repeat(columns.len() + 1));
-        text.push('\n');
+        let mut lines: Vec<(&str, Vec<Cell>)> = Vec::new();
         let mut sums = vec![Cell::default(); columns.len()];
         for (entry, line) in self.campaign.faults.iter().zip(&self.cells()) {
             if line.iter().all(|cell| cell.flights == 0) {
                 continue;
             }
-            let _ = write!(text, "| {} |", entry.name);
-            for (cell, sum) in line.iter().zip(&mut sums) {
-                let _ = write!(text, " {} |", cell.text());
+            let name = name(entry);
+            if lines.last().is_none_or(|(last, _)| *last != name) {
+                lines.push((name, vec![Cell::default(); columns.len()]));
+            }
+            let cells = lines.last_mut().into_iter().flat_map(|(_, cells)| cells);
+            for ((cell, own), sum) in line.iter().zip(cells).zip(&mut sums) {
+                own.sum(cell);
                 sum.sum(cell);
             }
-            let known = if matches!(entry.reaction, Reaction::Exists(_)) { "yes" } else { "no" };
-            let _ = writeln!(text, " {known} |");
         }
-        text.push_str("| **all** |");
-        sums.iter().for_each(|cell| {
-            let _ = write!(text, " {} |", cell.text());
-        });
-        text.push_str("  |\n");
+        lines.push(("**all**", sums));
+        let mut text = format!("| fault | {} |\n|---|", columns.join(" | "));
+        text.push_str(&"---|".repeat(columns.len()));
+        for (name, cells) in &lines {
+            let cells: Vec<String> = cells.iter().map(Cell::text).collect();
+            let _ = write!(text, "\n| {name} | {} |", cells.join(" | "));
+        }
+        text.push('\n');
         text
     }
 
-    /// Every crash, every leaving, every flight that did not end.
-    pub fn failures(&self) -> String {
+    /// Every crash, every leaving, every flight that did not end, where a reaction exists or where none does.
+    pub fn failures(&self, with_reaction: bool) -> String {
         let bad = |r: &&&Row| !matches!(r.outcome, Outcome::Landed | Outcome::NotTakenOff);
-        let mut text = String::new();
-        for (with, title) in
-            [(true, "Where a reaction exists"), (false, "Where no reaction exists")]
-        {
-            let rows: Vec<_> =
-                self.rows.iter().filter(bad).filter(|r| self.has_reaction(r) == with).collect();
-            let _ = writeln!(text, "\n### {title}: {} flights\n", rows.len());
-            if rows.is_empty() {
-                text.push_str("None.\n");
-                continue;
-            }
-            text.push_str("| flight | fault | phase | outcome | what happened | modes |\n|---|---|---|---|---|---|\n");
-            for row in rows {
-                let drawn = |key: &str| row.drawn.get(key).map(plain).unwrap_or_default();
-                let when = match row.drawn.get(FAULT_AT) {
-                    Some(at_s) => format!("{} + {at_s} s", drawn(PHASE)),
-                    None => drawn(PHASE),
-                };
-                let _ = writeln!(
-                    text,
-                    "| {} | {} | {when} | {} | {} | {} |",
-                    row.index,
-                    drawn(FAULT),
-                    row.outcome.name(),
-                    detail(row),
-                    row.modes.replace('>', " › ")
-                );
-            }
+        let rows = self.rows.iter().filter(bad);
+        let rows: Vec<_> = rows.filter(|r| self.has_reaction(r) == with_reaction).collect();
+        let title =
+            if with_reaction { "Where a reaction exists" } else { "Where no reaction exists" };
+        let mut text = format!("\n### {title}: {} flights\n\n", rows.len());
+        if rows.is_empty() {
+            text.push_str("None.\n");
+            return text;
+        }
+        text.push_str(
+            "| flight | fault | phase | outcome | what happened | modes |\n|---|---|---|---|---|---|\n",
+        );
+        for row in rows {
+            let drawn = |key: &str| row.drawn.get(key).map(plain).unwrap_or_default();
+            let when = match row.drawn.get(FAULT_AT) {
+                Some(at_s) => format!("{} + {at_s} s", drawn(PHASE)),
+                None => drawn(PHASE),
+            };
+            let _ = writeln!(
+                text,
+                "| {} | {} | {when} | {} | {} | {} |",
+                row.index,
+                drawn(FAULT),
+                row.outcome.name(),
+                detail(row),
+                row.modes.replace('>', " › ")
+            );
         }
         text
     }
@@ -250,7 +257,8 @@ impl Report<'_> {
              0.15 m after it was down. **Crashed** (C): tumbled, or met the floor sinking faster than 2 m/s, sliding faster than \
              1.5 m/s or leaning by more than 45°. **U**: still armed or in the air at the limit, or the program \
              panicked. The first of these counts. All others are safe: landed whole and inside, or never off the \
-             floor. A fault has no reaction where nothing on board could help; the list of the catalogue says why.\n\n",
+             floor. A fault has no reaction where nothing on board could help; the list of the catalogue says why. Nor has \
+             what the vehicle meets while the companion stands still: the board flies it alone.\n\n",
             "haltere-lab faults --doc docs/FAULTS.md",
             if self.identity.sample { " (a sample)" } else { "" },
             self.rows.len(),
@@ -271,18 +279,18 @@ impl Report<'_> {
         let _ = writeln!(
             text,
             "\nTarget: no flight leaves the fence; where a reaction exists none leaves the floor again and none crashes: **{}**. In {} flights the fault \
-             did not come, because the flight was over before.\n\n## By fault and part of the flight\n\nFlights \
-             that were safe, and those that were not.\n\n{}",
+             did not come, because the flight was over before.\n\n## By group of faults and part of the flight\n\nFlights \
+             that were safe, and those that were not; by fault in FAULTS.json.\n\n{}",
             if self.target_is_met() { "met" } else { "missed" },
             self.missed(),
-            self.table()
+            self.table(|entry| entry.group)
         );
         let _ = write!(
             text,
             "\n## Flights that were not safe\n\n`{} --fly FLIGHT --log flight.mcap` flies one again and keeps its log \
              and its truth.\n{}",
             self.again,
-            self.failures()
+            self.failures(true)
         );
         text
     }

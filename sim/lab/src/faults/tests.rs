@@ -197,7 +197,8 @@ fn prop_what_is_there_from_the_start_has_a_column_of_its_own() {
     let json = report.json();
     assert_eq!(json["faults"].as_array().unwrap().len(), 1);
     assert_eq!(json["faults"][0]["phases"]["start"]["again"], 1);
-    assert!(report.table().contains("| 0 1A | – | – |"), "{}", report.table());
+    let table = report.table(|entry| &entry.name);
+    assert!(table.contains("| 0 1A | – | – |"), "{table}");
     assert!(!report.target_is_met());
 }
 

@@ -106,6 +106,9 @@ struct Pair {
     sent_after_ticks: i64,
 }
 
+/// So many frames may be left over from before the line was opened: one that lay in its buffer stood before the text.
+const LEFT_OVER: usize = 8;
+
 /// The engine.
 #[derive(Debug, Clone)]
 pub struct TdoaEngine {
@@ -113,8 +116,8 @@ pub struct TdoaEngine {
     gate_ticks: f64,
     latency_us: i64,
     decoder: SnifferDecoder,
-    /// Whether a frame came since the tag was connected: it says text before.
-    framed: bool,
+    /// Frames since the tag was connected, as far as [`LEFT_OVER`]: it says text before them.
+    framed: usize,
     /// Whether a packet was ever paired with another one.
     paired: bool,
     anchors: Box<[Anchor; 256]>,
@@ -148,7 +151,7 @@ impl TdoaEngine {
             latency_us: (config.tag_latency_s * 1e6).round() as i64,
             config,
             decoder: SnifferDecoder::new(),
-            framed: false,
+            framed: 0,
             paired: false,
             anchors,
             tag_clock: TagClock::new(),
@@ -179,14 +182,14 @@ impl TdoaEngine {
         while let Some(found) = decoder.next() {
             match found {
                 Ok(frame) => {
-                    self.framed = true;
+                    self.framed = (self.framed + 1).min(LEFT_OVER);
                     if let Err(reason) = self.frame(received_at, &frame, out, drops) {
                         drops.add(reason, 1);
                     }
                 }
                 Err(loss) => {
                     let (reason, n) = match loss {
-                        SnifferLoss::GarbageBytes(n) if !self.framed => {
+                        SnifferLoss::GarbageBytes(n) if self.framed < LEFT_OVER => {
                             (DropReason::TagStartByte, n as u64)
                         }
                         loss => reason_of(loss),
@@ -202,7 +205,7 @@ impl TdoaEngine {
     /// Clocks go on if the tag did not lose power.
     pub fn reconnected(&mut self) {
         self.decoder.flush();
-        self.framed = false;
+        self.framed = 0;
         self.may_be_elsewhere = true;
         if std::mem::take(&mut self.old) {
             self.tag_clock.reset();
