@@ -23,6 +23,7 @@ pub(crate) mod rally;
 pub(crate) mod resume;
 pub(crate) mod setpoint;
 pub(crate) mod shadow;
+pub(crate) mod shown_modes;
 pub(crate) mod supervise;
 pub(crate) mod supervisor;
 pub(crate) mod tilt_step;

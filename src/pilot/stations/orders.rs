@@ -8,7 +8,6 @@ use haltere_core::frames::Vec3;
 use haltere_core::time::HostTime;
 
 use super::commands::{Answer, Awaits, Refusal, Request, refuse};
-use super::identity::SHOWN_MODES;
 use crate::Pilot;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::awaited::{Next, too_far};
@@ -17,6 +16,7 @@ use crate::flight::mission::LOWEST_M;
 use crate::flight::modes::{Event, Mode};
 use crate::flight::place::{Kind, Wanted, room_point};
 use crate::flight::setpoint::Setpoint;
+use crate::flight::shown_modes::SHOWN_MODES;
 use crate::out::voice::Severity;
 use crate::view::around;
 
