@@ -6,8 +6,8 @@
 //!
 //! Begin with `flight/modes`, the table of transitions, `schedule`, the control step and what is due beside it, and
 //! `flight/supervisor/list.rs`, what can go wrong and what is then done. Beside them are `input`, all that can
-//! happen, `settings` and `config`, what can be configured, `view`, what the parts may look at of one another, and
-//! five folders:
+//! happen, `settings` and `config`, what can be configured, `view`, what the parts may look at of one another, `wish`,
+//! what they want changed in one another, and five folders:
 //!
 //! * `out`: bytes by link, texts and events for people, records, and what was thrown away and why;
 //! * `navigation`: from packets of the tag to time differences, from all that is measured to an estimate, and what is
