@@ -6,6 +6,7 @@ use crate::navigation::uwb::UwbConfig;
 use haltere_core::checks::Problems;
 use haltere_core::control::ControlConfig;
 use haltere_core::control::voltage::VoltageConfig;
+use haltere_core::estimate::Estimate;
 use haltere_core::estimator::{EstimatorConfig, UwbNoise};
 use haltere_core::survey::Survey;
 
@@ -192,6 +193,11 @@ impl Default for FlightConfig {
 pub(super) const LEAST_SPEED_MPS: f64 = 0.05;
 
 impl FlightConfig {
+    /// Height of the landing gear above the floor by an estimate, m.
+    pub(super) fn height_above_floor_m(&self, estimate: &Estimate) -> f64 {
+        -estimate.pos_E_m.z() - self.gear_height_m
+    }
+
     /// Time of a landing from this height, s: `(h − h_s) / v + h_s / v_s` with `h_s = min(h, land_slow_height_m)`, `h` m,
     /// speeds `v` above and `v_s` below that height, m/s (`[flight]`). The ramp before the floor is left out.
     pub(super) fn landing_s(&self, height_m: f64) -> f64 {

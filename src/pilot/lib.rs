@@ -6,8 +6,8 @@
 //!
 //! Begin with `flight/modes`, the table of transitions, `schedule`, the control step and what is due beside it, and
 //! `flight/supervisor/list.rs`, what can go wrong and what is then done. Beside them are `input`, all that can
-//! happen, `settings` and `config`, what can be configured, `view`, what the parts may look at of one another, and
-//! five folders:
+//! happen, `settings` and `config`, what can be configured, `view`, what the parts may look at of one another, `wish`,
+//! what they want changed in one another, and five folders:
 //!
 //! * `out`: bytes by link, texts and events for people, records, and what was thrown away and why;
 //! * `navigation`: from packets of the tag to time differences, from all that is measured to an estimate, and what is
@@ -60,6 +60,7 @@ mod schedule;
 pub mod settings;
 mod stations;
 mod view;
+mod wish;
 
 pub use board::misplaced::{Ear, Lines, Speaker};
 pub use config::{BoardProfile, FlightConfig, LimitsConfig, PilotConfig, TagProtocol};
@@ -101,6 +102,7 @@ use out::Out;
 use out::voice::Severity;
 use stations::Stations;
 use view::view;
+use wish::Wish;
 
 /// Times beyond this, 73 000 years, are taken as this: sums with them stay in range.
 const LATEST: HostTime = HostTime::from_us(u64::MAX / 8);
@@ -119,6 +121,8 @@ pub struct Pilot {
     board: Board,
     flight: Flight,
     stations: Stations,
+    /// What the parts want changed in one another; empty but for the moment in which it is granted.
+    wishes: Vec<Wish>,
 }
 
 impl Pilot {
@@ -137,6 +141,7 @@ impl Pilot {
             board: Board::new(&config, at),
             flight: Flight::new(&config, &survey, at),
             stations,
+            wishes: Vec::new(),
             config,
             survey,
         };
@@ -267,6 +272,16 @@ impl Pilot {
     /// The mode in force.
     pub fn mode(&self) -> Mode {
         self.flight.mode
+    }
+
+    /// What is known of the standing vehicle: each row with what a look at it comes to now.
+    pub fn at_rest(&self, at: HostTime) -> impl Iterator<Item = (&'static Quantity, Look)> {
+        AT_REST.iter().map(move |row| (row, (row.look)(&self.sight(at))))
+    }
+
+    /// Whether the program may end: it was asked to, and nothing flies by it any more.
+    pub fn may_end(&self) -> bool {
+        self.flight.may_end()
     }
 
     /// Losses by link number; the last entry is the core itself. What the estimator threw away

@@ -1,11 +1,15 @@
 //! The schedule: the control step at 100 Hz, and what is due beside it.
 
+mod change;
+mod grant;
+mod home;
 mod links;
 mod news;
+mod supervise;
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
-use haltere_core::control::{Command, ControlInput, Handover, HeldTilt};
+use haltere_core::control::{Command, Handover};
 use haltere_core::drops::DropReason;
 use haltere_core::estimate::Health;
 use haltere_core::frames::{B, E, Rot};
@@ -21,7 +25,7 @@ use crate::input::LinkId;
 use crate::navigation::floor::TURN_SHARE;
 use crate::out::voice::Severity;
 use crate::stations::streams::Streams;
-use crate::view::view;
+use crate::view::{around, view};
 
 /// Control steps of the first second, in which tag and board are being found.
 const FIRST_STEPS: u64 = 1_000_000 / CONTROL_PERIOD_US.cast_unsigned();
@@ -109,7 +113,7 @@ impl Pilot {
     /// A vehicle that came to stand without being asked to lands, where it is felt for the floor, and disarms.
     fn watch_floor(&mut self, at: HostTime, dt_s: f64) {
         let watched = transition(self.flight.mode, Event::FloorCarries).is_some();
-        let heard = self.imu_is_alive(at) && !self.navigation.is_numb();
+        let heard = self.sight(at).imu_is_alive() && !self.navigation.is_numb();
         if self.navigation.watch_floor(&view!(self, at), [watched, heard], dt_s) {
             self.fire(at, Event::FloorCarries);
             // Whatever the landing's estimate says from here on, it does not lift off again.
@@ -128,17 +132,24 @@ impl Pilot {
             Mode::Yielded if !self.board.link.is_retaking() => {}
             Mode::Yielded => {
                 let command = self.stay_command();
-                let output = self.run_controller(at, &command, dt_s, true, None);
+                let output =
+                    self.flight.run_controller(&around!(self, at), &command, dt_s, true, None);
                 self.flight.control = output.record;
                 self.send(at, output.R_EB, output.thrust_frac);
             }
             // No setpoints into a board that we have not armed.
-            Mode::Disarmed if self.config.flight.shadow => self.shadow_step(at, dt_s),
+            Mode::Disarmed if self.config.flight.shadow => {
+                let (out, wishes) = (&mut self.out, &mut self.wishes);
+                self.flight.follow_flyer(&around!(self, at), out, wishes);
+                self.grant(at);
+                self.flight.shadow_step(&around!(self, at), dt_s, &mut self.out);
+            }
             Mode::Disarmed => {}
             Mode::Arming | Mode::Idle | Mode::Disarming => self.send_idle(at),
             Mode::Spool => {
                 let command = self.stay_command();
-                let output = self.run_controller(at, &command, dt_s, true, None);
+                let output =
+                    self.flight.run_controller(&around!(self, at), &command, dt_s, true, None);
                 self.flight.control = output.record;
                 let share = at.seconds_since(self.flight.mode_since) / self.config.flight.spool_s;
                 let thrust_frac =
@@ -159,7 +170,8 @@ impl Pilot {
             }
             Mode::Descend => {
                 let command = self.stay_command();
-                let output = self.run_controller(at, &command, dt_s, true, None);
+                let output =
+                    self.flight.run_controller(&around!(self, at), &command, dt_s, true, None);
                 self.flight.control = output.record;
                 self.flight.supervisor.descent.late =
                     self.navigation.obeys_late(&self.board.state());
@@ -171,7 +183,7 @@ impl Pilot {
                 // Level in the board's own frame: our attitude is what cannot be trusted.
                 let yaw_rad = self.board.attitude.map_or(0.0, |a| a.attitude.yaw_rad());
                 let level = Rot::from_euler_rad(0.0, 0.0, yaw_rad);
-                let share = share.min(self.most_share(at));
+                let share = share.min(self.flight.most_share(at, &self.navigation));
                 let thrust_frac = self.navigation.bounded_frac(
                     self.flight.hover_thrust_frac(&self.config) * share,
                     self.flight.control.thrust_base_frac,
@@ -193,7 +205,13 @@ impl Pilot {
                 // Nor while the board flies something else.
                 let frozen = (self.flight.mode == Mode::Takeoff && self.is_on_floor())
                     || !self.board.link.obeys();
-                let mut output = self.run_controller(at, &command, dt_s, frozen, news.held);
+                let mut output = self.flight.run_controller(
+                    &around!(self, at),
+                    &command,
+                    dt_s,
+                    frozen,
+                    news.held,
+                );
                 if let Some((doublet, elapsed_s)) = news.doublet {
                     doublet.add(elapsed_s, &self.config.control.limits, &mut output);
                 }
@@ -267,46 +285,18 @@ impl Pilot {
         self.flight.hover.step(observable.then_some(step), dt_s);
     }
 
-    /// The loops take over from level flight at the base thrust: nobody has flown by them meanwhile.
-    pub(super) fn take_over_level(&mut self) {
-        self.flight.controller.reset(Some(&Handover {
-            roll_rad: 0.0,
-            pitch_rad: 0.0,
-            yaw_rad: self.estimate.R_EB.yaw_rad(),
-            thrust_frac: self.flight.hover_thrust_frac(&self.config),
-        }));
-    }
-
     /// Integrators must not fill while the floor carries the vehicle.
     fn is_on_floor(&self) -> bool {
         self.height_above_floor_m() < 0.1
     }
 
-    fn stay_command(&self) -> Command {
-        Command::hold(self.estimate.pos_E_m, self.estimate.R_EB.yaw_rad())
+    /// Height of the landing gear above the floor by the estimate, m.
+    pub(crate) fn height_above_floor_m(&self) -> f64 {
+        self.config.flight.height_above_floor_m(&self.estimate)
     }
 
-    pub(super) fn run_controller(
-        &mut self,
-        at: HostTime,
-        command: &Command,
-        dt_s: f64,
-        integrators_frozen: bool,
-        held: Option<HeldTilt>,
-    ) -> haltere_core::control::ControlOutput {
-        let height_m = self.height_above_floor_m();
-        let supply_v = self.board.supply_v(at);
-        self.flight.controller.step(&ControlInput {
-            at,
-            estimate: &self.estimate,
-            command,
-            supply_v,
-            height_above_ground_m: height_m,
-            dt_s,
-            integrators_frozen,
-            thrust_ceiling_frac: self.navigation.thrust_ceiling_frac(&view!(self, at)),
-            held,
-        })
+    fn stay_command(&self) -> Command {
+        Command::hold(self.estimate.pos_E_m, self.estimate.R_EB.yaw_rad())
     }
 
     fn send_idle(&mut self, at: HostTime) {

@@ -5,8 +5,13 @@ use haltere_core::measure::BoardAttitude;
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 
+use crate::board::Board;
 use crate::config::PilotConfig;
+use crate::flight::Flight;
+use crate::flight::fence::Fence;
 use crate::flight::modes::Mode;
+use crate::navigation::Navigation;
+use crate::out::Out;
 
 /// What every part may look at. Made anew before each call, by [`view!`].
 #[derive(Debug, Clone, Copy)]
@@ -52,10 +57,86 @@ pub(crate) struct BoardState {
     pub attitude: Option<BoardAttitude>,
 }
 
+/// What is kept over a restart, as far as arming must know of it.
+pub(crate) trait Kept: std::fmt::Debug {
+    /// Why nothing is armed with what is left.
+    fn lost_forbids(&self) -> Option<String>;
+}
+
+/// What the flight may look at beside itself. Made anew before each call, by [`around!`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Around<'a> {
+    pub at: HostTime,
+    pub config: &'a PilotConfig,
+    pub survey: &'a Survey,
+    pub estimate: &'a Estimate,
+    pub navigation: &'a Navigation,
+    pub board: &'a Board,
+    pub fence: &'a Fence,
+    pub kept: &'a dyn Kept,
+}
+
+/// What looks at all parts and changes none: conditions, and what is known at rest. Made anew for each row.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sight<'a> {
+    pub view: View<'a>,
+    pub navigation: &'a Navigation,
+    pub board: &'a Board,
+    pub flight: &'a Flight,
+    pub fence: &'a Fence,
+    pub kept: &'a dyn Kept,
+    pub out: &'a Out,
+}
+
+impl<'a> Around<'a> {
+    /// Height of the landing gear above the floor by the estimate, m.
+    pub fn height_above_floor_m(&self) -> f64 {
+        self.config.flight.height_above_floor_m(self.estimate)
+    }
+
+    /// What every part may look at, with the flight as it is now.
+    pub fn view(&self, flight: &Flight) -> View<'a> {
+        View {
+            at: self.at,
+            config: self.config,
+            survey: self.survey,
+            estimate: self.estimate,
+            mode: flight.mode,
+            stands: flight.is_standing(),
+            thrust: flight.thrust(self.config),
+            board: self.board.state(),
+        }
+    }
+
+    /// All of it, with the flight as it is now.
+    pub fn sight<'b>(&self, flight: &'b Flight, out: &'b Out) -> Sight<'b>
+    where
+        'a: 'b,
+    {
+        self.sight_with(self.view(flight), flight, out)
+    }
+
+    /// The same where the view is at hand, which costs more than all the rest.
+    pub fn sight_with<'b>(&self, view: View<'b>, flight: &'b Flight, out: &'b Out) -> Sight<'b>
+    where
+        'a: 'b,
+    {
+        Sight {
+            view,
+            navigation: self.navigation,
+            board: self.board,
+            flight,
+            fence: self.fence,
+            kept: self.kept,
+            out,
+        }
+    }
+}
+
 impl View<'_> {
     /// Height of the landing gear above the floor by the estimate, m.
     pub fn height_above_floor_m(&self) -> f64 {
-        -self.estimate.pos_E_m.z() - self.config.flight.gear_height_m
+        self.config.flight.height_above_floor_m(self.estimate)
     }
 
     /// Whether the estimate can be flown by.
@@ -80,3 +161,20 @@ macro_rules! view {
     };
 }
 pub(crate) use view;
+
+/// What is around the flight of a [`Pilot`](crate::Pilot) at a time. It borrows field by field as well.
+macro_rules! around {
+    ($pilot:expr, $at:expr) => {
+        $crate::view::Around {
+            at: $at,
+            config: &$pilot.config,
+            survey: &$pilot.survey,
+            estimate: &$pilot.estimate,
+            navigation: &$pilot.navigation,
+            board: &$pilot.board,
+            fence: &$pilot.stations.services.plans.fence,
+            kept: &$pilot.stations,
+        }
+    };
+}
+pub(crate) use around;

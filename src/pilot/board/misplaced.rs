@@ -229,7 +229,7 @@ mod tests {
                 texts.push(text.text);
             }
         });
-        (texts, pilot.may_arm(at(3000)).unwrap_err(), sent)
+        (texts, pilot.sight(at(3000)).may_arm().unwrap_err(), sent)
     }
 
     /// The advice was to check the anchors and the speed.

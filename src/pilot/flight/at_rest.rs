@@ -14,7 +14,7 @@ use super::arming::{
     ARM_TILT_RAD, SHADOW_WORDS, attitude, battery, board, estimate, imu, log, or_refused, uwb,
 };
 use super::supervisor::Number;
-use crate::Pilot;
+use crate::view::Sight;
 
 /// Scatter of a gyroscope at rest, rad/s, of all axes together: ten times that of a BMI088 (data sheet: 0.014 deg/s/√Hz, over
 /// 100 Hz 0.005 rad/s), and a sixth of what the same is when it is read in degrees.
@@ -69,7 +69,7 @@ pub struct Quantity {
     pub way_out: &'static str,
     /// It is measured in the vehicle: `haltere check --live` looks at it as well.
     pub is_measured: bool,
-    pub(crate) look: fn(&Pilot, HostTime) -> Look,
+    pub(crate) look: fn(&Sight<'_>) -> Look,
 }
 
 impl std::fmt::Debug for Quantity {
@@ -89,7 +89,7 @@ const ROW: Quantity = Quantity {
     follows: "no flight",
     way_out: "",
     is_measured: false,
-    look: |_, _| Look::Fits(String::new()),
+    look: |_| Look::Fits(String::new()),
 };
 
 const fn number(
@@ -211,7 +211,7 @@ pub(crate) const ESTIMATE: Quantity = Quantity {
            anchor N does not fit the others; N anchors heard, M needed to find a wrong one; N % of the UWB measurements \
            do not fit; the anchors contradict one another, none of them alone is at fault: N, E or height may be N m off; \
            most anchors read far worse than usual",
-    look: |pilot, at| or_refused(estimate(pilot, at)),
+    look: |sight| or_refused(estimate(sight)),
     ..ROW
 };
 
@@ -221,7 +221,7 @@ const UWB: Quantity = Quantity {
     failed: "No UWB measurements",
     must_be: "a fused measurement within 0.5 s, `supervisor.anchors_least` anchors",
     said: "no UWB measurements; N of M anchors heard, K needed",
-    look: |pilot, at| or_refused(uwb(pilot, at)),
+    look: |sight| or_refused(uwb(sight)),
     ..ROW
 };
 
@@ -261,7 +261,7 @@ const ATTITUDE: Quantity = Quantity {
         "a gear on a slope",
     )],
     said: "tilted: roll R, pitch P deg, at most 20",
-    look: |pilot, _| or_refused(attitude(pilot)),
+    look: |sight| or_refused(attitude(sight)),
     ..ROW
 };
 
@@ -271,7 +271,7 @@ const FENCE: Quantity = Quantity {
     failed: "The vehicle stands outside the fence",
     must_be: "inside of the fence that a station drew",
     said: "outside the fence at N n E e m",
-    look: |pilot, _| or_refused(pilot.fence_forbids().map_or(Ok(()), Err)),
+    look: |sight| or_refused(sight.fence.forbids(sight.view.estimate.pos_E_m).map_or(Ok(()), Err)),
     ..ROW
 };
 
@@ -330,7 +330,7 @@ const ANCHORS: Quantity = Quantity {
            of sight; the floor adds N m to the low anchors, 2.5 m at most: check which anchors are low; several anchors do \
            not fit one another, whichever is left out",
     is_measured: true,
-    look: |pilot, _| or_refused(pilot.navigation.survey_check.refusal().map_or(Ok(()), Err)),
+    look: |sight| or_refused(sight.navigation.survey_check.refusal().map_or(Ok(()), Err)),
     ..ROW
 };
 
@@ -343,7 +343,7 @@ const GAINS: Quantity = Quantity {
               parameter that would break this is refused",
     said: "control.gains.NAME = V (default D): the forward (sideways, vertical) loop is unstable, has too small a margin, \
            or does not hold a place; control.limits.thrust_max_frac (thrust_min_frac) = V",
-    look: |pilot, _| or_refused(pilot.flight.gains_refusal.clone().map_or(Ok(()), Err)),
+    look: |sight| or_refused(sight.flight.gains_refusal.clone().map_or(Ok(()), Err)),
     ..ROW
 };
 
@@ -353,8 +353,8 @@ const SHADOW: Quantity = Quantity {
     failed: "This companion only watches",
     must_be: "`flight.shadow` is off: a shadow watches and never flies",
     said: SHADOW_WORDS,
-    look: |pilot, _| {
-        let watches = pilot.config.flight.shadow;
+    look: |sight| {
+        let watches = sight.view.config.flight.shadow;
         or_refused(if watches { Err(SHADOW_WORDS.to_owned()) } else { Ok(()) })
     },
     ..ROW
@@ -368,7 +368,7 @@ const KEPT: Quantity = Quantity {
               damaged or empty is not none. What is missing is told to every station that comes",
     said: "fence (rally points, mission) not restored: why; upload it, or clear it. parameters not restored: why; set them, \
            or reset them. fence, rally points and mission are still being read",
-    look: |pilot, _| or_refused(pilot.stations.lost_forbids().map_or(Ok(()), Err)),
+    look: |sight| or_refused(sight.kept.lost_forbids().map_or(Ok(()), Err)),
     ..ROW
 };
 
@@ -383,20 +383,13 @@ pub(crate) const LOG: Quantity = Quantity {
     ..ROW
 };
 
-impl Pilot {
-    /// What is known of the standing vehicle: each row with what a look at it comes to now.
-    pub fn at_rest(&self, at: HostTime) -> impl Iterator<Item = (&'static Quantity, Look)> {
-        AT_REST.iter().map(move |row| (row, (row.look)(self, at)))
-    }
-}
-
 /// What the IMU reads while the vehicle stands; where that is not known yet, its own row says so.
-fn standing(pilot: &Pilot, judge: impl FnOnce(&Standing) -> Look) -> Look {
-    pilot.navigation.estimator.standing().map_or_else(|| Look::Fits(String::new()), judge)
+fn standing(sight: &Sight<'_>, judge: impl FnOnce(&Standing) -> Look) -> Look {
+    sight.navigation.estimator.standing().map_or_else(|| Look::Fits(String::new()), judge)
 }
 
-fn force(pilot: &Pilot, _: HostTime) -> Look {
-    standing(pilot, |standing| {
+fn force(sight: &Sight<'_>) -> Look {
+    standing(sight, |standing| {
         let reads_mps2 = standing.acc_B_mps2.norm();
         let off = (reads_mps2 / G_MPS2 - 1.0).abs();
         if off > FORCE_MOST_SHARE {
@@ -414,8 +407,8 @@ fn force(pilot: &Pilot, _: HostTime) -> Look {
     })
 }
 
-fn gyroscope(pilot: &Pilot, _: HostTime) -> Look {
-    standing(pilot, |standing| {
+fn gyroscope(sight: &Sight<'_>) -> Look {
+    standing(sight, |standing| {
         let (mean, scatter) = (standing.rate_B_radps.norm(), standing.std_rate_radps);
         let rests = standing.std_acc_mps2 < STD_FORCE_RESTS_MPS2;
         if rests && (mean > LARGEST_BIAS_RADPS || scatter > STD_RATE_MOST_RADPS) {
@@ -428,10 +421,10 @@ fn gyroscope(pilot: &Pilot, _: HostTime) -> Look {
     })
 }
 
-fn level(pilot: &Pilot, _: HostTime) -> Look {
+fn level(sight: &Sight<'_>) -> Look {
     // Where the board sends no attitude, its own row says so.
-    let Some(down_B) = pilot.board.down.mean_B else { return Look::Fits(String::new()) };
-    standing(pilot, |standing| {
+    let Some(down_B) = sight.board.down.mean_B else { return Look::Fits(String::new()) };
+    standing(sight, |standing| {
         let up_B = standing.acc_B_mps2;
         let cos = -up_B.dot(down_B) / (up_B.norm() * down_B.norm()).max(f64::MIN_POSITIVE);
         let off_rad = cos.clamp(-1.0, 1.0).acos();
@@ -447,13 +440,16 @@ fn level(pilot: &Pilot, _: HostTime) -> Look {
     })
 }
 
-fn floor(pilot: &Pilot, _: HostTime) -> Look {
-    if !pilot.navigation.estimator.is_aligned() {
+fn floor(sight: &Sight<'_>) -> Look {
+    if !sight.navigation.estimator.is_aligned() {
         return Look::Fits(String::new()); // nothing is known, and the estimate's row says so
     }
-    let by_uwb_m =
-        pilot.navigation.estimator.start_height_by_uwb_m().unwrap_or(-pilot.estimate.pos_E_m.z());
-    let stands_m = by_uwb_m - pilot.config.flight.gear_height_m;
+    let by_uwb_m = sight
+        .navigation
+        .estimator
+        .start_height_by_uwb_m()
+        .unwrap_or(-sight.view.estimate.pos_E_m.z());
+    let stands_m = by_uwb_m - sight.view.config.flight.gear_height_m;
     let words = if stands_m > STANDS_HIGHEST_M {
         format!("stands {stands_m:.1} m above the floor by UWB, {STANDS_HIGHEST_M:.1} m at most")
     } else if stands_m < STANDS_LOWEST_M {
@@ -467,9 +463,9 @@ fn floor(pilot: &Pilot, _: HostTime) -> Look {
     Look::Refused(words)
 }
 
-fn barometer(pilot: &Pilot, at: HostTime) -> Look {
-    let fresh = |t: HostTime| at.seconds_since(t) < BARO_AGE_S;
-    match (pilot.board.pressure_pa, pilot.board.link.odd_pressure()) {
+fn barometer(sight: &Sight<'_>) -> Look {
+    let fresh = |t: HostTime| sight.view.at.seconds_since(t) < BARO_AGE_S;
+    match (sight.board.pressure_pa, sight.board.link.odd_pressure()) {
         (Some((pa, t)), _) if fresh(t) => Look::Fits(format!("barometer {:.1} hPa", pa * 0.01)),
         (_, Some((raw, t))) if fresh(t) => Look::Told(format!(
             "without barometer: the board sends a pressure of {raw}, which is neither hPa nor Pa"
@@ -478,8 +474,8 @@ fn barometer(pilot: &Pilot, at: HostTime) -> Look {
     }
 }
 
-fn outputs(pilot: &Pilot, _: HostTime) -> Look {
-    match pilot.board.battery.and_then(|battery| battery.current_a) {
+fn outputs(sight: &Sight<'_>) -> Look {
+    match sight.board.battery.and_then(|battery| battery.current_a) {
         Some(a) if a > STANDING_MOST_A => {
             Look::Told(format!("with a current of {a:.1} A while it stands"))
         }

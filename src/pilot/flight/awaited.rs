@@ -6,8 +6,10 @@ use haltere_core::time::HostTime;
 use super::Flight;
 use super::modes::{Event, Mode};
 use super::setpoint::{Setpoint, rests_at_E_m};
-use crate::Pilot;
+use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::view::Around;
+use crate::wish::Wish;
 
 /// A stream of setpoints that lifts the vehicle off has run for so long, s: one that stops at once would leave it in
 /// the air with nobody who flies it.
@@ -80,22 +82,27 @@ impl Flight {
         let lifts_off = matches!(self.mode, Mode::Spool | Mode::Takeoff);
         self.mode == Mode::Mission || lifts_off && self.guidance.next == Next::Mission
     }
-}
 
-impl Pilot {
     /// Begins what can begin now, one look in each control step.
-    pub(crate) fn pursue_next(&mut self, at: HostTime) {
-        self.follow_climb(at);
-        match (self.flight.guidance.next, self.flight.mode) {
-            (Next::Offboard, Mode::Disarmed | Mode::Arming | Mode::Idle) => self.lift_to_stream(at),
-            (Next::Stream, Mode::Spool) if self.stream(at).is_none() => {
-                self.call_off_stream(at);
-                self.fire(at, Event::LandAsked);
+    pub(crate) fn pursue_next(
+        &mut self,
+        around: &Around<'_>,
+        out: &mut Out,
+        wishes: &mut Vec<Wish>,
+    ) {
+        self.follow_climb(around, out);
+        match (self.guidance.next, self.mode) {
+            (Next::Offboard, Mode::Disarmed | Mode::Arming | Mode::Idle) => {
+                self.lift_to_stream(around, out, wishes)
+            }
+            (Next::Stream, Mode::Spool) if self.stream(around).is_none() => {
+                self.call_off_stream(around, out);
+                self.happened(around, Event::LandAsked, None, out, wishes);
             }
             (Next::Manual | Next::Point { .. }, Mode::Takeoff)
-                if self.height_above_floor_m() >= CLEAR_M =>
+                if around.height_above_floor_m() >= CLEAR_M =>
             {
-                self.begin_next(at);
+                self.begin_next(around, out, wishes);
             }
             _ => {}
         }
@@ -103,20 +110,21 @@ impl Pilot {
 
     /// Adds up a climb by rate, and tells when it is over how much of it was flown: on the floor the stream must run for a
     /// while, and the take-off has a speed of its own.
-    fn follow_climb(&mut self, at: HostTime) {
-        let waits = matches!(self.flight.guidance.next, Next::Offboard | Next::Stream);
-        let setpoint = self.stream(at).filter(|_| waits || self.flight.mode == Mode::Offboard);
+    fn follow_climb(&mut self, around: &Around<'_>, out: &mut Out) {
+        let at = around.at;
+        let waits = matches!(self.guidance.next, Next::Offboard | Next::Stream);
+        let setpoint = self.stream(around).filter(|_| waits || self.mode == Mode::Offboard);
         let rate_mps = setpoint.map_or(0.0, |s| s.climb_mps());
-        let z_m = rests_at_E_m(&self.estimate).z();
+        let z_m = rests_at_E_m(around.estimate).z();
         let fresh = Climb { from_z_m: z_m, asked_m: 0.0, since: at, looked_at: at };
-        let climb = self.flight.guidance.climb.get_or_insert(fresh);
+        let climb = self.guidance.climb.get_or_insert(fresh);
         if rate_mps > 0.0 {
             climb.asked_m += rate_mps * at.seconds_since(climb.looked_at);
             climb.looked_at = at;
             return;
         }
         let Climb { from_z_m, asked_m, since, looked_at } = *climb;
-        self.flight.guidance.climb = None;
+        self.guidance.climb = None;
         let flown_m = (from_z_m - z_m).max(0.0);
         if asked_m - flown_m > SHORT_M.max(SHORT_SHARE * asked_m) {
             let took_s = looked_at.seconds_since(since);
@@ -125,68 +133,77 @@ impl Pilot {
                  at {:.1} m",
                 -z_m
             );
-            self.out.say(at, Severity::Info, text);
+            out.say(at, Severity::Info, text);
         }
     }
 
     /// Offboard on the floor: the vehicle lifts off to the first setpoint that is up, once the stream has run for a
     /// while. A stream that stops calls it off.
-    fn lift_to_stream(&mut self, at: HostTime) {
-        let Some(setpoint) = self.stream(at) else { return self.call_off_stream(at) };
+    fn lift_to_stream(&mut self, around: &Around<'_>, out: &mut Out, wishes: &mut Vec<Wish>) {
+        let at = around.at;
+        let Some(setpoint) = self.stream(around) else { return self.call_off_stream(around, out) };
         // Between its first and its newest setpoint: what follows the newest is silence.
         let runs = at.seconds_since(setpoint.since) - setpoint.age_s(at) >= STREAM_S;
         let Some(height_m) = setpoint.climbs_to_m(CLEAR_M).filter(|_| runs) else { return };
-        if self.flight.mode != Mode::Idle {
+        if self.mode != Mode::Idle {
             return;
         }
-        if let Some(why) = too_far(&setpoint, self.estimate.pos_E_m) {
-            self.flight.guidance.next = Next::Nothing;
-            self.out.say(at, Severity::Warning, why);
+        if let Some(why) = too_far(&setpoint, around.estimate.pos_E_m) {
+            self.guidance.next = Next::Nothing;
+            out.say(at, Severity::Warning, why);
             return;
         }
-        self.flight.guidance.set_takeoff_height(height_m);
-        self.flight.guidance.next = Next::Stream;
-        self.lift_off(at);
+        self.guidance.set_takeoff_height(height_m);
+        self.guidance.next = Next::Stream;
+        self.lift_off(around, out, wishes);
     }
 
     /// The newest setpoint of a client, if their stream has not stopped.
-    fn stream(&self, at: HostTime) -> Option<Setpoint> {
-        let limit_s = self.config.limits.offboard_loss_s;
-        self.flight.guidance.setpoint.filter(|s| s.age_s(at) < limit_s)
+    fn stream(&self, around: &Around<'_>) -> Option<Setpoint> {
+        let limit_s = around.config.limits.offboard_loss_s;
+        self.guidance.setpoint.filter(|s| s.age_s(around.at) < limit_s)
     }
 
-    fn call_off_stream(&mut self, at: HostTime) {
-        self.flight.guidance.next = Next::Nothing;
-        let limit_s = self.config.limits.offboard_loss_s;
-        self.out.say(
-            at,
+    fn call_off_stream(&mut self, around: &Around<'_>, out: &mut Out) {
+        self.guidance.next = Next::Nothing;
+        let limit_s = around.config.limits.offboard_loss_s;
+        out.say(
+            around.at,
             Severity::Warning,
             format!("offboard called off: no setpoint for {limit_s} s"),
         );
     }
 
     /// Lets what waits for the take-off follow it. `false`: nothing does, or what it follows has stopped.
-    pub(crate) fn begin_next(&mut self, at: HostTime) -> bool {
-        let limit_s = self.config.limits.offboard_loss_s;
+    pub(crate) fn begin_next(
+        &mut self,
+        around: &Around<'_>,
+        out: &mut Out,
+        wishes: &mut Vec<Wish>,
+    ) -> bool {
+        let at = around.at;
+        let limit_s = around.config.limits.offboard_loss_s;
         let runs = |s: &Option<Setpoint>| s.is_some_and(|s| s.age_s(at) < limit_s);
-        let next = std::mem::take(&mut self.flight.guidance.next);
+        let next = std::mem::take(&mut self.guidance.next);
         let (event, runs) = match next {
             Next::Nothing | Next::Mission => return false,
             Next::Offboard | Next::Stream => {
-                let height_m = self.flight.guidance.takeoff_height_m();
-                if let Some(setpoint) = &mut self.flight.guidance.setpoint {
+                let height_m = self.guidance.takeoff_height_m();
+                if let Some(setpoint) = &mut self.guidance.setpoint {
                     setpoint.took_off(height_m);
                 }
-                let stays = self.flight.guidance.setpoint.is_some_and(|s| !s.needs_stream());
-                (Event::OffboardAsked, stays || runs(&self.flight.guidance.setpoint))
+                let stays = self.guidance.setpoint.is_some_and(|s| !s.needs_stream());
+                (Event::OffboardAsked, stays || runs(&self.guidance.setpoint))
             }
-            Next::Manual => (Event::ManualAsked, runs(&self.flight.guidance.sticks)),
+            Next::Manual => (Event::ManualAsked, runs(&self.guidance.sticks)),
             Next::Point { .. } => (Event::GotoAsked, true),
         };
         // What has come up since it was asked for may forbid it.
-        let begins = runs && self.forbids(event).is_none() && self.fire(at, event);
+        let begins = runs
+            && self.forbids(event, around.config, around.navigation).is_none()
+            && self.happened(around, event, None, out, wishes);
         if let (true, Next::Point { pos_E_m, yaw_rad }) = (begins, next) {
-            self.flight.guidance.fly_to(pos_E_m, yaw_rad);
+            self.guidance.fly_to(pos_E_m, yaw_rad);
         }
         begins
     }

@@ -1,6 +1,6 @@
 //! A change of mode: what it begins, what it ends, and how it is told.
 
-use haltere_core::time::HostTime;
+use haltere_core::control::Handover;
 use haltere_core::topics::{ModeRecord, Topic};
 
 use super::Flight;
@@ -9,9 +9,10 @@ use super::event_list::{MODE_CHANGED, cause_number, mode_number};
 use super::modes::{Event, Mode, transition};
 use super::resume::Resumption;
 use super::supervisor::{Descent, RESPONSE_MOST_S};
-use crate::Pilot;
+use crate::out::Out;
 use crate::out::voice::Severity;
-use crate::view::view;
+use crate::view::Around;
+use crate::wish::Wish;
 
 /// A take-off that leaves the floor's cushion rises with so many times its speed for a moment: in lockstep with up to 1.3 m/s
 /// where 0.5 is asked for.
@@ -57,108 +58,139 @@ impl Flight {
             (mode, _) => mode,
         }
     }
-}
 
-impl Pilot {
-    /// Lets an event change the mode. `false`: there is no row for it.
-    pub(crate) fn fire(&mut self, at: HostTime, event: Event) -> bool {
-        self.fire_because(at, event, None)
+    /// The item of the mission that a landing has flown which this event ends.
+    pub(crate) fn landed_item(&mut self, event: Event) -> Option<u16> {
+        let ends = self.mode == Mode::Land
+            && matches!(event, Event::TouchDown | Event::BoardDisarmed)
+            && transition(self.mode, event).is_some();
+        if ends { self.guidance.landed() } else { None }
     }
 
-    /// The same for a reason that is not the row's.
-    pub(crate) fn fire_because(
+    /// Lets an event change the mode, by the row's reason or another one. `false`: there is no row for it. What a landing
+    /// has reached is told before ([`Self::landed_item`]).
+    pub(crate) fn happened(
         &mut self,
-        at: HostTime,
+        around: &Around<'_>,
         event: Event,
         cause: Option<Cause>,
+        out: &mut Out,
+        wishes: &mut Vec<Wish>,
     ) -> bool {
-        let Some(row) = transition(self.flight.mode, event) else { return false };
-        let from = self.flight.mode;
+        let Some(row) = transition(self.mode, event) else { return false };
+        let (at, from) = (around.at, self.mode);
         let cause = cause.unwrap_or_else(|| Cause::of_row(from, event, row.because));
-        if from == Mode::Land
-            && matches!(event, Event::TouchDown | Event::BoardDisarmed)
-            && let Some(seq) = self.flight.guidance.landed()
-        {
-            self.tell_reached(at, seq);
-        }
         if !matches!(row.to, Mode::Return | Mode::Land) {
-            self.flight.guidance.landing = false;
+            self.guidance.landing = false;
         }
-        self.flight.mode = row.to;
+        self.mode = row.to;
         if !matches!(row.to, Mode::Arming | Mode::Idle | Mode::Spool | Mode::Takeoff) {
-            self.flight.guidance.next = Next::Nothing;
+            self.guidance.next = Next::Nothing;
         }
-        self.flight.mode_since = at;
-        self.navigation.touch = self.navigation.touch.in_mode(from, row.to, at);
-        self.flight.good_since = None;
-        self.flight.guidance.enter(row.to, &self.estimate, &self.stations.services.plans.fence, at);
-        match row.to {
+        self.mode_since = at;
+        wishes.push(Wish::FeelAnew { from, to: row.to });
+        self.good_since = None;
+        self.guidance.enter(row.to, around.estimate, around.fence, at);
+        self.enter(around, from, event, out, wishes);
+        self.record_mode(around, cause.because, out);
+        let Cause { because, severity, number } = cause;
+        let arguments = [mode_number(from), mode_number(row.to), number];
+        out.event(at, MODE_CHANGED, severity.into(), &[&arguments]);
+        out.say_of_event(at, severity, format!("{}: {because}", row.to.name()));
+        true
+    }
+
+    /// What a mode begins, which is in force already.
+    fn enter(
+        &mut self,
+        around: &Around<'_>,
+        from: Mode,
+        event: Event,
+        out: &mut Out,
+        wishes: &mut Vec<Wish>,
+    ) {
+        match self.mode {
             Mode::Spool => {
-                self.flight.supervisor.begin_flight(at);
-                self.flight.controller.reset(None);
+                self.supervisor.begin_flight(around.at);
+                self.controller.reset(None);
                 // A real board lets its motors stand for seconds yet: until it shows thrust, the vehicle stands
                 // too, and near the floor UWB alone loses its height.
-                if !self.board.link.firmware().is_real() {
-                    self.navigation.estimator.set_airborne(true);
+                if !around.board.link.firmware().is_real() {
+                    wishes.push(Wish::Airborne(true));
                 }
-                self.flight.lift_off_asked = false;
+                self.lift_off_asked = false;
             }
-            Mode::Takeoff => self.navigation.estimator.set_airborne(true),
+            Mode::Takeoff => wishes.push(Wish::Airborne(true)),
             Mode::Disarming => {
                 // With thrust on, a board may refuse the plain order even on the floor.
                 let force = from.has_thrust() && event != Event::TouchDown;
-                self.board.link.command_arm(false, force, at);
-                self.out.told.insisted_at = None;
-                self.flight.call_off_lift_off();
+                wishes.push(Wish::Disarm { force, later: false });
+                out.told.insisted_at = None;
+                self.call_off_lift_off();
             }
             Mode::Yielded => {
-                self.flight.land_when_back = false;
+                self.land_when_back = false;
                 // What the integrators learn while nobody listens is wrong.
-                self.flight.controller.reset(None);
+                self.controller.reset(None);
             }
-            Mode::Hold if from == Mode::Yielded => self.take_over_level(),
-            Mode::Descend => {
-                // Height and speed as they were while they could be trusted, or as measured after a pause.
-                let (height_m, sink_mps) = self
-                    .flight
-                    .resumption
-                    .descends_from(self.flight.last_height_m)
-                    .unwrap_or_else(|| self.height_and_sink_to_descend_from(at));
-                self.flight.supervisor.descent = Descent::begin(height_m, sink_mps);
-                if from == Mode::Takeoff {
-                    let up_mps = OVERSHOOTS * self.config.flight.takeoff_speed_mps;
-                    self.flight.supervisor.descent.may_rise(up_mps);
-                }
-                self.flight.supervisor.descents += 1;
-                let late_s = self.board.link.response_lag_s().filter(|s| *s > RESPONSE_MOST_S);
-                self.navigation.touch.lag_s = late_s.unwrap_or(0.0);
-                if from == Mode::Land {
-                    self.navigation.hold_thrust_near_floor(&view!(self, at));
-                }
+            Mode::Hold if from == Mode::Yielded => self.take_over_level(around),
+            Mode::Descend => self.begin_descent(around, from, out, wishes),
+            Mode::Land => {
+                self.land_from_m = around.height_above_floor_m().max(0.0);
             }
-            Mode::Land => self.flight.land_from_m = self.height_above_floor_m().max(0.0),
             Mode::Disarmed => {
-                self.flight.resumption = Resumption::default();
-                self.flight.supervisor.end_flight();
-                self.navigation.estimator.set_airborne(false);
-                self.flight.call_off_lift_off();
+                self.resumption = Resumption::default();
+                self.supervisor.end_flight();
+                wishes.push(Wish::Airborne(false));
+                self.call_off_lift_off();
                 if event == Event::ArmFailed {
                     // It may still arm on an order that is under way.
-                    self.board.link.command_arm(false, false, at);
+                    wishes.push(Wish::Disarm { force: false, later: false });
                 }
             }
             _ => {}
         }
-        self.record_mode(at, row.to.name(), cause.because);
-        let Cause { because, severity, number } = cause;
-        let arguments = [mode_number(from), mode_number(row.to), number];
-        self.out.event(at, MODE_CHANGED, severity.into(), &[&arguments]);
-        self.out.say_of_event(at, severity, format!("{}: {because}", row.to.name()));
-        true
     }
 
-    pub(crate) fn record_mode(&mut self, at: HostTime, mode: &'static str, because: &str) {
-        let armed = self.board.link.is_armed();
-        self.out.record(|| Topic::Mode(ModeRecord { at, mode, armed, cause: because.to_owned() }));
+    fn begin_descent(
+        &mut self,
+        around: &Around<'_>,
+        from: Mode,
+        out: &Out,
+        wishes: &mut Vec<Wish>,
+    ) {
+        // Height and speed as they were while they could be trusted, or as measured after a pause.
+        let (height_m, sink_mps) = self
+            .resumption
+            .descends_from(self.last_height_m)
+            .unwrap_or_else(|| around.sight(self, out).height_and_sink_to_descend_from());
+        self.supervisor.descent = Descent::begin(height_m, sink_mps);
+        if from == Mode::Takeoff {
+            self.supervisor.descent.may_rise(OVERSHOOTS * around.config.flight.takeoff_speed_mps);
+        }
+        self.supervisor.descents += 1;
+        let late_s = around.board.link.response_lag_s().filter(|s| *s > RESPONSE_MOST_S);
+        wishes.push(Wish::DownLate { lag_s: late_s.unwrap_or(0.0) });
+        if from == Mode::Land {
+            wishes.push(Wish::HoldThrustNearFloor);
+        }
+    }
+
+    /// The loops take over from level flight at the base thrust: nobody has flown by them meanwhile.
+    fn take_over_level(&mut self, around: &Around<'_>) {
+        self.controller.reset(Some(&Handover {
+            roll_rad: 0.0,
+            pitch_rad: 0.0,
+            yaw_rad: around.estimate.R_EB.yaw_rad(),
+            thrust_frac: self.hover_thrust_frac(around.config),
+        }));
+    }
+
+    /// Records the mode in force, with the reason.
+    pub(super) fn record_mode(&self, around: &Around<'_>, because: &str, out: &mut Out) {
+        let (mode, armed) = (self.mode.name(), around.board.link.is_armed());
+        out.record(|| {
+            Topic::Mode(ModeRecord { at: around.at, mode, armed, cause: because.to_owned() })
+        });
     }
 }

@@ -15,10 +15,11 @@ use haltere_core::time::HostTime;
 use super::Flight;
 use super::modes::{Event, Mode};
 use super::supervisor::{LONGEST_DESCENT_S, Reaction};
-use crate::Pilot;
 use crate::config::FlightConfig;
 use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::view::Around;
+use crate::wish::Wish;
 
 /// What clients are told that ask for more.
 pub(crate) const ENDS: &str = "the program is asked to end";
@@ -83,34 +84,38 @@ impl Flight {
     pub(crate) fn ending_forbids(&self, to: Mode) -> Option<&'static str> {
         (self.ending.is_some() && Reaction::of_mode(to) < Reaction::Land).then_some(ENDS)
     }
-}
 
-impl Pilot {
     /// Whether the program may end: it was asked to, and nothing flies by it any more.
-    pub fn may_end(&self) -> bool {
-        self.flight.ending.is_some_and(|ending| ending.may_end)
+    pub(crate) fn may_end(&self) -> bool {
+        self.ending.is_some_and(|ending| ending.may_end)
     }
 
     /// The way to the end, one look in each control step.
-    pub(crate) fn pursue_end(&mut self, at: HostTime) {
-        let Some(Ending { asked_at, may_end: false }) = self.flight.ending else { return };
-        let top_m = self.flight.guidance.volume().height_m;
+    pub(crate) fn pursue_end(
+        &mut self,
+        around: &Around<'_>,
+        out: &mut Out,
+        wishes: &mut Vec<Wish>,
+    ) {
+        let Some(Ending { asked_at, may_end: false }) = self.ending else { return };
+        let (at, flight) = (around.at, &around.config.flight);
+        let top_m = self.guidance.volume().height_m;
         let asked_s = at.seconds_since(asked_at);
         // Not of time that passed before it was asked.
-        let here_s = asked_s.min(at.seconds_since(self.flight.mode_since));
-        if asked_s > longest_end_s(&self.config.flight, top_m) {
-            self.flight.give_up(at, &mut self.out);
+        let here_s = asked_s.min(at.seconds_since(self.mode_since));
+        if asked_s > longest_end_s(flight, top_m) {
+            self.give_up(at, out);
             return;
         }
-        match self.flight.mode {
-            Mode::Disarmed if here_s >= LAST_WORDS_S => self.flight.end(),
-            Mode::Disarming if here_s > DISARM_S => self.flight.give_up(at, &mut self.out),
-            Mode::Yielded if here_s > YIELDED_S => self.flight.give_up(at, &mut self.out),
-            Mode::Land if asked_s > longest_landing_s(&self.config.flight, top_m) => {
-                self.fire(at, Event::LandingOverdue);
+        match self.mode {
+            Mode::Disarmed if here_s >= LAST_WORDS_S => self.end(),
+            Mode::Disarming if here_s > DISARM_S => self.give_up(at, out),
+            Mode::Yielded if here_s > YIELDED_S => self.give_up(at, out),
+            Mode::Land if asked_s > longest_landing_s(flight, top_m) => {
+                self.happened(around, Event::LandingOverdue, None, out, wishes);
             }
             _ => {
-                self.fire(at, Event::EndAsked);
+                self.happened(around, Event::EndAsked, None, out, wishes);
             }
         }
     }
@@ -119,7 +124,9 @@ impl Pilot {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Pilot;
     use crate::config::PilotConfig;
+    use crate::view::around;
     use haltere_core::frames::Vec3;
     use haltere_core::measure::AnchorId;
     use haltere_core::survey::Survey;
@@ -140,7 +147,9 @@ mod tests {
     /// Mode and whether it may end, this long after it was asked, s.
     fn after(mode: Mode, elapsed_s: f64) -> (Mode, bool) {
         let (mut pilot, at) = pilot(mode);
-        pilot.pursue_end(at.offset_us((elapsed_s * 1e6) as i64));
+        let later = at.offset_us((elapsed_s * 1e6) as i64);
+        let (out, wishes) = (&mut pilot.out, &mut pilot.wishes);
+        pilot.flight.pursue_end(&around!(pilot, later), out, wishes);
         (pilot.flight.mode, pilot.may_end())
     }
 

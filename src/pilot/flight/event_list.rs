@@ -7,9 +7,9 @@ use serde_json::{Map, Value, json};
 
 use super::at_rest::{AT_REST, Quantity, is};
 use super::modes::{Event as Cause, Mode, TABLE};
+use super::shown_modes::SHOWN_MODES;
 use super::supervisor::CONDITIONS;
 use crate::out::OWN_COMPONENT;
-use crate::stations::identity::SHOWN_MODES;
 
 /// Numbers of events.
 pub const MODE_CHANGED: u32 = 1;

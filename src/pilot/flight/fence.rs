@@ -15,6 +15,7 @@ use haltere_dialect::mav::{known, name_of};
 
 use haltere_core::control::{AxisCommand, Command};
 use haltere_core::estimate::Estimate;
+use haltere_core::frames::{E, Vec3};
 
 use super::mission::RADIUS_M;
 use super::mission_items::Refusal;
@@ -146,6 +147,13 @@ impl Fence {
         let included =
             self.inclusions.is_empty() || self.inclusions.iter().any(|(group, _)| in_group(*group));
         included && !self.exclusions.iter().any(|shape| shape.contains(p))
+    }
+
+    /// Why the vehicle may not be armed where it stands.
+    pub fn forbids(&self, pos_E_m: Vec3<E>) -> Option<String> {
+        let [north_m, east_m] = [pos_E_m.x(), pos_E_m.y()];
+        let inside = self.contains([north_m, east_m]);
+        (!inside).then(|| format!("outside the fence at N {north_m:.2} E {east_m:.2} m"))
     }
 
     /// How far a point is from what is forbidden, m; negative where it is.

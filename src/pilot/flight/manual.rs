@@ -2,12 +2,11 @@
 
 use haltere_dialect::mav::haltere::MANUAL_CONTROL_DATA;
 
-use haltere_core::time::HostTime;
-
+use super::Flight;
 use super::modes::Mode;
 use super::setpoint::{Owner, Setpoint};
-use crate::Pilot;
-use crate::out::voice::Severity;
+use crate::out::Out;
+use crate::view::View;
 
 /// Full deflection of x, y and r (common.xml, MANUAL_CONTROL).
 const FULL: f64 = 1000.0;
@@ -19,8 +18,6 @@ const DEAD_SHARE: f64 = 0.08;
 const VERTICAL_MPS: f64 = 0.4;
 /// Fastest turn by stick, rad/s: the rate at which the controller lets the yaw setpoint follow.
 const YAW_RADPS: f64 = 1.0;
-/// While setpoints are refused people are told why so often, s: a stream brings 20 a second.
-const REFUSED_TOLD_S: f64 = 5.0;
 /// A stick that the sender does not have.
 const ABSENT: i16 = i16::MAX;
 
@@ -52,54 +49,45 @@ fn sticks(m: &MANUAL_CONTROL_DATA) -> Result<[f64; 4], String> {
     ])
 }
 
-impl Pilot {
+impl Flight {
     /// Takes in what a joystick says. It moves the vehicle in Manual mode only.
-    pub(crate) fn manual_control(&mut self, at: HostTime, from: Owner, m: &MANUAL_CONTROL_DATA) {
-        let limit_s = self.config.limits.offboard_loss_s;
+    pub(crate) fn manual_control(
+        &mut self,
+        view: &View<'_>,
+        from: Owner,
+        m: &MANUAL_CONTROL_DATA,
+        out: &mut Out,
+    ) {
+        let (at, limit_s) = (view.at, view.config.limits.offboard_loss_s);
         let fresh = |s: &&Setpoint| at.seconds_since(s.received_at) < limit_s;
-        let last = self.flight.guidance.sticks.as_ref().filter(fresh);
-        if self.flight.mode == Mode::Manual && last.is_some_and(|s| s.owner != Some(from)) {
-            self.refuse_setpoint(at, from.0, "joystick refused: another station flies".to_owned());
+        let last = self.guidance.sticks.as_ref().filter(fresh);
+        if self.mode == Mode::Manual && last.is_some_and(|s| s.owner != Some(from)) {
+            out.refuse_setpoint(at, from.0, "joystick refused: another station flies".to_owned());
             return;
         }
         let [forward, right, up, clockwise] = match sticks(m) {
             Ok(sticks) => sticks,
             Err(why) => {
-                self.refuse_setpoint(at, from.0, why);
+                out.refuse_setpoint(at, from.0, why);
                 return;
             }
         };
         // Whether this is an order by itself is for the supervisor to say.
         let most = forward.abs().max(right.abs()).max(clockwise.abs());
-        self.flight.supervisor.heard.sticks = Some((most, at));
-        let speed_mps = self.config.flight.cruise_speed_mps;
+        self.supervisor.heard.sticks = Some((most, at));
+        let speed_mps = view.config.flight.cruise_speed_mps;
         // Before the mode is entered nothing is held.
-        let last = last.filter(|_| self.flight.mode == Mode::Manual);
+        let last = last.filter(|_| self.mode == Mode::Manual);
         let mut setpoint = Setpoint::from_sticks(
             [forward * speed_mps, right * speed_mps],
             -up * VERTICAL_MPS,
             clockwise * YAW_RADPS,
-            &self.estimate,
+            view.estimate,
             last,
             at,
         );
         setpoint.owner = Some(from);
-        self.flight.guidance.sticks = Some(setpoint);
-    }
-
-    /// Counts a setpoint that is not followed, and says why, every few seconds as long as others come.
-    pub(crate) fn refuse_setpoint(
-        &mut self,
-        at: HostTime,
-        link: crate::input::LinkId,
-        why: String,
-    ) {
-        self.out.lose(link, haltere_core::drops::DropReason::BadValue, 1);
-        let told = self.out.told.refused_setpoint_at;
-        if told.is_none_or(|told| at.seconds_since(told) >= REFUSED_TOLD_S) {
-            self.out.told.refused_setpoint_at = Some(at);
-            self.out.say(at, Severity::Warning, why);
-        }
+        self.guidance.sticks = Some(setpoint);
     }
 }
 

@@ -10,7 +10,6 @@ pub(crate) mod event_list;
 pub(crate) mod excitation;
 pub(crate) mod fence;
 pub(crate) mod guidance;
-pub(crate) mod home;
 pub(crate) mod hover;
 pub(crate) mod landing_ramp;
 pub(crate) mod manual;
@@ -24,17 +23,18 @@ pub(crate) mod rally;
 pub(crate) mod resume;
 pub(crate) mod setpoint;
 pub(crate) mod shadow;
+pub(crate) mod shown_modes;
 pub(crate) mod supervise;
 pub(crate) mod supervisor;
 pub(crate) mod tilt_step;
 
-use haltere_core::control::{Controller, margins};
+use haltere_core::control::{Command, ControlInput, ControlOutput, Controller, HeldTilt, margins};
 use haltere_core::survey::Survey;
 use haltere_core::time::HostTime;
 use haltere_core::topics::ControlRecord;
 
 use crate::config::PilotConfig;
-use crate::view::Thrust;
+use crate::view::{Around, Thrust};
 
 use ending::Ending;
 use guidance::Guidance;
@@ -111,6 +111,29 @@ impl Flight {
     pub(crate) fn hover_thrust_frac(&self, config: &PilotConfig) -> f64 {
         let most = config.control.limits.thrust_max_frac;
         (self.control.thrust_base_frac * self.hover.factor()).min(most)
+    }
+
+    /// A step of the controller towards a command.
+    pub(crate) fn run_controller(
+        &mut self,
+        around: &Around<'_>,
+        command: &Command,
+        dt_s: f64,
+        integrators_frozen: bool,
+        held: Option<HeldTilt>,
+    ) -> ControlOutput {
+        let view = around.view(self);
+        self.controller.step(&ControlInput {
+            at: around.at,
+            estimate: around.estimate,
+            command,
+            supply_v: around.board.supply_v(around.at),
+            height_above_ground_m: around.height_above_floor_m(),
+            dt_s,
+            integrators_frozen,
+            thrust_ceiling_frac: around.navigation.thrust_ceiling_frac(&view),
+            held,
+        })
     }
 
     /// The thrust of the newest control step, for who looks at it.

@@ -1,18 +1,13 @@
 //! Points that clients name, in whatever frame, as points of the room.
 
-use haltere_dialect::mav::haltere::{MavFrame, MavResult};
-use haltere_dialect::mav::{known, name_of};
+use haltere_dialect::mav::haltere::MavFrame;
+use haltere_dialect::mav::known;
 
 use haltere_core::frames::{E, Vec3};
-use haltere_core::geo::Geodetic;
-
-use crate::Pilot;
-use crate::stations::Stations;
-use crate::stations::commands::{Refusal, Request};
-use crate::stations::endpoint::Identity;
+use haltere_core::geo::{Geodetic, LocalOrigin};
 
 /// COMMAND_INT and MISSION_ITEM_INT in a local frame count x and y in 0.1 mm.
-const LOCAL_SCALE: f64 = 1e-4;
+pub(crate) const LOCAL_SCALE: f64 = 1e-4;
 
 /// MAVLink counts latitude and longitude in this many degrees.
 pub(crate) const WIRE_DEG: f64 = 1e-7;
@@ -86,80 +81,34 @@ impl Location {
     }
 }
 
-impl Stations {
-    /// What a command without a frame means: heights above sea level from those who take us for a
-    /// PX4, above home from everybody else (GROUND.md).
-    pub(crate) fn kind_of(&self, request: &Request) -> Result<Kind, Refusal> {
-        let frame = match request.location {
-            Location::Float { frame: None, .. } => {
-                return Ok(match self.identity_on(request.link) {
-                    Identity::Px4 => Kind::Global(Above::Sea),
-                    Identity::Generic => Kind::Global(Above::Floor),
-                });
-            }
-            Location::Float { frame: Some(frame), .. } | Location::Int { frame, .. } => frame,
-        };
-        kind(frame).ok_or_else(|| {
-            (
-                MavResult::MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME,
-                format!(
-                    "frame {} refused: use GLOBAL, GLOBAL_RELATIVE_ALT or LOCAL_NED",
-                    name_of::<MavFrame>(frame)
-                ),
-            )
-        })
-    }
+/// Room north and east of a place, m. Not a number where there is no such place: no limits hold
+/// that.
+pub(crate) fn room_from_deg(
+    origin: &LocalOrigin,
+    latitude_deg: f64,
+    longitude_deg: f64,
+) -> [f64; 2] {
+    let alt_m = origin.place().alt_m;
+    let pos = Geodetic::from_deg(latitude_deg, longitude_deg, alt_m)
+        .map_or(Vec3::<E>::new(f64::NAN, f64::NAN, 0.0), |place| origin.to_local(&place));
+    [pos.x(), pos.y()]
 }
 
-impl Pilot {
-    /// The point of a command in the room.
-    pub(crate) fn wanted(&self, request: &Request) -> Result<Wanted, Refusal> {
-        let kind = self.stations.kind_of(request)?;
-        let scale = match kind {
-            Kind::Global(_) => WIRE_DEG,
-            Kind::Local => LOCAL_SCALE,
-        };
-        let [x, y, z] = match request.location {
-            Location::Float { x, y, z, .. } => [x, y, z],
-            Location::Int { x, y, z, .. } => {
-                let given = |v: i32| if v == i32::MAX { f64::NAN } else { f64::from(v) * scale };
-                [given(x), given(y), z]
-            }
-        };
-        if x.is_infinite() || y.is_infinite() || z.is_infinite() || x.is_nan() != y.is_nan() {
-            return Err((
-                MavResult::MAV_RESULT_DENIED,
-                "point refused: give both horizontal coordinates, or NaN for both".to_owned(),
-            ));
-        }
-        Ok(self.room_point(kind, [x, y, z]))
-    }
-
-    /// Room north and east of a place, m. Not a number where there is no such place: no limits hold
-    /// that.
-    pub(crate) fn room_from_deg(&self, latitude_deg: f64, longitude_deg: f64) -> [f64; 2] {
-        let alt_m = self.origin.place().alt_m;
-        let pos = Geodetic::from_deg(latitude_deg, longitude_deg, alt_m)
-            .map_or(Vec3::<E>::new(f64::NAN, f64::NAN, 0.0), |place| self.origin.to_local(&place));
-        [pos.x(), pos.y()]
-    }
-
-    /// The same for fields in degrees or metres, NaN where not given.
-    pub(crate) fn room_point(&self, kind: Kind, [x, y, z]: [f64; 3]) -> Wanted {
-        let height_m = match kind {
-            Kind::Local => -z,
-            Kind::Global(Above::Floor) => z,
-            Kind::Global(Above::Sea) => z - self.origin.place().alt_m,
-        };
-        let horizontal_m = match kind {
-            _ if x.is_nan() || y.is_nan() => None,
-            Kind::Local => Some([x, y]),
-            Kind::Global(_) => Some(self.room_from_deg(x, y)),
-        };
-        Wanted {
-            horizontal_m,
-            height_m: (!height_m.is_nan()).then_some(height_m),
-            is_global: kind != Kind::Local,
-        }
+/// The same for fields in degrees or metres, NaN where not given.
+pub(crate) fn room_point(origin: &LocalOrigin, kind: Kind, [x, y, z]: [f64; 3]) -> Wanted {
+    let height_m = match kind {
+        Kind::Local => -z,
+        Kind::Global(Above::Floor) => z,
+        Kind::Global(Above::Sea) => z - origin.place().alt_m,
+    };
+    let horizontal_m = match kind {
+        _ if x.is_nan() || y.is_nan() => None,
+        Kind::Local => Some([x, y]),
+        Kind::Global(_) => Some(room_from_deg(origin, x, y)),
+    };
+    Wanted {
+        horizontal_m,
+        height_m: (!height_m.is_nan()).then_some(height_m),
+        is_global: kind != Kind::Local,
     }
 }

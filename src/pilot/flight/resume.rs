@@ -13,9 +13,9 @@ use haltere_core::time::HostTime;
 use super::Flight;
 use super::modes::Mode;
 use super::supervisor::Descent;
-use crate::Pilot;
-use crate::navigation::floor::TURN_SHARE;
-use crate::view::view;
+use crate::navigation::Navigation;
+use crate::view::Around;
+use crate::wish::Wish;
 
 /// Acceleration with which a board that gave up may sink, m/s²: 0.82 of the thrust that hovers (the generic board) leave
 /// 1.8, and drag is left out.
@@ -104,75 +104,64 @@ impl Flight {
     pub(crate) fn standing_ceiling_frac(&self) -> Option<f64> {
         self.resumption.may_stand().then_some(STANDING_SHARE * self.control.thrust_base_frac)
     }
-}
 
-impl Pilot {
     /// The board may not have heard us for so long.
-    pub(crate) fn note_pause(&mut self, at: HostTime, pause_s: f64) {
-        let alone_s = pause_s - self.board.link.gives_up_s();
+    pub(crate) fn note_pause(&mut self, around: &Around<'_>, pause_s: f64, wishes: &mut Vec<Wish>) {
+        let at = around.at;
+        let alone_s = pause_s - around.board.link.gives_up_s();
         // Our own pause and the board's silence are one, and are found one after the other.
         let known =
             |(end, s): (HostTime, f64)| at.seconds_since(end) < SAME_S && pause_s < s + SAME_S;
-        if !self.flight.mode.has_thrust()
-            || alone_s < 0.0
-            || self.flight.resumption.pause.is_some_and(known)
-        {
+        if !self.mode.has_thrust() || alone_s < 0.0 || self.resumption.pause.is_some_and(known) {
             return;
         }
-        let (known_m, sink_mps) = match self.flight.mode {
-            Mode::Descend => {
-                (self.flight.supervisor.descent.height_m, self.flight.supervisor.descent.sink_mps)
-            }
-            _ => (self.flight.last_height_m, self.flight.last_sink_mps),
+        let (known_m, sink_mps) = match self.mode {
+            Mode::Descend => (self.supervisor.descent.height_m, self.supervisor.descent.sink_mps),
+            _ => (self.last_height_m, self.last_sink_mps),
         };
         let sink_mps = sink_mps.max(0.0);
-        let longest_s = self.flight.resumption.pending_s().map_or(pause_s, |s| s.max(pause_s));
-        self.flight.resumption = Resumption {
+        let longest_s = self.resumption.pending_s().map_or(pause_s, |s| s.max(pause_s));
+        self.resumption = Resumption {
             pause: Some((at, longest_s)),
             lowest_m: known_m - sink_mps * alone_s - 0.5 * SINKS_MPS2 * alone_s * alone_s,
             sink_mps: (sink_mps + SINKS_MPS2 * alone_s).min(SINK_MOST_MPS),
-            uwb_at: self.flight.resumption.uwb_at,
+            uwb_at: self.resumption.uwb_at,
             ..Resumption::default()
         };
-        self.navigation.touch.forget_fall();
-        if self.flight.mode == Mode::Descend {
-            self.flight.supervisor.descent =
-                Descent::begin(known_m, self.flight.resumption.sink_mps);
+        wishes.push(Wish::ForgetFall);
+        if self.mode == Mode::Descend {
+            self.supervisor.descent = Descent::begin(known_m, self.resumption.sink_mps);
         }
     }
 
     /// Follows what is heard after a pause.
-    pub(crate) fn watch_resumption(&mut self, at: HostTime) {
-        let Some((end, _)) = self.flight.resumption.pause else { return };
+    pub(crate) fn watch_resumption(&mut self, around: &Around<'_>, wishes: &mut Vec<Wish>) {
+        let at = around.at;
+        let Some((end, _)) = self.resumption.pause else { return };
         let new = |t: Option<HostTime>| t.is_some_and(|t| t > end && at.seconds_since(t) < NEW_S);
-        let heard = new(self.flight.resumption.uwb_at)
-            && new(self.navigation.last_imu)
-            && self.navigation.estimate_is_back(&self.estimate)
-            && self.estimate.std_vel_B_mps.z() < STD_VEL_MPS;
+        let heard = new(self.resumption.uwb_at)
+            && new(around.navigation.last_imu)
+            && around.navigation.estimate_is_back(around.estimate)
+            && around.estimate.std_vel_B_mps.z() < STD_VEL_MPS;
         if !heard {
-            self.flight.resumption.heard_since = None;
-        } else if at.seconds_since(*self.flight.resumption.heard_since.get_or_insert(at))
-            > HEARD_FOR_S
-        {
-            let near = self.navigation.is_near_floor(&view!(self, at));
-            let may_stand = self.flight.resumption.may_stand() && near;
-            if self.flight.mode == Mode::Descend && may_stand {
+            self.resumption.heard_since = None;
+        } else if at.seconds_since(*self.resumption.heard_since.get_or_insert(at)) > HEARD_FOR_S {
+            if self.mode == Mode::Descend && self.resumption.may_stand() {
                 // Whatever is heard, what may have come to stand meanwhile does not lift off again.
-                self.navigation.touch.low_frac =
-                    Some(TURN_SHARE * self.flight.control.thrust_base_frac);
+                wishes.push(Wish::StayDownNearFloor);
             }
-            self.flight.resumption = Resumption::default();
+            self.resumption = Resumption::default();
         }
     }
 
     /// Largest thrust over the one that hovers.
-    pub(crate) fn most_share(&self, at: HostTime) -> f64 {
-        let fell = self.navigation.touch.fell_at.is_some_and(|t| at.seconds_since(t) < FLIES_S);
+    pub(crate) fn most_share(&self, at: HostTime, navigation: &Navigation) -> f64 {
+        let fell = navigation.touch.fell_at.is_some_and(|t| at.seconds_since(t) < FLIES_S);
         // A hop ends with a fall as well, and the floor with what made up for it.
-        let flies = fell && self.navigation.touch.sinks_still();
-        if self.flight.resumption.pause.is_none() {
+        let flies = fell && navigation.touch.sinks_still();
+        if self.resumption.pause.is_none() {
             f64::INFINITY
-        } else if self.flight.resumption.may_stand() && !flies {
+        } else if self.resumption.may_stand() && !flies {
             LOW_SHARE
         } else {
             1.0

@@ -18,8 +18,11 @@ use haltere_core::frames::{E, Vec3};
 use haltere_core::time::HostTime;
 use haltere_core::topics::{ShadowRecord, Topic};
 
-use crate::Pilot;
+use super::Flight;
+use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::view::Around;
+use crate::wish::Wish;
 
 /// The IMU must not have rested for so long, s: wings that beat, not a knock against the table.
 const BEATING_S: f64 = 0.3;
@@ -97,27 +100,25 @@ impl Shadow {
     }
 }
 
-impl Pilot {
-    /// A control step of a shadow: follows who flies, and records what would have been sent.
-    pub(crate) fn shadow_step(&mut self, at: HostTime, dt_s: f64) {
-        self.follow_flyer(at);
-        let usable = matches!(self.estimate.health, Health::Good | Health::Degraded);
-        if !(self.flight.shadow.airborne && usable) {
-            self.flight.shadow.place_E_m = None;
-            self.flight.controller.reset(None);
+impl Flight {
+    /// A control step of a shadow: records what would have been sent.
+    pub(crate) fn shadow_step(&mut self, around: &Around<'_>, dt_s: f64, out: &mut Out) {
+        let usable = matches!(around.estimate.health, Health::Good | Health::Degraded);
+        if !(self.shadow.airborne && usable) {
+            self.shadow.place_E_m = None;
+            self.controller.reset(None);
             return;
         }
-        let estimate = &self.estimate;
-        let (place_E_m, vel_E_mps) =
-            self.flight.shadow.hold(estimate.pos_E_m, estimate.vel_E_mps());
+        let estimate = around.estimate;
+        let (place_E_m, vel_E_mps) = self.shadow.hold(estimate.pos_E_m, estimate.vel_E_mps());
         let mut command = Command::hold(place_E_m, estimate.R_EB.yaw_rad());
         command.vel_ff_E_mps = vel_E_mps;
-        let output = self.run_controller(at, &command, dt_s, true, None);
-        let for_board = self.navigation.north.setpoint_for_board(output.R_EB);
-        let theirs = self.board.link.target_in_force(at);
-        self.out.record(|| {
+        let output = self.run_controller(around, &command, dt_s, true, None);
+        let for_board = around.navigation.north.setpoint_for_board(output.R_EB);
+        let theirs = around.board.link.target_in_force(around.at);
+        out.record(|| {
             Topic::Shadow(ShadowRecord {
-                at,
+                at: around.at,
                 place_E_m,
                 attitude: for_board,
                 thrust_frac: output.thrust_frac,
@@ -127,30 +128,40 @@ impl Pilot {
     }
 
     /// Whether the vehicle flies, by board and IMU.
-    fn follow_flyer(&mut self, at: HostTime) {
-        let armed = self.board.link.is_armed();
-        if armed != std::mem::replace(&mut self.flight.shadow.armed, armed) {
+    pub(crate) fn follow_flyer(
+        &mut self,
+        around: &Around<'_>,
+        out: &mut Out,
+        wishes: &mut Vec<Wish>,
+    ) {
+        let at = around.at;
+        let armed = around.board.link.is_armed();
+        if armed != std::mem::replace(&mut self.shadow.armed, armed) {
             let text = if armed { "shadow: armed by somebody else" } else { "shadow: disarmed" };
-            self.out.say(at, Severity::Info, text.to_owned());
-            self.record_mode(at, self.flight.mode.name(), text);
+            out.say(at, Severity::Info, text.to_owned());
+            self.record_mode(around, text, out);
         }
         if !armed {
-            if self.flight.shadow.airborne {
-                self.navigation.estimator.set_airborne(false);
+            if self.shadow.airborne {
+                wishes.push(Wish::Airborne(false));
             }
-            self.flight.shadow = Shadow::default();
+            self.shadow = Shadow::default();
             return;
         }
-        if self.navigation.estimator.rested_s() > RESTS_S {
-            self.flight.shadow.beats_since = None;
+        if around.navigation.estimator.rested_s() > RESTS_S {
+            self.shadow.beats_since = None;
         } else {
-            self.flight.shadow.beats_since.get_or_insert(at);
+            self.shadow.beats_since.get_or_insert(at);
         }
-        let beats = self.flight.shadow.beats_since.is_some_and(|t| at.seconds_since(t) > BEATING_S);
-        let told = self.board.link.target_in_force(at).is_some_and(|(_, frac)| frac > THRUST_FRAC);
-        if !self.flight.shadow.airborne && (beats || told) {
-            self.flight.shadow.airborne = true;
-            self.navigation.estimator.set_airborne(true);
+        let beats = self.shadow.beats_since.is_some_and(|t| at.seconds_since(t) > BEATING_S);
+        let told = around
+            .board
+            .link
+            .target_in_force(around.at)
+            .is_some_and(|(_, frac)| frac > THRUST_FRAC);
+        if !self.shadow.airborne && (beats || told) {
+            self.shadow.airborne = true;
+            wishes.push(Wish::Airborne(true));
         }
     }
 }

@@ -257,6 +257,13 @@ impl Touch {
     }
 }
 
+/// What stands near the floor, or may, is not lifted off again.
+pub(crate) fn stay_down_near_floor(&mut self, view: &View<'_>) {
+    if self.is_near_floor(view) {
+        self.touch.low_frac = Some(TURN_SHARE * view.thrust.base_frac);
+    }
+}
+
 impl Navigation {
     /// Near the floor a landing goes on with no more thrust than it had.
     pub(crate) fn hold_thrust_near_floor(&mut self, view: &View<'_>) {

@@ -17,8 +17,20 @@ use crate::input::{LinkId, MOST_STATIONS};
 const FULL_TELL_S: f64 = 10.0;
 /// People are told again that frames are kept out after this time, s.
 const KEPT_OUT_TELL_S: f64 = 10.0;
+/// While setpoints are refused people are told why so often, s: a stream brings 20 a second.
+const REFUSED_TOLD_S: f64 = 5.0;
 
 impl Out {
+    /// Counts a setpoint that is not followed, and says why, every few seconds as long as others come.
+    pub(crate) fn refuse_setpoint(&mut self, at: HostTime, link: LinkId, why: String) {
+        self.lose(link, DropReason::BadValue, 1);
+        let told = self.told.refused_setpoint_at;
+        if told.is_none_or(|told| at.seconds_since(told) >= REFUSED_TOLD_S) {
+            self.told.refused_setpoint_at = Some(at);
+            self.say(at, Severity::Warning, why);
+        }
+    }
+
     /// Something of a link was thrown away.
     pub(crate) fn lose(&mut self, link: LinkId, reason: DropReason, count: u64) {
         self.drops_of(link).add(reason, count);

@@ -144,14 +144,14 @@ mod tests {
         // It is told to whoever arms, and keeps nobody from it.
         let now = HostTime::from_us(3_000_000);
         let fits = Look::Fits(String::new());
-        assert_eq!((LOG.look)(&pilot, now), Look::Told(stopped[0].clone()));
+        assert_eq!((LOG.look)(&pilot.sight(now)), Look::Told(stopped[0].clone()));
         let missing = ["log goes on; 7 entries are missing"];
         assert_eq!(told(&mut pilot, 3, Recording::Runs, "7 entries are missing"), missing);
-        assert!(is_healthy(&pilot) && (LOG.look)(&pilot, now) == fits);
+        assert!(is_healthy(&pilot) && (LOG.look)(&pilot.sight(now)) == fits);
         // On the bench: the next flight is recorded, so nobody is warned of it.
         let waits = told(&mut pilot, 4, Recording::Waits, "0.9 GB free");
         assert_eq!(waits, ["log waits for a flight: 0.9 GB free"]);
-        assert!(!is_healthy(&pilot) && (LOG.look)(&pilot, now) == fits);
+        assert!(!is_healthy(&pilot) && (LOG.look)(&pilot.sight(now)) == fits);
     }
 
     #[test]
@@ -159,11 +159,11 @@ mod tests {
         let mut pilot = pilot(true);
         let now = HostTime::from_us(9_000_000);
         let fits = Look::Fits(String::new());
-        assert_eq!((LOG.look)(&pilot, now), fits, "nobody records");
+        assert_eq!((LOG.look)(&pilot.sight(now)), fits, "nobody records");
         told(&mut pilot, 1, Recording::Stopped, "no room");
         let refusal = "without log: no room: make room, or set flight.log_required = false";
-        assert_eq!(pilot.refusal(&LOG, now).as_deref(), Some(refusal));
+        assert_eq!(pilot.sight(now).refusal(&LOG).as_deref(), Some(refusal));
         told(&mut pilot, 2, Recording::Waits, "little room");
-        assert_eq!((LOG.look)(&pilot, now), fits);
+        assert_eq!((LOG.look)(&pilot.sight(now)), fits);
     }
 }

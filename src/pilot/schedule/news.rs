@@ -131,7 +131,9 @@ impl Pilot {
                     self.fire(at, Event::ArmFailed);
                 } else if self.flight.mode == Mode::Disarming {
                     // On the floor by our own signs, but the board disagrees.
-                    self.insist_on_disarming(at, &why);
+                    let (out, wishes) = (&mut self.out, &mut self.wishes);
+                    self.flight.insist_on_disarming(at, &why, out, wishes);
+                    self.grant(at);
                 } else {
                     self.out.say(at, Severity::Error, format!("disarming failed: {why}"));
                 }

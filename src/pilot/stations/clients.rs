@@ -15,13 +15,14 @@ use super::commands::Request;
 use super::mission_transfer::ack;
 use crate::Pilot;
 use crate::flight::modes::Mode;
-use crate::flight::place::{Location, WIRE_DEG};
+use crate::flight::place::{Location, WIRE_DEG, room_from_deg};
 use crate::flight::setpoint::{Owner, Setpoint, setpoint_from_global};
 use crate::input::LinkId;
 use crate::navigation::reference;
 use crate::out::Out;
 use crate::out::losses::count_frame;
 use crate::out::voice::Severity;
+use crate::view::view;
 
 /// HEARTBEAT and CURRENT_MODE.
 const HEARTBEAT_ID: u32 = 0;
@@ -170,9 +171,12 @@ impl Pilot {
             MavMessage::SET_ATTITUDE_TARGET(_) => {
                 // A tilt without a position knows no walls: the limits of the volume could not hold.
                 let why = "SET_ATTITUDE_TARGET refused: send positions or velocities".to_owned();
-                self.refuse_setpoint(at, link, why);
+                self.out.refuse_setpoint(at, link, why);
             }
-            MavMessage::MANUAL_CONTROL(m) => self.manual_control(at, (link, peer), &m),
+            MavMessage::MANUAL_CONTROL(m) => {
+                let (view, out) = (view!(self, at), &mut self.out);
+                self.flight.manual_control(&view, (link, peer), &m, out);
+            }
             MavMessage::SET_GPS_GLOBAL_ORIGIN(m) => {
                 let alt_m = f64::from(m.altitude) * 1e-3;
                 if let Err((_, why)) = self.set_origin(at, m.latitude, m.longitude, alt_m) {
@@ -181,7 +185,7 @@ impl Pilot {
             }
             MavMessage::SET_HOME_POSITION(m) => {
                 let [lat, lon] = [m.latitude, m.longitude].map(|w| f64::from(w) * WIRE_DEG);
-                if let Err((_, why)) = self.set_home(at, self.room_from_deg(lat, lon)) {
+                if let Err((_, why)) = self.set_home(at, room_from_deg(&self.origin, lat, lon)) {
                     self.out.say(at, Severity::Warning, why);
                 }
             }
@@ -283,7 +287,7 @@ impl Pilot {
                 self.flight.guidance.setpoint = Some(setpoint);
                 self.tell_unobeyed(at);
             }
-            Err(why) => self.refuse_setpoint(at, from.0, why),
+            Err(why) => self.out.refuse_setpoint(at, from.0, why),
         }
     }
 
@@ -297,7 +301,7 @@ impl Pilot {
     ) {
         let command = MavCmd::MAV_CMD_DO_REPOSITION;
         let request = Request { link, peer, command, params: [f32::NAN; 4], location };
-        let answer = self.wanted(&request).and_then(|wanted| {
+        let answer = self.stations.wanted(&self.origin, &request).and_then(|wanted| {
             let horizontal_m = wanted.horizontal_m.filter(|_| !height_only);
             self.go_to(at, horizontal_m, wanted.height_m, None)
         });

@@ -8,12 +8,13 @@ use haltere_dialect::mav::known;
 use haltere_core::time::HostTime;
 
 use super::Stations;
-use super::identity::{SHOWN_MODES, available_mode, standard_mode};
+use super::identity::{available_mode, standard_mode};
 use crate::Pilot;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::modes::{Event, Mode};
 use crate::flight::place::Location;
 use crate::flight::shadow;
+use crate::flight::shown_modes::SHOWN_MODES;
 use crate::input::LinkId;
 use crate::out::Out;
 use crate::out::voice::Severity;

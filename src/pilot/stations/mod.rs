@@ -10,6 +10,7 @@ pub(crate) mod identity;
 pub(crate) mod mission_transfer;
 pub(crate) mod orders;
 pub(crate) mod permits;
+mod place;
 pub(crate) mod radio;
 pub(crate) mod routing;
 pub mod services;

@@ -8,16 +8,17 @@ use haltere_core::frames::Vec3;
 use haltere_core::time::HostTime;
 
 use super::commands::{Answer, Awaits, Refusal, Request, refuse};
-use super::identity::SHOWN_MODES;
 use crate::Pilot;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::awaited::{Next, too_far};
 use crate::flight::fence::KEEP_M;
 use crate::flight::mission::LOWEST_M;
 use crate::flight::modes::{Event, Mode};
-use crate::flight::place::{Kind, Wanted};
+use crate::flight::place::{Kind, Wanted, room_point};
 use crate::flight::setpoint::Setpoint;
+use crate::flight::shown_modes::SHOWN_MODES;
 use crate::out::voice::Severity;
+use crate::view::around;
 
 /// Magic number that forces a disarm in the air (common.xml, MAV_CMD_COMPONENT_ARM_DISARM).
 const FORCE_DISARM: f32 = 21196.0;
@@ -53,13 +54,13 @@ impl Pilot {
             }
             // Forced arming (2989, QGroundControl and MAVProxy) skips no check: nobody can see from
             // a ground station whether they matter.
-            if let Err(why) = self.may_arm(at) {
+            if let Err(why) = self.sight(at).may_arm() {
                 return refuse(
                     R::MAV_RESULT_TEMPORARILY_REJECTED,
                     format!("arming refused: {why}"),
                 );
             }
-            self.tell_at_rest(at);
+            self.flight.tell_at_rest(&around!(self, at), &mut self.out);
             self.board.link.command_arm(true, false, at);
             self.stations.wait_for_board(at, request, Awaits::Arm);
             self.fire(at, Event::ArmAsked);
@@ -111,7 +112,7 @@ impl Pilot {
         } else {
             self.stations.kind_of(request)?
         };
-        let wanted = self.room_point(kind, [f64::NAN, f64::NAN, request.location.z()]);
+        let wanted = room_point(&self.origin, kind, [f64::NAN, f64::NAN, request.location.z()]);
         self.ask_takeoff(at, wanted.height_m.unwrap_or(self.config.flight.takeoff_height_m))
     }
 
@@ -122,7 +123,8 @@ impl Pilot {
         let local = request.command == MavCmd::MAV_CMD_NAV_LAND_LOCAL;
         if !here
             && !local
-            && let Some([north_m, east_m]) = self.wanted(request)?.horizontal_m
+            && let Some([north_m, east_m]) =
+                self.stations.wanted(&self.origin, request)?.horizontal_m
         {
             let pos = self.estimate.pos_E_m;
             let away_m = (north_m - pos.x()).hypot(east_m - pos.y());
@@ -140,7 +142,11 @@ impl Pilot {
 
     /// Asks for an event; modes in `already` count as granted.
     pub(crate) fn ask(&mut self, at: HostTime, event: Event, already: &[Mode]) -> Answer {
-        if let Some(why) = self.forbids(event).filter(|_| !already.contains(&self.flight.mode)) {
+        if let Some(why) = self
+            .flight
+            .forbids(event, &self.config, &self.navigation)
+            .filter(|_| !already.contains(&self.flight.mode))
+        {
             let what = wish(event);
             return refuse(
                 MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
@@ -365,7 +371,7 @@ impl Pilot {
     /// Asks for a mode. While the vehicle climbs off the floor it follows when that is done.
     fn ask_or_wait(&mut self, at: HostTime, event: Event, mode: Mode, next: Next) -> Answer {
         let climbs = matches!(self.flight.mode, Mode::Spool | Mode::Takeoff);
-        if climbs && self.forbids(event).is_none() {
+        if climbs && self.flight.forbids(event, &self.config, &self.navigation).is_none() {
             self.flight.guidance.next = next;
             return Ok(MavResult::MAV_RESULT_ACCEPTED);
         }
@@ -419,7 +425,8 @@ impl Pilot {
 
     /// DO_REPOSITION: a point, a height alone, or nothing at all, which is a pause.
     pub(crate) fn reposition(&mut self, at: HostTime, request: &Request) -> Answer {
-        let Wanted { horizontal_m, height_m, is_global } = self.wanted(request)?;
+        let Wanted { horizontal_m, height_m, is_global } =
+            self.stations.wanted(&self.origin, request)?;
         if horizontal_m.is_none() && height_m.is_none() {
             return self.ask(at, Event::HoldAsked, &[Mode::Hold]);
         }

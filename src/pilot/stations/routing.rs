@@ -197,7 +197,7 @@ impl Pilot {
                 self.out.lose(LinkId::Board, DropReason::MavWrongPeer, 1);
                 let why = if shadow { SHADOW_WORDS } else { "the companion is in control" };
                 let text = format!("a frame for the board was not passed on: {why}");
-                self.refuse_setpoint(at, self.stations.grounds[index].link, text);
+                self.out.refuse_setpoint(at, self.stations.grounds[index].link, text);
             }
             return false;
         }

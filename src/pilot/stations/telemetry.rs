@@ -246,7 +246,8 @@ impl Pilot {
         health.set(S::MAV_SYS_STATUS_AHRS, self.estimate.health == Health::Good);
         health.set(S::MAV_SYS_STATUS_LOGGING, self.out.recording.state == Recording::Runs);
         health.remove(self.flight.supervisor.unhealthy);
-        let ready = self.flight.mode != Mode::Disarmed || self.may_arm(self.clock.now).is_ok();
+        let ready =
+            self.flight.mode != Mode::Disarmed || self.sight(self.clock.now).may_arm().is_ok();
         health.set(S::MAV_SYS_STATUS_PREARM_CHECK, ready);
         MavMessage::SYS_STATUS(SYS_STATUS_DATA {
             onboard_control_sensors_present: has,
@@ -303,7 +304,10 @@ impl Pilot {
             mavtype: MavBatteryType::MAV_BATTERY_TYPE_LIPO as u8,
             battery_remaining: self.remaining_percent(),
             // 0: not known.
-            time_remaining: self.battery_left_s().map_or(0, |s| (s.min(86_400.0) as i32).max(1)),
+            time_remaining: self
+                .sight(self.clock.now)
+                .battery_left_s()
+                .map_or(0, |s| (s.min(86_400.0) as i32).max(1)),
             charge_state: charge_state as u8,
             voltages_ext: [0; 4],
             mode: MavBatteryMode::MAV_BATTERY_MODE_UNKNOWN as u8,

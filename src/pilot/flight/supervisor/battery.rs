@@ -4,8 +4,8 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::Pilot;
 use crate::out::voice::Severity;
+use crate::view::Sight;
 use haltere_core::time::HostTime;
 
 /// Voltage must be below its limit for this long, s: sag under a throttle step is not empty.
@@ -89,44 +89,43 @@ impl Discharge {
     }
 }
 
-impl Pilot {
-    fn fresh_v(&self, at: HostTime) -> Option<f64> {
+impl Sight<'_> {
+    fn fresh_v(&self) -> Option<f64> {
         let battery = self.board.battery?;
-        (at.seconds_since(battery.received_at) < AGE_S).then_some(battery.supply_v)
+        (self.view.at.seconds_since(battery.received_at) < AGE_S).then_some(battery.supply_v)
     }
 
     /// Whether the voltage is below a limit, now or on average over the last second.
-    fn is_below(&self, limit_v: f64, at: HostTime) -> bool {
-        self.fresh_v(at).is_some_and(|v| self.flight.supervisor.discharge.lower_v(v) < limit_v)
+    fn is_below(&self, limit_v: f64) -> bool {
+        self.fresh_v().is_some_and(|v| self.flight.supervisor.discharge.lower_v(v) < limit_v)
     }
 
     /// Time until the voltage is critical, s, once it can be told.
     pub(crate) fn battery_left_s(&self) -> Option<f64> {
-        self.flight.supervisor.discharge.time_to_s(self.config.limits.battery_critical_v)
+        self.flight.supervisor.discharge.time_to_s(self.view.config.limits.battery_critical_v)
     }
 
     /// Time to fly home and land, s.
     pub(crate) fn time_home_s(&self) -> f64 {
-        let flight = &self.config.flight;
-        let pos = self.estimate.pos_E_m;
-        let refuge =
-            self.flight.guidance.nearest_refuge_NE_m(pos, &self.stations.services.plans.fence);
+        let flight = &self.view.config.flight;
+        let pos = self.view.estimate.pos_E_m;
+        let refuge = self.flight.guidance.nearest_refuge_NE_m(pos, self.fence);
         // Where no way leads home it lands here.
         let away_m = refuge.map_or(0.0, |[n, e]| (pos.x() - n).hypot(pos.y() - e));
-        let height_m = self.height_above_floor_m().max(flight.return_height_m).max(0.0);
-        HOME_SHARE * flight.travel_s(away_m, self.config.control.sustained_mps())
+        let height_m = self.view.height_above_floor_m().max(flight.return_height_m).max(0.0);
+        HOME_SHARE * flight.travel_s(away_m, self.view.config.control.sustained_mps())
             + flight.landing_s(height_m)
     }
 
     fn is_home_due(&self) -> bool {
-        let reserve_s = self.config.supervisor.battery_reserve_s;
+        let reserve_s = self.view.config.supervisor.battery_reserve_s;
         self.battery_left_s().is_some_and(|left_s| left_s < self.time_home_s() + reserve_s)
     }
 }
 
-fn words_of_voltage(pilot: &Pilot, what: &str) -> String {
-    let v = pilot.board.battery.map_or(0.0, |b| b.supply_v);
-    match pilot.battery_left_s() {
+fn words_of_voltage(sight: &Sight<'_>, what: &str) -> String {
+    let v = sight.board.battery.map_or(0.0, |b| b.supply_v);
+    match sight.battery_left_s() {
         Some(left_s) => format!("battery {what}: {v:.2} V, {left_s:.0} s left"),
         None => format!("battery {what}: {v:.2} V"),
     }
@@ -150,8 +149,8 @@ pub(super) const LOW: Condition = Condition {
     over: "",
     health: S::MAV_SYS_STATUS_SENSOR_BATTERY,
     severity: Severity::Warning,
-    is_seen: |pilot, at| pilot.is_below(pilot.config.limits.battery_low_v, at),
-    words: |pilot, _| words_of_voltage(pilot, "low"),
+    is_seen: |sight| sight.is_below(sight.view.config.limits.battery_low_v),
+    words: |sight| words_of_voltage(sight, "low"),
     ..ROW
 };
 
@@ -175,12 +174,12 @@ pub(super) const HOME: Condition = Condition {
     over: "",
     health: S::MAV_SYS_STATUS_SENSOR_BATTERY,
     severity: Severity::Critical,
-    is_seen: |pilot, at| pilot.fresh_v(at).is_some() && pilot.is_home_due(),
-    words: |pilot, _| {
+    is_seen: |sight| sight.fresh_v().is_some() && sight.is_home_due(),
+    words: |sight| {
         format!(
             "battery: {:.0} s left, home and down takes {:.0} s",
-            pilot.battery_left_s().unwrap_or_default(),
-            pilot.time_home_s()
+            sight.battery_left_s().unwrap_or_default(),
+            sight.time_home_s()
         )
     },
     ..ROW
@@ -203,8 +202,8 @@ pub(super) const CRITICAL: Condition = Condition {
     over: "",
     health: S::MAV_SYS_STATUS_SENSOR_BATTERY,
     severity: Severity::Critical,
-    is_seen: |pilot, at| pilot.is_below(pilot.config.limits.battery_critical_v, at),
-    words: |pilot, _| words_of_voltage(pilot, "empty"),
+    is_seen: |sight| sight.is_below(sight.view.config.limits.battery_critical_v),
+    words: |sight| words_of_voltage(sight, "empty"),
     ..ROW
 };
 
@@ -217,8 +216,8 @@ pub(super) const SILENT: Condition = Condition {
     over: "battery voltage is back",
     health: S::MAV_SYS_STATUS_SENSOR_BATTERY,
     severity: Severity::Error,
-    is_seen: |pilot, at| pilot.fresh_v(at).is_none(),
-    words: |_, _| "no battery voltage from the board".to_owned(),
+    is_seen: |sight| sight.fresh_v().is_none(),
+    words: |_| "no battery voltage from the board".to_owned(),
     ..ROW
 };
 

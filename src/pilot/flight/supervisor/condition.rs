@@ -3,11 +3,10 @@
 use haltere_dialect::mav::haltere::MavSysStatusSensor;
 
 use super::reaction::Reaction;
-use crate::Pilot;
 use crate::config::PilotConfig;
 use crate::flight::modes::Mode;
 use crate::out::voice::Severity;
-use haltere_core::time::HostTime;
+use crate::view::Sight;
 
 /// When a condition is looked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,9 +74,9 @@ pub struct Condition {
     /// Bits of SYS_STATUS that it takes away.
     pub health: MavSysStatusSensor,
     pub(crate) severity: Severity,
-    pub(crate) is_seen: fn(&Pilot, HostTime) -> bool,
+    pub(crate) is_seen: fn(&Sight<'_>) -> bool,
     /// Told when it begins.
-    pub(crate) words: fn(&Pilot, HostTime) -> String,
+    pub(crate) words: fn(&Sight<'_>) -> String,
 }
 
 impl Condition {
@@ -115,6 +114,6 @@ pub(super) const ROW: Condition = Condition {
     over: "",
     health: MavSysStatusSensor::empty(),
     severity: Severity::Warning,
-    is_seen: |_, _| false,
-    words: |_, _| String::new(),
+    is_seen: |_| false,
+    words: |_| String::new(),
 };

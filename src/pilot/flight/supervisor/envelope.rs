@@ -4,13 +4,11 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::Pilot;
 use crate::flight::Flight;
 use crate::flight::modes::Mode;
 use crate::out::voice::Severity;
-use crate::view::View;
+use crate::view::{Sight, View};
 use haltere_core::estimate::Health;
-use haltere_core::time::HostTime;
 
 /// The board's attitude may be this old to be asked for the tilt, s.
 const ATTITUDE_AGE_S: f64 = 0.2;
@@ -49,40 +47,40 @@ impl Flight {
     }
 }
 
-impl Pilot {
+impl Sight<'_> {
     fn is_placed(&self) -> bool {
-        matches!(self.estimate.health, Health::Good | Health::Degraded)
+        matches!(self.view.estimate.health, Health::Good | Health::Degraded)
     }
 
     /// How far the vehicle is beyond the volume or the fence, m; 0 inside.
     fn beyond_m(&self) -> f64 {
-        let pos = self.estimate.pos_E_m;
+        let pos = self.view.estimate.pos_E_m;
         let volume = self.flight.guidance.volume();
         let inside = volume.clamp(pos);
         let out = |a: f64, b: f64| (a - b).abs();
         // Below the lowest setpoint is the floor, not a wall.
         let up_m = (-pos.z() - volume.height_m).max(0.0);
         let volume_m = out(pos.x(), inside.x()).max(out(pos.y(), inside.y())).max(up_m);
-        volume_m.max(self.stations.services.plans.fence.beyond_m([pos.x(), pos.y()]))
+        volume_m.max(self.fence.beyond_m([pos.x(), pos.y()]))
     }
 
     /// Tilt by the board, else by the estimate, rad.
-    fn tilt_rad(&self, at: HostTime) -> f64 {
+    fn tilt_rad(&self) -> f64 {
         let cos = match self.board.attitude {
-            Some(a) if at.seconds_since(a.received_at) < ATTITUDE_AGE_S => {
+            Some(a) if self.view.at.seconds_since(a.received_at) < ATTITUDE_AGE_S => {
                 a.attitude.matrix()[(2, 2)]
             }
-            _ => self.estimate.R_EB.matrix()[(2, 2)],
+            _ => self.view.estimate.R_EB.matrix()[(2, 2)],
         };
         cos.clamp(-1.0, 1.0).acos()
     }
 }
 
-fn words_of_place(pilot: &Pilot, _: HostTime) -> String {
-    let pos = pilot.estimate.pos_E_m;
+fn words_of_place(sight: &Sight<'_>) -> String {
+    let pos = sight.view.estimate.pos_E_m;
     format!(
         "{:.1} m outside at N {:.1} E {:.1} height {:.1} m",
-        pilot.beyond_m(),
+        sight.beyond_m(),
         pos.x(),
         pos.y(),
         -pos.z()
@@ -106,7 +104,7 @@ pub(super) const SOFT: Condition = Condition {
     over: "inside the walls again",
     health: S::MAV_SYS_STATUS_GEOFENCE,
     severity: Severity::Warning,
-    is_seen: |pilot, _| pilot.is_placed() && pilot.beyond_m() > 0.2,
+    is_seen: |sight| sight.is_placed() && sight.beyond_m() > 0.2,
     words: words_of_place,
     ..ROW
 };
@@ -129,7 +127,9 @@ pub(super) const HARD: Condition = Condition {
     over: "inside the hard wall again",
     health: S::MAV_SYS_STATUS_GEOFENCE,
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.is_placed() && pilot.beyond_m() > pilot.config.supervisor.wall_hard_m,
+    is_seen: |sight| {
+        sight.is_placed() && sight.beyond_m() > sight.view.config.supervisor.wall_hard_m
+    },
     words: words_of_place,
     ..ROW
 };
@@ -151,8 +151,8 @@ pub(super) const TILT: Condition = Condition {
     because: "tilt too high",
     over: "tilt is low again",
     severity: Severity::Emergency,
-    is_seen: |pilot, at| pilot.tilt_rad(at) > pilot.config.supervisor.tilt_most_deg.to_radians(),
-    words: |pilot, at| format!("tilt {:.0} deg", pilot.tilt_rad(at).to_degrees()),
+    is_seen: |sight| sight.tilt_rad() > sight.view.config.supervisor.tilt_most_deg.to_radians(),
+    words: |sight| format!("tilt {:.0} deg", sight.tilt_rad().to_degrees()),
     ..ROW
 };
 
@@ -172,8 +172,10 @@ pub(super) const SPEED: Condition = Condition {
     because: "too fast",
     over: "slow again",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.estimate.vel_B_mps.norm() > pilot.config.supervisor.speed_most_mps,
-    words: |pilot, _| format!("speed {:.1} m/s", pilot.estimate.vel_B_mps.norm()),
+    is_seen: |sight| {
+        sight.view.estimate.vel_B_mps.norm() > sight.view.config.supervisor.speed_most_mps
+    },
+    words: |sight| format!("speed {:.1} m/s", sight.view.estimate.vel_B_mps.norm()),
     ..ROW
 };
 
@@ -195,9 +197,9 @@ pub(super) const LEAP: Condition = Condition {
     latched: true,
     health: S::MAV_SYS_STATUS_AHRS,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.flight.supervisor.speed.gained_mps > LEAP_MPS,
-    words: |pilot, _| {
-        format!("speed grew by {:.1} m/s in 0.3 s", pilot.flight.supervisor.speed.gained_mps)
+    is_seen: |sight| sight.flight.supervisor.speed.gained_mps > LEAP_MPS,
+    words: |sight| {
+        format!("speed grew by {:.1} m/s in 0.3 s", sight.flight.supervisor.speed.gained_mps)
     },
     ..ROW
 };
@@ -223,14 +225,14 @@ pub(super) const ASTRAY: Condition = Condition {
     over: "",
     latched: true,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| {
-        let most_m = 0.5 * pilot.config.supervisor.off_course_m;
-        pilot.navigation.rooms.is_in_doubt()
-            && pilot.flight.guidance.off_course_m(&pilot.estimate).is_some_and(|m| m > most_m)
+    is_seen: |sight| {
+        let most_m = 0.5 * sight.view.config.supervisor.off_course_m;
+        sight.navigation.rooms.is_in_doubt()
+            && sight.flight.guidance.off_course_m(sight.view.estimate).is_some_and(|m| m > most_m)
     },
-    words: |pilot, _| {
-        let away_m = pilot.flight.guidance.off_course_m(&pilot.estimate).unwrap_or_default();
-        format!("{away_m:.1} m away, perhaps driven there: {}", pilot.navigation.rooms.words())
+    words: |sight| {
+        let away_m = sight.flight.guidance.off_course_m(sight.view.estimate).unwrap_or_default();
+        format!("{away_m:.1} m away, perhaps driven there: {}", sight.navigation.rooms.words())
     },
     ..ROW
 };
@@ -248,15 +250,15 @@ pub(super) const COURSE: Condition = Condition {
     because: "off course",
     over: "on course again",
     severity: Severity::Critical,
-    is_seen: |pilot, _| {
-        pilot
+    is_seen: |sight| {
+        sight
             .flight
             .guidance
-            .off_course_m(&pilot.estimate)
-            .is_some_and(|m| m > pilot.config.supervisor.off_course_m)
+            .off_course_m(sight.view.estimate)
+            .is_some_and(|m| m > sight.view.config.supervisor.off_course_m)
     },
-    words: |pilot, _| {
-        let away_m = pilot.flight.guidance.off_course_m(&pilot.estimate).unwrap_or_default();
+    words: |sight| {
+        let away_m = sight.flight.guidance.off_course_m(sight.view.estimate).unwrap_or_default();
         format!("{away_m:.1} m away from where it should be")
     },
     ..ROW

@@ -7,28 +7,26 @@ use super::envelope::LEAP;
 use super::reaction::Reaction;
 use super::scale::SCALE;
 use super::slip::SLIP;
-use crate::Pilot;
 use crate::navigation::evidence::{DOUBT_SHARE, MOST_REMEDIES, REMEDIES_S};
 use crate::out::voice::Severity;
-use crate::view::view;
+use crate::view::Sight;
 use haltere_core::estimate::Health;
-use haltere_core::time::HostTime;
 
 /// What a barometer may err by in a room, m.
 const BARO_NOISE_M: f64 = 0.3;
 /// The barometer alone ends a flight after this time, s.
 const BARO_ALONE_S: f64 = 3.0;
 
-impl Pilot {
+impl Sight<'_> {
     /// Height above the floor, m, and sinking speed, m/s, with which a descent begins: the estimate's, or those of a
     /// moment ago where the estimate has followed an accelerometer that lies. The height is the barometer's where that is
     /// larger: taken too high it costs seconds, taken too low it ends in a fall.
-    pub(crate) fn height_and_sink_to_descend_from(&self, at: HostTime) -> (f64, f64) {
+    pub(crate) fn height_and_sink_to_descend_from(&self) -> (f64, f64) {
         let leapt = [SCALE, LEAP, SLIP].iter().any(|row| self.flight.supervisor.has(row.name));
         let before = self.navigation.before.carried_on().filter(|_| leapt);
-        let sink_mps = if self.imu_is_alive(at) { self.flight.last_sink_mps } else { 0.0 };
+        let sink_mps = if self.imu_is_alive() { self.flight.last_sink_mps } else { 0.0 };
         let (known_m, sink_mps) = before.unwrap_or((self.flight.last_height_m, sink_mps));
-        let baro_m = self.navigation.baro_above_floor_m(&view!(self, at));
+        let baro_m = self.navigation.baro_above_floor_m(&self.view);
         (baro_m.map_or(known_m, |baro_m| known_m.max(baro_m - BARO_NOISE_M)), sink_mps)
     }
 }
@@ -51,9 +49,9 @@ pub(super) const LOST: Condition = Condition {
     over: "estimate usable again",
     health: POSITION,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| !matches!(pilot.estimate.health, Health::Good | Health::Degraded),
-    words: |pilot, _| {
-        let why = if pilot.estimate.health == Health::Lost { "lost" } else { "not aligned" };
+    is_seen: |sight| !matches!(sight.view.estimate.health, Health::Good | Health::Degraded),
+    words: |sight| {
+        let why = if sight.view.estimate.health == Health::Lost { "lost" } else { "not aligned" };
         format!("estimator {why}")
     },
     ..ROW
@@ -78,19 +76,13 @@ pub(super) const ATTITUDE: Condition = Condition {
     over: "attitude is the board's again",
     health: POSITION,
     severity: Severity::Emergency,
-    is_seen: |pilot, at| {
-        let most_rad = pilot.config.supervisor.attitude_difference_deg.to_radians();
-        pilot
-            .navigation
-            .attitude_difference_rad(&view!(pilot, at))
-            .is_some_and(|rad| rad > most_rad)
+    is_seen: |sight| {
+        let most_rad = sight.view.config.supervisor.attitude_difference_deg.to_radians();
+        sight.navigation.attitude_difference_rad(&sight.view).is_some_and(|rad| rad > most_rad)
     },
-    words: |pilot, at| {
-        let deg = pilot
-            .navigation
-            .attitude_difference_rad(&view!(pilot, at))
-            .unwrap_or_default()
-            .to_degrees();
+    words: |sight| {
+        let deg =
+            sight.navigation.attitude_difference_rad(&sight.view).unwrap_or_default().to_degrees();
         format!("attitude differs from the board's by {deg:.0} deg")
     },
     ..ROW
@@ -123,11 +115,11 @@ pub(super) const DIVERGED: Condition = Condition {
     over: "estimate fits UWB again",
     health: S::MAV_SYS_STATUS_AHRS,
     severity: Severity::Critical,
-    is_seen: |pilot, _| {
-        pilot.navigation.evidence.beyond_share > pilot.config.supervisor.divergence_share
+    is_seen: |sight| {
+        sight.navigation.evidence.beyond_share > sight.view.config.supervisor.divergence_share
     },
-    words: |pilot, _| {
-        let share = pilot.navigation.evidence.beyond_share;
+    words: |sight| {
+        let share = sight.navigation.evidence.beyond_share;
         format!("{:.0} % of UWB measurements do not fit the estimate", share * 100.0)
     },
     ..ROW
@@ -150,11 +142,11 @@ pub(super) const UNHEALED: Condition = Condition {
     over: "estimate has recovered",
     health: S::MAV_SYS_STATUS_AHRS,
     severity: Severity::Critical,
-    is_seen: |pilot, at| {
-        let first = pilot.navigation.evidence.first_remedied_at();
-        first.is_some_and(|t| at.seconds_since(t) < REMEDIES_S)
+    is_seen: |sight| {
+        let first = sight.navigation.evidence.first_remedied_at();
+        first.is_some_and(|t| sight.view.at.seconds_since(t) < REMEDIES_S)
     },
-    words: |_, _| format!("estimator recovered {MOST_REMEDIES} times in {REMEDIES_S:.0} s"),
+    words: |_| format!("estimator recovered {MOST_REMEDIES} times in {REMEDIES_S:.0} s"),
     ..ROW
 };
 
@@ -190,14 +182,14 @@ pub(super) const CONTRADICTED: Condition = Condition {
     latched: true,
     health: POSITION,
     severity: Severity::Emergency,
-    is_seen: |pilot, at| {
-        let most_m = pilot.config.supervisor.height_difference_m;
-        let contradicts = |m: f64| m.abs() > most_m && pilot.navigation.has_second_witness(m);
-        pilot.navigation.height_difference_m(at).is_some_and(contradicts)
+    is_seen: |sight| {
+        let most_m = sight.view.config.supervisor.height_difference_m;
+        let contradicts = |m: f64| m.abs() > most_m && sight.navigation.has_second_witness(m);
+        sight.navigation.height_difference_m(sight.view.at).is_some_and(contradicts)
     },
-    words: |pilot, at| {
-        let by_m = pilot.navigation.height_difference_m(at).unwrap_or_default();
-        let share = pilot.navigation.evidence.beyond_share;
+    words: |sight| {
+        let by_m = sight.navigation.height_difference_m(sight.view.at).unwrap_or_default();
+        let share = sight.navigation.evidence.beyond_share;
         format!(
             "height {by_m:+.1} m against the barometer, {:.0} % of UWB do not fit",
             share * 100.0
@@ -244,12 +236,12 @@ pub(super) const HEIGHT: Condition = Condition {
     over: "height is the barometer's again",
     health: S::MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL,
     severity: Severity::Warning,
-    is_seen: |pilot, at| {
-        let most_m = pilot.config.supervisor.height_difference_m;
-        pilot.navigation.height_difference_m(at).is_some_and(|m| m.abs() > most_m)
+    is_seen: |sight| {
+        let most_m = sight.view.config.supervisor.height_difference_m;
+        sight.navigation.height_difference_m(sight.view.at).is_some_and(|m| m.abs() > most_m)
     },
-    words: |pilot, at| {
-        let by_m = pilot.navigation.height_difference_m(at).unwrap_or_default();
+    words: |sight| {
+        let by_m = sight.navigation.height_difference_m(sight.view.at).unwrap_or_default();
         format!("estimated height is {by_m:+.1} m against the barometer's")
     },
     ..ROW

@@ -7,26 +7,25 @@ use super::envelope::LEAP;
 use super::reaction::Reaction;
 use super::scale::SCALE;
 use super::slip::SLIP;
-use crate::Pilot;
 use crate::navigation::lift::LIFT_MOST_MPS2;
 use crate::navigation::repetition::{ROUGH_LASTS_S, ROUGH_RATIO};
 use crate::out::voice::Severity;
-use haltere_core::time::HostTime;
+use crate::view::Sight;
 
-impl Pilot {
+impl Sight<'_> {
     /// For how long no sample came though we listened, s. What comes late is not silent.
-    fn imu_silent_s(&self, at: HostTime) -> f64 {
-        if self.board.is_moving(at) {
+    fn imu_silent_s(&self) -> f64 {
+        if self.board.is_moving(self.view.at) {
             return 0.0;
         }
-        let own_s = self.flight.supervisor.punctuality.own_silence_s(at);
-        self.navigation.imu_age_s(at) - own_s - self.board.link.lateness().age_s()
+        let own_s = self.flight.supervisor.punctuality.own_silence_s(self.view.at);
+        self.navigation.imu_age_s(self.view.at) - own_s - self.board.link.lateness().age_s()
     }
 
     /// Whether the accelerometer can be asked whether the vehicle falls.
-    pub(crate) fn imu_is_alive(&self, at: HostTime) -> bool {
-        let c = &self.config.supervisor;
-        self.imu_silent_s(at) <= c.imu_loss_s
+    pub(crate) fn imu_is_alive(&self) -> bool {
+        let c = &self.view.config.supervisor;
+        self.imu_silent_s() <= c.imu_loss_s
             && self.navigation.repetition.longest_s() <= c.imu_frozen_s
             && ![NOISE, LIFT, SLIP, SCALE, LEAP]
                 .iter()
@@ -59,8 +58,8 @@ pub(super) const NOISE: Condition = Condition {
     latched: true,
     health: SENSORS,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.navigation.repetition.noise().is_some(),
-    words: |pilot, _| format!("{} is noise", pilot.navigation.repetition.noise().unwrap_or("IMU")),
+    is_seen: |sight| sight.navigation.repetition.noise().is_some(),
+    words: |sight| format!("{} is noise", sight.navigation.repetition.noise().unwrap_or("IMU")),
     ..ROW
 };
 
@@ -87,9 +86,9 @@ pub(super) const LIFT: Condition = Condition {
     latched: true,
     health: S::MAV_SYS_STATUS_SENSOR_3D_ACCEL,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.navigation.lift.differs(),
-    words: |pilot, _| {
-        let off_mps2 = pilot.navigation.lift.off_mps2;
+    is_seen: |sight| sight.navigation.lift.differs(),
+    words: |sight| {
+        let off_mps2 = sight.navigation.lift.off_mps2;
         format!("specific force is off by {off_mps2:+.1} m/s2 against the thrust sent")
     },
     ..ROW
@@ -112,8 +111,8 @@ pub(super) const LOST: Condition = Condition {
     over: "IMU is back",
     health: SENSORS,
     severity: Severity::Emergency,
-    is_seen: |pilot, at| pilot.imu_silent_s(at) > pilot.config.supervisor.imu_loss_s,
-    words: |pilot, at| format!("no IMU for {:.1} s", pilot.imu_silent_s(at).min(999.0)),
+    is_seen: |sight| sight.imu_silent_s() > sight.view.config.supervisor.imu_loss_s,
+    words: |sight| format!("no IMU for {:.1} s", sight.imu_silent_s().min(999.0)),
     ..ROW
 };
 
@@ -134,11 +133,11 @@ pub(super) const FROZEN: Condition = Condition {
     over: "IMU moves again",
     health: SENSORS,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| {
-        pilot.navigation.repetition.longest_s() > pilot.config.supervisor.imu_frozen_s
+    is_seen: |sight| {
+        sight.navigation.repetition.longest_s() > sight.view.config.supervisor.imu_frozen_s
     },
-    words: |pilot, _| {
-        let r = &pilot.navigation.repetition;
+    words: |sight| {
+        let r = &sight.navigation.repetition;
         let what = if r.acc_s >= r.rate_s { "accelerometer" } else { "gyroscope" };
         format!("{what} repeats itself for {:.1} s", r.longest_s())
     },

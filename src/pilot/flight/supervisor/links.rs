@@ -2,11 +2,11 @@
 
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::Pilot;
 use crate::board::link::lateness::LATE_S;
 use crate::flight::Flight;
 use crate::flight::modes::Mode;
 use crate::out::voice::Severity;
+use crate::view::Sight;
 use haltere_core::time::HostTime;
 
 /// A station that was heard so long before the motors turned belongs to the flight, s.
@@ -42,18 +42,19 @@ impl Flight {
     }
 }
 
-impl Pilot {
-    fn board_silent_s(&self, at: HostTime) -> f64 {
-        let own_s = self.flight.supervisor.punctuality.own_silence_s(at);
-        (self.board.link.silence_s(at).unwrap_or(0.0) - own_s).max(0.0)
+impl Sight<'_> {
+    fn board_silent_s(&self) -> f64 {
+        let own_s = self.flight.supervisor.punctuality.own_silence_s(self.view.at);
+        (self.board.link.silence_s(self.view.at).unwrap_or(0.0) - own_s).max(0.0)
     }
 
-    fn follower_is_silent(&self, at: HostTime, manual: bool) -> bool {
+    fn follower_is_silent(&self, manual: bool) -> bool {
         let guidance = &self.flight.guidance;
-        let own_s = self.flight.supervisor.punctuality.own_silence_s(at);
+        let own_s = self.flight.supervisor.punctuality.own_silence_s(self.view.at);
         let followed = if manual { &guidance.sticks } else { &guidance.setpoint };
         followed.as_ref().is_none_or(|s| {
-            at.seconds_since(s.received_at) - own_s > self.config.limits.offboard_loss_s
+            self.view.at.seconds_since(s.received_at) - own_s
+                > self.view.config.limits.offboard_loss_s
                 && (manual || s.needs_stream())
         })
     }
@@ -77,10 +78,10 @@ pub(super) const CONTROL: Condition = Condition {
     because: "board flies in a mode of its own",
     over: "board is in our mode again",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.board.link.has_lost_control(),
-    words: |pilot, _| {
-        let ours = pilot.board.link.firmware().control_mode().map_or("", |m| m.name);
-        format!("board left {ours} for {}", pilot.board.link.mode_name())
+    is_seen: |sight| sight.board.link.has_lost_control(),
+    words: |sight| {
+        let ours = sight.board.link.firmware().control_mode().map_or("", |m| m.name);
+        format!("board left {ours} for {}", sight.board.link.mode_name())
     },
     ..ROW
 };
@@ -101,8 +102,8 @@ pub(super) const BOARD: Condition = Condition {
     because: "board is silent",
     over: "board speaks again",
     severity: Severity::Critical,
-    is_seen: |pilot, at| pilot.board_silent_s(at) >= pilot.config.limits.board_loss_s,
-    words: |pilot, at| format!("board silent for {:.1} s", pilot.board_silent_s(at)),
+    is_seen: |sight| sight.board_silent_s() >= sight.view.config.limits.board_loss_s,
+    words: |sight| format!("board silent for {:.1} s", sight.board_silent_s()),
     ..ROW
 };
 
@@ -128,9 +129,9 @@ pub(super) const BOARD_LATE: Condition = Condition {
     because: "link to the board is late",
     over: "link to the board is prompt again",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.board.link.lateness().is_late(),
-    words: |pilot, _| {
-        let latency_ms = pilot.board.link.lateness().latency_s() * 1e3;
+    is_seen: |sight| sight.board.link.lateness().is_late(),
+    words: |sight| {
+        let latency_ms = sight.board.link.lateness().latency_s() * 1e3;
         format!("link to the board is late: {latency_ms:.0} ms")
     },
     ..ROW
@@ -158,9 +159,9 @@ pub(super) const RESPONSE: Condition = Condition {
     because: "the vehicle follows its setpoints too late",
     over: "",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.board.link.response_lag_s().is_some_and(|s| s > RESPONSE_MOST_S),
-    words: |pilot, _| {
-        let lag_ms = pilot.board.link.response_lag_s().unwrap_or_default() * 1e3;
+    is_seen: |sight| sight.board.link.response_lag_s().is_some_and(|s| s > RESPONSE_MOST_S),
+    words: |sight| {
+        let lag_ms = sight.board.link.response_lag_s().unwrap_or_default() * 1e3;
         format!("attitude follows its setpoints after {lag_ms:.0} ms")
     },
     ..ROW
@@ -182,9 +183,9 @@ pub(super) const BOARD_GAP: Condition = Condition {
     because: "board was silent",
     over: "",
     severity: Severity::Error,
-    is_seen: |pilot, _| pilot.flight.supervisor.heard.board_gap_s.is_some(),
-    words: |pilot, _| {
-        let silent_s = pilot.flight.supervisor.heard.board_gap_s.unwrap_or_default();
+    is_seen: |sight| sight.flight.supervisor.heard.board_gap_s.is_some(),
+    words: |sight| {
+        let silent_s = sight.flight.supervisor.heard.board_gap_s.unwrap_or_default();
         format!("board was silent for {silent_s:.1} s")
     },
     ..ROW
@@ -202,9 +203,9 @@ pub(super) const SECOND: Condition = Condition {
     because: "a second board speaks",
     over: "the second board is silent",
     severity: Severity::Critical,
-    is_seen: |pilot, at| pilot.board.second(at).is_some(),
-    words: |pilot, at| {
-        let what = pilot.board.second(at).unwrap_or_default();
+    is_seen: |sight| sight.board.second(sight.view.at).is_some(),
+    words: |sight| {
+        let what = sight.board.second(sight.view.at).unwrap_or_default();
         format!("{what}: it is not heard, nothing is sent to it")
     },
     ..ROW
@@ -220,9 +221,9 @@ pub(super) const IGNORED: Condition = Condition {
     over: "board flies our setpoints again",
     watched: Watched::Air,
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.board.link.ignores_setpoints(),
-    words: |pilot, _| {
-        let [sent, board] = pilot.board.link.thrust_sent_and_in_force();
+    is_seen: |sight| sight.board.link.ignores_setpoints(),
+    words: |sight| {
+        let [sent, board] = sight.board.link.thrust_sent_and_in_force();
         format!("board does not fly our setpoints: thrust {board:.2} in force, {sent:.2} sent")
     },
     ..ROW
@@ -243,8 +244,12 @@ pub(super) const GROUND: Condition = Condition {
     because: "no station is heard",
     over: "a station is heard again",
     severity: Severity::Warning,
-    is_seen: |pilot, at| pilot.flight.stations_silent_s(at) > pilot.config.supervisor.ground_loss_s,
-    words: |pilot, at| format!("no station heard for {:.1} s", pilot.flight.stations_silent_s(at)),
+    is_seen: |sight| {
+        sight.flight.stations_silent_s(sight.view.at) > sight.view.config.supervisor.ground_loss_s
+    },
+    words: |sight| {
+        format!("no station heard for {:.1} s", sight.flight.stations_silent_s(sight.view.at))
+    },
     ..ROW
 };
 
@@ -261,7 +266,7 @@ pub(super) const CLIENT: Condition = Condition {
     because: "setpoints stopped",
     over: "",
     severity: Severity::Info,
-    is_seen: |pilot, at| pilot.follower_is_silent(at, false),
+    is_seen: |sight| sight.follower_is_silent(false),
     ..ROW
 };
 
@@ -276,7 +281,7 @@ pub(super) const JOYSTICK: Condition = Condition {
     because: "joystick silent",
     over: "",
     severity: Severity::Info,
-    is_seen: |pilot, at| pilot.follower_is_silent(at, true),
+    is_seen: |sight| sight.follower_is_silent(true),
     ..ROW
 };
 
@@ -302,14 +307,11 @@ pub(super) const STICKS: Condition = Condition {
     because: "a stick was moved",
     over: "",
     severity: Severity::Info,
-    is_seen: |pilot, at| {
-        pilot.config.supervisor.stick_takeover
-            && pilot
-                .flight
-                .supervisor
-                .heard
-                .sticks
-                .is_some_and(|(share, t)| share > STICK_SHARE && at.seconds_since(t) < STICK_AGE_S)
+    is_seen: |sight| {
+        sight.view.config.supervisor.stick_takeover
+            && sight.flight.supervisor.heard.sticks.is_some_and(|(share, t)| {
+                share > STICK_SHARE && sight.view.at.seconds_since(t) < STICK_AGE_S
+            })
     },
     ..ROW
 };

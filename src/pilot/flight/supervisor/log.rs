@@ -18,8 +18,8 @@ pub(super) const STOPPED: Condition = Condition {
     because: "nothing is recorded",
     health: MavSysStatusSensor::MAV_SYS_STATUS_LOGGING,
     severity: Severity::Warning,
-    is_seen: |pilot, _| pilot.out.recording.state == Recording::Stopped,
-    words: |pilot, _| pilot.out.recording.words().unwrap_or_default(),
+    is_seen: |sight| sight.out.recording.state == Recording::Stopped,
+    words: |sight| sight.out.recording.words().unwrap_or_default(),
     ..ROW
 };
 
@@ -34,7 +34,7 @@ pub(super) const WAITS: Condition = Condition {
     because: "the log waits for a flight",
     health: MavSysStatusSensor::MAV_SYS_STATUS_LOGGING,
     severity: Severity::Warning,
-    is_seen: |pilot, _| pilot.out.recording.state == Recording::Waits,
-    words: |pilot, _| pilot.out.recording.words().unwrap_or_default(),
+    is_seen: |sight| sight.out.recording.state == Recording::Waits,
+    words: |sight| sight.out.recording.words().unwrap_or_default(),
     ..ROW
 };

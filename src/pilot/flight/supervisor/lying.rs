@@ -25,7 +25,7 @@ pub(super) const LIES: Condition = Condition {
     wanted: |_| Reaction::Disarm,
     because: "tipped over on the floor",
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.navigation.lying.is_found(),
-    words: |_, _| "lies on the floor: motors are cut".to_owned(),
+    is_seen: |sight| sight.navigation.lying.is_found(),
+    words: |_| "lies on the floor: motors are cut".to_owned(),
     ..ROW
 };

@@ -42,8 +42,13 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor;
 use super::change::Cause;
 use super::event_list::{CONDITION_BEGINS, CONDITION_ENDS};
 use super::modes::{Event, Mode, TABLE, transition};
-use crate::Pilot;
+use crate::config::PilotConfig;
+use crate::flight::Flight;
+use crate::navigation::Navigation;
+use crate::out::Out;
 use crate::out::voice::Severity;
+use crate::view::Around;
+use crate::wish::Wish;
 use haltere_core::time::HostTime;
 
 /// Where a condition stands.
@@ -159,84 +164,88 @@ fn proceed(
     Change::None
 }
 
-impl Pilot {
+impl Flight {
     /// Walks the list once, and orders what the hardest reaction asks for.
-    pub(crate) fn walk_conditions(&mut self, at: HostTime) {
+    pub(crate) fn walk_conditions(
+        &mut self,
+        around: &Around<'_>,
+        out: &mut Out,
+        wishes: &mut Vec<Wish>,
+    ) {
         let mut unhealthy = MavSysStatusSensor::empty();
+        let view = around.view(self);
         for (index, row) in CONDITIONS.iter().enumerate() {
-            let watched = row.watched.holds(self.flight.mode);
-            let seen = watched && (row.is_seen)(self, at);
-            let lasts_s = if seen { (row.lasts_s)(&self.config) } else { 0.0 };
-            let state = &mut self.flight.supervisor.states.0[index];
-            let change = proceed(state, row, seen, watched, at, lasts_s);
+            let watched = row.watched.holds(self.mode);
+            let seen = watched && (row.is_seen)(&around.sight_with(view, self, out));
+            let lasts_s = if seen { (row.lasts_s)(around.config) } else { 0.0 };
+            let state = &mut self.supervisor.states.0[index];
+            let change = proceed(state, row, seen, watched, around.at, lasts_s);
             if state.holds || (seen && row.health != MavSysStatusSensor::empty() && lasts_s == 0.0)
             {
                 unhealthy |= row.health;
             }
             match change {
                 Change::None => {}
-                Change::Begins => self.tell_condition(at, index, true),
-                Change::Ends => self.tell_condition(at, index, false),
+                Change::Begins => self.tell_condition(around, index, true, out),
+                Change::Ends => self.tell_condition(around, index, false, out),
             }
         }
-        self.flight.supervisor.unhealthy = unhealthy;
-        if let Some((index, row, reaction)) = self.winner(self.flight.mode) {
-            self.order(at, index, row, reaction);
+        self.supervisor.unhealthy = unhealthy;
+        if let Some((index, row, reaction)) = self.winner(self.mode, around.config) {
+            let cause = Cause {
+                because: row.because,
+                severity: row.severity,
+                number: u8::try_from(TABLE.len() + index).unwrap_or(u8::MAX),
+            };
+            self.happened(around, Event::Ordered(reaction), Some(cause), out, wishes);
         }
     }
 
     /// The condition whose reaction holds in a mode, with that reaction: the hardest of all, the first in
     /// the list of those that want the same. `None`: nothing has to be done.
-    fn winner(&self, mode: Mode) -> Option<(usize, &'static Condition, Reaction)> {
-        let wanted = |row: &Condition| row.reaction(mode, &self.config);
-        let all = self.flight.supervisor.holding().map(|(i, row)| (i, row, wanted(row)));
+    fn winner(
+        &self,
+        mode: Mode,
+        config: &PilotConfig,
+    ) -> Option<(usize, &'static Condition, Reaction)> {
+        let wanted = |row: &Condition| row.reaction(mode, config);
+        let all = self.supervisor.holding().map(|(i, row)| (i, row, wanted(row)));
         all.filter(|(_, _, reaction)| *reaction > Reaction::Tell)
             .reduce(|best, next| if next.2 > best.2 { next } else { best })
     }
 
-    fn order(
-        &mut self,
-        at: HostTime,
-        index: usize,
-        row: &'static Condition,
-        reaction: Reaction,
-    ) -> bool {
-        let cause = Cause {
-            because: row.because,
-            severity: row.severity,
-            number: u8::try_from(TABLE.len() + index).unwrap_or(u8::MAX),
-        };
-        self.fire_because(at, Event::Ordered(reaction), Some(cause))
-    }
-
     /// Whether something holds for which the estimate cannot be flown on.
-    pub(crate) fn needs_descent(&self) -> bool {
-        let wanted = |row: &Condition| (row.wanted)(&self.config);
-        self.flight.supervisor.holding().any(|(_, row)| wanted(row) == Reaction::Descend)
+    pub(crate) fn needs_descent(&self, config: &PilotConfig) -> bool {
+        let wanted = |row: &Condition| (row.wanted)(config);
+        self.supervisor.holding().any(|(_, row)| wanted(row) == Reaction::Descend)
     }
 
     /// Why a client may not have a mode now: something holds that wants more.
-    pub(crate) fn forbids(&self, event: Event) -> Option<&'static str> {
-        let to = transition(self.flight.mode, event)?.to;
-        if let Some(why) = self.flight.ending_forbids(to) {
+    pub(crate) fn forbids(
+        &self,
+        event: Event,
+        config: &PilotConfig,
+        navigation: &Navigation,
+    ) -> Option<&'static str> {
+        let to = transition(self.mode, event)?.to;
+        if let Some(why) = self.ending_forbids(to) {
             return Some(why);
         }
-        if self.navigation.is_touching_down(self.flight.mode) && to.is_flying() {
+        if navigation.is_touching_down(self.mode) && to.is_flying() {
             return Some("it touches down: take off again from the floor");
         }
         let wanted = |row: &Condition| {
-            if row.watched.holds(to) { row.reaction(to, &self.config) } else { Reaction::Nothing }
+            if row.watched.holds(to) { row.reaction(to, config) } else { Reaction::Nothing }
         };
-        self.flight
-            .supervisor
+        self.supervisor
             .holding()
             .find(|(_, row)| wanted(row) > Reaction::of_mode(to).max(Reaction::TakeOver))
             .map(|(_, row)| row.because)
     }
 
-    fn tell_condition(&mut self, at: HostTime, index: usize, begins: bool) {
+    fn tell_condition(&self, around: &Around<'_>, index: usize, begins: bool, out: &mut Out) {
         let row = &CONDITIONS[index];
-        let in_flight = self.flight.mode.has_thrust() || self.flight.mode == Mode::Yielded;
+        let in_flight = self.mode.has_thrust() || self.mode == Mode::Yielded;
         let severity = match row.severity {
             _ if !begins => Severity::Info,
             Severity::Emergency | Severity::Critical | Severity::Error if !in_flight => {
@@ -246,10 +255,11 @@ impl Pilot {
         };
         let number = if begins { CONDITION_BEGINS } else { CONDITION_ENDS };
         let argument = [u8::try_from(index).unwrap_or(u8::MAX)];
-        self.out.event(at, number, severity.into(), &[&argument]);
-        let text = if begins { (row.words)(self, at) } else { row.over.to_owned() };
+        out.event(around.at, number, severity.into(), &[&argument]);
+        let sight = around.sight(self, out);
+        let text = if begins { (row.words)(&sight) } else { row.over.to_owned() };
         if !text.is_empty() {
-            self.out.say(at, severity, text);
+            out.say(around.at, severity, text);
         }
     }
 }

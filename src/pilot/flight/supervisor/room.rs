@@ -28,7 +28,7 @@ pub(super) const ROOM: Condition = Condition {
     latched: true,
     health: S::MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.navigation.rooms.is_wrong(),
-    words: |pilot, _| pilot.navigation.rooms.words(),
+    is_seen: |sight| sight.navigation.rooms.is_wrong(),
+    words: |sight| sight.navigation.rooms.words(),
     ..ROW
 };

@@ -45,11 +45,11 @@ pub(super) const SCALE: Condition = Condition {
     latched: true,
     health: haltere_dialect::mav::haltere::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_3D_ACCEL,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.navigation.scale.wrong,
-    words: |pilot, _| {
+    is_seen: |sight| sight.navigation.scale.wrong,
+    words: |sight| {
         format!(
             "accelerometer reads {:.1} times the force of the thrust",
-            pilot.navigation.scale.ratio
+            sight.navigation.scale.ratio
         )
     },
     ..ROW

@@ -34,9 +34,9 @@ pub(super) const SLIP: Condition = Condition {
     over: "",
     health: haltere_dialect::mav::haltere::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_3D_ACCEL,
     severity: Severity::Emergency,
-    is_seen: |pilot, _| pilot.navigation.slip.is_wrong(),
-    words: |pilot, _| {
-        let slip_mps = -pilot.navigation.slip.mps;
+    is_seen: |sight| sight.navigation.slip.is_wrong(),
+    words: |sight| {
+        let slip_mps = -sight.navigation.slip.mps;
         format!("height climbs {slip_mps:+.1} m/s faster than the vertical velocity says")
     },
     ..ROW

@@ -1,7 +1,7 @@
 //! Laws of the list.
 
 use super::*;
-use crate::config::PilotConfig;
+use crate::Pilot;
 use crate::flight::awaited::Next;
 use crate::flight::modes::{Event, Mode, transition};
 use haltere_core::frames::Vec3;
@@ -115,7 +115,7 @@ fn prop_of_all_that_hold_exactly_one_wins_and_it_is_the_hardest() {
             holding(&mut pilot, &rows);
             let wanted = |n: &usize| CONDITIONS[*n].reaction(mode, &pilot.config);
             let hardest = rows.iter().map(wanted).max().unwrap_or(Reaction::Nothing);
-            let won = pilot.winner(mode);
+            let won = pilot.flight.winner(mode, &pilot.config);
             match won {
                 None => assert!(hardest <= Reaction::Tell, "{mode:?} {rows:?}"),
                 Some((index, _, reaction)) => {
@@ -129,7 +129,8 @@ fn prop_of_all_that_hold_exactly_one_wins_and_it_is_the_hardest() {
             rows.push(random(&mut seed) as usize % CONDITIONS.len());
             let before = won.map_or(Reaction::Tell, |(_, _, r)| r);
             holding(&mut pilot, &rows);
-            let after = pilot.winner(mode).map_or(Reaction::Tell, |(_, _, r)| r);
+            let after =
+                pilot.flight.winner(mode, &pilot.config).map_or(Reaction::Tell, |(_, _, r)| r);
             assert!(after >= before, "{mode:?} {rows:?}");
         }
     }
@@ -158,7 +159,8 @@ fn prop_clients_cannot_order_what_is_milder() {
                     // If it were granted, the next walk must have nothing to undo.
                     let undone = condition.reaction(to, &pilot.config) > Reaction::TakeOver
                         && to != Mode::Disarming;
-                    assert_eq!(pilot.forbids(event).is_some(), undone, "{n} {mode:?} {event:?}");
+                    let forbidden = pilot.flight.forbids(event, &pilot.config, &pilot.navigation);
+                    assert_eq!(forbidden.is_some(), undone, "{n} {mode:?} {event:?}");
                 }
             }
         }
@@ -187,7 +189,7 @@ fn prop_nothing_takes_off_with_an_estimator_that_is_not_aligned() {
     pilot.flight.mode = Mode::Spool;
     pilot.handle(at(10), crate::input::Input::Wake);
     assert_eq!(pilot.flight.mode, Mode::Disarming);
-    assert!(pilot.may_arm(at(20)).is_err());
+    assert!(pilot.sight(at(20)).may_arm().is_err());
 }
 
 #[test]
@@ -222,7 +224,7 @@ fn prop_our_own_pause_is_not_taken_for_a_silence_of_the_imu() {
         let mut wake = |pilot: &mut Pilot, after_ms: u64| {
             now_ms += after_ms;
             pilot.handle(at(now_ms), crate::input::Input::Wake);
-            (lost.is_seen)(pilot, at(now_ms))
+            (lost.is_seen)(&pilot.sight(at(now_ms)))
         };
         for _ in 0..5 {
             wake(&mut pilot, 10);

@@ -90,9 +90,9 @@ pub(super) const STUCK: Condition = Condition {
     because: "control loop stood still",
     over: "",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.flight.supervisor.punctuality.gap_s.is_some(),
-    words: |pilot, _| {
-        let gap_s = pilot.flight.supervisor.punctuality.gap_s.unwrap_or_default();
+    is_seen: |sight| sight.flight.supervisor.punctuality.gap_s.is_some(),
+    words: |sight| {
+        let gap_s = sight.flight.supervisor.punctuality.gap_s.unwrap_or_default();
         format!("control loop stood still for {gap_s:.1} s")
     },
     ..ROW
@@ -118,9 +118,9 @@ pub(super) const PAUSED: Condition = Condition {
     because: "paused for longer than the board waits",
     over: "place and height are heard anew",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.flight.resumption.pending_s().is_some(),
-    words: |pilot, _| {
-        let pause_s = pilot.flight.resumption.pending_s().unwrap_or_default();
+    is_seen: |sight| sight.flight.resumption.pending_s().is_some(),
+    words: |sight| {
+        let pause_s = sight.flight.resumption.pending_s().unwrap_or_default();
         format!("board was alone for {pause_s:.1} s")
     },
     ..ROW
@@ -143,11 +143,11 @@ pub(super) const LATE: Condition = Condition {
     because: "control loop is late",
     over: "control loop is punctual again",
     severity: Severity::Warning,
-    is_seen: |pilot, _| pilot.flight.supervisor.punctuality.late_share > LATE_SHARE,
-    words: |pilot, _| {
+    is_seen: |sight| sight.flight.supervisor.punctuality.late_share > LATE_SHARE,
+    words: |sight| {
         format!(
             "control loop is late: {:.0} % of steps by over {} ms",
-            pilot.flight.supervisor.punctuality.late_share * 100.0,
+            sight.flight.supervisor.punctuality.late_share * 100.0,
             CONTROL_PERIOD_US / 2000
         )
     },
@@ -170,9 +170,9 @@ pub(super) const CLOCK: Condition = Condition {
     because: "the computer's clock jumped",
     over: "",
     severity: Severity::Critical,
-    is_seen: |pilot, _| pilot.flight.supervisor.punctuality.host_jump_s.is_some(),
-    words: |pilot, _| {
-        let by_s = pilot.flight.supervisor.punctuality.host_jump_s.unwrap_or_default();
+    is_seen: |sight| sight.flight.supervisor.punctuality.host_jump_s.is_some(),
+    words: |sight| {
+        let by_s = sight.flight.supervisor.punctuality.host_jump_s.unwrap_or_default();
         format!("the computer's clock went back by {by_s:.2} s")
     },
     ..ROW
@@ -193,10 +193,10 @@ pub(super) const BOARD_CLOCK: Condition = Condition {
     because: "the board's clock jumped",
     over: "",
     severity: Severity::Error,
-    is_seen: |pilot, at| {
-        let jump = pilot.flight.supervisor.punctuality.board_jump_at;
-        jump.is_some_and(|t| at.seconds_since(t) < SHOWN_S)
+    is_seen: |sight| {
+        let jump = sight.flight.supervisor.punctuality.board_jump_at;
+        jump.is_some_and(|t| sight.view.at.seconds_since(t) < SHOWN_S)
     },
-    words: |_, _| "the board's clock jumped".to_owned(),
+    words: |_| "the board's clock jumped".to_owned(),
     ..ROW
 };

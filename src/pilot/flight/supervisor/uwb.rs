@@ -4,69 +4,75 @@ use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 
 use super::condition::{Condition, Number, ROW, Watched};
 use super::reaction::Reaction;
-use crate::Pilot;
 use crate::out::voice::Severity;
-use crate::view::view;
+use crate::view::Sight;
 use haltere_core::measure::AnchorId;
-use haltere_core::time::HostTime;
 
 /// Age of the newest fused measurement from which on the position is dead reckoning, s: the filter's
 /// health calls itself degraded then.
 const DEAD_RECKONING_S: f64 = 0.3;
 
-impl Pilot {
+impl Sight<'_> {
     /// Anchors that are needed: no more than there are.
     pub(crate) fn anchors_needed(&self) -> usize {
-        usize::from(self.config.supervisor.anchors_least).min(self.survey.ids().len())
+        usize::from(self.view.config.supervisor.anchors_least).min(self.view.survey.ids().len())
     }
 
     /// The larger horizontal sigma of the position, m.
     fn std_horizontal_m(&self) -> f64 {
-        let std = self.estimate.std_pos_E_m;
+        let std = self.view.estimate.std_pos_E_m;
         std.x().max(std.y())
     }
 }
 
-fn words_of_loss(pilot: &Pilot, at: HostTime) -> String {
-    let why = if pilot.navigation.tag.engine.is_played_again()
-        || pilot.navigation.tag.mavlink.is_played_again()
+fn words_of_loss(sight: &Sight<'_>) -> String {
+    let why = if sight.navigation.tag.engine.is_played_again()
+        || sight.navigation.tag.mavlink.is_played_again()
     {
         "; what comes was heard before, or its time runs backwards: connect the tag anew"
-    } else if pilot.navigation.tag.engine.is_old() || pilot.navigation.tag.mavlink.is_old() {
+    } else if sight.navigation.tag.engine.is_old() || sight.navigation.tag.mavlink.is_old() {
         "; what comes is old: connect the tag anew"
     } else {
         ""
     };
     format!(
         "no UWB for {:.1} s, position known to {:.2} m{why}",
-        pilot.navigation.uwb_age_s(at).min(999.0),
-        pilot.std_horizontal_m()
+        sight.navigation.uwb_age_s(sight.view.at).min(999.0),
+        sight.std_horizontal_m()
     )
 }
 
-fn is_anchor_silent(pilot: &Pilot, at: HostTime) -> bool {
-    let limit_s = pilot.config.supervisor.anchor_silent_s;
+fn is_anchor_silent(sight: &Sight<'_>) -> bool {
+    let limit_s = sight.view.config.supervisor.anchor_silent_s;
     let silent = |id: &AnchorId| {
-        pilot.navigation.anchors.silent_s(*id, at).is_some_and(|silent_s| silent_s > limit_s)
+        sight
+            .navigation
+            .anchors
+            .silent_s(*id, sight.view.at)
+            .is_some_and(|silent_s| silent_s > limit_s)
     };
     // If all are silent it is the tag.
-    pilot.navigation.uwb_age_s(at) < limit_s && pilot.survey.ids().iter().any(silent)
+    sight.navigation.uwb_age_s(sight.view.at) < limit_s
+        && sight.view.survey.ids().iter().any(silent)
 }
 
-fn words_of_anchor(pilot: &Pilot, at: HostTime) -> String {
-    let limit_s = pilot.config.supervisor.anchor_silent_s;
-    let ids: Vec<String> = pilot
+fn words_of_anchor(sight: &Sight<'_>) -> String {
+    let limit_s = sight.view.config.supervisor.anchor_silent_s;
+    let ids: Vec<String> = sight
+        .view
         .survey
         .ids()
         .iter()
-        .filter(|id| pilot.navigation.anchors.silent_s(**id, at).is_some_and(|s| s > limit_s))
+        .filter(|id| {
+            sight.navigation.anchors.silent_s(**id, sight.view.at).is_some_and(|s| s > limit_s)
+        })
         .map(ToString::to_string)
         .collect();
     format!(
         "anchor {} silent, {} of {} heard",
         ids.join(", "),
-        pilot.navigation.anchors_alive(&view!(pilot, at)),
-        pilot.survey.ids().len()
+        sight.navigation.anchors_alive(&sight.view),
+        sight.view.survey.ids().len()
     )
 }
 
@@ -85,7 +91,7 @@ pub(super) const STALE: Condition = Condition {
     over: "UWB measurements are back",
     health: S::MAV_SYS_STATUS_SENSOR_VISION_POSITION,
     severity: Severity::Warning,
-    is_seen: |pilot, at| pilot.navigation.uwb_age_s(at) > DEAD_RECKONING_S,
+    is_seen: |sight| sight.navigation.uwb_age_s(sight.view.at) > DEAD_RECKONING_S,
     words: words_of_loss,
     ..ROW
 };
@@ -114,11 +120,11 @@ pub(super) const LOST: Condition = Condition {
     over: "UWB measurements are back",
     health: S::MAV_SYS_STATUS_SENSOR_VISION_POSITION,
     severity: Severity::Critical,
-    is_seen: |pilot, at| {
-        let age_s = pilot.navigation.uwb_age_s(at);
-        let lost_m = pilot.config.supervisor.uwb_loss_std_m;
-        age_s > pilot.config.limits.uwb_loss_land_s
-            || (age_s > DEAD_RECKONING_S && pilot.std_horizontal_m() > lost_m)
+    is_seen: |sight| {
+        let age_s = sight.navigation.uwb_age_s(sight.view.at);
+        let lost_m = sight.view.config.supervisor.uwb_loss_std_m;
+        age_s > sight.view.config.limits.uwb_loss_land_s
+            || (age_s > DEAD_RECKONING_S && sight.std_horizontal_m() > lost_m)
     },
     words: words_of_loss,
     ..ROW
@@ -161,13 +167,13 @@ pub(super) const ANCHORS: Condition = Condition {
     health: S::MAV_SYS_STATUS_SENSOR_VISION_POSITION,
     severity: Severity::Critical,
     watched: Watched::Flight,
-    is_seen: |pilot, at| pilot.navigation.anchors_alive(&view!(pilot, at)) < pilot.anchors_needed(),
-    words: |pilot, at| {
+    is_seen: |sight| sight.navigation.anchors_alive(&sight.view) < sight.anchors_needed(),
+    words: |sight| {
         format!(
             "{} of {} anchors heard, {} needed",
-            pilot.navigation.anchors_alive(&view!(pilot, at)),
-            pilot.survey.ids().len(),
-            pilot.anchors_needed()
+            sight.navigation.anchors_alive(&sight.view),
+            sight.view.survey.ids().len(),
+            sight.anchors_needed()
         )
     },
     ..ROW

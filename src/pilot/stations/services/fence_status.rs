@@ -62,7 +62,8 @@ impl Pilot {
         if -pos.z() > volume.height_m + CEILING_MARGIN_M {
             return Some(FenceBreach::FENCE_BREACH_MAXALT);
         }
-        let inside = volume.contains_over(pos) && self.fence_forbids().is_none();
+        let inside = volume.contains_over(pos)
+            && self.stations.services.plans.fence.contains([pos.x(), pos.y()]);
         (!inside).then_some(FenceBreach::FENCE_BREACH_BOUNDARY)
     }
 

@@ -11,6 +11,7 @@ use crate::input::LinkId;
 use crate::out::Out;
 use crate::out::voice::Severity;
 use crate::stations::Stations;
+use crate::view;
 
 /// Longest reason that is passed on, characters: what glue says is text of its own, but of any length.
 const LONGEST_REASON: usize = 200;
@@ -86,9 +87,10 @@ impl Stations {
             }
         }
     }
+}
 
-    /// Why nothing is armed with what is left.
-    pub(crate) fn lost_forbids(&self) -> Option<String> {
+impl view::Kept for Stations {
+    fn lost_forbids(&self) -> Option<String> {
         if self.services.desk.waits_for(|purpose| matches!(purpose, Purpose::LoadPlan(_))) {
             return Some("fence, rally points and mission are still being read".to_owned());
         }

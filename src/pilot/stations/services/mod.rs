@@ -48,6 +48,7 @@ use crate::input::LinkId;
 use crate::out::Out;
 use crate::out::voice::Severity;
 use crate::stations::Stations;
+use crate::view::around;
 
 use budget::Bucket;
 use fence_status::FenceWatch;
@@ -248,7 +249,7 @@ impl Pilot {
             }
             MavCmd::MAV_CMD_RUN_PREARM_CHECKS => {
                 if self.flight.mode == Mode::Disarmed {
-                    self.report_checks(at, true);
+                    self.flight.report_checks(&around!(self, at), true, &mut self.out);
                     R::MAV_RESULT_ACCEPTED
                 } else {
                     R::MAV_RESULT_TEMPORARILY_REJECTED
@@ -274,7 +275,7 @@ impl Pilot {
             self.take_answer(at, purpose, Err(FileFault::TimedOut), &[]);
         }
         self.plan_tick(at);
-        self.event_tick(at);
+        self.flight.event_tick(&around!(self, at), &mut self.out);
         self.fence_tick(at);
         for n in 0..self.stations.grounds.len() {
             let link = self.stations.grounds[n].link;
@@ -384,12 +385,5 @@ impl Pilot {
         } else if at.seconds_since(since) > HELD_LANDS_S {
             self.fire(at, Event::NoWayHome);
         }
-    }
-
-    /// Why the vehicle may not be armed where it stands.
-    pub(crate) fn fence_forbids(&self) -> Option<String> {
-        let pos = self.estimate.pos_E_m;
-        let inside = self.stations.services.plans.fence.contains([pos.x(), pos.y()]);
-        (!inside).then(|| format!("outside the fence at N {:.2} E {:.2} m", pos.x(), pos.y()))
     }
 }

@@ -9,8 +9,8 @@ use haltere_core::frames::Vec3;
 use haltere_core::geo::{Geodetic, LocalOrigin};
 use haltere_core::time::HostTime;
 
-use super::place::WIRE_DEG;
 use crate::Pilot;
+use crate::flight::place::WIRE_DEG;
 use crate::input::LinkId;
 use crate::out::voice::Severity;
 use crate::stations::commands::{Answer, Request, refuse};
@@ -84,7 +84,7 @@ impl Pilot {
             let here = self.estimate.pos_E_m;
             return self.set_home(at, [here.x(), here.y()]);
         }
-        match self.wanted(request)?.horizontal_m {
+        match self.stations.wanted(&self.origin, request)?.horizontal_m {
             Some(point) => self.set_home(at, point),
             None => refuse(MavResult::MAV_RESULT_DENIED, "home refused: no point given"),
         }
