@@ -265,6 +265,13 @@ pub(crate) fn stay_down_near_floor(&mut self, view: &View<'_>) {
 }
 
 impl Navigation {
+    /// What stands near the floor, or may, is not lifted off again.
+    pub(crate) fn stay_down_near_floor(&mut self, view: &View<'_>) {
+        if self.is_near_floor(view) {
+            self.touch.low_frac = Some(TURN_SHARE * view.thrust.base_frac);
+        }
+    }
+
     /// Near the floor a landing goes on with no more thrust than it had.
     pub(crate) fn hold_thrust_near_floor(&mut self, view: &View<'_>) {
         if self.touch.turn_frac.is_none() && self.is_near_floor(view) {
