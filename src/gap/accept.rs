@@ -3,9 +3,9 @@
 //! An effect goes into a scenario as `[effects.on.ID]`; where it only changes numbers of the vehicle,
 //! into a vehicle file as these numbers, by the effect's own edit. On the real vehicle there is a trim
 //! in the companion's configuration, a corrected position in the anchor file, or a thing to do by hand.
-//! Every edit is of single lines, keeps comments, and is checked: the file as parsed afterwards must
-//! differ from before by what was meant and nothing else, or the edit is refused. Files are written by
-//! [`super::accepted`].
+//! Every edit keeps comments and order. Files are written by [`super::accepted`].
+
+use toml_edit::{DocumentMut, InlineTable, Item, Table, TableLike, Value};
 
 use haltere_core::frames::{E, U, Vec3, survey_from_earth};
 use haltere_core::measure::AnchorId;
@@ -19,7 +19,7 @@ pub enum EditError {
     /// The file is no TOML.
     #[error("not TOML: {0}")]
     Parse(String),
-    /// The file has the table or key in a form that is not edited line by line.
+    /// The file has something else under the name of the table or key.
     #[error("`{key}` stands in the file in a form that is not edited; write yourself:\n{wanted}")]
     Form {
         /// What was to be set.
@@ -54,85 +54,45 @@ pub fn number(value: f64) -> String {
     if text.ends_with('.') { format!("{text}0") } else { text.to_owned() }
 }
 
-/// Sets `key = value` in `[table]` of a TOML text, one line. `value` is TOML.
+fn parsed<T: std::str::FromStr<Err = toml_edit::TomlError>>(text: &str) -> Result<T, EditError> {
+    text.parse().map_err(|e: T::Err| EditError::Parse(e.to_string()))
+}
+
+/// Puts a value in the place of another one, with its comment.
+fn replace(old: &mut Value, mut new: Value) {
+    *new.decor_mut() = old.decor().clone();
+    *old = new;
+}
+
+/// Sets `key = value` in `[table]` of a TOML text. `value` is TOML.
 pub fn set_key(text: &str, table: &str, key: &str, value: &str) -> Result<String, EditError> {
     let form = || EditError::Form {
         key: format!("{table}.{key}"),
         wanted: format!("[{table}]\n{key} = {value}"),
     };
-    let before: toml::Table = toml::from_str(text).map_err(|e| EditError::Parse(e.to_string()))?;
-    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
-    let header = lines.iter().position(|line| is_header(line, table));
-    match header {
-        None => {
-            if lines.last().is_some_and(|l| !l.trim().is_empty()) {
-                lines.push(String::new());
-            }
-            lines.push(format!("[{table}]"));
-            lines.push(format!("{key} = {value}"));
-        }
-        Some(header) => {
-            let end = lines
-                .iter()
-                .skip(header + 1)
-                .position(|line| line.trim_start().starts_with('['))
-                .map_or(lines.len(), |k| header + 1 + k);
-            let own = (header + 1..end).find(|k| lines.get(*k).is_some_and(|l| is_key(l, key)));
-            match own {
-                Some(k) => {
-                    let comment = comment_of(&lines[k]).map_or(String::new(), |c| format!(" {c}"));
-                    lines[k] = format!("{key} = {value}{comment}");
-                }
-                None => {
-                    // Behind the last line that is neither empty nor a comment of what follows.
-                    let last = (header..end)
-                        .rev()
-                        .find(|k| {
-                            let line = lines[*k].trim();
-                            !line.is_empty() && !line.starts_with('#')
-                        })
-                        .unwrap_or(header);
-                    lines.insert(last + 1, format!("{key} = {value}"));
-                }
-            }
-        }
-    }
-    let new = lines.join("\n") + "\n";
-    // What was meant, and nothing else.
-    let mut wanted = before;
-    let parsed: toml::Table =
-        toml::from_str(&format!("x = {value}")).map_err(|e| EditError::Parse(e.to_string()))?;
-    let Some(parsed) = parsed.get("x") else { return Err(form()) };
-    let mut at = &mut wanted;
+    let mut file: DocumentMut = parsed(text)?;
+    let new: Value = parsed(value)?;
+    let mut at: &mut dyn TableLike = file.as_table_mut();
+    let mut inline = false;
     for part in table.split('.') {
-        let entry = at.entry(part).or_insert_with(|| toml::Value::Table(toml::Table::new()));
-        let Some(inner) = entry.as_table_mut() else { return Err(form()) };
-        at = inner;
+        let missing = || {
+            // Within an inline table stands nothing else.
+            if inline {
+                return Item::Value(InlineTable::new().into());
+            }
+            let mut table = Table::new();
+            table.set_implicit(true);
+            Item::Table(table)
+        };
+        let entry = at.entry(part).or_insert_with(missing);
+        inline = entry.is_inline_table();
+        at = entry.as_table_like_mut().ok_or_else(form)?;
     }
-    at.insert(key.to_owned(), parsed.clone());
-    match toml::from_str::<toml::Table>(&new) {
-        Ok(found) if found == wanted => Ok(new),
-        _ => Err(form()),
+    match at.get_mut(key) {
+        None => drop(at.insert(key, Item::Value(new))),
+        Some(old) => replace(old.as_value_mut().ok_or_else(form)?, new),
     }
-}
-
-fn is_header(line: &str, table: &str) -> bool {
-    let line = line.split('#').next().unwrap_or_default().trim();
-    line.strip_prefix('[')
-        .and_then(|l| l.strip_suffix(']'))
-        .is_some_and(|name| !name.starts_with('[') && name.trim() == table)
-}
-
-fn is_key(line: &str, key: &str) -> bool {
-    line.trim_start().strip_prefix(key).is_some_and(|rest| rest.trim_start().starts_with('='))
-}
-
-/// Comment at the end of a line without strings.
-fn comment_of(line: &str) -> Option<&str> {
-    if line.contains('"') || line.contains('\'') {
-        return None;
-    }
-    line.find('#').map(|k| line[k..].trim_end())
+    Ok(file.to_string())
 }
 
 /// Switches an effect on in a scenario, with all its parameters.
@@ -237,62 +197,36 @@ fn float(v: f64) -> String {
 
 /// Moves an anchor in an anchor file by a vector of the Earth frame, m.
 pub fn edit_anchor(text: &str, id: AnchorId, by_E_m: Vec3<E>) -> Result<String, EditError> {
-    let file: toml::Table = toml::from_str(text).map_err(|e| EditError::Parse(e.to_string()))?;
-    let by = match file.get("frame").and_then(|f| f.as_str()) {
+    let mut file: DocumentMut = parsed(text)?;
+    let by = match file.get("frame").and_then(Item::as_str) {
         Some("ned") => by_E_m.to_array(),
         _ => {
             let by_U: Vec3<U> = survey_from_earth(by_E_m);
             by_U.to_array()
         }
     };
-    let anchors = file.get("anchor").and_then(|a| a.as_array());
-    let number_of = |a: &toml::Value| a.get("id").and_then(toml::Value::as_integer);
-    let places = anchors.map_or(&[][..], Vec::as_slice);
-    let place = places.iter().position(|a| number_of(a) == Some(i64::from(id.0)));
-    let Some(place) = place else { return Err(EditError::NoAnchor { id: id.0 }) };
-    let float = |v: &toml::Value| v.as_float().or_else(|| v.as_integer().map(|i| i as f64));
-    let old: Vec<f64> = places
-        .get(place)
-        .and_then(|a| a.get("position_m"))
-        .and_then(|p| p.as_array())
-        .map(|p| p.iter().filter_map(float).collect())
-        .unwrap_or_default();
-    let new_position: Vec<String> =
-        old.iter().zip(by).map(|(a, b)| number((1e4 * (a + b)).round() / 1e4)).collect();
-    let value = format!("[{}]", new_position.join(", "));
-    let wanted = format!("[[anchor]]\nid = {}\nposition_m = {value}", id.0);
-    let form = || EditError::Form { key: format!("anchor {}", id.0), wanted: wanted.clone() };
-    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
-    let headers: Vec<usize> = lines
-        .iter()
-        .enumerate()
-        .filter(|(_, l)| l.split('#').next().unwrap_or_default().trim() == "[[anchor]]")
-        .map(|(k, _)| k)
-        .collect();
-    let (Some(from), true) = (headers.get(place).copied(), old.len() == 3) else {
-        return Err(form());
+    let anchors: Vec<&mut dyn TableLike> = match file.get_mut("anchor") {
+        Some(Item::ArrayOfTables(all)) => all.iter_mut().map(|t| t as &mut dyn TableLike).collect(),
+        Some(Item::Value(Value::Array(all))) => {
+            all.iter_mut().filter_map(|v| Some(v.as_inline_table_mut()? as _)).collect()
+        }
+        _ => Vec::new(),
     };
-    let to = headers.get(place + 1).copied().unwrap_or(lines.len());
-    let line = (from..to).find(|k| is_key(&lines[*k], "position_m")).ok_or_else(form)?;
-    let comment = comment_of(&lines[line]).map_or(String::new(), |c| format!(" {c}"));
-    lines[line] = format!("position_m = {value}{comment}");
-    let new = lines.join("\n") + "\n";
-    // Only that anchor may have moved.
-    let mut expected = file.clone();
-    if let Some(entry) = expected
-        .get_mut("anchor")
-        .and_then(|a| a.as_array_mut())
-        .and_then(|a| a.get_mut(place))
-        .and_then(|a| a.as_table_mut())
-    {
-        let parsed: Result<toml::Table, _> = toml::from_str(&format!("x = {value}"));
-        let position = parsed.ok().and_then(|t| t.get("x").cloned()).ok_or_else(form)?;
-        entry.insert("position_m".to_owned(), position);
+    let is_it = |anchor: &&mut dyn TableLike| {
+        anchor.get("id").and_then(Item::as_integer) == Some(i64::from(id.0))
+    };
+    let anchor = anchors.into_iter().find(is_it).ok_or(EditError::NoAnchor { id: id.0 })?;
+    let position = anchor.get_mut("position_m").and_then(Item::as_array_mut);
+    let Some(position) = position.filter(|position| position.len() == by.len()) else {
+        let wanted = format!("[[anchor]]\nid = {}\nposition_m = [x, y, z]", id.0);
+        return Err(EditError::Form { key: format!("anchor {}", id.0), wanted });
+    };
+    for (old, by) in position.iter_mut().zip(by) {
+        let number_of = old.as_float().or_else(|| old.as_integer().map(|i| i as f64));
+        let at = number_of.ok_or_else(|| EditError::Value(format!("anchor {}: {old}", id.0)))?;
+        replace(old, parsed(&number((1e4 * (at + by)).round() / 1e4))?);
     }
-    match toml::from_str::<toml::Table>(&new) {
-        Ok(found) if found == expected => Ok(new),
-        _ => Err(form()),
-    }
+    Ok(file.to_string())
 }
 
 /// What a person does about an effect on the vehicle or in the room.
@@ -360,8 +294,19 @@ mod tests {
         let new = set_key(text, "v.w", "y", "1.0").unwrap();
         assert_eq!(new, format!("{text}\n[v.w]\ny = 1.0\n"));
         assert!(matches!(set_key("x = ", "t", "x", "1.0"), Err(EditError::Parse(_))));
-        // Forms that are not edited line by line are refused, with the lines to write.
-        for odd in ["t = { x = 1.0 }\n", "t.x = 1.0\n", "[t]\nx = [1,\n2]\n", "t = 3\n"] {
+        for (form, new) in [
+            ("t = { x = 1.0 }\n", "t = { x = 3.5 }\n"),
+            ("t.x = 1.0 # one\n", "t.x = 3.5 # one\n"),
+            ("[t]\nx = [1,\n2]\n", "[t]\nx = 3.5\n"),
+        ] {
+            assert_eq!(set_key(form, "t", "x", "3.5").unwrap(), new);
+        }
+        let new = set_key("t = { x = 1.0 }\n", "t.u.v", "y", "2.0").unwrap();
+        let new: toml::Table = new.parse().unwrap();
+        assert_eq!(new["t"]["u"]["v"]["y"].as_float(), Some(2.0));
+        assert_eq!(new["t"]["x"].as_float(), Some(1.0));
+        // Something else of that name is refused, with the lines to write.
+        for odd in ["t = 3\n", "[t.x]\n"] {
             let said = set_key(odd, "t", "x", "3.5").unwrap_err();
             assert!(said.to_string().contains("[t]\nx = 3.5"), "{odd}: {said}");
         }
@@ -422,8 +367,11 @@ mod tests {
         let said = edit_anchor(text, AnchorId(5), Vec3::new(0.0, 0.0, 0.0)).unwrap_err();
         assert_eq!(said, EditError::NoAnchor { id: 5 });
         let inline = "frame = \"ned\"\nanchor = [{ id = 4, position_m = [1.0, 2.0, 3.0] }]\n";
+        let new = edit_anchor(inline, AnchorId(4), Vec3::new(0.1, 0.0, 0.0)).unwrap();
+        assert_eq!(new, inline.replace("[1.0, 2.0, 3.0]", "[1.1, 2.0, 3.0]"));
+        let short = inline.replace(", 3.0", "");
         assert!(matches!(
-            edit_anchor(inline, AnchorId(4), Vec3::new(0.1, 0.0, 0.0)),
+            edit_anchor(&short, AnchorId(4), Vec3::new(0.1, 0.0, 0.0)),
             Err(EditError::Form { .. })
         ));
     }
