@@ -2,6 +2,7 @@
 
 mod links;
 mod news;
+mod shown;
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor as S;
 

@@ -13,6 +13,7 @@ use haltere_core::time::HostTime;
 
 use super::commands::Request;
 use super::mission_transfer::ack;
+use super::streams;
 use crate::Pilot;
 use crate::flight::modes::Mode;
 use crate::flight::place::{Location, WIRE_DEG};
@@ -23,9 +24,6 @@ use crate::out::Out;
 use crate::out::losses::count_frame;
 use crate::out::voice::Severity;
 
-/// HEARTBEAT and CURRENT_MODE.
-const HEARTBEAT_ID: u32 = 0;
-const CURRENT_MODE_ID: u32 = 436;
 /// What a shell says.
 const NO_SHELL: &[u8] = b"haltere has no shell\r\n";
 /// COMMAND_LONG and COMMAND_INT.
@@ -157,8 +155,8 @@ impl Pilot {
                 if let Err((_, why)) = self.set_custom_mode(at, m.custom_mode) {
                     self.out.say(at, Severity::Warning, why);
                 }
-                self.send_telemetry(at, link, HEARTBEAT_ID);
-                self.send_telemetry(at, link, CURRENT_MODE_ID);
+                self.send_telemetry(at, link, streams::HEARTBEAT);
+                self.send_telemetry(at, link, streams::CURRENT_MODE);
             }
             MavMessage::SET_POSITION_TARGET_LOCAL_NED(m) => {
                 self.take_setpoint(at, (link, peer), Ok(m));

@@ -9,6 +9,7 @@ use haltere_core::time::HostTime;
 
 use super::Stations;
 use super::identity::{SHOWN_MODES, available_mode, standard_mode};
+use super::streams;
 use crate::Pilot;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::modes::{Event, Mode};
@@ -21,8 +22,6 @@ use crate::out::voice::Severity;
 /// AVAILABLE_MODES and MESSAGE_INTERVAL, which REQUEST_MESSAGE asks for with a second number.
 const AVAILABLE_MODES_ID: f64 = 435.0;
 const MESSAGE_INTERVAL_ID: f64 = 244.0;
-/// Messages that are sent on request only: AUTOPILOT_VERSION.
-const ON_REQUEST_IDS: [u32; 1] = [148];
 /// Clients that wait for the board are told so after this time, s: half of what the most impatient
 /// waits for an answer (GROUND.md: MAVSDK 0.5 s; most of ours come within 20 ms).
 const IN_PROGRESS_AFTER_S: f64 = 0.25;
@@ -324,7 +323,7 @@ impl Pilot {
             }
             MavCmd::MAV_CMD_REQUEST_MESSAGE => self.request_message(at, request.link, p),
             MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES => {
-                self.send_telemetry(at, request.link, ON_REQUEST_IDS[0]);
+                self.send_telemetry(at, request.link, streams::AUTOPILOT_VERSION);
                 Ok(R::MAV_RESULT_ACCEPTED)
             }
             MavCmd::MAV_CMD_INJECT_FAILURE => self.inject_failure(at, request),

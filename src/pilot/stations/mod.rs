@@ -13,6 +13,7 @@ pub(crate) mod permits;
 pub(crate) mod radio;
 pub(crate) mod routing;
 pub mod services;
+pub(crate) mod shown;
 pub(crate) mod streams;
 pub(crate) mod telemetry;
 pub(crate) mod telemetry_counts;

@@ -6,7 +6,7 @@
 mod border;
 mod budget;
 mod crc32;
-mod fence_status;
+pub(crate) mod fence_status;
 pub(crate) mod files;
 mod ftp;
 mod ftp_path;
@@ -291,7 +291,7 @@ impl Pilot {
         }
         self.plan_tick(at);
         self.event_tick(at);
-        self.fence_tick(at);
+        self.stations.fence_tick(at, &self.flight, &self.estimate);
         self.judge_tick(at);
         for n in 0..self.stations.grounds.len() {
             let link = self.stations.grounds[n].link;

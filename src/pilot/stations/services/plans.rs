@@ -24,6 +24,7 @@ use crate::input::LinkId;
 use crate::out::Out;
 use crate::out::voice::Severity;
 use crate::stations::mission_transfer::{Client, MissionTransfer, Progress, Upload, ack};
+use crate::stations::streams;
 
 /// A MISSION_ITEM_INT on the wire, bytes.
 const ITEM_BYTES: usize = 50;
@@ -224,7 +225,7 @@ impl Pilot {
                 if let Err((_, why)) = self.set_current_item(f64::from(m.seq)) {
                     self.out.say(at, Severity::Warning, why);
                 }
-                self.send_telemetry(at, client.link, 42);
+                self.send_telemetry(at, client.link, streams::MISSION_CURRENT);
             }
             _ => return false,
         }
