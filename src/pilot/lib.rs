@@ -75,10 +75,13 @@ pub use flight::tilt_step::{Envelope, TiltStep, stopping_m};
 pub use input::{Input, LinkId, MOST_STATIONS};
 pub use navigation::uwb;
 pub use out::recording::Recording;
+pub use schedule::ordered::{ORDERS, Order, Steers};
+pub use schedule::said::{Permit, SAID, Said};
 pub use stations::endpoint::{
     Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, OriginConfig, Routing,
 };
 pub use stations::permits::Commanders;
+pub use stations::streams::{STREAMS, Stream};
 pub use stations::{guard, services};
 
 use core::net::SocketAddr;
@@ -198,7 +201,7 @@ impl Pilot {
             }
             Input::Lost { link, reason, count } => {
                 self.out.glue_lost(at, link, reason, count);
-                self.tell_unheard(at, link, reason);
+                self.stations.tell_unheard(at, link, reason, &mut self.out);
             }
             Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
             Input::Recording { state, why } => self.out.recording_told(at, state, why),

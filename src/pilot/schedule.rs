@@ -1,7 +1,13 @@
 //! The schedule: the control step at 100 Hz, and what is due beside it.
 
+mod clients;
+mod commands;
 mod links;
+mod motion;
 mod news;
+pub(crate) mod ordered;
+mod routing;
+pub(crate) mod said;
 mod shown;
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor as S;

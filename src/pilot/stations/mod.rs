@@ -8,7 +8,6 @@ pub(crate) mod ground;
 pub mod guard;
 pub(crate) mod identity;
 pub(crate) mod mission_transfer;
-pub(crate) mod orders;
 pub(crate) mod permits;
 pub(crate) mod radio;
 pub(crate) mod routing;

@@ -31,7 +31,8 @@ const LINE_SHARE: f64 = 0.9;
 const BURST_S: f64 = 0.25;
 
 /// One message that stations are shown.
-pub(crate) struct Stream {
+pub struct Stream {
+    /// Its number.
     pub id: u32,
     /// Unless asked otherwise, Hz; 0 is off.
     pub rate_hz: f64,
@@ -61,7 +62,7 @@ enum Make {
 
 impl Stream {
     /// Its present content. `None`: it is not claimed on this link, or has nothing to say yet.
-    pub fn message(&self, shown: &Shown<'_>, turns: &mut Turns) -> Option<MavMessage> {
+    pub(crate) fn message(&self, shown: &Shown<'_>, turns: &mut Turns) -> Option<MavMessage> {
         match self.make {
             Make::Always(make) => Some(make(shown)),
             Make::Aligned(make) => shown.is_aligned().then(|| make(shown)),
@@ -104,7 +105,7 @@ const fn on_request(id: u32, make: Make) -> Stream {
 /// Everything that can be shown: HEARTBEAT first, what is sent on request alone last. Silent clients wait for these
 /// (GROUND.md, "telemetry by default"). Our own messages go to who asks for them alone: a client that does not know
 /// them counts the gaps that they leave in the sequence as loss, a fifth of a perfect link.
-pub(crate) static STREAMS: [Stream; 34] = [
+pub static STREAMS: [Stream; 34] = [
     stream(HEARTBEAT, 1.0, None, Always(telemetry::heartbeat)),
     stream(1, 2.0, STATUS, Always(telemetry::sys_status)),
     stream(24, 2.0, STATUS, Gps(telemetry_global::gps_raw)),

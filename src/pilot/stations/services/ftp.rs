@@ -16,7 +16,6 @@ use super::files::{FileFault, FileName, FileTask, Folder, MOST_MISSION_BYTES};
 use super::ftp_path::{LOGS, MISSIONS, Made, Place, place};
 use super::ftp_stream::{Content, Session};
 use super::ftp_wire::{MOST_DATA, Packet};
-use crate::Pilot;
 use crate::input::LinkId;
 use crate::out::Out;
 use crate::stations::Stations;
@@ -409,12 +408,17 @@ impl Stations {
     }
 }
 
-impl Pilot {
-    pub(super) fn ftp_message(&mut self, at: HostTime, client: Client, payload: &[u8; 251]) {
+impl Stations {
+    pub(crate) fn ftp_message(
+        &mut self,
+        at: HostTime,
+        client: Client,
+        payload: &[u8; 251],
+        out: &mut Out,
+    ) {
         let request = Packet::decode(payload);
         let (seq, crc) = (request.seq, crc32(payload, 0));
         let known = self
-            .stations
             .services
             .ftp
             .answered
@@ -423,13 +427,13 @@ impl Pilot {
         if let Some(known) = known {
             // Repeated: the answer was lost, or is still being worked on.
             if let Some(answer) = known.answer.clone() {
-                self.out.send_ftp(client, &answer);
+                out.send_ftp(client, &answer);
             }
             return;
         }
-        self.stations.services.ftp.remember(client, seq, crc);
-        if let Some(answer) = self.stations.ftp_request(at, client, request, &mut self.out) {
-            self.stations.answer_ftp(client, seq, answer, &mut self.out);
+        self.services.ftp.remember(client, seq, crc);
+        if let Some(answer) = self.ftp_request(at, client, request, out) {
+            self.answer_ftp(client, seq, answer, out);
         }
     }
 }

@@ -19,10 +19,10 @@ mod metadata;
 mod param_pack;
 mod parameter_list;
 mod parameter_table;
-mod parameters;
+pub(crate) mod parameters;
 mod plan_file;
 mod plan_force;
-mod plan_wire;
+pub(crate) mod plan_wire;
 mod plans;
 mod programs;
 
@@ -36,11 +36,11 @@ pub use parameter_table::{Parameter, all as all_parameters, find as find_paramet
 pub use plan_file::{decode as decode_plan, encode as encode_plan};
 
 use haltere_dialect::mav::haltere::{COMMAND_ACK_DATA, MavCmd, MavMessage, MavResult};
-use haltere_dialect::mav::known;
 
 use haltere_core::control::Command;
 use haltere_core::time::HostTime;
 
+use super::commands::Request;
 use super::mission_transfer::Client;
 use crate::Pilot;
 use crate::config::PilotConfig;
@@ -62,11 +62,11 @@ use metadata::Metadata;
 use parameters::Parameters;
 use plans::Plans;
 
-/// Message ids that are sent on request.
+/// Message ids that are sent on request, as a command names them.
 const COMPONENT_INFORMATION_ID: f32 = 395.0;
 const COMPONENT_METADATA_ID: f32 = 397.0;
 /// `MAV_CMD_PREFLIGHT_STORAGE`, param1: reset to the configuration files.
-const STORAGE_RESET: f32 = 2.0;
+pub(crate) const STORAGE_RESET: f32 = 2.0;
 /// Param1 of the same: read, write. Every value is kept as soon as it is set.
 const STORAGE_READ_WRITE: [f32; 2] = [0.0, 1.0];
 
@@ -140,29 +140,8 @@ impl Services {
     }
 }
 
-/// Whom a message is for, of the services' own.
-fn target(message: &MavMessage) -> Option<(u8, u8)> {
-    macro_rules! targets {
-        ($($name:ident)*) => {
-            match message {
-                $(MavMessage::$name(m) => Some((m.target_system, m.target_component)),)*
-                _ => None,
-            }
-        };
-    }
-    targets! {
-        PARAM_REQUEST_LIST PARAM_REQUEST_READ PARAM_SET PARAM_EXT_SET
-        MISSION_COUNT MISSION_ITEM MISSION_ITEM_INT MISSION_REQUEST MISSION_REQUEST_INT
-        MISSION_REQUEST_LIST MISSION_REQUEST_PARTIAL_LIST MISSION_WRITE_PARTIAL_LIST
-        MISSION_CLEAR_ALL MISSION_ACK MISSION_SET_CURRENT
-        FILE_TRANSFER_PROTOCOL
-        LOG_REQUEST_LIST LOG_REQUEST_DATA LOG_REQUEST_END LOG_ERASE REQUEST_EVENT
-        COMMAND_LONG COMMAND_INT
-    }
-}
-
 impl Out {
-    fn service_ack(&mut self, client: Client, command: MavCmd, result: MavResult) {
+    pub(crate) fn service_ack(&mut self, client: Client, command: MavCmd, result: MavResult) {
         let message = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
             command: command as u16,
             result: result as u8,
@@ -176,6 +155,39 @@ impl Out {
 }
 
 impl Stations {
+    /// MAV_CMD_REQUEST_MESSAGE of what lies among the files. `false`: it asks for something else.
+    pub(crate) fn metadata_asked(&self, at: HostTime, request: &Request, out: &mut Out) -> bool {
+        let metadata = &self.services.metadata;
+        let message = match request.params[0] {
+            COMPONENT_METADATA_ID => metadata.message(at),
+            COMPONENT_INFORMATION_ID => metadata.older_message(at),
+            _ => return false,
+        };
+        out.message(request.link, &message);
+        out.service_ack(request.client(), request.command, MavResult::MAV_RESULT_ACCEPTED);
+        true
+    }
+
+    /// MAV_CMD_PREFLIGHT_STORAGE.
+    pub(crate) fn storage_asked(&mut self, at: HostTime, request: &Request, out: &mut Out) -> bool {
+        let (client, param1) = (request.client(), request.params[0]);
+        let result = if param1 == STORAGE_RESET {
+            match self.services.desk.ask(FileTask::ForgetParameters, Purpose::Forget(client), at) {
+                Ok(()) => return true,
+                Err((fault, _)) => {
+                    out.say(at, Severity::Warning, fault.words().to_owned());
+                    MavResult::MAV_RESULT_FAILED
+                }
+            }
+        } else if STORAGE_READ_WRITE.contains(&param1) {
+            MavResult::MAV_RESULT_ACCEPTED
+        } else {
+            MavResult::MAV_RESULT_DENIED
+        };
+        out.service_ack(client, request.command, result);
+        true
+    }
+
     /// A link is gone: nothing is sent to it any more.
     pub(crate) fn services_forget(&mut self, link: LinkId) {
         self.services.plans.transfer.cancel_link(link);
@@ -186,100 +198,6 @@ impl Stations {
 }
 
 impl Pilot {
-    /// Hands a client's message to the service that it is for. `true`: it was one of theirs.
-    pub(crate) fn service_message(
-        &mut self,
-        at: HostTime,
-        link: LinkId,
-        peer: (u8, u8),
-        message: &MavMessage,
-    ) -> bool {
-        let Some((system, component)) = target(message) else { return false };
-        let for_us = (system == 0 || system == self.out.own.system_id)
-            && (component == 0 || component == self.out.own.component_id);
-        if !for_us {
-            return false;
-        }
-        let client = Client { link, peer };
-        match message {
-            MavMessage::FILE_TRANSFER_PROTOCOL(m) => {
-                self.ftp_message(at, client, &m.payload);
-                true
-            }
-            MavMessage::REQUEST_EVENT(m) => {
-                self.out.events_again(link, peer, m);
-                true
-            }
-            MavMessage::COMMAND_LONG(m) => {
-                let params = [m.param1, m.param2];
-                self.service_command(at, client, m.command, params)
-            }
-            MavMessage::COMMAND_INT(m) => {
-                let params = [m.param1, m.param2];
-                self.service_command(at, client, m.command, params)
-            }
-            _ => {
-                self.parameter_message(at, link, peer, message)
-                    || self.plan_message(at, client, message)
-                    || self.log_message(at, client, message)
-            }
-        }
-    }
-
-    /// The commands that belong to services.
-    fn service_command(
-        &mut self,
-        at: HostTime,
-        client: Client,
-        number: u16,
-        [param1, param2]: [f32; 2],
-    ) -> bool {
-        use MavResult as R;
-        let Some(command) = known(number) else { return false };
-        let result = match command {
-            MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_METADATA_ID => {
-                let message = self.stations.services.metadata.message(at);
-                self.out.message(client.link, &message);
-                R::MAV_RESULT_ACCEPTED
-            }
-            MavCmd::MAV_CMD_REQUEST_MESSAGE if param1 == COMPONENT_INFORMATION_ID => {
-                let message = self.stations.services.metadata.older_message(at);
-                self.out.message(client.link, &message);
-                R::MAV_RESULT_ACCEPTED
-            }
-            MavCmd::MAV_CMD_PREFLIGHT_STORAGE => {
-                if param1 == STORAGE_RESET {
-                    let purpose = Purpose::Forget(client);
-                    match self.stations.services.desk.ask(FileTask::ForgetParameters, purpose, at) {
-                        Ok(()) => return true,
-                        Err((fault, _)) => {
-                            self.out.say(at, Severity::Warning, fault.words().to_owned());
-                            R::MAV_RESULT_FAILED
-                        }
-                    }
-                } else if STORAGE_READ_WRITE.contains(&param1) {
-                    R::MAV_RESULT_ACCEPTED
-                } else {
-                    R::MAV_RESULT_DENIED
-                }
-            }
-            MavCmd::MAV_CMD_RUN_PREARM_CHECKS => {
-                if self.flight.mode == Mode::Disarmed {
-                    self.report_checks(at, true);
-                    R::MAV_RESULT_ACCEPTED
-                } else {
-                    R::MAV_RESULT_TEMPORARILY_REJECTED
-                }
-            }
-            MavCmd::MAV_CMD_USER_4 => {
-                return self.program_command(at, client, param1, param2);
-            }
-            _ => return false,
-        };
-        self.out.service_ack(client, command, result);
-        true
-    }
-
     /// Once a control step: what is due, and what was begun.
     pub(crate) fn service_tick(&mut self, at: HostTime) {
         if !self.stations.services.has_begun {

@@ -6,7 +6,7 @@
 
 use haltere_dialect::mav::haltere::{
     MavMessage, MavParamError, MavParamType, PARAM_ERROR_DATA, PARAM_EXT_ACK_DATA,
-    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, ParamAck,
+    PARAM_EXT_SET_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, ParamAck,
 };
 
 use haltere_dialect::mav::name_of;
@@ -134,7 +134,31 @@ impl Out {
     }
 }
 
+/// Whether a client spares itself the list: its copy is right.
+pub(crate) fn spares_the_list(m: &PARAM_SET_DATA) -> bool {
+    m.param_id.starts_with(HASH_NAME.as_bytes())
+}
+
+/// The answer to a long value.
+pub(crate) fn ext_ack(m: &PARAM_EXT_SET_DATA, result: ParamAck) -> MavMessage {
+    MavMessage::PARAM_EXT_ACK(PARAM_EXT_ACK_DATA {
+        param_id: m.param_id,
+        param_value: m.param_value,
+        param_type: m.param_type,
+        param_result: result as u8,
+    })
+}
+
 impl Stations {
+    /// PARAM_REQUEST_LIST.
+    pub(crate) fn parameter_list(&mut self, link: LinkId) {
+        let parameters = &mut self.services.parameters;
+        parameters.stop_list(link);
+        if parameters.lists.len() < MOST_LISTS {
+            parameters.lists.push(Listing { link, next: 0 });
+        }
+    }
+
     /// Goes on with the list of a link.
     pub(super) fn parameter_tick(&mut self, link: LinkId, budget: &mut Budget, out: &mut Out) {
         let lists = &mut self.services.parameters.lists;
@@ -146,7 +170,8 @@ impl Stations {
         }
     }
 
-    fn parameter_read(
+    /// PARAM_REQUEST_READ.
+    pub(crate) fn parameter_read(
         &mut self,
         link: LinkId,
         peer: (u8, u8),
@@ -200,41 +225,13 @@ impl Stations {
 }
 
 impl Pilot {
-    /// A message of this service? `true`: it was answered.
-    pub(super) fn parameter_message(
+    pub(crate) fn parameter_set(
         &mut self,
         at: HostTime,
         link: LinkId,
         peer: (u8, u8),
-        message: &MavMessage,
-    ) -> bool {
-        match message {
-            MavMessage::PARAM_REQUEST_LIST(_) => {
-                self.stations.services.parameters.stop_list(link);
-                if self.stations.services.parameters.lists.len() < MOST_LISTS {
-                    self.stations.services.parameters.lists.push(Listing { link, next: 0 });
-                }
-            }
-            MavMessage::PARAM_REQUEST_READ(m) => {
-                self.stations.parameter_read(link, peer, m, &mut self.out)
-            }
-            MavMessage::PARAM_SET(m) => self.parameter_set(at, link, peer, m),
-            // Long values: we have none, and say so where the protocol has a word for it.
-            MavMessage::PARAM_EXT_SET(m) => {
-                let answer = MavMessage::PARAM_EXT_ACK(PARAM_EXT_ACK_DATA {
-                    param_id: m.param_id,
-                    param_value: m.param_value,
-                    param_type: m.param_type,
-                    param_result: ParamAck::PARAM_ACK_VALUE_UNSUPPORTED as u8,
-                });
-                self.out.message(link, &answer);
-            }
-            _ => return false,
-        }
-        true
-    }
-
-    fn parameter_set(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), m: &PARAM_SET_DATA) {
+        m: &PARAM_SET_DATA,
+    ) {
         let name = text_of(&*m.param_id);
         if name == HASH_NAME {
             // "My copy is right, spare me the list."

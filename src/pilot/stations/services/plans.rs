@@ -13,7 +13,7 @@ use haltere_core::time::HostTime;
 use super::budget::Budget;
 use super::files::Plan;
 use super::kept::Kept;
-use super::plan_wire::{to_float, to_int};
+use super::plan_wire::to_float;
 use crate::Pilot;
 use crate::flight::fence::{Fence, MOST_CORNERS};
 use crate::flight::mission::MOST_ITEMS;
@@ -24,7 +24,6 @@ use crate::input::LinkId;
 use crate::out::Out;
 use crate::out::voice::Severity;
 use crate::stations::mission_transfer::{Client, MissionTransfer, Progress, Upload, ack};
-use crate::stations::streams;
 
 /// A MISSION_ITEM_INT on the wire, bytes.
 const ITEM_BYTES: usize = 50;
@@ -149,87 +148,71 @@ impl Out {
 }
 
 impl Pilot {
-    /// A message of this service? `true`: it was answered.
-    pub(super) fn plan_message(
+    /// MISSION_WRITE_PARTIAL_LIST.
+    pub(crate) fn write_partial(
         &mut self,
         at: HostTime,
         client: Client,
-        message: &MavMessage,
-    ) -> bool {
-        match message {
-            MavMessage::MISSION_COUNT(m) => {
-                self.upload_begins(at, client, m.mission_type, 0, usize::from(m.count), false);
-            }
-            MavMessage::MISSION_WRITE_PARTIAL_LIST(m) => {
-                let have = plan_of(m.mission_type).map_or(0, |plan| self.plan_len(plan)) as i32;
-                let (first, last) = (i32::from(m.start_index), i32::from(m.end_index));
-                if first < 0 || last < first || first > have {
-                    let why = format!("partial list {first} to {last}: the list has {have} items");
-                    let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
-                    self.out.refuse_plan(at, client, m.mission_type, result, &why);
-                } else {
-                    let count = (last - first + 1).unsigned_abs() as usize;
-                    let first = first.unsigned_abs() as u16;
-                    self.upload_begins(at, client, m.mission_type, first, count, true);
-                }
-            }
-            // A goal, not an item of a list.
-            MavMessage::MISSION_ITEM_INT(m) if m.current > 1 => return false,
-            MavMessage::MISSION_ITEM(m) if m.current > 1 => return false,
-            MavMessage::MISSION_ITEM_INT(m) => self.upload_item(at, client, m.clone(), false),
-            MavMessage::MISSION_ITEM(m) => self.upload_item(at, client, to_int(m), true),
-            MavMessage::MISSION_ACK(_) => self.stations.services.plans.transfer.cancel(client),
-            MavMessage::MISSION_REQUEST_LIST(m) if plan_of(m.mission_type).is_none() => {
-                self.out.refuse_type(at, client, m.mission_type);
-            }
-            MavMessage::MISSION_REQUEST_LIST(m) => {
-                let plan = plan_of(m.mission_type);
-                let answer = MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
-                    count: plan.map_or(0, |plan| self.plan_len(plan)) as u16,
-                    target_system: client.peer.0,
-                    target_component: client.peer.1,
-                    mission_type: m.mission_type,
-                    opaque_id: plan.map_or(0, |plan| self.plan_id(plan)),
-                });
-                self.out.message(client.link, &answer);
-            }
-            MavMessage::MISSION_REQUEST_INT(m) => {
-                self.send_item(client, m.mission_type, m.seq, false);
-            }
-            MavMessage::MISSION_REQUEST(m) => self.send_item(client, m.mission_type, m.seq, true),
-            MavMessage::MISSION_REQUEST_PARTIAL_LIST(m) => {
-                let have = plan_of(m.mission_type).map_or(0, |plan| self.plan_len(plan)) as i32;
-                let first = i32::from(m.start_index);
-                // -1 is the end of the list.
-                let last = if m.end_index == -1 { have - 1 } else { i32::from(m.end_index) };
-                if first < 0 || last < first || last >= have {
-                    let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
-                    let answer = ack(client.peer, m.mission_type, result, 0);
-                    self.out.message(client.link, &answer);
-                } else {
-                    let partial = &mut self.stations.services.plans.partial;
-                    partial.retain(|list| list.client != client);
-                    if partial.len() == MOST_PARTIAL {
-                        partial.remove(0);
-                    }
-                    partial.push(PartialList {
-                        client,
-                        mission_type: m.mission_type,
-                        next: first.unsigned_abs() as u16,
-                        last: last.unsigned_abs() as u16,
-                    });
-                }
-            }
-            MavMessage::MISSION_CLEAR_ALL(m) => self.clear_plans(at, client, m.mission_type),
-            MavMessage::MISSION_SET_CURRENT(m) => {
-                if let Err((_, why)) = self.set_current_item(f64::from(m.seq)) {
-                    self.out.say(at, Severity::Warning, why);
-                }
-                self.send_telemetry(at, client.link, streams::MISSION_CURRENT);
-            }
-            _ => return false,
+        mission_type: u8,
+        [first, last]: [i16; 2],
+    ) {
+        let have = plan_of(mission_type).map_or(0, |plan| self.plan_len(plan)) as i32;
+        let (first, last) = (i32::from(first), i32::from(last));
+        if first < 0 || last < first || first > have {
+            let why = format!("partial list {first} to {last}: the list has {have} items");
+            let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
+            self.out.refuse_plan(at, client, mission_type, result, &why);
+        } else {
+            let count = (last - first + 1).unsigned_abs() as usize;
+            let first = first.unsigned_abs() as u16;
+            self.upload_begins(at, client, mission_type, first, count, true);
         }
-        true
+    }
+
+    /// MISSION_REQUEST_LIST.
+    pub(crate) fn count_plan(&mut self, at: HostTime, client: Client, mission_type: u8) {
+        let Some(plan) = plan_of(mission_type) else {
+            self.out.refuse_type(at, client, mission_type);
+            return;
+        };
+        let answer = MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+            count: self.plan_len(plan) as u16,
+            target_system: client.peer.0,
+            target_component: client.peer.1,
+            mission_type,
+            opaque_id: self.plan_id(plan),
+        });
+        self.out.message(client.link, &answer);
+    }
+
+    /// MISSION_REQUEST_PARTIAL_LIST.
+    pub(crate) fn request_partial(
+        &mut self,
+        client: Client,
+        mission_type: u8,
+        [first, last]: [i16; 2],
+    ) {
+        let have = plan_of(mission_type).map_or(0, |plan| self.plan_len(plan)) as i32;
+        let first = i32::from(first);
+        // -1 is the end of the list.
+        let last = if last == -1 { have - 1 } else { i32::from(last) };
+        if first < 0 || last < first || last >= have {
+            let result = MavMissionResult::MAV_MISSION_INVALID_SEQUENCE;
+            let answer = ack(client.peer, mission_type, result, 0);
+            self.out.message(client.link, &answer);
+        } else {
+            let partial = &mut self.stations.services.plans.partial;
+            partial.retain(|list| list.client != client);
+            if partial.len() == MOST_PARTIAL {
+                partial.remove(0);
+            }
+            partial.push(PartialList {
+                client,
+                mission_type,
+                next: first.unsigned_abs() as u16,
+                last: last.unsigned_abs() as u16,
+            });
+        }
     }
 
     /// Repeats requests, and goes on with lists.
@@ -291,7 +274,7 @@ impl Pilot {
         }
     }
 
-    fn send_item(&mut self, client: Client, mission_type: u8, seq: u16, float: bool) {
+    pub(crate) fn send_item(&mut self, client: Client, mission_type: u8, seq: u16, float: bool) {
         let index = usize::from(seq);
         let stored = match plan_of(mission_type) {
             Some(Plan::Mission) => self.flight.mission.items.get(index).map(|stored| &stored.wire),
@@ -335,7 +318,7 @@ impl Pilot {
         }
     }
 
-    fn upload_begins(
+    pub(crate) fn upload_begins(
         &mut self,
         at: HostTime,
         client: Client,
@@ -370,7 +353,7 @@ impl Pilot {
         }
     }
 
-    fn upload_item(
+    pub(crate) fn upload_item(
         &mut self,
         at: HostTime,
         client: Client,
@@ -444,7 +427,7 @@ impl Pilot {
         self.stations.services.plans.transfer.finish(&upload, answer, at);
     }
 
-    fn clear_plans(&mut self, at: HostTime, client: Client, mission_type: u8) {
+    pub(crate) fn clear_plans(&mut self, at: HostTime, client: Client, mission_type: u8) {
         use MavMissionResult as R;
         let plans = match plan_of(mission_type) {
             Some(plan) => vec![plan],

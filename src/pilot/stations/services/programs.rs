@@ -31,7 +31,7 @@ pub(crate) enum Job {
 }
 
 impl Pilot {
-    pub(super) fn program_command(
+    pub(crate) fn program_command(
         &mut self,
         at: HostTime,
         client: Client,

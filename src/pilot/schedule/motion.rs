@@ -7,8 +7,6 @@ use haltere_core::estimate::Health;
 use haltere_core::frames::Vec3;
 use haltere_core::time::HostTime;
 
-use super::commands::{Answer, Awaits, Refusal, Request, refuse};
-use super::identity::SHOWN_MODES;
 use crate::Pilot;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::awaited::{Next, too_far};
@@ -18,6 +16,8 @@ use crate::flight::modes::{Event, Mode};
 use crate::flight::place::{Kind, Wanted};
 use crate::flight::setpoint::Setpoint;
 use crate::out::voice::Severity;
+use crate::stations::commands::{Answer, Awaits, Refusal, Request, refuse};
+use crate::stations::identity::SHOWN_MODES;
 
 /// Magic number that forces a disarm in the air (common.xml, MAV_CMD_COMPONENT_ARM_DISARM).
 const FORCE_DISARM: f32 = 21196.0;
