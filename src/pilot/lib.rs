@@ -5,7 +5,8 @@
 //! [`Pilot::next_deadline`], then sends what [`Pilot::drain_output`] yields.
 //!
 //! Begin with `flight/modes`, the table of transitions, `schedule`, the control step and what is due beside it, and
-//! `flight/supervisor/list.rs`, what can go wrong and what is then done. Beside them are `input`, all that can
+//! `flight/supervisor/list.rs`, what can go wrong and what is then done. In the folder of `schedule` the parts meet:
+//! `said` has a row for every message of a station, `ordered` for every command. Beside them are `input`, all that can
 //! happen, `settings` and `config`, what can be configured, `view`, what the parts may look at of one another, and
 //! five folders:
 //!

@@ -144,7 +144,7 @@ pub static SAID: &[Said] = &[
             let MavMessage::PARAM_SET(m) = h.message else { return None };
             Some(p.refuse_parameter(h, m))
         },
-        act: |p, h| on!(h, PARAM_SET(m) => p.parameter_set(h.at, h.link, h.peer, m)),
+        act: |p, h| on!(h, PARAM_SET(m) => p.set_parameter(h, m)),
         ..COMMANDS
     },
     Said {

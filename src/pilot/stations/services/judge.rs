@@ -175,7 +175,7 @@ impl Stations {
     }
 
     /// Glue says how far it is.
-    pub(super) fn judge_answer(
+    pub(crate) fn judge_answer(
         &mut self,
         at: HostTime,
         result: Result<(), FileFault>,
@@ -255,7 +255,7 @@ impl Stations {
 
 impl Pilot {
     /// A program is in force as the mission.
-    pub(super) fn program_is_loaded(&mut self, name: &str) {
+    pub(crate) fn program_is_loaded(&mut self, name: &str) {
         self.stations.services.judge.program = Some((self.flight.mission.id, name.to_owned()));
     }
 
@@ -266,7 +266,7 @@ impl Pilot {
     }
 
     /// `MAV_CMD_USER_4` with param1 = -1.
-    pub(super) fn judge_command(&mut self, at: HostTime, client: Client) {
+    pub(crate) fn judge_command(&mut self, at: HostTime, client: Client) {
         let judge = &mut self.stations.services.judge;
         // One that began by itself is joined.
         if let Some(running) = &mut judge.running
@@ -295,7 +295,7 @@ impl Pilot {
     }
 
     /// Once a control step.
-    pub(super) fn judge_tick(&mut self, at: HostTime) {
+    pub(crate) fn judge_tick(&mut self, at: HostTime) {
         if self.flight.mode == Mode::Mission {
             if let Some(name) = self.program_in_force() {
                 let name = name.to_owned();

@@ -211,7 +211,7 @@ impl Stations {
     }
 
     /// The disk has answered.
-    pub(super) fn log_answer(
+    pub(crate) fn log_answer(
         &mut self,
         at: HostTime,
         job: Job,
@@ -282,7 +282,7 @@ impl Stations {
     }
 
     /// Goes on with lists and downloads.
-    pub(super) fn log_tick(
+    pub(crate) fn log_tick(
         &mut self,
         at: HostTime,
         link: LinkId,
@@ -381,7 +381,7 @@ impl Stations {
     }
 
     /// A link is gone, and whoever was on it.
-    pub(super) fn logs_forget(&mut self, link: LinkId) {
+    pub(crate) fn logs_forget(&mut self, link: LinkId) {
         self.services.logs.downloads.retain(|d| d.client.link != link);
         self.services.logs.listings.retain(|l| l.client.link != link);
     }

@@ -32,7 +32,7 @@ pub(crate) fn to_int(m: &MISSION_ITEM_DATA) -> MISSION_ITEM_INT_DATA {
 }
 
 /// The integer item as the older message has it.
-pub(super) fn to_float(m: &MISSION_ITEM_INT_DATA) -> MISSION_ITEM_DATA {
+pub(crate) fn to_float(m: &MISSION_ITEM_INT_DATA) -> MISSION_ITEM_DATA {
     let scale = if is_global(m.frame) { E7.recip() } else { LOCAL_SCALE };
     let [x, y] = [m.x, m.y].map(|v| (f64::from(v) * scale) as f32);
     MISSION_ITEM_DATA {
