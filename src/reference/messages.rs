@@ -19,7 +19,8 @@ pub fn page() -> String {
     );
     page += "\n## Heard from stations\n\n\
              Who is not among `ground.commanders` may look. What steers is not passed on to the board while we \
-             steer it.\n\n| message | id | may be sent by | steers |\n|---|---|---|---|\n";
+             steer it; of COMMAND_INT and COMMAND_LONG the next table says it.\n\n\
+             | message | id | may be sent by | steers |\n|---|---|---|---|\n";
     for said in SAID {
         let (name, id, who) = (said.name, said.id, who(&said.permit));
         let _ = writeln!(page, "| {name} | {id} | {who} | {} |", mark(said.steers));

@@ -210,6 +210,7 @@ mod tests {
     use crate::bench::Bench;
     use crate::config::PilotConfig;
     use crate::input::LinkId;
+    use crate::stations::clients::NO_SHELL;
     use haltere_dialect::mav::haltere::{
         COMMAND_INT_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MISSION_CLEAR_ALL_DATA,
         MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MISSION_REQUEST_LIST_DATA, MavParamError,
@@ -295,7 +296,8 @@ mod tests {
         let flags = SerialControlFlag::SERIAL_CONTROL_FLAG_RESPOND;
         let shell = SERIAL_CONTROL_DATA { device: 10, flags, count: 3, ..Default::default() };
         let heard = bench.says(&MavMessage::SERIAL_CONTROL(shell));
-        let refused = |m: &MavMessage| matches!(m, MavMessage::SERIAL_CONTROL(m) if m.data.starts_with(crate::stations::clients::NO_SHELL));
+        let is_ours = |m: &SERIAL_CONTROL_DATA| m.data.starts_with(NO_SHELL);
+        let refused = |m: &MavMessage| matches!(m, MavMessage::SERIAL_CONTROL(m) if is_ours(m));
         assert!(heard.iter().any(refused), "{heard:?}");
     }
 }

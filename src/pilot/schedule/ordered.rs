@@ -1,4 +1,4 @@
-//! What stations command, one row a command: who may, whether it steers the board, what a shadow does, and what is done.
+//! What stations command, one row a command: who may, whether it steers the board, what a shadow does, what is done.
 //!
 //! A command that stands in no row is for commanders alone, is kept from a board that we steer, and is answered as
 //! unsupported.

@@ -1,5 +1,5 @@
-//! What stations and clients say, one row a message: who may say it, whether it steers, whether its sender waits, what a
-//! refusal is answered, and what is done.
+//! What stations and clients say, one row a message: who may say it, whether it steers, whether its sender waits, what
+//! a refusal is answered, and what is done.
 //!
 //! Looking is for everybody, all else needs a permit: a message that stands in no row is refused to those who may only
 //! look, and thrown away else. A refusal is answered in the words of its protocol, so that no client waits.

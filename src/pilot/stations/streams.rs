@@ -1,4 +1,5 @@
-//! What stations are shown, one row a message; what one link is sent unasked, how often, and within what its line carries.
+//! What stations are shown, one row a message; what one link is sent unasked, how often, and within what its line
+//! carries.
 //!
 //! Answers and other control traffic are always sent and only counted; streams take what is left.
 

@@ -66,8 +66,8 @@ impl Stations {
     }
 }
 
-/// The border that the vehicle is beyond. On the floor it leaves nothing by being below its bottom, and where it was put
-/// is looked at when it arms.
+/// The border that the vehicle is beyond. On the floor it leaves nothing by being below its bottom, and where it was
+/// put is looked at when it arms.
 pub(crate) fn breach(flight: &Flight, fence: &Fence, estimate: &Estimate) -> Option<FenceBreach> {
     if !flight.mode.has_thrust() {
         return None;

@@ -1,7 +1,8 @@
 //! Services for ground stations: parameters, plans, files, logs, programs.
 //!
-//! Each is a file of its own, as far as it needs no other part; the rest stands beside the schedule. All are pure: what they want from a disk goes out as a [`FileRequest`]
-//! and comes back as an input. What they send on their own initiative is paced by `budget`.
+//! Each is a file of its own, as far as it needs no other part; the rest stands in the folder of the schedule. All are
+//! pure: what they want from a disk goes out as a [`FileRequest`] and comes back as an input. What they send on their
+//! own initiative is paced by `budget`.
 
 pub(crate) mod budget;
 mod crc32;
