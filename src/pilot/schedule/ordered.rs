@@ -307,8 +307,11 @@ impl Pilot {
         match row(command).map_or(Steers::Yes, |row| row.steers) {
             Steers::No => false,
             Steers::Yes => true,
-            // The cast saturates; NaN is 0, the heartbeat, which nobody may slow either.
-            Steers::Rate => !(param1 > 0.0 && !self.board.link.is_own_stream(param1 as u32)),
+            Steers::Rate => {
+                // The cast saturates; NaN is 0, the heartbeat, which nobody may slow either.
+                let is_free = param1 > 0.0 && !self.board.link.is_own_stream(param1 as u32);
+                !is_free
+            }
         }
     }
 }

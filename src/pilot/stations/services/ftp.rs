@@ -353,7 +353,7 @@ impl Stations {
     ) {
         let (client, request, answer) = match (job, result) {
             (Job::Block { number, serial, offset }, result) => {
-                self.ftp_block(at, number, serial, offset, result, bytes, out);
+                self.ftp_block(at, (number, serial, offset), result, bytes, out);
                 return;
             }
             (Job::List(client, r), Ok(())) => {

@@ -140,9 +140,7 @@ impl Stations {
     pub(crate) fn ftp_block(
         &mut self,
         at: HostTime,
-        number: usize,
-        serial: u32,
-        offset: u64,
+        (number, serial, offset): (usize, u32, u64),
         result: Result<(), FileFault>,
         bytes: &[u8],
         out: &mut Out,
