@@ -229,51 +229,6 @@ pub fn edit_anchor(text: &str, id: AnchorId, by_E_m: Vec3<E>) -> Result<String, 
     Ok(file.to_string())
 }
 
-/// What a person does about an effect on the vehicle or in the room.
-pub fn by_hand(id: &str) -> &'static str {
-    match id {
-        "P1" => {
-            "replace the wings (wear of film and spars is the usual cause); check the supply too"
-        }
-        "P2" => "replace the battery or its connector: its inner resistance has grown",
-        "P3" => "replace the battery: it holds less charge than the nominal one",
-        "P4" | "P5" => "check motors and gears: they follow late, or not to full speed",
-        "P6" => "compare the two wings, replace the weaker one, or trim roll",
-        "P7" => "let the motors cool between flights; check gears for friction",
-        "I1" => "weigh the vehicle; take off what was added, or set the mass in the vehicle file",
-        "I2" => "move the battery so that the vehicle balances where it is drawn",
-        "I3" => "look for loose or added parts far from the middle",
-        "L1" | "L2" | "A11" => "check servos and linkages for friction; check the board's gains",
-        "L3" => "centre the servos, or trim (below)",
-        "L4" => "tighten the linkages: there is play in them",
-        "L5" => "check the travel of the servos and the limits on the board",
-        "L6" => "check that the wing roots turn freely and evenly",
-        "M1" | "M2" | "M3" => {
-            "calibrate the board's accelerometer, six positions, at flying temperature"
-        }
-        "M4" => "level-calibrate the board, or shim it: its IMU is not level",
-        "M5" => "calibrate the board's gyroscope at rest",
-        "M6" | "M7" => "mount the board softer: vibration reaches the accelerometer",
-        "U1" | "U9" | "U10" | "T4" => "check antennas, cables, and what else sends on the channel",
-        "U2" | "U4" => "calibrate the anchor's antenna delay",
-        "U3" | "U11" => {
-            "move the tag's antenna clear of battery and frame, or give its place in estimator.p_BT_B_m"
-        }
-        "U5" => "clear the path between the anchor and that place, or move the anchor",
-        "U6" => "raise the low anchors",
-        "U7" => "measure the anchor again; the survey correction is below",
-        "U8" => "power-cycle the anchor and let it warm up; replace it if it still drifts",
-        "T1" => "set uwb.tag_latency_s; check the load of the companion's computer",
-        "T2" | "T3" => "check the link from companion to board: baud rate, load, packet loss",
-        "H1" | "H2" => {
-            "give board.north_offset_deg, keep magnets and motors' wires away from the compass"
-        }
-        "A5" | "A6" | "A7" => "close doors, stop fans; nothing to repair on the vehicle",
-        _ => "nothing to repair: the nominal model lacks it; take the scenario patch",
-    }
-    Ok(file.to_string())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,7 +5,8 @@
 //! [`Pilot::next_deadline`], then sends what [`Pilot::drain_output`] yields.
 //!
 //! Begin with `flight/modes`, the table of transitions, `schedule`, the control step and what is due beside it, and
-//! `flight/supervisor/list.rs`, what can go wrong and what is then done. Beside them are `input`, all that can
+//! `flight/supervisor/list.rs`, what can go wrong and what is then done. In the folder of `schedule` the parts meet:
+//! `said` has a row for every message of a station, `ordered` for every command. Beside them are `input`, all that can
 //! happen, `settings` and `config`, what can be configured, `view`, what the parts may look at of one another, `wish`,
 //! what they want changed in one another, and five folders:
 //!
@@ -76,10 +77,13 @@ pub use flight::tilt_step::{Envelope, TiltStep, stopping_m};
 pub use input::{Input, LinkId, MOST_STATIONS};
 pub use navigation::uwb;
 pub use out::recording::Recording;
+pub use schedule::ordered::{ORDERS, Order, Steers};
+pub use schedule::said::{Permit, SAID, Said};
 pub use stations::endpoint::{
     Endpoint, GpsClaim, Identity, MOST_GROUND_LINKS, OriginConfig, Routing,
 };
 pub use stations::permits::Commanders;
+pub use stations::streams::{STREAMS, Stream};
 pub use stations::{guard, services};
 
 use core::net::SocketAddr;
@@ -203,7 +207,7 @@ impl Pilot {
             }
             Input::Lost { link, reason, count } => {
                 self.out.glue_lost(at, link, reason, count);
-                self.tell_unheard(at, link, reason);
+                self.stations.tell_unheard(at, link, reason, &mut self.out);
             }
             Input::File { ticket, result, bytes } => self.file_answer(at, ticket, result, bytes),
             Input::Recording { state, why } => self.out.recording_told(at, state, why),

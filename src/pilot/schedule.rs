@@ -1,10 +1,23 @@
 //! The schedule: the control step at 100 Hz, and what is due beside it.
 
+mod anew;
 mod change;
+mod clients;
+mod commands;
 mod grant;
 mod home;
 mod links;
+mod motion;
 mod news;
+pub(crate) mod ordered;
+mod plan_force;
+mod plans;
+mod programs;
+mod routing;
+pub(crate) mod said;
+mod services;
+mod settings;
+mod shown;
 mod supervise;
 
 use haltere_dialect::mav::haltere::MavSysStatusSensor as S;

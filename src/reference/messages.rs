@@ -1,86 +1,76 @@
-//! The page `docs/MESSAGES.md`: our own messages from the dialect's XML, and which messages the core reads
-//! and sends from its source.
+//! The page `docs/MESSAGES.md`: our own messages from the dialect's XML, and from the tables of the core what stations
+//! say, command and are shown.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
+
+use haltere_dialect::mav_stream::name_of_id;
+use haltere_pilot::{ORDERS, Permit, SAID, STREAMS, Steers};
 
 /// The dialect.
 pub const XML: &str = include_str!("../../dialect/xml/haltere.xml");
 
-/// Where a message passes, by the file of the core that names it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Party {
-    Tag,
-    Board,
-    Stations,
-}
-
-/// Messages by name, and with whom each is exchanged.
-type Found = BTreeMap<String, BTreeSet<Party>>;
-
-/// The page. `sources`: name and content of each file of the core.
-pub fn page(sources: &[(String, String)]) -> String {
-    let (mut read, mut sent) = (Found::new(), Found::new());
-    for (name, text) in sources {
-        look(name, text, &mut read, &mut sent);
-    }
+/// The page.
+pub fn page() -> String {
     let mut page = String::from(
         "# Messages\n\n\
-         Generated from `dialect/xml/haltere.xml` and from what the source of the pilot core names; do not \
-         edit. Frames are MAVLink 2 (version 1 is read too). Rates, links and clients: \
-         `docs/STATIONS.md`; parameters, plans, files and logs: `docs/SERVICES.md`.\n",
+         Generated from `dialect/xml/haltere.xml` and from the tables of the pilot core; do not edit. Frames are \
+         MAVLink 2 (version 1 is read too). Links and clients: `docs/STATIONS.md`; parameters, plans, files and logs, \
+         and how they are answered: `docs/SERVICES.md`; the link to the board: `docs/BOARDS.md`.\n",
     );
-    for (title, found) in [("Read", &read), ("Sent", &sent)] {
-        let _ = write!(
+    page += "\n## Heard from stations\n\n\
+             Who is not among `ground.commanders` may look. What steers is not passed on to the board while we \
+             steer it; of COMMAND_INT and COMMAND_LONG the next table says it.\n\n\
+             | message | id | may be sent by | steers |\n|---|---|---|---|\n";
+    for said in SAID {
+        let (name, id, who) = (said.name, said.id, who(&said.permit));
+        let _ = writeln!(page, "| {name} | {id} | {who} | {} |", mark(said.steers));
+    }
+    page += "\n## Commands of stations\n\n\
+             All others are unsupported, for commanders alone, and steer.\n\n\
+             | command | may be sent by | steers | refused in a shadow | done |\n|---|---|---|---|---|\n";
+    for order in ORDERS {
+        let steers = match order.steers {
+            Steers::No => "",
+            Steers::Yes => "x",
+            Steers::Rate => "what we need ourselves",
+        };
+        let _ = writeln!(
             page,
-            "\n## {title}\n\n| message | tag | board | stations |\n|---|---|---|---|\n"
+            "| {:?} | {} | {steers} | {} | {} |",
+            order.command,
+            who(&order.permit),
+            mark(order.refused_in_shadow),
+            mark(order.is_done())
         );
-        for (name, parties) in found {
-            let mark = |party| if parties.contains(&party) { "x" } else { "" };
-            let _ = writeln!(
-                page,
-                "| {name} | {} | {} | {} |",
-                mark(Party::Tag),
-                mark(Party::Board),
-                mark(Party::Stations)
-            );
-        }
+    }
+    page += "\n## Shown to stations\n\n\
+             Rates are those of a link where nobody asks for others; 0 goes to who asks for it alone.\n\n\
+             | message | id | Hz | group |\n|---|---|---|---|\n";
+    let mut streams: Vec<_> = STREAMS.iter().collect();
+    streams.sort_by_key(|stream| stream.id);
+    for stream in streams {
+        let name = name_of_id(stream.id).unwrap_or_default();
+        let rate =
+            if stream.on_request { "on request".to_owned() } else { stream.rate_hz.to_string() };
+        let group = stream.group.map_or(String::new(), |group| format!("{group:?}"));
+        let group = group.trim_start_matches("MAV_DATA_STREAM_");
+        let _ = writeln!(page, "| {name} | {} | {rate} | {group} |", stream.id);
     }
     page += "\n## Our own\n\nIds 54100 to 54149; one XML file for every generator. NaN is \"not known\".\n";
     page += &own_messages(XML);
     page
 }
 
-/// What a file names: in a pattern it is read, with a value it is sent.
-fn look(name: &str, text: &str, read: &mut Found, sent: &mut Found) {
-    let code = text.split("#[cfg(test)]").next().unwrap_or_default();
-    let file = name.rsplit('/').next().unwrap_or_default();
-    let parties: &[Party] = match file {
-        f if f.starts_with("board") => &[Party::Board],
-        "ingest.rs" => &[Party::Tag],
-        // Motion capture is taken from wherever it comes.
-        "reference.rs" => &[Party::Board, Party::Stations],
-        _ => &[Party::Stations],
-    };
-    if code.contains("heartbeat_of(") {
-        read.entry("HEARTBEAT".to_owned()).or_default().extend(parties);
+fn who<F>(permit: &Permit<F>) -> &'static str {
+    match permit {
+        Permit::Look => "all",
+        Permit::Command => "commanders",
+        Permit::Asks(_) => "all, as far as it only asks",
     }
-    for piece in code.split("MavMessage::").skip(1) {
-        let end = piece
-            .find(|c: char| !(c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_'))
-            .unwrap_or(piece.len());
-        let (message, rest) = piece.split_at(end);
-        let Some(inside) = rest.strip_prefix('(') else { continue };
-        let inside = inside.trim_start();
-        let binder: String =
-            inside.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '_').collect();
-        // What is bound to a short name or ignored is a pattern; what is built is a value.
-        let is_pattern = binder == "_" || binder.chars().count() == 1 || binder == "wrong_frame";
-        let into = if is_pattern { &mut *read } else { &mut *sent };
-        if !message.is_empty() && !binder.is_empty() {
-            into.entry(message.to_owned()).or_default().extend(parties);
-        }
-    }
+}
+
+fn mark(is_so: bool) -> &'static str {
+    if is_so { "x" } else { "" }
 }
 
 fn own_messages(xml: &str) -> String {
@@ -139,42 +129,9 @@ fn plain(text: &str) -> String {
 mod tests {
     use super::*;
 
-    fn sources(folder: &std::path::Path, into: &mut Vec<(String, String)>) {
-        for entry in std::fs::read_dir(folder).expect("the source of the core") {
-            let path = entry.expect("a readable folder").path();
-            // The guard names messages that it turns away, the others speak to no station.
-            let aside = ["guard", "settings", "uwb"].iter().any(|name| path.ends_with(name));
-            if aside {
-                continue;
-            }
-            if path.is_dir() {
-                sources(&path, into);
-            } else if path.extension().is_some_and(|e| e == "rs") {
-                let text = std::fs::read_to_string(&path).expect("a readable file");
-                into.push((path.display().to_string().replace('\\', "/"), text));
-            }
-        }
-    }
-
     #[test]
     fn golden_messages_page_is_the_dialect_and_the_core() {
-        let mut all = Vec::new();
-        sources(std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/src/pilot")), &mut all);
-        super::super::check_page("MESSAGES.md", &page(&all));
-    }
-
-    #[test]
-    fn prop_patterns_are_read_and_values_are_sent() {
-        let text = "match m { MavMessage::PING(m) if x => {} MavMessage::SET_MODE(_) => {} }\n\
-                    send(&MavMessage::HEARTBEAT(HEARTBEAT_DATA { a: 1 }));\n\
-                    send(MavMessage::PING(echo));\n\
-                    #[cfg(test)] MavMessage::LOG_ERASE(_)";
-        let (mut read, mut sent) = (Found::new(), Found::new());
-        look("src/pilot/board_x.rs", text, &mut read, &mut sent);
-        let names = |found: &Found| found.keys().cloned().collect::<Vec<_>>();
-        assert_eq!(names(&read), ["PING", "SET_MODE"]);
-        assert_eq!(names(&sent), ["HEARTBEAT", "PING"]);
-        assert!(read["PING"].contains(&Party::Board));
+        super::super::check_page("MESSAGES.md", &page());
     }
 
     #[test]

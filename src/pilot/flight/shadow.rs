@@ -10,8 +10,6 @@
 //! thrust that the same speed would have cost us. Integrators stand still at nothing: our commands move nothing
 //! that they could learn from; trims of the other pilot are a constant difference.
 
-use haltere_dialect::mav::haltere::MavCmd;
-
 use haltere_core::control::Command;
 use haltere_core::estimate::Health;
 use haltere_core::frames::{E, Vec3};
@@ -32,41 +30,6 @@ const RESTS_S: f64 = 0.2;
 const THRUST_FRAC: f64 = 0.2;
 /// How far the vehicle may go before the place is dragged along, m: twice what hovers wander.
 const LEASH_M: f64 = 0.5;
-
-/// Whether a command of a client arms, moves or breaks something: refused in words.
-pub(crate) fn refuses(command: MavCmd) -> bool {
-    matches!(
-        command,
-        MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
-            | MavCmd::MAV_CMD_RUN_PREARM_CHECKS
-            | MavCmd::MAV_CMD_DO_SET_MODE
-            | MavCmd::MAV_CMD_DO_SET_STANDARD_MODE
-            | MavCmd::MAV_CMD_DO_FLIGHTTERMINATION
-            | MavCmd::MAV_CMD_DO_MOTOR_TEST
-            | MavCmd::MAV_CMD_DO_SET_ACTUATOR
-            | MavCmd::MAV_CMD_DO_SET_SERVO
-            | MavCmd::MAV_CMD_ACTUATOR_TEST
-            | MavCmd::MAV_CMD_DO_REPOSITION
-            | MavCmd::MAV_CMD_DO_CHANGE_SPEED
-            | MavCmd::MAV_CMD_DO_PAUSE_CONTINUE
-            | MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT
-            | MavCmd::MAV_CMD_CONDITION_YAW
-            | MavCmd::MAV_CMD_MISSION_START
-            | MavCmd::MAV_CMD_NAV_TAKEOFF
-            | MavCmd::MAV_CMD_NAV_TAKEOFF_LOCAL
-            | MavCmd::MAV_CMD_NAV_VTOL_TAKEOFF
-            | MavCmd::MAV_CMD_NAV_LAND
-            | MavCmd::MAV_CMD_NAV_LAND_LOCAL
-            | MavCmd::MAV_CMD_NAV_VTOL_LAND
-            | MavCmd::MAV_CMD_DO_LAND_START
-            | MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH
-            | MavCmd::MAV_CMD_NAV_LOITER_UNLIM
-            | MavCmd::MAV_CMD_OVERRIDE_GOTO
-            | MavCmd::MAV_CMD_PREFLIGHT_CALIBRATION
-            | MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
-            | MavCmd::MAV_CMD_INJECT_FAILURE
-    )
-}
 
 /// What a shadow remembers.
 #[derive(Debug, Default)]

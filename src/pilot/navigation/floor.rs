@@ -257,13 +257,6 @@ impl Touch {
     }
 }
 
-/// What stands near the floor, or may, is not lifted off again.
-pub(crate) fn stay_down_near_floor(&mut self, view: &View<'_>) {
-    if self.is_near_floor(view) {
-        self.touch.low_frac = Some(TURN_SHARE * view.thrust.base_frac);
-    }
-}
-
 impl Navigation {
     /// What stands near the floor, or may, is not lifted off again.
     pub(crate) fn stay_down_near_floor(&mut self, view: &View<'_>) {

@@ -1,8 +1,6 @@
 //! Origin and home: where the room lies on Earth, and where the vehicle returns to.
 
-use haltere_dialect::mav::haltere::{
-    GPS_GLOBAL_ORIGIN_DATA, HOME_POSITION_DATA, MavMessage, MavResult,
-};
+use haltere_dialect::mav::haltere::MavResult;
 
 use haltere_core::estimate::Health;
 use haltere_core::frames::Vec3;
@@ -15,7 +13,6 @@ use crate::input::LinkId;
 use crate::out::voice::Severity;
 use crate::stations::commands::{Answer, Request, refuse};
 use crate::stations::endpoint::{GpsClaim, OriginConfig};
-use crate::stations::telemetry_global::millimetres;
 
 /// Highest and lowest altitude that an origin may have, m: as in the configuration.
 const ALTITUDE_M: std::ops::RangeInclusive<f64> = -500.0..=9000.0;
@@ -107,36 +104,5 @@ impl Pilot {
         self.out.say(at, Severity::Info, format!("home at N {north_m:.2} E {east_m:.2} m"));
         self.out.tell_all(&self.home_message());
         Ok(MavResult::MAV_RESULT_ACCEPTED)
-    }
-
-    pub(crate) fn origin_message(&self) -> MavMessage {
-        let place = self.origin.place();
-        let [latitude, longitude] = place.to_e7();
-        MavMessage::GPS_GLOBAL_ORIGIN(GPS_GLOBAL_ORIGIN_DATA {
-            latitude,
-            longitude,
-            altitude: millimetres(place.alt_m),
-            time_usec: self.clock.now.as_us(),
-        })
-    }
-
-    pub(crate) fn home_message(&self) -> MavMessage {
-        let home = self.flight.guidance.home_E_m();
-        let place = self.origin.to_global(home);
-        let [latitude, longitude] = place.to_e7();
-        MavMessage::HOME_POSITION(HOME_POSITION_DATA {
-            latitude,
-            longitude,
-            altitude: millimetres(place.alt_m),
-            x: home.x() as f32,
-            y: home.y() as f32,
-            z: home.z() as f32,
-            // The floor is level, and nothing is known of its heading.
-            q: [f32::NAN; 4],
-            approach_x: f32::NAN,
-            approach_y: f32::NAN,
-            approach_z: f32::NAN,
-            time_usec: self.clock.now.as_us(),
-        })
     }
 }

@@ -5,6 +5,7 @@ use haltere_dialect::mav_stream::MavSplitter;
 use haltere_core::time::HostTime;
 
 use super::endpoint::Endpoint;
+use super::shown::Turns;
 use super::streams::Streams;
 use super::unheard::Addressees;
 use crate::input::LinkId;
@@ -45,13 +46,8 @@ pub(crate) struct GroundLink {
     pub counts: LinkCounts,
     /// When bytes last came.
     pub heard_at: HostTime,
-    /// Whose turn it is in the streams of anchor pairs, of losses and of links: per link, since two
-    /// that shared one would each see every other entry for ever.
-    pub pair_cursor: usize,
-    pub drop_cursor: usize,
-    pub link_cursor: usize,
-    /// Whether the station knows where the numbers of events stand.
-    pub event_sequence_told: bool,
+    /// Whose turn it is, and what the station was told.
+    pub turns: Turns,
     /// Whom its stations speak to.
     pub addressees: Addressees,
     /// Who was heard, for loss accounting and routing. Bounded: the oldest is forgotten.
@@ -69,10 +65,7 @@ impl GroundLink {
             streams: Streams::new(&endpoint, at),
             counts: LinkCounts::default(),
             heard_at: at,
-            pair_cursor: 0,
-            drop_cursor: 0,
-            link_cursor: 0,
-            event_sequence_told: false,
+            turns: Turns::default(),
             addressees: Addressees::default(),
             peers: Vec::new(),
         }

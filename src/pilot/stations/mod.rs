@@ -1,6 +1,5 @@
 //! Ground stations and clients: their links, who may command, what they are answered, sent and served.
 
-pub(crate) mod anew;
 pub(crate) mod clients;
 pub(crate) mod commands;
 pub(crate) mod endpoint;
@@ -8,12 +7,12 @@ pub(crate) mod ground;
 pub mod guard;
 pub(crate) mod identity;
 pub(crate) mod mission_transfer;
-pub(crate) mod orders;
 pub(crate) mod permits;
 mod place;
 pub(crate) mod radio;
 pub(crate) mod routing;
 pub mod services;
+pub(crate) mod shown;
 pub(crate) mod streams;
 pub(crate) mod telemetry;
 pub(crate) mod telemetry_counts;
@@ -75,6 +74,17 @@ impl Stations {
 
     pub(crate) fn identity_on(&self, link: LinkId) -> Identity {
         self.endpoint_on(link).identity
+    }
+
+    /// Whether a link shows the identity `px4`.
+    pub(crate) fn is_px4(&self, link: LinkId) -> bool {
+        self.endpoint_on(link).identity == Identity::Px4
+    }
+
+    /// What the line of a link carries, bytes/s; `None`: more than we ever send.
+    pub(crate) fn line_Bps(&self, link: LinkId) -> Option<f64> {
+        let LinkId::Ground(n) = link else { return None };
+        self.grounds.get(usize::from(n))?.streams.line_Bps()
     }
 
     /// The station of a link is gone: what it left behind must hold nobody up.

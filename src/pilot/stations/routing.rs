@@ -5,8 +5,6 @@
 //! station make no loop; nor is one passed on again within 0.8 s (`passed_on`), so a bridge between two endpoints
 //! multiplies nothing.
 
-use haltere_dialect::mav::haltere::{MavCmd, MavMessage};
-use haltere_dialect::mav::known;
 use haltere_dialect::mav_stream::MavFrame;
 use haltere_dialect::signing::SIGNATURE_BYTES;
 
@@ -14,43 +12,13 @@ use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
 use super::Stations;
-use super::clients::is_command;
 use super::endpoint::Routing;
-use crate::Pilot;
 use crate::board::link::BoardLink;
-use crate::flight::arming::SHADOW_WORDS;
-use crate::flight::modes::Mode;
 use crate::input::LinkId;
 use crate::out::Out;
-use crate::out::voice::Severity;
-
-/// Whether a message steers, or changes what the board streams to us: such are kept from the board while we steer.
-fn steers(message: &MavMessage) -> bool {
-    matches!(
-        message,
-        MavMessage::SET_MODE(_)
-            | MavMessage::SET_ATTITUDE_TARGET(_)
-            | MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)
-            | MavMessage::SET_POSITION_TARGET_GLOBAL_INT(_)
-            | MavMessage::SET_ACTUATOR_CONTROL_TARGET(_)
-            | MavMessage::MANUAL_CONTROL(_)
-            | MavMessage::RC_CHANNELS_OVERRIDE(_)
-            | MavMessage::MISSION_SET_CURRENT(_)
-            | MavMessage::REQUEST_DATA_STREAM(_)
-    )
-}
-
-/// Command and first parameter; `None`: no command. `Some(None)`: one that the dialect does not know.
-fn command_of(frame: &MavFrame<'_>, message: Option<&MavMessage>) -> Option<Option<(MavCmd, f32)>> {
-    match message {
-        Some(MavMessage::COMMAND_LONG(m)) => Some(known(m.command).map(|c| (c, m.param1))),
-        Some(MavMessage::COMMAND_INT(m)) => Some(known(m.command).map(|c| (c, m.param1))),
-        _ => is_command(frame.header.msg_id).then_some(None),
-    }
-}
 
 /// Number of the board's system, where it may be reached from the ground.
-fn routed_board(routing: Routing, link: &BoardLink, out: &Out) -> Option<u8> {
+pub(crate) fn routed_board(routing: Routing, link: &BoardLink, out: &Out) -> Option<u8> {
     let board = link.system_id()?;
     (routing == Routing::Board && board != out.own.system_id).then_some(board)
 }
@@ -79,7 +47,7 @@ impl Stations {
     }
 
     /// Passes a frame on to the stations that it is for. Whether there are any; `again`: it went already.
-    fn route_to_stations(
+    pub(crate) fn route_to_stations(
         &mut self,
         from: Option<usize>,
         frame: &MavFrame<'_>,
@@ -129,123 +97,16 @@ impl Stations {
     }
 }
 
-impl Pilot {
-    /// Said once when a board is found that cannot be told from us.
-    pub(crate) fn check_board_id(&mut self, at: HostTime, system_id: u8) {
-        if self.config.routing == Routing::Board && system_id == self.out.own.system_id {
-            let text = format!(
-                "routing to the board refused: its system id is {system_id}, ours too; give it \
-                 another (PX4: MAV_SYS_ID, ArduPilot: SYSID_THISMAV), or set ground.routing = \
-                 \"stations\""
-            );
-            self.out.say(at, Severity::Error, text);
-        }
-    }
-
-    /// Passes on a frame of a station, before it is looked at. `target`: system and component, 0 for
-    /// everyone. Whether it went to anybody, now or a moment ago.
-    pub(crate) fn route_from_ground(
-        &mut self,
-        at: HostTime,
-        index: usize,
-        frame: &MavFrame<'_>,
-        message: Option<&MavMessage>,
-        target: (u8, u8),
-    ) -> bool {
-        let sender = (frame.header.system_id, frame.header.component_id);
-        let ours = (self.out.own.system_id, self.out.own.component_id);
-        // How full the radio of one line is says nothing about others.
-        let of_line = matches!(message, Some(MavMessage::RADIO_STATUS(_)));
-        if self.config.routing == Routing::Off || of_line || sender == ours || target == ours {
-            return false;
-        }
-        let again = self.out.passed_on.is_again(at, frame.raw);
-        let mut passed =
-            self.stations.route_to_stations(Some(index), frame, target, again, &mut self.out);
-        passed |= !again && self.route_to_board(at, index, frame, message, target);
-        self.out.note_passed(at, self.stations.grounds[index].link, frame, again, passed);
-        again || passed
-    }
-
-    /// Passes a frame of a station on to the board. Whether it went.
-    fn route_to_board(
-        &mut self,
-        at: HostTime,
-        index: usize,
-        frame: &MavFrame<'_>,
-        message: Option<&MavMessage>,
-        target: (u8, u8),
-    ) -> bool {
-        let sender = (frame.header.system_id, frame.header.component_id);
-        let Some(board) = routed_board(self.config.routing, &self.board.link, &self.out) else {
-            return false;
-        };
-        if target.0 != 0 && target.0 != board {
-            return false;
-        }
-        // Nobody speaks to the board in our name, nor for whom we would not listen to ourselves.
-        let link = self.stations.grounds[index].link;
-        let claims_us = self.board.link.is_own_address(sender);
-        if claims_us || !self.stations.may_say(link, sender.0, message) {
-            self.out.lose(link, DropReason::NotPermitted, 1);
-            return false;
-        }
-        let shadow = self.config.flight.shadow;
-        if shadow || self.is_kept_from_board(frame, message) {
-            // What is for everyone is for us first.
-            if target.0 == board {
-                self.out.lose(LinkId::Board, DropReason::MavWrongPeer, 1);
-                let why = if shadow { SHADOW_WORDS } else { "the companion is in control" };
-                let text = format!("a frame for the board was not passed on: {why}");
-                self.out.refuse_setpoint(at, self.stations.grounds[index].link, text);
-            }
-            return false;
-        }
-        self.out.raw(LinkId::Board, frame.raw);
-        true
-    }
-
-    /// Whether a frame must not reach the board now. Of commands only those pass, while we steer, that ask for
-    /// something: one that nobody thought of is kept back. What breaks the board never reaches one that is armed.
-    fn is_kept_from_board(&self, frame: &MavFrame<'_>, message: Option<&MavMessage>) -> bool {
-        let command = command_of(frame, message);
-        if let Some(Some((MavCmd::MAV_CMD_INJECT_FAILURE, _))) = command
-            && self.board.link.is_armed()
-        {
-            return true;
-        }
-        if self.flight.mode == Mode::Disarmed {
-            return false;
-        }
-        match command {
-            Some(Some((command, param1))) => !self.only_asks(command, param1),
-            Some(None) => true,
-            None => message.is_some_and(steers),
-        }
-    }
-
-    fn only_asks(&self, command: MavCmd, param1: f32) -> bool {
-        match command {
-            MavCmd::MAV_CMD_REQUEST_MESSAGE
-            | MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL
-            | MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES
-            | MavCmd::MAV_CMD_REQUEST_PROTOCOL_VERSION
-            | MavCmd::MAV_CMD_GET_HOME_POSITION => true,
-            // The cast saturates; NaN is 0, the heartbeat, which nobody may slow either.
-            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
-                param1 > 0.0 && !self.board.link.is_own_stream(param1 as u32)
-            }
-            _ => false,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
 
     use super::*;
-    use haltere_dialect::mav::haltere::{COMMAND_LONG_DATA, PARAM_REQUEST_LIST_DATA};
+    use crate::Pilot;
+    use crate::flight::modes::Mode;
+    use haltere_dialect::mav::haltere::{
+        COMMAND_LONG_DATA, MavCmd, MavMessage, PARAM_REQUEST_LIST_DATA,
+    };
 
     use super::super::endpoint::Endpoint;
     use crate::config::PilotConfig;

@@ -1,13 +1,16 @@
-//! What one link is sent unasked, how often, and within what its line carries.
+//! What stations are shown, one row a message; what one link is sent unasked, how often, and within what its line
+//! carries.
 //!
 //! Answers and other control traffic are always sent and only counted; streams take what is left.
 
-use haltere_dialect::mav::haltere::MavDataStream;
+use haltere_dialect::mav::haltere::{MavDataStream, MavMessage};
 
 use haltere_core::time::HostTime;
 
 use super::endpoint::{Endpoint, GpsClaim, Identity};
 use super::radio::{Radio, USUAL_BPS};
+use super::shown::{Shown, Turns};
+use super::{telemetry, telemetry_counts, telemetry_estimator, telemetry_global, telemetry_imu};
 use crate::out::events::SEQUENCE_ID as EVENT_SEQUENCE_ID;
 
 /// Fastest stream, µs: the control period.
@@ -15,12 +18,11 @@ const LEAST_INTERVAL_US: i64 = 10_000;
 /// Slowest stream, µs.
 const MOST_INTERVAL_US: i64 = 1_000_000_000;
 
-/// HEARTBEAT cannot be switched off.
-const HEARTBEAT_ID: u32 = 0;
-/// GPS_RAW_INT and EKF_STATUS_REPORT, which claim a satellite receiver.
-const GPS_IDS: [u32; 2] = [24, 193];
-/// GLOBAL_POSITION_INT, GPS_GLOBAL_ORIGIN, HOME_POSITION.
-const GLOBAL_IDS: [u32; 3] = [33, 49, 242];
+/// Rows that others name. HEARTBEAT cannot be switched off.
+pub(crate) const HEARTBEAT: u32 = 0;
+pub(crate) const MISSION_CURRENT: u32 = 42;
+pub(crate) const AUTOPILOT_VERSION: u32 = 148;
+pub(crate) const CURRENT_MODE: u32 = 436;
 /// Identities whose stations know events without asking for them.
 const KNOWS_EVENTS: Identity = Identity::Px4;
 
@@ -29,11 +31,63 @@ const LINE_SHARE: f64 = 0.9;
 /// Traffic that may be sent at once after a pause, s of the line.
 const BURST_S: f64 = 0.25;
 
-/// One stream: id, rate unless asked otherwise (Hz; 0 is off), and ArduPilot's group, by which
-/// REQUEST_DATA_STREAM names it (GCS_Mavlink.cpp of ArduPilot as far as we have the messages).
-struct Kind(u32, f64, Option<MavDataStream>);
+/// One message that stations are shown.
+pub struct Stream {
+    /// Its number.
+    pub id: u32,
+    /// Unless asked otherwise, Hz; 0 is off.
+    pub rate_hz: f64,
+    /// ArduPilot's group, by which REQUEST_DATA_STREAM names it (GCS_Mavlink.cpp of ArduPilot as far as we have the
+    /// messages).
+    pub group: Option<Group>,
+    /// It is sent when it is asked for, and cannot be streamed.
+    pub on_request: bool,
+    make: Make,
+}
 
+/// How a message is made, and what it waits for.
+enum Make {
+    Always(fn(&Shown<'_>) -> MavMessage),
+    /// Until the vehicle has found where it is there is nothing to say.
+    Aligned(fn(&Shown<'_>) -> MavMessage),
+    /// It claims a place on Earth.
+    Place(fn(&Shown<'_>) -> MavMessage),
+    /// Both.
+    Global(fn(&Shown<'_>) -> MavMessage),
+    /// It claims a satellite receiver.
+    Gps(fn(&Shown<'_>) -> MavMessage),
+    Perhaps(fn(&Shown<'_>) -> Option<MavMessage>),
+    /// Entries take turns.
+    InTurn(fn(&Shown<'_>, &mut Turns) -> Option<MavMessage>),
+}
+
+impl Stream {
+    /// Its present content. `None`: it is not claimed on this link, or has nothing to say yet.
+    pub(crate) fn message(&self, shown: &Shown<'_>, turns: &mut Turns) -> Option<MavMessage> {
+        match self.make {
+            Make::Always(make) => Some(make(shown)),
+            Make::Aligned(make) => shown.is_aligned().then(|| make(shown)),
+            Make::Place(make) => shown.has_place().then(|| make(shown)),
+            Make::Global(make) => (shown.is_aligned() && shown.has_place()).then(|| make(shown)),
+            Make::Gps(make) => self.is_claimed(&shown.endpoint).then(|| make(shown)),
+            Make::Perhaps(make) => make(shown),
+            Make::InTurn(make) => make(shown, turns),
+        }
+    }
+
+    /// Whether it claims no more than its endpoint does.
+    fn is_claimed(&self, endpoint: &Endpoint) -> bool {
+        match self.make {
+            Make::Gps(_) => endpoint.gps == GpsClaim::OriginGps,
+            Make::Place(_) | Make::Global(_) => endpoint.gps != GpsClaim::None,
+            _ => true,
+        }
+    }
+}
+
+use Make::{Aligned, Always, Global, Gps, InTurn, Perhaps, Place};
 use MavDataStream as Group;
+
 const POSITION: Option<Group> = Some(Group::MAV_DATA_STREAM_POSITION);
 const RAW: Option<Group> = Some(Group::MAV_DATA_STREAM_RAW_SENSORS);
 const STATUS: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTENDED_STATUS);
@@ -41,47 +95,71 @@ const EXTRA1: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTRA1);
 const EXTRA2: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTRA2);
 const EXTRA3: Option<Group> = Some(Group::MAV_DATA_STREAM_EXTRA3);
 
-/// Everything that can be streamed. Silent clients wait for these (GROUND.md, "telemetry by
-/// default"). Our own messages go to who asks for them alone: a client that does not know them counts the gaps
-/// that they leave in the sequence as loss, a fifth of a perfect link.
-const KINDS: [Kind; 33] = [
-    Kind(0, 1.0, None),       // HEARTBEAT
-    Kind(1, 2.0, STATUS),     // SYS_STATUS
-    Kind(24, 2.0, STATUS),    // GPS_RAW_INT
-    Kind(30, 20.0, EXTRA1),   // ATTITUDE
-    Kind(31, 10.0, None),     // ATTITUDE_QUATERNION
-    Kind(32, 20.0, POSITION), // LOCAL_POSITION_NED
-    Kind(33, 5.0, POSITION),  // GLOBAL_POSITION_INT
-    Kind(42, 2.0, STATUS),    // MISSION_CURRENT
-    Kind(49, 0.2, None),      // GPS_GLOBAL_ORIGIN
-    Kind(64, 1.0, None),      // LOCAL_POSITION_NED_COV
-    Kind(74, 4.0, EXTRA2),    // VFR_HUD
-    Kind(85, 2.0, None),      // POSITION_TARGET_LOCAL_NED
-    Kind(141, 4.0, None),     // ALTITUDE
-    Kind(147, 2.0, EXTRA3),   // BATTERY_STATUS
-    Kind(193, 1.0, EXTRA3),   // EKF_STATUS_REPORT
-    Kind(230, 1.0, None),     // ESTIMATOR_STATUS
-    Kind(242, 0.5, None),     // HOME_POSITION
-    Kind(245, 2.0, None),     // EXTENDED_SYS_STATE
-    Kind(251, 1.0, None),     // NAMED_VALUE_FLOAT: hover thrust
-    Kind(331, 5.0, None),     // ODOMETRY
-    Kind(436, 0.5, None),     // CURRENT_MODE
-    Kind(437, 0.3, None),     // AVAILABLE_MODES_MONITOR
-    Kind(54101, 0.0, None),   // HALTERE_ESTIMATE
-    Kind(54102, 0.0, None),   // HALTERE_CONTROL
-    Kind(54103, 0.0, None),   // HALTERE_PAIR
-    Kind(54104, 0.0, None),   // HALTERE_DROPS
-    Kind(54105, 0.0, None),   // HALTERE_LINK
-    Kind(2, 1.0, EXTRA3),     // SYSTEM_TIME
-    Kind(162, 1.0, STATUS),   // FENCE_STATUS
-    Kind(411, 0.5, None),     // CURRENT_EVENT_SEQUENCE
-    Kind(26, 0.0, RAW),       // SCALED_IMU
-    Kind(105, 0.0, None),     // HIGHRES_IMU
-    Kind(36, 1.0, None),      // SERVO_OUTPUT_RAW, as the board told it
+const fn stream(id: u32, rate_hz: f64, group: Option<Group>, make: Make) -> Stream {
+    Stream { id, rate_hz, group, on_request: false, make }
+}
+
+const fn on_request(id: u32, make: Make) -> Stream {
+    Stream { id, rate_hz: 0.0, group: None, on_request: true, make }
+}
+
+/// Everything that can be shown: HEARTBEAT first, what is sent on request alone last. Silent clients wait for these
+/// (GROUND.md, "telemetry by default"). Our own messages go to who asks for them alone: a client that does not know
+/// them counts the gaps that they leave in the sequence as loss, a fifth of a perfect link.
+pub static STREAMS: [Stream; 34] = [
+    stream(HEARTBEAT, 1.0, None, Always(telemetry::heartbeat)),
+    stream(1, 2.0, STATUS, Always(telemetry::sys_status)),
+    stream(24, 2.0, STATUS, Gps(telemetry_global::gps_raw)),
+    stream(30, 20.0, EXTRA1, Aligned(telemetry::attitude)),
+    stream(31, 10.0, None, Aligned(telemetry::attitude_quaternion)),
+    stream(32, 20.0, POSITION, Aligned(telemetry::local_position)),
+    stream(33, 5.0, POSITION, Global(telemetry_global::global_position)),
+    stream(MISSION_CURRENT, 2.0, STATUS, Always(telemetry::mission_current)),
+    stream(49, 0.2, None, Place(telemetry_global::origin)),
+    stream(64, 1.0, None, Aligned(telemetry_estimator::position_covariance)),
+    stream(74, 4.0, EXTRA2, Aligned(telemetry_global::vfr_hud)),
+    stream(85, 2.0, None, Perhaps(telemetry_estimator::position_target)),
+    stream(141, 4.0, None, Aligned(telemetry_global::altitude)),
+    stream(147, 2.0, EXTRA3, Perhaps(telemetry::battery)),
+    stream(193, 1.0, EXTRA3, Gps(telemetry_estimator::ekf_status)),
+    stream(230, 1.0, None, Aligned(telemetry_estimator::estimator_status)),
+    stream(242, 0.5, None, Global(telemetry_global::home)),
+    stream(245, 2.0, None, Always(telemetry::extended_state)),
+    stream(251, 1.0, None, Perhaps(telemetry::hover_thrust)),
+    stream(331, 5.0, None, Aligned(telemetry_estimator::odometry)),
+    stream(CURRENT_MODE, 0.5, None, Always(telemetry::current_mode)),
+    stream(437, 0.3, None, Always(telemetry::modes_monitor)),
+    stream(54101, 0.0, None, Aligned(telemetry::estimate)),
+    stream(54102, 0.0, None, Perhaps(telemetry::control)),
+    stream(54103, 0.0, None, InTurn(telemetry_counts::pair)),
+    stream(54104, 0.0, None, InTurn(telemetry_counts::drop)),
+    stream(54105, 0.0, None, InTurn(telemetry_counts::link)),
+    stream(2, 1.0, EXTRA3, Always(telemetry::system_time)),
+    stream(162, 1.0, STATUS, Always(telemetry::fence)),
+    stream(EVENT_SEQUENCE_ID, 0.5, None, InTurn(telemetry::event_sequence)),
+    stream(26, 0.0, RAW, Perhaps(telemetry_imu::scaled_imu)),
+    stream(105, 0.0, None, Perhaps(telemetry_imu::highres_imu)),
+    stream(36, 1.0, None, Perhaps(telemetry::servos)),
+    on_request(AUTOPILOT_VERSION, Always(telemetry::version)),
 ];
 
+/// How many of them can be streamed.
+const STREAMED: usize = {
+    let mut count = 0;
+    while count < STREAMS.len() && !STREAMS[count].on_request {
+        count += 1;
+    }
+    count
+};
+
+/// The row of a message that can be shown.
+pub(crate) fn of(msg_id: u32) -> Option<&'static Stream> {
+    STREAMS.iter().find(|stream| stream.id == msg_id)
+}
+
+/// How often a row goes out on a link.
 #[derive(Debug, Clone, Copy)]
-struct Stream {
+struct Pace {
     msg_id: u32,
     default_us: Option<i64>,
     /// `None`: off.
@@ -94,7 +172,7 @@ struct Stream {
 /// The streams of one link.
 #[derive(Debug)]
 pub(crate) struct Streams {
-    streams: [Stream; KINDS.len()],
+    streams: [Pace; STREAMED],
     /// Who is looked at first: behind a full line all fall back alike.
     first: usize,
     /// Who had to wait first in this step.
@@ -115,13 +193,13 @@ struct Line {
 
 impl Streams {
     pub fn new(endpoint: &Endpoint, at: HostTime) -> Self {
-        let streams = KINDS.map(|Kind(msg_id, rate_hz, _)| {
-            let on = rate_hz > 0.0
-                && (endpoint.gps == GpsClaim::OriginGps || !GPS_IDS.contains(&msg_id))
-                && (endpoint.gps != GpsClaim::None || !GLOBAL_IDS.contains(&msg_id))
-                && (endpoint.identity == KNOWS_EVENTS || msg_id != EVENT_SEQUENCE_ID);
-            let default_us = on.then_some((1e6 / rate_hz) as i64);
-            Stream { msg_id, default_us, interval_us: default_us, next: at, waits: false }
+        let streams = std::array::from_fn(|n| {
+            let row = &STREAMS[n];
+            let on = row.rate_hz > 0.0
+                && row.is_claimed(endpoint)
+                && (endpoint.identity == KNOWS_EVENTS || row.id != EVENT_SEQUENCE_ID);
+            let default_us = on.then_some((1e6 / row.rate_hz) as i64);
+            Pace { msg_id: row.id, default_us, interval_us: default_us, next: at, waits: false }
         });
         let line = endpoint.line_Bps.map(|line_Bps| {
             let speed_Bps = line_Bps * LINE_SHARE;
@@ -136,7 +214,7 @@ impl Streams {
             return false;
         };
         stream.interval_us = if interval_us < 0.0 {
-            (msg_id == HEARTBEAT_ID).then_some(1_000_000)
+            (msg_id == HEARTBEAT).then_some(1_000_000)
         } else if interval_us == 0.0 {
             stream.default_us
         } else {
@@ -154,7 +232,7 @@ impl Streams {
 
     /// Switches all streams off, but for the heartbeat.
     pub fn silence(&mut self) {
-        for stream in self.streams.iter_mut().filter(|s| s.msg_id != HEARTBEAT_ID) {
+        for stream in self.streams.iter_mut().filter(|s| s.msg_id != HEARTBEAT) {
             stream.interval_us = None;
         }
     }
@@ -164,13 +242,13 @@ impl Streams {
         let interval_us = if start && rate_hz > 0.0 { 1e6 / rate_hz } else { -1.0 };
         let all = group == Group::MAV_DATA_STREAM_ALL;
         let mut found = false;
-        for Kind(msg_id, default_hz, of) in &KINDS {
-            let claimed = *default_hz == 0.0
-                || self.streams.iter().any(|s| s.msg_id == *msg_id && s.default_us.is_some());
-            if of.is_some_and(|of| all || of == group) {
+        for row in STREAMS.iter().take(STREAMED) {
+            let claimed = row.rate_hz == 0.0
+                || self.streams.iter().any(|s| s.msg_id == row.id && s.default_us.is_some());
+            if row.group.is_some_and(|of| all || of == group) {
                 found = true;
                 if claimed {
-                    self.set_interval(*msg_id, interval_us, at);
+                    self.set_interval(row.id, interval_us, at);
                 }
             }
         }
@@ -180,8 +258,8 @@ impl Streams {
     /// Interval of a stream, µs: 0 unknown, -1 off. As MESSAGE_INTERVAL wants it.
     pub fn interval_us(&self, msg_id: u32) -> i32 {
         match self.streams.iter().find(|s| s.msg_id == msg_id) {
-            Some(Stream { interval_us: Some(us), .. }) => i32::try_from(*us).unwrap_or(i32::MAX),
-            Some(Stream { interval_us: None, .. }) => -1,
+            Some(Pace { interval_us: Some(us), .. }) => i32::try_from(*us).unwrap_or(i32::MAX),
+            Some(Pace { interval_us: None, .. }) => -1,
             None => 0,
         }
     }
@@ -233,7 +311,7 @@ impl Streams {
         // HEARTBEAT stands first and is never held back.
         let index = match turn {
             0 => 0,
-            _ => 1 + (self.first + turn - 1) % (KINDS.len() - 1),
+            _ => 1 + (self.first + turn - 1) % (STREAMED - 1),
         };
         let room = index == 0 || self.has_room();
         let stream = self.streams.get_mut(index)?;
@@ -255,7 +333,7 @@ impl Streams {
     }
 
     /// Number of turns in a step.
-    pub const TURNS: usize = KINDS.len();
+    pub const TURNS: usize = STREAMED;
 }
 
 #[cfg(test)]
@@ -323,12 +401,14 @@ mod tests {
         assert!(f64::from(bytes) > 0.8 * 960.0 * 60.0, "{bytes}");
         // Nothing starves, the heartbeat least of all.
         assert!((59..=60).contains(&sent[&0]));
-        let not_claimed = [GPS_IDS[0], GPS_IDS[1], EVENT_SEQUENCE_ID];
-        let on = KINDS.iter().filter(|k| k.1 > 0.0 && !not_claimed.contains(&k.0));
-        for Kind(id, rate_hz, _) in on {
+        let endpoint = Endpoint::default();
+        let on = STREAMS.iter().filter(|row| {
+            row.rate_hz > 0.0 && row.is_claimed(&endpoint) && row.id != EVENT_SEQUENCE_ID
+        });
+        for Stream { id, rate_hz, .. } in on {
             let count = f64::from(sent.get(id).copied().unwrap_or(0));
             // Half of an equal share of 17 messages/s, or what it asks for if that is less.
-            let share = (0.5 * 17.0 * 60.0 / KINDS.len() as f64).min(0.5 * rate_hz * 60.0);
+            let share = (0.5 * 17.0 * 60.0 / STREAMED as f64).min(0.5 * rate_hz * 60.0);
             assert!(count >= share.floor(), "{id}: {count}");
         }
         assert!(streams.delayed > 0);

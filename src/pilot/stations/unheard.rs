@@ -8,11 +8,9 @@
 
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
-use haltere_dialect::mav::haltere::MavMessage;
 
 use super::Stations;
-use super::clients::is_command;
-use crate::Pilot;
+use crate::flight::Flight;
 use crate::flight::modes::Mode;
 use crate::input::LinkId;
 use crate::out::Out;
@@ -39,13 +37,13 @@ pub(crate) struct Addressees {
 }
 
 impl Stations {
-    /// Takes note of whom a message is for. `passed`: it went on to somebody.
+    /// Takes note of whom a message is for. `waits`: its sender does, for an answer; `passed`: it went on to somebody.
     pub(crate) fn note_addressee(
         &mut self,
         at: HostTime,
         index: usize,
         target: (u8, u8),
-        (msg_id, message): (u32, &MavMessage),
+        waits: bool,
         passed: bool,
         out: &mut Out,
     ) {
@@ -53,11 +51,7 @@ impl Stations {
         let Some(ground) = self.grounds.get_mut(index) else { return };
         if target.0 == own_id {
             ground.addressees = Addressees { us: true, other: None };
-        } else if target.0 != 0
-            && !passed
-            && !ground.addressees.us
-            && (is_command(msg_id) || asks(message))
-        {
+        } else if target.0 != 0 && !passed && !ground.addressees.us && waits {
             ground.addressees.other.get_or_insert((at, target));
         }
     }
@@ -85,20 +79,20 @@ impl Stations {
         );
         out.tell_once(at, link, DropReason::MavWrongPeer, text);
     }
-}
 
-impl Pilot {
     /// Something of a link was thrown away.
-    pub(crate) fn tell_unheard(&mut self, at: HostTime, link: LinkId, reason: DropReason) {
+    pub(crate) fn tell_unheard(
+        &mut self,
+        at: HostTime,
+        link: LinkId,
+        reason: DropReason,
+        out: &mut Out,
+    ) {
         let LinkId::Ground(n) = link else { return };
-        let number =
-            self.stations.grounds.get(usize::from(n)).map_or(0, |ground| ground.endpoint_number);
-        let count = self.out.drops_of(link).count(reason);
-        let heard = self
-            .stations
-            .grounds
-            .get(usize::from(n))
-            .is_some_and(|ground| ground.counts.received > 0);
+        let number = self.grounds.get(usize::from(n)).map_or(0, |ground| ground.endpoint_number);
+        let count = out.drops_of(link).count(reason);
+        let heard =
+            self.grounds.get(usize::from(n)).is_some_and(|ground| ground.counts.received > 0);
         let what = match reason {
             DropReason::MavGarbageByte if count >= MOST_NOISE_BYTES && !heard => {
                 "what comes is no MAVLink: look at the station's protocol, and at the speed of the line"
@@ -112,58 +106,41 @@ impl Pilot {
             DropReason::InputQueueFull => "a station sends more at once than is taken in",
             _ => return,
         };
-        self.out.tell_once(at, link, reason, format!("ground.endpoints[{number}]: {what}"));
+        out.tell_once(at, link, reason, format!("ground.endpoints[{number}]: {what}"));
     }
 
     /// A setpoint came. Who streams them in another mode waits for a vehicle that does not move.
-    pub(crate) fn tell_unobeyed(&mut self, at: HostTime) {
-        let follows = [Some(self.flight.mode), self.flight.guidance.next.mode()]
-            .contains(&Some(Mode::Offboard));
-        if follows || self.flight.mode == Mode::Disarmed {
-            self.stations.unobeyed_since = None;
+    pub(crate) fn tell_unobeyed(&mut self, at: HostTime, flight: &Flight, out: &mut Out) {
+        let follows =
+            [Some(flight.mode), flight.guidance.next.mode()].contains(&Some(Mode::Offboard));
+        if follows || flight.mode == Mode::Disarmed {
+            self.unobeyed_since = None;
             return;
         }
-        let since = *self.stations.unobeyed_since.get_or_insert(at);
-        let is_told = self.out.told.unobeyed_at.is_some_and(|told| told >= since);
+        let since = *self.unobeyed_since.get_or_insert(at);
+        let is_told = out.told.unobeyed_at.is_some_and(|told| told >= since);
         if at.seconds_since(since) >= UNOBEYED_S && !is_told {
-            self.out.told.unobeyed_at = Some(at);
-            let mode = self.flight.mode.name();
+            out.told.unobeyed_at = Some(at);
+            let mode = flight.mode.name();
             let text = format!(
                 "setpoints come and are not followed in mode {mode}: ask for OFFBOARD (DO_SET_MODE 1, 6)"
             );
-            self.out.say(at, Severity::Warning, text);
+            out.say(at, Severity::Warning, text);
         }
     }
-}
-
-/// Whether a sender waits for something.
-fn asks(message: &MavMessage) -> bool {
-    matches!(
-        message,
-        MavMessage::SET_MODE(_)
-            | MavMessage::SET_POSITION_TARGET_LOCAL_NED(_)
-            | MavMessage::SET_POSITION_TARGET_GLOBAL_INT(_)
-            | MavMessage::MANUAL_CONTROL(_)
-            | MavMessage::PARAM_REQUEST_LIST(_)
-            | MavMessage::PARAM_REQUEST_READ(_)
-            | MavMessage::PARAM_SET(_)
-            | MavMessage::MISSION_COUNT(_)
-            | MavMessage::MISSION_REQUEST_LIST(_)
-            | MavMessage::MISSION_CLEAR_ALL(_)
-            | MavMessage::FILE_TRANSFER_PROTOCOL(_)
-    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Pilot;
     use crate::config::PilotConfig;
     use crate::input::Input;
     use haltere_core::frames::Vec3;
     use haltere_core::measure::AnchorId;
     use haltere_core::survey::Survey;
     use haltere_core::topics::Topic;
-    use haltere_dialect::mav::haltere::{COMMAND_LONG_DATA, HEARTBEAT_DATA};
+    use haltere_dialect::mav::haltere::{COMMAND_LONG_DATA, HEARTBEAT_DATA, MavMessage};
     use haltere_dialect::mav_stream::encode;
 
     fn pilot() -> Pilot {

@@ -2,12 +2,16 @@
 
 use haltere_dialect::mav::haltere::{
     COMMAND_LONG_DATA, FILE_TRANSFER_PROTOCOL_DATA, LOG_ERASE_DATA, MISSION_CLEAR_ALL_DATA,
-    MISSION_COUNT_DATA, MISSION_REQUEST_LIST_DATA, PARAM_REQUEST_LIST_DATA, PARAM_SET_DATA,
+    MISSION_COUNT_DATA, MISSION_REQUEST_LIST_DATA, MavCmd, MavFtpErr, MavFtpOpcode, MavMessage,
+    MavMissionResult, MavParamError, MavResult, PARAM_REQUEST_LIST_DATA, PARAM_SET_DATA,
     SET_MODE_DATA,
 };
-use haltere_dialect::mav_stream::MavSplitter;
+use haltere_dialect::mav_stream::{self, MavSplitter};
+
+use haltere_core::drops::DropReason;
 
 use super::*;
+use crate::Pilot;
 use crate::config::PilotConfig;
 use crate::input::Input;
 use crate::stations::endpoint::Endpoint;

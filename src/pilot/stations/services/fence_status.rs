@@ -3,9 +3,11 @@
 
 use haltere_dialect::mav::haltere::{FENCE_STATUS_DATA, FenceBreach, FenceMitigate, MavMessage};
 
+use haltere_core::estimate::Estimate;
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use crate::flight::Flight;
+use crate::flight::fence::Fence;
 use crate::stations::Stations;
 
 /// Height above the ceiling of the flight volume that is still no breach, m: the estimate's noise.
@@ -48,29 +50,11 @@ impl Stations {
             },
         })
     }
-}
-
-impl Pilot {
-    /// The border that the vehicle is beyond. On the floor it leaves nothing by being below its bottom,
-    /// and where it was put is looked at when it arms.
-    pub(crate) fn breach(&self) -> Option<FenceBreach> {
-        if !self.flight.mode.has_thrust() {
-            return None;
-        }
-        let pos = self.estimate.pos_E_m;
-        let volume = self.flight.guidance.volume();
-        if -pos.z() > volume.height_m + CEILING_MARGIN_M {
-            return Some(FenceBreach::FENCE_BREACH_MAXALT);
-        }
-        let inside = volume.contains_over(pos)
-            && self.stations.services.plans.fence.contains([pos.x(), pos.y()]);
-        (!inside).then_some(FenceBreach::FENCE_BREACH_BOUNDARY)
-    }
 
     /// Once a control step.
-    pub(super) fn fence_tick(&mut self, at: HostTime) {
-        let breach = self.breach();
-        let watch = &mut self.stations.services.fence_watch;
+    pub(crate) fn fence_tick(&mut self, at: HostTime, flight: &Flight, estimate: &Estimate) {
+        let breach = breach(flight, &self.services.plans.fence, estimate);
+        let watch = &mut self.services.fence_watch;
         if let Some(breach) = breach
             && !watch.is_outside
         {
@@ -80,4 +64,19 @@ impl Pilot {
         }
         watch.is_outside = breach.is_some();
     }
+}
+
+/// The border that the vehicle is beyond. On the floor it leaves nothing by being below its bottom, and where it was
+/// put is looked at when it arms.
+pub(crate) fn breach(flight: &Flight, fence: &Fence, estimate: &Estimate) -> Option<FenceBreach> {
+    if !flight.mode.has_thrust() {
+        return None;
+    }
+    let pos = estimate.pos_E_m;
+    let volume = flight.guidance.volume();
+    if -pos.z() > volume.height_m + CEILING_MARGIN_M {
+        return Some(FenceBreach::FENCE_BREACH_MAXALT);
+    }
+    let inside = volume.contains_over(pos) && fence.contains([pos.x(), pos.y()]);
+    (!inside).then_some(FenceBreach::FENCE_BREACH_BOUNDARY)
 }

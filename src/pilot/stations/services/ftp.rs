@@ -16,7 +16,6 @@ use super::files::{FileFault, FileName, FileTask, Folder, MOST_MISSION_BYTES};
 use super::ftp_path::{LOGS, MISSIONS, Made, Place, place};
 use super::ftp_stream::{Content, Session};
 use super::ftp_wire::{MOST_DATA, Packet};
-use crate::Pilot;
 use crate::input::LinkId;
 use crate::out::Out;
 use crate::stations::Stations;
@@ -24,7 +23,7 @@ use crate::stations::endpoint::Identity;
 use crate::stations::mission_transfer::Client;
 
 /// Sessions at once.
-pub(super) const MOST_SESSIONS: usize = 6;
+pub(crate) const MOST_SESSIONS: usize = 6;
 /// Clients whose last answer is remembered.
 const MOST_CLIENTS: usize = 16;
 
@@ -52,7 +51,7 @@ struct Answered {
 /// State of the server.
 #[derive(Debug, Default)]
 pub(crate) struct Ftp {
-    pub(super) sessions: [Option<Session>; MOST_SESSIONS],
+    pub(crate) sessions: [Option<Session>; MOST_SESSIONS],
     next_serial: u32,
     answered: Vec<Answered>,
 }
@@ -64,12 +63,12 @@ impl Ftp {
     }
 
     /// The place of a client's session.
-    pub(super) fn place_of(&self, id: u8, client: Client) -> Option<usize> {
+    pub(crate) fn place_of(&self, id: u8, client: Client) -> Option<usize> {
         let is_it = |s: &Session| s.id == id && s.client == client;
         self.sessions.iter().position(|slot| slot.as_ref().is_some_and(is_it))
     }
 
-    pub(super) fn session(&mut self, id: u8, client: Client) -> Option<&mut Session> {
+    pub(crate) fn session(&mut self, id: u8, client: Client) -> Option<&mut Session> {
         let place = self.place_of(id, client)?;
         self.sessions.get_mut(place)?.as_mut()
     }
@@ -140,14 +139,14 @@ fn page(entries: impl Iterator<Item = Vec<u8>>, from: u32) -> Option<Vec<u8>> {
 }
 
 impl Out {
-    pub(super) fn send_ftp(&mut self, client: Client, packet: &Packet) {
+    pub(crate) fn send_ftp(&mut self, client: Client, packet: &Packet) {
         let message = MavMessage::FILE_TRANSFER_PROTOCOL(packet.encode(client.peer));
         self.message(client.link, &message);
     }
 }
 
 impl Stations {
-    pub(super) fn answer_ftp(&mut self, client: Client, seq: u16, answer: Packet, out: &mut Out) {
+    pub(crate) fn answer_ftp(&mut self, client: Client, seq: u16, answer: Packet, out: &mut Out) {
         out.send_ftp(client, &answer);
         let mut all = self.services.ftp.answered.iter_mut();
         if let Some(known) = all.find(|known| (known.client, known.seq) == (client, seq)) {
@@ -344,7 +343,7 @@ impl Stations {
     }
 
     /// The disk has answered.
-    pub(super) fn ftp_answer(
+    pub(crate) fn ftp_answer(
         &mut self,
         at: HostTime,
         job: Job,
@@ -354,7 +353,7 @@ impl Stations {
     ) {
         let (client, request, answer) = match (job, result) {
             (Job::Block { number, serial, offset }, result) => {
-                self.ftp_block(at, number, serial, offset, result, bytes, out);
+                self.ftp_block(at, (number, serial, offset), result, bytes, out);
                 return;
             }
             (Job::List(client, r), Ok(())) => {
@@ -401,7 +400,7 @@ impl Stations {
     }
 
     /// A link is gone, and whoever was on it.
-    pub(super) fn ftp_forget(&mut self, link: LinkId) {
+    pub(crate) fn ftp_forget(&mut self, link: LinkId) {
         for slot in &mut self.services.ftp.sessions {
             slot.take_if(|session| session.client.link == link);
         }
@@ -409,12 +408,17 @@ impl Stations {
     }
 }
 
-impl Pilot {
-    pub(super) fn ftp_message(&mut self, at: HostTime, client: Client, payload: &[u8; 251]) {
+impl Stations {
+    pub(crate) fn ftp_message(
+        &mut self,
+        at: HostTime,
+        client: Client,
+        payload: &[u8; 251],
+        out: &mut Out,
+    ) {
         let request = Packet::decode(payload);
         let (seq, crc) = (request.seq, crc32(payload, 0));
         let known = self
-            .stations
             .services
             .ftp
             .answered
@@ -423,13 +427,13 @@ impl Pilot {
         if let Some(known) = known {
             // Repeated: the answer was lost, or is still being worked on.
             if let Some(answer) = known.answer.clone() {
-                self.out.send_ftp(client, &answer);
+                out.send_ftp(client, &answer);
             }
             return;
         }
-        self.stations.services.ftp.remember(client, seq, crc);
-        if let Some(answer) = self.stations.ftp_request(at, client, request, &mut self.out) {
-            self.stations.answer_ftp(client, seq, answer, &mut self.out);
+        self.services.ftp.remember(client, seq, crc);
+        if let Some(answer) = self.ftp_request(at, client, request, out) {
+            self.answer_ftp(client, seq, answer, out);
         }
     }
 }

@@ -46,21 +46,21 @@ pub(crate) struct Burst {
 
 #[derive(Debug)]
 pub(crate) struct Session {
-    pub(super) client: Client,
+    pub(crate) client: Client,
     /// By which the client names it.
-    pub(super) id: u8,
+    pub(crate) id: u8,
     /// Not used twice: answers for an older session of the same number do not fit.
-    pub(super) serial: u32,
-    pub(super) size: u64,
-    pub(super) content: Content,
-    pub(super) burst: Option<Burst>,
+    pub(crate) serial: u32,
+    pub(crate) size: u64,
+    pub(crate) content: Content,
+    pub(crate) burst: Option<Burst>,
     /// Reads that wait for their block.
-    pub(super) waiting: Vec<Packet>,
-    pub(super) used_at: HostTime,
+    pub(crate) waiting: Vec<Packet>,
+    pub(crate) used_at: HostTime,
 }
 
 impl Stations {
-    pub(super) fn ftp_read(
+    pub(crate) fn ftp_read(
         &mut self,
         at: HostTime,
         client: Client,
@@ -92,7 +92,7 @@ impl Stations {
         }
     }
 
-    pub(super) fn ftp_burst(
+    pub(crate) fn ftp_burst(
         &mut self,
         at: HostTime,
         client: Client,
@@ -137,12 +137,10 @@ impl Stations {
         }
     }
 
-    pub(super) fn ftp_block(
+    pub(crate) fn ftp_block(
         &mut self,
         at: HostTime,
-        number: usize,
-        serial: u32,
-        offset: u64,
+        (number, serial, offset): (usize, u32, u64),
         result: Result<(), FileFault>,
         bytes: &[u8],
         out: &mut Out,
@@ -186,7 +184,7 @@ impl Stations {
     }
 
     /// Goes on with bursts, and ends what nobody uses.
-    pub(super) fn ftp_tick(
+    pub(crate) fn ftp_tick(
         &mut self,
         at: HostTime,
         link: LinkId,

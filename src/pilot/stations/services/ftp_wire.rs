@@ -91,6 +91,23 @@ impl Packet {
     }
 }
 
+/// FTP requests that change nothing on the disk.
+pub(crate) fn reads(opcode: u8) -> bool {
+    use MavFtpOpcode as O;
+    [
+        O::MAV_FTP_OPCODE_NONE,
+        O::MAV_FTP_OPCODE_TERMINATESESSION,
+        O::MAV_FTP_OPCODE_RESETSESSION,
+        O::MAV_FTP_OPCODE_LISTDIRECTORY,
+        O::MAV_FTP_OPCODE_OPENFILERO,
+        O::MAV_FTP_OPCODE_READFILE,
+        O::MAV_FTP_OPCODE_CALCFILECRC,
+        O::MAV_FTP_OPCODE_BURSTREADFILE,
+    ]
+    .into_iter()
+    .any(|allowed| allowed as u8 == opcode)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

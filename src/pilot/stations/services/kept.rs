@@ -18,7 +18,7 @@ const LONGEST_REASON: usize = 200;
 
 /// What is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kept {
+pub(crate) enum Kept {
     Parameters,
     Plan(Plan),
 }
@@ -42,18 +42,18 @@ impl Lost {
     }
 
     /// Whether nothing is missing.
-    pub(super) fn is_nothing(&self) -> bool {
+    pub(crate) fn is_nothing(&self) -> bool {
         self.0.is_empty()
     }
 
     /// Somebody has put another in its place, or wants none.
-    pub(super) fn settle(&mut self, settled: Kept) {
+    pub(crate) fn settle(&mut self, settled: Kept) {
         self.0.retain(|(kept, _)| *kept != settled);
     }
 }
 
 impl Stations {
-    pub(super) fn note_lost(&mut self, at: HostTime, kept: Kept, why: &str, out: &mut Out) {
+    pub(crate) fn note_lost(&mut self, at: HostTime, kept: Kept, why: &str, out: &mut Out) {
         let why: String = why.chars().take(LONGEST_REASON).collect();
         let lost = &mut self.services.lost;
         lost.settle(kept);
@@ -64,7 +64,7 @@ impl Stations {
     }
 
     /// Glue has looked at the parameters before the core began.
-    pub(super) fn parameters_told(
+    pub(crate) fn parameters_told(
         &mut self,
         at: HostTime,
         result: Result<(), FileFault>,

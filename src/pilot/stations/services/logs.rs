@@ -18,7 +18,6 @@ use haltere_core::time::HostTime;
 use super::Purpose;
 use super::budget::Budget;
 use super::files::{FileFault, FileName, FileTask, Folder, MOST_READ_BYTES};
-use crate::Pilot;
 use crate::input::LinkId;
 use crate::out::Out;
 use crate::out::voice::Severity;
@@ -168,7 +167,14 @@ impl Stations {
         }
     }
 
-    fn log_data(&mut self, at: HostTime, client: Client, m: &LOG_REQUEST_DATA_DATA, out: &mut Out) {
+    /// LOG_REQUEST_DATA.
+    pub(crate) fn log_data(
+        &mut self,
+        at: HostTime,
+        client: Client,
+        m: &LOG_REQUEST_DATA_DATA,
+        out: &mut Out,
+    ) {
         let logs = &mut self.services.logs;
         let offset = u64::from(m.ofs);
         let end = offset.saturating_add(u64::from(m.count));
@@ -205,7 +211,7 @@ impl Stations {
     }
 
     /// The disk has answered.
-    pub(super) fn log_answer(
+    pub(crate) fn log_answer(
         &mut self,
         at: HostTime,
         job: Job,
@@ -276,7 +282,7 @@ impl Stations {
     }
 
     /// Goes on with lists and downloads.
-    pub(super) fn log_tick(
+    pub(crate) fn log_tick(
         &mut self,
         at: HostTime,
         link: LinkId,
@@ -375,46 +381,40 @@ impl Stations {
     }
 
     /// A link is gone, and whoever was on it.
-    pub(super) fn logs_forget(&mut self, link: LinkId) {
+    pub(crate) fn logs_forget(&mut self, link: LinkId) {
         self.services.logs.downloads.retain(|d| d.client.link != link);
         self.services.logs.listings.retain(|l| l.client.link != link);
     }
 }
 
-impl Pilot {
-    pub(super) fn log_message(
+impl Stations {
+    /// LOG_REQUEST_LIST.
+    pub(crate) fn log_list(
         &mut self,
         at: HostTime,
         client: Client,
-        message: &MavMessage,
-    ) -> bool {
-        match message {
-            MavMessage::LOG_REQUEST_LIST(m) => {
-                let LOG_REQUEST_LIST_DATA { start, end, .. } = *m;
-                self.stations.log_ask(
-                    at,
-                    Job::List { client, start, end },
-                    FileTask::List(Folder::Logs),
-                    &mut self.out,
-                );
-            }
-            MavMessage::LOG_REQUEST_DATA(m) => self.stations.log_data(at, client, m, &mut self.out),
-            MavMessage::LOG_REQUEST_END(_) => {
-                self.stations.services.logs.downloads.retain(|d| d.client != client);
-                self.stations.services.logs.listings.retain(|l| l.client != client);
-            }
-            MavMessage::LOG_ERASE(_) => {
-                if self.board.link.is_armed() {
-                    let text = "logs not erased: disarm first".to_owned();
-                    self.out.say(at, Severity::Warning, text);
-                } else {
-                    self.stations.services.logs.downloads.clear();
-                    self.stations.log_ask(at, Job::Erase, FileTask::EraseLogs, &mut self.out);
-                }
-            }
-            _ => return false,
+        m: &LOG_REQUEST_LIST_DATA,
+        out: &mut Out,
+    ) {
+        let job = Job::List { client, start: m.start, end: m.end };
+        self.log_ask(at, job, FileTask::List(Folder::Logs), out);
+    }
+
+    /// LOG_REQUEST_END.
+    pub(crate) fn log_end(&mut self, client: Client) {
+        self.services.logs.downloads.retain(|d| d.client != client);
+        self.services.logs.listings.retain(|l| l.client != client);
+    }
+
+    /// LOG_ERASE.
+    pub(crate) fn log_erase(&mut self, at: HostTime, is_armed: bool, out: &mut Out) {
+        if is_armed {
+            let text = "logs not erased: disarm first".to_owned();
+            out.say(at, Severity::Warning, text);
+        } else {
+            self.services.logs.downloads.clear();
+            self.log_ask(at, Job::Erase, FileTask::EraseLogs, out);
         }
-        true
     }
 }
 

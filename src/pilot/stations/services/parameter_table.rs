@@ -54,8 +54,8 @@ pub struct Parameter {
     pub unit: &'static str,
     /// What it does, one sentence or two.
     pub doc: &'static str,
-    pub(super) get: fn(&PilotConfig) -> f64,
-    pub(super) set: fn(&mut PilotConfig, f64),
+    pub(crate) get: fn(&PilotConfig) -> f64,
+    pub(crate) set: fn(&mut PilotConfig, f64),
 }
 
 impl std::fmt::Debug for Parameter {

@@ -6,7 +6,7 @@
 
 use haltere_dialect::mav::haltere::{
     MavMessage, MavParamError, MavParamType, PARAM_ERROR_DATA, PARAM_EXT_ACK_DATA,
-    PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, ParamAck,
+    PARAM_EXT_SET_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA, ParamAck,
 };
 
 use haltere_dialect::mav::name_of;
@@ -20,13 +20,13 @@ use super::files::{FileFault, FileTask};
 use super::param_pack::{Query, pack};
 use super::parameter_table::{Kind, Parameter, When};
 use super::{Purpose, parameter_table as table};
-use crate::Pilot;
 use crate::config::PilotConfig;
 use crate::flight::modes::Mode;
 use crate::input::LinkId;
 use crate::out::Out;
 use crate::out::voice::Severity;
 use crate::stations::Stations;
+use crate::stations::mission_transfer::Client;
 
 /// Name of the value that says whether a client's copy is still right.
 const HASH_NAME: &str = "_HASH_CHECK";
@@ -59,7 +59,7 @@ impl Listing {
 #[derive(Debug)]
 pub(crate) struct Parameters {
     /// As set. What needs a restart differs from what is in force.
-    pub(super) wanted: PilotConfig,
+    pub(crate) wanted: PilotConfig,
     lists: Vec<Listing>,
 }
 
@@ -110,7 +110,7 @@ fn id_of(name: &str) -> [u8; 16] {
 type Refusal = (MavParamError, String);
 
 impl Out {
-    pub(super) fn parameter_not_kept(&mut self, at: HostTime, name: &str, fault: FileFault) {
+    pub(crate) fn parameter_not_kept(&mut self, at: HostTime, name: &str, fault: FileFault) {
         let text = format!("{name} is lost at a restart: {}", fault.words());
         self.say(at, Severity::Warning, text);
     }
@@ -134,9 +134,45 @@ impl Out {
     }
 }
 
+/// Whether a client spares itself the list: its copy is right.
+pub(crate) fn spares_the_list(m: &PARAM_SET_DATA) -> bool {
+    m.param_id.starts_with(HASH_NAME.as_bytes())
+}
+
+/// The answer to a long value.
+pub(crate) fn ext_ack(m: &PARAM_EXT_SET_DATA, result: ParamAck) -> MavMessage {
+    MavMessage::PARAM_EXT_ACK(PARAM_EXT_ACK_DATA {
+        param_id: m.param_id,
+        param_value: m.param_value,
+        param_type: m.param_type,
+        param_result: result as u8,
+    })
+}
+
+/// A value that is to be put in force.
+pub(crate) struct Change {
+    parameter: &'static Parameter,
+    exact: f64,
+}
+
+impl Change {
+    pub(crate) fn put_in(&self, config: &mut PilotConfig) {
+        (self.parameter.set)(config, self.exact);
+    }
+}
+
 impl Stations {
+    /// PARAM_REQUEST_LIST.
+    pub(crate) fn parameter_list(&mut self, link: LinkId) {
+        let parameters = &mut self.services.parameters;
+        parameters.stop_list(link);
+        if parameters.lists.len() < MOST_LISTS {
+            parameters.lists.push(Listing { link, next: 0 });
+        }
+    }
+
     /// Goes on with the list of a link.
-    pub(super) fn parameter_tick(&mut self, link: LinkId, budget: &mut Budget, out: &mut Out) {
+    pub(crate) fn parameter_tick(&mut self, link: LinkId, budget: &mut Budget, out: &mut Out) {
         let lists = &mut self.services.parameters.lists;
         let Some(index) = lists.iter().position(|list| list.link == link) else { return };
         let mut list = lists.swap_remove(index);
@@ -146,7 +182,8 @@ impl Stations {
         }
     }
 
-    fn parameter_read(
+    /// PARAM_REQUEST_READ.
+    pub(crate) fn parameter_read(
         &mut self,
         link: LinkId,
         peer: (u8, u8),
@@ -199,58 +236,32 @@ impl Stations {
     }
 }
 
-impl Pilot {
-    /// A message of this service? `true`: it was answered.
-    pub(super) fn parameter_message(
+impl Stations {
+    /// PARAM_SET. `Some`: what is to be put in force.
+    pub(crate) fn parameter_set(
         &mut self,
         at: HostTime,
-        link: LinkId,
-        peer: (u8, u8),
-        message: &MavMessage,
-    ) -> bool {
-        match message {
-            MavMessage::PARAM_REQUEST_LIST(_) => {
-                self.stations.services.parameters.stop_list(link);
-                if self.stations.services.parameters.lists.len() < MOST_LISTS {
-                    self.stations.services.parameters.lists.push(Listing { link, next: 0 });
-                }
-            }
-            MavMessage::PARAM_REQUEST_READ(m) => {
-                self.stations.parameter_read(link, peer, m, &mut self.out)
-            }
-            MavMessage::PARAM_SET(m) => self.parameter_set(at, link, peer, m),
-            // Long values: we have none, and say so where the protocol has a word for it.
-            MavMessage::PARAM_EXT_SET(m) => {
-                let answer = MavMessage::PARAM_EXT_ACK(PARAM_EXT_ACK_DATA {
-                    param_id: m.param_id,
-                    param_value: m.param_value,
-                    param_type: m.param_type,
-                    param_result: ParamAck::PARAM_ACK_VALUE_UNSUPPORTED as u8,
-                });
-                self.out.message(link, &answer);
-            }
-            _ => return false,
-        }
-        true
-    }
-
-    fn parameter_set(&mut self, at: HostTime, link: LinkId, peer: (u8, u8), m: &PARAM_SET_DATA) {
+        mode: Mode,
+        Client { link, peer }: Client,
+        m: &PARAM_SET_DATA,
+        out: &mut Out,
+    ) -> Option<Change> {
         let name = text_of(&*m.param_id);
         if name == HASH_NAME {
             // "My copy is right, spare me the list."
-            self.stations.services.parameters.stop_list(link);
-            return;
+            self.services.parameters.stop_list(link);
+            return None;
         }
-        let count = table::count(self.stations.is_px4(link));
+        let count = table::count(self.is_px4(link));
         let Some((index, parameter)) = table::find(&name).filter(|(index, _)| *index < count)
         else {
             let error = MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST;
-            self.out.send_parameter_error(link, peer, -1, &name, error);
-            self.out.say(at, Severity::Warning, format!("no parameter {name}"));
-            return;
+            out.send_parameter_error(link, peer, -1, &name, error);
+            out.say(at, Severity::Warning, format!("no parameter {name}"));
+            return None;
         };
         let result = if m.param_type == MavParamType::MAV_PARAM_TYPE_REAL32 as u8 {
-            self.set_parameter(at, parameter, m.param_value)
+            self.set_parameter(at, mode, parameter, m.param_value, out)
         } else {
             let why = format!(
                 "{name}: its type is REAL32, not {}",
@@ -259,44 +270,46 @@ impl Pilot {
             Err((MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH, why))
         };
         match result {
-            Ok(changed) => {
+            Ok((changed, change)) => {
                 // Everybody's copy is to be right, under each name of the value.
-                for n in 0..self.stations.grounds.len() {
-                    let link = self.stations.grounds[n].link;
-                    if self.out.is_open(link) {
-                        self.stations.send_parameter(link, index as u16, &mut self.out);
+                for n in 0..self.grounds.len() {
+                    let link = self.grounds[n].link;
+                    if out.is_open(link) {
+                        self.send_parameter(link, index as u16, out);
                     }
                 }
                 for other in aliases(changed).filter(|other| *other != index) {
-                    for n in 0..self.stations.grounds.len() {
-                        let link = self.stations.grounds[n].link;
-                        if self.out.is_open(link)
-                            && other < table::count(self.stations.is_px4(link))
-                        {
-                            self.stations.send_parameter(link, other as u16, &mut self.out);
+                    for n in 0..self.grounds.len() {
+                        let link = self.grounds[n].link;
+                        if out.is_open(link) && other < table::count(self.is_px4(link)) {
+                            self.send_parameter(link, other as u16, out);
                         }
                     }
                 }
+                change
             }
             Err((error, why)) => {
-                self.out.send_parameter_error(link, peer, index as i16, &name, error);
+                out.send_parameter_error(link, peer, index as i16, &name, error);
                 // Clients that do not know PARAM_ERROR read the refusal from the old value.
-                self.stations.send_parameter(link, index as u16, &mut self.out);
-                self.out.say(at, Severity::Warning, format!("parameter refused: {why}"));
+                self.send_parameter(link, index as u16, out);
+                out.say(at, Severity::Warning, format!("parameter refused: {why}"));
+                None
             }
         }
     }
 
-    /// Checks a value, puts it in force and keeps it; the parameter that it belongs to.
+    /// Checks a value and keeps it; the parameter that it belongs to, and what is to be put in force.
     fn set_parameter(
         &mut self,
         at: HostTime,
+        mode: Mode,
         parameter: &'static Parameter,
         value: f32,
-    ) -> Result<&'static Parameter, Refusal> {
+        out: &mut Out,
+    ) -> Result<(&'static Parameter, Option<Change>), Refusal> {
         let parameter = match parameter.kind {
             Kind::Alias(of) => table::find(of).map_or(parameter, |(_, p)| p),
-            Kind::Fixed(own) if own == value => return Ok(parameter),
+            Kind::Fixed(own) if own == value => return Ok((parameter, None)),
             Kind::Fixed(own) => {
                 let why = format!("{} = {own} is fixed: {}", parameter.name, parameter.doc);
                 return Err((MavParamError::MAV_PARAM_ERROR_READ_ONLY, why));
@@ -307,9 +320,9 @@ impl Pilot {
         let exact = parameter
             .checked(value)
             .map_err(|why| (MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE, why))?;
-        let before = &self.stations.services.parameters.wanted;
+        let before = &self.services.parameters.wanted;
         if parameter.value(before) == value {
-            return Ok(parameter);
+            return Ok((parameter, None));
         }
         let mut wanted = before.clone();
         (parameter.set)(&mut wanted, exact);
@@ -321,32 +334,29 @@ impl Pilot {
             let error = MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE;
             return Err((error, format!("{name} = {value}: {line}")));
         }
-        if parameter.when == When::OnFloor && self.flight.mode.has_thrust() {
+        if parameter.when == When::OnFloor && mode.has_thrust() {
             let why = format!("{name} cannot change in flight: land first");
             return Err((MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED, why));
         }
         // On the floor a set may be wrong while it is being changed: arming looks at it again.
-        if self.flight.mode != Mode::Disarmed
-            && wanted.control != self.stations.services.parameters.wanted.control
+        if mode != Mode::Disarmed
+            && wanted.control != self.services.parameters.wanted.control
             && let Some(why) = margins::refusal(&wanted.control)
         {
             let error = MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE;
             return Err((error, format!("{name} = {value} cannot be flown: {why}")));
         }
-        self.stations.services.parameters.wanted = wanted;
+        self.services.parameters.wanted = wanted;
         let task = FileTask::KeepParameter { name, value: exact };
-        if let Err((fault, _)) = self.stations.services.desk.ask(task, Purpose::Parameter(name), at)
-        {
-            self.out.parameter_not_kept(at, name, fault);
+        if let Err((fault, _)) = self.services.desk.ask(task, Purpose::Parameter(name), at) {
+            out.parameter_not_kept(at, name, fault);
         }
         if parameter.when == When::Restart {
-            self.out.say(at, Severity::Info, format!("{name} = {value}: in force after a restart"));
-        } else {
-            (parameter.set)(&mut self.config, exact);
-            self.configuration_changed();
-            self.out.say(at, Severity::Info, format!("{name} = {value}"));
+            out.say(at, Severity::Info, format!("{name} = {value}: in force after a restart"));
+            return Ok((parameter, None));
         }
-        Ok(parameter)
+        out.say(at, Severity::Info, format!("{name} = {value}"));
+        Ok((parameter, Some(Change { parameter, exact })))
     }
 }
 

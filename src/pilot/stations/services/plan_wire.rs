@@ -8,7 +8,7 @@ use crate::flight::mission_items::{LOCAL_SCALE, is_global};
 const E7: f64 = 1e7;
 
 /// A float item as the integer item that it means.
-pub(super) fn to_int(m: &MISSION_ITEM_DATA) -> MISSION_ITEM_INT_DATA {
+pub(crate) fn to_int(m: &MISSION_ITEM_DATA) -> MISSION_ITEM_INT_DATA {
     let scale = if is_global(m.frame) { E7 } else { LOCAL_SCALE.recip() };
     // Casts saturate; NaN becomes zero, "here".
     let [x, y] = [m.x, m.y].map(|v| (f64::from(v) * scale).round() as i32);
@@ -32,7 +32,7 @@ pub(super) fn to_int(m: &MISSION_ITEM_DATA) -> MISSION_ITEM_INT_DATA {
 }
 
 /// The integer item as the older message has it.
-pub(super) fn to_float(m: &MISSION_ITEM_INT_DATA) -> MISSION_ITEM_DATA {
+pub(crate) fn to_float(m: &MISSION_ITEM_INT_DATA) -> MISSION_ITEM_DATA {
     let scale = if is_global(m.frame) { E7.recip() } else { LOCAL_SCALE };
     let [x, y] = [m.x, m.y].map(|v| (f64::from(v) * scale) as f32);
     MISSION_ITEM_DATA {

@@ -6,10 +6,10 @@
 
 use haltere_core::time::HostTime;
 
-use super::endpoint::OriginConfig;
 use crate::Pilot;
 use crate::config::PilotConfig;
 use crate::flight::modes::Mode;
+use crate::stations::endpoint::OriginConfig;
 
 /// The vehicle stands for so long, s: as long as the recorder goes on after a flight.
 const STANDS_S: f64 = 10.0;

@@ -1,28 +1,25 @@
-//! The border to the rest of the core: all that the services take from it, or change in it.
+//! A value of the configuration that a station has set, in force in all parts.
 
+use haltere_dialect::mav::haltere::PARAM_SET_DATA;
+
+use haltere_core::control::{Handover, margins};
 use haltere_core::geo::LocalOrigin;
 
+use super::said::Heard;
 use crate::Pilot;
 use crate::flight::tilt_step::Envelope;
-use crate::input::LinkId;
-use crate::stations::Stations;
-use crate::stations::endpoint::Identity;
-use haltere_core::control::{Handover, margins};
-
-impl Stations {
-    /// Whether a link shows the identity `px4`.
-    pub(super) fn is_px4(&self, link: LinkId) -> bool {
-        self.endpoint_on(link).identity == Identity::Px4
-    }
-
-    /// What the line of a link carries, bytes/s; `None`: more than we ever send.
-    pub(super) fn line_Bps(&self, link: LinkId) -> Option<f64> {
-        let LinkId::Ground(n) = link else { return None };
-        self.grounds.get(usize::from(n))?.streams.line_Bps()
-    }
-}
 
 impl Pilot {
+    /// PARAM_SET.
+    pub(crate) fn set_parameter(&mut self, heard: &Heard<'_>, m: &PARAM_SET_DATA) {
+        let (at, mode) = (heard.at, self.flight.mode);
+        let change = self.stations.parameter_set(at, mode, heard.client(), m, &mut self.out);
+        if let Some(change) = change {
+            change.put_in(&mut self.config);
+            self.configuration_changed();
+        }
+    }
+
     /// Where the room lies on Earth.
     pub(crate) fn local_origin(&self) -> Option<LocalOrigin> {
         Some(self.origin)
@@ -30,7 +27,7 @@ impl Pilot {
 
     /// A value of the configuration changed: everything that has a copy takes it over. Outputs of
     /// the controller go on from where they are and fade to the new law.
-    pub(super) fn configuration_changed(&mut self) {
+    pub(crate) fn configuration_changed(&mut self) {
         let envelope = Envelope::of(&self.config, &self.survey);
         self.flight.guidance.reconfigure(
             self.config.flight.clone(),

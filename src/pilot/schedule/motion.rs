@@ -7,7 +7,6 @@ use haltere_core::estimate::Health;
 use haltere_core::frames::Vec3;
 use haltere_core::time::HostTime;
 
-use super::commands::{Answer, Awaits, Refusal, Request, refuse};
 use crate::Pilot;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::awaited::{Next, too_far};
@@ -18,6 +17,7 @@ use crate::flight::place::{Kind, Wanted, room_point};
 use crate::flight::setpoint::Setpoint;
 use crate::flight::shown_modes::SHOWN_MODES;
 use crate::out::voice::Severity;
+use crate::stations::commands::{Answer, Awaits, Refusal, Request, refuse};
 use crate::view::around;
 
 /// Magic number that forces a disarm in the air (common.xml, MAV_CMD_COMPONENT_ARM_DISARM).

@@ -6,10 +6,6 @@ use haltere_core::estimate::Health;
 use haltere_core::geo::LocalOrigin;
 use haltere_core::time::HostTime;
 
-use super::files::{FileFault, FileTask, Plan};
-use super::kept::Kept;
-use super::plans::{name_of, type_of};
-use super::{Purpose, plan_file};
 use crate::Pilot;
 use crate::flight::awaited::Next;
 use crate::flight::fence::{Fence, KEEP_M};
@@ -17,37 +13,15 @@ use crate::flight::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
 use crate::flight::mission_items::{Refusal, Room, from_wire, is_global, place_E_m};
 use crate::flight::modes::{Event, Mode};
 use crate::flight::rally;
-use crate::out::Out;
 use crate::out::voice::Severity;
-use crate::stations::Stations;
-
-impl Out {
-    pub(super) fn plan_not_kept(&mut self, at: HostTime, plan: Plan, fault: FileFault) {
-        let text = format!("{} is lost at a restart: {}", name_of(plan), fault.words());
-        self.say(at, Severity::Warning, text);
-    }
-}
-
-impl Stations {
-    pub(super) fn warn_of_barred_mission(&mut self, at: HostTime, out: &mut Out) {
-        if let Some(why) = self.services.plans.mission_is_barred.clone() {
-            out.say(at, Severity::Warning, why);
-        }
-    }
-
-    /// Asks for what was kept.
-    pub(super) fn restore_plans(&mut self, at: HostTime) {
-        // Rally points first: a fence that came later does not undo them, it leaves them out.
-        for plan in [Plan::Rally, Plan::Fence, Plan::Mission] {
-            // Nothing kept, nothing restored.
-            let _ = self.services.desk.ask(FileTask::LoadPlan(plan), Purpose::LoadPlan(plan), at);
-        }
-    }
-}
+use crate::stations::services::files::{FileFault, FileTask, Plan};
+use crate::stations::services::kept::Kept;
+use crate::stations::services::plans::{name_of, type_of};
+use crate::stations::services::{Purpose, plan_file};
 
 impl Pilot {
     /// Another fence is in force: what it leaves of a leg under way, and of the places to return to.
-    pub(super) fn heed_fence(&mut self, at: HostTime) {
+    pub(crate) fn heed_fence(&mut self, at: HostTime) {
         self.warn_of_lost_refuges(at);
         let guidance = &mut self.flight.guidance;
         let estimate = &self.estimate;
@@ -91,7 +65,7 @@ impl Pilot {
     }
 
     /// Checks a list whole and puts it in force.
-    pub(super) fn take_plan(
+    pub(crate) fn take_plan(
         &mut self,
         plan: Plan,
         mut items: Vec<MISSION_ITEM_INT_DATA>,
@@ -188,7 +162,7 @@ impl Pilot {
     }
 
     /// The room has moved on the globe: items given in global frames are elsewhere in it.
-    pub(super) fn derive_anew(&mut self, at: HostTime) {
+    pub(crate) fn derive_anew(&mut self, at: HostTime) {
         for plan in [Plan::Fence, Plan::Rally, Plan::Mission] {
             let items = self.plan_items(plan);
             if !items.iter().any(|item| is_global(item.frame)) {
@@ -206,7 +180,7 @@ impl Pilot {
         }
     }
 
-    pub(super) fn keep_plan(&mut self, at: HostTime, plan: Plan) {
+    pub(crate) fn keep_plan(&mut self, at: HostTime, plan: Plan) {
         let items = self.plan_items(plan);
         let bytes = if items.is_empty() { Vec::new() } else { plan_file::encode(&items) };
         let task = FileTask::SavePlan(plan, bytes);
@@ -217,7 +191,7 @@ impl Pilot {
         }
     }
 
-    pub(super) fn plan_restored(&mut self, at: HostTime, plan: Plan, bytes: &[u8]) {
+    pub(crate) fn plan_restored(&mut self, at: HostTime, plan: Plan, bytes: &[u8]) {
         // Somebody was faster, or there is nothing.
         if bytes.is_empty() || self.plan_len(plan) > 0 || self.flight.mode.has_thrust() {
             return;
@@ -237,7 +211,7 @@ impl Pilot {
     }
 
     /// A list from a file takes the way of an upload.
-    pub(super) fn load_mission(
+    pub(crate) fn load_mission(
         &mut self,
         at: HostTime,
         items: Vec<MISSION_ITEM_INT_DATA>,
