@@ -26,7 +26,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser};
 use haltere::cli::complete::{Completions, Man};
-use haltere::cli::{is_unwritten, print, tell};
+use haltere::cli::{is_unwritten, laboratory, print, tell};
 use haltere::live::console::Console;
 use haltere::rig::EXIT_NOT_JUDGED;
 
@@ -109,6 +109,9 @@ const EXIT_ERROR: u8 = 2;
 const EXIT_UNWRITTEN: u8 = 1;
 
 fn main() -> ExitCode {
+    if let Some(code) = laboratory::run(std::env::args_os()) {
+        return code;
+    }
     let cli = match haltere::cli::parsed::<Cli>(std::env::args_os(), PROGRAM) {
         Ok(cli) => cli,
         Err(code) => return code,

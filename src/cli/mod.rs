@@ -25,6 +25,7 @@ mod gap_session;
 mod gap_shrink;
 mod init;
 mod key;
+pub mod laboratory;
 mod log;
 mod log_export;
 mod log_list;
@@ -118,6 +119,9 @@ pub fn main() -> ExitCode {
 /// Runs the command in `args`, program name first: for programs that act as the companion.
 pub fn run(args: impl IntoIterator<Item = std::ffi::OsString>) -> ExitCode {
     let args: Vec<std::ffi::OsString> = args.into_iter().collect();
+    if let Some(code) = laboratory::run(args.iter().cloned()) {
+        return code;
+    }
     let cli = match parsed::<Cli>(args, PROGRAM) {
         Ok(cli) => cli,
         Err(code) => return code,

@@ -28,8 +28,9 @@ pub struct Vehicle {
     pub supply_v: Option<f64>,
     /// What the board told the first eight motors and servos, µs; 0: not in use.
     pub outputs_us: Option<[u16; 8]>,
-    /// Mission item in force, and how many there are.
+    /// Mission item in force.
     pub current: Option<u16>,
+    /// Items of that mission; 0: there is none.
     pub items: u16,
     /// Last mission item that was reached.
     pub reached: Option<u16>,
