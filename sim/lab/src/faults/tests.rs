@@ -207,18 +207,22 @@ fn prop_the_target_is_missed_by_what_it_forbids() {
     let c = committed();
     let place = |name: &str| c.faults.iter().position(|e| e.name == name).unwrap() as u64;
     let identity = Identity::new(&c, [1, 1], false);
-    let met = |name: &str, outcome: Outcome| {
-        let row = Row {
-            outcome,
-            ..c.plan(place(name)).map(|p| Row::blank(p.index, p.seed, p.drawn)).unwrap()
-        };
+    let met_at = |name: &str, outcome: Outcome, crashed_s: Option<f64>| {
+        let row = c.plan(place(name)).map(|p| Row::blank(p.index, p.seed, p.drawn)).unwrap();
+        let row = Row { outcome, fault_s: Some(10.0), crashed_s, ..row };
         let rows = [&row];
         let report = Report { campaign: &c, identity: &identity, rows: &rows, again: "x" };
-        assert!(report.markdown().contains(name) && report.json()["faults"].is_array());
+        let json = report.json();
+        assert!(report.markdown().contains("| **all** |") && json["faults"][0]["fault"] == name);
         report.target_is_met()
     };
+    let met = |name: &str, outcome: Outcome| met_at(name, outcome, None);
     assert!(met("UWB off", Outcome::Landed) && met("UWB off", Outcome::NotTakenOff));
     assert!(!met("UWB off", Outcome::Crashed) && !met("UWB off", Outcome::Left));
     assert!(!met("UWB off", Outcome::Panicked) && !met("UWB off", Outcome::Unfinished));
     assert!(met("a wing lost", Outcome::Crashed) && !met("a wing lost", Outcome::Left));
+    // Who stands still does nothing about what the board does alone.
+    let pause = "companion stands still for 5 s";
+    assert!(met_at(pause, Outcome::Crashed, Some(14.0)));
+    assert!(!met_at(pause, Outcome::Crashed, Some(16.0)));
 }
