@@ -158,12 +158,7 @@ fn in_the_way() {
     let (_sim, greeting) = serve(dir, &["--board", &format!("udpin:{board}")]);
     // The same port a second time.
     let again = super::support::sim(&["serve", "--board", &format!("udpin:{board}")], dir, LIMIT);
-    again.refused(&[
-        "--board udpin:",
-        "cannot listen there",
-        "haltere-sim serve",
-        "without --board",
-    ]);
+    again.refused(&["--board udpin:", "cannot listen there", "in use", "without --board"]);
     let ground = format!("[ground]\nendpoints = [\"udpout:{station}\"]");
     let _first = fly(dir, &greeting, &ground);
     said(&dir.join("said.txt"), "board found");

@@ -235,7 +235,7 @@ mod tests {
         let from_m = descent.height_m;
         let (mut h, mut w, mut t, mut u) = (from_m, 0.0, 0.0, 1.0);
         while h > 0.0 {
-            let low = descent.height_m < FEEL_BELOW_M;
+            let low = descent.height_m < FEEL_BELOW_M && descent.baro_age_s < 0.4;
             let Some(share) = descent.step(0.01) else { return (w, t) };
             // The cushion of the floor carries a fifth more.
             assert!(!descent.numb || !low || share * 1.2 < 1.02, "{share}");
