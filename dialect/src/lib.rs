@@ -2,7 +2,8 @@
 //! clock.
 //!
 //! Begin with [`mav_stream`], whose header says what damage costs. `xml/haltere.xml` holds our messages, one file for every
-//! generator; `lps` reads the sniffer's frames, TDoA2 and TDoA3; `signing` makes and checks signatures as bytes.
+//! generator; `lps` reads the sniffer's frames, TDoA2 and TDoA3; `crtp` the packets of a Crazyflie; `signing` makes and
+//! checks signatures as bytes.
 //!
 //! ```
 //! use haltere_dialect::mav::haltere::{MavMessage, PING_DATA};
@@ -26,6 +27,7 @@
 extern crate mavlink as mavlink_core;
 
 mod crc;
+pub mod crtp;
 pub mod lps;
 #[allow(missing_docs, clippy::all)]
 pub mod mav;

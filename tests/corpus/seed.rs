@@ -13,6 +13,26 @@ use haltere_log::record::{BuildIdentity, Recorder, Session};
 use haltere_pilot::settings::Config;
 use haltere_pilot::{Input, LinkId, Pilot};
 
+/// Packets of a Crazyflie, one of each form.
+const CRTP: [(&str, &[u8]); 16] = [
+    ("table-info", b"P\x03,\x01\x04\x03\x02\x01\x10\x80"),
+    ("table-item", b"\x20\x02\x04\x01xdeck\0bcLoco\0"),
+    ("log-create", b"]\x06\x01\x88\x09\0\x11\x04\x01w\x07\0"),
+    ("log-start", b"]\x08\x02\x05\0"),
+    ("log-row", b"R\x01\x01\x02\x03\x05\x02"),
+    ("set-by-name", b"/\0flightmode\0stabModeYaw\0\x08\x01"),
+    ("set-by-name-done", b"/\0flightmode\0stabModeYaw\0\0"),
+    ("extended-type", b"/\x07\x04\0\0\x01"),
+    ("read", b"-\x04\0\0\0\0\xC0?"),
+    ("attitude", b"<\0\0\x80?\0\0\0\xC0\0\0\0\0@\x9C"),
+    ("memory-info", b"@\x02\x02\x13\0\x10\x01\0\0\0\0\0\0\0\0\0"),
+    ("memory-read", b"A\x02\0\x20\0\0\0\0\0\xC0?\0\0\0\xC0\0\0\0?\x01"),
+    ("bits", b"\x90\x8C\x0E\x02"),
+    ("armed", b"\x91\x81\x01\x01"),
+    ("protocol", b"\xDD\0\x0C\0\0\0"),
+    ("pose", b"a\x08\0\0\x80?\0\0\x80?\0\0\x80?\0\0\x80?\0\0\x80?\0\0\x80?\0\0\x80?"),
+];
+
 /// Writes them into `fuzz/corpus`.
 pub fn write() -> std::io::Result<()> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -56,6 +76,10 @@ pub fn write() -> std::io::Result<()> {
     tdoa3.extend(&position);
     write("tdoa2", "seed-position", &tdoa2)?;
     write("tdoa3", "seed-position", &tdoa3)?;
+
+    for (name, packet) in CRTP {
+        write("crtp", &format!("seed-{name}"), packet)?;
+    }
 
     let frame = |id: u32, payload: &[u8]| {
         let mut bytes = Vec::new();

@@ -8,16 +8,17 @@ mod wires;
 
 pub use self::core::{ftp, missions, parameters, pilot};
 pub use self::files::{config, csv, log, mission_file, outline, recover};
-pub use self::wires::{mavlink, signing, sniffer, tdoa2, tdoa3};
+pub use self::wires::{crtp, mavlink, signing, sniffer, tdoa2, tdoa3};
 
 /// A target: bytes in, a panic where something is wrong.
 pub type Target = fn(&[u8]);
 
 /// Every target with the name of its folder in the corpus.
-pub const ALL: [(&str, Target); 15] = [
+pub const ALL: [(&str, Target); 16] = [
     ("sniffer", sniffer),
     ("tdoa2", tdoa2),
     ("tdoa3", tdoa3),
+    ("crtp", crtp),
     ("mavlink", mavlink),
     ("signing", signing),
     ("mission_file", mission_file),

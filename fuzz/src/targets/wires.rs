@@ -1,7 +1,10 @@
-//! The codecs: sniffer stream, packets on the air, MAVLink frames, signatures and doors.
+//! The codecs: sniffer stream, packets on the air, packets of a Crazyflie, MAVLink frames, signatures and doors.
 
 use haltere_core::drops::Drops;
 use haltere_core::time::HostTime;
+use haltere_dialect::crtp::packet::{MAX_PACKET, Packet};
+use haltere_dialect::crtp::value::Kind;
+use haltere_dialect::crtp::{FromBoard, ToBoard, loco};
 use haltere_dialect::lps::sniffer::{SnifferDecoder, encode};
 use haltere_dialect::lps::tdoa2::Tdoa2Packet;
 use haltere_dialect::lps::tdoa3::Tdoa3Packet;
@@ -62,6 +65,29 @@ pub fn tdoa3(data: &[u8]) {
         packet.encode(&mut bytes);
         let again = Tdoa3Packet::decode(&bytes).expect("what we encode decodes");
         assert_eq!(format!("{packet:?}"), format!("{again:?}"));
+    }
+}
+
+/// A packet read as either end would: what is a message is the same one after it was sent again.
+pub fn crtp(data: &[u8]) {
+    let _ = loco::anchors(data);
+    let _ = loco::AnchorPosition::read(data);
+    let Ok(packet) = Packet::read(data) else {
+        assert!(data.is_empty() || data.len() > MAX_PACKET, "a packet that is not read");
+        return;
+    };
+    if let Ok(message) = ToBoard::decode(&packet) {
+        let sent = message.encode().expect("what fitted once fits again");
+        let again = ToBoard::decode(&sent).expect("what we encode decodes");
+        assert_eq!(format!("{message:?}"), format!("{again:?}"));
+    }
+    let Ok(message) = FromBoard::decode(&packet) else { return };
+    let sent = message.encode().expect("what fitted once fits again");
+    let again = FromBoard::decode(&sent).expect("what we encode decodes");
+    assert_eq!(format!("{message:?}"), format!("{again:?}"));
+    if let FromBoard::Row(row) = message {
+        let kinds: Vec<_> = row.bytes.iter().filter_map(|code| Kind::of_log(*code)).collect();
+        assert!(row.values(&kinds).is_none_or(|values| values.count() == kinds.len()));
     }
 }
 
