@@ -5,6 +5,8 @@
 //! waited to be read are from its beginning, and look as if they came now. So the vehicle comes down without the
 //! estimate, with no more than hover thrust, until UWB and IMU *measured after the pause* make a good estimate again;
 //! and where it may stand already, the floor is felt for at once, from a thrust that does not lift it off.
+//! A fall counts as flying only until it was made up for: a hop of 2 cm ends with one as well. What may have come to stand
+//! keeps that thrust when place and height are heard anew.
 //!
 //! How far it may have sunk: `v t + ½ a t²`, with the speed v that it had, from the board's time-out on.
 
