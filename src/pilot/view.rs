@@ -173,7 +173,7 @@ macro_rules! around {
             navigation: &$pilot.navigation,
             board: &$pilot.board,
             fence: &$pilot.stations.services.plans.fence,
-            kept: &$pilot.stations,
+            kept: &$pilot.stations.services,
         }
     };
 }

@@ -7,7 +7,7 @@ use haltere_core::estimate::Health;
 use haltere_core::frames::Vec3;
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::awaited::{Next, too_far};
 use crate::flight::fence::KEEP_M;
@@ -29,7 +29,7 @@ const SPEED_MPS: std::ops::RangeInclusive<f64> = 0.05..=20.0;
 /// Largest angle of CONDITION_YAW, deg.
 const MOST_TURN_DEG: f64 = 360.0;
 
-impl Pilot {
+impl Act<'_> {
     pub(crate) fn arm_disarm(&mut self, at: HostTime, request: &Request) -> Answer {
         use MavResult as R;
         let arm = match request.params[0] {
@@ -60,7 +60,7 @@ impl Pilot {
                     format!("arming refused: {why}"),
                 );
             }
-            self.flight.tell_at_rest(&around!(self, at), &mut self.out);
+            self.flight.tell_at_rest(&around!(self, at), self.out);
             self.board.link.command_arm(true, false, at);
             self.stations.wait_for_board(at, request, Awaits::Arm);
             self.fire(at, Event::ArmAsked);
@@ -112,7 +112,7 @@ impl Pilot {
         } else {
             self.stations.kind_of(request)?
         };
-        let wanted = room_point(&self.origin, kind, [f64::NAN, f64::NAN, request.location.z()]);
+        let wanted = room_point(self.origin, kind, [f64::NAN, f64::NAN, request.location.z()]);
         self.ask_takeoff(at, wanted.height_m.unwrap_or(self.config.flight.takeoff_height_m))
     }
 
@@ -124,7 +124,7 @@ impl Pilot {
         if !here
             && !local
             && let Some([north_m, east_m]) =
-                self.stations.wanted(&self.origin, request)?.horizontal_m
+                self.stations.wanted(self.origin, request)?.horizontal_m
         {
             let pos = self.estimate.pos_E_m;
             let away_m = (north_m - pos.x()).hypot(east_m - pos.y());
@@ -144,7 +144,7 @@ impl Pilot {
     pub(crate) fn ask(&mut self, at: HostTime, event: Event, already: &[Mode]) -> Answer {
         if let Some(why) = self
             .flight
-            .forbids(event, &self.config, &self.navigation)
+            .forbids(event, self.config, self.navigation)
             .filter(|_| !already.contains(&self.flight.mode))
         {
             let what = wish(event);
@@ -371,7 +371,7 @@ impl Pilot {
     /// Asks for a mode. While the vehicle climbs off the floor it follows when that is done.
     fn ask_or_wait(&mut self, at: HostTime, event: Event, mode: Mode, next: Next) -> Answer {
         let climbs = matches!(self.flight.mode, Mode::Spool | Mode::Takeoff);
-        if climbs && self.flight.forbids(event, &self.config, &self.navigation).is_none() {
+        if climbs && self.flight.forbids(event, self.config, self.navigation).is_none() {
             self.flight.guidance.next = next;
             return Ok(MavResult::MAV_RESULT_ACCEPTED);
         }
@@ -426,7 +426,7 @@ impl Pilot {
     /// DO_REPOSITION: a point, a height alone, or nothing at all, which is a pause.
     pub(crate) fn reposition(&mut self, at: HostTime, request: &Request) -> Answer {
         let Wanted { horizontal_m, height_m, is_global } =
-            self.stations.wanted(&self.origin, request)?;
+            self.stations.wanted(self.origin, request)?;
         if horizontal_m.is_none() && height_m.is_none() {
             return self.ask(at, Event::HoldAsked, &[Mode::Hold]);
         }

@@ -6,7 +6,7 @@ use haltere_core::estimate::Health;
 use haltere_core::geo::LocalOrigin;
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::flight::awaited::Next;
 use crate::flight::fence::{Fence, KEEP_M};
 use crate::flight::mission::{MOST_ITEMS, MissionItem, StoredItem, plan_id};
@@ -19,12 +19,12 @@ use crate::stations::services::kept::Kept;
 use crate::stations::services::plans::{name_of, type_of};
 use crate::stations::services::{Purpose, plan_file};
 
-impl Pilot {
+impl Act<'_> {
     /// Another fence is in force: what it leaves of a leg under way, and of the places to return to.
     pub(crate) fn heed_fence(&mut self, at: HostTime) {
         self.warn_of_lost_refuges(at);
         let guidance = &mut self.flight.guidance;
-        let estimate = &self.estimate;
+        let estimate = self.estimate;
         let [here, goal] = [estimate.pos_E_m, guidance.goal_E_m()].map(|p| [p.x(), p.y()]);
         let fence = &self.stations.services.plans.fence;
         if fence.allows_way(here, goal) {
@@ -206,7 +206,7 @@ impl Pilot {
                     self.heed_fence(at);
                 }
             }
-            Err(why) => self.stations.note_lost(at, Kept::Plan(plan), &why, &mut self.out),
+            Err(why) => self.stations.note_lost(at, Kept::Plan(plan), &why, self.out),
         }
     }
 

@@ -6,7 +6,7 @@ use haltere_dialect::mav::haltere::{
 
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
+use super::act::Act;
 use crate::flight::mission_items::{Room, from_wire};
 use crate::flight::modes::{Event, Mode};
 use crate::input::LinkId;
@@ -23,7 +23,7 @@ const ITEM_BYTES: usize = 50;
 /// Partial lists under way.
 const MOST_PARTIAL: usize = 8;
 
-impl Pilot {
+impl Act<'_> {
     /// MISSION_WRITE_PARTIAL_LIST.
     pub(crate) fn write_partial(
         &mut self,
@@ -290,7 +290,7 @@ impl Pilot {
                 let text = format!("{} of {} items in force", name_of(plan), self.plan_len(plan));
                 self.out.say(at, Severity::Info, text);
                 self.keep_plan(at, plan);
-                self.stations.warn_of_barred_mission(at, &mut self.out);
+                self.stations.warn_of_barred_mission(at, self.out);
                 if plan == Plan::Fence {
                     self.heed_fence(at);
                 }

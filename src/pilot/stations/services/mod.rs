@@ -113,6 +113,12 @@ impl Services {
         &self.parameters.wanted
     }
 
+    /// The program that a mission is, if it is one.
+    pub fn program_in_force(&self, mission_id: u32) -> Option<&str> {
+        let (id, name) = self.program.as_ref()?;
+        (*id == mission_id).then_some(name)
+    }
+
     /// Whether nobody waits for anything, and nobody must be told of anything that is missing.
     pub fn is_quiet(&self, at: HostTime) -> bool {
         self.desk.is_idle()
