@@ -91,7 +91,7 @@ impl Act<'_> {
     pub(crate) fn set_home(&mut self, at: HostTime, [north_m, east_m]: [f64; 2]) -> Answer {
         let home = Vec3::new(north_m, east_m, 0.0);
         let is_inside = self.flight.guidance.volume().contains_over(home)
-            && self.stations.services.plans.fence.contains([north_m, east_m]);
+            && self.flight.plans.fence.contains([north_m, east_m]);
         if !home.is_finite() || !is_inside {
             return refuse(
                 MavResult::MAV_RESULT_DENIED,

@@ -10,7 +10,6 @@ use haltere_core::time::HostTime;
 use super::act::Act;
 use crate::flight::arming::SHADOW_WORDS;
 use crate::flight::awaited::{Next, too_far};
-use crate::flight::fence::KEEP_M;
 use crate::flight::mission::LOWEST_M;
 use crate::flight::modes::{Event, Mode};
 use crate::flight::place::{Kind, Wanted, room_point};
@@ -233,7 +232,7 @@ impl Act<'_> {
         if self.flight.mission.items.is_empty() {
             return refuse(MavResult::MAV_RESULT_DENIED, "no mission: upload one first");
         }
-        if let Some(why) = self.stations.services.plans.mission_is_barred.clone() {
+        if let Some(why) = self.flight.plans.mission_is_barred.clone() {
             return refuse(MavResult::MAV_RESULT_DENIED, why);
         }
         if usize::from(self.flight.guidance.current_item) >= self.flight.mission.items.len() {
@@ -241,7 +240,7 @@ impl Act<'_> {
         }
         self.refuse_while_ending("mission")?;
         if self.flight.mode != Mode::Mission
-            && let Some(why) = self.first_leg_is_barred()
+            && let Some(why) = self.flight.first_leg_is_barred(self.estimate)
         {
             return refuse(MavResult::MAV_RESULT_DENIED, why);
         }
@@ -478,7 +477,7 @@ impl Act<'_> {
             );
         }
         if horizontal_m.is_some()
-            && let Some(why) = self.fence_bars([north_m, east_m])
+            && let Some(why) = self.flight.fence_bars([north_m, east_m], self.estimate)
         {
             return refuse(R::MAV_RESULT_DENIED, why);
         }
@@ -488,21 +487,6 @@ impl Act<'_> {
             self.flight.guidance.fly_to(point, yaw_rad);
         }
         Ok(answer)
-    }
-
-    /// Why the vehicle may not fly straight to a point.
-    fn fence_bars(&self, point: [f64; 2]) -> Option<String> {
-        let fence = &self.stations.services.plans.fence;
-        let here = self.estimate.pos_E_m;
-        let [north_m, east_m] = point;
-        if !fence.allows(point) {
-            return Some(format!(
-                "N {north_m:.2} E {east_m:.2} m is outside the fence, or within {KEEP_M} m of its border"
-            ));
-        }
-        let way_is_free = fence.allows_way([here.x(), here.y()], point);
-        (!way_is_free)
-            .then(|| format!("the fence bars the straight way to N {north_m:.2} E {east_m:.2} m"))
     }
 }
 

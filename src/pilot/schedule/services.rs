@@ -1,24 +1,15 @@
-//! The services for stations, as far as they need other parts: what is due, what the disk has answered, the fence.
+//! The services for stations, as far as they need other parts: what is due, and what the disk has answered.
 
 use haltere_dialect::mav::haltere::{MavCmd, MavResult};
 
-use haltere_core::control::Command;
 use haltere_core::time::HostTime;
 
 use super::act::Act;
-use crate::flight::fence::Guarded;
-use crate::flight::modes::{Event, Mode};
 use crate::out::voice::Severity;
 use crate::stations::services::budget::Bucket;
 use crate::stations::services::kept::Kept;
 use crate::stations::services::{FileFault, PARAMETERS_TICKET, Purpose};
 use crate::view::around;
-
-/// The fence has let go when it did not hold the vehicle back for this long, s: at the border that comes and
-/// goes with the noise of the estimate.
-const HELD_OVER_S: f64 = 1.0;
-/// A return that is held back for this long lands, s: before it has lost its course over it.
-const HELD_LANDS_S: f64 = 3.0;
 
 impl Act<'_> {
     /// Once a control step: what is due, and what was begun.
@@ -111,30 +102,6 @@ impl Act<'_> {
                 self.stations.log_answer(at, job, result, bytes, self.out)
             }
             (Purpose::Program(job), result) => self.program_answer(at, job, result, bytes),
-        }
-    }
-
-    /// The fence has the last word on what the controller is asked for. A leg that it bars ends in Hold; a
-    /// return, on which somebody relies to come down, lands when it has hung there for a while.
-    pub(crate) fn keep_inside_fence(&mut self, at: HostTime, command: &mut Command) {
-        let plans = &mut self.stations.services.plans;
-        let guarded = plans.fence.guard(command, self.estimate, plans.refuge_m);
-        let follows = matches!(self.flight.mode, Mode::Offboard | Mode::Manual);
-        if guarded != Some(Guarded::HeldBack) && !(follows && guarded.is_some()) {
-            let is_over = |last| at.seconds_since(last) > HELD_OVER_S;
-            plans.held_back = plans.held_back.filter(|(_, last)| !is_over(*last));
-            return;
-        }
-        let (since, _) = plans.held_back.unwrap_or((at, at));
-        if plans.held_back.replace((since, at)).is_none() {
-            let pos = self.estimate.pos_E_m;
-            let text = format!("held back by the fence at N {:.2} E {:.2} m", pos.x(), pos.y());
-            self.out.say(at, Severity::Warning, text);
-        }
-        if matches!(self.flight.mode, Mode::Mission | Mode::Goto) {
-            self.fire(at, Event::HoldAsked);
-        } else if at.seconds_since(since) > HELD_LANDS_S {
-            self.fire(at, Event::NoWayHome);
         }
     }
 }

@@ -141,14 +141,18 @@ impl Act<'_> {
 
     /// A step by the guidance, inside of the fence.
     fn guided_step(&mut self, at: HostTime, dt_s: f64) {
-        let fence = &self.stations.services.plans.fence;
+        let fence = &self.flight.plans.fence;
         let supply_v = self.board.supply_v(at);
         let hurries = self.flight.supervisor.unhealthy.contains(S::MAV_SYS_STATUS_SENSOR_BATTERY);
         let return_mps = if hurries { self.config.control.sustained_mps() } else { 0.0 };
         let now = Now { estimate: self.estimate, supply_v, at, dt_s, fence, return_mps };
         let (mut command, news) =
             self.flight.guidance.step(self.flight.mode, &self.flight.mission, &now);
-        self.keep_inside_fence(at, &mut command);
+        if let Some(event) =
+            self.flight.keep_inside_fence(at, self.estimate, &mut command, self.out)
+        {
+            self.fire(at, event);
+        }
         // Nor while the board flies something else.
         let frozen =
             (self.flight.mode == Mode::Takeoff && self.is_on_floor()) || !self.board.link.obeys();

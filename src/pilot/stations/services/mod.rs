@@ -98,7 +98,7 @@ impl Services {
             buckets: Vec::new(),
             parameters: Parameters::new(config),
             metadata: Metadata::new(),
-            plans: Plans::new(Some(config.origin.in_force())),
+            plans: Plans::default(),
             ftp: Ftp::default(),
             logs: Logs::default(),
             fence_watch: FenceWatch::default(),
