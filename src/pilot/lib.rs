@@ -104,6 +104,7 @@ use flight::arming::SHADOW_WORDS;
 use navigation::Navigation;
 use out::Out;
 use out::voice::Severity;
+use schedule::act::Act;
 use schedule::anew;
 use stations::Stations;
 use view::{Sight, around, view};
@@ -217,7 +218,7 @@ impl Pilot {
             }
             Input::Recording { state, why } => self.out.recording_told(at, state, why),
             Input::EndAsked => self.flight.end_asked(at, &mut self.out),
-            Input::Wake => self.wake(at),
+            Input::Wake => self.act().wake(at),
         }
     }
 
@@ -323,6 +324,23 @@ impl Pilot {
     /// Where the board is, if its link has many ends and it was found: nothing is to be sent to others.
     pub fn board_address(&self) -> Option<SocketAddr> {
         self.board.peers.board()
+    }
+
+    /// The parts, borrowed for one call.
+    fn act(&mut self) -> Act<'_> {
+        Act {
+            config: &mut self.config,
+            survey: &self.survey,
+            origin: &mut self.origin,
+            estimate: &mut self.estimate,
+            clock: &mut self.clock,
+            out: &mut self.out,
+            navigation: &mut self.navigation,
+            board: &mut self.board,
+            flight: &mut self.flight,
+            stations: &mut self.stations,
+            wishes: &mut self.wishes,
+        }
     }
 
     /// All that conditions and the table at rest look at.

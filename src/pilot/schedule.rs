@@ -1,6 +1,6 @@
 //! The schedule: the control step at 100 Hz, and what is due beside it.
 
-mod act;
+pub(crate) mod act;
 pub(crate) mod anew;
 mod change;
 mod clients;
@@ -25,7 +25,6 @@ mod supervise;
 use haltere_core::drops::DropReason;
 use haltere_core::time::HostTime;
 
-use crate::Pilot;
 use crate::clock::CONTROL_PERIOD_US;
 use crate::input::LinkId;
 use crate::view::view;
@@ -36,24 +35,8 @@ use act::Act;
 const FIRST_STEPS: u64 = 1_000_000 / CONTROL_PERIOD_US.cast_unsigned();
 /// A step that begins later than this is a deadline miss, s: half a period.
 const MISS_S: f64 = 0.5e-6 * CONTROL_PERIOD_US as f64;
-impl Pilot {
-    /// The parts, borrowed for one call.
-    pub(crate) fn act(&mut self) -> Act<'_> {
-        Act {
-            config: &mut self.config,
-            survey: &self.survey,
-            origin: &mut self.origin,
-            estimate: &self.estimate,
-            clock: &self.clock,
-            out: &mut self.out,
-            navigation: &mut self.navigation,
-            board: &mut self.board,
-            flight: &mut self.flight,
-            stations: &mut self.stations,
-            wishes: &mut self.wishes,
-        }
-    }
-
+impl Act<'_> {
+    /// What is due at this time: at most one step.
     pub(super) fn wake(&mut self, at: HostTime) {
         if at < self.clock.next_tick {
             return;
@@ -71,31 +54,30 @@ impl Pilot {
         let dt_s = pause_s.clamp(0.001, 0.05);
         let longest_s = self.config.supervisor.loop_gap_s;
         self.flight.supervisor.punctuality.step(at, pause_s, late_s > MISS_S, longest_s);
-        self.act().note_pause(at, pause_s);
+        self.note_pause(at, pause_s);
         self.flight.supervisor.punctuality.board_clock(at, self.board.link.clock().restarts());
         self.clock.last_tick = Some(at);
         self.clock.control_steps += 1;
         self.out.is_starting = self.clock.control_steps < FIRST_STEPS;
 
-        self.act().flush_quiet_links(at);
-        self.navigation.ask_for_binary(&view!(self, at), &mut self.out);
-        self.estimate = self.navigation.estimator.estimate();
-        let act = &mut self.act();
-        act.look(at, dt_s);
-        act.supervise(at);
-        act.control_step(at, dt_s);
-        act.navigation.touch.sent(act.flight.control.thrust_frac, dt_s);
-        act.record_step(at);
+        self.flush_quiet_links(at);
+        self.navigation.ask_for_binary(&view!(self, at), self.out);
+        *self.estimate = self.navigation.estimator.estimate();
+        self.look(at, dt_s);
+        self.supervise(at);
+        self.control_step(at, dt_s);
+        self.navigation.touch.sent(self.flight.control.thrust_frac, dt_s);
+        self.record_step(at);
 
-        act.board.tick(at, act.out);
-        act.take_board_news(at);
-        let withheld = act.out.take_withheld();
-        act.out.lose(LinkId::Board, DropReason::NotPermitted, withheld);
-        act.serve_grounds(at);
-        act.service_tick(at);
+        self.board.tick(at, self.out);
+        self.take_board_news(at);
+        let withheld = self.out.take_withheld();
+        self.out.lose(LinkId::Board, DropReason::NotPermitted, withheld);
+        self.serve_grounds(at);
+        self.service_tick(at);
         if at >= self.clock.next_health {
             self.clock.next_health = at.offset_us(1_000_000);
-            self.act().record_health(at);
+            self.record_health(at);
         }
     }
 }

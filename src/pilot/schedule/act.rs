@@ -20,9 +20,9 @@ pub(crate) struct Act<'a> {
     pub config: &'a mut PilotConfig,
     pub survey: &'a Survey,
     pub origin: &'a mut LocalOrigin,
-    /// The estimate of this step: nobody changes it within one.
-    pub estimate: &'a Estimate,
-    pub clock: &'a Clock,
+    /// The estimate of this step: nobody but its beginning changes it.
+    pub estimate: &'a mut Estimate,
+    pub clock: &'a mut Clock,
     pub out: &'a mut Out,
     pub navigation: &'a mut Navigation,
     pub board: &'a mut Board,

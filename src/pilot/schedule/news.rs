@@ -119,23 +119,7 @@ impl Act<'_> {
             }
             BoardNews::ArmedAgain { denials } => self.board_armed_again(at, denials),
             BoardNews::ArmAnswer { arm, accepted, why } => {
-                let result = if accepted {
-                    MavResult::MAV_RESULT_ACCEPTED
-                } else {
-                    MavResult::MAV_RESULT_FAILED
-                };
-                self.stations.answer_askers(Awaits::arming(arm), result, self.out);
-                if accepted {
-                } else if arm {
-                    self.out.say(at, Severity::Error, format!("arming failed: {why}"));
-                    self.fire(at, Event::ArmFailed);
-                } else if self.flight.mode == Mode::Disarming {
-                    // On the floor by our own signs, but the board disagrees.
-                    self.flight.insist_on_disarming(at, &why, self.out, self.wishes);
-                    self.grant(at);
-                } else {
-                    self.out.say(at, Severity::Error, format!("disarming failed: {why}"));
-                }
+                self.arm_answered(at, arm, accepted, &why)
             }
             BoardNews::PassedOnAnswer(result) => {
                 self.stations.answer_askers(Awaits::PassedOn, result, self.out)
@@ -166,6 +150,24 @@ impl Act<'_> {
                     self.flight.supervisor.heard.board_gap_s = Some(silent_s);
                 }
             }
+        }
+    }
+
+    /// The board has answered an order to arm or to disarm.
+    fn arm_answered(&mut self, at: HostTime, arm: bool, accepted: bool, why: &str) {
+        let result =
+            if accepted { MavResult::MAV_RESULT_ACCEPTED } else { MavResult::MAV_RESULT_FAILED };
+        self.stations.answer_askers(Awaits::arming(arm), result, self.out);
+        if accepted {
+        } else if arm {
+            self.out.say(at, Severity::Error, format!("arming failed: {why}"));
+            self.fire(at, Event::ArmFailed);
+        } else if self.flight.mode == Mode::Disarming {
+            // On the floor by our own signs, but the board disagrees.
+            self.flight.insist_on_disarming(at, why, self.out, self.wishes);
+            self.grant(at);
+        } else {
+            self.out.say(at, Severity::Error, format!("disarming failed: {why}"));
         }
     }
 

@@ -24,7 +24,7 @@ impl Act<'_> {
     pub(crate) fn heed_fence(&mut self, at: HostTime) {
         self.flight.warn_of_lost_refuges(at, self.out);
         let guidance = &mut self.flight.guidance;
-        let estimate = self.estimate;
+        let estimate = &*self.estimate;
         let [here, goal] = [estimate.pos_E_m, guidance.goal_E_m()].map(|p| [p.x(), p.y()]);
         let fence = &self.flight.plans.fence;
         if fence.allows_way(here, goal) {

@@ -203,7 +203,7 @@ impl Act<'_> {
 
     /// Learns the hover thrust from a step that was flown under position control.
     fn learn_hover(&mut self, at: HostTime, dt_s: f64, disturbed: bool) {
-        let estimate = self.estimate;
+        let estimate = &*self.estimate;
         let vel_down_mps = estimate.vel_E_mps().z();
         let cos_tilt = estimate.R_EB.matrix()[(2, 2)];
         let control = &self.flight.control;
