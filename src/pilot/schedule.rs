@@ -35,6 +35,7 @@ use act::Act;
 const FIRST_STEPS: u64 = 1_000_000 / CONTROL_PERIOD_US.cast_unsigned();
 /// A step that begins later than this is a deadline miss, s: half a period.
 const MISS_S: f64 = 0.5e-6 * CONTROL_PERIOD_US as f64;
+
 impl Act<'_> {
     /// What is due at this time: at most one step.
     pub(super) fn wake(&mut self, at: HostTime) {
