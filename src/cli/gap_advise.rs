@@ -18,8 +18,8 @@ use haltere_gap::advise::{Advice, Effort, Hypothesis, Remaining, advise, after_f
 use haltere_gap::archive::Shelf;
 use haltere_gap::diagnosis::{Diagnosis, observed};
 use haltere_gap::experiments::{EXPERIMENTS, Means, find};
+use haltere_gap::flight::logs::{self, Flown};
 use haltere_gap::library::whole;
-use haltere_gap::logs::{self, Flown};
 use haltere_gap::nominal::Nominal;
 use haltere_gap::scene::{Scene, Told};
 use haltere_model::effects::EffectSpec;

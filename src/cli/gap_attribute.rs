@@ -12,8 +12,8 @@ use super::print;
 use haltere_core::measure::AnchorId;
 use haltere_gap::attribute::{Attributor, Settings};
 use haltere_gap::bank_file;
+use haltere_gap::flight::statistics::specs;
 use haltere_gap::places::{Heard, places};
-use haltere_gap::statistics::specs;
 use haltere_model::effects::Block;
 
 /// Attributes flights by their statistics, one JSON object a line, without reading a log again.

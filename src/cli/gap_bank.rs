@@ -11,7 +11,7 @@ use super::gap::{BankOptions, SceneOptions};
 use super::which_flight::{WhichFlight, tell};
 use super::{print, print_json};
 use crate::progress::Progress;
-use haltere_gap::logs;
+use haltere_gap::flight::logs;
 use haltere_gap::missions;
 use haltere_gap::scene::Scene;
 use haltere_gap::workshop::Workshop;

@@ -13,9 +13,9 @@ use super::which_flight::{WhichFlight, tell};
 use super::{print, print_json};
 use crate::progress::Progress;
 use haltere_gap::diagnosis::observed;
+use haltere_gap::flight::logs::{self, Flown};
 use haltere_gap::held_out::{Explanation, Measured, SHRINK_FLIGHTS, measure};
 use haltere_gap::library::{self, whole};
-use haltere_gap::logs::{self, Flown};
 use haltere_gap::scene::Told;
 use haltere_model::effects::EffectSpec;
 

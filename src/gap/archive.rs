@@ -10,15 +10,15 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::bank_file::{Row, from_disk, to_disk};
-use super::fly::fly_observed_into;
-use super::kept_file::{self, Kind};
-use super::make_bank::{jittered, with_effect};
-use super::nominal::Nominal;
-use super::scene::Scene;
-use super::statistics::statistics_of;
-use super::trace::Trace;
-use super::workshop::mission_key;
+use crate::bank_file::{Row, from_disk, to_disk};
+use crate::flight::statistics::statistics_of;
+use crate::flight::trace::Trace;
+use crate::fly::fly_observed_into;
+use crate::kept_file::{self, Kind};
+use crate::make_bank::{jittered, with_effect};
+use crate::nominal::Nominal;
+use crate::scene::Scene;
+use crate::workshop::mission_key;
 use haltere_model::effects::EffectSpec;
 
 const KIND: Kind = Kind { what: "archive of flights", magic: b"HALTFLYS", version: 1 };

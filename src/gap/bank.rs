@@ -1,9 +1,9 @@
 //! The bank of one mission: what statistics look like without a gap, and under every effect of
-//! the library. Plain data; [`super::bank_file`] keeps it on disk.
+//! the library. Plain data; [`crate::bank_file`] keeps it on disk.
 
 use serde::{Deserialize, Serialize};
 
-use super::axis::Axis;
+use crate::axis::Axis;
 
 /// One simulated flight under an effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,4 +1,4 @@
-//! A bank on disk ([`super::kept_file`]).
+//! A bank on disk ([`crate::kept_file`]).
 //!
 //! NaN has no place in JSON: statistics that are unknown are `null` there.
 
@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::axis::Axis;
-use super::bank::{Bank, BankError, Draw, EffectDraws};
-use super::kept_file::{self, KeptFileError, Kind};
+use crate::axis::Axis;
+use crate::bank::{Bank, BankError, Draw, EffectDraws};
+use crate::kept_file::{self, KeptFileError, Kind};
 
 const KIND: Kind = Kind { what: "bank", magic: b"HALTBANK", version: 4 };
 

@@ -2,8 +2,8 @@
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-use super::scene::Scene;
-use super::trace::Trace;
+use crate::flight::trace::Trace;
+use crate::scene::Scene;
 use haltere_core::checks::Problems;
 use haltere_core::frames::Vec3;
 use haltere_model::lockstep::{FlightError, Lockstep, SAMPLE_US, World, fly_unsampled};

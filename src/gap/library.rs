@@ -7,8 +7,8 @@
 //! components (the axes of a bias, the servos that are out of trim) has one of them alone: that is how
 //! such things come, and a loud component would otherwise hide what a quiet one looks like.
 
-use super::axis::{Axis, Size};
-use super::make_bank::with_effect;
+use crate::axis::{Axis, Size};
+use crate::make_bank::with_effect;
 use haltere_model::Vehicle;
 use haltere_model::effects::{self, ALL, Choice, EffectSet, EffectSpec, Kind, ParameterSpec, Role};
 use haltere_model::random::Stream;
@@ -212,7 +212,7 @@ fn shuffled(count: usize, rng: &mut Stream) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::statistics::ANCHOR_SLOTS;
+    use crate::flight::statistics::ANCHOR_SLOTS;
 
     #[test]
     fn prop_the_anchor_of_an_effect_shows_in_the_statistics() {

@@ -9,7 +9,7 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 use haltere_pilot::mission_file::{Command, DoubletAxis, Item, MissionFile};
 
-use super::scene::Scene;
+use crate::scene::Scene;
 use haltere_model::room::Room;
 
 /// Height of everything that is not about height, m.

@@ -5,8 +5,8 @@
 
 use haltere_model::Vehicle;
 
-use super::fly::MOST_LIMIT_S;
-use super::make_bank::{End, Recipe, flown_by};
+use crate::fly::MOST_LIMIT_S;
+use crate::make_bank::{End, Recipe, flown_by};
 
 /// Flights for each number: enough to tell "most of them" from "none" (judgement).
 const FLIGHTS: usize = 6;

@@ -14,7 +14,7 @@
 
 use serde::Serialize;
 
-use super::details::{Details, Line};
+use crate::details::{Details, Line};
 
 /// Lines of residuals that are looked at.
 const LINES: usize = 4;
@@ -244,12 +244,12 @@ fn louder(standards: &[Standard], t0: usize) -> f64 {
 mod tests {
     use super::*;
     use crate::details::{details, fly_nulls};
+    use crate::flight::trace::Trace;
     use crate::library;
     use crate::make_bank::jittered;
     use crate::missions;
     use crate::nominal::Nominal;
     use crate::scene::Scene;
-    use crate::trace::Trace;
     use haltere_model::faults::Fault;
     use haltere_model::lockstep::{Lockstep, fly_watched};
 

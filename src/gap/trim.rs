@@ -9,9 +9,9 @@
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::Serialize;
 
-use super::details::{Details, Kind, fly_nulls};
-use super::residuals::Channel;
-use super::scene::Scene;
+use crate::details::{Details, Kind, fly_nulls};
+use crate::flight::residuals::Channel;
+use crate::scene::Scene;
 use haltere_model::effects::EffectSpec;
 
 /// Flights with and without.

@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
-use super::attribute::{AttributeError, Attributor, Learned, Settings};
-use super::bank::{Bank, LEAST_NULLS};
-use super::bank_file::{self, BankFileError};
-use super::kept_file::{self, Kind};
-use super::make_bank::{self, BankSize, Recipe};
-use super::nominal::Nominal;
-use super::not_flown;
-use super::scene::Scene;
-use super::statistics::specs;
+use crate::attribute::{AttributeError, Attributor, Learned, Settings};
+use crate::bank::{Bank, LEAST_NULLS};
+use crate::bank_file::{self, BankFileError};
+use crate::flight::statistics::specs;
+use crate::kept_file::{self, Kind};
+use crate::make_bank::{self, BankSize, Recipe};
+use crate::nominal::Nominal;
+use crate::not_flown;
+use crate::scene::Scene;
 use haltere_model::effects::{Block, EffectSpec};
 
 /// Seed of the banks that a diagnosis uses.

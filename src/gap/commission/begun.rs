@@ -17,12 +17,12 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use haltere_model::Vehicle;
 use rayon::prelude::*;
 
+use crate::flight::residuals::Flight;
+use crate::flight::trace::Trace;
 use crate::make_bank::{BankSize, Recipe, flown_by};
 use crate::nominal::Nominal;
 use crate::not_flown::{PARTS, usual};
-use crate::residuals::Flight;
 use crate::scene::Scene;
-use crate::trace::Trace;
 use crate::workshop::BANK_SEED;
 
 /// Healthy flights of each vehicle that is tried, and how many of them must come to their end: a bank needs three of four.

@@ -15,10 +15,10 @@ use super::{
     Hand, LEAST_FLIGHTS, LEAST_FLOWN, MEAN_FLIGHTS, NotCommissioned, commission_traces, moved_far,
     observed, seeds, why_not_yet,
 };
-use crate::logs::Flown;
+use crate::flight::logs::Flown;
+use crate::flight::trace::Trace;
 use crate::nominal::Nominal;
 use crate::scene::Scene;
-use crate::trace::Trace;
 use crate::workshop::mission_key;
 
 /// Flights that show whether the file will do: as many as the means and limits of commissioning are of.

@@ -5,11 +5,11 @@ use crate::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate, Set
 use crate::axis::Axis;
 use crate::bank::{Bank, Draw, EffectDraws};
 use crate::commission::budget;
+use crate::flight::statistics::specs;
 use crate::library::standard;
 use crate::nominal::Nominal;
 use crate::outcome::Remainder;
 use crate::scene::Scene;
-use crate::statistics::specs;
 use haltere_core::measure::AnchorId;
 use haltere_log::replay::{Demand, Verdict};
 use haltere_model::random::Stream;

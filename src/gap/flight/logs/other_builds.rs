@@ -396,7 +396,7 @@ fn val_the_logs_of_a_stranger_pass_gate_0() {
         assert_eq!(flown.replay.input_faults, [] as [&str; 0], "{name}");
         // All that the residuals are made of is there.
         let nominal = crate::nominal::Nominal::of_scene(&flown.scene(&Told::default()));
-        let seen = crate::statistics::observe(&flown.trace, &nominal);
+        let seen = crate::flight::statistics::observe(&flown.trace, &nominal);
         assert!(seen.is_ok(), "{name}: {:?}", seen.err());
     });
 }

@@ -17,7 +17,7 @@
 //! our own, chosen by which numbers repeat from flight to flight.
 
 use super::{Channel, Flight, Sheet};
-use crate::regress::{Ridge, log, moments};
+use crate::flight::regress::{Ridge, log, moments};
 use haltere_core::measure::ServoOutput;
 use haltere_model::effects::Block;
 

@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::Serialize;
 
-use super::as_flown::AsFlown;
-use super::content::Content;
-use super::scene::{Scene, Told};
-use super::trace::Trace;
+use crate::flight::as_flown::AsFlown;
+use crate::flight::content::Content;
+use crate::flight::trace::Trace;
+use crate::scene::{Scene, Told};
 use haltere_core::survey::Survey;
 use haltere_log::record::{LogFlight, LogReader};
 use haltere_log::replay::{

@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 
 use super::{Channel, Flight, LAG_KNOWN_S, Sheet};
-use crate::regress::{Ridge, log, moments};
+use crate::flight::regress::{Ridge, log, moments};
 use haltere_model::effects::Block;
 
 /// Writes the statistics; `None` lists them.
@@ -111,7 +111,7 @@ fn trims(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
         let last = hover.iter().skip(hover.len() * 2 / 3).filter(|k| middle(k));
         let first = moments(first.collect::<Vec<_>>().into_iter());
         let last = moments(last.map(|k| effort(*k)).collect::<Vec<_>>().into_iter());
-        let some = |m: &crate::regress::Moments, x: f64| {
+        let some = |m: &crate::flight::regress::Moments, x: f64| {
             if m.count > 25 { x } else { f64::NAN }
         };
         v = [

@@ -9,8 +9,8 @@
 
 use serde::Serialize;
 
-use super::smoother::LOW_TAG_M;
-use super::trace::Trace;
+use crate::flight::smoother::LOW_TAG_M;
+use crate::flight::trace::Trace;
 use haltere_core::frames::{E, Vec3};
 use haltere_core::time::HostTime;
 

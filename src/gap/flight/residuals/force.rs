@@ -8,7 +8,7 @@
 //! The accelerometer's own bias is left in: the channel Bias shows it in another way.
 
 use super::{Channel, Flight, LAG_KNOWN_S, Sheet};
-use crate::regress::{Ridge, autocorrelation, log, moments};
+use crate::flight::regress::{Ridge, autocorrelation, log, moments};
 use haltere_core::frames::G_MPS2;
 use haltere_model::effects::Block;
 use nalgebra::Vector3;
@@ -248,7 +248,7 @@ fn vertical(f: &Flight<'_>, r: &[Vector3<f64>]) -> (Vec<f64>, Vec<f64>) {
         let ratio = f.flap_hz[k] / hover_hz - 1.0;
         let next = f.flap_hz[(k + 1).min(f.len() - 1)];
         let change = (next - f.flap_hz[k.saturating_sub(1)])
-            / (2.0 * super::super::timeline::STEP_S * hover_hz);
+            / (2.0 * crate::flight::timeline::STEP_S * hover_hz);
         let below_m = room.ceiling_m + f.states[k].pos_E_m.z;
         let v = f.vel_B_mps[k];
         [

@@ -12,10 +12,10 @@ pub mod uwb;
 
 use nalgebra::Vector3;
 
-use super::nominal::{Nominal, RESPONSE_STEP_S};
-use super::smoother::{Gains, GridTdoa, Smoothed, grid_tdoa, smooth};
-use super::timeline::{NotObservable, STEP_S, Timeline};
-use super::trace::Trace;
+use crate::flight::smoother::{Gains, GridTdoa, Smoothed, grid_tdoa, smooth};
+use crate::flight::timeline::{NotObservable, STEP_S, Timeline};
+use crate::flight::trace::Trace;
+use crate::nominal::{Nominal, RESPONSE_STEP_S};
 use haltere_core::frames::G_MPS2;
 use haltere_core::measure::AnchorId;
 use haltere_model::effects::Block;

@@ -8,9 +8,9 @@
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{Channel, Flight, Sheet};
-use crate::regress::{Ridge, cholesky_solve, log, moments};
-use crate::smoother::model;
-use crate::timeline::STEP_S;
+use crate::flight::regress::{Ridge, cholesky_solve, log, moments};
+use crate::flight::smoother::model;
+use crate::flight::timeline::STEP_S;
 use haltere_core::measure::AnchorId;
 use haltere_model::effects::Block;
 

@@ -14,8 +14,8 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::timeline::{STEP_S, Timeline};
-use super::trace::Trace;
+use crate::flight::timeline::{STEP_S, Timeline};
+use crate::flight::trace::Trace;
 use haltere_core::frames::G_MPS2;
 use haltere_core::topics::UwbRecord;
 

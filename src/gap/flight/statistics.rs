@@ -2,15 +2,17 @@
 
 use std::sync::OnceLock;
 
-use super::cells::{Cell, cells};
-use super::nominal::Nominal;
-use super::residuals::{Flight, Sheet, attitude, battery, bias, force, loops, servos, timing, uwb};
-use super::timeline::STEP_S;
-use super::trace::Trace;
+use crate::flight::cells::{Cell, cells};
+use crate::flight::residuals::{
+    Flight, Sheet, attitude, battery, bias, force, loops, servos, timing, uwb,
+};
+use crate::flight::timeline::STEP_S;
+use crate::flight::trace::Trace;
+use crate::nominal::Nominal;
 use haltere_core::measure::AnchorId;
 
-pub use super::residuals::{Channel, StatSpec};
-pub use super::timeline::NotObservable;
+pub use crate::flight::residuals::{Channel, StatSpec};
+pub use crate::flight::timeline::NotObservable;
 
 /// Kinds of anchor error whose worst anchor [`Observation::anchors`] names, in order.
 pub const ANCHOR_SLOTS: [&str; 5] = ["bias", "place", "drift", "low", "zone"];

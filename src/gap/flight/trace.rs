@@ -168,7 +168,7 @@ mod tests {
     use haltere_core::topics::ControlRecord;
 
     fn trace(modes: &[(&'static str, u64)], end_s: u64) -> Trace {
-        let mut trace = Trace::new(super::super::scene::Scene::lab().unwrap().survey);
+        let mut trace = Trace::new(crate::scene::Scene::lab().unwrap().survey);
         for (mode, at_s) in modes {
             trace.modes.push(ModeRecord {
                 at: HostTime::from_us(at_s * 1_000_000),

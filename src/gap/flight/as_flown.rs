@@ -8,7 +8,7 @@ use haltere_log::record::{Decoded, Entry, FlightPart, LogReader, back};
 use haltere_log::replay::{Setpoint, setpoint_of};
 use haltere_pilot::Mode;
 
-use super::trace::Trace;
+use crate::flight::trace::Trace;
 
 /// Steps of one time are one step: half of the control period, s.
 const SAME_STEP_S: f64 = 0.005;

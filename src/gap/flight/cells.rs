@@ -2,8 +2,8 @@
 //! independent samples behind it. Which cells there are, and their order, is fixed; a cell that was
 //! not visited has no mean.
 
-use super::residuals::{Channel, Flight, attitude, battery, force, uwb};
-use super::timeline::STEP_S;
+use crate::flight::residuals::{Channel, Flight, attitude, battery, force, uwb};
+use crate::flight::timeline::STEP_S;
 use haltere_core::measure::AnchorId;
 
 /// When the vehicle is in which state.
@@ -269,7 +269,7 @@ fn regimes(f: &Flight<'_>, k: usize) -> [bool; REGIMES.len()] {
 fn correlated_points(values: &[f64]) -> f64 {
     let mut tau = 1.0;
     for lag in [2usize, 5, 10, 20, 40, 80, 160, 320] {
-        let rho = super::regress::autocorrelation(values, lag);
+        let rho = crate::flight::regress::autocorrelation(values, lag);
         if rho.is_nan() || rho <= 0.05 {
             break;
         }

@@ -6,8 +6,8 @@
 
 use std::collections::BTreeSet;
 
-use super::kept_file::fnv;
-use super::trace::Trace;
+use crate::flight::trace::Trace;
+use crate::kept_file::fnv;
 
 /// One sample in so many is kept: some thousands of a flight.
 const KEPT_OF: u64 = 8;

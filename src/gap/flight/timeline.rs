@@ -5,7 +5,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::trace::Trace;
+use crate::flight::trace::Trace;
 use haltere_core::frames::wrap_pi_rad;
 use haltere_core::time::HostTime;
 

@@ -2,7 +2,7 @@
 //! CUR: current minus that of the nominal flap rate, A.
 
 use super::{Channel, Flight, Sheet};
-use crate::regress::{Ridge, log, moments};
+use crate::flight::regress::{Ridge, log, moments};
 use haltere_model::effects::Block;
 
 /// Ampere seconds in a milliampere hour.

@@ -3,8 +3,8 @@
 //! minus the change of the board's attitude, rad/s.
 
 use super::{Channel, FINE, Flight, LAG_KNOWN_S, Sheet};
-use crate::regress::{Moments, Ridge, autocorrelation, log, moments};
-use crate::timeline::STEP_S;
+use crate::flight::regress::{Moments, Ridge, autocorrelation, log, moments};
+use crate::flight::timeline::STEP_S;
 use haltere_model::effects::Block;
 
 /// Noise of a row, rad, as a correlated one.

@@ -1,7 +1,7 @@
 //! TIM: rates, gaps and delays of the streams, and losses that the pilot counted.
 
 use super::{Channel, Flight, Sheet};
-use crate::regress::{log, moments};
+use crate::flight::regress::{log, moments};
 use haltere_model::effects::Block;
 
 /// A pause of the IMU that is a gap, s: five samples of 250 Hz.
@@ -55,7 +55,7 @@ pub fn put(f: Option<&Flight<'_>>, sheet: &mut Sheet) {
             .map(|w| w[1].tdoa.received_at.seconds_since(w[0].tdoa.received_at))
             .fold(0.0, f64::max);
         let clock = t.health.iter().rev().find_map(|h| h.std_board_clock_s);
-        let span_s = f.len() as f64 * crate::timeline::STEP_S;
+        let span_s = f.len() as f64 * crate::flight::timeline::STEP_S;
         v = [
             imu.mean,
             spread(imu.std),

@@ -2,7 +2,7 @@
 //! that reconciles it with UWB. HEIGHT: air pressure against the smoother.
 
 use super::{Channel, Flight, Sheet};
-use crate::regress::{Ridge, log, moments};
+use crate::flight::regress::{Ridge, log, moments};
 use haltere_model::effects::Block;
 
 /// Pascal per metre of air at the ground.
