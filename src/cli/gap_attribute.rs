@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use super::print;
 use haltere_core::measure::AnchorId;
 use haltere_gap::attribute::{Attributor, Settings};
-use haltere_gap::bank_file;
+use haltere_gap::bank::bank_file;
 use haltere_gap::flight::statistics::specs;
 use haltere_gap::places::{Heard, places};
 use haltere_model::effects::Block;

@@ -15,11 +15,11 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-use crate::archive::{self, Archive, Job, Shelf};
+use crate::bank::archive::{self, Archive, Job, Shelf};
+use crate::bank::library;
+use crate::bank::missions::wire;
 use crate::discriminate::{Clouds, correct};
 use crate::experiments::{EXPERIMENTS, Experiment, Means, Reading};
-use crate::library;
-use crate::missions::wire;
 use crate::normal;
 use crate::scene::Scene;
 use haltere_model::effects::{Axis, EffectSpec, Kind};

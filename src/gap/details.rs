@@ -5,12 +5,12 @@
 
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
+use crate::bank::fly::fly_observed;
+use crate::bank::make_bank::{jittered, with_effect};
 use crate::flight::cells::{Cell, cells, channels};
 use crate::flight::residuals::{Channel, Flight, force, uwb};
 use crate::flight::timeline::{NotObservable, STEP_S};
 use crate::flight::trace::Trace;
-use crate::fly::fly_observed;
-use crate::make_bank::{jittered, with_effect};
 use crate::nominal::Nominal;
 use crate::scene::Scene;
 use haltere_core::measure::AnchorId;

@@ -4,19 +4,19 @@ use serde::Serialize;
 
 use crate::advise::Advice;
 use crate::attribute::{Attribution, Attributor, Candidate};
+use crate::bank::library::whole;
+use crate::bank::workshop::Workshop;
 use crate::commission::Fitted;
 use crate::commission::budget::Budget;
 use crate::flight::beside_truth::BesideTruth;
 use crate::flight::logs::{Flown, ParameterDifference};
 use crate::flight::statistics::{Observation, observe};
-use crate::library::whole;
 use crate::nominal::Nominal;
 use crate::outcome::{Named, Outcome, Remainder};
 use crate::picture::Picture;
 use crate::places::{Heard, exonerated, places};
 pub use crate::places::{Part, Where};
 use crate::shrink::{medians, scales};
-use crate::workshop::Workshop;
 use haltere_log::record::LogFlight;
 use haltere_log::replay::{Differs, Report};
 

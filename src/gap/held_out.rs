@@ -7,11 +7,11 @@
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use serde::Serialize;
 
+use crate::bank::fly::fly_observed;
+use crate::bank::make_bank::{jittered, with_effect};
 use crate::diagnosis::observed;
 use crate::flight::logs::Flown;
 use crate::flight::statistics::{specs, statistics_of};
-use crate::fly::fly_observed;
-use crate::make_bank::{jittered, with_effect};
 use crate::nominal::Nominal;
 use crate::resize::resize;
 use crate::scene::{Scene, Told};
@@ -331,12 +331,12 @@ impl<'a> HeldOut<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::library::standard;
+    use crate::bank::library::standard;
 
     #[test]
     fn val_a_held_out_flight_of_the_effect_is_explained_by_it() {
         let scene = Scene::lab().unwrap();
-        let items = crate::missions::plain(&scene);
+        let items = crate::bank::missions::plain(&scene);
         let spec = standard().into_iter().find(|s| s.id == "P1").unwrap();
         let model = HeldOut::new(&scene, &items, &[]);
         let own = model.fly(&[(spec, &[0.12])], SHRINK_FLIGHTS).swap_remove(0);

@@ -1,6 +1,6 @@
 //! Missions of the catalogue of experiments, fitted to the room: what has no room says so.
 
-use crate::missions::{HEIGHT_M, LEG_MPS, LOW_M, Plan, diagnostic_file};
+use crate::bank::missions::{HEIGHT_M, LEG_MPS, LOW_M, Plan, diagnostic_file};
 use crate::scene::Scene;
 use haltere_pilot::mission_file::{DoubletAxis, MissionFile};
 

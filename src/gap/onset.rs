@@ -243,11 +243,11 @@ fn louder(standards: &[Standard], t0: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bank::library;
+    use crate::bank::make_bank::jittered;
+    use crate::bank::missions;
     use crate::details::{details, fly_nulls};
     use crate::flight::trace::Trace;
-    use crate::library;
-    use crate::make_bank::jittered;
-    use crate::missions;
     use crate::nominal::Nominal;
     use crate::scene::Scene;
     use haltere_model::faults::Fault;

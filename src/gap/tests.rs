@@ -2,13 +2,13 @@
 
 use rayon::prelude::*;
 
+use crate::bank::fly::fly_observed;
+use crate::bank::make_bank::jittered;
+use crate::bank::missions;
 use crate::flight::residuals::Flight;
 use crate::flight::statistics::{observe, specs};
 use crate::flight::timeline::NotObservable;
 use crate::flight::trace::Trace;
-use crate::fly::fly_observed;
-use crate::make_bank::jittered;
-use crate::missions;
 use crate::nominal::Nominal;
 use crate::scene::Scene;
 use haltere_core::measure::ServoOutput;

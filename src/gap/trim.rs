@@ -103,7 +103,7 @@ fn mean(flights: &[Details], channel: Channel) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{library, missions};
+    use crate::bank::{library, missions};
 
     #[test]
     fn val_a_trim_takes_the_lean_of_an_off_centre_servo_away() {

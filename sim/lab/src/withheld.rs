@@ -10,8 +10,8 @@ use std::path::Path;
 use serde::Serialize;
 
 use haltere_gap::attribute::Attributor;
+use haltere_gap::bank::library;
 use haltere_gap::flight::statistics::specs;
-use haltere_gap::library;
 use haltere_gap::outcome::Outcome;
 use haltere_gap::scene::Told;
 use haltere_model::effects::Block;

@@ -33,11 +33,11 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::bank::Bank;
+use crate::bank::fly::fly_observed_into;
+use crate::bank::make_bank::jittered;
 use crate::flight::logs::Flown;
 use crate::flight::statistics::{specs, statistics_of};
 use crate::flight::trace::Trace;
-use crate::fly::fly_observed_into;
-use crate::make_bank::jittered;
 use crate::nominal::Nominal;
 use crate::normal;
 use crate::scene::Scene;

@@ -2,9 +2,9 @@
 
 use super::constants::CONSTANTS;
 use super::*;
+use crate::bank::fly::fly_observed;
+use crate::bank::missions;
 use crate::flight::residuals::StatSpec;
-use crate::fly::fly_observed;
-use crate::missions;
 use haltere_model::effects::Block;
 use haltere_model::random::Stream;
 

@@ -2,11 +2,11 @@
 
 use super::*;
 use crate::attribute::{Adequacy, BlockScore, Candidate, Gate, PairCandidate, Settings};
-use crate::axis::Axis;
+use crate::bank::axis::Axis;
+use crate::bank::library::standard;
 use crate::bank::{Bank, Draw, EffectDraws};
 use crate::commission::budget;
 use crate::flight::statistics::specs;
-use crate::library::standard;
 use crate::nominal::Nominal;
 use crate::outcome::Remainder;
 use crate::scene::Scene;

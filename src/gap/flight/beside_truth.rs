@@ -167,7 +167,7 @@ impl BesideTruth {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::missions;
+    use crate::bank::missions;
     use crate::scene::Scene;
     use haltere_model::lockstep::{Lockstep, fly_watched};
 

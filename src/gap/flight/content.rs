@@ -6,8 +6,8 @@
 
 use std::collections::BTreeSet;
 
+use crate::bank::kept_file::fnv;
 use crate::flight::trace::Trace;
-use crate::kept_file::fnv;
 
 /// One sample in so many is kept: some thousands of a flight.
 const KEPT_OF: u64 = 8;
@@ -45,8 +45,8 @@ impl Content {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fly::fly_observed;
-    use crate::missions;
+    use crate::bank::fly::fly_observed;
+    use crate::bank::missions;
     use crate::scene::Scene;
 
     #[test]

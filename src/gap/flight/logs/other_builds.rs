@@ -9,7 +9,7 @@ use haltere_dialect::mav_stream::{MavSplitter, encode};
 use rayon::prelude::*;
 
 use super::*;
-use crate::missions;
+use crate::bank::missions;
 use haltere_core::frames::{B, E, Rot, wrap_pi_rad};
 use haltere_core::time::HostTime;
 use haltere_core::topics::ControlRecord;

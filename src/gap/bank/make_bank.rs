@@ -11,12 +11,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use rayon::prelude::*;
 
-use crate::axis::Axis;
+use crate::bank::axis::Axis;
+use crate::bank::fly::{NotFlown, fly_observed_into};
+use crate::bank::library;
 use crate::bank::{Bank, Draw, EffectDraws, LEAST_DRAWS};
 use crate::flight::statistics::{specs, statistics_of};
 use crate::flight::trace::Trace;
-use crate::fly::{NotFlown, fly_observed_into};
-use crate::library;
 use crate::nominal::Nominal;
 use crate::scene::Scene;
 use crate::shrink::scales;
@@ -499,7 +499,7 @@ pub fn jittered(mut plant: PlantConfig) -> Result<PlantConfig, Problems> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::missions;
+    use crate::bank::missions;
 
     #[test]
     fn prop_jitter_changes_constants_a_little_and_repeats() {

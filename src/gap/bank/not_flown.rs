@@ -5,17 +5,17 @@
 
 use haltere_model::Vehicle;
 
-use crate::fly::MOST_LIMIT_S;
-use crate::make_bank::{End, Recipe, flown_by};
+use crate::bank::fly::MOST_LIMIT_S;
+use crate::bank::make_bank::{End, Recipe, flown_by};
 
 /// Flights for each number: enough to tell "most of them" from "none" (judgement).
 const FLIGHTS: usize = 6;
 
 /// Part of a vehicle, by its keys in the file, taken over from another.
-pub(super) type Part = (&'static str, fn(&mut Vehicle, &Vehicle), fn(&Vehicle) -> String);
+pub(crate) type Part = (&'static str, fn(&mut Vehicle, &Vehicle), fn(&Vehicle) -> String);
 
 /// Parts that one flies or falls by, simple ones first.
-pub(super) const PARTS: [Part; 10] = [
+pub(crate) const PARTS: [Part; 10] = [
     (
         "wings.passive_dihedral_rad_per_mps",
         |v, of| v.wings.passive_dihedral_rad_per_mps = of.wings.passive_dihedral_rad_per_mps,
@@ -75,7 +75,7 @@ pub(super) const PARTS: [Part; 10] = [
 ];
 
 /// In words, for the end of a sentence that says how many flights there are.
-pub(super) fn why(recipe: &Recipe<'_>, ends: &[(End, usize, u64)]) -> String {
+pub(crate) fn why(recipe: &Recipe<'_>, ends: &[(End, usize, u64)]) -> String {
     let became: Vec<String> =
         ends.iter().map(|(end, count, _)| format!("{count} {}", end.words())).collect();
     let mut told = became.join(", ");
@@ -106,7 +106,7 @@ pub(super) fn why(recipe: &Recipe<'_>, ends: &[(End, usize, u64)]) -> String {
 }
 
 /// What a file with this mass, pack and wing alone describes.
-pub(super) fn usual(vehicle: &Vehicle) -> Vehicle {
+pub(crate) fn usual(vehicle: &Vehicle) -> Vehicle {
     let text = format!(
         "[body]\nmass_kg = {:?}\n[wings]\ncentre_m = {:?}\n[battery]\ncells = {:?}\n",
         vehicle.body.mass_kg, vehicle.wings.centre_m, vehicle.battery.cells
@@ -117,8 +117,8 @@ pub(super) fn usual(vehicle: &Vehicle) -> Vehicle {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::make_bank::{BankSize, make};
-    use crate::missions;
+    use crate::bank::make_bank::{BankSize, make};
+    use crate::bank::missions;
     use crate::scene::Scene;
 
     #[test]

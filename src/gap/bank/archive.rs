@@ -10,15 +10,15 @@ use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::bank_file::{Row, from_disk, to_disk};
+use crate::bank::bank_file::{Row, from_disk, to_disk};
+use crate::bank::fly::fly_observed_into;
+use crate::bank::kept_file::{self, Kind};
+use crate::bank::make_bank::{jittered, with_effect};
+use crate::bank::workshop::mission_key;
 use crate::flight::statistics::statistics_of;
 use crate::flight::trace::Trace;
-use crate::fly::fly_observed_into;
-use crate::kept_file::{self, Kind};
-use crate::make_bank::{jittered, with_effect};
 use crate::nominal::Nominal;
 use crate::scene::Scene;
-use crate::workshop::mission_key;
 use haltere_model::effects::EffectSpec;
 
 const KIND: Kind = Kind { what: "archive of flights", magic: b"HALTFLYS", version: 1 };
@@ -146,7 +146,7 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use super::*;
-    use crate::{library, missions};
+    use crate::bank::{library, missions};
 
     #[test]
     fn prop_kept_flights_are_not_flown_again_and_are_the_same() {

@@ -1,9 +1,20 @@
 //! The bank of one mission: what statistics look like without a gap, and under every effect of
-//! the library. Plain data; [`crate::bank_file`] keeps it on disk.
+//! the library. Plain data; [`crate::bank::bank_file`] keeps it on disk.
+
+pub mod archive;
+pub mod axis;
+pub mod bank_file;
+pub mod fly;
+pub mod kept_file;
+pub mod library;
+pub mod make_bank;
+pub mod missions;
+pub(crate) mod not_flown;
+pub mod workshop;
 
 use serde::{Deserialize, Serialize};
 
-use crate::axis::Axis;
+use crate::bank::axis::Axis;
 
 /// One simulated flight under an effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

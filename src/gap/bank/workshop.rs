@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use haltere_dialect::mav::haltere::MISSION_ITEM_INT_DATA;
 
 use crate::attribute::{AttributeError, Attributor, Learned, Settings};
+use crate::bank::bank_file::{self, BankFileError};
+use crate::bank::kept_file::{self, Kind};
+use crate::bank::make_bank::{self, BankSize, Recipe};
+use crate::bank::not_flown;
 use crate::bank::{Bank, LEAST_NULLS};
-use crate::bank_file::{self, BankFileError};
 use crate::flight::statistics::specs;
-use crate::kept_file::{self, Kind};
-use crate::make_bank::{self, BankSize, Recipe};
 use crate::nominal::Nominal;
-use crate::not_flown;
 use crate::scene::Scene;
 use haltere_model::effects::{Block, EffectSpec};
 
@@ -180,7 +180,7 @@ fn key(
 }
 
 /// Hash of everything that flights of a mission depend on, and of what else tells files apart.
-pub(super) fn mission_key(scene: &Scene, items: &[MISSION_ITEM_INT_DATA], rest: &str) -> String {
+pub(crate) fn mission_key(scene: &Scene, items: &[MISSION_ITEM_INT_DATA], rest: &str) -> String {
     // Items are told apart from how they were addressed.
     let items: Vec<_> = items
         .iter()

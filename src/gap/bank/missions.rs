@@ -18,7 +18,7 @@ pub const HEIGHT_M: f64 = 1.0;
 /// of 60 healthy simulated vehicles met the floor, in the laboratory's room 16 of 40; a vehicle that stands
 /// on its feet hides everything else. At 0.55 m none of 60 did, and 454 of 500 drawn effects stood out, 422 at 0.45 m
 /// without the flights that the floor had carried, and 425 at 0.65 m (small banks of 2026-11-22).
-pub(super) const LOW_M: f64 = 0.55;
+pub(crate) const LOW_M: f64 = 0.55;
 /// Near a ceiling of 3 m, m.
 const HIGH_M: f64 = 2.6;
 /// Half the way of a dash, m.
@@ -51,7 +51,7 @@ const LOWEST_CEILING_M: f64 = 1.5;
 pub struct Plan {
     middle_NE_m: [f64; 2],
     room: Room,
-    pub(super) items: Vec<Item>,
+    pub(crate) items: Vec<Item>,
 }
 
 impl Plan {
@@ -73,7 +73,7 @@ impl Plan {
     }
 
     /// Place in the room, moved away from walls.
-    pub(super) fn inside(&self, off_NE_m: [f64; 2]) -> [f64; 2] {
+    pub(crate) fn inside(&self, off_NE_m: [f64; 2]) -> [f64; 2] {
         let away = |at: f64, [low, high]: [f64; 2]| {
             let margin_m = WALL_MARGIN_M.min(0.5 * (high - low));
             // Not `clamp`: in a room narrower than both margins the two ends are one, but for the last bit,
@@ -85,7 +85,7 @@ impl Plan {
     }
 
     /// Height in the room, moved away from the ceiling.
-    pub(super) fn under(&self, height_m: f64) -> f64 {
+    pub(crate) fn under(&self, height_m: f64) -> f64 {
         let highest_m = self.room.ceiling_m.max(LOWEST_CEILING_M) - CEILING_MARGIN_M;
         height_m.min(highest_m)
     }
@@ -95,17 +95,17 @@ impl Plan {
         self.items.push(Item { speed_mps: Some(mps), ..Item::new(Command::Speed) });
     }
 
-    pub(super) fn wait(&mut self, duration_s: f64) {
+    pub(crate) fn wait(&mut self, duration_s: f64) {
         self.items.push(Item { duration_s: Some(duration_s), ..Item::new(Command::Delay) });
     }
 
-    pub(super) fn turn(&mut self, yaw_deg: f64, stay_s: f64) {
+    pub(crate) fn turn(&mut self, yaw_deg: f64, stay_s: f64) {
         self.items.push(Item { yaw_deg: Some(yaw_deg), ..Item::new(Command::Yaw) });
         self.wait(stay_s);
     }
 
     /// Two doublets with a rest to come back after each.
-    pub(super) fn doublets(&mut self, axis: DoubletAxis, sizes: [[f64; 2]; 2]) {
+    pub(crate) fn doublets(&mut self, axis: DoubletAxis, sizes: [[f64; 2]; 2]) {
         for [amplitude, half_s] in sizes {
             self.items.push(Item {
                 axis: Some(axis),

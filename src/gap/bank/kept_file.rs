@@ -19,7 +19,7 @@ const MOST_BYTES: u64 = 1 << 30;
 
 /// What a file holds.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Kind {
+pub(crate) struct Kind {
     /// In words, for errors.
     pub what: &'static str,
     /// First bytes.
@@ -91,19 +91,19 @@ pub enum KeptFileError {
 }
 
 /// FNV-1a, 64 bit (draft-eastlake-fnv).
-pub(super) fn fnv(bytes: &[u8]) -> u64 {
+pub(crate) fn fnv(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
         (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
     })
 }
 
 /// Hash of contents as a file of them would have.
-pub(super) fn hash(contents: &impl Serialize) -> Result<u64, serde_json::Error> {
+pub(crate) fn hash(contents: &impl Serialize) -> Result<u64, serde_json::Error> {
     Ok(fnv(&serde_json::to_vec(contents)?))
 }
 
 /// Writes contents, whole or not at all. Returns their hash.
-pub(super) fn write(
+pub(crate) fn write(
     kind: Kind,
     path: &Path,
     contents: &impl Serialize,
@@ -125,7 +125,7 @@ pub(super) fn write(
 }
 
 /// Reads contents with their hash.
-pub(super) fn read<T: DeserializeOwned>(
+pub(crate) fn read<T: DeserializeOwned>(
     kind: Kind,
     path: &Path,
 ) -> Result<(T, u64), KeptFileError> {
@@ -163,7 +163,7 @@ pub(super) fn read<T: DeserializeOwned>(
 }
 
 /// What a cache holds; a file that is not there is as none, and so is one that cannot be read, which is said.
-pub(super) fn recall<T: DeserializeOwned>(kind: Kind, path: &Path) -> Option<T> {
+pub(crate) fn recall<T: DeserializeOwned>(kind: Kind, path: &Path) -> Option<T> {
     if !path.exists() {
         return None;
     }
@@ -172,7 +172,7 @@ pub(super) fn recall<T: DeserializeOwned>(kind: Kind, path: &Path) -> Option<T> 
 }
 
 /// Puts into a cache. What cannot be written costs time the next time and nothing now, and is said.
-pub(super) fn remember(kind: Kind, path: &Path, contents: &impl Serialize) {
+pub(crate) fn remember(kind: Kind, path: &Path, contents: &impl Serialize) {
     if let Some(folder) = path.parent() {
         // Where it cannot be made, writing says why.
         let _ = std::fs::create_dir_all(folder);

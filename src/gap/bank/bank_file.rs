@@ -1,4 +1,4 @@
-//! A bank on disk ([`crate::kept_file`]).
+//! A bank on disk ([`crate::bank::kept_file`]).
 //!
 //! NaN has no place in JSON: statistics that are unknown are `null` there.
 
@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::axis::Axis;
+use crate::bank::axis::Axis;
+use crate::bank::kept_file::{self, KeptFileError, Kind};
 use crate::bank::{Bank, BankError, Draw, EffectDraws};
-use crate::kept_file::{self, KeptFileError, Kind};
 
 const KIND: Kind = Kind { what: "bank", magic: b"HALTBANK", version: 4 };
 
@@ -29,7 +29,7 @@ pub enum BankFileError {
 }
 
 /// A row of statistics in JSON.
-pub(super) type Row = Vec<Option<f64>>;
+pub(crate) type Row = Vec<Option<f64>>;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -49,11 +49,11 @@ struct EffectOnDisk {
     draws: Vec<(Vec<f64>, u64, usize, Row)>,
 }
 
-pub(super) fn to_disk(rows: &[f64]) -> Row {
+pub(crate) fn to_disk(rows: &[f64]) -> Row {
     rows.iter().map(|v| v.is_finite().then_some(*v)).collect()
 }
 
-pub(super) fn from_disk(row: Row) -> Vec<f64> {
+pub(crate) fn from_disk(row: Row) -> Vec<f64> {
     row.into_iter().map(|v| v.unwrap_or(f64::NAN)).collect()
 }
 

@@ -7,8 +7,8 @@
 //! components (the axes of a bias, the servos that are out of trim) has one of them alone: that is how
 //! such things come, and a loud component would otherwise hide what a quiet one looks like.
 
-use crate::axis::{Axis, Size};
-use crate::make_bank::with_effect;
+use crate::bank::axis::{Axis, Size};
+use crate::bank::make_bank::with_effect;
 use haltere_model::Vehicle;
 use haltere_model::effects::{self, ALL, Choice, EffectSet, EffectSpec, Kind, ParameterSpec, Role};
 use haltere_model::random::Stream;
