@@ -15,7 +15,7 @@ impl Act<'_> {
         let (at, mode) = (heard.at, self.flight.mode);
         let change = self.stations.parameter_set(at, mode, heard.client(), m, self.out);
         if let Some(change) = change {
-            change.put_in(&mut self.config);
+            change.put_in(self.config);
             self.configuration_changed();
         }
     }
