@@ -40,6 +40,46 @@ pub enum LineId {
     ToBoard,
 }
 
+/// What happens to a Crazyflie, its radio or its anchors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum CrazyflieFault {
+    /// Nothing passes by radio for so long, s.
+    Fade {
+        /// How long.
+        for_s: f64,
+    },
+    /// The UWB chip does not answer.
+    ChipDead(bool),
+    /// The log blocks are gone.
+    BlocksGone,
+    /// The main processor restarts; the radio's goes on.
+    MainReset,
+    /// The radio's processor restarts; the main one goes on.
+    RadioReset,
+    /// The radio carries less than is sent.
+    Congested(bool),
+    /// It restarts with another firmware: other ids, other checksums.
+    OtherTable,
+    /// Somebody else connects and sends setpoints.
+    SecondClient(bool),
+    /// Somebody disarms it.
+    Disarm,
+    /// It takes itself for crashed.
+    Crash,
+    /// It is locked until it is restarted.
+    Lock,
+    /// A deck does not answer.
+    DeckFault(bool),
+    /// The anchors speak TDoA3.
+    Tdoa3(bool),
+    /// The anchors say that they stand so far from where they do, their own world, m.
+    AnchorsOff([f64; 3]),
+    /// The dongle is out.
+    DongleOut(bool),
+    /// Its firmware is older than the supervisor's port.
+    NoPort9(bool),
+}
+
 /// Something that breaks or heals.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fault {

@@ -3,6 +3,7 @@
 
 mod ardupilot;
 mod commands;
+pub mod crazyflie;
 mod firmware;
 mod last_second;
 mod lies;
