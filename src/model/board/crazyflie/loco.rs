@@ -9,7 +9,7 @@ use haltere_dialect::lps::{RX_BITS, TICK_M, tdoa2};
 use crate::tag::Reception;
 
 /// Anchors of TDoA2.
-pub(super) const ANCHORS: usize = tdoa2::ANCHORS;
+pub const ANCHORS: usize = tdoa2::ANCHORS;
 /// An anchor that was heard within this time is there, µs, and so its position.
 const ACTIVE_US: u64 = 2_000_000;
 /// The chip is asked whether it lives when nothing was heard for so long, µs: 2 to 4 s pass; 4 was seen.

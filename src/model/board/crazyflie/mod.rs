@@ -25,7 +25,8 @@ use haltere_core::checks::Problems;
 
 use blocks::Blocks;
 use commander::Commander;
-use loco::{ANCHORS, Loco};
+pub use loco::ANCHORS;
+use loco::Loco;
 use radio::Link;
 pub(super) use readings::Sensed;
 use supervisor::{Look, Supervisor};
@@ -164,6 +165,11 @@ impl Crazyflie {
         }
         let done = self.half.len() - rest.len();
         self.half.drain(..done);
+    }
+
+    /// What it sensed last.
+    pub(super) fn sensed(&self) -> &Sensed {
+        &self.sensed
     }
 
     /// A frame of an anchor.

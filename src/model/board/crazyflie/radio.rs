@@ -82,7 +82,6 @@ pub(super) struct Link {
     silent_until_us: u64,
     /// Rate under congestion, Hz.
     pub congested_hz: Option<f64>,
-    pub lost_rows: u64,
 }
 
 impl Link {
@@ -96,7 +95,6 @@ impl Link {
             credit: 0.0,
             silent_until_us: 0,
             congested_hz: None,
-            lost_rows: 0,
         }
     }
 
@@ -125,11 +123,10 @@ impl Link {
     pub fn down(&mut self, packet: Packet) {
         if self.queue.len() < QUEUE {
             self.queue.push_back(packet);
-        } else {
-            self.lost_rows += 1;
         }
     }
 
+    #[cfg(test)]
     pub fn waiting(&self) -> usize {
         self.queue.len()
     }

@@ -113,10 +113,6 @@ impl Supervisor {
         self.at == At::Level
     }
 
-    pub fn is_locked(&self) -> bool {
-        self.at == At::Locked
-    }
-
     pub fn is_armed(&self) -> bool {
         self.armed
     }
