@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use serde::Deserialize;
 
-use haltere_gap::advise::{Hypothesis, Remaining};
+use haltere_gap::advice::{Hypothesis, Remaining};
 use haltere_gap::bank::library::find;
 use haltere_model::Vehicle;
 use haltere_model::effects::EffectSpec;

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::advise::Advice;
+use crate::advice::Advice;
 use crate::attribute::{Attribution, Attributor, Candidate};
 use crate::bank::library::whole;
 use crate::bank::workshop::Workshop;
