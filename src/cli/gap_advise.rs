@@ -208,10 +208,9 @@ pub(super) fn remaining(d: &Diagnosis) -> Remaining {
     let spec = |id: &str| whole().into_iter().find(|s| s.id == id);
     let candidates = d.attribution.as_ref().map_or(&[][..], |a| &a.candidates[..]);
     // What is not in the library is not told apart by effects of the library.
-    let gap = matches!(d.outcome, "named" | "ambiguous" | "several" | "named_with_remainder");
     let hypotheses = candidates
         .iter()
-        .filter(|_| gap)
+        .filter(|_| d.outcome.is_explained())
         .filter_map(|c| {
             Some(Hypothesis {
                 spec: spec(&c.id)?,
