@@ -156,7 +156,7 @@ impl Value for bool {
 }
 
 /// Of a choice that is left to the version.
-const BY_VERSION: f64 = -1.0;
+pub const BY_VERSION: f64 = -1.0;
 
 /// Left to the version where it is not set.
 impl Value for Option<bool> {
@@ -297,8 +297,9 @@ pub trait Section {
 /// What a section tells.
 #[derive(Debug, Clone, Copy)]
 pub enum Row {
-    /// It begins, with what is said of it.
-    Begins(&'static [&'static str]),
+    /// It begins, with what is said of it, and parameters for its keys in their order where they are not the same in
+    /// every section of this kind.
+    Begins(&'static [&'static str], &'static [Told]),
     /// One of its keys.
     Key(&'static Key),
 }
@@ -325,7 +326,7 @@ pub fn check(at: &str, key: Option<&Key>, value: &dyn Value, problems: &mut Prob
 /// ```
 ///
 /// All behind the default may be left out. `~[low..=high, …]` is told and not checked: the section's own rules do it.
-/// `sections` holds one section a row, with its default where that is its own; `rules` names a method that finds what
+/// `sections` holds one section a row, with its default and parameters where those are its own; `rules` names a method that finds what
 /// joins two values. In a `whole` struct a file has to name all keys or none.
 #[macro_export]
 macro_rules! keys {
@@ -344,7 +345,8 @@ macro_rules! keys {
             $(, {$example:literal})?
             $(, $parameter:ident($index:literal, $when:ident $(, $own:literal)?))*;)*
     } $(sections {
-        $($(#[doc = $about:literal])+ $section:ident: $inner:ty $(= $section_default:expr)?;)+
+        $($(#[doc = $about:literal])+ $section:ident: $inner:ty $(= $section_default:expr)?
+            $(, $inner_parameter:ident($inner_index:literal, $inner_when:ident, $inner_text:literal))*;)+
     })? $(rules $rules:ident;)?) => {
         $(#[$meta])*
         #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -394,11 +396,17 @@ macro_rules! keys {
         impl $crate::keys::Section for $name {
             fn rows(at: &str, tell: &mut dyn FnMut(&str, $crate::keys::Row)) {
                 Self::KEYS.iter().for_each(|key| tell(at, $crate::keys::Row::Key(key)));
-                $($(
+                $($({
                     let inner = $crate::keys::below(at, stringify!($section));
-                    tell(&inner, $crate::keys::Row::Begins(&[$($about),+]));
+                    const TOLD: &[$crate::keys::Told] = &[$($crate::keys::Told {
+                        index: $inner_index,
+                        name: stringify!($inner_parameter),
+                        when: $crate::keys::When::$inner_when,
+                        text: $inner_text,
+                    }),*];
+                    tell(&inner, $crate::keys::Row::Begins(&[$($about),+], TOLD));
                     <$inner as $crate::keys::Section>::rows(&inner, tell);
-                )+)?
+                })+)?
             }
 
             fn value(&self, key: &str) -> Option<&dyn $crate::keys::Value> {

@@ -73,6 +73,7 @@ crate::keys! {
         /// Error of the drag model, or of the accelerometer where it is used.
         std_acc_xy_mps2_rthz: f64 = 1.0, [1e-3..=20.0, "m/s²/√Hz"], EST_STD_ACC_XY(129, Restart);
         /// Process noise of the specific force along body z.
+        // Flapping of 0.79 g rms sampled at 100 Hz aliases to 0.77.
         std_acc_z_mps2_rthz: f64 = 0.8, [1e-3..=20.0, "m/s²/√Hz"], EST_STD_ACC_Z(130, Restart);
         /// Process noise of the angular rate.
         std_rate_radps_rthz: f64 = 0.02, [1e-5..=2.0, "rad/s/√Hz"], EST_STD_RATE(131, Restart);
@@ -133,6 +134,7 @@ crate::keys! {
         /// Negative on the southern half of the Earth.
         dip_deg: f64 = 66.0, [-80.0..=80.0, "deg"], EST_MAG_DIP(139, Restart);
         /// One sigma of a heading from an undisturbed field.
+        // Calibration, motors, what strength and dip do not show.
         std_deg: f64 = 8.0, [1.0..=60.0, "deg"], EST_MAG_STD(140, Restart);
         /// Time over which that error stays the same.
         correlation_s: f64 = 5.0, [0.0..=100.0, "s"], EST_MAG_CORR_T(141, Restart);
@@ -160,6 +162,7 @@ crate::keys! {
         /// Random push of a vehicle without IMU.
         std_acc_mps2_rthz: f64 = 0.45, [1e-3..=50.0, "m/s²/√Hz"], EST_UNA_ACC(153, Restart);
         /// Decay of the velocity of a vehicle without IMU.
+        // With the push it bounds the speed that is expected: one sigma is push / √(2 decay).
         decay_per_s: f64 = 0.5, [0.0..=20.0, "1/s"], EST_UNA_DECAY(154, Restart);
     }
 }
@@ -205,8 +208,10 @@ crate::keys! {
         /// One sigma of the range bias of an anchor that is sound.
         std_bias_m: f64 = 0.3, [0.01..=5.0, "m"], EST_OUT_USUAL(174, Restart);
         /// Doubt from which an anchor is suspected.
+        // Twice that of the check on the floor, chosen beforehand.
         doubt: f64 = 4.0, [0.5..=1e3], EST_OUT_DOUBT(175, Restart);
         /// Doubt below which the others are sound without it.
+        // Chosen after a look at recorded flights behind metal.
         others_doubt: f64 = 2.0, [0.1..=1e3], EST_OUT_OTHERS(176, Restart);
         /// Least range error for which one is left out.
         least_m: f64 = 0.6, [0.05..=20.0, "m"], EST_OUT_LEAST(177, Restart);
@@ -258,6 +263,7 @@ crate::keys! {
         /// Without, a start needs rest and a heading.
         cold_start: bool = false, EST_COLD(147, Restart);
         /// Least step in which the covariance is predicted. 0: with each IMU sample.
+        // The state itself follows each sample.
         covariance_step_s: f64 = 0.0, [0.0..=0.02, "s"], EST_COV_STEP(152, Restart);
         /// Where the specific force comes from in flight.
         specific_force: SpecificForce = SpecificForce::ThrustAxis, EST_FORCE(111, Restart);
@@ -278,6 +284,7 @@ crate::keys! {
         /// Time from which on the accelerometer shows forces beyond drag, such as wind. 0: off.
         ///
         /// Not for an accelerometer that is off in flight by 1 m/s² and more.
+        // With `thrust_axis` only (`slow_force.rs`).
         slow_force_s: f64 = 0.0, [0.0..=60.0, "s"], EST_SLOW_F_T(151, Restart);
         /// How the UWB variance depends on height.
         uwb_noise: UwbNoise = UwbNoise::HeightDependent, EST_UWB_NOISE(118, Restart);
@@ -289,6 +296,7 @@ crate::keys! {
         uwb_correlation_s: f64 = 0.1, [0.0..=10.0, "s"], EST_UWB_CORR_T(120, Restart);
         /// Range biases that are known beforehand: pairs of an anchor's number and its bias, m, as `haltere fit
         /// anchors` prints them.
+        // They are taken off before anything else.
         range_bias_m: Vec<[f64; 2]> = Vec::new();
         /// Tag antenna seen from the centre of mass, body frame.
         p_BT_B_m: [f64; 3] = [0.0; 3], [-1.0..=1.0, "m"],
@@ -306,6 +314,8 @@ crate::keys! {
         /// Height of the centre of mass while standing. -51: not told.
         ///
         /// Near the floor TDOA alone tells height badly.
+        // Unset: `flight.gear_height_m` where that is told and errors of the UWB are learned, for a take-off from the
+        // floor; else not known. From a table, say its height and the gear's.
         rest_height_m: Option<f64> = None, ~[-51.0..=50.0, "m"], {"0.05"}, EST_REST_HGT(180, Restart);
     } sections {
         /// Motion without IMU.
