@@ -247,16 +247,20 @@ impl Value for Vec<f64> {
     }
 }
 
-/// Values that are no numbers.
-#[macro_export]
-macro_rules! no_numbers {
-    ($($type:ty),+) => { $(impl $crate::keys::Value for $type {
-        fn kind() -> $crate::keys::Kind {
-            $crate::keys::Kind::Other
-        }
-    })+ };
+/// A value that is no number.
+pub trait NoNumber {}
+
+impl<T: NoNumber> NoNumber for Vec<T> {}
+impl NoNumber for String {}
+impl NoNumber for std::path::PathBuf {}
+/// The number of an anchor with what is known of it.
+impl NoNumber for [f64; 2] {}
+
+impl<T: NoNumber> Value for T {
+    fn kind() -> Kind {
+        Kind::Other
+    }
 }
-no_numbers!(Vec<[f64; 2]>, Vec<String>, std::path::PathBuf);
 
 /// A key whose values have names: each with its meaning for stations, numbered from 0 in this order. What is none of
 /// them becomes the last.
@@ -386,9 +390,10 @@ macro_rules! keys {
 
             /// Says what is wrong with the values under `key`, the name of the section.
             pub fn check(&self, key: &str, problems: &mut $crate::checks::Problems) {
+                #[allow(unused_mut, unused_variables)]
                 let mut own = Self::KEYS.iter();
                 $($crate::keys::check(key, own.next(), &self.$key, problems);)*
-                $($(self.$section.check(&format!("{key}.{}", stringify!($section)), problems);)+)?
+                $($(self.$section.check(&$crate::keys::below(key, stringify!($section)), problems);)+)?
                 $(self.$rules(key, problems);)?
             }
         }

@@ -8,7 +8,7 @@ use haltere_core::control::ControlConfig;
 use haltere_core::control::voltage::VoltageConfig;
 use haltere_core::estimate::Estimate;
 use haltere_core::estimator::{EstimatorConfig, UwbNoise};
-use haltere_core::keys::{Key, Range, Row, Section, Told, Value, When};
+use haltere_core::keys::{Key, NoNumber, Range, Row, Section, Told, Value, When};
 use haltere_core::survey::Survey;
 
 use crate::flight::mission::{RADIUS_M, Volume};
@@ -170,6 +170,9 @@ pub enum TagProtocol {
     /// A tag that computes TDOA itself and sends `UWB_TDOA`.
     Mavlink,
 }
+
+impl NoNumber for TagProtocol {}
+impl NoNumber for BoardProfile {}
 
 /// Behaviour of the inner-loop board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

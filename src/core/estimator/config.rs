@@ -57,8 +57,6 @@ crate::keys! {
         /// Whether it then opens up and, failing that, finds its position anew.
         recover: bool = true, EST_RECOVER(128, Restart);
         /// Whether what is beyond the gate is thrown away; if not, its tail weighs it.
-        ///
-        /// If not, it is fused with the weight the tail leaves it.
         reject: bool = true, EST_REJECT(146, Restart);
     }
 }
@@ -255,8 +253,8 @@ crate::keys! {
 crate::keys! {
     /// Settings of the estimator.
     pub struct EstimatorConfig {
-        /// What drives the prediction: "inertial" (the IMU) or "unaided" (nothing: position from TDOA alone, without
-        /// attitude; for recordings, not for flight).
+        /// What drives the prediction: the IMU, or nothing: position from TDOA alone, without attitude; for recordings,
+        /// not for flight.
         motion: Motion = Motion::Inertial;
         /// Whether position and heading are found by motion when nobody tells them.
         ///
@@ -311,12 +309,12 @@ crate::keys! {
         std_reference_m: f64 = 0.01, [1e-4..=1.0, "m"], EST_REF_STD(144, Restart);
         /// Rest that is needed before a start from rest.
         align_s: f64 = 1.0, [0.05..=30.0, "s"], EST_ALIGN_T(145, Restart);
-        /// Height of the centre of mass while standing. -51: not told.
-        ///
-        /// Near the floor TDOA alone tells height badly.
+        /// Height of the centre of mass above the origin while standing, -50 to 50 m, if the place of take-off is known:
+        /// near the floor TDOA alone tells height badly.
         // Unset: `flight.gear_height_m` where that is told and errors of the UWB are learned, for a take-off from the
         // floor; else not known. From a table, say its height and the gear's.
-        rest_height_m: Option<f64> = None, ~[-51.0..=50.0, "m"], {"0.05"}, EST_REST_HGT(180, Restart);
+        rest_height_m: Option<f64> = None, ~[-51.0..=50.0, "m"], {"0.05"},
+            EST_REST_HGT(180, Restart, "Height of the centre of mass while standing. -51: not told.");
     } sections {
         /// Motion without IMU.
         unaided: Unaided;
