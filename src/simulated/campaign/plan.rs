@@ -260,7 +260,7 @@ fn companion(table: &Table, scenario: &Scenario, vehicle: &Vehicle) -> Result<Co
     // Nobody answers for a disk in lockstep.
     config.store.directory = std::path::PathBuf::new();
     let mut problems = Problems::new();
-    config.check(&mut problems);
+    config.check("", &mut problems);
     if !problems.is_empty() {
         bail!("config: {problems}");
     }
