@@ -151,7 +151,7 @@ mod tests {
             }
             let off = if key.absent { "# " } else { "" };
             // Writing to a String cannot fail.
-            let _ = write!(page, "{}{off}{} = {}\n", commented(&key.text), key.name, key.value);
+            let _ = writeln!(page, "{}{off}{} = {}", commented(&key.text), key.name, key.value);
         }
         page
     }

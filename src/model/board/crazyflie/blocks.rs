@@ -113,9 +113,9 @@ impl Blocks {
         variables: &[log::Variable],
         known: impl Fn(u16) -> bool,
     ) -> Result<(), u8> {
-        let mut all: usize = self.0.iter().map(|block| block.variables.len()).sum();
+        let before: usize = self.0.iter().map(|block| block.variables.len()).sum();
         let Some(block) = self.find(id) else { return Err(NO_ENTRY) };
-        for variable in variables {
+        for (all, variable) in (before..).zip(variables) {
             if block.width() + variable.kind.width() > MAX_ROW {
                 return Err(TOO_BIG);
             }
@@ -126,7 +126,6 @@ impl Blocks {
                 return Err(NO_MEMORY);
             }
             block.variables.push(*variable);
-            all += 1;
         }
         Ok(())
     }

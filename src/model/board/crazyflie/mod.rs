@@ -195,11 +195,10 @@ impl Crazyflie {
             self.obey(&packet);
         }
         self.second_client();
-        if !self.settings.usb && now_us.saturating_sub(self.heard_us) >= GONE_US {
-            if !self.blocks.is_empty() {
-                self.blocks.clear();
-                self.link.flush();
-            }
+        let is_gone = !self.settings.usb && now_us.saturating_sub(self.heard_us) >= GONE_US;
+        if is_gone && !self.blocks.is_empty() {
+            self.blocks.clear();
+            self.link.flush();
         }
         let can_fly = self.supervisor.can_fly();
         let level = self.supervisor.is_level();
