@@ -28,6 +28,7 @@ use haltere_gap::flight::seal::digest_of;
 use haltere_gap::outcome::Ending;
 use haltere_gap::picture::details::details;
 use haltere_gap::picture::picture;
+use haltere_gap::said;
 use haltere_gap::scene::Scene;
 use haltere_gap::shrink::held_out::{Explanation, measure};
 use haltere_log::written;
@@ -333,6 +334,7 @@ impl Diagnose {
             channels: r.channels,
             others: r.wrong,
             wrong: r.wrong_median,
+            flights: flights.len(),
             references: accepted.len(),
         });
         diagnosis.weigh_held_out(&session.workshop);
@@ -391,6 +393,7 @@ fn text(d: &Diagnosis) -> String {
     };
     let flight = d.flight.filter(|flight| flight.of > 1);
     let flight = flight.map_or(String::new(), |flight| format!(", {flight},"));
+    let _ = writeln!(out, "{}\n\nHow it was found:", said::first(d));
     let _ = writeln!(out, "GAP REPORT  {}{flight} against {against}, replay {}", d.log, d.replay);
     let _ = writeln!(out, "VERDICT     {}", d.verdict);
     if d.references == 0 {
@@ -462,7 +465,7 @@ fn text(d: &Diagnosis) -> String {
             );
         }
     }
-    if let Some(p) = &d.picture {
+    if let Some(p) = d.picture.as_ref().filter(|_| d.outcome.is_gap()) {
         let _ = writeln!(out, "SINCE       {}", p.onset.words());
     }
     if let Some(best) = d.advice.as_ref().and_then(|a| a.experiments.first()) {

@@ -16,6 +16,7 @@ use crate::outcome::{Ending, Named, Outcome, Remainder};
 use crate::picture::Picture;
 use crate::places::{Heard, exonerated, places};
 pub use crate::places::{Part, Where};
+use crate::said::said;
 use crate::shrink::{medians, scales};
 use haltere_log::record::LogFlight;
 use haltere_log::replay::{Differs, Report};
@@ -44,12 +45,14 @@ pub struct Effect {
     pub name: String,
     /// Calibrated probability.
     pub probability: f64,
+    /// What it is, with its sizes and directions, as a sentence.
+    pub said: String,
     /// Parameters in the order of the specification.
     pub parameters: Vec<Parameter>,
 }
 
 /// Everything about one flight.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct Diagnosis {
     /// The log.
     pub log: String,
@@ -58,8 +61,11 @@ pub struct Diagnosis {
     pub flight: Option<LogFlight>,
     /// Key of the outcome.
     pub outcome: Ending,
-    /// The verdict as a sentence.
+    /// The verdict in a line of terms; [`crate::said::first`] says it to anybody.
     pub verdict: String,
+    /// Why nothing is named, where that has a reason of its own.
+    #[serde(skip)]
+    pub why: String,
     /// What the best explanation explains and what it leaves; absent without a gap.
     pub explained: Option<Explained>,
     /// Where: blocks that can be the cause, likeliest first, then those where its consequences show.
@@ -198,7 +204,7 @@ pub struct Advised {
 }
 
 /// Shrink for people and scripts.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct ShrinkResult {
     /// Share of the gap that is closed; `None`: nothing to shrink.
     pub value: Option<f64>,
@@ -226,6 +232,8 @@ pub struct ShrinkResult {
     pub others: Vec<(String, Option<f64>)>,
     /// Median over other effects of the library.
     pub wrong: Option<f64>,
+    /// Held-out flights that it was measured on.
+    pub flights: usize,
     /// Accepted flights on the held-out mission; without them the distance holds all that this airframe
     /// differs from the nominal simulator by.
     pub references: usize,
@@ -253,6 +261,7 @@ impl Diagnosis {
             let outcome = Outcome::Budget { why: budget.words() };
             self.outcome = outcome.kind();
             self.verdict = outcome.sentence(str::to_owned);
+            self.why = outcome.why().to_owned();
         }
         self.budget = Some(budget);
     }
@@ -312,6 +321,7 @@ impl Diagnosis {
         self.outcome = outcome.kind();
         self.effects = outcome.effects().iter().map(|e| effect(workshop, e)).collect();
         self.set = self.effects.iter().map(|e| e.id.clone()).collect();
+        self.why = outcome.why().to_owned();
         self.verdict = outcome.sentence(|id| {
             let spec = workshop.spec(id);
             spec.map_or_else(|| id.to_owned(), |spec| format!("{} {}", spec.id, spec.name))
@@ -339,31 +349,12 @@ pub fn unreadable(log: String, why: String) -> Diagnosis {
     let outcome = Outcome::Fault { why: why.clone() };
     Diagnosis {
         log,
-        flight: None,
         outcome: outcome.kind(),
         verdict: outcome.sentence(str::to_owned),
-        explained: None,
-        places: Vec::new(),
-        exonerated: Vec::new(),
-        effects: Vec::new(),
-        set: Vec::new(),
-        not_testable: Vec::new(),
-        shrink: None,
-        budget: None,
-        commissioned: None,
+        why: why.clone(),
         replay: "not_possible".to_owned(),
         faults: vec![why],
-        remarks: Vec::new(),
-        truth: None,
-        parameters_changed: Vec::new(),
-        bank: String::new(),
-        made_with: MadeWith::default(),
-        references: 0,
-        ladder: Vec::new(),
-        picture: None,
-        advice: None,
-        attribution: None,
-        wants_budget: false,
+        ..Diagnosis::default()
     }
 }
 
@@ -378,30 +369,14 @@ pub fn judge(
     let mut result = Diagnosis {
         log: flown.path.display().to_string(),
         flight: flown.flight,
-        outcome: Ending::default(),
-        verdict: String::new(),
-        explained: None,
-        places: Vec::new(),
-        exonerated: Vec::new(),
-        effects: Vec::new(),
-        set: Vec::new(),
-        not_testable: Vec::new(),
-        shrink: None,
-        budget: None,
-        commissioned: None,
         replay: replay_word(&flown.replay),
         faults: flown.faults.clone(),
         remarks: flown.remarks.clone(),
-        truth: None,
         parameters_changed: flown.parameters.clone(),
         bank: format!("{:016x}", workshop.bank_hash),
         made_with: made_with(workshop),
         references,
-        ladder: Vec::new(),
-        picture: None,
-        advice: None,
-        attribution: None,
-        wants_budget: false,
+        ..Diagnosis::default()
     };
     let outcome = match (&seen.observation, flown.faults.first()) {
         (_, Some(fault)) => Outcome::Fault { why: fault.clone() },
@@ -496,6 +471,9 @@ fn effect(workshop: &Workshop, named: &Named) -> Effect {
         id: named.id.clone(),
         name: spec.map_or("", |s| s.name).to_owned(),
         probability: named.probability,
+        said: spec.map_or_else(String::new, |spec| {
+            said(spec, &named.theta, &named.theta_90, workshop.scene.survey.ids())
+        }),
         parameters: parameters
             .iter()
             .zip(named.theta.iter().zip(&named.theta_90))

@@ -198,7 +198,15 @@ impl Outcome {
         }
     }
 
-    /// One line for people. `name`: words for an effect's id.
+    /// Why nothing is named; empty where that needs no reason.
+    pub fn why(&self) -> &str {
+        match self {
+            Outcome::Budget { why } | Outcome::NotTestable { why } | Outcome::Fault { why } => why,
+            _ => "",
+        }
+    }
+
+    /// One line of terms. `name`: words for an effect's id.
     pub fn sentence(&self, name: impl Fn(&str) -> String) -> String {
         let mut line = self.words().to_string();
         match self {
@@ -230,8 +238,8 @@ impl Outcome {
             Outcome::NotInLibrary { remainder } => {
                 let _ = write!(line, ": the best explanation leaves {}", remainder.sentence());
             }
-            Outcome::Budget { why } | Outcome::NotTestable { why } | Outcome::Fault { why } => {
-                let _ = write!(line, ": {why}");
+            Outcome::Budget { .. } | Outcome::NotTestable { .. } | Outcome::Fault { .. } => {
+                let _ = write!(line, ": {}", self.why());
             }
         }
         line

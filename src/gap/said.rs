@@ -1,10 +1,15 @@
-//! What was found of an effect, as a sentence that anybody can read: sizes in percent and in what a ruler or a kitchen scale
-//! shows, directions in words.
+//! What was found, as sentences that anybody can read: sizes in percent and in what a ruler or a kitchen scale shows,
+//! directions in words.
 //!
-//! The words stand with the effect ([`haltere_model::effects::Deviation::verdict`]); here the numbers are put into them.
+//! The words of an effect stand with it ([`haltere_model::effects::Deviation::verdict`]); here the numbers are put into them,
+//! and [`first`] says all of a diagnosis that a reader in a hurry needs.
 
+use crate::advice::experiments::telling_apart;
+use crate::bank::library::find;
+use crate::diagnosis::{Diagnosis, Effect, ShrinkResult};
+use crate::outcome::Ending;
 use haltere_core::measure::AnchorId;
-use haltere_model::effects::{Axis, Choice, EffectSpec, Kind, ParameterSpec};
+use haltere_model::effects::{Axis, Block, Choice, EffectSpec, Kind, ParameterSpec};
 
 /// Winds, clockwise from north, every 45 degrees.
 const WINDS: [&str; 8] =
@@ -12,7 +17,150 @@ const WINDS: [&str; 8] =
 /// Walls as they are counted.
 const WALLS: [&str; 4] = ["north", "east", "south", "west"];
 
-/// The verdict on an effect as a sentence, and in a second one what is known of its sizes. `theta`: its parameters, in the
+/// How a diagnosis ends, what it rests on and what to do next: what a person reads first.
+pub fn first(d: &Diagnosis) -> String {
+    match d.outcome {
+        Ending::NoGap => no_gap(d),
+        Ending::Named | Ending::NamedWithRemainder | Ending::Several => acting(d),
+        Ending::OneOf => one_of(d),
+        Ending::NotInLibrary => format!(
+            "This flight differs from the simulator, and no known effect explains it. {}",
+            rest(d).unwrap_or_default()
+        )
+        .trim_end()
+        .to_owned(),
+        Ending::Budget => format!(
+            "The vehicle is not as its file says: {}. Next: take the constants below into the vehicle file.",
+            d.why
+        ),
+        Ending::NotTestable => format!("This flight cannot be judged: {}.", d.why),
+        Ending::Fault => format!("This log cannot be trusted: {}.", d.why),
+    }
+}
+
+fn no_gap(d: &Diagnosis) -> String {
+    let nothing = "This flight is as the simulator says, within what flights without a gap scatter by: \
+                   there is nothing to do.";
+    match d.not_testable.len() {
+        0 => nothing.to_owned(),
+        n => format!("{nothing} {n} of the known effects would not have shown on it."),
+    }
+}
+
+/// Effects that are named, each with its size.
+fn acting(d: &Diagnosis) -> String {
+    let mut told: Vec<String> = Vec::new();
+    if d.outcome == Ending::Several {
+        told.push("Several things differ at once.".to_owned());
+    }
+    told.extend(d.effects.iter().map(|e| e.said.clone()));
+    let since = d.picture.as_ref().filter(|p| p.onset.at_s.is_some());
+    told.extend(since.map(|p| format!("It is so {}.", p.onset.words())));
+    told.extend(d.shrink.as_ref().and_then(|s| closes(d, s)));
+    if d.outcome == Ending::NamedWithRemainder {
+        told.extend(rest(d));
+    }
+    let least = d.effects.iter().map(|e| e.probability).fold(1.0, f64::min);
+    // No sum over what was tried is surer than this.
+    let sure = (100.0 * least).min(99.0);
+    told.push(format!("Sure to {sure:.0} %."));
+    let both = d.effects.len() > 1;
+    let of = |e: &Effect, text: &str| match both {
+        true => format!("{}: {text}", e.name),
+        false => text.to_owned(),
+    };
+    let rows: Vec<_> =
+        d.effects.iter().filter_map(|e| Some((e, find(&e.id)?.deviation()?))).collect();
+    let causes: Vec<String> = rows.iter().map(|(e, row)| of(e, row.causes)).collect();
+    let remedies: Vec<String> = rows.iter().map(|(e, row)| of(e, row.remedy)).collect();
+    if !rows.is_empty() {
+        told.push(format!("Usual causes: {}.", causes.join("; ")));
+        told.push(format!(
+            "Next: {}; or put it into the simulator with `haltere gap accept`.",
+            remedies.join("; ")
+        ));
+    }
+    told.join(" ")
+}
+
+/// What other flights say.
+fn closes(d: &Diagnosis, s: &ShrinkResult) -> Option<String> {
+    let flights = match s.flights {
+        0 => return None,
+        1 => "one other flight".to_owned(),
+        n => format!("{n} other flights"),
+    };
+    let Some(value) = s.value else {
+        return Some(format!("On {flights} there is no gap to close."));
+    };
+    let percent = |share: f64| format!("{:.0} %", 100.0 * share.clamp(0.0, 1.0));
+    // Sums that hold what is named are no rivals of it.
+    let others = s.others.iter().filter(|(name, _)| !name.contains('+'));
+    let best = others.filter_map(|(id, v)| Some((id, (*v)?))).max_by(|a, b| a.1.total_cmp(&b.1));
+    let rival = match best {
+        None => String::new(),
+        Some((_, other)) if other <= value => {
+            format!("; nothing else that was tried closes more than {}", percent(other))
+        }
+        Some((id, other)) => format!("; but {} closes {}", name(id), percent(other)),
+    };
+    let once = if d.effects.len() > 1 { "once these are added" } else { "once this is added" };
+    Some(format!("On {flights} the gap closes by {} {once}{rival}.", percent(value)))
+}
+
+/// Alternatives, and what tells them apart.
+fn one_of(d: &Diagnosis) -> String {
+    let all: Vec<String> =
+        d.effects.iter().map(|e| format!("{} ({:.0} %)", e.name, 100.0 * e.probability)).collect();
+    let next = match telling_apart(&d.set).first() {
+        Some(e) => format!("{}: {}", e.title, e.how.trim_end_matches('.')),
+        None => "`haltere gap advise` looks for the flight that does".to_owned(),
+    };
+    format!(
+        "Either {}: this flight does not tell them apart. To tell them apart: {next}.",
+        all.join(", or ")
+    )
+}
+
+/// How far the best explanation goes, and where the rest shows.
+fn rest(d: &Diagnosis) -> Option<String> {
+    let explained = d.explained.as_ref()?;
+    let by: Vec<&str> = explained.by.iter().map(|id| name(id)).collect();
+    let by = if d.effects.is_empty() {
+        format!("The best of them, {},", by.join(" and "))
+    } else {
+        "It".to_owned()
+    };
+    let share = 100.0 * (1.0 - explained.left.share).clamp(0.0, 1.0);
+    let place = place(&explained.left.block);
+    Some(format!("{by} explains {share:.0} % of the gap; the rest shows mostly in {place}."))
+}
+
+fn name(id: &str) -> &str {
+    find(id).map_or(id, |spec| spec.name)
+}
+
+/// A block of the chain in words.
+fn place(block: &str) -> &str {
+    let of_name = Block::CHAIN.into_iter().find(|b| b.name() == block);
+    match of_name {
+        None => "no single place",
+        Some(Block::Mission) => "how the mission was flown",
+        Some(Block::Controller) => "what the controller asked for",
+        Some(Block::Link) => "the way of the commands to the board",
+        Some(Block::InnerLoop) => "the board's attitude loop",
+        Some(Block::Actuators) => "the servos",
+        Some(Block::Thrust) => "the thrust",
+        Some(Block::Aerodynamics) => "the forces of the air",
+        Some(Block::Battery) => "the battery",
+        Some(Block::Imu) => "the accelerometer and the gyroscope",
+        Some(Block::Uwb) => "the UWB measurements",
+        Some(Block::Estimator) => "the estimate",
+        Some(Block::Timing) => "the times at which messages come",
+    }
+}
+
+/// The verdict on an effect as a sentence with what is known of its sizes. `theta`: its parameters, in the
 /// order of the specification, with central 90 %; `anchors`: those of the survey, ascending id.
 pub fn said(
     spec: &EffectSpec,
@@ -45,12 +193,11 @@ pub fn said(
         sizes.iter().filter_map(|told| told.range(sizes.len() > 1)).map(filled).collect();
     let known = match ranges.len() {
         0 => String::new(),
-        1 => format!(" With 90 % probability the value is {}.", ranges[0]),
-        _ => format!(" With 90 % probability the values are {}.", joined(&ranges)),
+        _ => format!(" (90 %: {})", joined(&ranges)),
     };
-    let mut letters = verdict.chars();
+    let mut letters = verdict.trim_end_matches('.').chars();
     let first = letters.next().map(char::to_uppercase).into_iter().flatten();
-    first.chain(letters).chain(known.chars()).collect()
+    first.chain(letters).chain(known.chars()).chain(['.']).collect()
 }
 
 /// Parameters with words for both of their sides: those that are something, or the one that is most.
@@ -189,7 +336,9 @@ fn joined(parts: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bank::library::{find, whole};
+    use crate::bank::library::whole;
+    use crate::diagnosis::Explained;
+    use crate::outcome::Remainder;
 
     fn anchors() -> Vec<AnchorId> {
         (10..18).map(AnchorId).collect()
@@ -213,57 +362,47 @@ mod tests {
             (
                 "P1",
                 &[("loss", [0.071, 0.092, 0.113])][..],
-                "Thrust is 9.2 % lower than the simulator says. With 90 % probability the value is 7.1 to \
-                 11.3 %.",
+                "Thrust is 9.2 % lower than the simulator says (90 %: 7.1 to 11.3 %).",
             ),
             (
                 "I2",
                 &[("x", [-4.5, -3.3, -2.1]), ("y", [-0.4, 0.1, 0.6])],
-                "The centre of mass is off by 3.3 mm to the back. With 90 % probability the value is 2.1 \
-                 to 4.5 mm.",
+                "The centre of mass is off by 3.3 mm to the back (90 %: 2.1 to 4.5 mm).",
             ),
             (
                 "I2",
                 &[("x", [-4.5, -3.3, -2.1]), ("y", [0.4, 1.0, 1.6])],
-                "The centre of mass is off by 3.3 mm to the back and 1.0 mm to the right. With 90 % \
-                 probability the values are 2.1 to 4.5 mm to the back and 0.4 to 1.6 mm to \
-                 the right.",
+                "The centre of mass is off by 3.3 mm to the back and 1.0 mm to the right (90 %: 2.1 to 4.5 mm to the back and 0.4 to 1.6 mm to the right).",
             ),
             (
                 "I1",
                 &[("extra", [4.0, 6.1, 8.2])],
-                "The vehicle is 6.1 g heavier than the simulator says. With 90 % probability the value is \
-                 4.0 to 8.2 g.",
+                "The vehicle is 6.1 g heavier than the simulator says (90 %: 4.0 to 8.2 g).",
             ),
             (
                 "L1",
                 &[("factor", [0.5, 0.6, 0.7])],
-                "The board's attitude loop is 40 % slower than the simulator says. With 90 % probability \
-                 the value is 30 to 50 %.",
+                "The board's attitude loop is 40 % slower than the simulator says (90 %: 30 to 50 %).",
             ),
             (
                 "P5",
                 &[("ratio", [1.1, 1.15, 1.22])],
-                "At the nominal voltage the wings flap no faster than 115 % of their rate in hover. With \
-                 90 % probability the value is 110 to 122 %.",
+                "At the nominal voltage the wings flap no faster than 115 % of their rate in hover (90 %: 110 to 122 %).",
             ),
             (
                 "U2",
                 &[("bias", [-0.25, -0.21, -0.17]), ("anchor", [5.0; 3])],
-                "Distances to anchor 15 come out 21 cm too short, everywhere in the room. With 90 % \
-                 probability the value is 17 to 25 cm.",
+                "Distances to anchor 15 come out 21 cm too short, everywhere in the room (90 %: 17 to 25 cm).",
             ),
             (
                 "U7",
                 &[("north", [-0.1, 0.1, 0.3]), ("down", [-0.4, -0.3, -0.2]), ("anchor", [2.0; 3])],
-                "Anchor 12 does not stand where the survey has it, but 30 cm higher. With 90 % probability \
-                 the value is 20 to 40 cm.",
+                "Anchor 12 does not stand where the survey has it, but 30 cm higher (90 %: 20 to 40 cm).",
             ),
             (
                 "T3",
                 &[("length", [0.25, 0.3, 0.4]), ("rate", [10.0, 14.0, 18.0])],
-                "Commands get lost in bursts of 300 ms, 14 per minute. With 90 % probability the values \
-                 are 250 to 400 ms and 10 to 18 per minute.",
+                "Commands get lost in bursts of 300 ms, 14 per minute (90 %: 250 to 400 ms and 10 to 18 per minute).",
             ),
             (
                 "A6",
@@ -273,22 +412,17 @@ mod tests {
                     ("east", [-1.0; 3]),
                     ("towards", [-88.0; 3]),
                 ],
-                "A draught of 0.60 m/s blows towards the west (272°) at one place of the room, 3.2 m north \
-                 and 1.0 m west of the origin. With 90 % probability the value is 0.40 to \
-                 0.80 m/s.",
+                "A draught of 0.60 m/s blows towards the west (272°) at one place of the room, 3.2 m north and 1.0 m west of the origin (90 %: 0.40 to 0.80 m/s).",
             ),
             (
                 "A3",
                 &[("c", [0.4, 0.6, 0.9])],
-                "Drag has a part that grows with the square of speed and that the simulator lacks: it \
-                 brakes with 0.6 m/s² at 1 m/s. With 90 % probability the value is 0.4 to \
-                 0.9 m/s² at 1 m/s.",
+                "Drag has a part that grows with the square of speed and that the simulator lacks: it brakes with 0.6 m/s² at 1 m/s (90 %: 0.4 to 0.9 m/s² at 1 m/s).",
             ),
             (
                 "H1",
                 &[("angle", [-2.0, 3.0, 8.0])],
-                "The board's north is 3° clockwise from that of the room. With 90 % probability the value \
-                 is up to 8° or up to 2° the other way.",
+                "The board's north is 3° clockwise from that of the room (90 %: up to 8° or up to 2° the other way).",
             ),
         ] {
             assert_eq!(sentence(id, given), want, "{id}");
@@ -317,11 +451,113 @@ mod tests {
                     let open = text.contains(['{', '}']) || text.contains("  ");
                     assert!(!open && text.ends_with('.'), "{}: {text}", spec.id);
                     assert!(text.starts_with(|c: char| c.is_uppercase()), "{text}");
-                    assert!(text.contains("With 90 % probability"), "{text}");
+                    assert!(text.contains("(90 %: "), "{text}");
                     assert!(!text.contains("NaN") && !text.contains("inf "), "{text}");
                 }
             }
         }
+    }
+
+    fn effect(id: &str, probability: f64, said: &str) -> Effect {
+        let name = name(id).to_owned();
+        Effect { id: id.into(), name, probability, said: said.into(), parameters: Vec::new() }
+    }
+
+    /// A gap of which 26 % is left in the UWB measurements, and three flights on which 73 % closes.
+    fn diagnosis(outcome: Ending, effects: &[(&str, f64, &str)]) -> Diagnosis {
+        let effects: Vec<_> = effects.iter().map(|(id, p, text)| effect(id, *p, text)).collect();
+        let left = Remainder { share: 0.26, block: "uwb".into(), statistics: Vec::new() };
+        let explained = Explained { by: vec!["P1".into()], share: 0.74, foretold: 0.6, left };
+        let shrink = ShrinkResult {
+            value: Some(0.73),
+            flights: 3,
+            others: vec![
+                ("I1".into(), Some(0.28)),
+                ("P2".into(), None),
+                ("P1 + I1".into(), Some(0.9)),
+            ],
+            ..ShrinkResult::default()
+        };
+        Diagnosis {
+            outcome,
+            set: effects.iter().map(|e| e.id.clone()).collect(),
+            effects,
+            explained: Some(explained),
+            shrink: Some(shrink),
+            why: "it never moved".into(),
+            ..Diagnosis::default()
+        }
+    }
+
+    #[test]
+    fn golden_every_outcome_is_said_to_anybody() {
+        let (thrust, heavy) = ("Thrust is 10 % lower.", "The vehicle is 6 g heavier.");
+        let p1 = find("P1").and_then(EffectSpec::deviation).unwrap();
+        let i1 = find("I1").and_then(EffectSpec::deviation).unwrap();
+        let [thrust_of, heavy_of] = ["P1", "I1"].map(name);
+        let one = &[("P1", 0.999, thrust)][..];
+        let two = &[("P1", 0.6, thrust), ("I1", 0.4, heavy)][..];
+        let closes = "On 3 other flights the gap closes by 73 % once this is added; nothing else that \
+                      was tried closes more than 28 %.";
+        let left = "explains 74 % of the gap; the rest shows mostly in the UWB measurements.";
+        let after = format!(
+            "Usual causes: {}. Next: {}; or put it into the simulator with `haltere gap accept`.",
+            p1.causes, p1.remedy
+        );
+        for (outcome, effects, want) in [
+            (
+                Ending::NoGap,
+                &[][..],
+                "This flight is as the simulator says, within what flights without a gap scatter by: \
+                 there is nothing to do."
+                    .to_owned(),
+            ),
+            (Ending::Named, one, format!("{thrust} {closes} Sure to 99 %. {after}")),
+            (
+                Ending::NamedWithRemainder,
+                one,
+                format!("{thrust} {closes} It {left} Sure to 99 %. {after}"),
+            ),
+            (
+                Ending::Several,
+                two,
+                format!(
+                    "Several things differ at once. {thrust} {heavy} {} Sure to 40 %. Usual causes: \
+                     {thrust_of}: {}; {heavy_of}: {}. Next: {thrust_of}: {}; {heavy_of}: {}; or put it into \
+                     the simulator with `haltere gap accept`.",
+                    closes.replace("this is", "these are"),
+                    p1.causes,
+                    i1.causes,
+                    p1.remedy,
+                    i1.remedy
+                ),
+            ),
+            (
+                Ending::NotInLibrary,
+                &[],
+                format!(
+                    "This flight differs from the simulator, and no known effect explains it. The best of \
+                     them, {thrust_of}, {left}"
+                ),
+            ),
+            (
+                Ending::Budget,
+                &[],
+                "The vehicle is not as its file says: it never moved. Next: take the constants below \
+                 into the vehicle file."
+                    .to_owned(),
+            ),
+            (Ending::NotTestable, &[], "This flight cannot be judged: it never moved.".to_owned()),
+            (Ending::Fault, &[], "This log cannot be trusted: it never moved.".to_owned()),
+        ] {
+            assert_eq!(first(&diagnosis(outcome, effects)), want);
+        }
+        let either = first(&diagnosis(Ending::OneOf, two));
+        let want = format!(
+            "Either {thrust_of} (60 %), or {heavy_of} (40 %): this flight does not tell them apart. To tell \
+             them apart: "
+        );
+        assert!(either.starts_with(&want), "{either}");
     }
 
     #[test]

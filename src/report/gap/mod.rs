@@ -13,6 +13,7 @@ use crate::report::svg::{Limit, Mark, Plot, Series, Tone, escape};
 use haltere_gap::attribute::{Candidate, Settings};
 use haltere_gap::diagnosis::{Diagnosis, Part, ShrinkResult};
 use haltere_gap::outcome::Ending;
+use haltere_gap::said;
 use haltere_model::effects::Block;
 
 /// Flights per effect from which a bank is not called small: half the default.
@@ -25,6 +26,7 @@ const LOUD: [f64; 2] = [3.0, 10.0];
 const OWN_STYLE: &str = ".chain{display:flex;flex-wrap:wrap;gap:6px;margin:10px 0}\
 .chain div{border:2px solid var(--rule);border-radius:6px;padding:6px 10px;min-width:84px}\
 .chain .loud{border-color:var(--c)}.chain .most{border-color:var(--c);border-width:4px;font-weight:700}\
+.said{font-size:18px;line-height:1.5;margin:10px 0}\
 .card{margin:4px 0 10px;border:1px solid var(--rule);background:var(--card)}.card th{width:118px;vertical-align:top;border-bottom:1px solid var(--rule)}\
 .card td{font-size:14.5px}.chain small{display:block;color:var(--soft);font-weight:400}";
 
@@ -46,8 +48,10 @@ pub fn render(d: &Diagnosis) -> String {
     let subtitle = format!("{}{flight} against {against}; replay: {}", d.log, d.replay);
     html += matrix::HATCH;
     html += &html::header(Some((tone, &badge)), "Gap report", &subtitle);
+    let _ = write!(html, "<p class=\"said\">{}</p>", escape(&said::first(d)));
     summary(&mut html, d);
     list(&mut html, d.faults.iter().chain(&d.remarks));
+    found(&mut html, d);
     if d.attribution.is_some() {
         html.push_str("<h2>Where</h2>");
         chain(&mut html, d);
@@ -129,54 +133,64 @@ pub fn render(d: &Diagnosis) -> String {
     html::close(html)
 }
 
-/// What is read in twenty seconds.
+/// What is read in twenty seconds, after the sentence.
 fn summary(html: &mut String, d: &Diagnosis) {
-    html.push_str("<table class=\"card\">");
-    let mut rows = String::new();
-    let mut row = |name: &str, text: String| {
-        if !text.is_empty() {
-            let _ = write!(rows, "<tr><th>{name}</th><td>{text}</td></tr>");
-        }
-    };
-    row("Verdict", format!("<b>{}</b>{}", escape(&d.verdict), sizes(d)));
-    row("What to do", next::remedy(d));
-    if let Some(explained) = &d.explained {
-        row("Explained", escape(&explained.words()));
-    }
     let draws = d.made_with.bank_flights[2];
-    if draws > 0 && draws < FULL_DRAWS {
-        row(
-            "Mind",
-            format!(
-                "a bank of {draws} flights an effect is for trying the program; a verdict needs --size full"
-            ),
-        );
-    }
-    row("Where", escape(&whereabouts(d)));
-    row(
-        "Since",
-        d.picture
-            .as_ref()
-            .filter(|_| d.outcome.is_gap())
-            .map_or(String::new(), |p| escape(&p.onset.words())),
-    );
-    row("Shrink", if d.effects.is_empty() { String::new() } else { closed(d.shrink.as_ref()) });
-    row("Not ruled out", next::open(d));
-    row(
-        "Not testable",
-        if d.not_testable.is_empty() {
-            String::new()
-        } else {
-            format!(
-                "{}: most flights with these look like flights without, on what this flight visited",
-                escape(&d.not_testable.join(" "))
-            )
-        },
-    );
+    let mind = if draws > 0 && draws < FULL_DRAWS {
+        format!(
+            "a bank of {draws} flights an effect is for trying the program; a verdict needs --size full"
+        )
+    } else {
+        String::new()
+    };
     let truth: Vec<String> = d.truth.iter().flat_map(|truth| truth.words()).collect();
-    row("Truth", truth.iter().map(|line| escape(line)).collect::<Vec<_>>().join("<br>"));
-    row("Do next", next::first(d));
-    html.push_str(&rows);
+    let truth = truth.iter().map(|line| escape(line)).collect::<Vec<_>>().join("<br>");
+    card(
+        html,
+        [
+            ("What to do", next::remedy(d)),
+            ("Mind", mind),
+            ("Not ruled out", next::open(d)),
+            ("Truth", truth),
+            ("Do next", next::first(d)),
+        ],
+    );
+}
+
+/// The terms behind it.
+fn found(html: &mut String, d: &Diagnosis) {
+    let since = d.picture.as_ref().filter(|_| d.outcome.is_gap());
+    let not_testable = if d.not_testable.is_empty() {
+        String::new()
+    } else {
+        format!(
+            "{}: most flights with these look like flights without, on what this flight visited",
+            escape(&d.not_testable.join(" "))
+        )
+    };
+    html.push_str("<h2>How it was found</h2>");
+    card(
+        html,
+        [
+            ("Verdict", format!("{}{}", escape(&d.verdict), sizes(d))),
+            ("Explained", d.explained.as_ref().map_or(String::new(), |e| escape(&e.words()))),
+            ("Where", escape(&whereabouts(d))),
+            ("Since", since.map_or(String::new(), |p| escape(&p.onset.words()))),
+            (
+                "Shrink",
+                if d.effects.is_empty() { String::new() } else { closed(d.shrink.as_ref()) },
+            ),
+            ("Not testable", not_testable),
+        ],
+    );
+}
+
+/// Rows of a name and a text; those without text are left out.
+fn card<const N: usize>(html: &mut String, rows: [(&str, String); N]) {
+    html.push_str("<table class=\"card\">");
+    for (name, text) in rows.iter().filter(|(_, text)| !text.is_empty()) {
+        let _ = write!(html, "<tr><th>{name}</th><td>{text}</td></tr>");
+    }
     html.push_str("</table>");
 }
 
